@@ -26,7 +26,7 @@ from pipeline.core.geometry.boxes import box_corners, iou_xyxy, wrap_angle
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
-from pipeline.fusion.belief.looks import looks_at
+from pipeline.fusion.belief.visibility import find_visibility
 from pipeline.stages.associate import Associate
 from pipeline.stages.believe import Believe
 from pipeline.stages.refine import Refine
@@ -118,7 +118,9 @@ def plain_association(scene: Scene, views: Mapping[str, CameraSensor]) -> None:
 def measure(rig: Rig, count: int, rounds: int) -> dict[str, float]:
     """Milliseconds by stage."""
     config, views = Config(), {camera.name: camera for camera in rig.cameras}
-    associate, refine, believe = Associate(rig, config), Refine(rig, config), Believe(rig, config)
+    associate, refine = Associate(rig, config.associate, config.classes), Refine(rig, config.fuse)
+    motion = config.combine.motion
+    believe = Believe(rig, config.fuse, config.classes, motion, scores_are_probabilities=False)
     scenes = [made_up(rig, count, seed) for seed in range(10)]
     taken: dict[str, list[float]] = {"plain association": [], "association": [], "refinement": [], "belief": []}
 
@@ -132,7 +134,7 @@ def measure(rig: Rig, count: int, rounds: int) -> dict[str, float]:
             started.append(time.process_time())
             hypotheses = refine(Hypotheses(scene.boxes, matches, count), scene.found, views)
             started.append(time.process_time())
-            believe(hypotheses, looks_at(hypotheses, scene.found, views, scene.combined), moment)
+            believe(hypotheses, find_visibility(hypotheses, scene.found, views, scene.combined), moment)
             started.append(time.process_time())
             for values, seconds in zip(taken.values(), np.diff(started), strict=True):
                 values.append(seconds * 1e3)

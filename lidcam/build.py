@@ -12,8 +12,10 @@ from pipeline.core.frame import Decoded, FrameResult, SensorBundle
 from pipeline.core.messages import Drop
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
-from pipeline.fusion.belief.looks import looks_at
-from pipeline.fusion.cameras.placed import Placed
+from pipeline.core.settings.engines import ENGINES
+from pipeline.detectors.cluster.fitting import BoxFitter
+from pipeline.fusion.belief.visibility import find_visibility
+from pipeline.fusion.cameras.placing import Placed
 from pipeline.fusion.zones import select_by_zones
 from pipeline.graph import Graph, Node
 from pipeline.stages.associate import Associate
@@ -43,20 +45,30 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     combined = graph.add("combine", Combine(rig, config.combine), graph.frame, clouds)
     recorded3d, lidar = add_boxes3d(graph, config, rig, combined, on_bad=on_bad)
     camera_data, boxes2d = add_boxes2d(graph, config, rig, on_bad=on_bad)
-    views = graph.add("views", Views(rig, config), graph.frame)
-    placed = graph.add("place", Place(rig, config), combined, boxes2d, views)
+    views = graph.add("views", Views(rig, config.combine.motion), graph.frame)
+    place = Place(rig, config.fuse, config.classes, ground_distance_m=config.combine.ground.distance_m)
+    placed = graph.add("place", place, combined, boxes2d, views)
     # What may be an object.
-    associate = Associate(rig, config)
+    associate = Associate(rig, config.associate, config.classes)
     matches = graph.add("associate", associate, lidar, boxes2d, views)
-    proposed = graph.add("propose", Propose(rig, config), combined, lidar, matches, placed)
+    fitter = BoxFitter(rig, config)
+    propose = Propose(rig, fitter, config.detect3d.cluster, config.classes)
+    proposed = graph.add("propose", propose, combined, lidar, matches, placed)
     hypotheses = graph.add("associate all", partial(_hypotheses, associate), lidar, matches, proposed, boxes2d, views)
     # What it is, where it is, and whether it is there.
-    hypotheses = graph.add("classify", Classify(config), hypotheses, boxes2d)
-    hypotheses = graph.add("reshape", Reshape(rig, config), combined, hypotheses, lidar)
-    hypotheses = graph.add("refine", Refine(rig, config), hypotheses, boxes2d, views)
-    looks = graph.add("look", looks_at, hypotheses, boxes2d, views, combined)
-    beliefs = graph.add("believe", Believe(rig, config), hypotheses, looks, graph.frame, ordered=True)
-    fused = graph.add("fuse", Fuse(config), hypotheses, beliefs)
+    hypotheses = graph.add("classify", Classify(config.classes), hypotheses, boxes2d)
+    hypotheses = graph.add("reshape", Reshape(fitter, config.detect3d, config.classes), combined, hypotheses, lidar)
+    hypotheses = graph.add("refine", Refine(rig, config.fuse), hypotheses, boxes2d, views)
+    visibility = graph.add("visibility", find_visibility, hypotheses, boxes2d, views, combined)
+    believe = Believe(
+        rig,
+        config.fuse,
+        config.classes,
+        config.combine.motion,
+        scores_are_probabilities=ENGINES[config.detect3d.method].scores_are_probabilities,
+    )
+    beliefs = graph.add("believe", believe, hypotheses, visibility, graph.frame, ordered=True)
+    fused = graph.add("fuse", Fuse(config.fuse, class_count=len(config.classes)), hypotheses, beliefs)
     fused = graph.add("zones", partial(select_by_zones, zones=rig.zones), fused)
     detections = graph.add("detections", _detections, lidar, boxes2d, placed, timed=False)
     unused = graph.add("unused", _Unused.of, clouds, recorded3d, camera_data, timed=False)

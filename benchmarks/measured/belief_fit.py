@@ -39,7 +39,6 @@ from pipeline.evaluation.detection.criteria import Criteria
 from pipeline.evaluation.detection.gathering import Gathering
 from pipeline.evaluation.detection.tables import IGNORED
 from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D
-from pipeline.fusion.belief.looks import Looks, looks_at
 from pipeline.fusion.belief.odds import (
     FITTED,
     Coefficients,
@@ -51,6 +50,7 @@ from pipeline.fusion.belief.odds import (
     reach_of_classes,
 )
 from pipeline.fusion.belief.recall import RecallCounts
+from pipeline.fusion.belief.visibility import Visibility, find_visibility
 from readers.results.result import open_result
 from readers.truth.open import open_truth
 
@@ -81,7 +81,7 @@ class WeighedFrame:
 
     boxes: Boxes3D
     lidar_count: int
-    looks: Looks
+    visibility: Visibility
     alone: Boxes3D
     truth: TruthBoxes3D
     is_ignored: tuple[Bools, Bools]
@@ -102,7 +102,7 @@ class Collector(RunObserver):
     """Keeps what is weighed in each frame."""
 
     def __init__(self) -> None:
-        self.frames: list[tuple[Hypotheses, Looks, Boxes3D]] = []
+        self.frames: list[tuple[Hypotheses, Visibility, Boxes3D]] = []
         self.source: RunInput
 
     def opened(self, source: RunInput) -> None:
@@ -111,7 +111,7 @@ class Collector(RunObserver):
 
     def frame(self, result: FrameResult) -> None:
         """Look at one frame."""
-        found = looks_at(result.hypotheses, result.detections.cameras, result.views, result.combined)
+        found = find_visibility(result.hypotheses, result.detections.cameras, result.views, result.combined)
         self.frames.append((result.hypotheses, found, result.detections.lidar))
 
 
@@ -130,13 +130,13 @@ def _recorded(path: str, folder: Path) -> Weighed:
     process_recording(make_job(path, result, settings=OPEN, workers=1, overwrite=True), collector)
     frames = []
     with open_result(result) as opened, open_truth(opened) as found:
-        for evaluated, (hypotheses, looks, alone) in zip(
+        for evaluated, (hypotheses, visibility, alone) in zip(
             EvaluationFrames(opened, found), collector.frames, strict=True
         ):
             if evaluated.truth is not None:
                 count, counted = hypotheses.lidar_count, (len(hypotheses.boxes), len(alone))
                 nothing = np.zeros(counted[0], np.bool_), np.zeros(counted[1], np.bool_)
-                frames.append(WeighedFrame(hypotheses.boxes, count, looks, alone, evaluated.truth, nothing))
+                frames.append(WeighedFrame(hypotheses.boxes, count, visibility, alone, evaluated.truth, nothing))
         return Weighed(path, 1.0, opened.config, tuple(camera.name for camera in opened.rig.cameras), frames)
 
 
@@ -144,7 +144,7 @@ def _labelled(frame: LabelledFrame, model: Path, weight: float, folder: Path) ->
     collector = Collector()
     write_recording(frame, folder / "frame.mcap")
     process_recording(make_job(folder / "frame.mcap", settings=OPEN, model_2d=model, workers=1), collector)
-    (hypotheses, looks, alone), source = collector.frames[0], collector.source
+    (hypotheses, visibility, alone), source = collector.frames[0], collector.source
     T_site_lidar = source.rig.lidars[0].T_site_lidar
     names = source.config.class_names
     poses = T_site_lidar.matrix @ np.stack([one.T_lidar_box for one in frame.labels])
@@ -168,7 +168,7 @@ def _labelled(frame: LabelledFrame, model: Path, weight: float, folder: Path) ->
         excused(frame, centers) | (np.hypot(centers[:, 0], centers[:, 1]) > RANGE_M)
         for centers in (T_lidar_site.apply(hypotheses.boxes.centers), T_lidar_site.apply(alone.centers))
     ]
-    found = WeighedFrame(hypotheses.boxes, hypotheses.lidar_count, looks, alone, truth, (ignored[0], ignored[1]))
+    found = WeighedFrame(hypotheses.boxes, hypotheses.lidar_count, visibility, alone, truth, (ignored[0], ignored[1]))
     return Weighed(frame.name, weight, source.config, tuple(one.name for one in source.rig.cameras), [found])
 
 
@@ -179,9 +179,9 @@ def probabilities(run: Weighed, by: Coefficients) -> tuple[list[F64], list[F64],
     for frame in run.frames:
         first, second = Start.of(run, [(frame.boxes, frame.lidar_count)]), Start.of(run, [(frame.alone, None)])
         before = first.log_odds(by)
-        learned.append(recall.plain(frame.looks))
-        evidence = camera_evidence(frame.looks, learned[-1], by)
-        recall.learn(frame.looks, before, evidence, by)
+        learned.append(recall.plain(frame.visibility))
+        evidence = camera_evidence(frame.visibility, learned[-1], by)
+        recall.learn(frame.visibility, before, evidence, by)
         together.append(probability(before + joined(evidence, by)) * first.place)
         alone.append(probability(second.log_odds(by)) * second.place)
     return together, alone, learned
@@ -224,12 +224,12 @@ class Start:
 class Rows:
     """All that was weighed in a recording side by side: the hypotheses, and the lidars' boxes by themselves.
 
-    The arrays of `looks` and `plain_recall` have a row for each of the largest number of cameras of a frame.
+    The arrays of `visibility` and `plain_recall` have a row for each of the largest number of cameras of a frame.
     """
 
     weight: float
     start: tuple[Start, Start]
-    looks: Looks
+    visibility: Visibility
     plain_recall: F64
     right: tuple[F64, F64]
 
@@ -242,15 +242,15 @@ class Rows:
             Start.of(run, [(frame.boxes, frame.lidar_count) for frame in frames]),
             Start.of(run, [(frame.alone, None) for frame in frames]),
         )
-        most = max(len(frame.looks.cameras) for frame in frames)
-        names = [field.name for field in fields(Looks) if field.name != "cameras"]
-        columns = {name: _beside([getattr(frame.looks, name) for frame in frames], most) for name in names}
-        looks = Looks(tuple(map(str, range(most))), **columns)
-        return cls(run.weight, start, looks, _beside(learned, most), labels(run, (together, alone)))
+        most = max(len(frame.visibility.cameras) for frame in frames)
+        names = [field.name for field in fields(Visibility) if field.name != "cameras"]
+        columns = {name: _beside([getattr(frame.visibility, name) for frame in frames], most) for name in names}
+        visibility = Visibility(tuple(map(str, range(most))), **columns)
+        return cls(run.weight, start, visibility, _beside(learned, most), labels(run, (together, alone)))
 
     def loss(self, by: Coefficients) -> float:
         """The cross-entropy of the hypotheses and of the lidars' boxes, with the weight of the recording."""
-        evidence = joined(camera_evidence(self.looks, self.plain_recall, by), by)
+        evidence = joined(camera_evidence(self.visibility, self.plain_recall, by), by)
         first, second = self.start
         together = probability(first.log_odds(by) + evidence) * first.place
         alone = probability(second.log_odds(by)) * second.place

@@ -76,7 +76,7 @@ def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
     """Which 2D box is which object in one frame, and what only one sensor saw.
 
     Objects have their row among the fused ones. A 3D box that is not reported has its row in what was weighed: the
-    lidars' detections, then those that were begun from 2D boxes.
+    lidars' detections, then those that 2D boxes propose.
     """
     hypotheses, reported = frame.hypotheses, {row: number for number, row in enumerate(frame.fused.rows.tolist())}
 
@@ -94,10 +94,10 @@ def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
         alone = sorted(set(range(len(boxes2d))) - set(matches.pairs[:, 1].tolist()))
         if alone:
             out.print(f"  {camera}: seen by the camera alone: {', '.join(map(str, alone))}")
-    begun = range(hypotheses.lidar_count, len(hypotheses.boxes))
-    for row, source in zip(begun, source_names(hypotheses.boxes.sources[hypotheses.lidar_count :]), strict=True):
+    proposed = range(hypotheses.lidar_count, len(hypotheses.boxes))
+    for row, source in zip(proposed, source_names(hypotheses.boxes.sources[hypotheses.lidar_count :]), strict=True):
         where = "with points of the lidars" if source == "both" else "placed by the cameras alone"
-        out.print(f"  {name_of(row)}: begun from 2D boxes, {where}")
+        out.print(f"  {name_of(row)}: proposed by 2D boxes, {where}")
     alone = sorted(set(range(hypotheses.lidar_count)) - matched)
     told = [f"object {reported[row]}" for row in alone if row in reported]
     others = [str(row) for row in alone if row not in reported]

@@ -189,7 +189,7 @@ class Hypotheses:
     """What may be an object in one frame, and the 2D boxes that speak for it.
 
     Attributes:
-        boxes: The boxes of `Detections.lidar` in their order, then those that were begun from 2D boxes.
+        boxes: The boxes of `Detections.lidar` in their order, then those that 2D boxes propose.
         matches: By camera name, for every camera of the rig; rows refer to `boxes` and to the camera's 2D boxes.
         lidar_count: Number of boxes of the lidars.
         boxes_without_object: Number of 2D boxes without a 3D box that begin no object, by reason.

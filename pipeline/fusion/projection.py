@@ -7,21 +7,67 @@ the edge is the derivative of that point.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from typing import NamedTuple, Self
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, Indices, Rows, check_array, select_rows
+from pipeline.core.arrays import F64, Bools, Indices, Rows, check_array, select_rows
+from pipeline.core.geometry.box_edges import BOX_EDGES
+from pipeline.core.geometry.boxes import UNIT_CORNERS
 from pipeline.core.optics.lenses import Lenses
 from pipeline.core.optics.outline_kernels import outermost_points
 from pipeline.core.rig import CameraSensor
-from pipeline.fusion.outline import Outline, cuboid_outline
 
-__all__ = ["PARAMETERS", "CameraArrays", "ProjectedEdges", "camera_arrays", "edges_in_view", "project_edges"]
+__all__ = [
+    "PARAMETERS",
+    "CameraArrays",
+    "Outline",
+    "ProjectedEdges",
+    "camera_arrays",
+    "cuboid_outline",
+    "project_edges",
+]
 
 PARAMETERS = ("x", "y", "yaw", "length", "width", "height", "z")
 """What the derivatives are by, in their order: metres and radians; x, y, z of the centre, in the site frame."""
+
+
+_BETWEEN = np.array([0.25, 0.5, 0.75])[:, None]
+_ALONG_EDGES = np.concatenate(
+    [UNIT_CORNERS, *(UNIT_CORNERS[a] * (1 - _BETWEEN) + UNIT_CORNERS[b] * _BETWEEN for a, b in BOX_EDGES)]
+)
+"""Corners, and where lines are bent the samples of edges that `CameraModel.project_boxes` uses."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outline:
+    """Points of P objects, along the axes of their boxes.
+
+    A point is at `signs * size / 2 + offsets`: it keeps its distance to the sides of the box when the box grows.
+
+    Attributes:
+        signs: (S, 3) float64 in [-1, 1].
+        offsets: (P, S, 3) float64 metres; P may be 1 if they are the same for all.
+    """
+
+    signs: F64
+    offsets: F64
+
+    def __post_init__(self) -> None:
+        check_array("signs", self.signs, (len(self.signs), 3), np.float64)
+        check_array("offsets", self.offsets, (len(self.offsets), len(self.signs), 3), np.float64)
+
+    def select(self, rows: Rows) -> "Outline":
+        """The outlines of the given objects (mask or indices), in that order."""
+        return self if len(self.offsets) == 1 else Outline(self.signs, self.offsets[rows])
+
+
+@cache
+def cuboid_outline(*, bent: bool) -> Outline:
+    """The corners of boxes; if a lens bends lines, points of their edges, too."""
+    points = _ALONG_EDGES if bent else UNIT_CORNERS
+    return Outline(points, np.zeros((1, len(points), 3)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,27 +128,13 @@ class ProjectedEdges(NamedTuple):
     Attributes:
         xyxy: (P, 4) float64 left, top, right, bottom in pixels.
         jacobian: (P, 4, 7) float64, derivatives of these edges by `PARAMETERS`.
-        makers: (P, 4) int64, row in `Outline.signs` of the point that makes each edge.
         valid: (P,) whether the whole box is in front of the camera and within the lens model; other rows are
             meaningless.
     """
 
     xyxy: F64
     jacobian: F64
-    makers: I64
     valid: Bools
-
-
-def edges_in_view(centers: F64, sizes: F64, yaws: F64, camera: CameraSensor) -> ProjectedEdges:
-    """The rectangles of boxes in the image of one camera.
-
-    Args:
-        centers: (N, 3) box centres in the site frame, metres.
-        sizes: (N, 3) length, width, height, metres.
-        yaws: (N,) radians about +z.
-        camera: The camera.
-    """
-    return project_edges(centers, sizes, yaws, CameraArrays.of([camera]), rows=np.zeros(len(yaws), np.intp))
 
 
 def project_edges(
@@ -126,7 +158,7 @@ def project_edges(
     """
     outline = outline or cuboid_outline(bent=cameras.lenses.bends)
     rows = np.arange(len(yaws)) if rows is None else rows
-    xyxy, jacobian, makers, valid = outermost_points(
+    xyxy, jacobian, _, valid = outermost_points(
         np.ascontiguousarray(centers),
         np.ascontiguousarray(sizes),
         np.cos(yaws),
@@ -138,4 +170,4 @@ def project_edges(
         cameras.translations,
         *cameras.lenses.arrays,
     )
-    return ProjectedEdges(xyxy, jacobian, makers, valid)
+    return ProjectedEdges(xyxy, jacobian, valid)

@@ -3,19 +3,20 @@
 Each 3D box is projected into the images, together with the uncertainty of its place and yaw. A pair of a 3D and a 2D
 box is worth the logarithm of how much likelier it is that both are one object than that the 2D box shows something else
 (`pipeline.core.association`), by place and size, both classes, the 2D box's score, and the share of the object that
-others hide (`pipeline.fusion.matching.hiding`); of a hidden object the visible part is compared as well as the whole.
+others hide (`pipeline.fusion.matching.in_view`); of a hidden object the visible part is compared as well as the whole.
 In each camera the assignment with the largest sum is taken. Then each camera is looked at again with what the others
-say of place and class (`pipeline.fusion.matching.agreement`), and its other pairs of how it is aimed
-(`pipeline.fusion.matching.aiming`), until nothing changes.
+say of place and class, and its other pairs of how it is aimed (`pipeline.fusion.matching.agreement`), until nothing
+changes.
 """
 
 import itertools
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
-from pipeline.core.arrays import F32, Bools, Indices, first_of_runs
+from pipeline.core.arrays import F32, F64, I64, Bools, Indices, Rows, first_of_runs
 from pipeline.core.association import (
     class_confusion,
     detector_variances,
@@ -24,41 +25,62 @@ from pipeline.core.association import (
     squared_distances,
 )
 from pipeline.core.detections import Boxes2D, Boxes3D, Matches
+from pipeline.core.geometry.boxes import pair_overlaps_xyxy
 from pipeline.core.rig import CameraSensor, Rig
-from pipeline.core.settings.config import Config
-from pipeline.fusion.found import FoundBoxes
+from pipeline.core.settings.classes import ClassPrior
+from pipeline.core.settings.fuse import AssociateConfig
+from pipeline.fusion.found import FoundBoxes, pairs_of_images
 from pipeline.fusion.matching.agreement import (
     BoxBelief,
     MatchedPairs,
+    common_shifts,
     feature_jacobian,
     prior_covariances,
     spread,
     what_box_says,
     what_others_say,
 )
-from pipeline.fusion.matching.agreement_kernels import distances_of_pairs
-from pipeline.fusion.matching.aiming import common_shifts
-from pipeline.fusion.matching.hiding import hidden_parts
-from pipeline.fusion.matching.in_view import InView, project_into_views
-from pipeline.fusion.matching.pairing import Pairs, best_pairs, near_pairs
+from pipeline.fusion.matching.in_view import InView, hidden_parts, project_into_views
 from pipeline.fusion.projection import CameraArrays, camera_arrays
 
-__all__ = ["Associate"]
+__all__ = ["Associate", "Pairs", "best_pairs", "near_pairs"]
 
 ROUNDS = 3
 """How often the cameras are asked, at most."""
 
-LEAST_VISIBLE, LEAST_SCORE = 0.02, 0.01
+MIN_VISIBLE, MIN_SCORE = 0.02, 0.01
 """No object counts as hidden wholly, and no 2D box as wrong for sure."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pairs:
+    """Q pairs of a 3D box in an image and a 2D box in the same image, near enough to be weighed.
+
+    Attributes:
+        seen: (Q,) int64 row of the projected 3D boxes, rising.
+        found: (Q,) int64 row of the 2D boxes of all cameras.
+        iou: (Q,) float64, overlap of both.
+    """
+
+    seen: I64
+    found: I64
+    iou: F64
+
+    def __len__(self) -> int:
+        return len(self.seen)
+
+    def select(self, rows: Rows) -> "Pairs":
+        """The given rows (mask or indices), in that order."""
+        return Pairs(self.seen[rows], self.found[rows], self.iou[rows])
 
 
 class Associate:
     """Association of 3D boxes with the 2D boxes of a frame."""
 
-    def __init__(self, rig: Rig, config: Config) -> None:
+    def __init__(self, rig: Rig, config: AssociateConfig, classes: Sequence[ClassPrior]) -> None:
         self._names = tuple(camera.name for camera in rig.cameras)
-        self._config = config.associate
-        self._confusion = class_confusion(config.classes, config.associate.any_class)
+        self._config = config
+        self._confusion = class_confusion(classes, config.any_class)
 
     def __call__(
         self, boxes3d: Boxes3D, boxes2d: Mapping[str, Boxes2D], views: Mapping[str, CameraSensor]
@@ -133,8 +155,8 @@ class Associate:
         in_image, class_ids = features[2 * len(seen) + pairs.found], found.class_ids[pairs.found]
         area_px = (arrays.image_sizes[:, 0] * arrays.image_sizes[:, 1])[seen.cameras[pairs.seen]]
         always = (
-            np.log(np.maximum(found.scores.astype(np.float64), LEAST_SCORE))[pairs.found]
-            + np.log(np.maximum(1 - hidden, LEAST_VISIBLE))[pairs.seen]
+            np.log(np.maximum(found.scores.astype(np.float64), MIN_SCORE))[pairs.found]
+            + np.log(np.maximum(1 - hidden, MIN_VISIBLE))[pairs.seen]
         )
         always += np.log(len(self._confusion))  # something else may be of any class
         belief = BoxBelief(prior_covariances(boxes), np.log(self._confusion).T[boxes.class_ids], self._confusion)
@@ -146,9 +168,12 @@ class Associate:
         visible = squared_distances(parts, variances) < squared_distances(differences, variances)
         differences = np.where(visible[:, None], parts, differences)
         for _ in range(ROUNDS):
-            squared, variances, off, of_off = distances_of_pairs(
-                pairs.seen, differences, jacobians, others.covariances, others.shifts, noise, shifts, aims
-            )
+            variances = (noise + spread(others.covariances, jacobians))[pairs.seen]
+            off = differences - (jacobians * others.shifts[:, None]).sum(2)[pairs.seen]
+            away, of_off = off.copy(), variances[:, :2].copy()
+            away[:, :2] -= shifts[pairs.seen]
+            variances[:, :2] += aims[pairs.seen]
+            squared = squared_distances(away, variances)
             ratio = fit_ratios(squared, variances, area_px, config.unseen_boxes)
             worth = ratio + always + others.log_classes[pairs.seen, class_ids]
             before, taken = taken, best_pairs(pairs, np.where(squared <= config.gate**2, worth, 0.0), seen.cameras)
@@ -156,13 +181,52 @@ class Associate:
                 break
             chosen = np.flatnonzero(taken)
             rows = pairs.seen[chosen]
-            shifts, aims = common_shifts(seen.cameras, aim, rows, off[chosen], of_off[chosen], squared[chosen])
+            shifts, aims = common_shifts(seen.cameras, aim, rows, off[chosen, :2], of_off[chosen], squared[chosen])
             errors, fit = noise[rows], differences[chosen]
             errors[:, :2] += aims[rows]
             fit[:, :2] -= shifts[rows]
             matched = MatchedPairs(rows, class_ids[chosen], fit, errors, squared[chosen], jacobians[rows])
             others = what_others_say(belief, seen.rows, matched)
         return taken
+
+
+def near_pairs(seen_xyxy: F32, seen_cameras: I64, found_xyxy: F32, found_cameras: I64, *, min_giou: float) -> Pairs:
+    """Pairs of rectangles in the same image whose generalised IoU is large enough.
+
+    Args:
+        seen_xyxy: (P, 4) projected 3D boxes.
+        seen_cameras: (P,) their cameras, rising.
+        found_xyxy: (M, 4) 2D boxes, clipped to their images.
+        found_cameras: (M,) their cameras, rising.
+        min_giou: What is enough.
+    """
+    seen, found = pairs_of_images(seen_cameras, found_cameras)
+    iou, giou = pair_overlaps_xyxy(seen_xyxy[seen], found_xyxy[found])
+    return Pairs(seen, found, iou).select(giou >= min_giou)
+
+
+def best_pairs(pairs: Pairs, worth: F64, seen_cameras: I64) -> Bools:
+    """(Q,) which pairs belong to the assignment with the largest sum of worth; each row is taken once at most.
+
+    Args:
+        pairs: Q pairs.
+        worth: (Q,) of each; pairs without a positive worth are not taken.
+        seen_cameras: (P,) camera of each projected 3D box, rising.
+    """
+    taken = np.asarray(worth > 0)
+    good = np.flatnonzero(taken)
+    seen, found = pairs.seen[good], pairs.found[good]
+    is_rival = (np.bincount(seen)[seen] > 1) | (np.bincount(found)[found] > 1)
+    rivals = good[is_rival]
+    for own in np.split(rivals, np.flatnonzero(np.diff(seen_cameras[pairs.seen[rivals]])) + 1):
+        rows, row = np.unique(pairs.seen[own], return_inverse=True)
+        columns, column = np.unique(pairs.found[own], return_inverse=True)
+        table = np.zeros((len(rows), len(columns)))
+        table[row, column] = worth[own]
+        is_best = np.zeros(table.shape, np.bool_)
+        is_best[linear_sum_assignment(table, maximize=True)] = True
+        taken[own] = is_best[row, column]
+    return taken
 
 
 def _rank3d(boxes: Boxes3D) -> Indices:

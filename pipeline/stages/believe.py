@@ -7,6 +7,8 @@ moment ago counts, less and less; where they said nothing, the lidars decide. An
 that cameras place by the ground alone is there, but where? Its covariance says how probably it is where it is reported.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from pipeline.core.arrays import F64, Bools
@@ -14,9 +16,9 @@ from pipeline.core.detections import Hypotheses
 from pipeline.core.frame import SensorBundle
 from pipeline.core.geometry.poses import interpolate_poses
 from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.engines import ENGINES
-from pipeline.fusion.belief.looks import Looks
+from pipeline.core.settings.classes import ClassPrior
+from pipeline.core.settings.combine import MotionConfig
+from pipeline.core.settings.fuse import FuseConfig
 from pipeline.fusion.belief.memory import Memory
 from pipeline.fusion.belief.odds import (
     FITTED,
@@ -29,6 +31,7 @@ from pipeline.fusion.belief.odds import (
     reach_of_classes,
 )
 from pipeline.fusion.belief.recall import RecallCounts
+from pipeline.fusion.belief.visibility import Visibility
 
 __all__ = ["Believe"]
 
@@ -36,19 +39,36 @@ __all__ = ["Believe"]
 class Believe:
     """Existence probabilities. Learns how much each camera finds, and remembers, so frames must come in order."""
 
-    def __init__(self, rig: Rig, config: Config) -> None:
-        self._is_calibrated = ENGINES[config.detect3d.method].scores_are_probabilities
-        self._frequencies = np.array([prior.frequency for prior in config.classes])
-        self._reach_m = reach_of_classes(config.classes)
-        self._recall = RecallCounts([camera.name for camera in rig.cameras], config.fuse.camera_recall)
-        self._memory, self._last_ns = Memory(config.classes), 0
-        self._site_frame, self._motion = rig.site_frame, config.combine.motion
+    def __init__(
+        self,
+        rig: Rig,
+        config: FuseConfig,
+        classes: Sequence[ClassPrior],
+        motion: MotionConfig,
+        *,
+        scores_are_probabilities: bool,
+    ) -> None:
+        """Take settings.
+
+        Args:
+            rig: The cameras.
+            config: `camera_recall`.
+            classes: Their sizes and frequencies.
+            motion: How far the motion of the site frame is trusted.
+            scores_are_probabilities: See `Engine3D`.
+        """
+        self._is_calibrated = scores_are_probabilities
+        self._frequencies = np.array([prior.frequency for prior in classes])
+        self._reach_m = reach_of_classes(classes)
         self._cameras = [camera.name for camera in rig.cameras]
+        self._recall = RecallCounts(self._cameras, config.camera_recall)
+        self._memory, self._last_ns = Memory(classes), 0
+        self._site_frame, self._motion = rig.site_frame, motion
 
     def __call__(
         self,
         hypotheses: Hypotheses,
-        looks: Looks,
+        visibility: Visibility,
         bundle: SensorBundle,
     ) -> F64:
         """(N,) float64 in [0, 1), probability that there is an object of the class of each hypothesis where it says.
@@ -57,21 +77,21 @@ class Believe:
 
         Args:
             hypotheses: N boxes in the site frame, and their matches.
-            looks: How the cameras look at them (`looks_at`).
+            visibility: How the cameras see them.
             bundle: Its time, and the motion of the site frame.
 
         Raises:
             FrameError: the motion is that of a frame other than the site frame.
         """
         before = self._before_cameras(hypotheses)
-        evidence = camera_evidence(looks, self._recall.plain(looks), FITTED)
-        self._recall.learn(looks, before, evidence, FITTED)
+        evidence = camera_evidence(visibility, self._recall.plain(visibility), FITTED)
+        self._recall.learn(visibility, before, evidence, FITTED)
         boxes, said = hypotheses.boxes, joined(evidence, FITTED)
-        is_seen, has_absent = self._who_looks(hypotheses, looks)
+        is_seen, has_absent = self._looking(hypotheses, visibility)
         self._memory.age((bundle.stamp_ns - self._last_ns) / 1e9, self._own_motion(bundle))
         self._last_ns = bundle.stamp_ns
         recalled = self._memory.recalled(boxes, ~is_seen & has_absent)
-        self._memory.remember(boxes, is_seen, said, all_look=len(looks.cameras) == len(self._cameras))
+        self._memory.remember(boxes, is_seen, said, all_look=len(visibility.cameras) == len(self._cameras))
         place = at_its_place(boxes.covariances, self._reach_m[boxes.class_ids])
         return probability(before + said + recalled) * place
 
@@ -82,15 +102,15 @@ class Believe:
         before = log_odds_before_cameras(scores, frequencies, boxes.point_counts, boxes.sources, is_lidar, FITTED)
         return np.where(is_lidar, logit(scores), before) if self._is_calibrated else before
 
-    def _who_looks(self, hypotheses: Hypotheses, looks: Looks) -> tuple[Bools, Bools]:
+    def _looking(self, hypotheses: Hypotheses, visibility: Visibility) -> tuple[Bools, Bools]:
         """(N,) whether a camera looks at each box, and (N,) whether one would that does not look in this frame."""
         nobody = np.zeros((1, len(hypotheses.boxes)), np.bool_)
         absent = [
             np.isfinite(matches.projected_xyxy[:, 0])[None]
             for name, matches in hypotheses.matches.items()
-            if name not in looks.cameras
+            if name not in visibility.cameras
         ]
-        is_seen, has_absent = np.concatenate([nobody, looks.in_view]), np.concatenate([nobody, *absent])
+        is_seen, has_absent = np.concatenate([nobody, visibility.in_view]), np.concatenate([nobody, *absent])
         return np.asarray(is_seen.any(0)), np.asarray(has_absent.any(0))
 
     def _own_motion(self, bundle: SensorBundle) -> F64 | None:

@@ -1,23 +1,49 @@
-"""The class of each hypothesis, from its size and from what the lidars and the cameras take it for."""
+"""The class of each hypothesis: how well its size fits each class, and what the lidars and the cameras take it for.
 
-from collections.abc import Mapping
+Which classes are confused follows from their sizes: a van and a truck look alike, a car and a pedestrian do not. So
+there is no table of names, and classes of one's own work like the given ones.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
+from pipeline.core.arrays import F64, I32, Bools, Indices
+from pipeline.core.association import class_distances
 from pipeline.core.detections import Boxes2D, Hypotheses
-from pipeline.core.settings.config import Config
-from pipeline.fusion.naming import class_log_odds, confusion, vote_log_odds
+from pipeline.core.settings.classes import ClassPrior
 
-__all__ = ["Classify"]
+__all__ = ["Classify", "class_log_odds", "confusion", "vote_log_odds"]
+
+ALIKE = 0.45
+"""The share of votes for another class falls to 1/e with each such step of the logarithms of length, width, height."""
+
+OWN_LOG_ODDS = 0.2
+"""What the detector's own choice counts for beyond the size of its box: the shape of the points."""
+
+SHORT_SHARE = 0.2
+SHORT_LIMIT = 3.0
+"""A box shorter than its class errs by this share of it; missing extent counts at most so many standard deviations."""
+
+SHORT_WEIGHTS = np.array([0.15, 0.15, 0.9])
+COMPLETED_WEIGHTS = np.array([0.15, 0.15, 0.2])
+"""Weight of missing length, width and height: sides are often hidden, tops seldom. What was completed may be larger."""
+
+LONG_LIMIT = 4.0
+"""A measured extent that no object of the class has counts at most so many standard deviations."""
+
+MEASURED_SHARE = 1e-3
+"""An extent that differs from the typical one of the class by less than this share was completed, not measured."""
 
 
 class Classify:
     """Classes of the hypotheses of a frame."""
 
-    def __init__(self, config: Config) -> None:
-        self._priors = config.classes
-        self._taken_for = confusion(config.classes)
+    def __init__(self, classes: Sequence[ClassPrior]) -> None:
+        self._priors = tuple(classes)
+        self._taken_for = confusion(classes)
 
     def __call__(self, hypotheses: Hypotheses, boxes2d: Mapping[str, Boxes2D]) -> Hypotheses:
         """The same hypotheses, each of its most probable class; what no camera is matched with keeps its own.
@@ -40,3 +66,68 @@ class Classify:
         is_matched = np.bincount(rows, minlength=len(boxes)) > 0
         class_ids = np.where(is_matched, odds.argmax(1), boxes.class_ids).astype(np.int32)
         return replace(hypotheses, boxes=replace(boxes, class_ids=class_ids))
+
+
+def confusion(priors: Sequence[ClassPrior]) -> F64:
+    """(K, K) probability that an object of the class of the row is taken for that of the column.
+
+    Between classes of similar size this falls faster than `class_confusion`, by which boxes are matched: there, another
+    name should not keep a pair apart; here, names are what is asked for.
+    """
+    alike = np.exp(-np.sqrt(class_distances(priors)) / ALIKE)
+    return np.asarray(alike / alike.sum(1, keepdims=True))
+
+
+def vote_log_odds(class_ids: I32, scores: F64, taken_for: F64) -> F64:
+    """(M, K) log likelihood of each class, given that a detector names a class with a score.
+
+    Args:
+        class_ids: (M,) named classes.
+        scores: (M,) in [0, 1]; a name of score 0 says nothing.
+        taken_for: (K, K) of `confusion`.
+    """
+    said = taken_for[:, class_ids].T
+    return np.asarray(np.log(scores[:, None] * said + (1 - scores[:, None]) / len(taken_for) + 1e-12))
+
+
+def class_log_odds(sizes: F64, own_ids: I32, priors: tuple[ClassPrior, ...]) -> F64:
+    """(N, K) log likelihood of each class, given box and class of a 3D detector.
+
+    An extent that equals the typical one of its own class was completed to it: what was seen is shorter. Where that is
+    so of length or width alone, the other one may be either extent of an object of another class. Of several kinds of a
+    class, that counts which fits best.
+
+    Args:
+        sizes: (N, 3) length, width, height, metres.
+        own_ids: (N,) class that the detector gives.
+        priors: The classes.
+    """
+    typical, spread, starts = _kinds(priors)
+    is_own = np.repeat(np.arange(len(priors)), np.diff(starts, append=len(typical))) == own_ids[:, None]
+    is_typical = np.abs(sizes[:, None] - typical) <= MEASURED_SHARE * typical
+    is_measured = ~(is_typical & is_own[..., None]).any(1)
+    fits = _fits(sizes, is_measured, typical, spread)
+    turned = _fits(sizes[:, [1, 0, 2]], is_measured[:, [1, 0, 2]], typical, spread)
+    may_be_turned = ~is_own & (is_measured[:, 0] != is_measured[:, 1])[:, None]
+    odds = np.maximum.reduceat(np.where(may_be_turned, np.maximum(fits, turned), fits), starts, axis=1)
+    odds[np.arange(len(sizes)), own_ids] += OWN_LOG_ODDS
+    return np.asarray(odds)
+
+
+def _fits(sizes: F64, is_measured: Bools, typical: F64, spread: F64) -> F64:
+    """(N, M) log likelihood of the extents of boxes (N, 3), of which some are measured, by those of M kinds (M, 3)."""
+    long = (np.maximum(sizes[:, None] - typical, 0.0) / np.maximum(spread, 1e-9)).clip(max=LONG_LIMIT)
+    short = (np.maximum(typical - sizes[:, None], 0.0) / (SHORT_SHARE * typical)).clip(max=SHORT_LIMIT)
+    weights = np.where(is_measured, SHORT_WEIGHTS, COMPLETED_WEIGHTS)
+    return np.asarray(-(long**2 * is_measured[:, None] + weights[:, None] * short**2).sum(2) / 2)
+
+
+@cache
+def _kinds(priors: tuple[ClassPrior, ...]) -> tuple[F64, F64, Indices]:
+    """(M, 3) typical sizes of the kinds of all classes, (M, 3) standard deviations above these, (K,) first of each."""
+    kinds = [(prior.size_m, *prior.kinds_m) for prior in priors]
+    typical = np.array([size for sizes_of_class in kinds for size in sizes_of_class])
+    room = np.array([np.divide(prior.max_size_m, prior.size_m) for prior in priors])
+    counts = [len(one) for one in kinds]
+    spread = typical * (np.repeat(room, counts, axis=0) - 1) / 2
+    return typical, spread, np.cumsum([0, *counts[:-1]])

@@ -6,9 +6,8 @@ import numpy as np
 
 from pipeline.core.arrays import F32, F64, Bools, Indices
 from pipeline.core.detections import Boxes3D, Fused, Hypotheses
-from pipeline.core.geometry.overlaps import OVERLAP_SHARE
-from pipeline.core.settings.config import Config
-from pipeline.fusion.overlaps import first_of_each, overlap_shares
+from pipeline.core.geometry.overlaps import OVERLAP_SHARE, overlap_shares, without_overlaps
+from pipeline.core.settings.fuse import FuseConfig
 
 __all__ = ["Fuse"]
 
@@ -20,9 +19,9 @@ HALF_SCORE_POINTS = 10.0
 class Fuse:
     """Choice of the objects of a frame."""
 
-    def __init__(self, config: Config) -> None:
-        self._min_score = np.float32(config.fuse.min_score)
-        self._unknown_id = len(config.classes) if config.fuse.unknown else None
+    def __init__(self, config: FuseConfig, *, class_count: int) -> None:
+        self._min_score = np.float32(config.min_score)
+        self._unknown_id = class_count if config.unknown else None
 
     def __call__(self, hypotheses: Hypotheses, beliefs: F64) -> Fused:
         """The objects of a frame, in the order of the hypotheses; the score of each is its probability.
@@ -52,7 +51,7 @@ class Fuse:
         rows = np.flatnonzero(is_lidar & ~is_chosen & (there >= self._min_score) & (boxes.point_counts > 0))
         rows = rows[np.lexsort((rows, -boxes.point_counts[rows]))]
         rows = rows[_apart(boxes.select(rows), boxes.select(is_chosen))]
-        return rows[first_of_each(boxes.select(rows), OVERLAP_SHARE)]
+        return rows[without_overlaps(boxes.select(rows))]
 
 
 def _apart(boxes: Boxes3D, others: Boxes3D) -> Bools:

@@ -1,7 +1,8 @@
 """What the cameras alone make in 3D: every 2D box placed by the ground and the size of its class."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -9,13 +10,11 @@ from pipeline.core.arrays import first_of_runs
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes2D, Boxes3D, Source
 from pipeline.core.rig import CameraSensor, Rig
-from pipeline.core.settings.config import Config
-from pipeline.fusion.cameras.ground import Ground
+from pipeline.core.settings.classes import ClassPrior
+from pipeline.core.settings.fuse import FuseConfig
 from pipeline.fusion.cameras.merging import merge_sightings, moments
-from pipeline.fusion.cameras.observed import Noise
-from pipeline.fusion.cameras.placed import Placed
-from pipeline.fusion.cameras.placing import SizePriors, place
-from pipeline.fusion.cameras.sightings import see
+from pipeline.fusion.cameras.placing import Placed, Placements, SizePriors, place
+from pipeline.fusion.cameras.sightings import Noise, see
 from pipeline.fusion.found import FoundBoxes
 
 __all__ = ["Place"]
@@ -34,14 +33,24 @@ for worse ones."""
 class Place:
     """Objects in 3D from the 2D boxes of a frame, without a point of a lidar but for the ground."""
 
-    def __init__(self, rig: Rig, config: Config) -> None:
+    def __init__(
+        self, rig: Rig, config: FuseConfig, classes: Sequence[ClassPrior], *, ground_distance_m: float
+    ) -> None:
+        """Take settings.
+
+        Args:
+            rig: The cameras, and the height of the ground where no lidar sees it.
+            config: `pixel_sigma_px` and `outline_sigma`.
+            classes: Their sizes.
+            ground_distance_m: `combine.ground.distance_m`.
+        """
         self._site_frame = rig.site_frame
         self._ground_height_m = rig.ground_height_m or 0.0
-        self._priors = SizePriors.of(config.classes)
+        self._priors = SizePriors.of(classes)
         self._noise = Noise(
-            pixel_px=config.fuse.pixel_sigma_px,
-            outline=config.fuse.outline_sigma,
-            ground_m=GROUND_SHARE * config.combine.ground.distance_m,
+            pixel_px=config.pixel_sigma_px,
+            outline=config.outline_sigma,
+            ground_m=GROUND_SHARE * ground_distance_m,
             ground_slope=GROUND_SLOPE_STD,
             bearing_rad=BEARING_STD_RAD,
         )
@@ -57,25 +66,28 @@ class Place:
             views: By camera name, for every camera of the rig.
         """
         sightings = see(views, boxes2d)
-        ground = Ground.of(combined, level_m=self._ground_height_m)
-        placements = place(sightings, self._priors, ground, self._noise)
+        out_of_image = len(FoundBoxes.of(boxes2d, tuple(views))) - len(sightings)
+        stamp_ns = combined.cloud.stamp_ns
+        if not len(sightings):
+            none = np.zeros(0, np.int64)
+            return Placed(Boxes3D.empty(stamp_ns, self._site_frame), sightings, none, Placements.empty(), out_of_image)
+        ground_m = partial(combined.ground_m, level_m=self._ground_height_m)
+        placements = place(sightings, self._priors, ground_m, self._noise)
         objects, merged = merge_sightings(placements, sightings.cameras, sightings.class_ids)
         count = len(merged.xy)
-        found = moments(merged)
         first = first_of_runs(np.maximum.accumulate(objects)).nonzero()[0]
+        found = moments(merged, sightings.origin[first, :2])
         class_ids = sightings.class_ids[first]
         sizes = self._priors.mean_m[class_ids]
         missed = np.ones(count)
         np.multiply.at(missed, objects, 1.0 - sightings.scores)
         seen = np.bincount(objects, minlength=count)
-        ground_m = combined.ground_m(found.xy, level_m=self._ground_height_m)
-        stamp_ns = combined.cloud.stamp_ns
         since_ns = np.zeros(count, np.int64)
         np.add.at(since_ns, objects, sightings.stamps_ns - stamp_ns)
         boxes = Boxes3D(
             stamp_ns,
             self._site_frame,
-            np.column_stack([found.xy, ground_m + sizes[:, 2] / 2]),
+            np.column_stack([found.xy, ground_m(found.xy) + sizes[:, 2] / 2]),
             sizes,
             found.yaw_rad,
             (1.0 - missed).astype(np.float32),
@@ -85,5 +97,4 @@ class Place:
             np.full(count, Source.CAMERA.value, np.uint8),
             stamp_ns + since_ns // np.maximum(seen, 1),
         )
-        out_of_image = len(FoundBoxes.of(boxes2d, tuple(views))) - len(sightings)
         return Placed(boxes, sightings, objects, placements, out_of_image)

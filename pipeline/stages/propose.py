@@ -1,9 +1,8 @@
 """What may be an object: the boxes of the lidars, and what the cameras show beside them."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 
 import numpy as np
 
@@ -11,29 +10,36 @@ from pipeline.core.arrays import F64, I64, Bools
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes3D, Matches, Source
 from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.geometry.overlaps import OVERLAP_SHARE
+from pipeline.core.geometry.overlaps import OVERLAP_SHARE, overlap_shares, without_overlaps
 from pipeline.core.geometry.rotated_iou import ious
 from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
+from pipeline.core.settings.classes import ClassPrior
+from pipeline.core.settings.detect import ClusterConfig
+from pipeline.detectors.cluster.fitting import BoxFitter
 from pipeline.detectors.protocols import Candidates3D
-from pipeline.fusion.begun.beginning import Beginner
-from pipeline.fusion.begun.parting import choose_parts, find_hosts, find_merged, has_room, share_points
-from pipeline.fusion.begun.partners import find_echoes, find_partners
-from pipeline.fusion.cameras.placed import Placed
-from pipeline.fusion.overlaps import first_of_each, overlap_shares
+from pipeline.fusion.cameras.placing import Placed
+from pipeline.fusion.proposals.fitted import ObjectFitter
+from pipeline.fusion.proposals.parting import (
+    choose_parts,
+    find_duplicates,
+    find_enclosing,
+    find_merged,
+    find_partners,
+    has_room,
+)
 
 __all__ = ["Propose", "Proposed"]
 
 SAME_IOU = 0.5
-"""A box of the lidars and one begun from a 2D box that overlap as much are one, matched or not."""
+"""A box of the lidars and one proposed by a 2D box that overlap as much are one, matched or not."""
 
-MOST = 500
-"""Of more 2D boxes without a partner in a frame, so many with the best scores begin objects; the others are noise."""
+MAX_ALONE = 500
+"""Of more 2D boxes without a partner in a frame, so many with the best scores propose objects; the others are noise."""
 
-TOO_MANY = f"not among the {MOST} best without a 3D box in a frame"
+TOO_MANY = f"not among the {MAX_ALONE} best without a 3D box in a frame"
 OUT_OF_IMAGE = "nothing of it lies in the image"
 TOO_VAGUE = "without points, and cameras cannot tell where its object stands"
-"""Why 2D boxes without a partner begin no object."""
+"""Why 2D boxes without a partner propose no object."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,8 +47,8 @@ class Proposed:
     """What may be an object in one frame.
 
     Attributes:
-        boxes: The boxes of the lidars, then those that were begun from 2D boxes.
-        left_out: Number of 2D boxes that begin no object though they have no partner, by reason.
+        boxes: The boxes of the lidars, then those that 2D boxes propose.
+        left_out: Number of 2D boxes that propose no object though they have no partner, by reason.
     """
 
     boxes: Boxes3D
@@ -50,7 +56,7 @@ class Proposed:
 
 
 class Propose:
-    """The boxes of the lidars in their order, then objects begun from 2D boxes that have no partner among them.
+    """The boxes of the lidars in their order, then objects of 2D boxes that have no partner among them.
 
     The points where a 2D box looks become an object of source BOTH; without points, the object stays where the cameras
     place it, with source CAMERA. Where a 2D box looks into a cluster that another 2D box of the same camera is matched
@@ -59,12 +65,12 @@ class Propose:
     it is.
     """
 
-    def __init__(self, rig: Rig, config: Config) -> None:
+    def __init__(self, rig: Rig, fitter: BoxFitter, config: ClusterConfig, classes: Sequence[ClassPrior]) -> None:
         self._names = tuple(camera.name for camera in rig.cameras)
-        most = np.array([prior.max_size_m for prior in config.classes])
-        self._ground_m2 = np.array([prior.size_m[0] * prior.size_m[1] for prior in config.classes])
-        self._max_std_m = np.hypot(most[:, 0], most[:, 1]) / 2
-        self._begin = Beginner(rig, config) if rig.lidars else None
+        max_size_m = np.array([prior.max_size_m for prior in classes])
+        self._ground_m2 = np.array([prior.size_m[0] * prior.size_m[1] for prior in classes])
+        self._max_std_m = np.hypot(max_size_m[:, 0], max_size_m[:, 1]) / 2
+        self._fit = ObjectFitter(rig, fitter, config, classes)
 
     def __call__(
         self, combined: CombinedCloud, lidar: Boxes3D, matches: Mapping[str, Matches], placed: Placed
@@ -79,40 +85,37 @@ class Propose:
         """
         sightings = placed.sightings
         partner, iou = find_partners(sightings, matches, self._names)
-        echoes = find_echoes(sightings, partner)
-        alone = np.flatnonzero((partner < 0) & ~echoes)
-        left_out = Counter({OUT_OF_IMAGE: placed.out_of_image, TOO_MANY: max(len(alone) - MOST, 0)})
+        is_served = (partner >= 0) | find_duplicates(sightings, partner)
+        alone = np.flatnonzero(~is_served)
+        left_out = Counter({OUT_OF_IMAGE: placed.out_of_image, TOO_MANY: max(len(alone) - MAX_ALONE, 0)})
         if not len(alone):
             return Proposed(lidar, +left_out)
-        alone = np.sort(alone[np.argsort(-sightings.scores[alone], kind="stable")[:MOST]])
+        alone = np.sort(alone[np.argsort(-sightings.scores[alone], kind="stable")[:MAX_ALONE]])
         is_matched = np.zeros(len(lidar), np.bool_)
         is_matched[partner[partner >= 0]] = True
-        begun = Boxes3D.empty(lidar.stamp_ns, lidar.frame_id)
-        served = (partner >= 0) | echoes
-        if self._begin is not None:
-            found = self._begin(combined, sightings.select(alone), placed.placements.select(alone))
-            seen = alone[found.sighting]
-            hosts = find_hosts(combined.detection_cloud.xyz, found, lidar)
-            merged = find_merged(sightings, partner, seen, hosts)
-            needed_m2 = self._ground_m2[sightings.class_ids[seen]] + self._ground_m2[sightings.class_ids[merged]]
-            looks = np.flatnonzero((merged >= 0) & has_room(_ground_m2(lidar), hosts, needed_m2))
-            lidar, parts, parted = self._parted(combined, lidar, placed, (partner, iou), seen[looks], merged[looks])
-            free = np.lexsort((seen, -found.worth))
-            free = free[merged[free] < 0]
-            boxes = _as_boxes(found.boxes, lidar)
-            boxes = parts.joined(boxes.select(free[~_is_known(boxes, lidar, is_matched)[free]]))
-            begun = boxes.select(first_of_each(boxes, OVERLAP_SHARE))
-            served[seen[merged < 0]] = True
-            served[parted] = True
+        found = self._fit(combined, sightings.select(alone), placed.placements.select(alone))
+        seen = alone[found.sighting]
+        clusters = find_enclosing(combined.detection_cloud.xyz, found.rows, found.starts, lidar)
+        merged = find_merged(sightings, partner, seen, clusters)
+        needed_m2 = self._ground_m2[sightings.class_ids[seen]] + self._ground_m2[sightings.class_ids[merged]]
+        within = np.flatnonzero((merged >= 0) & has_room(_ground_m2(lidar), clusters, needed_m2))
+        lidar, parts, parted = self._parted(combined, lidar, placed, (partner, iou), seen[within], merged[within])
+        free = np.lexsort((seen, -found.worth))
+        free = free[merged[free] < 0]
+        boxes = _as_boxes(found.boxes, lidar)
+        boxes = parts.joined(boxes.select(free[~_is_known(boxes, lidar, is_matched)[free]]))
+        new = boxes.select(without_overlaps(boxes))
+        is_served[seen[merged < 0]] = True
+        is_served[parted] = True
         unserved = np.zeros(len(placed.boxes), np.bool_)
         unserved[placed.objects[alone]] = True
-        unserved[placed.objects[served]] = False
+        unserved[placed.objects[is_served]] = False
         is_vague = _largest_std_m(placed.boxes) > self._max_std_m[placed.boxes.class_ids]
         left_out[TOO_VAGUE] = int((unserved & is_vague)[placed.objects[alone]].sum())
         left = placed.boxes.select(unserved & ~is_vague)
-        there = lidar.select(is_matched).joined(begun)
+        there = lidar.select(is_matched).joined(new)
         apart = np.flatnonzero((overlap_shares(left, there) <= OVERLAP_SHARE).all(1))
-        return Proposed(lidar.joined(begun, left.select(apart)), +left_out)
+        return Proposed(lidar.joined(new, left.select(apart)), +left_out)
 
     def _parted(
         self,
@@ -135,16 +138,16 @@ class Propose:
         """
         partner, iou = partners
         rows = np.union1d(seen, owners)
-        if self._begin is None or not len(rows):
+        if not len(rows):
             return lidar, lidar.select(rows), rows
-        team = rows.copy()
-        team[np.searchsorted(rows, seen)] = owners
-        sightings, share = placed.sightings.select(rows), partial(share_points, team=team)
-        found = self._begin(combined, sightings, placed.placements.select(rows), share)
+        owner = rows.copy()
+        owner[np.searchsorted(rows, seen)] = owners
+        sightings = placed.sightings.select(rows)
+        found = self._fit(combined, sightings, placed.placements.select(rows), owner)
         row, ground_m2 = rows[found.sighting], self._ground_m2[sightings.class_ids[found.sighting]]
-        owner, other = choose_parts(found.iou, row, team[found.sighting], ground_m2, partner, iou, _ground_m2(lidar))
+        kept, other = choose_parts(found.iou, row, owner[found.sighting], ground_m2, partner, iou, _ground_m2(lidar))
         boxes = _as_boxes(found.boxes, lidar)
-        return _with_rows(lidar, partner[row[owner]], boxes.select(owner)), boxes.select(other), row[other]
+        return _with_rows(lidar, partner[row[kept]], boxes.select(kept)), boxes.select(other), row[other]
 
 
 def _as_boxes(found: Candidates3D, lidar: Boxes3D) -> Boxes3D:

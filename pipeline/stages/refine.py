@@ -11,32 +11,27 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools, first_of_runs
+from pipeline.core.arrays import first_of_runs
 from pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Source
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.rig import CameraSensor, Rig
-from pipeline.core.settings.config import Config
-from pipeline.fusion.outline import Outline, cuboid_outline, rounded_outline
-from pipeline.fusion.refining.box_prior import BoxPrior, box_prior
-from pipeline.fusion.refining.camera_doubt import camera_shifts
-from pipeline.fusion.refining.cut_edges import moved_by_borders
-from pipeline.fusion.refining.edge_kernels import doubted_edges
-from pipeline.fusion.refining.measured_edges import MeasuredEdges, measured_edges
+from pipeline.core.settings.fuse import FuseConfig
+from pipeline.fusion.projection import Outline, cuboid_outline
+from pipeline.fusion.refining.box_prior import box_prior
+from pipeline.fusion.refining.edges import MeasuredEdges, doubted_edges, measured_edges, moved_by_borders
+from pipeline.fusion.refining.outline import rounded_outline
 from pipeline.fusion.refining.refinement import predicted_edges, refine_boxes
 from pipeline.fusion.refining.turned import better_turned, with_turned
 
 __all__ = ["Refine"]
 
-CLEARLY = 2.5
-"""An edge that is so many standard deviations inside of where it should be may be that of what hides the object."""
-
 
 class Refine:
     """Refinement of the boxes of a frame."""
 
-    def __init__(self, rig: Rig, config: Config) -> None:
+    def __init__(self, rig: Rig, config: FuseConfig) -> None:
         self._lidar_xy = np.array([lidar.T_site_lidar.translation[:2] for lidar in rig.lidars]).reshape(-1, 2)
-        self._config = config.fuse
+        self._config = config
 
     def __call__(
         self, hypotheses: Hypotheses, boxes2d: Mapping[str, Boxes2D], views: Mapping[str, CameraSensor]
@@ -65,7 +60,7 @@ class Refine:
         chosen, edges = boxes.select(objects), replace(edges, rows=np.cumsum(is_first) - 1)
         prior = box_prior(chosen, self._lidar_xy, self._config)
         cut_px = moved_by_borders(chosen, edges.rows, edges.cameras)
-        edges = _with_doubt(edges, cut_px, predicted, jacobian, prior, len(views), is_own)
+        edges = doubted_edges(edges, cut_px, predicted, jacobian, prior.covariances[:, :3, :3], is_own)
         found = refine_boxes(chosen, prior, edges, outline)
         taken = found.accepted & better_turned(objects, found, turned_of)
         boxes, rows = hypotheses.boxes, turned_of[objects[taken]]
@@ -97,30 +92,3 @@ class Refine:
             cabin=self._config.cabin,
             bent=bent,
         )
-
-
-def _with_doubt(
-    edges: MeasuredEdges, cut_px: F64, predicted: F64, jacobian: F64, prior: BoxPrior, count: int, is_own: Bools
-) -> MeasuredEdges:
-    """The edges with further noise where something other than the box moves them.
-
-    That is where the border of the image cuts it, by `cut_px`, where a part of the object is hidden and the 2D box ends
-    clearly inside of where the box does, and where all 2D boxes of a camera are shifted alike. Which ones are is told
-    by the pairs of boxes that are not turned, `is_own`.
-    """
-    sigma_px, is_within, off, variances = doubted_edges(
-        edges.xyxy,
-        predicted,
-        jacobian,
-        edges.sigma_px,
-        cut_px,
-        edges.hidden_px,
-        edges.rows,
-        prior.covariances,
-        edges.cameras.image_sizes,
-        CLEARLY,
-    )
-    whole = np.flatnonzero(is_own & is_within)
-    shifts = np.abs(camera_shifts(edges.camera_rows[whole], off[whole], variances[whole], count=count))
-    more_px = np.concatenate([shifts, shifts], 1)[edges.camera_rows]
-    return replace(edges, sigma_px=np.sqrt(sigma_px**2 + more_px**2))

@@ -5,6 +5,7 @@ class better, the box made with the lidars' own one is too long or too short, an
 axis: the far part of a cyclist taken for a pedestrian, or a van for a car.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,9 +14,9 @@ from pipeline.core.arrays import F64, I64, Indices
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes3D, Hypotheses
 from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.geometry.footprints import points_in_footprints
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
+from pipeline.core.geometry.regions import points_in_footprints
+from pipeline.core.settings.classes import ClassPrior
+from pipeline.core.settings.detect import Detect3DConfig
 from pipeline.core.settings.engines import ENGINES
 from pipeline.detectors.cluster.fitting import BoxFitter
 
@@ -35,11 +36,10 @@ class Reshape:
     Only boxes that were found by clustering change: a network and a recording know the shape of what they see.
     """
 
-    def __init__(self, rig: Rig, config: Config) -> None:
-        self._is_on = ENGINES[config.detect3d.method].boxes_are_completed
-        self._fitter = BoxFitter(rig, config) if self._is_on else None
-        self._max_size_m = np.array([prior.max_size_m for prior in config.classes])
-        self._config = config.detect3d.cluster
+    def __init__(self, fitter: BoxFitter, config: Detect3DConfig, classes: Sequence[ClassPrior]) -> None:
+        self._is_on = ENGINES[config.method].boxes_are_completed
+        self._fitter, self._config = fitter, config.cluster
+        self._max_size_m = np.array([prior.max_size_m for prior in classes])
 
     def __call__(self, combined: CombinedCloud, hypotheses: Hypotheses, lidar: Boxes3D) -> Hypotheses:
         """The same hypotheses; boxes of another class than the lidars gave them have new centres, sizes and yaws.
@@ -54,7 +54,7 @@ class Reshape:
         """
         boxes = hypotheses.boxes
         rows = np.flatnonzero(boxes.class_ids[: hypotheses.lidar_count] != lidar.class_ids)
-        if self._fitter is None or not len(rows):
+        if not self._is_on or not len(rows):
             return hypotheses
         points, group = self._points_of(combined, boxes.select(rows))
         counts = np.bincount(group, minlength=len(rows))
@@ -79,7 +79,6 @@ class Reshape:
 
     def _points_of(self, combined: CombinedCloud, boxes: Boxes3D) -> tuple[I64, I64]:
         """Rows of the detection cloud in each box, sorted by box, and the box of each."""
-        assert self._fitter is not None
         margin_m = MARGIN_SHARE * self._config.distance_m
         rows, box = points_in_footprints(
             combined.detection_cloud.xyz, boxes.centers[:, :2], boxes.sizes[:, :2] + 2 * margin_m, boxes.yaws

@@ -14,7 +14,7 @@ from pipeline.core.frame import SensorBundle
 from pipeline.core.geometry.poses import interpolate_poses
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, Rig
-from pipeline.core.settings.config import Config
+from pipeline.core.settings.combine import MotionConfig
 
 __all__ = ["Views"]
 
@@ -34,10 +34,10 @@ class Views:
     known (`PoseSamples.covers`, with the limits of `combine.motion`) or switched off, and where the rig stands still.
     """
 
-    def __init__(self, rig: Rig, config: Config) -> None:
+    def __init__(self, rig: Rig, config: MotionConfig) -> None:
         self._site_frame = rig.site_frame
         self._standing = {camera.name: camera for camera in rig.cameras}
-        self._config = config.combine.motion
+        self._config = config
 
     def __call__(self, bundle: SensorBundle) -> Mapping[str, CameraSensor]:
         """By camera name, for every camera of the rig, in its order.

@@ -5,13 +5,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from detections import boxes2d
 
+from pipeline.core.arrays import F64
 from pipeline.core.camera import CameraModel, DistortionModel
 from pipeline.core.detections import Boxes2D
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor
+from pipeline.fusion.projection import CameraArrays, ProjectedEdges, project_edges
 
-__all__ = ["Box", "camera_at", "seen_by", "views_of"]
+__all__ = ["Box", "camera_at", "edges_in_view", "seen_by", "views_of"]
 
 Box = tuple[float, float, float, float, float, float, float]
 """x, y, z of the centre, length, width, height, yaw."""
@@ -48,6 +50,11 @@ def seen_by(camera: CameraSensor, boxes: Sequence[Box], class_ids: Sequence[int]
         if np.isfinite(rectangle[0])
     ]
     return boxes2d(rows, frame_id=camera.name)
+
+
+def edges_in_view(centers: F64, sizes: F64, yaws: F64, camera: CameraSensor) -> ProjectedEdges:
+    """The rectangles of boxes in the image of one camera, and their derivatives."""
+    return project_edges(centers, sizes, yaws, CameraArrays.of([camera]), rows=np.zeros(len(yaws), np.intp))
 
 
 def views_of(*cameras: CameraSensor) -> Mapping[str, CameraSensor]:

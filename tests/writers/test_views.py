@@ -208,7 +208,7 @@ def test_diagnostics_count_objects_by_source() -> None:
     found = told(frame(sources=MIXED))
     sources = {name: found[f"fused from {name}"] for name in ("lidars alone", "cameras alone", "both")}
     assert sources == {"lidars alone": "1", "cameras alone": "1", "both": "1"}
-    assert (found["detected lidar"], found["placed by cameras"], found["begun from cameras"]) == ("2", "1", "1")
+    assert (found["detected lidar"], found["placed by cameras"], found["proposed by cameras"]) == ("2", "1", "1")
     assert "placed by cameras" not in told(frame())
 
 

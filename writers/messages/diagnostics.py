@@ -86,7 +86,7 @@ def _objects(result: FrameResult, rig: Rig) -> Values:
         *((f"fused from {name}", str(sources[source])) for source, name in _SOURCES.items()),
         ("detected lidar", str(len(result.detections.lidar))),
         *(() if placed is None else [("placed by cameras", str(len(placed)))]),
-        ("begun from cameras", str(len(result.hypotheses.boxes) - result.hypotheses.lidar_count)),
+        ("proposed by cameras", str(len(result.hypotheses.boxes) - result.hypotheses.lidar_count)),
         *((f"detected {name}", str(len(boxes))) for name, boxes in detected.items()),
         *((f"matched {name}", str(len(pairs))) for name, pairs in matched.items()),
         *((f"recorded boxes left out, {reason}", str(count)) for reason, count in sorted(result.unused_boxes.items())),

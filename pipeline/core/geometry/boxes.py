@@ -9,7 +9,6 @@ __all__ = [
     "UNIT_CORNERS",
     "box_corners",
     "iou_xyxy",
-    "pair_iou_xyxy",
     "pair_overlaps_xyxy",
     "rotations_2d",
     "wrap_angle",
@@ -71,20 +70,7 @@ def iou_xyxy(first: Array, second: Array) -> F64:
     Returns:
         (N, M) in [0, 1]; 0 if a rectangle is empty, inverted or not finite.
     """
-    return pair_iou_xyxy(np.asarray(first)[:, None], np.asarray(second)[None])
-
-
-def pair_iou_xyxy(first: Array, second: Array) -> F64:
-    """Intersection over union of upright rectangles, of each pair.
-
-    Args:
-        first: (..., 4) left, top, right, bottom.
-        second: (..., 4), in the same form.
-
-    Returns:
-        (...) in [0, 1]; 0 if a rectangle is empty, inverted or not finite.
-    """
-    return pair_overlaps_xyxy(first, second)[0]
+    return pair_overlaps_xyxy(np.asarray(first)[:, None], np.asarray(second)[None])[0]
 
 
 def pair_overlaps_xyxy(first: Array, second: Array) -> tuple[F64, F64]:

@@ -1,13 +1,13 @@
-"""Boxes that stand on the same ground."""
+"""Boxes that stand on the same ground, and so are one object."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
-from pipeline.core.arrays import Indices
-from pipeline.core.geometry.rotated_iou import BoxArrays, shared_ground
+from pipeline.core.arrays import F64, Indices
+from pipeline.core.geometry.rotated_iou import BoxArrays, OrientedBoxes, ious, shared_ground
 
-__all__ = ["OVERLAP_SHARE", "without_overlaps"]
+__all__ = ["OVERLAP_SHARE", "overlap_shares", "without_overlaps"]
 
 OVERLAP_SHARE = 0.25
 """If one of two boxes has more than this share of its ground inside the other, they are taken for one object."""
@@ -16,7 +16,7 @@ BLOCK, PAIRS = 256, 1 << 14
 """Boxes whose neighbours are sought, and pairs that are compared, at once: a cloud may hold many small clusters."""
 
 
-def without_overlaps(boxes: BoxArrays, groups: Indices | None = None) -> Indices:
+def without_overlaps(boxes: OrientedBoxes, groups: Indices | None = None) -> Indices:
     """Rows of the boxes that share little ground with any box kept before them.
 
     Args:
@@ -33,7 +33,21 @@ def without_overlaps(boxes: BoxArrays, groups: Indices | None = None) -> Indices
     return np.flatnonzero(kept)
 
 
-def _rivals(boxes: BoxArrays) -> Iterator[tuple[Indices, Indices]]:
+def overlap_shares(first: OrientedBoxes, second: OrientedBoxes, bev: F64 | None = None) -> F64:
+    """(N, M) ground that each of N boxes shares with each of M, as a share of that of the smaller one.
+
+    Args:
+        first: N boxes.
+        second: M boxes.
+        bev: (N, M) their `Ious.bev`, where it is known already.
+    """
+    bev = ious(first, second).bev if bev is None else bev
+    ground_m2, others_m2 = (boxes.sizes[:, 0] * boxes.sizes[:, 1] for boxes in (first, second))
+    shared_m2 = bev / (1 + bev) * (ground_m2[:, None] + others_m2)
+    return np.asarray(shared_m2 / np.maximum(np.minimum(ground_m2[:, None], others_m2), 1e-12))
+
+
+def _rivals(boxes: OrientedBoxes) -> Iterator[tuple[Indices, Indices]]:
     """Boxes, and one before each of them, of which one has too much of its ground inside the other; in their order."""
     count = len(boxes.yaws)
     if not count:
@@ -64,7 +78,7 @@ def _rivals(boxes: BoxArrays) -> Iterator[tuple[Indices, Indices]]:
         yield first[is_rival], second[is_rival]
 
 
-def _select(boxes: BoxArrays, rows: Indices) -> BoxArrays:
+def _select(boxes: OrientedBoxes, rows: Indices) -> BoxArrays:
     return BoxArrays(boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows])
 
 

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from pipeline.core.arrays import F64, I32, Bools, Indices, join_rows, select_rows
 from pipeline.core.detections import Boxes3D
 from pipeline.core.settings.classes import ClassPrior
-from pipeline.fusion.assignment import assign
 
 __all__ = ["Memory"]
 
@@ -19,7 +19,7 @@ __all__ = ["Memory"]
 HALF_LIFE_S = 0.3
 """In this time what was said comes to count half."""
 
-LONGEST_S = 1.0
+MAX_AGE_S = 1.0
 """What was said longer ago does not count."""
 
 SHORT_M = 1.0
@@ -31,7 +31,7 @@ FOOT_MPS, WHEELS_MPS = 3.0, 15.0
 SPREAD_SHARE = 0.1
 """Boxes of what stands still differ by this share of the length of its class."""
 
-MOST_SIZE_RATIO = 3.0
+MAX_SIZE_RATIO = 3.0
 """No side of the same object is so many times as long in another frame: what is hidden of it changes."""
 
 NEAR_M = 1e-6
@@ -70,7 +70,7 @@ class Memory:
                 then all is forgotten.
         """
         said, age_s = self._said, self._said.age_s + seconds
-        keep = (age_s >= 0) & (age_s <= LONGEST_S) & (T_now_then is not None)
+        keep = (age_s >= 0) & (age_s <= MAX_AGE_S) & (T_now_then is not None)
         T = np.eye(4) if T_now_then is None else T_now_then
         x, y, z = said.centers.T[:, :, None]
         centers = x * T[:3, 0] + y * T[:3, 1] + z * T[:3, 2] + T[:3, 3]
@@ -110,7 +110,7 @@ class Memory:
         gate_m = self._spread_m[said.class_ids] + self._speed_mps[said.class_ids] * said.age_s
         ratio = np.abs(np.log(boxes.sizes[:, None] / said.sizes)).max(2)
         same_class = boxes.class_ids[:, None] == said.class_ids
-        fits = (apart_m <= gate_m) & (ratio <= np.log(MOST_SIZE_RATIO)) & same_class
-        rows, of = assign(np.where(fits, apart_m / np.maximum(gate_m, NEAR_M), NEVER))
+        fits = (apart_m <= gate_m) & (ratio <= np.log(MAX_SIZE_RATIO)) & same_class
+        rows, of = linear_sum_assignment(np.where(fits, apart_m / np.maximum(gate_m, NEAR_M), NEVER))
         is_one = fits[rows, of]
         return rows[is_one], of[is_one]

@@ -12,7 +12,7 @@ import numpy as np
 from pipeline.core.arrays import F64, I32, U8, Bools
 from pipeline.core.detections import Source
 from pipeline.core.settings.classes import ClassPrior
-from pipeline.fusion.belief.looks import Looks
+from pipeline.fusion.belief.visibility import Visibility
 
 __all__ = [
     "FITTED",
@@ -31,14 +31,14 @@ __all__ = [
 SCORE_LIMIT = 0.002
 """Scores nearer to 0 or 1 than this say no more."""
 
-MOST_LOG_ODDS = 7.0
+MAX_LOG_ODDS = 7.0
 """No object is surer than 0.999, and none more impossible than 0.001."""
 
 FULL_VIEW_SHARE = 0.6
 HIDDEN_SHARE = 0.1
 """An object is expected to be found as in full view from the one visible share on, and not at all up to the other."""
 
-MOST_RECALL = 0.98
+MAX_RECALL = 0.98
 """No detector finds more than this, whatever is set or learned from few objects."""
 
 CUT_RECALL = 0.7
@@ -119,8 +119,8 @@ def logit(scores: F64) -> F64:
 
 
 def probability(log_odds: F64) -> F64:
-    """Probability of log odds, which are limited by `MOST_LOG_ODDS`."""
-    return np.asarray(1 / (1 + np.exp(-log_odds.clip(-MOST_LOG_ODDS, MOST_LOG_ODDS))))
+    """Probability of log odds, which are limited by `MAX_LOG_ODDS`."""
+    return np.asarray(1 / (1 + np.exp(-log_odds.clip(-MAX_LOG_ODDS, MAX_LOG_ODDS))))
 
 
 def log_odds_before_cameras(
@@ -133,7 +133,7 @@ def log_odds_before_cameras(
         frequencies: (N,) `frequency` of their classes.
         point_counts: (N,) lidar points that they were found from.
         sources: (N,) `Source` of each box.
-        is_lidar: (N,) whether the lidars found it; the others were begun from 2D boxes.
+        is_lidar: (N,) whether the lidars found it; 2D boxes propose the others.
         by: The coefficients.
     """
     score, points = logit(scores), np.log(np.maximum(point_counts, 1))
@@ -160,19 +160,19 @@ def at_its_place(covariances: F64, reach_m: F64) -> F64:
     return np.asarray(-np.expm1(-(reach_m**2) / (2 * variance)))
 
 
-def camera_evidence(looks: Looks, plain_recall: F64, by: Coefficients) -> F64:
+def camera_evidence(visibility: Visibility, plain_recall: F64, by: Coefficients) -> F64:
     """(C, N) log likelihood ratio of what each camera says, or does not say, about each box.
 
     Args:
-        looks: How C cameras look at N boxes.
+        visibility: How C cameras see N boxes.
         plain_recall: (C, N) share of objects of that size in plain view that the camera finds.
         by: The coefficients.
     """
-    ratio = by.match + by.match_score * logit(looks.scores) + by.match_iou * looks.iou
-    shown = ((looks.visible - HIDDEN_SHARE) / (FULL_VIEW_SHARE - HIDDEN_SHARE)).clip(0, 1)
-    recall = plain_recall * shown * np.where(looks.is_cut, CUT_RECALL, 1.0) * looks.in_view
-    missed = by.missed * np.log1p(-np.minimum(recall, MOST_RECALL))
-    return np.where(looks.is_matched, ratio, missed)
+    ratio = by.match + by.match_score * logit(visibility.scores) + by.match_iou * visibility.iou
+    shown = ((visibility.visible - HIDDEN_SHARE) / (FULL_VIEW_SHARE - HIDDEN_SHARE)).clip(0, 1)
+    recall = plain_recall * shown * np.where(visibility.is_cut, CUT_RECALL, 1.0) * visibility.in_view
+    missed = by.missed * np.log1p(-np.minimum(recall, MAX_RECALL))
+    return np.where(visibility.is_matched, ratio, missed)
 
 
 def joined(evidence: F64, by: Coefficients) -> F64:
@@ -189,7 +189,7 @@ def joined_without_each(evidence: F64, by: Coefficients) -> F64:
         return np.zeros_like(evidence)
     rows = np.arange(len(evidence))[:, None]
     ranked = np.sort(evidence, axis=0)
-    most = np.where(rows == evidence.argmax(0), ranked[-2], ranked[-1])
-    least = np.where(rows == evidence.argmin(0), ranked[1], ranked[0])
-    strongest = np.maximum(most, 0) + np.minimum(least, 0)
+    highest = np.where(rows == evidence.argmax(0), ranked[-2], ranked[-1])
+    lowest = np.where(rows == evidence.argmin(0), ranked[1], ranked[0])
+    strongest = np.maximum(highest, 0) + np.minimum(lowest, 0)
     return np.asarray((1 - by.further) * strongest + by.further * (evidence.sum(0) - evidence))

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.core.arrays import F64, Indices
-from pipeline.fusion.belief.looks import Looks
 from pipeline.fusion.belief.odds import Coefficients, joined_without_each, probability
+from pipeline.fusion.belief.visibility import Visibility
 
 __all__ = ["RecallCounts"]
 
@@ -51,27 +51,27 @@ class RecallCounts:
         self._found = np.zeros_like(self._seen)
         self._fixed = None if plain_recall is None else np.array(PRIOR_RECALL) * (plain_recall / PRIOR_RECALL[-1])
 
-    def plain(self, looks: Looks) -> F64:
+    def plain(self, visibility: Visibility) -> F64:
         """(C, N) share of objects of the size of each box that each camera finds in plain view, as known so far."""
-        rows = np.array([self._rows[name] for name in looks.cameras], np.intp)
-        return np.asarray(self._table()[rows[:, None], _bins(looks.size_px)])
+        rows = np.array([self._rows[name] for name in visibility.cameras], np.intp)
+        return np.asarray(self._table()[rows[:, None], _bins(visibility.size_px)])
 
-    def learn(self, looks: Looks, before: F64, evidence: F64, by: Coefficients) -> None:
+    def learn(self, visibility: Visibility, before: F64, evidence: F64, by: Coefficients) -> None:
         """Count what each camera finds and misses of what the other sensors are sure of.
 
         Args:
-            looks: How C cameras look at N boxes.
+            visibility: How C cameras see N boxes.
             before: (N,) log odds of the boxes before a camera was asked.
             evidence: (C, N) log likelihood ratios of what the cameras say.
             by: The coefficients with which they are joined.
         """
-        rows = np.array([self._rows[name] for name in looks.cameras], np.intp)
+        rows = np.array([self._rows[name] for name in visibility.cameras], np.intp)
         others = probability(before + joined_without_each(evidence, by))
-        is_plain = looks.in_view & ~looks.is_cut & (looks.visible >= PLAIN_SHARE)
+        is_plain = visibility.in_view & ~visibility.is_cut & (visibility.visible >= PLAIN_SHARE)
         counted = (is_plain & (others >= SURE)).nonzero()
-        cells, weights = rows[counted[0]] * len(PRIOR_RECALL) + _bins(looks.size_px[counted]), others[counted]
+        cells, weights = rows[counted[0]] * len(PRIOR_RECALL) + _bins(visibility.size_px[counted]), others[counted]
         self._seen += np.bincount(cells, weights, self._seen.size).reshape(self._seen.shape)
-        self._found += np.bincount(cells, weights * looks.is_matched[counted], self._found.size).reshape(
+        self._found += np.bincount(cells, weights * visibility.is_matched[counted], self._found.size).reshape(
             self._seen.shape
         )
         kept = MEMORY / np.maximum(self._seen, MEMORY)

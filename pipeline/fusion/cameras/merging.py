@@ -10,23 +10,29 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from pipeline.core.arrays import F64, I64, Indices, first_of_runs
 from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.fusion.assignment_kernels import columns_of_classes
-from pipeline.fusion.cameras.merging_kernels import combine, mixture_means, near_worth
 from pipeline.fusion.cameras.placing import HEADINGS, Placements
 
-__all__ = ["Moments", "merge_sightings", "moments"]
+__all__ = ["Moments", "mean_places", "merge_sightings", "moments"]
 
 GATE = 13.8
 """Largest squared Mahalanobis distance of two sightings of one object: 0.1 % of normal errors in a plane are larger."""
 
-DIRECTIONS = np.stack([np.cos(2 * HEADINGS), np.sin(2 * HEADINGS)])
-"""Of twice the headings."""
+DIRECTIONS = np.stack([np.cos(2 * HEADINGS), np.sin(2 * HEADINGS)], 1)
+"""(H, 2) of twice the headings."""
 
 MAX_YAW_VARIANCE = np.pi**2 / 12
 """Of an axis of which nothing is known, rad^2."""
+
+VIEW_WEIGHT = 1e-3
+"""Weight of the direction of view beside that of all headings, 1, where these cancel out: where all are equally likely,
+as of a footprint as long as wide, rounding alone would say what their mean is."""
+
+QUARTER_RAD = np.pi / 2 - 1e-6
+"""Axes up to here clockwise from x have a negative yaw: an axis along y has one yaw, however it is rounded."""
 
 
 class Moments(NamedTuple):
@@ -34,7 +40,8 @@ class Moments(NamedTuple):
 
     Attributes:
         xy: (P, 2) float64 centre, metres in the site frame.
-        yaw_rad: (P,) float64 mean axis, in (-pi/2, pi/2].
+        yaw_rad: (P,) float64 mean axis, in (-pi/2, pi/2] but for rounding; where nothing is known of it the direction
+            of view.
         covariances: (P, 3, 3) float64 over x, y (m^2) and yaw (rad^2).
     """
 
@@ -43,15 +50,34 @@ class Moments(NamedTuple):
     covariances: F64
 
 
-def moments(placements: Placements) -> Moments:
-    """The normal distributions nearest to these mixtures over the headings."""
-    xy, spread, cos, sin = _means(placements)
+def moments(placements: Placements, view_xy: F64) -> Moments:
+    """The normal distributions nearest to these mixtures over the headings.
+
+    Args:
+        placements: Of P objects.
+        view_xy: (P, 2) a camera that sees each of them, metres in the site frame.
+    """
+    xy, spread = mean_places(placements)
     covariances = np.zeros((len(xy), 3, 3))
     covariances[:, :2, :2] = spread
     # An axis has no front: the mean is taken of twice its angle.
-    length = np.hypot(cos, sin).clip(1e-9, 1.0)
+    mean = _shares(placements) @ DIRECTIONS
+    length = np.hypot(mean[:, 0], mean[:, 1]).clip(1e-9, 1.0)
     covariances[:, 2, 2] = np.minimum(-np.log(length) / 2, MAX_YAW_VARIANCE) + (HEADINGS[1] ** 2) / 12
-    return Moments(xy, wrap_angle(np.arctan2(sin, cos)) / 2, covariances)
+    view_rad = 2 * np.arctan2(xy[:, 1] - view_xy[:, 1], xy[:, 0] - view_xy[:, 0])
+    view_weight = VIEW_WEIGHT * (1 - length)
+    mean += view_weight[:, None] * np.stack([np.cos(view_rad), np.sin(view_rad)], 1)
+    yaw_rad = np.arctan2(mean[:, 1], mean[:, 0]) / 2
+    return Moments(xy, wrap_angle(yaw_rad + np.pi * (yaw_rad < -QUARTER_RAD)), covariances)
+
+
+def mean_places(placements: Placements) -> tuple[F64, F64]:
+    """(P, 2) means and (P, 2, 2) covariances of the centres over all headings, metres in the site frame."""
+    shares = _shares(placements)[..., None]
+    mean = (shares * placements.xy).sum(1)
+    gaps = placements.xy - mean[:, None]
+    spread = placements.covariances + gaps[..., None] * gaps[..., None, :]
+    return mean, (shares[..., None] * spread).sum(1)
 
 
 def merge_sightings(placements: Placements, cameras: I64, class_ids: I64) -> tuple[I64, Placements]:
@@ -66,45 +92,64 @@ def merge_sightings(placements: Placements, cameras: I64, class_ids: I64) -> tup
         (P,) the object of each sighting, numbered in order of their first one; and the places of the objects.
     """
     count = len(cameras)
-    known = _Known(placements)
-    mean_xy, spread = known.mean_xy.copy(), known.spread.copy()
+    mean_xy, spread = mean_places(placements)
+    # What the cameras so far say of the object of each sighting stands in the row of its first one.
+    known, known_xy, known_spread = placements.copy(), mean_xy.copy(), spread.copy()
     first, is_first = np.arange(count), np.ones(count, np.bool_)
     for start, end in itertools.pairwise([*first_of_runs(cameras).nonzero()[0].tolist(), count]):
-        objects, own = is_first[:start].nonzero()[0], slice(start, end)
-        worth = near_worth(known.mean_xy[objects], known.spread[objects], mean_xy[own], spread[own], GATE)
-        column_of = columns_of_classes(worth, class_ids[objects], class_ids[own])
-        matched = (column_of >= 0).nonzero()[0]
-        if len(matched):
-            rows, new_rows = objects[matched], start + column_of[matched]
+        objects, own = np.flatnonzero(is_first[:start]), np.arange(start, end)
+        worth = _worth(known_xy[objects], known_spread[objects], mean_xy[own], spread[own])
+        worth[class_ids[objects][:, None] != class_ids[own]] = 0.0
+        row, column = linear_sum_assignment(worth, maximize=True)
+        is_one = worth[row, column] > 0
+        rows, new_rows = objects[row[is_one]], own[column[is_one]]
+        if len(rows):
             first[new_rows], is_first[new_rows] = rows, False
-            known.combine(placements, rows, new_rows)
-    return (np.cumsum(is_first) - 1)[first], known.placements.select(is_first)
+            _combine(known, rows, placements, new_rows)
+            known_xy[rows], known_spread[rows] = mean_places(known.select(rows))
+    return (np.cumsum(is_first) - 1)[first], known.select(is_first)
 
 
-class _Known:
-    """What the cameras so far say of the object of each sighting, in the row of its first one.
+def _shares(placements: Placements) -> F64:
+    """(P, H) probability of each heading."""
+    weights = np.exp(placements.log_weights - placements.log_weights.max(1, keepdims=True))
+    return np.asarray(weights / weights.sum(1, keepdims=True))
 
-    Attributes:
-        placements: (P) where the objects stand.
-        mean_xy: (P, 2) mean over all headings.
-        spread: (P, 2, 2) its covariance.
+
+def _worth(first_xy: F64, first: F64, second_xy: F64, second: F64) -> F64:
+    """(R, C) by how much the squared distance of two places is within the gate; 0 beyond it.
+
+    Args:
+        first_xy: (R, 2) places.
+        first: (R, 2, 2) their covariances.
+        second_xy: (C, 2) other places.
+        second: (C, 2, 2) their covariances.
     """
-
-    def __init__(self, placements: Placements) -> None:
-        copies = placements.xy.copy(), placements.covariances.copy(), placements.log_weights.copy()
-        self.placements = Placements(*copies)
-        self.mean_xy, self.spread, _, _ = _means(placements)
-
-    def combine(self, new: Placements, rows: Indices, new_rows: Indices) -> None:
-        """Known objects with further sightings of them."""
-        known = self.placements
-        squares, determinants = combine(known.xy, known.covariances, new.xy, new.covariances, rows, new_rows)
-        known.log_weights[rows] += new.log_weights[new_rows] - (squares + np.log(determinants)) / 2
-        self.mean_xy[rows], self.spread[rows], _, _ = _means(known.select(rows))
+    gap = second_xy - first_xy[:, None]
+    inverse, _ = _inverse(first[:, None] + second)
+    return np.maximum(GATE - _squared(gap, inverse), 0.0)
 
 
-def _means(placements: Placements) -> tuple[F64, F64, F64, F64]:
-    """(P, 2) means and (P, 2, 2) covariances over all headings; (P,) mean cosine and sine of twice the heading."""
-    log_weights = placements.log_weights
-    weights = np.exp(log_weights - log_weights.max(1, keepdims=True))
-    return mixture_means(weights, placements.xy, placements.covariances, DIRECTIONS)
+def _combine(known: Placements, rows: Indices, new: Placements, new_rows: Indices) -> None:
+    """Combine known places, in place, with independent new ones, under each heading."""
+    gap, covariances = new.xy[new_rows] - known.xy[rows], known.covariances[rows]
+    inverse, determinant = _inverse(covariances + new.covariances[new_rows])
+    gain = covariances @ inverse
+    known.xy[rows] += (gain * gap[..., None, :]).sum(-1)
+    left = covariances - gain @ covariances
+    known.covariances[rows] = (left + left.swapaxes(-1, -2)) / 2
+    known.log_weights[rows] += new.log_weights[new_rows] - (_squared(gap, inverse) + np.log(determinant)) / 2
+
+
+def _inverse(matrices: F64) -> tuple[F64, F64]:
+    """(..., 2, 2) inverses of symmetric matrices, and (...) their determinants: LAPACK takes ten times as long."""
+    a, b, c = matrices[..., 0, 0], matrices[..., 0, 1], matrices[..., 1, 1]
+    determinant = a * c - b * b
+    inverse = np.stack([c, -b, -b, a], -1).reshape(matrices.shape) / determinant[..., None, None]
+    return inverse, determinant
+
+
+def _squared(gap: F64, inverse: F64) -> F64:
+    """(...) squares of vectors (..., 2) by inverse covariances (..., 2, 2)."""
+    x, y = gap[..., 0], gap[..., 1]
+    return np.asarray(x * x * inverse[..., 0, 0] + 2 * x * y * inverse[..., 0, 1] + y * y * inverse[..., 1, 1])

@@ -8,26 +8,18 @@ How well the three agree says how likely each heading is. The range is sought as
 nearly linear.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Rows, select_rows
+from pipeline.core.arrays import F64, I64, Rows, select_rows
+from pipeline.core.detections import Boxes3D
 from pipeline.core.settings.classes import ClassPrior
-from pipeline.fusion.cameras.ground import Ground
-from pipeline.fusion.cameras.observed import Noise, observe
-from pipeline.fusion.cameras.placing_kernels import (
-    bearings_between_sides,
-    corners_seen,
-    laid_out,
-    least_squares,
-    places_at,
-    rises,
-)
-from pipeline.fusion.cameras.sightings import Sightings
+from pipeline.fusion.cameras.sightings import Noise, Observed, Sightings, observe
 
-__all__ = ["HEADINGS", "Placements", "SizePriors", "place"]
+__all__ = ["HEADINGS", "Placed", "Placements", "SizePriors", "place"]
 
 HEADINGS = np.arange(12) * (np.pi / 12)
 """The headings tried, radians about +z of the site; front and rear look alike."""
@@ -53,13 +45,8 @@ SHAPE_STD = 0.2
 NEAREST_SHARE = 0.1
 """No part of an object is nearer to the camera than this share of the range of its centre."""
 
-FORWARD, LEFT = np.array([[1.0, -1, -1, 1]]), np.array([[1.0, 1, -1, -1]])
+FORWARD, LEFT = np.array([1.0, -1, -1, 1]), np.array([1.0, 1, -1, -1])
 """The corners of an object seen from above, in halves of its length and width."""
-
-SHARES = np.array(
-    [ROOF_SHARE, CONTACT_SHARE, SHAPE_STD, NEAREST_SHARE, FIRST_STD, FIRST_STD**2, FIRST_STD**-2], np.float64
-)
-"""As `least_squares` takes them."""
 
 SIZE_STD_SHARE = 0.06
 """Smallest standard deviation of a class's size, as a share of it."""
@@ -80,7 +67,7 @@ class SizePriors(NamedTuple):
     std_m: F64
 
     @classmethod
-    def of(cls, classes: tuple[ClassPrior, ...]) -> "SizePriors":
+    def of(cls, classes: Sequence[ClassPrior]) -> "SizePriors":
         """The largest size is taken for three standard deviations from the typical one.
 
         A class whose lengths differ much also differs in the other extents: a van is a small truck.
@@ -109,6 +96,34 @@ class Placements:
         """The given rows (mask or indices), in that order."""
         return select_rows(self, rows)
 
+    @classmethod
+    def empty(cls) -> "Placements":
+        """Of no objects."""
+        h = len(HEADINGS)
+        return cls(np.zeros((0, h, 2)), np.zeros((0, h, 2, 2)), np.zeros((0, h)))
+
+    def copy(self) -> "Placements":
+        """The same in arrays of its own."""
+        return Placements(self.xy.copy(), self.covariances.copy(), self.log_weights.copy())
+
+
+class Placed(NamedTuple):
+    """Objects that cameras place, and their sightings.
+
+    Attributes:
+        boxes: Of source CAMERA.
+        sightings: The 2D boxes of all cameras.
+        objects: (P,) int64 row of `boxes` that each sighting belongs to.
+        placements: Where each sighting by itself sees its object.
+        out_of_image: Number of other 2D boxes, of which nothing lies in the image.
+    """
+
+    boxes: Boxes3D
+    sightings: Sightings
+    objects: I64
+    placements: Placements
+    out_of_image: int = 0
+
 
 class _Shape(NamedTuple):
     """Extents of P objects in the frame of the ray to their centre, under each heading, metres.
@@ -119,7 +134,8 @@ class _Shape(NamedTuple):
         depth: (P, H) from the centre to the nearest corner, along the ray.
         depth_std: (P, H) standard deviation of `depth`.
         across_std: (P, H) of the width as seen.
-        heights: (P, 2) height, and its standard deviation.
+        height: (P, 1)
+        height_std: (P, 1)
     """
 
     along: F64
@@ -127,57 +143,139 @@ class _Shape(NamedTuple):
     depth: F64
     depth_std: F64
     across_std: F64
-    heights: F64
+    height: F64
+    height_std: F64
 
     @classmethod
     def of(cls, bearing: F64, mean_m: F64, std_m: F64) -> "_Shape":
         turn = HEADINGS - bearing[:, None]
         cos, sin = np.cos(turn), np.sin(turn)
-        length_std, width_std = std_m[:, :1], std_m[:, 1:2]
+        length, width, height = mean_m.T[..., None]
+        length_std, width_std, height_std = std_m.T[..., None]
+        ahead, beside = (length / 2 * FORWARD)[:, None], (width / 2 * LEFT)[:, None]
         return cls(
-            *corners_seen(cos, sin, mean_m, FORWARD, LEFT),
+            ahead * cos[..., None] - beside * sin[..., None],
+            ahead * sin[..., None] + beside * cos[..., None],
+            (length * np.abs(cos) + width * np.abs(sin)) / 2,
             np.hypot(length_std * cos, width_std * sin) / 2,
             np.hypot(length_std * sin, width_std * cos),
-            np.array([mean_m[:, 2], std_m[:, 2]]).T.copy(),
+            height,
+            height_std,
         )
 
 
-def place(sightings: Sightings, priors: SizePriors, ground: Ground, noise: Noise) -> Placements:
+class _Fit(NamedTuple):
+    """How ranges of P objects fit their 2D boxes under each of H headings.
+
+    Attributes:
+        step: (P, H) by which the range's logarithm is to be changed.
+        information: (P, H) of that logarithm.
+        squared: (P, H) squared error in standard deviations.
+        variances: (P, H) product of the variances.
+        bearing: (P, H, 4) of the corners from the ray to the centre, radians.
+    """
+
+    step: F64
+    information: F64
+    squared: F64
+    variances: F64
+    bearing: F64
+
+
+def place(sightings: Sightings, priors: SizePriors, ground_m: Callable[[F64], F64], noise: Noise) -> Placements:
     """Place the object of each of P 2D boxes, of which some may be sightings of one object.
 
     Args:
         sightings: The boxes.
         priors: Sizes by class.
-        ground: Of the site.
+        ground_m: Height of the ground at places (..., 2) of the site.
         noise: Of the observations.
     """
     seen, class_ids = observe(sightings, noise), sightings.class_ids
     shape = _Shape.of(seen.middle, priors.mean_m[class_ids], priors.std_m[class_ids])
-    towards = np.array([np.cos(seen.middle), np.sin(seen.middle)]).T.copy()
-    edges = np.column_stack([seen.lower, seen.upper, seen.width, seen.stds])
-    ground_noise = np.array([noise.ground_slope**2, noise.ground_m])
+    towards = np.stack([np.cos(seen.middle), np.sin(seen.middle)], 1)[:, None]
 
-    def improve(range_m: F64) -> tuple[F64, F64]:
-        """What `least_squares` gives at a range (P, H), and bearings of the corners (P, H, 4) from the centre."""
-        contact_m, back, away_m, places = places_at(
-            range_m, first_m, shape.depth, shape.along, towards, sightings.origin, CONTACT_SHARE, NEAREST_SHARE
-        )
-        bearing = np.arctan2(shape.aside, away_m)
-        contact_rise_m, rise_m = rises(
-            places, places @ ground.plane[:2], sightings.origin, ground.plane, ground.relief_m, ground.grid
-        )
-        at_range = range_m, contact_m, contact_rise_m, rise_m, np.log(back), away_m, shape.aside, bearing
-        sizes = shape.depth, shape.depth_std, shape.across_std, shape.heights
-        return least_squares(*at_range, *sizes, edges, ground_noise, SHARES), bearing
+    def rise_m(range_m: F64) -> F64:
+        """Height of the ground above the camera at ranges (..., P, H)."""
+        return ground_m(sightings.origin[:, None, :2] + range_m[..., None] * towards) - sightings.origin[:, 2:]
 
     height_seen = np.maximum(seen.upper - seen.lower, 1e-6)[:, None]
-    first_m = shape.heights[:, :1] / height_seen + shape.depth
+    first_m = shape.height / height_seen + shape.depth
     range_m = first_m
     for _ in range(STEPS):
-        found, _ = improve(range_m)
-        range_m = range_m * np.exp(found[0].clip(-MAX_STEP, MAX_STEP))
-    (_, information, square, product), corners = improve(range_m)
-    sides = np.array([seen.left, seen.width]).T.copy()
-    bearing, std = bearings_between_sides(corners, sides, seen.stds, shape.across_std, range_m, noise.bearing_rad)
-    xy, covariances = laid_out(sightings.origin, range_m, information, std, np.cos(bearing), np.sin(bearing))
-    return Placements(xy, covariances, -(square + np.log(product)) / 2)
+        step = _fit(range_m, first_m, shape, seen, rise_m, noise).step
+        range_m = range_m * np.exp(step.clip(-MAX_STEP, MAX_STEP))
+    fit = _fit(range_m, first_m, shape, seen, rise_m, noise)
+    xy, covariances = _laid_out(sightings.origin, range_m, fit, shape, seen, noise)
+    return Placements(xy, covariances, -(fit.squared + np.log(fit.variances)) / 2)
+
+
+def _fit(range_m: F64, first_m: F64, shape: _Shape, seen: Observed, rise_m: Callable[[F64], F64], noise: Noise) -> _Fit:
+    """One step of least squares for the logarithm of the range.
+
+    Args:
+        range_m: (P, H) of the centre.
+        first_m: (P, H) by the height of the box alone.
+        shape: Of the objects.
+        seen: Of the 2D boxes.
+        rise_m: Height of the ground above the camera at ranges (..., P, H).
+        noise: Of the observations.
+    """
+    nearest_m, depth = NEAREST_SHARE * range_m, shape.depth
+    contact_m = np.maximum(range_m - CONTACT_SHARE * depth, nearest_m)
+    contact_rise_m, center_rise_m = rise_m(np.stack([contact_m, range_m]))
+    top_m = center_rise_m + shape.height
+    roof_m = np.maximum(range_m - np.where(top_m > 0, ROOF_SHARE, -ROOF_SHARE) * depth, nearest_m)
+    lower, upper = contact_rise_m / contact_m, top_m / roof_m
+
+    away_m = np.maximum(range_m[..., None] + shape.along, nearest_m[..., None])
+    bearing = np.arctan2(shape.aside, away_m)
+    turning = -shape.aside / (away_m * away_m + shape.aside * shape.aside)
+    leftmost, rightmost = (
+        np.take_along_axis(turning, outer[..., None], 2)[..., 0] for outer in (bearing.argmax(2), bearing.argmin(2))
+    )
+    width = bearing.max(2) - bearing.min(2)
+
+    # What lower edge, upper edge and width of the box differ by, and how that changes with the range's logarithm.
+    errors = seen.lower[:, None] - lower, seen.upper[:, None] - upper, seen.width[:, None] - width
+    slopes = -lower * range_m / contact_m, -upper * range_m / roof_m, (leftmost - rightmost) * range_m
+
+    left_std, upper_std, right_std, lower_std = seen.stds.T[..., None]
+    shared = noise.ground_slope**2 + (noise.ground_m / range_m) ** 2
+    by_depth, by_contact = (SHAPE_STD * depth) ** 2, (CONTACT_SHARE * shape.depth_std) ** 2
+    of_lower = shared + (lower / contact_m) ** 2 * (by_depth + by_contact) + lower_std**2
+    of_upper = shared + (upper / roof_m) ** 2 * by_depth + (shape.height_std / range_m) ** 2 + upper_std**2
+    of_width = (shape.across_std / range_m) ** 2 + left_std**2 + right_std**2
+    determinant = of_lower * of_upper - shared * shared
+
+    def product(first: tuple[F64, F64, F64], second: tuple[F64, F64, F64]) -> F64:
+        """By the inverse of the covariance of the three."""
+        (a, b, c), (d, e, f) = first, second
+        both = of_upper * a * d + of_lower * b * e - shared * (a * e + b * d)
+        return np.asarray(both / determinant + c * f / of_width)
+
+    back = np.log(first_m / range_m) / FIRST_STD
+    information = product(slopes, slopes) + FIRST_STD**-2
+    step = (product(slopes, errors) + back / FIRST_STD) / information
+    squared = product(errors, errors) + back * back
+    return _Fit(step, information, squared, determinant * of_width * information, bearing)
+
+
+def _laid_out(origin: F64, range_m: F64, fit: _Fit, shape: _Shape, seen: Observed, noise: Noise) -> tuple[F64, F64]:
+    """(P, H, 2) centres, metres in the site frame, and (P, H, 2, 2) their covariances.
+
+    A centre is half a width from either side of the 2D box, and nearer to the better known one.
+    """
+    first, last = seen.stds[:, :1] ** 2, seen.stds[:, 2:3] ** 2
+    share = last / (first + last)  # of the left side
+    by_left = seen.left[:, None] - fit.bearing.max(2)
+    by_right = (seen.left - seen.width)[:, None] - fit.bearing.min(2)
+    bearing = share * by_left + (1 - share) * by_right
+    of_sides = share**2 * first + (1 - share) ** 2 * last
+    by_size = (share - 0.5) * shape.across_std / range_m
+    across = range_m**2 * (of_sides + by_size**2 + noise.bearing_rad**2)
+    along, cos, sin = range_m**2 / fit.information, np.cos(bearing), np.sin(bearing)
+    both = (along - across) * cos * sin
+    covariances = np.stack([along * cos**2 + across * sin**2, both, both, along * sin**2 + across * cos**2], -1)
+    xy = origin[:, None, :2] + range_m[..., None] * np.stack([cos, sin], -1)
+    return xy, covariances.reshape(*range_m.shape, 2, 2)

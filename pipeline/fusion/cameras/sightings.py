@@ -1,22 +1,46 @@
-"""The 2D boxes of all cameras of a frame as one table, with the directions of their edges."""
+"""The 2D boxes of all cameras of a frame as one table, and what they say of objects that stand upright.
+
+That is the directions of their edges from the camera, lens distortion taken off, and how well each of them is known.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from pipeline.core.arrays import F64, I64, Bools, Rows, select_rows
 from pipeline.core.camera import BORDER_PX
 from pipeline.core.detections import Boxes2D
+from pipeline.core.geometry.boxes import wrap_angle
+from pipeline.core.optics import lens_kernels
+from pipeline.core.optics.lenses import Lenses
 from pipeline.core.rig import CameraSensor
-from pipeline.fusion.cameras.rays import rays_of_pixels
-from pipeline.fusion.found import FoundBoxes
+from pipeline.fusion.found import FoundBoxes, pairs_of_images
 from pipeline.fusion.projection import CameraArrays, camera_arrays
 
-__all__ = ["Sightings", "see"]
+__all__ = ["CUT_SHARE", "Noise", "Observed", "Sightings", "observe", "rays_of_pixels", "see"]
 
-LEAST_PX = 0.5
+MIN_PX = 0.5
 """A box that is narrower or lower shows nothing."""
+
+MAX_STEPS = 30
+"""Steps of Newton's method; a dozen are enough at 85 degrees from the axis of a fisheye lens."""
+
+NEAR_PX = 1e-4
+"""A ray is found when it is projected this near to its pixel."""
+
+CUT_SHARE = 10.0
+"""Standard deviation of an edge that the border of the image has cut, as a share of the box: nothing is known of it."""
+
+HIDDEN_SHARE = 0.25
+"""The same of an edge that another object may hide."""
+
+HIDDEN_EDGE_SHARE = 0.3
+"""A nearer object hides an edge if its box covers this share of it."""
+
+NEARER_SHARE = 0.05
+"""An object is nearer than another one if its lower edge is further down by this share of the other one's box."""
 
 _AROUND = np.array([[0, 0], [0.5, 0], [1, 0], [1, 0.5], [1, 1], [0.5, 1], [0, 1], [0, 0.5]])
 
@@ -58,6 +82,48 @@ class Sightings:
         return select_rows(self, rows)
 
 
+class Noise(NamedTuple):
+    """Standard deviations of what a placement rests on.
+
+    Attributes:
+        pixel_px: Of an edge of a 2D box.
+        outline: The same, as a share of the box's size, the root of its area; both add up.
+        ground_m: Of the height of the ground.
+        ground_slope: Of its slope between camera and object, rise over run.
+        bearing_rad: Of the direction in which a camera looks, about the vertical.
+    """
+
+    pixel_px: float
+    outline: float
+    ground_m: float
+    ground_slope: float
+    bearing_rad: float
+
+
+class Observed(NamedTuple):
+    """P 2D boxes as (P,) float64 each.
+
+    Attributes:
+        left: Bearing of the left edge about +z of the site, radians.
+        width: Bearing of the left edge minus that of the right one, radians.
+        lower: Slope of the ray to the middle of the lower edge, rise over run; below 0 downwards.
+        upper: The same of the upper edge.
+        stds: (P, 4) Standard deviations of left, top, right and bottom: of the bearings in radians, of the slopes as
+            `lower` and `upper`.
+    """
+
+    left: F64
+    width: F64
+    lower: F64
+    upper: F64
+    stds: F64
+
+    @property
+    def middle(self) -> F64:
+        """Bearing of the middle of the box, radians."""
+        return self.left - self.width / 2
+
+
 def see(views: Mapping[str, CameraSensor], boxes2d: Mapping[str, Boxes2D]) -> Sightings:
     """The boxes of every camera that has some, but for boxes that leave nothing of themselves in it."""
     found = FoundBoxes.of(boxes2d, tuple(views))
@@ -65,7 +131,8 @@ def see(views: Mapping[str, CameraSensor], boxes2d: Mapping[str, Boxes2D]) -> Si
     cameras = rig.select(found.cameras)
     limits = cameras.limits
     xyxy = found.xyxy.astype(np.float64).clip(0, limits)
-    rays, sound = rays_of_pixels(cameras.lenses, _outline(xyxy))
+    around = xyxy[:, None, :2] + _AROUND * (xyxy[:, 2:] - xyxy[:, :2])[:, None]
+    rays, sound = rays_of_pixels(cameras.lenses, around)
     table = Sightings(
         found.cameras,
         found.rows,
@@ -76,13 +143,57 @@ def see(views: Mapping[str, CameraSensor], boxes2d: Mapping[str, Boxes2D]) -> Si
         found.stamps_ns,
         cameras,
         rig.positions[found.cameras],
-        (cameras.rotations[:, None] * rays[..., None]).sum(2),
+        rays @ cameras.rotations,
     )
-    shown = np.isfinite(xyxy).all(1) & np.asarray(sound.all(1)) & (xyxy[:, 2:] - xyxy[:, :2] >= LEAST_PX).all(1)
+    shown = np.isfinite(xyxy).all(1) & np.asarray(sound.all(1)) & (xyxy[:, 2:] - xyxy[:, :2] >= MIN_PX).all(1)
     return table if shown.all() else table.select(np.flatnonzero(shown))
 
 
-def _outline(xyxy: F64) -> F64:
-    """(P, 8, 2) corners and middles of the edges, clockwise from the left top corner."""
-    low, high = xyxy[:, :2], xyxy[:, 2:]
-    return np.asarray(low[:, None] + _AROUND * (high - low)[:, None])
+def rays_of_pixels(lenses: Lenses, pixels: F64) -> tuple[F64, Bools]:
+    """Directions from which the pixels of images are seen: the inverse of projection, lens distortion included.
+
+    By Newton's method from the ray of a lens without distortion. The lens bends a radius by a monotone function, so
+    that it converges wherever the lens model has an image of a ray.
+
+    Args:
+        lenses: P cameras.
+        pixels: (P, S, 2) of each camera; may lie outside its image.
+
+    Returns:
+        (P, S, 3) directions in the optical frames, of depth 1; and (P, S) whether there is such a ray. Where there is
+        none, the direction is the optical axis.
+    """
+    return lens_kernels.rays_of_pixels(np.ascontiguousarray(pixels), *lenses.arrays, MAX_STEPS, NEAR_PX)
+
+
+def observe(sightings: Sightings, noise: Noise) -> Observed:
+    """The directions and extents of 2D boxes, and how well they are known."""
+    rays, xyxy = sightings.rays, sightings.xyxy
+    slopes = rays[..., 2] / np.maximum(np.hypot(rays[..., 0], rays[..., 1]), 1e-9)
+    bearings = np.arctan2(rays[..., 1], rays[..., 0])
+    width, lower, upper = wrap_angle(bearings[:, 7] - bearings[:, 3]), slopes[:, 5], slopes[:, 1]
+    extent_px = xyxy[:, 2:] - xyxy[:, :2]
+    variances = (noise.pixel_px**2 + noise.outline**2 * extent_px.prod(1, keepdims=True)) / extent_px**2
+    variances = np.concatenate([variances, variances], 1)
+    variances[_hidden_edges(sightings.cameras, xyxy) & ~sightings.cut] += HIDDEN_SHARE**2
+    variances[sightings.cut] += CUT_SHARE**2
+    extent = np.abs(np.stack([width, upper - lower], 1))
+    return Observed(bearings[:, 7], width, lower, upper, np.concatenate([extent, extent], 1) * np.sqrt(variances))
+
+
+def _hidden_edges(cameras: I64, xyxy: F64) -> Bools:
+    """(P, 4) whether a nearer object, whose box reaches further down, may hide each edge of each box."""
+    rows, others = pairs_of_images(cameras, cameras)
+    is_nearer = xyxy[others, 3] > xyxy[rows, 3] + NEARER_SHARE * (xyxy[rows, 3] - xyxy[rows, 1])
+    rows, others = rows[is_nearer], others[is_nearer]
+    left, top, right, bottom = xyxy[rows].T
+    other_left, other_top, other_right, other_bottom = xyxy[others].T
+    width, height = right - left, bottom - top
+    is_beside = np.minimum(bottom, other_bottom) - np.maximum(top, other_top) >= HIDDEN_EDGE_SHARE * height
+    is_below = np.minimum(right, other_right) - np.maximum(left, other_left) >= HIDDEN_EDGE_SHARE * width
+    outer_left, outer_right = left - NEARER_SHARE * width, right + NEARER_SHARE * width
+    hidden = np.zeros(xyxy.shape, np.bool_)
+    hidden[rows[is_beside & (other_left < outer_left) & (other_right > outer_left)], 0] = True
+    hidden[rows[is_beside & (other_left < outer_right) & (other_right > outer_right)], 2] = True
+    hidden[rows[is_below & (other_top < bottom)], 3] = True
+    return hidden

@@ -1,9 +1,10 @@
-"""What the other cameras say of an object, for each camera that sees it.
+"""What the other pairs say of an object and of a camera, for each camera that sees the object.
 
 With the pairs of all cameras at hand, the place and the class of each 3D box are known better: for each camera they are
 computed from the box and the 2D boxes of all *other* cameras, so that no pair speaks for itself. A 2D box that
 contradicts the others then fits worse than before. The place is a weighted least-squares step in x, y and yaw; pairs
-that fit badly weigh little (the weights of the t distribution).
+that fit badly weigh little (the weights of the t distribution). In the same way the other pairs of a camera say how
+far all its 2D boxes are shifted: its calibration is off, or its image is late.
 """
 
 from dataclasses import dataclass
@@ -15,13 +16,12 @@ import numpy as np
 from pipeline.core.arrays import F32, F64, I32, I64
 from pipeline.core.association import FREEDOM
 from pipeline.core.detections import Boxes3D
-from pipeline.fusion.matching.agreement_kernels import sums_of_others
-from pipeline.fusion.small_matrices import inverse
 
 __all__ = [
     "BoxBelief",
     "MatchedPairs",
     "Others",
+    "common_shifts",
     "feature_jacobian",
     "prior_covariances",
     "spread",
@@ -32,10 +32,10 @@ __all__ = [
 UNKNOWN_SHARE, UNKNOWN_YAW = 0.1, 0.2
 """Standard deviations where a box has no covariance: of its place, as a share of length and width; of its yaw."""
 
-LEAST_M, LEAST_RAD = 1e-3, 1e-2
+MIN_M, MIN_RAD = 1e-3, 1e-2
 """Smallest standard deviations: a box is not known better."""
 
-_LEAST = np.diag([LEAST_M, LEAST_M, LEAST_RAD]) ** 2
+_MIN = np.diag([MIN_M, MIN_M, MIN_RAD]) ** 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class BoxBelief:
     @cached_property
     def information(self) -> F64:
         """(N, 3, 3) inverse covariances."""
-        return inverse(self.covariances)
+        return np.asarray(np.linalg.inv(self.covariances), np.float64)
 
     @cached_property
     def log_confusion(self) -> F64:
@@ -114,12 +114,12 @@ def prior_covariances(boxes: Boxes3D) -> F64:
         guess[:, 0, 0] = guess[:, 1, 1] = (UNKNOWN_SHARE * boxes.sizes[:, :2].mean(1)) ** 2
         guess[:, 2, 2] = UNKNOWN_YAW**2
         known = np.where(unknown[:, None, None], guess, known)
-    return np.asarray(known + _LEAST)
+    return np.asarray(known + _MIN)
 
 
 def spread(covariances: F64, jacobians: F64) -> F64:
     """(P, 4) variances of features that covariances (P, 3, 3) of x, y, yaw make, by derivatives (P, 4, 3)."""
-    return np.asarray((np.einsum("pfa,pab->pfb", jacobians, covariances) * jacobians).sum(2))
+    return np.asarray((jacobians @ covariances * jacobians).sum(2))
 
 
 def what_box_says(boxes: BoxBelief, seen_rows: I64) -> Others:
@@ -136,25 +136,65 @@ def what_others_say(boxes: BoxBelief, seen_rows: I64, pairs: MatchedPairs) -> Ot
         seen_rows: (P,) the box of each projected rectangle.
         pairs: The matched ones of these rectangles.
     """
-    normal, pull, log_classes = sums_of_others(
-        seen_rows,
-        boxes.information,
-        boxes.log_classes,
-        boxes.log_confusion,
-        pairs.seen,
-        pairs.class_ids,
-        pairs.differences,
-        pairs.noise,
-        pairs.squared,
-        pairs.jacobians,
-        FREEDOM,
+    weights, slopes = _weights(pairs.squared, pairs.noise)[..., None], pairs.jacobians
+    own_normal = (slopes * weights).swapaxes(1, 2) @ slopes
+    own_pull = (slopes * weights * pairs.differences[..., None]).sum(1)
+    normal, pull, log_classes = (
+        _sums_of_others(own, pairs.seen, seen_rows)
+        for own in (own_normal, own_pull, boxes.log_confusion.T[pairs.class_ids])
     )
-    covariances = inverse(normal)
-    return Others(np.einsum("pab,pb->pa", covariances, pull), covariances, _log_given(log_classes, boxes.confusion))
+    covariances = np.asarray(np.linalg.inv(boxes.information[seen_rows] + normal), np.float64)
+    shifts = (covariances * pull[:, None]).sum(2)
+    return Others(shifts, covariances, _log_given(boxes.log_classes[seen_rows] + log_classes, boxes.confusion))
+
+
+def common_shifts(
+    seen_cameras: I64, prior: F64, matched: I64, away_px: F64, variances: F64, squared: F64
+) -> tuple[F64, F64]:
+    """The shift that each pair has to expect, by the other pairs of its camera.
+
+    A mean with the weights of the t distribution, of which the calibration's own uncertainty is a part with mean 0. No
+    pair speaks for itself: from each, its own share is taken off.
+
+    Args:
+        seen_cameras: (P,) camera of each projected 3D box.
+        prior: (P, 2) variance of u and v by the calibration, pixels^2.
+        matched: (T,) rows of those that are matched, each at most once.
+        away_px: (T, 2) centre of the 2D box less that of the projected 3D box.
+        variances: (T, 2) of these, without `prior`.
+        squared: (T,) how far the 2D box lies off in all, in standard deviations, squared.
+
+    Returns:
+        (P, 2) shifts of u and v in pixels, and (P, 2) their variances.
+    """
+    weights = _weights(squared, variances)
+    information = _sums_of_others(weights, matched, seen_cameras)
+    left = prior / (1 + prior * information)
+    return left * _sums_of_others(weights * away_px, matched, seen_cameras), left
+
+
+def _weights(squared: F64, variances: F64) -> F64:
+    """(T, D) weights of differences of these variances in pairs that lie (T,) squared deviations off."""
+    return np.asarray((FREEDOM + 4) / (FREEDOM + squared)[:, None] / variances)
+
+
+def _sums_of_others(own: F64, matched: I64, groups: I64) -> F64:
+    """(P, ...) for each rectangle, the sum over the pairs of its group but its own one.
+
+    Args:
+        own: (T, ...) what each pair adds.
+        matched: (T,) row of the rectangle of each pair, each at most once.
+        groups: (P,) group of each rectangle.
+    """
+    total = np.zeros((groups.max(initial=-1) + 1, *own.shape[1:]))
+    np.add.at(total, groups[matched], own)
+    others = total[groups]
+    others[matched] -= own
+    return others
 
 
 def _log_given(log_classes: F64, confusion: F64) -> F64:
     """(P, K) logarithm of the probability that a 2D detector gives each class, from that of each true class."""
     belief = np.exp(log_classes - log_classes.max(1, keepdims=True))
     belief /= belief.sum(1, keepdims=True)
-    return np.asarray(np.log(np.einsum("pk,kc->pc", belief, confusion)))
+    return np.asarray(np.log(belief @ confusion))

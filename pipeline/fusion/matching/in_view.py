@@ -1,4 +1,9 @@
-"""The 3D boxes of a frame in the images of all cameras at once."""
+"""The 3D boxes of a frame in the images of all cameras at once, and how far they hide each other there.
+
+Two boxes on the ground that do not overlap can be parted by a line along a side of one of them. The one on the
+camera's side of that line is in front: exact for boxes, where a comparison of distances is wrong beside long ones (a
+bus along the road, and a pedestrian beside its middle).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64, Bools
+from pipeline.core.arrays import F32, F64, I64, Bools, Indices, first_of_runs
 from pipeline.core.camera import EDGE_SHARES, NEAR_M
 from pipeline.core.detections import Boxes3D
 from pipeline.core.errors import FrameError
@@ -14,11 +19,13 @@ from pipeline.core.geometry.box_edges import BOX_EDGES
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.optics.outline_kernels import rectangles_of_cut_boxes
 from pipeline.core.rig import CameraSensor
-from pipeline.fusion.matching.in_view_kernels import clipped_edges, in_pyramids, seen_from
-from pipeline.fusion.outline import cuboid_outline
-from pipeline.fusion.projection import CameraArrays, project_edges
+from pipeline.fusion.found import pairs_of_images
+from pipeline.fusion.projection import CameraArrays, cuboid_outline, project_edges
 
-__all__ = ["InView", "project_into_views"]
+__all__ = ["InView", "hidden_parts", "project_into_views"]
+
+MAX_COVERS = 8
+"""Of more boxes in front of one, those that cover most of it count."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,19 +67,22 @@ def project_into_views(boxes: Boxes3D, views: Sequence[CameraSensor], arrays: Ca
             raise FrameError(
                 f"camera {view.name}: expected boxes in frame {view.T_camera_site.src!r}, found {boxes.frame_id!r}"
             )
-    centers_camera = seen_from(boxes.centers, arrays.rotations, arrays.translations)
+    centers_camera = boxes.centers @ arrays.rotations.swapaxes(1, 2) + arrays.translations[:, None]
     radii_m = np.sqrt((boxes.sizes**2).sum(1)) / 2
     if arrays.lenses.bends:
-        angles = np.array([view.model.view_angle_rad for view in views])
-        near = _in_cones(centers_camera, radii_m, angles)
+        near = _in_cones(centers_camera, radii_m, np.array([view.model.view_angle_rad for view in views]))
     else:
-        near = in_pyramids(centers_camera, radii_m, *_pyramids(arrays), NEAR_M)
+        near = _in_pyramids(centers_camera, radii_m, arrays)
     cameras, rows = (np.ascontiguousarray(pairs) for pairs in near.nonzero())
     placed = boxes.centers.take(rows, 0), boxes.sizes.take(rows, 0), boxes.yaws.take(rows)
     outline = cuboid_outline(bent=bool(arrays.lenses.bent[cameras].any()))
     edges = project_edges(*placed, arrays, outline, rows=cameras)
-    xyxy, jacobian, cut = clipped_edges(edges.xyxy, edges.jacobian, edges.valid, cameras, arrays.image_sizes)
+    xyxy = edges.xyxy.clip(0.0, arrays.limits[cameras])
+    moves = (xyxy == edges.xyxy) & edges.valid[:, None]
+    jacobian = edges.jacobian[..., :3] * moves[..., None]
+    cut = np.flatnonzero(~edges.valid)
     if len(cut):  # boxes beside the camera: cut edges, without derivatives
+        jacobian[cut] = 0.0
         xyxy[cut] = _cut_rectangles(box_corners(*(array[cut] for array in placed)), arrays.select(cameras[cut]))
     shown = (xyxy[:, 2] > xyxy[:, 0]) & (xyxy[:, 3] > xyxy[:, 1])
     if not shown.all():
@@ -81,11 +91,100 @@ def project_into_views(boxes: Boxes3D, views: Sequence[CameraSensor], arrays: Ca
     return InView(cameras, rows, xyxy.astype(np.float32), jacobian, ranges_m)
 
 
+def hidden_parts(boxes: Boxes3D, seen: InView, positions_site: F64) -> tuple[F32, F32]:
+    """How much of each rectangle is covered by boxes in front of it.
+
+    Args:
+        boxes: N boxes in the site frame.
+        seen: P of them in images.
+        positions_site: (C, 3) where the cameras stand, metres.
+
+    Returns:
+        (P,) share of the rectangle that nearer ones cover; (P, 4) the smallest rectangle around the rest, in pixels,
+        the rectangle itself where nothing is left.
+    """
+    share, rest = np.zeros(len(seen), np.float32), seen.xyxy.copy()
+    back, front = pairs_of_images(seen.cameras, seen.cameras)
+    shared = _intersections(seen.xyxy[back], seen.xyxy[front])
+    overlap = (back != front) & (shared[:, 2:] > shared[:, :2]).all(1)
+    back, front, shared = back[overlap], front[overlap], shared[overlap]
+    in_front = _in_front(boxes, seen, positions_site, front, back)
+    back, shared = back[in_front], shared[in_front]
+    if not len(back):
+        return share, rest
+    order = np.lexsort([-(shared[:, 2:] - shared[:, :2]).prod(1), back])
+    back, shared = back[order], shared[order]
+    is_first = first_of_runs(back)
+    group = np.cumsum(is_first) - 1
+    rank = np.arange(len(back)) - np.flatnonzero(is_first)[group]
+    counted = rank < MAX_COVERS
+    hidden = back[is_first]
+    own = seen.xyxy[hidden].astype(np.float64)
+    covers = np.tile(own[:, None, [0, 1, 0, 1]], (1, int(rank[counted].max()) + 1, 1))  # without extent, but for
+    covers[group[counted], rank[counted]] = shared[counted]
+    share[hidden], rest[hidden] = _uncovered(own, covers)
+    return share, rest
+
+
+def _intersections(first: F32, second: F32) -> F64:
+    """(Q, 4) what rectangles have in common; inverted where that is nothing."""
+    low, high = np.maximum(first[:, :2], second[:, :2]), np.minimum(first[:, 2:], second[:, 2:])
+    return np.concatenate([low, high], 1).astype(np.float64)
+
+
+def _in_front(boxes: Boxes3D, seen: InView, positions_site: F64, front: Indices, back: Indices) -> Bools:
+    """(Q,) whether a box stands between the camera and another one; by their distances where no line parts them."""
+    cameras, rows, others = positions_site[seen.cameras[front], :2], seen.rows[front], seen.rows[back]
+    own_side, other_side = _parted(boxes, rows, others, cameras)
+    own_side_too, other_side_too = _parted(boxes, others, rows, cameras)
+    is_ahead, is_behind = own_side | other_side_too, other_side | own_side_too
+    return np.where(is_ahead == is_behind, seen.ranges_m[front] < seen.ranges_m[back], is_ahead)
+
+
+def _parted(boxes: Boxes3D, rows: I64, others: I64, cameras: F64) -> tuple[Bools, Bools]:
+    """(Q,) whether a side of a box parts it from another with the camera on its own side; (Q,) on the other's."""
+    half, yaws = boxes.sizes[rows, :2] / 2, boxes.yaws[rows]
+    gap, camera = (_turned(place - boxes.centers[rows, :2], yaws) for place in (boxes.centers[others, :2], cameras))
+    turn = boxes.yaws[others] - yaws
+    cos, sin, other_half = np.abs(np.cos(turn)), np.abs(np.sin(turn)), boxes.sizes[others, :2] / 2
+    reach = cos[:, None] * other_half + sin[:, None] * other_half[:, ::-1]
+    parted, beyond = np.abs(gap) - reach >= half, np.sign(gap) * camera >= half
+    return np.asarray((parted & ~beyond).any(1)), np.asarray((parted & beyond).any(1))
+
+
+def _turned(offsets: F64, yaws: F64) -> F64:
+    """(Q, 2) offsets along the length and the width of boxes."""
+    cos, sin, x, y = np.cos(yaws), np.sin(yaws), offsets[:, 0], offsets[:, 1]
+    return np.stack([x * cos + y * sin, y * cos - x * sin], 1)
+
+
+def _uncovered(own: F64, covers: F64) -> tuple[F64, F64]:
+    """(B,) covered shares of rectangles (B, 4) under others within them, (B, K, 4); (B, 4) rectangles around the rest.
+
+    Between two places where a rectangle begins or ends, across or down, everything is either covered or free.
+    """
+    x, y = (
+        np.sort(np.concatenate([own[:, axis::2], covers[..., axis], covers[..., axis + 2]], 1), axis=1)
+        for axis in (0, 1)
+    )
+    in_x = np.asarray((covers[..., :1] <= x[:, None, :-1]) & (x[:, None, 1:] <= covers[..., 2:3]))
+    in_y = np.asarray((covers[..., 1:2] <= y[:, None, :-1]) & (y[:, None, 1:] <= covers[..., 3:]))
+    area = np.diff(y)[:, :, None] * np.diff(x)[:, None, :]
+    free = np.asarray((area > 0) & ~(in_y[..., None] & in_x[:, :, None]).any(1))
+    left_px2 = (area * free).sum((1, 2))
+    around = [
+        np.where(free.any(1), x[:, :-1], np.inf).min(1),
+        np.where(free.any(2), y[:, :-1], np.inf).min(1),
+        np.where(free.any(1), x[:, 1:], -np.inf).max(1),
+        np.where(free.any(2), y[:, 1:], -np.inf).max(1),
+    ]
+    share = 1.0 - (left_px2 / (own[:, 2:] - own[:, :2]).prod(1)).clip(0.0, 1.0)
+    return share, np.where(np.asarray(free.any((1, 2)))[:, None], np.stack(around, 1), own)
+
+
 def _cut_rectangles(corners: F64, cameras: CameraArrays) -> F32:
     """(P, 4) rectangles around boxes, of which a part may be behind the camera, as `CameraModel.project_boxes`."""
-    x, y, z = (corners[..., axis, None] for axis in range(3))
-    R, t = cameras.rotations[:, None], cameras.translations[:, None]
-    ahead = R[..., 0] * x + R[..., 1] * y + R[..., 2] * z + t
+    ahead = corners @ cameras.rotations.swapaxes(1, 2) + cameras.translations[:, None]
     found = rectangles_of_cut_boxes(ahead, BOX_EDGES, EDGE_SHARES, cameras.image_sizes, *cameras.lenses.arrays)
     return found.astype(np.float32)
 
@@ -97,6 +196,13 @@ def _in_cones(centers_camera: F64, radii_m: F64, angles_rad: F64) -> Bools:
     reach = np.where(range_m > radii_m, np.arcsin(radii_m / np.maximum(np.maximum(range_m, radii_m), 1e-9)), np.pi)
     aside = np.arctan2(np.sqrt(x * x + y * y), z)
     return np.asarray((z + radii_m > NEAR_M) & (aside - reach < angles_rad[:, None]))
+
+
+def _in_pyramids(centers_camera: F64, radii_m: F64, arrays: CameraArrays) -> Bools:
+    """(C, N) whether the sphere around each box reaches into what a camera with a straight lens sees."""
+    planes, lengths = _pyramids(arrays)
+    inside = centers_camera @ planes.swapaxes(1, 2) > -radii_m[:, None] * lengths[:, None]
+    return np.asarray((centers_camera[..., 2] + radii_m > NEAR_M) & inside.all(2))
 
 
 @lru_cache(maxsize=4)

@@ -6,9 +6,8 @@ import numpy as np
 
 from pipeline.core.arrays import F64
 from pipeline.core.detections import Boxes3D, Source
+from pipeline.core.geometry.boxes import rotations_2d
 from pipeline.core.settings.fuse import FuseConfig
-from pipeline.fusion.refining.prior_kernels import guessed_covariances, prior_covariances
-from pipeline.fusion.small_matrices import inverse
 
 __all__ = ["STATES", "BoxPrior", "box_prior", "known_covariances"]
 
@@ -24,19 +23,19 @@ UNKNOWN_YAW_RAD, ANY_YAW_RAD = 0.1, np.pi / 4
 SQUARE = 1.5
 """Length by width from which on the heading of a box shows."""
 
-LEAST_SHARE, LEAST_RAD = 0.01, np.deg2rad(0.5)
+MIN_SHARE, MIN_RAD = 0.01, np.deg2rad(0.5)
 """Smallest standard deviations, of the place as a share of the width: boxes are not known better."""
 
-MOST_YAW_RAD = 0.6
+MAX_YAW_RAD = 0.6
 """Largest standard deviation of a heading that is refined; front and rear are not told apart here."""
 
 SEEN_SHARE = 0.03
 """Standard deviation of a length, and a width, of which lidars saw both ends, as a share of it."""
 
-MOST_EXPLAINED = 0.95
+MAX_EXPLAINED = 0.95
 """Largest share of the variance of the centre that comes from an unknown length, or width."""
 
-LEAST_ANCHOR = 0.25
+MIN_ANCHOR = 0.25
 """Where lidars see both ends, the length errs by four times the error of the centre at most."""
 
 CLASS_SHARE = 0.1
@@ -73,8 +72,14 @@ def known_covariances(boxes: Boxes3D, lidar_xy: F64) -> F64:
         boxes: N boxes.
         lidar_xy: (L, 2) positions of the lidars, metres; there may be none.
     """
-    guess = np.array([UNKNOWN_SHARE, UNKNOWN_PER_M, UNKNOWN_YAW_RAD, ANY_YAW_RAD, SQUARE])
-    return guessed_covariances(boxes.covariances, boxes.centers, boxes.sizes, lidar_xy, guess)
+    length, width = boxes.sizes[:, :2].max(1), boxes.sizes[:, :2].min(1)
+    away_m = np.linalg.norm(boxes.centers[:, None, :2] - lidar_xy, axis=2).min(1) if len(lidar_xy) else 0.0
+    shows = ((length / width - 1) / (SQUARE - 1)).clip(0.0, 1.0)
+    guess = np.zeros(boxes.covariances.shape)
+    guess[:, 0, 0] = guess[:, 1, 1] = (UNKNOWN_SHARE * width + UNKNOWN_PER_M * away_m) ** 2
+    guess[:, 2, 2] = (ANY_YAW_RAD + shows * (UNKNOWN_YAW_RAD - ANY_YAW_RAD)) ** 2
+    is_known = (boxes.covariances != 0).any((1, 2))
+    return np.where(is_known[:, None, None], boxes.covariances, guess)
 
 
 def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
@@ -89,16 +94,67 @@ def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
         lidar_xy: (L, 2) positions of the lidars, metres.
         config: `lidar_sigma_scale`, `size_sigma` and `heading_sigma_deg`.
     """
-    limits = [LEAST_SHARE, LEAST_RAD**2, MOST_YAW_RAD**2, MOST_EXPLAINED, LEAST_ANCHOR, config.size_sigma**2]
-    limits += [SEEN_SHARE**2, CLASS_SHARE**2, SPEED_PER_S, np.deg2rad(config.heading_sigma_deg) ** 2]
-    covariances, yaw_shares, yaw_rests = prior_covariances(
-        known_covariances(boxes, lidar_xy) * config.lidar_sigma_scale**2,
-        boxes.centers,
-        boxes.sizes,
-        np.cos(boxes.yaws),
-        np.sin(boxes.yaws),
-        boxes.sources != Source.CAMERA.value,
-        lidar_xy,
-        np.array(limits),
+    extents, is_seen = boxes.sizes[:, :2], boxes.sources != Source.CAMERA.value
+    known = known_covariances(boxes, lidar_xy) * config.lidar_sigma_scale**2
+    yaw_variances = known[:, 2, 2].clip(MIN_RAD**2, MAX_YAW_RAD**2)
+    shrunk = np.ones((len(boxes), 3))
+    shrunk[:, 2] = np.sqrt(yaw_variances / np.maximum(known[:, 2, 2], 1e-12))
+    pose = shrunk[:, :, None] * known * shrunk[:, None]
+    pose[:, 2, 2] = yaw_variances
+    pose[:, [0, 1], [0, 1]] += (MIN_SHARE * extents.min(1, keepdims=True)) ** 2
+
+    # A side that no lidar saw makes the variances along length and width differ: that comes from the size.
+    turn = rotations_2d(boxes.yaws)
+    left = _free_variances(pose, turn)
+    anchors = np.where(is_seen[:, None], _nearer_ends(boxes, lidar_xy, turn) / 2, 0.0)
+    grown = np.minimum(left - left.min(1, keepdims=True), MAX_EXPLAINED * left)
+    reach = np.maximum(np.abs(anchors), MIN_ANCHOR)
+    max_share = config.size_sigma**2
+    min_share = np.minimum(np.where(is_seen, SEEN_SHARE, CLASS_SHARE)[:, None] ** 2, max_share)
+    sizes = np.maximum(np.minimum(max_share, grown / (reach * extents) ** 2), np.maximum(min_share, 1e-6)) * extents**2
+    sizes = np.minimum(sizes, np.maximum(MAX_EXPLAINED * left / np.maximum(anchors**2, 1e-9), 1e-6 * extents**2))
+    too_wide = np.where(np.abs(anchors) > MIN_ANCHOR, np.maximum(grown - anchors**2 * sizes, 0.0), 0.0)
+    shared = anchors * sizes
+    # Even the smallest variance of the size may be more than the centre's.
+    most = np.copysign(np.sqrt(MAX_EXPLAINED * left * sizes), anchors)
+    shared = np.where(anchors * shared > left, most, shared)
+    pose[:, :2, :2] -= (turn * too_wide[:, None]) @ turn.swapaxes(1, 2)
+
+    covariances = np.zeros((len(boxes), 7, 7))
+    covariances[:, :3, :3] = pose
+    covariances[:, :2, 3:5] = -turn * shared[:, None]
+    covariances[:, 3:5, :2] = covariances[:, :2, 3:5].swapaxes(1, 2)
+    covariances[:, [3, 4], [3, 4]] = sizes
+    speed = SPEED_PER_S * np.sqrt(extents.prod(1))
+    covariances[:, 5, 5], covariances[:, 6, 6] = speed**2, (speed * extents.min(1) / extents.max(1)) ** 2
+    covariances[:, 2, 2] += np.deg2rad(config.heading_sigma_deg) ** 2
+    yaw_shares = yaw_variances / covariances[:, 2, 2]
+    return BoxPrior(
+        covariances, np.asarray(np.linalg.inv(covariances), np.float64), yaw_shares, yaw_variances * (1 - yaw_shares)
     )
-    return BoxPrior(covariances, inverse(covariances), yaw_shares, yaw_rests)
+
+
+def _free_variances(pose: F64, turn: F64) -> F64:
+    """(N, 2) variances of the centre along length and width that are independent of the yaw and of each other.
+
+    Taken away from the covariances (N, 3, 3) of x, y, yaw, they leave a matrix without negative eigenvalues.
+    """
+    by_yaw = pose[:, :2, 2]
+    place = pose[:, :2, :2] - by_yaw[:, :, None] * by_yaw[:, None] / pose[:, 2, 2, None, None]
+    along_box = turn.swapaxes(1, 2) @ place @ turn
+    own = np.maximum(np.diagonal(along_box, axis1=1, axis2=2), 1e-12)
+    both = np.abs(along_box[:, 0, 1])[:, None]
+    return np.asarray(np.maximum(own - both * np.sqrt(own / own[:, ::-1]), 0.0))
+
+
+def _nearer_ends(boxes: Boxes3D, lidar_xy: F64, turn: F64) -> F64:
+    """(N, 2) along length and width: 1 where all lidars are beyond the front or left end, -1 the other, 0 beside.
+
+    Lidars count by the inverse square of their distance, as their points do.
+    """
+    if not len(lidar_xy):
+        return np.zeros((len(boxes), 2))
+    gap = lidar_xy - boxes.centers[:, None, :2]
+    weights = 1 / np.maximum((gap * gap).sum(2), 1e-3)
+    ends = (gap @ turn / (boxes.sizes[:, None, :2] / 2)).clip(-1.0, 1.0)
+    return np.asarray((weights[..., None] * ends).sum(1) / weights.sum(1, keepdims=True))

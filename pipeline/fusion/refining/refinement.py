@@ -16,14 +16,12 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools, first_of_runs
+from pipeline.core.arrays import F64, Bools, Indices, first_of_runs
 from pipeline.core.detections import Boxes3D
-from pipeline.fusion.outline import Outline
-from pipeline.fusion.projection import project_edges
+from pipeline.core.geometry.boxes import rotations_2d
+from pipeline.fusion.projection import Outline, project_edges
 from pipeline.fusion.refining.box_prior import BoxPrior
-from pipeline.fusion.refining.fit_kernels import averaged_states, boxes_at, normal_equations
-from pipeline.fusion.refining.measured_edges import MeasuredEdges
-from pipeline.fusion.small_matrices import inverse, solve
+from pipeline.fusion.refining.edges import MeasuredEdges
 
 __all__ = ["RefinedBoxes", "predicted_edges", "refine_boxes"]
 
@@ -39,7 +37,7 @@ BORDER = 3.0
 GATE = 16.27
 """Square of the largest step in standard deviations of the prior: 99.9 % for three degrees of freedom."""
 
-LEAST_SIZE, MOST_SIZE = 0.5, 1.5
+MIN_SIZE, MAX_SIZE = 0.5, 1.5
 """Bounds of a refined length and width, as shares of the prior's."""
 
 _OFFSETS = np.linspace(-SPAN, SPAN, YAWS)
@@ -73,32 +71,83 @@ class RefinedBoxes(NamedTuple):
 
 
 class _Problem(NamedTuple):
-    """N boxes, and P pairs with an outline of the box for each."""
+    """N boxes, and P pairs with an outline of the box for each.
+
+    Attributes:
+        boxes: Of the prior.
+        prior: Its distributions.
+        edges: Sorted by the box, of which each has some.
+        outline: Of the box of each pair.
+        turn: (N, 2, 2) from the axes of the boxes to those of the site.
+        starts: (N,) first pair of each box.
+    """
 
     boxes: Boxes3D
     prior: BoxPrior
     edges: MeasuredEdges
     outline: Outline
-    cosines: F64
-    sines: F64
+    turn: F64
+    starts: Indices
 
     @classmethod
     def of(cls, boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline: Outline) -> Self:
         """The problem, with what is the same in all steps."""
-        return cls(boxes, prior, edges, outline, np.cos(boxes.yaws), np.sin(boxes.yaws))
+        starts = np.flatnonzero(first_of_runs(edges.rows))
+        return cls(boxes, prior, edges, outline, rotations_2d(boxes.yaws), starts)
+
+    def projected(self, states: F64) -> tuple[F64, F64]:
+        """The edges of the boxes in given states, at the times of the images.
+
+        Args:
+            states: (N, K, 7) in the order of `STATES`, less the prior's.
+
+        Returns:
+            (P, K, 4) edges, pixels, and (P, K, 4, 7) their derivatives by `projection.PARAMETERS`.
+        """
+        boxes, edges, rows = self.boxes, self.edges, self.edges.rows
+        at_pairs, count = states[rows], len(rows) * states.shape[1]
+        centers, sizes = (
+            np.repeat(values[rows, None], states.shape[1], axis=1) for values in (boxes.centers, boxes.sizes)
+        )
+        moved = at_pairs[..., 5:] @ self.turn[rows].swapaxes(1, 2) * edges.later_s[:, None, None]
+        centers[..., :2] += at_pairs[..., :2] + moved
+        extent = sizes[..., :2]
+        sizes[..., :2] = (extent + at_pairs[..., 3:5]).clip(MIN_SIZE * extent, MAX_SIZE * extent)
+        yaws = boxes.yaws[rows, None] + at_pairs[..., _YAW]
+        pairs = np.repeat(np.arange(len(rows)), states.shape[1])
+        placed = centers.reshape(count, 3), sizes.reshape(count, 3), yaws.reshape(count)
+        found = project_edges(*placed, edges.cameras, self.outline, rows=pairs)
+        return found.xyxy.reshape(*yaws.shape, 4), found.jacobian.reshape(*yaws.shape, 4, 7)
 
     def linearised(self, states: F64) -> tuple[F64, F64, F64]:
-        """What `normal_equations` gives at states (N, K, 7) less the prior's."""
-        boxes, edges = self.boxes, self.edges
-        turns = self.cosines, self.sines
-        placed = boxes.centers, boxes.sizes, boxes.yaws
-        tried = boxes_at(states, edges.rows, edges.later_s, *placed, *turns, LEAST_SIZE, MOST_SIZE)
-        pairs = np.repeat(np.arange(len(edges)), states.shape[1])
-        found = project_edges(*tried, edges.cameras, self.outline, rows=pairs)
-        measured = edges.xyxy, edges.sigma_px, edges.cameras.limits, edges.later_s
-        return normal_equations(
-            states, self.prior.information, edges.rows, found.xyxy, found.jacobian, *measured, *turns, BORDER, CAUCHY
-        )
+        """The linear systems of a Gauss-Newton step, at a given yaw, from each of the states that are tried.
+
+        An edge of a 2D box near the border of its image may be the border: it is compared with the edge of the
+        projection clipped to the image, and where that is the border, a small change of the box changes nothing.
+
+        Args:
+            states: (N, K, 7) less the prior's.
+
+        Returns:
+            (N, K, 6, 6) normal matrices over all states but the yaw; (N, K, 6) their right sides; (N, K) twice the
+            negative logarithm of the probability.
+        """
+        xyxy, jacobian = self.projected(states)
+        edges = self.edges
+        limits, sigma_px = edges.cameras.limits[:, None], edges.sigma_px[:, None]
+        near = np.minimum(edges.xyxy, edges.cameras.limits - edges.xyxy) < BORDER * edges.sigma_px
+        shown = np.where(near[:, None], xyxy.clip(0.0, limits), xyxy)
+        residual = (edges.xyxy[:, None] - shown) / sigma_px
+        squared = (residual / CAUCHY) ** 2
+        weights = np.where(shown == xyxy, 1 / (1 + squared), 0.0)[..., None]
+        by_speed = jacobian[..., :2] @ self.turn[edges.rows][:, None] * edges.later_s[:, None, None, None]
+        slopes = np.concatenate([jacobian[..., [0, 1, 3, 4]], by_speed], 3) / sigma_px[..., None]
+        weighed = (slopes * weights).swapaxes(2, 3)
+        drawn_back = states @ self.prior.information
+        normal = np.add.reduceat(weighed @ slopes, self.starts) + self.prior.information[:, None, _REST[:, None], _REST]
+        right = np.add.reduceat((weighed @ residual[..., None])[..., 0], self.starts) - drawn_back[..., _REST]
+        cost = np.add.reduceat(CAUCHY**2 * np.log1p(squared).sum(2), self.starts) + (drawn_back * states).sum(2)
+        return normal, right, cost
 
     def averaged(self, means: F64, covariances: F64, *, steps: int) -> tuple[F64, F64]:
         """Means (N, 7) and covariances (N, 7, 7), by Gauss-Newton steps from each of some headings.
@@ -112,11 +161,17 @@ class _Problem(NamedTuple):
         states = means[:, None] + _OFFSETS[:, None] * (covariances[:, _YAW] / yaw_sigma[:, None])[:, None]
         for _ in range(steps):
             normal, right, cost = self.linearised(states)
-            found, log_det = solve(normal, right)
-            states[..., _REST] += found[..., 0]
-        log_odds = -(cost - (found[..., 0] * right[..., 0]).sum(2) + log_det) / 2
-        about_each = (yaw_sigma * (_OFFSETS[1] - _OFFSETS[0])) ** 2 / 12
-        return averaged_states(states, log_odds, np.ascontiguousarray(found[..., 1:]), about_each)
+            step = np.linalg.solve(normal, right[..., None])[..., 0]
+            states[..., _REST] += step
+        log_odds = ((step * right).sum(2) - cost - np.linalg.slogdet(normal)[1]) / 2
+        shares = np.exp(log_odds - log_odds.max(1, keepdims=True))
+        shares /= shares.sum(1, keepdims=True)
+        mean = (shares[..., None] * states).sum(1)
+        apart = states - mean[:, None]
+        spread = (shares[..., None] * apart).swapaxes(1, 2) @ apart
+        spread[:, _REST[:, None], _REST] += (shares[..., None, None] * np.linalg.inv(normal)).sum(1)
+        spread[:, _YAW, _YAW] += (yaw_sigma * (_OFFSETS[1] - _OFFSETS[0])) ** 2 / 12
+        return mean, spread
 
     def best_known(self, covariances: F64) -> tuple[F64, F64]:
         """When the place of each box is known best, between cloud and images.
@@ -130,10 +185,9 @@ class _Problem(NamedTuple):
         Returns:
             (N,) seconds after the time of the prior; (N, 3, 7) x, y and yaw at that time by the states.
         """
-        turn = np.column_stack([self.cosines, -self.sines, self.sines, self.cosines]).reshape(-1, 2, 2)
-        common = np.einsum("nij,nij->n", turn, covariances[:, :2, 5:])
+        turn, starts = self.turn, self.starts
+        common = (turn * covariances[:, :2, 5:]).sum((1, 2))
         later_s = -common / (covariances[:, 5, 5] + covariances[:, 6, 6])
-        starts = np.flatnonzero(first_of_runs(self.edges.rows))
         measured_s = self.edges.later_s
         first_s, last_s = np.minimum.reduceat(measured_s, starts), np.maximum.reduceat(measured_s, starts)
         later_s = np.clip(later_s, np.minimum(first_s, 0.0), np.maximum(last_s, 0.0))
@@ -175,8 +229,10 @@ def refine_boxes(boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline:
     both = np.zeros((n, 2, 7))
     both[:, 1] = mean
     _, _, costs = problem.linearised(both)
-    inner = np.einsum("ni,nij,nj->n", mean[:, :3], inverse(prior.covariances[:, :3, :3]), mean[:, :3])
-    accepted = (costs[:, 1] <= costs[:, 0]) & (inner <= GATE) & (np.abs(mean[:, _YAW]) < np.pi / 2)
+    pull = np.linalg.solve(prior.covariances[:, :3, :3], mean[:, :3, None])[..., 0]
+    accepted = (
+        (costs[:, 1] <= costs[:, 0]) & ((pull * mean[:, :3]).sum(1) <= GATE) & (np.abs(mean[:, _YAW]) < np.pi / 2)
+    )
     accepted &= np.isfinite(mean).all(1) & np.isfinite(covariances).all((1, 2))
     mean = np.where(accepted[:, None], mean, 0.0)
     covariances = np.where(accepted[:, None, None], covariances, prior.covariances)
@@ -188,10 +244,10 @@ def refine_boxes(boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline:
     later_s, moved = problem.best_known(covariances)
     extent = boxes.sizes[:, :2]
     return RefinedBoxes(
-        boxes.centers[:, :2] + np.einsum("nij,nj->ni", moved, mean)[:, :2],
+        boxes.centers[:, :2] + (moved @ mean[..., None])[:, :2, 0],
         boxes.yaws + mean[:, _YAW],
-        np.clip(extent + mean[:, 3:5], LEAST_SIZE * extent, MOST_SIZE * extent),
-        np.einsum("nij,njk,nlk->nil", moved, covariances, moved),
+        np.clip(extent + mean[:, 3:5], MIN_SIZE * extent, MAX_SIZE * extent),
+        moved @ covariances @ moved.swapaxes(1, 2),
         later_s,
         accepted,
         np.ascontiguousarray(costs[:, 1]),

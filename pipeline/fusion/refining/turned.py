@@ -12,8 +12,8 @@ import numpy as np
 from pipeline.core.arrays import I64, Bools, first_of_runs
 from pipeline.core.detections import Boxes3D
 from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.fusion.refining.box_prior import MOST_YAW_RAD, SQUARE
-from pipeline.fusion.refining.measured_edges import MeasuredEdges
+from pipeline.fusion.refining.box_prior import MAX_YAW_RAD, SQUARE
+from pipeline.fusion.refining.edges import MeasuredEdges
 from pipeline.fusion.refining.refinement import RefinedBoxes
 
 __all__ = ["better_turned", "with_turned"]
@@ -40,7 +40,7 @@ def with_turned(boxes: Boxes3D, edges: MeasuredEdges) -> tuple[Boxes3D, Measured
     """
     own = np.arange(len(boxes))
     is_long = boxes.sizes[:, 0] > SQUARE * boxes.sizes[:, 1]
-    is_unknown = is_long & (boxes.covariances[:, 2, 2] > MOST_YAW_RAD**2)
+    is_unknown = is_long & (boxes.covariances[:, 2, 2] > MAX_YAW_RAD**2)
     if is_unknown.any():
         is_unknown &= np.bincount(edges.rows, minlength=len(boxes)) > 0
     unknown = np.flatnonzero(is_unknown)
@@ -56,7 +56,7 @@ def with_turned(boxes: Boxes3D, edges: MeasuredEdges) -> tuple[Boxes3D, Measured
     turned = replace(
         turned,
         yaws=wrap_angle(turned.yaws + np.pi / 2),
-        covariances=np.einsum("ij,njk,lk->nil", quarter, turned.covariances, quarter),
+        covariances=quarter @ turned.covariances @ quarter.T,
     )
     again = np.flatnonzero(is_unknown[edges.rows])
     number = len(boxes) + np.searchsorted(unknown, edges.rows[again])

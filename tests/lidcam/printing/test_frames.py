@@ -42,28 +42,28 @@ def test_without_cameras_nothing_is_placed() -> None:
     assert text.splitlines()[-1] == "  seen by the lidars alone: none"
 
 
-def test_rows_beyond_the_lidars_were_begun_from_2d_boxes() -> None:
+def test_rows_beyond_the_lidars_are_proposed_by_2d_boxes() -> None:
     result = frame(sources=[LIDAR, BOTH, CAMERA])
-    begun = replace(result.hypotheses, lidar_count=1, matches=_matched_last(result))
-    lines = printed(replace(result, hypotheses=begun)).splitlines()
+    proposed = replace(result.hypotheses, lidar_count=1, matches=_matched_last(result))
+    lines = printed(replace(result, hypotheses=proposed)).splitlines()
     assert "  left: 2D box 1 (pedestrian) is object 2, IoU 0.50" in lines
     assert lines[-3:] == [
-        "  object 1: begun from 2D boxes, with points of the lidars",
-        "  object 2: begun from 2D boxes, placed by the cameras alone",
+        "  object 1: proposed by 2D boxes, with points of the lidars",
+        "  object 2: proposed by 2D boxes, placed by the cameras alone",
         "  seen by the lidars alone: object 0",
     ]
 
 
 def test_what_is_not_reported_is_no_object() -> None:
     result = frame(sources=[LIDAR, BOTH, CAMERA])
-    begun = replace(result.hypotheses, lidar_count=1, matches=_matched_last(result))
+    proposed = replace(result.hypotheses, lidar_count=1, matches=_matched_last(result))
     middle = np.array([1])
     fused = Fused(result.fused.objects.select(middle), result.fused.matched[middle], middle)
-    lines = printed(replace(result, hypotheses=begun, fused=fused)).splitlines()
+    lines = printed(replace(result, hypotheses=proposed, fused=fused)).splitlines()
     assert "  left: 2D box 1 (pedestrian) is 3D box 2 (not reported), IoU 0.50" in lines
     assert lines[-3:] == [
-        "  object 0: begun from 2D boxes, with points of the lidars",
-        "  3D box 2 (not reported): begun from 2D boxes, placed by the cameras alone",
+        "  object 0: proposed by 2D boxes, with points of the lidars",
+        "  3D box 2 (not reported): proposed by 2D boxes, placed by the cameras alone",
         "  seen by the lidars alone: 3D box 0 (not reported)",
     ]
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from detections import boxes2d, boxes3d, camera_rig, forward_camera
 from fusion_scenes import fusion_scenes
+from fusion_stages import associate_of
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
@@ -20,10 +21,8 @@ from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.rig import CameraSensor
 from pipeline.core.settings.config import Config
-from pipeline.fusion.matching.hiding import hidden_parts
-from pipeline.fusion.matching.in_view import project_into_views
+from pipeline.fusion.matching.in_view import hidden_parts, project_into_views
 from pipeline.fusion.projection import CameraArrays
-from pipeline.stages.associate import Associate
 from pipeline.stages.views import Views
 
 Key = tuple[str, int]
@@ -33,7 +32,7 @@ SIZES = {CAR: (4.0, 1.8, 1.5), PEDESTRIAN: (0.6, 0.6, 1.7), BUS: (11.5, 2.5, 3.2
 
 def associate(boxes: Boxes3D, found: Mapping[str, Boxes2D], views: Mapping[str, CameraSensor]) -> dict[Key, int]:
     """Row of the 3D box by camera and row of the 2D box."""
-    matches = Associate(camera_rig(*views.values()), Config())(boxes, found, views)
+    matches = associate_of(camera_rig(*views.values()))(boxes, found, views)
     return {(name, int(j)): int(i) for name, part in matches.items() for i, j in part.pairs}
 
 
@@ -225,7 +224,7 @@ def test_late_images_of_a_moving_rig() -> None:
     motion = PoseSamples("site", "odom", stamp_ns + np.array(times_s * 1e9, np.int64), poses)
     late = RawMessage(stamp_ns + 50_000_000, 0, (0, 0), b"", Channel(camera.topic, "sensor_msgs/msg/Image", "cdr"))
     bundle = SensorBundle(0, stamp_ns, stamp_ns, {camera.topic: late}, motion)
-    views = Views(camera_rig(camera), Config())(bundle)
+    views = Views(camera_rig(camera), Config().combine.motion)(bundle)
     ours, unmoved = Counter[str](), Counter[str]()
     for seed in range(20):
         truth = crowd(seed)

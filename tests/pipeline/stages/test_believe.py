@@ -5,6 +5,7 @@ from typing import Literal
 import numpy as np
 import pytest
 from detections import boxes2d, boxes3d, camera_rig, forward_camera
+from fusion_stages import believe_of
 from lidar_scene import combined
 
 from pipeline.core.arrays import F64
@@ -15,9 +16,9 @@ from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.detect import Detect3DConfig
 from pipeline.core.settings.fuse import FuseConfig
-from pipeline.fusion.belief.looks import Looks, looks_at
-from pipeline.stages.believe import Believe
+from pipeline.fusion.belief.visibility import Visibility, find_visibility
 
+CONFIG = Config()
 VIEW = forward_camera()
 RIG = camera_rig(VIEW)
 CAR = (20.0, 0.0, 0.0, 4.0, 1.8, 1.5, 0.0)
@@ -38,12 +39,12 @@ def hypotheses(boxes: Boxes3D, *pairs: tuple[int, int], lidar_count: int | None 
     return Hypotheses(boxes, {"cam": found}, len(boxes) if lidar_count is None else lidar_count)
 
 
-def believed(found: Hypotheses, seen: Mapping[str, Boxes2D], config: Config | None = None) -> F64:
-    return Believe(RIG, config or Config())(found, looks(found, seen), FRAME)
+def believed(found: Hypotheses, seen: Mapping[str, Boxes2D], config: Config = CONFIG) -> F64:
+    return believe_of(RIG, config)(found, seen_in(found, seen), FRAME)
 
 
-def looks(found: Hypotheses, seen: Mapping[str, Boxes2D]) -> Looks:
-    return looks_at(found, seen, {"cam": VIEW}, POINTS)
+def seen_in(found: Hypotheses, seen: Mapping[str, Boxes2D]) -> Visibility:
+    return find_visibility(found, seen, {"cam": VIEW}, POINTS)
 
 
 def test_what_a_camera_confirms_what_nobody_looks_at_and_what_it_does_not_confirm() -> None:
@@ -60,11 +61,11 @@ def test_what_a_camera_confirms_what_nobody_looks_at_and_what_it_does_not_confir
 
 
 def test_a_blind_camera_takes_less_and_less_away() -> None:
-    believe = Believe(RIG, Config())
+    believe = believe_of(RIG)
     found = hypotheses(boxes3d([CAR], scores=[0.5]))
-    (first,) = believe(found, looks(found, NOTHING), FRAME)
+    (first,) = believe(found, seen_in(found, NOTHING), FRAME)
     for _ in range(100):
-        (last,) = believe(found, looks(found, NOTHING), FRAME)
+        (last,) = believe(found, seen_in(found, NOTHING), FRAME)
     (without,) = believed(found, {})
     assert first < last < without
     assert last > 0.9 * without
@@ -75,9 +76,9 @@ def test_a_blind_camera_takes_less_and_less_away() -> None:
 def test_the_same_frames_give_the_same_probabilities() -> None:
     found = hypotheses(boxes3d([CAR, CAR], scores=[0.7, 0.1]), (0, 0))
     seen = {"cam": boxes2d([(280, 220, 360, 260, 0.8, 0)])}
-    one, two = Believe(RIG, Config()), Believe(RIG, Config())
+    one, two = believe_of(RIG), believe_of(RIG)
     for _ in range(5):
-        np.testing.assert_array_equal(one(found, looks(found, seen), FRAME), two(found, looks(found, seen), FRAME))
+        np.testing.assert_array_equal(one(found, seen_in(found, seen), FRAME), two(found, seen_in(found, seen), FRAME))
 
 
 @pytest.mark.parametrize(("method", "expected"), [("none", 0.3), ("cluster", None)])
@@ -89,7 +90,7 @@ def test_scores_of_another_detector_are_taken_as_they_are(
     assert (p == pytest.approx(0.3)) == (expected is not None)
 
 
-def test_what_was_begun_from_a_2d_box_needs_it() -> None:
+def test_what_a_2d_box_proposes_needs_it() -> None:
     boxes = boxes3d([CAR, CAR], scores=[0.5, 0.5])
     found = hypotheses(boxes, (1, 0), lidar_count=0)
     alone, matched = believed(found, {"cam": boxes2d([(280, 220, 360, 260, 0.8, 0)])})
@@ -99,7 +100,7 @@ def test_what_was_begun_from_a_2d_box_needs_it() -> None:
 def test_no_hypotheses_and_no_cameras() -> None:
     assert believed(hypotheses(boxes3d([])), NOTHING).shape == (0,)
     nobody = Hypotheses(boxes3d([CAR]), {}, 1)
-    assert Believe(camera_rig(), Config())(nobody, looks(nobody, {}), FRAME).shape == (1,)
+    assert believe_of(camera_rig())(nobody, seen_in(nobody, {}), FRAME).shape == (1,)
 
 
 def test_what_a_camera_said_counts_while_it_does_not_look_and_never_when_it_does() -> None:
@@ -110,9 +111,9 @@ def test_what_a_camera_said_counts_while_it_does_not_look_and_never_when_it_does
     def after(
         first: Mapping[str, Boxes2D], *pairs: tuple[int, int], gap_s: float, then: Mapping[str, Boxes2D]
     ) -> float:
-        believe = Believe(RIG, Config())
+        believe = believe_of(RIG)
         for found, seen, at_s in ((hypotheses(car, *pairs), first, 0.0), (hypotheses(car), then, gap_s)):
-            beliefs = believe(found, looks(found, seen), at(at_s))
+            beliefs = believe(found, seen_in(found, seen), at(at_s))
         return float(beliefs[0])
 
     soon, later = (after(seen, (0, 0), gap_s=gap_s, then={}) for gap_s in (0.1, 0.5))
@@ -129,11 +130,11 @@ def test_on_a_rig_that_moves_an_object_is_sought_where_it_is_now(moves: bool, re
     poses = np.tile(np.eye(4), (2, 1, 1))
     poses[1, 0, 3] = 10.0 * moves
     motion = PoseSamples("site", "odom", np.array([0, 200_000_000], np.int64), poses)
-    believe = Believe(RIG, Config())
+    believe = believe_of(RIG)
     there = hypotheses(boxes3d([CAR], scores=[0.2]), (0, 0))
-    believe(there, looks(there, seen), at(0.0))
+    believe(there, seen_in(there, seen), at(0.0))
     nearer = hypotheses(boxes3d([ahead], scores=[0.2]))
-    (p,) = believe(nearer, looks(nearer, {}), replace(at(0.2), motion=motion))
+    (p,) = believe(nearer, seen_in(nearer, {}), replace(at(0.2), motion=motion))
     assert (p > believed(nearer, {})[0]) == reaches
 
 

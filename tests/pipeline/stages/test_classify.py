@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from detections import boxes2d, boxes3d
 
+from pipeline.core.arrays import F64
 from pipeline.core.detections import Boxes2D, Hypotheses, Matches
-from pipeline.core.settings.classes import ROAD_CLASSES
-from pipeline.core.settings.config import Config
-from pipeline.stages.classify import Classify
+from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
+from pipeline.stages.classify import OWN_LOG_ODDS, Classify, class_log_odds, confusion, vote_log_odds
 
 CAR, PEDESTRIAN, BICYCLE, TRUCK, BUS = range(5)
 SIZES = [prior.size_m for prior in ROAD_CLASSES]
@@ -34,7 +34,7 @@ def classified(size: tuple[float, float, float], own: int, votes: Sequence[Vote]
     boxes = boxes3d([(5.0, 1.0, 0.5, *size, 0.3)], class_ids=[own])
     found = {f"cam{i}": seen(*vote) for i, vote in enumerate(votes)}
     given = Hypotheses(boxes, {name: matches((0, 0), boxes=1) for name in found}, 1)
-    return int(Classify(Config())(given, found).boxes.class_ids[0])
+    return int(Classify(ROAD_CLASSES)(given, found).boxes.class_ids[0])
 
 
 @pytest.mark.parametrize(
@@ -80,13 +80,72 @@ def test_the_order_of_the_cameras_does_not_matter() -> None:
 def test_only_the_class_changes_and_the_input_is_left_as_it_was() -> None:
     boxes = boxes3d([(5.0, 1.0, 0.5, *SIZES[PEDESTRIAN], 0.3)] * 2, class_ids=[PEDESTRIAN] * 2)
     given = Hypotheses(boxes, {"cam": matches((1, 0), boxes=2), "silent": matches(boxes=2)}, 2)
-    told = Classify(Config())(given, {"cam": seen(0.9, BICYCLE)})
-    assert told.boxes.class_ids.tolist() == [PEDESTRIAN, BICYCLE]
-    np.testing.assert_array_equal(told.boxes.sizes, boxes.sizes)
-    assert (told.matches, told.lidar_count) == (given.matches, 2)
+    found = Classify(ROAD_CLASSES)(given, {"cam": seen(0.9, BICYCLE)})
+    assert found.boxes.class_ids.tolist() == [PEDESTRIAN, BICYCLE]
+    np.testing.assert_array_equal(found.boxes.sizes, boxes.sizes)
+    assert (found.matches, found.lidar_count) == (given.matches, 2)
     assert boxes.class_ids.tolist() == [PEDESTRIAN] * 2
 
 
 def test_no_boxes() -> None:
     given = Hypotheses(boxes3d([]), {"cam": matches(boxes=0)}, 0)
-    assert len(Classify(Config())(given, {"cam": seen(0.5, CAR)}).boxes) == 0
+    assert len(Classify(ROAD_CLASSES)(given, {"cam": seen(0.5, CAR)}).boxes) == 0
+
+
+CAR, PEDESTRIAN, BICYCLE, TRUCK, BUS = range(5)
+TAKEN_FOR = confusion(ROAD_CLASSES)
+
+
+def by_size(size: tuple[float, float, float], own: int) -> F64:
+    return class_log_odds(np.array([size]), np.array([own], np.int32), ROAD_CLASSES).reshape(-1)
+
+
+def by_vote(class_id: int, score: float) -> F64:
+    return vote_log_odds(np.array([class_id], np.int32), np.array([score]), TAKEN_FOR).reshape(-1)
+
+
+def test_what_is_of_a_size_is_confused() -> None:
+    np.testing.assert_allclose(TAKEN_FOR.sum(1), 1)
+    assert (TAKEN_FOR.argmax(1) == np.arange(5)).all()
+    assert TAKEN_FOR[TRUCK, BUS] > TAKEN_FOR[CAR, TRUCK] > TAKEN_FOR[CAR, BUS] > TAKEN_FOR[CAR, PEDESTRIAN]
+    assert TAKEN_FOR[PEDESTRIAN, BICYCLE] > 5 * TAKEN_FOR[PEDESTRIAN, CAR]
+
+
+def test_a_vote_says_more_with_a_higher_score_and_nothing_without() -> None:
+    assert by_vote(CAR, 0.9)[CAR] > by_vote(CAR, 0.5)[CAR]
+    np.testing.assert_allclose(by_vote(CAR, 0.0), by_vote(CAR, 0.0)[CAR])
+    assert np.isfinite(by_vote(CAR, 1.0)).all()
+
+
+def test_a_typical_box_is_of_its_class() -> None:
+    for own, prior in enumerate(ROAD_CLASSES):
+        odds = by_size(prior.size_m, own)
+        assert odds.argmax() == own
+        assert odds[own] == OWN_LOG_ODDS
+
+
+def test_measured_extents_count_and_completed_ones_are_no_longer_than_that() -> None:
+    assert by_size((4.0, 1.7, 2.0), CAR)[CAR] < by_size((4.0, 1.7, 1.55), CAR)[CAR]
+    assert by_size((8.0, 2.5, 3.2), TRUCK)[CAR] == 0, "all of it was completed"
+    assert by_size((8.0, 2.5, 3.0), TRUCK)[CAR] < -2, "its height was measured"
+    assert by_size((4.3, 1.75, 1.5), CAR)[BUS] < -2, "a bus would be higher"
+    assert by_size((4.0, 1.7, 1.55), CAR)[BUS] > by_size((4.3, 1.75, 1.5), CAR)[BUS], "completed: it may be higher"
+    assert np.isfinite(by_size((18.0, 3.1, 4.1), BUS)).all()
+
+
+def test_the_one_side_that_was_measured_may_be_the_length_of_another_class() -> None:
+    assert by_size((4.0, 1.45, 1.6), CAR)[BICYCLE] > -0.5, "as long as a bicycle, the rest was completed"
+    assert by_size((3.9, 1.45, 1.6), CAR)[BICYCLE] < -2, "both were measured"
+    assert by_size((4.0, 1.7, 1.4), CAR)[TRUCK] < -1, "no truck is so short"
+    assert by_size((4.0, 1.45, 1.6), CAR)[CAR] < by_size((4.0, 1.6, 1.6), CAR)[CAR], (
+        "no car is turned for its own class"
+    )
+
+
+@pytest.mark.parametrize("count", [0, 3])
+def test_one_class(count: int) -> None:
+    only = (ClassPrior(name="car", size_m=(0.3, 0.2, 0.2), max_size_m=(0.3, 0.2, 0.2)),)
+    assert confusion(only).tolist() == [[1.0]]
+    odds = class_log_odds(np.full((count, 3), 0.5), np.zeros(count, np.int32), only)
+    assert odds.shape == (count, 1)
+    assert np.isfinite(odds).all()

@@ -11,6 +11,7 @@ from pipeline.core.settings.config import Config
 from pipeline.core.settings.fuse import FuseConfig
 from pipeline.stages.fuse import Fuse
 
+CLASSES = len(Config().classes)
 PLACE = (5.0, 1.0, 0.5, 4.0, 1.8, 1.5, 0.3)
 
 
@@ -25,7 +26,7 @@ def hypotheses(count: int, *pairs: tuple[int, int]) -> Hypotheses:
 
 
 def fuse(min_score: float) -> Fuse:
-    return Fuse(Config(fuse=FuseConfig(min_score=min_score)))
+    return Fuse(FuseConfig(min_score=min_score), class_count=CLASSES)
 
 
 def test_what_is_probable_enough_is_an_object_and_its_score_the_probability() -> None:
@@ -57,12 +58,13 @@ def test_what_is_there_and_of_no_class() -> None:
     boxes = replace(boxes, point_counts=np.array(points, np.int32))
     beliefs = np.array([0.9, 0.1, 0.1, 0.1, 0.1, 0.1])
     found = Hypotheses(boxes, {}, 6)
-    config = Config(fuse=FuseConfig(unknown=True))
-    fused = Fuse(config)(found, beliefs)
+    names = Config(fuse=FuseConfig(unknown=True)).object_names
+    fuse_all = Fuse(FuseConfig(unknown=True), class_count=CLASSES)
+    fused = fuse_all(found, beliefs)
     assert fused.rows.tolist() == [0, 1, 2], "not: a part of another, too few points, on an object"
-    assert [config.object_names[row] for row in fused.objects.class_ids] == ["car", "unknown", "unknown"]
+    assert [names[row] for row in fused.objects.class_ids] == ["car", "unknown", "unknown"]
     assert fused.objects.scores.tolist() == pytest.approx([0.9, 10 / 11, 10 / 11])
-    assert Fuse(config)(replace(found, lidar_count=1), beliefs).rows.tolist() == [0], "2D boxes begin nothing unknown"
-    assert Fuse(Config())(found, beliefs).rows.tolist() == [0]
+    assert fuse_all(replace(found, lidar_count=1), beliefs).rows.tolist() == [0], "2D boxes propose nothing unknown"
+    assert Fuse(FuseConfig(), class_count=CLASSES)(found, beliefs).rows.tolist() == [0]
     nothing = Hypotheses(boxes.select(np.zeros(0, np.intp)), {}, 0)
-    assert len(Fuse(config)(nothing, np.zeros(0)).rows) == 0
+    assert len(fuse_all(nothing, np.zeros(0)).rows) == 0

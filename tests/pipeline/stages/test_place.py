@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 from detections import boxes2d, camera_rig
+from fusion_stages import place_of
 from helpers import shared
 from lidar_scene import combined
 from seen_boxes import Box, camera_at, seen_by, views_of
@@ -32,7 +33,7 @@ EMPTY = combined(np.zeros((0, 3)))
 def place(
     boxes: Mapping[str, Boxes2D], *cameras: CameraSensor, cloud: CombinedCloud = EMPTY, config: Config = CONFIG
 ) -> Boxes3D:
-    return Place(camera_rig(*cameras), config)(cloud, boxes, views_of(*cameras)).boxes
+    return place_of(camera_rig(*cameras), config)(cloud, boxes, views_of(*cameras)).boxes
 
 
 def test_objects_of_two_cameras_are_merged_and_placed() -> None:
@@ -113,7 +114,7 @@ def kitti(name: str) -> tuple[Place, CombinedCloud, Boxes2D, CameraSensor, list[
     ids = {"Car": CAR, "Pedestrian": PEDESTRIAN}
     labels = [one for one in parse_kitti_labels(path.read_text(), path).labels if one.label in ids]
     truth = [(one.label, (np.linalg.inv(calibration.T_rect_velo) @ one.T_rect_box())[:3, 3]) for one in labels]
-    return Place(rig, CONFIG), frame, boxes2d([(*one.xyxy, 0.9, ids[one.label]) for one in labels]), camera, truth
+    return place_of(rig), frame, boxes2d([(*one.xyxy, 0.9, ids[one.label]) for one in labels]), camera, truth
 
 
 @pytest.mark.parametrize("name", ["000000", "000002", "000003"])

@@ -1,4 +1,4 @@
-"""Objects begun from 2D boxes, and clusters parted by them."""
+"""Objects proposed by 2D boxes, and clusters parted by them."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from detections import boxes3d, camera_rig
+from fusion_stages import associate_of, place_of, propose_of
 from lidar_scene import combined, rig, scan
 from seen_boxes import Box, camera_at, seen_by, views_of
 
@@ -14,10 +15,7 @@ from pipeline.core.detections import Boxes2D, Boxes3D, Source
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.stages import propose as propose_stage
-from pipeline.stages.associate import Associate
 from pipeline.stages.detect3d import Detect3D
-from pipeline.stages.place import Place
-from pipeline.stages.propose import Propose
 
 CONFIG = Config()
 CAR, PEDESTRIAN, BICYCLE = 0, 1, 2
@@ -43,16 +41,16 @@ def propose(
     """The lidar's boxes, by default those that are found in the points; and all hypotheses."""
     sensors, frame, views = with_cameras(*cameras), combined(points), views_of(*cameras)
     lidar = Detect3D(sensors, CONFIG)(frame) if lidar is None else lidar
-    matches = Associate(sensors, CONFIG)(lidar, boxes2d, views)
-    placed = Place(sensors, CONFIG)(frame, boxes2d, views)
-    return lidar, Propose(sensors, CONFIG)(frame, lidar, matches, placed).boxes
+    matches = associate_of(sensors)(lidar, boxes2d, views)
+    placed = place_of(sensors)(frame, boxes2d, views)
+    return lidar, propose_of(sensors)(frame, lidar, matches, placed).boxes
 
 
 def left_out(boxes: Boxes2D) -> Mapping[str, int]:
     """What is left out of the 2D boxes of one camera, without points."""
     sensors, frame, views, found = with_cameras(CAMERA), combined(np.zeros((0, 3))), views_of(CAMERA), {"cam": boxes}
-    matches = Associate(sensors, CONFIG)(nothing(), found, views)
-    return Propose(sensors, CONFIG)(frame, nothing(), matches, Place(sensors, CONFIG)(frame, found, views)).left_out
+    matches = associate_of(sensors)(nothing(), found, views)
+    return propose_of(sensors)(frame, nothing(), matches, place_of(sensors)(frame, found, views)).left_out
 
 
 def nothing() -> Boxes3D:
@@ -89,7 +87,7 @@ def test_object_with_too_few_points_for_the_lidar() -> None:
 def test_object_without_points_stays_where_the_cameras_place_it() -> None:
     boxes = {"cam": seen_by(CAMERA, [CAR_BOX], [CAR])}
     lidar, found = propose(cloud_of(OTHER), None, boxes, CAMERA)
-    placed = Place(camera_rig(CAMERA), CONFIG)(combined(cloud_of(OTHER)), boxes, views_of(CAMERA)).boxes
+    placed = place_of(camera_rig(CAMERA))(combined(cloud_of(OTHER)), boxes, views_of(CAMERA)).boxes
     assert found.sources.tolist() == [Source.LIDAR, Source.CAMERA]
     np.testing.assert_array_equal(found.centers[: len(lidar)], lidar.centers)
     np.testing.assert_array_equal(found.centers[1], placed.centers[0])
@@ -101,13 +99,13 @@ def test_object_that_nobody_can_place_is_left_out() -> None:
     assert len(found) == 0
 
 
-def test_2d_boxes_that_begin_no_object_are_counted_by_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_2d_boxes_that_propose_no_object_are_counted_by_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     far = (90.0, 2.0, 0.775, 4.2, 1.75, 1.55, 0.2)
     three = seen_by(CAMERA, [CAR_BOX, OTHER, far], [CAR] * 3)
     assert left_out(three) == {propose_stage.TOO_VAGUE: 1}
     outside = three.xyxy + np.array([[0, 0, 0, 0], [2000, 0, 2000, 0], [0, 0, 0, 0]], np.float32)
     assert left_out(replace(three, xyxy=outside)) == {propose_stage.OUT_OF_IMAGE: 1, propose_stage.TOO_VAGUE: 1}
-    monkeypatch.setattr(propose_stage, "MOST", 1)
+    monkeypatch.setattr(propose_stage, "MAX_ALONE", 1)
     assert left_out(replace(three, scores=np.array([0.5, 0.9, 0.4], np.float32))) == {propose_stage.TOO_MANY: 2}
     assert left_out(three.select(np.arange(0))) == {}
 
@@ -120,7 +118,7 @@ def test_neither_a_fence_before_it_nor_a_wall_behind() -> None:
     np.testing.assert_allclose(found.centers[0, :2], CAR_BOX[:2], atol=0.4)
 
 
-def test_one_object_seen_by_two_cameras_is_begun_once() -> None:
+def test_one_object_seen_by_two_cameras_is_proposed_once() -> None:
     other = camera_at("other", (0.0, 6.0, 3.0), yaw_deg=-10, pitch_deg=5)
     boxes = {c.name: seen_by(c, [CAR_BOX], [CAR]) for c in (CAMERA, other)}
     for points in (cloud_of(CAR_BOX), np.zeros((0, 3))):
@@ -128,7 +126,7 @@ def test_one_object_seen_by_two_cameras_is_begun_once() -> None:
         assert len(found) == 1
 
 
-def test_second_2d_box_of_a_found_object_begins_nothing() -> None:
+def test_second_2d_box_of_a_found_object_proposes_nothing() -> None:
     boxes = seen_by(CAMERA, [CAR_BOX, CAR_BOX], [CAR, 3])
     lidar, found = propose(cloud_of(CAR_BOX), None, {"cam": boxes}, CAMERA)
     assert found is lidar
@@ -189,6 +187,6 @@ def test_no_cameras_no_points_no_lidars(with_boxes: bool) -> None:
     assert found.sources.tolist() == [Source.CAMERA] * with_boxes
     only = camera_rig(CAMERA)
     views, frame = views_of(CAMERA), combined(np.zeros((0, 3)))
-    matches = Associate(only, CONFIG)(nothing(), boxes, views)
-    found = Propose(only, CONFIG)(frame, nothing(), matches, Place(only, CONFIG)(frame, boxes, views)).boxes
+    matches = associate_of(only)(nothing(), boxes, views)
+    found = propose_of(only)(frame, nothing(), matches, place_of(only)(frame, boxes, views)).boxes
     assert found.sources.tolist() == [Source.CAMERA] * with_boxes

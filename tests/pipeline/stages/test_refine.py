@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from detections import LOOK_FORWARD, boxes2d, boxes3d, camera_rig, forward_camera
 from fusion_scenes import FusionScene, fusion_scenes
+from fusion_stages import associate_of
 from scipy.stats import chi2
+from seen_boxes import edges_in_view
 
 from pipeline.core.arrays import F64
 from pipeline.core.camera import CameraModel
@@ -14,11 +16,9 @@ from pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Matches, Sour
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, Rig
-from pipeline.core.settings.config import Config
 from pipeline.core.settings.fuse import FuseConfig
-from pipeline.fusion.projection import CameraArrays, edges_in_view
-from pipeline.fusion.refining.cut_edges import moved_by_borders
-from pipeline.stages.associate import Associate
+from pipeline.fusion.projection import CameraArrays
+from pipeline.fusion.refining.edges import moved_by_borders
 from pipeline.stages.refine import Refine
 
 EXACT_CUBOIDS = {
@@ -38,9 +38,9 @@ def errors(boxes: Boxes3D, truth: Boxes3D) -> F64:
 
 def refined(rig: Rig, scene: FusionScene, settings: Mapping[str, Any]) -> Boxes3D:
     views = {camera.name: camera for camera in rig.cameras}
-    matches = Associate(rig, Config())(scene.lidar, scene.seen, views)
+    matches = associate_of(rig)(scene.lidar, scene.seen, views)
     hypotheses = Hypotheses(scene.lidar, matches, len(scene.lidar))
-    config = Config(fuse=FuseConfig.model_validate({**EXACT_CUBOIDS, **settings}))
+    config = FuseConfig.model_validate({**EXACT_CUBOIDS, **settings})
     return Refine(rig, config)(hypotheses, scene.seen, views).boxes
 
 
@@ -145,7 +145,7 @@ def made_up(
 
 
 def fitted(rig: Rig, hypotheses: Hypotheses, seen: Mapping[str, Boxes2D], **settings: float) -> Boxes3D:
-    config = Config(fuse=FuseConfig.model_validate({**EXACT_CUBOIDS, **settings}))
+    config = FuseConfig.model_validate({**EXACT_CUBOIDS, **settings})
     views = {camera.name: camera for camera in rig.cameras}
     return Refine(rig, config)(hypotheses, seen, views).boxes
 

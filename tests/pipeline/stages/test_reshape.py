@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fusion_stages import reshape_of
 from lidar_scene import Box, combined, rig, scan
 
 from pipeline.core.clouds import CombinedCloud
@@ -11,7 +12,6 @@ from pipeline.core.detections import Boxes3D, Hypotheses
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import load_config
 from pipeline.stages.detect3d import Detect3D
-from pipeline.stages.reshape import Reshape
 
 LIDAR = (0.0, 0.0, 1.8)
 CAR, PEDESTRIAN, BICYCLE, TRUCK, BUS = range(5)
@@ -28,12 +28,12 @@ def found(*scene: Box) -> tuple[CombinedCloud, Boxes3D]:
 
 
 def reshaped(
-    cloud: CombinedCloud, lidar: Boxes3D, class_ids: list[int], *, begun: Boxes3D | None = None, config: Config
+    cloud: CombinedCloud, lidar: Boxes3D, class_ids: list[int], *, proposed: Boxes3D | None = None, config: Config
 ) -> Boxes3D:
     """The boxes after a change of their classes."""
-    boxes = lidar if begun is None else lidar.joined(begun)
+    boxes = lidar if proposed is None else lidar.joined(proposed)
     hypotheses = Hypotheses(replace(boxes, class_ids=np.array(class_ids, np.int32)), {}, len(lidar))
-    result = Reshape(rig(LIDAR), config)(cloud, hypotheses, lidar)
+    result = reshape_of(rig(LIDAR), config)(cloud, hypotheses, lidar)
     assert (result.lidar_count, result.matches) == (hypotheses.lidar_count, {})
     return result.boxes
 
@@ -71,15 +71,15 @@ def test_of_both_directions_the_one_nearer_to_the_old_is_kept(turn: float) -> No
     assert np.cos(boxes.yaws[0] - lidar.yaws[0]) > 0.99
 
 
-def test_boxes_of_an_unchanged_class_or_begun_from_a_camera_stay() -> None:
+def test_boxes_of_an_unchanged_class_or_proposed_from_a_camera_stay() -> None:
     cloud, lidar = found(REAR, RIDER)
-    begun = replace(lidar.select(np.array([0])), class_ids=np.array([BUS], np.int32))
+    proposed = replace(lidar.select(np.array([0])), class_ids=np.array([BUS], np.int32))
     rows = lidar.class_ids.tolist()
-    boxes = reshaped(cloud, lidar, [*rows, TRUCK], begun=begun, config=Config())
+    boxes = reshaped(cloud, lidar, [*rows, TRUCK], proposed=proposed, config=Config())
     for row in range(3):
-        assert_unchanged(boxes, lidar.joined(begun), row)
+        assert_unchanged(boxes, lidar.joined(proposed), row)
     changed = [TRUCK if class_id == CAR else class_id for class_id in rows]
-    boxes = reshaped(cloud, lidar, [*changed, TRUCK], begun=begun, config=Config())
+    boxes = reshaped(cloud, lidar, [*changed, TRUCK], proposed=proposed, config=Config())
     assert_unchanged(boxes, lidar, rows.index(PEDESTRIAN))
 
 
@@ -107,5 +107,5 @@ def test_a_rig_of_cameras_alone_has_no_points_to_fit() -> None:
     assert len(Detect3D(rig(), Config())(cloud)) == 0
     _, lidar = found(REAR)
     before = Hypotheses(replace(lidar, class_ids=np.array([TRUCK], np.int32)), {}, len(lidar))
-    after = Reshape(rig(), Config())(cloud, before, lidar)
+    after = reshape_of(rig(), Config())(cloud, before, lidar)
     assert_unchanged(after.boxes, before.boxes, 0, but=())

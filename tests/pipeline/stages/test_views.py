@@ -16,8 +16,7 @@ from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.rig import CameraSensor, Rig
-from pipeline.core.settings.combine import CombineConfig, MotionConfig
-from pipeline.core.settings.config import Config
+from pipeline.core.settings.combine import MotionConfig
 from pipeline.stages.views import Views
 
 MS = 1_000_000
@@ -50,8 +49,7 @@ def bundle(late_ms: Mapping[str, float], known: PoseSamples | None) -> SensorBun
 def views(
     late_ms: Mapping[str, float], known: PoseSamples | None, rig: Rig = RIG, **settings: Any
 ) -> Mapping[str, Any]:
-    config = Config(combine=CombineConfig(motion=MotionConfig.model_validate(settings)))
-    return Views(rig, config)(bundle(late_ms, known))
+    return Views(rig, MotionConfig.model_validate(settings))(bundle(late_ms, known))
 
 
 def test_a_late_image_was_taken_further_on() -> None:

@@ -3,10 +3,11 @@ import tracemalloc
 import numpy as np
 import pytest
 import shapely
+from detections import boxes3d
 
 from pipeline.core.geometry import overlaps
 from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.geometry.overlaps import without_overlaps
+from pipeline.core.geometry.overlaps import overlap_shares, without_overlaps
 from pipeline.core.geometry.rotated_iou import BoxArrays
 
 
@@ -67,3 +68,13 @@ def test_boxes_of_one_group_are_not_compared() -> None:
     assert without_overlaps(boxes, np.array([0, 0, 1, 1], np.intp)).tolist() == [0, 1, 3]
     assert without_overlaps(boxes, np.zeros(4, np.intp)).tolist() == [0, 1, 2, 3]
     assert without_overlaps(boxes, np.arange(4).astype(np.intp)).tolist() == [0, 3]
+
+
+def test_share_is_that_of_the_smaller_box() -> None:
+    big, small = (0, 0, 0, 10, 10, 1, 0), (4.5, 0, 0, 2, 1, 1, 0)
+    shares = overlap_shares(boxes3d([big, (50, 0, 0, 1, 1, 1, 0)]), boxes3d([small, big]))
+    assert shares == pytest.approx(np.array([[0.75, 1.0], [0.0, 0.0]]))
+
+
+def test_nothing() -> None:
+    assert overlap_shares(boxes3d([]), boxes3d([(0, 0, 0, 1, 1, 1, 0)])).shape == (0, 1)

@@ -6,7 +6,7 @@ from detections import boxes3d
 from pipeline.core.arrays import F64
 from pipeline.core.detections import Boxes3D
 from pipeline.core.settings.config import Config
-from pipeline.fusion.belief.memory import HALF_LIFE_S, LONGEST_S, Memory
+from pipeline.fusion.belief.memory import HALF_LIFE_S, MAX_AGE_S, Memory
 
 STILL = np.eye(4)
 CAR, PEDESTRIAN = (4.0, 1.8, 1.5, 0.0), (0.6, 0.6, 1.7, 0.0)
@@ -27,7 +27,7 @@ def asked(memory: Memory, boxes: Boxes3D) -> F64:
 
 
 @pytest.mark.parametrize(
-    ("seconds", "share"), [(0.0, 1.0), (HALF_LIFE_S, 0.5), (LONGEST_S, 0.5 ** (1 / 0.3)), (1.01, 0), (-0.1, 0)]
+    ("seconds", "share"), [(0.0, 1.0), (HALF_LIFE_S, 0.5), (MAX_AGE_S, 0.5 ** (1 / 0.3)), (1.01, 0), (-0.1, 0)]
 )
 def test_what_was_said_fades(seconds: float, share: float) -> None:
     memory = kept(cars((10, 0)), [4.0])

@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 
 from pipeline.core.detections import Source
 from pipeline.core.settings.classes import ROAD_CLASSES
-from pipeline.fusion.belief.looks import Looks
 from pipeline.fusion.belief.odds import (
     FITTED,
     at_its_place,
@@ -17,13 +16,14 @@ from pipeline.fusion.belief.odds import (
     probability,
     reach_of_classes,
 )
+from pipeline.fusion.belief.visibility import Visibility
 
 SCORE = st.floats(0, 1)
 LIDAR = np.full(3, 20, np.int32), np.zeros(3, np.uint8), np.ones(3, np.bool_)
 """Points, sources, and whether the lidars found them."""
 
 
-def looks(
+def views(
     *,
     in_view: bool = True,
     visible: float = 1.0,
@@ -31,16 +31,16 @@ def looks(
     is_matched: bool = False,
     score: float = 0.0,
     iou: float = 0.0,
-) -> Looks:
+) -> Visibility:
     """One camera that has one whole box of 60 px in plain view, without a match unless a value says so."""
     flags = (np.array([[flag]], np.bool_) for flag in (in_view, is_cut, is_matched))
     values = (np.array([[value]], np.float64) for value in (60.0, visible, score, iou))
     view, cut, matched = flags
     size_px, shown, scores, overlap = values
-    return Looks(("cam",), view, size_px, shown, cut, matched, scores, overlap)
+    return Visibility(("cam",), view, size_px, shown, cut, matched, scores, overlap)
 
 
-def evidence(found: Looks, recall: float = 0.9) -> float:
+def evidence(found: Visibility, recall: float = 0.9) -> float:
     return float(camera_evidence(found, np.full((1, 1), recall), FITTED)[0, 0])
 
 
@@ -73,7 +73,7 @@ def test_where_an_object_is() -> None:
     assert reach_of_classes(ROAD_CLASSES)[:2].tolist() == [2.0, 0.875]
 
 
-def test_what_was_begun_from_a_2d_box_has_less_behind_it_without_points() -> None:
+def test_what_a_2d_box_proposes_has_less_behind_it_without_points() -> None:
     sources = np.array([Source.LIDAR, Source.BOTH, Source.CAMERA], np.uint8)
     is_lidar = np.array([True, False, False])
     odds = log_odds_before_cameras(np.full(3, 0.5), np.ones(3), LIDAR[0], sources, is_lidar, FITTED)
@@ -81,21 +81,21 @@ def test_what_was_begun_from_a_2d_box_has_less_behind_it_without_points() -> Non
 
 
 def test_a_match_speaks_for_and_silence_against() -> None:
-    usual = evidence(looks(is_matched=True, score=0.6, iou=0.7))
-    assert usual > 0 > evidence(looks())
-    assert evidence(looks(is_matched=True, score=0.9, iou=0.7)) > usual
-    assert evidence(looks(is_matched=True, score=0.6, iou=0.4)) < usual
+    usual = evidence(views(is_matched=True, score=0.6, iou=0.7))
+    assert usual > 0 > evidence(views())
+    assert evidence(views(is_matched=True, score=0.9, iou=0.7)) > usual
+    assert evidence(views(is_matched=True, score=0.6, iou=0.4)) < usual
 
 
 def test_silence_of_a_camera_that_could_not_see_it_says_nothing() -> None:
-    assert evidence(looks(in_view=False)) == evidence(looks(visible=0.1)) == evidence(looks(), 0.0) == 0
+    assert evidence(views(in_view=False)) == evidence(views(visible=0.1)) == evidence(views(), 0.0) == 0
 
 
 def test_silence_says_less_of_what_is_harder_to_see() -> None:
-    assert evidence(looks()) < evidence(looks(visible=0.4)) < 0
-    assert evidence(looks()) < evidence(looks(is_cut=True)) < 0
-    assert evidence(looks(), 0.9) < evidence(looks(), 0.5) < 0
-    assert np.isfinite(evidence(looks(), 1.0))
+    assert evidence(views()) < evidence(views(visible=0.4)) < 0
+    assert evidence(views()) < evidence(views(is_cut=True)) < 0
+    assert evidence(views(), 0.9) < evidence(views(), 0.5) < 0
+    assert np.isfinite(evidence(views(), 1.0))
 
 
 @given(st.lists(st.floats(-5, 5), min_size=1, max_size=8))

@@ -2,17 +2,17 @@ import numpy as np
 import pytest
 
 from pipeline.core.arrays import F64
-from pipeline.fusion.belief.looks import Looks
 from pipeline.fusion.belief.odds import FITTED
 from pipeline.fusion.belief.recall import MEMORY, PRIOR_RECALL, RecallCounts
+from pipeline.fusion.belief.visibility import Visibility
 
 SURE, DOUBTFUL = 5.0, -1.0
 
 
-def looks(camera: str, sizes_px: list[float], is_matched: list[bool], visible: float = 1.0) -> Looks:
+def views(camera: str, sizes_px: list[float], is_matched: list[bool], visible: float = 1.0) -> Visibility:
     shape = 1, len(sizes_px)
     zeros, yes = np.zeros(shape), np.ones(shape, np.bool_)
-    return Looks(
+    return Visibility(
         (camera,),
         yes,
         np.array([sizes_px], np.float64),
@@ -25,10 +25,10 @@ def looks(camera: str, sizes_px: list[float], is_matched: list[bool], visible: f
 
 
 def plain(recall: RecallCounts, camera: str, size_px: float) -> float:
-    return float(recall.plain(looks(camera, [size_px], [False]))[0, 0])
+    return float(recall.plain(views(camera, [size_px], [False]))[0, 0])
 
 
-def learn(recall: RecallCounts, seen: Looks, before: float, times: int = 1) -> None:
+def learn(recall: RecallCounts, seen: Visibility, before: float, times: int = 1) -> None:
     odds: F64 = np.full(seen.size_px.shape[1], before)
     for _ in range(times):
         recall.learn(seen, odds, np.zeros(seen.size_px.shape), FITTED)
@@ -42,8 +42,8 @@ def test_the_prior_grows_with_size() -> None:
 def test_a_camera_that_sees_nothing_loses_its_say() -> None:
     recall = RecallCounts(["blind", "good"])
     for _ in range(60):
-        learn(recall, looks("blind", [60.0], [False]), SURE)
-        learn(recall, looks("good", [60.0], [True]), SURE)
+        learn(recall, views("blind", [60.0], [False]), SURE)
+        learn(recall, views("good", [60.0], [True]), SURE)
     assert plain(recall, "blind", 60) < 0.25
     assert plain(recall, "good", 60) > 0.8
     assert plain(recall, "good", 300) == pytest.approx(PRIOR_RECALL[-1]), "of other sizes nothing is known"
@@ -51,32 +51,32 @@ def test_a_camera_that_sees_nothing_loses_its_say() -> None:
 
 def test_a_new_camera_is_taken_to_be_like_the_others() -> None:
     recall = RecallCounts(["one", "two"])
-    learn(recall, looks("one", [60.0], [False]), SURE, times=50)
+    learn(recall, views("one", [60.0], [False]), SURE, times=50)
     assert plain(recall, "one", 60) < plain(recall, "two", 60) < PRIOR_RECALL[3]
 
 
 @pytest.mark.parametrize(("visible", "before"), [(0.5, SURE), (1.0, DOUBTFUL)], ids=["hidden", "doubtful"])
 def test_what_tells_nothing_is_not_counted(visible: float, before: float) -> None:
     recall = RecallCounts(["cam"])
-    learn(recall, looks("cam", [60.0], [False], visible), before, times=50)
+    learn(recall, views("cam", [60.0], [False], visible), before, times=50)
     assert plain(recall, "cam", 60) == pytest.approx(PRIOR_RECALL[3])
 
 
 def test_what_was_long_ago_fades() -> None:
     recall = RecallCounts(["cam"])
-    learn(recall, looks("cam", [60.0] * 10, [True] * 10), SURE, times=1000)
-    learn(recall, looks("cam", [60.0] * 10, [False] * 10), SURE, times=int(MEMORY) // 10)
+    learn(recall, views("cam", [60.0] * 10, [True] * 10), SURE, times=1000)
+    learn(recall, views("cam", [60.0] * 10, [False] * 10), SURE, times=int(MEMORY) // 10)
     assert 0.2 < plain(recall, "cam", 60) < 0.6
 
 
 def test_a_recall_that_is_set_is_not_learned() -> None:
     recall = RecallCounts(["cam"], 0.5)
-    learn(recall, looks("cam", [300.0], [True]), SURE, times=50)
+    learn(recall, views("cam", [300.0], [True]), SURE, times=50)
     assert plain(recall, "cam", 300) == pytest.approx(0.5)
     assert plain(recall, "cam", 5) == pytest.approx(0.5 * PRIOR_RECALL[0] / PRIOR_RECALL[-1])
 
 
 def test_no_hypotheses() -> None:
     recall = RecallCounts(["cam"])
-    learn(recall, looks("cam", [], []), SURE)
-    assert recall.plain(looks("cam", [], [])).shape == (1, 0)
+    learn(recall, views("cam", [], []), SURE)
+    assert recall.plain(views("cam", [], [])).shape == (1, 0)

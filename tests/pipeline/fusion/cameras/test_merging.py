@@ -1,18 +1,23 @@
+from dataclasses import replace
+
 import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from seen_boxes import camera_at, seen_by, views_of
 
 from pipeline.core.arrays import F64
+from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.rig import CameraSensor
 from pipeline.core.settings.classes import ROAD_CLASSES
-from pipeline.fusion.cameras.ground import Ground
-from pipeline.fusion.cameras.merging import Moments, merge_sightings, moments
-from pipeline.fusion.cameras.observed import Noise
+from pipeline.fusion.cameras.merging import Moments, mean_places, merge_sightings, moments
 from pipeline.fusion.cameras.placing import HEADINGS, Placements, SizePriors, place
-from pipeline.fusion.cameras.sightings import see
+from pipeline.fusion.cameras.sightings import Noise, Sightings, see
 
 CAR, PEDESTRIAN = 0, 1
 NORTH = camera_at("north", (0.0, 20.0, 5.0), yaw_deg=-90, pitch_deg=10)
 WEST = camera_at("west", (-20.0, 0.0, 5.0), pitch_deg=10)
+VIEW = np.zeros((1, 2))
 EAST = camera_at("east", (20.0, 0.0, 5.0), yaw_deg=180, pitch_deg=10)
 
 
@@ -23,6 +28,11 @@ def normal(xy: F64, std_m: float) -> Placements:
     return Placements(places, covariances.copy(), np.zeros(places.shape[:2]))
 
 
+def level(xy: F64) -> F64:
+    """The ground."""
+    return np.zeros(xy.shape[:-1])
+
+
 def merged(cars: list[tuple[float, float, float]], *cameras: CameraSensor) -> tuple[list[int], Moments]:
     """Objects of the sightings of cars at x, y, yaw."""
     length, width, height = ROAD_CLASSES[CAR].size_m
@@ -30,9 +40,9 @@ def merged(cars: list[tuple[float, float, float]], *cameras: CameraSensor) -> tu
     found = {camera.name: seen_by(camera, boxes, [CAR] * len(boxes)) for camera in cameras}
     sightings = see(views_of(*cameras), found)
     noise = Noise(1.5, 0.03, 0.05, 0.008, 0.002)
-    placements = place(sightings, SizePriors.of(ROAD_CLASSES), Ground.level(0.0), noise)
+    placements = place(sightings, SizePriors.of(ROAD_CLASSES), level, noise)
     objects, known = merge_sightings(placements, sightings.cameras, sightings.class_ids)
-    return objects.tolist(), moments(known)
+    return objects.tolist(), moments(known, np.zeros((len(known.xy), 2)))
 
 
 def test_cameras_from_two_sides_place_and_turn_an_object_better_than_each() -> None:
@@ -55,7 +65,7 @@ def test_each_object_has_one_sighting_of_each_camera() -> None:
 def test_information_of_independent_sightings_adds_up() -> None:
     placements = normal(np.array([[0.0, 0.0], [1.0, 0.0]]), 2.0)
     objects, known = merge_sightings(placements, np.array([0, 1]), np.array([CAR, CAR]))
-    found = moments(known)
+    found = moments(known, VIEW)
     assert objects.tolist() == [0, 0]
     np.testing.assert_allclose(found.xy, [[0.5, 0.0]])
     np.testing.assert_allclose(found.covariances[0, :2, :2], 2.0 * np.eye(2), atol=1e-12)
@@ -69,7 +79,7 @@ def test_far_ones_other_classes_and_the_same_camera_are_apart() -> None:
     ):
         objects, known = merge_sightings(normal(np.array(xy), 1.0), np.array(cameras), np.array(classes))
         assert objects.tolist() == [0, 1]
-        np.testing.assert_allclose(moments(known).xy, xy)
+        np.testing.assert_allclose(mean_places(known)[0], xy)
 
 
 def test_nearest_pairs_first_over_all_of_a_camera() -> None:
@@ -79,12 +89,44 @@ def test_nearest_pairs_first_over_all_of_a_camera() -> None:
 
 
 def test_heading_of_nothing_known_is_uncertain_to_the_limit() -> None:
-    found = moments(normal(np.zeros((1, 2)), 1.0))
+    found = moments(normal(np.zeros((1, 2)), 1.0), VIEW)
     assert np.sqrt(found.covariances[0, 2, 2]) > np.radians(50)
     sure = Placements(np.zeros((1, 12, 2)), np.ones((1, 12, 2, 2)), np.where(np.arange(12) == 11, 0.0, -np.inf)[None])
-    assert np.isclose(moments(sure).yaw_rad[0], HEADINGS[11] - np.pi)
+    assert np.isclose(moments(sure, VIEW).yaw_rad[0], HEADINGS[11] - np.pi)
+
+
+ROUND, LONG = (0.6, 0.6, 1.75), (4.0, 1.7, 1.55)
+
+
+@pytest.mark.parametrize("camera", [WEST, NORTH, EAST])
+@pytest.mark.parametrize(("size", "class_id"), [(ROUND, PEDESTRIAN), (LONG, CAR)])
+@given(x=st.floats(-6, 6), y=st.floats(-6, 6), yaw=st.sampled_from([0.0, 0.7, np.pi / 2]), seed=st.integers(0, 9))
+def test_rounding_does_not_turn_an_object(
+    camera: CameraSensor, size: tuple[float, float, float], class_id: int, x: float, y: float, yaw: float, seed: int
+) -> None:
+    found = {camera.name: seen_by(camera, [(x, y, size[2] / 2, *size, yaw)], [class_id])}
+    sightings = see(views_of(camera), found)
+    noise = 1 + 1e-12 * np.random.default_rng(seed).uniform(-1, 1, sightings.rays.shape)
+    yaws = [yaw_of(one) for one in (sightings, replace(sightings, rays=sightings.rays * noise))]
+    assert abs(wrap_angle(yaws[1] - yaws[0])) < np.radians(0.1)
+    if class_id == PEDESTRIAN:
+        view = np.arctan2(y - sightings.origin[0, 1], x - sightings.origin[0, 0])
+        assert abs(np.sin(yaws[0] - view)) < 0.1, "whose heading nobody sees looks along the view"
+
+
+def yaw_of(sightings: Sightings) -> float:
+    noise = Noise(1.5, 0.03, 0.05, 0.008, 0.002)
+    placements = place(sightings, SizePriors.of(ROAD_CLASSES), level, noise)
+    return float(moments(placements, sightings.origin[:, :2]).yaw_rad[0])
+
+
+def test_an_axis_along_y_has_one_yaw() -> None:
+    weights = np.where(np.arange(12) == 6, 0.0, -np.inf)[None]
+    sure = Placements(np.zeros((1, 12, 2)), np.ones((1, 12, 2, 2)), weights)
+    for off in (-1e-13, 0.0, 1e-13):
+        assert moments(sure, np.array([[off, -9.0]])).yaw_rad[0] == pytest.approx(np.pi / 2)
 
 
 def test_nothing() -> None:
     objects, known = merge_sightings(normal(np.zeros((0, 2)), 1.0), np.zeros(0, np.int64), np.zeros(0, np.int64))
-    assert len(objects) == len(known.xy) == len(moments(known).xy) == 0
+    assert len(objects) == len(known.xy) == len(moments(known, VIEW[:0]).xy) == 0

@@ -1,11 +1,19 @@
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import pytest
 from detections import boxes2d
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from lens_models import LENS_MODELS, lens
 from seen_boxes import camera_at, seen_by, views_of
 
+from pipeline.core.arrays import F64
 from pipeline.core.detections import Boxes2D
-from pipeline.fusion.cameras.sightings import see
+from pipeline.core.optics.lenses import Lenses
+from pipeline.fusion.cameras.sightings import Noise, Observed, observe, rays_of_pixels, see
 
 CAR = (12.0, 1.0, 0.75, 4.2, 1.75, 1.5, 0.3)
 CAMERA = camera_at("cam", (0.0, 0.0, 1.6))
@@ -56,3 +64,111 @@ def test_rows_can_be_selected() -> None:
     found = see(views_of(CAMERA), {"cam": replace(boxes, scores=np.array([0.5, 0.7], np.float32))})
     assert found.select(np.array([1])).scores.tolist() == [0.5]
     assert len(found.select(np.array([1])).views.image_sizes) == 1
+
+
+LEVEL = camera_at("level", (0.0, 0.0, 1.6))
+NOISE = Noise(2.0, 0.0, 0.05, 0.01, 0.002)
+
+
+def observed(*rows: tuple[float, ...], noise: Noise = NOISE) -> Observed:
+    return observe(see(views_of(LEVEL), {"level": boxes2d(rows)}), noise)
+
+
+def test_directions_of_the_edges() -> None:
+    found = observed((640, 360, 1090, 450, 0.9, 0))  # 450 px to the right of the middle, 90 px below it; f = 900
+    assert found.left == pytest.approx([0.0])
+    assert found.width == pytest.approx([np.arctan(0.5)])
+    assert found.middle == pytest.approx([-np.arctan(0.5) / 2])
+    assert found.upper == pytest.approx([0.0])
+    assert found.lower == pytest.approx([-0.1 / np.hypot(1, 0.25)])
+
+
+def test_errors_are_those_of_pixels_and_of_the_box() -> None:
+    found = observed((600, 300, 700, 500, 0.9, 0))
+    assert found.stds[0, 0] == pytest.approx(2 / 100 * found.width[0])
+    assert found.stds[0, 1] == found.stds[0, 3] == pytest.approx(2 / 200 * (found.upper - found.lower)[0])
+    both = observed((600, 300, 700, 500, 0.9, 0), noise=Noise(2.0, 0.05, 0.05, 0.01, 0.002))
+    assert both.stds[0, 0] == pytest.approx(np.hypot(2, 0.05 * np.sqrt(100 * 200)) / 100 * found.width[0])
+
+
+def test_nothing_observed_is_known_of_a_cut_edge() -> None:
+    found = observed((0, 300, 100, 720, 0.9, 0))
+    assert (found.stds[0, [0, 3]] > 5 * np.array([found.width[0], found.upper[0] - found.lower[0]])).all()
+    assert (found.stds[0, [1, 2]] < 0.1 * np.array([found.upper[0] - found.lower[0], found.width[0]])).all()
+
+
+@pytest.mark.parametrize(
+    ("front", "hidden"),
+    [
+        ((520, 460, 800, 600), [False, False, False, True]),  # below, over the whole width
+        ((450, 320, 600, 600), [True, False, False, True]),
+        ((650, 320, 900, 600), [False, False, True, True]),
+        ((100, 320, 300, 600), [False] * 4),  # elsewhere
+        ((520, 200, 800, 380), [False] * 4),  # further away
+        ((450, 320, 580, 501), [False] * 4),  # as near
+    ],
+)
+def test_edges_that_a_nearer_object_may_hide(front: tuple[float, ...], hidden: list[bool]) -> None:
+    alone = observed((550, 300, 700, 500, 0.5, 0))
+    found = observed((*front, 0.9, 0), (550, 300, 700, 500, 0.5, 0))
+    assert (found.stds[1] > 3 * alone.stds[0]).tolist() == hidden
+    if any(hidden):
+        np.testing.assert_allclose(found.stds[0], observed((*front, 0.9, 0)).stds[0])
+
+
+def test_nothing_observed() -> None:
+    assert observed().stds.shape == (0, 4)
+
+
+@pytest.mark.parametrize(("model", "distortion"), LENS_MODELS.values(), ids=LENS_MODELS)
+@given(slopes=arrays(np.float64, (1, 9, 2), elements=st.floats(-0.6, 0.6)))
+def test_rays_are_projected_to_their_pixels(model: Any, distortion: Any, slopes: F64) -> None:
+    camera = Lenses.of([lens(model, distortion)])
+    rays = np.concatenate([slopes, np.ones((1, 9, 1))], 2)
+    pixels, valid = camera.project(rays)
+    assert valid.all()
+    found, is_found = rays_of_pixels(camera, pixels)
+    assert is_found.all()
+    np.testing.assert_allclose(found, rays, atol=2e-6)
+
+
+@given(arrays(np.float64, (2, 8, 2), elements=st.floats(-2000, 2000)))
+def test_without_distortion_rays_are_those_of_the_camera_matrix(pixels: F64) -> None:
+    camera = Lenses.of([lens("plumb_bob", [])] * 2)
+    K = camera.K[:, None]
+    y = (pixels[..., 1] - 0.5 - K[..., 1, 2]) / K[..., 1, 1]
+    x = (pixels[..., 0] - 0.5 - K[..., 0, 2] - K[..., 0, 1] * y) / K[..., 0, 0]
+    found, is_found = rays_of_pixels(camera, pixels)
+    assert is_found.all()
+    np.testing.assert_array_equal(found, np.stack([x, y, np.ones(x.shape)], -1))
+
+
+def test_fisheye_far_from_the_axis() -> None:
+    camera = Lenses.of([lens("equidistant", [-0.01, 0.02, -0.005, 0.001])])
+    tangents = np.tan(np.radians([0.0, 30.0, 60.0, 80.0, 86.0]))
+    rays = np.stack([tangents, np.zeros(5), np.ones(5)], 1)[None]
+    found, is_found = rays_of_pixels(camera, camera.project(rays)[0])
+    assert is_found.all()
+    np.testing.assert_allclose(found, rays, rtol=1e-4, atol=1e-6)
+
+
+def test_pixels_without_a_ray_get_the_axis() -> None:
+    # r (1 - 0.3 r^2) is at most 0.70: nothing is seen further than that from the principal point.
+    camera = Lenses.of([lens("plumb_bob", [-0.3])])
+    found, is_found = rays_of_pixels(camera, np.array([[[333.5, 251.5], [333.5 + 0.9 * 520, 251.5]]]))
+    assert is_found.tolist() == [[True, False]]
+    assert found[0, 1].tolist() == [0.0, 0.0, 1.0]
+
+
+def test_cameras_row_by_row() -> None:
+    models = [lens(*one) for one in LENS_MODELS.values()]
+    pixels = np.full((len(models), 1, 2), 200.0)
+    together, _ = rays_of_pixels(Lenses.of(models), pixels)
+    alone = np.concatenate([rays_of_pixels(Lenses.of([one]), pixels[:1])[0] for one in models])
+    np.testing.assert_allclose(together, alone, atol=1e-9)
+
+
+def test_no_pixels() -> None:
+    found, is_found = rays_of_pixels(Lenses.of([]), np.zeros((0, 8, 2)))
+    assert found.shape == (0, 8, 3)
+    assert is_found.shape == (0, 8)

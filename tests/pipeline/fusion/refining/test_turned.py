@@ -7,7 +7,7 @@ from detections import boxes3d, forward_camera
 from pipeline.core.arrays import F64, I64
 from pipeline.core.detections import Boxes3D
 from pipeline.fusion.projection import CameraArrays
-from pipeline.fusion.refining.measured_edges import MeasuredEdges
+from pipeline.fusion.refining.edges import MeasuredEdges
 from pipeline.fusion.refining.refinement import RefinedBoxes
 from pipeline.fusion.refining.turned import TURNED_COST, better_turned, with_turned
 

@@ -1,1 +1,0 @@
-"""Objects begun from 2D boxes, and clusters parted by them."""

@@ -1,0 +1,206 @@
+"""How each camera sees each hypothesis: whether it could see it, what hides it, and which 2D box speaks for it.
+
+A camera sees nothing behind a point of the cloud. The points of all lidars are sorted into cells of each camera's field
+of view, and each cell keeps the range of its nearest point (a depth buffer: Catmull, A subdivision algorithm for
+computer display of curved surfaces, 1974). An object is hidden as far as the cells that it fills have a point that is
+nearer than the object's near side. Cells without a point say nothing.
+
+What hides what does not depend on the lens: cells are of equal size in the plane one metre ahead of a camera, without
+distortion. The ground is left out: a cell at the foot of an object also holds the ground in front of it, which hides
+nothing.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from pipeline.core.arrays import F32, F64, Bools, Indices, check_array
+from pipeline.core.camera import BORDER_PX, CameraModel
+from pipeline.core.clouds import CombinedCloud
+from pipeline.core.compiled import compiled
+from pipeline.core.detections import Boxes2D, Hypotheses
+from pipeline.core.geometry.boxes import box_corners
+from pipeline.core.rig import CameraSensor
+
+__all__ = ["Visibility", "find_visibility", "hidden_by_points"]
+
+MAX_POINTS = 3000
+"""Points that are looked at in a frame, evenly chosen from all: what hides an object is large."""
+
+COLUMNS, ROWS = 32, 24
+"""Cells of a field of view."""
+
+WIDER = 1.2
+"""The cells reach so far beyond what a lens without distortion would show: most distortions show more."""
+
+WIDEST = 4.0
+"""Tangent of the largest angle to the axis that has cells; beyond, nothing is known to be hidden."""
+
+NEARER_SHARE = 0.97
+"""Points hide an object if they are nearer than this share of the range of its near side."""
+
+OPEN_CELLS = 1.0
+"""Cells that are taken to be free beside those that are measured, so that a single point hides nothing wholly."""
+
+NEAR_M = 0.01
+"""What is not so far ahead of a camera is not in its image."""
+
+_TABLE, _BLOCK = (f"Array(float32, {dimensions}, 'C', True)" for dimensions in (2, 3))
+_POINTS = "Array(float32, 2, 'A', True)"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Visibility:
+    """How C cameras see N hypotheses; cameras that did not look in this frame are not among them.
+
+    Attributes:
+        cameras: (C) names.
+        in_view: (C, N) bool, whether a part of the box lies in the image.
+        size_px: (C, N) float64, geometric mean of width and height of its rectangle, pixels; 0 out of view.
+        visible: (C, N) float64 in [0, 1], share of it that no other object and no point hides; 0 out of view.
+        is_cut: (C, N) bool, whether it reaches the border of the image.
+        is_matched: (C, N) bool, whether it has a 2D box.
+        scores: (C, N) float64, score of that box; 0 without one.
+        iou: (C, N) float64, overlap with that box; 0 without one.
+    """
+
+    cameras: tuple[str, ...]
+    in_view: Bools
+    size_px: F64
+    visible: F64
+    is_cut: Bools
+    is_matched: Bools
+    scores: F64
+    iou: F64
+
+    def __post_init__(self) -> None:
+        shape = self.in_view.shape
+        for name in ("size_px", "visible", "scores", "iou"):
+            check_array(name, getattr(self, name), shape, np.float64)
+        for name in ("in_view", "is_cut", "is_matched"):
+            check_array(name, getattr(self, name), shape, np.bool_)
+
+
+def find_visibility(
+    hypotheses: Hypotheses,
+    boxes2d: Mapping[str, Boxes2D],
+    views: Mapping[str, CameraSensor],
+    combined: CombinedCloud,
+) -> Visibility:
+    """How the cameras that have 2D boxes in this frame, or an empty list of them, see the hypotheses.
+
+    Args:
+        hypotheses: N boxes in the site frame, and their matches.
+        boxes2d: By camera name; a camera without an entry did not look.
+        views: The cameras as they stood when their images were taken.
+        combined: The clouds that may hide something.
+    """
+    boxes, cameras = hypotheses.boxes, tuple(name for name in hypotheses.matches if name in boxes2d)
+    shape = len(cameras), len(boxes)
+    visible, scores, iou = (np.zeros(shape) for _ in range(3))
+    is_matched = np.zeros(shape, np.bool_)
+    if not cameras or not len(boxes):
+        nothing = np.zeros(shape, np.bool_), np.zeros(shape)
+        return Visibility(cameras, nothing[0], nothing[1], visible, is_matched, nothing[0].copy(), scores, iou)
+    matches, models = [hypotheses.matches[name] for name in cameras], [views[name].model for name in cameras]
+    projected = np.array([one.projected_xyxy for one in matches])
+    in_view = np.isfinite(projected[..., 0])
+    xyxy = np.where(in_view[..., None], projected, np.float32(0))
+    extent = xyxy[..., 2:] - xyxy[..., :2]
+    border = np.array([(model.width_px, model.height_px) for model in models], np.float32)[:, None] - BORDER_PX
+    is_cut = in_view & ((xyxy[..., :2] <= BORDER_PX) | (xyxy[..., 2:] >= border)).any(2)
+    pairs = in_view.nonzero()
+    corners = box_corners(boxes.centers, boxes.sizes, boxes.yaws)
+    covered = hidden_by_points([views[name] for name in cameras], combined.detection_cloud.xyz, corners, *pairs)
+    visible[pairs] = 1 - np.maximum(covered, np.array([one.hidden for one in matches])[pairs])
+    rows, found = np.concatenate([one.pairs for one in matches]).T
+    camera = np.repeat(np.arange(len(cameras)), [len(one) for one in matches])
+    found += np.cumsum([0, *(len(boxes2d[name]) for name in cameras)])[camera]
+    is_matched[camera, rows] = True
+    scores[camera, rows] = np.concatenate([boxes2d[name].scores for name in cameras])[found]
+    iou[camera, rows] = np.concatenate([one.iou for one in matches])
+    size_px = np.sqrt(extent.prod(2).astype(np.float64))
+    return Visibility(cameras, in_view, size_px, visible, is_cut, is_matched, scores, iou)
+
+
+def hidden_by_points(
+    views: Sequence[CameraSensor], xyz_site: F32, corners_site: F64, cameras: Indices, objects: Indices
+) -> F64:
+    """(Q,) share of an object that nearer points cover in the view of a camera, in [0, 1), of Q pairs of both.
+
+    Args:
+        views: C cameras as they stood when their images were taken.
+        xyz_site: (P, 3) points in the site frame, metres.
+        corners_site: (N, 8, 3) corners of the objects' boxes in the site frame, metres.
+        cameras: (Q,) camera of each pair.
+        objects: (Q,) object of each pair.
+    """
+    if not len(cameras):
+        return np.zeros(0)
+    is_used = np.zeros(len(views), np.bool_)
+    is_used[cameras] = True
+    cameras = (np.cumsum(is_used) - 1)[cameras]
+    low, cell = (values[is_used] for values in _cells(tuple(view.model for view in views)))
+    matrices = np.array([view.T_camera_site.matrix for view in views])[is_used]
+    matrices32, low32, cell32 = (values.astype(np.float32) for values in (matrices, low, cell))
+    nearest = _nearest_in_cells(matrices32, low32, cell32, _sampled(xyz_site))
+    corners = corners_site[objects] @ matrices[cameras, :3, :3].swapaxes(1, 2) + matrices[cameras, None, :3, 3]
+    middle = corners.mean(1)
+    reach_m = np.sqrt(((corners - middle[:, None]) ** 2).sum(2)).max(1)
+    near_side_m = np.sqrt((middle**2).sum(1)) - reach_m
+    place = (corners[..., :2] / np.maximum(corners[..., 2:], NEAR_M) - low[cameras, None]) / cell[cameras, None]
+    first = np.floor(place.min(1))
+    end = np.maximum(np.ceil(place.max(1)), first + 1)
+    in_column, in_row = (
+        (np.arange(count) >= first[:, axis, None]) & (np.arange(count) < end[:, axis, None])
+        for axis, count in enumerate((COLUMNS, ROWS))
+    )
+    filled, ranges_m = in_row[:, :, None] & in_column[:, None], nearest[cameras]
+    in_front = (filled & (ranges_m < (NEARER_SHARE * near_side_m)[:, None, None])).sum((1, 2))
+    measured = (filled & np.isfinite(ranges_m)).sum((1, 2))
+    return np.asarray(in_front / (measured + OPEN_CELLS))
+
+
+def _sampled(xyz: F32) -> F32:
+    return xyz[:: -(-len(xyz) // MAX_POINTS) or 1]
+
+
+@lru_cache(maxsize=4)
+def _cells(models: tuple[CameraModel, ...]) -> tuple[F64, F64]:
+    """(C, 2) low end of the field of view across and down, and (C, 2) size of a cell, in the plane one metre ahead."""
+    focal = np.array([(model.K[0, 0], model.K[1, 1]) for model in models])
+    middle = np.array([(model.K[0, 2], model.K[1, 2]) for model in models])
+    size = np.array([(model.width_px, model.height_px) for model in models], np.float64)
+    low = np.maximum(-WIDER * middle / focal, -WIDEST)
+    high = np.minimum(WIDER * (size - middle) / focal, WIDEST)
+    return low, (high - low) / (COLUMNS, ROWS)
+
+
+@compiled(f"float32[:, :, ::1]({_BLOCK}, {_TABLE}, {_TABLE}, {_POINTS})")
+def _nearest_in_cells(matrices: F32, low: F32, cell: F32, xyz: F32) -> F32:
+    """Range of the nearest point in each cell of each camera's field of view.
+
+    Args:
+        matrices: (C, 4, 4) site to camera.
+        low: (C, 2) low ends of the fields of view across and down, in the plane one metre ahead.
+        cell: (C, 2) sizes of a cell there.
+        xyz: (P, 3) points in the site frame, metres.
+
+    Returns:
+        (C, ROWS, COLUMNS) metres; inf without a point.
+    """
+    nearest = np.full((len(matrices), ROWS, COLUMNS), np.float32(np.inf), np.float32)
+    for c in range(len(matrices)):
+        T = matrices[c]
+        for p in range(len(xyz)):
+            x = T[0, 0] * xyz[p, 0] + T[0, 1] * xyz[p, 1] + T[0, 2] * xyz[p, 2] + T[0, 3]
+            y = T[1, 0] * xyz[p, 0] + T[1, 1] * xyz[p, 1] + T[1, 2] * xyz[p, 2] + T[1, 3]
+            z = T[2, 0] * xyz[p, 0] + T[2, 1] * xyz[p, 1] + T[2, 2] * xyz[p, 2] + T[2, 3]
+            if z > np.float32(NEAR_M):
+                column, row = (x / z - low[c, 0]) / cell[c, 0], (y / z - low[c, 1]) / cell[c, 1]
+                if column >= 0 and column < COLUMNS and row >= 0 and row < ROWS:
+                    own = nearest[c, np.int64(row)]
+                    own[np.int64(column)] = min(own[np.int64(column)], np.sqrt(x * x + y * y + z * z))
+    return nearest

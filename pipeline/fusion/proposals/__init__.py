@@ -1,0 +1,1 @@
+"""Objects proposed by 2D boxes, and clusters parted by them."""

@@ -1,0 +1,184 @@
+"""What the images say of the place of 3D boxes: the edges of the 2D boxes that are matched with them.
+
+Where something other than the object moves an edge, it errs by more. The border of an image moves edges that it does
+not cut: the 2D box of a bus that reaches below the image ends on the left where its side leaves the image, not at its
+rear. What hides a part of the object moves edges inward. And if most objects of an image lie beside their 2D boxes by
+the same step, it is the camera whose calibration does not fit, and its 2D boxes would draw every object aside.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipeline.core.arrays import F64, I64, Bools, Rows, select_rows
+from pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses
+from pipeline.core.geometry.box_edges import BOX_EDGES
+from pipeline.core.geometry.boxes import box_corners
+from pipeline.core.rig import CameraSensor
+from pipeline.core.settings.fuse import FuseConfig
+from pipeline.fusion.projection import CameraArrays, camera_arrays
+
+__all__ = ["MeasuredEdges", "camera_shifts", "doubted_edges", "measured_edges", "moved_by_borders"]
+
+NANOSECONDS = 1e-9
+
+CLEARLY = 2.5
+"""An edge that is so many standard deviations inside of where it should be may be that of what hides the object."""
+
+SURE = 3.0
+"""A common shift of fewer standard deviations may be chance."""
+
+MEDIAN_SPREAD = 1.2533
+"""Standard deviation of a median, as a multiple of that of a mean."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredEdges:
+    """P pairs of a 3D box and a 2D box, sorted by the 3D box.
+
+    Attributes:
+        rows: (P,) int64 row of the 3D box.
+        camera_rows: (P,) int64 number of the camera, in the order of the views.
+        cameras: P cameras.
+        xyxy: (P, 4) float64 left, top, right, bottom of the 2D box, clipped to the image, pixels.
+        sigma_px: (P, 4) float64 standard deviation of each edge.
+        hidden_px: (P, 4) float64, how far nearer objects may have moved each edge inward.
+        later_s: (P,) float64, how much later the image was measured than the 3D box.
+    """
+
+    rows: I64
+    camera_rows: I64
+    cameras: CameraArrays
+    xyxy: F64
+    sigma_px: F64
+    hidden_px: F64
+    later_s: F64
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def select(self, rows: Rows) -> "MeasuredEdges":
+        """The given pairs (mask or indices), in that order."""
+        return select_rows(self, rows)
+
+
+def measured_edges(
+    hypotheses: Hypotheses,
+    boxes2d: Mapping[str, Boxes2D],
+    views: Mapping[str, CameraSensor],
+    config: FuseConfig,
+) -> MeasuredEdges:
+    """All matched 2D boxes of a frame.
+
+    An edge errs by some pixels and by a share of the size of the 2D box. Where nearer objects hide a part of the
+    object, a detector may see less of it, by as much as they hide of its width or height.
+
+    Args:
+        hypotheses: Boxes and their matches.
+        boxes2d: By camera name.
+        views: The cameras by name.
+        config: `pixel_sigma_px` and `outline_sigma`.
+    """
+    numbered = [(k, name) for k, name in enumerate(views) if name in boxes2d and hypotheses.matches.get(name)]
+    matched = [(hypotheses.matches[name], boxes2d[name]) for _, name in numbered]
+    counts = [len(matches) for matches, _ in matched]
+    rows = np.concatenate([np.zeros(0, np.int64), *(matches.pairs[:, 0] for matches, _ in matched)])
+    order = np.argsort(rows, kind="stable")
+    rows, numbers = rows[order], np.repeat(np.array([number for number, _ in numbered], np.int64), counts)[order]
+    stamps_ns = np.repeat(np.array([found.stamp_ns for _, found in matched], np.int64), counts)[order]
+    xyxy = np.concatenate([np.zeros((0, 4)), *(found.xyxy[matches.pairs[:, 1]] for matches, found in matched)])[order]
+    hidden = np.concatenate([np.zeros(0), *(matches.hidden[matches.pairs[:, 0]] for matches, _ in matched)])[order]
+    cameras = camera_arrays(tuple(views.values())).select(numbers)
+    xyxy = xyxy.clip(0.0, cameras.limits)
+    extent = np.maximum(xyxy[:, 2:] - xyxy[:, :2], 1.0)
+    outline_px = config.outline_sigma * np.sqrt(extent[:, :1] * extent[:, 1:])
+    sigma_px = np.repeat(np.hypot(config.pixel_sigma_px, outline_px), 4, axis=1)
+    hidden_px = hidden[:, None] * np.concatenate([extent, extent], 1)
+    later_s = (stamps_ns - hypotheses.boxes.measured_ns[rows]) * NANOSECONDS
+    return MeasuredEdges(rows, numbers, cameras, xyxy, sigma_px, hidden_px, later_s)
+
+
+def moved_by_borders(boxes: Boxes3D, rows: I64, cameras: CameraArrays) -> F64:
+    """(P, 4) how far left, top, right and bottom of what an image shows are inside of those of the whole box, pixels.
+
+    Of left and right, as far as the upper and the lower border move them, and the other way round. Where nothing of a
+    box is in the image, that is all of its extent. Lines between corners are taken for straight.
+
+    Args:
+        boxes: N boxes.
+        rows: (P,) the box in the image of each camera, wholly in front of it.
+        cameras: P cameras.
+    """
+    corners = box_corners(boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows])
+    in_cameras = corners @ cameras.rotations.swapaxes(1, 2) + cameras.translations[:, None]
+    pixels, _ = cameras.lenses.project(in_cameras)
+    moved = np.empty((len(rows), 4))
+    for axis in range(2):
+        along, other = pixels[..., axis], pixels[..., 1 - axis]
+        limit = cameras.image_sizes[:, 1 - axis, None]
+        (a, b), (c, d) = along[:, BOX_EDGES.T].swapaxes(0, 1), other[:, BOX_EDGES.T].swapaxes(0, 1)
+        places, is_left = [along], [(other >= 0) & (other <= limit)]
+        for border in (0.0, limit):
+            places.append(a + (b - a) * (border - c) / np.where(c == d, 1.0, d - c))
+            is_left.append((np.minimum(c, d) < border) & (border < np.maximum(c, d)))
+        place, left = np.concatenate(places, 1), np.concatenate(is_left, 1)
+        low, high = np.where(left, place, np.inf).min(1), np.where(left, place, -np.inf).max(1)
+        whole_low, whole_high = along.min(1), along.max(1)
+        moved[:, axis] = np.minimum(low, whole_high) - whole_low
+        moved[:, axis + 2] = whole_high - np.maximum(high, whole_low)
+    return moved.clip(0.0)
+
+
+def doubted_edges(
+    edges: MeasuredEdges, cut_px: F64, predicted: F64, jacobian: F64, covariances: F64, is_own: Bools
+) -> MeasuredEdges:
+    """The edges with further noise where something other than the box moves them.
+
+    That is where the border of the image cuts it, where a part of the object is hidden and the 2D box ends clearly
+    inside of where the box does, and where all 2D boxes of a camera are shifted alike.
+
+    Args:
+        edges: P pairs.
+        cut_px: (P, 4) of `moved_by_borders`.
+        predicted: (P, 4) the edges of the projected boxes, pixels.
+        jacobian: (P, 4, 3) derivatives of these by x, y and yaw.
+        covariances: (N, 3, 3) of the boxes over these.
+        is_own: (P,) the pairs of boxes that are not turned: they tell the common shifts.
+    """
+    own, away, of_box = np.hypot(edges.sigma_px, cut_px), edges.xyxy - predicted, covariances[edges.rows]
+    by_box = (jacobian @ of_box * jacobian).sum(2)
+    is_inside = away * [1, 1, -1, -1] > CLEARLY * np.sqrt(by_box + own**2)
+    sigma_px = np.hypot(own, np.where(is_inside, edges.hidden_px, 0.0))
+    slopes = (jacobian[:, :2] + jacobian[:, 2:]) / 2
+    variances = (slopes @ of_box * slopes).sum(2) + (sigma_px[:, :2] ** 2 + sigma_px[:, 2:] ** 2) / 4
+    whole = np.flatnonzero(is_own & ((edges.xyxy > 0) & (edges.xyxy < edges.cameras.limits)).all(1))
+    off = (away[whole, :2] + away[whole, 2:]) / 2
+    count = int(edges.camera_rows.max(initial=-1)) + 1
+    shifts = camera_shifts(edges.camera_rows[whole], off, variances[whole], count=count)
+    return replace(edges, sigma_px=np.hypot(sigma_px, np.concatenate([shifts, shifts], 1)[edges.camera_rows]))
+
+
+def camera_shifts(camera_rows: I64, residuals_px: F64, variances_px2: F64, *, count: int) -> F64:
+    """(C, 2) common shift of the 2D boxes of each camera to the right and down, pixels; 0 where it may be chance.
+
+    Args:
+        camera_rows: (P,) row of the camera of each pair.
+        residuals_px: (P, 2) how far the centre of each 2D box is to the right of that of the projected box, and below.
+        variances_px2: (P, 2) variances to expect of them.
+        count: Number of cameras.
+    """
+    shifts = np.zeros((count, 2))
+    for camera in range(count):
+        own = camera_rows == camera
+        if own.any():
+            shift, variance = _median(residuals_px[own]), _median(variances_px2[own])
+            is_sure = np.abs(shift) > SURE * MEDIAN_SPREAD * np.sqrt(variance / own.sum())
+            shifts[camera] = np.where(is_sure, shift, 0.0)
+    return shifts
+
+
+def _median(values: F64) -> F64:
+    """Of each column: `np.median` takes ten times as long for few rows."""
+    ordered = np.sort(values, axis=0)
+    return np.asarray((ordered[(len(values) - 1) // 2] + ordered[len(values) // 2]) / 2)

@@ -1,0 +1,42 @@
+"""Stages of fusion with the settings that a whole `Config` has for them, as `lidcam/build.py` makes them."""
+
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.engines import ENGINES
+from pipeline.detectors.cluster.fitting import BoxFitter
+from pipeline.stages.associate import Associate
+from pipeline.stages.believe import Believe
+from pipeline.stages.place import Place
+from pipeline.stages.propose import Propose
+from pipeline.stages.reshape import Reshape
+
+__all__ = ["associate_of", "believe_of", "place_of", "propose_of", "reshape_of"]
+
+CONFIG = Config()
+
+
+def associate_of(rig: Rig, config: Config = CONFIG) -> Associate:
+    """Association in a rig."""
+    return Associate(rig, config.associate, config.classes)
+
+
+def place_of(rig: Rig, config: Config = CONFIG) -> Place:
+    """What cameras alone place in a rig."""
+    return Place(rig, config.fuse, config.classes, ground_distance_m=config.combine.ground.distance_m)
+
+
+def propose_of(rig: Rig, config: Config = CONFIG) -> Propose:
+    """Proposals in a rig."""
+    return Propose(rig, BoxFitter(rig, config), config.detect3d.cluster, config.classes)
+
+
+def reshape_of(rig: Rig, config: Config) -> Reshape:
+    """Boxes completed again."""
+    return Reshape(BoxFitter(rig, config), config.detect3d, config.classes)
+
+
+def believe_of(rig: Rig, config: Config = CONFIG) -> Believe:
+    """Belief in a rig."""
+    is_calibrated = ENGINES[config.detect3d.method].scores_are_probabilities
+    motion = config.combine.motion
+    return Believe(rig, config.fuse, config.classes, motion, scores_are_probabilities=is_calibrated)
