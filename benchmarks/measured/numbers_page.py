@@ -82,7 +82,7 @@ def section(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
             for name, source, one in by_class(figures)
         ],
     )
-    yield "What was found of each kind of object, whatever class lidcam has for it:\n"
+    yield "Objects found by kind, whatever class lidcam has for it:\n"
     yield from table(["object", "truth", *(f"recall, {source}" for source in figures["sources"])], _by_label(figures))
     if cameras := _cameras(figures):
         yield "2D boxes of all classes against what the images show:\n"

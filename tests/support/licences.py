@@ -42,7 +42,7 @@ lidcam is under Apache-2.0; the tables of laser angles in `readers/velodyne/mode
 lists everything that is installed with it on Linux, as the packages state it; `make docs/licences.md` prints it, and a
 test compares it with what is installed. Versions and hashes are in `constraints.txt`.
 
-What is not permissive:
+These are not permissive:
 
 - **av** (extra `video`) is itself under BSD-3-Clause, but its wheel holds FFmpeg with the encoders x264 and x265, which
   are under GPL-2.0-or-later: who passes on an installation with this extra passes on GPL code. That is why it is an
