@@ -1,4 +1,4 @@
-"""What `import lidcam` offers: the same runs that the command line makes, with results to work on."""
+"""The names of `import lidcam`: the runs of the command line, with results to work on."""
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
@@ -177,7 +177,7 @@ def inspect(
     settings: Settings = (),
     rig: RigSource | None = None,
 ) -> Inspection:
-    """What is in a recording, and what lidcam would use of it; arguments as of `process`.
+    """The contents of a recording, and what lidcam would use of them; arguments as of `process`.
 
     Raises:
         LidcamError: the recording cannot be opened or is empty, or the settings or the rig are at fault.

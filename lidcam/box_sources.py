@@ -40,7 +40,7 @@ def wanted_boxes(config: Config, rig: Rig) -> BoxSource:
 def add_boxes3d(
     graph: Graph[SensorBundle], config: Config, rig: Rig, combined: Node[CombinedCloud], *, on_bad: OnBadMessage
 ) -> tuple[Node[Decoded[Boxes3D]], Node[Boxes3D]]:
-    """What the messages of recorded 3D detectors held, which is nothing if none are used; and the frame's 3D boxes."""
+    """The decoded messages of recorded 3D detectors, none if they are not used; and the frame's 3D boxes."""
     if config.detect3d.method != "recorded":
         from pipeline.stages.detect3d import Detect3D  # behind the imports of programs that detect nothing
 
@@ -56,7 +56,7 @@ def add_boxes3d(
 def add_boxes2d(
     graph: Graph[SensorBundle], config: Config, rig: Rig, *, on_bad: OnBadMessage
 ) -> tuple[Node[Decoded[Any]], Node[Mapping[str, Boxes2D]]]:
-    """What the cameras' messages held, and the 2D boxes by camera name.
+    """The decoded messages of the cameras, and the 2D boxes by camera name.
 
     Raises:
         ModelError: the network cannot be loaded.

@@ -96,7 +96,7 @@ def _detections(lidar: Boxes3D, boxes2d: Mapping[str, Boxes2D], placed: Placed) 
 
 
 class _Unused(NamedTuple):
-    """What of the messages could not be used; apart from what was decoded, which need not leave its process."""
+    """Messages and boxes that could not be used; apart from the decoded data, which need not leave its process."""
 
     drops: tuple[Drop, ...]
     boxes: Mapping[str, int]

@@ -43,7 +43,7 @@ class TimeWindow:
 
 @dataclass(frozen=True, slots=True)
 class RunInput:
-    """What bundles are made from.
+    """The source of bundles.
 
     Attributes:
         recording: The open recording, one topic per sensor.

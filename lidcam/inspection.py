@@ -1,4 +1,4 @@
-"""What is in a recording, and what lidcam would use of it."""
+"""The contents of a recording, and what lidcam would use of them."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -37,7 +37,7 @@ INSPECTED_NS = 5_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Inspection:
-    """What is in a recording. Holds no open file.
+    """The contents of a recording. Holds no open file.
 
     Attributes:
         files: Its files.
@@ -81,7 +81,7 @@ class Inspection:
 
     @property
     def incomplete(self) -> tuple[str, ...]:
-        """What lidcam could not use, one short line each: sensors left out, messages lost to damage; empty if nothing.
+        """Reasons why lidcam could not use all, one short line each: sensors left out, messages lost to damage.
 
         Where it could use nothing at all, `problem` says why.
         """
@@ -154,7 +154,7 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
 
 
 def inspection_tree(inspection: Inspection) -> dict[str, Any]:
-    """What is in a recording as plain values, for JSON."""
+    """The contents of a recording as plain values, for JSON."""
     tree: dict[str, Any] = {
         "files": [str(path) for path in inspection.files],
         "start_ns": inspection.start_ns,

@@ -44,7 +44,7 @@ MAX_SECONDS = 1e9
 
 
 class AllowedDifference(StrEnum):
-    """What two results may differ in: the kinds of `pipeline.evaluation.comparison.records`, and frames."""
+    """Kinds of differences between two results that may be allowed, and frames of one result alone."""
 
     LOST = "lost"
     NEW = "new"

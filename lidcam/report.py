@@ -74,7 +74,7 @@ class UnusedTopic:
 
 @dataclass(frozen=True, slots=True)
 class InputReport:
-    """What was read, and used of it.
+    """The files and messages that were read, and how many were used.
 
     Attributes:
         files: The files that were read.
@@ -93,7 +93,7 @@ class InputReport:
 
 @dataclass(frozen=True, slots=True)
 class FrameReport:
-    """What the frames hold.
+    """Counts over the frames.
 
     Attributes:
         count: Number of frames.
@@ -122,13 +122,13 @@ class FrameReport:
 
 @dataclass(frozen=True, slots=True)
 class DropReport:
-    """What was not used or not reported, by reason.
+    """Counts of what was not used or not reported, by reason.
 
     Attributes:
         messages: Messages, and parts of messages, by topic and reason.
         boxes: Recorded 2D boxes that could not be used.
         boxes3d: Recorded 3D boxes that could not be used.
-        boxes_without_object: 2D boxes without a 3D box that begin no object.
+        boxes_without_object: 2D boxes without a 3D box that propose no object.
         objects: Fused objects that are not reported.
     """
 
@@ -164,7 +164,7 @@ class SensorReport:
 
 @dataclass(frozen=True, slots=True)
 class TimingReport:
-    """What the run took.
+    """Times of a run.
 
     Attributes:
         stage_seconds: Time spent per stage, summed over the frames and over all processes that shared them.
@@ -179,14 +179,14 @@ class TimingReport:
 
 @dataclass(frozen=True, slots=True)
 class RunReport:
-    """What a run did. Holds no open file: it can be pickled and sent between processes.
+    """Report of a run. Holds no open file: it can be pickled and sent between processes.
 
     Attributes:
-        inputs: What was read.
-        frames: What the frames hold.
-        drops: What was not used.
+        inputs: Files and messages.
+        frames: Counts over the frames.
+        drops: Messages, boxes and objects that were not used.
         sensors: The sensors.
-        timing: What it took.
+        timing: Times.
         settings: Which settings were used, and why these.
         settings_sha256: Checksum of all of them that affect the result.
         notes: Remarks on topics and sensors.
@@ -209,7 +209,7 @@ class RunReport:
 
     @property
     def incomplete(self) -> tuple[str, ...]:
-        """What of the recording could not be used, one short line each; empty if nothing is missing.
+        """Reasons why part of the recording could not be used, one short line each; empty if nothing is missing.
 
         Sensors that were left out or are in no frame, messages that are at fault, messages lost to damage. Drops of
         synchronisation and pauses of a sensor are not among them.

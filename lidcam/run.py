@@ -254,7 +254,7 @@ class Run:
         outputs: Sequence[Path] = (),
         viewers: Mapping[str, str] | None = None,
     ) -> RunReport:
-        """What was done so far.
+        """The report so far.
 
         Args:
             inputs: The files that were read.
@@ -386,7 +386,7 @@ def _memory_of(bundle: SensorBundle) -> int:
 
 
 def _needed(bundle: SensorBundle, decoded: Collection[str]) -> SensorBundle:
-    """What stages read of a bundle: of messages that are not decoded, only the stamps."""
+    """A bundle without the data that no stage reads: of messages that are not decoded, only the stamps stay."""
     messages = {
         topic: message._replace(data=memoryview(message.data) if topic in decoded else b"")
         for topic, message in bundle.messages.items()

@@ -1,4 +1,4 @@
-"""What is counted during a run: messages used and dropped, objects, points."""
+"""Counts during a run: messages used and dropped, objects, points."""
 
 from collections import Counter
 from dataclasses import dataclass

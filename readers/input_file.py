@@ -1,4 +1,4 @@
-"""What tells an input from others: its size and its checksum."""
+"""Inputs identified by size and checksum."""
 
 import math
 from collections.abc import Generator, Sequence
@@ -16,7 +16,7 @@ END_BYTES = 1 << 16
 """Of the beginning and of the end of a file, for a fingerprint: the first clouds or images, and the index."""
 
 BLOCK_BYTES, STEP_BYTES = 1 << 20, 1 << 22
-"""What is read at once for a checksum, and what is worth waking a thread for."""
+"""Bytes read at once for a checksum; fewer are not worth waking a thread."""
 
 
 class InputFile(NamedTuple):
@@ -47,7 +47,7 @@ class InputFile(NamedTuple):
 
     @property
     def provenance(self) -> dict[str, str]:
-        """What a result says of it: not where it lay."""
+        """The record of it in a result: not where it lay."""
         if self.sha256 is not None:
             return {"name": self.name, "sha256": self.sha256}
         if "://" in self.path:

@@ -1,4 +1,4 @@
-"""What the user should know of what was read: one line for each kind of thing, with how often it was met."""
+"""Notes for the user about what was read: one line for each kind, with how often it was met."""
 
 from dataclasses import dataclass, field
 

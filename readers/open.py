@@ -289,7 +289,7 @@ def _first_bytes(path: Path) -> bytes:
 
 
 def _describe(magic: bytes, path: Path) -> str:
-    """What a file that is not a recording seems to be, and what to do."""
+    """A guess at a file that is not a recording, and what to do."""
     if not magic:
         kind = "a compressed file with nothing in it" if path.suffix == ".zstd" else "an empty file"
         return f"{kind}; record or copy it again"

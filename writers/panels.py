@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 __all__ = ["Panels", "arrange"]
 
 WINDOW_PX = (1600, 920)
-"""What the panels have of a usual window."""
+"""The panels' share of a usual window."""
 
 TITLE_PX = 24
 MAX_IMAGE_SHARE = 0.46

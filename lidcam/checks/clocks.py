@@ -1,4 +1,4 @@
-"""What the clocks of the sensors and of the recorder did in a run."""
+"""Notes and warnings about the clocks of sensors and recorder."""
 
 from collections.abc import Mapping, Sequence
 
@@ -24,7 +24,7 @@ def jump_warnings(jumps: Sequence[TimeJump], *, start_ns: int) -> list[RunWarnin
 
 
 def clock_notes(clocks: Clocks, sensors: Mapping[str, str]) -> list[str]:
-    """What is said of sensors without stamps; `sensors` names them by topic."""
+    """Notes about sensors without stamps; `sensors` names them by topic."""
     names = [sensors.get(topic, topic) for topic in clocks.unstamped]
     if not names:
         return []

@@ -1,4 +1,4 @@
-"""What of a recording could not be used, in short lines: why a command ends with exit code 3."""
+"""Short lines about the part of a recording that could not be used: why a command ends with exit code 3."""
 
 from collections import defaultdict
 from collections.abc import Sequence

@@ -44,7 +44,7 @@ class ObjectCheck:
         return (RunWarning("no objects", f"frame {self._closest.bundle.index} came closest: {finding}", remedy),)
 
     def _lost_at(self, frame: FrameResult) -> tuple[str, str]:
-        """What happened at the step that left nothing, and what to try."""
+        """The step that left no objects, and what to try."""
         config, counts, boxes = self._config, frame.combined.counts, frame.hypotheses.boxes
         measured = counts["input"] - counts["nan"]
         if left_out := frame.fused.left_out:

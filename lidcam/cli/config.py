@@ -1,4 +1,4 @@
-"""What the commands of `lidcam config` take."""
+"""Arguments of the commands of `lidcam config`."""
 
 from typing import Annotated
 

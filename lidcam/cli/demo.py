@@ -1,4 +1,4 @@
-"""What `lidcam demo` takes."""
+"""Arguments of `lidcam demo`."""
 
 from pathlib import Path
 from typing import Annotated

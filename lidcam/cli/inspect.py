@@ -1,4 +1,4 @@
-"""What `lidcam inspect` takes."""
+"""Arguments of `lidcam inspect`."""
 
 from pathlib import Path
 from typing import Annotated

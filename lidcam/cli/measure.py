@@ -1,4 +1,4 @@
-"""What `lidcam evaluate` and `lidcam compare` take."""
+"""Arguments of `lidcam evaluate` and `lidcam compare`."""
 
 from pathlib import Path
 from typing import Annotated

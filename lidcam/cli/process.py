@@ -1,4 +1,4 @@
-"""What `lidcam process` takes."""
+"""Arguments of `lidcam process`."""
 
 import os
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What `lidcam simulate` and `lidcam drive` take."""
+"""Arguments of `lidcam simulate` and `lidcam drive`."""
 
 from importlib.util import find_spec
 from typing import Annotated

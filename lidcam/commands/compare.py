@@ -1,4 +1,4 @@
-"""What `lidcam compare` does."""
+"""The work of `lidcam compare`."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -35,12 +35,12 @@ from writers.outputs.transaction import OutputTransaction
 __all__ = ["FRAMES", "CompareOptions", "run_compare"]
 
 FRAMES = "frames"
-"""What may be allowed beside the kinds of differences: frames that one result alone has."""
+"""Allowed beside the kinds of differences: frames that one result alone has."""
 
 
 @dataclass(frozen=True, slots=True)
 class CompareOptions:
-    """What to compare.
+    """Arguments of a comparison.
 
     Attributes:
         first: The result A.
@@ -163,7 +163,7 @@ def _pairs(first: Result, second: Result, config: CompareConfig, stack: ExitStac
 
 
 def _failures(comparison: Comparison, options: CompareOptions) -> tuple[str, ...]:
-    """What differs more than it may, one line each."""
+    """Lines about each source or camera that differs more than it may."""
     found = comparison.not_allowed_percent(frames_may_differ=FRAMES in options.allowed)
     but = f" but for what is {', '.join(kinds)}" if (kinds := _kinds(options)) else ""
     return tuple(

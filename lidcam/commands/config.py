@@ -1,4 +1,4 @@
-"""What `lidcam config` does: the presets, and what the settings mean."""
+"""The work of `lidcam config`: the presets, and explanations of settings."""
 
 import json
 from dataclasses import asdict

@@ -1,4 +1,4 @@
-"""What `lidcam demo` does."""
+"""The work of `lidcam demo`."""
 
 import filecmp
 import shutil

@@ -1,4 +1,4 @@
-"""What `lidcam drive` does."""
+"""The work of `lidcam drive`."""
 
 import contextlib
 import logging

@@ -1,4 +1,4 @@
-"""What stands around the figures of every command that prints them as JSON: what they are of, and how it ended."""
+"""The envelope of the figures that a command prints as JSON: inputs, settings, truth, and how the command ended."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict

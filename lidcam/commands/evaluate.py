@@ -1,4 +1,4 @@
-"""What `lidcam evaluate` does."""
+"""The work of `lidcam evaluate`."""
 
 from contextlib import ExitStack
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What `lidcam inspect` does."""
+"""The work of `lidcam inspect`."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -31,7 +31,7 @@ __all__ = ["InspectOptions", "run_inspect"]
 
 @dataclass(frozen=True, slots=True)
 class InspectOptions:
-    """What to look at and what to write.
+    """Arguments of an inspection.
 
     Attributes:
         inputs: The recording.

@@ -1,4 +1,4 @@
-"""What `lidcam process` does."""
+"""The work of `lidcam process`."""
 
 import gc
 import logging
@@ -40,7 +40,7 @@ SOURCES = ("lidar", "fused")
 
 @dataclass(frozen=True, slots=True)
 class Printed:
-    """What is printed.
+    """Choice of what is printed.
 
     Attributes:
         detections: What the lidars saw, frame by frame.

@@ -1,4 +1,4 @@
-"""What `lidcam simulate` and `lidcam drive` have in common: a scenario that is recorded to a file."""
+"""The recording of a scenario to a file, for `lidcam simulate` and `lidcam drive`."""
 
 import contextlib
 from collections.abc import Iterator
@@ -33,7 +33,7 @@ __all__ = ["Recorder", "ScenarioOptions", "recording_to", "scenario_of"]
 
 @dataclass(frozen=True, slots=True)
 class ScenarioOptions:
-    """What is simulated, and where it is recorded.
+    """The scenario, and where it is recorded.
 
     Attributes:
         scenario: Name of a scenario, or a YAML file.

@@ -1,4 +1,4 @@
-"""What `lidcam simulate` does."""
+"""The work of `lidcam simulate`."""
 
 from dataclasses import dataclass
 

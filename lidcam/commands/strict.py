@@ -1,4 +1,4 @@
-"""What `--strict` asks of a run."""
+"""The check of `--strict`."""
 
 from collections import Counter
 from typing import NamedTuple
@@ -26,7 +26,7 @@ class Strictness(NamedTuple):
     max_dropped_percent: float = MAX_DROPPED_PERCENT
 
     def failure(self, report: RunReport) -> str:
-        """What was left out, silent, dropped or damaged beyond what is allowed, in one line; empty if nothing was."""
+        """One line about what was left out, silent, dropped or damaged beyond what is allowed; empty if nothing was."""
         findings = [*_left_out(report), *self._silent(report), *self._dropped(report), *_damaged(report)]
         return f"--strict: {first_of(findings)}; the outputs are complete" if findings else ""
 

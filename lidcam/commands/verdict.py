@@ -33,7 +33,7 @@ class Verdict(NamedTuple):
 
     @property
     def exit_code(self) -> int:
-        """What the program will exit with."""
+        """The exit code of the program."""
         return FAILED if self.failures else INCOMPLETE if self.incomplete else DONE
 
     def tree(self) -> dict[str, Any]:

@@ -40,7 +40,7 @@ class EvaluationFrames:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the user should know of what was read so far, one line each."""
+        """Notes for the user about what was read so far, one line each."""
         no_truth = f"no truth: {self._reason}"
         of_truth = (no_truth,) if self._truth is None else (f"truth: {self._truth.description}", *self._truth.notes)
         return (*self._result.notes, *of_truth, *self._notes.lines())

@@ -1,4 +1,4 @@
-"""What an output must never replace: an input of the run, and what lidcam did not write itself."""
+"""Outputs must never replace an input of the run, or a file that lidcam did not write itself."""
 
 import os
 from collections.abc import Callable, Iterable, Sequence
@@ -54,7 +54,7 @@ def _check_one(output: Path, target: Path, source: Path, resolved: Path) -> None
 
 @dataclass(frozen=True, slots=True)
 class Replaceable:
-    """What a command may replace without --overwrite: what it wrote itself.
+    """Files that a command may replace without --overwrite: its own.
 
     Attributes:
         is_own: Whether the command wrote the file or folder that stands at a path.

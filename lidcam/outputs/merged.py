@@ -23,7 +23,7 @@ from writers.viewpoint import SceneSurvey
 __all__ = ["NAMES", "write_both"]
 
 NAMES = ("a", "b")
-"""What the topics and the sensors' frames of each result begin with."""
+"""Prefixes of the topics and the sensors' frames of each result."""
 
 DRAWN = ("fused", "lidar", "cameras")
 """Sources whose differences are drawn: the first of them that is compared."""

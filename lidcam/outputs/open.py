@@ -99,7 +99,7 @@ def _provenance(source: RunInput, inputs: InputFiles) -> Provenance:
 
 
 def _network(source: RunInput) -> Mapping[str, str]:
-    """What a result says of the 2D network, if there is one."""
+    """Record of the 2D network in a result, if there is one."""
     model = source.config.detect2d.model
     if model is None or box_source(source.config, source.rig) != "onnx":
         return {}

@@ -1,1 +1,1 @@
-"""What the commands print: tables, frames, progress."""
+"""Printing: tables, frames, progress."""

@@ -1,4 +1,4 @@
-"""What `lidcam compare` prints."""
+"""Printing of `lidcam compare`."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""What the commands print: inspections, frames, and the final tables of a run."""
+"""Printing of inspections, frames, and the final tables of a run."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -49,7 +49,7 @@ _NO_MOTION = "none: no odometry or tf of the site frame, or switched off"
 
 
 def print_detections(out: Console, frame: FrameResult, config: Config) -> None:
-    """What the lidars saw in one frame, what the cameras alone place, and the fused objects with their sources."""
+    """Print the boxes of the lidars, those that the cameras alone place, and the fused objects with their sources."""
     lidar, placed, fused = frame.detections.lidar, frame.detections.placed, frame.fused
     out.print(f"frame {frame.bundle.index}  stamp {frame.bundle.stamp_ns} ns  {len(lidar)} lidar detections")
     _print_boxes(out, lidar, config, [f"{count} points" for count in lidar.point_counts.tolist()])
@@ -190,7 +190,7 @@ def _confirmed(report: RunReport) -> str:
 
 
 def print_inspection(out: Console, inspection: "Inspection") -> None:
-    """What is in a recording."""
+    """Print the contents of a recording."""
     seconds = (inspection.end_ns - inspection.start_ns) / 1e9
     files = ", ".join(map(str, inspection.files))
     show_line(out, f"{files}: {inspection.messages} messages, {seconds:.2f} s")

@@ -22,7 +22,7 @@ PACKAGES = ("lidcam", "pipeline", "readers", "writers", "bags")
 """Our own loggers; libraries log too much to be read."""
 
 remark_log = logging.getLogger("lidcam.remarks")
-"""What was written, at level INFO: shown unless --quiet is given."""
+"""Files that were written, at level INFO: shown unless --quiet is given."""
 
 progress_log = logging.getLogger("lidcam.progress")
 """Progress of a command, at level INFO. Off with --quiet: then no bar is drawn, either."""

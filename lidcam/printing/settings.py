@@ -1,4 +1,4 @@
-"""What `lidcam config` prints."""
+"""Printing of `lidcam config`."""
 
 import json
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ def print_presets(out: Console, summaries: Mapping[str, str]) -> None:
 
 
 def print_explanation(out: Console, explanation: Explanation) -> None:
-    """What a key means: its values, or the keys in it."""
+    """Print the values of a key, or the keys in it."""
     show_line(out, explanation.key or "settings", "bold")
     show_line(out, explanation.meaning)
     out.print()

@@ -1,4 +1,4 @@
-"""What a setting means: read from the docstrings, types and defaults of the models, and from the presets."""
+"""Explanations of settings, from the docstrings, types and defaults of the models, and from the presets."""
 
 import inspect
 import re
@@ -35,7 +35,7 @@ UNITS = {
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """What a key of the settings means.
+    """Explanation of a key of the settings.
 
     Attributes:
         key: The key, with `*` for the elements of a list or mapping; empty for all settings.
@@ -57,7 +57,7 @@ class Explanation:
 
 
 def explain(key: str = "") -> Explanation:
-    """What a key means; the key of an element of a list may leave out which one (`classes.size_m`).
+    """Explain a key; the key of an element of a list may leave out which one (`classes.size_m`).
 
     Raises:
         ConfigError: there is no such key; names the one that was probably meant.
@@ -92,7 +92,7 @@ def explain(key: str = "") -> Explanation:
 
 
 def preset_summaries() -> Mapping[str, str]:
-    """What each preset is for: the first sentence of its file."""
+    """The purpose of each preset: the first sentence of its file."""
     found = {}
     for name in PRESETS:
         lines = bundled(f"{name}.yaml").read_text(encoding="utf-8").splitlines()
@@ -102,7 +102,7 @@ def preset_summaries() -> Mapping[str, str]:
 
 
 def _meaning(model: type[BaseModel], name: str) -> str:
-    """What the docstring of a model, or of one that it inherits from, says of a field; else what its section is."""
+    """The docstring of a field in its model or in one that the model inherits from; else that of its section."""
     for owner in model.__mro__:
         text = inspect.cleandoc(owner.__doc__ or "").partition("Attributes:")[2]
         if found := re.search(rf"^    {name}: (.*(?:\n {{8}}.*)*)", text, re.MULTILINE):

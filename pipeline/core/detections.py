@@ -13,7 +13,7 @@ __all__ = ["Boxes2D", "Boxes3D", "Detections", "Fused", "Hypotheses", "Matches",
 
 
 class Source(IntEnum):
-    """What the geometry of a 3D box comes from. Arrays take the values: numpy is slow with members."""
+    """The source of a 3D box's geometry. Arrays take the values: numpy is slow with members."""
 
     LIDAR = 0
     """Points, or boxes of a lidar detector; no camera took part."""
@@ -171,7 +171,7 @@ class Matches:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detections:
-    """What each sensor alone sees in one frame.
+    """The detections of each sensor alone in one frame.
 
     Attributes:
         lidar: 3D boxes from the combined cloud, in the site frame.
@@ -186,7 +186,7 @@ class Detections:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypotheses:
-    """What may be an object in one frame, and the 2D boxes that speak for it.
+    """The hypotheses of one frame, and the 2D boxes that are matched with them.
 
     Attributes:
         boxes: The boxes of `Detections.lidar` in their order, then those that 2D boxes propose.

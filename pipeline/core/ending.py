@@ -1,4 +1,4 @@
-"""What this process undoes when a signal ends it at once: its temporary files, its children, the state of a terminal.
+"""Clean-up when a signal ends the process at once: temporary files, children, the state of a terminal.
 
 Nothing unwinds then, so what has to go is listed here while it exists (as git does in `tempfile.c`). Only the programs
 end in this way; elsewhere a signal is what Python makes of it, and the usual clean-up does the same.

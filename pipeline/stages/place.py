@@ -1,4 +1,4 @@
-"""What the cameras alone make in 3D: every 2D box placed by the ground and the size of its class."""
+"""Objects in 3D by the cameras alone: every 2D box placed by the ground and the size of its class."""
 
 import math
 from collections.abc import Mapping, Sequence

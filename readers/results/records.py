@@ -1,4 +1,4 @@
-"""What lidcam attaches to a result: where it comes from, with which settings and which rig."""
+"""The records attached to a result: its inputs, settings and rig."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ _MAGIC = b"\x89MCAP0\r\n"
 
 @dataclass(frozen=True, slots=True)
 class AttachedRecords:
-    """What a result says of itself.
+    """The records of a result.
 
     Attributes:
         metadata: Version of lidcam, inputs, and hashes.

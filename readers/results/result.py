@@ -94,7 +94,7 @@ class Result(Closing):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the user should know of what was read so far, one line each."""
+        """Notes for the user about what was read so far, one line each."""
         losses = [f"{loss.path}: byte {loss.position}: {loss.reason}" for loss in self.recording.losses]
         return (*self._notes, *losses, *(f"{self.path.name}: {line}" for line in self._unused.lines()))
 

@@ -42,7 +42,7 @@ PARTS = {
     **dict.fromkeys(("width_px", "height_px"), ("image size",)),
     "P": ("intrinsics", "extrinsics"),
 }
-"""What a key of a rig file is part of."""
+"""The section of a rig file to which a key belongs."""
 
 
 @dataclass(frozen=True, slots=True)

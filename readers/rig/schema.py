@@ -1,4 +1,4 @@
-"""What a rig file says: sensors, calibration and zones.
+"""The schema of a rig file: sensors, calibration and zones.
 
 Every value that is left out is taken from the recording: extrinsics from tf, a camera's intrinsics from CameraInfo, a
 topic by its name. Without `lidars` (or `cameras`) all lidars of the recording are used; `{}` means none. Matrices may

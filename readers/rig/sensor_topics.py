@@ -65,7 +65,7 @@ class SensorFault:
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """What the search for sensors has to report so far.
+    """Findings of the search for sensors so far.
 
     Attributes:
         faults: Sensors that are left out.

@@ -24,7 +24,7 @@ MARGIN_NS = 2_000_000_000
 frame, and may be recorded late."""
 
 MESSAGE_BYTES = 500
-"""What a message takes in memory beside its data."""
+"""Bytes that a message takes in memory beside its data."""
 
 NOT_CONVERTED = "cannot be copied"
 TOO_MANY = "more than limits.max_waiting_mib waited for a frame"

@@ -29,7 +29,7 @@ _SIZE = struct.Struct("<Q")
 
 
 def compressor(compression: Compression) -> Compress:
-    """What compresses the one part of a chunk, or leaves all its parts as they are; for one thread at a time."""
+    """The function that compresses a chunk's parts, or leaves them as they are; for one thread at a time."""
     if compression == "lz4":
         return lambda parts: [lz4.frame.compress(part, compression_level=LZ4_LEVEL) for part in parts]
     if compression == "zstd":

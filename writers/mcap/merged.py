@@ -120,7 +120,7 @@ class _Merged:
                 yield message.log_time_ns, side.name, channel, data
 
     def of_scenes(self, scenes: Iterator[tuple[int, Any]]) -> Iterator[_Placed]:
-        """What differs; of one log time it comes last."""
+        """The differences; of one log time they come last."""
         for log_time_ns, scene in scenes:
             yield log_time_ns, "~", self._of_own(COMPARED, scene.__msgtype__), ROS2.serialize(scene)
 

@@ -1,4 +1,4 @@
-"""What could be recovered of a damaged recording as an intact MCAP file, its messages neither decoded nor changed."""
+"""A damaged recording's recovered messages as an intact MCAP file, neither decoded nor changed."""
 
 from collections.abc import Iterable, Iterator, Mapping
 

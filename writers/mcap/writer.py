@@ -186,7 +186,7 @@ class McapResultWriter:
                 yield "/ground_cloud", result.combined.ground_cloud
 
     def _annotations(self, result: FrameResult, found: Sequence["_View"]) -> Columns:
-        """What is drawn into the image of each camera."""
+        """The annotations of the image of each camera."""
         cameras, names = [view.camera for view in found], self._config.object_names
         edges = object_edges(result, [camera.name for camera in cameras])
         return image_annotations(result, cameras, edges, names, stamps_ns=[view.stamp_ns for view in found])
@@ -274,7 +274,7 @@ class McapResultWriter:
 
 
 class _View(NamedTuple):
-    """What a frame has of a camera."""
+    """The data of one camera in a frame."""
 
     camera: CameraSensor
     stamp_ns: int
@@ -283,7 +283,7 @@ class _View(NamedTuple):
 
 
 def _views(result: FrameResult, rig: Rig) -> list[_View]:
-    """What a frame has of each camera of which it has anything."""
+    """The data of each camera that has any in a frame."""
     unusable = {(drop.topic, drop.stamp_ns) for drop in result.drops}
     found = []
     for camera in rig.cameras:

@@ -1,4 +1,4 @@
-"""What differs between two results, drawn in 3D: foxglove_msgs/SceneUpdate."""
+"""Differences between two results, drawn in 3D: foxglove_msgs/SceneUpdate."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -45,7 +45,7 @@ def empty_scene(stamp_ns: int) -> Columns:
 
 
 def _texts(changes: Changes) -> list[str]:
-    """What differs, of each object that both have and that differs."""
+    """The differences of each object that both have."""
     return [
         ", ".join(kind for kind, is_changed in zip(PAIR_KINDS, row, strict=True) if is_changed)
         for row in changes.is_changed.tolist()

@@ -82,7 +82,7 @@ def lidcam_objects(objects: Boxes3D, zones: Sequence[Zone], *, stamp_ns: int) ->
 
 
 def _results(boxes: Boxes2D | Boxes3D, class_names: Sequence[str], poses: Columns) -> Columns:
-    """What each box may be: one class."""
+    """The one hypothesis of each box."""
     n, names = len(boxes), [class_names[class_id] for class_id in boxes.class_ids.tolist()]
     hypothesis = Columns("vision_msgs/msg/ObjectHypothesis", n, class_id=names, score=boxes.scores)
     return Columns(_RESULT, n, hypothesis=hypothesis, pose=poses)

@@ -1,4 +1,4 @@
-"""What the cameras alone place in 3D, drawn: Foxglove draws no vision_msgs."""
+"""Boxes that the cameras alone place, drawn in 3D: Foxglove draws no vision_msgs."""
 
 from collections.abc import Sequence
 

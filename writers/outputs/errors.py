@@ -1,4 +1,4 @@
-"""What the system says about an output, as one line."""
+"""Errors of the system about an output, as one line."""
 
 import contextlib
 from collections.abc import Iterator

@@ -34,7 +34,7 @@ logger = logging.getLogger(__name__)
 
 
 def folder_prefix(target: Path) -> str:
-    """What the names of an output's work folders begin with; `target` without links."""
+    """Prefix of the names of an output's work folders; `target` without links."""
     name = target.name
     if len(os.fsencode(name)) > MAX_NAME_BYTES:
         digest = sha256(os.fsencode(name)).hexdigest()[:16]

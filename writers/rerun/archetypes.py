@@ -99,7 +99,7 @@ def objects_3d(result: FrameResult, labels: Sequence[str], rows: Bools, look: Lo
 
 
 def object_sources(result: FrameResult, rows: Bools) -> rr.DynamicArchetype:
-    """What the geometry of some of the fused objects comes from, to be read in the viewer."""
+    """Sources of the geometry of some of the fused objects, to be read in the viewer."""
     sources = rr.components.TextBatch(source_names(result.fused.objects.sources[rows]))
     kind = "rerun.components.Text"
     return rr.DynamicArchetype("lidcam.Objects").with_component_override("source", kind, sources.as_arrow_array())
@@ -112,7 +112,7 @@ def object_ellipses(result: FrameResult, rows: Bools) -> rr.LineStrips3D:
 
 
 def placed_boxes(boxes: Boxes3D, class_names: Sequence[str]) -> rr.Boxes3D:
-    """What the cameras alone place: edges, with class and score to be read in the viewer."""
+    """Boxes that the cameras alone place: edges, with class and score to be read in the viewer."""
     columns = zip(boxes.class_ids.tolist(), boxes.scores.tolist(), strict=True)
     return rr.Boxes3D(
         centers=boxes.centers,

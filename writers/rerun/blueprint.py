@@ -19,7 +19,7 @@ _TWO_PLOTS_SHARE = 0.3
 FIXED = "world/fixed"
 WAY = "world/fixed/way"
 PLACED = "world/detections/cameras"
-"""What the cameras alone place in 3D."""
+"""Boxes that the cameras alone place in 3D."""
 
 TIMELINES = ("stamp", "frame")
 

@@ -264,7 +264,7 @@ class RerunResultWriter:
         return True
 
     def _log_truth(self, known: Iterable[tuple[FrameTime, TrueBoxes]], *, is_last: bool = False) -> None:
-        """What is nearest to each frame, if it stands in the site frame or in the one it moves in.
+        """The truth nearest to each frame, if it stands in the site frame or in the one it moves in.
 
         It is logged when truth of another frame comes, or with the last.
         """

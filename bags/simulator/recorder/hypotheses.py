@@ -1,4 +1,4 @@
-"""What a vision_msgs detection says of an object: its class, and counts and shares, each a hypothesis with a score.
+"""The hypotheses of a vision_msgs detection: an object's class, and counts and shares, each with a score.
 
 ROS 2 names them (`car`, `lidar_points/top`), ROS 1 numbers them; all that are not classes have negative numbers.
 """

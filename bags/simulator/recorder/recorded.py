@@ -1,4 +1,4 @@
-"""What goes into a simulation process, and what comes out: its task, and measurements with their messages."""
+"""Data sent to and from a simulation process: its task, and measurements with their messages."""
 
 from typing import NamedTuple
 

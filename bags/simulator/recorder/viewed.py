@@ -1,4 +1,4 @@
-"""What is recorded of the movers in an image: the boxes of the simulated detector, and the truth."""
+"""Recorded 2D boxes of the movers in an image: those of the simulated detector, and the truth."""
 
 from collections.abc import Sequence
 
@@ -15,7 +15,7 @@ __all__ = ["detected_objects", "visible_objects", "whole_objects"]
 
 
 def detected_objects(found: Detected, movers: Sequence[Mover]) -> list[ViewedObject]:
-    """What the simulated detector found in an image of a scene with these movers."""
+    """Boxes of the simulated detector in an image of a scene with these movers."""
     return [
         ViewedObject("" if row == NO_MOVER else movers[row].name, row, _box(xyxy), (class_of(class_name, score),))
         for xyxy, score, class_name, row in zip(

@@ -1,4 +1,4 @@
-"""What runs in a simulation process. Nothing heavy is imported before it watches its parent."""
+"""The main loop of a simulation process. Nothing heavy is imported before it watches its parent."""
 
 import contextlib
 import multiprocessing

@@ -33,7 +33,7 @@ REACHES = 3.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moving:
-    """What movers change in a still view at one time.
+    """Changes by movers in a still view at one time.
 
     Attributes:
         pixels: (K,) int64 changed pixels, rising.

@@ -1,4 +1,4 @@
-"""What an image shows of each mover: the clean 2D truth beside the simulated detector."""
+"""Visibility of each mover in an image: the clean 2D truth beside the simulated detector."""
 
 from dataclasses import dataclass
 
@@ -58,7 +58,7 @@ def visible_boxes(image: CameraImage) -> F64:
 
 
 def visibility(image: CameraImage, camera: Camera, movers: tuple[Mover, ...], time_ns: int) -> Visibility:
-    """What an image shows of each mover.
+    """Visibility of each mover in an image.
 
     Args:
         image: The image.

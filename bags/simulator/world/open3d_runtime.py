@@ -21,7 +21,7 @@ LIBRARIES = {
     "libidn2.so.0": "libidn2-0",
     "libudev.so.1": "libudev1",
 }
-"""What the wheel for Linux links against and a bare machine may lack, with the names of Debian's packages."""
+"""Libraries that the wheel for Linux links against and a bare machine may lack, with Debian's packages."""
 
 
 def check_libraries() -> None:

@@ -31,7 +31,7 @@ _KITTI_LINE = re.compile(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KittiCalibration:
-    """What a calibration file of KITTI says.
+    """The content of a calibration file of KITTI.
 
     Attributes:
         T_rect_velo: (4, 4) Velodyne to the rectified frame of camera 0, in which labels stand.

@@ -49,7 +49,7 @@ class Place:
 
     @property
     def element(self) -> "Place | None":
-        """What a list or a mapping holds; None for other values, and for a list of a fixed form."""
+        """The element type of a list or a mapping; None for other values, and for a list of a fixed form."""
         for member in self.members:
             arguments = get_args(member.annotation)
             if get_origin(member.annotation) is dict:

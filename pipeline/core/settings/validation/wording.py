@@ -1,4 +1,4 @@
-"""What a setting may be and what was found instead, in plain words."""
+"""Expected and found values of settings, in plain words."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,7 +30,7 @@ class _Words(NamedTuple):
 
 
 def expected(place: Place) -> str:
-    """What the value at a place may be, as in `a number above 0`."""
+    """The expected value at a place, as in `a number above 0`."""
     words = _words(place)
     element = place.element
     nouns = [one for one in element.metadata if isinstance(one, Noun)] if element else []
@@ -111,7 +111,7 @@ _BOUNDS = {"gt": "above {:g}", "ge": "of {:g} or more", "lt": "below {:g}", "le"
 
 
 def _said(metadata: tuple[Any, ...], name: str) -> Any:
-    """What the metadata say under a name, such as `gt` or `min_length`; None if nothing."""
+    """The metadata under a name, such as `gt` or `min_length`; None if there are none."""
     return next((said for one in metadata if (said := getattr(one, name, None)) is not None), None)
 
 
