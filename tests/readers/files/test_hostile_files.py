@@ -21,7 +21,7 @@ from memory_recording import MemoryRecording
 from pipeline.core.errors import FrameError, LidcamError, MessageError, RecordingError
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.settings.recording import LimitsConfig
-from readers.files.chunk_cache import ChunkCache
+from readers.files.chunked import ChunkCache
 from readers.files.damage import Losses
 from readers.messages.deserialize import definition_problem, deserialize
 from readers.messages.tf import read_transforms
