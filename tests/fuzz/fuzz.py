@@ -1,6 +1,6 @@
 """Fuzz every decoder: `python tests/fuzz/fuzz.py [--minutes M] [--seed S] [NAME ...]`; see `harnesses`.
 
-Containers together get a fifth of the time. Half of a decoder's time is guided by the branches that inputs take, half
+Half of a decoder's time is guided by the branches that inputs take, half
 goes to fast alterations of what that found. Prints how many inputs each was tried with. Ends with 1 where one broke
 its contract, took more memory or time than an input may, and leaves the input in `out/fuzz/`.
 """
@@ -12,7 +12,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -28,8 +28,6 @@ MAX_MEMORY_MIB = 2048
 MAX_SECONDS_PER_INPUT = 20
 MAX_BYTES = 1 << 16
 
-CONTAINERS = frozenset({"rosbag1", "mcap", "result", "sqlite", "zstd", "capture"})
-CONTAINER_SHARE = 0.2
 WAYS = ("guided", "fast")
 
 
@@ -56,28 +54,17 @@ def main() -> int:
     if unknown := set(options.names) - HARNESSES.keys():
         parser.error(f"no decoder is called {', '.join(sorted(unknown))}")
     names = options.names or [*HARNESSES]
-    seconds = shares(names, options.minutes * 60 * options.jobs)
+    seconds = options.minutes * 60 * options.jobs / len(names)
     print(f"{'decoder':<24}{'inputs':>10}{'seconds':>10}{'inputs/s':>10}{'MiB':>8}  result", flush=True)
     outcomes = []
     with ThreadPoolExecutor(options.jobs) as pool:
-        running = [pool.submit(fuzz, name, HARNESSES[name].seeds(), seconds[name], options.seed) for name in names]
+        running = [pool.submit(fuzz, name, HARNESSES[name].seeds(), seconds, options.seed) for name in names]
         for ended in running:
             outcomes.append(ended.result())
             _print(outcomes[-1])
     total, took = sum(outcome.inputs for outcome in outcomes), sum(outcome.seconds for outcome in outcomes)
     _print(Outcome("all", total, took, max(outcome.memory_mib for outcome in outcomes), ""))
     return int(any(outcome.fault for outcome in outcomes))
-
-
-def shares(names: Sequence[str], seconds: float) -> dict[str, float]:
-    """Seconds for each decoder; the containers among them share a fifth."""
-    containers = CONTAINERS.intersection(names)
-    others = {*names} - containers
-    share = CONTAINER_SHARE if containers and others else float(bool(containers))
-    return {
-        **dict.fromkeys(containers, seconds * share / max(len(containers), 1)),
-        **dict.fromkeys(others, seconds * (1 - share) / max(len(others), 1)),
-    }
 
 
 def fuzz(name: str, seeds: Iterable[bytes], seconds: float, seed: int) -> Outcome:

@@ -6,7 +6,6 @@ line, and memory and time stay bounded. A new decoder gets a line in `HARNESSES`
 """
 
 import json
-import sqlite3
 import struct
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -20,7 +19,6 @@ from typing import Any, Literal, NamedTuple
 import cv2
 import numpy as np
 import yaml
-import zstandard
 from builders import (
     Fields,
     camera_info,
@@ -34,11 +32,7 @@ from builders import (
     serialize,
     tf_message,
     transform_stamped,
-    write_mcap,
-    write_rosbag1,
-    write_rosbag2,
 )
-from captures import capture_of, interface, ng_packet, pcap, section
 from combined_messages import CAMERAS, combined
 from foxglove_messages import SCHEMA_OF, foxglove_raw, twin
 from frames import PROVENANCE, frame
@@ -164,19 +158,6 @@ def _read_everything(recording: Recording) -> None:
             find_motion_source(opened, found.rig, found.transforms, Config(limits=LIMITS))
 
 
-def _recording(name: str) -> Callable[[bytes], None]:
-    def run(data: bytes) -> None:
-        path = _file(name, data)
-        for recovery in ("as_needed", "full_scan", "none"):
-            _hold(_open, path, ReadOptions(recovery, LIMITS))
-
-    return run
-
-
-def _open(path: Path, options: ReadOptions) -> None:
-    _read_everything(open_recording([path], options))
-
-
 def _scene(encoding: Encoding) -> list[RawMessage]:
     """One message of every kind."""
     points = np.arange(12, dtype=np.float32).reshape(-1, 3)
@@ -196,70 +177,11 @@ def _scene(encoding: Encoding) -> list[RawMessage]:
     ]
 
 
-def _states(encoding: Encoding, count: int = 6) -> list[RawMessage]:
-    return [
-        raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=T0 + i), T0 + i, T0 + i, encoding) for i in range(count)
-    ]
-
-
 def _written(name: str, write: Callable[[Path], None]) -> bytes:
     with TemporaryDirectory() as folder:
         path = Path(folder) / name
         write(path)
         return path.read_bytes() if path.is_file() else next(path.glob("*.[dm][bc]*")).read_bytes()
-
-
-def _rosbag1_seeds() -> list[bytes]:
-    compressions: tuple[Literal["none", "bz2", "lz4"], ...] = ("none", "bz2", "lz4")
-    writes = [partial(write_rosbag1, raws=_states("ros1"), compression=c, chunk_bytes=400) for c in compressions]
-    return [*map(_bag, writes), _bag(partial(write_rosbag1, raws=_scene("ros1"), chunk_bytes=2000))]
-
-
-def _bag(write: Callable[[Path], None]) -> bytes:
-    return _written("a.bag", write)
-
-
-def _mcap_seeds() -> list[bytes]:
-    compressions: tuple[Literal["none", "lz4", "zstd"], ...] = ("none", "lz4", "zstd")
-    states, scene = _states("cdr"), _scene("cdr")
-    writes = [
-        *(partial(write_mcap, raws=states, compression=c, chunk_bytes=400) for c in compressions),
-        partial(write_mcap, raws=states, compression="zstd", enable_crcs=False),  # so that alterations come further
-        partial(write_mcap, raws=_states("ros1"), use_chunking=False),
-        partial(write_mcap, raws=[twin(message, "json") for message in scene]),
-        partial(write_mcap, raws=[twin(message, "protobuf") for message in scene], compression="zstd"),
-    ]
-    return [_written("a.mcap", write) for write in writes]
-
-
-def _sqlite_seeds() -> list[bytes]:
-    return [
-        _written("a", lambda path: write_rosbag2(path, _states("cdr"), definitions=False)),
-        _written("a", lambda path: write_rosbag2(path, _states("cdr", 2), compression="message", definitions=False)),
-        _written("a.db3", _small_database),
-    ]
-
-
-def _small_database(path: Path) -> None:
-    database = sqlite3.connect(path)
-    database.execute("PRAGMA page_size = 512")
-    database.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)")
-    database.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)")
-    database.execute("INSERT INTO topics VALUES(1, '/a', 'std_msgs/msg/String', 'cdr')")
-    text = serialize("std_msgs/msg/String", {"data": "a" * 900})
-    database.executemany("INSERT INTO messages VALUES(?, 1, ?, ?)", [(i, i, text) for i in range(4)])
-    database.commit()
-    database.close()
-
-
-def _zstd(data: bytes) -> None:
-    """A file that is compressed as a whole."""
-    _recording("a.mcap.zstd")(data)
-
-
-def _zstd_seeds() -> list[bytes]:
-    seeds = [*_rosbag1_seeds()[:1], *_mcap_seeds()[:1], *_sqlite_seeds()[-1:]]
-    return [*map(zstandard.compress, seeds), zstandard.compress(seeds[0] + bytes(1 << 16))]
 
 
 def _result(data: bytes) -> None:
@@ -609,7 +531,7 @@ def _use_kitti_labels(path: Path) -> None:
 
 
 def _use_evaluation_folder(path: Path) -> None:
-    _open(path.parents[1], ReadOptions(limits=LIMITS))
+    _read_everything(open_recording([path.parents[1]], ReadOptions(limits=LIMITS)))
 
 
 LABELLED = Rig("lidar", (LidarSensor("lidar", "/points", Transform.identity("lidar", "lidar")),), (), ())
@@ -691,24 +613,8 @@ def _calibration() -> str:
     return str(yaml.safe_dump({"lasers": lasers, "num_lasers": 16}))
 
 
-def _capture_seeds() -> list[bytes]:
-    """pcap and pcapng of a Velodyne; a whole packet and the begin of others, as inputs are short."""
-    data = np.zeros((6, 1206), np.uint8)
-    data[:, :4] = np.array([[0xFF, 0xEE, 0, 20 * row] for row in range(6)])
-    data[:, 1204:] = 0x37, 0x22
-    packets = capture_of(data, T0 + np.arange(6) * 10**6)
-    short = [(at, packet if row == 2 else packet[:60]) for row, (at, packet) in enumerate(packets)]
-    blocks = b"".join(ng_packet(at, packet) for at, packet in short)
-    return [pcap(short), pcap(packets, "big, us"), pcap(short, "little, modified"), section() + interface() + blocks]
-
-
 HARNESSES: dict[str, Harness] = {
-    "rosbag1": Harness(_recording("a.bag"), _rosbag1_seeds),
-    "mcap": Harness(_recording("a.mcap"), _mcap_seeds),
-    "sqlite": Harness(_recording("a.db3"), _sqlite_seeds),
     "result": Harness(_result, _result_seeds),
-    "zstd": Harness(_zstd, _zstd_seeds),
-    "capture": Harness(_recording("a.pcap"), _capture_seeds),
     "pointcloud2": Harness(
         _messages(CLOUD, lambda m: decode_pointcloud2(m, limits=LIMITS)), lambda: _message_seeds(CLOUD, *_clouds())()
     ),

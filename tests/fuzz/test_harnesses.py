@@ -61,31 +61,7 @@ def test_altered_inputs(name: str) -> None:
     hold()
 
 
-def test_seeds_of_recordings_are_read() -> None:
-    """Else the fuzzing would try nothing but files that are refused."""
-    from harnesses import LIMITS, _file
-
-    from readers.open import open_recording
-    from readers.recording import ReadOptions
-
-    for name, file in (("rosbag1", "a.bag"), ("mcap", "a.mcap"), ("sqlite", "a.db3"), ("zstd", "a.zstd")):
-        for seed in HARNESSES[name].seeds():
-            with open_recording([_file(file, seed)], ReadOptions(limits=LIMITS)) as recording:
-                assert sum(1 for _ in recording.messages()) == recording.message_count > 1
-
-
 def test_the_corpus_is_small() -> None:
     files = [path for path in CORPUS.rglob("*") if path.is_file()]
     assert {path.parent.name for path in files} <= HARNESSES.keys()
     assert sum(path.stat().st_size for path in files) < 500_000
-
-
-def test_containers_get_a_fifth_of_the_time() -> None:
-    from fuzz import CONTAINERS, shares
-
-    assert HARNESSES.keys() > CONTAINERS
-    of_all = shares([*HARNESSES], 1000)
-    assert sum(of_all[name] for name in CONTAINERS) == pytest.approx(200)
-    assert sum(of_all.values()) == pytest.approx(1000)
-    assert shares(["mcap", "zstd"], 10) == {"mcap": 5, "zstd": 5}
-    assert shares(["tf"], 10) == {"tf": 10}

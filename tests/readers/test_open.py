@@ -1,5 +1,4 @@
 from collections.abc import Sequence
-from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
@@ -258,41 +257,6 @@ def test_the_same_file_twice(tmp_path: Path) -> None:
     assert_refused([folder / "rec.mcap", link], "given twice")
     same = folder / "rec.mcap"
     assert_refused([same, same], "given twice")
-
-
-@pytest.mark.parametrize("kind", ["bag-none", "bag-lz4", "mcap-none", "mcap-zstd", "loose", "folder:sqlite3-none"])
-def test_cut_off_recordings(tmp_path: Path, kind: str) -> None:
-    path = write(tmp_path, kind, drive("ros1" if kind.startswith("bag") else "cdr", 60))
-    path = next(path.glob("*.db3")) if path.is_dir() else path
-    content = path.read_bytes()
-    sizes = [17, len(content) // 3, len(content) - 5000] + ([len(content) - 1] if "db3" not in path.name else [])
-    for size in sizes:
-        cut = put(tmp_path / f"cut{path.suffix}", content[:size])
-        with pytest.raises(RecordingError, match="damaged or was not closed") as caught:
-            read(cut, options=ReadOptions("none"))
-        assert "\n" not in str(caught.value)
-        assert cut.name in str(caught.value)
-
-
-@settings(max_examples=150, deadline=None)
-@given(
-    kind=st.sampled_from(["bag-none", "bag-bz2", "mcap-none", "mcap-lz4", "loose", "folder:sqlite3-none"]),
-    place=st.integers(0, 10**6),
-    junk=st.binary(min_size=1, max_size=12),
-)
-def test_overwritten_bytes_never_crash(
-    tmp_path_factory: pytest.TempPathFactory, kind: str, place: int, junk: bytes
-) -> None:
-    folder = tmp_path_factory.mktemp("damage")
-    path = write(folder, kind, drive("ros1" if kind.startswith("bag") else "cdr"))
-    path = next(path.glob("*.db3")) if path.is_dir() else path
-    content = bytearray(path.read_bytes())
-    place %= len(content)
-    content[place : place + len(junk)] = junk
-    path.write_bytes(content)
-    for options in (ReadOptions("as_needed"), ReadOptions("none")):
-        with suppress(RecordingError):
-            read(path, options=options)
 
 
 def test_damage_in_the_middle_says_how_far_it_got(tmp_path: Path) -> None:

@@ -1,45 +1,40 @@
-"""Judges what is read of a damaged recording against what was in it: nothing may be missing or altered in silence."""
+"""Alters recordings, and judges what is read of them against what was in them.
+
+Nothing may be missing in silence, and nothing altered that a checksum covers.
+"""
 
 import resource
 from collections import Counter
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
+from random import Random
+from tempfile import TemporaryDirectory
 from typing import Literal, NamedTuple
 
-from sound_recordings import Seen, SoundRecording, read_all
+from sound_recordings import KINDS, Seen, SoundRecording, read_all, sound_recording, write_files
 
 from pipeline.core.errors import LidcamError
 
-__all__ = ["Recovery", "Verdict", "judge"]
+__all__ = ["Recovery", "Verdict", "judge", "judge_altered"]
 
 Recovery = Literal["none", "as_needed", "full_scan"]
 
+SECTOR = 512
 MAX_GROWTH_MIB = 400
 MAX_LINE_CHARACTERS = 5000
 
-ONE_COPY = {
-    "payload": {
-        "rosbag1-none",
-        "rosbag1-lz4",  # rosbags writes lz4 frames without a checksum
-        "mcap-no-crc",
-        "mcap-no-chunks",
-        "mcap-no-chunks-no-crc",
-        "sqlite",
-        "sqlite-old",
-        "sqlite-wal",
-        "folder-sqlite",
-        "folder-sqlite-message",
-        "folder-sqlite-file",  # rosbags writes zstd frames without a checksum
-        "folder-mcap",  # nor MCAP chunks with one
-        "pcap",
-        "pcapng",
-    },
-    "log time": {"mcap-no-chunks-no-crc", "pcap", "pcapng"},
-    "definition": {"sqlite", "sqlite-wal", "folder-sqlite", "folder-sqlite-message", "folder-sqlite-file"},
-    "name": {"sqlite", "sqlite-old", "sqlite-wal", "pcap", "pcapng"},
+ALL = frozenset({"payload", "log time", "definition", "name"})
+UNCHECKED = {
+    **dict.fromkeys(("rosbag1-none", "rosbag1-lz4"), ALL),  # rosbags writes lz4 frames without a checksum
+    "rosbag1-bz2": {"definition", "name"},  # those in the index at the end of the file
+    **dict.fromkeys(("mcap-no-crc", "mcap-no-chunks", "mcap-no-chunks-no-crc"), ALL),
+    **dict.fromkeys(("sqlite", "sqlite-old", "sqlite-wal"), ALL),
+    **dict.fromkeys(("folder-sqlite", "folder-sqlite-message", "folder-sqlite-file", "folder-mcap"), ALL),
+    "pcap": ALL,
+    "pcapng": ALL | {"loss"},  # blocks of kinds that nobody knows yet are passed over
 }
-"""What is written once and without a checksum in a container, so that no reader can tell that it was altered."""
-
+"""What no checksum covers in a container, so that a reader that believes an index cannot tell that it was altered."""
 
 NO_END = {"pcap", "pcapng"}
 """Captures: their files may end after any packet."""
@@ -51,6 +46,31 @@ class Verdict(NamedTuple):
     kind: str
     is_fault: bool
     detail: str = ""
+
+
+_sound = cache(sound_recording)
+
+
+def judge_altered(kind: str, chance: Random) -> tuple[Verdict, dict[str, bytes]]:
+    """Alter a recording of a kind at random, and read it.
+
+    Returns:
+        How it went, and the files.
+
+    Raises:
+        Exception: what the readers raise and may not.
+    """
+    sound = _sound(kind)
+    recovery: Recovery = chance.choice(("as_needed", "as_needed", "as_needed", "full_scan", "none"))
+    name = chance.choice(sorted(sound.files))
+    content, how = _altered(sound.files[name], chance)
+    files = {**sound.files, name: content}
+    with TemporaryDirectory(prefix="lidcam-damage-") as folder:
+        verdict = judge(sound, write_files(Path(folder), sound, files), recovery)
+    if verdict.is_fault and name.endswith("-wal") and sound.files[name].startswith(content):
+        verdict = Verdict("fewer commits of a write-ahead log that was cut, told as not closed", is_fault=False)
+    said = f"{verdict.kind} [{kind}]" if verdict.is_fault else verdict.kind
+    return Verdict(said, verdict.is_fault, f"{kind}, {recovery}, {name}: {how}: {verdict.detail}"), files
 
 
 def judge(sound: SoundRecording, path: Path, recovery: Recovery) -> Verdict:
@@ -86,8 +106,8 @@ def judge(sound: SoundRecording, path: Path, recovery: Recovery) -> Verdict:
         return Verdict(f"different, told{kind}", is_fault=False, detail=f"{detail}; {reasons}")
     if difference == {"loss"} and sound.kind in NO_END and messages == sound.messages[: len(messages)]:
         return Verdict("cut between two packets, no end in this format", is_fault=False, detail=detail)
-    if difference and all(sound.kind in ONE_COPY.get(part, ()) for part in difference):
-        return Verdict(f"{text} only, no second copy in this format", is_fault=False, detail=detail)
+    if difference <= UNCHECKED.get(sound.kind, frozenset()):
+        return Verdict("altered where no checksum is", is_fault=False, detail=detail)
     return Verdict(f"SILENT: {text}", is_fault=True, detail=detail)
 
 
@@ -142,3 +162,94 @@ def _short(message: Seen) -> str:
 
 def _peak_mib() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+
+
+def _altered(content: bytes, chance: Random) -> tuple[bytes, str]:
+    """A file with one to three alterations, mostly one, and what they are."""
+    said = []
+    for _ in range(chance.choice((1, 1, 1, 1, 2, 3))):
+        alteration = chance.choice(ALTERATIONS) if content else _inserted
+        before = content
+        content = alteration(content, chance)
+        first = next((i for i, (a, b) in enumerate(zip(before, content, strict=False)) if a != b), len(content))
+        said.append(f"{alteration.__name__.strip('_')} at {first}")
+    return content, ", ".join(said)
+
+
+def _bit(content: bytes, chance: Random) -> bytes:
+    altered = bytearray(content)
+    altered[_place(content, chance)] ^= 1 << chance.randrange(8)
+    return bytes(altered)
+
+
+def _byte(content: bytes, chance: Random) -> bytes:
+    altered = bytearray(content)
+    altered[_place(content, chance)] = chance.choice((0, 0xFF, 0x7F, 0x80, chance.randrange(256)))
+    return bytes(altered)
+
+
+def _few_bytes(content: bytes, chance: Random) -> bytes:
+    altered = bytearray(content)
+    at = _place(content, chance)
+    altered[at : at + 8] = chance.randbytes(len(altered[at : at + 8]))
+    return bytes(altered)
+
+
+def _cut(content: bytes, chance: Random) -> bytes:
+    return content[: _place(content, chance)]
+
+
+def _zeros(content: bytes, chance: Random) -> bytes:
+    start, end = _range(content, chance)
+    return content[:start] + bytes(end - start) + content[end:]
+
+
+def _swapped(content: bytes, chance: Random) -> bytes:
+    size = SECTOR * chance.choice((1, 2, 8))
+    a, b = (chance.randrange(max(len(content) // size, 1)) * size for _ in range(2))
+    altered = bytearray(content)
+    altered[a : a + size], altered[b : b + size] = content[b : b + size], content[a : a + size]
+    return bytes(altered)
+
+
+def _repeated(content: bytes, chance: Random) -> bytes:
+    start, end = _range(content, chance)
+    return content[:end] + content[start:]
+
+
+def _removed(content: bytes, chance: Random) -> bytes:
+    start, end = _range(content, chance)
+    return content[:start] + content[end:]
+
+
+def _inserted(content: bytes, chance: Random) -> bytes:
+    at = _place(content, chance)
+    return content[:at] + chance.randbytes(chance.choice((1, 4, 100))) + content[at:]
+
+
+def _of_another(content: bytes, chance: Random) -> bytes:
+    files = [*_sound(chance.choice(KINDS)).files.values()]
+    start, end = _range(source := chance.choice(files), chance)
+    at = _place(content, chance)
+    return content[:at] + source[start:end] + content[at + end - start :]
+
+
+ALTERATIONS = (_bit, _bit, _bit, _byte, _few_bytes, _cut, _zeros, _swapped, _repeated, _removed, _inserted, _of_another)
+
+
+def _place(content: bytes, chance: Random) -> int:
+    """A byte; every third time one of the first or last kilobyte, where headers and summaries are."""
+    size = max(len(content), 1)
+    if chance.randrange(3):
+        return chance.randrange(size)
+    at = chance.randrange(min(size, 1024))
+    return chance.choice((at, size - 1 - at))
+
+
+def _range(content: bytes, chance: Random) -> tuple[int, int]:
+    """A few bytes, or whole sectors."""
+    if chance.randrange(2):
+        start = _place(content, chance)
+        return start, min(start + chance.randrange(1, 200), len(content))
+    start = chance.randrange(max(len(content) // SECTOR, 1)) * SECTOR
+    return start, min(start + SECTOR * chance.choice((1, 2, 8)), len(content))

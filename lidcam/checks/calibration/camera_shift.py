@@ -31,7 +31,7 @@ MIN_RAD, MIN_SHARE = np.radians(1.0), 0.07
 """A step is told if it is larger than this angle, and than this share of the size of the objects: boxes of lidars are
 completed to the size of a class, and those of a detector have habits, too."""
 
-MAX_FRAMES = 0.75
+MIN_SHARE_OF_FRAMES = 0.75
 """Share of the frames in which the step is half as large, to the same side."""
 
 SURE = 3.0
@@ -103,7 +103,7 @@ def _warning(camera: CameraSensor, seen: list[_Seen]) -> RunWarning | None:
     least_px = np.maximum(MIN_RAD * focal_px, MIN_SHARE * size_px)
     error_px = 1.2533 * 1.4826 * np.median(np.abs(steps_px - step_px), axis=0) / np.sqrt(len(seen))
     frames = (steps_px * np.sign(step_px) > least_px / 2).sum(0)
-    told = (np.abs(step_px) > np.maximum(least_px, SURE * error_px)) & (frames >= MAX_FRAMES * len(seen))
+    told = (np.abs(step_px) > np.maximum(least_px, SURE * error_px)) & (frames >= MIN_SHARE_OF_FRAMES * len(seen))
     if not told.any():
         return None
     parts = [

@@ -56,11 +56,6 @@ MESSAGE_BEGIN = re.compile(
 )
 """The header of a message without other fields, in any order, and the length of its data: nearly all records."""
 
-INDEX_BEGIN = re.compile(
-    rb"(?s)\x2f\0\0\0(?:\x04\0\0\0op=(\x04)|\x08\0\0\0ver=(....)|\x09\0\0\0conn=(....)|\x0a\0\0\0count=(....)){4}(....)"
-)
-"""Likewise of the index of a chunk."""
-
 HEADER_LIMIT = 1 << 12
 """Longest header of a record in bytes: its longest field is the name of a topic."""
 
@@ -124,14 +119,6 @@ def read_record(stream: BinaryIO, position: int, end: int) -> Record | None:
             (size,) = UINT32.unpack(size_bytes)
             record = Record(MESSAGE, {b"conn": conn, b"time": time}, position, position + match.end(), size)
             return record if record.end <= end else None
-    if match := INDEX_BEGIN.match(begin):
-        op, version, conn, count, size_bytes = match.groups()
-        if op is not None and version is not None and conn is not None and count is not None:
-            (size,) = UINT32.unpack(size_bytes)
-            fields = {b"ver": version, b"conn": conn, b"count": count}
-            record = Record(INDEX, fields, position, position + match.end(), size)
-            has_entries = size == record.number(b"count") * ENTRY_BYTES[INDEX]
-            return record if has_entries and record.end <= end else None
     (length,) = UINT32.unpack_from(begin)
     data = position + 8 + length
     if length > HEADER_LIMIT or data > end:

@@ -6,7 +6,6 @@ import time
 import tracemalloc
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
-from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,9 +21,8 @@ from memory_recording import MemoryRecording
 from pipeline.core.errors import FrameError, LidcamError, MessageError, RecordingError
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.settings.recording import LimitsConfig
-from readers.files.chunk_cache import ChunkCache
+from readers.files.chunked import ChunkCache
 from readers.files.damage import Losses
-from readers.files.rosbag1.recovery import contents_of_scan
 from readers.messages.deserialize import definition_problem, deserialize
 from readers.messages.tf import read_transforms
 from readers.open import open_recording
@@ -166,14 +164,6 @@ def test_a_chunk_of_too_many_messages(tmp_path: Path, how: Literal["none", "zstd
         assert "limits.max_messages_per_chunk" in losses[0]
 
 
-def test_a_chunk_of_too_many_messages_in_a_damaged_bag(tmp_path: Path) -> None:
-    path = tmp_path / "a.bag"
-    write_rosbag1(path, states(50, "ros1"), "lz4", chunk_bytes=1 << 20)
-    path.write_bytes(path.read_bytes()[:-1])
-    with pytest.raises(RecordingError, match="damaged"):
-        read(path, LimitsConfig(max_messages_per_chunk=20))
-
-
 def test_more_messages_than_memory_holds(tmp_path: Path) -> None:
     few = LimitsConfig(max_messages_in_memory=30, max_positions_waiting=30)
     write_mcap(tmp_path / "loose.mcap", states(50), use_chunking=False)
@@ -200,31 +190,6 @@ def _type(message: RawMessage) -> tuple[str, Any, str, Any]:
     return channel.msgtype, channel.encoding, channel.definition, channel.definition_format
 
 
-@pytest.mark.parametrize("thorough", [False, True])
-@pytest.mark.parametrize("kind", ["bag", "mcap"])
-def test_tiny_chunks_by_the_thousand(tmp_path: Path, kind: str, thorough: bool) -> None:
-    path = tmp_path / "a"
-    messages = states(3000, "ros1" if kind == "bag" else "cdr")
-    if kind == "bag":
-        write_rosbag1(path, messages, chunk_bytes=1)
-    else:
-        write_mcap(path, messages, chunk_bytes=1)
-    with at_most(20), open_recording([path], ReadOptions("full_scan" if thorough else "as_needed")) as recording:
-        assert sum(1 for _ in recording.messages()) == 3000
-
-
-def test_thousands_of_damaged_chunks(tmp_path: Path) -> None:
-    """The time is that of reading them once, and the list of losses stays short."""
-    path = tmp_path / "a.bag"
-    write_rosbag1(path, states(3000, "ros1"), "bz2", chunk_bytes=1)
-    path.write_bytes(path.read_bytes().replace(b"BZh9", b"BZh8\0"[:4]).replace(b"1AY&SY", b"1AY&SX"))
-    with at_most(20):
-        times, losses = read(path, LimitsConfig(max_losses_listed=10))
-    assert times == []
-    assert len(losses) == 11
-    assert losses[-1].startswith("2990 further places, see limits.max_losses_listed")
-
-
 def test_losses_are_added_up() -> None:
     losses = Losses(Path("a"), ReadOptions(limits=LimitsConfig(max_losses_listed=2)))
     for _ in range(2):
@@ -234,15 +199,6 @@ def test_losses_are_added_up() -> None:
     assert [loss.position for loss in listed] == [0, 1]
     assert (rest.position, rest.size, rest.messages) == (2, 30, None)
     assert rest.reason == "3 further places, see limits.max_losses_listed; the first of them: gone"
-
-
-def test_fields_of_a_header_without_end() -> None:
-    """Records that might begin everywhere, each with thousands of fields in its header."""
-    fields = b"\5\0\0\0op=\2a" + b"\2\0\0\0x=" * 600
-    starts = struct.pack("<I", 4000) + fields
-    content = b"#ROSBAG V2.0\n" + starts * 100
-    with at_most(10):
-        contents_of_scan(BytesIO(content), Losses(Path("a")), because="", limits=LimitsConfig())
 
 
 # --- MCAP files written by hand
@@ -326,15 +282,6 @@ def test_a_chunk_where_the_summary_should_be(tmp_path: Path) -> None:
     assert times == [5]
 
 
-def test_a_chunk_where_the_header_should_be(tmp_path: Path) -> None:
-    builder: Any = RecordBuilder()
-    chunk(b"", compression="zstd", packed=packed_zeros(100), claimed=100 * MIB).write(builder)
-    path = tmp_path / "a.mcap"
-    path.write_bytes(b"\x89MCAP0\r\n" + builder.end())
-    with at_most(20), pytest.raises(RecordingError):
-        read(path, LimitsConfig(max_chunk_mib=8))
-
-
 @pytest.mark.parametrize("compression", ["zstd", "lz4"])
 def test_a_chunk_that_unpacks_to_more_than_it_says(tmp_path: Path, compression: str) -> None:
     import lz4.frame
@@ -364,30 +311,6 @@ def test_an_index_that_names_a_chunk_again_and_again(tmp_path: Path) -> None:
     assert losses
 
 
-def test_chunks_inside_of_one_another(tmp_path: Path) -> None:
-    """A chunk that is no record of a chunk, but a whole chunk with the same messages at its end, and so on."""
-    at = HEAD_BYTES + size_of(SCHEMA) + size_of(CHANNEL)
-    nested, places = records(1), []
-    for _ in range(20):
-        builder: Any = RecordBuilder()
-        chunk(nested).write(builder)
-        nested = builder.end()
-    inner = nested
-    for depth in range(20):
-        places.append(index(at + len(nested) - len(inner), len(inner)))
-        inner = inner[9 + 8 + 8 + 8 + 4 + 4 + 8 :]
-        assert depth == 19 or inner[0] == 6
-    path = tmp_path / "a.mcap"
-    path.write_bytes(mcap([SCHEMA, CHANNEL], [SCHEMA, CHANNEL]).replace(b"", b"", 0))
-    front = mcap([SCHEMA, CHANNEL], [])[:at]
-    body = mcap([], [SCHEMA, CHANNEL, *places, statistics(20, 20)])[HEAD_BYTES:]
-    end = bytearray(front + nested + body)
-    struct.pack_into("<Q", end, len(end) - 8 - 20, len(front) + len(nested) + 13)
-    path.write_bytes(end)
-    with pytest.raises(RecordingError, match="chunks that overlap"):
-        read(path)
-
-
 @pytest.mark.parametrize("in_chunk", [True, False])
 def test_times_that_are_none(tmp_path: Path, in_chunk: bool) -> None:
     late = 2**63
@@ -401,17 +324,6 @@ def test_times_that_are_none(tmp_path: Path, in_chunk: bool) -> None:
             assert recording.losses
     except RecordingError as err:
         assert "time" in str(err)  # noqa: PT017  (either is right)
-
-
-def test_thousands_of_channels_of_one_long_schema(tmp_path: Path) -> None:
-    long = Schema(data=b"# " + b"x" * MIB + b"\nstring data", encoding="ros2msg", id=1, name="std_msgs/msg/String")
-    channels = [
-        McapChannel(id=i, message_encoding="cdr", metadata={}, schema_id=1, topic=f"/{i}") for i in range(1, 900)
-    ]
-    path = tmp_path / "a.mcap"
-    path.write_bytes(mcap([long, *channels], [long, *channels, Statistics(0, 899, {}, 0, 0, 0, 0, 0, 1)]))
-    with at_most(20), open_recording([path]) as recording:
-        assert len(recording.topics) == 899
 
 
 # --- SQLite
@@ -530,11 +442,6 @@ def test_definitions_that_ask_for_too_much(text: str, fault: str, encoding: Enco
             deserialize(message)
 
 
-def test_empty_lines_take_no_time() -> None:
-    with at_most(20):
-        assert definition_problem(described("\n" * 200_000 + "uint8 from\nuint8 class").channel) == ""
-
-
 def test_arrays_of_numbers_may_be_long() -> None:
     message = described("uint8[100000] x\nfloat64[1000] y", bytes(108_000))
     assert deserialize(message).x.shape == (100_000,)
@@ -546,14 +453,6 @@ def test_lists_that_are_longer_than_the_message(encoding: Encoding) -> None:
         data = (b"\0\1\0\0" if encoding == "cdr" else b"") + b"\xff\xff\xff\x7f" + bytes(8)
         with at_most(5), pytest.raises(MessageError, match="bytes are not a valid a/msg/A"):
             deserialize(described(text, data, encoding))
-
-
-def test_one_definition_is_read_once_for_all_topics() -> None:
-    text = "\n".join(f"float64 value{i}" for i in range(500))
-    with at_most(60):
-        for i in range(300):
-            channel = Channel(f"/{i}", "a/msg/A", "ros1", text, "ros1msg")
-            assert definition_problem(channel) == ""
 
 
 # --- transforms

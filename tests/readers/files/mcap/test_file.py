@@ -114,17 +114,6 @@ def test_large_messages_are_views_and_small_ones_are_copies(tmp_path: Path) -> N
     assert [bytes(m.data) for m in got] == [m.data for m in messages]
 
 
-def test_a_message_that_turned_into_another_record_is_damage(tmp_path: Path) -> None:
-    path = tmp_path / "loose.mcap"
-    write_mcap(path, states([1, 2, 3]), use_chunking=False)
-    content = path.read_bytes()
-    head = b"\x05" + (len(states([1])[0].data) + 22).to_bytes(8, "little")
-    assert content.count(head) == 3
-    path.write_bytes(content.replace(head, b"\x7f" + head[1:], 1))
-    with pytest.raises(RecordingError, match="no record begins here"):
-        open_recording([path], ReadOptions("none"))
-
-
 def test_a_wrong_checksum_is_damage(tmp_path: Path) -> None:
     path = tmp_path / "crc.mcap"
     write_mcap(path, states([1, 2, 3]), "none")

@@ -80,12 +80,6 @@ def test_other_values(tmp_path: Path, statements: tuple[str, ...], left: int, to
     assert any(text in reasons for text in told.split("|")) if told else not reasons, reasons
 
 
-def test_definitions_stored_as_bytes_are_text(tmp_path: Path) -> None:
-    cast = "encoded_message_definition = CAST(encoded_message_definition AS BLOB)"
-    messages, _ = read_all(changed(tmp_path, f"UPDATE message_definitions SET {cast}"), "as_needed")
-    assert messages == SOUND.messages
-
-
 def test_names_that_are_no_text_become_text(tmp_path: Path) -> None:
     path = changed(
         tmp_path,
@@ -110,22 +104,6 @@ def test_other_tables_are_refused_in_one_line(tmp_path: Path, statements: tuple[
     with pytest.raises(RecordingError, match=said) as caught:
         read_all(changed(tmp_path, *statements), "as_needed")
     assert "\n" not in str(caught.value)
-
-
-def test_rows_that_only_the_index_names_are_looked_for(tmp_path: Path) -> None:
-    """A changed number of rows in a page hides them from SQLite."""
-    path = changed(tmp_path)
-    content = bytearray(path.read_bytes())
-    with closing(sqlite3.connect(path)) as database:
-        (size,) = next(database.execute("PRAGMA page_size"))
-        (root,) = next(database.execute("SELECT rootpage FROM sqlite_master WHERE name = 'messages'"))
-    leaf = int.from_bytes(content[(root - 1) * size + 8 : (root - 1) * size + 12], "big")  # the last child
-    assert content[(leaf - 1) * size] == 13
-    content[(leaf - 1) * size + 4] -= 1
-    path.write_bytes(content)
-    messages, losses = read_all(path, "as_needed")
-    assert len(messages) == ROWS - 1
-    assert sum(loss.messages or 0 for loss in losses) == 1
 
 
 def test_a_definition_whose_encoding_is_damaged_is_no_topic(tmp_path: Path) -> None:

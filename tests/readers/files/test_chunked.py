@@ -1,6 +1,6 @@
 import pytest
 
-from readers.files.chunk_cache import ChunkCache, detach
+from readers.files.chunked import ChunkCache, detach
 
 
 def test_cache_keeps_the_chunks_used_last() -> None:
