@@ -32,13 +32,11 @@ from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import LidarSensor, Rig
 from pipeline.core.settings.combine import CombineConfig, GroundConfig, OutlierConfig
-from pipeline.filters import ground_passes
-from pipeline.filters.deskew import deskew
 from pipeline.filters.ground import find_ground
-from pipeline.filters.motion_passes import coordinates
+from pipeline.filters.ground_kernels import COMPILED, parted
+from pipeline.filters.motion import coordinates, deskew
 from pipeline.filters.outliers import statistical_inliers
 from pipeline.filters.relief import find_relief
-from pipeline.filters.relief_passes import parted
 from pipeline.stages.combine import Combine
 
 SWEEP_NS = 100_000_000
@@ -79,7 +77,7 @@ def our_steps(xyz: F32, origins: F64) -> dict[str, Callable[[], object]]:
     points = xyz[statistical_inliers(xyz, neighbors=outliers.neighbors, std_ratio=outliers.std_ratio)]
     every = np.ones(len(points), np.bool_)
     kept = coordinates(points, every).T
-    found = find_ground(kept, origins, config=ground, passes=ground_passes)
+    found = find_ground(kept, origins, config=ground, passes=COMPILED)
     offsets_ns = np.linspace(0, SWEEP_NS - 1, len(xyz)).astype(np.int32)
     poses = np.tile(np.eye(4), (3, 1, 1))
     poses[:, 0, 3] = 0, 1, 2  # 10 m/s
@@ -94,7 +92,7 @@ def our_steps(xyz: F32, origins: F64) -> dict[str, Callable[[], object]]:
         return xyz[statistical_inliers(xyz, neighbors=outliers.neighbors, std_ratio=outliers.std_ratio)]
 
     def remove_ground() -> object:
-        plane = find_ground(kept, origins, config=ground, passes=ground_passes)
+        plane = find_ground(kept, origins, config=ground, passes=COMPILED)
         if plane is None:
             return None
         rounded = np.append(plane.normal, plane.offset_m).astype(np.float32)

@@ -5,16 +5,16 @@ level, below every lidar, and at the rig's ground height if that is known. Its s
 those in the layers just above and below it, because a wall or a hedge fills all three.
 """
 
-from typing import Protocol
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
 from pipeline.core.arrays import F32, F64, I64, Bools
 from pipeline.core.clouds import Plane
 from pipeline.core.settings.combine import GroundConfig
-from pipeline.filters import ground_arrays
 
-__all__ = ["GroundPasses", "find_ground"]
+__all__ = ["PLAIN", "GroundPasses", "can_be_ground", "find_ground", "planes_through"]
 
 
 SAMPLE_POINTS = 6000
@@ -36,15 +36,8 @@ REFINEMENTS = 6
 """Rounds of least squares on the sample, each on the points near the last plane, before one on all points."""
 
 
-class GroundPasses(Protocol):
-    """What is done with all points: `pipeline.filters.ground_arrays` explains it, `ground_passes` is the fast one."""
-
-    def lowest_of_cells(self, points: F32, cell_m: np.float32) -> I64: ...  # noqa: D102
-    def planes_through(self, points: F32, triples: I64) -> F64: ...  # noqa: D102
-    def can_be_ground(self, planes: F64, lidar_origins: F64, limits: F64) -> Bools: ...  # noqa: D102
-    def count_layers(self, points: F32, planes: F32, layer_m: np.float32) -> tuple[I64, I64]: ...  # noqa: D102
-    def scatter_within(self, points: F32, plane: F32, limit_m: np.float32) -> tuple[F64, F64]: ...  # noqa: D102
-    def scatter_near(self, points: F32, plane: F32, layer_m: np.float32) -> tuple[int, F64, F64]: ...  # noqa: D102
+MAX_CELL = 1 << 30
+"""Cells farther from the origin are taken for the last one."""
 
 
 def find_ground(
@@ -53,7 +46,7 @@ def find_ground(
     *,
     config: GroundConfig,
     ground_height_m: float | None = None,
-    passes: GroundPasses = ground_arrays,
+    passes: "GroundPasses | None" = None,
 ) -> Plane | None:
     """The ground plane; None if there is none.
 
@@ -62,13 +55,13 @@ def find_ground(
         lidar_origins_site: (L, 3) origins of the lidars in the site frame, metres; the ground is below each.
         config: Limits, number of planes and seed. Equal input gives equal planes.
         ground_height_m: Expected z of the ground at the site's origin; None if unknown.
-        passes: How to go through all points; the planes are the same but for rounding.
+        passes: How to go through all points, by default with numpy; the planes are the same but for rounding.
 
     Returns:
         None if no plane within the limits stands out from the layers above and below it, or if its points form only
         a line seen from above (the foot of a wall).
     """
-    layer_m = np.float32(LAYER_PER_DISTANCE * config.distance_m)
+    passes, layer_m = passes or PLAIN, np.float32(LAYER_PER_DISTANCE * config.distance_m)
     points = np.ascontiguousarray(xyz_site.T)  # a row per coordinate makes heights three times faster
     sample = np.ascontiguousarray(points[:, :: max(1, -(-len(xyz_site) // SAMPLE_POINTS))])
     reachable = _within_reach(sample, config, ground_height_m)
@@ -76,9 +69,9 @@ def find_ground(
     if len(lowest) < 3:
         return None
     rng = np.random.Generator(np.random.PCG64(config.seed))
-    planes = passes.planes_through(reachable, lowest[rng.integers(len(lowest), size=(config.iterations, 3))])
+    planes = planes_through(reachable, lowest[rng.integers(len(lowest), size=(config.iterations, 3))])
     limits = _limits(config, ground_height_m)
-    planes = planes[passes.can_be_ground(planes, lidar_origins_site, limits)]
+    planes = planes[can_be_ground(planes, lidar_origins_site, limits)]
     if not len(planes):
         return None
     for scored in (np.ascontiguousarray(sample[:, ::THINNING]), sample):
@@ -87,7 +80,7 @@ def find_ground(
     plane = planes[0]
     for cloud in [sample] * REFINEMENTS + [points]:
         refined = _least_squares(cloud, plane, layer_m, passes)
-        if refined is None or not passes.can_be_ground(refined[None], lidar_origins_site, limits)[0]:
+        if refined is None or not can_be_ground(refined[None], lidar_origins_site, limits)[0]:
             break
         plane = refined
     if not _is_a_floor(points, plane, layer_m, passes):
@@ -112,7 +105,7 @@ def _limits(config: GroundConfig, ground_height_m: float | None) -> F64:
     return np.array([level, ground_height_m, config.height_tolerance_m])
 
 
-def _least_squares(points: F32, plane: F64, layer_m: np.float32, passes: GroundPasses) -> F64 | None:
+def _least_squares(points: F32, plane: F64, layer_m: np.float32, passes: "GroundPasses") -> F64 | None:
     """The plane (4,) fitted to the points near `plane`; None if there are fewer than 3."""
     count, centre, scatter = passes.scatter_near(points, plane.astype(np.float32), layer_m)
     if count < 3:
@@ -122,7 +115,7 @@ def _least_squares(points: F32, plane: F64, layer_m: np.float32, passes: GroundP
     return np.append(normal, -(normal * centre).sum())
 
 
-def _is_a_floor(points: F32, plane: F64, layer_m: np.float32, passes: GroundPasses) -> bool:
+def _is_a_floor(points: F32, plane: F64, layer_m: np.float32, passes: "GroundPasses") -> bool:
     """Whether a plane stands out from the layers beside it, and its points form more than a line seen from above."""
     rounded = plane.astype(np.float32)
     held, beside = passes.count_layers(points, rounded[None], layer_m)
@@ -130,3 +123,112 @@ def _is_a_floor(points: F32, plane: F64, layer_m: np.float32, passes: GroundPass
         return False
     _, scatter = passes.scatter_within(points, rounded, layer_m)
     return bool(np.linalg.eigvalsh(scatter[:2, :2])[0] >= float(layer_m) ** 2)
+
+
+def planes_through(points: F32, triples: I64) -> F64:
+    """(up to K, 4) planes through three points each, unit normal, upwards, and offset.
+
+    There is none where a point was drawn twice or all three lie on a line.
+
+    Args:
+        points: (3, N) metres.
+        triples: (K, 3) columns of `points`.
+    """
+    a, b, c = points.T.take(triples.T, axis=0).astype(np.float64).transpose(0, 2, 1)
+    (ux, uy, uz), (vx, vy, vz) = b - a, c - a
+    normals = np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
+    lengths = np.sqrt((normals * normals).sum(axis=0))
+    spanned = lengths > 1e-9
+    normals = normals[:, spanned] / lengths[spanned]
+    normals *= np.where(normals[2] < 0, -1.0, 1.0)
+    return np.vstack([normals, -(normals * a[:, spanned]).sum(axis=0)]).T
+
+
+def can_be_ground(planes: F64, lidar_origins: F64, limits: F64) -> Bools:
+    """(K,) whether planes (K, 4) are level enough, below every lidar and at the expected height.
+
+    Args:
+        planes: Unit normals and offsets.
+        lidar_origins: (L, 3) metres.
+        limits: (3,) the least z of the normal, above 0; the height at the origin, metres; how far it may be from that.
+    """
+    level, height_m, tolerance_m = limits
+    fit: Bools = planes[:, 2] >= level
+    fit &= (np.einsum("ka,la->kl", planes[:, :3], lidar_origins) + planes[:, 3:]).min(axis=1) > 0
+    if np.isfinite(tolerance_m):  # not divided by the normal's z, which may be 0
+        fit &= np.abs(planes[:, 3] + height_m * planes[:, 2]) <= tolerance_m * planes[:, 2]
+    return fit
+
+
+class GroundPasses(NamedTuple):
+    """What is done with all points: `PLAIN` explains it, `ground_kernels.COMPILED` is the fast one."""
+
+    lowest_of_cells: Callable[[F32, np.float32], I64]
+    count_layers: Callable[[F32, F32, np.float32], tuple[I64, I64]]
+    scatter_within: Callable[[F32, F32, np.float32], tuple[F64, F64]]
+    scatter_near: Callable[[F32, F32, np.float32], tuple[int, F64, F64]]
+
+
+def lowest_of_cells(points: F32, cell_m: np.float32) -> I64:
+    """(M,) row of the lowest point of each occupied cell of a square grid over x and y, ordered by cell.
+
+    Args:
+        points: (3, N) metres, finite; of equally low ones the first is taken.
+        cell_m: Edge of the cells.
+    """
+    cells = np.clip(np.floor(points[:2] / cell_m), -MAX_CELL, MAX_CELL).astype(np.int64)
+    cell = cells[0] * (2 * MAX_CELL + 1) + cells[1]
+    order = np.lexsort((points[2], cell))
+    first = np.ones(len(cell), np.bool_)
+    first[1:] = np.diff(cell[order]) != 0
+    return order[first]
+
+
+def count_layers(points: F32, planes: F32, layer_m: np.float32) -> tuple[I64, I64]:
+    """(K,) number of points within a layer of each plane, and in the fuller of the equal layers above and below.
+
+    Args:
+        points: (3, N) metres, finite.
+        planes: (K, 4) unit normal and offset.
+        layer_m: What is at most this far from a plane, on either side, is in its layer.
+    """
+    heights = _heights(points, planes)
+    edges = (-3 * layer_m, -layer_m, layer_m, 3 * layer_m)
+    below, held, above = np.diff([np.count_nonzero(heights <= edge, axis=1) for edge in edges], axis=0)
+    return held, np.maximum(below, above)
+
+
+def scatter_within(points: F32, plane: F32, limit_m: np.float32) -> tuple[F64, F64]:
+    """Centre (3,) and covariance (3, 3) of the points (3, N) at most `limit_m` from a plane (4,); there are some."""
+    near = points[:, np.abs(_heights(points, plane[None])[0]) <= limit_m]
+    centre = near.mean(axis=1, dtype=np.float64)
+    centred = near - centre[:, None]
+    return centre, np.einsum("in,jn->ij", centred, centred) / near.shape[1]  # not BLAS, see _heights
+
+
+def scatter_near(points: F32, plane: F32, layer_m: np.float32) -> tuple[int, F64, F64]:
+    """How many points (3, N) are in the layer of a plane (4,); centre (3,) and covariance (3, 3) of those near it.
+
+    Near means within `layer_m`, and within three times the robust deviation of those points: wheels and kerbs lie on
+    one side and would lift a plane. Without a point in the layer, both are zero.
+    """
+    heights = np.abs(_heights(points, plane[None])[0])
+    within = heights[heights <= layer_m]
+    if not len(within):
+        return 0, np.zeros(3), np.zeros((3, 3))
+    near_m = min(layer_m, np.float32(3 * 1.4826 * float(np.median(within)) + 1e-6))
+    return len(within), *scatter_within(points, plane, near_m)
+
+
+def _heights(points: F32, planes: F32) -> F32:
+    """(K, N) signed distances of points (3, N) from planes (K, 4)."""
+    # Not BLAS, whose rounding may depend on the number of threads.
+    a, b, c, d = planes.T[..., None]
+    heights: F32 = points[0] * a + points[1] * b
+    heights += points[2] * c
+    heights += d
+    return heights
+
+
+PLAIN = GroundPasses(lowest_of_cells, count_layers, scatter_within, scatter_near)
+"""By numpy, where nothing shall be compiled, as in `lidcam inspect`."""

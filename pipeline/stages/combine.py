@@ -12,13 +12,11 @@ from pipeline.core.frame import SensorBundle
 from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.rig import LidarSensor, Rig
 from pipeline.core.settings.combine import CombineConfig, MotionConfig
-from pipeline.filters import ground_passes
-from pipeline.filters.deskew import deskew
 from pipeline.filters.ground import find_ground
-from pipeline.filters.motion_passes import coordinates, in_range, moved
+from pipeline.filters.ground_kernels import COMPILED, parted
+from pipeline.filters.motion import coordinates, deskew, in_range, moved
 from pipeline.filters.outliers import statistical_inliers
 from pipeline.filters.relief import find_relief
-from pipeline.filters.relief_passes import parted
 
 __all__ = ["Combine"]
 
@@ -100,7 +98,7 @@ class Combine:
         plane = relief = None
         if config.enabled:
             kept_xyz = coordinates(xyz_site, kept).T
-            plane = find_ground(kept_xyz, origins, config=config, ground_height_m=known_m, passes=ground_passes)
+            plane = find_ground(kept_xyz, origins, config=config, ground_height_m=known_m, passes=COMPILED)
         if plane is None:
             return _Ground(None, None, np.flatnonzero(kept), np.arange(0), np.arange(len(xyz_site)))
         if config.relief:

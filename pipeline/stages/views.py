@@ -1,7 +1,7 @@
 """Views: where each camera stood when it took its image, as seen from the site frame at the frame's time.
 
 The messages of one frame are measured at different times. In the time between them a rig on a vehicle moves: at 20 m/s
-and 50 ms by a metre. The clouds are moved to the frame's time (`pipeline.filters.deskew`); boxes from them fit into an
+and 50 ms by a metre. The clouds are moved to the frame's time (`pipeline.filters.motion`); boxes from them fit into an
 image only if the camera is placed where it was at the time of the image.
 """
 

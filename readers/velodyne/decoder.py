@@ -23,7 +23,7 @@ from pipeline.core.settings.recording import VelodyneConfig, VelodyneLidarConfig
 from readers.messages.boundary.decoding import decoder
 from readers.messages.point_time import MAX_OFFSET_NS
 from readers.velodyne.calibration import read_velodyne_calibration
-from readers.velodyne.layout import LAST, NOT_TOLD, STRONGEST, Beams, Layout, block_words
+from readers.velodyne.layout import LAST, NOT_TOLD, STRONGEST, Beams, Layout
 from readers.velodyne.models import (
     BLOCK_FLAGS,
     MODELS,
@@ -118,8 +118,8 @@ class VelodyneDecoder:
         return cloud_of(packets, beams, device_us, times_ns, message.stamp_ns), tuple(drops)
 
     def _model_of(self, packets: VelodynePackets, topic: str) -> VelodyneModel:
-        factory = packets.payload[:, 1204:1206]
-        product = int(factory[0, 1])
+        factory = packets.fields[["mode", "product"]]
+        product = int(factory["product"][0])
         configured = self._model
         if configured is not None and configured.product is None:
             return configured
@@ -174,11 +174,11 @@ def _names(models: list[VelodyneModel]) -> str:
 def _layout_of(packets: VelodynePackets, model: VelodyneModel) -> Layout:
     """The layout of a scan's packets, by their return mode."""
     if model.product is None:  # the HDL-64E repeats a column's azimuth where it sends both returns, the strongest first
-        azimuth = block_words(packets.payload, 12, 2)
+        azimuth = packets.fields["blocks"]["azimuth"]
         if np.count_nonzero(azimuth[:, 0] == azimuth[:, 2]) * 2 > len(packets):
             return Layout(model.columns_dual, model.banks, (STRONGEST, LAST), apart=model.banks)
         return Layout(model.columns, model.banks, (STRONGEST,))
-    mode = int(packets.payload[0, 1204])
+    mode = int(packets.fields["mode"][0])
     if mode == DUAL:
         return Layout(model.columns_dual, model.banks, (LAST, STRONGEST))
     return Layout(model.columns, model.banks, (RETURN_MODES.get(mode, NOT_TOLD),))
@@ -187,7 +187,7 @@ def _layout_of(packets: VelodynePackets, model: VelodyneModel) -> Layout:
 def _known_packets(packets: VelodynePackets, beams: Beams, topic: str) -> Bools | None:
     """Mask of the packets with blocks that are marked as this model marks them; None if all are."""
     layout = beams.layout
-    words = block_words(packets.payload, layout.blocks, 0)
+    words = packets.fields["blocks"]["flag"]
     flags = np.stack([words[:, beams.blocks + layout.apart * echo] for echo in range(len(layout.returns))])
     expected = flags == beams.flags
     if expected.all():
@@ -207,7 +207,7 @@ def _begun_packets(packets: VelodynePackets) -> Bools | None:
 
     The others may hold anything in place of the model and the sensor's time.
     """
-    begun = block_words(packets.payload, 1, 0)[:, 0] == BLOCK_FLAGS[0]
+    begun = packets.fields["blocks"]["flag"][:, 0] == BLOCK_FLAGS[0]
     return None if begun.all() or not begun.any() else np.asarray(begun)
 
 
@@ -221,7 +221,7 @@ def _drop(message: RawMessage, reason: str, detail: str, parts: int) -> Drop:
 
 def _device_us(packets: VelodynePackets) -> I64:
     """(P,) microseconds from the last packet by the sensor's clock, which starts anew every hour."""
-    clock_us = packets.payload[:, 1200:1204].view("<u4")[:, 0].astype(np.int64)
+    clock_us = packets.fields["clock_us"].astype(np.int64)
     half = HOUR_US // 2
     return np.asarray((clock_us - clock_us[-1] + half) % HOUR_US - half)
 

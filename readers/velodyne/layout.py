@@ -3,17 +3,12 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import as_strided
 
-from pipeline.core.arrays import U8, U16, Indices
+from pipeline.core.arrays import Indices
 from readers.velodyne.models import BLOCK_FLAGS, LaserTable, VelodyneModel
+from readers.velodyne.scan import SLOTS
 
-__all__ = ["BLOCK_BYTES", "BOTH", "LAST", "NOT_TOLD", "SLOTS", "STRONGEST", "Beams", "Layout", "block_words"]
-
-SLOTS = 32
-"""Ranges per block."""
-
-BLOCK_BYTES = 100
+__all__ = ["BOTH", "LAST", "NOT_TOLD", "STRONGEST", "Beams", "Layout"]
 
 # `PointCloud.return_type`
 NOT_TOLD = 0
@@ -51,10 +46,7 @@ class Layout(NamedTuple):
 
 
 class Beams:
-    """Lookup tables of one model, calibration and layout.
-
-    Tables by place in the column have the shape (banks * 32,), a power of two: a place is found without a division.
-    """
+    """Lookup tables of one model, calibration and layout; those by place in the column have the shape (banks * 32,)."""
 
     def __init__(self, model: VelodyneModel, table: LaserTable, layout: Layout) -> None:
         place = np.arange(model.banks * SLOTS)
@@ -74,9 +66,3 @@ class Beams:
         self.vertical_offset_m = table.vertical_offset_m[laser].astype(np.float32)
         self.ring = table.rings[laser]
         self.corrections = table.corrections
-
-
-def block_words(payload: U8, blocks: int, offset: int) -> U16:
-    """(P, blocks): the two bytes at `offset` in every block, a view."""
-    first = payload[:, offset : offset + 2].view("<u2")
-    return as_strided(first, (len(payload), blocks), (first.strides[0], BLOCK_BYTES), writeable=False)

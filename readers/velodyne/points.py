@@ -1,13 +1,12 @@
 """Points from the ranges of Velodyne packets: azimuths, calibration, times."""
 
 import numpy as np
-from numpy.lib.stride_tricks import as_strided
 
-from pipeline.core.arrays import F32, F64, I64, U8, U16, Indices
+from pipeline.core.arrays import F32, F64, I64, U8, U16, Array, Indices
 from pipeline.core.clouds import PointCloud
-from readers.velodyne.layout import BLOCK_BYTES, BOTH, LAST, SLOTS, STRONGEST, Beams, Layout, block_words
+from readers.velodyne.layout import BOTH, LAST, STRONGEST, Beams, Layout
 from readers.velodyne.models import RangeCorrections, VelodyneModel
-from readers.velodyne.scan import VelodynePackets
+from readers.velodyne.scan import SLOTS, VelodynePackets
 
 __all__ = ["cloud_of"]
 
@@ -27,16 +26,15 @@ def cloud_of(packets: VelodynePackets, beams: Beams, device_us: I64, packet_ns: 
         stamp_ns: Stamp of the cloud.
     """
     layout = beams.layout
-    echoes = _echoes(packets.payload, layout.blocks)
-    steps = np.ndarray((len(echoes),), "<u2", echoes, 0, (3,)).copy()
-    kept, return_type = _measured(steps, len(packets), layout)
-    firing = _firings(kept, layout)
-    place = firing & (layout.banks * SLOTS - 1)
-    cos_azimuth, sin_azimuth = (grid.reshape(-1).take(firing) for grid in _headings(packets.payload, beams, device_us))
+    blocks = packets.fields["blocks"][:, : layout.blocks]
+    steps = blocks["echoes"]["range"].reshape(-1)
+    kept, firing, return_type = _measured(steps, len(packets), layout)
+    place = firing % (layout.banks * SLOTS)
+    cos_azimuth, sin_azimuth = (grid.reshape(-1).take(firing) for grid in _headings(blocks, beams, device_us))
     steps = steps.take(kept)
     range_m = steps.astype(np.float32)
     range_m *= np.float32(beams.model.range_step_m)
-    intensity = echoes.reshape(-1).take(3 * kept + 2).astype(np.float32)
+    intensity = blocks["echoes"]["reflectivity"].reshape(-1).take(kept).astype(np.float32)
     if beams.corrections is None:
         xyz = _points(beams, place, range_m, cos_azimuth, sin_azimuth)
     else:
@@ -55,57 +53,37 @@ def cloud_of(packets: VelodynePackets, beams: Beams, device_us: I64, packet_ns: 
     )
 
 
-def _echoes(payload: U8, blocks: int) -> U8:
-    """(P * blocks * 32, 3): two bytes of range and one of reflectivity, as a contiguous copy."""
-    first = payload[:, 4:]
-    shape, strides = (len(payload), blocks, 3 * SLOTS), (payload.strides[0], BLOCK_BYTES, 1)
-    return np.ascontiguousarray(as_strided(first, shape, strides, writeable=False)).reshape(-1, 3)
-
-
-def _measured(steps: U16, packets: int, layout: Layout) -> tuple[Indices, U8]:
-    """Indices of the ranges that become points, and the types of their returns."""
+def _measured(steps: U16, packets: int, layout: Layout) -> tuple[Indices, Indices, U8]:
+    """Indices of the ranges that become points; the firing of each in (P, columns, banks, 32); types of the returns."""
     measured = steps != 0
     if len(layout.returns) == 1:
         kept = np.flatnonzero(measured)
-        return kept, np.full(len(kept), layout.returns[0], np.uint8)
-    shape = (packets, -1, 2, layout.apart * SLOTS)
-    pairs = steps.reshape(shape)
+        return kept, kept, np.full(len(kept), layout.returns[0], np.uint8)
+    pairs = steps.reshape(packets, -1, 2, layout.apart * SLOTS)  # both returns of a firing
+    firings = np.arange(len(steps) // 2).reshape(packets, -1, 1, layout.apart * SLOTS)
     equal = pairs[:, :, 0] == pairs[:, :, 1]
     strongest, last = layout.returns.index(STRONGEST), layout.returns.index(LAST)
     types = np.empty(pairs.shape, np.uint8)
     types[:, :, strongest] = np.where(equal, np.uint8(BOTH), np.uint8(STRONGEST))
     types[:, :, last] = LAST
-    measured.reshape(shape)[:, :, last] &= ~equal
+    measured.reshape(pairs.shape)[:, :, last] &= ~equal
     kept = np.flatnonzero(measured)
-    return kept, types.reshape(-1).take(kept)
+    return kept, np.broadcast_to(firings, pairs.shape).reshape(-1).take(kept), types.reshape(-1).take(kept)
 
 
-def _firings(kept: Indices, layout: Layout) -> Indices:
-    """Index of each range in (P, columns, banks, 32); both returns of a firing have the same."""
-    if len(layout.returns) == 1:
-        return kept
-    width = layout.apart * SLOTS  # a power of two
-    return ((kept & -2 * width) >> 1) | (kept & (width - 1))
-
-
-def _headings(payload: U8, beams: Beams, device_us: I64) -> tuple[F32, F32]:
+def _headings(blocks: Array, beams: Beams, device_us: I64) -> tuple[F32, F32]:
     """Cosine and sine of the azimuth of every firing, (P, columns, banks, 32).
 
     The azimuth is that of the block plus a small angle that all blocks of a packet share: by the angle addition
     formulas only the two parts need cosine and sine.
     """
     layout = beams.layout
-    azimuth = block_words(payload, layout.blocks, 2)[:, beams.blocks]
+    azimuth = blocks["azimuth"][:, beams.blocks]
     rate = _turn_rate(azimuth[:, :, 0].astype(np.int64), beams.model, device_us).astype(np.float32)
     small = (rate[:, None] * beams.slot_us - beams.azimuth_offset_rad).reshape(-1, 1, layout.banks, SLOTS)
     block = azimuth.astype(np.float32)[..., None] * np.float32(np.pi / 18000)
     cos_small, sin_small, cos_block, sin_block = np.cos(small), np.sin(small), np.cos(block), np.sin(block)
-    cos = cos_block * cos_small
-    part = sin_block * sin_small
-    cos -= part
-    sin = sin_block * cos_small
-    sin += np.multiply(cos_block, sin_small, out=part)
-    return cos, sin
+    return cos_block * cos_small - sin_block * sin_small, sin_block * cos_small + cos_block * sin_small
 
 
 def _turn_rate(azimuth: I64, model: VelodyneModel, device_us: I64) -> F64:
@@ -130,14 +108,9 @@ def _turn(before: I64, after: I64) -> I64:
 
 def _points(beams: Beams, place: Indices, range_m: F32, cos_azimuth: F32, sin_azimuth: F32) -> F32:
     """(n, 3): x ahead at azimuth 0, y to the left, against the sense of the azimuth, z up."""
-    xyz = np.empty((len(place), 3), np.float32)
     horizontal_m = range_m * beams.cos_elevation.take(place)
-    np.multiply(horizontal_m, cos_azimuth, out=xyz[:, 0])
-    np.negative(horizontal_m, out=horizontal_m)
-    np.multiply(horizontal_m, sin_azimuth, out=xyz[:, 1])
-    np.multiply(range_m, beams.sin_elevation.take(place), out=xyz[:, 2])
-    xyz[:, 2] += beams.vertical_offset_m.take(place)
-    return xyz
+    height_m = range_m * beams.sin_elevation.take(place) + beams.vertical_offset_m.take(place)
+    return np.stack([horizontal_m * cos_azimuth, -horizontal_m * sin_azimuth, height_m], axis=1)
 
 
 def _corrected_points(

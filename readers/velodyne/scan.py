@@ -9,18 +9,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import I64, U8, Bools, check_array
+from pipeline.core.arrays import I64, U8, Array, Bools, check_array
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
 from readers.messages.cursor import Cursor
 from readers.messages.deserialize import typestore_for
 from readers.messages.tf import clean_frame
 
-__all__ = ["PACKET_BYTES", "SCAN", "VelodynePackets", "parse_velodyne_scan"]
+__all__ = ["PACKET_BYTES", "SCAN", "SLOTS", "VelodynePackets", "parse_velodyne_scan"]
 
 SCAN = "velodyne_msgs/msg/VelodyneScan"
-PACKET_BYTES = 1206
 
+SLOTS = 32
+"""Ranges per block."""
+
+_ECHO = np.dtype([("range", "<u2"), ("reflectivity", "u1")])
+_BLOCK = np.dtype([("flag", "<u2"), ("azimuth", "<u2"), ("echoes", _ECHO, SLOTS)])
+_PACKET = np.dtype([("blocks", _BLOCK, 12), ("clock_us", "<u4"), ("mode", "u1"), ("product", "u1")])
+PACKET_BYTES = _PACKET.itemsize
 _STAMP_BYTES = 8
 
 
@@ -31,7 +37,7 @@ class VelodynePackets:
     Attributes:
         frame_id: Frame that the scan names.
         stamps_ns: (P,) int64, the driver's time of each packet, of measurement or of arrival.
-        payload: (P, 1206) uint8, the bytes from the sensor; a view that need not be contiguous.
+        payload: (P, 1206) uint8, the bytes from the sensor; a view whose packets need not follow each other.
     """
 
     frame_id: str
@@ -45,6 +51,14 @@ class VelodynePackets:
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
+
+    @property
+    def fields(self) -> Array:
+        """(P,) the same as records: twelve `blocks`, `clock_us` within the hour, and the bytes `mode` and `product`.
+
+        A block has `flag`, `azimuth` in hundredths of a degree, and 32 `echoes` with `range` and `reflectivity`.
+        """
+        return self.payload.view(_PACKET)[:, 0]
 
     def select(self, rows: Bools) -> "VelodynePackets":
         """The packets where the mask is true."""

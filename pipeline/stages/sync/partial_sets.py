@@ -11,7 +11,7 @@ from typing import NamedTuple
 from pipeline.core.messages import RawMessage
 from pipeline.stages.sync.attendance import Attendance
 from pipeline.stages.sync.liveness import MAX_PERIODS, Liveness
-from pipeline.stages.sync.nearest_partners import NearestPartners
+from pipeline.stages.sync.nearest import NearestPartners
 from pipeline.stages.sync.policy import OnItemDrop, Policy
 
 __all__ = ["FoundSet", "Item", "PartialSets"]

@@ -12,8 +12,8 @@ from bags.simulator.world.open3d_runtime import load_libusb
 from pipeline.core.arrays import F32, F64
 from pipeline.core.clouds import Plane
 from pipeline.core.settings.combine import GroundConfig
-from pipeline.filters import ground_arrays, ground_passes
-from pipeline.filters.ground import find_ground
+from pipeline.filters.ground import PLAIN, can_be_ground, find_ground, planes_through
+from pipeline.filters.ground_kernels import COMPILED
 
 ORIGIN = np.zeros((1, 3))
 FINITE_SCENES = ("odd_cloud2_small", "odd_dups", "odd_tiny", "s10k_0", "s10k_1", "s30k_0")
@@ -42,7 +42,7 @@ def ground_of(points: F64, **options: Any) -> Plane | None:
         origins,
         config=GroundConfig(**options),
         ground_height_m=height,
-        passes=ground_passes,
+        passes=COMPILED,
     )
 
 
@@ -215,10 +215,35 @@ def test_the_same_input_gives_the_same_bits_and_the_seed_only_the_last_of_them()
 def test_compiled_or_not_the_plane_is_the_same() -> None:
     for cloud in (kitti(KITTI_SEQUENCE[0]), kitti(KITTI_OBJECT[0]), oracle_kept("s30k_0")[0]):
         plain, compiled = (
-            find_ground(cloud, ORIGIN, config=GroundConfig(), passes=passes)
-            for passes in (ground_arrays, ground_passes)
+            find_ground(cloud, ORIGIN, config=GroundConfig(), passes=passes) for passes in (PLAIN, COMPILED)
         )
         assert plain is not None
         assert compiled is not None
         np.testing.assert_allclose(compiled.normal, plain.normal, rtol=0, atol=1e-12)
         assert compiled.offset_m == pytest.approx(plain.offset_m, abs=1e-11)
+
+
+# --- planes that are tried
+
+
+def test_planes_go_through_three_points_unless_these_lie_on_a_line() -> None:
+    rng = np.random.default_rng(10)
+    xyz = np.vstack([rng.uniform(-20, 20, (20, 3)), [[1, 2, 3]] * 3]).T.astype(np.float32)
+    triples = np.vstack([[20, 21, 22], rng.integers(23, size=(200, 3))])
+    planes = planes_through(xyz, triples)
+    distinct = [len({*triple}) == 3 and sum(place >= 20 for place in triple) < 2 for triple in triples.tolist()]
+    assert len(planes) == sum(distinct)
+    np.testing.assert_allclose(np.linalg.norm(planes[:, :3], axis=1), 1)
+    assert (planes[:, 2] >= 0).all()
+    for corner in triples[distinct].T:
+        np.testing.assert_allclose((planes[:, :3].T * xyz[:, corner]).sum(0) + planes[:, 3], 0, atol=1e-9)
+
+
+def test_planes_that_can_be_ground() -> None:
+    level, tilted = [0.0, 0.0, 1.0, 2.0], [0.6, 0.0, 0.8, 2.0]
+    lidars, limits = np.array([[0.0, 0.0, 0.0], [3.0, 0.0, -1.5]]), np.array([0.9, -2.5, 0.5])
+    planes = np.array([level, tilted, [0, 0, 1, 1.4], [0, 0, 1, 3.1], [0, 0, -1, 2], [1, 0, 0, 5]])
+    assert can_be_ground(planes, lidars, limits).tolist() == [True, *[False] * 5]
+    anywhere = np.array([0.8, 0.0, np.inf])
+    assert can_be_ground(planes, lidars, anywhere).tolist() == [True, True, False, True, False, False]
+    assert can_be_ground(planes[:0], lidars, limits).tolist() == []

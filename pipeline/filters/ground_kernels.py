@@ -1,21 +1,26 @@
-"""What finding the ground does with all points, each in one compiled pass: see `pipeline.core.compiled`.
+"""What finding the ground does with all points, and which points belong to it: one compiled pass each.
 
-The same as `pipeline.filters.ground_arrays`, where the functions are explained; sums run in the order of the points.
+The passes of `pipeline.filters.ground`, where they are explained; sums run in the order of the points.
 """
 
 import numpy as np
 
 from pipeline.core.arrays import F32, F64, I32, I64, Bools
 from pipeline.core.compiled import compiled, inlined
+from pipeline.core.geometry.bilinear import between
+from pipeline.filters.ground import GroundPasses
 
-__all__ = ["can_be_ground", "count_layers", "lowest_of_cells", "planes_through", "scatter_near", "scatter_within"]
+__all__ = ["COMPILED", "parted"]
 
 
 MAX_CELL = 2.0**30
-"""As in `ground_arrays`."""
+"""As in `ground`."""
 
 POINTS = "Array(float32, 2, 'C', True)"
 """What compiled functions take: (3, N), perhaps read-only."""
+
+LIST, TABLE = "Array(float64, 1, 'C', True)", "Array(float64, 2, 'C', True)"
+"""Likewise: (2,), and (H, W)."""
 
 SPREAD = np.uint64(0x9E3779B97F4A7C15)
 """Numbers times this differ in their upper bits (D. E. Knuth: The art of computer programming, vol. 3, 6.4)."""
@@ -53,39 +58,6 @@ def _lowest(points: F32, cell_m: np.float32) -> tuple[I64, I64]:
         elif points[2, i] < points[2, rows[at]]:
             rows[at] = i
     return cells[:found], rows[:found]
-
-
-@compiled(f"float64[:, ::1]({POINTS}, int64[:, ::1])")
-def planes_through(points: F32, triples: I64) -> F64:
-    """(up to K, 4) planes through three points each."""
-    planes = np.empty((len(triples), 4), np.float64)
-    found = 0
-    for i, j, k in triples:
-        x, y, z = np.float64(points[0, i]), np.float64(points[1, i]), np.float64(points[2, i])
-        ax, ay, az = points[0, j] - x, points[1, j] - y, points[2, j] - z
-        bx, by, bz = points[0, k] - x, points[1, k] - y, points[2, k] - z
-        nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        length = np.sqrt(nx * nx + ny * ny + nz * nz)
-        if length > 1e-9:
-            upwards = -1.0 if nz < 0 else 1.0
-            nx, ny, nz = nx / length * upwards, ny / length * upwards, nz / length * upwards
-            plane = planes[found]
-            plane[0], plane[1], plane[2], plane[3] = nx, ny, nz, -(nx * x + ny * y + nz * z)
-            found += 1
-    return planes[:found]
-
-
-@compiled("boolean[::1](float64[:, ::1], Array(float64, 2, 'C', True), float64[::1])")
-def can_be_ground(planes: F64, lidar_origins: F64, limits: F64) -> Bools:
-    """(K,) whether planes are level enough, below every lidar and at the expected height."""
-    fit = np.empty(len(planes), np.bool_)
-    for k in range(len(planes)):
-        x, y, z, offset = planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3]
-        fit[k] = z >= limits[0] and abs(offset + limits[1] * z) <= limits[2] * z
-        for lidar in range(len(lidar_origins)):
-            origin = lidar_origins[lidar]
-            fit[k] &= x * origin[0] + y * origin[1] + z * origin[2] + offset > 0
-    return fit
 
 
 @inlined
@@ -174,3 +146,50 @@ def scatter_near(points: F32, plane: F32, layer_m: np.float32) -> tuple[int, F64
             near += 1 if heights[j] <= near_m else 0
     centre, scatter = _scatter(points, rows[:near])
     return len(heights), centre, scatter
+
+
+COMPILED = GroundPasses(lowest_of_cells, count_layers, scatter_within, scatter_near)
+"""The passes of `ground.PLAIN`."""
+
+
+@compiled(
+    f"Tuple((int64[::1], int64[::1], int64[::1]))"
+    f"({POINTS}, boolean[::1], float32[::1], float64, {LIST}, float64, {TABLE})"
+)
+def parted(
+    xyz: F32, kept: Bools, plane: F32, distance_m: float, origin_xy: F64, cell_m: float, offsets_m: F64
+) -> tuple[I64, I64, I64]:
+    """Rows of the points that are kept and not on a plane, that are kept and on it, and that are not on the ground.
+
+    Args:
+        xyz: (N, 3) metres.
+        kept: (N,) which points count for the first two.
+        plane: (4,) unit normal and offset.
+        distance_m: On the plane or on the ground is what is at most this far from it.
+        origin_xy: See `Relief`, as for the next two, which say how the ground differs from the plane.
+        cell_m: Likewise.
+        offsets_m: Likewise; without nodes, the ground is the plane.
+    """
+    left, level, above = np.empty(len(xyz), np.int64), np.empty(len(xyz), np.int64), np.empty(len(xyz), np.int64)
+    left_count = level_count = above_count = 0
+    lowest = highest = 0.0
+    for row in range(offsets_m.shape[0]):
+        for column in range(offsets_m.shape[1]):
+            lowest, highest = min(lowest, offsets_m[row, column]), max(highest, offsets_m[row, column])
+    # What is beyond is not on the ground wherever it is; a bit more, for what is rounded below.
+    reach_m = distance_m + 1e-9 * (distance_m - lowest + highest)
+    below_m, above_m, plane_reach_m = lowest - reach_m, highest + reach_m, np.float32(distance_m)
+    for i in range(len(xyz)):
+        height = xyz[i, 0] * plane[0] + xyz[i, 1] * plane[1] + xyz[i, 2] * plane[2] + plane[3]
+        on_plane = on_ground = abs(height) <= plane_reach_m
+        if offsets_m.size > 0:
+            on_ground = False
+            if below_m <= height <= above_m:
+                x, y = (xyz[i, 0] - origin_xy[0]) / cell_m, (xyz[i, 1] - origin_xy[1]) / cell_m
+                on_ground = abs(height - between(offsets_m, x, y)) <= distance_m
+        # Written over by the next one that belongs there.
+        left[left_count] = level[level_count] = above[above_count] = i
+        left_count += 1 if kept[i] and not on_plane else 0
+        level_count += 1 if kept[i] and on_plane else 0
+        above_count += 0 if on_ground else 1
+    return left[:left_count], level[:level_count], above[:above_count]

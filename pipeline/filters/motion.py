@@ -1,14 +1,19 @@
-"""What combining does with each point's place, in one compiled pass each: see `pipeline.core.compiled`."""
+"""Where points are: within range, in the site frame, and, if the sensor moves, at one moment.
+
+In motion compensation the scene is assumed static in the fixed frame; moving objects stay blurred by their own motion.
+"""
 
 import numpy as np
 
 from pipeline.core.arrays import F32, I64, Bools
 from pipeline.core.compiled import compiled
+from pipeline.core.geometry.pose_samples import PoseSamples
+from pipeline.core.geometry.poses import interpolate_poses
 
-__all__ = ["STEP_NS", "coordinates", "in_range", "moved", "moved_each"]
+__all__ = ["coordinates", "deskew", "in_range", "moved"]
 
 STEP_NS = 1_000_000
-"""Time between two of the matrices that move points, which are linear in between."""
+"""Poses are interpolated so often, points linearly between: within 13 um at 100 m while turning at 1 rad/s."""
 
 POINTS = "Array(float32, 2, 'C', True)"
 """What compiled functions take: (N, 3), perhaps read-only."""
@@ -38,8 +43,28 @@ def moved(xyz: F32, matrix: F32) -> F32:
     return out
 
 
+def deskew(xyz_moving: F32, point_stamps_ns: I64, stamp_ns: int, motion: PoseSamples) -> F32:
+    """Points (N, 3) in the moving frame as it is at `stamp_ns`.
+
+    Args:
+        xyz_moving: (N, 3) metres, each in the moving frame as it was when the point was measured.
+        point_stamps_ns: (N,) times of measurement.
+        stamp_ns: Time to transform the points to.
+        motion: At least two poses; extrapolated beyond the ends (see `PoseSamples.covers`).
+    """
+    if not len(xyz_moving):
+        return xyz_moving
+    start_ns = int(point_stamps_ns.min())
+    since_ns = point_stamps_ns - start_ns
+    knots_ns = start_ns + STEP_NS * np.arange(int(since_ns.max()) // STEP_NS + 2)
+    poses = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, np.append(knots_ns, stamp_ns))
+    # Relative motion in float64: poses may be kilometres from the origin of a map, the motion within a sweep is metres.
+    T_target_knot = (np.linalg.inv(poses[-1]) @ poses[:-1])[:, :3].astype(np.float32)
+    return _moved_each(np.ascontiguousarray(xyz_moving), since_ns, T_target_knot)
+
+
 @compiled(f"float32[:, ::1]({POINTS}, int64[::1], float32[:, :, ::1])")
-def moved_each(xyz: F32, since_ns: I64, matrices: F32) -> F32:
+def _moved_each(xyz: F32, since_ns: I64, matrices: F32) -> F32:
     """Points (N, 3), each moved by the matrix of its time.
 
     Args:

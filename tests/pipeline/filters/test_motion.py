@@ -1,12 +1,15 @@
+"""Points within range, moved, and moved each in its time."""
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.arrays import F64
+from pipeline.core.arrays import F32, F64
 from pipeline.core.geometry.pose_samples import PoseSamples
-from pipeline.filters.deskew import deskew
+from pipeline.core.geometry.transform import Transform
+from pipeline.filters.motion import coordinates, deskew, in_range, moved
 
 MS = 1_000_000
 STAMP_NS = 1_317_617_735_000_000_000
@@ -43,20 +46,20 @@ def test_a_wall_that_was_swept_while_driving_and_turning_comes_out_flat() -> Non
     )
     stamps_ns = STAMP_NS + np.round(times_ms * MS).astype(np.int64)
 
-    moved = deskew(measured, stamps_ns, STAMP_NS, motion(-100, 0, 100))
+    found = deskew(measured, stamps_ns, STAMP_NS, motion(-100, 0, 100))
 
     assert np.ptp(measured[:, 0]) > 0.9  # by hand: 10 m/s over 0.1 s, and the turn
-    assert moved.dtype == np.float32
-    np.testing.assert_allclose(moved[:, 0], 20.0, atol=1e-4)
-    np.testing.assert_allclose(moved, wall_map - [3000, -2000, 50], atol=1e-4)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found[:, 0], 20.0, atol=1e-4)
+    np.testing.assert_allclose(found, wall_map - [3000, -2000, 50], atol=1e-4)
 
 
 def test_by_hand() -> None:
     # 10 m/s straight on: a point 5 m ahead, measured 50 ms before the frame, is 4.5 m ahead of where the frame is.
     xyz = np.array([[5, 1, 2], [5, 1, 2], [5, 1, 2]], np.float32)
     stamps_ns = STAMP_NS + np.array([-50, 0, 30], np.int64) * MS
-    moved = deskew(xyz, stamps_ns, STAMP_NS, motion(-100, 100, yaw_rate=0.0))
-    np.testing.assert_allclose(moved, np.array([[4.5, 1, 2], [5, 1, 2], [5.3, 1, 2]]), atol=1e-5)
+    found = deskew(xyz, stamps_ns, STAMP_NS, motion(-100, 100, yaw_rate=0.0))
+    np.testing.assert_allclose(found, np.array([[4.5, 1, 2], [5, 1, 2], [5.3, 1, 2]]), atol=1e-5)
 
 
 @given(
@@ -67,16 +70,16 @@ def test_by_hand() -> None:
 def test_moves_each_point_as_its_own_pose_does(offset_us: list[int], yaw_rate: float, speed: float) -> None:
     offsets = np.array(offset_us)
     xyz = np.random.default_rng(0).uniform(-60, 60, (len(offsets), 3)).astype(np.float32)
-    moved = deskew(xyz, STAMP_NS + offsets * 1000, STAMP_NS, motion(-100, 0, 100, speed=speed, yaw_rate=yaw_rate))
+    found = deskew(xyz, STAMP_NS + offsets * 1000, STAMP_NS, motion(-100, 0, 100, speed=speed, yaw_rate=yaw_rate))
     target = pose_at(0, speed=speed, yaw_rate=yaw_rate)
     poses = [pose_at(us / 1e6, speed=speed, yaw_rate=yaw_rate) for us in offsets]
     expected = [seen_from(target, pose[:3, :3] @ p + pose[:3, 3]) for pose, p in zip(poses, xyz, strict=True)]
-    np.testing.assert_allclose(moved, np.array(expected), atol=1e-4)
+    np.testing.assert_allclose(found, np.array(expected), atol=1e-4)
 
 
 def test_no_points() -> None:
-    moved = deskew(np.zeros((0, 3), np.float32), np.zeros(0, np.int64), STAMP_NS, motion(-100, 100))
-    assert moved.shape == (0, 3)
+    found = deskew(np.zeros((0, 3), np.float32), np.zeros(0, np.int64), STAMP_NS, motion(-100, 100))
+    assert found.shape == (0, 3)
 
 
 @pytest.mark.parametrize(
@@ -101,3 +104,40 @@ def test_covers(stamps_ms: tuple[int, ...], span_ms: tuple[int, int], expected: 
     span_ns = STAMP_NS + first_ms * MS, STAMP_NS + last_ms * MS
     found = samples.covers(*span_ns, max_extrapolation_s=0.2, max_gap_s=0.5)
     assert found is expected
+
+
+# --- single passes
+
+
+def points(count: int) -> F32:
+    xyz = np.random.default_rng(count).normal(0, 20, (count, 3)).astype(np.float32)
+    xyz.flags.writeable = False
+    return xyz
+
+
+@pytest.mark.parametrize("count", [0, 1, 1000])
+def test_in_range(count: int) -> None:
+    xyz = points(count)
+    x, y, z = xyz.T
+    range_m = np.sqrt(x * x + y * y + z * z)
+    np.testing.assert_array_equal(in_range(xyz, 10.0, 30.0), (range_m >= 10) & (range_m <= 30))
+
+
+def test_limits_of_range_belong_to_it_and_the_origin_does_not() -> None:
+    xyz = np.array([[0, 0, 0], [3, 4, 0], [0, 5.1, 0], [0, 0, -1], [0.5, 0, 0], [3e19, 0, 0]], np.float32)
+    assert in_range(xyz, 1.0, 5.0).tolist() == [False, True, False, True, False, False]
+    assert in_range(xyz, 0.0, 1e300).tolist() == [False, True, True, True, True, True]
+
+
+@pytest.mark.parametrize("count", [0, 1, 1000])
+def test_moved(count: int) -> None:
+    turn = Transform.from_quaternion("site", "lidar", [1, 2, 3], [0.1, -0.2, 0.3, 0.9])
+    expected = turn.apply(points(count))
+    np.testing.assert_array_equal(moved(points(count), turn.matrix[:3].astype(np.float32)), expected)
+
+
+@pytest.mark.parametrize("count", [0, 1, 1000])
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_coordinates(count: int, share: float) -> None:
+    kept = np.random.default_rng(1).random(count) < share
+    np.testing.assert_array_equal(coordinates(points(count), kept), points(count)[kept].T)
