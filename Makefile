@@ -3,7 +3,7 @@
 # make test     lint, types, tests
 # make check    lint and types only
 # make fuzz     hostile inputs for every decoder, MINUTES=15 of them (Linux)
-# make campaign kills, full disks, damaged and hostile inputs: MINUTES=30 of them (Linux)
+# make campaign signals, kills, damaged and hostile inputs: MINUTES=30 of them (Linux)
 # make golden   write the golden results anew, after a change that is meant
 # make samples  record the sample recordings in bags/ anew
 # make bench    docs/performance.md anew: speed beside other programs; and what else is measured against what
@@ -55,7 +55,7 @@ demo: $(INSTALLED)
 gate: $(INSTALLED)
 	@test -f out/sandbox.mcap -a -f out/crossing.mcap || $(MAKE) demo
 	@for sample in sandbox crossing; do \
-		$(BIN)/lidcam evaluate out/$$sample.mcap --require @tests/golden/$$sample.txt --json out/$$sample.figures.json && \
+		$(BIN)/lidcam evaluate out/$$sample.mcap --require @tests/golden/$$sample.txt --json-file out/$$sample.figures.json && \
 		$(BIN)/lidcam compare tests/golden/$$sample.mcap out/$$sample.mcap --max-different 2 || exit 1; \
 	done
 
@@ -90,7 +90,6 @@ bench: $(INSTALLED_ALL)
 	$(BIN)/python benchmarks/measured/speed_page.py
 	$(BIN)/python benchmarks/measured/memory_table.py
 	$(BIN)/python benchmarks/evaluation.py
-	$(BIN)/python benchmarks/clusters.py
 	$(BIN)/python benchmarks/synchronisation.py
 	$(BIN)/python benchmarks/rotated_iou.py
 	$(BIN)/python benchmarks/networks.py

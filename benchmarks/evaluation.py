@@ -65,7 +65,9 @@ def main() -> None:
         for frames in (max(options.frames // 10, 1), options.frames):
             result, figures = Path(folder) / f"{frames}.mcap", Path(folder) / f"{frames}.json"
             write_result(result, frames, options.objects)
-            cost = run_on_one_core([sys.executable, "-m", "lidcam", "evaluate", str(result), "--json", str(figures)])
+            cost = run_on_one_core(
+                [sys.executable, "-m", "lidcam", "evaluate", str(result), "--json-file", str(figures)]
+            )
             peer_s = read_into_objects(result)
             found = json.loads(figures.read_bytes())
             print(

@@ -114,7 +114,12 @@ class Judged:
         config = Config(detect2d=Detect2DConfig.model_validate(settings))
         intrinsics = CameraModel("cam", 1242, 375, np.diag([700.0, 700.0, 1.0]), "plumb_bob", np.zeros(0))
         camera = CameraSensor("cam", "/cam", "", intrinsics, Transform.identity("cam", "site"))
-        self._stage = Detect2D(Rig("site", (), (camera,), ()), config, OnnxDetector2D(model, config))
+        self._stage = Detect2D(
+            Rig("site", (), (camera,), ()),
+            config.class_id_of_label,
+            config.detect2d,
+            OnnxDetector2D(model, config.detect2d),
+        )
         self._seconds = 0.0
         self._pictures = 0
 
@@ -132,9 +137,9 @@ class Judged:
         return self._seconds / self._pictures * 1e3
 
 
-def refuse(graph: Any, input_name: str) -> None:
+def refuse(data: bytes, input_name: str) -> bytes:
     """In place of `free_size`, as if the network held a table for its size."""
-    raise ModelError(f"{input_name} of {len(graph.nodes)} nodes stays as it is")
+    raise ModelError(f"{input_name} in {len(data)} bytes stays as it is")
 
 
 def overlaps(first: F64, second: F64) -> F64:

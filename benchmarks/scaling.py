@@ -130,7 +130,7 @@ def inspect(path: Path) -> int:
 def process(path: Path) -> int:
     """What `lidcam process` does with one worker."""
     with tempfile.TemporaryDirectory() as folder:
-        return process_recording(make_job(path, Path(folder) / "out.mcap", workers=1)).frames
+        return process_recording(make_job(path, Path(folder) / "out.mcap", workers=1)).frames.count
 
 
 WORK: dict[str, Callable[[Path], int]] = {"open": open_only, "read": read_used, "inspect": inspect, "process": process}

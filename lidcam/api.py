@@ -15,10 +15,11 @@ from lidcam.frames import RunInput
 from lidcam.inspection import Inspection, inspect_recording
 from lidcam.job import FilePath, Job, JobOptions, PathOrUrl, RigSource, Settings, locations, make_job
 from lidcam.objects import ObjectCollector, Objects
+from lidcam.report import DropCount, RunReport, UnusedTopic
 from lidcam.run import RunObserver, process_recording
 from lidcam.run import iter_frames as frames_of
 from lidcam.settings.choice import UsedSettings, choose_settings
-from lidcam.summary import DropCount, RunProgress, RunReport, UnusedTopic
+from lidcam.summary import RunProgress
 from pipeline.core.clouds import CombinedCloud, PointCloud
 from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Matches
 from pipeline.core.errors import (
@@ -115,12 +116,12 @@ class RunResult:
     @property
     def frames(self) -> int:
         """Number of frames."""
-        return self.report.frames
+        return self.report.frames.count
 
     @property
     def drops(self) -> tuple[DropCount, ...]:
         """Messages that were not used, by topic and reason."""
-        return self.report.drops
+        return self.report.drops.messages
 
 
 class _Watcher(ObjectCollector):

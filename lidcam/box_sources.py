@@ -74,7 +74,8 @@ def add_boxes2d(
     from pipeline.stages.detect2d import Detect2D
 
     images = graph.add("decode images", ImageDecoder(rig, config, on_bad=on_bad), graph.frame)
-    detect2d = Detect2D(rig, config, OnnxDetector2D(config.detect2d.model, config))
+    detector = OnnxDetector2D(config.detect2d.model, config.detect2d)
+    detect2d = Detect2D(rig, config.class_id_of_label, config.detect2d, detector)
     return images, graph.add("detect 2D", detect2d, images)
 
 

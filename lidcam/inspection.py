@@ -11,9 +11,9 @@ from lidcam.checks.incomplete import damage_lines, left_out_lines
 from lidcam.checks.warning import RunWarning
 from lidcam.frames import TimeWindow
 from lidcam.job import RigSource, read_rig
+from lidcam.report import loss_records
 from lidcam.settings.choice import SettingsChoice, UsedSettings, used_record
 from lidcam.settings.settle import settle, with_zones
-from lidcam.summary import loss_records
 from pipeline.core.errors import CalibrationError, RecordingError, short_memory_told
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config

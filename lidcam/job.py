@@ -45,7 +45,7 @@ class Job:
 
     Attributes:
         inputs: A recording, or all parts of a split one in order.
-        outputs: Files to write; what each is, its name says (`lidcam.outputs.open.WRITERS`).
+        outputs: Files to write; what each is, its name says (`lidcam.outputs.kinds.OUTPUTS`).
         config: Settings; where the recording decides, those that it is opened with.
         settings_name: Where they come from: a preset, a file, `defaults` or `as given`.
         by_preset: Settings of each preset, among which the recording decides; empty: `config` holds.

@@ -6,15 +6,13 @@ from collections.abc import Callable
 from enum import StrEnum
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import typer
-from typer.core import TyperCommand
 
 from lidcam.printing.log import Verbosity, configure_logging
 
 __all__ = [
-    "STDOUT",
     "AllowedDifference",
     "AsJson",
     "CompareConfigFile",
@@ -22,8 +20,7 @@ __all__ = [
     "EvaluateConfigFile",
     "EvaluateRigFile",
     "Format",
-    "JsonCommand",
-    "JsonTarget",
+    "JsonFile",
     "Overwrite",
     "RecordingOut",
     "Require",
@@ -85,35 +82,9 @@ def _log_file(value: Path | None) -> Path | None:
     return value
 
 
-STDOUT = "-"
-JSON_SUFFIX = ".json"
-
-
-class JsonCommand(TyperCommand):
-    """A command whose --json may be followed by the name of a file."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse arguments; --json without a file means standard output."""
-        return super().parse_args(ctx, _with_json_target(args))
-
-
-def _with_json_target(args: list[str]) -> list[str]:
-    """The arguments, with `-` behind each --json that names no file: click knows no options whose value may be missing.
-
-    Only a name that ends in .json is one: what follows may as well be an argument.
-    """
-    end = args.index("--") if "--" in args else len(args)
-    options = []
-    for arg, after in zip(args[:end], [*args[1:end], ""], strict=False):
-        options.append(arg)
-        if arg == "--json" and after != STDOUT and not after.endswith(JSON_SUFFIX):
-            options.append(STDOUT)
-    return options + args[end:]
-
-
-def _json_target(value: str | None) -> str | None:
-    if value not in (None, STDOUT) and not str(value).endswith(JSON_SUFFIX):
-        raise typer.BadParameter(f"expected a name that ends in {JSON_SUFFIX}, found {value}")
+def _json_file(value: Path | None) -> Path | None:
+    if value is not None and value.suffix != ".json":
+        raise typer.BadParameter(f"expected a name that ends in .json, found {value}")
     return value
 
 
@@ -162,15 +133,10 @@ Overwrite = Annotated[
         help="Also replace what no earlier run of this command wrote, such as a recording; never an input.",
     ),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
-JsonTarget = Annotated[
-    str | None,
-    typer.Option(
-        "--json",
-        metavar="[FILE.json]",
-        callback=_json_target,
-        help="Print the result as JSON; with a file, write it there beside the tables.",
-    ),
+AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON, in place of tables.")]
+JsonFile = Annotated[
+    Path | None,
+    typer.Option("--json-file", metavar="FILE.json", callback=_json_file, help="Write the result as JSON, too."),
 ]
 Require = Annotated[
     list[str] | None,

@@ -6,7 +6,7 @@ kept between runs.
 
 import logging
 import time
-from collections.abc import Collection, Generator, Iterator, Sequence
+from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
 from functools import partial
@@ -38,16 +38,15 @@ from lidcam.frames import (
 from lidcam.job import Job
 from lidcam.outputs.allowed import check_no_input
 from lidcam.outputs.copied import choose_copied, choose_drawn, truth_frames
-from lidcam.outputs.open import open_outputs, open_writers, written_files
+from lidcam.outputs.open import how_to_open, open_outputs, open_writers, written_files
+from lidcam.report import DropReport, FrameReport, InputReport, RunReport, SensorReport, TimingReport, UnusedTopic
 from lidcam.settings.lasting import settings_sha256
 from lidcam.settings.settle import settle, with_zones
-from lidcam.summary import DropTable, RunProgress, RunReport, Tally, UnusedTopic
+from lidcam.summary import DropTable, RunProgress, Tally
 from pipeline.core.errors import ConfigError, RecordingError, short_memory_told
 from pipeline.core.frame import FrameResult, SensorBundle
 from pipeline.graph import Node
 from pipeline.parallel.cores import usable_cores
-from pipeline.parallel.process import WorkerProcess
-from pipeline.parallel.ready import ready_processes
 from pipeline.parallel.run import Limits, run_parallel
 from pipeline.stages.sync.synchronize import SyncStats
 from readers.input_file import InputFile, InputFiles
@@ -105,7 +104,7 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunRepor
                 observer.frame(frame)
                 observer.advanced(run.progress)
             whole = inputs.finish()
-        return run.report(whole, written_files(job))
+        return run.report(whole, written_files(job), how_to_open(job))
 
 
 def iter_frames(job: Job) -> Generator[FrameResult, None, None]:
@@ -158,9 +157,7 @@ def _opened(job: Job) -> Iterator["Run"]:
         drawn = choose_drawn(recording, copied)
         frames = truth_frames(recording, copied, found, config)
         source = RunInput(recording, found.rig, config, motion, window, used, copied, drawn, frames)
-        run = Run(source, found, drops)
-        with run.ready():
-            yield run
+        yield Run(source, found, drops)
 
 
 class Run:
@@ -194,15 +191,7 @@ class Run:
         self._graph, self._result = self._make_graph()
         _check_box_source(source)
         self._workers = source.config.run.workers or usable_cores()
-        self._processes: Sequence[WorkerProcess] = ()
         self._seconds = time.perf_counter() - started  # loading a network belongs to a run
-
-    @contextmanager
-    def ready(self) -> Iterator[None]:
-        """Within the block, processes that share the work are ready; made before the run has threads."""
-        graph, result, expected = self._graph, self._result, expected_frames(self.source)
-        with ready_processes(graph, result, workers=self._workers, expected=expected) as self._processes:
-            yield
 
     def frames(self, writers: Sequence[ResultWriter] = ()) -> Generator[FrameResult, None, None]:
         """The frames, in order, each written before it is yielded; to be read once.
@@ -252,7 +241,6 @@ class Run:
             make_graph=self._make_graph,
             expected=expected_frames(self.source),
             needed=partial(_needed, decoded=decoded_topics(config, rig)),
-            ready=self._processes,
         )
 
     @property
@@ -260,8 +248,19 @@ class Run:
         """How far the run is."""
         return RunProgress(self._tally.frames, self._tally.objects.total(), self._drops.total)
 
-    def report(self, inputs: Sequence[InputFile] = (), outputs: Sequence[Path] = ()) -> RunReport:
-        """What was done so far; `inputs` are the files that were read, `outputs` those that were written."""
+    def report(
+        self,
+        inputs: Sequence[InputFile] = (),
+        outputs: Sequence[Path] = (),
+        viewers: Mapping[str, str] | None = None,
+    ) -> RunReport:
+        """What was done so far.
+
+        Args:
+            inputs: The files that were read.
+            outputs: The files that were written.
+            viewers: How the outputs are opened, by the name of the viewer.
+        """
         source, found, tally, drops = self.source, self.found, self._tally, self._drops.rows
         motion_topics = source.motion.topics if source.motion else ()
         used = {*tally.messages, *(drop.topic for drop in drops), *motion_topics, *source.copied}
@@ -269,35 +268,48 @@ class Run:
         start_ns = source.recording.start_ns
         missing = missing_sensors(absences, source.rig, of_frames=self._stats.sets, start_ns=start_ns)
         return RunReport(
-            inputs=tuple(inputs),
-            frames=tally.frames,
-            objects=dict(sorted(tally.objects.items())),
-            sources=dict(tally.sources),
-            confirmed=tally.confirmed,
-            frames_without_boxes=tally.frames_without_boxes,
-            frames_without_boxes3d=tally.frames_without_boxes3d,
-            points=dict(tally.points),
-            messages_used=dict(sorted(tally.messages.items())),
-            copied={topic: tally.copied[topic] for topic in sorted(source.copied)},
-            drops=drops,
-            missing=tuple(missing),
-            unused_boxes=dict(sorted(tally.unused_boxes.items())),
-            unused_boxes3d=dict(sorted(tally.unused_boxes3d.items())),
-            boxes_without_object=dict(sorted(tally.boxes_without_object.items())),
-            objects_left_out=dict(sorted(tally.objects_left_out.items())),
-            unused_topics=_unused_topics(source.recording, used),
-            losses=source.recording.losses,
-            box_source=box_source(source.config, source.rig),
-            box_source_3d=source.config.detect3d.method,
-            motion_topics=motion_topics,
-            compensated=tally.compensated,
-            skew_mean_ms=self._stats.skew_mean_ns / 1e6,
-            skew_max_ms=self._stats.skew_max_ns / 1e6,
+            inputs=InputReport(
+                files=tuple(inputs),
+                messages_used=dict(sorted(tally.messages.items())),
+                copied={topic: tally.copied[topic] for topic in sorted(source.copied)},
+                unused_topics=_unused_topics(source.recording, used),
+                losses=source.recording.losses,
+            ),
+            frames=FrameReport(
+                count=tally.frames,
+                objects=dict(sorted(tally.objects.items())),
+                sources=dict(tally.sources),
+                confirmed=tally.confirmed,
+                without_boxes=tally.frames_without_boxes,
+                without_boxes3d=tally.frames_without_boxes3d,
+                compensated=tally.compensated,
+                points=dict(tally.points),
+                skew_mean_ms=self._stats.skew_mean_ns / 1e6,
+                skew_max_ms=self._stats.skew_max_ns / 1e6,
+            ),
+            drops=DropReport(
+                messages=drops,
+                boxes=dict(sorted(tally.unused_boxes.items())),
+                boxes3d=dict(sorted(tally.unused_boxes3d.items())),
+                boxes_without_object=dict(sorted(tally.boxes_without_object.items())),
+                objects=dict(sorted(tally.objects_left_out.items())),
+            ),
+            sensors=SensorReport(
+                rig=source.rig,
+                calibration=found.sources,
+                faults=found.faults,
+                missing=tuple(missing),
+                box_source=box_source(source.config, source.rig),
+                box_source_3d=source.config.detect3d.method,
+                motion_topics=motion_topics,
+            ),
+            timing=TimingReport(
+                stage_seconds=dict(self._graph.seconds),
+                wall_seconds=self._seconds,
+                frames_per_second=tally.frames / self._seconds if self._seconds else 0.0,
+            ),
             settings=source.settings,
             settings_sha256=settings_sha256(source.config),
-            rig=source.rig,
-            sensors=found.sources,
-            faults=found.faults,
             notes=(*found.notes, *clock_notes(self._clocks, source.rig.sensor_of_topic)),
             warnings=(
                 *jump_warnings(self._clocks.jumps, start_ns=start_ns),
@@ -311,8 +323,7 @@ class Run:
                 *(warning for check in self._checks for warning in check.warnings),
             ),
             outputs=tuple(outputs),
-            stage_seconds=dict(self._graph.seconds),
-            wall_seconds=self._seconds,
+            how_to_open=viewers or {},
         )
 
     def _count_early_drops(self) -> None:

@@ -1,16 +1,9 @@
-"""What a run did: messages used and dropped, objects, points, times. All counting happens here."""
+"""What is counted during a run: messages used and dropped, objects, points."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any, Literal
+from dataclasses import dataclass
 
-from lidcam.box_sources import BoxSource
-from lidcam.checks.incomplete import absent_lines, damage_lines, left_out_lines
-from lidcam.checks.missing import MissingSensor
-from lidcam.checks.warning import RunWarning
-from lidcam.settings.choice import UsedSettings
+from lidcam.report import DropCount
 from pipeline.core.detections import Source, source_names
 from pipeline.core.errors import MessageError
 from pipeline.core.frame import FrameResult
@@ -18,68 +11,17 @@ from pipeline.core.geometry.polygons import first_polygon_with
 from pipeline.core.messages import Drop
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
-from readers.input_file import InputFile
-from readers.recording import Loss
-from readers.rig.calibration import SensorSource
-from readers.rig.sensor_topics import SensorFault
 from readers.streams.decoders import OnBadMessage
 
 __all__ = [
     "OUTSIDE_ZONES",
-    "DropCount",
     "DropTable",
     "RunProgress",
-    "RunReport",
     "Tally",
-    "UnusedTopic",
-    "loss_records",
-    "report_tree",
 ]
 
 OUTSIDE_ZONES = "outside"
 """Name for the place of objects that no zone holds."""
-
-
-@dataclass(frozen=True, slots=True)
-class DropCount:
-    """How many messages of one topic, or parts of them, were dropped for one reason.
-
-    Attributes:
-        topic: Their topic.
-        reason: Why.
-        count: How many.
-        example: What was found in the first of them; may be empty.
-        unit: Whether whole messages were dropped, or parts of messages that were used.
-        is_defect: Whether the messages are at fault: they cannot be decoded, or their stamps are no times. The others
-            were sound and not needed.
-    """
-
-    topic: str
-    reason: str
-    count: int
-    example: str
-    unit: Literal["messages", "parts"] = "messages"
-    is_defect: bool = False
-
-    @property
-    def amount(self) -> str:
-        """How many of what."""
-        return f"{self.count} {self.unit if self.count != 1 else self.unit.removesuffix('s')}"
-
-
-@dataclass(frozen=True, slots=True)
-class UnusedTopic:
-    """A topic with messages that a run did not use: neither as data, nor as motion, nor as calibration.
-
-    Attributes:
-        topic: Its name.
-        message_count: Number of its messages.
-        problem: Why it cannot be read; empty if it can.
-    """
-
-    topic: str
-    message_count: int
-    problem: str
 
 
 class DropTable:
@@ -158,103 +100,6 @@ class RunProgress:
     drops: int
 
 
-@dataclass(frozen=True, slots=True)
-class RunReport:
-    """What a run did. Holds no open file: it can be pickled and sent between processes.
-
-    Attributes:
-        inputs: The files that were read.
-        frames: Number of frames.
-        objects: Number of fused objects by (class name, zone name); the latter is empty where there are no zones.
-        sources: Number of fused objects by what their geometry comes from: `lidar`, `camera`, `both`.
-        confirmed: Number of fused objects that at least one camera confirms.
-        frames_without_boxes: Number of frames for which no camera sent an image or boxes.
-        frames_without_boxes3d: Number of frames for which no recorded 3D detector sent boxes; 0 where none is used.
-        points: Lidar points by step of the combination, summed over the frames.
-        messages_used: Number of messages used, by topic.
-        copied: Number of messages copied to the output, by topic.
-        drops: Messages that were not used, by topic and reason.
-        missing: Sensors without which frames had to do.
-        unused_boxes: Recorded 2D boxes that could not be used, by reason.
-        unused_boxes3d: Recorded 3D boxes that could not be used, by reason.
-        boxes_without_object: 2D boxes without a 3D box that begin no object, by reason.
-        objects_left_out: Fused objects that are not reported, by reason.
-        unused_topics: Topics with messages that the run did not look at.
-        losses: Damaged parts of the files.
-        box_source: Where 2D boxes came from.
-        box_source_3d: Where the lidars' 3D boxes came from: a name of `ENGINES`.
-        motion_topics: Where the motion of the site frame came from; empty where it stands still.
-        compensated: Frames with a cloud that was moved to the frame's time.
-        skew_mean_ms: Mean spread of the stamps in a bundle.
-        skew_max_ms: Largest spread.
-        settings: Which settings were used, and why these.
-        settings_sha256: Checksum of all of them that affect the result.
-        rig: The sensors, with their calibration and the zones.
-        sensors: Where the calibration of each sensor was found.
-        faults: Sensors that were left out, and why.
-        notes: Remarks on topics and sensors.
-        warnings: What makes the result doubtful.
-        outputs: Files that were written.
-        stage_seconds: Time spent per stage, summed over the frames and over all processes that shared them.
-        wall_seconds: For loading the stages, and from the first message to the last result.
-    """
-
-    inputs: tuple[InputFile, ...]
-    frames: int
-    objects: Mapping[tuple[str, str], int]
-    sources: Mapping[str, int]
-    confirmed: int
-    frames_without_boxes: int
-    frames_without_boxes3d: int
-    points: Mapping[str, int]
-    messages_used: Mapping[str, int]
-    copied: Mapping[str, int]
-    drops: tuple[DropCount, ...]
-    missing: tuple[MissingSensor, ...]
-    unused_boxes: Mapping[str, int]
-    unused_boxes3d: Mapping[str, int]
-    boxes_without_object: Mapping[str, int]
-    objects_left_out: Mapping[str, int]
-    unused_topics: tuple[UnusedTopic, ...]
-    losses: tuple[Loss, ...]
-    box_source: BoxSource
-    box_source_3d: str
-    motion_topics: tuple[str, ...]
-    compensated: int
-    skew_mean_ms: float
-    skew_max_ms: float
-    settings: UsedSettings
-    settings_sha256: str
-    rig: Rig
-    sensors: tuple[SensorSource, ...]
-    faults: tuple[SensorFault, ...]
-    notes: tuple[str, ...]
-    warnings: tuple[RunWarning, ...]
-    outputs: tuple[Path, ...]
-    stage_seconds: Mapping[str, float]
-    wall_seconds: float
-
-    @property
-    def incomplete(self) -> tuple[str, ...]:
-        """What of the recording could not be used, one short line each; empty if nothing is missing.
-
-        Sensors that were left out or are in no frame, messages that are at fault, messages lost to damage. Drops of
-        synchronisation and pauses of a sensor are not among them.
-        """
-        defects = (drop for drop in self.drops if drop.is_defect)
-        return (
-            *left_out_lines(self.faults),
-            *absent_lines(self.missing),
-            *(f"{drop.topic}: {drop.amount} dropped: {drop.reason}" for drop in defects),
-            *damage_lines(self.losses),
-        )
-
-    @property
-    def frames_per_second(self) -> float:
-        """Frames by wall time."""
-        return self.frames / self.wall_seconds if self.wall_seconds else 0.0
-
-
 class Tally:
     """Running totals over the frames of a run."""
 
@@ -303,52 +148,3 @@ class Tally:
         self.copied.update(message.topic for message in frame.bundle.copied)
         unused = {(drop.topic, drop.stamp_ns) for drop in frame.drops if not drop.parts}
         self.messages.update(topic for topic, m in frame.bundle.messages.items() if (topic, m.stamp_ns) not in unused)
-
-
-def loss_records(losses: Sequence[Loss]) -> list[dict[str, Any]]:
-    """Damaged parts for machines: `file`, `position` and `size` in bytes, `messages`, `reason`; None is unknown."""
-    return [
-        {
-            "file": str(loss.path),
-            "position": loss.position,
-            "size": loss.size,
-            "messages": loss.messages,
-            "reason": loss.reason,
-        }
-        for loss in losses
-    ]
-
-
-def report_tree(report: RunReport) -> dict[str, Any]:
-    """The report of a run as plain values, for JSON, without what `lidcam.commands.envelope` puts around it."""
-    return {
-        "frames": report.frames,
-        "sync": {"skew_mean_ms": report.skew_mean_ms, "skew_max_ms": report.skew_max_ms},
-        "timing": {
-            "wall_s": report.wall_seconds,
-            "frames_per_second": report.frames_per_second,
-            "stage_ms": {name: 1e3 * spent / report.frames for name, spent in report.stage_seconds.items()},
-        },
-        "box_source": report.box_source,
-        "box_source_3d": report.box_source_3d,
-        "boxes3d_topics": [detector.topic for detector in report.rig.detectors],
-        "motion": {"topics": list(report.motion_topics), "compensated_frames": report.compensated},
-        "objects": [{"class": c, "zone": z or None, "count": count} for (c, z), count in report.objects.items()],
-        "object_sources": dict(report.sources),
-        "confirmed": report.confirmed,
-        "frames_without_boxes": report.frames_without_boxes,
-        "frames_without_boxes3d": report.frames_without_boxes3d,
-        "points": dict(report.points),
-        "messages_used": dict(report.messages_used),
-        "copied": dict(report.copied),
-        "drops": [asdict(drop) for drop in report.drops],
-        "missing": [asdict(sensor) for sensor in report.missing],
-        "losses": loss_records(report.losses),
-        "unused_topics": {topic.topic: topic.message_count for topic in report.unused_topics},
-        "unused_boxes": dict(report.unused_boxes),
-        "unused_boxes3d": dict(report.unused_boxes3d),
-        "boxes_without_object": dict(report.boxes_without_object),
-        "objects_left_out": dict(report.objects_left_out),
-        "faults": [asdict(fault) for fault in report.faults],
-        "outputs": [str(path) for path in report.outputs],
-    }

@@ -8,7 +8,7 @@ order.
 import time
 from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar, overload
+from typing import Any, Generic, NamedTuple, Protocol, TypedDict, TypeVar, Unpack, overload
 
 __all__ = ["Graph", "Node", "Parts", "Stamped"]
 
@@ -61,6 +61,13 @@ class Node(Generic[R_co]):
     timed: bool = True
 
 
+class How(TypedDict, total=False):
+    """How a stage is called: `Node.ordered` (False unless given) and `Node.timed` (True)."""
+
+    ordered: bool
+    timed: bool
+
+
 class Parts(NamedTuple):
     """Which stages may see frames in any order, and which may not.
 
@@ -88,154 +95,44 @@ class Graph(Generic[F]):
         self.nodes: list[Node[Any]] = []
         self.seconds: dict[str, float] = {}
 
+    # A line or two for each number of inputs.
+    # fmt: off
     @overload
-    def add(
-        self, name: str, fn: Callable[[A], R], a: Node[A], /, *, ordered: bool = False, timed: bool = True
-    ) -> Node[R]: ...
+    def add(self, name: str, fn: Callable[[A], R], a: Node[A], /, **how: Unpack[How]) -> Node[R]: ...
     @overload
-    def add(
-        self,
-        name: str,
-        fn: Callable[[A, B], R],
-        a: Node[A],
-        b: Node[B],
-        /,
-        *,
-        ordered: bool = False,
-        timed: bool = True,
-    ) -> Node[R]: ...
+    def add(self, name: str, fn: Callable[[A, B], R], a: Node[A], b: Node[B], /, **how: Unpack[How]) -> Node[R]: ...
     @overload
-    def add(
-        self,
-        name: str,
-        fn: Callable[[A, B, C], R],
-        a: Node[A],
-        b: Node[B],
-        c: Node[C],
-        /,
-        *,
-        ordered: bool = False,
-        timed: bool = True,
-    ) -> Node[R]: ...
+    def add(self, name: str, fn: Callable[[A, B, C], R],
+            a: Node[A], b: Node[B], c: Node[C], /, **how: Unpack[How]) -> Node[R]: ...
     @overload
-    def add(
-        self,
-        name: str,
-        fn: Callable[[A, B, C, D], R],
-        a: Node[A],
-        b: Node[B],
-        c: Node[C],
-        d: Node[D],
-        /,
-        *,
-        ordered: bool = False,
-        timed: bool = True,
-    ) -> Node[R]: ...
+    def add(self, name: str, fn: Callable[[A, B, C, D], R],
+            a: Node[A], b: Node[B], c: Node[C], d: Node[D], /, **how: Unpack[How]) -> Node[R]: ...
     @overload
-    def add(
-        self,
-        name: str,
-        fn: Callable[[A, B, C, D, E], R],
-        a: Node[A],
-        b: Node[B],
-        c: Node[C],
-        d: Node[D],
-        e: Node[E],
-        /,
-        *,
-        ordered: bool = False,
-        timed: bool = True,
-    ) -> Node[R]: ...
+    def add(self, name: str, fn: Callable[[A, B, C, D, E], R],
+            a: Node[A], b: Node[B], c: Node[C], d: Node[D], e: Node[E], /, **how: Unpack[How]) -> Node[R]: ...
     @overload
-    def add(
-        self,
-        name: str,
-        fn: Callable[[A, B, C, D, E, G], R],
-        a: Node[A],
-        b: Node[B],
-        c: Node[C],
-        d: Node[D],
-        e: Node[E],
-        g: Node[G],
-        /,
-        *,
-        ordered: bool = False,
-        timed: bool = True,
-    ) -> Node[R]: ...
+    def add(self, name: str, fn: Callable[[A, B, C, D, E, G], R],
+            a: Node[A], b: Node[B], c: Node[C], d: Node[D], e: Node[E], g: Node[G],
+            /, **how: Unpack[How]) -> Node[R]: ...
     @overload
-    def add(
-        self,
-        name: str,
-        fn: Callable[[A, B, C, D, E, G, H], R],
-        a: Node[A],
-        b: Node[B],
-        c: Node[C],
-        d: Node[D],
-        e: Node[E],
-        g: Node[G],
-        h: Node[H],
-        /,
-        *,
-        ordered: bool = False,
-        timed: bool = True,
-    ) -> Node[R]: ...
+    def add(self, name: str, fn: Callable[[A, B, C, D, E, G, H], R],
+            a: Node[A], b: Node[B], c: Node[C], d: Node[D], e: Node[E], g: Node[G], h: Node[H],
+            /, **how: Unpack[How]) -> Node[R]: ...
     @overload
-    def add(
-        self,
-        name: str,
-        fn: Callable[[A, B, C, D, E, G, H, K], R],
-        a: Node[A],
-        b: Node[B],
-        c: Node[C],
-        d: Node[D],
-        e: Node[E],
-        g: Node[G],
-        h: Node[H],
-        k: Node[K],
-        /,
-        *,
-        ordered: bool = False,
-        timed: bool = True,
-    ) -> Node[R]: ...
+    def add(self, name: str, fn: Callable[[A, B, C, D, E, G, H, K], R],
+            a: Node[A], b: Node[B], c: Node[C], d: Node[D], e: Node[E], g: Node[G], h: Node[H], k: Node[K],
+            /, **how: Unpack[How]) -> Node[R]: ...
     @overload
-    def add(
-        self,
-        name: str,
-        fn: Callable[[A, B, C, D, E, G, H, K, P], R],
-        a: Node[A],
-        b: Node[B],
-        c: Node[C],
-        d: Node[D],
-        e: Node[E],
-        g: Node[G],
-        h: Node[H],
-        k: Node[K],
-        p: Node[P],
-        /,
-        *,
-        ordered: bool = False,
-        timed: bool = True,
-    ) -> Node[R]: ...
+    def add(self, name: str, fn: Callable[[A, B, C, D, E, G, H, K, P], R],
+            a: Node[A], b: Node[B], c: Node[C], d: Node[D], e: Node[E], g: Node[G], h: Node[H], k: Node[K],
+            p: Node[P],
+            /, **how: Unpack[How]) -> Node[R]: ...
     @overload
-    def add(
-        self,
-        name: str,
-        fn: Callable[[A, B, C, D, E, G, H, K, P, Q], R],
-        a: Node[A],
-        b: Node[B],
-        c: Node[C],
-        d: Node[D],
-        e: Node[E],
-        g: Node[G],
-        h: Node[H],
-        k: Node[K],
-        p: Node[P],
-        q: Node[Q],
-        /,
-        *,
-        ordered: bool = False,
-        timed: bool = True,
-    ) -> Node[R]: ...
+    def add(self, name: str, fn: Callable[[A, B, C, D, E, G, H, K, P, Q], R],
+            a: Node[A], b: Node[B], c: Node[C], d: Node[D], e: Node[E], g: Node[G], h: Node[H], k: Node[K],
+            p: Node[P], q: Node[Q],
+            /, **how: Unpack[How]) -> Node[R]: ...
+    # fmt: on
     def add(
         self, name: str, fn: Callable[..., Any], /, *inputs: Node[Any], ordered: bool = False, timed: bool = True
     ) -> Node[Any]:

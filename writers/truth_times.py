@@ -17,7 +17,7 @@ __all__ = ["FrameTime", "TruthTimes"]
 SAME_CLOCK_NS = 2_000_000_000
 """Truth whose stamp is farther from every frame has another clock: then it goes by the times of recording."""
 
-MOST_FRAMES, MOST_WAITING = 256, 256
+MAX_FRAMES, MAX_WAITING = 256, 256
 """Frames that truth may belong to, and messages of it that may wait for the next frame."""
 
 
@@ -40,7 +40,7 @@ class TruthTimes:
     """Finds the frames of the truth of a run. What belongs to the frame still to come waits for it."""
 
     def __init__(self) -> None:
-        self._frames: deque[FrameTime] = deque(maxlen=MOST_FRAMES)
+        self._frames: deque[FrameTime] = deque(maxlen=MAX_FRAMES)
         self._waiting: list[TrueBoxes] = []
 
     def add(self, bundle: SensorBundle) -> list[tuple[FrameTime, TrueBoxes]]:
@@ -49,7 +49,7 @@ class TruthTimes:
         self._waiting += bundle.truth
         known = [truth for truth in self._waiting if truth.stamp_ns <= bundle.stamp_ns or self._has_other_clock(truth)]
         late = [truth for truth in self._waiting if truth not in known]
-        known, self._waiting = [*known, *late[:-MOST_WAITING]], late[-MOST_WAITING:]
+        known, self._waiting = [*known, *late[:-MAX_WAITING]], late[-MAX_WAITING:]
         return self._with_frames(known)
 
     def rest(self) -> list[tuple[FrameTime, TrueBoxes]]:

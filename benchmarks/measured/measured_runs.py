@@ -59,9 +59,9 @@ def measured_run(scenario: str, folder: Path) -> MeasuredRun:
         _lidcam("simulate", scenario, recording, "--duration", SECONDS[scenario], *RECORDED)
     result = folder / f"{scenario}.mcap"
     told = {name: folder / f"{scenario}.{name}.json" for name in ("processed", "figures", "when_measured")}
-    _lidcam("process", recording, result, "--overwrite", "--json", told["processed"], *WRITTEN)
-    _lidcam("evaluate", result, "--json", told["figures"])
-    _lidcam("evaluate", result, "--json", told["when_measured"], "--set", "evaluate.truth_time=points")
+    _lidcam("process", recording, result, "--overwrite", "--json-file", told["processed"], *WRITTEN)
+    _lidcam("evaluate", result, "--json-file", told["figures"])
+    _lidcam("evaluate", result, "--json-file", told["when_measured"], "--set", "evaluate.truth_time=points")
     trees = {name: json.loads(path.read_bytes()) for name, path in told.items()}
     return MeasuredRun(scenario, SECONDS[scenario], recording, result, **trees)
 

@@ -80,7 +80,7 @@ def _measured(recording: Path, frames: int, workers: list[int]) -> Iterator[tupl
         part = ["--duration", f"{own_s * frames / own}"] if frames < own else []
         for count in workers:
             out = folder / "out.mcap"
-            command = [sys.executable, "-m", "lidcam", "process", str(longer), str(out), "--overwrite", "--json", "-"]
+            command = [sys.executable, "-m", "lidcam", "process", str(longer), str(out), "--overwrite", "--json"]
             yield count, _peaks([*command, "--workers", str(count), *part], out)
 
 

@@ -8,7 +8,7 @@ from lidcam.cli.inspect import INSPECT_EXAMPLES, inspect
 from lidcam.cli.measure import COMPARE_EXAMPLES, EVALUATE_EXAMPLES, compare, evaluate
 from lidcam.cli.process import PROCESS_EXAMPLES, process
 from lidcam.cli.simulate import DRIVE_EXAMPLES, SIMULATE_EXAMPLES, drive, simulate
-from lidcam.options import JsonCommand, Version
+from lidcam.options import Version
 
 __all__ = ["app", "process_app"]
 
@@ -24,15 +24,15 @@ app = typer.Typer(
 process_app = typer.Typer(context_settings=HELP_NAMES, rich_markup_mode=None, pretty_exceptions_enable=False)
 
 # The help lists them in this order.
-app.command(epilog=PROCESS_EXAMPLES, cls=JsonCommand)(process)
+app.command(epilog=PROCESS_EXAMPLES)(process)
 app.command(epilog=INSPECT_EXAMPLES)(inspect)
-app.command(epilog=EVALUATE_EXAMPLES, cls=JsonCommand)(evaluate)
-app.command(epilog=COMPARE_EXAMPLES, cls=JsonCommand)(compare)
+app.command(epilog=EVALUATE_EXAMPLES)(evaluate)
+app.command(epilog=COMPARE_EXAMPLES)(compare)
 app.command()(demo)
 app.command(epilog=SIMULATE_EXAMPLES)(simulate)
 app.command(epilog=DRIVE_EXAMPLES)(drive)
 app.add_typer(config_app, name="config", help="The presets, and what the settings mean.")
-process_app.command(epilog=PROCESS_EXAMPLES, cls=JsonCommand)(process)
+process_app.command(epilog=PROCESS_EXAMPLES)(process)
 
 
 @app.callback()

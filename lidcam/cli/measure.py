@@ -7,10 +7,11 @@ import typer
 
 from lidcam.options import (
     AllowedDifference,
+    AsJson,
     CompareConfigFile,
     EvaluateConfigFile,
     EvaluateRigFile,
-    JsonTarget,
+    JsonFile,
     Overwrite,
     Require,
     Setting,
@@ -28,7 +29,7 @@ part of the result is damaged.
 \b
 Examples:
   lidcam evaluate out.mcap
-  lidcam evaluate out.mcap --truth drive.bag --json figures.json
+  lidcam evaluate out.mcap --truth drive.bag --json-file figures.json
   lidcam evaluate out.mcap --require "fused.car.recall >= 0.8"
   lidcam evaluate out.mcap --require @gate.txt
   lidcam evaluate out.mcap --set evaluate.max_range_m=40
@@ -69,7 +70,8 @@ def evaluate(
     rig_files: EvaluateRigFile = None,
     config_file: EvaluateConfigFile = None,
     settings: Setting = None,
-    json: JsonTarget = None,
+    as_json: AsJson = False,
+    json_file: JsonFile = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Measure a result: against truth, and without it.
@@ -93,7 +95,7 @@ def evaluate(
             settings=settings or (),
         )
         gates = tuple(Path(one[1:]) for one in requirements or () if one.startswith("@"))
-        run_evaluate(EvaluateOptions(job, json, overwrite, (*read_files(config_file, rig_files), *gates)))
+        run_evaluate(EvaluateOptions(job, as_json, json_file, overwrite, (*read_files(config_file, rig_files), *gates)))
 
 
 @with_log_options
@@ -134,7 +136,8 @@ def compare(
         Path | None,
         typer.Option(metavar="OUT.mcap", help="Also write both into one file, to look at them side by side."),
     ] = None,
-    json: JsonTarget = None,
+    as_json: AsJson = False,
+    json_file: JsonFile = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Show what differs between two results, object by object.
@@ -160,7 +163,8 @@ def compare(
             max_different_percent=max_different,
             lines=lines,
             merged=merged,
-            json=json,
+            as_json=as_json,
+            json_file=json_file,
             overwrite=overwrite,
             read_files=read_files(config_file, None),
         )

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from lidcam.options import (
-    STDOUT,
+    AsJson,
     ConfigFile,
-    JsonTarget,
+    JsonFile,
     Overwrite,
     Require,
     RigFile,
@@ -97,7 +97,8 @@ def process(
     print_matches: Annotated[
         bool, typer.Option("--print-matches", help="Print which 2D box is which object, frame by frame.")
     ] = False,
-    json: JsonTarget = None,
+    as_json: AsJson = False,
+    json_file: JsonFile = None,
     evaluate_: Annotated[
         bool, typer.Option("--evaluate", help="Then measure the result, as `lidcam evaluate` does.")
     ] = False,
@@ -134,10 +135,10 @@ def process(
         raise typer.BadParameter(f"expected a name that ends in .rrd, found {rerun}", param_hint="--rerun")
     if duration == 0:
         raise typer.BadParameter("expected more than 0 seconds", param_hint="--duration")
-    if json == STDOUT and (print_detections or print_matches):
+    if as_json and (print_detections or print_matches):
         raise typer.BadParameter(
             "prints one JSON document and nothing else: leave out --print-detections and --print-matches, or write it "
-            "to a file with --json FILE.json",
+            "to a file with --json-file FILE.json",
             param_hint="--json",
         )
     if max_dropped is not None and not strict:
@@ -173,7 +174,7 @@ def process(
         on_bad_message=on_bad_message,
         overwrite=overwrite,
     )
-    printed = Printed(detections=print_detections, matches=print_matches, json=json)
+    printed = Printed(detections=print_detections, matches=print_matches, as_json=as_json, json_file=json_file)
     given = {} if max_dropped is None else {"max_dropped_percent": max_dropped}
     with requirement_errors():
         run_process(

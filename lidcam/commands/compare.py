@@ -14,7 +14,7 @@ from lidcam.checks.incomplete import damage_lines
 from lidcam.commands.envelope import envelope
 from lidcam.commands.json_output import json_output
 from lidcam.commands.verdict import Verdict
-from lidcam.outputs.allowed import check_no_input, check_replaced
+from lidcam.outputs.allowed import MERGED, TEXT, check_no_input, check_replaced
 from lidcam.outputs.merged import write_both
 from lidcam.printing.comparison import print_comparison
 from lidcam.printing.folding import show_line
@@ -52,7 +52,8 @@ class CompareOptions:
         max_different_percent: Share of the objects of a source or camera, and of the frames, that may differ otherwise.
         lines: Differences that are printed.
         merged: MCAP to write, with both results in it.
-        json: Where the figures go as JSON: None, `-` for standard output in place of the tables, or a file.
+        as_json: Print JSON in place of the tables.
+        json_file: Where the JSON is written; None: nowhere.
         overwrite: Replace what no earlier run wrote, too.
         read_files: Files that were read for the settings.
     """
@@ -66,7 +67,8 @@ class CompareOptions:
     max_different_percent: float = 0.0
     lines: int = 10
     merged: Path | None = None
-    json: str | None = None
+    as_json: bool = False
+    json_file: Path | None = None
     overwrite: bool = False
     read_files: tuple[Path, ...] = ()
 
@@ -82,9 +84,11 @@ def run_compare(options: CompareOptions) -> None:
     inputs = options.first, options.second, *options.read_files
     written = () if options.merged is None else (options.merged, layout_path(options.merged))
     check_no_input(written, inputs)
-    check_old = check_replaced("merged", overwrite=options.overwrite)
+    check_old = check_replaced(lambda path: MERGED if path == options.merged else TEXT, overwrite=options.overwrite)
     with (
-        json_output(options.json, inputs=(*inputs, *written), overwrite=options.overwrite) as json,
+        json_output(
+            options.json_file, is_printed=options.as_json, inputs=(*inputs, *written), overwrite=options.overwrite
+        ) as json,
         OutputTransaction(written, check_old=check_old) as outputs,
     ):
         with open_result(options.first) as first, open_result(options.second) as second, ExitStack() as stack:

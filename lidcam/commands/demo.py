@@ -8,7 +8,7 @@ from pathlib import Path
 import bags
 from lidcam.commands.process import run_process
 from lidcam.job import make_job
-from lidcam.outputs.allowed import check_replaced
+from lidcam.outputs.allowed import SIMULATED, check_replaced
 from lidcam.printing.terminal import console
 from pipeline.core.errors import OutputError
 from writers.outputs.transaction import OutputTransaction
@@ -47,7 +47,7 @@ def run_demo(folder: Path, *, overwrite: bool = False) -> None:
 def _copy_sample(path: Path, *, overwrite: bool) -> None:
     if path.is_file() and filecmp.cmp(SAMPLE, path, shallow=False):
         return
-    with OutputTransaction([path], check_old=check_replaced("simulated", overwrite=overwrite)) as outputs:
+    with OutputTransaction([path], check_old=check_replaced(lambda _: SIMULATED, overwrite=overwrite)) as outputs:
         shutil.copyfile(SAMPLE, outputs[path].part)
 
 

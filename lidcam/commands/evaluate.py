@@ -23,13 +23,15 @@ class EvaluateOptions:
 
     Attributes:
         job: What to evaluate, and against what.
-        json: Where the figures go as JSON: None, `-` for standard output in place of the tables, or a file.
+        as_json: Print JSON in place of the tables.
+        json_file: Where the JSON is written; None: nowhere.
         overwrite: Replace what no earlier run wrote, too.
         read_files: Files that were read for the settings, the rig and the requirements.
     """
 
     job: EvaluationJob
-    json: str | None = None
+    as_json: bool = False
+    json_file: Path | None = None
     overwrite: bool = False
     read_files: tuple[Path, ...] = ()
 
@@ -44,7 +46,7 @@ def run_evaluate(options: EvaluateOptions) -> None:
     """
     job = options.job
     inputs = (job.result, *job.truth, *options.read_files)
-    with json_output(options.json, inputs=inputs, overwrite=options.overwrite) as json:
+    with json_output(options.json_file, is_printed=options.as_json, inputs=inputs, overwrite=options.overwrite) as json:
         with ExitStack() as stack:
             evaluation = evaluate_result(job, Shown(stack))
         verdict = Verdict(evaluation.failures, evaluation.incomplete)

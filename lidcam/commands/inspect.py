@@ -9,13 +9,13 @@ from lidcam.commands.verdict import Verdict, first_of
 from lidcam.frames import TimeWindow
 from lidcam.inspection import Inspection, inspect_open, inspect_recording, inspection_tree
 from lidcam.job import RigSource
-from lidcam.outputs.allowed import check_no_input, check_replaced
+from lidcam.outputs.allowed import REPAIRED, TEXT, check_no_input, check_replaced
 from lidcam.printing.console import print_inspection
 from lidcam.printing.folding import show_line
 from lidcam.printing.log import remark_log
 from lidcam.printing.terminal import console, show_json
+from lidcam.report import loss_records
 from lidcam.settings.choice import SettingsChoice
-from lidcam.summary import loss_records
 from readers.location import Location, location
 from readers.open import open_recording
 from readers.recording import ReadOptions, Recording, TopicInfo
@@ -66,12 +66,7 @@ def run_inspect(options: InspectOptions) -> None:
     check_no_input(files, (*options.inputs, *options.read_files))
     remarks: list[str] = []
     lost: list[str] = []
-    check_repaired = check_replaced("repaired", overwrite=options.overwrite)
-    check_draft = check_replaced("text", overwrite=options.overwrite)
-
-    def check_old(path: Path) -> None:
-        (check_repaired if path == options.repair else check_draft)(path)
-
+    check_old = check_replaced(lambda path: REPAIRED if path == options.repair else TEXT, overwrite=options.overwrite)
     with OutputTransaction(files, check_old=check_old) as outputs:
         if options.repair is None:
             inspection = inspect_recording(options.inputs, options.settings, options.rig)

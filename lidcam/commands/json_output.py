@@ -1,4 +1,4 @@
-"""Where a command puts its JSON: on standard output in place of its tables, or into a file beside them."""
+"""The JSON of a command: printed in place of the tables, written to a file, or both."""
 
 from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager
@@ -8,8 +8,7 @@ from typing import Any
 
 from rich.console import Console
 
-from lidcam.options import STDOUT
-from lidcam.outputs.allowed import check_no_input, check_replaced
+from lidcam.outputs.allowed import TEXT, check_no_input, check_replaced
 from lidcam.printing.escaping import json_text
 from lidcam.printing.log import remark_log
 from lidcam.printing.terminal import show_json
@@ -43,25 +42,25 @@ class JsonOutput:
 
 @contextmanager
 def json_output(
-    target: str | None, *, inputs: Iterable[Location], overwrite: bool
+    file: Path | None, *, is_printed: bool, inputs: Iterable[Location], overwrite: bool
 ) -> Generator[JsonOutput, None, None]:
-    """Locks the file, if there is to be one, and writes it when the block has ended and set the tree.
+    """Write the file, if there is to be one, when the block has set the tree and ended.
 
     Args:
-        target: As on the command line: None, `-` or the name of a file.
+        file: Where it is written; None: nowhere.
+        is_printed: Print it in place of the tables.
         inputs: Files and folders that are read, and other outputs: none may be the file.
         overwrite: Replace what no earlier run wrote, too.
 
     Raises:
         OutputError: the file cannot be written, or must not be replaced.
     """
-    if target is None or target == STDOUT:
-        yield JsonOutput(is_printed=target == STDOUT)
+    output = JsonOutput(is_printed)
+    if file is None:
+        yield output
         return
-    file = Path(target)
     check_no_input([file], inputs)
-    with OutputTransaction([file], check_old=check_replaced("text", overwrite=overwrite)) as outputs:
-        output = JsonOutput(is_printed=False)
+    with OutputTransaction([file], check_old=check_replaced(lambda _: TEXT, overwrite=overwrite)) as outputs:
         yield output
         with output_errors(file):
             outputs[file].part.write_text(marked_json(f"{json_text(output.tree)}\n"), encoding="utf-8")

@@ -1,10 +1,12 @@
 """What `lidcam process` does."""
 
+import gc
 import logging
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -18,12 +20,11 @@ from lidcam.job import Job
 from lidcam.printing.console import print_detections, print_matches, print_report
 from lidcam.printing.progress import Advance, show_progress
 from lidcam.printing.terminal import console
+from lidcam.report import RunReport, report_tree
 from lidcam.run import RunObserver, process_recording
 from lidcam.settings.choice import used_record
-from lidcam.summary import RunProgress, RunReport, report_tree
+from lidcam.summary import RunProgress
 from pipeline.core.frame import FrameResult
-from pipeline.core.garbage import objects_stay
-from pipeline.core.memory import keep_freed_memory
 
 if TYPE_CHECKING:  # evaluation is imported where a run is evaluated
     from lidcam.evaluation.evaluation import Evaluation
@@ -44,12 +45,14 @@ class Printed:
     Attributes:
         detections: What the lidars saw, frame by frame.
         matches: Which 2D box is which object, frame by frame.
-        json: Where the final tables go as JSON: None, `-` for standard output in place of the tables, or a file.
+        as_json: Print JSON in place of the tables.
+        json_file: Where the JSON is written; None: nowhere.
     """
 
     detections: bool = False
     matches: bool = False
-    json: str | None = None
+    as_json: bool = False
+    json_file: Path | None = None
 
 
 def run_process(
@@ -73,10 +76,9 @@ def run_process(
         IncompleteError: part of the recording could not be used; the outputs stay.
         LidcamError: the input, the calibration, the settings or an output is at fault; no output is left behind.
     """
-    keep_freed_memory()
     out = console()
     others = (*job.inputs, *job.outputs, *job.read_files)
-    with json_output(printed.json, inputs=others, overwrite=job.overwrite) as json:
+    with json_output(printed.json_file, is_printed=printed.as_json, inputs=others, overwrite=job.overwrite) as json:
         with ExitStack() as stack:
             report = process_recording(job, _Terminal(printed, out, stack, requirements or ()))
         evaluation = None if requirements is None else _evaluated(job, requirements)
@@ -84,11 +86,12 @@ def run_process(
         failures = ((failure,) if failure else ()) + (evaluation.failures if evaluation else ())
         verdict = Verdict(failures, report.incomplete)
         json.tree = _tree(report, evaluation, verdict)
-    for drop in report.drops:
+    for drop in report.drops.messages:
         logger.info("dropped: %s: %d messages: %s %s", drop.topic, drop.count, drop.reason, drop.example)
     for warning in report.warnings:
         logger.info("warning: %s", warning)
-    logger.info("done: %d frames, %.1f a second, written: %s", report.frames, report.frames_per_second, report.outputs)
+    rate_hz = report.timing.frames_per_second
+    logger.info("done: %d frames, %.1f a second, written: %s", report.frames.count, rate_hz, report.outputs)
     json.show(out, lambda: _print(out, report, evaluation))
     verdict.end()
 
@@ -120,7 +123,7 @@ def _tree(report: RunReport, evaluation: "Evaluation | None", verdict: Verdict) 
         figures = {**figures, **measured, **both}
     return envelope(
         "process",
-        inputs=report.inputs,
+        inputs=report.inputs.files,
         settings=used_record(report.settings) | {"sha256": report.settings_sha256},
         truth=evaluation.truth.tree() if evaluation and evaluation.truth else None,
         figures=figures,
@@ -137,7 +140,7 @@ class _Terminal(RunObserver):
         self._printed, self._out, self._stack, self._requirements = printed, out, stack, requirements
 
     def opened(self, source: RunInput) -> None:
-        self._stack.enter_context(objects_stay())
+        gc.freeze()  # libraries and stages stay: looking for garbage among them takes 5 ms a frame
         if self._requirements:
             from lidcam.evaluation.evaluators import known_figures
             from lidcam.evaluation.requirement import check_names

@@ -21,7 +21,7 @@ from bags.simulator.recorder.recorded import Recorded
 from bags.simulator.recorder.start import simulating
 from bags.simulator.scenario.load import load_scenario
 from bags.simulator.scenario.scenario import Scenario
-from lidcam.outputs.allowed import check_no_input, check_replaced
+from lidcam.outputs.allowed import SIMULATED, TEXT, check_no_input, check_replaced
 from lidcam.printing.log import remark_log
 from readers.rig.rig_file import rig_yaml
 
@@ -103,7 +103,7 @@ def recording_to(
     format = format_of(options.output, options.format)
     version = ros_version_of(format)
     check_no_input(recording_names(options.output, format), [Path(options.scenario)])
-    check_old = check_replaced("simulated", overwrite=options.overwrite)
+    check_old = check_replaced(lambda path: TEXT if path.suffix == ".yaml" else SIMULATED, overwrite=options.overwrite)
     text = yaml.safe_dump(scenario.model_dump(mode="json"), sort_keys=False, default_flow_style=None, width=100)
     with (
         recording_outputs(options.output, format, check_old=check_old) as outputs,

@@ -4,7 +4,7 @@ from collections import Counter
 from typing import NamedTuple
 
 from lidcam.commands.verdict import first_of
-from lidcam.summary import RunReport
+from lidcam.report import RunReport
 
 __all__ = ["MAX_DROPPED_PERCENT", "Strictness"]
 
@@ -33,7 +33,7 @@ class Strictness(NamedTuple):
     def _silent(self, report: RunReport) -> list[str]:
         """Sensors that fell silent; not those that are missing from frames because they are slower than others."""
         findings = []
-        for sensor in report.missing:
+        for sensor in report.sensors.missing:
             frames = sum(span.frames for span in sensor.silences)
             if 100 * frames > self.max_dropped_percent * sensor.of_frames and frames > ENDS:
                 findings.append(f"{sensor.sensor}: {sensor.spans}, {frames} of {sensor.of_frames} frames lack it")
@@ -41,12 +41,12 @@ class Strictness(NamedTuple):
 
     def _dropped(self, report: RunReport) -> list[str]:
         dropped: Counter[str] = Counter()
-        for drop in report.drops:
+        for drop in report.drops.messages:
             if drop.unit == "messages":
                 dropped[drop.topic] += drop.count
         findings = []
         for topic, count in sorted(dropped.items()):
-            used = report.messages_used.get(topic, 0) + report.copied.get(topic, 0)
+            used = report.inputs.messages_used.get(topic, 0) + report.inputs.copied.get(topic, 0)
             total = count + used
             if 100 * count > self.max_dropped_percent * total and (count > ENDS or not used):
                 share = f"{100 * count / total:.1f} %"
@@ -58,9 +58,9 @@ class Strictness(NamedTuple):
 
 
 def _left_out(report: RunReport) -> list[str]:
-    return [f"{fault.subject} is left out: {fault.reason}" for fault in report.faults]
+    return [f"{fault.subject} is left out: {fault.reason}" for fault in report.sensors.faults]
 
 
 def _damaged(report: RunReport) -> list[str]:
-    parts = Counter(str(loss.path) for loss in report.losses)
+    parts = Counter(str(loss.path) for loss in report.inputs.losses)
     return [f"{path}: {count} damaged part{'s' if count > 1 else ''}" for path, count in sorted(parts.items())]

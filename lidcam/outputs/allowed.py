@@ -2,24 +2,20 @@
 
 import os
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from lidcam.outputs.made import is_marked_mcap, is_simulated, is_unchanged
 from pipeline.core.errors import OutputError
 from readers.location import Location
+from writers.outputs import marks
 from writers.outputs.errors import output_errors
 from writers.outputs.work_folder import folder_prefix
 
-if TYPE_CHECKING:
-    from lidcam.outputs.made import Made
-
-__all__ = ["check_no_input", "check_replaced"]
+__all__ = ["MERGED", "REPAIRED", "SIMULATED", "TEXT", "Replaceable", "check_no_input", "check_replaced"]
 
 SQLITE_SUFFIXES = ("-journal", "-wal", "-shm")
 """Of the files in which SQLite keeps changes of a database: it applies them when it opens the database."""
-
-TEXT_SUFFIXES = (".json", ".yaml")
-"""Of what is written beside an output, or to be edited."""
 
 
 def check_no_input(outputs: Sequence[Path], inputs: Iterable[Location]) -> None:
@@ -56,11 +52,34 @@ def _check_one(output: Path, target: Path, source: Path, resolved: Path) -> None
         )
 
 
-def check_replaced(made: "Made", *, overwrite: bool) -> Callable[[Path], None]:
-    """A check of old outputs, for `OutputTransaction`: only what an earlier run of the same kind wrote is replaced.
+@dataclass(frozen=True, slots=True)
+class Replaceable:
+    """What a command may replace without --overwrite: what it wrote itself.
+
+    Attributes:
+        is_own: Whether the command wrote the file or folder that stands at a path.
+        otherwise: What is said of one that it did not write.
+    """
+
+    is_own: Callable[[Path], bool]
+    otherwise: str
+
+
+TEXT = Replaceable(
+    is_unchanged, "exists and is not as this version writes it (edited, or written by an earlier version)"
+)
+"""Layouts, JSON, drafts of a rig."""
+
+REPAIRED = Replaceable(lambda path: is_marked_mcap(path, marks.REPAIRED), "exists and was not written by --repair")
+MERGED = Replaceable(lambda path: is_marked_mcap(path, marks.MERGED), "exists and was not written by --merged")
+SIMULATED = Replaceable(is_simulated, "exists and is no simulated recording")
+
+
+def check_replaced(replaceable: Callable[[Path], Replaceable], *, overwrite: bool) -> Callable[[Path], None]:
+    """A check of old outputs, for `OutputTransaction`.
 
     Args:
-        made: What the run makes; texts beside it may be replaced while they are unchanged.
+        replaceable: What may be replaced at a path.
         overwrite: Replace other files, too.
     """
 
@@ -68,25 +87,13 @@ def check_replaced(made: "Made", *, overwrite: bool) -> Callable[[Path], None]:
         with output_errors(path):
             if overwrite:
                 return
-            from lidcam.outputs.made import made_by_lidcam  # reads all kinds of files; mostly nothing stands there
-
-            found = made_by_lidcam(path)
-            if found not in (made, "text"):
-                found_text = _FOUND["text" if path.suffix in TEXT_SUFFIXES else made]
-                raise OutputError(f"{path}: {found_text}; choose another name, or replace it with --overwrite")
+            allowed = replaceable(path)
+            if not allowed.is_own(path):
+                raise OutputError(f"{path}: {allowed.otherwise}; choose another name, or replace it with --overwrite")
             if not os.access(path, os.W_OK):
                 raise OutputError(f"{path}: is write-protected; choose another name, or replace it with --overwrite")
 
     return check
-
-
-_FOUND: dict["Made", str] = {
-    "result": "exists and is no result of an earlier run (a recording? the output comes last)",
-    "repaired": "exists and was not written by an earlier --repair",
-    "simulated": "exists and is no simulated recording",
-    "merged": "exists and was not written by an earlier --merged",
-    "text": "exists and is not as this version writes it (edited, or written by an earlier version)",
-}
 
 
 def _resolved(path: Path) -> Path:

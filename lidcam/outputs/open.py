@@ -1,27 +1,26 @@
 """The outputs of a run: checked before it begins, opened together, and named together when all of them are whole."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
 from functools import partial
 from importlib.metadata import version
+from itertools import chain
 from pathlib import Path
 
 from lidcam.box_sources import box_source
 from lidcam.frames import RunInput
 from lidcam.job import Job
-from lidcam.outputs.allowed import check_no_input, check_replaced
+from lidcam.outputs.allowed import TEXT, Replaceable, check_no_input, check_replaced
+from lidcam.outputs.kinds import OUTPUTS
 from lidcam.settings.lasting import lasting_settings
 from pipeline.core.errors import OutputError
 from readers.input_file import InputFiles, read_input_file
-from readers.messages.image import decode_any_image
 from readers.rig.rig_file import rig_yaml
 from writers.base import ResultWriter
-from writers.foxglove.layout_file import layout_path
-from writers.mcap.writer import McapResultWriter
 from writers.outputs.transaction import OutputTransaction
 from writers.provenance import Provenance
 
-__all__ = ["WRITERS", "open_outputs", "open_writers", "written_files"]
+__all__ = ["how_to_open", "open_outputs", "open_writers", "written_files"]
 
 
 def open_outputs(job: Job) -> OutputTransaction:
@@ -32,20 +31,35 @@ def open_outputs(job: Job) -> OutputTransaction:
     """
     known: dict[str, Path] = {}
     for output in job.outputs:
-        if output.suffix not in WRITERS:
-            raise OutputError(f"{output}: expected a name that ends in {' or '.join(WRITERS)}")
+        if output.suffix not in OUTPUTS:
+            raise OutputError(f"{output}: expected a name that ends in {' or '.join(OUTPUTS)}")
         if other := known.get(output.suffix):
             raise OutputError(f"{output}: expected one output of a kind, found {other}, too; choose one of them")
         known[output.suffix] = output
     files = written_files(job)
     check_no_input(files, (*job.inputs, *job.read_files))
-    return OutputTransaction(files, check_old=check_replaced("result", overwrite=job.overwrite))
+    return OutputTransaction(files, check_old=check_replaced(partial(_replaceable, job), overwrite=job.overwrite))
 
 
 def written_files(job: Job) -> tuple[Path, ...]:
-    """The outputs, and the layouts that are written beside them."""
-    with_layout = [path for path in job.outputs if path.suffix == ".mcap" and job.config.output.layout]
-    return (*job.outputs, *map(layout_path, with_layout))
+    """The outputs, and the texts that are written beside them."""
+    beside = (OUTPUTS[path.suffix].beside(path, job.config) for path in job.outputs)
+    return (*job.outputs, *chain.from_iterable(beside))
+
+
+def how_to_open(job: Job) -> dict[str, str]:
+    """How the outputs are opened, by the name of the viewer."""
+    kinds = ((path, OUTPUTS[path.suffix]) for path in job.outputs)
+    return {kind.viewer: kind.how_to_open(path, kind.beside(path, job.config)) for path, kind in kinds}
+
+
+def _replaceable(job: Job, path: Path) -> Replaceable:
+    if path not in job.outputs:
+        return TEXT
+    return Replaceable(
+        OUTPUTS[path.suffix].is_result,
+        "exists and is no result of an earlier run (a recording? the output comes last)",
+    )
 
 
 def open_writers(
@@ -66,26 +80,7 @@ def open_writers(
     if not job.outputs:
         return []
     provenance = _provenance(source, inputs)
-    return [stack.enter_context(WRITERS[path.suffix](path, outputs, source, provenance)) for path in job.outputs]
-
-
-def _mcap(path: Path, outputs: OutputTransaction, source: RunInput, provenance: Provenance) -> ResultWriter:
-    layout = outputs.get(layout_path(path))
-    return McapResultWriter(outputs[path], source.rig, source.config, provenance, layout, frames=source.truth_frames)
-
-
-def _rerun(path: Path, outputs: OutputTransaction, source: RunInput, provenance: Provenance) -> ResultWriter:
-    from writers.rerun.writer import RerunResultWriter  # loads a viewer's worth of code
-
-    decode = partial(decode_any_image, limits=source.config.limits)
-    return RerunResultWriter(outputs[path], source.rig, source.config, provenance, decode_any_image=decode)
-
-
-WRITERS: Mapping[str, Callable[[Path, OutputTransaction, RunInput, Provenance], ResultWriter]] = {
-    ".mcap": _mcap,
-    ".rrd": _rerun,
-}
-"""What writes a file, by the ending of its name."""
+    return [stack.enter_context(OUTPUTS[path.suffix].open(path, outputs, source, provenance)) for path in job.outputs]
 
 
 def _provenance(source: RunInput, inputs: InputFiles) -> Provenance:

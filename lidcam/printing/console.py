@@ -1,7 +1,6 @@
 """What the commands print: inspections, frames, and the final tables of a run."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +19,7 @@ from lidcam.printing.tables import (
     stages_table,
     topics_table,
 )
-from lidcam.summary import RunReport, loss_records
+from lidcam.report import RunReport, loss_records
 from pipeline.core.detections import Boxes3D, source_names
 from pipeline.core.frame import FrameResult
 from pipeline.core.rig import Rig
@@ -28,7 +27,6 @@ from pipeline.core.settings.config import Config
 from pipeline.core.settings.engines import ENGINES
 from readers.recording import Loss
 from readers.rig.sensor_topics import SensorFault
-from writers.foxglove.layout_file import LAYOUT_SUFFIX
 
 if TYPE_CHECKING:  # a run inspects nothing
     from lidcam.inspection import Inspection
@@ -109,47 +107,49 @@ def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
 
 def print_report(out: Console, report: RunReport) -> None:
     """The final tables of a run."""
-    show_line(out, f"objects, sum over {report.frames} frame{'s' * (report.frames != 1)}", "bold")
-    show_table(out, objects_table(report.objects, [zone.name for zone in report.rig.counted_zones], report.frames))
-    for reason, count in report.objects_left_out.items():
+    inputs, frames, drops, sensors, timing = report.inputs, report.frames, report.drops, report.sensors, report.timing
+    zones = [zone.name for zone in sensors.rig.counted_zones]
+    show_line(out, f"objects, sum over {frames.count} frame{'s' * (frames.count != 1)}", "bold")
+    show_table(out, objects_table(frames.objects, zones, frames.count))
+    for reason, count in drops.objects.items():
         show_line(out, f"  objects not reported: {count}, {reason}")
     out.print()
-    show_table(out, drops_table(report.messages_used, report.drops))
-    for drop in report.drops:
+    show_table(out, drops_table(inputs.messages_used, drops.messages))
+    for drop in drops.messages:
         if drop.example:
             show_line(out, f"  {drop.reason}: {drop.example}", "dim")
-    for reason, count in report.unused_boxes.items():
+    for reason, count in drops.boxes.items():
         show_line(out, f"  recorded 2D boxes not used: {count}, {reason}")
-    for reason, count in report.unused_boxes3d.items():
+    for reason, count in drops.boxes3d.items():
         show_line(out, f"  recorded 3D boxes not used: {count}, {reason}")
-    for reason, count in report.boxes_without_object.items():
+    for reason, count in drops.boxes_without_object.items():
         show_line(out, f"  2D boxes without an object: {count}, {reason}")
-    if report.missing:
+    if sensors.missing:
         out.print()
-        show_table(out, missing_table(report.missing))
-    _print_losses(out, report.losses)
+        show_table(out, missing_table(sensors.missing))
+    _print_losses(out, inputs.losses)
     out.print()
-    show_table(out, stages_table(report.stage_seconds, report.frames))
+    show_table(out, stages_table(timing.stage_seconds, frames.count))
     out.print()
-    show_table(out, points_table(report.points, report.frames))
+    show_table(out, points_table(frames.points, frames.count))
     out.print()
-    compensated = f"{report.compensated} of {report.frames} frames compensated"
+    compensated = f"{frames.compensated} of {frames.count} frames compensated"
     facts = {
-        "frames": f"{report.frames}, {report.frames_per_second:.1f} a second",
-        "sync skew": f"{report.skew_mean_ms:.1f} ms mean, {report.skew_max_ms:.1f} ms at most",
-        "motion": f"{compensated}, from {', '.join(report.motion_topics)}" if report.motion_topics else _NO_MOTION,
+        "frames": f"{frames.count}, {timing.frames_per_second:.1f} a second",
+        "sync skew": f"{frames.skew_mean_ms:.1f} ms mean, {frames.skew_max_ms:.1f} ms at most",
+        "motion": f"{compensated}, from {', '.join(sensors.motion_topics)}" if sensors.motion_topics else _NO_MOTION,
         "3D boxes": _boxes3d(report),
-        "2D boxes": _BOX_SOURCES[report.box_source],
+        "2D boxes": _BOX_SOURCES[sensors.box_source],
         "confirmed": _confirmed(report),
-        "geometry": ", ".join(f"{count} {_GEOMETRY[source]}" for source, count in report.sources.items()),
-        **({"copied": _copied(report)} if report.copied else {}),
+        "geometry": ", ".join(f"{count} {_GEOMETRY[source]}" for source, count in frames.sources.items()),
+        **({"copied": _copied(report)} if inputs.copied else {}),
         "settings": str(report.settings),
         "written": ", ".join(map(str, report.outputs)),
-        **_how_to_look(report.outputs),
+        **report.how_to_open,
     }
     show_table(out, pairs_table("run", facts))
-    _print_remarks(out, report.faults, report.notes)
-    if unused := report.unused_topics:
+    _print_remarks(out, sensors.faults, report.notes)
+    if unused := inputs.unused_topics:
         names = [
             f"{topic.topic} ({topic.message_count}: {topic.problem})" if topic.problem else topic.topic
             for topic in unused
@@ -162,16 +162,17 @@ def print_report(out: Console, report: RunReport) -> None:
 def _copied(report: RunReport) -> str:
     """How many messages, and of which topics; those below one name are told as one."""
     below: dict[str, list[str]] = {}
-    for topic in report.copied:
+    for topic in report.inputs.copied:
         below.setdefault("/".join(topic.split("/")[:2]), []).append(topic)
     names = [f"{name}/* ({len(topics)} topics)" if len(topics) > 1 else topics[0] for name, topics in below.items()]
     more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
-    return f"{sum(report.copied.values())} messages: {', '.join(names[:MAX_LISTED])}{more}"
+    return f"{sum(report.inputs.copied.values())} messages: {', '.join(names[:MAX_LISTED])}{more}"
 
 
 def _boxes3d(report: RunReport) -> str:
-    source, missing = _source_of_boxes3d(report.box_source_3d, report.rig), report.frames_without_boxes3d
-    return f"{source}; {missing} of {report.frames} frames have none" if missing else source
+    source = _source_of_boxes3d(report.sensors.box_source_3d, report.sensors.rig)
+    missing = report.frames.without_boxes3d
+    return f"{source}; {missing} of {report.frames.count} frames have none" if missing else source
 
 
 def _source_of_boxes3d(source: str, rig: Rig) -> str:
@@ -182,10 +183,10 @@ def _source_of_boxes3d(source: str, rig: Rig) -> str:
 
 
 def _confirmed(report: RunReport) -> str:
-    confirmed = f"{report.confirmed} of {sum(report.objects.values())} objects by a camera"
-    if report.box_source == "none" or not report.frames_without_boxes:
+    confirmed = f"{report.frames.confirmed} of {sum(report.frames.objects.values())} objects by a camera"
+    if report.sensors.box_source == "none" or not report.frames.without_boxes:
         return confirmed
-    return f"{confirmed}; {report.frames_without_boxes} of {report.frames} frames have no 2D boxes to confirm any"
+    return f"{confirmed}; {report.frames.without_boxes} of {report.frames.count} frames have no 2D boxes to confirm any"
 
 
 def print_inspection(out: Console, inspection: "Inspection") -> None:
@@ -213,17 +214,6 @@ def print_inspection(out: Console, inspection: "Inspection") -> None:
     show_line(out, f"2D boxes: {_BOX_SOURCES[inspection.box_source]}")
     show_line(out, f"settings: {inspection.settings}")
     _print_warnings(out, inspection.warnings)
-
-
-def _how_to_look(outputs: Sequence[Path]) -> dict[str, str]:
-    """What opens the outputs, by the name of the viewer."""
-    found = {}
-    for path in outputs:
-        if path.name.endswith(LAYOUT_SUFFIX):
-            found["Foxglove"] = f"open the .mcap, then Layouts, Import from file, {path.name} (Lichtblick, too)"
-        elif path.suffix == ".rrd":
-            found["Rerun"] = f"rerun {path}"
-    return found
 
 
 def _print_losses(out: Console, losses: Sequence[Loss]) -> None:

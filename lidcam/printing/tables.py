@@ -10,7 +10,8 @@ from rich.table import Table
 
 from lidcam.checks.missing import MissingSensor
 from lidcam.printing.folding import Folded
-from lidcam.summary import OUTSIDE_ZONES, DropCount
+from lidcam.report import DropCount
+from lidcam.summary import OUTSIDE_ZONES
 from pipeline.core.rig import BOXES_SUFFIX
 from readers.rig.calibration import SensorSource
 from readers.streams.survey import TopicSurvey

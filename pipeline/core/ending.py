@@ -1,27 +1,22 @@
-"""What this process undoes when it is ended at once: its temporary files, its children, the state of a terminal.
+"""What this process undoes when a signal ends it at once: its temporary files, its children, the state of a terminal.
 
-A program that is told to end does so within milliseconds and from wherever it is: while a library is loading, a thread
-waits or the interpreter shuts down, an exception would be lost or turned into another. Nothing unwinds then, so what
-has to go is listed here while it exists. (git does so with its temporary files and lock files, in `tempfile.c`.)
-
-Only the programs end in this way; elsewhere a signal is what Python makes of it, and the usual clean-up does the same.
+Nothing unwinds then, so what has to go is listed here while it exists (as git does in `tempfile.c`). Only the programs
+end in this way; elsewhere a signal is what Python makes of it, and the usual clean-up does the same.
 """
 
-from _thread import get_native_id
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
-__all__ = ["threads_that_watch", "undo_all", "undone_at_once", "watch_for_end"]
+__all__ = ["undo_all", "undone_at_once"]
 
 _undoings: dict[object, Callable[[], object]] = {}
-_watching: set[int] = set()
 
 
 @contextmanager
 def undone_at_once(undo: Callable[[], object]) -> Iterator[None]:
     """Have `undo` called if the process is ended at once within the block.
 
-    It may be called at any point of the block and on any thread, may do nothing that waits, and its errors are ignored.
+    It may be called at any point of the block, may do nothing that waits, and its errors are ignored.
     """
     key = object()
     _undoings[key] = undo
@@ -36,13 +31,3 @@ def undo_all() -> None:
     while _undoings:
         with suppress(Exception):
             _undoings.popitem()[1]()
-
-
-def watch_for_end() -> None:
-    """Tell that the calling thread waits for signals and does nothing else: it holds no lock while it waits."""
-    _watching.add(get_native_id())
-
-
-def threads_that_watch() -> Collection[int]:
-    """Native ids of the threads of `watch_for_end`."""
-    return frozenset(_watching)

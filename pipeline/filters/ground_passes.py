@@ -125,36 +125,6 @@ def _within(points: F32, plane: F32, limit_m: np.float32) -> tuple[F32, I32]:
     return heights[:count], rows[:count]
 
 
-@compiled("float32(float32[::1])")
-def _median(values: F32) -> np.float32:
-    """The median of numbers that are not negative, at least one: their bits are in the same order as they."""
-    left, middle = values.view(np.int32).copy(), len(values) // 2
-    count, below, two = len(left), 0, np.zeros(2, np.int32)  # the number in the middle, and the one before it
-    counts = np.empty(2048, np.int32)
-    for shift in (np.int32(20), np.int32(10), np.int32(0)):  # left are those that have the bits from `shift` on
-        for k in range(2048):
-            counts[k] = 0
-        for i in range(count):
-            counts[(left[i] >> shift) & np.int32(2047)] += np.int32(1)
-        bits = np.int32(0)
-        while below + counts[bits] <= middle:
-            below += counts[bits]
-            bits += np.int32(1)
-        some, count = count, 0
-        for i in range(some):
-            value = left[i]
-            own = (value >> shift) & np.int32(2047)
-            two[1] = max(two[1], value if own < bits else np.int32(0))
-            left[count] = value
-            count += 1 if own == bits else 0
-    two[0] = left[0]
-    upper, lower = two.view(np.float32)
-    if len(values) % 2 or below < middle:
-        lower = upper
-    median: np.float32 = (lower + upper) / np.float32(2)
-    return median
-
-
 @compiled(f"Tuple((float64[::1], float64[:, ::1]))({POINTS}, int32[::1])")
 def _scatter(points: F32, rows: I32) -> tuple[F64, F64]:
     """Centre (3,) and covariance (3, 3) of some points; zeros of none."""
@@ -198,7 +168,7 @@ def scatter_near(points: F32, plane: F32, layer_m: np.float32) -> tuple[int, F64
     heights, rows = _within(points, plane, layer_m)
     near = 0
     if len(heights) > 0:
-        near_m = min(layer_m, np.float32(3 * 1.4826 * np.float64(_median(heights)) + 1e-6))
+        near_m = min(layer_m, np.float32(3 * 1.4826 * np.median(heights) + 1e-6))
         for j in range(len(rows)):
             rows[near] = rows[j]
             near += 1 if heights[j] <= near_m else 0

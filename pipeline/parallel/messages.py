@@ -1,16 +1,55 @@
-"""What the processes of a run tell each other."""
+"""What the processes of a run tell each other: frames and what came of them, errors, and what was logged."""
 
+import logging
+import traceback
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from logging import LogRecord
+from logging.handlers import QueueHandler
+from queue import SimpleQueue
 from typing import Any, NamedTuple
 
+from pipeline.core.errors import LidcamError, is_short_memory
 from pipeline.graph import Graph, Node
-from pipeline.parallel.failure import Failure
+from pipeline.parallel.transfer import arrived
 
-__all__ = ["Answer", "Beginning", "Begun", "MakeGraph", "Question"]
+__all__ = [
+    "Answer",
+    "Beginning",
+    "Begun",
+    "Failure",
+    "MakeGraph",
+    "Question",
+    "WorkerTraceback",
+    "failure_of",
+    "gather_log",
+    "log_levels",
+]
 
 MakeGraph = Callable[[], tuple[Graph[Any], Node[Any]]]
 """Makes the stages of a frame, and the one whose output is wanted; can be pickled."""
+
+
+class WorkerTraceback(Exception):
+    """Where an error came from, in another process; the cause of the error here."""
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """An error as it travels.
+
+    Attributes:
+        error: The error, with its notes; it can be pickled.
+        trace: Its traceback as text.
+    """
+
+    error: Exception
+    trace: str
+
+    def raised(self) -> Exception:
+        """The error, to be raised in this process."""
+        self.error.__cause__ = WorkerTraceback(f"\n{self.trace}")
+        return self.error
 
 
 class Beginning(NamedTuple):
@@ -63,3 +102,44 @@ class Answer(NamedTuple):
     outcome: tuple[Any, ...] | Failure
     seconds: Mapping[str, float]
     records: tuple[LogRecord, ...] = ()
+
+
+def failure_of(err: Exception) -> Failure:
+    """An error as it travels; one that cannot be pickled becomes a `RuntimeError` with its type and text."""
+    return Failure(_portable(err), "".join(traceback.format_exception(err)))
+
+
+def _portable(err: Exception) -> Exception:
+    if is_short_memory(err) and not isinstance(err, LidcamError):
+        return _noted(MemoryError(str(err)), err)  # whatever a library says with an error of its own
+    try:
+        copy = arrived(err)
+    except Exception:
+        copy = None
+    if type(copy) is type(err) and str(copy) == str(err):
+        return err
+    return _noted(RuntimeError(f"{type(err).__qualname__}: {err}"), err)
+
+
+def _noted(error: Exception, original: Exception) -> Exception:
+    for note in getattr(original, "__notes__", ()):
+        error.add_note(note)
+    return error
+
+
+def log_levels() -> Mapping[str, int]:
+    """The levels of the loggers that have one, by name; the root has none."""
+    root = logging.getLogger()
+    named = {
+        name: logger.level for name, logger in root.manager.loggerDict.items() if isinstance(logger, logging.Logger)
+    }
+    return {"": root.level, **{name: level for name, level in sorted(named.items()) if level != logging.NOTSET}}
+
+
+def gather_log(levels: Mapping[str, int]) -> SimpleQueue[LogRecord]:
+    """Keep what is logged from now on, at the levels of the process that will show it."""
+    records: SimpleQueue[LogRecord] = SimpleQueue()
+    logging.getLogger().addHandler(QueueHandler(records))
+    for name, level in levels.items():
+        logging.getLogger(name or None).setLevel(level)
+    return records

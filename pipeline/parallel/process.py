@@ -1,24 +1,23 @@
-"""A worker process, from the side of the process that started it."""
+"""Worker processes, from the side of the process that started them."""
 
 import os
+import select
 import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from typing import Any, Protocol, Self, cast
+from types import TracebackType
+from typing import Self, cast
 
 from pipeline.core.ending import undone_at_once
 from pipeline.core.errors import WorkerError
-from pipeline.graph import Graph, Node
 from pipeline.parallel.cores import THREADS_OF_LIBRARIES
-from pipeline.parallel.forked import Copy
 from pipeline.parallel.messages import Answer, Beginning, Begun, Question
 from pipeline.parallel.transfer import connected, receive, send
-from pipeline.parallel.worker import serve_copy
 
-__all__ = ["WorkerProcess"]
+__all__ = ["Crew", "WorkerProcess"]
 
 CODE = "import sys; sys.path[:] = sys.argv[2:]; from pipeline.parallel.worker import serve; serve(int(sys.argv[1]))"
 """No module of the user's is imported by name, so a script needs no guard, and what it has in its path is found."""
@@ -32,90 +31,47 @@ AHEAD = 2
 PATIENCE_S = 1.0
 
 
-class _Process(Protocol):
-    """What is needed of `subprocess.Popen`."""
-
-    pid: int
-
-    def wait(self, timeout: float | None = None) -> int: ...
-
-    def kill(self) -> None: ...
-
-
 class WorkerProcess:
-    """A process that works on frames.
+    """A process that works on frames; it needs a second or two to import libraries.
 
     Attributes:
         begun: Whether it has made its stages.
         numbers: The frames that it has, in order.
     """
 
-    def __init__(self, connection: socket.socket, process: _Process) -> None:
-        """Take charge of one that was started: see `spawned` and `forked`."""
-        self.begun = False
-        self.numbers: list[int] = []
-        self._connection, self._process = connection, process
-        self._open = ExitStack()
-        self._open.enter_context(undone_at_once(self._process.kill))
-
-    @classmethod
-    def spawned(cls) -> Self:
-        """A new process; it needs a second or two to import libraries.
+    def __init__(self) -> None:
+        """Start it.
 
         Raises:
             WorkerError: there is no interpreter to start, or the system does not let it.
         """
         if not sys.executable:
             raise WorkerError("no Python interpreter found that could start worker processes: set run.workers to 1")
-        connection, theirs = connected()
+        self.begun = False
+        self.numbers: list[int] = []
+        self._connection, theirs = connected()
         with ExitStack() as started:
-            started.callback(connection.close)
+            started.callback(self._connection.close)
             with theirs, _signals_blocked():
                 command = [sys.executable, "-c", CODE, str(theirs.fileno()), *sys.path]
                 # Processes fill the cores; threads inside of one would only wait for each other.
                 environment = {**dict.fromkeys(THREADS_OF_LIBRARIES, "1"), **os.environ}
                 try:
-                    process = subprocess.Popen(
+                    self._process = subprocess.Popen(
                         command, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, env=environment
                     )
                 except OSError as err:
-                    raise _not_started(err) from err
+                    raise WorkerError(
+                        f"a worker process cannot be started: {err.strerror}: set run.workers to 1"
+                    ) from err
             started.pop_all()
-        return cls(connection, process)
-
-    @classmethod
-    def forked(cls, graph: Graph[Any], sink: Node[Any], others: Sequence["WorkerProcess"]) -> Self:
-        """A copy of this process, which must have a single thread, with the stages that it has.
-
-        Args:
-            graph: The stages.
-            sink: The one whose output is wanted.
-            others: The processes of this run that there are; the copy lets go of their sockets.
-
-        Raises:
-            WorkerError: the system does not let it.
-        """
-        connection, theirs = connected()
-        kept_open = [connection.fileno(), *(other.fileno() for other in others)]
-        with ExitStack() as started:
-            started.callback(connection.close)
-            with theirs, _signals_blocked():
-                try:
-                    process = Copy(lambda: serve_copy(theirs.detach(), kept_open, (graph, sink)))
-                except OSError as err:
-                    raise _not_started(err) from err
-            started.pop_all()
-        return cls(connection, process)
+        self._open = ExitStack()
+        self._open.enter_context(undone_at_once(self._process.kill))
 
     def begin(self, beginning: Beginning) -> None:
         """Tell it what to do."""
         with suppress(OSError):  # it has died, which the first question tells
             send(self._connection, beginning)
-
-    @property
-    def pid(self) -> int:
-        """Process id."""
-        return self._process.pid
 
     @property
     def has_room(self) -> bool:
@@ -184,8 +140,65 @@ class WorkerProcess:
         )
 
 
-def _not_started(err: OSError) -> WorkerError:
-    return WorkerError(f"a worker process cannot be started: {err.strerror}: set run.workers to 1")
+class Crew:
+    """The worker processes of a run, which end with the block; a context manager."""
+
+    def __init__(self, beginning: Beginning) -> None:
+        """None so far; each that is started is told the beginning first."""
+        self._beginning = beginning
+        self._processes: dict[int, WorkerProcess] = {}  # by descriptor
+        self._poll = select.poll()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        processes = [*self._processes.values()]
+        for process in processes:
+            process.let_go()
+        for process in processes:
+            process.end()
+
+    def __len__(self) -> int:
+        return len(self._processes)
+
+    @property
+    def is_starting(self) -> bool:
+        """Whether a process has no stages yet."""
+        return any(not process.begun for process in self._processes.values())
+
+    def start(self, count: int) -> None:
+        """Start more processes, unless the last ones are still about to start.
+
+        Raises:
+            WorkerError: one cannot be started.
+        """
+        if self.is_starting:
+            return
+        for _ in range(count):
+            process = WorkerProcess()
+            self._processes[process.fileno()] = process
+            self._poll.register(process, select.POLLIN)
+            process.begin(self._beginning)
+
+    def with_room(self) -> WorkerProcess | None:
+        """The process that needs a frame most; None if all have enough."""
+        having = [process for process in self._processes.values() if process.has_room]
+        return min(having, key=lambda process: len(process.numbers), default=None)
+
+    def with_news(self, *, wait: bool) -> Iterator[WorkerProcess]:
+        """The processes that have something to say; waits until there is one, if that is wanted."""
+        for descriptor, _ in self._poll.poll(None if wait else 0):
+            yield self._processes[descriptor]
+
+    def part_with(self, process: WorkerProcess) -> None:
+        """End a process."""
+        descriptor = process.fileno()
+        del self._processes[descriptor]
+        self._poll.unregister(descriptor)
+        process.end()
 
 
 @contextmanager

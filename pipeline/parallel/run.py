@@ -7,17 +7,14 @@ the ordered stages: all of it on the calling thread, so no lock is needed and no
 import logging
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from pipeline.core.errors import WorkerError
 from pipeline.graph import Graph, Node, Stamped
-from pipeline.parallel.crew import Crew
-from pipeline.parallel.failure import Failure
-from pipeline.parallel.log import log_levels
-from pipeline.parallel.messages import Answer, Beginning, MakeGraph, Question
-from pipeline.parallel.process import WorkerProcess
+from pipeline.parallel.messages import Answer, Beginning, Failure, MakeGraph, Question, log_levels
+from pipeline.parallel.process import Crew, WorkerProcess
 from pipeline.parallel.sharing import Sharing
 
 __all__ = ["Limits", "run_parallel"]
@@ -58,7 +55,6 @@ def run_parallel(
     make_graph: MakeGraph,
     expected: int,
     needed: Callable[[F], F] = lambda frame: frame,
-    ready: Sequence[WorkerProcess] = (),
 ) -> Generator[R, None, None]:
     """The sink's value for each frame, in order.
 
@@ -72,15 +68,14 @@ def run_parallel(
         make_graph: Makes the free stages of `graph` anew, in another process: with the same names, in the same order.
         expected: About how many frames there will be.
         needed: What the free stages read of a frame; it is sent to other processes.
-        ready: Processes of `ready_processes`; more are started when that is worth it.
 
     Raises:
         WorkerError: another process cannot be started, or dies.
     """
     handed = tuple(node.name for node in graph.parts(sink).handed)
     sharing = Sharing(min(limits.workers, limits.frames), expected)
-    with Crew(Beginning(make_graph, handed, log_levels()), sharing, ready) as crew:
-        yield from _Run(graph, sink, limits, needed, crew, iter(frames)).results()
+    with Crew(Beginning(make_graph, handed, log_levels())) as crew:
+        yield from _Run(graph, sink, limits, needed, crew, sharing, iter(frames)).results()
 
 
 @dataclass(slots=True)
@@ -100,10 +95,11 @@ class _Run(Generic[F]):
         limits: Limits[F],
         needed: Callable[[F], F],
         crew: Crew,
+        sharing: Sharing,
         frames: Iterator[F],
     ) -> None:
         self._graph, self._sink, self._parts = graph, sink, graph.parts(sink)
-        self._limits, self._needed, self._crew, self._frames = limits, needed, crew, frames
+        self._limits, self._needed, self._crew, self._sharing, self._frames = limits, needed, crew, sharing, frames
         self._tasks: deque[_Task[F]] = deque()
         self._read: _Task[F] | None = None  # too heavy for now
         self._count, self._done, self._is_ended = 0, 0, False
@@ -122,8 +118,8 @@ class _Run(Generic[F]):
             self._read = self._error = None
 
     def _results(self) -> Generator[Any, None, None]:
-        self._crew.start(self._crew.sharing.at_once - len(self._crew))
-        while self._crew.is_starting and self._crew.sharing.at_once:
+        self._crew.start(self._sharing.at_once)
+        while self._crew.is_starting:
             self._take_in(wait=True)
         while True:
             self._take_in(wait=False)
@@ -137,7 +133,7 @@ class _Run(Generic[F]):
                 yield self._finished(self._tasks.popleft())
                 self._done += 1
             elif untaken is not None:
-                self._crew.start(self._crew.sharing.more(len(self._crew), self._done))
+                self._crew.start(self._sharing.more(len(self._crew), self._done))
                 self._work_on(untaken)
             else:
                 self._take_in(wait=True)
@@ -215,7 +211,7 @@ class _Run(Generic[F]):
             task.outcome = Answer(task.number, tuple(values[node] for node in self._parts.handed), {})
         except Exception as err:
             task.outcome, self._is_ended = err, True
-        self._crew.sharing.took(time.perf_counter() - started)
+        self._sharing.took(time.perf_counter() - started)
 
     def _finished(self, task: _Task[F]) -> Any:
         """The sink's value of a frame whose free stages are done."""

@@ -4,25 +4,20 @@ It ends as soon as the other end of its socket is closed, whatever it is doing: 
 the process that started it is killed.
 """
 
+import gc
 import os
-import signal
 import socket
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from queue import SimpleQueue
 from typing import Any, NoReturn, cast
 
-from pipeline.core.garbage import keep_objects
-from pipeline.core.memory import keep_freed_memory
-from pipeline.graph import Graph, Node
-from pipeline.parallel.failure import Failure, failure_of
-from pipeline.parallel.log import forget_log, gather_log
-from pipeline.parallel.messages import Answer, Beginning, Begun, Question
+from pipeline.parallel.messages import Answer, Beginning, Begun, Failure, Question, failure_of, gather_log
 from pipeline.parallel.transfer import receive, send
 
-__all__ = ["serve", "serve_copy"]
+__all__ = ["serve"]
 
 SWITCH_S = 0.0005
 """How soon the threads that send and receive get the interpreter, for whose work the other process waits."""
@@ -30,49 +25,15 @@ SWITCH_S = 0.0005
 BUG = 70
 
 
-Made = tuple[Graph[Any], Node[Any]]
-"""The stages, and the one whose output is wanted."""
-
-
-def serve_copy(descriptor: int, kept_open: Sequence[int], made: Made) -> NoReturn:
-    """As `serve`, in a copy of the process that reads the frames.
-
-    Args:
-        descriptor: Of the socket.
-        kept_open: Descriptors of sockets that the copy closes: an end of them is seen where all copies are closed.
-        made: The stages.
-    """
-    try:
-        signal.set_wakeup_fd(-1)  # it leads to the thread of the other process that waits for signals
-        keep_objects()  # to look at what is there would copy its memory
-        for other in kept_open:
-            os.close(other)
-        with open(os.devnull, "rb") as nothing:  # noqa: PTH123  # the name of a device
-            os.dup2(nothing.fileno(), 0)
-        forget_log()
-        serve(descriptor, made)
-    except BaseException:
-        traceback.print_exc()
-    finally:
-        os._exit(BUG)  # whatever this process was about to do is done by the other
-
-
-def serve(descriptor: int, made: Made | None = None) -> None:
-    """Work on frames until the socket with this descriptor is closed at its other end; does not return.
-
-    Args:
-        descriptor: Of the socket.
-        made: The stages; made here if there are none.
-    """
+def serve(descriptor: int) -> NoReturn:
+    """Work on frames until the socket with this descriptor is closed at its other end."""
     sys.setswitchinterval(SWITCH_S)
-    keep_freed_memory()
     connection = socket.socket(fileno=descriptor)
-    questions: SimpleQueue[Question] = SimpleQueue()
+    told: SimpleQueue[object] = SimpleQueue()
     answers: SimpleQueue[Begun | Answer] = SimpleQueue()
-    beginning: SimpleQueue[Beginning] = SimpleQueue()
     _start("send", lambda: _send_all(connection, answers))
-    _start("receive", lambda: _receive_all(connection, beginning, questions))
-    _work(beginning, questions, answers, made)
+    _start("receive", lambda: _receive_all(connection, told))
+    _work(told, answers)
 
 
 def _start(name: str, run: Callable[[], None]) -> None:
@@ -93,12 +54,9 @@ def _start(name: str, run: Callable[[], None]) -> None:
     threading.Thread(target=end_after, name=name, daemon=True).start()
 
 
-def _receive_all(
-    connection: socket.socket, beginning: SimpleQueue[Beginning], questions: SimpleQueue[Question]
-) -> None:
-    beginning.put(cast(Beginning, receive(connection)))
+def _receive_all(connection: socket.socket, told: SimpleQueue[object]) -> None:
     while True:
-        questions.put(cast(Question, receive(connection)))
+        told.put(receive(connection))
 
 
 def _send_all(connection: socket.socket, answers: SimpleQueue[Begun | Answer]) -> None:
@@ -114,23 +72,18 @@ def _send_all(connection: socket.socket, answers: SimpleQueue[Begun | Answer]) -
         del answer
 
 
-def _work(
-    beginning: SimpleQueue[Beginning],
-    questions: SimpleQueue[Question],
-    answers: SimpleQueue[Begun | Answer],
-    made: Made | None,
-) -> None:
-    told = beginning.get()
+def _work(told: SimpleQueue[object], answers: SimpleQueue[Begun | Answer]) -> NoReturn:
+    beginning = cast(Beginning, told.get())
     try:
-        graph, sink = made or told.make_graph()
+        graph, sink = beginning.make_graph()
     except Exception as err:
         answers.put(Begun(failure_of(err)))
-        questions.get()  # there are none: the process ends with its socket
-        return
+        threading.Event().wait()  # the process ends with its socket
+        raise
     by_name = {node.name: node for node in graph.nodes}
-    handed, free = [by_name[name] for name in told.handed], graph.parts(sink).free
-    records = gather_log(told.log_levels)
-    keep_objects()
+    handed, free = [by_name[name] for name in beginning.handed], graph.parts(sink).free
+    records = gather_log(beginning.log_levels)
+    gc.freeze()  # libraries stay: looking for garbage among them takes 5 ms a frame
     answers.put(Begun())
 
     def answer(question: Question) -> Answer:
@@ -146,4 +99,4 @@ def _work(
         return Answer(question.number, outcome, taken, tuple(records.get() for _ in range(records.qsize())))
 
     while True:
-        answers.put(answer(questions.get()))
+        answers.put(answer(cast(Question, told.get())))

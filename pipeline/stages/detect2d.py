@@ -11,7 +11,7 @@ from pipeline.core.detections import Boxes2D
 from pipeline.core.errors import ConfigError
 from pipeline.core.images import Image
 from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
+from pipeline.core.settings.detect import Detect2DConfig
 from pipeline.detectors.protocols import Candidates2D, Detector2D
 from pipeline.detectors.riders import PERSON, RIDDEN, finds_riders_apart, join_riders
 
@@ -21,7 +21,9 @@ __all__ = ["Detect2D", "suppress_overlaps"]
 class Detect2D:
     """Boxes of the configured classes in the images of a frame."""
 
-    def __init__(self, rig: Rig, config: Config, detector: Detector2D) -> None:
+    def __init__(
+        self, rig: Rig, class_id_of_label: Mapping[str, int], settings: Detect2DConfig, detector: Detector2D
+    ) -> None:
         """Map the detector's labels to the configured classes; labels of no class are ignored.
 
         Small and capital letters are the same. Where the detector finds a rider as a person on something, as networks
@@ -30,7 +32,7 @@ class Detect2D:
         Raises:
             ConfigError: none of the detector's labels belongs to a class.
         """
-        class_ids = {label.strip().lower(): class_id for label, class_id in config.class_id_of_label.items()}
+        class_ids = {label.strip().lower(): class_id for label, class_id in class_id_of_label.items()}
         labels = [label.strip().lower() for label in detector.labels]
         self._class_ids = np.array([class_ids.get(label, -1) for label in labels], np.int32)
         self._joins_riders = finds_riders_apart(labels)
@@ -42,7 +44,7 @@ class Detect2D:
                 f"found {', '.join(class_ids)}; add them to classes.N.labels"
             )
         self._cameras = [camera.name for camera in rig.cameras]
-        self._config = config.detect2d
+        self._settings = settings
         self._detector = detector
 
     def __call__(self, images: Mapping[str, Image]) -> Mapping[str, Boxes2D]:
@@ -61,15 +63,15 @@ class Detect2D:
         height, width = image.rgb.shape[:2]
         xyxy = np.clip(proposed.xyxy, 0, np.array([width, height, width, height], np.float32))
         class_ids = self._class_ids[proposed.labels]
-        wanted = (proposed.scores >= self._config.min_score) & (class_ids >= 0)
+        wanted = (proposed.scores >= self._settings.min_score) & (class_ids >= 0)
         rows = np.flatnonzero(wanted & (xyxy[:, 2] > xyxy[:, 0]) & (xyxy[:, 3] > xyxy[:, 1]))
         boxes = Boxes2D(image.stamp_ns, image.frame_id, xyxy[rows], proposed.scores[rows], class_ids[rows])
-        kept = suppress_overlaps(boxes, max_iou=self._config.nms_iou)
+        kept = suppress_overlaps(boxes, max_iou=self._settings.nms_iou)
         boxes, labels = boxes.select(kept), proposed.labels[rows[kept]]
         if self._joins_riders:
             boxes = join_riders(boxes, self._is_person[labels], self._is_ridden[labels])
         as_one_class = replace(boxes, class_ids=np.zeros_like(boxes.class_ids))
-        return boxes.select(suppress_overlaps(as_one_class, max_iou=self._config.nms_iou_any))
+        return boxes.select(suppress_overlaps(as_one_class, max_iou=self._settings.nms_iou_any))
 
 
 def suppress_overlaps(boxes: Boxes2D, *, max_iou: float) -> Indices:

@@ -52,10 +52,6 @@ class ChunkCache:
             self._bytes -= len(self._chunks.popitem(last=False)[1])
         return chunk
 
-    def holds(self, position: int) -> bool:
-        """Whether the chunk at `position` is in the cache."""
-        return position in self._chunks
-
     def drop(self, position: int) -> None:
         """Remove the chunk at `position`, because its last message was read."""
         chunk = self._chunks.pop(position, None)

@@ -10,10 +10,9 @@ from readers.files.rosbag2_folder import FolderMetadata
 from readers.location import Location
 from readers.recording import Loss, ReadOptions
 
-__all__ = ["MAX_BYTES_AT_OPENING", "Container", "Source"]
+__all__ = ["Container", "Source", "read_exactly"]
 
-MAX_BYTES_AT_OPENING = 8 << 20
-"""Chunks that are read to compare definitions with those in an index when a file is opened; others as they are read."""
+LARGE_BYTES = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,3 +70,21 @@ class Container(ABC):
     def _check_open(self) -> None:
         if self._stream.closed:
             raise RecordingError(f"{self.path}: expected an open recording, but it was closed")
+
+
+def read_exactly(stream: BinaryIO, size: int) -> bytes:
+    """The next `size` bytes.
+
+    Raises:
+        EOFError: the file ends before.
+    """
+    if size > LARGE_BYTES:  # the stream would allocate it before it looks
+        at = stream.tell()
+        left = stream.seek(0, 2) - at
+        stream.seek(at)
+        if size > left:
+            raise EOFError(f"expected {size} more bytes, found {left}")
+    data = stream.read(size)
+    if len(data) != size:
+        raise EOFError(f"expected {size} more bytes, found {len(data)}")
+    return data

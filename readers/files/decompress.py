@@ -6,7 +6,16 @@ from typing import BinaryIO, NamedTuple, Protocol
 import zstandard
 from lz4.frame import LZ4FrameDecompressor
 
-__all__ = ["Allowance", "Unpacked", "check_chunk_size", "compression_of", "decompressed", "unpack", "unpack_lz4"]
+__all__ = [
+    "Allowance",
+    "Unpacked",
+    "check_chunk_size",
+    "check_complete",
+    "compression_of",
+    "decompressed",
+    "unpack",
+    "unpack_lz4",
+]
 
 PIECE = 1 << 18
 MAX_AT_ONCE = 1 << 22
@@ -67,6 +76,16 @@ def check_chunk_size(size: int, largest: int) -> None:
     """
     if size > largest:
         raise ValueError(f"a chunk unpacks to more than {largest} bytes, see limits.max_chunk_mib")
+
+
+def check_complete(unpacked: Unpacked, compression: str) -> None:
+    """Refuse data that lack their end.
+
+    Raises:
+        EOFError: the end is missing.
+    """
+    if not unpacked.complete:
+        raise EOFError(f"its {compression} data end early")
 
 
 def unpack_lz4(data: bytes, size: int, *, largest: int) -> bytes:

@@ -1,8 +1,8 @@
-"""A file on a server as a stream that fetches only the parts that are read, by range requests.
+"""A file on a server as a stream that fetches only the parts that are read, by range requests of fsspec.
 
 Whole pages are fetched and kept in a temporary file: nothing is fetched twice until that is full, and memory does not
 grow. Sequential reading fetches more and more at once, up to a maximum; a reader that knows what it will read uses
-`ReadAhead` to fetch exactly that.
+`ReadAhead` to fetch exactly that. On web servers each request names the version of the file that was opened.
 """
 
 import errno
@@ -11,17 +11,13 @@ import logging
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import replace
-from io import BytesIO
+from functools import partial
 from tempfile import TemporaryFile
-from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, TypeVar, cast
+from typing import Any, BinaryIO, TypeVar, cast
 
 from pipeline.core.errors import RecordingError, is_short_memory
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from readers.files.remote_faults import NO_RANGES, REMEDY, Fault, ServerError, fault_of
 from readers.location import RemotePath
-
-if TYPE_CHECKING:
-    from readers.files.web import WebFile
 
 __all__ = ["ReadAhead", "RemoteFile", "open_remote", "tell_full_read"]
 
@@ -36,15 +32,37 @@ MAX_KEPT_BYTES = 512 << 20
 """Size of the temporary file: several seconds of many cameras and lidars."""
 
 RETRY_DELAYS_S = (0.5, 1.0, 2.0)
+SILENCE_S = 30.0
+"""A server that sends nothing for this long counts as a lost connection."""
+
 REQUEST_SHARE = 0.2
 """Share of the time that a request may take that one is meant to take."""
 
 MAX_FACT_CHARACTERS = 200
+HEADERS = {"Accept-Encoding": "identity"}
 
 EXTRAS = {"http": "http", "https": "http", "s3": "s3", "s3a": "s3"}
 """Extra of lidcam that installs what a protocol needs."""
 
-NO_SIZE = Fault("its server does not say how large it is", REMEDY)
+REMEDY = "download it, and read the copy"
+NO_RANGES = f"its server does not give parts of a file (range requests); {REMEDY}"
+CHANGED = "it was changed while it was read{status}; read it again when it is complete"
+DENIED = "access was denied{status}; check the credentials, and whether a signed link is still valid"
+MISSING = "no such file{status}; check the address"
+BY_STATUS = {401: DENIED, 403: DENIED, 404: MISSING, 410: MISSING, 412: CHANGED, 416: CHANGED}
+BY_NAME = {
+    "FileExpired": CHANGED,
+    "FileNotFoundError": MISSING,
+    "NoCredentialsError": "there are no credentials for it; set them as for the AWS CLI, or FSSPEC_S3_ANON=true",
+    "PermissionError": DENIED,
+    "ValueError": "its address cannot be used; check the address",
+}
+MAY_PASS = frozenset({"ClientConnectionError", "ClientPayloadError", "EOFError", "OSError", "TimeoutError"})
+STATUS_MAY_PASS = frozenset({408, 425, 429, *range(500, 600)})
+
+
+class _AnswerError(Exception):
+    """An answer of a server cannot be used; its text says why, and what to do."""
 
 
 class RemoteFile(io.BufferedIOBase):
@@ -72,12 +90,11 @@ class RemoteFile(io.BufferedIOBase):
         self._is_wanted_whole = False
         self._limits = limits
         self._max_pages = MAX_REQUEST_PAGES  # fewer where the server is slow
-        self._opened: _Opened | None = None
+        self._file: Any = None
+        self._disconnect: Callable[[], None] = lambda: None
         self._kept: BinaryIO = TemporaryFile(prefix="lidcam-")  # noqa: SIM115  # closed by close()
         try:
-            self._opened = self._attempt("it cannot be opened", lambda: _opened(path, limits))
-            self.size = self._opened.size
-            self.path = replace(path, facts=self._opened.facts)
+            self._attempt("it cannot be opened", self._open)
         except BaseException:
             self.close()
             raise
@@ -143,8 +160,43 @@ class RemoteFile(io.BufferedIOBase):
         """Close the connection and remove the temporary file."""
         if not self.closed:
             self._disconnect()
+            self._file = None
             self._kept.close()
         super().close()
+
+    def _open(self) -> None:
+        """Ask the server for the facts about the file, and open it.
+
+        Raises:
+            RecordingError: the protocol is unknown, what it needs is not installed, or it is a folder.
+            Exception: of the libraries below.
+        """
+        is_web = self.path.protocol in {"http", "https"}
+        system = _file_system(self.path, self._limits.max_request_s)
+        if is_web:
+            from fsspec.asyn import sync
+
+            self._disconnect()
+            self._disconnect = partial(system.close_session, system.loop, sync(system.loop, system.set_session))
+        info = system.info(self.path.url)
+        if info.get("type") == "directory":
+            raise RecordingError(f"{self.path}: expected a file, found a folder; name the .mcap files in it")
+        if not isinstance(info.get("size"), int):
+            raise _AnswerError(f"its server does not say how large it is; {REMEDY}")
+        if info.get("partial") is False:
+            raise _AnswerError(NO_RANGES)
+        self.size = int(info["size"])
+        known = {"etag": ("ETag", "etag"), "last_modified": ("LastModified", "Last-Modified")}
+        facts = {name: next((str(info[key]) for key in keys if info.get(key)), "") for name, keys in known.items()}
+        self.path = replace(self.path, facts=_shown({"size": str(self.size), **facts}))
+        options: dict[str, Any] = {}
+        if is_web:
+            headers = {"If-Match": facts["etag"]} if facts["etag"].startswith('"') else {}  # weak ones never match
+            if not headers and facts["last_modified"]:
+                headers = {"If-Unmodified-Since": facts["last_modified"]}
+            options = {"size": self.size, "headers": HEADERS | headers}
+        if self.size:
+            self._file = system.open(self.path.url, "rb", cache_type="none", **options)
 
     def _pages_of(self, start: int, size: int) -> range:
         return range(start // PAGE_BYTES, -(-min(start + size, self.size) // PAGE_BYTES))
@@ -189,9 +241,14 @@ class RemoteFile(io.BufferedIOBase):
         return self._attempt(f"the connection was lost at byte {start}", lambda: self._range_once(start, stop))
 
     def _range_once(self, start: int, stop: int) -> bytes:
-        assert self._opened is not None
-        data = self._opened.read(start, stop)
-        if len(data) != stop - start:
+        try:
+            self._file.seek(start)
+            data = bytes(self._file.read(stop - start))
+        except ValueError:  # fsspec says that the server sent something else than a part
+            raise _AnswerError(NO_RANGES) from None
+        if len(data) > stop - start:
+            raise _AnswerError(f"its server sends more than it was asked for; {REMEDY}")
+        if len(data) < stop - start:
             raise EOFError(f"{len(data)} of {stop - start} bytes")
         return data
 
@@ -210,19 +267,15 @@ class RemoteFile(io.BufferedIOBase):
             except Exception as err:  # any library below may raise
                 if is_short_memory(err):
                     raise
-                fault = fault_of(err)
-                if fault.passes and delay_s is not None and time.monotonic() + delay_s < end_s:
+                reason, may_pass = _told(err)
+                if may_pass and delay_s is not None and time.monotonic() + delay_s < end_s:
                     time.sleep(delay_s)
                     continue
-                reason = f"{failed} ({fault.reason}, {attempt} attempts)" if fault.passes else fault.reason
+                if may_pass:
+                    reason = f"{failed} ({reason}, {attempt} attempts); check the network, and try again"
                 # Not from err: the libraries quote the whole URL, including secrets.
-                raise RecordingError(f"{self.path}: {reason}; {fault.remedy}") from None
+                raise RecordingError(f"{self.path}: {reason}") from None
         raise RuntimeError("unreachable: the last attempt returns or raises")
-
-    def _disconnect(self) -> None:
-        if self._opened is not None:
-            self._opened.close()
-        self._opened = None
 
 
 class ReadAhead:
@@ -299,22 +352,25 @@ def _runs(pages: Iterable[int], most: int) -> Iterator[tuple[int, int]]:
         yield first, last
 
 
-def _opened(path: RemotePath, limits: LimitsConfig) -> "_Opened":
-    """The file, opened by our own client or by fsspec's for its protocol.
+def _file_system(path: RemotePath, max_request_s: float) -> Any:
+    """What fsspec reads a protocol with.
 
     Raises:
         RecordingError: the protocol is unknown, or what it needs is not installed.
-        Exception: of the client, if it cannot be reached.
     """
     try:
-        if path.protocol in {"http", "https"}:
-            from readers.files.web import WebFile  # needs aiohttp and fsspec, which are optional
-
-            return _of_web(WebFile(path, max_request_s=limits.max_request_s))
         import fsspec
 
-        options: dict[str, Any] = {"skip_instance_cache": True}
-        if path.protocol in {"s3", "s3a"}:
+        options: dict[str, Any] = {}
+        if path.protocol in {"http", "https"}:
+            from aiohttp import ClientTimeout
+
+            silence_s = min(SILENCE_S, max_request_s)
+            timeout = ClientTimeout(total=max_request_s, sock_connect=silence_s, sock_read=silence_s)
+            options["client_kwargs"] = {"timeout": timeout, "trust_env": True, "auto_decompress": False}  # HTTPS_PROXY
+            options["headers"] = HEADERS
+            options["encoded"] = path.url.isascii() and " " not in path.url  # a signed URL must not change
+        elif path.protocol in {"s3", "s3a"}:
             options["use_listings_cache"] = False
         kind = fsspec.get_filesystem_class(path.protocol)
     except ImportError:
@@ -324,64 +380,38 @@ def _opened(path: RemotePath, limits: LimitsConfig) -> "_Opened":
             remedy = f"install what fsspec needs for it, or {REMEDY}"
         raise RecordingError(f"{path}: reading {path.protocol}:// is not installed; {remedy}") from None
     except ValueError as err:
-        if path.protocol in {"http", "https"}:
-            raise
         raise RecordingError(f"{path}: lidcam reads https://, http:// and s3://, found {path.protocol}://") from err
-    return _of_fsspec(path, kind(**kind._get_kwargs_from_urls(path.url), **options), kind)
+    return kind(skip_instance_cache=True, **options)
 
 
-class _Opened(NamedTuple):
-    """A file on a server.
-
-    Attributes:
-        size: Bytes.
-        facts: What the server says of its version, by name.
-        read: Its bytes from one place to before another.
-        close: Ends the connection.
-    """
-
-    size: int
-    facts: tuple[tuple[str, str], ...]
-    read: Callable[[int, int], bytes]
-    close: Callable[[], None]
-
-
-def _of_web(file: "WebFile") -> _Opened:
-    try:
-        found = file.facts()
-    except BaseException:
-        file.close()
-        raise
-    if found.size is None or not found.has_ranges:
-        file.close()
-        raise ServerError(NO_SIZE if found.size is None else NO_RANGES)
-    facts = {"size": str(found.size), "etag": found.etag, "last_modified": found.modified}
-    return _Opened(found.size, _shown(facts), file.read, file.close)
+def _told(err: BaseException) -> tuple[str, bool]:
+    """What an error of the libraries below means, without secrets, and whether the same request may succeed."""
+    if isinstance(err, _AnswerError):
+        return str(err), False
+    chain = [err]
+    while chain[-1].__cause__ is not None and chain[-1].__cause__ not in chain:
+        chain.append(chain[-1].__cause__)
+    if status := next(filter(None, map(_status, chain)), None):
+        if status in BY_STATUS:
+            return BY_STATUS[status].format(status=f" (HTTP {status})"), False
+        may_pass = status in STATUS_MAY_PASS
+        return f"HTTP {status}" + ("" if may_pass else f"; try again later, or {REMEDY}"), may_pass
+    if len(chain) > 1 and isinstance(err, FileNotFoundError):
+        del chain[0]  # fsspec raises it for any error
+    names = [base.__name__ for link in reversed(chain) for base in type(link).__mro__]
+    if reason := next((BY_NAME[name] for name in names if name in BY_NAME), ""):
+        return reason.format(status=""), False
+    may_pass = not MAY_PASS.isdisjoint(names)
+    return names[0] + ("" if may_pass else f"; check the address, or {REMEDY}"), may_pass
 
 
-def _of_fsspec(path: RemotePath, system: Any, kind: Any) -> _Opened:
-    """S3, and whatever else fsspec knows; it makes sure by itself that all parts are of the same file."""
-    place = str(kind._strip_protocol(path.url))  # url_to_fs would take "::" for a chain of file systems
-    info = system.info(place)
-    if info.get("type") == "directory":
-        raise RecordingError(f"{path}: expected a file, found a folder; name the .mcap files in it")
-    if not isinstance(info.get("size"), int):
-        raise ServerError(NO_SIZE)
-    file = system.open(place, "rb", cache_type="none") if info["size"] else BytesIO()
-
-    def read(start: int, stop: int) -> bytes:
-        file.seek(start)
-        return bytes(file.read(stop - start))
-
-    def close() -> None:
-        file.close()
-        session = getattr(system, "_s3creator", None)
-        if session is not None:
-            system.close_session(system.loop, session)
-
-    known = {"etag": ("ETag", "etag"), "last_modified": ("LastModified",)}
-    facts = {name: next((str(info[key]) for key in keys if info.get(key)), "") for name, keys in known.items()}
-    return _Opened(info["size"], _shown({"size": str(info["size"]), **facts}), read, close)
+def _status(err: BaseException) -> int | None:
+    """HTTP status in an error of aiohttp or botocore."""
+    status = getattr(err, "status", None)
+    response = getattr(err, "response", None)
+    if isinstance(response, dict):
+        status = response.get("ResponseMetadata", {}).get("HTTPStatusCode")
+    return status if isinstance(status, int) else None
 
 
 def _shown(facts: dict[str, str]) -> tuple[tuple[str, str], ...]:

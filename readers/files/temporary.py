@@ -11,6 +11,7 @@ import re
 import shutil
 import stat
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -24,6 +25,9 @@ PREFIX = "lidcam-unpacked-"
 _OURS = re.compile(rf"{PREFIX}[a-z0-9_]{{8}}")
 """As `tempfile` names it."""
 
+MIN_AGE_S = 60.0
+"""Younger folders stay: their run may be about to lock them."""
+
 _FLAGS = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 
 logger = logging.getLogger(__name__)
@@ -36,9 +40,12 @@ def temporary_folder() -> Iterator[Path]:
     Raises:
         OSError: it cannot be made.
     """
-    folder, lock = _locked_folder()
+    folder = Path(tempfile.mkdtemp(prefix=PREFIX))
+    lock = os.open(folder, _FLAGS)
     try:
         with undone_at_once(partial(shutil.rmtree, folder, ignore_errors=True)):
+            with suppress(OSError):  # some file systems have no locks
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             yield folder
     finally:
         shutil.rmtree(folder, ignore_errors=True)
@@ -58,34 +65,10 @@ def _remove_if_abandoned(folder: Path) -> None:
     lock = os.open(folder, _FLAGS)
     try:
         status = os.fstat(lock)
-        if status.st_uid == os.geteuid() and stat.S_IMODE(status.st_mode) == 0o700:
+        is_ours = status.st_uid == os.geteuid() and stat.S_IMODE(status.st_mode) == 0o700
+        if is_ours and time.time() - status.st_mtime > MIN_AGE_S:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # refused while its run goes on
             shutil.rmtree(folder)
             logger.info("%s: removed, a run that was killed had left it", folder)
     finally:
         os.close(lock)
-
-
-def _locked_folder() -> tuple[Path, int]:
-    """A new folder, and the descriptor that holds its lock."""
-    while True:
-        folder = Path(tempfile.mkdtemp(prefix=PREFIX))
-        with suppress(FileNotFoundError):  # another run took it for abandoned before it was locked
-            lock = os.open(folder, _FLAGS)
-            if _is_locked(folder, lock):
-                return folder, lock
-            os.close(lock)
-
-
-def _is_locked(folder: Path, lock: int) -> bool:
-    """Whether a folder is there and locked now, or this file system has no locks, so that nobody removes it."""
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False  # another run is about to remove it
-    except OSError:
-        return True
-    try:
-        return os.path.samestat(os.lstat(folder), os.fstat(lock))
-    except FileNotFoundError:
-        return False

@@ -13,7 +13,7 @@ from pipeline.core.images import Image
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
-from pipeline.detectors.onnx.coco import COCO_LABELS
+from pipeline.detectors.onnx.class_names import COCO_LABELS
 from readers.messages.image import decode_any_image
 from readers.messages.pointcloud2 import decode_pointcloud2
 from readers.messages.vision.detections2d import ClassedBoxes, boxes_with_area, decode_classed_boxes, unused_boxes

@@ -13,9 +13,8 @@ from tempfile import TemporaryDirectory
 from common import LIDCAM, Child, Outcome, campaign, run_child
 from hostile_recordings import HOSTILE
 
-__all__ = ["TEST_COUNT", "main"]
+__all__ = ["main"]
 
-TEST_COUNT = 1
 COUNT = 4 * len(HOSTILE)
 
 MAX_MIB = 1400

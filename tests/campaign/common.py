@@ -1,10 +1,7 @@
 """What the campaigns share: numbered cases that can be repeated, counted outcomes, children with limits.
 
-A campaign is a module beside this one, run as `python tests/campaign/NAME.py`. It has
-
-- `main(arguments: Sequence[str] | None = None) -> int`, which calls `campaign` with a function that tries one case and
-  says how it went;
-- `TEST_COUNT`, the number of cases that `make test` tries of it, within about two seconds.
+A campaign is a module beside this one, run as `python tests/campaign/NAME.py`. Its `main(arguments)` calls `campaign`
+with a function that tries one case and says how it went.
 
 Case N of seed S is the same on every machine, so that a failure is repeated with `--seed S --case N`. Importing this
 module puts the sources and `tests/support` on the path, so it is imported first.

@@ -16,9 +16,8 @@ from common import Outcome, campaign  # isort: skip  (puts the tests' folders on
 from damage_judge import Recovery, Verdict, judge
 from sound_recordings import KINDS, sound_recording, write_files
 
-__all__ = ["TEST_COUNT", "main"]
+__all__ = ["main"]
 
-TEST_COUNT = 66
 SECTOR = 512
 
 

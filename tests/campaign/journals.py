@@ -25,9 +25,8 @@ from sound_recordings import Seen, read_all, sound_recording, write_files
 
 from pipeline.core.errors import LidcamError
 
-__all__ = ["TEST_COUNT", "main"]
+__all__ = ["main"]
 
-TEST_COUNT = 2
 MODES = ("DELETE", "TRUNCATE", "PERSIST", "WAL")
 
 WRITER = """

@@ -29,9 +29,8 @@ from lidcam.summary import RunProgress
 from pipeline.core.messages import Channel
 from readers.open import open_recording
 
-__all__ = ["TEST_COUNT", "main"]
+__all__ = ["main"]
 
-TEST_COUNT = 1
 START_NS, STEP_NS = 1_700_000_000 * 10**9, 100_000_000
 VARIANTS = 20
 """Clouds and images differ from frame to frame, and repeat after so many."""

@@ -19,9 +19,8 @@ from onnx_networks import write_network
 
 from pipeline.core.arrays import Array
 
-__all__ = ["TEST_COUNT", "main"]
+__all__ = ["main"]
 
-TEST_COUNT = 2
 MAX_SECONDS = 90.0
 MAX_MIB = 5000
 SIZE_PX = (64, 64)

@@ -26,9 +26,8 @@ from pipeline.core.errors import LidcamError
 from pipeline.core.frame import FrameResult
 from pipeline.core.messages import RawMessage
 
-__all__ = ["TEST_COUNT", "main"]
+__all__ = ["main"]
 
-TEST_COUNT = 4
 
 Form = Literal["rosbag1", "mcap", "sqlite"]
 Motion = Literal["odometry", "tf"]
@@ -176,12 +175,12 @@ def _process(path: Path, out: Path, policy: Literal["skip", "fail"]) -> _Run:
         frames.append(frozenset(map(_key, frame.bundle.messages.values())))
 
     report = api.process(path, out, on_frame=seen, on_bad_message=policy, workers=1).report
-    accounted = dict(report.messages_used)
-    for drop in report.drops:
+    accounted = dict(report.inputs.messages_used)
+    for drop in report.drops.messages:
         if drop.unit == "messages":
             accounted[drop.topic] = accounted.get(drop.topic, 0) + drop.count
     _check_output(out)
-    return _Run(frozenset(frames), tuple(stamps_ns), report.compensated, accounted, len(report.losses))
+    return _Run(frozenset(frames), tuple(stamps_ns), report.frames.compensated, accounted, len(report.inputs.losses))
 
 
 def _check_output(out: Path) -> None:

@@ -1,24 +1,19 @@
-"""The installed command, run from another folder."""
-
-from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
-from command import Lidcam, Run
-from fork_server import ForkServer
+from command import Lidcam, called
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="session")
-def lidcam(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lidcam]:
-    """Call `lidcam ...` as a user would, with arguments of any type that has a text form."""
-    with ForkServer(tmp_path_factory.mktemp("elsewhere")) as server:
+def lidcam(tmp_path_factory: pytest.TempPathFactory) -> Lidcam:
+    """Call `lidcam ...` in this process, from another folder, with arguments of any type that has a text form.
 
-        def run(*arguments: object) -> Run:
-            return server.run([*map(str, arguments)])
-
-        yield run
+    `test_calling`, `test_usage` and `test_wheel` start the installed program.
+    """
+    return partial(called, tmp_path_factory.mktemp("elsewhere"))
 
 
 @pytest.fixture(scope="session")

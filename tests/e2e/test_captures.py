@@ -43,7 +43,7 @@ def captures(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def processed(capsys: pytest.CaptureFixture[str], *inputs: Path, out: Path, **options: Any) -> Any:
     """The final table of `lidcam process`, called here: to start a program takes longer."""
     with suppress(IncompleteError):
-        run_process(make_job(inputs, out, settings=FAST, **options), Printed(json="-"))
+        run_process(make_job(inputs, out, settings=FAST, **options), Printed(as_json=True))
     return json.loads(capsys.readouterr().out)
 
 

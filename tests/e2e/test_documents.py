@@ -168,7 +168,6 @@ def shell(line: str, cwd: Path) -> int:
 @pytest.fixture(autouse=True)
 def as_it_was(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
     monkeypatch.setattr("lidcam.__main__.end_at_signals", lambda: None)  # signals are the tests' own
-    monkeypatch.setattr("lidcam.__main__.start_quickly", lambda: None)  # and so is their garbage
     monkeypatch.setenv("OMP_NUM_THREADS", "1")  # `process` sets it
     monkeypatch.setattr(sys, "argv", [])
     monkeypatch.chdir(tmp_path)

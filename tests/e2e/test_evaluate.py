@@ -32,7 +32,7 @@ def test_requirements_that_are_met_and_not(lidcam: Lidcam, result: Path, tmp_pat
     gate.write_text(
         "fused.car.recall > 2  # cannot be\nframes > 100\nfused.car.ap_bev_r40_50 > 0.1\n", encoding="utf-8"
     )
-    missed = lidcam("evaluate", result, "--require", f"@{gate}", "--json", tmp_path / "figures.json")
+    missed = lidcam("evaluate", result, "--require", f"@{gate}", "--json-file", tmp_path / "figures.json")
     assert missed.code == 1
     assert re.fullmatch(
         r"lidcam: error: fused\.car\.recall: expected > 2, found [\d.]+\n"
@@ -43,7 +43,7 @@ def test_requirements_that_are_met_and_not(lidcam: Lidcam, result: Path, tmp_pat
     tree = json.loads((tmp_path / "figures.json").read_text(encoding="utf-8"))
     assert [outcome["is_met"] for outcome in tree["requirements"]] == [False, False, True]
     renamed = gate.rename(tmp_path / "gate.json")  # a gate, and not the place for figures
-    refused = lidcam("evaluate", result, "--require", f"@{renamed}", "--json", renamed, "--overwrite")
+    refused = lidcam("evaluate", result, "--require", f"@{renamed}", "--json-file", renamed, "--overwrite")
     assert refused.code == 1
     assert "gate.json: is an input of this run" in refused.error_line
 

@@ -22,7 +22,7 @@ def grid(*axes: Any) -> Any:
 
 def recall_counts(lidcam: Lidcam, result: Path, truth: Path, *options: object) -> dict[str, Any]:
     figures = result.with_suffix(".json")
-    run = lidcam("evaluate", result, "--truth", truth, "--json", figures, *options)
+    run = lidcam("evaluate", result, "--truth", truth, "--json-file", figures, *options)
     assert run.code == 0, run.err
     tree: dict[str, Any] = json.loads(figures.read_text(encoding="utf-8"))
     return tree

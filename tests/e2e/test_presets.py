@@ -9,7 +9,7 @@ from command import Lidcam
 from mcap.reader import make_reader
 
 import lidcam as library
-from lidcam.summary import report_tree
+from lidcam.report import report_tree
 from pipeline.core.settings.bundled import PRESETS
 from pipeline.core.settings.load import load_config
 
@@ -75,7 +75,7 @@ def test_from_python() -> None:
     assert library.inspect(BAGS / "sandbox.bag").settings == run.report.settings
     given = library.process(BAGS / "sandbox.bag", config=library.Config(), duration_s=0.3)
     assert (len(given.objects), given.report.settings.how) == (0, "given")
-    assert given.report.unused_boxes == {}, "the default classes understand the numbers of the simulator"
+    assert given.report.drops.boxes == {}, "the default classes understand the numbers of the simulator"
     (frame, *_) = library.iter_frames(BAGS / "sandbox.bag", config="sandbox", duration_s=0.3)
     assert len(frame.fused.objects)
 

@@ -40,6 +40,55 @@ from lidcam.__main__ import main
 main()
 """
 
+OUTPUT = '''
+import csv
+
+
+class CsvWriter:
+    """One line per object."""
+
+    name = "csv"
+
+    def __init__(self, path, outputs, source, provenance):
+        self._part, self._classes = outputs[path].part, source.config.classes
+
+    def __enter__(self):
+        self._file = self._part.open("w", newline="", encoding="utf-8")
+        self._csv = csv.writer(self._file)
+        self._csv.writerow(["# lidcam", "class", "x", "y"])
+        return self
+
+    def __exit__(self, kind, error, trace):
+        self._file.close()
+
+    def write(self, result):
+        boxes = result.fused.objects
+        for class_id, (x, y, _) in zip(boxes.class_ids, boxes.centers):
+            self._csv.writerow([result.bundle.stamp_ns, self._classes[class_id].name, x, y])
+        return ()
+
+
+def is_own(path):
+    return path.read_text().startswith("# lidcam")
+'''
+OUTPUT_PROGRAM = """
+import sys
+from lidcam.outputs.kinds import OUTPUTS, OutputKind
+from csv_output import CsvWriter, is_own
+
+OUTPUTS[".csv"] = OutputKind(CsvWriter, is_own, "Spreadsheet", lambda path, _: f"open {path.name}")
+
+import lidcam
+from lidcam.printing.console import print_report
+from lidcam.printing.terminal import console
+
+try:
+    done = lidcam.process(sys.argv[1], sys.argv[2:], config="sandbox", duration_s=0.3)
+except lidcam.LidcamError as error:
+    sys.exit(f"refused: {error}")
+print_report(console(), done.report)
+"""
+
 
 def run(folder: Path, program: str, *arguments: object) -> subprocess.CompletedProcess[str]:
     """A program like lidcam's, with the modules of a folder on its path."""
@@ -79,3 +128,24 @@ def test_an_engine_says_what_it_needs(engine: Path) -> None:
     done = process(engine, "big")
     assert done.returncode == 1
     assert "needs nowhere_at_all, which is not installed: pip install 'lidcam[toys]'" in done.stderr
+
+
+def test_an_output(tmp_path: Path) -> None:
+    (tmp_path / "csv_output.py").write_text(OUTPUT, encoding="utf-8")
+    csv, mcap = tmp_path / "out.csv", tmp_path / "out.mcap"
+    done = run(tmp_path, OUTPUT_PROGRAM, SANDBOX, csv, mcap)
+    assert done.returncode == 0, done.stderr
+    assert "Spreadsheet  open out.csv" in done.stdout
+    lines = csv.read_text(encoding="utf-8").splitlines()
+    assert len(lines) > 1
+    frames = fused_objects(mcap)
+    assert len(lines) - 1 == sum(map(len, frames.values()))
+
+    again = run(tmp_path, OUTPUT_PROGRAM, SANDBOX, csv)
+    assert again.returncode == 0, "it replaces its own result"
+    csv.write_text("mine", encoding="utf-8")
+    refused = run(tmp_path, OUTPUT_PROGRAM, SANDBOX, csv)
+    assert refused.returncode == 1
+    assert "refused: " in refused.stderr
+    assert "out.csv: exists and is no result of an earlier run" in refused.stderr
+    assert csv.read_text(encoding="utf-8") == "mine"

@@ -24,9 +24,9 @@ from rich.console import Console
 from lidcam.inspection import inspect_recording
 from lidcam.job import make_job
 from lidcam.printing.console import print_inspection, print_report
+from lidcam.report import RunReport, report_tree
 from lidcam.run import process_recording
 from lidcam.settings.choice import SettingsChoice
-from lidcam.summary import RunReport, report_tree
 from pipeline.core.errors import RecordingError
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.config import Config
@@ -117,8 +117,8 @@ def test_lidcams_own_boxes_given_back_make_the_same_objects(clusters: Path, sand
         assert [one.label for one in objects] == [one.label for one in found[stamp_ns]]
         # A message does not say when the points of each box were measured, which the fit to the images asks for.
         np.testing.assert_allclose(places(found[stamp_ns]), places(objects), atol=0.03)
-    assert (report.frames_without_boxes3d, dict(report.unused_boxes3d)) == (0, {})
-    assert report.messages_used[DETECTOR] == report.frames
+    assert (report.frames.without_boxes3d, dict(report.drops.boxes3d)) == (0, {})
+    assert report.inputs.messages_used[DETECTOR] == report.frames.count
     assert re.search(rf"3D boxes +recorded from {DETECTOR}\s*$", printed(report), re.MULTILINE)
     assert report_tree(report)["boxes3d_topics"] == [DETECTOR]
 
@@ -139,20 +139,22 @@ def test_boxes_of_lidars_and_cameras_without_any_cloud(
     ]
     assert (tmp_path / "1.mcap").read_bytes() == (tmp_path / "2.mcap").read_bytes()
     report = reports[0]
-    assert (report.rig.lidars, report.frames, report.confirmed > 0) == ((), len(boxes) - 1, True)
+    assert (report.sensors.rig.lidars, report.frames.count, report.frames.confirmed > 0) == ((), len(boxes) - 1, True)
     kept = lidar_boxes(clusters)
     del kept[boxes[1].stamp_ns]
     same(kept, lidar_boxes(tmp_path / "1.mcap"))
-    assert report.points["input"] == 0
-    assert all(sensor.topic != DETECTOR for sensor in report.missing)
+    assert report.frames.points["input"] == 0
+    assert all(sensor.topic != DETECTOR for sensor in report.sensors.missing)
 
 
 def test_frames_without_boxes_say_so(clusters: Path, sandbox: Path, tmp_path: Path) -> None:
     boxes = given_back(clusters)
     source = write(tmp_path / "in.bag", of_sandbox(sandbox), boxes[:1] + boxes[2:])
     report = process(source, tmp_path / "out.mcap", *RECORDED, "sync.slop_s=0.02", config="sandbox")
-    assert (report.frames, report.frames_without_boxes3d) == (len(boxes), 1)
-    assert [(one.sensor, one.frames) for one in report.missing if one.topic == DETECTOR] == [("detector_objects", 1)]
+    assert (report.frames.count, report.frames.without_boxes3d) == (len(boxes), 1)
+    assert [(one.sensor, one.frames) for one in report.sensors.missing if one.topic == DETECTOR] == [
+        ("detector_objects", 1)
+    ]
     assert f"recorded from {DETECTOR}; 1 of {len(boxes)} frames have none" in printed(report)
     assert lidar_boxes(tmp_path / "out.mcap")[boxes[1].stamp_ns] == []
 
@@ -220,8 +222,8 @@ def test_two_detectors_on_a_vehicle_without_clouds(format_: Any, tmp_path: Path)
     write_mcap(tmp_path / "in.mcap", drive(format_))
     settings = (*RECORDED, f"sync.reference={DETECTOR}", f"sync.required=[{DETECTOR}]")
     report = process(tmp_path / "in.mcap", tmp_path / "out.mcap", *settings)
-    assert (report.rig.site_frame, report.frames, report.faults) == ("base_link", COUNT, ())
-    assert report.confirmed >= 2 * COUNT
+    assert (report.sensors.rig.site_frame, report.frames.count, report.sensors.faults) == ("base_link", COUNT, ())
+    assert report.frames.confirmed >= 2 * COUNT
     for stamp_ns, rows in lidar_boxes(tmp_path / "out.mcap").items():
         shift_m = vehicle_x_m(stamp_ns)
         expected = [[30 - shift_m, 3], [45 - shift_m, -4], [60 - shift_m, 8]]

@@ -259,7 +259,7 @@ def test_without_the_decoder(
     monkeypatch.setattr("readers.video.packets.find_spec", lambda _: None)
     out = tmp_path / "out.mcap"
     with caplog.at_level(logging.WARNING), pytest.raises(IncompleteError, match="is left out"):
-        run_process(make_job(film, out, config=sandbox_config), Printed(json="-"))
+        run_process(make_job(film, out, config=sandbox_config), Printed(as_json=True))
     warnings = [record.getMessage() for record in caplog.records if "video" in record.getMessage()]
     assert len(warnings) == len(NUMBERS)
     assert all("pip install 'lidcam[video]'" in warning for warning in warnings)

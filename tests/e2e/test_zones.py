@@ -9,8 +9,8 @@ from rich.console import Console
 
 from lidcam.job import make_job
 from lidcam.printing.console import print_report
+from lidcam.report import RunReport, report_tree
 from lidcam.run import process_recording
-from lidcam.summary import RunReport, report_tree
 
 SOUTH = [[-99, -99], [99, -99], [99, 0], [-99, 0]]
 SETTINGS = {"output.images": False, "output.clouds": False, "output.layout": False, "fuse.min_score": 0.1}
@@ -41,9 +41,9 @@ def test_objects_that_are_not_reported_are_counted(
     assert after == kept
     left_out = sum(map(len, before.values())) - sum(map(len, kept.values()))
     assert left_out > 0
-    assert dict(report.objects_left_out) == {reason: left_out}
+    assert dict(report.drops.objects) == {reason: left_out}
     assert report_tree(report)["objects_left_out"] == {reason: left_out}
-    assert {zone for _, zone in report.objects} == ({"south"} if in_south else {""})
+    assert {zone for _, zone in report.frames.objects} == ({"south"} if in_south else {""})
     console = Console(record=True, width=200, force_terminal=False)
     print_report(console, report)
     assert f"objects not reported: {left_out}, {reason}" in console.export_text()

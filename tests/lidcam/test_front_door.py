@@ -124,8 +124,8 @@ def test_inspection(run: lidcam.RunResult) -> None:
     found = lidcam.inspect(SANDBOX)
     assert not found.problem
     assert found.rig is not None
-    assert [lidar.name for lidar in found.rig.lidars] == [lidar.name for lidar in run.report.rig.lidars]
-    assert {topic.topic for topic in found.topics} >= set(run.report.messages_used)
+    assert [lidar.name for lidar in found.rig.lidars] == [lidar.name for lidar in run.report.sensors.rig.lidars]
+    assert {topic.topic for topic in found.topics} >= set(run.report.inputs.messages_used)
     assert pickle.loads(pickle.dumps(found)).files == found.files
 
 
@@ -138,11 +138,11 @@ def test_a_job_runs_in_another_process(run: lidcam.RunResult) -> None:
     job = lidcam.make_job(SANDBOX, config=CONFIG, duration_s=0.5, workers=1)
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         report = pool.submit(lidcam.process_recording, job).result()
-    assert report.frames == run.frames
-    assert report.objects == run.report.objects
-    assert report.drops == run.drops
+    assert report.frames.count == run.frames
+    assert report.frames.objects == run.report.frames.objects
+    assert report.drops.messages == run.drops
     np.testing.assert_array_equal(
-        report.rig.lidars[0].T_site_lidar.matrix, run.report.rig.lidars[0].T_site_lidar.matrix
+        report.sensors.rig.lidars[0].T_site_lidar.matrix, run.report.sensors.rig.lidars[0].T_site_lidar.matrix
     )
 
 

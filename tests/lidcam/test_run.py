@@ -13,12 +13,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from memory_recording import MemoryRecording
 from memory_writer import MemoryWriter
+from reports import changed
 from rich.console import Console
 
 from lidcam.frames import RunInput, TimeWindow, synchronized_topics
 from lidcam.printing.console import print_report
+from lidcam.report import RunReport, report_tree
 from lidcam.run import Run
-from lidcam.summary import DropTable, RunReport, Tally, report_tree
+from lidcam.summary import DropTable, Tally
 from pipeline.core.camera import CameraModel
 from pipeline.core.errors import ConfigError, RecordingError
 from pipeline.core.frame import FrameResult
@@ -87,15 +89,15 @@ def run(
 
 
 def drop_counts(report: RunReport) -> dict[tuple[str, str], int]:
-    return {(drop.topic, drop.reason): drop.count for drop in report.drops}
+    return {(drop.topic, drop.reason): drop.count for drop in report.drops.messages}
 
 
 def assert_all_accounted_for(summary: RunReport, messages: Sequence[RawMessage], topics: Sequence[str]) -> None:
     recorded = Counter(m.topic for m in messages if m.topic in topics)
     dropped: Counter[str] = Counter()
-    for drop in summary.drops:
+    for drop in summary.drops.messages:
         dropped[drop.topic] += drop.count
-    assert {t: summary.messages_used.get(t, 0) + dropped[t] for t in recorded} == dict(recorded)
+    assert {t: summary.inputs.messages_used.get(t, 0) + dropped[t] for t in recorded} == dict(recorded)
 
 
 @pytest.mark.parametrize("policy", POLICIES)
@@ -122,7 +124,7 @@ def test_every_message_is_used_or_dropped(
         summary, frames = run(messages, config(policy=policy, queue_size=queue_size))
     except RecordingError:
         return  # not one set: told as such
-    assert summary.frames == len(frames)
+    assert summary.frames.count == len(frames)
     assert_all_accounted_for(summary, messages, IN_USE)
 
 
@@ -152,10 +154,10 @@ def test_a_bad_cloud_leaves_the_rest_of_its_set() -> None:
     messages[4] = broken(messages[4])  # the rear lidar's second cloud
     assert messages[4].topic == REAR
     summary, frames = run(messages, config())
-    assert summary.messages_used == {FRONT: 6, IMAGES: 6, REAR: 5}
+    assert summary.inputs.messages_used == {FRONT: 6, IMAGES: 6, REAR: 5}
     assert drop_counts(summary) == {(REAR, "cannot be decoded"): 1}
     assert frames[1].combined.counts["input"] == 3
-    assert REAR in summary.drops[0].example
+    assert REAR in summary.drops.messages[0].example
 
 
 def test_no_set_at_all_names_the_messages_by_topic() -> None:
@@ -218,10 +220,10 @@ def test_a_lidar_with_a_clock_of_its_own_is_warned_of() -> None:
 def test_a_run_without_lidars_from_a_time_on_goes_on() -> None:
     messages = [m for m in periodic(count=20) if m.topic == IMAGES or m.stamp_ns < START_NS + 10 * STEP_NS]
     summary, frames = run(messages, config())
-    assert summary.frames == 20
+    assert summary.frames.count == 20
     assert all({*frame.bundle.messages} == {IMAGES} for frame in frames[10:])
     assert all(len(frame.combined.cloud) == 0 and not len(frame.fused.objects) for frame in frames[10:])
-    assert [(m.sensor, m.frames, str(m)) for m in summary.missing] == [
+    assert [(m.sensor, m.frames, str(m)) for m in summary.sensors.missing] == [
         ("front", 10, "silent from 0.9 s to the end"),
         ("rear", 10, "silent from 0.9 s to the end"),
     ]
@@ -259,7 +261,7 @@ def test_what_is_missing_is_printed() -> None:
 def test_what_is_copied_is_told_in_a_line(copied: dict[str, int], told: str) -> None:
     report, _ = run(periodic(), config())
     out = Console(width=200, record=True, file=StringIO())
-    print_report(out, replace(report, copied=copied))
+    print_report(out, changed(report, inputs={"copied": copied}))
     assert told in [line.rstrip() for line in out.export_text().splitlines()]
 
 
@@ -269,7 +271,7 @@ def test_2d_boxes_that_begin_no_object_are_told_by_reason() -> None:
     for count in (2, 3):
         hypotheses = replace(frames[0].hypotheses, boxes_without_object={"too vague": count})
         tally.add(replace(frames[0], hypotheses=hypotheses))
-    told = replace(report, boxes_without_object=tally.boxes_without_object)
+    told = changed(report, drops={"boxes_without_object": tally.boxes_without_object})
     out = Console(width=200, record=True, file=StringIO())
     print_report(out, told)
     assert "  2D boxes without an object: 5, too vague" in out.export_text().splitlines()
@@ -318,7 +320,7 @@ def test_a_loop_that_was_recorded_is_split_and_no_frame_mixes_both_sides() -> No
         "time: stamps jump back by 3.0 s at 3.0 s: no frame has messages of both sides; "
         "if it was played in a loop, take one turn of it with --start and --duration"
     ]
-    assert not summary.drops
+    assert not summary.drops.messages
 
 
 def test_impossible_stamps_cost_only_their_messages() -> None:
@@ -327,7 +329,7 @@ def test_impossible_stamps_cost_only_their_messages() -> None:
         messages[place] = message(messages[place].topic, stamp_ns, messages[place].log_time_ns)
     summary, frames = run(messages, config())
     assert len(frames) == 28
-    assert {(drop.topic, drop.reason): drop.count for drop in summary.drops if "stamp" in drop.reason} == {
+    assert {(drop.topic, drop.reason): drop.count for drop in summary.drops.messages if "stamp" in drop.reason} == {
         (REAR, "its stamp is 0"): 1,
         (FRONT, "its stamp is far from those around it"): 1,
         (IMAGES, "its stamp is far from those around it"): 1,
@@ -341,7 +343,7 @@ def test_a_camera_that_never_sets_its_stamps_takes_part_by_log_time() -> None:
     assert len(frames) == 10
     assert all(IMAGES in frame.bundle.messages for frame in frames)
     assert summary.notes == ("cam: all stamps are 0, so the times at which the messages were recorded are used",)
-    assert not summary.missing
+    assert not summary.sensors.missing
 
 
 def test_time_offsets_of_the_rig_are_taken_off_before_synchronisation() -> None:
@@ -358,9 +360,11 @@ def test_a_camera_that_falls_silent_in_one_part_and_is_back_in_the_next_is_silen
     once = periodic(count=30)
     ends_early = [m for m in once if m.topic != IMAGES or m.stamp_ns < START_NS + 20 * STEP_NS]
     summary, _ = run([*ends_early, *(moved(m, 3) for m in once)], config())
-    assert [str(sensor) for sensor in summary.missing] == ["silent from 1.9 s to 3.0 s"]
+    assert [str(sensor) for sensor in summary.sensors.missing] == ["silent from 1.9 s to 3.0 s"]
     summary, _ = run([*ends_early, *(moved(m, 3) for m in ends_early)], config())
-    assert [str(sensor) for sensor in summary.missing] == ["silent from 1.9 s to 3.0 s, silent from 4.9 s to the end"]
+    assert [str(sensor) for sensor in summary.sensors.missing] == [
+        "silent from 1.9 s to 3.0 s, silent from 4.9 s to the end"
+    ]
 
 
 @pytest.mark.parametrize("required", ["all", "lidars", [], [IMAGES]])
@@ -377,4 +381,4 @@ def test_a_sensor_recorded_too_late_to_be_waited_for_is_told() -> None:
     assert warning.subject == "cam"
     assert "of 60 messages came after their frames were complete" in warning.finding
     patient, _ = run(messages, config(queue_size=30))
-    assert patient.messages_used[IMAGES] > 35
+    assert patient.inputs.messages_used[IMAGES] > 35

@@ -1,8 +1,8 @@
 """A disk slower than the stages: what waits for it is bounded, however long the recording is."""
 
-import time
 from collections.abc import Iterator
 from pathlib import Path
+from threading import Event
 from typing import Any, ClassVar
 from weakref import WeakSet
 
@@ -24,9 +24,6 @@ FRAMES = 16
 IMAGE_PX = 480, 640, 3
 FRAME_BYTES = 480 * 640 * 3
 WAITING_BYTES = 4 << 20
-SLOW_S = 0.03
-"""To write a chunk, which is about a frame; the stages of this drive take less."""
-
 READ_AHEAD = 2
 """Frames that wait for the poses around them, and for messages to copy."""
 
@@ -45,17 +42,23 @@ def drive() -> Iterator[RawMessage]:
 
 
 class SlowChunk(Chunk):
-    """A chunk that takes long to be written."""
+    """A chunk that is not written before about as many wait as may, or all frames are done."""
 
     there: ClassVar["WeakSet[SlowChunk]"] = WeakSet()
+    all_done: ClassVar[Event]
 
     def __init__(self) -> None:
         super().__init__()
         self.there.add(self)
 
     def write(self, *args: Any) -> Any:
-        time.sleep(SLOW_S)
+        while held_bytes() < WAITING_BYTES - 2 * FRAME_BYTES and not self.all_done.wait(0.001):
+            pass
         return super().write(*args)
+
+
+def held_bytes() -> int:
+    return sum(chunk.size for chunk in [*SlowChunk.there])
 
 
 class Watch(RunObserver):
@@ -73,7 +76,9 @@ class Watch(RunObserver):
 
     def advanced(self, progress: RunProgress) -> None:
         self.ahead.append(self.read - progress.frames)
-        self.held.append(sum(chunk.size for chunk in [*SlowChunk.there]))
+        self.held.append(held_bytes())
+        if progress.frames == FRAMES:
+            SlowChunk.all_done.set()
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -81,6 +86,7 @@ def test_no_more_waits_than_the_frames_in_work_and_some_chunks(
     workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     watch = Watch()
+    SlowChunk.all_done = Event()
     monkeypatch.setattr("pipeline.parallel.sharing.START_S", 0.0)
     monkeypatch.setattr("writers.mcap.file.WAITING_BYTES", WAITING_BYTES)
     monkeypatch.setattr("writers.mcap.file.Chunk", SlowChunk)

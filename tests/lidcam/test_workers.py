@@ -11,8 +11,8 @@ from small_drive import small_drive
 
 import lidcam
 from lidcam.frames import expected_frames
+from lidcam.report import report_tree
 from lidcam.run import opened
-from lidcam.summary import report_tree
 from pipeline.core.messages import RawMessage
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -55,7 +55,7 @@ def test_same_bytes_and_same_report(name: str, duration_s: float | None, workers
     assert (tmp_path / "1" / "out.mcap").read_bytes() == (tmp_path / f"{workers}" / "out.mcap").read_bytes()
     assert told(reports[0]) == told(reports[1])
     if name == "drive.mcap":
-        assert {drop.topic: drop.count for drop in reports[1].drops if drop.is_defect} == {"/points": 2}
+        assert {drop.topic: drop.count for drop in reports[1].drops.messages if drop.is_defect} == {"/points": 2}
 
 
 def test_same_frames_one_after_another(tmp_path: Path) -> None:

@@ -1,9 +1,19 @@
-"""A finished command of lidcam."""
+"""Commands of lidcam, called in this process: to start a program takes longer."""
 
+import contextlib
+import io
+import os
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from unittest.mock import patch
 
-__all__ = ["Lidcam", "Run"]
+from logging_state import kept_logging
+
+from lidcam.__main__ import main
+
+__all__ = ["Lidcam", "Run", "called"]
 
 
 @dataclass(frozen=True)
@@ -24,3 +34,23 @@ class Run:
 
 
 Lidcam = Callable[..., Run]
+"""Calls the command, from another folder."""
+
+
+def called(folder: Path, *arguments: object) -> Run:
+    """Call `lidcam` with these arguments, from a folder, to its end. Signals stay the caller's."""
+    out, err, code = io.StringIO(), io.StringIO(), 0
+    with (
+        kept_logging(),
+        contextlib.chdir(folder),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+        patch.object(sys, "argv", ["lidcam", *map(str, arguments)]),
+        patch.dict(os.environ, {"OMP_NUM_THREADS": "1"}),
+        patch("lidcam.__main__.end_at_signals"),
+    ):
+        try:
+            main()
+        except SystemExit as end:
+            code = int(end.code or 0)
+    return Run(code, out.getvalue(), err.getvalue())

@@ -44,6 +44,7 @@ class RangeServer:
         drops: Number of GETs to cut off in the middle.
         failures: Number of GETs to answer with status 503.
         stall_s: How long it waits before it answers.
+        too_many: Bytes that it adds to each part, or leaves out.
         redirects: Path to send to, by path.
         password: Base64 of `user:password` that it wants, if any.
     """
@@ -60,6 +61,7 @@ class RangeServer:
     drops: int = 0
     failures: int = 0
     stall_s: float = 0.0
+    too_many: int = 0
     redirects: dict[str, str] = field(default_factory=dict)
     password: str = ""
 
@@ -135,7 +137,8 @@ class _Handler(BaseHTTPRequestHandler):
             return
         first, last = int(wanted[1]), min(int(wanted[2]), len(content) - 1)
         headers["Content-Range"] = f"bytes {first}-{last}/{len(content)}"
-        self._send(206, content[first : last + 1], headers, has_body=has_body)
+        part = content[first : last + 1] + bytes(max(state.too_many, 0))
+        self._send(206, part[: len(part) + min(state.too_many, 0)], headers, has_body=has_body)
 
     def _send(self, status: int, content: bytes, headers: dict[str, str], *, has_body: bool) -> None:
         state = self.server_state
@@ -148,9 +151,9 @@ class _Handler(BaseHTTPRequestHandler):
             state.drops -= 1
             body = body[: len(body) // 2]
             self.close_connection = True
+        range_, authorization = self.headers.get("Range", ""), self.headers.get("Authorization", "")
+        state.requests.append(Request(self.command, self.path, range_, authorization, status, len(body)))
         try:
             self.wfile.write(body)
         except (BrokenPipeError, ConnectionResetError):  # the client has read enough
             self.close_connection = True
-        range_, authorization = self.headers.get("Range", ""), self.headers.get("Authorization", "")
-        state.requests.append(Request(self.command, self.path, range_, authorization, status, len(body)))

@@ -52,7 +52,7 @@ def test_truth_goes_with_the_nearest_frame(case: str) -> None:
 
 
 def test_no_more_wait_than_may(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tested, "MOST_WAITING", 2)
+    monkeypatch.setattr(tested, "MAX_WAITING", 2)
     times = TruthTimes()
     early = tuple(truth(100.5 + at / 10, 100.0) for at in range(5))
     assert [boxes for _, boxes in times.add(bundle(0, early))] == [*early[:3]]

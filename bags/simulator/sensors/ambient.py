@@ -13,7 +13,7 @@ GRID_PX = 4
 """Skylight varies slowly: it is sampled at every fourth pixel of every fourth row."""
 DIRECTIONS = 20
 AXIS_X, AXIS_Z = np.array([1, 0, 0], np.float32), np.array([0, 0, 1], np.float32)
-LEAST = 0.35
+MIN_SHARE = 0.35
 """Share of light at a point that sees no sky: its surroundings reflect some."""
 
 
@@ -46,4 +46,4 @@ def sky_light(scene: Scene, points: F32, normals: F32) -> F32:
         free[asking] += ~blocked
     share = np.where(asked > 0, free / np.maximum(asked, 1), 1.0).astype(np.float32).reshape(len(rows), len(columns))
     smooth = cv2.resize(cv2.blur(share, (3, 3)), (width, height), interpolation=cv2.INTER_LINEAR)
-    return np.asarray(LEAST + (1 - LEAST) * smooth, np.float32)
+    return np.asarray(MIN_SHARE + (1 - MIN_SHARE) * smooth, np.float32)

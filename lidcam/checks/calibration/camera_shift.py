@@ -27,17 +27,17 @@ MIN_FRAMES, MIN_APART = 5, 0.5
 """A camera with fewer frames is not judged, nor one whose objects were never further apart in its image than this share
 of their size: the box of a single parked car may be off for other reasons."""
 
-LEAST_RAD, LEAST_SHARE = np.radians(1.0), 0.07
+MIN_RAD, MIN_SHARE = np.radians(1.0), 0.07
 """A step is told if it is larger than this angle, and than this share of the size of the objects: boxes of lidars are
 completed to the size of a class, and those of a detector have habits, too."""
 
-MOST_FRAMES = 0.75
+MAX_FRAMES = 0.75
 """Share of the frames in which the step is half as large, to the same side."""
 
 SURE = 3.0
 """The step is so many standard errors of its median, as it varies from frame to frame."""
 
-MOST_HIDDEN = 0.3
+MAX_HIDDEN = 0.3
 """Pairs of which others hide more are not compared, nor those at the border of the image."""
 
 SIDES = (("to the left of", "to the right of"), ("above", "below"))
@@ -83,7 +83,7 @@ def _whole_pairs(limit_px: F64, matches: Matches, boxes: Boxes2D, hypotheses: Hy
     side_by_side = np.concatenate([matches.projected_xyxy[rows], boxes.xyxy[rows2d]], 1)
     pairs = side_by_side.astype(np.float64).reshape(-1, 2, 4)
     whole = ((pairs[..., :2] > BORDER_PX) & (pairs[..., 2:] < limit_px)).all((1, 2))
-    return np.asarray(pairs[whole & (matches.hidden[rows] <= MOST_HIDDEN)])
+    return np.asarray(pairs[whole & (matches.hidden[rows] <= MAX_HIDDEN)])
 
 
 def _median(values: F64) -> F64:
@@ -100,10 +100,10 @@ def _warning(camera: CameraSensor, seen: list[_Seen]) -> RunWarning | None:
     if (np.ptp((xyxy[:, :2] + xyxy[:, 2:]) / 2, axis=0) < MIN_APART * size_px).all():
         return None
     focal_px = np.diag(camera.model.K)[:2]
-    least_px = np.maximum(LEAST_RAD * focal_px, LEAST_SHARE * size_px)
+    least_px = np.maximum(MIN_RAD * focal_px, MIN_SHARE * size_px)
     error_px = 1.2533 * 1.4826 * np.median(np.abs(steps_px - step_px), axis=0) / np.sqrt(len(seen))
     frames = (steps_px * np.sign(step_px) > least_px / 2).sum(0)
-    told = (np.abs(step_px) > np.maximum(least_px, SURE * error_px)) & (frames >= MOST_FRAMES * len(seen))
+    told = (np.abs(step_px) > np.maximum(least_px, SURE * error_px)) & (frames >= MAX_FRAMES * len(seen))
     if not told.any():
         return None
     parts = [

@@ -110,10 +110,9 @@ class LimitsConfig(SettingsModel):
         max_chunk_mib: Unpacked size of a compressed chunk.
         max_message_mib: Unpacked size of a message.
         max_messages_per_chunk: Records in one chunk.
-        max_messages_in_memory: Messages of one file whose positions or times are in memory at once, in tables: of a
-            damaged file, and for the rates that `inspect` shows.
-        max_positions_waiting: Messages whose positions wait for their turn, some 200 bytes each in MCAP and twice that
-            in a bag: those of chunks that overlap in time, and of an MCAP file those outside of chunks.
+        max_messages_in_memory: Messages whose times are in memory at once, for the rates that `inspect` shows.
+        max_positions_waiting: Messages whose positions wait for their turn, some 200 bytes each: those of chunks that
+            overlap in time, and of an MCAP file those outside of chunks.
         max_topics: Topics of one recording.
         max_message_items: Strings and messages in the lists of one message, as boxes or transforms; each takes
             kilobytes of memory once it is decoded.

@@ -10,8 +10,8 @@ from pipeline.core.clouds import CombinedCloud
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.cluster.clusters import cluster_points
-from pipeline.detectors.cluster.fitting import BoxFitter, Fitted, ThinnedPoints
-from pipeline.detectors.cluster.point_kernels import extents, members
+from pipeline.detectors.cluster.fitting import BoxFitter, Fitted, ThinnedPoints, rows_of
+from pipeline.detectors.cluster.point_kernels import extents
 from pipeline.detectors.cluster.sight import Sight
 from pipeline.detectors.protocols import Candidates3D
 
@@ -82,16 +82,17 @@ class ClusterDetector:
         usable &= ~hangs | (top - bottom >= min_height_m)  # no roof's edge
         hangs &= usable
         if hangs.any():
-            hanging, begins = members(rows, starts, hangs)
+            places, begins = rows_of(starts[:-1], len(rows), hangs)
+            hanging = rows.take(places)
             position, lidar = points.position.take(hanging, axis=0), points.lidar.take(hanging)
             usable[hangs] = sight().is_hidden_below(position, lidar, begins, self._config.max_bottom_m)
         came_from = before.take(rows.take(starts[:-1]))
         small = usable & ((came_from < 0) | (np.bincount(before + 1).take(came_from + 1) > np.diff(starts)))
         small &= (high - low)[:, :4].max(1) <= self._diagonal_m  # a lower bound of the diameter
-        small_rows, begins = members(rows, starts, small)
-        fitted = [self._fitter.fit(select_rows(points, small_rows), begins)] if len(begins) else []
+        places, begins = rows_of(starts[:-1], len(rows), small)
+        fitted = [self._fitter.fit(select_rows(points, rows.take(places)), begins)] if len(begins) else []
         again = usable.copy()
         for found in fitted:
             again[small] = (found.boxes.class_ids < 0) | (found.boxes.misfit > GOOD_MISFIT)
-        rows, _ = members(rows, starts, again)
+        rows = rows.take(rows_of(starts[:-1], len(rows), again)[0])
         return fitted, select_rows(points, rows), cluster.take(rows)

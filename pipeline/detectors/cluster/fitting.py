@@ -6,19 +6,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Indices, Record, join_rows, select_rows
+from pipeline.core.arrays import F64, I64, Bools, Indices, Record, join_rows, select_rows
 from pipeline.core.clouds import CombinedCloud, Plane
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.cluster.clusters import thin_points
 from pipeline.detectors.cluster.completion import CompletedBoxes, Kinds, complete_boxes
-from pipeline.detectors.cluster.lshape import Rectangles, fit_rectangles, quantiles_by_cluster, rectangles_along
-from pipeline.detectors.cluster.point_kernels import points_above_ground, totals
-from pipeline.detectors.cluster.principal import principal_axes
+from pipeline.detectors.cluster.lshape import (
+    Rectangles,
+    fit_rectangles,
+    principal_axes,
+    quantiles_by_cluster,
+    rectangles_along,
+)
+from pipeline.detectors.cluster.point_kernels import points_above_ground
 from pipeline.detectors.cluster.scores import box_covariances, box_scores
 from pipeline.detectors.protocols import Candidates3D
 
-__all__ = ["AboveGround", "BoxFitter", "Fitted", "ThinnedPoints"]
+__all__ = ["AboveGround", "BoxFitter", "Fitted", "ThinnedPoints", "rows_of"]
 
 
 THIN_SHARE = 0.2
@@ -204,15 +209,18 @@ class BoxFitter:
             class_ids: (G,) class of each group; if None, the class that fits best.
         """
         lidar_xy = np.ascontiguousarray(self._lidar_xyz[:, :2])
-        counts, lidar_share, time_ns = totals(
-            points.weights, points.lidar, points.time_sum_ns, starts, len(self._lidar_xyz)
-        )
+        counts, lidars = np.add.reduceat(points.weights, starts), len(lidar_xy)
+        of_lidar = lidars * np.repeat(np.arange(len(starts)), np.diff(starts, append=len(points.lidar))) + points.lidar
+        by_lidar = np.bincount(of_lidar, points.weights, lidars * len(starts)).reshape(-1, lidars)
+        lidar_share = by_lidar / counts[:, None]
+        time_ns = np.rint(np.add.reduceat(points.time_sum_ns, starts) / counts).astype(np.int64)
         rectangles = fit_rectangles(points.position, starts)
         top_m = quantiles_by_cluster(points.position[:, 2], starts, TOP_SHARE)
         boxes = complete_boxes(rectangles, top_m, lidar_share, lidar_xy, self._kinds, class_ids)
         roundness, riders = np.ones(len(starts)), np.flatnonzero(boxes.rides)
         if len(riders):
-            xy, first = _of_groups(points.position, starts, riders)
+            rows, first = rows_of(starts, len(points.position), boxes.rides)
+            xy = points.position[rows]
             axis_rad, roundness[riders] = principal_axes(xy, first)
             along = rectangles_along(xy, first, axis_rad)
             again = top_m[riders], lidar_share[riders], lidar_xy, self._kinds, boxes.class_ids[riders]
@@ -248,11 +256,17 @@ def ground_arrays(combined: CombinedCloud, level_m: float) -> tuple[F64, F64, F6
     return surface, relief.offsets_m, np.append(relief.origin_xy, relief.cell_m)
 
 
-def _of_groups(position: F64, starts: I64, groups: Indices) -> tuple[F64, I64]:
-    """The points (N, 3) of some groups, and the first of each of these."""
-    counts = np.diff(starts, append=len(position))[groups]
-    first = np.cumsum(counts) - counts
-    return position[np.arange(counts.sum()) + np.repeat(starts[groups] - first, counts)], first
+def rows_of(starts: I64, count: int, is_wanted: Bools) -> tuple[Indices, I64]:
+    """The rows of the wanted ones of G groups; and where each of these begins.
+
+    Args:
+        starts: (G,) first row of each group; rows are sorted by group.
+        count: Number of rows.
+        is_wanted: (G,)
+    """
+    counts = np.diff(starts, append=count)
+    taken = counts[is_wanted]
+    return np.repeat(is_wanted, counts).nonzero()[0], np.cumsum(taken) - taken
 
 
 def _with_rows(record: Record, rows: Indices, changed: Record) -> Record:

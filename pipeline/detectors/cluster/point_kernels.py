@@ -1,12 +1,12 @@
-"""The loops of the detector over the points of a frame, and over those of its clusters."""
+"""The loops of the detector over the points of a frame."""
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I32, I64, U8, Bools
+from pipeline.core.arrays import F32, F64, I32, I64, U8
 from pipeline.core.compiled import compiled
 from pipeline.core.geometry.bilinear import between
 
-__all__ = ["extents", "hidden_below", "members", "points_above_ground", "totals"]
+__all__ = ["extents", "points_above_ground"]
 
 HALF_ROOT = np.sqrt(0.5)
 
@@ -112,105 +112,3 @@ def extents(position: F64, weights: I64, cluster: I64, clusters: int) -> tuple[I
         rows[end[c]] = i
         end[c] += 1
     return rows, starts, total, low, high
-
-
-@compiled("Tuple((int64[::1], float64[:, ::1], int64[::1]))(int64[::1], int64[::1], int64[::1], int64[::1], int64)")
-def totals(weights: I64, lidar: I64, time_sum_ns: I64, starts: I64, lidars: int) -> tuple[I64, F64, I64]:
-    """(C,) measured points of each cluster, (C, L) share of them that each lidar measured, and (C,) their mean time.
-
-    Args:
-        weights: (N,) number of measured points that each point stands for; sorted by cluster.
-        lidar: (N,) that measured these.
-        time_sum_ns: (N,) sum of their times.
-        starts: (C,) first point of each cluster; each has one.
-        lidars: Number L of lidars.
-    """
-    counts, share = np.empty(len(starts), np.int64), np.zeros((len(starts), lidars))
-    time_ns = np.empty(len(starts), np.int64)
-    for c in range(len(starts)):
-        count, time_sum = 0, 0
-        for i in range(starts[c], starts[c + 1] if c + 1 < len(starts) else len(weights)):
-            count += weights[i]
-            time_sum += time_sum_ns[i]
-            share[c, lidar[i]] += weights[i]
-        for one in range(lidars):
-            share[c, one] /= count
-        counts[c], time_ns[c] = count, np.int64(np.rint(time_sum / count))
-    return counts, share, time_ns
-
-
-@compiled("Tuple((int64[::1], int64[::1]))(int64[::1], int64[::1], boolean[::1])")
-def members(rows: I64, starts: I64, is_wanted: Bools) -> tuple[I64, I64]:
-    """Rows of the points of the wanted ones of C clusters, cluster after cluster; and where each of these begins.
-
-    Args:
-        rows: (N,) of the points of all, cluster after cluster.
-        starts: (C + 1,) where each of these begins, and N.
-        is_wanted: (C,)
-    """
-    wanted, total = 0, 0
-    for c in range(len(is_wanted)):
-        if is_wanted[c]:
-            wanted += 1
-            total += starts[c + 1] - starts[c]
-    found, begins, count, k = np.empty(total, np.int64), np.empty(wanted, np.int64), 0, 0
-    for c in range(len(is_wanted)):
-        if is_wanted[c]:
-            begins[k] = count
-            k += 1
-            for i in range(starts[c], starts[c + 1]):
-                found[count] = rows[i]
-                count += 1
-    return found, begins
-
-
-@compiled(
-    "boolean[::1](int64[::1], float64[::1], float64[::1], float64[::1], int64[::1], float64[::1], float64[::1], "
-    "int64[::1], float64, float64[::1])"
-)
-def hidden_below(
-    first: I64,
-    distance_m: F64,
-    slope: F64,
-    height_m: F64,
-    sector: I64,
-    far_m: F64,
-    lidar_height_m: F64,
-    starts: I64,
-    from_m: float,
-    shares: F64,
-) -> Bools:
-    """(C,) whether clusters are hidden below in enough of the sectors that they extend over, see `Sight`.
-
-    One point of each sector of a cluster, its first, stands for all of them.
-
-    Args:
-        first: (S + 1,) first point of each sector of all points.
-        distance_m: Of these points from their lidar.
-        slope: Of the lines of sight to them.
-        height_m: (P,) of the points of the clusters above the ground, cluster after cluster.
-        sector: (P,) theirs.
-        far_m: (P,) their distance from their lidar.
-        lidar_height_m: (P,) height of that.
-        starts: (C,) first point of each cluster.
-        from_m: What hides is met at least so high.
-        shares: What hides is nearer than the first of what is hidden; and a cluster is so in the second of its sectors.
-    """
-    found, looked = np.empty(len(starts), np.bool_), np.full(len(first), -1, np.int64)
-    for c in range(len(starts)):
-        end = starts[c + 1] if c + 1 < len(starts) else len(sector)
-        bottom_m, lines, hidden = np.inf, 0, 0
-        for i in range(starts[c], end):
-            bottom_m = min(bottom_m, height_m[i])
-        for i in range(starts[c], end):
-            if looked[sector[i]] == c:
-                continue
-            looked[sector[i]] = c
-            lines += 1
-            for k in range(first[sector[i]], first[sector[i] + 1]):
-                meets_m = lidar_height_m[i] + slope[k] * far_m[i]
-                if distance_m[k] < shares[0] * far_m[i] and from_m <= meets_m <= bottom_m:
-                    hidden += 1
-                    break
-        found[c] = hidden >= shares[1] * lines
-    return found

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.core.arrays import F64, I64, Bools
-from pipeline.detectors.cluster.grid_kernels import ascending
-from pipeline.detectors.cluster.point_kernels import hidden_below
+from pipeline.core.compiled import compiled
+from pipeline.detectors.cluster.clusters import ascending
 
 __all__ = ["Sight"]
 
@@ -61,7 +61,7 @@ class Sight(NamedTuple):
             from_m: Height below which a cluster has to begin if it stands on the ground.
         """
         sector, distance_m, _ = _seen(position, lidar, self.origins)
-        return hidden_below(
+        return _hidden_below(
             self.starts,
             self.distance_m,
             self.slope,
@@ -81,3 +81,55 @@ def _seen(position: F64, lidar: I64, origins: F64) -> tuple[I64, F64, F64]:
     distance_m = np.maximum(np.hypot(x, y), 1e-9)
     sector = ((np.arctan2(y, x) + np.pi) / SECTOR_RAD).astype(np.int64)
     return lidar * SECTORS + sector, distance_m, z / distance_m
+
+
+@compiled(
+    "boolean[::1](int64[::1], float64[::1], float64[::1], float64[::1], int64[::1], float64[::1], float64[::1], "
+    "int64[::1], float64, float64[::1])"
+)
+def _hidden_below(
+    first: I64,
+    distance_m: F64,
+    slope: F64,
+    height_m: F64,
+    sector: I64,
+    far_m: F64,
+    lidar_height_m: F64,
+    starts: I64,
+    from_m: float,
+    shares: F64,
+) -> Bools:
+    """(C,) whether clusters are hidden below in enough of the sectors that they extend over, see `Sight`.
+
+    One point of each sector of a cluster, its first, stands for all of them.
+
+    Args:
+        first: (S + 1,) first point of each sector of all points.
+        distance_m: Of these points from their lidar.
+        slope: Of the lines of sight to them.
+        height_m: (P,) of the points of the clusters above the ground, cluster after cluster.
+        sector: (P,) theirs.
+        far_m: (P,) their distance from their lidar.
+        lidar_height_m: (P,) height of that.
+        starts: (C,) first point of each cluster.
+        from_m: What hides is met at least so high.
+        shares: What hides is nearer than the first of what is hidden; and a cluster is so in the second of its sectors.
+    """
+    found, looked = np.empty(len(starts), np.bool_), np.full(len(first), -1, np.int64)
+    for c in range(len(starts)):
+        end = starts[c + 1] if c + 1 < len(starts) else len(sector)
+        bottom_m, lines, hidden = np.inf, 0, 0
+        for i in range(starts[c], end):
+            bottom_m = min(bottom_m, height_m[i])
+        for i in range(starts[c], end):
+            if looked[sector[i]] == c:
+                continue
+            looked[sector[i]] = c
+            lines += 1
+            for k in range(first[sector[i]], first[sector[i] + 1]):
+                meets_m = lidar_height_m[i] + slope[k] * far_m[i]
+                if distance_m[k] < shares[0] * far_m[i] and from_m <= meets_m <= bottom_m:
+                    hidden += 1
+                    break
+        found[c] = hidden >= shares[1] * lines
+    return found

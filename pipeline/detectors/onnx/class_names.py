@@ -8,9 +8,29 @@ import yaml
 
 from pipeline.core.errors import ConfigError, ModelError
 from pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
-from pipeline.detectors.onnx.coco import COCO91_LABELS, COCO_LABELS
 
-__all__ = ["class_names"]
+__all__ = ["COCO91_LABELS", "COCO_LABELS", "class_names"]
+
+# fmt: off
+COCO_LABELS: tuple[str, ...] = (
+    "person", "bicycle", "car", "motorcycle", "airplane", "bus", "train", "truck", "boat", "traffic light",
+    "fire hydrant", "stop sign", "parking meter", "bench", "bird", "cat", "dog", "horse", "sheep", "cow",
+    "elephant", "bear", "zebra", "giraffe", "backpack", "umbrella", "handbag", "tie", "suitcase", "frisbee",
+    "skis", "snowboard", "sports ball", "kite", "baseball bat", "baseball glove", "skateboard", "surfboard",
+    "tennis racket", "bottle", "wine glass", "cup", "fork", "knife", "spoon", "bowl", "banana", "apple",
+    "sandwich", "orange", "broccoli", "carrot", "hot dog", "pizza", "donut", "cake", "chair", "couch",
+    "potted plant", "bed", "dining table", "toilet", "tv", "laptop", "mouse", "remote", "keyboard", "cell phone",
+    "microwave", "oven", "toaster", "sink", "refrigerator", "book", "clock", "vase", "scissors", "teddy bear",
+    "hair drier", "toothbrush",
+)
+# fmt: on
+"""The 80 object names of COCO 2017 (cocodataset.org), in the order of network outputs."""
+
+COCO91_LABELS: tuple[str, ...] = tuple(
+    dict(zip(sorted({*range(1, 91)} - {12, 26, 29, 30, 45, 66, 68, 69, 71, 83}), COCO_LABELS, strict=True)).get(row, "")
+    for row in range(91)
+)
+"""The same by the numbers of COCO's annotations, from 1 (person) to 90, of which ten have no name."""
 
 KNOWN = {"coco": COCO_LABELS, "coco91": COCO91_LABELS}
 REMEDY = (

@@ -13,10 +13,9 @@ import numpy as np
 
 from pipeline.core.arrays import F32, U8, Array
 from pipeline.core.errors import ConfigError, ModelError
-from pipeline.core.settings.config import Config
+from pipeline.core.settings.detect import Detect2DConfig
 from pipeline.detectors.onnx.class_names import class_names
-from pipeline.detectors.onnx.input_size import input_size
-from pipeline.detectors.onnx.inputs import read_inputs
+from pipeline.detectors.onnx.inputs import input_size, read_inputs
 from pipeline.detectors.onnx.layouts.layout import Layout, Size
 from pipeline.detectors.onnx.layouts.recognition import Trial, recognise
 from pipeline.detectors.onnx.preprocessing import Preprocessing
@@ -50,20 +49,20 @@ MAX_OUTPUT_BYTES = 1 << 29
 class OnnxDetector2D:
     """A loaded network; may be called from several threads at once."""
 
-    def __init__(self, path: Path, config: Config) -> None:
+    def __init__(self, path: Path, settings: Detect2DConfig) -> None:
         """Load a network and try it.
 
         Args:
             path: ONNX file.
-            config: Settings, of which `detect2d` is used.
+            settings: How it is loaded, and what it is given.
 
         Raises:
             ConfigError: the file with the names of classes cannot be read.
             ModelError: the file does not exist, is not an ONNX file, has no known layout or no names for its classes,
                 a trial fails, or it does not take the size that is set.
         """
-        self._path, self._config = path, config.detect2d
-        self._session = OnnxSession(path, threads=self._config.threads, provider=self._config.provider)
+        self._path, self._settings = path, settings
+        self._session = OnnxSession(path, threads=self._settings.threads, provider=self._settings.provider)
         try:
             self._load()
         except (ConfigError, ModelError) as err:
@@ -72,7 +71,7 @@ class OnnxDetector2D:
             raise type(err)(f"{path}: {err}") from err
 
     def _load(self) -> None:
-        config, metadata = self._config, self._session.metadata
+        settings, metadata = self._settings, self._session.metadata
         if (task := metadata.get("task", "detect")) != "detect":
             raise ModelError(f"expected a network for detection, found one for the task {task[:40]!r}")
         self._inputs = read_inputs(self._session.inputs)
@@ -80,18 +79,15 @@ class OnnxDetector2D:
         usual_px = _size_px(metadata)
         own_px = self._inputs.height_px or usual_px[0], self._inputs.width_px or usual_px[1]
         self._layout = self._try(self._session, own_px)
-        self._labels = class_names(config.names, metadata, self._layout.class_count)
+        self._labels = class_names(settings.names, metadata, self._layout.class_count)
         self._preprocessing = Preprocessing(
-            self._layout.colors if config.colors == "auto" else config.colors, self._layout.placement
+            self._layout.colors if settings.colors == "auto" else settings.colors, self._layout.placement
         )
         self._fixed_px: Size | None = own_px
-        loaded = self._session
-        if config.input == "auto":
+        if settings.input == "auto":
             self._take_any_size(own_px)
-        elif config.input != own_px[::-1]:
-            self._take_size(own_px, (config.input[1], config.input[0]))
-        if self._session is loaded:
-            self._session = loaded.in_fewer_steps()
+        elif settings.input != own_px[::-1]:
+            self._take_size(own_px, (settings.input[1], settings.input[0]))
         logger.info("%s: %s, %d classes, %s", self._path, self._layout.name, len(self._labels), self._input_told())
 
     @property
@@ -115,14 +111,14 @@ class OnnxDetector2D:
         """
         tiles = [self._tiles(image) for image in images]
         found = iter(self._detect_all([t.cut(image) for image, its in zip(images, tiles, strict=True) for t in its]))
-        return [join_tiles([next(found) for _ in its], its, min_score=self._config.min_score) for its in tiles]
+        return [join_tiles([next(found) for _ in its], its, min_score=self._settings.min_score) for its in tiles]
 
     def _tiles(self, image: U8) -> list[Tile]:
         """What of an image the network is given at once: all of it, unless its size is fixed and none was asked for."""
         height_px, width_px = image.shape[:2]
-        if self._fixed_px is None or self._config.input != "auto":
+        if self._fixed_px is None or self._settings.input != "auto":
             return [Tile(0, 0, width_px, height_px)]
-        return tiles_of(height_px, width_px, self._fixed_px, self._config.max_input_px)
+        return tiles_of(height_px, width_px, self._fixed_px, self._settings.max_input_px)
 
     def _detect_all(self, images: Sequence[U8]) -> list[Candidates2D]:
         """Proposals for each image or tile, in order."""
@@ -130,7 +126,7 @@ class OnnxDetector2D:
         for row, image in enumerate(images):
             of_size.setdefault(self._size_for(image), []).append(row)
         found: dict[int, Candidates2D] = {}
-        room_bytes = CACHED_BYTES if self._config.provider == "cpu" else MAX_BATCH_BYTES
+        room_bytes = CACHED_BYTES if self._settings.provider == "cpu" else MAX_BATCH_BYTES
         for size_px, rows in of_size.items():
             most = self._inputs.batch or max(room_bytes // (PIXEL_BYTES * size_px[0] * size_px[1]), 1)
             for start in range(0, len(rows), most):
@@ -143,8 +139,8 @@ class OnnxDetector2D:
         if self._fixed_px:
             return self._fixed_px
         height_px, width_px = image.shape[:2]
-        most_px = self._config.max_input_px
-        width_px, height_px = input_size(width_px, height_px, most_px=most_px, stride_px=self._stride_px)
+        max_px = self._settings.max_input_px
+        width_px, height_px = input_size(width_px, height_px, max_px=max_px, stride_px=self._stride_px)
         return height_px, width_px
 
     def _detect(self, images: Sequence[U8], size_px: Size) -> list[Candidates2D]:
@@ -154,7 +150,7 @@ class OnnxDetector2D:
         outputs = self._run(self._session, batch)
         try:
             with np.errstate(all="ignore"):
-                found = self._layout.read(outputs, len(batch), size_px, self._config.min_score)[: len(images)]
+                found = self._layout.read(outputs, len(batch), size_px, self._settings.min_score)[: len(images)]
                 found = [one._replace(xyxy=place.undo(one.xyxy)) for one, place in zip(found, places, strict=True)]
         except ModelError as err:
             raise ModelError(f"{self._path}: {err}") from err
@@ -194,10 +190,10 @@ class OnnxDetector2D:
         if not all(np.isfinite(output).all() for output in outputs):
             raise ModelError("expected numbers, found an output that is not finite; export the network again")
         names = [name for name, _, _ in session.outputs]
-        wanted = None if self._config.layout == "auto" else self._config.layout
+        wanted = None if self._settings.layout == "auto" else self._settings.layout
         layout = recognise(Trial(size_px, names, outputs, self._inputs.sizes is not None), wanted)
         with np.errstate(all="ignore"):
-            layout.read(outputs, count, size_px, self._config.min_score)
+            layout.read(outputs, count, size_px, self._settings.min_score)
         return layout
 
     def _take_any_size(self, own_px: Size) -> None:
@@ -244,7 +240,7 @@ class OnnxDetector2D:
         Raises:
             ModelError: it does not take them, or gives something else for them.
         """
-        session = self._session if self._is_free else self._session.in_fewer_steps(self._inputs.images)
+        session = self._session if self._is_free else self._session.with_free_size(self._inputs.images)
         for size_px in sizes_px:
             found = self._try(session, size_px)
             if (found.name, found.class_count) != (self._layout.name, self._layout.class_count):
@@ -255,7 +251,7 @@ class OnnxDetector2D:
     def _input_told(self) -> str:
         if self._fixed_px:
             return f"images of {self._fixed_px[1]} x {self._fixed_px[0]} px"
-        return f"images in their own shape, {self._config.max_input_px} px at most"
+        return f"images in their own shape, {self._settings.max_input_px} px at most"
 
 
 def _stride_px(metadata: dict[str, str]) -> int:

@@ -1,7 +1,8 @@
-"""The inputs that a network in an ONNX file takes."""
+"""The inputs that a network in an ONNX file takes, and which size it is given for an image."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from pipeline.core.arrays import F32, Array
 from pipeline.core.errors import ModelError
 
-__all__ = ["NetworkInputs", "Value", "listed", "read_inputs"]
+__all__ = ["NetworkInputs", "Value", "input_size", "listed", "read_inputs"]
 
 Value = tuple[str, Sequence[int | str | None], str]
 """Name, shape and type of an input or an output."""
@@ -78,3 +79,30 @@ def listed(values: Sequence[Value]) -> str:
 def _number(size: int | str | None) -> int | None:
     """A size that is given; one that is not positive is not."""
     return size if isinstance(size, int) and size > 0 else None
+
+
+@lru_cache(maxsize=1024)
+def input_size(width_px: int, height_px: int, *, max_px: int, stride_px: int) -> tuple[int, int]:
+    """Width and height in pixels, multiples of the stride, that show the image largest.
+
+    The image is scaled to fit, with its shape kept. Of all sizes of `max_px` pixels at most, this is the one with
+    the largest scale, then the one with the fewest pixels, then the widest. An image is not enlarged. If the least
+    size is beyond `max_px`, that is taken all the same.
+
+    Args:
+        width_px: Width of the image.
+        height_px: Its height.
+        max_px: Pixels of the input at most.
+        stride_px: What width and height are multiples of.
+    """
+    cells = max(max_px // stride_px**2, 1)
+    best, chosen = (-1.0, 0), (1, 1)
+    full = -(-width_px // stride_px), -(-height_px // stride_px)
+    for columns in range(min(cells, full[0]), 0, -1):
+        # The rows that this width needs; more would stay empty, and of fewer the height decides.
+        needed = -(-columns * height_px // width_px)
+        rows = max(min(cells // columns, needed, full[1]), 1)
+        scale = min(columns * stride_px / width_px, rows * stride_px / height_px, 1.0)
+        if (scale, -columns * rows) > best:
+            best, chosen = (scale, -columns * rows), (columns, rows)
+    return chosen[0] * stride_px, chosen[1] * stride_px

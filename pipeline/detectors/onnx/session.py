@@ -19,13 +19,10 @@ from pipeline.core.arrays import Array
 from pipeline.core.errors import ModelError, is_short_memory
 from pipeline.core.settings.detect import Provider
 from pipeline.core.text import one_line
-from pipeline.detectors.onnx.fewer_steps import drop_last_transposes, fold_focus
 from pipeline.detectors.onnx.free_size import free_size
 from pipeline.detectors.onnx.inputs import Value
-from pipeline.detectors.onnx.model_file import read_model, written_model
-from pipeline.detectors.onnx.providers import check_runs_on, providers_for
 
-__all__ = ["MAX_BATCH_BYTES", "OnnxSession"]
+__all__ = ["MAX_BATCH_BYTES", "OnnxSession", "check_runs_on", "providers_for"]
 
 MAX_SECONDS = 30
 """To load a file, and for each image of a batch: the largest YOLOX takes 5 s of a slow core."""
@@ -39,6 +36,24 @@ MAX_BATCH_BYTES = 1 << 29
 MAX_CHANGED_BYTES = 1 << 29
 """Of a file whose input is made free: it is in memory three times meanwhile. The largest YOLOX has 400 MB."""
 
+PROVIDERS: dict[Provider, str] = {
+    "cpu": "CPUExecutionProvider",
+    "cuda": "CUDAExecutionProvider",
+    "tensorrt": "TensorrtExecutionProvider",
+    "openvino": "OpenVINOExecutionProvider",
+    "migraphx": "MIGraphXExecutionProvider",
+    "directml": "DmlExecutionProvider",
+    "coreml": "CoreMLExecutionProvider",
+}
+"""What onnxruntime calls them."""
+
+PACKAGES = {
+    "cuda": "onnxruntime-gpu",
+    "tensorrt": "onnxruntime-gpu",
+    "openvino": "onnxruntime-openvino",
+    "migraphx": "onnxruntime-migraphx",
+    "directml": "onnxruntime-directml",
+}
 
 WEIGHTS_FOLDER = "session.model_external_initializers_file_folder_path"
 
@@ -67,11 +82,11 @@ class OnnxSession:
         self._path, self._threads, self._provider = path, threads, provider
         self._load(str(path))
 
-    def in_fewer_steps(self, free_input: str | None = None) -> Self:
-        """The same network, loaded so that it takes fewer steps (`fewer_steps`); itself if there is nothing to change.
+    def with_free_size(self, image_input: str) -> Self:
+        """The same network, loaded so that its images may have any size; whether they can, only a run shows.
 
         Args:
-            free_input: Its input for images, if these are to be of any size; whether they can, only a run shows.
+            image_input: Its input for images.
 
         Raises:
             ModelError: its input cannot be made free, as the file is too large or has no such input, or the network
@@ -79,24 +94,16 @@ class OnnxSession:
         """
         try:
             if self._path.stat().st_size > MAX_CHANGED_BYTES:
-                if free_input is None:
-                    return self
                 raise ModelError(f"{self._path}: expected a file of {MAX_CHANGED_BYTES >> 20} MiB at most to change it")
-            model = read_model(self._path.read_bytes())
+            data = self._path.read_bytes()
         except OSError as err:
             raise ModelError(f"{self._path}: expected an ONNX file that can be read: {err.strerror}") from err
-        if free_input is not None:
-            free_size(model.graph, free_input)
-        orders, is_folded = drop_last_transposes(model.graph), fold_focus(model.graph)
-        if free_input is None and not orders and not is_folded:
-            return self
         changed = copy(self)
-        changed._load(written_model(model), orders)
+        changed._load(free_size(data, image_input))
         return changed
 
-    def _load(self, model: str | bytes, orders: Mapping[int, Sequence[int]] | None = None) -> None:
-        """Load the network from its file, or from bytes that stand for it and whose outputs take these orders."""
-        self._orders = orders or {}
+    def _load(self, model: str | bytes) -> None:
+        """Load the network from its file, or from bytes that stand for it."""
         path, ort = self._path, _onnxruntime()
         providers = providers_for(self._provider, ort.get_available_providers())
         self._new_run: Callable[[], Any] = ort.RunOptions
@@ -140,15 +147,12 @@ class OnnxSession:
         options, seconds = self._new_run(), MAX_SECONDS * images
         with _after(seconds, lambda: setattr(options, "terminate", True)):
             try:
-                outputs = [np.asarray(output) for output in self._session.run(None, dict(fed), options)]
+                return [np.asarray(output) for output in self._session.run(None, dict(fed), options)]
             except Exception as err:  # onnxruntime's errors have no base of their own
                 if is_short_memory(err):
                     raise
                 reason = f"it did not end within {seconds} s" if options.terminate else one_line(err)
                 raise ModelError(f"{self._path}: the network fails on a batch of {images}: {reason}") from err
-        for row, order in self._orders.items():
-            outputs[row] = outputs[row].transpose(order)
-        return outputs
 
 
 @contextmanager
@@ -177,3 +181,39 @@ def _onnxruntime() -> Any:
     memory = ort.OrtMemoryInfo("Cpu", ort.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0, ort.OrtMemType.DEFAULT)
     ort.create_and_register_allocator(memory, ort.OrtArenaCfg({"max_mem": MAX_MEMORY_BYTES}))
     return ort
+
+
+def providers_for(provider: Provider, available: Sequence[str]) -> list[str]:
+    """What onnxruntime is told, the first first; the processor runs what an accelerator has no kernel for.
+
+    Args:
+        provider: What is wanted.
+        available: What the installed onnxruntime has.
+
+    Raises:
+        ModelError: it does not have it.
+    """
+    if PROVIDERS[provider] not in available:
+        has = ", ".join(name for name, known in PROVIDERS.items() if known in available)
+        package = PACKAGES.get(provider)
+        remedy = f"; pip install {package} in place of onnxruntime" if package else ""
+        raise ModelError(
+            f"detect2d.provider: expected {has}, which the installed onnxruntime has, found {provider}{remedy}"
+        )
+    return [PROVIDERS[provider]] if provider == "cpu" else [PROVIDERS[provider], PROVIDERS["cpu"]]
+
+
+def check_runs_on(provider: Provider, used: Sequence[str]) -> None:
+    """Whether a network that was loaded runs where it should: onnxruntime itself falls back to the processor.
+
+    Args:
+        provider: What is wanted.
+        used: What onnxruntime says that the network runs on.
+
+    Raises:
+        ModelError: it does not.
+    """
+    if PROVIDERS[provider] not in used:
+        raise ModelError(
+            f"detect2d.provider: {provider} cannot be used on this machine; check its driver and libraries, or set cpu"
+        )

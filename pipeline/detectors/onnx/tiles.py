@@ -34,7 +34,7 @@ class Tile(NamedTuple):
         return np.ascontiguousarray(image[self.top : self.bottom, self.left : self.right])
 
 
-def tiles_of(height_px: int, width_px: int, input_px: Size, most_px: int) -> list[Tile]:
+def tiles_of(height_px: int, width_px: int, input_px: Size, max_px: int) -> list[Tile]:
     """The tiles of an image, side by side or one below the other; one if the input has its shape, or is larger.
 
     So many as come closest to the pixels that the network may be given, and no more than show the image in its own
@@ -44,11 +44,11 @@ def tiles_of(height_px: int, width_px: int, input_px: Size, most_px: int) -> lis
         height_px: Height of the image.
         width_px: Its width.
         input_px: Height and width of the network's input.
-        most_px: Pixels that the network may be given.
+        max_px: Pixels that the network may be given.
     """
     slimness = width_px * input_px[0] / (height_px * input_px[1])
     length, room_px = (width_px, input_px[1]) if slimness > 1 else (height_px, input_px[0])
-    most = max(min(int(np.ceil(max(slimness, 1 / slimness) - 1e-9)), round(most_px / (input_px[0] * input_px[1]))), 1)
+    most = max(min(int(np.ceil(max(slimness, 1 / slimness) - 1e-9)), round(max_px / (input_px[0] * input_px[1]))), 1)
     sides = [min(int(np.ceil(length / (count - (count - 1) * OVERLAP))), length) for count in range(1, most + 1)]
     count = next((count for count, side in enumerate(sides, 1) if side <= room_px), most)
     side = sides[count - 1]

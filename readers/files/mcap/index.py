@@ -10,24 +10,28 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
-from typing import Any, BinaryIO, Literal, NamedTuple
+from itertools import pairwise
+from typing import Any, BinaryIO, Literal
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Header, Schema, Statistics
 
-from readers.files.mcap.chunk import END_OF_TIME_NS, RECORD_HEAD, Entry, read_exactly
+from readers.files.chunked import ChunkPlace, Entry
+from readers.files.container import read_exactly
+from readers.files.mcap.records import END_OF_TIME_NS, INDEX_HEAD, PAIR_BYTES, RECORD_HEAD, UINT64, record_at
 
 __all__ = [
     "FOOTER",
     "MAGIC_BYTES",
-    "ChunkPlace",
     "Contents",
     "checksum_of",
     "contents_of_summary",
+    "end_of_records",
     "read_profile",
     "summary_checksum",
+    "summary_start",
 ]
 
 FOOTER = struct.Struct("<BQQQI")  # record head, start of the summary, start of its offsets, crc of the summary
@@ -44,24 +48,6 @@ RECORDS: dict[int, Any] = {
 """What is read of a summary, by opcode."""
 
 
-class ChunkPlace(NamedTuple):
-    """A chunk before it is read; sorts among entries by the time of its first message.
-
-    Attributes:
-        start_ns: Log time of its first message.
-        position: Its first byte in the file.
-        end_ns: Log time of its last message (inclusive).
-        channel_ids: Channels in it; empty if unknown.
-        size: Its size in the file, in bytes.
-    """
-
-    start_ns: int
-    position: int
-    end_ns: int
-    channel_ids: frozenset[int]
-    size: int
-
-
 @dataclass(slots=True)
 class Contents:
     """What a file contains and where.
@@ -75,7 +61,6 @@ class Contents:
         start_ns: Log time of the first message.
         end_ns: Log time of the last message (inclusive).
         cut_chunk: Position of the chunk inside which a cut file ends.
-        is_checked: Whether all of this was under a checksum.
     """
 
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -86,7 +71,6 @@ class Contents:
     start_ns: int = 2**64
     end_ns: int = 0
     cut_chunk: int | None = None
-    is_checked: bool = False
 
 
 def read_profile(stream: BinaryIO) -> str:
@@ -122,18 +106,21 @@ def contents_of_summary(stream: BinaryIO) -> Contents | None:
             elif isinstance(record, Channel):
                 contents.channels[record.id] = record
             elif isinstance(record, ChunkIndex):
-                span = record.message_start_time, record.chunk_start_offset, record.message_end_time
-                contents.chunks.append(ChunkPlace(*span, frozenset(record.message_index_offsets), record.chunk_length))
-    checksum = summary_checksum(stream)
-    if checksum == "wrong":
+                contents.chunks.append(_place_of(record))
+    if summary_checksum(stream) == "wrong":
         raise ValueError("the checksum of its summary is wrong")
-    contents.is_checked = checksum == "right"
     if statistics is None:
         return None
     contents.counts = Counter(statistics.channel_message_counts)
     contents.start_ns, contents.end_ns = statistics.message_start_time, statistics.message_end_time
-    if len({chunk.position for chunk in contents.chunks}) < len(contents.chunks):
-        raise ValueError("its index names a chunk twice")
+    in_file = sorted(contents.chunks, key=lambda place: place.position)
+    if any(place.position + place.size > after.position for place, after in pairwise(in_file)):
+        raise ValueError("its index names a chunk twice, or chunks that overlap")
+    counts = [place.messages for place in in_file if place.messages is not None]
+    if len(counts) == len(in_file) and counts and sum(counts) != statistics.message_count:
+        raise ValueError(
+            f"its statistics say {statistics.message_count} messages, the index of its chunks {sum(counts)}"
+        )
     if contents.start_ns >= END_OF_TIME_NS or contents.end_ns >= END_OF_TIME_NS:
         raise ValueError("its statistics name log times beyond 2^63 ns")
     is_complete = (
@@ -144,6 +131,15 @@ def contents_of_summary(stream: BinaryIO) -> Contents | None:
         and {channel.schema_id for channel in contents.channels.values()} <= {0, *contents.schemas}
     )
     return contents if is_complete else None
+
+
+def _place_of(record: ChunkIndex) -> ChunkPlace:
+    """A chunk by its record in the summary; the size of the message indexes behind it says how many messages it has."""
+    ids = frozenset(record.message_index_offsets)
+    pairs, rest = divmod(record.message_index_length - len(ids) * (RECORD_HEAD.size + INDEX_HEAD.size), PAIR_BYTES)
+    count = pairs if ids and not rest and pairs >= 0 else None
+    start_ns, end_ns = record.message_start_time, record.message_end_time
+    return ChunkPlace(start_ns, record.chunk_start_offset, end_ns, ids, record.chunk_length, count)
 
 
 def summary_checksum(stream: BinaryIO) -> Literal["right", "wrong", "none"]:
@@ -174,6 +170,24 @@ def checksum_of(stream: BinaryIO, start: int, end: int) -> int:
         found = zlib.crc32(block, found)
         start += len(block)
     return found
+
+
+def end_of_records(stream: BinaryIO) -> int:
+    """Where the last record ends: before the magic bytes, if the file ends with them."""
+    size = stream.seek(0, 2)
+    stream.seek(0)
+    magic = stream.read(MAGIC_BYTES)
+    stream.seek(max(size - MAGIC_BYTES, 0))
+    return size - MAGIC_BYTES if size > MAGIC_BYTES and stream.read() == magic else size
+
+
+def summary_start(stream: BinaryIO, end: int) -> int | None:
+    """Where the summary begins according to the footer; None if there is no footer."""
+    footer = record_at(stream, max(end - FOOTER.size, 0), end)
+    if footer is None or footer.opcode != Opcode.FOOTER:
+        return None
+    stream.seek(footer.content)
+    return int(UINT64.unpack(stream.read(UINT64.size))[0])
 
 
 def _records(stream: BinaryIO, position: int) -> Iterator[Any]:

@@ -1,26 +1,52 @@
-"""The records of an MCAP file (https://mcap.dev/spec): the one at a position, or the next one after damage."""
+"""The records of an MCAP file (https://mcap.dev/spec): at a position, next after damage, in a chunk.
+
+What a chunk unpacks to is bounded.
+"""
 
 import re
 import struct
+import zlib
+from collections.abc import Iterator
 from typing import BinaryIO, NamedTuple
 
+import zstandard
 from mcap.opcode import Opcode
 
-from readers.files.mcap.chunk import CHUNK_HEAD, MESSAGE_HEAD, RECORD_HEAD, UINT64, read_chunk_head
-from readers.files.mcap.index import FOOTER, MAGIC_BYTES
+from pipeline.core.settings.recording import LimitsConfig
+from readers.files.chunked import Entry
+from readers.files.container import read_exactly
+from readers.files.decompress import check_chunk_size, unpack, unpack_lz4
 
 __all__ = [
+    "END_OF_TIME_NS",
+    "INDEX_HEAD",
+    "MESSAGE_HEAD",
     "OPCODES",
+    "PAIR_BYTES",
+    "RECORD_HEAD",
+    "UINT64",
+    "ChunkHead",
     "Record",
-    "end_of_records",
+    "entry_of",
     "find_record",
     "listed_messages",
+    "load_chunk",
+    "read_chunk_head",
     "record_at",
-    "summary_start",
+    "records_in",
 ]
 
-INDEX_HEAD = struct.Struct("<HI")  # channel, bytes of the entries
-INDEX_ENTRY_BYTES = 16
+RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of the content
+MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+CHUNK_HEAD = struct.Struct("<QQQII")  # first and last log time, unpacked size, crc, length of the compression's name
+UINT64 = struct.Struct("<Q")
+
+MAX_NAME_BYTES = 32
+END_OF_TIME_NS = 1 << 63
+"""MCAP times are unsigned 64-bit integers, those of lidcam signed ones."""
+
+INDEX_HEAD = struct.Struct("<HI")  # channel, bytes of pairs of log time and offset
+PAIR_BYTES = 16
 
 MIN_BYTES: dict[int, int] = {
     Opcode.FOOTER: 20,
@@ -44,6 +70,151 @@ FIRST_BLOCK, SEARCH_BLOCK = 1 << 12, 1 << 20
 """Bytes that are searched at once, more from one time to the next: what is sought is mostly near."""
 
 
+class ChunkHead(NamedTuple):
+    """The fields of a chunk; its compressed records begin at byte `position` of the file and take up `size` bytes."""
+
+    uncompressed_size: int
+    crc: int
+    compression: str
+    position: int
+    size: int
+
+
+def load_chunk(
+    stream: BinaryIO,
+    position: int,
+    limits: LimitsConfig,
+    *,
+    size: int | None = None,
+    is_cut: bool = False,
+    verify: bool = True,
+) -> bytes:
+    """The records of the chunk at `position`, decompressed, their checksum verified.
+
+    Args:
+        stream: The file.
+        position: First byte of the chunk.
+        limits: What it may unpack to.
+        size: Bytes that it takes up in the file according to the index.
+        is_cut: The file ends inside the chunk: return the complete records, without verifying a checksum.
+        verify: Whether to verify the checksum.
+
+    Raises:
+        ValueError: there is no chunk, its compression is unknown, or its size or checksum is wrong.
+        EOFError: the chunk reaches beyond the file.
+        Exception: any that the decompressing library raises.
+    """
+    stream.seek(position)
+    opcode, length = RECORD_HEAD.unpack(read_exactly(stream, RECORD_HEAD.size))
+    if opcode != Opcode.CHUNK:
+        raise ValueError(f"expected a chunk at byte {position}, found a record with opcode {opcode}")
+    if size is not None and RECORD_HEAD.size + length != size:
+        raise ValueError(f"chunk at byte {position}: {RECORD_HEAD.size + length} bytes, the index says {size}")
+    head = read_chunk_head(stream)
+    if head.position + head.size != position + RECORD_HEAD.size + length:
+        raise ValueError(f"chunk at byte {position}: {head.size} bytes of records do not fill its {length}")
+    largest = limits.max_chunk_bytes
+    if head.compression:
+        check_chunk_size(head.uncompressed_size, largest)
+    if is_cut:
+        return _complete_records(_unpacked_prefix(stream, head, largest))
+    left = stream.seek(0, 2) - head.position
+    if head.size > left:
+        raise EOFError(f"expected {head.size} more bytes, found {left}")
+    chunk = _unpacked(stream, head, largest)
+    if len(chunk) != head.uncompressed_size:
+        raise ValueError(f"chunk at byte {position}: expected {head.uncompressed_size} bytes, found {len(chunk)}")
+    if verify and head.crc and zlib.crc32(chunk) != head.crc:
+        raise ValueError(f"chunk at byte {position}: crc {zlib.crc32(chunk):#010x} instead of {head.crc:#010x}")
+    return chunk
+
+
+def read_chunk_head(stream: BinaryIO) -> ChunkHead:
+    """The fields of the chunk whose content begins here.
+
+    Raises:
+        EOFError: the file ends inside them.
+        ValueError: the name of the compression is too long or not UTF-8.
+    """
+    _, _, uncompressed_size, crc, length = CHUNK_HEAD.unpack(read_exactly(stream, CHUNK_HEAD.size))
+    if length > MAX_NAME_BYTES:
+        raise ValueError(f"the name of a compression has {length} bytes")
+    compression = read_exactly(stream, length).decode()
+    (size,) = UINT64.unpack(read_exactly(stream, UINT64.size))
+    return ChunkHead(uncompressed_size, crc, compression, stream.tell(), size)
+
+
+def _unpacked(stream: BinaryIO, head: ChunkHead, largest: int) -> bytes:
+    stream.seek(head.position)
+    data = read_exactly(stream, head.size)
+    if head.compression == "":
+        return data
+    if head.compression == "lz4":
+        return unpack_lz4(data, head.uncompressed_size, largest=largest)
+    if head.compression == "zstd":
+        if zstandard.frame_content_size(data) > head.uncompressed_size:
+            raise ValueError(f"a chunk unpacks to more than the {head.uncompressed_size} bytes that it names")
+        return zstandard.decompress(data, head.uncompressed_size)
+    raise ValueError(f"chunks compressed with {head.compression!r}, lidcam reads lz4 and zstd")
+
+
+def _unpacked_prefix(stream: BinaryIO, head: ChunkHead, largest: int) -> bytes:
+    stream.seek(head.position)
+    if head.compression == "lz4":
+        return unpack(stream, head.position, stream.seek(0, 2), "lz4", largest=largest).data
+    if head.compression == "zstd":
+        with zstandard.ZstdDecompressor().stream_reader(stream, closefd=False) as reader:
+            return reader.read(head.uncompressed_size)
+    if head.compression == "":
+        return stream.read()
+    raise ValueError(f"chunks compressed with {head.compression!r}, lidcam reads lz4 and zstd")
+
+
+def _complete_records(chunk: bytes) -> bytes:
+    at = 0
+    while at + RECORD_HEAD.size <= len(chunk):
+        _, size = RECORD_HEAD.unpack_from(chunk, at)
+        if at + RECORD_HEAD.size + size > len(chunk):
+            break
+        at += RECORD_HEAD.size + size
+    return chunk[:at]
+
+
+def records_in(chunk: bytes, limits: LimitsConfig) -> Iterator[tuple[int, int, int]]:
+    """Opcode, start and size of the content of each record in a chunk.
+
+    Raises:
+        ValueError: a record reaches beyond the chunk, or there are too many.
+    """
+    at = count = 0
+    while at < len(chunk):
+        count += 1
+        if count > limits.max_messages_per_chunk:
+            raise ValueError(
+                f"a chunk of more than {limits.max_messages_per_chunk} messages, see limits.max_messages_per_chunk"
+            )
+        opcode, size = RECORD_HEAD.unpack_from(chunk, at)
+        at += RECORD_HEAD.size
+        if at + size > len(chunk):
+            raise ValueError(f"a record of {size} bytes reaches beyond its chunk of {len(chunk)}")
+        yield opcode, at, size
+        at += size
+
+
+def entry_of(head: bytes, at: int, chunk_position: int, start: int, size: int) -> Entry:
+    """The message whose record content starts at `start`; its first fields are in `head` at `at`.
+
+    Raises:
+        ValueError: the record is too short, or its log time is beyond 2^63 ns.
+    """
+    channel_id, _, log_time_ns, _ = MESSAGE_HEAD.unpack_from(head, at)
+    if size < MESSAGE_HEAD.size:
+        raise ValueError(f"a message record of {size} bytes")
+    if log_time_ns >= END_OF_TIME_NS:
+        raise ValueError(f"a message with log time {log_time_ns} ns, expected less than 2^63")
+    return Entry(log_time_ns, chunk_position, start + MESSAGE_HEAD.size, size - MESSAGE_HEAD.size, channel_id)
+
+
 class Record(NamedTuple):
     """One record: its content begins at byte `content` and takes up `size`."""
 
@@ -60,25 +231,7 @@ class Record(NamedTuple):
 
 def listed_messages(index: Record) -> int:
     """Number of messages that the index of a chunk lists."""
-    return (index.size - INDEX_HEAD.size) // INDEX_ENTRY_BYTES
-
-
-def end_of_records(stream: BinaryIO) -> int:
-    """Where the last record ends: before the magic bytes, if the file ends with them."""
-    size = stream.seek(0, 2)
-    stream.seek(0)
-    magic = stream.read(MAGIC_BYTES)
-    stream.seek(max(size - MAGIC_BYTES, 0))
-    return size - MAGIC_BYTES if size > MAGIC_BYTES and stream.read() == magic else size
-
-
-def summary_start(stream: BinaryIO, end: int) -> int | None:
-    """Where the summary begins according to the footer; None if there is no footer."""
-    footer = record_at(stream, max(end - FOOTER.size, 0), end)
-    if footer is None or footer.opcode != Opcode.FOOTER:
-        return None
-    stream.seek(footer.content)
-    return int(UINT64.unpack(stream.read(UINT64.size))[0])
+    return (index.size - INDEX_HEAD.size) // PAIR_BYTES
 
 
 def record_at(stream: BinaryIO, position: int, end: int) -> Record | None:
@@ -93,7 +246,7 @@ def record_at(stream: BinaryIO, position: int, end: int) -> Record | None:
         return None
     if opcode == Opcode.MESSAGE_INDEX:
         _, listed = INDEX_HEAD.unpack(stream.read(INDEX_HEAD.size))
-        return record if size == listed + INDEX_HEAD.size and not listed % INDEX_ENTRY_BYTES else None
+        return record if size == listed + INDEX_HEAD.size and not listed % PAIR_BYTES else None
     if opcode == Opcode.CHUNK:
         try:
             head = read_chunk_head(stream)

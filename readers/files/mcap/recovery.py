@@ -10,31 +10,33 @@ from mcap.records import Channel, Schema, Statistics
 
 from pipeline.core.errors import RecordingError
 from pipeline.core.settings.recording import LimitsConfig
+from readers.files.chunked import ChunkPlace, Entry
+from readers.files.container import read_exactly
 from readers.files.damage import LIBRARY_ERRORS, Losses
 from readers.files.decompress import Allowance
-from readers.files.mcap.chunk import (
-    MESSAGE_HEAD,
-    RECORD_HEAD,
-    Entry,
-    entry_of,
-    load_chunk,
-    read_chunk_head,
-    read_exactly,
-    records_in,
-)
-from readers.files.mcap.definitions import Definitions
-from readers.files.mcap.index import MAGIC_BYTES, ChunkPlace, Contents, checksum_of, summary_checksum
-from readers.files.mcap.records import (
-    OPCODES,
-    Record,
+from readers.files.mcap.index import (
+    MAGIC_BYTES,
+    Contents,
+    checksum_of,
     end_of_records,
-    find_record,
-    listed_messages,
-    record_at,
+    summary_checksum,
     summary_start,
 )
+from readers.files.mcap.records import (
+    MESSAGE_HEAD,
+    OPCODES,
+    RECORD_HEAD,
+    Record,
+    entry_of,
+    find_record,
+    listed_messages,
+    load_chunk,
+    read_chunk_head,
+    record_at,
+    records_in,
+)
 
-__all__ = ["chunk_extent", "contents_of_scan"]
+__all__ = ["contents_of_scan"]
 
 MESSAGE_OPCODES = {Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX}
 
@@ -58,20 +60,6 @@ def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str, limits: 
     return scan.contents
 
 
-def chunk_extent(stream: BinaryIO, position: int) -> tuple[int | None, int | None]:
-    """Size in the file and number of messages of the damaged chunk at `position`; None if unknown."""
-    end = end_of_records(stream)
-    chunk = record_at(stream, position, end)
-    if chunk is None or chunk.opcode != Opcode.CHUNK:
-        return None, None
-    count = None
-    record = record_at(stream, chunk.end, end)
-    while record is not None and record.opcode == Opcode.MESSAGE_INDEX:
-        count = (count or 0) + listed_messages(record)
-        record = record_at(stream, record.end, end)
-    return chunk.end - position, count
-
-
 class _Scan:
     """Reads one record after the other; after damage it searches for the next one."""
 
@@ -90,12 +78,6 @@ class _Scan:
         self._data_end: int | None = None  # position of the record that ends the data
         self._summary_start = summary_start(stream, end)
         self._in_summary = False
-        self._definitions = Definitions(losses)
-        self.contents.schemas, self.contents.channels = self._definitions.schemas, self._definitions.channels
-        with losses.guard():
-            self._has_checked_summary = False
-            self._has_checked_summary = summary_checksum(stream) == "right"
-        self._statistics: Statistics | None = None
 
     def run(self) -> None:
         """Scan from the beginning of the file to its end."""
@@ -138,30 +120,20 @@ class _Scan:
         if missing < 0 or (still_missing and not uncounted):
             reason = f"its statistics say {self._total} messages, found {found}"
             self._losses.note(self._end, reason, messages=still_missing)
-        elif not self._bad and not unknown and (reason := self._contradiction()):
+        elif not self._bad and not unknown and self._is_data_altered():
+            reason = "the checksum of its data is wrong: messages may be altered, and nothing says which"
             self._losses.note(self._end, reason, messages=0)
         elif because and not self._losses.listed():
             reason = f"its summary cannot be used ({because}); the messages were found by reading the whole file"
             self._losses.note(self._end, reason, messages=0)
 
-    def _contradiction(self) -> str:
-        """What of the statistics and the checksum of the data does not agree with what was found."""
-        contents, statistics = self.contents, self._statistics
-        if statistics is not None and statistics.message_count:
-            counts = {id_: count for id_, count in statistics.channel_message_counts.items() if count}
-            if counts and counts != +contents.counts:
-                return "its statistics count other messages by channel than were found: one may be on a wrong topic"
-            if (statistics.message_start_time, statistics.message_end_time) != (contents.start_ns, contents.end_ns):
-                return (
-                    f"its statistics name log times from {statistics.message_start_time} to "
-                    f"{statistics.message_end_time} ns, found {contents.start_ns} to {contents.end_ns}"
-                )
-        if contents.loose and self._data_end is not None:  # chunks have checksums of their own
-            self._stream.seek(self._data_end + RECORD_HEAD.size)
-            crc = int.from_bytes(read_exactly(self._stream, 4), "little")
-            if crc and checksum_of(self._stream, 0, self._data_end) != crc:
-                return "the checksum of its data is wrong: messages may be altered, and nothing says which"
-        return ""
+    def _is_data_altered(self) -> bool:
+        """Whether there are messages outside of chunks, and the checksum of all data is wrong."""
+        if not self.contents.loose or self._data_end is None:
+            return False
+        self._stream.seek(self._data_end + RECORD_HEAD.size)
+        crc = int.from_bytes(read_exactly(self._stream, 4), "little")
+        return bool(crc) and checksum_of(self._stream, 0, self._data_end) != crc
 
     def _messages_lost(self, position: int) -> int | None:
         """Messages lost by the damage at `position`; None if unknown."""
@@ -224,7 +196,7 @@ class _Scan:
             chunk = self._load(position, is_cut=True)
         if damage.error:
             return False
-        self._take_records(chunk, position, self._end - position, is_checked=False)
+        self._take_records(chunk, position, self._end - position)
         self.contents.cut_chunk = position
         reason = f"the file ends in the middle of a chunk: it was cut off ({len(chunk)} bytes of it could be unpacked)"
         self._bad[position] = (reason, RECORD_HEAD.size + size)
@@ -241,14 +213,16 @@ class _Scan:
             self._in_summary = record.end == self._summary_start
         elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
             self._stream.seek(record.content)
-            is_checked = self._in_summary and self._has_checked_summary
-            self._register(opcode, read_exactly(self._stream, record.size), record.start, is_checked=is_checked)
+            with self._losses.guard() as damage:
+                _register(self.contents, opcode, read_exactly(self._stream, record.size))
+            if damage.error:
+                self._bad[record.start] = (f"a record that cannot be read ({damage.reason})", record.size)
         elif opcode == Opcode.STATISTICS:
             with self._losses.guard():
                 self._stream.seek(record.content)
-                statistics = Statistics.read(ReadDataStream(self._stream))
+                count = Statistics.read(ReadDataStream(self._stream)).message_count
                 if summary_checksum(self._stream) != "wrong":
-                    self._statistics, self._total = statistics, statistics.message_count
+                    self._total = count
         elif opcode == Opcode.MESSAGE_INDEX and self._last_chunk is not None:
             self._listed[self._last_chunk] += listed_messages(record)
 
@@ -259,10 +233,7 @@ class _Scan:
                 self._take_loose(record)
             else:
                 self._last_chunk = record.start
-                self._stream.seek(record.content)
-                is_checked = bool(read_chunk_head(self._stream).crc)
-                records = self._load(record.start)
-                self._take_records(records, record.start, record.end - record.start, is_checked=is_checked)
+                self._take_records(self._load(record.start), record.start, record.end - record.start)
         except LIBRARY_ERRORS as err:
             reason = f"a {Opcode(record.opcode).name.lower()} that cannot be read ({self._losses.reason(err)})"
             self._bad[record.start] = (reason, record.end - record.start)
@@ -300,34 +271,30 @@ class _Scan:
         self._allowance.take(head.uncompressed_size if head.compression else 0)
         return load_chunk(self._stream, position, self._limits, is_cut=is_cut, verify=verify)
 
-    def _take_records(self, chunk: bytes, position: int, size: int, *, is_checked: bool) -> None:
+    def _take_records(self, chunk: bytes, position: int, size: int) -> None:
         """Take all of a chunk of `size` bytes in the file, or nothing.
 
         Raises:
-            ValueError: its records do not fit it.
+            Exception: its records do not fit it.
         """
         records = list(records_in(chunk, self._limits))
         entries = [entry_of(chunk, at, position, at, size) for opcode, at, size in records if opcode == Opcode.MESSAGE]
         for opcode, at, length in records:
-            if opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
-                self._register(opcode, chunk[at : at + length], position, is_checked=is_checked)
+            _register(self.contents, opcode, chunk[at : at + length])
         for entry in entries:
             self._count(entry)
         if entries:
             times = [entry.log_time_ns for entry in entries]
             ids = frozenset(entry.channel_id for entry in entries)
-            self.contents.chunks.append(ChunkPlace(min(times), position, max(times), ids, size))
-
-    def _register(self, opcode: int, record: bytes, position: int, *, is_checked: bool) -> None:
-        """Add a schema or channel, or note that it is damaged."""
-        with self._losses.guard() as damage:
-            self._definitions.add(opcode, record, position, is_checked=is_checked)
-        if damage.error:
-            self._bad[position] = (f"a record that cannot be read ({damage.reason})", len(record))
+            self.contents.chunks.append(ChunkPlace(min(times), position, max(times), ids, size, len(entries)))
 
 
 def _register(contents: Contents, opcode: int, record: bytes) -> None:
-    """Add a schema or channel unless its id is known: the first ones are in chunks, which have a checksum."""
+    """Add a schema or channel unless its id is known: the first ones are in chunks, which have a checksum.
+
+    Raises:
+        Exception: any that damage causes.
+    """
     stream = ReadDataStream(BytesIO(record))
     if opcode == Opcode.SCHEMA:
         schema = Schema.read(stream)

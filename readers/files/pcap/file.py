@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
-from pipeline.core.arrays import Bools, Indices
+from pipeline.core.arrays import Indices
 from pipeline.core.messages import RawMessage
 from readers.files.container import Container
 from readers.files.pcap.packets import Window, captured_packets
@@ -26,14 +26,10 @@ __all__ = ["PcapFile"]
 DATA_PORT = 2368
 POSITION_BYTES = 554
 
-OFF_TIME_NS = 1_000_000_000
-"""How far a packet's time may be from both the one before and the one behind it, if these are close together."""
-
 MAX_LIDARS = 64
 """Packets of more senders are not read."""
 
 NO_TIME, OTHER_SIZE, POSITION, TOO_MANY = "no_time", "other_size", "position", "too_many_lidars"
-WRONG_CHECKSUM = "wrong_checksum"
 OTHERS = {
     CUT_SHORT: "packets of which the capture kept too few bytes",
     FRAGMENTS: "fragments of IP packets, which no Velodyne sends",
@@ -43,7 +39,6 @@ OTHERS = {
     OTHER_SIZE: f"UDP packets of other sizes than a Velodyne's {PACKET_BYTES} bytes",
     POSITION: "position packets (GPS), which are not used",
     TOO_MANY: f"packets of more than {MAX_LIDARS} lidars",
-    WRONG_CHECKSUM: "packets whose IP header does not agree with its checksum, of a sender without any that does",
     UNKNOWN_LINK: "packets of another link type than Ethernet, Linux cooked, loopback and raw IP",
 }
 """Packets that are not read, by the name of their topic below /other_traffic."""
@@ -60,7 +55,6 @@ class PcapFile(Container):
     def _describe(self) -> None:
         times, positions, lidars = array("q"), array("q"), array("H")
         numbers: dict[tuple[bytes, int], int] = {}
-        intact: set[int] = set()
         others: Counter[str] = Counter()
         first_ns, last_ns = 2**63, -1
         for packet in captured_packets(self._stream, self._losses):
@@ -80,46 +74,21 @@ class PcapFile(Container):
                     others[TOO_MANY] += 1
                     continue
                 lidars.append(numbers.setdefault(key, len(numbers)))
-                if found.is_intact:
-                    intact.add(lidars[-1])
                 times.append(time_ns)
                 positions.append(packet.position + found.data_at)
         self._channels = [packet_channel(f"{_place(*key)}/packets") for key in numbers]
         self._times = np.array(times, np.int64)
         self._positions = np.array(positions, np.int64)
         self._lidars = np.array(lidars, np.uint16)
-        is_of_lidar = np.isin(self._lidars, [*intact]) if intact else np.ones(len(lidars), np.bool_)
-        if not is_of_lidar.all():  # a damaged address: the others of a rig are intact
-            others[WRONG_CHECKSUM] += int((~is_of_lidar).sum())
-        is_of_lidar &= ~self._is_off_time()
-        self._times, self._positions = self._times[is_of_lidar], self._positions[is_of_lidar]
-        self._lidars = self._lidars[is_of_lidar]
         counts = np.bincount(self._lidars, minlength=len(numbers)).tolist()
         self.topics = merge_topics(
             [TopicInfo(c.topic, c.msgtype, n, (c,)) for c, n in zip(self._channels, counts, strict=True) if n]
             + [TopicInfo(f"/other_traffic/{k}", "packet", n, (), OTHERS[k]) for k, n in others.items()]
         )
         self.message_count = len(self._times) + others.total()
-        if len(self._times) < len(times) and len(self._times):
-            first_ns, last_ns = int(self._times.min()), int(self._times.max())
         self.start_ns, self.end_ns = (first_ns, last_ns) if last_ns >= 0 else (0, 0)
         if not self.message_count and (losses := self.losses):
             raise EOFError(losses[0].reason)
-
-    def _is_off_time(self) -> Bools:
-        """Which packets were captured at another time than those of their lidar before and behind; these are noted."""
-        found: Bools = np.zeros(len(self._times), np.bool_)
-        for lidar in np.unique(self._lidars).tolist():
-            rows = np.flatnonzero(self._lidars == lidar)
-            times = self._times[rows]
-            gaps = np.abs(np.diff(times))
-            around = np.abs(times[2:] - times[:-2])
-            is_off = (gaps[:-1] > OFF_TIME_NS) & (gaps[1:] > OFF_TIME_NS) & (around < OFF_TIME_NS // 10)
-            found[rows[1:-1][is_off]] = True
-        for row in np.flatnonzero(found).tolist():
-            reason = "a packet of another time of capture than those of its lidar before and behind it"
-            self._losses.note(int(self._positions[row]), reason, size=PACKET_BYTES, messages=1)
-        return found
 
     def messages(
         self, topics: Collection[str] | None, *, start_ns: int | None, stop_ns: int | None

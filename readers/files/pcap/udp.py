@@ -1,6 +1,5 @@
 """UDP packets in captured network packets: sender, port, and where their data are."""
 
-import struct
 from ipaddress import ip_address
 from typing import NamedTuple
 
@@ -30,14 +29,12 @@ class Udp(NamedTuple):
         port: Destination port.
         data_at: Offset of its data in the captured packet.
         size: Bytes of its data.
-        is_intact: Whether the header with the sender's address agrees with its checksum; true where it has none.
     """
 
     source: bytes
     port: int
     data_at: int
     size: int
-    is_intact: bool = True
 
 
 def address_text(address: bytes) -> str:
@@ -93,19 +90,7 @@ def _ipv4(head: bytes, at: int, captured: int) -> Udp | str:
         return FRAGMENTS
     if head[at + 9] != UDP:
         return NOT_UDP
-    length = 4 * (head[at] & 0x0F)
-    found = _udp(head, at + length, head[at + 12 : at + 16], captured)
-    if isinstance(found, str) or not (head[at + 10] or head[at + 11]):
-        return found
-    return found._replace(is_intact=_checksum(head[at : at + length]) == 0xFFFF)
-
-
-def _checksum(header: bytes) -> int:
-    """Sum of the 16-bit words in ones' complement (RFC 1071): all ones if the header agrees with its checksum."""
-    total: int = sum(struct.unpack(f">{len(header) // 2}H", header[: len(header) // 2 * 2]))
-    while total > 0xFFFF:
-        total = (total & 0xFFFF) + (total >> 16)
-    return total
+    return _udp(head, at + 4 * (head[at] & 0x0F), head[at + 12 : at + 16], captured)
 
 
 def _ipv6(head: bytes, at: int, captured: int) -> Udp | str:

@@ -2,7 +2,12 @@
 
 import re
 import struct
+from collections.abc import Iterator
+from io import BytesIO
+from itertools import islice
 from typing import BinaryIO, NamedTuple
+
+from pipeline.core.settings.recording import LimitsConfig
 
 __all__ = [
     "CHUNK",
@@ -13,6 +18,7 @@ __all__ = [
     "MAGIC_BYTES",
     "MESSAGE",
     "Record",
+    "contents_of_chunk",
     "find_record",
     "looks_like_record",
     "read_record",
@@ -164,6 +170,36 @@ def find_record(stream: BinaryIO, position: int, end: int) -> int:
         position += len(block) - MAX_START_BYTES
         step = min(2 * step, SEARCH_BLOCK)
     return end
+
+
+def _records_of(stream: BinaryIO, begin: int, end: int) -> Iterator[Record]:
+    position, record = begin, read_record(stream, begin, end)
+    while position < end:
+        following = None if record is None else read_record(stream, record.end, end)
+        if (
+            record is None
+            or record.kind not in {MESSAGE, CONNECTION}
+            or (following is None and record.end != end)  # its length is wrong
+        ):
+            position = find_record(stream, position + 1 if record is None else record.data, end)
+            record = read_record(stream, position, end)
+            continue
+        yield record
+        position, record = record.end, following
+
+
+def contents_of_chunk(records: bytes, limits: LimitsConfig) -> list[Record]:
+    """The messages and connections of an unpacked chunk; damage is passed over.
+
+    Raises:
+        ValueError: there are too many.
+    """
+    found = list(islice(_records_of(BytesIO(records), 0, len(records)), limits.max_messages_per_chunk + 1))
+    if len(found) > limits.max_messages_per_chunk:
+        raise ValueError(
+            f"a chunk of more than {limits.max_messages_per_chunk} messages, see limits.max_messages_per_chunk"
+        )
+    return found
 
 
 def looks_like_record(stream: BinaryIO, position: int, end: int) -> bool:

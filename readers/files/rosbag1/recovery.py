@@ -1,19 +1,16 @@
 """What a ROS 1 bag contains, found by a scan of all its records that resumes after damage."""
 
-from array import array
 from collections import Counter, defaultdict
 from io import BytesIO
 from typing import BinaryIO
 
 import numpy as np
 
-from pipeline.core.errors import RecordingError
 from pipeline.core.settings.recording import LimitsConfig
+from readers.files.chunked import ChunkPlace
 from readers.files.damage import Losses
-from readers.files.decompress import Allowance, compression_of, unpack
-from readers.files.rosbag1.chunk import check_complete
-from readers.files.rosbag1.connections import Connection, agreed, connection_of, is_same
-from readers.files.rosbag1.index import BY_TIME, Chunk, Contents
+from readers.files.decompress import Allowance, check_complete, compression_of, unpack
+from readers.files.rosbag1.index import ChunkData, Contents, channel_of
 from readers.files.rosbag1.records import (
     CHUNK,
     CHUNK_INFO,
@@ -23,15 +20,17 @@ from readers.files.rosbag1.records import (
     MAGIC_BYTES,
     MESSAGE,
     Record,
+    contents_of_chunk,
     find_record,
     looks_like_record,
     read_record,
 )
-from readers.files.rows import sort_rows
 
 __all__ = ["contents_of_scan"]
 
-OFFSET_END = 1 << 32
+MAX_RUN_BYTES = 4 << 20
+"""Messages that are not compressed are read in runs of adjacent records, of about this size at most."""
+
 CUT_INDEX = "the index at the end of the file is cut off; the messages were found by reading the whole file"
 
 
@@ -43,38 +42,34 @@ def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str, limits: 
         losses: Collects what is damaged.
         because: Why the index is invalid; noted if no other damage is found. Empty if it may be valid.
         limits: How much the file may unpack to.
-
-    Raises:
-        RecordingError: it has more messages than may be held in memory.
     """
     scan = _Scan(stream, stream.seek(0, 2), losses, limits)
     scan.run()
-    return scan.contents(because)
+    scan.note_losses(because)
+    return scan.contents
 
 
 class _Scan:
     """Reads one record after the other; after damage it searches for the next one.
 
-    A message belongs to the last chunk that began; if the beginning of that chunk was lost, its first message stands
-    for it. A chunk, its damage and the index after it are counted under one position.
+    Messages that are not compressed are gathered into runs, which are read like chunks. A chunk, its damage and the
+    index after it are counted under one position.
     """
 
     def __init__(self, stream: BinaryIO, end: int, losses: Losses, limits: LimitsConfig) -> None:
+        self.contents = Contents()
         self._stream = stream
         self._losses = losses
         self._limits = limits
         self._allowance = Allowance(limits.max_unpacked_bytes(end))
         self._end = end
-        self._connections: dict[int, Connection] = {}
-        self._chunks: dict[int, Chunk] = {}
-        self._rows = array("q")
-        self._base: int | None = None  # position of the current chunk
-        self._part = 0  # position under which its messages are counted
+        self._run: list[Record] = []  # adjacent messages and connections outside of compressed chunks
+        self._part = 0  # position under which messages are counted
         self._found: Counter[int] = Counter()
         self._listed: Counter[int] = Counter()  # according to the index after each chunk
         self._counted: dict[int, int] = {}  # according to the chunk infos at the end of the file
         self._gaps: defaultdict[int, list[tuple[int, int, str]]] = defaultdict(list)
-        self._in_index = False
+        self._in_chunk = self._in_index = False
         self._index_position = 0
         self._chunk_count = 0  # according to the header
 
@@ -95,28 +90,23 @@ class _Scan:
                     position = self._skip(position, record.data)
                     record = self._read(position)
                     continue
-                self._take_message(record)
+                self._add_to_run(record)
             elif record.kind == CONNECTION:
+                self._in_index |= not self._in_chunk
                 self._take_connection(self._stream, record)
+                self._add_to_run(record)
             elif record.kind != CHUNK:
                 self._take_other(record)
             position, record = following, next_record
+        self._end_run()
 
-    def contents(self, because: str) -> Contents:
-        """What was found; what was lost is noted."""
-        losses = self._losses
-        index = np.frombuffer(self._rows, np.int64).reshape(-1, 4)
-        known = np.isin(index[:, 3], list(self._connections))
-        if not known.all():
-            _, chunk, offset, _ = index[~known][0].tolist()
-            lost = int((~known).sum())
-            losses.note(
-                self._chunks[chunk].data_position + offset,
-                "messages of connections whose record was lost: their topic and type are unknown",
-                messages=lost,
-            )
-            index = index[known]
-        self._match_counts()
+    def note_losses(self, because: str) -> None:
+        """Note what was lost, and leave out messages whose connection is unknown."""
+        losses, contents = self._losses, self.contents
+        unknown = [id_ for id_ in contents.counts if id_ not in contents.channels]
+        if lost := sum(contents.counts.pop(id_) for id_ in unknown):
+            reason = "messages of connections whose record was lost: their topic and type are unknown"
+            losses.note(0, reason, messages=lost)
         for part in sorted({*self._gaps, *self._found, *self._listed, *self._counted}):
             self._note(part)
         if because and not losses.listed():
@@ -125,24 +115,11 @@ class _Scan:
                 losses.note(self._index_position, reason, messages=0)
             else:
                 losses.note(self._end, "it was not closed: what the recorder had not written yet is missing")
-        sort_rows(index, BY_TIME)
-        return Contents(self._connections, self._chunks, index, "scan")
-
-    def _match_counts(self) -> None:
-        """Give counts at the end of the file that name no chunk to the chunks without one: a position was damaged."""
-        nameless = [part for part in sorted(self._counted) if part not in self._chunks and not self._gaps.get(part)]
-        uncounted = [part for part in sorted(self._found) if part not in self._counted]
-        for part in nameless:
-            match = next((other for other in uncounted if self._found[other] == self._counted[part]), None)
-            if match is not None:
-                uncounted.remove(match)
-                self._counted[match] = self._counted.pop(part)
 
     def _note(self, part: int) -> None:
         found = self._found[part]
         said = [counts[part] for counts in (self._counted, self._listed) if part in counts]
-        expected = found if found in said else next(iter(said), None)  # one of the two may be damaged
-        missing = None if expected is None or expected < found else expected - found
+        missing = None if not said else 0 if found in said else max(said[0] - found, 0)  # one of them may be damaged
         is_counted = len(self._counted) == self._chunk_count  # else counts are lost, too
         if is_counted and self._found.total() == sum(self._counted.values()):
             missing = 0
@@ -153,7 +130,7 @@ class _Scan:
                 missing = 0
             self._losses.note(position, reason + more, size=sum(size for _, size, _ in gaps), messages=missing)
         elif missing:
-            reason = f"the index lists {expected} messages in this chunk, found {found}"
+            reason = f"the index lists {said[0]} messages in this chunk, found {found}"
             self._losses.note(part, reason, messages=missing)
 
     def _read(self, position: int) -> Record | None:
@@ -163,7 +140,8 @@ class _Scan:
         """Skip the damage at `position`; returns where the next record begins."""
         following = find_record(self._stream, search_from, self._end)
         size = following - position
-        if self._base is None:
+        self._end_run()
+        if not self._in_chunk:
             self._part = position
         if not reason:
             reason = "no record begins here: the bytes were overwritten"
@@ -176,94 +154,76 @@ class _Scan:
 
     def _take_chunk(self, record: Record) -> int:
         """Begin a chunk; returns where the next record begins: inside the chunk if it is not compressed."""
-        self._base, self._part, self._in_index = None, record.start, False
+        self._end_run()
+        self._part, self._in_chunk, self._in_index = record.start, False, False
         self._stream.seek(record.data)
         compression = compression_of(self._stream.read(4))
         if compression == "none":
-            self._base = record.start
-            self._chunks[record.start] = Chunk(record.data, 0, "none")
+            self._in_chunk = True
             return record.data
         reaches_end = not record.size or record.end >= self._end
         bounded = not reaches_end and self._read(record.end) is not None
-        limit = record.end if bounded else self._end
+        limit, largest = record.end if bounded else self._end, self._limits.max_chunk_bytes
         with self._losses.guard() as damage:
-            unpacked = unpack(
-                self._stream,
-                record.data,
-                limit,
-                compression,
-                largest=self._limits.max_chunk_bytes,
-                allowance=self._allowance,
-            )
+            unpacked = unpack(self._stream, record.data, limit, compression, largest=largest, allowance=self._allowance)
             if not reaches_end:
                 check_complete(unpacked, compression)
+            records = contents_of_chunk(unpacked.data, self._limits)
         if damage.error:
             reason = f"a chunk that does not unpack ({damage.reason})"
             if bounded:
                 self._gaps[record.start].append((record.start, record.end - record.start, reason))
                 return record.end
             return self._skip(record.start, record.data, reason)
-        self._chunks[record.start] = Chunk(record.data, unpacked.packed_size, compression, not unpacked.complete)
-        used = self._take_unpacked(unpacked.data, record.start)
+        stream, size = BytesIO(unpacked.data), len(unpacked.data)
+        for inner in records:
+            if inner.kind == CONNECTION:
+                self._take_connection(stream, inner)
+        data = ChunkData(record.data, unpacked.packed_size, size, compression, not unpacked.complete)
+        self._add_place(record.start, data, [inner for inner in records if inner.kind == MESSAGE])
         if not unpacked.complete:
-            reason = f"the file ends in the middle of a chunk: it was cut off ({used} bytes of it could be unpacked)"
-            size = max(self._end, self._index_position) - record.start
-            self._gaps[record.start].append((record.start, size, reason))
+            reason = f"the file ends in the middle of a chunk: it was cut off ({size} bytes of it could be unpacked)"
+            lost = max(self._end, self._index_position) - record.start
+            self._gaps[record.start].append((record.start, lost, reason))
         return record.end if bounded else record.data + unpacked.packed_size
 
-    def _take_unpacked(self, data: bytes, chunk: int) -> int:
-        """Take the records of an unpacked chunk; returns how many bytes they take up."""
-        stream, position, most = BytesIO(data), 0, self._limits.max_messages_per_chunk
-        while (record := read_record(stream, position, len(data))) is not None and record.kind in (MESSAGE, CONNECTION):
-            if record.kind == MESSAGE:
-                if self._found[chunk] >= most:
-                    reason = f"a chunk of more than {most} messages, see limits.max_messages_per_chunk"
-                    self._gaps[chunk].append((chunk, 0, reason))
-                    break
-                self._add(record, chunk, record.start)
-            else:
-                self._take_connection(stream, record)
-            position = record.end
-        return position
+    def _add_to_run(self, record: Record) -> None:
+        self._run.append(record)
+        if record.end - self._run[0].start > MAX_RUN_BYTES:
+            self._end_run()
 
-    def _take_message(self, record: Record) -> None:
-        """Take a message that is not compressed."""
-        if self._base is not None and record.start - self._chunks[self._base].data_position >= OFFSET_END:
-            self._base = None
-        if self._base is None:
-            self._base = record.start
-            self._chunks[record.start] = Chunk(record.start, 0, "none")
-        self._add(record, self._base, record.start - self._chunks[self._base].data_position)
+    def _end_run(self) -> None:
+        """Add the records that were read since the last damage or chunk."""
+        if messages := [record for record in self._run if record.kind == MESSAGE]:
+            begin, size = self._run[0].start, self._run[-1].end - self._run[0].start
+            self._add_place(begin, ChunkData(begin, size, size, "none"), messages)
+        self._run = []
 
-    def _add(self, record: Record, chunk: int, offset: int) -> None:
-        if len(self._rows) >= 4 * self._limits.max_messages_in_memory:
-            raise RecordingError(
-                f"its index is lost, and it has more than {self._limits.max_messages_in_memory} messages: raise "
-                "limits.max_messages_in_memory"
+    def _add_place(self, position: int, data: ChunkData, messages: list[Record]) -> None:
+        """Add a chunk, or a run of messages that are not compressed."""
+        self._found[self._part] += len(messages)
+        if messages:
+            times, ids = [m.time_ns for m in messages], Counter(m.number(b"conn") for m in messages)
+            place = ChunkPlace(
+                min(times), position, max(times), frozenset(ids), data.position + data.size - position, len(messages)
             )
-        self._rows.extend((record.time_ns, chunk, offset, record.number(b"conn")))
-        self._found[self._part] += 1
+            self.contents.chunks.append(place)
+            self.contents.data[position] = data
+            self.contents.counts += ids
 
     def _take_connection(self, stream: BinaryIO, record: Record) -> None:
-        if stream is self._stream and self._base is None:
-            self._in_index = True
         with self._losses.guard():  # each is recorded twice; if both are lost, its messages are counted
             id_ = record.number(b"conn")
-            known = self._connections.get(id_)
-            if known is not None and is_same(known, stream, record):
-                return
-            connection = connection_of(stream, record)
-            known = self._connections.setdefault(id_, connection)
-            places = {"known_at": "in the chunk", "other_at": "in another chunk or at the end of the file"}
-            position = record.start if stream is self._stream else self._part
-            self._connections[id_] = agreed(known, connection, self._losses, id_=id_, position=position, **places)
+            if id_ not in self.contents.channels:
+                self.contents.channels[id_] = channel_of(stream, record)
 
     def _take_other(self, record: Record) -> None:
+        self._end_run()
+        self._in_chunk = False
         if record.kind == INDEX:
-            self._base = None
             self._listed[self._part] += record.number(b"count")
         elif record.kind == CHUNK_INFO:
-            self._base, self._in_index = None, True
+            self._in_index = True
             self._stream.seek(record.data)
             counts = np.frombuffer(self._stream.read(record.size), "<u4")[1::2]
             self._counted[record.number(b"chunk_pos")] = int(counts.sum(dtype=np.int64))

@@ -18,7 +18,6 @@ from readers.files.container import Container, Source
 from readers.files.damage import LIBRARY_ERRORS
 from readers.files.decompress import decompressed
 from readers.files.passes import pass_starts
-from readers.files.rows import counts_of, in_order
 from readers.files.sqlite.index import Contents, MissingRowsError, contents_of_tables, without_early_times
 from readers.files.sqlite.recovery import check_size, contents_of_scan, read_message
 from readers.messages.header_stamp import stamp_or_log_time
@@ -64,23 +63,21 @@ class SqliteFile(Container):
             check_size(self._stream)
             contents = contents_of_tables(self._database, self.path, self._source.metadata.distro, self._losses)
         if damage.error:
-            ids = damage.error.ids if isinstance(damage.error, MissingRowsError) else None
-            self._scanned = contents_of_scan(self._stream, self._losses, because=damage.reason, listed_ids=ids)
+            listed = damage.error.listed if isinstance(damage.error, MissingRowsError) else None
+            self._scanned = contents_of_scan(self._stream, self._losses, because=damage.reason, listed=listed)
             contents = self._scanned
             contents = contents._replace(rows=without_early_times(contents.rows, self._losses))
             if not len(contents.rows):
                 raise damage.error
         self._uses_tables = not damage.error
-        self._set_contents(contents)
-
-    def _set_contents(self, contents: Contents) -> None:
         self._channels: dict[int, Channel] = {}
         topics = []
-        self._counts = counts_of(contents.rows[:, 2])
+        ids, numbers = np.unique(contents.rows[:, 2], return_counts=True)
+        self._counts: dict[int, int] = dict(zip(ids.tolist(), numbers.tolist(), strict=True))
         distro = contents.distro or self._source.metadata.distro
         for topic_id, topic, recorded_type, encoding in contents.topics:
             msgtype = normalize_msgtype(recorded_type)
-            count = self._counts[topic_id]
+            count = self._counts.get(topic_id, 0)
             if encoding not in {"cdr", ""}:
                 reason = f"its messages are serialised as {' '.join(encoding.split())[:50]}, lidcam reads cdr"
                 topics.append(TopicInfo(topic, msgtype, count, (), reason))
@@ -94,7 +91,6 @@ class SqliteFile(Container):
         self._rows = self._of_topics(contents.rows[:, :3], [topic_id for topic_id, *_ in contents.topics])
         if unlisted := len(contents.rows) - len(self._rows):
             self._losses.note(0, "messages of a topic that the file does not list", messages=unlisted)
-        self._other_times_ns = contents.other_times_ns
         self._passes = _passes(self._rows)
         self.topics = merge_topics(topics)
         self.message_count = len(self._rows)
@@ -146,7 +142,7 @@ class SqliteFile(Container):
                 self._steps = 0
                 rows = self._database.execute("SELECT data, timestamp FROM messages WHERE id = ?", (row_id,))
                 ((data, found_ns),) = rows
-                if found_ns == self._other_times_ns.get(row_id, log_time_ns):
+                if found_ns == log_time_ns:
                     return data
                 raise sqlite3.DatabaseError(f"expected log time {log_time_ns} of message {row_id}, found {found_ns}")
             except LIBRARY_ERRORS as err:
@@ -172,7 +168,7 @@ class SqliteFile(Container):
 
 def _passes(rows: I64) -> list[I64]:
     """The rows of each pass of the recorder's clock, as sorted as all of them; ids rise in the order of writing."""
-    if in_order(rows, (1,)):  # log times rise through the file
+    if (rows[1:, 1] > rows[:-1, 1]).all():  # log times rise through the file
         return [rows]
     in_file = np.argsort(rows[:, 1])
     starts = pass_starts(rows[in_file, 0], rows[in_file, 2])

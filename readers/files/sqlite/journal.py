@@ -4,23 +4,16 @@ SQLite takes a write-ahead log to end at the first page whose checksum is wrong,
 bytes are wrong for none at all (https://www.sqlite.org/fileformat2.html, 3 and 4).
 """
 
-import struct
-from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
 __all__ = ["journals_of", "unapplied"]
 
 JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
-WAL_MAGICS = {0x377F0682: "<", 0x377F0683: ">"}
-"""With the byte order of the checksums."""
+HEADER_BYTES, FRAME_HEADER_BYTES = 32, 24
+"""Of a write-ahead log, and of each page in it."""
 
-WAL_HEADER = struct.Struct(">IIIIIIII")  # magic, version, page size, sequence, two salts, two checksums
-FRAME_HEADER = struct.Struct(">IIIIII")  # page, size of the database if it ends a transaction, two salts, two checksums
-
-BLOCK = 1 << 20
-MAX_CHECKED = 10_000
-"""Pages of a transaction that was not finished whose checksums are computed."""
+BLOCK_BYTES = 1 << 20
 
 
 def journals_of(path: Path) -> list[Path]:
@@ -51,53 +44,19 @@ def unapplied(journal: Path, folder: Path, applied: int) -> str:
         pages = _unapplied_pages(stream, max(applied, 0))
     if not pages:
         return ""
-    return f"{pages} pages of {journal.name} cannot be applied: it is damaged, and what they hold is missing"
+    return f"{pages} pages of {journal.name} cannot be applied: they are damaged or were not committed"
 
 
 def _unapplied_pages(stream: BinaryIO, applied: int) -> int:
-    size = stream.seek(0, 2)
+    """Pages of this log behind those that SQLite has applied: each has the salts of the first one in its header."""
     stream.seek(0)
-    header = stream.read(WAL_HEADER.size)
-    if len(header) < WAL_HEADER.size:
+    head = stream.read(HEADER_BYTES + FRAME_HEADER_BYTES)
+    salts = head[HEADER_BYTES + 8 : HEADER_BYTES + 16]
+    if len(salts) < 8:
         return 0
-    magic, _, page_bytes, _, *salts, first, second = WAL_HEADER.unpack(header)
-    frame_bytes = FRAME_HEADER.size + page_bytes
-    order = WAL_MAGICS.get(magic)
-    if order is None or _checksum(order, header[:24], (0, 0)) != (first, second):
-        return max((size - WAL_HEADER.size) // max(frame_bytes if page_bytes <= 65536 else 4096, 512), 1)
-    count: int = (size - WAL_HEADER.size) // frame_bytes
-    if applied:
-        stream.seek(WAL_HEADER.size + (applied - 1) * frame_bytes)
-        *_, first, second = FRAME_HEADER.unpack(stream.read(FRAME_HEADER.size))
-    sums = first, second
-    for number in islice(range(applied, count), MAX_CHECKED):
-        stream.seek(WAL_HEADER.size + number * frame_bytes)
-        frame = stream.read(frame_bytes)
-        _, _, *own_salts, first, second = FRAME_HEADER.unpack_from(frame)
-        sums = _checksum(order, frame[:8] + frame[FRAME_HEADER.size :], sums)
-        if own_salts == salts and sums == (first, second):
-            continue
-        is_of_older_log = own_salts[0] != salts[0] and own_salts[1] != salts[1]
-        is_left = _contains(stream, WAL_HEADER.size + number * frame_bytes, header[16:24])
-        return count - number if is_left or not is_of_older_log else 0
-    return 1 if (size - WAL_HEADER.size) % frame_bytes else 0  # the last page is incomplete
-
-
-def _contains(stream: BinaryIO, position: int, wanted: bytes) -> bool:
-    """Whether the file contains something from `position` on: pages of this log have its salts, wherever they lie."""
-    stream.seek(position)
-    end = b""
-    while block := stream.read(BLOCK):
-        if wanted in end + block:
-            return True
-        end = block[-len(wanted) :]
-    return False
-
-
-def _checksum(order: str, content: bytes, sums: tuple[int, int]) -> tuple[int, int]:
-    first, second = sums
-    words = struct.unpack(f"{order}{len(content) // 4}I", content[: len(content) // 4 * 4])
-    for one, two in zip(words[::2], words[1::2], strict=False):
-        first = (first + one + second) & 0xFFFFFFFF
-        second = (second + two + first) & 0xFFFFFFFF
-    return first, second
+    stream.seek(HEADER_BYTES + applied * (FRAME_HEADER_BYTES + int.from_bytes(head[8:12], "big")))
+    pages, end = 0, b""
+    while block := stream.read(BLOCK_BYTES):
+        pages += (end + block).count(salts)
+        end = block[-len(salts) + 1 :]
+    return pages

@@ -10,7 +10,7 @@ from pipeline.core.arrays import F32, F64, I32, Bools
 from pipeline.core.geometry.posed_boxes import PosedBoxes
 from pipeline.core.geometry.rotations import matrix_of_quaternion
 from pipeline.core.settings.config import Config
-from pipeline.detectors.onnx.coco import COCO_LABELS
+from pipeline.detectors.onnx.class_names import COCO_LABELS
 from readers.messages.tf import clean_frame
 
 __all__ = ["AUTOWARE_LABELS", "FoundObjects", "ObjectClasses", "found_objects"]

@@ -4,11 +4,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from reports import changed
 
 import lidcam
 from lidcam.checks.incomplete import absent_lines, damage_lines, left_out_lines
 from lidcam.checks.missing import MissingSensor, SilentSpan
-from lidcam.summary import DropCount, DropTable, RunReport
+from lidcam.report import DropCount, RunReport
+from lidcam.summary import DropTable
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Drop
 from readers.recording import Loss
@@ -60,8 +62,11 @@ def test_sensors_that_are_in_no_frame_and_not_those_that_pause() -> None:
 def test_a_report_says_what_is_missing(report: RunReport) -> None:
     assert report.incomplete == ()
     drops = (DropCount("/a", "too late", 7, ""), DropCount("/a", "cannot be decoded", 3, "", is_defect=True))
-    found = replace(
-        report, drops=drops, faults=(SensorFault("cam1", "/cam1/image", "x"),), losses=(Loss(BAG, 0, "x", messages=2),)
+    found = changed(
+        report,
+        drops={"messages": drops},
+        sensors={"faults": (SensorFault("cam1", "/cam1/image", "x"),)},
+        inputs={"losses": (Loss(BAG, 0, "x", messages=2),)},
     )
     assert found.incomplete == (
         "cam1 (/cam1/image) is left out",

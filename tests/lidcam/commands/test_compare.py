@@ -103,7 +103,7 @@ def test_a_result_and_itself(compare: Any, result: Path) -> None:
     lines = same.out.splitlines()
     counted = [line.split()[:2] for line in lines if line.startswith(("lidar", "fused", "cameras", "camera_"))]
     assert [row[1] for row in counted] == ["all"] * 7  # no class has anything to say
-    tree = compare(result, result, json="-").tree
+    tree = compare(result, result, as_json=True).tree
     assert (tree["command"], tree["exit_code"], tree["differences"]["count"]) == ("compare", 0, 0)
     assert [one["path"] for one in tree["inputs"]] == [str(result)] * 2
     channels = [*tree["sources"].values(), *tree["images"].values()]
@@ -123,7 +123,7 @@ def test_yaw_shifted_by_5_degrees(compare: Any, result: Path, faulty: Any) -> No
     assert [row for row in counted if row[:1] == ["lidar"]] == [["lidar", "all"]]
     assert ["fused", "car"] in counted
     assert found.out.splitlines()[-1] == "verdict: differs more than it may"
-    sources = compare(result, other, json="-").tree["sources"]
+    sources = compare(result, other, as_json=True).tree["sources"]
     assert kinds_of(sources["fused"]["all"]) == {"turned": sources["fused"]["all"]["a"]}
     assert sources["fused"]["all"]["largest_turned_deg"] == pytest.approx(5)
     assert not kinds_of(sources["lidar"]["all"])
@@ -137,8 +137,8 @@ def test_yaw_shifted_by_5_degrees(compare: Any, result: Path, faulty: Any) -> No
 
 def test_json_is_as_the_schema_says(compare: Any, result: Path, faulty: Any) -> None:
     schema = json.loads((ROOT / "docs/figures.schema.json").read_text(encoding="utf-8"))
-    jsonschema.validate(compare(result, faulty(turned(5)), json="-").tree, schema)
-    jsonschema.validate(compare(result, result, json="-").tree, schema)
+    jsonschema.validate(compare(result, faulty(turned(5)), as_json=True).tree, schema)
+    jsonschema.validate(compare(result, result, as_json=True).tree, schema)
 
 
 def test_a_class_lost(compare: Any, result: Path, faulty: Any) -> None:
@@ -146,11 +146,11 @@ def test_a_class_lost(compare: Any, result: Path, faulty: Any) -> None:
     found = compare(result, other)
     assert len(found.failures) == 1
     assert any(line.split()[:4] == ["fused", "bus", "lost", "(score"] for line in found.out.splitlines())
-    counts = compare(result, other, json="-").tree["sources"]["fused"]
+    counts = compare(result, other, as_json=True).tree["sources"]["fused"]
     assert kinds_of(counts["bus"]) == kinds_of(counts["all"]) == {"lost": counts["bus"]["a"]}
     assert counts["bus"]["a"] >= 14
     assert (counts["bus"]["b"], counts["bus"]["different_percent"]) == (0, 100)
-    back = compare(other, result, json="-").tree["sources"]["fused"]
+    back = compare(other, result, as_json=True).tree["sources"]["fused"]
     assert kinds_of(back["all"]) == {"new": counts["bus"]["a"]}
 
 
@@ -158,7 +158,7 @@ def test_a_car_missing_for_a_second(compare: Any, result: Path, faulty: Any, car
     other = faulty(dropped(followed(*car, gate_m=2), range(2, 12)))
     (line,) = (line for line in compare(result, other).out.splitlines() if "2-11" in line)
     assert line.split()[:4] == ["fused", "car", "lost", "(score"]
-    tree = compare(result, other, json="-").tree
+    tree = compare(result, other, as_json=True).tree
     (only,) = tree["differences"]["listed"]
     assert (only["first_frame"], only["last_frame"], only["frames"]) == (2, 11, 10)
     assert only["last_s"] - only["first_s"] == pytest.approx(0.9, abs=0.01)
@@ -171,7 +171,7 @@ def test_a_car_missing_for_a_second(compare: Any, result: Path, faulty: Any, car
 
 def test_each_fault_has_its_kind(compare: Any, result: Path, faulty: Any, car: tuple[float, float]) -> None:
     def kinds(change: Change) -> dict[str, int]:
-        return kinds_of(compare(result, faulty(change), json="-").tree["sources"]["fused"]["all"])
+        return kinds_of(compare(result, faulty(change), as_json=True).tree["sources"]["fused"]["all"])
 
     of_frame_5 = len([*fused_objects(result).values()][5])
     assert kinds(flipped(nearest_to(*car), [3])) == {"turned": 1}
@@ -184,7 +184,7 @@ def test_swapped_ids(compare: Any, result: Path, tmp_path: Path) -> None:
     first = perturbed(result, tmp_path / "first.mcap", {FUSED: numbered(2)})
     swap = in_turn(numbered(2), swapped_ids("1", "2", range(7, 14)))
     second = perturbed(result, tmp_path / "second.mcap", {FUSED: swap})
-    tree = compare(first, second, json="-").tree
+    tree = compare(first, second, as_json=True).tree
     assert kinds_of(tree["sources"]["fused"]["all"]) == {"reidentified": 2}
     assert "reidentified" in compare(first, second).out
 
@@ -242,7 +242,7 @@ def test_what_a_merged_file_must_not_replace(compare: Any, sandbox: Path, result
         compare(sandbox, sandbox, merged=sandbox)
     taken = tmp_path / "taken.mcap"
     taken.write_bytes(b"mine")
-    with pytest.raises(OutputError, match="exists and was not written by an earlier --merged"):
+    with pytest.raises(OutputError, match="exists and was not written by --merged"):
         compare(sandbox, sandbox, merged=taken)
     assert taken.read_bytes() == b"mine"
     compare(sandbox, sandbox, merged=taken, overwrite=True, only=("cam11",))

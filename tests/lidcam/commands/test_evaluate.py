@@ -43,8 +43,10 @@ def valid(text: str) -> dict[str, Any]:
     return tree
 
 
-def options(result: Path, *requirements: str, json: str | None = None, **more: Any) -> EvaluateOptions:
-    return EvaluateOptions(make_evaluation_job(result, requirements=requirements, **more), json)
+def options(
+    result: Path, *requirements: str, as_json: bool = False, json_file: Path | None = None, **more: Any
+) -> EvaluateOptions:
+    return EvaluateOptions(make_evaluation_job(result, requirements=requirements, **more), as_json, json_file)
 
 
 def test_the_schema_is_one() -> None:
@@ -74,7 +76,7 @@ def test_tables(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
 def test_json_in_a_file(result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "figures.json"
     with pytest.raises(CheckError) as raised:
-        run_evaluate(options(result, "fused.car.precision > 2", "frames > 1", "frames < 1", json=str(file)))
+        run_evaluate(options(result, "fused.car.precision > 2", "frames > 1", "frames < 1", json_file=file))
     assert len(raised.value.lines) == 2
     assert raised.value.lines[0] == "fused.car.precision: expected > 2, found 1"
     assert raised.value.lines[1] == "frames: expected < 1, found 4"
@@ -89,9 +91,9 @@ def test_json_in_a_file(result: Path, tmp_path: Path, capsys: pytest.CaptureFixt
 
 
 def test_json_on_standard_output(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run_evaluate(options(result, json="-"))
+    run_evaluate(options(result, as_json=True))
     first = valid(capsys.readouterr().out)
-    run_evaluate(options(result, json="-"))
+    run_evaluate(options(result, as_json=True))
     second = json.loads(capsys.readouterr().out)
     assert first.pop("timing").keys() == second.pop("timing").keys()
     assert first == second
@@ -99,7 +101,7 @@ def test_json_on_standard_output(result: Path, capsys: pytest.CaptureFixture[str
 
 def test_truth_in_another_file(result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "figures.json"
-    run_evaluate(options(result, json=str(file), truth=SANDBOX))
+    run_evaluate(options(result, json_file=file, truth=SANDBOX))
     assert "/ground_truth/objects of sandbox.bag (by its name)" in capsys.readouterr().out
     tree = valid(file.read_text(encoding="utf-8"))
     assert [Path(one["path"]).name for one in tree["truth"]["inputs"]] == ["sandbox.bag"]
@@ -108,7 +110,7 @@ def test_truth_in_another_file(result: Path, tmp_path: Path, capsys: pytest.Capt
 
 def test_settings_of_the_evaluation(result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "mine.yaml").write_text("evaluate: {iou: [0.25, 0.75]}\nfuse: {min_score: 0.99}\n", encoding="utf-8")
-    run_evaluate(options(result, config=tmp_path / "mine.yaml", settings={"evaluate.max_range_m": 0.1}, json="-"))
+    run_evaluate(options(result, config=tmp_path / "mine.yaml", settings={"evaluate.max_range_m": 0.1}, as_json=True))
     tree = valid(capsys.readouterr().out)
     assert "ap_bev_r40_75" in tree["sources"]["fused"]["car"]
     assert "ap_bev_r40_50" not in tree["sources"]["fused"]["car"]
@@ -139,7 +141,7 @@ def test_settings_that_change_nothing_are_refused(result: Path, settings: Any) -
 def test_zones_of_a_rig_file(result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rig = tmp_path / "zones.yaml"
     rig.write_text("zones: {all_of_it: [[-9, -9], [9, -9], [9, 9], [-9, 9]]}\n", encoding="utf-8")
-    run_evaluate(options(result, "fused.car.zones.all_of_it.truth == 8", rig=rig, json="-"))
+    run_evaluate(options(result, "fused.car.zones.all_of_it.truth == 8", rig=rig, as_json=True))
     tree = valid(capsys.readouterr().out)
     assert tree["sources"]["fused"]["car"]["zones"]["all_of_it"]["truth"] == 8
     assert tree["exit_code"] == 0
@@ -150,7 +152,7 @@ def test_true_objects_that_the_zones_ignore_are_no_misses(
 ) -> None:
     rig = tmp_path / "zones.yaml"
     rig.write_text("zones: {all: {corners: [[-9, -9], [9, -9], [9, 9], [-9, 9]], use: ignore}}\n", encoding="utf-8")
-    run_evaluate(options(result, rig=rig, json="-"))
+    run_evaluate(options(result, rig=rig, as_json=True))
     figures = valid(capsys.readouterr().out)["sources"]["fused"]["car"]
     assert (figures["truth"], figures["ignored"], figures["zones"]) == (0, 8, {})
 
@@ -165,7 +167,7 @@ def test_a_rig_file_without_anything_to_evaluate_by(result: Path, tmp_path: Path
 def test_unknown_figures_are_told_before_anything_is_measured(result: Path, tmp_path: Path) -> None:
     file = tmp_path / "figures.json"
     with pytest.raises(RequirementError, match=r"unknown figure 'fused.car.recal': did you mean 'fused.car.recall'\?"):
-        run_evaluate(options(result, "fused.car.recal > 0", json=str(file)))
+        run_evaluate(options(result, "fused.car.recal > 0", json_file=file))
     assert not file.exists()
 
 
@@ -182,7 +184,7 @@ def test_without_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert out.startswith("out.mcap: 2 frames, without truth: what needs it is not measured\n")
     assert "note: no truth: " in out
     assert "(--truth)" in out
-    run_evaluate(options(path, json="-"))
+    run_evaluate(options(path, as_json=True))
     tree = valid(capsys.readouterr().out)
     assert tree["truth"] is None
     assert tree["frames_with_truth"] == 0
@@ -194,7 +196,7 @@ def test_a_rig_file_says_which_odometry_is_truth(
     rig = tmp_path / "truth.yaml"
     entry = "{topic: /%s/base_pose_ground_truth, size_m: [0.33, 0.22, 0.21], class: car}"
     rig.write_text(f"truth: {{car1: {entry % 'car1'}, car2: {entry % 'car2'}}}\n", encoding="utf-8")
-    run_evaluate(options(result, json="-", truth=SANDBOX, rig=rig))
+    run_evaluate(options(result, as_json=True, truth=SANDBOX, rig=rig))
     tree = valid(capsys.readouterr().out)
     assert tree["truth"]["from"][0].startswith("odometry /car1/base_pose_ground_truth, /car2/base_pose_ground_truth")
     assert tree["sources"]["fused"]["car"]["truth"] == 8
@@ -210,7 +212,7 @@ def test_a_damaged_result_is_incomplete(result: Path, tmp_path: Path, capsys: py
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(result.read_bytes()[:33_000])
     with pytest.raises(IncompleteError, match=r"cut.mcap: damaged"):
-        run_evaluate(options(cut, json="-"))
+        run_evaluate(options(cut, as_json=True))
     tree = valid(capsys.readouterr().out)
     assert tree["exit_code"] == 3
 
@@ -221,7 +223,7 @@ def test_process_and_evaluate_in_one(tmp_path: Path, capsys: pytest.CaptureFixtu
     job = make_job(SANDBOX, path, config="sandbox", settings=settings, duration_s=0.3, workers=1)
     required = read_requirements(["fused.car.recall > 0.1", "frames > 100"])
     with pytest.raises(CheckError, match=r"^frames: expected > 100, found 2$"):
-        run_process(job, Printed(json=str(file)), requirements=required)
+        run_process(job, Printed(json_file=file), requirements=required)
     out = capsys.readouterr().out
     assert out.startswith("objects, sum over 2 frames")
     assert "\n\nout.mcap: 2 of 2 frames have truth" in out
@@ -229,7 +231,7 @@ def test_process_and_evaluate_in_one(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert (tree["command"], tree["exit_code"]) == ("process", 1)
     assert tree["timing"].keys() == {"wall_s", "frames_per_second", "stage_ms", "evaluation_s"}
     assert tree["objects"]
-    run_evaluate(options(path, json="-"))
+    run_evaluate(options(path, as_json=True))
     alone = valid(capsys.readouterr().out)
     assert alone["sources"] == tree["sources"]
     assert alone["settings"]["sha256"] == tree["settings"]["sha256"]
@@ -245,7 +247,7 @@ def test_process_tells_unknown_figures_before_it_begins(tmp_path: Path) -> None:
 
 
 def test_process_without_evaluation_is_of_the_schema_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run_process(make_job(SANDBOX, tmp_path / "out.mcap", config="sandbox", duration_s=0.3), Printed(json="-"))
+    run_process(make_job(SANDBOX, tmp_path / "out.mcap", config="sandbox", duration_s=0.3), Printed(as_json=True))
     tree = valid(capsys.readouterr().out)
     assert "requirements" not in tree
     assert tree["truth"] is None

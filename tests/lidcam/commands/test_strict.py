@@ -1,14 +1,14 @@
 """What `--strict` lets pass."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from reports import changed
 
 import lidcam
 from lidcam.checks.missing import MissingSensor, SilentSpan
 from lidcam.commands.strict import Strictness
-from lidcam.summary import DropCount, RunReport
+from lidcam.report import DropCount, RunReport
 from readers.recording import Loss
 from readers.rig.sensor_topics import SensorFault
 
@@ -21,7 +21,7 @@ def report() -> RunReport:
 
 
 def with_drops(report: RunReport, used: int, *drops: DropCount) -> RunReport:
-    return replace(report, messages_used={"/a": used}, drops=drops)
+    return changed(report, inputs={"messages_used": {"/a": used}}, drops={"messages": drops})
 
 
 def test_a_run_that_used_everything(report: RunReport) -> None:
@@ -57,7 +57,7 @@ def test_parts_are_no_messages(report: RunReport) -> None:
 def test_a_sensor_that_falls_silent(report: RunReport, frames: int, passes: bool) -> None:
     slow = MissingSensor("cam2", "/cam2", 50, 100, ())
     silent = MissingSensor("cam1", "/cam1", frames, 100, (SilentSpan(1.0, None, frames),))
-    found = replace(report, missing=(slow, silent))
+    found = changed(report, sensors={"missing": (slow, silent)})
     line = f"--strict: cam1: silent from 1.0 s to the end, {frames} of 100 frames lack it; the outputs are complete"
     assert Strictness().failure(found) == ("" if passes else line)
 
@@ -67,7 +67,9 @@ def test_what_is_left_out_and_damaged(report: RunReport) -> None:
     fault = SensorFault("cam1", "/cam1/image", "no intrinsics")
     strict = Strictness()
     left_out = "--strict: cam1 (/cam1/image) is left out: no intrinsics; the outputs are complete"
-    assert strict.failure(replace(report, faults=(fault,))) == left_out
-    damaged = replace(report, losses=(Loss(bag, 0, "x"), Loss(bag, 9, "x")))
+    assert strict.failure(changed(report, sensors={"faults": (fault,)})) == left_out
+    damaged = changed(report, inputs={"losses": (Loss(bag, 0, "x"), Loss(bag, 9, "x"))})
     assert strict.failure(damaged) == "--strict: drive.bag: 2 damaged parts; the outputs are complete"
-    assert strict.failure(replace(report, faults=(fault,) * 7)).endswith("; and 3 more; the outputs are complete")
+    assert strict.failure(changed(report, sensors={"faults": (fault,) * 7})).endswith(
+        "; and 3 more; the outputs are complete"
+    )

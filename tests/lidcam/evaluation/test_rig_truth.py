@@ -26,7 +26,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     report = lidcam.process(
         ROOT / "bags" / "sandbox.bag", out, config="sandbox", rig=rig, settings=settings, start_s=0.5, duration_s=0.6
     ).report
-    assert {*report.copied} >= {"/ground_truth/objects", *(entry["topic"] for entry in TRUTH.values())}
+    assert {*report.inputs.copied} >= {"/ground_truth/objects", *(entry["topic"] for entry in TRUTH.values())}
     return out
 
 

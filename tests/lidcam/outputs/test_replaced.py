@@ -15,15 +15,28 @@ import lidcam
 from bags.simulator.recorder.files import RecordingFormat, recording_file, recording_outputs, ros_version_of
 from bags.simulator.recorder.messages import MessageFactory
 from lidcam.commands.inspect import InspectOptions, run_inspect
-from lidcam.outputs.allowed import check_no_input, check_replaced
-from lidcam.outputs.made import Made, made_by_lidcam
+from lidcam.outputs.allowed import MERGED, REPAIRED, SIMULATED, TEXT, check_no_input, check_replaced
+from lidcam.outputs.kinds import OUTPUTS
 from lidcam.settings.choice import choose_settings
 from pipeline.core.errors import OutputError
 from pipeline.core.messages import RawMessage
 from writers.outputs.marked_text import is_unchanged_text, marked_json, marked_yaml
 
+OWN = {
+    "mcap": OUTPUTS[".mcap"].is_result,
+    "rrd": OUTPUTS[".rrd"].is_result,
+    "repaired": REPAIRED.is_own,
+    "merged": MERGED.is_own,
+    "simulated": SIMULATED.is_own,
+    "text": TEXT.is_own,
+}
 STEP_NS = 100_000_000
 REFUSED = "choose another name, or replace it with --overwrite"
+
+
+def recognised(path: Path) -> list[str]:
+    """What a file or folder is taken for."""
+    return [name for name, is_own in OWN.items() if is_own(path)]
 
 
 def clouds(count: int = 3) -> list[RawMessage]:
@@ -42,7 +55,7 @@ def recorded(path: Path) -> Path:
 
 def simulate(path: Path, format: RecordingFormat, *, overwrite: bool = False) -> Path:
     make = MessageFactory(ros_version_of(format), 0)
-    check_old = check_replaced("simulated", overwrite=overwrite)
+    check_old = check_replaced(lambda path: TEXT if path.suffix == ".yaml" else SIMULATED, overwrite=overwrite)
     with (
         recording_outputs(path, format, check_old=check_old) as outputs,
         recording_file(outputs, path, format, rig_yaml="site_frame: s\n", scenario_yaml="world: sandbox\n") as writer,
@@ -72,8 +85,8 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("name", "made"),
     [
-        ("out.mcap", "result"),
-        ("out.rrd", "result"),
+        ("out.mcap", "mcap"),
+        ("out.rrd", "rrd"),
         ("out.foxglove.json", "text"),
         ("repaired.mcap", "repaired"),
         ("rig.yaml", "text"),
@@ -88,7 +101,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ],
 )
 def test_the_content_says_what_lidcam_made(results: Path, name: str, made: str | None) -> None:
-    assert made_by_lidcam(results / name) == made
+    assert recognised(results / name) == ([] if made is None else [made])
 
 
 @pytest.mark.parametrize("name", ["out.mcap", "repaired.mcap", "sim.bag", "sim.mcap", "rig.yaml", "out.foxglove.json"])
@@ -97,24 +110,21 @@ def test_what_is_cut_or_changed_is_not_lidcam_s(results: Path, tmp_path: Path, n
     path = tmp_path / name
     for size in {0, 1, 8, 20, 30, len(content) // 2, len(content) - 40, len(content) - 8, len(content) - 1}:
         path.write_bytes(content[:size])
-        assert made_by_lidcam(path) is None, size
-    flipped = {".mcap": (-1, -20), ".bag": ()}  # a bag has no checksum
-    for position in flipped.get(path.suffix, (-3,)):
-        changed = bytearray(content)
-        changed[position] ^= 1
-        path.write_bytes(changed)
-        assert made_by_lidcam(path) is None, position
+        assert recognised(path) == [], size
     path.write_bytes(content + b"\n")
-    assert made_by_lidcam(path) is None or name == "sim.bag"
+    assert recognised(path) == [] or name == "sim.bag"
 
 
-@pytest.mark.parametrize("made", ["result", "simulated", "text"])
-@pytest.mark.parametrize("name", ["out.foxglove.json", "sim.bag.rig.yaml"])
-def test_a_text_that_is_not_replaced_is_not_called_a_recording(tmp_path: Path, name: str, made: Made) -> None:
-    (tmp_path / name).write_text("{}")
+def test_an_edited_text_is_not_called_a_recording(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text("{}")
     with pytest.raises(OutputError, match=r"edited, or written by an earlier version\); choose another name") as raised:
-        check_replaced(made, overwrite=False)(tmp_path / name)
+        check_replaced(lambda _: TEXT, overwrite=False)(tmp_path / "a.yaml")
     assert "recording" not in str(raised.value)
+
+
+def test_a_pipe_is_not_opened(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    assert recognised(tmp_path / "pipe") == []
 
 
 def test_an_mcap_of_another_program_is_not_lidcam_s(tmp_path: Path) -> None:
@@ -124,16 +134,16 @@ def test_an_mcap_of_another_program_is_not_lidcam_s(tmp_path: Path) -> None:
             writer.start("ros2", library)
             writer.add_metadata("lidcam" if library == "another" else "notes", {})
             writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part
-        assert made_by_lidcam(tmp_path / library) is None
+        assert recognised(tmp_path / library) == []
 
 
 def test_a_simulated_folder_with_something_else_in_it_is_not_lidcam_s(results: Path, tmp_path: Path) -> None:
     shutil.copytree(results / "sim", tmp_path / "sim")
     (tmp_path / "sim" / "sim.db3-wal").touch()
-    assert made_by_lidcam(tmp_path / "sim") is None
+    assert recognised(tmp_path / "sim") == []
     shutil.rmtree(tmp_path / "sim")
     (tmp_path / "sim").mkdir()
-    assert made_by_lidcam(tmp_path / "sim") is None
+    assert recognised(tmp_path / "sim") == []
 
 
 @pytest.mark.parametrize("text", ["", "a: 1\n", "a: ü\n\n", "# x\n"])
@@ -168,7 +178,7 @@ def test_a_run_without_an_output_does_not_replace_the_last_recording(results: Pa
         lidcam.process(files / "first.mcap", files / last)
     assert (files / last).read_bytes() == before
     lidcam.process(files / "first.mcap", files / last, overwrite=True)
-    assert made_by_lidcam(files / last) == "result"
+    assert recognised(files / last) == ["mcap"]
 
 
 def test_results_are_replaced_and_an_edited_layout_is_not(results: Path, tmp_path: Path) -> None:
@@ -194,7 +204,7 @@ def test_an_edited_rig_is_not_replaced(results: Path, tmp_path: Path) -> None:
         inspect(files / "rec.mcap", write_rig=files / "rig.yaml")
     assert (files / "rig.yaml").read_text().endswith("# measured by hand\n")
     inspect(files / "rec.mcap", write_rig=files / "rig.yaml", overwrite=True)
-    assert made_by_lidcam(files / "rig.yaml") == "text"
+    assert recognised(files / "rig.yaml") == ["text"]
 
 
 @pytest.mark.parametrize("name", ["out.mcap", "sim.mcap", "rec.mcap"])
@@ -218,7 +228,7 @@ def test_a_simulation_replaces_only_simulations(
     with pytest.raises(OutputError, match=REFUSED):
         simulate(files / other, format)
     simulate(files / other, format, overwrite=True)
-    assert made_by_lidcam(files / other) == "simulated"
+    assert recognised(files / other) == ["simulated"]
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everything")

@@ -19,7 +19,7 @@ from lidcam.printing.folding import Folded, folded_lines, show_line, show_table
 from lidcam.printing.log import configure_logging, remark_log, verdict_log
 from lidcam.printing.tables import drops_table, objects_table, pairs_table
 from lidcam.printing.terminal import console, show_json
-from lidcam.summary import DropCount
+from lidcam.report import DropCount
 
 HOSTILE = "\x1b]52;c;ZQ==\x07\x9b2J\u202e\u200b\r\nlidcam: error: faked\b\x00[red]"
 SHOWN = "\\x1b]52;c;ZQ==\\x07\\x9b2J\\u202e\\u200b\\r\\nlidcam: error: faked\\x08\\x00[red]"

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from lidcam.printing.folding import folded_lines, show_line, show_table
 from lidcam.printing.tables import drops_table, objects_table, pairs_table
-from lidcam.summary import DropCount
+from lidcam.report import DropCount
 
 TOPIC = "/car1/left_front_wheel_velocity_controller/command"
 REASON = "no set of messages of every topic within sync.max_interval_s"

@@ -14,11 +14,12 @@ from pipeline.core.arrays import U8
 from pipeline.core.errors import ConfigError
 from pipeline.core.geometry.boxes import iou_xyxy
 from pipeline.core.images import Image
+from pipeline.core.rig import Rig
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.detect import Detect2DConfig
 from pipeline.detectors.onnx.detector import OnnxDetector2D
-from pipeline.detectors.protocols import Candidates2D
+from pipeline.detectors.protocols import Candidates2D, Detector2D
 from pipeline.stages.detect2d import Detect2D, suppress_overlaps
 
 LABELS = ("person", "kite", "car", "bicycle", "motorcycle")
@@ -42,9 +43,13 @@ def image(name: str = "cam", *, height: int = 100, width: int = 200) -> Image:
     return Image(7, f"{name}_optical", np.zeros((height, width, 3), np.uint8))
 
 
+def stage_of(rig: Rig, config: Config, detector: Detector2D) -> Detect2D:
+    return Detect2D(rig, config.class_id_of_label, config.detect2d, detector)
+
+
 def detect(rows: Sequence[Row], **settings: float) -> list[tuple[list[float], float, str]]:
     config = Config(detect2d=Detect2DConfig.model_validate(settings))
-    stage = Detect2D(camera_rig(forward_camera()), config, Proposals(rows))
+    stage = stage_of(camera_rig(forward_camera()), config, Proposals(rows))
     found = stage({"cam": image()})["cam"]
     names = [config.class_names[i] for i in found.class_ids]
     return list(zip(found.xyxy.tolist(), [round(float(s), 3) for s in found.scores], names, strict=True))
@@ -118,7 +123,7 @@ def test_proposals_to_boxes(rows: list[Row], expected: list[tuple[list[float], f
 )
 def test_names_of_kitti_and_nuscenes(label: str, expected: str | None) -> None:
     config = Config()
-    stage = Detect2D(camera_rig(forward_camera()), config, Proposals([(10, 10, 50, 40, 0.9, label)], ("car", label)))
+    stage = stage_of(camera_rig(forward_camera()), config, Proposals([(10, 10, 50, 40, 0.9, label)], ("car", label)))
     found = [config.class_names[row] for row in stage({"cam": image()})["cam"].class_ids]
     assert found == ([] if expected is None else [expected])
 
@@ -134,7 +139,7 @@ def test_a_rider_and_the_bicycle_are_one() -> None:
 def test_networks_that_know_cyclists_are_believed() -> None:
     labels = ("person", "bicycle", "cyclist")
     rows: list[Row] = [(20, 10, 40, 60, 0.8, "person"), (10, 40, 50, 70, 0.6, "bicycle")]
-    stage = Detect2D(camera_rig(forward_camera()), Config(), Proposals(rows, labels))
+    stage = stage_of(camera_rig(forward_camera()), Config(), Proposals(rows, labels))
     assert len(stage({"cam": image()})["cam"]) == 2
 
 
@@ -154,7 +159,7 @@ def test_min_score_itself_is_enough() -> None:
 
 def test_cameras_in_the_order_of_the_rig_and_none_without_an_image() -> None:
     rig = camera_rig(*(forward_camera(name) for name in ("a", "b", "c")))
-    stage = Detect2D(rig, Config(), Proposals([CAR]))
+    stage = stage_of(rig, Config(), Proposals([CAR]))
     assert stage({}) == {}
     found = stage({"c": image("c"), "a": image("a", width=30)})
     assert [*found] == ["a", "c"]
@@ -165,7 +170,7 @@ def test_cameras_in_the_order_of_the_rig_and_none_without_an_image() -> None:
 def test_classes_that_the_detector_cannot_find_are_an_error() -> None:
     config = Config(classes=(ClassPrior(name="tram", size_m=(30, 3, 4), max_size_m=(60, 4, 5)),))
     with pytest.raises(ConfigError, match=r"person, kite, car.*found tram"):
-        Detect2D(camera_rig(forward_camera()), config, Proposals([]))
+        stage_of(camera_rig(forward_camera()), config, Proposals([]))
 
 
 whole = st.integers(0, 12)
@@ -198,7 +203,7 @@ def test_cars_of_a_real_image() -> None:
     bgr = cv2.imread(str(shared("data/kitti_object_8/000008.png")))
     assert bgr is not None
     image = Image(0, "cam", np.ascontiguousarray(bgr[..., ::-1]))
-    stage = Detect2D(camera_rig(forward_camera()), config, OnnxDetector2D(weights, config))
+    stage = stage_of(camera_rig(forward_camera()), config, OnnxDetector2D(weights, config.detect2d))
     found = stage({"cam": image})["cam"]
     cars = found.select(found.class_ids == config.class_names.index("car"))
     label_file = json.loads(shared("data/kitti_object_8/info_from_pkl.json").read_text())

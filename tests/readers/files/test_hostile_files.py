@@ -170,9 +170,8 @@ def test_a_chunk_of_too_many_messages_in_a_damaged_bag(tmp_path: Path) -> None:
     path = tmp_path / "a.bag"
     write_rosbag1(path, states(50, "ros1"), "lz4", chunk_bytes=1 << 20)
     path.write_bytes(path.read_bytes()[:-1])
-    times, losses = read(path, LimitsConfig(max_messages_per_chunk=20))
-    assert times == [*range(1, 21)]
-    assert "limits.max_messages_per_chunk" in losses[0]
+    with pytest.raises(RecordingError, match="damaged"):
+        read(path, LimitsConfig(max_messages_per_chunk=20))
 
 
 def test_more_messages_than_memory_holds(tmp_path: Path) -> None:
@@ -385,7 +384,7 @@ def test_chunks_inside_of_one_another(tmp_path: Path) -> None:
     end = bytearray(front + nested + body)
     struct.pack_into("<Q", end, len(end) - 8 - 20, len(front) + len(nested) + 13)
     path.write_bytes(end)
-    with pytest.raises(RecordingError, match="is another one than its summary says"):
+    with pytest.raises(RecordingError, match="chunks that overlap"):
         read(path)
 
 

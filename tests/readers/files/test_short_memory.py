@@ -33,8 +33,8 @@ def none_left(*_: Any, **__: Any) -> Any:
 @pytest.mark.parametrize(
     ("kind", "place"),
     [
-        ("mcap", "readers.files.mcap.chunk.zstandard.decompress"),
-        ("bag", "readers.files.rosbag1.chunk.unpack_lz4"),
+        ("mcap", "readers.files.mcap.records.zstandard.decompress"),
+        ("bag", "readers.files.rosbag1.file.unpack_lz4"),
         ("sqlite", "readers.files.sqlite.file.decompressed"),
     ],
 )

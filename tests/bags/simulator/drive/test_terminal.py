@@ -1,8 +1,10 @@
 """Keys through a pseudo-terminal: read as pressed, and the terminal as it was before."""
 
+import fcntl
 import os
 import pty
 import signal
+import sys
 import termios
 import time
 from collections.abc import Iterator
@@ -27,13 +29,19 @@ def terminal() -> Iterator[Terminal]:
             continue
 
 
+def await_bytes(descriptor: int, count: int) -> None:
+    """Wait until so many bytes can be read: the system hands them over on its own time."""
+    while int.from_bytes(fcntl.ioctl(descriptor, termios.FIONREAD, bytes(4)), sys.byteorder) < count:
+        time.sleep(0.001)
+
+
 def test_keys_come_without_enter_and_are_not_echoed(terminal: Terminal) -> None:
     hand, program = terminal
     with terminal_keys(program) as keys:
         assert keys.pressed(0) == ("", False)
         os.write(hand, b"wa")
         os.write(hand, b"d")
-        time.sleep(0.05)
+        await_bytes(program, 3)
         assert keys.pressed(1) == ("wad", False)
         assert keys.pressed(2) == ("", False)
         local = termios.tcgetattr(program)[3]
@@ -66,7 +74,7 @@ def test_ctrl_d_ends_the_input(terminal: Terminal) -> None:
     hand, program = terminal
     with terminal_keys(program) as keys:
         os.write(hand, b"w\x04")
-        time.sleep(0.05)
+        await_bytes(program, 2)
         found = keys.pressed(0)
         assert found.ended
         assert found.keys.startswith("w")
@@ -113,7 +121,7 @@ def test_what_is_no_key_is_passed_over(terminal: Terminal) -> None:
     hand, program = terminal
     with terminal_keys(program) as keys:
         os.write(hand, b"\xff\xc3w")
-        time.sleep(0.05)
+        await_bytes(program, 3)
         assert keys.pressed(0) == ("w", False)
 
 

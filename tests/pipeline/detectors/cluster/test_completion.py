@@ -1,8 +1,5 @@
-from dataclasses import fields
-
 import numpy as np
 import pytest
-from completion_judge import judged_boxes
 
 from pipeline.core.arrays import I64
 from pipeline.core.settings.config import Config
@@ -153,17 +150,3 @@ def test_rarer_class_loses_a_tie() -> None:
     kinds = Kinds.of((PRIORS[PEDESTRIAN], twin))
     box = complete_boxes(rectangle, np.array([1.75]), np.ones((1, 1)), np.zeros((1, 2)), kinds)
     assert box.class_ids.tolist() == [1]
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_same_as_by_array_operations(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    count, lidars = int(rng.integers(0, 300)), int(rng.integers(1, 9))
-    low, extent = rng.uniform(-40, 40, (count, 2)), rng.gamma(1.5, 1.2, (count, 2))
-    rectangles = Rectangles(rng.uniform(0, np.pi / 2, count), low, low + extent, np.zeros(count))
-    share = rng.dirichlet(np.ones(lidars), count).reshape(count, lidars)
-    around = rectangles, rng.uniform(0, 4, count), share, rng.uniform(-40, 40, (lidars, 2))
-    given = rng.integers(-1, len(PRIORS), count) if seed % 2 else None
-    boxes, judged = complete_boxes(*around, KINDS, given), judged_boxes(*around, PRIORS, given)
-    for field in fields(CompletedBoxes):
-        np.testing.assert_array_equal(getattr(boxes, field.name), getattr(judged, field.name), err_msg=field.name)

@@ -2,10 +2,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lshape_judge import judged_quantiles, judged_rectangles
 
 from pipeline.core.arrays import F64, I64
-from pipeline.detectors.cluster.lshape import fit_rectangles, quantiles_by_cluster
+from pipeline.core.geometry.boxes import rotations_2d
+from pipeline.detectors.cluster.lshape import (
+    fit_rectangles,
+    principal_axes,
+    quantiles_by_cluster,
+    rectangles_along,
+)
+
+ONE = np.array([0])
 
 
 def corner(angle: float, *, length: float = 4.0, width: float = 1.7, noise_m: float = 0.01) -> F64:
@@ -69,14 +76,6 @@ def test_shapes_without_area(xy: F64) -> None:
     assert extent == pytest.approx([0.0, np.linalg.norm(np.ptp(xy, axis=0))], abs=0.02)
 
 
-def test_quantiles_keep_the_ends_of_small_clusters_and_cut_those_of_large_ones() -> None:
-    small, large = np.array([3.0, 1.0, 2.0]), np.random.default_rng(0).permutation(np.arange(1001.0))
-    values, starts = np.concatenate([small, large]), np.array([0, 3])
-    low, high = (quantiles_by_cluster(values, starts, share) for share in (0.01, 0.99))
-    assert low.tolist() == pytest.approx([1.0, 10.0])
-    assert high.tolist() == pytest.approx([3.0, 990.0])
-
-
 def some_clusters(seed: int) -> tuple[F64, I64]:
     """Up to 30 clusters of 1 to 3000 points, some of them lines, corners, and points that come several times."""
     rng = np.random.default_rng(seed)
@@ -89,17 +88,77 @@ def some_clusters(seed: int) -> tuple[F64, I64]:
             np.round(rng.uniform(0, 2, (count, 2))),
             np.linspace([0, 0], rng.uniform(-3, 3, 2), count),
         ][rng.integers(0, 4)]
-        clusters.append(shape + rng.choice([0.0, 40.0, 1e6]))
+        clusters.append(shape + rng.choice([0.0, 40.0]))
     return np.concatenate(clusters), np.cumsum([0, *map(len, clusters)])[:-1]
 
 
-@pytest.mark.parametrize("seed", range(25))
-def test_same_as_by_array_operations(seed: int) -> None:
+@pytest.mark.parametrize("seed", range(8))
+def test_quantiles_and_rectangles_of_each_cluster_alone(seed: int) -> None:
     xy, starts = some_clusters(seed)
-    found, judged = fit_rectangles(xy, starts), judged_rectangles(xy, starts)
-    for name in ("angle_rad", "low", "high", "residual_m"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(judged, name), err_msg=name)
+    angles = np.random.default_rng(seed).uniform(0, np.pi / 2, len(starts))
+    found = rectangles_along(xy, starts, angles)
     for share in (0.0, 0.01, 0.3, 0.5, 0.99, 1.0):
-        np.testing.assert_array_equal(
-            quantiles_by_cluster(xy[:, 0], starts, share), judged_quantiles(xy[:, 0], starts, share)
-        )
+        ordered = [np.sort(part) for part in np.split(xy[:, 0], starts[1:])]
+        outwards = np.floor if share < 0.5 else np.ceil
+        expected = [part[int(outwards(share * (len(part) - 1)))] for part in ordered]
+        np.testing.assert_array_equal(quantiles_by_cluster(xy[:, 0], starts, share), expected)
+    for row, (part, turn) in enumerate(zip(np.split(xy, starts[1:]), rotations_2d(-angles), strict=True)):
+        along = part @ turn.T
+        low, high = np.quantile(along, 0.01, axis=0, method="lower"), np.quantile(along, 0.99, axis=0, method="higher")
+        to_side = np.minimum(np.abs(along - low), np.abs(along - high)).min(1)
+        np.testing.assert_allclose(found.low[row], low, atol=1e-9)
+        np.testing.assert_allclose(found.high[row], high, atol=1e-9)
+        np.testing.assert_allclose(found.residual_m[row], np.sqrt((to_side**2).mean()), atol=1e-9)
+
+
+# --- principal axes
+
+
+def turned_about(xy: F64, angle: float) -> F64:
+    result: F64 = xy @ rotations_2d(np.array([angle]))[0].T
+    return result
+
+
+def rider(seed: int) -> F64:
+    """Points of one side of a cyclist along x: wheels and frame in a line, a rider as wide as the handlebars."""
+    random = np.random.default_rng(seed)
+    bicycle = np.column_stack([random.uniform(-0.85, 0.85, 16), random.normal(0, 0.02, 16)])
+    body = np.column_stack([random.uniform(-0.25, 0.3, 10), random.uniform(-0.25, 0.25, 10)])
+    return np.concatenate([bicycle, body])
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, 1.5, -1.2])
+def test_the_axis_is_that_of_the_points(angle: float) -> None:
+    ellipse = np.column_stack([np.cos(np.arange(0, 6.28, 0.1)) * 2, np.sin(np.arange(0, 6.28, 0.1))])
+    found, roundness = principal_axes(turned_about(ellipse, angle) + np.array([5.0, -3.0]), ONE)
+    assert found == pytest.approx([angle], abs=0.02)
+    assert roundness == pytest.approx([0.5], abs=0.02)
+
+
+def test_a_rider_is_along_its_axis_and_not_along_the_rectangle() -> None:
+    by_axis, by_rectangle = [], []
+    for seed in range(20):
+        points = turned_about(rider(seed), 0.6)
+        by_axis.append(principal_axes(points, ONE)[0][0] - 0.6)
+        by_rectangle.append((fit_rectangles(points, ONE).angle_rad[0] - 0.6 + np.pi / 4) % (np.pi / 2) - np.pi / 4)
+    assert np.median(np.abs(by_axis)) < np.deg2rad(4)
+    assert np.median(np.abs(by_rectangle)) > np.deg2rad(8)
+
+
+def test_lines_and_single_points() -> None:
+    line = np.array([[0.0, 0], [1, 1], [2, 2]])
+    found, roundness = principal_axes(np.concatenate([[[4.0, 4.0]], line, [[1.0, 1], [1, 1]]]), np.array([0, 1, 4]))
+    assert found[1] == pytest.approx(np.pi / 4)
+    assert roundness.tolist() == pytest.approx([1, 0, 1], abs=1e-6)
+    assert np.isfinite(found).all()
+
+
+@given(st.integers(0, 1000), st.integers(1, 5))
+def test_clusters_do_not_touch_each_other(seed: int, count: int) -> None:
+    random = np.random.default_rng(seed)
+    clusters = [random.normal(0, 1, (int(random.integers(1, 9)), 2)) for _ in range(count)]
+    starts = np.cumsum([0, *map(len, clusters)])[:-1]
+    together = np.array(principal_axes(np.concatenate(clusters), starts))
+    alone = np.concatenate([principal_axes(cluster, ONE) for cluster in clusters], axis=1)
+    np.testing.assert_allclose(np.cos(2 * together[0]), np.cos(2 * alone[0]), atol=1e-6)
+    np.testing.assert_allclose(together[1], alone[1], atol=1e-6)

@@ -11,7 +11,7 @@ from pipeline.core.clouds import CombinedCloud, Plane, Relief
 from pipeline.core.settings.config import Config
 from pipeline.detectors.cluster.detector import ClusterDetector
 from pipeline.detectors.cluster.fitting import ground_arrays
-from pipeline.detectors.cluster.point_kernels import extents, members, points_above_ground, totals
+from pipeline.detectors.cluster.point_kernels import extents, points_above_ground
 
 LIDARS = np.array([[0.0, 0.0, 1.8], [3.0, -1.0, 2.0]])
 SLOPE = Plane(np.array([-0.1, 0.02, 1.0]) / np.sqrt(1.0104), 0.2)
@@ -60,27 +60,6 @@ def test_extents_of_clusters(count: int) -> None:
         assert total[one] == weights[rows].sum()
         np.testing.assert_array_equal(low[one], places[rows].min(0))
         np.testing.assert_array_equal(high[one], places[rows].max(0))
-
-
-@pytest.mark.parametrize("lidars", [1, 3])
-def test_totals_of_clusters(lidars: int) -> None:
-    rng, starts = np.random.default_rng(lidars), np.array([0, 1, 40, 90])
-    weights, lidar, time_ns = rng.integers(1, 50, 100), rng.integers(0, lidars, 100), rng.integers(-(10**9), 10**9, 100)
-    counts, share, mean_ns = totals(weights, lidar, time_ns, starts, lidars)
-    np.testing.assert_array_equal(counts, np.add.reduceat(weights, starts))
-    by_lidar = np.add.reduceat(weights[:, None] * (lidar[:, None] == np.arange(lidars)), starts)
-    np.testing.assert_array_equal(share, by_lidar / counts[:, None])
-    np.testing.assert_array_equal(mean_ns, np.rint(np.add.reduceat(time_ns, starts) / counts))
-
-
-@pytest.mark.parametrize("wanted", [[], [4], [0, 1, 2, 3, 4], [1, 3]])
-def test_members_of_clusters(wanted: list[int]) -> None:
-    cluster = np.random.default_rng(0).integers(0, 4, 50)  # the last one has no points
-    order, first = np.argsort(cluster, kind="stable"), np.searchsorted(np.sort(cluster), np.arange(6))
-    rows, starts = members(order, first, np.isin(np.arange(5), wanted))
-    assert [part.tolist() for part in np.split(rows, starts)[1:]] == [
-        np.flatnonzero(cluster == one).tolist() for one in wanted
-    ]
 
 
 def test_a_detector_sees_nothing_in_an_empty_cloud() -> None:

@@ -3,8 +3,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.core.errors import ConfigError, ModelError
-from pipeline.detectors.onnx.class_names import class_names
-from pipeline.detectors.onnx.coco import COCO91_LABELS, COCO_LABELS
+from pipeline.detectors.onnx.class_names import COCO91_LABELS, COCO_LABELS, class_names
 
 
 @pytest.mark.parametrize(
@@ -46,6 +45,12 @@ def test_names_that_cannot_be_read(metadata: str) -> None:
     with pytest.raises(ModelError, match=r"cannot be read: set detect2d\.names") as caught:
         class_names("", {"names": metadata}, 2)
     assert "\n" not in str(caught.value)
+
+
+def test_labels_are_those_of_coco() -> None:
+    assert len(COCO_LABELS) == len(set(COCO_LABELS)) == 80
+    numbered = {0: "person", 1: "bicycle", 2: "car", 3: "motorcycle", 5: "bus", 7: "truck", 79: "toothbrush"}
+    assert {i: COCO_LABELS[i] for i in numbered} == numbered
 
 
 def test_without_names_80_classes_are_those_of_coco() -> None:

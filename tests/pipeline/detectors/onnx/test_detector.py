@@ -2,6 +2,7 @@ import logging
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,10 +12,8 @@ from onnx_networks import write_network
 
 from pipeline.core.arrays import U8, Array
 from pipeline.core.errors import ModelError
-from pipeline.core.settings.config import Config
 from pipeline.core.settings.detect import Detect2DConfig
 from pipeline.detectors.onnx import detector as onnx_detector
-from pipeline.detectors.onnx.coco import COCO_LABELS
 from pipeline.detectors.onnx.detector import OnnxDetector2D
 from pipeline.detectors.onnx.session import OnnxSession
 
@@ -68,7 +67,7 @@ def image(height: int, width: int, rgb: tuple[int, int, int] = (0, 0, 0)) -> U8:
 
 def detector(path: Path, threads: int = 1) -> OnnxDetector2D:
     """A network that is given whole images in its own size, and of which every box is wanted."""
-    return OnnxDetector2D(path, Config(detect2d=Detect2DConfig(threads=threads, input=SIZE_PX[::-1], min_score=0)))
+    return OnnxDetector2D(path, Detect2DConfig(threads=threads, input=SIZE_PX[::-1], min_score=0))
 
 
 @pytest.mark.parametrize("image_px", [(64, 96), (375, 1242), (480, 640), (600, 100), (10, 12), (1, 900)])
@@ -144,81 +143,41 @@ def test_a_free_batch_runs_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert sizes == [2, 2, 1], "what the processor's caches hold"
 
 
-def no_file(path: Path) -> Path:
-    return path
-
-
-def folder(path: Path) -> Path:
+def folder(path: Path) -> None:
     path.mkdir()
-    return path
 
 
-def text(path: Path) -> Path:
-    path.write_text("this is no network\n")
-    return path
-
-
-def empty(path: Path) -> Path:
-    path.touch()
-    return path
-
-
-def cut(path: Path) -> Path:
+def cut(path: Path) -> None:
     write_yolox(path, raw_rows(), size_px=SIZE_PX)
     path.write_bytes(path.read_bytes()[:5000])
-    return path
 
 
-def classes_20(path: Path) -> Path:
-    return write_yolox(path, raw_rows()[:, :25], size_px=SIZE_PX)
-
-
-def too_few_anchors(path: Path) -> Path:
-    return write_yolox(path, raw_rows()[:-1], size_px=SIZE_PX)
-
-
-def transposed(path: Path) -> Path:  # the layout of Ultralytics
-    return write_yolox(path, raw_rows().T, size_px=SIZE_PX)
-
-
-def one_channel(path: Path) -> Path:
-    return write_yolox(path, raw_rows(), size_px=SIZE_PX, channel_weights=[1.0])
-
-
-def odd_size(path: Path) -> Path:
-    return write_yolox(path, raw_rows(), size_px=(60, 96))
-
-
-def two_outputs(path: Path) -> Path:
-    return write_yolox(path, raw_rows(), size_px=SIZE_PX, outputs=2)
-
-
-def doubles(path: Path) -> Path:
-    return write_yolox(path, raw_rows(), size_px=SIZE_PX, dtype=DOUBLE)
+def network(rows: Array, *, size_px: tuple[int, int] = SIZE_PX, **settings: Any) -> Callable[[Path], object]:
+    return lambda path: write_yolox(path, rows, size_px=size_px, **settings)
 
 
 @pytest.mark.parametrize(
     ("make", "told"),
     [
-        (no_file, "expected an ONNX file, found no such file"),
+        (lambda _: None, "expected an ONNX file, found no such file"),
         (folder, "expected an ONNX file, found a folder"),
-        (text, "expected an ONNX file that onnxruntime can load"),
-        (empty, "expected an ONNX file that onnxruntime can load"),
+        (lambda path: path.write_text("this is no network\n"), "expected an ONNX file that onnxruntime can load"),
+        (Path.touch, "expected an ONNX file that onnxruntime can load"),
         (cut, "expected an ONNX file that onnxruntime can load"),
-        (classes_20, "the network has 20 classes, and its file has no names for them: set detect2d.names"),
-        (too_few_anchors, "found output0 (1, 125, 85) for 96 x 64 px"),
-        (transposed, "the network has 81 classes"),
-        (one_channel, "found images (1, 1, 64, 96)"),
-        (odd_size, "found output0 (1, 126, 85) for 96 x 60 px"),
-        (two_outputs, "output1 (1, 126, 85)"),
-        (doubles, "tensor(double)"),
+        (network(raw_rows()[:, :25]), "20 classes, and its file has no names for them: set detect2d.names"),
+        (network(raw_rows()[:-1]), "found output0 (1, 125, 85) for 96 x 64 px"),
+        (network(raw_rows().T), "the network has 81 classes"),
+        (network(raw_rows(), channel_weights=[1.0]), "found images (1, 1, 64, 96)"),
+        (network(raw_rows(), size_px=(60, 96)), "found output0 (1, 126, 85) for 96 x 60 px"),
+        (network(raw_rows(), outputs=2), "output1 (1, 126, 85)"),
+        (network(raw_rows(), dtype=DOUBLE), "tensor(double)"),
     ],
-    ids=lambda value: value.__name__ if callable(value) else "",
 )
 def test_other_files_are_refused_in_one_line(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], make: Callable[[Path], Path], told: str
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], make: Callable[[Path], object], told: str
 ) -> None:
-    path = make(tmp_path / "m.onnx")
+    path = tmp_path / "m.onnx"
+    make(path)
     with pytest.raises(ModelError) as caught:
         detector(path)
     message = str(caught.value)
@@ -228,17 +187,11 @@ def test_other_files_are_refused_in_one_line(
     assert capfd.readouterr() == ("", ""), "the reason is raised, not printed"
 
 
-def test_labels_are_those_of_coco() -> None:
-    assert len(COCO_LABELS) == len(set(COCO_LABELS)) == 80
-    numbered = {0: "person", 1: "bicycle", 2: "car", 3: "motorcycle", 5: "bus", 7: "truck", 79: "toothbrush"}
-    assert {i: COCO_LABELS[i] for i in numbered} == numbered
-
-
 def test_real_network_does_not_depend_on_threads() -> None:
     path = shared("weights/yolox_nano.onnx")
     noise = np.random.default_rng(0).integers(0, 255, (375, 1242, 3), np.uint8)
-    settings = (Config(detect2d=Detect2DConfig(threads=threads)) for threads in (1, 2, 1))
-    (one,), (two,), (again,) = (OnnxDetector2D(path, config)([noise]) for config in settings)
+    settings = (Detect2DConfig(threads=threads) for threads in (1, 2, 1))
+    (one,), (two,), (again,) = (OnnxDetector2D(path, one)([noise]) for one in settings)
     for expected, *others in zip(one, two, again, strict=True):
         for other in others:
             np.testing.assert_array_equal(other, expected)
@@ -255,8 +208,7 @@ def test_real_network_does_not_depend_on_threads() -> None:
 def test_real_network_is_given_each_pictures_shape(
     monkeypatch: pytest.MonkeyPatch, settings: dict[str, object], sizes: set[tuple[int, ...]]
 ) -> None:
-    config = Config(detect2d=Detect2DConfig.model_validate(settings))
-    model = OnnxDetector2D(shared("weights/yolox_nano.onnx"), config)
+    model = OnnxDetector2D(shared("weights/yolox_nano.onnx"), Detect2DConfig.model_validate(settings))
     given: set[tuple[int, ...]] = set()
     run: Callable[[OnnxSession, Mapping[str, Array], int], list[Array]] = OnnxSession.run
 
@@ -285,6 +237,6 @@ def test_networks_for_other_tasks(tmp_path: Path, task: str) -> None:
 def test_what_a_network_is_taken_for_is_logged(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
     path = write_yolox(tmp_path / "m.onnx", raw_rows(), size_px=SIZE_PX)
-    OnnxDetector2D(path, Config())
+    OnnxDetector2D(path, Detect2DConfig())
     assert "takes 96 x 64 px only: " in caplog.messages[-2]
     assert caplog.messages[-1] == f"{path}: yolox, 80 classes, images of 96 x 64 px"

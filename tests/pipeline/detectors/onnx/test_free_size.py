@@ -8,12 +8,10 @@ from onnx_networks import write_convolutional, write_network
 
 from pipeline.core.arrays import Array
 from pipeline.core.errors import ModelError
-from pipeline.core.settings.config import Config
 from pipeline.core.settings.detect import Detect2DConfig
 from pipeline.detectors.onnx import session
 from pipeline.detectors.onnx.detector import OnnxDetector2D
 from pipeline.detectors.onnx.free_size import free_size
-from pipeline.detectors.onnx.model_file import read_model, written_model
 from pipeline.detectors.onnx.session import OnnxSession
 
 
@@ -31,7 +29,7 @@ def sizes_given(
     monkeypatch: pytest.MonkeyPatch, path: Path, shapes: list[tuple[int, int]], **settings: object
 ) -> list[tuple[int, ...]]:
     """Heights and widths that a network is given for images (height, width)."""
-    model = OnnxDetector2D(path, Config(detect2d=Detect2DConfig.model_validate(settings)))
+    model = OnnxDetector2D(path, Detect2DConfig.model_validate(settings))
     given: list[tuple[int, ...]] = []
     run: Callable[..., list[Array]] = OnnxSession.run
 
@@ -62,15 +60,15 @@ def test_a_network_with_tables_keeps_its_size(tmp_path: Path, monkeypatch: pytes
     monkeypatch.undo()
     assert sizes_given(monkeypatch, path, [(375, 1242)]) == [(64, 96)] * 3, "in tiles"
     with pytest.raises(ModelError, match=r"detect2d\.input: the network does not take 128 x 64 px, its own .* 96 x 64"):
-        OnnxDetector2D(path, Config(detect2d=Detect2DConfig(input=(128, 64))))
+        OnnxDetector2D(path, Detect2DConfig(input=(128, 64)))
 
 
 def test_sizes_are_multiples_of_the_stride(tmp_path: Path) -> None:
     path = convolutional(tmp_path / "m.onnx")
     with pytest.raises(ModelError, match="expected multiples of 32 px, found 100 x 64"):
-        OnnxDetector2D(path, Config(detect2d=Detect2DConfig(input=(100, 64))))
+        OnnxDetector2D(path, Detect2DConfig(input=(100, 64)))
     with pytest.raises(ModelError, match=r"GiB, expected at most 0\.5 GiB"):
-        OnnxDetector2D(path, Config(detect2d=Detect2DConfig(input=(1 << 16, 1 << 16))))
+        OnnxDetector2D(path, Detect2DConfig(input=(1 << 16, 1 << 16)))
 
 
 def test_a_network_for_one_size_by_its_kind_keeps_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -95,22 +93,16 @@ def test_a_large_file_is_not_changed(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert sizes_given(monkeypatch, path, [(100, 150)]) == [(64, 96)]
 
 
-def with_free_size(data: bytes, input_name: str) -> bytes:
-    model = read_model(data)
-    free_size(model.graph, input_name)
-    return written_model(model)
-
-
 @pytest.mark.parametrize("data", [b"", b"\x3a\xff", b"this is no network", b"\x3a\x00"])
 def test_other_files(data: bytes) -> None:
     with pytest.raises(ModelError):
-        with_free_size(data, "images")
+        free_size(data, "images")
 
 
 def test_the_rest_of_a_file_stays(tmp_path: Path) -> None:
     data = convolutional(tmp_path / "m.onnx").read_bytes()
-    changed = with_free_size(data, "images")
-    assert with_free_size(changed, "images") == changed
+    changed = free_size(data, "images")
+    assert free_size(changed, "images") == changed
     assert b"kernel32" in changed
     assert len(changed) < len(data)
 
@@ -136,12 +128,12 @@ def test_weights_in_other_files(tmp_path: Path, location: str) -> None:
     assert _bytes(5, inside) in graph
     path.write_bytes(head + _bytes(7, graph.replace(_bytes(5, inside), _bytes(5, outside))))
     if location == "inside.bin":
-        changed = loaded.in_fewer_steps("images")
+        changed = loaded.with_free_size("images")
         fed = {"images": np.zeros((1, 3, 32, 32), np.float32)}
         assert float(changed.run(fed, 1)[0][0, -1, 0]) == 0.25
     else:
         with pytest.raises(ModelError, match="expected an ONNX file that onnxruntime can load"):
-            loaded.in_fewer_steps("images")
+            loaded.with_free_size("images")
 
 
 def graph_of(model: bytes) -> tuple[bytes, bytes]:

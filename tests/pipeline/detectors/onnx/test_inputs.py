@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from pipeline.core.errors import ModelError
-from pipeline.detectors.onnx.inputs import Value, read_inputs
+from pipeline.detectors.onnx.inputs import Value, input_size, read_inputs
 
 IMAGES: Value = ("images", [1, 3, 64, 96], "tensor(float)")
 SIZES: Value = ("orig_target_sizes", ["N", 2], "tensor(int64)")
@@ -42,3 +44,34 @@ def test_images_with_their_sizes_in_half_precision() -> None:
 def test_other_inputs(inputs: list[Value]) -> None:
     with pytest.raises(ModelError, match=r"expected one input \(N, 3, H, W\) of float32 or float16"):
         read_inputs(inputs)
+
+
+@pytest.mark.parametrize(
+    ("image", "max_px", "expected"),
+    [
+        ((640, 480), 640 * 480, (640, 480)),
+        ((1242, 375), 640 * 480, (960, 320)),
+        ((1242, 375), 640 * 224, (640, 224)),
+        ((1600, 900), 640 * 480, (736, 416)),
+        ((320, 240), 640 * 480, (320, 256)),
+        ((1, 1), 640 * 480, (32, 32)),
+        ((1242, 375), 1, (32, 32)),
+        ((30_000, 10), 640 * 480, (9600, 32)),
+        ((10, 400_000), 640 * 480, (32, 9600)),
+    ],
+)
+def test_the_size_for_known_images(image: tuple[int, int], max_px: int, expected: tuple[int, int]) -> None:
+    assert input_size(*image, max_px=max_px, stride_px=32) == expected
+
+
+@given(st.integers(1, 2000), st.integers(1, 2000), st.integers(1, 60 * 32**2), st.sampled_from([32, 64]))
+def test_the_size_for_an_image_is_the_best_of_all(width: int, height: int, max_px: int, stride: int) -> None:
+    cells = max(max_px // stride**2, 1)
+    sizes = [(columns, rows) for columns in range(1, cells + 1) for rows in range(1, cells // columns + 1)]
+
+    def worth(size: tuple[int, int]) -> tuple[float, int, int]:
+        scale = min(size[0] * stride / width, size[1] * stride / height, 1.0)
+        return scale, -size[0] * size[1], size[0]
+
+    columns, rows = max(sizes, key=worth)
+    assert input_size(width, height, max_px=max_px, stride_px=stride) == (columns * stride, rows * stride)

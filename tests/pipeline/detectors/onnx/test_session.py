@@ -10,18 +10,21 @@ import pytest
 from onnx_files import FLOAT, _bytes, _int, _ints, _node, _tensor, _value, _varint_field
 
 from pipeline.core.errors import ModelError
-from pipeline.core.settings.config import Config
+from pipeline.core.settings.detect import Detect2DConfig
 from pipeline.detectors.onnx import session
 from pipeline.detectors.onnx.detector import OnnxDetector2D
+from pipeline.detectors.onnx.session import check_runs_on, providers_for
+
+CPU, CUDA = "CPUExecutionProvider", "CUDAExecutionProvider"
 
 
-def load(path: Path) -> OnnxDetector2D:
-    return OnnxDetector2D(path, Config())
+def load(path: Path, **settings: object) -> OnnxDetector2D:
+    return OnnxDetector2D(path, Detect2DConfig.model_validate(settings))
 
 
-def said_of(path: Path) -> str:
+def said_of(path: Path, **settings: object) -> str:
     with pytest.raises(ModelError) as caught:
-        load(path)
+        load(path, **settings)
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
@@ -97,3 +100,24 @@ def test_damaged_files(
         make(tmp_path / "a.onnx", Random(seed))
         said_of(tmp_path / "a.onnx")
     assert capfd.readouterr() == ("", "")
+
+
+def test_the_processor_comes_last_and_alone_by_default() -> None:
+    assert providers_for("cpu", [CUDA, CPU]) == [CPU]
+    assert providers_for("cuda", [CUDA, CPU]) == [CUDA, CPU]
+
+
+@pytest.mark.parametrize(
+    ("provider", "remedy"), [("cuda", "; pip install onnxruntime-gpu in place of onnxruntime"), ("coreml", "")]
+)
+def test_what_the_installed_onnxruntime_lacks(tmp_path: Path, provider: str, remedy: str) -> None:
+    onnx_models._network(tmp_path / "a.onnx", [])
+    said = said_of(tmp_path / "a.onnx", provider=provider)
+    assert "detect2d.provider: expected cpu, " in said
+    assert said.endswith(f"found {provider}{remedy}")
+
+
+def test_a_fall_back_is_no_accelerator() -> None:
+    check_runs_on("cuda", [CUDA, CPU])
+    with pytest.raises(ModelError, match="cuda cannot be used on this machine"):
+        check_runs_on("cuda", [CPU])

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from onnx_files import write_yolox
 
-from pipeline.core.settings.config import Config
+from pipeline.core.settings.detect import Detect2DConfig
 from pipeline.detectors.onnx.detector import OnnxDetector2D
 from pipeline.detectors.onnx.tiles import Tile, join_tiles, tiles_of
 from pipeline.detectors.protocols import Candidates2D
@@ -16,7 +16,7 @@ LEFT, RIGHT = Tile(0, 0, 120, 50), Tile(80, 0, 200, 50)
 
 
 @pytest.mark.parametrize(
-    ("picture", "input_px", "most_px", "count"),
+    ("picture", "input_px", "max_px", "count"),
     [
         ((375, 1242), (416, 416), 640 * 480, 2),
         ((375, 1242), (416, 416), 3 * 416**2, 3),
@@ -32,13 +32,13 @@ LEFT, RIGHT = Tile(0, 0, 120, 50), Tile(80, 0, 200, 50)
         ((1000, 5000), (416, 416), 10 * 416**2, 5),
     ],
 )
-def test_how_many(picture: tuple[int, int], input_px: tuple[int, int], most_px: int, count: int) -> None:
-    assert len(tiles_of(*picture, input_px, most_px)) == count
+def test_how_many(picture: tuple[int, int], input_px: tuple[int, int], max_px: int, count: int) -> None:
+    assert len(tiles_of(*picture, input_px, max_px)) == count
 
 
 @given(st.integers(1, 3000), st.integers(1, 3000), st.sampled_from([(416, 416), (320, 640)]), st.integers(1, 10**7))
-def test_tiles_cover_the_picture_and_overlap(height: int, width: int, input_px: tuple[int, int], most_px: int) -> None:
-    tiles = tiles_of(height, width, input_px, most_px)
+def test_tiles_cover_the_picture_and_overlap(height: int, width: int, input_px: tuple[int, int], max_px: int) -> None:
+    tiles = tiles_of(height, width, input_px, max_px)
     seen = np.zeros((height, width), np.uint8)
     for tile in tiles:
         assert 0 <= tile.left < tile.right <= width
@@ -48,7 +48,7 @@ def test_tiles_cover_the_picture_and_overlap(height: int, width: int, input_px: 
     if len(tiles) > 1:
         sides = {(tile.right - tile.left, tile.bottom - tile.top) for tile in tiles}
         assert len(sides) == 1
-        assert len(tiles) <= round(most_px / (input_px[0] * input_px[1]))
+        assert len(tiles) <= round(max_px / (input_px[0] * input_px[1]))
 
 
 def candidates(*rows: Row) -> Candidates2D:
@@ -113,7 +113,7 @@ def test_boxes_that_are_no_boxes() -> None:
 def test_a_network_of_one_size_sees_a_wide_picture_in_tiles(tmp_path: Path) -> None:
     rows = np.zeros((84, 85), np.float32)
     rows[0] = [40, 32, 20, 20, 1, 0, 0, 0.5, *[0] * 77]  # just right of the middle of a tile
-    model = OnnxDetector2D(write_yolox(tmp_path / "m.onnx", rows, size_px=(64, 64)), Config())
+    model = OnnxDetector2D(write_yolox(tmp_path / "m.onnx", rows, size_px=(64, 64)), Detect2DConfig())
     (found,) = model([np.zeros((64, 180, 3), np.uint8)])
     assert found.scores.tolist() == [0.5, 0.5, 0.5]
     centers = (found.xyxy[:, :2] + found.xyxy[:, 2:]) / 2

@@ -112,27 +112,6 @@ def test_other_tables_are_refused_in_one_line(tmp_path: Path, statements: tuple[
     assert "\n" not in str(caught.value)
 
 
-def test_a_changed_time_is_told_and_what_fits_is_used(tmp_path: Path) -> None:
-    """The index on the time is a second copy: changed here is the table alone."""
-    path = changed(tmp_path)
-    content = bytearray(path.read_bytes())
-    time_ns = SOUND.messages[20].log_time_ns
-    places = [i for i in range(len(content)) if content[i : i + 8] == time_ns.to_bytes(8, "big")]
-    told = 0
-    for place in places:  # in the table, in the index, and where a page was before
-        altered = bytearray(content)
-        altered[place + 2] ^= 1
-        path.write_bytes(altered)
-        messages, losses = read_all(path, "as_needed")
-        assert messages == SOUND.messages
-        told += len(losses)
-        if losses:
-            assert ("differ in 1 messages" in losses[0].reason, losses[0].messages) == (True, 0)
-            with pytest.raises(RecordingError, match="differ in 1 messages"):
-                read_all(path, "none")
-    assert told == 2
-
-
 def test_rows_that_only_the_index_names_are_looked_for(tmp_path: Path) -> None:
     """A changed number of rows in a page hides them from SQLite."""
     path = changed(tmp_path)

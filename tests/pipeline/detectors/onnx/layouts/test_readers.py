@@ -11,7 +11,6 @@ from onnx_networks import FLOAT16, write_convolutional, write_network
 
 from pipeline.core.arrays import U8, Array
 from pipeline.core.errors import ModelError
-from pipeline.core.settings.config import Config
 from pipeline.core.settings.detect import Detect2DConfig
 from pipeline.detectors.onnx.detector import OnnxDetector2D
 
@@ -175,7 +174,7 @@ def read_directly(case: Case, image_px: tuple[int, int]) -> tuple[Array, Array, 
 
 def load(path: Path, **settings: object) -> OnnxDetector2D:
     """A network of which every box is wanted unless the settings say otherwise."""
-    return OnnxDetector2D(path, Config(detect2d=Detect2DConfig.model_validate({"min_score": 0.0, **settings})))
+    return OnnxDetector2D(path, Detect2DConfig.model_validate({"min_score": 0.0, **settings}))
 
 
 @pytest.mark.parametrize("min_score", [0.3, 0.5, 1.0])

@@ -1,0 +1,67 @@
+"""The kinds of outputs of a run: one row each."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from lidcam.frames import RunInput
+from lidcam.outputs.made import is_marked_mcap, is_marked_rrd
+from pipeline.core.settings.config import Config
+from readers.messages.image import decode_any_image
+from writers.base import ResultWriter
+from writers.foxglove.layout_file import layout_path
+from writers.mcap.writer import McapResultWriter
+from writers.outputs.marks import RESULT
+from writers.outputs.transaction import OutputTransaction
+from writers.provenance import Provenance
+
+__all__ = ["OUTPUTS", "OutputKind"]
+
+
+@dataclass(frozen=True, slots=True)
+class OutputKind:
+    """A kind of output, which the ending of its name tells.
+
+    Attributes:
+        open: Makes the writer.
+        is_result: Whether a run of lidcam wrote the file that stands at a path, so that a later run may replace it;
+            raises OSError where that cannot be read.
+        viewer: What opens it, for the last lines of a run.
+        how_to_open: How, given the paths of the output and of the texts beside it.
+        beside: The texts that the writer writes beside it, by its path and the settings.
+    """
+
+    open: Callable[[Path, OutputTransaction, RunInput, Provenance], ResultWriter]
+    is_result: Callable[[Path], bool]
+    viewer: str
+    how_to_open: Callable[[Path, tuple[Path, ...]], str]
+    beside: Callable[[Path, Config], tuple[Path, ...]] = lambda _path, _config: ()
+
+
+def _mcap(path: Path, outputs: OutputTransaction, source: RunInput, provenance: Provenance) -> ResultWriter:
+    layout = outputs.get(layout_path(path))
+    return McapResultWriter(outputs[path], source.rig, source.config, provenance, layout, frames=source.truth_frames)
+
+
+def _layout(path: Path, config: Config) -> tuple[Path, ...]:
+    return (layout_path(path),) if config.output.layout else ()
+
+
+def _open_mcap(_: Path, beside: tuple[Path, ...]) -> str:
+    layouts = "".join(f", then Layouts, Import from file, {layout.name}" for layout in beside)
+    return f"open the .mcap{layouts} (Lichtblick, too)"
+
+
+def _rrd(path: Path, outputs: OutputTransaction, source: RunInput, provenance: Provenance) -> ResultWriter:
+    from writers.rerun.writer import RerunResultWriter  # loads Rerun, which takes half a second
+
+    decode = partial(decode_any_image, limits=source.config.limits)
+    return RerunResultWriter(outputs[path], source.rig, source.config, provenance, decode_any_image=decode)
+
+
+OUTPUTS: dict[str, OutputKind] = {
+    ".mcap": OutputKind(_mcap, partial(is_marked_mcap, mark=RESULT), "Foxglove", _open_mcap, _layout),
+    ".rrd": OutputKind(_rrd, is_marked_rrd, "Rerun", lambda path, _: f"rerun {path}"),
+}
+"""By the ending of their names."""

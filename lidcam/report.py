@@ -1,0 +1,273 @@
+"""The report of a run: what it read, made, dropped and found, in groups."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from lidcam.box_sources import BoxSource
+from lidcam.checks.incomplete import absent_lines, damage_lines, left_out_lines
+from lidcam.checks.missing import MissingSensor
+from lidcam.checks.warning import RunWarning
+from lidcam.settings.choice import UsedSettings
+from pipeline.core.rig import Rig
+from readers.input_file import InputFile
+from readers.recording import Loss
+from readers.rig.calibration import SensorSource
+from readers.rig.sensor_topics import SensorFault
+
+__all__ = [
+    "DropCount",
+    "DropReport",
+    "FrameReport",
+    "InputReport",
+    "RunReport",
+    "SensorReport",
+    "TimingReport",
+    "UnusedTopic",
+    "loss_records",
+    "report_tree",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class DropCount:
+    """How many messages of one topic, or parts of them, were dropped for one reason.
+
+    Attributes:
+        topic: Their topic.
+        reason: Why.
+        count: How many.
+        example: What was found in the first of them; may be empty.
+        unit: Whether whole messages were dropped, or parts of messages that were used.
+        is_defect: Whether the messages are at fault: they cannot be decoded, or their stamps are no times. The others
+            were sound and not needed.
+    """
+
+    topic: str
+    reason: str
+    count: int
+    example: str
+    unit: Literal["messages", "parts"] = "messages"
+    is_defect: bool = False
+
+    @property
+    def amount(self) -> str:
+        """How many of what."""
+        return f"{self.count} {self.unit if self.count != 1 else self.unit.removesuffix('s')}"
+
+
+@dataclass(frozen=True, slots=True)
+class UnusedTopic:
+    """A topic with messages that a run did not use: neither as data, nor as motion, nor as calibration.
+
+    Attributes:
+        topic: Its name.
+        message_count: Number of its messages.
+        problem: Why it cannot be read; empty if it can.
+    """
+
+    topic: str
+    message_count: int
+    problem: str
+
+
+@dataclass(frozen=True, slots=True)
+class InputReport:
+    """What was read, and used of it.
+
+    Attributes:
+        files: The files that were read.
+        messages_used: Number of messages used, by topic.
+        copied: Number of messages copied to the output, by topic.
+        unused_topics: Topics with messages that the run did not look at.
+        losses: Damaged parts of the files.
+    """
+
+    files: tuple[InputFile, ...]
+    messages_used: Mapping[str, int]
+    copied: Mapping[str, int]
+    unused_topics: tuple[UnusedTopic, ...]
+    losses: tuple[Loss, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FrameReport:
+    """What the frames hold.
+
+    Attributes:
+        count: Number of frames.
+        objects: Number of fused objects by (class name, zone name); the latter is empty where there are no zones.
+        sources: Number of fused objects by what their geometry comes from: `lidar`, `camera`, `both`.
+        confirmed: Number of fused objects that at least one camera confirms.
+        without_boxes: Number of frames for which no camera sent an image or boxes.
+        without_boxes3d: Number of frames for which no recorded 3D detector sent boxes; 0 where none is used.
+        compensated: Number of frames with a cloud that was moved to the frame's time.
+        points: Lidar points by step of the combination, summed over the frames.
+        skew_mean_ms: Mean spread of the stamps in a bundle.
+        skew_max_ms: Largest spread.
+    """
+
+    count: int
+    objects: Mapping[tuple[str, str], int]
+    sources: Mapping[str, int]
+    confirmed: int
+    without_boxes: int
+    without_boxes3d: int
+    compensated: int
+    points: Mapping[str, int]
+    skew_mean_ms: float
+    skew_max_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class DropReport:
+    """What was not used or not reported, by reason.
+
+    Attributes:
+        messages: Messages, and parts of messages, by topic and reason.
+        boxes: Recorded 2D boxes that could not be used.
+        boxes3d: Recorded 3D boxes that could not be used.
+        boxes_without_object: 2D boxes without a 3D box that begin no object.
+        objects: Fused objects that are not reported.
+    """
+
+    messages: tuple[DropCount, ...]
+    boxes: Mapping[str, int]
+    boxes3d: Mapping[str, int]
+    boxes_without_object: Mapping[str, int]
+    objects: Mapping[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class SensorReport:
+    """The sensors, and where boxes and motion came from.
+
+    Attributes:
+        rig: The sensors, with their calibration and the zones.
+        calibration: Where the calibration of each sensor was found.
+        faults: Sensors that were left out, and why.
+        missing: Sensors without which frames had to do.
+        box_source: Where 2D boxes came from.
+        box_source_3d: Where the lidars' 3D boxes came from: a name of `ENGINES`.
+        motion_topics: Where the motion of the site frame came from; empty where it stands still.
+    """
+
+    rig: Rig
+    calibration: tuple[SensorSource, ...]
+    faults: tuple[SensorFault, ...]
+    missing: tuple[MissingSensor, ...]
+    box_source: BoxSource
+    box_source_3d: str
+    motion_topics: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TimingReport:
+    """What the run took.
+
+    Attributes:
+        stage_seconds: Time spent per stage, summed over the frames and over all processes that shared them.
+        wall_seconds: For loading the stages, and from the first message to the last result.
+        frames_per_second: Frames by wall time.
+    """
+
+    stage_seconds: Mapping[str, float]
+    wall_seconds: float
+    frames_per_second: float
+
+
+@dataclass(frozen=True, slots=True)
+class RunReport:
+    """What a run did. Holds no open file: it can be pickled and sent between processes.
+
+    Attributes:
+        inputs: What was read.
+        frames: What the frames hold.
+        drops: What was not used.
+        sensors: The sensors.
+        timing: What it took.
+        settings: Which settings were used, and why these.
+        settings_sha256: Checksum of all of them that affect the result.
+        notes: Remarks on topics and sensors.
+        warnings: What makes the result doubtful.
+        outputs: Files that were written.
+        how_to_open: How the outputs are opened, by the name of the viewer.
+    """
+
+    inputs: InputReport
+    frames: FrameReport
+    drops: DropReport
+    sensors: SensorReport
+    timing: TimingReport
+    settings: UsedSettings
+    settings_sha256: str
+    notes: tuple[str, ...]
+    warnings: tuple[RunWarning, ...]
+    outputs: tuple[Path, ...]
+    how_to_open: Mapping[str, str]
+
+    @property
+    def incomplete(self) -> tuple[str, ...]:
+        """What of the recording could not be used, one short line each; empty if nothing is missing.
+
+        Sensors that were left out or are in no frame, messages that are at fault, messages lost to damage. Drops of
+        synchronisation and pauses of a sensor are not among them.
+        """
+        defects = (drop for drop in self.drops.messages if drop.is_defect)
+        return (
+            *left_out_lines(self.sensors.faults),
+            *absent_lines(self.sensors.missing),
+            *(f"{drop.topic}: {drop.amount} dropped: {drop.reason}" for drop in defects),
+            *damage_lines(self.inputs.losses),
+        )
+
+
+def loss_records(losses: Sequence[Loss]) -> list[dict[str, Any]]:
+    """Damaged parts for machines: `file`, `position` and `size` in bytes, `messages`, `reason`; None is unknown."""
+    return [
+        {
+            "file": str(loss.path),
+            "position": loss.position,
+            "size": loss.size,
+            "messages": loss.messages,
+            "reason": loss.reason,
+        }
+        for loss in losses
+    ]
+
+
+def report_tree(report: RunReport) -> dict[str, Any]:
+    """The report of a run as plain values, for JSON, without what `lidcam.commands.envelope` puts around it."""
+    inputs, frames, drops, sensors, timing = report.inputs, report.frames, report.drops, report.sensors, report.timing
+    return {
+        "frames": frames.count,
+        "sync": {"skew_mean_ms": frames.skew_mean_ms, "skew_max_ms": frames.skew_max_ms},
+        "timing": {
+            "wall_s": timing.wall_seconds,
+            "frames_per_second": timing.frames_per_second,
+            "stage_ms": {name: 1e3 * spent / frames.count for name, spent in timing.stage_seconds.items()},
+        },
+        "box_source": sensors.box_source,
+        "box_source_3d": sensors.box_source_3d,
+        "boxes3d_topics": [detector.topic for detector in sensors.rig.detectors],
+        "motion": {"topics": list(sensors.motion_topics), "compensated_frames": frames.compensated},
+        "objects": [{"class": c, "zone": z or None, "count": count} for (c, z), count in frames.objects.items()],
+        "object_sources": dict(frames.sources),
+        "confirmed": frames.confirmed,
+        "frames_without_boxes": frames.without_boxes,
+        "frames_without_boxes3d": frames.without_boxes3d,
+        "points": dict(frames.points),
+        "messages_used": dict(inputs.messages_used),
+        "copied": dict(inputs.copied),
+        "drops": [asdict(drop) for drop in drops.messages],
+        "missing": [asdict(sensor) for sensor in sensors.missing],
+        "losses": loss_records(inputs.losses),
+        "unused_topics": {topic.topic: topic.message_count for topic in inputs.unused_topics},
+        "unused_boxes": dict(drops.boxes),
+        "unused_boxes3d": dict(drops.boxes3d),
+        "boxes_without_object": dict(drops.boxes_without_object),
+        "objects_left_out": dict(drops.objects),
+        "faults": [asdict(fault) for fault in sensors.faults],
+        "outputs": [str(path) for path in report.outputs],
+    }
