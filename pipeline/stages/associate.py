@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from pipeline.core.arrays import F32, F64, I64, Bools, Indices, Rows, first_of_runs
+from pipeline.core.arrays import F32, F64, I64, Bools, Indices, Rows, first_of_runs, select_rows
 from pipeline.core.association import (
     class_confusion,
     detector_variances,
@@ -71,7 +71,7 @@ class Pairs:
 
     def select(self, rows: Rows) -> "Pairs":
         """The given rows (mask or indices), in that order."""
-        return Pairs(self.seen[rows], self.found[rows], self.iou[rows])
+        return select_rows(self, rows)
 
 
 class Associate:
@@ -147,30 +147,19 @@ class Associate:
             return taken
         config, (hidden, rest) = self._config, hiding
         jacobians = feature_jacobian(seen.xyxy, seen.jacobian)
-        focal_px = arrays.lenses.K[:, [0, 1], [0, 1]][seen.cameras]
         noise = detector_variances(seen.xyxy, config)
-        aim = (np.deg2rad(config.calibration_sigma_deg) * focal_px) ** 2
-        shifts, aims = np.zeros_like(aim), aim
-        features = rectangle_features(np.concatenate([seen.xyxy, rest, found.xyxy]))
-        in_image, class_ids = features[2 * len(seen) + pairs.found], found.class_ids[pairs.found]
-        area_px = (arrays.image_sizes[:, 0] * arrays.image_sizes[:, 1])[seen.cameras[pairs.seen]]
-        always = (
-            np.log(np.maximum(found.scores.astype(np.float64), MIN_SCORE))[pairs.found]
-            + np.log(np.maximum(1 - hidden, MIN_VISIBLE))[pairs.seen]
-        )
-        always += np.log(len(self._confusion))  # something else may be of any class
         belief = BoxBelief(prior_covariances(boxes), np.log(self._confusion).T[boxes.class_ids], self._confusion)
         others = what_box_says(belief, seen.rows)
-
-        by_place = spread(others.covariances, jacobians)
-        variances = (noise + by_place)[pairs.seen]
-        differences, parts = in_image - features[pairs.seen], in_image - features[len(seen) + pairs.seen]
-        visible = squared_distances(parts, variances) < squared_distances(differences, variances)
-        differences = np.where(visible[:, None], parts, differences)
+        differences = _differences(seen, rest, found, pairs, noise + spread(others.covariances, jacobians))
+        class_ids, always = found.class_ids[pairs.found], self._worth_anyway(hidden, found, pairs)
+        area_px = arrays.image_sizes.prod(1)[seen.cameras[pairs.seen]]
+        focal_px = arrays.lenses.K[:, [0, 1], [0, 1]][seen.cameras]
+        aim = (np.deg2rad(config.calibration_sigma_deg) * focal_px) ** 2
+        shifts, aims = np.zeros_like(aim), aim
         for _ in range(ROUNDS):
-            variances = (noise + spread(others.covariances, jacobians))[pairs.seen]
             off = differences - (jacobians * others.shifts[:, None]).sum(2)[pairs.seen]
-            away, of_off = off.copy(), variances[:, :2].copy()
+            without_aim = (noise + spread(others.covariances, jacobians))[pairs.seen]
+            away, variances = off.copy(), without_aim.copy()
             away[:, :2] -= shifts[pairs.seen]
             variances[:, :2] += aims[pairs.seen]
             squared = squared_distances(away, variances)
@@ -181,13 +170,37 @@ class Associate:
                 break
             chosen = np.flatnonzero(taken)
             rows = pairs.seen[chosen]
-            shifts, aims = common_shifts(seen.cameras, aim, rows, off[chosen, :2], of_off[chosen], squared[chosen])
+            centers = off[chosen, :2], without_aim[chosen, :2]
+            shifts, aims = common_shifts(seen.cameras, aim, rows, *centers, squared[chosen])
             errors, fit = noise[rows], differences[chosen]
             errors[:, :2] += aims[rows]
             fit[:, :2] -= shifts[rows]
             matched = MatchedPairs(rows, class_ids[chosen], fit, errors, squared[chosen], jacobians[rows])
             others = what_others_say(belief, seen.rows, matched)
         return taken
+
+    def _worth_anyway(self, hidden: F32, found: FoundBoxes, pairs: Pairs) -> F64:
+        """(Q,) what pairs are worth by the score of the 2D box and by how much of the object is hidden."""
+        by_score = np.log(np.maximum(found.scores.astype(np.float64), MIN_SCORE))[pairs.found]
+        by_visible_share = np.log(np.maximum(1 - hidden, MIN_VISIBLE))[pairs.seen]
+        return np.asarray(by_score + by_visible_share + np.log(len(self._confusion)))  # else it may be of any class
+
+
+def _differences(seen: InView, rest: F32, found: FoundBoxes, pairs: Pairs, variances: F64) -> F64:
+    """(Q, 4) features of 2D boxes less those of the objects, or of their visible parts where these are nearer.
+
+    Args:
+        seen: P boxes in images.
+        rest: (P, 4) rectangles around their visible parts.
+        found: The 2D boxes.
+        pairs: Q pairs of these.
+        variances: (P, 4) of the features.
+    """
+    whole, parts, in_image = (rectangle_features(xyxy) for xyxy in (seen.xyxy, rest, found.xyxy))
+    by_whole, by_part = (in_image[pairs.found] - features[pairs.seen] for features in (whole, parts))
+    own = variances[pairs.seen]
+    is_part = squared_distances(by_part, own) < squared_distances(by_whole, own)
+    return np.where(is_part[:, None], by_part, by_whole)
 
 
 def near_pairs(seen_xyxy: F32, seen_cameras: I64, found_xyxy: F32, found_cameras: I64, *, min_giou: float) -> Pairs:

@@ -139,11 +139,8 @@ def hidden_by_points(
     """
     if not len(cameras):
         return np.zeros(0)
-    is_used = np.zeros(len(views), np.bool_)
-    is_used[cameras] = True
-    cameras = (np.cumsum(is_used) - 1)[cameras]
-    low, cell = (values[is_used] for values in _cells(tuple(view.model for view in views)))
-    matrices = np.array([view.T_camera_site.matrix for view in views])[is_used]
+    low, cell = _cells(tuple(view.model for view in views))
+    matrices = np.array([view.T_camera_site.matrix for view in views])
     matrices32, low32, cell32 = (values.astype(np.float32) for values in (matrices, low, cell))
     nearest = _nearest_in_cells(matrices32, low32, cell32, _sampled(xyz_site))
     corners = corners_site[objects] @ matrices[cameras, :3, :3].swapaxes(1, 2) + matrices[cameras, None, :3, 3]

@@ -106,9 +106,9 @@ def hidden_parts(boxes: Boxes3D, seen: InView, positions_site: F64) -> tuple[F32
     share, rest = np.zeros(len(seen), np.float32), seen.xyxy.copy()
     back, front = pairs_of_images(seen.cameras, seen.cameras)
     shared = _intersections(seen.xyxy[back], seen.xyxy[front])
-    overlap = (back != front) & (shared[:, 2:] > shared[:, :2]).all(1)
+    overlap = np.flatnonzero((back != front) & (shared[:, 2] > shared[:, 0]) & (shared[:, 3] > shared[:, 1]))
     back, front, shared = back[overlap], front[overlap], shared[overlap]
-    in_front = _in_front(boxes, seen, positions_site, front, back)
+    in_front = np.flatnonzero(_in_front(boxes, seen, positions_site, front, back))
     back, shared = back[in_front], shared[in_front]
     if not len(back):
         return share, rest

@@ -89,16 +89,6 @@ def test_boxes_beyond_the_lens_model_are_not_valid() -> None:
     assert edges(np.array([[5.0, 8, 0, 4, 2, 1, 0], [20, 3, 0, 4, 2, 1, 0]]), folding).valid.tolist() == [False, True]
 
 
-def test_each_box_in_its_own_camera() -> None:
-    rng = np.random.default_rng(6)
-    table = rng.uniform([8, -1, -3, 1, 1, 1, -1], [30, 5, 3, 5, 3, 3, 1], (len(CAMERAS), 7))
-    together = project_edges(table[:, [0, 1, 6]], table[:, 3:6], table[:, 2], CameraArrays.of(CAMERAS))
-    for row, camera in enumerate(CAMERAS):
-        alone = edges(table[row : row + 1], camera)
-        np.testing.assert_allclose(together.xyxy[row], alone.xyxy[0], atol=0.1)  # samples of straight lines: no matter
-        assert together.valid[row] == alone.valid[0]
-
-
 def test_no_boxes_and_no_cameras() -> None:
     for views in (CameraArrays.of([]), CameraArrays.of(CAMERAS).select(np.zeros(0, np.intp))):
         found = project_edges(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), views)

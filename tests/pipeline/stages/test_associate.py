@@ -13,7 +13,6 @@ from hypothesis.extra.numpy import arrays
 
 from pipeline.core.arrays import F64, Array
 from pipeline.core.detections import Boxes2D, Boxes3D, Matches
-from pipeline.core.errors import FrameError
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
@@ -188,11 +187,6 @@ def test_without_2d_boxes_there_are_projections_all_the_same() -> None:
     found = associate(TWO, {})["cam"]
     assert len(found) == 0
     np.testing.assert_array_equal(found.projected_xyxy, AT)
-
-
-def test_boxes_in_another_frame_are_refused() -> None:
-    with pytest.raises(FrameError, match="expected boxes in frame 'site', found 'odom'"):
-        associate(boxes3d([AHEAD], frame_id="odom"), {"cam": boxes2d([])})
 
 
 spots = st.tuples(st.integers(0, 4), st.integers(0, 1))

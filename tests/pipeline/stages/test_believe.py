@@ -73,14 +73,6 @@ def test_a_blind_camera_takes_less_and_less_away() -> None:
     assert fixed == pytest.approx(without)
 
 
-def test_the_same_frames_give_the_same_probabilities() -> None:
-    found = hypotheses(boxes3d([CAR, CAR], scores=[0.7, 0.1]), (0, 0))
-    seen = {"cam": boxes2d([(280, 220, 360, 260, 0.8, 0)])}
-    one, two = believe_of(RIG), believe_of(RIG)
-    for _ in range(5):
-        np.testing.assert_array_equal(one(found, seen_in(found, seen), FRAME), two(found, seen_in(found, seen), FRAME))
-
-
 @pytest.mark.parametrize(("method", "expected"), [("none", 0.3), ("cluster", None)])
 def test_scores_of_another_detector_are_taken_as_they_are(
     method: Literal["none", "cluster"], expected: float | None

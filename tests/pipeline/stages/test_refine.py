@@ -226,14 +226,6 @@ def test_boxes_of_cameras_are_placed_by_two_of_them() -> None:
     assert place(errors(found, truth)).mean() < 0.2 * place(errors(boxes, truth)).mean()
 
 
-def test_unknown_covariances_get_a_guess() -> None:
-    rig, hypotheses, seen, truth = made_up(6)
-    boxes = replace(hypotheses.boxes, covariances=np.zeros((8, 3, 3)))
-    found = fitted(rig, replace(hypotheses, boxes=boxes), seen)
-    assert (np.linalg.eigvalsh(found.covariances[found.sources == Source.BOTH]) > 0).all()
-    assert place(errors(found, truth)).mean() < place(errors(boxes, truth)).mean()
-
-
 def test_a_moving_object_is_where_the_images_show_it_at_their_time() -> None:
     rig, hypotheses, seen, truth = made_up(7)
     late = {name: replace(found, stamp_ns=found.stamp_ns - 50_000_000) for name, found in seen.items()}

@@ -1,7 +1,6 @@
 """Shapely is the judge: a general engine for polygons, which knows nothing of boxes."""
 
 import tracemalloc
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,11 +8,8 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.core.detections import Boxes3D
-from pipeline.core.geometry import rotated_iou
 from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.geometry.rotated_iou import BoxArrays, Ious, OrientedBoxes, ious, pair_ious, shared_ground
-from pipeline.evaluation.records import TruthBoxes3D
+from pipeline.core.geometry.rotated_iou import BoxArrays, Ious, ious, pair_ious, shared_ground
 
 Row = tuple[float, float, float, float, float, float, float]
 TOLERANCE = 1e-9
@@ -128,14 +124,6 @@ def test_boxes_that_touch_share_nothing_at_all(second: Row) -> None:
     assert found.bev.tolist() == [1.0 if second[2] else 0.0]
 
 
-@pytest.mark.parametrize("scale", [1e-6, 1e-3, 1.0, 1e3, 1e6])
-def test_size_of_the_world_does_not_matter(scale: float) -> None:
-    rng = np.random.default_rng(1)
-    first, second = random_boxes(rng, 200), random_boxes(rng, 200)
-    scaled = [BoxArrays(box.centers * scale, box.sizes * scale, box.yaws) for box in (first, second)]
-    np.testing.assert_allclose(pair_ious(*scaled), pair_ious(first, second), rtol=0, atol=1e-12)
-
-
 def test_sites_in_utm_coordinates() -> None:
     rng = np.random.default_rng(2)
     first, second = random_boxes(rng, 500), random_boxes(rng, 500)
@@ -189,14 +177,6 @@ def test_each_with_each_is_what_pairs_are() -> None:
     assert 0.02 < (found.bev > 0).mean() < 0.5
 
 
-def test_blocks_leave_no_trace(monkeypatch: pytest.MonkeyPatch) -> None:
-    rng = np.random.default_rng(4)
-    first, second = random_boxes(rng, 50), random_boxes(rng, 50)
-    whole = pair_ious(first, second)
-    monkeypatch.setattr(rotated_iou, "BLOCK", 7)
-    np.testing.assert_array_equal(pair_ious(first, second), whole)
-
-
 @pytest.mark.parametrize(("n", "m"), [(0, 0), (0, 3), (3, 0), (1, 1)])
 def test_none_and_one(n: int, m: int) -> None:
     found = ious(boxes(*[CAR] * n), boxes(*[CAR] * m))
@@ -206,20 +186,6 @@ def test_none_and_one(n: int, m: int) -> None:
 
 def test_shared_ground_is_in_square_metres() -> None:
     assert shared_ground(boxes(CAR), boxes((10, 20, 9, 2, 8, 1, 0.3))) == pytest.approx([4.0])
-
-
-def test_records_are_oriented_boxes() -> None:
-    bare = boxes(CAR)
-    zeros, ones = np.zeros(1, np.int32), np.ones(1, np.float32)
-    found = Boxes3D(
-        0, "site", *bare, ones, zeros, zeros, np.zeros((1, 3, 3)), np.zeros(1, np.uint8), np.zeros(1, np.int64)
-    )
-    truth = TruthBoxes3D(
-        0, "site", *bare, zeros, np.array(["car"]), np.zeros(1, np.int64), zeros, zeros, np.zeros(1, np.bool_)
-    )
-    records: list[OrientedBoxes] = [found, truth, replace(truth, yaws=bare.yaws + np.pi)]
-    for record in records:
-        assert pair_ious(bare, record).volume == pytest.approx([1.0])
 
 
 def test_memory_of_many_pairs_is_that_of_the_result() -> None:

@@ -27,13 +27,6 @@ def test_chaining_is_applying_one_after_the_other(
     np.testing.assert_allclose(chained.apply(xyz), T_c_b.apply(T_b_a.apply(xyz)), atol=1e-8)
 
 
-@given(transforms(), vectors)
-def test_rotations_are_rotations_and_keep_distances(T_b_a: Transform, point: tuple[float, ...]) -> None:
-    assert rotation_fault(T_b_a.matrix[:3, :3]) is None
-    moved = T_b_a.apply(np.array(point)) - T_b_a.translation
-    np.testing.assert_allclose(np.linalg.norm(moved), np.linalg.norm(point), atol=1e-9)
-
-
 @given(transforms())
 def test_quaternions_round_trip(T_b_a: Transform) -> None:
     again = Transform.from_quaternion("b", "a", T_b_a.translation, T_b_a.quaternion_xyzw)

@@ -109,11 +109,6 @@ def test_cameras_join_in_any_order_and_each_adds_what_it_says(values: list[float
     assert joined(np.append(column, [[0.0]], 0), FITTED)[0] == pytest.approx(whole)
 
 
-def test_further_cameras_count_less_than_the_first() -> None:
-    two = joined(np.array([[2.0], [2.0]]), FITTED._replace(further=0.5))[0]
-    assert two == pytest.approx(3.0)
-
-
 @given(st.lists(st.floats(-5, 5), min_size=1, max_size=6), st.sampled_from([0.3, 0.7, 1.0]))
 def test_without_each_camera_in_turn(values: list[float], further: float) -> None:
     column, by = np.array(values)[:, None], FITTED._replace(further=further)

@@ -1,4 +1,3 @@
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from lens_models import LENS_MODELS, lens
-from seen_boxes import camera_at, seen_by, views_of
+from seen_boxes import camera_at, views_of
 
 from pipeline.core.arrays import F64
 from pipeline.core.detections import Boxes2D
@@ -57,13 +56,6 @@ def test_cameras_without_boxes_and_no_cameras() -> None:
         found = see(views, boxes)
         assert len(found) == 0
         assert found.rays.shape == (0, 8, 3)
-
-
-def test_rows_can_be_selected() -> None:
-    boxes = seen_by(CAMERA, [CAR, CAR], [0, 0])
-    found = see(views_of(CAMERA), {"cam": replace(boxes, scores=np.array([0.5, 0.7], np.float32))})
-    assert found.select(np.array([1])).scores.tolist() == [0.5]
-    assert len(found.select(np.array([1])).views.image_sizes) == 1
 
 
 LEVEL = camera_at("level", (0.0, 0.0, 1.6))
@@ -116,10 +108,6 @@ def test_edges_that_a_nearer_object_may_hide(front: tuple[float, ...], hidden: l
         np.testing.assert_allclose(found.stds[0], observed((*front, 0.9, 0)).stds[0])
 
 
-def test_nothing_observed() -> None:
-    assert observed().stds.shape == (0, 4)
-
-
 @pytest.mark.parametrize(("model", "distortion"), LENS_MODELS.values(), ids=LENS_MODELS)
 @given(slopes=arrays(np.float64, (1, 9, 2), elements=st.floats(-0.6, 0.6)))
 def test_rays_are_projected_to_their_pixels(model: Any, distortion: Any, slopes: F64) -> None:
@@ -158,17 +146,3 @@ def test_pixels_without_a_ray_get_the_axis() -> None:
     found, is_found = rays_of_pixels(camera, np.array([[[333.5, 251.5], [333.5 + 0.9 * 520, 251.5]]]))
     assert is_found.tolist() == [[True, False]]
     assert found[0, 1].tolist() == [0.0, 0.0, 1.0]
-
-
-def test_cameras_row_by_row() -> None:
-    models = [lens(*one) for one in LENS_MODELS.values()]
-    pixels = np.full((len(models), 1, 2), 200.0)
-    together, _ = rays_of_pixels(Lenses.of(models), pixels)
-    alone = np.concatenate([rays_of_pixels(Lenses.of([one]), pixels[:1])[0] for one in models])
-    np.testing.assert_allclose(together, alone, atol=1e-9)
-
-
-def test_no_pixels() -> None:
-    found, is_found = rays_of_pixels(Lenses.of([]), np.zeros((0, 8, 2)))
-    assert found.shape == (0, 8, 3)
-    assert is_found.shape == (0, 8)

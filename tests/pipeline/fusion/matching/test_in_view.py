@@ -155,11 +155,6 @@ def test_shares_are_those_of_painted_pictures(table: list[tuple[float, ...]]) ->
         assert (rest[k, 2:] <= seen.xyxy[k, 2:]).all()
 
 
-def test_no_boxes() -> None:
-    _, hidden, rest = hide(boxes3d([]))
-    assert (hidden.shape, rest.shape) == ((0,), (0, 4))
-
-
 def test_more_covers_than_are_counted() -> None:
     crowd = [(8.0 + k, (k - 6) / 5, 0, *PEDESTRIAN, 0) for k in range(12)]
     _, hidden, _ = hide(boxes3d([(40, 0, 0, 4, 20, 3, 0), *crowd]))

@@ -72,13 +72,5 @@ def test_bent_sides_are_within_the_frustum() -> None:
     assert len(found) == 400
 
 
-def test_order_of_points_within_a_frustum_is_that_of_the_cloud() -> None:
-    xyz = np.random.default_rng(3).normal(size=(4000, 3)) * [20, 20, 2]
-    found = inside(xyz, seen(*ROWS))
-    for row in range(2):
-        assert (np.diff(found.rows[found.group == row]) > 0).all()
-    assert (np.diff(found.group) >= 0).all()
-
-
 def test_no_frustums() -> None:
     assert len(inside(np.ones((5, 3)), seen())) == 0

@@ -84,10 +84,3 @@ def test_only_what_is_lower_than_wide_has_a_cabin() -> None:
     assert np.abs(car[car[:, 2] > 0.7]).max(0).tolist() == pytest.approx([1.2, 0.54, 0.75])
     assert np.abs(car).max(0).tolist() == pytest.approx([2, 0.9, 0.75])
     assert np.abs(bus[bus[:, 2] > 1.5]).max(0).tolist() == pytest.approx([6, 1.25, 1.6])
-
-
-def test_selection() -> None:
-    outline = rounded_outline(np.array([CAR, BUS]), rounding=0.2, underside=0, cabin=0, bent=False)
-    np.testing.assert_array_equal(outline.select(np.array([1])).offsets[0], outline.offsets[1])
-    same = cuboid_outline(bent=False)
-    assert same.select(np.array([0, 5])) is same
