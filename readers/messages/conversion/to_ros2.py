@@ -11,13 +11,12 @@ from functools import lru_cache, partial
 from typing import Any
 
 from rosbags.interfaces.typing import Typesdict
-from rosbags.typesys import Stores
+from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.cdr import CdrEncoder
-from pipeline.core.ros.lazy_typestore import lazy_typestore
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.typestores import message_types
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
@@ -109,7 +108,7 @@ def _in_ros2(channel: Channel) -> tuple[Typestore, Channel, CdrEncoder | None]:
             continue
         types[renamed] = humble[renamed] if _holds(humble, renamed, recorded[name]) else recorded[name]
         wanted += [(part, part) for part in type_parts(types[renamed])]
-    store = lazy_typestore(Stores.EMPTY)
+    store = get_typestore(Stores.EMPTY)
     store.register({name: definition for name, definition in types.items() if name not in store.fielddefs})
     definition, _ = store.generate_msgdef(msgtype, ros_version=2)
     in_ros2 = replace(
