@@ -9,19 +9,17 @@ import re
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any
 
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import Typesdict
-from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from pipeline.core.errors import MessageError, is_short_memory
 from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.ros.lazy_typestore import lazy_typestore
-from pipeline.core.ros.made_later import MadeLater
-from pipeline.core.ros.typestores import extra_types
+from pipeline.core.ros.typestores import message_types, release_types
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from pipeline.core.text import one_line
 from readers.messages.boundary.layouts import layout_fault
@@ -35,9 +33,6 @@ IDL_HEADING = re.compile(r"^={80}\nIDL: .*\n", re.MULTILINE)
 MD5SUM = re.compile(r"[0-9a-f]{32}")
 
 MAX_DEFINITION_CHARACTERS = 1 << 18
-BEFORE_VISION_MSGS_4 = {"crystal", "bouncy", "dashing", "eloquent", "foxy", "galactic"}
-"""Releases with older vision_msgs (2D boxes and hypotheses differ), whose definitions are not included."""
-
 EMPTY_LINES = re.compile(r"\n\s*\n")
 
 _lock = threading.Lock()
@@ -119,26 +114,28 @@ def _typestore(channel: Channel) -> Typestore | str:
     if channel.encoding not in {"ros1", "cdr"}:
         return f"{channel.msgtype} in {channel.encoding} is not a ROS message"
     try:
-        types = _recorded_types(channel)
-        known = _release_types(channel.encoding, channel.distro.lower())
-        store = lazy_typestore(Stores.EMPTY)
+        recorded = _recorded_types(channel)
+        release = _release(channel)
+        types: Typesdict = {}
         wanted = [channel.msgtype]
-        visited = set(store.fielddefs)
         while wanted:
             name = wanted.pop()
-            if name in visited:
+            if name in types:
                 continue
-            visited.add(name)
-            if name not in types:
-                if name not in known:
-                    return f"the recording has no definition of {name}" + _needed_by(name, channel)
-                types[name] = known[name]
-            wanted += type_parts(types[name])
-        if fault := size_fault(channel.msgtype, {**store.fielddefs, **types}):
+            found = recorded.get(name) or release.fielddefs.get(name)
+            if found is None:
+                return f"the recording has no definition of {name}" + _needed_by(name, channel)
+            types[name] = found
+            wanted += type_parts(found)
+        if fault := size_fault(channel.msgtype, types):
             return f"the recorded definition of {channel.msgtype} is unusable: {fault}"
-        if fault := layout_fault(channel.msgtype, {**store.fielddefs, **types}, known):
+        if fault := layout_fault(channel.msgtype, types, release.fielddefs):
             return f"the recorded definition of {channel.msgtype} is another than lidcam reads: {fault}"
-        store.register(types)
+        if all(types[name] == release.fielddefs.get(name) for name in types):
+            store = release  # so that what reads a header is made once for all channels
+        else:
+            store = get_typestore(Stores.EMPTY)
+            store.register(types)
         if not channel.definition.strip() and (other := _other_digest(channel, store)):
             return f"the recording has no definition of {channel.msgtype}, and the one that lidcam knows is {other}"
     except Exception as err:  # e.g. names or numbers that Python does not accept: the generated code fails
@@ -167,16 +164,12 @@ def _doubt(channel: Channel) -> str:
     return f"the recorded definition is {other}" if other else ""
 
 
-@lru_cache(maxsize=16)
-def _release_types(encoding: str, distro: str) -> Typesdict:
+def _release(channel: Channel) -> Typestore:
     """The types of the ROS release that a recording names, else of Noetic or Humble."""
-    if encoding == "ros1":
-        release, extra = Stores.ROS1_NOETIC, extra_types(1)
-    else:
-        release = next((store for store in Stores if store.value == f"ros2_{distro}"), Stores.ROS2_HUMBLE)
-        extra = extra_types(2)
-    ours = [name for name in extra if distro not in BEFORE_VISION_MSGS_4 or not name.startswith("vision_msgs/")]
-    return MadeLater(lazy_typestore(release).fielddefs, {name: partial(extra.__getitem__, name) for name in ours})
+    if channel.encoding == "ros1":
+        return message_types(1)
+    named = f"ros2_{channel.distro.lower()}"
+    return release_types(next((release for release in Stores if release.value == named), Stores.ROS2_HUMBLE))
 
 
 def _recorded_types(channel: Channel) -> Typesdict:

@@ -118,8 +118,8 @@ def test_markers_delete_all_first(objects: int) -> None:
 
 
 def annotations(result: FrameResult, camera: CameraSensor = RIG.cameras[0]) -> Any:
-    edges = object_edges(result, [camera.name])
-    return through_cdr(image_annotations(result, [camera], edges, NAMES, stamps_ns=[START_NS + 5]))
+    edges = object_edges(result, [camera.name])[camera.name]
+    return through_cdr(image_annotations(result, camera, edges, NAMES, stamp_ns=START_NS + 5))
 
 
 def rgb(color: Any) -> tuple[float, float, float]:

@@ -10,22 +10,19 @@ results give equal bytes.
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from types import TracebackType
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
-from pipeline.core.clouds import PointCloud
 from pipeline.core.detections import Boxes2D
 from pipeline.core.errors import MessageError, OutputError
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import Channel, Drop, RawMessage, time_fault
 from pipeline.core.rig import CameraSensor, Rig
-from pipeline.core.ros.column_encoder import ColumnsEncoder
-from pipeline.core.ros.columns import Columns
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.qos import LATCHED_YAML
 from pipeline.core.settings.config import Config
 from pipeline.core.true_boxes import TrueBoxes
-from writers.drawing import object_edges
+from writers.drawing import ObjectEdges, object_edges
 from writers.foxglove.layout import foxglove_layout
 from writers.mcap.chunk import Buffer
 from writers.mcap.file import McapOutput, mcap_file
@@ -36,7 +33,7 @@ from writers.messages.diagnostics import diagnostics
 from writers.messages.images import COMPRESSED, image_cdr
 from writers.messages.placed_scene import PLACED, PLACED_SCENE, placed_scene
 from writers.messages.scene import marker_array, scene_update
-from writers.messages.sensors import camera_info, cloud_cdr, moving_transform, static_transforms
+from writers.messages.sensors import camera_info, cloud_message, moving_transform, static_transforms
 from writers.messages.truth_scene import truth_scene, truth_scene_topic
 from writers.outputs.errors import output_errors
 from writers.outputs.marks import INPUTS, RESULT
@@ -47,9 +44,6 @@ from writers.viewpoint import SceneSurvey
 
 __all__ = ["McapResultWriter"]
 
-CLOUD, CAMERA_INFO = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CameraInfo"
-ANNOTATIONS, DETECTIONS_2D = "foxglove_msgs/msg/ImageAnnotations", "vision_msgs/msg/Detection2DArray"
-DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 _NOT_COPIED = "the image cannot be copied"
 
 
@@ -80,10 +74,8 @@ class McapResultWriter:
         self._output, self._layout, self._path = output, layout, output.path
         self._rig, self._config, self._provenance, self._frames = rig, config, provenance, frames
         self._resources = ExitStack()
-        self._columns: ColumnsEncoder = ROS2.columns
         self._channels: dict[str, int] = {}
         self._copied: dict[Channel, int] = {}
-        self._camera_infos: dict[str, Buffer] = {}  # of the first frame: only their stamps change
         self._filled: set[str] = set()
         self._messages = 0
         self._survey = SceneSurvey(rig)
@@ -148,26 +140,18 @@ class McapResultWriter:
         return not_copied
 
     def _put_results(self, result: FrameResult) -> tuple[Drop, ...]:
-        """Write what was found in a frame, all but the clouds encoded at once, and its images."""
+        """Write what was found in a frame, and its images."""
         log_time_ns, found = result.bundle.log_time_ns, _views(result, self._rig)
         images, not_copied = _images(found) if self._config.output.images else ({}, ())
-        site = [*self._site_messages(result)]
-        *encoded, annotations, boxes_2d, counts = self._columns.encode(
-            *(message for _, message in site),
-            self._annotations(result, found),
-            self._detections(found),
-            diagnostics(result, self._rig, not_copied),
-        )
-        for (topic, message), (data,) in zip(site, encoded, strict=True):
-            self._put_bytes(topic, message.__msgtype__, data, log_time_ns)
-        for topic, cloud in self._clouds(result):
-            parts = cloud_cdr(cloud, stamp_ns=result.bundle.stamp_ns, frame_id=self._rig.site_frame)
-            self._put_bytes(topic, CLOUD, parts, log_time_ns)
-        self._put_cameras(found, images, annotations, boxes_2d, log_time_ns)
-        self._put_bytes("/diagnostics", DIAGNOSTICS, counts[0], log_time_ns)
+        for topic, message in (*self._site_messages(result), *self._clouds(result)):
+            self._put(topic, message, log_time_ns)
+        edges = object_edges(result, [view.camera.name for view in found])
+        for view in found:
+            self._put_camera(result, view, images.get(view.camera.name), edges[view.camera.name])
+        self._put("/diagnostics", diagnostics(result, self._rig, not_copied), log_time_ns)
         return not_copied
 
-    def _site_messages(self, result: FrameResult) -> Iterator[tuple[str, Columns]]:
+    def _site_messages(self, result: FrameResult) -> Iterator[tuple[str, Any]]:
         names, stamp_ns, objects = self._config.object_names, result.bundle.stamp_ns, result.fused.objects
         counted = objects.select(objects.class_ids < len(self._config.classes))
         yield "/lidar_camera_fused", lidcam_objects(counted, self._rig.counted_zones, stamp_ns=stamp_ns)
@@ -179,51 +163,31 @@ class McapResultWriter:
             yield PLACED, detections_3d(placed, names, stamp_ns=stamp_ns)
             yield PLACED_SCENE, placed_scene(placed, names, stamp_ns=stamp_ns)
 
-    def _clouds(self, result: FrameResult) -> Iterator[tuple[str, PointCloud]]:
+    def _clouds(self, result: FrameResult) -> Iterator[tuple[str, Any]]:
+        stamp_ns, frame_id = result.bundle.stamp_ns, self._rig.site_frame
         if self._config.output.clouds:
-            yield "/point_cloud_combined", result.combined.cloud
+            yield "/point_cloud_combined", cloud_message(result.combined.cloud, stamp_ns=stamp_ns, frame_id=frame_id)
             if self._config.output.ground:
-                yield "/ground_cloud", result.combined.ground_cloud
+                yield "/ground_cloud", cloud_message(result.combined.ground_cloud, stamp_ns=stamp_ns, frame_id=frame_id)
 
-    def _annotations(self, result: FrameResult, found: Sequence["_View"]) -> Columns:
-        """The annotations of the image of each camera."""
-        cameras, names = [view.camera for view in found], self._config.object_names
-        edges = object_edges(result, [camera.name for camera in cameras])
-        return image_annotations(result, cameras, edges, names, stamps_ns=[view.stamp_ns for view in found])
-
-    def _detections(self, found: Iterable["_View"]) -> Columns:
-        """The 2D boxes of each camera that has some."""
-        views = [(view.camera, view.stamp_ns, view.boxes) for view in found if view.boxes is not None]
-        return detections_2d(
-            [boxes for _, _, boxes in views],
-            self._config.object_names,
-            stamps_ns=[stamp_ns for _, stamp_ns, _ in views],
-            frame_ids=[camera.T_camera_site.dst for camera, _, _ in views],
-        )
-
-    def _put_cameras(
-        self,
-        found: Sequence["_View"],
-        images: Mapping[str, Sequence[Buffer]],
-        annotations: Iterable[bytes],
-        boxes_2d: Iterable[bytes],
-        log_time_ns: int,
-    ) -> None:
-        """Write each camera's messages, all with one stamp; none if the frame has neither an image nor boxes of it."""
-        of_boxes = iter(boxes_2d)
-        for view, drawn in zip(found, annotations, strict=True):
-            camera, prefix = view.camera, f"/{view.camera.name}"
-            if view.image is not None and camera.name in images:
-                msgtype = view.image.channel.msgtype
-                topic = f"{prefix}/image/compressed" if msgtype == COMPRESSED else f"{prefix}/image"
-                self._put_bytes(topic, msgtype, images[camera.name], log_time_ns)
-            if camera.name not in self._camera_infos:
-                self._camera_infos[camera.name] = ROS2.serialize(camera_info(camera, view.stamp_ns))
-            info = ROS2.restamped(self._camera_infos[camera.name], view.stamp_ns)
-            self._put_bytes(f"{prefix}/camera_info", CAMERA_INFO, info, log_time_ns)
-            self._put_bytes(f"{prefix}/annotations", ANNOTATIONS, drawn, log_time_ns)
-            if view.boxes is not None:
-                self._put_bytes(f"{prefix}/detections", DETECTIONS_2D, next(of_boxes), log_time_ns)
+    def _put_camera(self, result: FrameResult, view: "_View", image: Buffer | None, edges: ObjectEdges) -> None:
+        """Write a camera's messages, all with one stamp."""
+        camera, stamp_ns, prefix = view.camera, view.stamp_ns, f"/{view.camera.name}"
+        names, log_time_ns = self._config.object_names, result.bundle.log_time_ns
+        if view.image is not None and image is not None:
+            msgtype = view.image.channel.msgtype
+            self._put_bytes(
+                f"{prefix}/image/compressed" if msgtype == COMPRESSED else f"{prefix}/image",
+                msgtype,
+                image,
+                log_time_ns,
+            )
+        self._put(f"{prefix}/camera_info", camera_info(camera, stamp_ns), log_time_ns)
+        annotations = image_annotations(result, camera, edges, names, stamp_ns=stamp_ns)
+        self._put(f"{prefix}/annotations", annotations, log_time_ns)
+        if view.boxes is not None:
+            boxes = detections_2d(view.boxes, names, stamp_ns=stamp_ns, frame_id=camera.T_camera_site.dst)
+            self._put(f"{prefix}/detections", boxes, log_time_ns)
 
     def _copy(self, messages: Iterable[RawMessage]) -> None:
         """Write recorded messages as they are, at the times at which they were recorded."""
@@ -238,10 +202,10 @@ class McapResultWriter:
         for frame, truth in known:
             self._put(truth_scene_topic(truth.topic), truth_scene(truth), frame.log_time_ns)
 
-    def _put(self, topic: str, message: Columns, log_time_ns: int) -> None:
+    def _put(self, topic: str, message: Any, log_time_ns: int) -> None:
         self._put_bytes(topic, message.__msgtype__, ROS2.serialize(message), log_time_ns)
 
-    def _put_bytes(self, topic: str, msgtype: str, cdr: Buffer | Sequence[Buffer], log_time_ns: int) -> None:
+    def _put_bytes(self, topic: str, msgtype: str, cdr: Buffer, log_time_ns: int) -> None:
         channel = self._channels.get(topic) or self._register(topic, msgtype)
         self._file.add_message(channel, log_time_ns, cdr, self._messages)
         self._filled.add(topic)
@@ -295,9 +259,9 @@ def _views(result: FrameResult, rig: Rig) -> list[_View]:
     return found
 
 
-def _images(views: Iterable[_View]) -> tuple[Mapping[str, Sequence[Buffer]], tuple[Drop, ...]]:
+def _images(views: Iterable[_View]) -> tuple[Mapping[str, Buffer], tuple[Drop, ...]]:
     """The bytes of each camera's image, and the images that cannot be copied."""
-    found: dict[str, Sequence[Buffer]] = {}
+    found: dict[str, Buffer] = {}
     drops: tuple[Drop, ...] = ()
     for view in views:
         if (image := view.image) is None:

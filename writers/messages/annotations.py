@@ -1,13 +1,14 @@
 """The overlay of one camera's image: foxglove_msgs/ImageAnnotations."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
-from pipeline.core.arrays import F64
+from pipeline.core.arrays import F32, F64, I64
 from pipeline.core.frame import FrameResult
 from pipeline.core.rig import CameraSensor
-from pipeline.core.ros.columns import Columns, Lists
+from pipeline.core.ros.messages import ROS2
 from writers.drawing import (
     DrawnBoxes2D,
     ObjectEdges,
@@ -17,7 +18,7 @@ from writers.drawing import (
     placed_objects,
     strong_objects,
 )
-from writers.messages.parts import times
+from writers.messages.parts import colors, split
 from writers.messages.scene_parts import opaque
 
 __all__ = ["image_annotations"]
@@ -31,122 +32,66 @@ _LETTER_WIDTH = 0.6
 _LINE_SHARE, _FAINT_ALPHA = 1 / 300, 0.5
 _LINE_LOOP, _LINE_LIST = 2, 4  # PointsAnnotation
 _CORNERS = np.array([0, 1, 2, 1, 2, 3, 0, 3])  # x and y of the corners of left, top, right, bottom
-_NONE = np.zeros(0, np.int64)
 
 
 def image_annotations(
-    result: FrameResult,
-    cameras: Sequence[CameraSensor],
-    edges: Mapping[str, ObjectEdges],
-    class_names: Sequence[str],
-    *,
-    stamps_ns: Sequence[int],
-) -> Columns:
-    """The fused objects as the lens of each camera bends them, and its 2D boxes.
+    result: FrameResult, camera: CameraSensor, edges: ObjectEdges, class_names: Sequence[str], *, stamp_ns: int
+) -> Any:
+    """The fused objects as the lens of a camera bends them, and its 2D boxes.
 
     An object has the colour of its class, and a thinner line if the cameras alone place it. A 2D box is green if it
     belongs to an object and amber if not; its label is the object's class and score, else the detector's. A label that
     would cover that of a larger box is left out.
     Every stamp is the image's: viewers pair by equality.
     """
-    boxes = [drawn_boxes_2d(result, camera.name, class_names) for camera in cameras]
-    objects, object_counts = _objects(result, cameras, [edges[camera.name] for camera in cameras], stamps_ns)
-    rectangles, counts = _rectangles(cameras, boxes, stamps_ns)
-    texts, text_counts = _texts(cameras, boxes, stamps_ns)
-    return Columns(
-        "foxglove_msgs/msg/ImageAnnotations",
-        len(cameras),
-        timestamp=times(stamps_ns),
-        points=Lists(objects, object_counts, Lists(rectangles, counts)),
-        texts=Lists(texts, text_counts),
-    )
+    boxes, time = drawn_boxes_2d(result, camera.name, class_names), ROS2.time(stamp_ns)
+    line_px = camera.model.height_px * _LINE_SHARE
+    lines = [*_objects(result, edges, line_px, time), *_rectangles(boxes, line_px, time)]
+    return ROS2.new("foxglove_msgs/msg/ImageAnnotations", time, [], lines, _texts(camera, boxes, time), [])
 
 
-def _objects(
-    result: FrameResult, cameras: Sequence[CameraSensor], edges: Sequence[ObjectEdges], stamps_ns: Sequence[int]
-) -> tuple[Columns, Sequence[int]]:
-    """The edges of each object in each image, and the number of objects in each."""
-    piece_rows = np.concatenate([_NONE, *(rows for _, rows in edges)])
-    piece_images = np.repeat(np.arange(len(cameras)), [len(rows) for _, rows in edges])
-    is_first = np.ones(len(piece_rows), bool)  # the pieces come object after object
-    is_first[1:] = (piece_rows[1:] != piece_rows[:-1]) | (piece_images[1:] != piece_images[:-1])
-    row, of_image = piece_rows[is_first], piece_images[is_first]
-    pieces = np.bincount(np.cumsum(is_first) - 1, minlength=len(row))
+def _objects(result: FrameResult, edges: ObjectEdges, line_px: float, time: Any) -> list[Any]:
+    """The edges of each object in an image."""
+    segments, of_piece = edges
+    rows, pieces = np.unique(of_piece, return_counts=True)  # the pieces come object after object
     alphas = np.where(strong_objects(result), 1.0, _FAINT_ALPHA)
-    colors = np.concatenate([object_colors(result), alphas[:, None]], 1)
+    rgba = np.concatenate([object_colors(result), alphas[:, None]], 1)
     shares = np.where(placed_objects(result), 0.5, 1.0)
-    lines = _lines(
-        _LINE_LIST,
-        Lists(
-            np.concatenate([np.zeros((0, 2), np.float32), *(segments.reshape(-1, 2) for segments, _ in edges)]),
-            2 * pieces,
-        ),
-        colors[row],
-        _heights_px(cameras)[of_image] * _LINE_SHARE * shares[row],
-        [stamps_ns[image] for image in of_image.tolist()],
-    )
-    return lines, np.bincount(of_image, minlength=len(cameras)).tolist()
+    return _lines(_LINE_LIST, segments.reshape(-1, 2), 2 * pieces, rgba[rows], line_px * shares[rows], time)
 
 
-def _rectangles(
-    cameras: Sequence[CameraSensor], boxes: Sequence[DrawnBoxes2D], stamps_ns: Sequence[int]
-) -> tuple[Columns, Sequence[int]]:
-    """The 2D boxes of each image, and their number."""
-    counts = [len(drawn.labels) for drawn in boxes]
-    of_image = np.repeat(np.arange(len(cameras)), counts)
-    xyxy = np.concatenate([np.zeros((0, 4), np.float32), *(drawn.xyxy for drawn in boxes)])
-    rectangles = _lines(
-        _LINE_LOOP,
-        Lists(xyxy[:, _CORNERS].reshape(-1, 2), 4),
-        opaque(np.array([rgb for drawn in boxes for rgb in drawn.colors]).reshape(-1, 3)),
-        _heights_px(cameras)[of_image] * _LINE_SHARE,
-        [stamps_ns[image] for image in of_image.tolist()],
-    )
-    return rectangles, counts
+def _rectangles(boxes: DrawnBoxes2D, line_px: float, time: Any) -> list[Any]:
+    n = len(boxes.labels)
+    corners, rgb = boxes.xyxy[:, _CORNERS].reshape(-1, 2), np.array(boxes.colors).reshape(-1, 3)
+    return _lines(_LINE_LOOP, corners, np.full(n, 4), opaque(rgb), np.full(n, line_px), time)
 
 
-def _lines(kind: int, points: Lists, colors: F64, thickness_px: F64, stamps_ns: Sequence[int]) -> Columns:
-    return Columns(
+def _lines(kind: int, points: F32, counts: I64, rgba: F64, thickness_px: F64, time: Any) -> list[Any]:
+    return ROS2.rows(
         "foxglove_msgs/msg/PointsAnnotation",
-        len(stamps_ns),
-        timestamp=times(stamps_ns),
+        len(counts),
+        timestamp=time,
         type=kind,
-        points=points,
-        outline_color=colors,
+        points=split(ROS2.rows_of_numbers("foxglove_msgs/msg/Point2", points), counts),
+        outline_color=colors(rgba),
         thickness=thickness_px,
     )
 
 
-def _texts(
-    cameras: Sequence[CameraSensor], boxes: Sequence[DrawnBoxes2D], stamps_ns: Sequence[int]
-) -> tuple[Columns, Sequence[int]]:
-    """The labels in each image, and their number."""
-    counts, places, texts, colors, letters_px, stamps = [], [], [], [], [], []
-    for camera, drawn, stamp_ns in zip(cameras, boxes, stamps_ns, strict=True):
-        letter_px = camera.model.height_px * LABEL_SHARE
-        found = list(_label_places(drawn, camera, letter_px)) if drawn.labels else []
-        counts.append(len(found))
-        for row, place in found:
-            places.append(place)
-            texts.append(drawn.labels[row])
-            colors.append((*drawn.colors[row], 1.0))
-            letters_px.append(letter_px)
-            stamps.append(stamp_ns)
-    rows = Columns(
+def _texts(camera: CameraSensor, boxes: DrawnBoxes2D, time: Any) -> list[Any]:
+    """The labels in an image."""
+    letters_px = camera.model.height_px * LABEL_SHARE
+    found = [*_label_places(boxes, camera, letters_px)] if boxes.labels else []
+    return ROS2.rows(
         "foxglove_msgs/msg/TextAnnotation",
-        len(texts),
-        timestamp=times(stamps),
-        position=np.array(places).reshape(-1, 2),
-        text=texts,
-        font_size=np.array(letters_px),
-        text_color=np.array(colors).reshape(-1, 4),
-        background_color=(0.0, 0.0, 0.0, 0.6),
+        len(found),
+        timestamp=time,
+        position=[ROS2.new("foxglove_msgs/msg/Point2", *place) for _, place in found],
+        text=[boxes.labels[row] for row, _ in found],
+        font_size=letters_px,
+        text_color=[ROS2.new("foxglove_msgs/msg/Color", *boxes.colors[row], 1.0) for row, _ in found],
+        background_color=ROS2.new("foxglove_msgs/msg/Color", 0.0, 0.0, 0.0, 0.6),
     )
-    return rows, counts
-
-
-def _heights_px(cameras: Sequence[CameraSensor]) -> F64:
-    return np.array([camera.model.height_px for camera in cameras], np.float64)
 
 
 def _label_places(

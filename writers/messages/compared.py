@@ -5,12 +5,11 @@ from typing import Any
 
 from pipeline.core.detections import Boxes3D
 from pipeline.core.geometry.boxes import UNIT_CORNERS
-from pipeline.core.ros.columns import Columns, Lists
 from pipeline.evaluation.comparison.objects import SourceObjects
 from pipeline.evaluation.comparison.records import PAIR_KINDS, Changes
 from writers.messages.parts import box_poses
 from writers.messages.scene import label_places
-from writers.messages.scene_parts import entities, labels, outlines, whole_scene
+from writers.messages.scene_parts import entities, labels, opaque, outlines, whole_scene
 from writers.palette import CHANGED, EQUAL, LOST, NEW, Rgb
 
 __all__ = ["compared_scene", "empty_scene"]
@@ -20,7 +19,7 @@ _BOLD_PX, _FINE_PX = 3.0, 1.0
 
 def compared_scene(
     first: SourceObjects, second: SourceObjects, changes: Changes, class_names: Sequence[str], *, stamp_ns: int
-) -> Columns:
+) -> Any:
     """The objects of a source in one frame of two results, in the colours of what became of them.
 
     Lost ones are drawn where A has them, new ones where B does, others where B does with what differs beside them, and
@@ -39,7 +38,7 @@ def compared_scene(
     )
 
 
-def empty_scene(stamp_ns: int) -> Columns:
+def empty_scene(stamp_ns: int) -> Any:
     """Nothing, in place of what was drawn before."""
     return whole_scene(stamp_ns)
 
@@ -66,17 +65,18 @@ class _Scene:
         rgb: Rgb,
         thickness_px: float,
         texts: Sequence[str] = (),
-    ) -> Columns:
+    ) -> list[Any]:
         """Outlines of the boxes of some rows; `texts` beside them, if there are any."""
-        chosen, color = boxes.select(rows), (*rgb, 1.0)
+        chosen, color = boxes.select(rows), opaque(rgb)
         names = [self._names[class_row] for class_row in classes[rows].tolist()]
         written = [f"{class_name} {text}" for class_name, text in zip(names, texts, strict=True)] if texts else []
         edges = outlines(UNIT_CORNERS / 2 * chosen.sizes[:, None], color, thickness_px, poses=box_poses(chosen))
+        beside = labels(written, label_places(chosen)[: len(written)], color)
         return entities(
             [f"{name}-{number}" for number in range(len(chosen))],
             self._stamp_ns,
             boxes.frame_id,
             {"class": names, "difference": texts or [name] * len(chosen)},
-            lines=Lists(edges),
-            texts=Lists(labels(written, label_places(chosen)[: len(written)], color), int(bool(texts))),
+            lines=[[edge] for edge in edges],
+            texts=[[text] for text in beside] if texts else [[]] * len(chosen),
         )

@@ -1,7 +1,7 @@
 """The counts of each frame: diagnostic_msgs/DiagnosticArray."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -9,8 +9,7 @@ from pipeline.core.detections import Source
 from pipeline.core.frame import FrameResult, Missing
 from pipeline.core.messages import Drop
 from pipeline.core.rig import Rig
-from pipeline.core.ros.columns import Columns, Lists
-from writers.messages.parts import header
+from pipeline.core.ros.messages import ROS2
 
 __all__ = ["diagnostics"]
 
@@ -21,7 +20,7 @@ _SOURCES = {Source.LIDAR: "lidars alone", Source.CAMERA: "cameras alone", Source
 _OK, _WARN = 0, 1  # DiagnosticStatus
 
 
-def diagnostics(result: FrameResult, rig: Rig, not_copied: Sequence[Drop]) -> Columns:
+def diagnostics(result: FrameResult, rig: Rig, not_copied: Sequence[Drop]) -> Any:
     """Synchronisation, points by step, objects by source, and dropped messages.
 
     Args:
@@ -30,20 +29,27 @@ def diagnostics(result: FrameResult, rig: Rig, not_copied: Sequence[Drop]) -> Co
         not_copied: Messages that the writer itself dropped.
     """
     drops = [*result.drops, *not_copied]
-    return _array(
-        header(result.bundle.stamp_ns, rig.site_frame),
-        [
-            _synchronisation(result, rig),
-            _Status("cloud", f"{len(result.combined.cloud)} points", _cloud(result)),
-            _Status("objects", f"{len(result.fused.objects)} objects", _objects(result, rig)),
-            _Status(
-                "dropped messages",
-                f"{len(drops)} dropped" if drops else "none",
-                [(drop.topic, ": ".join(filter(None, (drop.reason, drop.detail)))) for drop in drops],
-                _WARN if drops else _OK,
-            ),
-        ],
+    statuses = [
+        _synchronisation(result, rig),
+        _Status("cloud", f"{len(result.combined.cloud)} points", _cloud(result)),
+        _Status("objects", f"{len(result.fused.objects)} objects", _objects(result, rig)),
+        _Status(
+            "dropped messages",
+            f"{len(drops)} dropped" if drops else "none",
+            [(drop.topic, ": ".join(filter(None, (drop.reason, drop.detail)))) for drop in drops],
+            _WARN if drops else _OK,
+        ),
+    ]
+    rows = ROS2.rows(
+        "diagnostic_msgs/msg/DiagnosticStatus",
+        len(statuses),
+        level=[one.level for one in statuses],
+        name=[f"lidcam: {one.name}" for one in statuses],
+        message=[one.message for one in statuses],
+        values=[[ROS2.new("diagnostic_msgs/msg/KeyValue", *pair) for pair in one.values] for one in statuses],
     )
+    header = ROS2.header(result.bundle.stamp_ns, rig.site_frame)
+    return ROS2.new("diagnostic_msgs/msg/DiagnosticArray", header, rows)
 
 
 class _Status(NamedTuple):
@@ -94,18 +100,3 @@ def _objects(result: FrameResult, rig: Rig) -> Values:
         *((f"2D boxes without an object, {reason}", str(n)) for reason, n in sorted(begin_nothing.items())),
         *((f"not reported, {reason}", str(count)) for reason, count in sorted(result.fused.left_out.items())),
     ]
-
-
-def _array(header: bytes, statuses: Sequence[_Status]) -> Columns:
-    pairs = [pair for status in statuses for pair in status.values]
-    keys, values = [key for key, _ in pairs], [value for _, value in pairs]
-    rows = Columns("diagnostic_msgs/msg/KeyValue", len(pairs), key=keys, value=values)
-    status = Columns(
-        "diagnostic_msgs/msg/DiagnosticStatus",
-        len(statuses),
-        level=np.array([one.level for one in statuses]),
-        name=[f"lidcam: {one.name}" for one in statuses],
-        message=[one.message for one in statuses],
-        values=Lists(rows, [len(one.values) for one in statuses]),
-    )
-    return Columns("diagnostic_msgs/msg/DiagnosticArray", header=header, status=Lists(status, len(statuses)))

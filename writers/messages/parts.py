@@ -1,53 +1,48 @@
-"""Parts that many messages have, as columns (`pipeline.core.ros.columns`)."""
+"""Parts that many messages have."""
 
-import struct
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from itertools import islice
+from typing import Any
 
 import numpy as np
 
-from pipeline.core.arrays import F64
+from pipeline.core.arrays import F64, Array
 from pipeline.core.detections import Boxes3D
-from pipeline.core.ros.columns import Columns
+from pipeline.core.ros.messages import ROS2
 
-__all__ = ["IDENTITY", "box_poses", "header", "headers", "places_as_poses", "time", "times"]
-
-_TIME, _LENGTH = struct.Struct("<iI"), struct.Struct("<I")  # the latter of texts
-
-IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-"""A geometry_msgs/Pose: position x, y, z, then quaternion x, y, z, w."""
+__all__ = ["box_poses", "colors", "places_as_poses", "points", "split", "vectors"]
 
 
-def time(stamp_ns: int) -> bytes:
-    """builtin_interfaces/Time, as it stands in any message."""
-    return _TIME.pack(*divmod(stamp_ns, 10**9))
+def points(numbers: F64) -> list[Any]:
+    """geometry_msgs/Point of each row (N, 3)."""
+    return ROS2.rows_of_numbers("geometry_msgs/msg/Point", numbers)
 
 
-def times(stamps_ns: Sequence[int]) -> Columns:
-    """builtin_interfaces/Time of each row."""
-    stamps = np.array(stamps_ns, np.int64)
-    return Columns("builtin_interfaces/msg/Time", len(stamps), sec=stamps // 10**9, nanosec=stamps % 10**9)
+def vectors(numbers: F64) -> list[Any]:
+    """geometry_msgs/Vector3 of each row (N, 3)."""
+    return ROS2.rows_of_numbers("geometry_msgs/msg/Vector3", numbers)
 
 
-def header(stamp_ns: int, frame_id: str) -> bytes:
-    """std_msgs/Header, as it stands in any message."""
-    encoded = frame_id.encode() + b"\0"
-    return time(stamp_ns) + _LENGTH.pack(len(encoded)) + encoded
+def colors(rgba: F64, msgtype: str = "foxglove_msgs/msg/Color") -> list[Any]:
+    """Colours of rows (N, 4): red, green, blue and opacity in [0, 1]."""
+    return ROS2.rows_of_numbers(msgtype, rgba)
 
 
-def headers(stamps_ns: Sequence[int], frame_ids: Sequence[str]) -> Columns:
-    """std_msgs/Header of each row."""
-    return Columns("std_msgs/msg/Header", len(frame_ids), stamp=times(stamps_ns), frame_id=frame_ids)
+def box_poses(boxes: Boxes3D) -> list[Any]:
+    """geometry_msgs/Pose of each box: its centre and heading."""
+    turns = np.zeros((len(boxes), 4))
+    turns[:, 2], turns[:, 3] = np.sin(boxes.yaws / 2), np.cos(boxes.yaws / 2)
+    orientations = ROS2.rows_of_numbers("geometry_msgs/msg/Quaternion", turns)
+    return ROS2.rows("geometry_msgs/msg/Pose", len(boxes), position=points(boxes.centers), orientation=orientations)
 
 
-def box_poses(boxes: Boxes3D) -> F64:
-    """(N, 7) geometry_msgs/Pose of each box: its centre and heading."""
-    poses, half = np.zeros((len(boxes), 7)), boxes.yaws / 2
-    poses[:, :3], poses[:, 5], poses[:, 6] = boxes.centers, np.sin(half), np.cos(half)
-    return poses
+def places_as_poses(places: F64) -> list[Any]:
+    """geometry_msgs/Pose of places (N, 3) without rotation."""
+    no_turn = ROS2.new("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0)
+    return ROS2.rows("geometry_msgs/msg/Pose", len(places), position=points(places), orientation=no_turn)
 
 
-def places_as_poses(places: F64) -> F64:
-    """(N, 7) geometry_msgs/Pose of places (N, 3) without rotation."""
-    poses = np.zeros((len(places), 7))
-    poses[:, :3], poses[:, 6] = places, 1.0
-    return poses
+def split(items: Sequence[Any], counts: Array | Iterable[int]) -> list[list[Any]]:
+    """The items in lists of so many."""
+    left = iter(items)
+    return [list(islice(left, count)) for count in (counts.tolist() if isinstance(counts, np.ndarray) else counts)]

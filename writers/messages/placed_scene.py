@@ -1,14 +1,14 @@
 """Boxes that the cameras alone place, drawn in 3D: Foxglove draws no vision_msgs."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from pipeline.core.detections import Boxes3D
 from pipeline.core.geometry.boxes import UNIT_CORNERS
-from pipeline.core.ros.columns import Columns, Lists
 from writers.messages.parts import box_poses
-from writers.messages.scene_parts import ellipses, entities, labels, outlines, whole_scene
+from writers.messages.scene_parts import ellipses, entities, labels, opaque, outlines, whole_scene
 from writers.palette import CAMERA_ONLY
 from writers.uncertainty import ground_ellipses
 
@@ -23,11 +23,11 @@ LABEL_SHARE = 0.6
 """Height of a label above the centre, as a share of the height of the box: just above its roof."""
 
 
-def placed_scene(boxes: Boxes3D, class_names: Sequence[str], *, stamp_ns: int) -> Columns:
+def placed_scene(boxes: Boxes3D, class_names: Sequence[str], *, stamp_ns: int) -> Any:
     """foxglove_msgs/SceneUpdate: edges, class and score of each box, and an ellipse of one standard deviation."""
     names, scores = [class_names[class_id] for class_id in boxes.class_ids.tolist()], boxes.scores.tolist()
     places = boxes.centers + np.array([0.0, 0.0, LABEL_SHARE]) * boxes.sizes[:, 2:]
-    color = (*CAMERA_ONLY, 1.0)
+    color = opaque(CAMERA_ONLY)
     edges = outlines(UNIT_CORNERS / 2 * boxes.sizes[:, None], color, EDGE_PX, poses=box_poses(boxes))
     texts = [f"{name} {score:.2f}" for name, score in zip(names, scores, strict=True)]
     drawn = entities(
@@ -35,7 +35,7 @@ def placed_scene(boxes: Boxes3D, class_names: Sequence[str], *, stamp_ns: int) -
         stamp_ns,
         boxes.frame_id,
         {"class": names, "score": [f"{score:.4f}" for score in scores]},
-        lines=Lists(edges, 1, Lists(ellipses(ground_ellipses(boxes), color, EDGE_PX))),
-        texts=Lists(labels(texts, places, color)),
+        lines=[[*pair] for pair in zip(edges, ellipses(ground_ellipses(boxes), color, EDGE_PX), strict=True)],
+        texts=[[text] for text in labels(texts, places, color)],
     )
     return whole_scene(stamp_ns, drawn)

@@ -4,6 +4,8 @@ Each message first deletes what the one before it drew, so nothing stale stays, 
 """
 
 from collections.abc import Sequence
+from itertools import chain
+from typing import Any
 
 import numpy as np
 
@@ -11,9 +13,9 @@ from pipeline.core.arrays import F64
 from pipeline.core.detections import Boxes3D, source_names
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.boxes import UNIT_CORNERS
-from pipeline.core.ros.columns import Columns, Lists
+from pipeline.core.ros.messages import ROS2
 from writers.drawing import ARROW_SHARE, object_colors, object_labels, placed_objects, strong_objects
-from writers.messages.parts import IDENTITY, box_poses, header, places_as_poses
+from writers.messages.parts import box_poses, colors, places_as_poses, split, vectors
 from writers.messages.scene_parts import ellipses, entities, labels, opaque, outlines, whole_scene
 from writers.uncertainty import ground_ellipses
 
@@ -27,10 +29,10 @@ ALPHA_STRONG, ALPHA_PLACED, ALPHA_FAINT = 0.5, 0.15, 0.1
 _EDGE_PX = 2.0
 _WHITE = (1.0, 1.0, 1.0, 1.0)
 _ADD, _DELETE_ALL, _CUBE, _TEXT_VIEW_FACING = 0, 3, 1, 9  # visualization_msgs/Marker
-_MARKER = "visualization_msgs/msg/Marker"
+_MARKER, _COLOR = "visualization_msgs/msg/Marker", "std_msgs/msg/ColorRGBA"
 
 
-def scene_update(result: FrameResult, class_names: Sequence[str]) -> Columns:
+def scene_update(result: FrameResult, class_names: Sequence[str]) -> Any:
     """foxglove_msgs/SceneUpdate: a cube and an arrow per fused object, with a label unless it is faint.
 
     One that the cameras alone place has an ellipse of one standard deviation on the ground.
@@ -47,7 +49,7 @@ def scene_update(result: FrameResult, class_names: Sequence[str]) -> Columns:
         "points": list(map(str, objects.point_counts.tolist())),
     }
     length, height = objects.sizes[:, 0], objects.sizes[:, 2]
-    arrows = Columns(
+    arrows = ROS2.rows(
         "foxglove_msgs/msg/ArrowPrimitive",
         n,
         pose=poses,
@@ -55,20 +57,22 @@ def scene_update(result: FrameResult, class_names: Sequence[str]) -> Columns:
         shaft_diameter=0.06 * height,
         head_length=0.25 * ARROW_SHARE * length,
         head_diameter=0.15 * height,
-        color=np.where(strong[:, None], edge_colors, rgba),
+        color=colors(np.where(strong[:, None], edge_colors, rgba)),
     )
+    sizes = vectors(objects.sizes)
+    cubes = ROS2.rows("foxglove_msgs/msg/CubePrimitive", n, pose=poses, size=sizes, color=colors(rgba))
     edges = outlines(UNIT_CORNERS / 2 * objects.sizes[:, None], edge_colors, thickness_px, poses=poses)
-    around = ellipses(ground_ellipses(objects)[placed], edge_colors[placed], thickness_px[placed])
+    around = split(ellipses(ground_ellipses(objects)[placed], edge_colors[placed], thickness_px[placed]), placed)
     texts = [text for text, shown in zip(object_labels(result, class_names), strong.tolist(), strict=True) if shown]
     drawn = entities(
         [f"object-{row}" for row in range(n)],
         result.bundle.stamp_ns,
         objects.frame_id,
         metadata,
-        arrows=Lists(arrows),
-        cubes=Lists(Columns("foxglove_msgs/msg/CubePrimitive", n, pose=poses, size=objects.sizes, color=rgba)),
-        lines=Lists(edges, 1, Lists(around, placed.astype(np.int64))),
-        texts=Lists(labels(texts, label_places(objects)[strong], _WHITE), strong.astype(np.int64)),
+        arrows=[[arrow] for arrow in arrows],
+        cubes=[[cube] for cube in cubes],
+        lines=[[edge, *ellipse] for edge, ellipse in zip(edges, around, strict=True)],
+        texts=split(labels(texts, label_places(objects)[strong], np.array(_WHITE)), strong),
     )
     return whole_scene(result.bundle.stamp_ns, drawn)
 
@@ -87,36 +91,41 @@ def _colors(result: FrameResult) -> F64:
     return np.concatenate([object_colors(result), alphas[:, None]], 1)
 
 
-def marker_array(result: FrameResult, class_names: Sequence[str]) -> Columns:
+def marker_array(result: FrameResult, class_names: Sequence[str]) -> Any:
     """visualization_msgs/MarkerArray: DELETEALL, then for each fused object a cube and a label facing the viewer.
 
     The namespace of a cube tells what its geometry comes from, `objects/lidar`, `objects/camera` or `objects/both`, so
     that each of them can be hidden; ids are those of the objects.
     """
     objects, n = result.fused.objects, len(result.fused.objects)
-    same_header = header(result.bundle.stamp_ns, objects.frame_id)
-    unit = (1.0, 1.0, 1.0)
-    delete = Columns(
-        _MARKER, header=same_header, type=_CUBE, action=_DELETE_ALL, pose=IDENTITY, scale=unit, color=_WHITE
-    )
+    header, white = ROS2.header(result.bundle.stamp_ns, objects.frame_id), ROS2.new(_COLOR, *_WHITE)
+    unit, origin = ROS2.vector(1.0, 1.0, 1.0), ROS2.pose((0.0, 0.0, 0.0))
+    delete = ROS2.rows(_MARKER, 1, header=header, type=_CUBE, action=_DELETE_ALL, pose=origin, scale=unit, color=white)
     letters = np.zeros((n, 3))
     letters[:, 2] = objects.sizes[:, 2] * LABEL_SHARE
-    markers = Columns(
+    cubes = ROS2.rows(
         _MARKER,
-        2 * n,
-        header=same_header,
-        ns=[name for source in source_names(objects.sources) for name in (f"objects/{source}", "labels")],
-        id=np.repeat(np.arange(n), 2),
-        type=np.tile(np.array([_CUBE, _TEXT_VIEW_FACING]), n),
+        n,
+        header=header,
+        ns=[f"objects/{source}" for source in source_names(objects.sources)],
+        id=np.arange(n),
+        type=_CUBE,
         action=_ADD,
-        pose=_in_turn(box_poses(objects), places_as_poses(label_places(objects))),
-        scale=_in_turn(objects.sizes, letters),
-        color=_in_turn(_colors(result), np.tile(np.array(_WHITE), (n, 1))),
-        text=[text for label in object_labels(result, class_names) for text in ("", label)],
+        pose=box_poses(objects),
+        scale=vectors(objects.sizes),
+        color=colors(_colors(result), _COLOR),
     )
-    return Columns("visualization_msgs/msg/MarkerArray", markers=Lists(delete, 1, Lists(markers, 2 * n)))
-
-
-def _in_turn(first: F64, second: F64) -> F64:
-    """(2 N, K) rows of (N, K) and of (N, K) in turn."""
-    return np.stack([first, second], 1).reshape(-1, first.shape[1])
+    texts = ROS2.rows(
+        _MARKER,
+        n,
+        header=header,
+        ns="labels",
+        id=np.arange(n),
+        type=_TEXT_VIEW_FACING,
+        action=_ADD,
+        pose=places_as_poses(label_places(objects)),
+        scale=vectors(letters),
+        color=white,
+        text=object_labels(result, class_names),
+    )
+    return ROS2.new("visualization_msgs/msg/MarkerArray", [*delete, *chain(*zip(cubes, texts, strict=True))])

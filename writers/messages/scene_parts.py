@@ -1,101 +1,108 @@
-"""What scenes are made of: foxglove_msgs, as columns (`pipeline.core.ros.columns`)."""
+"""What scenes are made of: foxglove_msgs."""
 
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from pipeline.core.arrays import F64
 from pipeline.core.geometry.box_edges import BOX_EDGES
-from pipeline.core.ros.columns import Columns, Lists
-from writers.messages.parts import IDENTITY, places_as_poses, time
+from pipeline.core.ros.messages import ROS2
+from writers.messages.parts import colors, places_as_poses, points, split
 
 __all__ = ["LABEL_PX", "ellipses", "entities", "labels", "opaque", "outlines", "whole_scene"]
 
 LABEL_PX = 13.0
 
-_EDGES = BOX_EDGES.reshape(-1)
+_EDGES = BOX_EDGES.reshape(-1).astype(np.uint32)
 _LINE_LOOP, _LINE_LIST = 1, 2  # LinePrimitive
 _DELETE_ALL_ENTITIES = 1  # SceneEntityDeletion.ALL
-_LINE = "foxglove_msgs/msg/LinePrimitive"
 
 
-def whole_scene(stamp_ns: int, *drawn: Columns) -> Columns:
+def whole_scene(stamp_ns: int, *drawn: Sequence[Any]) -> Any:
     """foxglove_msgs/SceneUpdate of entities that leaves nothing of the scene before it."""
-    deletion = Columns("foxglove_msgs/msg/SceneEntityDeletion", timestamp=time(stamp_ns), type=_DELETE_ALL_ENTITIES)
-    shown: Lists | None = None
-    for part in reversed(drawn):
-        shown = Lists(part, part.count, shown)
-    return Columns("foxglove_msgs/msg/SceneUpdate", deletions=Lists(deletion), entities=shown)
+    deletion = ROS2.new("foxglove_msgs/msg/SceneEntityDeletion", ROS2.time(stamp_ns), _DELETE_ALL_ENTITIES, "")
+    return ROS2.new("foxglove_msgs/msg/SceneUpdate", [deletion], [*chain(*drawn)])
 
 
 def entities(
-    ids: Sequence[str], stamp_ns: int, frame_id: str, metadata: Mapping[str, Sequence[str]], **primitives: Lists
-) -> Columns:
-    """foxglove_msgs/SceneEntity that stay until they are deleted; `metadata` by key, `primitives` by name."""
-    n = len(ids)
-    values = [value for row in zip(*metadata.values(), strict=True) for value in row]
-    pairs = Columns("foxglove_msgs/msg/KeyValuePair", len(values), key=[*metadata] * n, value=values)
-    return Columns(
+    ids: Sequence[str],
+    stamp_ns: int,
+    frame_id: str,
+    metadata: Mapping[str, Sequence[str]],
+    **primitives: Sequence[Sequence[Any]],
+) -> list[Any]:
+    """foxglove_msgs/SceneEntity that stay until they are deleted.
+
+    Args:
+        ids: (N,).
+        stamp_ns: Their time.
+        frame_id: Their frame.
+        metadata: (N,) by key.
+        **primitives: (N,) lists by name.
+    """
+    pair = "foxglove_msgs/msg/KeyValuePair"
+    return ROS2.rows(
         "foxglove_msgs/msg/SceneEntity",
-        n,
-        timestamp=time(stamp_ns),
+        len(ids),
+        timestamp=ROS2.time(stamp_ns),
         frame_id=frame_id,
-        id=ids,
-        metadata=Lists(pairs, len(metadata)),
+        id=[*ids],
+        metadata=[
+            [ROS2.new(pair, key, value) for key, value in zip(metadata, row, strict=True)]
+            for row in zip(*metadata.values(), strict=True)
+        ],
         **primitives,
     )
 
 
-def outlines(corners: F64, colors: Any, thickness_px: Any, *, poses: Any = IDENTITY) -> Columns:
+def outlines(corners: F64, rgba: F64, thickness_px: Any, *, poses: Any = None) -> list[Any]:
     """foxglove_msgs/LinePrimitive: the edges of boxes.
 
     Args:
         corners: (N, 8, 3) in the order of `box_corners`, metres.
-        colors: (N, 4) or of all.
+        rgba: (N, 4), or (4,) of all.
         thickness_px: (N,) or of all.
-        poses: (N, 7) where the corners are told, or of all.
+        poses: (N,) where the corners are told; none: in the scene.
     """
-    return _lines(_LINE_LIST, corners, colors, thickness_px, pose=poses, indices=_edges(len(corners)))
+    return _lines(_LINE_LIST, corners, rgba, thickness_px, poses, indices=[_EDGES] * len(corners))
 
 
-def _edges(count: int) -> Lists:
-    return Lists(np.tile(_EDGES, count), len(_EDGES))
-
-
-def ellipses(points: F64, colors: Any, thickness_px: Any) -> Columns:
+def ellipses(points: F64, rgba: F64, thickness_px: Any) -> list[Any]:
     """foxglove_msgs/LinePrimitive: closed lines through points (N, K, 3) of the scene."""
-    return _lines(_LINE_LOOP, points, colors, thickness_px)
+    return _lines(_LINE_LOOP, points, rgba, thickness_px)
 
 
-def _lines(kind: int, points: F64, colors: Any, thickness_px: Any, **others: Any) -> Columns:
-    n, each, _ = points.shape
-    return Columns(
-        _LINE,
+def _lines(kind: int, places: F64, rgba: F64, thickness_px: Any, poses: Any = None, **others: Any) -> list[Any]:
+    n, each, _ = places.shape
+    return ROS2.rows(
+        "foxglove_msgs/msg/LinePrimitive",
         n,
-        **{"pose": IDENTITY, **others},
+        pose=poses or ROS2.pose((0.0, 0.0, 0.0)),
         type=kind,
         thickness=thickness_px,
         scale_invariant=True,
-        points=Lists(points.reshape(n * each, 3), each),
-        color=colors,
+        points=split(points(places.reshape(n * each, 3)), [each] * n),
+        color=colors(np.broadcast_to(rgba, (n, 4))),
+        **others,
     )
 
 
-def labels(texts: Sequence[str], places: F64, colors: Any, size_px: float = LABEL_PX) -> Columns:
+def labels(texts: Sequence[str], places: F64, rgba: F64, size_px: float = LABEL_PX) -> list[Any]:
     """foxglove_msgs/TextPrimitive at places (N, 3) that face the viewer."""
-    return Columns(
+    return ROS2.rows(
         "foxglove_msgs/msg/TextPrimitive",
         len(texts),
         pose=places_as_poses(places),
         billboard=True,
         font_size=size_px,
         scale_invariant=True,
-        color=colors,
-        text=texts,
+        color=colors(np.broadcast_to(rgba, (len(texts), 4))),
+        text=[*texts],
     )
 
 
-def opaque(rgb: F64) -> F64:
-    """(N, 4) colours that let nothing through, of (N, 3)."""
-    return np.concatenate([rgb, np.ones((len(rgb), 1))], 1)
+def opaque(rgb: Any) -> F64:
+    """(N, 4) colours that let nothing through, of (N, 3); (4,) of one."""
+    return np.insert(np.asarray(rgb, np.float64), 3, 1.0, axis=-1)

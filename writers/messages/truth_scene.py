@@ -1,9 +1,10 @@
 """Truth drawn in 3D, beside the results: Foxglove draws no vision_msgs."""
 
+from typing import Any
+
 from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.ros.columns import Columns, Lists
 from pipeline.core.true_boxes import TrueBoxes
-from writers.messages.scene_parts import entities, labels, outlines, whole_scene
+from writers.messages.scene_parts import entities, labels, opaque, outlines, whole_scene
 from writers.palette import TRUTH
 
 __all__ = ["truth_scene", "truth_scene_topic"]
@@ -18,9 +19,9 @@ def truth_scene_topic(topic: str) -> str:
     return f"{topic}/scene"
 
 
-def truth_scene(truth: TrueBoxes) -> Columns:
+def truth_scene(truth: TrueBoxes) -> Any:
     """foxglove_msgs/SceneUpdate: the edges of every object's box and its class, in the colour of the truth."""
-    color, places = (*TRUTH, 1.0), truth.centers.copy()
+    color, places = opaque(TRUTH), truth.centers.copy()
     places[:, 2] += LABEL_SHARE * truth.sizes[:, 2]
     corners = box_corners(truth.centers, truth.sizes, truth.yaws)
     drawn = entities(
@@ -28,7 +29,7 @@ def truth_scene(truth: TrueBoxes) -> Columns:
         truth.stamp_ns,
         truth.frame_id,
         {"class": truth.labels},
-        lines=Lists(outlines(corners, color, EDGE_PX)),
-        texts=Lists(labels(truth.labels, places, color, LABEL_PX)),
+        lines=[[edges] for edges in outlines(corners, color, EDGE_PX)],
+        texts=[[text] for text in labels(truth.labels, places, color, LABEL_PX)],
     )
     return whole_scene(truth.stamp_ns, drawn)

@@ -1,30 +1,25 @@
 """Builds ROS messages and serialises them, with rosbags."""
 
-import struct
 from collections.abc import Iterable, Mapping
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Any
+from itertools import repeat
+from struct import Struct
+from typing import Any
 
 import numpy as np
+from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
 from pipeline.core.arrays import F64, U8, Array
 from pipeline.core.geometry.transform import Transform
-from pipeline.core.ros.cdr import CdrEncoder
-from pipeline.core.ros.columns import Columns
 from pipeline.core.ros.typestores import RosVersion, message_types
-
-if TYPE_CHECKING:
-    from pipeline.core.ros.column_encoder import ColumnsEncoder
 
 __all__ = ["POINT_FIELD_DATATYPES", "ROS2", "RosMessages"]
 
 POINT_FIELD_DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
 """sensor_msgs/PointField's number for each numpy type."""
 
-_LENGTH = struct.Struct("<I")  # of an array, in ROS 1 and in CDR
-
-_STAMP = struct.Struct("<iI")
+_STAMP = Struct("<iI")
 _NO_ROTATION = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -43,48 +38,57 @@ class RosMessages:
     def _types(self) -> Typestore:
         return message_types(self.ros_version)
 
-    @cached_property
-    def _cdr(self) -> CdrEncoder:
-        return CdrEncoder(self._types)
-
-    @cached_property
-    def columns(self) -> "ColumnsEncoder":
-        """What encodes columns; of ROS 2 alone."""
-        from pipeline.core.ros.column_encoder import ColumnsEncoder  # compiled: not for those that only read
-
-        return ColumnsEncoder(self._types)
-
     def new(self, msgtype: str, *values: Any, **fields: Any) -> Any:
         """A message of any type, from its fields in order or by name."""
         return self._types.types[msgtype](*values, **fields)
 
-    def serialize(self, message: Any) -> bytes | memoryview:
-        """The bytes of a message: ROS 1, or little-endian CDR, where arrays (N, 3) may stand for points.
-
-        With CDR it may be `Columns` of one row.
-        """
-        if isinstance(message, Columns):
-            ((data,),) = self.columns.encode(message)
-            return data
-        if self.ros_version == 1:
-            return self._types.serialize_ros1(message, message.__msgtype__)
-        return self._cdr.encode(message)
-
-    def serialize_large(self, message: Any) -> tuple[bytes | memoryview, ...]:
-        """The bytes of an image or a cloud in parts that follow each other, of which `data` is not copied.
+    def rows(self, msgtype: str, count: int, **columns: Any) -> list[Any]:
+        """Messages of one type, from columns: what is no list and no array is the value of all of them.
 
         Args:
-            message: Its `data` is its last array of bytes, and at most one byte follows it.
+            msgtype: Their type.
+            count: Their number, N.
+            **columns: By the name of the field, (N,) or (N, K) of an array in each; zero or empty where left out.
+
+        Raises:
+            LookupError: there is no such field.
+            ValueError: a column has more or fewer values.
         """
-        data = message.data
-        message.data = data[:0]
-        try:
-            around = self.serialize(message)
-        finally:
-            message.data = data
-        behind = 1 if hasattr(message, "is_dense") else 0
-        before = bytes(around[: len(around) - behind - _LENGTH.size]) + _LENGTH.pack(len(data))
-        return before, memoryview(data), *([bytes(around[-behind:])] if behind else [])
+        fields = self._types.fielddefs[msgtype][1]
+        if unknown := columns.keys() - {name for name, _ in fields}:
+            raise LookupError(f"{msgtype} has no {', '.join(sorted(unknown))}")
+        each = [
+            _values(columns[name], count) if name in columns else repeat(self._empty(kind), count)
+            for name, kind in fields
+        ]
+        new = self._types.types[msgtype]
+        return [new(*row) for row in zip(*each, strict=True)]
+
+    def rows_of_numbers(self, msgtype: str, numbers: Array) -> list[Any]:
+        """Messages of K numbers and nothing else, as points are, from an array (N, K)."""
+        new = self._types.types[msgtype]
+        return [new(*row) for row in numbers.tolist()]
+
+    def _empty(self, kind: Any) -> Any:
+        """What a field is that is left out."""
+        node, detail = kind
+        if node == Nodetype.NAME:
+            (empty,) = self.rows(detail, 1)
+            return empty
+        if node == Nodetype.BASE:
+            return "" if detail[0] == "string" else 0
+        (item, what), length = detail
+        return np.zeros(length, what[0]) if item == Nodetype.BASE and what[0] != "string" else []
+
+    def serialize(self, message: Any) -> memoryview:
+        """The bytes of a message: ROS 1, or little-endian CDR.
+
+        Raises:
+            struct.error: a number does not fit its field.
+        """
+        if self.ros_version == 1:
+            return self._types.serialize_ros1(message, message.__msgtype__)
+        return self._types.serialize_cdr(message, message.__msgtype__, little_endian=True)
 
     def restamped(self, cdr: bytes | memoryview, stamp_ns: int) -> bytes:
         """The CDR of a message that begins with a header, with another stamp."""
@@ -228,6 +232,12 @@ class RosMessages:
     def compressed_image(self, stamp_ns: int, frame_id: str, format: str, data: U8) -> Any:
         """sensor_msgs/CompressedImage."""
         return self.new("sensor_msgs/msg/CompressedImage", self.header(stamp_ns, frame_id), format, data)
+
+
+def _values(column: Any, count: int) -> Iterable[Any]:
+    if isinstance(column, np.ndarray):
+        return column.tolist() if column.ndim == 1 else list(column)
+    return column if isinstance(column, list) else repeat(column, count)
 
 
 @cache

@@ -11,13 +11,11 @@ from functools import lru_cache, partial
 from typing import Any
 
 from rosbags.interfaces.typing import Typesdict
-from rosbags.typesys import Stores
+from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.ros.cdr import CdrEncoder
-from pipeline.core.ros.lazy_typestore import lazy_typestore
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.typestores import message_types
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
@@ -69,9 +67,9 @@ def to_ros2(
     if channel.msgtype in VISION_ARRAYS:
         converted = vision_message(recorded, channel.msgtype, name_of)
         return message._replace(channel=_of_vision(channel), data=ROS2.serialize(converted))
-    store, in_ros2, encoder = _in_ros2(channel)
-    if encoder is not None:
-        return message._replace(channel=in_ros2, data=bytes(encoder.encode(recorded)))
+    store, in_ros2, fits = _in_ros2(channel)
+    if fits:
+        return message._replace(channel=in_ros2, data=store.serialize_cdr(recorded, in_ros2.msgtype))
     from rosbags.convert.converter import migrate_message  # 0.1 s: it brings the readers and writers of all bags
 
     moved: Any = migrate_message(typestore_for(channel), store, channel.msgtype, in_ros2.msgtype, {}, recorded)
@@ -94,10 +92,10 @@ def _defined(channel: Channel) -> Channel:
 
 
 @lru_cache(maxsize=1024)
-def _in_ros2(channel: Channel) -> tuple[Typestore, Channel, CdrEncoder | None]:
+def _in_ros2(channel: Channel) -> tuple[Typestore, Channel, bool]:
     """The types of ROS 2 for a ROS 1 channel, and the channel that has them.
 
-    Also what encodes recorded messages as they are, if the type has no other name and all fields of ROS 2 are recorded.
+    Also whether recorded messages can be written as they are: the type has no other name, and all fields are recorded.
     """
     recorded, humble = typestore_for(channel).fielddefs, message_types(2).fielddefs
     msgtype = RENAMED.get(channel.msgtype, channel.msgtype)
@@ -109,7 +107,7 @@ def _in_ros2(channel: Channel) -> tuple[Typestore, Channel, CdrEncoder | None]:
             continue
         types[renamed] = humble[renamed] if _holds(humble, renamed, recorded[name]) else recorded[name]
         wanted += [(part, part) for part in type_parts(types[renamed])]
-    store = lazy_typestore(Stores.EMPTY)
+    store = get_typestore(Stores.EMPTY)
     store.register({name: definition for name, definition in types.items() if name not in store.fielddefs})
     definition, _ = store.generate_msgdef(msgtype, ros_version=2)
     in_ros2 = replace(
@@ -118,7 +116,7 @@ def _in_ros2(channel: Channel) -> tuple[Typestore, Channel, CdrEncoder | None]:
     fits = msgtype == channel.msgtype and all(
         field in recorded[name][1] for name in types for field in store.fielddefs[name][1]
     )
-    return store, in_ros2, CdrEncoder(store) if fits else None
+    return store, in_ros2, fits
 
 
 def _holds(humble: Typesdict, name: str, recorded: Any) -> bool:

@@ -102,7 +102,7 @@ def test_covariance_stands_at_x_y_and_yaw_only() -> None:
 
 @pytest.mark.parametrize("rows", [[], [[1, 2, 4, 10, 0.5, 0]], [[1, 2, 4, 10, 0.5, 0], [0, 0, 640, 480, 1, 4]]])
 def test_boxes_2d(rows: list[list[float]]) -> None:
-    message = through_cdr(detections_2d([boxes2d(rows)], NAMES, stamps_ns=[START_NS], frame_ids=["cam"]))
+    message = through_cdr(detections_2d(boxes2d(rows), NAMES, stamp_ns=START_NS, frame_id="cam"))
     assert message.header.frame_id == "cam"
     assert len(message.detections) == len(rows)
     for found, (left, top, right, bottom, score, class_id) in zip(message.detections, rows, strict=True):

@@ -5,7 +5,8 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from pipeline.core.clouds import PointCloud
-from writers.messages.sensors import cloud_cdr
+from pipeline.core.ros.messages import ROS2
+from writers.messages.sensors import cloud_message
 
 STAMP_NS = 1_700_000_000_123_456_789
 STORE = get_typestore(Stores.ROS2_HUMBLE)
@@ -24,10 +25,8 @@ def cloud(n: int, *, stamp_ns: int = STAMP_NS) -> PointCloud:
 
 
 def read(points: PointCloud, frame_id: str = "site") -> Any:
-    data = b"".join(cloud_cdr(points, stamp_ns=STAMP_NS, frame_id=frame_id))
-    message = STORE.deserialize_cdr(data, "sensor_msgs/msg/PointCloud2")
-    assert STORE.serialize_cdr(message, "sensor_msgs/msg/PointCloud2") == data
-    return message
+    data = ROS2.serialize(cloud_message(points, stamp_ns=STAMP_NS, frame_id=frame_id))
+    return STORE.deserialize_cdr(data, "sensor_msgs/msg/PointCloud2")
 
 
 def columns(message: Any) -> dict[str, np.ndarray[Any, Any]]:

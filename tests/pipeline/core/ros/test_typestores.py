@@ -2,9 +2,10 @@ import re
 
 import pytest
 from helpers import shared
+from rosbags.typesys import Stores, get_typestore
 
 from pipeline.core.ros.messages import ROS2
-from pipeline.core.ros.typestores import message_types
+from pipeline.core.ros.typestores import extra_types, message_types
 
 TYPES = (
     "foxglove_msgs/msg/ImageAnnotations",
@@ -59,3 +60,8 @@ NOETIC = {
 def test_definitions_of_ros_1_have_the_genuine_sums(name: str) -> None:
     _, md5sum = message_types(1).generate_msgdef(name, ros_version=1)
     assert md5sum == NOETIC[name]
+
+
+def test_no_definition_is_kept_that_rosbags_brings() -> None:
+    assert not {*extra_types(1)} & {*get_typestore(Stores.ROS1_NOETIC).fielddefs}
+    assert not {*extra_types(2)} & {*get_typestore(Stores.ROS2_HUMBLE).fielddefs}
