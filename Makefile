@@ -6,7 +6,7 @@
 # make campaign signals, kills, damaged and hostile inputs: MINUTES=30 of them (Linux)
 # make golden   write the golden results anew, after a change that is meant
 # make samples  record the sample recordings in bags/ anew
-# make bench    docs/performance.md anew: speed beside other programs; and what else is measured against what
+# make bench    docs/performance.md anew: speed beside other programs, and memory
 # make numbers  docs/numbers.md anew: how good the results are on simulated recordings
 # Each installs what it needs into .venv the first time, and only then: the demo lidcam alone, the others all extras and the tools of tests, too.
 # make locks docs/licences.md    after a change of dependencies: constraints*.txt anew (needs uv; UPGRADE=--upgrade takes newer versions), the page of licences
@@ -89,11 +89,6 @@ samples: $(INSTALLED_ALL)
 bench: $(INSTALLED_ALL)
 	$(BIN)/python benchmarks/measured/speed_page.py
 	$(BIN)/python benchmarks/measured/memory_table.py
-	$(BIN)/python benchmarks/evaluation.py
-	$(BIN)/python benchmarks/synchronisation.py
-	$(BIN)/python benchmarks/rotated_iou.py
-	$(BIN)/python benchmarks/networks.py
-	$(BIN)/python benchmarks/simulator.py
 
 numbers: $(INSTALLED_ALL)
 	$(BIN)/python benchmarks/measured/numbers_page.py

@@ -1,6 +1,6 @@
 """Fit the coefficients of the belief anew, from recordings whose truth is known.
 
-    python benchmarks/measured/belief_fit.py RECORDING|DATA,MODEL.onnx ... [--check RECORDING ...] [--keep FOLDER]
+    python benchmarks/measured/belief_fit.py RECORDING|DATA,MODEL.onnx ... [--check RECORDING ...]
 
 A recording brings its own truth and 2D boxes; DATA is a folder of labelled real frames (`labelled_frames`), each
 of which is a recording of its own; together they count as one.
@@ -14,7 +14,6 @@ from 0.2 to 0.6 would find of what is there, and what false objects.
 """
 
 import argparse
-import pickle
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -68,7 +67,7 @@ LIMITS = {
 }
 """Recordings of one network and one simulator may not say more: others find less, and are less sure and less exact."""
 
-LEAST = 1e-3
+MIN_PROBABILITY = 1e-3
 """No probability is taken to be nearer to 0 or 1."""
 
 ROUNDS = 3
@@ -286,7 +285,7 @@ def _source(boxes: Boxes3D, p: F64) -> SourceBoxes:
 def cross_entropy(probabilities: F64, right: F64) -> float:
     """Mean over what is not ignored."""
     kept = ~np.isnan(right)
-    p = np.clip(probabilities[kept], LEAST, 1 - LEAST)
+    p = np.clip(probabilities[kept], MIN_PROBABILITY, 1 - MIN_PROBABILITY)
     return float(-(right[kept] * np.log(p) + (1 - right[kept]) * np.log(1 - p)).mean()) if kept.any() else 0.0
 
 
@@ -347,12 +346,11 @@ def main() -> None:
     """Process, fit, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recordings", nargs="+", metavar="RECORDING|DATA,MODEL")
-    parser.add_argument("--keep", type=Path, help="folder in which what was weighed is kept from one time to the next")
     parser.add_argument("--check", nargs="*", default=[], help="recordings that are reported and not fitted to")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         runs, checked = (
-            [run for one in given for run in _kept(one, Path(folder), options.keep)]
+            [run for one in given for run in weighed(one, Path(folder))]
             for given in (options.recordings, options.check)
         )
     print("in use")
@@ -360,17 +358,6 @@ def main() -> None:
     by = fit(runs, FITTED)
     print(by)
     report([*runs, *checked], by)
-
-
-def _kept(recording: str, folder: Path, keep: Path | None) -> list[Weighed]:
-    kept = keep / (recording.replace("/", "_") + ".pickle") if keep else None
-    if kept is not None and kept.exists():
-        found: list[Weighed] = pickle.loads(kept.read_bytes())  # noqa: S301 - our own
-        return found
-    runs = weighed(recording, folder)
-    if kept is not None:
-        kept.write_bytes(pickle.dumps(runs))
-    return runs
 
 
 if __name__ == "__main__":

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from labelled_frames import Label, LabelledFrame
 
-from pipeline.core.arrays import F32, F64, I32, Bools
+from pipeline.core.arrays import F64, Bools
 from pipeline.core.detections import Boxes3D
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.geometry.transform import Transform
 from pipeline.evaluation.assignment import assign_nearest
 
-__all__ = ["CLASSES", "RANGE_M", "Count", "Found", "Missed", "count_frame", "excused"]
+__all__ = ["CLASSES", "RANGE_M", "Count", "count_frame", "excused"]
 
 CLASSES = {"Car": "car", "Pedestrian": "pedestrian", "Cyclist": "bicycle"}
 """Labelled classes that are counted, and the classes of the settings that they are."""
@@ -20,48 +20,19 @@ RANGE_M, GATE_M = 40.0, 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
-    """A labelled object that was found.
-
-    Attributes:
-        position_m: Distance of the centres on the ground.
-        yaw_deg: Difference of the axes, whichever end is ahead.
-        points: Lidar points that the box was found from.
-    """
-
-    position_m: float
-    yaw_deg: float
-    points: int
-
-
-@dataclass(frozen=True, slots=True)
-class Missed:
-    """A labelled object that was not found.
-
-    Attributes:
-        range_m: Distance to it.
-        points: Lidar points inside its label.
-    """
-
-    range_m: float
-    points: int
-
-
-@dataclass(frozen=True, slots=True)
 class Count:
     """One class in one frame.
 
     Attributes:
         labels: Objects to find.
-        found: Those that were found.
-        missed: The others.
-        false: Distances to boxes that are no object of this class, metres.
+        found: Of each that was found, the distance of the centres on the ground in metres, and the difference of the
+            axes in degrees, whichever end is ahead.
+        false: Boxes that are no object of this class.
     """
 
     labels: int
-    found: tuple[Found, ...]
-    missed: tuple[Missed, ...]
-    false: tuple[float, ...]
+    found: tuple[tuple[float, float], ...]
+    false: int
 
 
 def count_frame(
@@ -83,54 +54,34 @@ def count_frame(
     centers = T_lidar_site.apply(boxes.centers)
     yaws = boxes.yaws + np.arctan2(T_lidar_site.matrix[1, 0], T_lidar_site.matrix[0, 0])
     is_excused = excused(frame, centers) | (np.hypot(centers[:, 0], centers[:, 1]) > RANGE_M)
-    xyz = frame.points()[:, :3]
     names = np.array(class_names, object)[boxes.class_ids]
     return {
         label: _count(
             [one for one in frame.labels if one.label == label and _range_m(one) <= RANGE_M],
             centers[names == name],
             yaws[names == name],
-            boxes.point_counts[names == name],
             is_excused[names == name],
-            xyz,
         )
         for label, name in CLASSES.items()
     }
 
 
-def _count(labels: list[Label], centers: F64, yaws: F64, points: I32, excused: Bools, xyz: F32) -> Count:
+def _count(labels: list[Label], centers: F64, yaws: F64, excused: Bools) -> Count:
     places = np.array([one.T_lidar_box[:2, 3] for one in labels]).reshape(-1, 2)
     distances = np.linalg.norm(places[:, None] - centers[None, :, :2], axis=2)
     first, second = np.nonzero(distances <= GATE_M)
     chosen = assign_nearest(first, second, distances[first, second])
     first, second = first[chosen], second[chosen]
-    found = [
-        Found(
-            float(distances[row, box]),
-            float(np.degrees(abs(_axis_difference(yaws[box] - labels[row].yaw)))),
-            int(points[box]),
-        )
-        for row, box in zip(first.tolist(), second.tolist(), strict=True)
-    ]
+    turns = yaws[second] - np.array([labels[row].yaw for row in first])
+    turns_deg = np.degrees(np.abs(wrap_angle(2 * turns)) / 2)
     is_false = ~excused
     is_false[second] = False
-    others = [one for row, one in enumerate(labels) if row not in first]
-    missed = sorted((Missed(_range_m(one), _points_inside(one, xyz)) for one in others), key=lambda one: one.range_m)
-    false = np.sort(np.hypot(centers[is_false, 0], centers[is_false, 1]))
-    return Count(len(labels), tuple(found), tuple(missed), tuple(false.tolist()))
-
-
-def _axis_difference(angle: float) -> float:
-    return float(wrap_angle(2 * angle)) / 2
+    found = tuple(zip(distances[first, second].tolist(), turns_deg.tolist(), strict=True))
+    return Count(len(labels), found, int(is_false.sum()))
 
 
 def _range_m(label: Label) -> float:
     return float(np.hypot(*label.T_lidar_box[:2, 3]))
-
-
-def _points_inside(label: Label, xyz: F32) -> int:
-    local = (xyz - label.T_lidar_box[:3, 3]) @ label.T_lidar_box[:3, :3]
-    return int((np.abs(local) <= np.array(label.size_m) / 2).all(1).sum())
 
 
 def excused(frame: LabelledFrame, centers: F64) -> Bools:
