@@ -1,7 +1,7 @@
 """Files whose messages lie in chunks (MCAP, ROS 1 bags): messages in the order of time, one chunk after the other.
 
 An index, or a scan, says which chunks there are, what times they span and how many messages they hold. A chunk that
-holds another number when it is read is told; its own messages are used.
+holds another number when it is read is noted; its own messages are used.
 """
 
 import heapq
@@ -78,7 +78,7 @@ class ChunkedFile(Container):
             chunks: Where the chunks are.
             loose: Messages outside of chunks.
             channels: Those that can be read, by id.
-            known_ids: Ids of these and of those that cannot be read; None after a scan, which has told of others.
+            known_ids: Ids of these and of those that cannot be read; None after a scan, which has noted others.
         """
         self._chunks, self._loose, self._channels = chunks, loose, channels
         self._known_ids = known_ids

@@ -73,7 +73,7 @@ class RemoteFile(io.BufferedIOBase):
         limits: How long a request may take.
 
     Attributes:
-        path: The same, with the facts that the server told.
+        path: The same, with the facts that the server gave.
         size: Size in bytes.
 
     Raises:
@@ -267,7 +267,7 @@ class RemoteFile(io.BufferedIOBase):
             except Exception as err:  # any library below may raise
                 if is_short_memory(err):
                     raise
-                reason, may_pass = _told(err)
+                reason, may_pass = _meaning_of(err)
                 if may_pass and delay_s is not None and time.monotonic() + delay_s < end_s:
                     time.sleep(delay_s)
                     continue
@@ -319,7 +319,7 @@ class ReadAhead:
 
 
 def open_remote(path: RemotePath, limits: LimitsConfig = DEFAULT_LIMITS) -> tuple[RemotePath, BinaryIO]:
-    """Open a file on a server; returns its path with the facts that the server told, and a stream.
+    """Open a file on a server; returns its path with the facts that the server gave, and a stream.
 
     Raises:
         RecordingError: it cannot be read; says why.
@@ -339,11 +339,11 @@ def _remote(stream: object) -> RemoteFile | None:
     return stream if isinstance(stream, RemoteFile) else None
 
 
-def _runs(pages: Iterable[int], most: int) -> Iterator[tuple[int, int]]:
+def _runs(pages: Iterable[int], max_pages: int) -> Iterator[tuple[int, int]]:
     """First page and the one after the last of each run of adjacent pages, each one request; in the order given."""
     first = last = -1
     for page in pages:
-        if page != last or last - first == most:
+        if page != last or last - first == max_pages:
             if last > first:
                 yield first, last
             first = page
@@ -384,7 +384,7 @@ def _file_system(path: RemotePath, max_request_s: float) -> Any:
     return kind(skip_instance_cache=True, **options)
 
 
-def _told(err: BaseException) -> tuple[str, bool]:
+def _meaning_of(err: BaseException) -> tuple[str, bool]:
     """What an error of the libraries below means, without secrets, and whether the same request may succeed."""
     if isinstance(err, _AnswerError):
         return str(err), False
