@@ -20,7 +20,6 @@ from readers.files.container import Container, read_exactly
 from readers.files.damage import LIBRARY_ERRORS
 from readers.files.decompress import Allowance, decompressed
 from readers.files.passes import JUMP_NS, pass_starts
-from readers.files.remote import ReadAhead
 from readers.location import RemotePath
 from readers.messages.header_stamp import stamp_or_log_time
 
@@ -129,13 +128,11 @@ class ChunkedFile(Container):
         ]
         queue: list[Entry | ChunkPlace] = [*filter(is_taken, self._loose), *places]
         heapq.heapify(queue)
-        ahead = ReadAhead(self._stream, [(place.position, place.size) for place in sorted(places)])
         left: Counter[int] = Counter()  # messages still to be yielded, by chunk
         last_ns = 0
         while queue:
             place = heapq.heappop(queue)
             if isinstance(place, ChunkPlace):
-                ahead.reach()
                 for entry in filter(is_taken, self._entries_of(place)):
                     if entry.log_time_ns < last_ns:
                         self._note(entry, "before the time that the index names, found too late to be read")

@@ -3,7 +3,6 @@
 import base64
 import gc
 import io
-import itertools
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,7 +20,7 @@ from range_server import RangeServer, range_server
 import readers.files.remote as remote
 from pipeline.core.errors import RecordingError
 from pipeline.core.settings.config import Config
-from readers.files.remote import PAGE_BYTES, ReadAhead, RemoteFile, open_remote
+from readers.files.remote import PAGE_BYTES, RemoteFile, open_remote
 from readers.location import RemotePath
 from readers.open import open_recording
 from readers.recording import DEFAULT_READ_OPTIONS, ReadOptions
@@ -116,7 +115,6 @@ def test_what_a_full_cache_lets_go_is_fetched_again(
 ) -> None:
     monkeypatch.setattr(remote, "MAX_KEPT_BYTES", 20 * PAGE_BYTES)
     monkeypatch.setattr(remote, "MAX_REQUEST_PAGES", 4)
-    monkeypatch.setattr(remote, "MAX_REQUEST_BYTES", 4 * PAGE_BYTES)
     with open_recording([at(server)]) as recording, open_recording([minute]) as local:
         for _ in range(2):
             span = {"start_ns": START_NS + 10 * SECOND_NS, "stop_ns": START_NS + 14 * SECOND_NS}
@@ -128,16 +126,13 @@ def test_what_a_full_cache_lets_go_is_fetched_again(
 @given(
     size=st.integers(0, 3 * PAGE_BYTES),
     reads=st.lists(st.tuples(st.integers(0, 3 * PAGE_BYTES), st.integers(0, 2 * PAGE_BYTES)), max_size=8),
-    ahead=st.lists(st.tuples(st.integers(0, 3 * PAGE_BYTES), st.integers(0, PAGE_BYTES)), max_size=4),
 )
-def test_reads_like_the_file(size: int, reads: list[tuple[int, int]], ahead: list[tuple[int, int]]) -> None:
+def test_reads_like_the_file(size: int, reads: list[tuple[int, int]]) -> None:
     content = np.random.default_rng(size).bytes(size)
     fsspec.filesystem("memory").pipe("/any", content)
     _, stream = open_remote(RemotePath("memory://any"))
     with stream, io.BytesIO(content) as expected:
-        parts = ReadAhead(stream, ahead)
-        for (position, count), _ in itertools.zip_longest(reads, ahead, fillvalue=(0, 0)):
-            parts.reach()
+        for position, count in reads:
             assert stream.seek(position) == expected.seek(position)
             assert stream.read(count) == expected.read(count)
             assert stream.tell() == expected.tell()
@@ -331,15 +326,6 @@ def test_other_formats_are_to_be_downloaded(server: RangeServer, tmp_path: Path,
 def test_given_twice(server: RangeServer) -> None:
     with pytest.raises(RecordingError, match="given twice"):
         open_recording([at(server), at(server)])
-
-
-def test_a_chunk_index_that_lies_about_sizes_fetches_no_more_than_a_request(server: RangeServer) -> None:
-    _, stream = open_remote(at(server))
-    with stream:
-        before = server.sent
-        ahead = ReadAhead(stream, [(0, 1 << 60)])
-        ahead.reach()
-        assert server.sent - before <= remote.MAX_REQUEST_BYTES
 
 
 # --- protocols
