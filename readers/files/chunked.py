@@ -1,7 +1,7 @@
 """Files whose messages lie in chunks (MCAP, ROS 1 bags): messages in the order of time, one chunk after the other.
 
 An index, or a scan, says which chunks there are, what times they span and how many messages they hold. A chunk that
-holds another number when it is read is told; its own messages are used.
+holds another number when it is read is noted; its own messages are used.
 """
 
 import heapq
@@ -20,7 +20,6 @@ from readers.files.container import Container, read_exactly
 from readers.files.damage import LIBRARY_ERRORS
 from readers.files.decompress import Allowance, decompressed
 from readers.files.passes import JUMP_NS, pass_starts
-from readers.files.remote import ReadAhead
 from readers.location import RemotePath
 from readers.messages.header_stamp import stamp_or_log_time
 
@@ -78,7 +77,7 @@ class ChunkedFile(Container):
             chunks: Where the chunks are.
             loose: Messages outside of chunks.
             channels: Those that can be read, by id.
-            known_ids: Ids of these and of those that cannot be read; None after a scan, which has told of others.
+            known_ids: Ids of these and of those that cannot be read; None after a scan, which has noted others.
         """
         self._chunks, self._loose, self._channels = chunks, loose, channels
         self._known_ids = known_ids
@@ -129,13 +128,11 @@ class ChunkedFile(Container):
         ]
         queue: list[Entry | ChunkPlace] = [*filter(is_taken, self._loose), *places]
         heapq.heapify(queue)
-        ahead = ReadAhead(self._stream, [(place.position, place.size) for place in sorted(places)])
         left: Counter[int] = Counter()  # messages still to be yielded, by chunk
         last_ns = 0
         while queue:
             place = heapq.heappop(queue)
             if isinstance(place, ChunkPlace):
-                ahead.reach()
                 for entry in filter(is_taken, self._entries_of(place)):
                     if entry.log_time_ns < last_ns:
                         self._note(entry, "before the time that the index names, found too late to be read")

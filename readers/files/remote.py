@@ -1,8 +1,8 @@
 """A file on a server as a stream that fetches only the parts that are read, by range requests of fsspec.
 
 Whole pages are fetched and kept in a temporary file: nothing is fetched twice until that is full, and memory does not
-grow. Sequential reading fetches more and more at once, up to a maximum; a reader that knows what it will read uses
-`ReadAhead` to fetch exactly that. On web servers each request names the version of the file that was opened.
+grow. Sequential reading fetches more and more at once, up to a maximum. On web servers each request names the version
+of the file that was opened.
 """
 
 import errno
@@ -19,7 +19,7 @@ from pipeline.core.errors import RecordingError, is_short_memory
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.location import RemotePath
 
-__all__ = ["ReadAhead", "RemoteFile", "open_remote", "tell_full_read"]
+__all__ = ["RemoteFile", "open_remote", "tell_full_read"]
 
 logger = logging.getLogger(__name__)
 
@@ -27,7 +27,6 @@ T = TypeVar("T")
 
 PAGE_BYTES = 1 << 16
 MAX_REQUEST_PAGES = 128
-MAX_REQUEST_BYTES = MAX_REQUEST_PAGES * PAGE_BYTES
 MAX_KEPT_BYTES = 512 << 20
 """Size of the temporary file: several seconds of many cameras and lidars."""
 
@@ -73,7 +72,7 @@ class RemoteFile(io.BufferedIOBase):
         limits: How long a request may take.
 
     Attributes:
-        path: The same, with the facts that the server told.
+        path: The same, with the facts that the server gave.
         size: Size in bytes.
 
     Raises:
@@ -140,17 +139,6 @@ class RemoteFile(io.BufferedIOBase):
         self._kept.seek(self._position)
         self._position += size
         return self._kept.read(size)
-
-    def fetch(self, ranges: Iterable[tuple[int, int]]) -> None:
-        """Fetch these parts (first byte, size) unless they are kept; adjacent ones in one request.
-
-        Raises:
-            RecordingError: they cannot be fetched; says why.
-        """
-        pages: dict[int, None] = {}
-        for start, size in ranges:
-            pages |= dict.fromkeys(self._pages_of(start, size))
-        self._fetch_pages(pages)
 
     def fetch_ahead(self) -> None:
         """Fetch as much as possible per request from now on, because the whole file will be read."""
@@ -267,7 +255,7 @@ class RemoteFile(io.BufferedIOBase):
             except Exception as err:  # any library below may raise
                 if is_short_memory(err):
                     raise
-                reason, may_pass = _told(err)
+                reason, may_pass = _meaning_of(err)
                 if may_pass and delay_s is not None and time.monotonic() + delay_s < end_s:
                     time.sleep(delay_s)
                     continue
@@ -278,48 +266,8 @@ class RemoteFile(io.BufferedIOBase):
         raise RuntimeError("unreachable: the last attempt returns or raises")
 
 
-class ReadAhead:
-    """Fetches the parts of a file that will be read in a known order: more and more of them per request.
-
-    The first is fetched alone, because many readers need only the beginning. Does nothing for a local file.
-
-    Args:
-        stream: The file.
-        parts: First byte and size of each part, in the order of reading.
-    """
-
-    def __init__(self, stream: BinaryIO, parts: Iterable[tuple[int, int]]) -> None:
-        self._remote = _remote(stream)
-        self._parts = [(start, min(size, MAX_REQUEST_BYTES)) for start, size in parts] if self._remote else []
-        self._next = 0
-        self._bytes = 0
-
-    def reach(self) -> None:
-        """Make sure that the next part is there.
-
-        Raises:
-            RecordingError: it cannot be fetched; says why.
-        """
-        if self._remote is None:
-            return
-        self._next -= 1
-        if self._next >= 0:
-            return
-        taken = 0
-        count = 0
-        for _, size in self._parts:
-            if count and taken + size > self._bytes:
-                break
-            taken += size
-            count += 1
-        self._remote.fetch(self._parts[:count])
-        self._parts = self._parts[count:]
-        self._next = count - 1
-        self._bytes = min(max(2 * taken, 2 * self._bytes), MAX_REQUEST_BYTES)
-
-
 def open_remote(path: RemotePath, limits: LimitsConfig = DEFAULT_LIMITS) -> tuple[RemotePath, BinaryIO]:
-    """Open a file on a server; returns its path with the facts that the server told, and a stream.
+    """Open a file on a server; returns its path with the facts that the server gave, and a stream.
 
     Raises:
         RecordingError: it cannot be read; says why.
@@ -339,11 +287,11 @@ def _remote(stream: object) -> RemoteFile | None:
     return stream if isinstance(stream, RemoteFile) else None
 
 
-def _runs(pages: Iterable[int], most: int) -> Iterator[tuple[int, int]]:
+def _runs(pages: Iterable[int], max_pages: int) -> Iterator[tuple[int, int]]:
     """First page and the one after the last of each run of adjacent pages, each one request; in the order given."""
     first = last = -1
     for page in pages:
-        if page != last or last - first == most:
+        if page != last or last - first == max_pages:
             if last > first:
                 yield first, last
             first = page
@@ -384,7 +332,7 @@ def _file_system(path: RemotePath, max_request_s: float) -> Any:
     return kind(skip_instance_cache=True, **options)
 
 
-def _told(err: BaseException) -> tuple[str, bool]:
+def _meaning_of(err: BaseException) -> tuple[str, bool]:
     """What an error of the libraries below means, without secrets, and whether the same request may succeed."""
     if isinstance(err, _AnswerError):
         return str(err), False

@@ -1,7 +1,7 @@
 """Temporary folders for what must be unpacked or completed before it can be read.
 
-A killed run cannot remove its own; the next one does. Whose run has ended is told by a lock, which goes with the
-process, not by a number, which another process may have got since.
+A killed run cannot remove its own; a later one does. A lock, which goes with the process, says whether a run has ended;
+its number would not, as another process may have got it since.
 """
 
 import fcntl

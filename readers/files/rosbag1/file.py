@@ -4,6 +4,7 @@ The index says where the chunks are; the messages are those that a chunk holds. 
 every message of the bag in memory, and leaves messages of equal time in the order of their connections.
 """
 
+import struct
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,12 +15,13 @@ from readers.files.chunked import ChunkedFile, ChunkPlace, Entry
 from readers.files.container import Source, read_exactly
 from readers.files.decompress import check_chunk_size, check_complete, unpack, unpack_lz4
 from readers.files.rosbag1.index import contents_of_index
-from readers.files.rosbag1.records import INDEX, MESSAGE, contents_of_chunk, read_record
+from readers.files.rosbag1.records import INDEX, MESSAGE, MESSAGE_BEGIN, UINT32, contents_of_chunk, read_record
 from readers.files.rosbag1.recovery import contents_of_scan
 from readers.recording import RosVersion, TopicInfo, merge_topics
 
 __all__ = ["Rosbag1File"]
 
+UINT32S = struct.Struct("<II")
 ENTRY = np.dtype([("sec", "<u4"), ("nanosec", "<u4"), ("offset", "<u4")])
 
 
@@ -71,10 +73,18 @@ class Rosbag1File(ChunkedFile):
         return unpacked.data
 
     def _entries_in(self, position: int, records: bytes) -> list[Entry]:
-        found = contents_of_chunk(records, self._limits)
+        entries: list[Entry] = []
+        at, end = 0, len(records)
+        while at < end and (match := MESSAGE_BEGIN.match(records, at)) and None not in match.groups():
+            conn, _, time, size_bytes = match.groups()
+            (sec, nanosec), (size,), (id_,) = UINT32S.unpack(time), UINT32.unpack(size_bytes), UINT32.unpack(conn)
+            entries.append(Entry(sec * 10**9 + nanosec, position, match.end(), size, id_))
+            at = match.end() + size
+        if at == end and len(entries) <= self._limits.max_messages_per_chunk:  # nothing but messages
+            return entries
         return [
             Entry(record.time_ns, position, record.data, record.size, record.number(b"conn"))
-            for record in found
+            for record in contents_of_chunk(records, self._limits)
             if record.kind == MESSAGE
         ]
 

@@ -17,6 +17,8 @@ __all__ = [
     "INDEX",
     "MAGIC_BYTES",
     "MESSAGE",
+    "MESSAGE_BEGIN",
+    "UINT32",
     "Record",
     "contents_of_chunk",
     "find_record",

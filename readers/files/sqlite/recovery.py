@@ -209,12 +209,12 @@ def _cell(page: bytes, place: int, usable: int) -> _Cell:
     row_id, at = _varint(page, at)
     if size > MAX_PAYLOAD:
         raise ValueError(f"a row of {size} bytes")
-    most = usable - 35
+    max_local = usable - 35
     local = size
-    if size > most:
-        least = (usable - 12) * 32 // 255 - 23
-        local = least + (size - least) % (usable - 4)
-        local = local if local <= most else least
+    if size > max_local:
+        min_local = (usable - 12) * 32 // 255 - 23
+        local = min_local + (size - min_local) % (usable - 4)
+        local = local if local <= max_local else min_local
     if at + local + (4 if local < size else 0) > usable:
         raise ValueError("a row that reaches beyond its page")
     overflow = UINT32.unpack_from(page, at + local)[0] if local < size else 0

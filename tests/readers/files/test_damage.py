@@ -125,6 +125,11 @@ def at_the_end(name: bytes) -> Callable[[bytes], int]:
     return lambda content: content.index(name, content.rindex(b"op=\x04")) + len(name)
 
 
+def start_of_second_chunk(content: bytes) -> int:
+    first = at_the_end(b"start_time=")(content)
+    return content.index(b"start_time=", first) + len(b"start_time=")
+
+
 def second_chunk(content: bytes) -> int:
     return content.index(b"op=\x05", content.index(b"op=\x05") + 1) + 60
 
@@ -150,6 +155,8 @@ CHECKED = ["mcap-none", "mcap-lz4", "mcap-zstd"]
         (BAGS, behind(b"compression="), b"x", 0, "unknown compression"),
         (BAGS, lambda content: len(content) - 4, b"\x7f", 127, "messages in this chunk, found"),
         (BAGS, second_chunk, bytes(300), 12, ""),
+        (BAGS, start_of_second_chunk, b"\x05", 12, "found too late to be read"),
+        (["rosbag1-none"], behind(b"op=\x02\x09\0\0\0conn="), b"\x40", 1, "channels that the file does not name"),
         (CHECKED, lambda _: 1500, b"crc", 12, "a chunk that cannot be read"),
         (CHECKED, lambda content: len(content) - 20, b"\xff", 0, "its summary cannot be used"),
         (CHECKED, lambda content: len(content) - 40, b"\xff", 0, "the checksum of its summary is wrong"),

@@ -3,7 +3,6 @@
 import base64
 import gc
 import io
-import itertools
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,16 +11,16 @@ from typing import Any
 import fsspec
 import numpy as np
 import pytest
-from builders import pointcloud2, raw, tf_message, transform_stamped, write_mcap, write_rosbag1
+from builders import write_rosbag1
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from long_recording import LENGTH_S, MESSAGES, SECOND_NS, START_NS, write_long_recording
+from long_recording import LENGTH_S, SECOND_NS, START_NS, write_long_recording
 from range_server import RangeServer, range_server
 
 import readers.files.remote as remote
 from pipeline.core.errors import RecordingError
 from pipeline.core.settings.config import Config
-from readers.files.remote import PAGE_BYTES, ReadAhead, RemoteFile, open_remote
+from readers.files.remote import PAGE_BYTES, RemoteFile, open_remote
 from readers.location import RemotePath
 from readers.open import open_recording
 from readers.recording import DEFAULT_READ_OPTIONS, ReadOptions
@@ -111,28 +110,11 @@ def test_first_message_fetches_one_chunk(server: RangeServer) -> None:
     assert server.sent - opened <= 4 * PAGE_BYTES
 
 
-def test_topics_in_chunks_of_their_own_are_left_out(tmp_path: Path) -> None:
-    rows = range(200)
-    clouds = [
-        raw("/points", CLOUD, pointcloud2(np.ones((9000, 3)), stamp_ns=START_NS + row), START_NS + row) for row in rows
-    ]
-    poses = [
-        raw("/tf", TF, tf_message([transform_stamped("a", "b", stamp_ns=START_NS)]), START_NS + 100_000 + row)
-        for row in rows
-    ]
-    write_mcap(tmp_path / "split.mcap", [*clouds, *poses], "none", chunk_bytes=1 << 18)
-    with range_server({"/split.mcap": (tmp_path / "split.mcap").read_bytes()}) as server:
-        with open_recording([at(server, "/split.mcap")]) as recording:
-            assert len(list(recording.messages(["/tf"]))) == 200
-        assert server.sent < 0.05 * len(server.files["/split.mcap"])
-
-
 def test_what_a_full_cache_lets_go_is_fetched_again(
     server: RangeServer, minute: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(remote, "MAX_KEPT_BYTES", 20 * PAGE_BYTES)
     monkeypatch.setattr(remote, "MAX_REQUEST_PAGES", 4)
-    monkeypatch.setattr(remote, "MAX_REQUEST_BYTES", 4 * PAGE_BYTES)
     with open_recording([at(server)]) as recording, open_recording([minute]) as local:
         for _ in range(2):
             span = {"start_ns": START_NS + 10 * SECOND_NS, "stop_ns": START_NS + 14 * SECOND_NS}
@@ -144,16 +126,13 @@ def test_what_a_full_cache_lets_go_is_fetched_again(
 @given(
     size=st.integers(0, 3 * PAGE_BYTES),
     reads=st.lists(st.tuples(st.integers(0, 3 * PAGE_BYTES), st.integers(0, 2 * PAGE_BYTES)), max_size=8),
-    ahead=st.lists(st.tuples(st.integers(0, 3 * PAGE_BYTES), st.integers(0, PAGE_BYTES)), max_size=4),
 )
-def test_reads_like_the_file(size: int, reads: list[tuple[int, int]], ahead: list[tuple[int, int]]) -> None:
+def test_reads_like_the_file(size: int, reads: list[tuple[int, int]]) -> None:
     content = np.random.default_rng(size).bytes(size)
     fsspec.filesystem("memory").pipe("/any", content)
     _, stream = open_remote(RemotePath("memory://any"))
     with stream, io.BytesIO(content) as expected:
-        parts = ReadAhead(stream, ahead)
-        for (position, count), _ in itertools.zip_longest(reads, ahead, fillvalue=(0, 0)):
-            parts.reach()
+        for position, count in reads:
             assert stream.seek(position) == expected.seek(position)
             assert stream.read(count) == expected.read(count)
             assert stream.tell() == expected.tell()
@@ -309,14 +288,6 @@ def test_user_and_password_are_sent_and_never_shown(server: RangeServer, minute:
     assert error.__cause__ is None
 
 
-@pytest.mark.parametrize("status", [404, 500])
-def test_errors_do_not_show_signatures(server: RangeServer, status: int) -> None:
-    server.statuses["/minute.mcap"] = status
-    error = error_of(RemotePath(f"{server.url}/minute.mcap?sig=s3cret"))
-    assert error.startswith(f"{server.url}/minute.mcap?...: ")
-    assert "s3cret" not in error
-
-
 # --- files
 
 
@@ -337,14 +308,6 @@ def test_a_truncated_file_is_read_as_a_whole_after_a_warning(
     assert "without `--on-bad-message fail`" in error_of(at(server, "/cut.mcap"), ReadOptions("none"))
 
 
-def test_a_split_recording_of_which_one_part_is_lost(server: RangeServer) -> None:
-    server.files["/empty.mcap"] = b"\x89MCAP0\r\n"
-    with open_recording([at(server), at(server, "/empty.mcap")]) as recording:
-        assert recording.message_count == MESSAGES
-        (loss,) = recording.losses
-    assert str(loss.path) == f"{server.url}/empty.mcap"
-
-
 @pytest.mark.parametrize("kind", ["a ROS 1 bag", "an SQLite database", "a compressed file", "another kind of file"])
 def test_other_formats_are_to_be_downloaded(server: RangeServer, tmp_path: Path, kind: str) -> None:
     write_rosbag1(tmp_path / "some.bag", [])
@@ -360,31 +323,9 @@ def test_other_formats_are_to_be_downloaded(server: RangeServer, tmp_path: Path,
     )
 
 
-def test_an_empty_file(server: RangeServer) -> None:
-    server.files["/none.mcap"] = b""
-    assert "found another kind of file" in error_of(at(server, "/none.mcap"))
-
-
 def test_given_twice(server: RangeServer) -> None:
     with pytest.raises(RecordingError, match="given twice"):
         open_recording([at(server), at(server)])
-
-
-def test_damage_is_read_around_as_in_a_local_file(server: RangeServer, content: bytes, tmp_path: Path) -> None:
-    hurt = bytearray(content)
-    hurt[len(hurt) // 2 : len(hurt) // 2 + 50] = bytes(50)
-    server.files["/hurt.mcap"] = bytes(hurt)
-    (tmp_path / "hurt.mcap").write_bytes(hurt)
-    assert taken(at(server, "/hurt.mcap"), 0, LENGTH_S) == taken(tmp_path / "hurt.mcap", 0, LENGTH_S)
-
-
-def test_a_chunk_index_that_lies_about_sizes_fetches_no_more_than_a_request(server: RangeServer) -> None:
-    _, stream = open_remote(at(server))
-    with stream:
-        before = server.sent
-        ahead = ReadAhead(stream, [(0, 1 << 60)])
-        ahead.reach()
-        assert server.sent - before <= remote.MAX_REQUEST_BYTES
 
 
 # --- protocols
