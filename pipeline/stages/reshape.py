@@ -37,7 +37,7 @@ class Reshape:
 
     def __init__(self, rig: Rig, config: Config) -> None:
         self._is_on = ENGINES[config.detect3d.method].boxes_are_completed
-        self._fitter = BoxFitter(rig, config) if self._is_on else None
+        self._fitter = BoxFitter(rig, config.classes, config.detect3d.cluster) if self._is_on else None
         self._max_size_m = np.array([prior.max_size_m for prior in config.classes])
         self._config = config.detect3d.cluster
 

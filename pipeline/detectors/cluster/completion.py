@@ -7,6 +7,7 @@ grows away from the lidars; a cyclist's grows about its middle, and a pedestrian
 thin wheels and limbs hardly anything is seen, so neither is taken for smaller than its class.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,7 +90,7 @@ class Kinds:
     rarity: F64
 
     @classmethod
-    def of(cls, priors: tuple[ClassPrior, ...]) -> "Kinds":
+    def of(cls, priors: Sequence[ClassPrior]) -> "Kinds":
         """Those of all classes."""
         class_ids, mean_m, limit_m = [], [], []
         for class_id, prior in enumerate(priors):

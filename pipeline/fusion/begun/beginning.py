@@ -66,7 +66,7 @@ class Beginner:
     """Finds the points of the objects that 2D boxes show, and fits boxes to them."""
 
     def __init__(self, rig: Rig, config: Config) -> None:
-        self._fitter = BoxFitter(rig, config)
+        self._fitter = BoxFitter(rig, config.classes, config.detect3d.cluster)
         self._lidar_xy = np.array([lidar.T_site_lidar.translation[:2] for lidar in rig.lidars])
         self._config = config.detect3d.cluster
         self._size = np.array([prior.size_m for prior in config.classes])
