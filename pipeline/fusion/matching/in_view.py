@@ -7,12 +7,10 @@ from functools import lru_cache
 import numpy as np
 
 from pipeline.core.arrays import F32, F64, I64, Bools
-from pipeline.core.camera import EDGE_SHARES, NEAR_M
+from pipeline.core.camera import NEAR_M
 from pipeline.core.detections import Boxes3D
 from pipeline.core.errors import FrameError
-from pipeline.core.geometry.box_edges import BOX_EDGES
 from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.optics.outline_kernels import rectangles_of_cut_boxes
 from pipeline.core.rig import CameraSensor
 from pipeline.fusion.matching.in_view_kernels import clipped_edges, in_pyramids, seen_from
 from pipeline.fusion.outline import cuboid_outline
@@ -86,8 +84,7 @@ def _cut_rectangles(corners: F64, cameras: CameraArrays) -> F32:
     x, y, z = (corners[..., axis, None] for axis in range(3))
     R, t = cameras.rotations[:, None], cameras.translations[:, None]
     ahead = R[..., 0] * x + R[..., 1] * y + R[..., 2] * z + t
-    found = rectangles_of_cut_boxes(ahead, BOX_EDGES, EDGE_SHARES, cameras.image_sizes, *cameras.lenses.arrays)
-    return found.astype(np.float32)
+    return cameras.lenses.rectangles_of_boxes(ahead, cameras.image_sizes).astype(np.float32)
 
 
 def _in_cones(centers_camera: F64, radii_m: F64, angles_rad: F64) -> Bools:
