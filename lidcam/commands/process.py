@@ -23,6 +23,7 @@ from lidcam.settings.choice import used_record
 from lidcam.summary import RunProgress, RunReport, report_tree
 from pipeline.core.frame import FrameResult
 from pipeline.core.garbage import keep_objects
+from pipeline.core.memory import keep_freed_memory
 
 if TYPE_CHECKING:  # evaluation is imported where a run is evaluated
     from lidcam.evaluation.evaluation import Evaluation
@@ -72,6 +73,7 @@ def run_process(
         IncompleteError: part of the recording could not be used; the outputs stay.
         LidcamError: the input, the calibration, the settings or an output is at fault; no output is left behind.
     """
+    keep_freed_memory()
     out = console()
     others = (*job.inputs, *job.outputs, *job.read_files)
     with json_output(printed.json, inputs=others, overwrite=job.overwrite) as json:

@@ -14,6 +14,7 @@ from queue import SimpleQueue
 from typing import Any, NoReturn, cast
 
 from pipeline.core.garbage import keep_objects
+from pipeline.core.memory import keep_freed_memory
 from pipeline.parallel.messages import Answer, Failure, Question, Ready, Setup, failure_of, gather_log
 from pipeline.parallel.transfer import receive, send
 
@@ -28,6 +29,7 @@ BUG = 70
 def serve(descriptor: int) -> NoReturn:
     """Work on frames until the socket with this descriptor is closed at its other end."""
     sys.setswitchinterval(SWITCH_S)
+    keep_freed_memory()
     connection = socket.socket(fileno=descriptor)
     inbox: SimpleQueue[object] = SimpleQueue()
     outbox: SimpleQueue[Ready | Answer] = SimpleQueue()
