@@ -51,7 +51,7 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     # What may be an object.
     associate = Associate(rig, config.associate, config.classes)
     matches = graph.add("associate", associate, lidar, boxes2d, views)
-    fitter = BoxFitter(rig, config)
+    fitter = BoxFitter(rig, config.classes, config.detect3d.cluster)
     propose = Propose(rig, fitter, config.detect3d.cluster, config.classes)
     proposed = graph.add("propose", propose, combined, lidar, matches, placed)
     hypotheses = graph.add("associate all", partial(_hypotheses, associate), lidar, matches, proposed, boxes2d, views)

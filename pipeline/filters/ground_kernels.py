@@ -134,18 +134,16 @@ def scatter_within(points: F32, plane: F32, limit_m: np.float32) -> tuple[F64, F
     return _scatter(points, _within(points, plane, limit_m)[1])
 
 
-@compiled(f"Tuple((int64, float64[::1], float64[:, ::1]))({POINTS}, float32[::1], float32)")
 def scatter_near(points: F32, plane: F32, layer_m: np.float32) -> tuple[int, F64, F64]:
     """How many points are in the layer of a plane; centre (3,) and covariance (3, 3) of those near it."""
     heights, rows = _within(points, plane, layer_m)
-    near = 0
-    if len(heights) > 0:
-        near_m = min(layer_m, np.float32(3 * 1.4826 * np.median(heights) + 1e-6))
-        for j in range(len(rows)):
-            rows[near] = rows[j]
-            near += 1 if heights[j] <= near_m else 0
-    centre, scatter = _scatter(points, rows[:near])
-    return len(heights), centre, scatter
+    if len(heights):
+        middle = len(heights) // 2
+        first = middle if len(heights) % 2 else middle - 1
+        lower, upper = np.partition(heights, [first, middle])[[first, middle]]  # quicker than np.median
+        near_m = min(layer_m, np.float32(3 * 1.4826 * float((lower + upper) / 2) + 1e-6))
+        rows = rows[heights <= near_m]
+    return len(heights), *_scatter(points, rows)
 
 
 COMPILED = GroundPasses(lowest_of_cells, count_layers, scatter_within, scatter_near)

@@ -15,11 +15,11 @@ from pipeline.parallel.transfer import arrived
 
 __all__ = [
     "Answer",
-    "Beginning",
-    "Begun",
     "Failure",
     "MakeGraph",
     "Question",
+    "Ready",
+    "Setup",
     "WorkerTraceback",
     "failure_of",
     "gather_log",
@@ -52,7 +52,7 @@ class Failure:
         return self.error
 
 
-class Beginning(NamedTuple):
+class Setup(NamedTuple):
     """The first thing that a process is told.
 
     Attributes:
@@ -66,7 +66,7 @@ class Beginning(NamedTuple):
     log_levels: Mapping[str, int]
 
 
-class Begun(NamedTuple):
+class Ready(NamedTuple):
     """A process has its stages, or has failed to make them.
 
     Attributes:

@@ -14,7 +14,7 @@ from typing import Self, cast
 from pipeline.core.ending import undone_at_once
 from pipeline.core.errors import WorkerError
 from pipeline.parallel.cores import THREADS_OF_LIBRARIES
-from pipeline.parallel.messages import Answer, Beginning, Begun, Question
+from pipeline.parallel.messages import Answer, Question, Ready, Setup
 from pipeline.parallel.transfer import connected, receive, send
 
 __all__ = ["Crew", "WorkerProcess"]
@@ -35,7 +35,7 @@ class WorkerProcess:
     """A process that works on frames; it needs a second or two to import libraries.
 
     Attributes:
-        begun: Whether it has made its stages.
+        is_ready: Whether it has made its stages.
         numbers: The frames that it has, in order.
     """
 
@@ -47,7 +47,7 @@ class WorkerProcess:
         """
         if not sys.executable:
             raise WorkerError("no Python interpreter found that could start worker processes: set run.workers to 1")
-        self.begun = False
+        self.is_ready = False
         self.numbers: list[int] = []
         self._connection, theirs = connected()
         with ExitStack() as started:
@@ -68,15 +68,15 @@ class WorkerProcess:
         self._open = ExitStack()
         self._open.enter_context(undone_at_once(self._process.kill))
 
-    def begin(self, beginning: Beginning) -> None:
+    def set_up(self, setup: Setup) -> None:
         """Tell it what to do."""
         with suppress(OSError):  # it has died, which the first question tells
-            send(self._connection, beginning)
+            send(self._connection, setup)
 
     @property
     def has_room(self) -> bool:
         """Whether it can take another frame."""
-        return self.begun and len(self.numbers) < AHEAD
+        return self.is_ready and len(self.numbers) < AHEAD
 
     def fileno(self) -> int:
         """The descriptor to wait for; readable when there is something to receive, or the process is gone."""
@@ -94,25 +94,25 @@ class WorkerProcess:
         except OSError as err:
             raise self._gone() from err
 
-    def receive(self) -> Begun | Answer:
+    def receive(self) -> Ready | Answer:
         """What it says next; waits for it.
 
         Raises:
             WorkerError: it has died.
         """
         try:
-            said = cast("Begun | Answer", receive(self._connection))
+            said = cast("Ready | Answer", receive(self._connection))
         except (EOFError, OSError) as err:
             raise self._gone() from err
         if isinstance(said, Answer):
             self.numbers.remove(said.number)
         else:
-            self.begun = said.failure is None
+            self.is_ready = said.failure is None
         return said
 
     def let_go(self) -> None:
         """Tell it to end; `end` awaits it."""
-        if not self.begun:
+        if not self.is_ready:
             self._process.kill()  # it imports libraries, and would listen only then
         with suppress(OSError):
             self._connection.shutdown(socket.SHUT_RDWR)  # also for a child of the user's that has a copy
@@ -143,9 +143,9 @@ class WorkerProcess:
 class Crew:
     """The worker processes of a run, which end with the block; a context manager."""
 
-    def __init__(self, beginning: Beginning) -> None:
-        """None so far; each that is started is told the beginning first."""
-        self._beginning = beginning
+    def __init__(self, setup: Setup) -> None:
+        """None so far; each that is started is given the setup first."""
+        self._setup = setup
         self._processes: dict[int, WorkerProcess] = {}  # by descriptor
         self._poll = select.poll()
 
@@ -167,7 +167,7 @@ class Crew:
     @property
     def is_starting(self) -> bool:
         """Whether a process has no stages yet."""
-        return any(not process.begun for process in self._processes.values())
+        return any(not process.is_ready for process in self._processes.values())
 
     def start(self, count: int) -> None:
         """Start more processes, unless the last ones are still about to start.
@@ -181,7 +181,7 @@ class Crew:
             process = WorkerProcess()
             self._processes[process.fileno()] = process
             self._poll.register(process, select.POLLIN)
-            process.begin(self._beginning)
+            process.set_up(self._setup)
 
     def with_room(self) -> WorkerProcess | None:
         """The process that needs a frame most; None if all have enough."""

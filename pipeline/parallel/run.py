@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 
 from pipeline.core.errors import WorkerError
 from pipeline.graph import Graph, Node, Stamped
-from pipeline.parallel.messages import Answer, Beginning, Failure, MakeGraph, Question, log_levels
+from pipeline.parallel.messages import Answer, Failure, MakeGraph, Question, Setup, log_levels
 from pipeline.parallel.process import Crew, WorkerProcess
 from pipeline.parallel.sharing import Sharing
 
@@ -74,7 +74,7 @@ def run_parallel(
     """
     handed = tuple(node.name for node in graph.parts(sink).handed)
     sharing = Sharing(min(limits.workers, limits.frames), expected)
-    with Crew(Beginning(make_graph, handed, log_levels())) as crew:
+    with Crew(Setup(make_graph, handed, log_levels())) as crew:
         yield from _Run(graph, sink, limits, needed, crew, sharing, iter(frames)).results()
 
 

@@ -1,4 +1,4 @@
-"""A process that works on frames: what it is told, how it answers, and when it ends.
+"""A process that works on frames: what it is told, how it outbox, and when it ends.
 
 It ends as soon as the other end of its socket is closed, whatever it is doing: when the run ends or fails, and when
 the process that started it is killed.
@@ -14,7 +14,8 @@ from collections.abc import Callable
 from queue import SimpleQueue
 from typing import Any, NoReturn, cast
 
-from pipeline.parallel.messages import Answer, Beginning, Begun, Failure, Question, failure_of, gather_log
+from pipeline.core.memory import keep_freed_memory
+from pipeline.parallel.messages import Answer, Failure, Question, Ready, Setup, failure_of, gather_log
 from pipeline.parallel.transfer import receive, send
 
 __all__ = ["serve"]
@@ -28,12 +29,13 @@ BUG = 70
 def serve(descriptor: int) -> NoReturn:
     """Work on frames until the socket with this descriptor is closed at its other end."""
     sys.setswitchinterval(SWITCH_S)
+    keep_freed_memory()
     connection = socket.socket(fileno=descriptor)
-    told: SimpleQueue[object] = SimpleQueue()
-    answers: SimpleQueue[Begun | Answer] = SimpleQueue()
-    _start("send", lambda: _send_all(connection, answers))
-    _start("receive", lambda: _receive_all(connection, told))
-    _work(told, answers)
+    inbox: SimpleQueue[object] = SimpleQueue()
+    outbox: SimpleQueue[Ready | Answer] = SimpleQueue()
+    _start("send", lambda: _send_all(connection, outbox))
+    _start("receive", lambda: _receive_all(connection, inbox))
+    _work(inbox, outbox)
 
 
 def _start(name: str, run: Callable[[], None]) -> None:
@@ -54,14 +56,14 @@ def _start(name: str, run: Callable[[], None]) -> None:
     threading.Thread(target=end_after, name=name, daemon=True).start()
 
 
-def _receive_all(connection: socket.socket, told: SimpleQueue[object]) -> None:
+def _receive_all(connection: socket.socket, inbox: SimpleQueue[object]) -> None:
     while True:
-        told.put(receive(connection))
+        inbox.put(receive(connection))
 
 
-def _send_all(connection: socket.socket, answers: SimpleQueue[Begun | Answer]) -> None:
+def _send_all(connection: socket.socket, outbox: SimpleQueue[Ready | Answer]) -> None:
     while True:
-        answer = answers.get()
+        answer = outbox.get()
         try:
             send(connection, answer)
         except OSError:
@@ -72,19 +74,19 @@ def _send_all(connection: socket.socket, answers: SimpleQueue[Begun | Answer]) -
         del answer
 
 
-def _work(told: SimpleQueue[object], answers: SimpleQueue[Begun | Answer]) -> NoReturn:
-    beginning = cast(Beginning, told.get())
+def _work(inbox: SimpleQueue[object], outbox: SimpleQueue[Ready | Answer]) -> NoReturn:
+    setup = cast(Setup, inbox.get())
     try:
-        graph, sink = beginning.make_graph()
+        graph, sink = setup.make_graph()
     except Exception as err:
-        answers.put(Begun(failure_of(err)))
+        outbox.put(Ready(failure_of(err)))
         threading.Event().wait()  # the process ends with its socket
         raise
     by_name = {node.name: node for node in graph.nodes}
-    handed, free = [by_name[name] for name in beginning.handed], graph.parts(sink).free
-    records = gather_log(beginning.log_levels)
+    handed, free = [by_name[name] for name in setup.handed], graph.parts(sink).free
+    records = gather_log(setup.log_levels)
     gc.freeze()  # libraries stay: looking for garbage among them takes 5 ms a frame
-    answers.put(Begun())
+    outbox.put(Ready())
 
     def answer(question: Question) -> Answer:
         graph.seconds = dict.fromkeys(graph.seconds, 0.0)
@@ -99,4 +101,4 @@ def _work(told: SimpleQueue[object], answers: SimpleQueue[Begun | Answer]) -> No
         return Answer(question.number, outcome, taken, tuple(records.get() for _ in range(records.qsize())))
 
     while True:
-        answers.put(answer(cast(Question, told.get())))
+        outbox.put(answer(cast(Question, inbox.get())))

@@ -99,9 +99,9 @@ class VelodyneDecoder:
         if not len(packets):
             return _no_points(message.stamp_ns, packets.frame_id), tuple(drops)
         recorded = len(packets)
-        begun = _begun_packets(packets)
-        if begun is not None:
-            packets = packets.select(begun)
+        marked = _marked_packets(packets)
+        if marked is not None:
+            packets = packets.select(marked)
         model = self._model_of(packets, message.topic)
         layout = _layout_of(packets, model)
         device_us = _device_us(packets)
@@ -202,13 +202,13 @@ def _known_packets(packets: VelodynePackets, beams: Beams, topic: str) -> Bools 
     return known
 
 
-def _begun_packets(packets: VelodynePackets) -> Bools | None:
+def _marked_packets(packets: VelodynePackets) -> Bools | None:
     """Mask of the packets that begin with a block's flag; None if all or none do.
 
     The others may hold anything in place of the model and the sensor's time.
     """
-    begun = packets.fields["blocks"]["flag"][:, 0] == BLOCK_FLAGS[0]
-    return None if begun.all() or not begun.any() else np.asarray(begun)
+    marked = packets.fields["blocks"]["flag"][:, 0] == BLOCK_FLAGS[0]
+    return None if marked.all() or not marked.any() else np.asarray(marked)
 
 
 def _drop(message: RawMessage, reason: str, detail: str, parts: int) -> Drop:

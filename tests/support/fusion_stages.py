@@ -27,12 +27,14 @@ def place_of(rig: Rig, config: Config = CONFIG) -> Place:
 
 def propose_of(rig: Rig, config: Config = CONFIG) -> Propose:
     """Proposals in a rig."""
-    return Propose(rig, BoxFitter(rig, config), config.detect3d.cluster, config.classes)
+    return Propose(
+        rig, BoxFitter(rig, config.classes, config.detect3d.cluster), config.detect3d.cluster, config.classes
+    )
 
 
 def reshape_of(rig: Rig, config: Config) -> Reshape:
     """Boxes completed again."""
-    return Reshape(BoxFitter(rig, config), config.detect3d, config.classes)
+    return Reshape(BoxFitter(rig, config.classes, config.detect3d.cluster), config.detect3d, config.classes)
 
 
 def believe_of(rig: Rig, config: Config = CONFIG) -> Believe:

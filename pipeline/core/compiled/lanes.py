@@ -4,13 +4,20 @@ In compiled functions they stay in the registers of the processor, and what is d
 few. Without a compiler they are arrays. No number may be NaN.
 """
 
-from typing import Any, TypeAlias
+import inspect
+import operator
+from collections.abc import Callable
+from functools import cache
+from typing import Any, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 from llvmlite import ir
+from numba.core import types
+from numba.core.datamodel import PrimitiveModel
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import lower_builtin, register_model, type_callable
 
 from pipeline.core.arrays import F32, F64
-from pipeline.core.compiled.lane_types import LANES, RANKS, lanes_type, operation, ranks_type, wide_type
 
 __all__ = [
     "LANES",
@@ -35,6 +42,15 @@ __all__ = [
     "with_one_more",
 ]
 
+P = ParamSpec("P")
+R = TypeVar("R")
+
+LANES = 16
+"""Numbers of a vector."""
+
+RANKS = 10
+"""Vectors of `Ranks`: what stays in registers, of 32 in all, and the default of `combine.outliers.neighbors`."""
+
 Lanes: TypeAlias = F32
 """Sixteen numbers: in compiled functions in registers, else an array."""
 
@@ -45,6 +61,95 @@ Ranks: TypeAlias = F32
 """Lanes of rising numbers, as many as `RANKS`: likewise."""
 
 
+_LANES, _WIDE = ir.VectorType(ir.FloatType(), LANES), ir.VectorType(ir.DoubleType(), LANES)
+_RANKS = ir.ArrayType(_LANES, RANKS)
+"""For LLVM."""
+
+
+@cache
+def _types() -> dict[str, Any]:
+    """What operations take and return, for numba; it learns of lanes here, and of `a + b` and the like with them."""
+
+    class HeldType(types.Type):
+        """What is held in registers, for numba."""
+
+        def __init__(self, name: str, held: Any) -> None:
+            super().__init__(name)
+            self.held = held
+
+    @register_model(HeldType)
+    class HeldModel(PrimitiveModel):  # type: ignore[misc]  # mypy skips numba
+        """How LLVM holds it."""
+
+        def __init__(self, manager: Any, kind: HeldType) -> None:
+            super().__init__(manager, kind, kind.held)
+
+    lanes, wide, ranks = (
+        HeldType("Lanes", _LANES),
+        HeldType("WideLanes", _WIDE),
+        HeldType("Ranks", _RANKS),
+    )
+
+    def arithmetic(symbol: Any, instruction: str, *kinds: Any) -> None:
+        """Each lane is rounded as a single number is."""
+
+        class Template(AbstractTemplate):  # type: ignore[misc]  # mypy skips numba
+            def generic(self, arguments: tuple[Any, ...], _: Any) -> Any:
+                a, b = arguments
+                return signature(a, a, a) if a == b and a in kinds else None
+
+        infer_global(symbol)(Template)
+        for kind in kinds:
+            lower_builtin(symbol, kind, kind)(lambda _, builder, __, values: getattr(builder, instruction)(*values))
+
+    arithmetic(operator.add, "fadd", lanes, wide)
+    arithmetic(operator.sub, "fsub", lanes)
+    arithmetic(operator.mul, "fmul", lanes)
+    numbers = types.Array(types.float32, 1, "C")
+    return {
+        "lanes": lanes,
+        "wide": wide,
+        "ranks": ranks,
+        "numbers": numbers,
+        "number": types.float32,
+        "int": types.int64,
+        "nothing": types.void,
+    }
+
+
+def _operation(result: str, *arguments: str, emit: Callable[..., Any]) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """A function of lanes: in compiled functions what `emit` writes with LLVM's builder, else the decorated one.
+
+    Args:
+        result: Its type, one of `_types`.
+        arguments: Types of its arguments.
+        emit: Gets the builder and the values, for an array the pointer to its numbers.
+    """
+    returned, taken = _types()[result], tuple(_types()[argument] for argument in arguments)
+
+    def code(context: Any, builder: Any, _: Any, values: tuple[Any, ...]) -> Any:
+        plain = [
+            context.make_array(kind)(context, builder, value).data if argument == "numbers" else value
+            for argument, kind, value in zip(arguments, taken, values, strict=True)
+        ]
+        written = emit(builder, *plain)
+        return context.get_dummy_value() if result == "nothing" else written
+
+    def known(function: Callable[P, R]) -> Callable[P, R]:
+        def typed(_: Any) -> Callable[..., Any]:
+            def typer(*given: Any) -> Any:
+                return returned if given == taken else None
+
+            vars(typer)["__signature__"] = inspect.signature(function)  # numba matches arguments with it
+            return typer
+
+        type_callable(function)(typed)
+        lower_builtin(function, *taken)(code)
+        return function
+
+    return known
+
+
 def _lane(number: int) -> Any:
     """The number of a lane, for LLVM."""
     return ir.IntType(32)(number)
@@ -53,16 +158,16 @@ def _lane(number: int) -> Any:
 def _shuffled(builder: Any, lanes: Any, numbers: list[int]) -> Any:
     """In each lane what was in the one of that number."""
     indices = ir.Constant(ir.VectorType(ir.IntType(32), LANES), numbers)
-    return builder.shuffle_vector(lanes, ir.Constant(lanes_type(), ir.Undefined), indices)
+    return builder.shuffle_vector(lanes, ir.Constant(_LANES, ir.Undefined), indices)
 
 
 def _spread_out(builder: Any, number: Any) -> Any:
-    first = builder.insert_element(ir.Constant(lanes_type(), ir.Undefined), number, _lane(0))
+    first = builder.insert_element(ir.Constant(_LANES, ir.Undefined), number, _lane(0))
     return _shuffled(builder, first, [0] * LANES)
 
 
 def _place(builder: Any, numbers: Any, at: Any) -> Any:
-    return builder.bitcast(builder.gep(numbers, [at]), lanes_type().as_pointer())
+    return builder.bitcast(builder.gep(numbers, [at]), _LANES.as_pointer())
 
 
 def _loaded(builder: Any, numbers: Any, at: Any) -> Any:
@@ -95,7 +200,7 @@ def _chosen(builder: Any, name: str, a: Any, b: Any) -> Any:
     Not a comparison and a choice: where one of the two came from the place that the result is written to, LLVM would
     write only the lanes that change, and whoever reads them next waits for that.
     """
-    kind = ir.FunctionType(lanes_type(), [lanes_type(), lanes_type()])
+    kind = ir.FunctionType(_LANES, [_LANES, _LANES])
     function = builder.module.declare_intrinsic(f"{name}.v{LANES}f32", (), kind)
     return builder.call(function, [a, b], fastmath=("nnan",))
 
@@ -110,19 +215,19 @@ def _top(builder: Any, lanes: Any) -> Any:
 
 
 def _widened_roots(builder: Any, lanes: Any) -> Any:
-    root = builder.module.declare_intrinsic(f"llvm.sqrt.v{LANES}f32", (), ir.FunctionType(lanes_type(), [lanes_type()]))
-    return builder.fpext(builder.call(root, [lanes]), wide_type())
+    root = builder.module.declare_intrinsic(f"llvm.sqrt.v{LANES}f32", (), ir.FunctionType(_LANES, [_LANES]))
+    return builder.fpext(builder.call(root, [lanes]), _WIDE)
 
 
 def _divided(builder: Any, wide: Any, number: Any) -> Any:
-    undefined = ir.Constant(wide_type(), ir.Undefined)
+    undefined = ir.Constant(_WIDE, ir.Undefined)
     first = builder.insert_element(undefined, builder.sitofp(number, ir.DoubleType()), _lane(0))
     indices = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
-    return builder.fptrunc(builder.fdiv(wide, builder.shuffle_vector(first, undefined, indices)), lanes_type())
+    return builder.fptrunc(builder.fdiv(wide, builder.shuffle_vector(first, undefined, indices)), _LANES)
 
 
 def _all_ranks(builder: Any, lanes: Any) -> Any:
-    ranks = ir.Constant(ranks_type(), ir.Undefined)
+    ranks = ir.Constant(_RANKS, ir.Undefined)
     for rank in range(RANKS):
         ranks = builder.insert_value(ranks, lanes, rank)
     return ranks
@@ -154,50 +259,50 @@ def _trailing_zeros(builder: Any, bits: Any) -> Any:
     return builder.cttz(bits, ir.IntType(1)(1))
 
 
-@operation("lanes", "number", emit=_spread_out)
+@_operation("lanes", "number", emit=_spread_out)
 def spread(number: float | np.float32) -> Lanes:
     """A number in every lane."""
     return np.full(LANES, number, np.float32)
 
 
-@operation("lanes", "numbers", "int", emit=_loaded)
+@_operation("lanes", "numbers", "int", emit=_loaded)
 def load(numbers: F32, at: int) -> Lanes:
     """Sixteen numbers of an array, from `at` on."""
     return numbers[at : at + LANES].copy()
 
 
-@operation("nothing", "numbers", "int", "lanes", emit=_stored)
+@_operation("nothing", "numbers", "int", "lanes", emit=_stored)
 def store(numbers: F32, at: int, lanes: Lanes) -> None:
     """Writes them to an array, from `at` on."""
     numbers[at : at + LANES] = lanes
 
 
-@operation("lanes", "lanes", "lanes", emit=_lower)
+@_operation("lanes", "lanes", "lanes", emit=_lower)
 def smaller(a: Lanes, b: Lanes) -> Lanes:
     """In each lane the smaller number."""
     return np.where(a < b, a, b)
 
 
-@operation("lanes", "lanes", "lanes", emit=_upper)
+@_operation("lanes", "lanes", "lanes", emit=_upper)
 def larger(a: Lanes, b: Lanes) -> Lanes:
     """In each lane the larger number."""
     return np.where(a < b, b, a)
 
 
-@operation("int", "lanes", "lanes", emit=_less_bits)
+@_operation("int", "lanes", "lanes", emit=_less_bits)
 def below(a: Lanes, b: Lanes) -> int:
     """A bit for each lane, the lowest for the first: whether a < b."""
     return int(np.packbits(a < b, bitorder="little").view("<u2")[0])
 
 
-@operation("number", "lanes", emit=_top)
+@_operation("number", "lanes", emit=_top)
 def highest(lanes: Lanes) -> np.float32:
     """The highest number of all lanes."""
     highest: np.float32 = lanes.max()
     return highest
 
 
-@operation("lanes", "lanes", "int", "number", emit=_inserted)
+@_operation("lanes", "lanes", "int", "number", emit=_inserted)
 def replaced(lanes: Lanes, lane: int, number: float | np.float32) -> Lanes:
     """The lanes with another number in one of them."""
     replaced = lanes.copy()
@@ -205,44 +310,44 @@ def replaced(lanes: Lanes, lane: int, number: float | np.float32) -> Lanes:
     return replaced
 
 
-@operation("wide", "lanes", emit=_widened_roots)
+@_operation("wide", "lanes", emit=_widened_roots)
 def roots(lanes: Lanes) -> WideLanes:
     """The square roots, rounded to single precision."""
     return np.sqrt(lanes).astype(np.float64)
 
 
-@operation("lanes", "wide", "int", emit=_divided)
+@_operation("lanes", "wide", "int", emit=_divided)
 def share(total: WideLanes, count: int) -> Lanes:
     """Numbers divided by another one, rounded to single precision then."""
     return (total / count).astype(np.float32)
 
 
-@operation("ranks", "lanes", emit=_all_ranks)
+@_operation("ranks", "lanes", emit=_all_ranks)
 def ranks_of(lanes: Lanes) -> Ranks:
     """The same numbers in all ranks."""
     return np.tile(lanes, (RANKS, 1))
 
 
-@operation("ranks", "ranks", "lanes", emit=_put)
+@_operation("ranks", "ranks", "lanes", emit=_put)
 def with_one_more(ranks: Ranks, distance: Lanes) -> Ranks:
     """The least of the numbers in the ranks and another one, in order: the largest of each lane goes."""
     return np.sort(np.concatenate([ranks, distance[None]]), axis=0)[:RANKS]
 
 
-@operation("lanes", "ranks", emit=_last)
+@_operation("lanes", "ranks", emit=_last)
 def last_rank(ranks: Ranks) -> Lanes:
     """The largest number of each lane."""
     last: Lanes = ranks[-1]
     return last
 
 
-@operation("nothing", "numbers", "ranks", emit=_stored_ranks)
+@_operation("nothing", "numbers", "ranks", emit=_stored_ranks)
 def store_ranks(numbers: F32, ranks: Ranks) -> None:
     """Writes them to the beginning of an array."""
     numbers[: ranks.size] = ranks.ravel()
 
 
-@operation("int", "int", emit=_trailing_zeros)
+@_operation("int", "int", emit=_trailing_zeros)
 def lowest_bit(bits: int) -> int:
     """The place of the lowest bit that is set; of a number that is not 0."""
     return (int(bits) & -int(bits)).bit_length() - 1

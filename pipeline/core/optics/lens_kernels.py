@@ -26,7 +26,6 @@ __all__ = [
     "pixels_of_points",
     "rays_of_pixels",
     "slopes_of",
-    "slopes_of_points",
 ]
 
 LIST = "Array(float64, 1, 'C', True)"
@@ -142,20 +141,6 @@ def pixels_of_points(points: F64, K: F64, coefficients: F64, equidistant: Bools,
             u, v, is_valid = pixel_of(x, y, z, lens, equidistant[p], limits[p])
             pixels[p, s, 0], pixels[p, s, 1], valid[p, s] = u, v, is_valid
     return pixels, valid
-
-
-@compiled(f"float64[:, :, :, ::1]({BLOCK}, {LENSES})")
-def slopes_of_points(points: F64, K: F64, coefficients: F64, equidistant: Bools, limits: F64) -> F64:
-    """(P, S, 2, 3) derivatives of the pixels of points; arguments as those of `pixels_of_points`."""
-    slopes = np.empty((*points.shape[:2], 2, 3))
-    for p in range(points.shape[0]):
-        lens = lens_of(K[p], coefficients[p], equidistant[p])
-        for s in range(points.shape[1]):
-            x, y, z = points[p, s, 0], points[p, s, 1], points[p, s, 2]
-            found = slopes_of(x, y, z, lens, equidistant[p], limits[p])
-            for k in range(3):
-                slopes[p, s, 0, k], slopes[p, s, 1, k] = found[k], found[3 + k]
-    return slopes
 
 
 @compiled(f"Tuple((float64[:, :, ::1], boolean[:, ::1]))({BLOCK}, {LENSES}, int64, float64)")

@@ -1,4 +1,4 @@
-"""The lens models of `core.camera` for many cameras at once, and their derivatives.
+"""The lens models of `core.camera` for many cameras at once.
 
 Each row of points is projected by a camera of its own, so that boxes seen by several cameras are one computation.
 """
@@ -11,8 +11,9 @@ from typing import Self
 import numpy as np
 
 from pipeline.core.arrays import F64, Bools, Rows, check_array, select_rows
-from pipeline.core.camera import CameraModel
-from pipeline.core.optics.lens_kernels import pixels_of_points, slopes_of_points
+from pipeline.core.camera import EDGE_SHARES, NEAR_M, CameraModel
+from pipeline.core.geometry.box_edges import edges_ahead
+from pipeline.core.optics.lens_kernels import pixels_of_points
 
 __all__ = ["Lenses"]
 
@@ -81,13 +82,23 @@ class Lenses:
         """
         return pixels_of_points(np.ascontiguousarray(points_camera), *self.arrays)
 
-    def jacobians(self, points_camera: F64) -> F64:
-        """Derivatives of the pixels by the points.
+    def rectangles_of_boxes(self, corners_camera: F64, image_sizes: F64) -> F64:
+        """As `CameraModel.project_boxes`, each box by its own camera.
 
         Args:
-            points_camera: (P, S, 3) metres in the optical frames; meaningful where `project` says that they are valid.
+            corners_camera: (P, 8, 3) corners in the order of `geometry.box_corners`, metres in the optical frames.
+            image_sizes: (P, 2) width and height of the images, pixels.
 
         Returns:
-            (P, S, 2, 3) pixels per metre.
+            (P, 4) left, top, right, bottom in pixels; NaN where nothing of a box is in the image.
         """
-        return slopes_of_points(np.ascontiguousarray(points_camera), *self.arrays)
+        start, end, is_ahead = edges_ahead(corners_camera, NEAR_M)
+        shares = EDGE_SHARES[:, None]
+        samples = start[:, :, None] * (1 - shares) + end[:, :, None] * shares  # (P, 12, S, 3)
+        pixels, valid = self.project(samples.reshape(len(samples), -1, 3))
+        valid &= np.repeat(is_ahead, len(shares), axis=1)
+        low = np.where(valid[..., None], pixels, np.inf).min(1, initial=np.inf)
+        high = np.where(valid[..., None], pixels, -np.inf).max(1, initial=-np.inf)
+        found = np.column_stack([np.clip(low, 0, image_sizes), np.clip(high, 0, image_sizes)])
+        is_seen = (found[:, 2] > found[:, 0]) & (found[:, 3] > found[:, 1])
+        return np.where(is_seen[:, None], found, np.nan)

@@ -1,4 +1,4 @@
-"""Boxes, and objects in them, in images: the rectangles around them and their outermost points; compiled."""
+"""The outermost points of objects in images; compiled."""
 
 import numpy as np
 
@@ -6,81 +6,9 @@ from pipeline.core.arrays import F64, Bools, Indices
 from pipeline.core.compiled import compiled, inlined
 from pipeline.core.optics.lens_kernels import BLOCK, LENSES, LIST, TABLE, lens_of, pixel_of, slopes_of
 
-__all__ = ["outermost_points", "rectangles_of_cut_boxes"]
-
-_CUT_M = 0.01
-"""`core.camera.NEAR_M`: what is nearer is cut away."""
+__all__ = ["outermost_points"]
 
 Axis = tuple[float, float, float]
-
-
-@inlined
-def _cut(start: F64, end: F64) -> Axis:
-    """Where a line begins, seen from its start: there, or where it comes out of what is cut away."""
-    if start[2] >= _CUT_M:
-        return start[0], start[1], start[2]
-    rise = 1.0 if start[2] == end[2] else end[2] - start[2]
-    way = min(max((_CUT_M - start[2]) / rise, 0.0), 1.0)
-    return (
-        start[0] + way * (end[0] - start[0]),
-        start[1] + way * (end[1] - start[1]),
-        start[2] + way * (end[2] - start[2]),
-    )
-
-
-@compiled(f"float64[:, ::1]({BLOCK}, Array(int64, 2, 'C', True), {LIST}, {TABLE}, {LENSES})")
-def rectangles_of_cut_boxes(
-    corners: F64,
-    edges: Indices,
-    shares: F64,
-    image_sizes: F64,
-    K: F64,
-    coefficients: F64,
-    equidistant: Bools,
-    limits: F64,
-) -> F64:
-    """(P, 4) rectangles around boxes as `CameraModel.project_boxes`; NaN where nothing of a box is in the image.
-
-    Args:
-        corners: (P, 8, 3) metres in the optical frames.
-        edges: (12, 2) corners at both ends of each edge.
-        shares: (S,) places along an edge, from 0 to 1, where a bent lens may show its outermost point.
-        image_sizes: (P, 2).
-        K: (P, 3, 3), and so on: the fields of `Lenses`.
-        coefficients: (P, 8).
-        equidistant: (P,).
-        limits: (P,).
-    """
-    found = np.full((len(corners), 4), np.nan)
-    for p in range(len(corners)):
-        lens = lens_of(K[p], coefficients[p], equidistant[p])
-        low_u, low_v, high_u, high_v, is_whole = np.inf, np.inf, -np.inf, -np.inf, True
-        for k in range(8):
-            is_whole = is_whole and corners[p, k, 2] >= _CUT_M
-        if is_whole and not equidistant[p] and not coefficients[p].any():  # then the corners are outermost
-            for k in range(8):
-                x, y, z = corners[p, k, 0], corners[p, k, 1], corners[p, k, 2]
-                u, v, _ = pixel_of(x, y, z, lens, False, limits[p])
-                low_u, low_v, high_u, high_v = min(low_u, u), min(low_v, v), max(high_u, u), max(high_v, v)
-        else:
-            for e in range(len(edges)):
-                first, last = corners[p, edges[e, 0]], corners[p, edges[e, 1]]
-                if max(first[2], last[2]) < _CUT_M:
-                    continue
-                start, end = _cut(first, last), _cut(last, first)
-                for share in shares:
-                    x = start[0] * (1 - share) + end[0] * share
-                    y = start[1] * (1 - share) + end[1] * share
-                    z = start[2] * (1 - share) + end[2] * share
-                    u, v, is_valid = pixel_of(x, y, z, lens, equidistant[p], limits[p])
-                    if is_valid:
-                        low_u, low_v, high_u, high_v = min(low_u, u), min(low_v, v), max(high_u, u), max(high_v, v)
-        width, height = image_sizes[p, 0], image_sizes[p, 1]
-        left, right = min(max(low_u, 0.0), width), min(max(high_u, 0.0), width)
-        top, bottom = min(max(low_v, 0.0), height), min(max(high_v, 0.0), height)
-        if right > left and bottom > top:
-            found[p, 0], found[p, 1], found[p, 2], found[p, 3] = left, top, right, bottom
-    return found
 
 
 @inlined

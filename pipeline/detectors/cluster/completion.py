@@ -7,11 +7,13 @@ grows away from the lidars; a cyclist's grows about its middle, and a pedestrian
 thin wheels and limbs hardly anything is seen, so neither is taken for smaller than its class.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, Indices
+from pipeline.core.arrays import F64, I64, Bools
+from pipeline.core.compiled import compiled
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.detectors.cluster.lshape import Rectangles
 
@@ -43,6 +45,8 @@ ROUND_ANCHOR = 0.5
 """How far a pedestrian's box grows away from the lidar: 1 is as a car's, of which only the near sides are seen, and 0
 about its middle. In simulated recordings of a crossing and of a drive, 1 put walkers 0.04 and 0.07 m too far away, 0
 put them 0.09 and 0.02 m too near."""
+
+_LIST, _TABLE = "Array(float64, 1, 'C', readonly=True)", "Array(float64, 2, 'C', readonly=True)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +93,7 @@ class Kinds:
     rarity: F64
 
     @classmethod
-    def of(cls, priors: tuple[ClassPrior, ...]) -> "Kinds":
+    def of(cls, priors: Sequence[ClassPrior]) -> "Kinds":
         """Those of all classes."""
         class_ids, mean_m, limit_m = [], [], []
         for class_id, prior in enumerate(priors):
@@ -122,62 +126,132 @@ def complete_boxes(
         kinds: Sizes of the classes.
         given_ids: (C,) class of each cluster, whatever its size; -1 where it is to be chosen. None: all of them.
     """
-    axes, extent = rectangles.axes, rectangles.high - rectangles.low  # (C, axis, xy), (C, axis)
-    middle = (rectangles.high + rectangles.low) / 2
-    towards = np.einsum("cax,lx->cla", axes, lidar_xy) - middle[:, None]  # (C, L, axis)
-    distance_m = np.maximum(np.sqrt((towards * towards).sum(2, keepdims=True)), 1e-9)
-    # The extent along one axis is visible on the side whose normal is the other axis.
-    seen = np.einsum("cl,cla->ca", lidar_share, np.abs(towards / distance_m))[:, ::-1]
-    class_ids, choice, misfit = _chosen(extent, top_m, seen, kinds, given_ids)
-
-    mean, limit = kinds.mean_m[choice], kinds.limit_m[choice]
-    narrow, wide = mean[:, :2].min(1), mean[:, :2].max(1)
-    is_slender, is_round = narrow <= SLENDER_SHARE * mean[:, 2], narrow > ROUND_SHARE * wide
-    # -1: the lidar is beyond the low end, 1: beyond the high end, between: beside the object.
-    reach_m = np.maximum(extent, mean[:, :2] / 2) / 2
-    end = np.clip(towards / reach_m[:, None], -1, 1)
-    beyond, before = (np.einsum("cl,cla->ca", lidar_share, is_there) for is_there in (end > 0.5, end < -0.5))
-    is_whole = (np.minimum(beyond, before) >= BOTH_ENDS_SHARE) & (extent >= BOTH_ENDS_WHOLE_SHARE * mean[:, :2])
-    is_whole |= (seen > 0.5) & (extent >= WHOLE_SHARE * mean[:, :2])
-    missing_m = np.where(is_whole & ~is_slender[:, None], 0.0, np.maximum(mean[:, :2] - extent, 0))
-    grown = middle - np.einsum("cl,cla->ca", lidar_share, end) * missing_m / 2
-    anchored = np.where(is_slender, np.where(is_round, ROUND_ANCHOR, 0.0), 1.0)[:, None]
-    center = middle + anchored * (grown - middle)
-    full = extent + missing_m
-    # A grown side errs by the spread of the class; half of that moves the centre.
-    std_m = np.where(missing_m > 0, np.minimum((limit - mean)[:, :2] / 4, missing_m), 0.0)
-    std_m = np.where(is_slender[:, None], (full - extent) / 4, std_m)
-    height = np.where(top_m >= WHOLE_SHARE * mean[:, 2], top_m, mean[:, 2])
-    is_turned = choice % 2 == 1  # the length lies along the second axis
-    yaw = rectangles.angle_rad + np.where(is_turned, np.pi / 2, 0.0)
     return CompletedBoxes(
-        class_ids,
-        np.einsum("ca,cax->cx", center, axes),
-        np.column_stack([np.where(is_turned[:, None], full[:, ::-1], full), height]),
-        np.where(yaw > np.pi / 2, yaw - np.pi, yaw),
-        misfit,
-        np.where(is_turned[:, None], std_m[:, ::-1], std_m),
-        (seen * full).sum(1) * height,
-        is_slender,
-        is_slender & ~is_round,
+        *_completed(
+            rectangles.low,
+            rectangles.high,
+            rectangles.angle_rad,
+            np.cos(rectangles.angle_rad),
+            np.sin(rectangles.angle_rad),
+            top_m,
+            lidar_share,
+            lidar_xy,
+            kinds.class_ids,
+            kinds.mean_m,
+            kinds.limit_m,
+            kinds.rarity,
+            np.full(len(top_m), -1) if given_ids is None else np.ascontiguousarray(given_ids),
+        )
     )
 
 
-def _chosen(extent: F64, top_m: F64, seen: F64, kinds: Kinds, given_ids: I64 | None) -> tuple[I64, Indices, F64]:
-    """The class of each cluster (C,), -1 if it is larger than every class; its kind (C,); and its misfit (C,)."""
-    misfit, fits = np.zeros((len(top_m), len(kinds.rarity))), np.ones((len(top_m), len(kinds.rarity)), np.bool_)
-    measured, visible = (extent[:, 0], extent[:, 1], top_m), (seen[:, 0], seen[:, 1], np.ones(len(top_m)))
-    for axis in range(3):
-        mean, limit = kinds.mean_m[:, axis], kinds.limit_m[:, axis]
-        off = measured[axis][:, None] - mean  # (C, 2K)
-        long = np.maximum(off, 0) / np.maximum((limit - mean) / 2, 1e-9)
-        short = np.minimum(visible[axis][:, None] * np.maximum(-off, 0) / (SHORT_SHARE * mean), SHORT_LIMIT)
-        misfit += (long**2 + short**2) / 2
-        fits &= measured[axis][:, None] <= limit
-    cost = np.where(fits, misfit + kinds.rarity, np.inf)
-    if given_ids is not None:
-        given = given_ids[:, None]
-        cost = np.where(given < 0, cost, np.where(kinds.class_ids == given, misfit, np.inf))
-    choice = cost.argmin(1)
-    rows = np.arange(len(choice))
-    return np.where(np.isfinite(cost[rows, choice]), kinds.class_ids[choice], -1), choice, misfit[rows, choice]
+@compiled(
+    "Tuple((int64[::1], float64[:, ::1], float64[:, ::1], float64[::1], float64[::1], float64[:, ::1], float64[::1], "
+    f"boolean[::1], boolean[::1]))({_TABLE}, {_TABLE}, {_LIST}, {_LIST}, {_LIST}, {_LIST}, {_TABLE}, {_TABLE}, "
+    f"Array(int64, 1, 'C', readonly=True), {_TABLE}, {_TABLE}, {_LIST}, Array(int64, 1, 'C', readonly=True))"
+)
+def _completed(
+    low: F64,
+    high: F64,
+    angle_rad: F64,
+    cos: F64,
+    sin: F64,
+    top_m: F64,
+    lidar_share: F64,
+    lidar_xy: F64,
+    class_ids: I64,
+    mean_m: F64,
+    limit_m: F64,
+    rarity: F64,
+    given_ids: I64,
+) -> tuple[I64, F64, F64, F64, F64, F64, F64, Bools, Bools]:
+    """The fields of `CompletedBoxes`.
+
+    Args:
+        low: (C, 2) lower ends of the rectangles along their axes, metres.
+        high: (C, 2) upper ones.
+        angle_rad: (C,) angle of their first axes about +z.
+        cos: (C,) of these.
+        sin: (C,) of these.
+        top_m: (C,) height of each cluster.
+        lidar_share: (C, L) share of its points that each lidar measured.
+        lidar_xy: (L, 2) where these are, metres.
+        class_ids: (K,) class of each kind.
+        mean_m: (K, 3) its typical extents along the two axes, and height.
+        limit_m: (K, 3) its largest ones.
+        rarity: (K,) what it costs beside its misfit.
+        given_ids: (C,) class of each cluster, or -1.
+    """
+    clusters, lidars = lidar_share.shape
+    found, center_xy, sizes = np.empty(clusters, np.int64), np.empty((clusters, 2)), np.empty((clusters, 3))
+    yaw_rad, misfit, std_m = np.empty(clusters), np.empty(clusters), np.empty((clusters, 2))
+    faces_m2, slender, rides = np.empty(clusters), np.empty(clusters, np.bool_), np.empty(clusters, np.bool_)
+    extent, middle, seen, measured, visible = np.empty(2), np.empty(2), np.empty(2), np.empty(3), np.empty(3)
+    towards, full, center = np.empty((lidars, 2)), np.empty(2), np.empty(2)
+    for c in range(clusters):
+        for axis in range(2):
+            extent[axis] = high[c, axis] - low[c, axis]
+            middle[axis] = (high[c, axis] + low[c, axis]) / 2
+            seen[axis] = 0.0
+        for lidar in range(lidars):
+            x, y = lidar_xy[lidar, 0], lidar_xy[lidar, 1]
+            towards[lidar, 0] = (cos[c] * x + sin[c] * y) - middle[0]
+            towards[lidar, 1] = (cos[c] * y - sin[c] * x) - middle[1]
+            square_m2 = towards[lidar, 0] * towards[lidar, 0] + towards[lidar, 1] * towards[lidar, 1]
+            distance_m = max(np.sqrt(square_m2), 1e-9)
+            for axis in range(2):
+                # The extent along one axis is visible on the side whose normal is the other axis.
+                seen[1 - axis] += lidar_share[c, lidar] * abs(towards[lidar, axis] / distance_m)
+
+        measured[0], measured[1], measured[2] = extent[0], extent[1], top_m[c]
+        visible[0], visible[1], visible[2] = seen[0], seen[1], 1.0
+        choice, least = 0, np.inf
+        for k in range(len(class_ids)):
+            off, fits = 0.0, True
+            for axis in range(3):
+                mean, limit = mean_m[k, axis], limit_m[k, axis]
+                long = max(measured[axis] - mean, 0.0) / max((limit - mean) / 2, 1e-9)
+                short = visible[axis] * max(mean - measured[axis], 0.0) / (SHORT_SHARE * mean)
+                short = min(short, SHORT_LIMIT)
+                off += (long * long + short * short) / 2
+                fits = fits and measured[axis] <= limit
+            cost = off + rarity[k] if fits else np.inf
+            if given_ids[c] >= 0:
+                cost = off if class_ids[k] == given_ids[c] else np.inf
+            if k == 0 or cost < least:
+                choice, least, misfit[c] = k, cost, off
+        found[c] = class_ids[choice] if least < np.inf else -1
+
+        narrow, wide = mean_m[choice, 0], mean_m[choice, 1]
+        narrow, wide, height = min(narrow, wide), max(narrow, wide), mean_m[choice, 2]
+        is_slender, is_round = narrow <= SLENDER_SHARE * height, narrow > ROUND_SHARE * wide
+        anchored = (ROUND_ANCHOR if is_round else 0.0) if is_slender else 1.0
+        slender[c], rides[c] = is_slender, is_slender and not is_round
+        height = top_m[c] if top_m[c] >= WHOLE_SHARE * height else height
+        turn = choice % 2  # 1: the length lies along the second axis
+        for axis in range(2):
+            mean, limit = mean_m[choice, axis], limit_m[choice, axis]
+            reach_m, beyond, before, anchor = max(extent[axis], mean / 2) / 2, 0.0, 0.0, 0.0
+            for lidar in range(lidars):
+                # -1: the lidar is beyond the low end, 1: beyond the high end, between: beside the object.
+                end, share = min(max(towards[lidar, axis] / reach_m, -1.0), 1.0), lidar_share[c, lidar]
+                beyond += share if end > 0.5 else 0.0
+                before += share if end < -0.5 else 0.0
+                anchor += share * end
+            is_whole = min(beyond, before) >= BOTH_ENDS_SHARE and extent[axis] >= BOTH_ENDS_WHOLE_SHARE * mean
+            is_whole = is_whole or (seen[axis] > 0.5 and extent[axis] >= WHOLE_SHARE * mean)
+            missing_m = 0.0 if is_whole and not is_slender else max(mean - extent[axis], 0.0)
+            full[axis] = extent[axis] + missing_m
+            # A grown side errs by the spread of the class; half of that moves the centre.
+            std = min((limit - mean) / 4, missing_m) if missing_m > 0.0 else 0.0
+            std_m[c, axis ^ turn] = (full[axis] - extent[axis]) / 4 if is_slender else std
+            sizes[c, axis ^ turn] = full[axis]
+            grown = middle[axis] - anchor * missing_m / 2
+            center[axis] = middle[axis] + anchored * (grown - middle[axis])
+        sizes[c, 2] = height
+        faces_m2[c] = (seen[0] * full[0] + seen[1] * full[1]) * height
+        center_xy[c, 0] = center[0] * cos[c] - center[1] * sin[c]
+        center_xy[c, 1] = center[0] * sin[c] + center[1] * cos[c]
+        yaw = angle_rad[c] + (np.pi / 2 if turn else 0.0)
+        yaw_rad[c] = yaw - np.pi if yaw > np.pi / 2 else yaw
+    return found, center_xy, sizes, yaw_rad, misfit, std_m, faces_m2, slender, rides

@@ -33,8 +33,8 @@ class ClusterDetector:
     """
 
     def __init__(self, rig: Rig, config: Config) -> None:
-        self._fitter = BoxFitter(rig, config)
-        self._config = config.detect3d.cluster
+        self._fitter = BoxFitter(rig, config.classes, config.detect3d.cluster)
+        self._settings = config.detect3d.cluster
         limits = np.array([prior.max_size_m for prior in config.classes])
         self._ceiling_m = float(limits[:, 2].max()) * CEILING_SHARE
         self._diagonal_m = float(np.hypot(limits[:, 0], limits[:, 1]).max())
@@ -48,7 +48,7 @@ class ClusterDetector:
             return Sight.of(all_points.position, all_points.lidar, self._fitter.lidars_above_ground(combined))
 
         fitted, cluster = [], np.full(len(points.position), -1)
-        for share in (1.0, *self._config.split_shares):
+        for share in (1.0, *self._settings.split_shares):
             if len(points.position):
                 found, points, cluster = self._fitted(points, cluster, sight, share)
                 fitted += found
@@ -56,7 +56,7 @@ class ClusterDetector:
 
     def _points_above_ground(self, combined: CombinedCloud) -> ThinnedPoints:
         rows = np.arange(len(combined.detection_cloud))
-        points, _ = self._fitter.thin(combined, rows, self._config.clearance_m, self._ceiling_m)
+        points, _ = self._fitter.thin(combined, rows, self._settings.clearance_m, self._ceiling_m)
         return points
 
     def _fitted(
@@ -73,19 +73,19 @@ class ClusterDetector:
             share: Share of the link distance.
         """
         weighted = points.position.copy()
-        weighted[:, 2] *= self._config.height_weight
+        weighted[:, 2] *= self._settings.height_weight
         count, cluster = cluster_points(weighted, share * points.link_distance_m)
         rows, starts, weights, low, high = extents(points.position, points.weights, cluster, count)
-        bottom, top, min_height_m = low[:, 4], high[:, 4], self._config.min_height_m
-        usable = (weights >= self._config.min_points) & (top >= min_height_m)
-        hangs = usable & (bottom > self._config.max_bottom_m)
+        bottom, top, min_height_m = low[:, 4], high[:, 4], self._settings.min_height_m
+        usable = (weights >= self._settings.min_points) & (top >= min_height_m)
+        hangs = usable & (bottom > self._settings.max_bottom_m)
         usable &= ~hangs | (top - bottom >= min_height_m)  # no roof's edge
         hangs &= usable
         if hangs.any():
             places, begins = rows_of(starts[:-1], len(rows), hangs)
             hanging = rows.take(places)
             position, lidar = points.position.take(hanging, axis=0), points.lidar.take(hanging)
-            usable[hangs] = sight().is_hidden_below(position, lidar, begins, self._config.max_bottom_m)
+            usable[hangs] = sight().is_hidden_below(position, lidar, begins, self._settings.max_bottom_m)
         came_from = before.take(rows.take(starts[:-1]))
         small = usable & ((came_from < 0) | (np.bincount(before + 1).take(came_from + 1) > np.diff(starts)))
         small &= (high - low)[:, :4].max(1) <= self._diagonal_m  # a lower bound of the diameter

@@ -9,7 +9,8 @@ import numpy as np
 from pipeline.core.arrays import F64, I64, Bools, Indices, Record, join_rows, select_rows
 from pipeline.core.clouds import CombinedCloud, Plane
 from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
+from pipeline.core.settings.classes import ClassPrior
+from pipeline.core.settings.detect import ClusterConfig
 from pipeline.detectors.cluster.clusters import thin_points
 from pipeline.detectors.cluster.completion import CompletedBoxes, Kinds, complete_boxes
 from pipeline.detectors.cluster.lshape import (
@@ -112,11 +113,11 @@ class BoxFitter:
     does not tell front from rear.
     """
 
-    def __init__(self, rig: Rig, config: Config) -> None:
+    def __init__(self, rig: Rig, classes: Sequence[ClassPrior], settings: ClusterConfig) -> None:
         self._lidar_xyz = np.array([lidar.T_site_lidar.translation for lidar in rig.lidars]).reshape(-1, 3)
         self._ground_height_m = rig.ground_height_m or 0.0
-        self._config = config.detect3d.cluster
-        self._kinds = Kinds.of(config.classes)
+        self._settings = settings
+        self._kinds = Kinds.of(classes)
 
     def __call__(self, combined: CombinedCloud, rows: I64, starts: I64, class_ids: I64) -> Candidates3D:
         """Boxes of given classes in the site frame, one for each of G groups, in their order.
@@ -158,7 +159,7 @@ class BoxFitter:
             rows,
             *ground_arrays(combined, self._ground_height_m),
             self._lidar_xyz,
-            np.array([self._config.distance_m, self._config.distance_per_m]),
+            np.array([self._settings.distance_m, self._settings.distance_per_m]),
             np.array([above_m, below_m]),
         )
         return AboveGround(place[:count], position[:count], lidar[:count], link_m[:count], time_ns[:count])
@@ -232,7 +233,7 @@ class BoxFitter:
         """Fitted boxes in the site frame, with what speaks for them and how well they are known."""
         boxes, rectangles = fitted.boxes, fitted.rectangles
         range_m = np.linalg.norm(boxes.center_xy[:, None] - self._lidar_xyz[:, :2], axis=2)
-        per_m2 = self._config.points_per_sr * (fitted.lidar_share / np.maximum(range_m, 1e-3) ** 2).sum(1)
+        per_m2 = self._settings.points_per_sr * (fitted.lidar_share / np.maximum(range_m, 1e-3) ** 2).sum(1)
         z = self.ground_m(combined, boxes.center_xy) + boxes.sizes[:, 2] / 2
         return Candidates3D(
             np.concatenate([boxes.center_xy, z[:, None]], 1),

@@ -58,8 +58,8 @@ def class_names(wanted: str, metadata: Mapping[str, str], class_count: int | Non
     elif class_count == len(COCO_LABELS):
         return COCO_LABELS
     else:
-        told = "does not say how many classes it has" if class_count is None else f"has {class_count} classes"
-        raise ModelError(f"the network {told}, and its file has no names for them: {REMEDY}")
+        size = "does not say how many classes it has" if class_count is None else f"has {class_count} classes"
+        raise ModelError(f"the network {size}, and its file has no names for them: {REMEDY}")
     if class_count not in (None, len(names)):
         raise ModelError(f"the network has {class_count} classes, and {source} has {len(names)} names: {REMEDY}")
     return names

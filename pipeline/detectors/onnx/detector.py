@@ -88,7 +88,7 @@ class OnnxDetector2D:
             self._take_any_size(own_px)
         elif settings.input != own_px[::-1]:
             self._take_size(own_px, (settings.input[1], settings.input[0]))
-        logger.info("%s: %s, %d classes, %s", self._path, self._layout.name, len(self._labels), self._input_told())
+        logger.info("%s: %s, %d classes, %s", self._path, self._layout.name, len(self._labels), self._input_in_words())
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -248,7 +248,7 @@ class OnnxDetector2D:
                 raise ModelError(f"expected the layout {self._layout.name}, found {found.name} for {at}")
         return session
 
-    def _input_told(self) -> str:
+    def _input_in_words(self) -> str:
         if self._fixed_px:
             return f"images of {self._fixed_px[1]} x {self._fixed_px[0]} px"
         return f"images in their own shape, {self._settings.max_input_px} px at most"
@@ -256,8 +256,8 @@ class OnnxDetector2D:
 
 def _stride_px(metadata: dict[str, str]) -> int:
     """What width and height are multiples of."""
-    told = metadata.get("stride", "")
-    return min(max(int(told), STRIDE_PX), MAX_STRIDE_PX) if told.isdecimal() and len(told) < 5 else STRIDE_PX
+    stride = metadata.get("stride", "")
+    return min(max(int(stride), STRIDE_PX), MAX_STRIDE_PX) if stride.isdecimal() and len(stride) < 5 else STRIDE_PX
 
 
 def _size_px(metadata: dict[str, str]) -> Size:

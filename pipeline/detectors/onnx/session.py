@@ -184,7 +184,7 @@ def _onnxruntime() -> Any:
 
 
 def providers_for(provider: Provider, available: Sequence[str]) -> list[str]:
-    """What onnxruntime is told, the first first; the processor runs what an accelerator has no kernel for.
+    """The providers for onnxruntime, the preferred one first; the processor runs what an accelerator has no kernel for.
 
     Args:
         provider: What is wanted.

@@ -61,7 +61,7 @@ def tiles_of(height_px: int, width_px: int, input_px: Size, max_px: int) -> list
 def join_tiles(found: Sequence[Candidates2D], tiles: Sequence[Tile], *, min_score: float) -> Candidates2D:
     """The proposals for an image from those for its tiles, each in pixels of its own tile.
 
-    What is seen in two tiles as a whole is there twice, for suppression to settle. What ends where a tile ends within
+    What is seen in two tiles as a whole is there twice, which suppression sees to. What ends where a tile ends within
     the image is left out if another tile shows it better.
 
     Args:

@@ -12,12 +12,10 @@ from functools import lru_cache
 import numpy as np
 
 from pipeline.core.arrays import F32, F64, I64, Bools, Indices, first_of_runs
-from pipeline.core.camera import EDGE_SHARES, NEAR_M
+from pipeline.core.camera import NEAR_M
 from pipeline.core.detections import Boxes3D
 from pipeline.core.errors import FrameError
-from pipeline.core.geometry.box_edges import BOX_EDGES
 from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.optics.outline_kernels import rectangles_of_cut_boxes
 from pipeline.core.rig import CameraSensor
 from pipeline.fusion.found import pairs_of_images
 from pipeline.fusion.projection import CameraArrays, cuboid_outline, project_edges
@@ -185,8 +183,7 @@ def _uncovered(own: F64, covers: F64) -> tuple[F64, F64]:
 def _cut_rectangles(corners: F64, cameras: CameraArrays) -> F32:
     """(P, 4) rectangles around boxes, of which a part may be behind the camera, as `CameraModel.project_boxes`."""
     ahead = corners @ cameras.rotations.swapaxes(1, 2) + cameras.translations[:, None]
-    found = rectangles_of_cut_boxes(ahead, BOX_EDGES, EDGE_SHARES, cameras.image_sizes, *cameras.lenses.arrays)
-    return found.astype(np.float32)
+    return cameras.lenses.rectangles_of_boxes(ahead, cameras.image_sizes).astype(np.float32)
 
 
 def _in_cones(centers_camera: F64, radii_m: F64, angles_rad: F64) -> Bools:

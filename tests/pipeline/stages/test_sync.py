@@ -1,9 +1,8 @@
 import itertools
 import json
 import random
-import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from typing import Any, Literal
 
@@ -70,39 +69,6 @@ def oracle_cases() -> dict[str, dict[str, Any]]:
     return {case["name"]: case for case in cases}
 
 
-ORACLE_NAMES = [
-    *(f"grid_n{n}_q{q}_s{s}" for n in (2, 3, 8) for q in (1, 5, 10) for s in ("0.1", "1.0")),
-    *[
-        "rates_3_5",
-        "rates_3_10",
-        "outoforder_5",
-        "outoforder_10",
-        "unsorted_stamps_5",
-        "unsorted_stamps_10",
-        "dup_stamps_10",
-    ],
-    *[
-        "gap_1",
-        "gap_10",
-        "late_topic_1",
-        "late_topic_10",
-        "exact_equal_1",
-        "edge_slop_equal",
-        "edge_slop_3",
-        "edge_ties",
-        "zero_slop",
-    ],
-    *["drops_50", "seed_lidar", "seed_camera", "seed_fusion_eval", "slow_fast", "hand_spread", "hand_spread_second"],
-    *["hand_spread_deeper", "hand_tie_order_a", "hand_tie_order_b", "hand_tie_reinsert", "hand_full_old"],
-    *["hand_full_old_match", "hand_slop_edge", "hand_late_pair", "hand_one_per_add", "hand_old_left"],
-]
-
-
-def test_all_oracle_cases_are_judged() -> None:
-    assert sorted(ORACLE_NAMES) == sorted(oracle_cases())
-    assert len(ORACLE_NAMES) == 51
-
-
 def oracle_policy(variant: str, case: dict[str, Any], on_drop: Callable[[Any, str], None]) -> Policy[list[int]]:
     topic_count, queue_size, slop_ns = case["topics"], case["queue_size"], round(case["slop"] * 1e9)
     match variant:
@@ -115,20 +81,18 @@ def oracle_policy(variant: str, case: dict[str, Any], on_drop: Callable[[Any, st
 
 
 @pytest.mark.parametrize("variant", ["python", "default", "maxint"])
-@pytest.mark.parametrize("name", ORACLE_NAMES)
-def test_equals_genuine_message_filters(name: str, variant: str) -> None:
-    case = oracle_cases()[name]
-    expected = case["expected_python"] if variant == "python" else case["expected_cpp"][variant]
-    dropped: list[list[int]] = []
-    policy = oracle_policy(variant, case, lambda item, _reason: dropped.append(item))
-
-    found = []
-    for arrival, (topic, stamp_ns, message_id) in enumerate(case["arrivals"]):
-        found += [[arrival, list(messages)] for messages in policy.add(topic, stamp_ns, [stamp_ns, message_id])]
-    policy.close()
-
-    assert found == expected
-    assert len(dropped) + case["topics"] * len(found) == len(case["arrivals"])
+def test_equals_genuine_message_filters(variant: str) -> None:
+    assert len(oracle_cases()) == 51
+    for name, case in oracle_cases().items():
+        expected = case["expected_python"] if variant == "python" else case["expected_cpp"][variant]
+        dropped: list[list[int]] = []
+        policy = oracle_policy(variant, case, lambda item, _reason, dropped=dropped: dropped.append(item))  # type: ignore[misc]  # bound at once
+        found = []
+        for arrival, (topic, stamp_ns, message_id) in enumerate(case["arrivals"]):
+            found += [[arrival, list(messages)] for messages in policy.add(topic, stamp_ns, [stamp_ns, message_id])]
+        policy.close()
+        assert found == expected, name
+        assert len(dropped) + case["topics"] * len(found) == len(case["arrivals"]), name
 
 
 # --- every policy
@@ -287,49 +251,22 @@ def test_approximate_time_of_equal_stamps_the_last_topic_is_the_pivot() -> None:
 # --- approximate_time_python
 
 
-def product_search(newcomer_ns: int, candidates: Sequence[Sequence[int]], slop_ns: int) -> list[int] | None:
-    """What the genuine program does: try all combinations in order."""
-    for combination in itertools.product(*candidates):
-        if max([newcomer_ns, *combination]) - min([newcomer_ns, *combination]) < slop_ns:
-            return list(combination)
-    return None
+class Counted(list[int]):
+    """Stamps, and how many of them were looked at."""
 
+    looked_at = 0
 
-@settings(max_examples=500)
-@given(data=st.data(), slop_ns=st.integers(0, 12), topic_count=st.integers(0, 5))
-def test_first_combination_equals_product_search(data: st.DataObject, slop_ns: int, topic_count: int) -> None:
-    newcomer_ns = 100
-    near = st.lists(st.integers(newcomer_ns - slop_ns, newcomer_ns + slop_ns), max_size=5, unique=True)
-    lists = st.lists(near, min_size=topic_count, max_size=topic_count)
-    candidates = [sorted(stamps, key=lambda s: abs(s - newcomer_ns)) for stamps in data.draw(lists)]
-    assert first_combination(newcomer_ns, candidates, slop_ns) == product_search(newcomer_ns, candidates, slop_ns)
-
-
-def disagreeing_candidates() -> list[list[int]]:
-    """Seven topics of ten stamps; any two of the last two topics are further apart than the slop of 100."""
-    middle = [[1000 + sign * step for step in range(5) for sign in (1, -1)] for _ in range(5)]
-    return [*middle, [950 - step for step in range(10)], [1051 + step for step in range(10)]]
+    def __iter__(self) -> Iterator[int]:
+        Counted.looked_at += len(self)
+        return super().__iter__()
 
 
 def test_first_combination_does_not_try_ten_million() -> None:
-    candidates = disagreeing_candidates()
-    assert product_search(1000, [stamps[:2] for stamps in candidates], 100) is None
-    start = time.perf_counter()
-    for _ in range(100):
-        assert first_combination(1000, candidates, 100) is None
-    assert time.perf_counter() - start < 5  # a full search takes some seconds each; this one far below a millisecond
-
-
-def test_python_policy_does_not_hang_when_two_of_eight_topics_disagree() -> None:
-    arrivals = [
-        (topic, 100_000 * MS + frame * 5 * MS + {6: -52 * MS, 7: 52 * MS}.get(topic, topic))
-        for frame in range(10)
-        for topic in (0, 6, 7, 1, 2, 3, 4, 5)
-    ]
-    start = time.perf_counter()
-    policy = make_policy("approximate_time_python", 8, queue_size=10, slop_ns=50 * MS, drops=[])
-    run_policy(policy, arrivals)
-    assert time.perf_counter() - start < 5
+    """Seven topics of ten stamps; any two of the last two topics are further apart than the slop of 100."""
+    middle = [[1000 + sign * step for step in range(5) for sign in (1, -1)] for _ in range(5)]
+    last = [950 - step for step in range(10)], [1051 + step for step in range(10)]
+    assert first_combination(1000, [Counted(stamps) for stamps in (*middle, *last)], 100) is None
+    assert Counted.looked_at <= 4 * 70
 
 
 class NaivePython:

@@ -66,8 +66,8 @@ def check_shape(output: Array, expected: Sequence[int | None], what: str) -> Non
         wanted in (None, found) for wanted, found in zip(expected, output.shape, strict=True)
     )
     if not fits:
-        told = ", ".join("any" if wanted is None else str(wanted) for wanted in expected)
-        raise ModelError(f"expected {what} of shape ({told}), found {tuple(output.shape)}")
+        shape = ", ".join("any" if wanted is None else str(wanted) for wanted in expected)
+        raise ModelError(f"expected {what} of shape ({shape}), found {tuple(output.shape)}")
 
 
 def best_class(scores: F32) -> tuple[F32, I64]:

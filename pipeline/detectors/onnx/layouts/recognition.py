@@ -1,4 +1,4 @@
-"""Which layout a network has, told by its inputs, its outputs for blank images, and what its file says of itself."""
+"""Which layout a network has, by its inputs, its outputs for blank images, and what its file says of itself."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -91,9 +91,9 @@ def recognise(trial: Trial, wanted: NetworkLayout | None = None) -> Layout:
             return Layout(name, colors, "stretched", classes, DetrReader(classes, boxes_at, scores_at))
         case "dfine" if trial.takes_sizes and (found3 := _labels_boxes_scores(trial)):
             return Layout(name, "rgb_1", "stretched", None, DfineReader(*found3))
-    looks = ", ".join(f"{one} {shape}" for one, shape in zip(trial.names, shapes, strict=True))
+    outputs_found = ", ".join(f"{one} {shape}" for one, shape in zip(trial.names, shapes, strict=True))
     of_kind = f"outputs of the layout {wanted}" if wanted else f"outputs of a known layout: {KNOWN}"
-    raise ModelError(f"expected {of_kind}; found {looks} for {trial.size_px[1]} x {trial.size_px[0]} px")
+    raise ModelError(f"expected {of_kind}; found {outputs_found} for {trial.size_px[1]} x {trial.size_px[0]} px")
 
 
 def _look(trial: Trial) -> NetworkLayout | None:

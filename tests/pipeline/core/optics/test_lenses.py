@@ -8,7 +8,6 @@ from hypothesis.extra.numpy import arrays
 from lens_models import LENS_MODELS, lens
 
 from pipeline.core.arrays import F64
-from pipeline.core.camera import CameraModel
 from pipeline.core.optics.lenses import Lenses
 
 ALL = [lens(model, distortion) for model, distortion in LENS_MODELS.values()]
@@ -18,11 +17,6 @@ points = arrays(np.float64, (3, 3), elements=st.floats(-1, 1)).map(lambda p: p *
 def rows_of(lenses: Lenses, table: F64) -> F64:
     """The same points for every lens."""
     return np.broadcast_to(table, (len(lenses.K), *table.shape)).copy()
-
-
-def finite_differences(model: CameraModel, table: F64, *, step: float = 1e-6) -> F64:
-    sides = [(model.project(table + step * axis)[0], model.project(table - step * axis)[0]) for axis in np.eye(3)]
-    return np.stack([(above - below) / (2 * step) for above, below in sides], -1)
 
 
 @given(points)
@@ -35,23 +29,6 @@ def test_pixels_are_those_of_each_camera(table: F64) -> None:
         np.testing.assert_allclose(pixels[row][inside], expected[inside], rtol=1e-12, atol=1e-9)
 
 
-@given(points)
-def test_derivatives_are_the_slopes_of_the_projection(table: F64) -> None:
-    lenses = Lenses.of(ALL)
-    found = lenses.jacobians(rows_of(lenses, table))
-    for row, model in enumerate(ALL):
-        _, inside = model.project(table)
-        np.testing.assert_allclose(found[row][inside], finite_differences(model, table)[inside], rtol=1e-4, atol=1e-4)
-
-
-@pytest.mark.parametrize("away", [0.0, 1e-9, 5e-5, 2e-4, 1e-3])
-def test_derivatives_on_the_optical_axis(away: float) -> None:
-    model = lens(*LENS_MODELS["equidistant"])
-    table = np.array([[3 * away, -2 * away, 3.0]])
-    found = Lenses.of([model]).jacobians(table[None])[0]
-    np.testing.assert_allclose(found, finite_differences(model, table, step=1e-5), atol=1e-5)
-
-
 @pytest.mark.parametrize("point", [[0, 0, 0], [1, 1, 0], [0, 0, -3], [50, 1, 1e-3]])
 def test_points_behind_are_marked_and_finite(point: list[float]) -> None:
     lenses = Lenses.of(ALL)
@@ -59,7 +36,6 @@ def test_points_behind_are_marked_and_finite(point: list[float]) -> None:
     pixels, valid = lenses.project(table)
     assert not valid.any()
     assert np.isfinite(pixels).all()
-    assert np.isfinite(lenses.jacobians(table)).all()
 
 
 @pytest.mark.parametrize(("name", "bends"), [(name, name != "none") for name in LENS_MODELS])
@@ -72,7 +48,7 @@ def test_which_lenses_bend_lines(name: str, bends: bool) -> None:
 def test_no_cameras() -> None:
     lenses = Lenses.of([])
     pixels, valid = lenses.project(np.zeros((0, 8, 3)))
-    assert (pixels.shape, valid.shape, lenses.jacobians(np.zeros((0, 4, 3))).shape) == ((0, 8, 2), (0, 8), (0, 4, 2, 3))
+    assert (pixels.shape, valid.shape) == ((0, 8, 2), (0, 8))
     assert not lenses.bends
 
 

@@ -8,11 +8,10 @@ from lens_models import LENS_MODELS, lens
 from scipy.spatial.transform import Rotation
 
 from pipeline.core.arrays import F64, Bools, Indices
-from pipeline.core.camera import EDGE_SHARES, CameraModel
-from pipeline.core.geometry.box_edges import BOX_EDGES
+from pipeline.core.camera import CameraModel
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.optics.lenses import Lenses
-from pipeline.core.optics.outline_kernels import outermost_points, rectangles_of_cut_boxes
+from pipeline.core.optics.outline_kernels import outermost_points
 
 MODELS = [lens(*model) for model in LENS_MODELS.values()]
 LENSES = Lenses.of(MODELS)
@@ -82,12 +81,12 @@ def test_one_outline_for_all(shared: bool) -> None:
 
 @settings(max_examples=60)
 @given(st.integers(0, 2**31))
-def test_rectangles_of_cut_boxes_are_those_of_each_camera(seed: int) -> None:
+def test_rectangles_of_boxes_are_those_of_each_camera(seed: int) -> None:
     random = np.random.default_rng(seed)
     count = len(MODELS)
     centers, sizes = random.uniform([-4, -3, -3], [4, 3, 6], (count, 3)), random.uniform(0.3, 8, (count, 3))
     corners = box_corners(centers, sizes, random.uniform(-3, 3, count))
     image_sizes = np.array([[model.width_px, model.height_px] for model in MODELS], np.float64)
-    found = rectangles_of_cut_boxes(corners, BOX_EDGES, EDGE_SHARES, image_sizes, *LENSES.arrays)
+    found = LENSES.rectangles_of_boxes(corners, image_sizes)
     for model, corner, rectangle in zip(MODELS, corners, found, strict=True):
         np.testing.assert_allclose(rectangle, model.project_boxes(corner[None])[0], rtol=1e-6, atol=1e-4)

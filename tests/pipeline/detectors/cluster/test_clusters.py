@@ -1,18 +1,16 @@
-"""Points averaged by cells, and linked; judged by scipy, and by what array operations make of the same."""
-
-from dataclasses import fields
+"""Points averaged by cells, and linked; judged by scipy, and by distances of all pairs."""
 
 import numpy as np
 import pytest
-from cluster_judge import judged_cells, judged_clusters
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.cluster.hierarchy import fcluster, linkage
-from scipy.spatial.distance import pdist
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial.distance import cdist, pdist
 
 from pipeline.core.arrays import F64, I64
-from pipeline.detectors.cluster.clusters import Cells, cluster_points, thin_points
+from pipeline.detectors.cluster.clusters import LINK_CELL_SHARE, cluster_points, thin_points
 
 
 def line(*x: float) -> F64:
@@ -52,31 +50,20 @@ def test_clusters_are_those_of_single_linkage(points: I64) -> None:
     assert groups(labels) == groups(np.asarray(judged, np.int64))
 
 
-def some_cloud(seed: int) -> tuple[F64, F64, I64]:
-    """Up to 400 points, some of them several times, their link distances, and groups."""
+@pytest.mark.parametrize("seed", range(40))
+def test_cells_are_linked_up_to_the_smaller_of_their_distances(seed: int) -> None:
     rng = np.random.default_rng(seed)
     count = int(rng.integers(1, 400))
     points = rng.uniform(-1, 1, (count, 3)) * 10.0 ** rng.integers(-1, 4)
-    points = points[rng.integers(0, count, count)] if rng.random() < 0.5 else points
+    points = points[rng.integers(0, count, count)] if seed % 2 else points
     points += rng.choice([0.0, 1e3, 1e6])
     distance_m = 0.5 + rng.random() * np.abs(points[:, 0] - points[0, 0]) * rng.choice([0.0, 0.02, 1.0])
-    return points, np.asarray(distance_m), rng.integers(0, 4, count)
-
-
-def assert_same(one: Cells, other: Cells) -> None:
-    for field in fields(Cells):
-        np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name), err_msg=field.name)
-
-
-@pytest.mark.parametrize("seed", range(60))
-def test_same_as_by_array_operations(seed: int) -> None:
-    points, distance_m, group = some_cloud(seed)
-    assert_same(thin_points(points, distance_m, 0.2), judged_cells(points, distance_m, 0.2))
-    assert_same(thin_points(points, distance_m, 0.6, group), judged_cells(points, distance_m, 0.6, group))
-    count, labels = cluster_points(points, distance_m)
-    judged, others = judged_clusters(points, distance_m)
-    assert count == judged
-    np.testing.assert_array_equal(labels, others)
+    cells = thin_points(points, distance_m, LINK_CELL_SHARE)
+    near = cdist(cells.means, cells.means) <= np.minimum(cells.distance_m, cells.distance_m[:, None])
+    expected, of_cell = connected_components(near)
+    found, labels = cluster_points(points, distance_m)
+    assert found == expected
+    assert groups(labels) == groups(of_cell[cells.cell_of_point].astype(np.int64))
 
 
 @pytest.mark.parametrize("furthest_m", [1e9, 1e15, 1e30, 1e300])

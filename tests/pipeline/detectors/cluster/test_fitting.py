@@ -15,6 +15,7 @@ from pipeline.detectors.protocols import Candidates3D
 
 LIDAR = (0.0, 0.0, 1.8)
 CONFIG = Config()
+FITTER = BoxFitter(rig(LIDAR), CONFIG.classes, CONFIG.detect3d.cluster)
 CAR, PEDESTRIAN, BICYCLE, TRUCK = 0, 1, 2, 3
 CAR_BOX: Box = (12.0, 3.0, 0.75, 4.2, 1.75, 1.5, 0.3)
 WALKER: Box = (7.0, -3.0, 0.9, 0.5, 0.5, 1.8, 0.0)
@@ -37,7 +38,7 @@ def assert_same(one: Candidates3D, other: Candidates3D, rows: list[int] | slice 
 
 def test_boxes_are_those_of_the_detector_where_it_finds_the_class() -> None:
     cloud, rows, starts = scene(CAR_BOX, WALKER, RIDER)
-    fitted = BoxFitter(rig(LIDAR), CONFIG)(cloud, rows, starts, np.array([CAR, PEDESTRIAN, BICYCLE]))
+    fitted = FITTER(cloud, rows, starts, np.array([CAR, PEDESTRIAN, BICYCLE]))
     found = ClusterDetector(rig(LIDAR), CONFIG)(cloud)
     assert sorted(found.class_ids.tolist()) == [CAR, PEDESTRIAN, BICYCLE]
     order = [found.class_ids.tolist().index(class_id) for class_id in (CAR, PEDESTRIAN, BICYCLE)]
@@ -51,7 +52,7 @@ def test_box_is_completed_with_the_size_of_the_given_class() -> None:
     cloud, rows, starts = scene((12.0, 0.0, 0.75, 1.0, 1.8, 1.5, 0.0))  # the rear of something
     lengths_m = CONFIG.classes[CAR].size_m[0], CONFIG.classes[TRUCK].kinds_m[0][0]  # the rear is as low as a van's
     for class_id, length in zip((CAR, TRUCK), lengths_m, strict=True):
-        box = BoxFitter(rig(LIDAR), CONFIG)(cloud, rows, starts, np.array([class_id]))
+        box = FITTER(cloud, rows, starts, np.array([class_id]))
         assert box.class_ids.tolist() == [class_id]
         assert box.sizes[0, 0] == pytest.approx(length)
         assert box.centers[0, 0] - length / 2 == pytest.approx(11.5, abs=0.05)
@@ -60,30 +61,27 @@ def test_box_is_completed_with_the_size_of_the_given_class() -> None:
 def test_order_of_groups_and_points_does_not_matter() -> None:
     cloud, rows, starts = scene(CAR_BOX, WALKER, RIDER)
     classes = np.array([CAR, PEDESTRIAN, BICYCLE])
-    fitter = BoxFitter(rig(LIDAR), CONFIG)
-    straight = fitter(cloud, rows, starts, classes)
+    straight = FITTER(cloud, rows, starts, classes)
     rng = np.random.default_rng(5)
     groups = [rng.permutation(group) for group in np.split(rows, starts[1:])][::-1]
     turned = np.cumsum([0, *map(len, groups)])[:-1]
-    backward = fitter(cloud, np.concatenate(groups), turned, classes[::-1])
+    backward = FITTER(cloud, np.concatenate(groups), turned, classes[::-1])
     assert_same(straight, backward, [2, 1, 0])
 
 
 def test_a_row_may_be_in_several_groups() -> None:
     cloud, rows, _ = scene(CAR_BOX)
-    fitter = BoxFitter(rig(LIDAR), CONFIG)
-    twice = fitter(cloud, np.tile(rows, 2), np.array([0, len(rows)]), np.array([CAR, TRUCK]))
+    twice = FITTER(cloud, np.tile(rows, 2), np.array([0, len(rows)]), np.array([CAR, TRUCK]))
     for row, class_id in enumerate((CAR, TRUCK)):
-        once = fitter(cloud, rows, np.array([0]), np.array([class_id]))
+        once = FITTER(cloud, rows, np.array([0]), np.array([class_id]))
         assert_same(once, twice, [row])
 
 
 def test_single_points_and_no_groups() -> None:
     cloud, rows, _ = scene(CAR_BOX, WALKER)
-    fitter = BoxFitter(rig(LIDAR), CONFIG)
-    none = fitter(cloud, rows[:0], rows[:0], rows[:0])
+    none = FITTER(cloud, rows[:0], rows[:0], rows[:0])
     assert [len(column) for column in none] == [0] * len(Candidates3D._fields)
-    single = fitter(cloud, rows[:3], np.arange(3), np.array([CAR, PEDESTRIAN, TRUCK]))
+    single = FITTER(cloud, rows[:3], np.arange(3), np.array([CAR, PEDESTRIAN, TRUCK]))
     assert single.class_ids.tolist() == [CAR, PEDESTRIAN, TRUCK]
     assert single.point_counts.tolist() == [1, 1, 1]
     for column in single:
@@ -97,7 +95,7 @@ def test_boxes_stand_on_the_ground_and_say_when_they_were_measured() -> None:
     points = cloud.detection_cloud
     time_ns = (np.arange(len(points)) * 1000).astype(np.int32)
     cloud = replace(cloud, detection_cloud=replace(points, time_offset_ns=time_ns))
-    boxes = BoxFitter(rig(LIDAR), CONFIG)(cloud, rows, starts, np.array([CAR, PEDESTRIAN]))
+    boxes = FITTER(cloud, rows, starts, np.array([CAR, PEDESTRIAN]))
     assert boxes.centers[:, 2] - boxes.sizes[:, 2] / 2 == pytest.approx(0.1)
     means = [time_ns[: starts[1]].mean(), time_ns[starts[1] :].mean()]
     assert boxes.time_offsets_ns == pytest.approx(np.rint(means), abs=1)

@@ -16,7 +16,9 @@ CAR, PEDESTRIAN, BICYCLE = range(3)
 def fitted(box: Box, class_id: int, *, noise_m: float = 0.01) -> Candidates3D:
     cloud = combined(scan(LIDAR, [box], noise_m=noise_m))
     rows = np.arange(len(cloud.detection_cloud))
-    return BoxFitter(rig(LIDAR), Config())(cloud, rows, np.array([0]), np.array([class_id]))
+    return BoxFitter(rig(LIDAR), Config().classes, Config().detect3d.cluster)(
+        cloud, rows, np.array([0]), np.array([class_id])
+    )
 
 
 def stds(boxes: Candidates3D) -> F64:

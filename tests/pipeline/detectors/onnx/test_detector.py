@@ -1,5 +1,4 @@
 import logging
-import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -29,38 +28,6 @@ def raw_rows(seed: int = 0) -> Array:
     ).astype(np.float32)
 
 
-def decoded_by_loop(rows: Array) -> Array:
-    """Rows with centre and size in pixels of the network's input, cell by cell as the paper's code does."""
-    out, at = rows.astype(np.float64), 0
-    for stride in (8, 16, 32):
-        for row in range(SIZE_PX[0] // stride):
-            for column in range(SIZE_PX[1] // stride):
-                x, y, log_w, log_h = (float(v) for v in rows[at, :4])
-                out[at, :4] = (
-                    (x + column) * stride,
-                    (y + row) * stride,
-                    math.exp(log_w) * stride,
-                    math.exp(log_h) * stride,
-                )
-                at += 1
-    assert at == len(rows)
-    return out
-
-
-def candidates_by_loop(rows: Array, image_px: tuple[int, int]) -> tuple[Array, Array, Array]:
-    """xyxy, scores, labels of an image (height, width) by the plain definition."""
-    height, width = image_px
-    ratio = min(SIZE_PX[0] / height, SIZE_PX[1] / width)
-    scale_x, scale_y = max(int(width * ratio), 1) / width, max(int(height * ratio), 1) / height
-    xyxy, scores, labels = [], [], []
-    for cx, cy, w, h, objectness, *classes in decoded_by_loop(rows):
-        xyxy.append(((cx - w / 2) / scale_x, (cy - h / 2) / scale_y, (cx + w / 2) / scale_x, (cy + h / 2) / scale_y))
-        best = max(range(80), key=lambda c: classes[c])
-        scores.append(objectness * classes[best])
-        labels.append(best)
-    return np.array(xyxy), np.array(scores), np.array(labels)
-
-
 def image(height: int, width: int, rgb: tuple[int, int, int] = (0, 0, 0)) -> U8:
     return np.full((height, width, 3), rgb, np.uint8)
 
@@ -68,20 +35,6 @@ def image(height: int, width: int, rgb: tuple[int, int, int] = (0, 0, 0)) -> U8:
 def detector(path: Path, threads: int = 1) -> OnnxDetector2D:
     """A network that is given whole images in its own size, and of which every box is wanted."""
     return OnnxDetector2D(path, Detect2DConfig(threads=threads, input=SIZE_PX[::-1], min_score=0))
-
-
-@pytest.mark.parametrize("image_px", [(64, 96), (375, 1242), (480, 640), (600, 100), (10, 12), (1, 900)])
-@pytest.mark.parametrize("in_pixels", [False, True], ids=["raw", "decoded in the network"])
-def test_decodes_as_the_plain_definition_does(tmp_path: Path, image_px: tuple[int, int], in_pixels: bool) -> None:
-    rows = raw_rows()
-    expected = candidates_by_loop(rows, image_px)
-    bias = decoded_by_loop(rows).astype(np.float32) if in_pixels else rows
-    model = detector(write_yolox(tmp_path / "m.onnx", bias, size_px=SIZE_PX))
-    (found,) = model([image(*image_px)])
-    assert found.xyxy.dtype == found.scores.dtype == np.float32
-    np.testing.assert_allclose(found.xyxy, expected[0], rtol=1e-4, atol=1e-2)
-    np.testing.assert_allclose(found.scores, expected[1], rtol=1e-5)
-    np.testing.assert_array_equal(found.labels, expected[2])
 
 
 @pytest.mark.parametrize("channel", [0, 1, 2])

@@ -69,29 +69,6 @@ def test_outputs_that_are_no_numbers(tmp_path: Path, value: float) -> None:
     assert "found an output that is not finite" in said_of(tmp_path / "a.onnx")
 
 
-@pytest.mark.parametrize(
-    "location", ["../outside.bin", "link.bin", "inside.bin", "{absolute}", "./x/../../outside.bin"]
-)
-def test_weights_in_other_files(tmp_path: Path, location: str) -> None:
-    """Only beside the model; links do not lead out."""
-    folder = tmp_path / "model"
-    folder.mkdir()
-    weights = np.full((1, onnx_models.ROWS, 85), 0.25, np.float32)
-    weights.tofile(tmp_path / "outside.bin")
-    weights.tofile(folder / "inside.bin")
-    (folder / "link.bin").symlink_to("../outside.bin")
-    name = location.format(absolute=tmp_path / "outside.bin")
-    entries = {"location": name, "offset": "0", "length": str(weights.nbytes)}
-    stored = b"".join(_bytes(13, _bytes(1, k.encode()) + _bytes(2, v.encode())) for k, v in entries.items())
-    dims = b"".join(_varint_field(1, n) for n in weights.shape)
-    bias = dims + _varint_field(2, FLOAT) + _bytes(8, b"bias") + stored + _varint_field(14, 1)
-    onnx_models._network(folder / "a.onnx", [], bias=bias)
-    if location == "inside.bin":
-        load(folder / "a.onnx")
-    else:
-        assert "expected an ONNX file that onnxruntime can load" in said_of(folder / "a.onnx")
-
-
 @pytest.mark.parametrize("make", [onnx_models._cut, onnx_models._deep, onnx_models._custom, onnx_models._another_file])
 def test_damaged_files(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], make: Callable[[Path, Random], object]
