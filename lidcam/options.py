@@ -47,7 +47,7 @@ MAX_SECONDS = 1e9
 
 
 class AllowedDifference(StrEnum):
-    """What two results may differ in: the kinds of `pipeline.evaluation.comparison.records`, and frames."""
+    """What two results may differ in: the kinds of `pipeline.evaluation.comparison.objects`, and frames."""
 
     LOST = "lost"
     NEW = "new"
