@@ -29,7 +29,7 @@ TRACKING = "tracking."
 """How the names of figures begin that only results with track ids have."""
 
 MAX_FILE_BYTES = 1 << 20
-FEWEST_DIGITS, MOST_DIGITS = 4, 17
+MIN_DIGITS, MAX_DIGITS = 4, 17
 
 _FORM = re.compile(r"(?P<name>[^\s<>=!][^<>=!]*?)\s*(?P<sign>[<>=!]+)\s*(?P<limit>[^\s<>=!]+)")
 
@@ -182,5 +182,5 @@ def _told(found: float, limit: float) -> str:
     """A figure with as many digits as it takes to tell it from the limit."""
     if isinstance(found, int):
         return str(found)
-    texts = (f"{found:.{digits}g}" for digits in range(FEWEST_DIGITS, MOST_DIGITS + 1))
+    texts = (f"{found:.{digits}g}" for digits in range(MIN_DIGITS, MAX_DIGITS + 1))
     return next((text for text in texts if float(text) != limit), repr(found))
