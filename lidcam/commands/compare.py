@@ -25,8 +25,9 @@ from pipeline.core.errors import LidcamError
 from pipeline.core.settings.compare import CompareConfig
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.comparison.comparison import Comparison
-from pipeline.evaluation.comparison.frames import paired_frames
-from pipeline.evaluation.comparison.records import KINDS, Channel, FramePair, Kind
+from pipeline.evaluation.comparison.differences import Channel
+from pipeline.evaluation.comparison.frames import FramePair, paired_frames
+from pipeline.evaluation.comparison.objects import KINDS, Kind
 from readers.input_file import read_input_file
 from readers.results.result import Result, open_result
 from writers.foxglove.layout_file import layout_path

@@ -25,7 +25,6 @@ from lidcam.run import RunObserver, process_recording
 from lidcam.settings.choice import used_record
 from lidcam.summary import RunProgress
 from pipeline.core.frame import FrameResult
-from pipeline.core.memory import keep_freed_memory
 
 if TYPE_CHECKING:  # evaluation is imported where a run is evaluated
     from lidcam.evaluation.evaluation import Evaluation
@@ -77,7 +76,6 @@ def run_process(
         IncompleteError: part of the recording could not be used; the outputs stay.
         LidcamError: the input, the calibration, the settings or an output is at fault; no output is left behind.
     """
-    keep_freed_memory()
     out = console()
     others = (*job.inputs, *job.outputs, *job.read_files)
     with json_output(printed.json_file, is_printed=printed.as_json, inputs=others, overwrite=job.overwrite) as json:

@@ -34,7 +34,7 @@ def evaluators_of(config: Config, rig: Rig) -> tuple[Evaluator, ...]:
         FrameCounts(config),
         DetectionEvaluation(config, rig.counted_zones),
         TrackingEvaluation(config),
-        UnlabelledEvaluation(config, rig.counted_zones, rig.cameras),
+        UnlabelledEvaluation(config, rig.cameras),
         Mistakes(config),
     )
 

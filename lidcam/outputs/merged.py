@@ -7,7 +7,7 @@ from typing import Any
 
 from pipeline.core.errors import RecordingError
 from pipeline.evaluation.comparison.comparison import Comparison
-from pipeline.evaluation.comparison.records import FramePair
+from pipeline.evaluation.comparison.frames import FramePair
 from readers.open import open_recording
 from readers.recording import ReadOptions
 from readers.results.result import Result
@@ -86,7 +86,7 @@ def _scenes(comparison: Comparison, pairs: Iterator[FramePair], survey: SceneSur
             yield log_time_ns, empty_scene(stamp_ns)
             continue
         for objects in (drawn.first, drawn.second):
-            boxes = objects.found.boxes
+            boxes = objects.boxes
             survey.take(boxes, boxes.scores >= STRONG_SCORE, boxes.centers[:, :2])
         scene = compared_scene(drawn.first, drawn.second, drawn.changes, comparison.class_names, stamp_ns=stamp_ns)
         yield log_time_ns, scene

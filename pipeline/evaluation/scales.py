@@ -1,15 +1,17 @@
-"""Distances and ranges by which results are judged: as long as the objects are, or those of nuScenes."""
+"""Distances, ranges and turns by which results are judged: as long as the objects are, or those of nuScenes."""
 
 from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 
-from pipeline.core.arrays import F64, I64
+from pipeline.core.arrays import F64, I64, Bools
 from pipeline.core.settings.config import Config
 
 __all__ = [
     "NUSCENES_RANGES_M",
     "decimal",
+    "is_flip",
     "length_scales",
     "nuscenes_ranges_m",
     "range_edges_m",
@@ -35,6 +37,14 @@ NUSCENES_RANGES_M = {
 """The classes of nuScenes, and how far from the vehicle each is evaluated (its `detection_cvpr_2019`)."""
 
 DEFAULT_RANGES_M = (0.0, 10.0, 20.0, 40.0, 80.0)
+
+MAX_TURN_RAD = np.pi / 2 + 1e-6
+"""A right angle, which is no flip, and what single precision may add to it."""
+
+
+def is_flip(turns_rad: npt.NDArray[np.floating]) -> Bools:
+    """Whether turns (N,) between two headings, in [-pi, pi], are of more than 90 degrees to either side."""
+    return np.asarray(np.abs(turns_rad) > MAX_TURN_RAD)
 
 
 def length_scales(config: Config) -> F64:

@@ -14,7 +14,6 @@ from collections.abc import Callable
 from queue import SimpleQueue
 from typing import Any, NoReturn, cast
 
-from pipeline.core.memory import keep_freed_memory
 from pipeline.parallel.messages import Answer, Failure, Question, Ready, Setup, failure_of, gather_log
 from pipeline.parallel.transfer import receive, send
 
@@ -29,7 +28,6 @@ BUG = 70
 def serve(descriptor: int) -> NoReturn:
     """Work on frames until the socket with this descriptor is closed at its other end."""
     sys.setswitchinterval(SWITCH_S)
-    keep_freed_memory()
     connection = socket.socket(fileno=descriptor)
     inbox: SimpleQueue[object] = SimpleQueue()
     outbox: SimpleQueue[Ready | Answer] = SimpleQueue()

@@ -10,16 +10,25 @@ from pipeline.core.arrays import F64
 from pipeline.core.errors import RecordingError
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.evaluation.records import UNKNOWN, TruthBoxes2D, TruthBoxes3D
+from readers.natural_order import natural_key
 
 __all__ = [
+    "MAX_OFF_UNIT",
     "Labelled",
     "Labelled2D",
     "class_ids_of_labels",
+    "label_files",
     "read_label_text",
     "truth_boxes_2d",
     "truth_boxes_3d",
     "yaw_of",
 ]
+
+MAX_LABEL_BYTES = 256 << 20
+"""About ten thousand frames of thirty objects as OpenLABEL has them."""
+
+MAX_OFF_UNIT = 0.01
+"""How far from 1 the length of a quaternion may be."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +116,12 @@ def yaw_of(pose: F64) -> float:
     return yaw if yaw > -np.pi else float(np.pi)
 
 
-def read_label_text(path: Path, max_bytes: int) -> str:
+def label_files(folder: Path, ending: str) -> list[Path]:
+    """The files of a folder whose names end so, in the order of the numbers in their names."""
+    return sorted(folder.glob(f"*.{ending}"), key=lambda path: natural_key(path.name))
+
+
+def read_label_text(path: Path, max_bytes: int = MAX_LABEL_BYTES) -> str:
     """The text of a label file.
 
     Raises:

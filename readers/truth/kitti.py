@@ -22,12 +22,12 @@ from pipeline.core.errors import RecordingError
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.records import UNKNOWN, TruthBoxes2D, TruthBoxes3D
-from readers.natural_order import natural_key
 from readers.rig.importers.kitti import KittiCalibration, kitti_calibration
 from readers.truth.boxes import (
     Labelled,
     Labelled2D,
     class_ids_of_labels,
+    label_files,
     read_label_text,
     truth_boxes_2d,
     truth_boxes_3d,
@@ -42,9 +42,6 @@ NEUTRAL = frozenset({"Van", "Person_sitting"})
 
 LEFT_COLOUR_CAMERA = 2
 """The camera in whose images objects are labelled."""
-
-MAX_LABEL_BYTES = 64 << 20
-"""The tracking benchmark's largest file has 2 MB."""
 
 MAX_REPROJECTION_PX = 2.0
 """How far a camera of the rig may be from the labelled one: nobody calibrates worse for labels."""
@@ -219,7 +216,7 @@ class KittiTruth:
         self._level = config.evaluate.kitti_difficulty
         self._has_region = config.evaluate.region is not None
         self._class_ids = class_ids_of_labels(config.classes)
-        first = parse_kitti_labels(read_label_text(self._files[0], MAX_LABEL_BYTES), self._files[0])
+        first = parse_kitti_labels(read_label_text(self._files[0]), self._files[0])
         if first.is_tracking and len(self._files) > 1:
             raise RecordingError(
                 f"{path}: labels of the tracking benchmark, one file a sequence: name the file of the sequence"
@@ -287,7 +284,7 @@ class KittiTruth:
     def _read(self, file: Path, frame: int) -> Sequence[KittiLabel]:
         if self._tracked is not None:
             return self._tracked.get(frame, ())
-        found = parse_kitti_labels(read_label_text(file, MAX_LABEL_BYTES), file)
+        found = parse_kitti_labels(read_label_text(file), file)
         if found.is_tracking:
             raise RecordingError(f"{file}: expected labels as in {self._files[0].name}, found the tracking benchmark's")
         return found.labels
@@ -311,7 +308,7 @@ class KittiTruth:
 
 
 def _files_of(folder: Path) -> list[Path]:
-    files = sorted(folder.glob("*.txt"), key=lambda path: natural_key(path.name))
+    files = label_files(folder, "txt")
     if not files:
         raise RecordingError(f"{folder}: expected KITTI labels (000000.txt, ...), found none")
     return files
@@ -343,7 +340,7 @@ def _calibration(labels: Path) -> KittiCalibration:
             f"{labels}: KITTI's labels stand in the frame of a camera; expected its calibration {places[0]}, found no "
             "such file"
         )
-    found = kitti_calibration(read_label_text(place, MAX_LABEL_BYTES), place)
+    found = kitti_calibration(read_label_text(place), place)
     if found is None:
         raise RecordingError(f"{place}: expected a calibration of KITTI with R0_rect and Tr_velo_to_cam")
     return found

@@ -12,12 +12,12 @@ from pipeline.core.geometry.poses import interpolate_poses
 from pipeline.core.messages import RawMessage
 from pipeline.core.rig import TruthVehicle
 from pipeline.core.settings.config import Config
-from pipeline.evaluation.records import TruthBoxes2D, TruthBoxes3D
+from pipeline.evaluation.records import TruthBoxes3D
 from readers.messages.odometry import ODOMETRY, decode_odometry
 from readers.messages.tf import RecordedTransforms
 from readers.recording import Recording
 from readers.truth.boxes import Labelled, class_ids_of_labels, truth_boxes_3d
-from readers.truth.source import STEP_BACK_NS
+from readers.truth.source import STEP_BACK_NS, WithoutImages
 
 __all__ = ["LEAD_NS", "MAX_GAP_NS", "OdometryTruth"]
 
@@ -68,7 +68,7 @@ class _Track:
         return found
 
 
-class OdometryTruth:
+class OdometryTruth(WithoutImages):
     """The boxes of the vehicles whose odometry was recorded; see `TruthSource`.
 
     A moment is covered if the poses of all vehicles are known at it, interpolated between two messages.
@@ -145,11 +145,6 @@ class OdometryTruth:
             T_fixed_box[:3, 3] += pose[:3, :3] @ np.array(vehicle.offset_m)
             objects.append(Labelled(vehicle.label, T_fixed_box, vehicle.size_m, track_id=row))
         return truth_boxes_3d(stamp_ns, frame_id, objects, self._class_ids)
-
-    def in_image(self, camera: str, stamp_ns: int, *, frame: int) -> TruthBoxes2D | None:
-        """See `TruthSource`: odometry says nothing of images."""
-        del camera, stamp_ns, frame
-        return None
 
     def _joined(self, frame_id: str, other: str) -> F64:
         try:

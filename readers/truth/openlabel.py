@@ -12,18 +12,14 @@ from pipeline.core.arrays import F64
 from pipeline.core.errors import RecordingError
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
-from pipeline.evaluation.records import TruthBoxes2D, TruthBoxes3D
-from readers.natural_order import natural_key
-from readers.truth.boxes import Labelled, class_ids_of_labels, read_label_text, truth_boxes_3d
+from pipeline.evaluation.records import TruthBoxes3D
+from readers.truth.boxes import Labelled, class_ids_of_labels, label_files, read_label_text, truth_boxes_3d
 from readers.truth.moment import Moment
 from readers.truth.openlabel_text import Cuboid, OpenLabelFile, OpenLabelFrame, parse_openlabel
-from readers.truth.source import STEP_BACK_NS
+from readers.truth.source import STEP_BACK_NS, WithoutImages
 from readers.truth.timeline import Timeline
 
 __all__ = ["OpenLabelTruth", "is_openlabel"]
-
-MAX_FILE_BYTES = 256 << 20
-"""About ten thousand frames of thirty objects."""
 
 
 def is_openlabel(head: str) -> bool:
@@ -31,7 +27,7 @@ def is_openlabel(head: str) -> bool:
     return head.lstrip().startswith("{")
 
 
-class OpenLabelTruth:
+class OpenLabelTruth(WithoutImages):
     """The cuboids of OpenLABEL as a source of truth; see `TruthSource`.
 
     Args:
@@ -44,7 +40,7 @@ class OpenLabelTruth:
     """
 
     def __init__(self, path: Path, rig: Rig, config: Config) -> None:
-        self._files = sorted(path.glob("*.json"), key=lambda file: natural_key(file.name)) if path.is_dir() else [path]
+        self._files = label_files(path, "json") if path.is_dir() else [path]
         self._rig, self._class_ids = rig, class_ids_of_labels(config.classes)
         self._tracks: dict[str, int] = {}
         self._known: Mapping[str, F64] = _frames_of(rig)
@@ -83,16 +79,11 @@ class OpenLabelTruth:
         _, found, file = self._current
         return self._boxes(stamp_ns, found, file)
 
-    def in_image(self, camera: str, stamp_ns: int, *, frame: int) -> TruthBoxes2D | None:
-        """See `TruthSource`: boxes of images are not read."""
-        del camera, stamp_ns, frame
-        return None
-
     def _frames(self) -> Iterator[tuple[int, OpenLabelFrame, OpenLabelFile]]:
         """Number, frame and file; in a folder frames are counted, in a file they have numbers."""
         count = 0
         for path in self._files:
-            file = parse_openlabel(read_label_text(path, MAX_FILE_BYTES), path)
+            file = parse_openlabel(read_label_text(path), path)
             for frame in file.frames:
                 self._without += frame.without_cuboid
                 yield (frame.number if len(self._files) == 1 else count), frame, file

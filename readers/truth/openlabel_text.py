@@ -17,11 +17,9 @@ from pipeline.core.errors import RecordingError
 from pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy
 from pipeline.core.messages import time_fault
 from pipeline.evaluation.records import UNKNOWN
+from readers.truth.boxes import MAX_OFF_UNIT
 
 __all__ = ["Cuboid", "OpenLabelFile", "OpenLabelFrame", "parse_openlabel"]
-
-UNIT = 0.01
-"""How far from 1 the length of a quaternion may be."""
 
 _SECONDS = ((10**17, 1), (10**14, 10**3), (10**11, 10**6), (0, 10**9))
 """Numbers from which times are ns, us, ms and s: no recording is from before 1973."""
@@ -152,7 +150,7 @@ def _rotation(values: Sequence[float], where: str) -> F64:
     """A quaternion x, y, z, w, or angles about x, y and z, of which that about x is applied first."""
     if len(values) == 3:
         return matrix_of_rpy(values)
-    if not abs(math.hypot(*values) - 1) <= UNIT:
+    if not abs(math.hypot(*values) - 1) <= MAX_OFF_UNIT:
         raise _UnfitError(f"{where}: expected a quaternion of length 1, found {math.hypot(*values):g}")
     return matrix_of_quaternion(values)
 

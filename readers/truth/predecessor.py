@@ -16,10 +16,17 @@ from pipeline.core.errors import RecordingError
 from pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy
 from pipeline.core.rig import Rig, TruthVehicle
 from pipeline.core.settings.config import Config
-from pipeline.evaluation.records import TruthBoxes2D, TruthBoxes3D
+from pipeline.evaluation.records import TruthBoxes3D
 from readers.files.evaluation_folder import START_NS, STEP_NS
-from readers.natural_order import natural_key
-from readers.truth.boxes import Labelled, class_ids_of_labels, read_label_text, truth_boxes_3d
+from readers.truth.boxes import (
+    MAX_OFF_UNIT,
+    Labelled,
+    class_ids_of_labels,
+    label_files,
+    read_label_text,
+    truth_boxes_3d,
+)
+from readers.truth.source import WithoutImages
 
 __all__ = ["CAR", "PredecessorTruth", "parse_odometry_rows"]
 
@@ -29,14 +36,8 @@ CAR = TruthVehicle("", "car", (0.33, 0.22, 0.21))
 CAR_CENTER_Z_M = 0.112
 """Height of its centre where rows have none."""
 
-MAX_ODOMETRY_BYTES = 256 << 20
-"""A hundred times the system's 30,000 rows."""
 
-UNIT = 0.01
-"""How far from 1 the length of a quaternion may be."""
-
-
-class PredecessorTruth:
+class PredecessorTruth(WithoutImages):
     """The rows of the odometry as a source of truth; see `TruthSource`.
 
     Args:
@@ -49,10 +50,10 @@ class PredecessorTruth:
     """
 
     def __init__(self, path: Path, rig: Rig, config: Config) -> None:
-        files = sorted((path / "odom").glob("*.txt"), key=lambda file: natural_key(file.name))
+        files = label_files(path / "odom", "txt")
         if not files:
             raise RecordingError(f"{path / 'odom'}: expected the car's odometry (30000.txt), found no .txt file")
-        self._poses, self._sizes = parse_odometry_rows(read_label_text(files[-1], MAX_ODOMETRY_BYTES), files[-1])
+        self._poses, self._sizes = parse_odometry_rows(read_label_text(files[-1]), files[-1])
         self._rig, self._car = rig, next(iter(rig.truth.values()), CAR)
         self._class_ids = class_ids_of_labels(config.classes)
         self.description = f"the car's odometry in {files[-1]}"
@@ -82,11 +83,6 @@ class PredecessorTruth:
             size_m = length, width, height
         car = Labelled(self._car.label, pose, size_m, track_id=0)
         return truth_boxes_3d(stamp_ns, self._rig.site_frame, [car], self._class_ids)
-
-    def in_image(self, camera: str, stamp_ns: int, *, frame: int) -> TruthBoxes2D | None:
-        """See `TruthSource`: odometry says nothing of images."""
-        del camera, stamp_ns, frame
-        return None
 
     def _number(self, stamp_ns: int, frame: int) -> int:
         """The number of a frame: by its stamp, where the folder itself was processed, else by its place."""
@@ -151,4 +147,4 @@ def _table(text: str, path: Path) -> F64:
 
 
 def _are_quaternions(values: F64) -> bool:
-    return bool((np.abs(np.linalg.norm(values, axis=1) - 1) <= UNIT).all())
+    return bool((np.abs(np.linalg.norm(values, axis=1) - 1) <= MAX_OFF_UNIT).all())

@@ -6,7 +6,7 @@ from typing import Protocol, runtime_checkable
 from pipeline.evaluation.records import TruthBoxes2D, TruthBoxes3D
 from readers.truth.moment import STEP_BACK_NS, Moment
 
-__all__ = ["STEP_BACK_NS", "CountingSource", "TruthSource"]
+__all__ = ["STEP_BACK_NS", "CountingSource", "TruthSource", "WithoutImages"]
 
 
 class TruthSource(Protocol):
@@ -44,6 +44,15 @@ class TruthSource(Protocol):
             stamp_ns: Stamp of the image.
             frame: As for `at`.
         """
+
+
+class WithoutImages:
+    """Part of a source that says nothing of images; see `TruthSource`."""
+
+    def in_image(self, camera: str, stamp_ns: int, *, frame: int) -> TruthBoxes2D | None:
+        """See `TruthSource`: the objects of `at` are projected."""
+        del camera, stamp_ns, frame
+        return None
 
 
 @runtime_checkable

@@ -5,8 +5,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from evaluation_frames import source_boxes, truth_boxes
 
-from pipeline.core.detections import Boxes2D, Boxes3D
+from pipeline.core.arrays import F64
+from pipeline.core.detections import Boxes2D
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.rig import Zone
 from pipeline.core.settings.config import Config
@@ -23,60 +25,26 @@ def evaluated(frames: Iterable[EvaluationFrame], config: Config, zones: Sequence
 
 
 def boxes3d(
-    centers: npt.ArrayLike,
-    sizes: npt.ArrayLike,
-    yaws: npt.ArrayLike,
-    scores: npt.ArrayLike,
-    class_ids: npt.ArrayLike,
-    stamp_ns: int = 0,
+    centers: npt.ArrayLike, sizes: npt.ArrayLike, yaws: npt.ArrayLike, scores: npt.ArrayLike, class_ids: npt.ArrayLike
 ) -> SourceBoxes:
     """What a source found."""
-    n = np.size(yaws)
-    boxes = Boxes3D(
-        stamp_ns,
-        "site",
-        np.array(centers, np.float64).reshape(n, 3),
-        np.array(sizes, np.float64).reshape(n, 3),
-        wrap_angle(np.array(yaws, np.float64)),
-        np.array(scores, np.float32),
-        np.array(class_ids, np.int32),
-        np.zeros(n, np.int32),
-        np.zeros((n, 3, 3)),
-        np.zeros(n, np.uint8),
-        np.full(n, stamp_ns, np.int64),
+    return source_boxes(
+        _rows(centers, sizes, yaws), scores=np.ravel(scores).tolist(), class_ids=np.ravel(class_ids).tolist()
     )
-    return SourceBoxes(boxes, np.full(n, -1, np.int64))
 
 
 def truth3d(
-    centers: npt.ArrayLike,
-    sizes: npt.ArrayLike,
-    yaws: npt.ArrayLike,
-    class_ids: npt.ArrayLike,
-    *,
-    stamp_ns: int = 0,
-    labels: npt.ArrayLike | None = None,
-    lidar_points: npt.ArrayLike | None = None,
-    image_pixels: npt.ArrayLike | None = None,
-    is_ignored: npt.ArrayLike | None = None,
+    centers: npt.ArrayLike, sizes: npt.ArrayLike, yaws: npt.ArrayLike, class_ids: npt.ArrayLike, **columns: Any
 ) -> TruthBoxes3D:
-    """True objects."""
+    """True objects; `columns` are those of `truth_boxes`."""
+    labels = [f"label {class_id}" for class_id in np.ravel(class_ids)]
+    return truth_boxes(_rows(centers, sizes, yaws), **{"class_ids": np.ravel(class_ids), "labels": labels, **columns})
+
+
+def _rows(centers: npt.ArrayLike, sizes: npt.ArrayLike, yaws: npt.ArrayLike) -> F64:
     n = np.size(yaws)
-    return TruthBoxes3D(
-        stamp_ns,
-        "site",
-        np.array(centers, np.float64).reshape(n, 3),
-        np.array(sizes, np.float64).reshape(n, 3),
-        wrap_angle(np.array(yaws, np.float64)),
-        np.array(class_ids, np.int32),
-        np.array(
-            [f"label {class_id}" for class_id in np.asarray(class_ids)] if labels is None else labels, np.str_
-        ).reshape(n),
-        np.full(n, -1, np.int64),
-        np.array(np.full(n, UNKNOWN) if lidar_points is None else lidar_points, np.int32),
-        np.array(np.full(n, UNKNOWN) if image_pixels is None else image_pixels, np.int32),
-        np.array(np.zeros(n) if is_ignored is None else is_ignored, np.bool_),
-    )
+    places, extents = np.reshape(centers, (n, 3)), np.reshape(sizes, (n, 3))
+    return np.column_stack([places, extents, wrap_angle(np.array(yaws, np.float64).reshape(n))])
 
 
 def image(

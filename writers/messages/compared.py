@@ -5,8 +5,7 @@ from typing import Any
 
 from pipeline.core.detections import Boxes3D
 from pipeline.core.geometry.boxes import UNIT_CORNERS
-from pipeline.evaluation.comparison.objects import SourceObjects
-from pipeline.evaluation.comparison.records import PAIR_KINDS, Changes
+from pipeline.evaluation.comparison.objects import PAIR_KINDS, Changes, Objects
 from writers.messages.parts import box_poses
 from writers.messages.scene import label_places
 from writers.messages.scene_parts import entities, labels, opaque, outlines, whole_scene
@@ -18,7 +17,7 @@ _BOLD_PX, _FINE_PX = 3.0, 1.0
 
 
 def compared_scene(
-    first: SourceObjects, second: SourceObjects, changes: Changes, class_names: Sequence[str], *, stamp_ns: int
+    first: Objects[Boxes3D], second: Objects[Boxes3D], changes: Changes, class_names: Sequence[str], *, stamp_ns: int
 ) -> Any:
     """The objects of a source in one frame of two results, in the colours of what became of them.
 
@@ -27,7 +26,7 @@ def compared_scene(
     """
     scene = _Scene(class_names, stamp_ns)
     changed = changes.is_changed.any(1)
-    a, b = first.found.boxes, second.found.boxes
+    a, b = first.boxes, second.boxes
     return whole_scene(
         stamp_ns,
         scene.boxes("equal", b, second.classes, changes.second[~changed], EQUAL, _FINE_PX),

@@ -1,19 +1,60 @@
 """Two results, object by object and frame by frame."""
 
-from collections.abc import Collection, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Generic, TypeVar
 
+import numpy as np
+
+from pipeline.core.detections import Boxes2D, Boxes3D
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.compare import CompareConfig
-from pipeline.evaluation.comparison.channel import ChannelComparison, Compared, is_of_source
-from pipeline.evaluation.comparison.listing import Listing
-from pipeline.evaluation.comparison.objects import KnownClasses, SourceObjects
-from pipeline.evaluation.comparison.records import Channel, FramePair, Kind
+from pipeline.evaluation.comparison.differences import Channel, Difference, Episodes, Listing
+from pipeline.evaluation.comparison.frames import ComparedFrame, FramePair
+from pipeline.evaluation.comparison.objects import (
+    PAIR_KINDS,
+    Boxes,
+    Changes,
+    Kind,
+    KnownClasses,
+    Objects,
+    Tracks,
+    image_changes,
+    image_objects,
+    source_changes,
+    source_objects,
+)
+from pipeline.evaluation.comparison.tally import Tally
+from pipeline.evaluation.records import SourceBoxes
 
-__all__ = ["Comparison"]
+__all__ = ["Compared", "Comparison"]
 
 MAX_LISTED = 1000
 """Differences that are kept, the earliest ones; all are counted."""
+
+UNITS_3D: dict[Kind, str] = {"moved": "m", "turned": "deg", "resized": "m", "rescored": ""}
+UNITS_2D: dict[Kind, str] = {"moved": "px", "rescored": ""}
+
+NO_ROWS = np.zeros(0, np.intp)
+Known = tuple[KnownClasses, KnownClasses]
+
+Found = TypeVar("Found", SourceBoxes, Boxes2D)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Compared(Generic[Boxes]):
+    """A source or camera in one frame of both results.
+
+    Attributes:
+        first: Objects of A.
+        second: Objects of B.
+        changes: What differs.
+    """
+
+    first: Objects[Boxes]
+    second: Objects[Boxes]
+    changes: Changes
 
 
 class Comparison:
@@ -38,13 +79,26 @@ class Comparison:
         names = tuple(dict.fromkeys(prior.name for prior in (*first, *second)))
         known = KnownClasses.of(first, names), KnownClasses.of(second, names)
         self.class_names = names
-        self._channels = {one: ChannelComparison(one, known, names, config, allowed) for one in channels}
+        self._sources = {
+            name: _Channel(
+                ("sources", name), partial(_compared_3d, name, known, config, Tracks()), Tally(names, allowed, UNITS_3D)
+            )
+            for kind, name in channels
+            if kind == "sources"
+        }
+        self._images = {
+            name: _Channel(
+                ("images", name), partial(_compared_2d, name, known, config), Tally(names, allowed, UNITS_2D)
+            )
+            for kind, name in channels
+            if kind == "images"
+        }
         self._listing = Listing(MAX_LISTED)
         self._frames = {"frames": 0, "frames_different": 0, "frames_only_in_a": 0, "frames_only_in_b": 0}
         self._start_ns: int | None = None
         self._pairs = 0
 
-    def add(self, pair: FramePair) -> Mapping[str, Compared[SourceObjects]]:
+    def add(self, pair: FramePair) -> Mapping[str, Compared[Boxes3D]]:
         """Take in two frames.
 
         Returns:
@@ -52,29 +106,32 @@ class Comparison:
         """
         if self._start_ns is None:
             self._start_ns = min(frame.stamp_ns for frame in (pair.first, pair.second) if frame is not None)
-        found: dict[str, Compared[SourceObjects]] = {}
-        is_any = False
+        found: dict[str, Compared[Boxes3D]] = {}
         if pair.first is None or pair.second is None:
             self._frames["frames_only_in_a" if pair.second is None else "frames_only_in_b"] += 1
             self.close()
         else:
+            number, listing = self._pairs, self._listing
+            of_sources = {
+                name: one.add(pair.first, pair.second, listing, number, row, is_next=pair.is_next)
+                for row, (name, one) in enumerate(self._sources.items())
+            }
+            of_images = [
+                one.add(pair.first, pair.second, listing, number, row, is_next=pair.is_next)
+                for row, one in enumerate(self._images.values(), len(self._sources))
+            ]
+            found = {name: compared for name, compared in of_sources.items() if compared is not None}
             self._frames["frames"] += 1
-            for row, (channel, comparison) in enumerate(self._channels.items()):
-                compared = comparison.add(pair.first, pair.second)
-                if compared is not None:
-                    is_any |= compared.changes.are_any
-                    if is_of_source(compared):
-                        found[channel[1]] = compared
-                told = comparison.tell(compared, pair.first, pair.second, pair=self._pairs, is_next=pair.is_next)
-                self._listing.take(told, row)
-            self._frames["frames_different"] += is_any
+            self._frames["frames_different"] += any(
+                one is not None and one.changes.are_any for one in (*of_sources.values(), *of_images)
+            )
         self._pairs += 1
         return found
 
     def close(self) -> None:
         """Take in that no frame follows, or none that can be compared with those before."""
-        for row, comparison in enumerate(self._channels.values()):
-            self._listing.take(comparison.interrupt(), row)
+        for row, channel in enumerate(self._channels()):
+            channel.close(self._listing, row)
 
     def not_allowed_percent(self, *, frames_may_differ: bool) -> dict[str, float]:
         """Share of the objects that differ in what is not allowed to, by source or camera.
@@ -82,13 +139,96 @@ class Comparison:
         Args:
             frames_may_differ: Otherwise `frames` has the share of the frames that one result alone has.
         """
-        found = {name: comparison.tally.not_allowed_percent for (_, name), comparison in self._channels.items()}
+        found = {one.channel[1]: one.tally.not_allowed_percent for one in self._channels()}
         alone = 0 if frames_may_differ else self._frames["frames_only_in_a"] + self._frames["frames_only_in_b"]
         return {"frames": 100 * alone / max(alone + self._frames["frames"], 1)} | found
 
     def figures(self) -> dict[str, Any]:
         """Figures by source and camera and class; the differences, and the largest of each kind."""
-        tree: dict[str, Any] = {**self._frames, "sources": {}, "images": {}}
-        for (kind, name), comparison in self._channels.items():
-            tree[kind][name] = comparison.tally.figures()
-        return tree | {"differences": self._listing.figures(self._start_ns or 0)}
+        return {
+            **self._frames,
+            "sources": {name: one.tally.figures() for name, one in self._sources.items()},
+            "images": {name: one.tally.figures() for name, one in self._images.items()},
+            "differences": self._listing.figures(self._start_ns or 0),
+        }
+
+    def _channels(self) -> "list[_Channel[Boxes3D] | _Channel[Boxes2D]]":
+        return [*self._sources.values(), *self._images.values()]
+
+
+class _Channel(Generic[Boxes]):
+    """One source or camera, frame by frame; `compare` gives None for frames that have no message of it."""
+
+    def __init__(
+        self,
+        channel: Channel,
+        compare: Callable[[ComparedFrame, ComparedFrame], Compared[Boxes] | None],
+        tally: Tally,
+    ) -> None:
+        self.channel, self.tally, self._episodes = channel, tally, Episodes(channel)
+        self._compare: Callable[[ComparedFrame, ComparedFrame], Compared[Boxes] | None] = compare
+
+    def add(
+        self, first: ComparedFrame, second: ComparedFrame, listing: Listing, pair: int, row: int, *, is_next: bool
+    ) -> Compared[Boxes] | None:
+        compared = self._compare(first, second)
+        differences: list[Difference] = []
+        if compared is not None:
+            self.tally.add(compared.changes, compared.first.classes, compared.second.classes)
+            differences += self._differences(compared, first, second, pair)
+        listing.take(self._episodes.add(differences, is_next=is_next), row)
+        return compared
+
+    def close(self, listing: Listing, row: int) -> None:
+        listing.take(self._episodes.add((), is_next=False), row)
+
+    def _differences(
+        self, compared: Compared[Boxes], first: ComparedFrame, second: ComparedFrame, pair: int
+    ) -> Iterator[Difference]:
+        """The objects that differ: those that both have, those of A alone, those of B alone."""
+        changes, a, b = compared.changes, compared.first, compared.second
+        found: list[tuple[ComparedFrame, Objects[Boxes], int, int, int, dict[Kind, float]]] = []
+        for row in np.flatnonzero(changes.is_changed.any(1)).tolist():
+            i, j = int(changes.first[row]), int(changes.second[row])
+            measured = zip(PAIR_KINDS, changes.amounts[row].tolist(), changes.is_changed[row].tolist(), strict=True)
+            amounts = {kind: amount for kind, amount, is_changed in measured if is_changed}
+            found.append((second, b, j, int(a.classes[i]), int(b.classes[j]), amounts))
+        for row in changes.lost.tolist():
+            found.append(
+                (first, a, row, int(a.classes[row]), int(a.classes[row]), {"lost": float(a.boxes.scores[row])})
+            )
+        for row in changes.new.tolist():
+            found.append(
+                (second, b, row, int(b.classes[row]), int(b.classes[row]), {"new": float(b.boxes.scores[row])})
+            )
+        for number, (frame, objects, row, old, new, amounts) in enumerate(found):
+            place, reach = tuple(objects.places[row].tolist()), float(objects.reaches[row])
+            names = self.tally.class_names[old], self.tally.class_names[new]
+            yield Difference(pair, number, frame.index, frame.stamp_ns, place, reach, *names, amounts)
+
+
+def _compared_3d(
+    name: str, known: Known, config: CompareConfig, tracks: Tracks, first: ComparedFrame, second: ComparedFrame
+) -> Compared[Boxes3D] | None:
+    both = _both(first.sources.get(name), second.sources.get(name))
+    if both is None:
+        return None
+    a, b = source_objects(both[0], known[0]), source_objects(both[1], known[1])
+    return Compared(a, b, source_changes(a, b, config, tracks))
+
+
+def _compared_2d(
+    name: str, known: Known, config: CompareConfig, first: ComparedFrame, second: ComparedFrame
+) -> Compared[Boxes2D] | None:
+    both = _both(first.cameras.get(name), second.cameras.get(name))
+    if both is None:
+        return None
+    a, b = image_objects(both[0], known[0]), image_objects(both[1], known[1])
+    return Compared(a, b, image_changes(a, b, config))
+
+
+def _both(first: Found | None, second: Found | None) -> tuple[Found, Found] | None:
+    """What both frames say; what only one has, is empty in the other. None if neither says anything."""
+    if first is None:
+        return None if second is None else (second.select(NO_ROWS), second)
+    return first, first.select(NO_ROWS) if second is None else second

@@ -1,10 +1,57 @@
 """Which frames of two results show the same moment."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Protocol
 
-from pipeline.evaluation.comparison.records import ComparedFrame, FramePair
+from pipeline.core.detections import Boxes2D
+from pipeline.evaluation.records import SourceBoxes
 
-__all__ = ["paired_frames"]
+__all__ = ["ComparedFrame", "FramePair", "paired_frames"]
+
+
+class ComparedFrame(Protocol):
+    """One frame of a result: `readers.results.result.ResultFrame`."""
+
+    @property
+    def index(self) -> int:
+        """Its number, from 0."""
+        ...
+
+    @property
+    def stamp_ns(self) -> int:
+        """Its time."""
+        ...
+
+    @property
+    def log_time_ns(self) -> int:
+        """Log time of its messages."""
+        ...
+
+    @property
+    def sources(self) -> Mapping[str, SourceBoxes]:
+        """3D boxes by source."""
+        ...
+
+    @property
+    def cameras(self) -> Mapping[str, Boxes2D]:
+        """2D boxes by camera."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FramePair:
+    """The frames of two results at one time; one of them is None where the other result alone has a frame.
+
+    Attributes:
+        first: Of A.
+        second: Of B.
+        is_next: Whether it follows the pair before it in time; not after a jump back of the recording's time.
+    """
+
+    first: ComparedFrame | None
+    second: ComparedFrame | None
+    is_next: bool = True
 
 
 def paired_frames(

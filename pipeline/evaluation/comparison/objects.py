@@ -1,20 +1,56 @@
-"""The objects of one channel in one frame, of a result that may know other classes than the one beside it."""
+"""The objects of a source or camera in one frame of two results: which are the same, and how those differ."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Generic, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Array, Indices
-from pipeline.core.detections import Boxes2D
+from pipeline.core.arrays import F64, I64, Array, Bools, Indices, check_array
+from pipeline.core.detections import Boxes2D, Boxes3D
+from pipeline.core.geometry.boxes import iou_xyxy, wrap_angle
 from pipeline.core.settings.classes import ClassPrior
-from pipeline.evaluation.records import SourceBoxes
+from pipeline.core.settings.compare import CompareConfig
+from pipeline.evaluation.assignment import assign_heaviest
+from pipeline.evaluation.records import UNKNOWN, SourceBoxes
 
-__all__ = ["ImageObjects", "KnownClasses", "SourceObjects"]
+__all__ = [
+    "KINDS",
+    "PAIR_KINDS",
+    "Boxes",
+    "Changes",
+    "Kind",
+    "KnownClasses",
+    "Objects",
+    "Tracks",
+    "image_changes",
+    "image_objects",
+    "pairs_of_least_cost",
+    "source_changes",
+    "source_objects",
+]
+
+Kind = Literal["lost", "new", "moved", "turned", "resized", "relabelled", "rescored", "reidentified"]
+"""How an object of the second result B differs from that of the first one A.
+
+`lost` is in A alone, `new` in B alone; `reidentified`: its track goes on under the id of another one.
+"""
+
+KINDS: tuple[Kind, ...] = ("lost", "new", "moved", "turned", "resized", "relabelled", "rescored", "reidentified")
+PAIR_KINDS: tuple[Kind, ...] = KINDS[2:]
+"""Those of an object that both results have."""
+
+CLASS_COST, LOOKS_COST, ID_GAIN = 0.1, 0.01, 0.1
+"""What another class, and the most different heading, size and score cost, and what the same id gains, as shares of the
+gate: of objects in one place, those that look alike belong together."""
+
+ROUNDING, ROUNDING_PX = 1e-6, 1e-3
+"""Added to what counts as equal: scores and pixels are of single precision, where 0.2 - 0.1 is more than 0.1."""
+
+Boxes = TypeVar("Boxes", Boxes3D, Boxes2D)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class KnownClasses:
+class KnownClasses(NamedTuple):
     """The classes of one result in terms of both.
 
     Attributes:
@@ -33,73 +69,166 @@ class KnownClasses:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SourceObjects:
-    """Objects of one source.
+class Objects(Generic[Boxes]):
+    """Objects of one source, or 2D boxes of one camera.
 
     Attributes:
-        found: The objects.
-        known: The classes of their result.
+        boxes: What was found.
+        track_ids: (N,) ids, or `UNKNOWN`.
+        classes: (N,) rows of the names of both results.
+        places: (N, 3) centres in metres, or (N, 2) in pixels.
+        reaches: (N,) how far each can come from one frame to the next: the length of its class, or of its longer side.
     """
 
-    found: SourceBoxes
-    known: KnownClasses
+    boxes: Boxes
+    track_ids: I64
+    classes: Indices
+    places: F64
+    reaches: F64
 
-    @property
-    def classes(self) -> Indices:
-        """(N,) rows of the names of both results."""
-        return self.known.rows[self.found.boxes.class_ids]
 
-    @property
-    def lengths_m(self) -> F64:
-        """(N,) typical lengths of their classes."""
-        return self.known.lengths_m[self.found.boxes.class_ids]
+def source_objects(found: SourceBoxes, known: KnownClasses) -> Objects[Boxes3D]:
+    """Objects of one source; `known` are the classes of their result."""
+    boxes = found.boxes
+    classes, lengths_m = known.rows[boxes.class_ids], known.lengths_m[boxes.class_ids]
+    return Objects(boxes, found.track_ids, classes, boxes.centers, lengths_m)
 
-    @property
-    def places(self) -> F64:
-        """(N, 3) centres, metres."""
-        return self.found.boxes.centers
 
-    @property
-    def reaches(self) -> F64:
-        """(N,) how far each can come from one frame to the next, metres."""
-        return self.lengths_m
-
-    @property
-    def scores(self) -> Array:
-        """(N,) in [0, 1]."""
-        return self.found.boxes.scores
+def image_objects(found: Boxes2D, known: KnownClasses) -> Objects[Boxes2D]:
+    """2D boxes of one camera; `known` are the classes of their result."""
+    low, high = np.split(found.xyxy.astype(np.float64), 2, axis=1)
+    ids = np.full(len(found), UNKNOWN, np.int64)
+    return Objects(found, ids, known.rows[found.class_ids], (low + high) / 2, (high - low).max(1, initial=0.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ImageObjects:
-    """2D boxes of one camera.
+class Changes:
+    """The objects of one channel in one frame of both results.
 
     Attributes:
-        found: The boxes.
-        known: The classes of their result.
+        first: (M,) row in A of each object that both have.
+        second: (M,) its row in B.
+        lost: Rows in A of the objects that only A has.
+        new: Rows in B of the objects that only B has.
+        amounts: (M, 6) how far each object differs, by `PAIR_KINDS`: metres (pixels of a 2D box), degrees, metres, 1
+            for another class, score, 1 for the id of another track.
+        is_changed: (M, 6) whether that is more than what counts as equal.
     """
 
-    found: Boxes2D
-    known: KnownClasses
+    first: Indices
+    second: Indices
+    lost: Indices
+    new: Indices
+    amounts: F64
+    is_changed: Bools
+
+    def __post_init__(self) -> None:
+        shape = len(self.first), len(PAIR_KINDS)
+        check_array("second", self.second, shape[:1], np.intp)
+        check_array("amounts", self.amounts, shape, np.float64)
+        check_array("is_changed", self.is_changed, shape, np.bool_)
 
     @property
-    def classes(self) -> Indices:
-        """(N,) rows of the names of both results."""
-        return self.known.rows[self.found.class_ids]
+    def are_any(self) -> bool:
+        """Whether anything differs."""
+        return bool(len(self.lost) or len(self.new) or self.is_changed.any())
 
-    @property
-    def places(self) -> F64:
-        """(N, 2) centres, pixels."""
-        xyxy = self.found.xyxy.astype(np.float64)
-        return (xyxy[:, :2] + xyxy[:, 2:]) / 2
 
-    @property
-    def reaches(self) -> F64:
-        """(N,) how far each can come from one frame to the next: as far as it is large, pixels."""
-        xyxy = self.found.xyxy.astype(np.float64)
-        return np.asarray((xyxy[:, 2:] - xyxy[:, :2]).max(1, initial=0.0))
+class Tracks:
+    """Which track of A is which of B: ids are names, and two results may name the same object differently."""
 
-    @property
-    def scores(self) -> Array:
-        """(N,) in [0, 1]."""
-        return self.found.scores
+    def __init__(self) -> None:
+        self._of_first: dict[int, int] = {}
+        self._of_second: dict[int, int] = {}
+
+    def are_broken(self, first: I64, second: I64) -> Bools:
+        """(M,) whether an object of A and B goes on under an id that was another object's before; takes in the pairs.
+
+        Args:
+            first: (M,) ids in A of the objects that both have; `UNKNOWN` where it has none.
+            second: (M,) their ids in B.
+        """
+        pairs = list(zip(first.tolist(), second.tolist(), strict=True))
+        broken = [
+            UNKNOWN not in (a, b) and (self._of_first.get(a, b) != b or self._of_second.get(b, a) != a)
+            for a, b in pairs
+        ]
+        for a, b in pairs:
+            if UNKNOWN not in (a, b):
+                self._of_first[a], self._of_second[b] = b, a
+        return np.array(broken, np.bool_)
+
+
+def pairs_of_least_cost(costs: F64) -> tuple[Indices, Indices]:
+    """Rows and columns of the assignment with the smallest sum of costs (N, M), where whoever stays alone costs 1/2.
+
+    A pair that costs 1 is no better than none. The rows rise.
+    """
+    rows, columns = np.nonzero(costs < 1)
+    chosen = assign_heaviest(rows, columns, 1 - costs[rows, columns])
+    return rows[chosen], columns[chosen]
+
+
+def source_changes(first: Objects[Boxes3D], second: Objects[Boxes3D], config: CompareConfig, tracks: Tracks) -> Changes:
+    """How the objects of one source differ; `tracks` are those of the source, up to this frame.
+
+    They are paired so that the sum of the distances, as shares of the gate, is smallest; who stays alone counts like
+    half a gate, so that nobody has to move far to make room. Where an object is counts more than its id, because ids
+    are given anew in each run: equal ones bring two objects nearer by a tenth of the gate.
+    """
+    a, b = first.boxes, second.boxes
+    gates_m = config.gate * np.maximum(first.reaches[:, None], second.reaches)
+    distances = np.linalg.norm(a.centers[:, None] - b.centers, axis=-1) / gates_m
+    sizes = a.sizes[:, None]
+    resized = np.abs(sizes - b.sizes).max(-1) / np.maximum(np.maximum(sizes, b.sizes).max(-1), 1e-9)
+    turned = np.abs(wrap_angle(a.yaws[:, None] - b.yaws)) / np.pi
+    looks = (turned + resized + _apart(a.scores[:, None], b.scores)) / 3
+    ids = first.track_ids[:, None]
+    same_id = (ids == second.track_ids) & (ids != UNKNOWN)
+    costs = distances + LOOKS_COST * looks - ID_GAIN * same_id
+    i, j = _paired(first, second, costs)
+    measured = [
+        (np.linalg.norm(a.centers[i] - b.centers[j], axis=1), config.position_m),
+        (np.degrees(np.abs(wrap_angle(a.yaws[i] - b.yaws[j]))), config.yaw_deg),
+        (_apart(a.sizes[i], b.sizes[j]).max(1, initial=0.0), config.size_m),
+        (first.classes[i] != second.classes[j], 0.0),
+        (_apart(a.scores[i], b.scores[j]), config.score),
+        (tracks.are_broken(first.track_ids[i], second.track_ids[j]), 0.0),
+    ]
+    return _changes(i, j, len(a), len(b), measured)
+
+
+def image_changes(first: Objects[Boxes2D], second: Objects[Boxes2D], config: CompareConfig) -> Changes:
+    """How the 2D boxes of one image differ; they have neither heading nor size of their own, nor tracks.
+
+    They are paired as objects are, with what their IoU lacks to 1 for a distance.
+    """
+    a, b = first.boxes, second.boxes
+    is_equal = (a.xyxy[:, None] == b.xyxy).all(-1)  # also without an area
+    lack = np.where(is_equal, 0.0, 1 - iou_xyxy(a.xyxy, b.xyxy)) / max(1 - config.min_iou, 1e-9)
+    i, j = _paired(first, second, lack + LOOKS_COST * _apart(a.scores[:, None], b.scores))
+    nothing = np.zeros(len(i)), 0.0
+    measured = [
+        (_apart(a.xyxy[i], b.xyxy[j]).max(1, initial=0.0), config.pixels + ROUNDING_PX),
+        nothing,
+        nothing,
+        (first.classes[i] != second.classes[j], 0.0),
+        (_apart(a.scores[i], b.scores[j]), config.score),
+        nothing,
+    ]
+    return _changes(i, j, len(a), len(b), measured)
+
+
+def _paired(first: Objects[Boxes], second: Objects[Boxes], costs: F64) -> tuple[Indices, Indices]:
+    return pairs_of_least_cost(costs + CLASS_COST * (first.classes[:, None] != second.classes))
+
+
+def _apart(first: Array, second: Array) -> F64:
+    return np.abs(first.astype(np.float64) - second.astype(np.float64))
+
+
+def _changes(first: Indices, second: Indices, n: int, m: int, measured: list[tuple[Array, float]]) -> Changes:
+    amounts = np.column_stack([amount for amount, _ in measured]).astype(np.float64)
+    largest = np.array([allowed for _, allowed in measured])
+    lost, new = np.setdiff1d(np.arange(n), first), np.setdiff1d(np.arange(m), second)
+    return Changes(first, second, lost, new, amounts, amounts > largest + ROUNDING)

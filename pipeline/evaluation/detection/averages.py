@@ -5,12 +5,20 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from pipeline.core.arrays import F64
-from pipeline.evaluation.detection.by_distance import interpolated_ap, mean_errors, points_of
 from pipeline.evaluation.detection.criteria import DISTANCES_M, Criteria
-from pipeline.evaluation.detection.curves import R11, R40, Recalls, average_precision, curve_of, last_of_equals
+from pipeline.evaluation.detection.curves import (
+    R11,
+    R40,
+    Recalls,
+    average_precision,
+    curve_of,
+    interpolated_ap,
+    last_of_equals,
+    mean_errors,
+    points_of,
+)
 from pipeline.evaluation.detection.errors import Column, bird_eye_m
-from pipeline.evaluation.detection.selection import Scored
-from pipeline.evaluation.detection.tables import FoundTable, TruthTable
+from pipeline.evaluation.detection.tables import FoundTable, Scored, TruthTable
 from pipeline.evaluation.scales import NUSCENES_RANGES_M, decimal
 
 __all__ = [

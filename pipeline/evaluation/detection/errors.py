@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.core.arrays import F64
-from pipeline.evaluation.headings import is_flip
 from pipeline.evaluation.records import Figures
+from pipeline.evaluation.scales import is_flip
 
 __all__ = ["Column", "bias", "bird_eye_m", "error_figures", "spread"]
 

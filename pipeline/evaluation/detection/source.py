@@ -17,14 +17,22 @@ from pipeline.evaluation.detection.averages import (
     nuscenes_figures,
     overlap_figures,
 )
-from pipeline.evaluation.detection.calibration import calibration_figures
-from pipeline.evaluation.detection.counts import count_figures
+from pipeline.evaluation.detection.counts import calibration_figures, count_figures
 from pipeline.evaluation.detection.criteria import DISTANCES_M, Criteria
 from pipeline.evaluation.detection.curves import Curve, curve_of, ratio
 from pipeline.evaluation.detection.errors import error_figures
 from pipeline.evaluation.detection.matching import by_falling_score
-from pipeline.evaluation.detection.selection import Place, Scored, found_in, scored, truth_in
-from pipeline.evaluation.detection.tables import FALSE, IGNORED, FoundTable, TruthTable
+from pipeline.evaluation.detection.tables import (
+    FALSE,
+    IGNORED,
+    FoundTable,
+    Place,
+    Scored,
+    TruthTable,
+    found_in,
+    scored,
+    truth_in,
+)
 from pipeline.evaluation.records import UNKNOWN, Figures
 from pipeline.evaluation.scales import range_names
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64, I64, check_array
 from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.evaluation.headings import is_flip
+from pipeline.evaluation.scales import is_flip
 from pipeline.evaluation.tracking.clear import Matches
 from pipeline.evaluation.tracking.table import TrackTable
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, check_array, select_rows
+from pipeline.core.arrays import F64, I64, select_rows
 from pipeline.core.detections import Boxes3D
-from pipeline.evaluation.assignment import dense_assignment, far_cost
+from pipeline.evaluation.assignment import assign_nearest
 
 __all__ = ["MAX_GAP_FRAMES", "MAX_GAP_S", "Linker"]
 
@@ -49,13 +49,6 @@ class _Ends:
     xy: F64
     velocities: F64
     class_ids: I64
-
-    def __post_init__(self) -> None:
-        n = len(self.chains)
-        for name in ("chains", "stamps_ns", "frames", "class_ids"):
-            check_array(name, getattr(self, name), (n,), np.int64)
-        for name in ("xy", "velocities"):
-            check_array(name, getattr(self, name), (n, 2), np.float64)
 
 
 class Linker:
@@ -116,5 +109,5 @@ class Linker:
         away = np.linalg.norm(expected[:, None] - xy[None], axis=-1) / reach_m[:, None]
         rows, columns = np.nonzero(away < 1)
         costs = away[rows, columns] + OTHER_CLASS * (ends.class_ids[rows] != class_ids[columns])
-        chosen = dense_assignment(rows, columns, costs, far_cost(costs))
+        chosen = assign_nearest(rows, columns, costs)
         return rows[chosen], columns[chosen]

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64
+from pipeline.core.arrays import F32, F64
 from pipeline.core.association import (
     class_confusion,
     class_ratios,
@@ -26,24 +26,17 @@ __all__ = ["Residuals"]
 BLOCK_FRAMES = 64
 """Frames are compared in blocks: projecting many boxes at once takes little longer than projecting one."""
 
-MIN_DRIFT_S = 10.0
-"""In a shorter time a drift is not told from the motion of single objects."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fits:
     """Matched pairs.
 
     Attributes:
-        stamps_ns: (K,) int64, of the frame.
         offsets_px: (K, 2) float64, centre of the 2D box minus that of the projected box.
-        size_ratios: (K,) float64, of the 2D box to the projected one, of the roots of their areas.
         ious: (K,) float64.
     """
 
-    stamps_ns: I64
     offsets_px: F64
-    size_ratios: F64
     ious: F64
 
 
@@ -58,17 +51,17 @@ class Residuals:
     def __init__(self, camera: CameraSensor, config: Config) -> None:
         self._camera, self._config = camera, config.associate
         self._class_ratios = class_ratios(class_confusion(config.classes, self._config.any_class))
-        self._frames: list[tuple[int, Boxes3D, Boxes2D]] = []
-        self._fits = Pieces(_Fits(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0), np.zeros(0)))
+        self._frames: list[tuple[Boxes3D, Boxes2D]] = []
+        self._fits = Pieces(_Fits(np.zeros((0, 2)), np.zeros(0)))
         self._in_view = self._found = 0
 
-    def add(self, stamp_ns: int, boxes: Boxes3D, found: Boxes2D) -> None:
+    def add(self, boxes: Boxes3D, found: Boxes2D) -> None:
         """Take in a frame in which the camera has an image.
 
         Raises:
             FrameError: the 3D boxes are not in the site frame of the camera.
         """
-        self._frames.append((stamp_ns, boxes, found))
+        self._frames.append((boxes, found))
         if len(self._frames) == BLOCK_FRAMES:
             self._close_block()
 
@@ -84,21 +77,17 @@ class Residuals:
             "boxes_2d": self._found,
             "unmatched_3d_share": 1 - count / self._in_view if self._in_view else None,
             "unmatched_2d_share": 1 - count / self._found if self._found else None,
-            **_spread("offset_u", u, "_px"),
-            **_spread("offset_v", v, "_px"),
-            **_spread("offset_u_abs", np.abs(u), "_px"),
-            **_spread("offset_v_abs", np.abs(v), "_px"),
-            **_spread("size_ratio", fits.size_ratios),
-            **_spread("iou", fits.ious),
-            "drift_u_px_per_min": _slope(fits.stamps_ns, u),
-            "drift_v_px_per_min": _slope(fits.stamps_ns, v),
+            "offset_u_p50_px": _percentile(u, 50),
+            "offset_v_p50_px": _percentile(v, 50),
+            "offset_u_abs_p90_px": _percentile(np.abs(u), 90),
+            "iou_p50": _percentile(fits.ious, 50),
         }
 
     def _close_block(self) -> None:
         frames, self._frames = self._frames, []
         if not frames:
             return
-        boxes = [part for _, part, _ in frames]
+        boxes = [part for part, _ in frames]
         corners = box_corners(
             np.concatenate([part.centers for part in boxes]),
             np.concatenate([part.sizes for part in boxes]),
@@ -113,9 +102,9 @@ class Residuals:
         projected, frame_of, class_ids = projected[seen], frame_of[seen], class_ids[seen]
         # Detected boxes may reach beyond the image, projections are clipped to it: clip both before comparing.
         size = np.array([self._camera.model.width_px, self._camera.model.height_px] * 2, np.float32)
-        found = np.clip(np.concatenate([part.xyxy for _, _, part in frames]), 0, size)
-        found_frames = np.repeat(np.arange(len(frames)), [len(part) for _, _, part in frames])
-        found_class_ids = np.concatenate([part.class_ids for _, _, part in frames])
+        found = np.clip(np.concatenate([part.xyxy for _, part in frames]), 0, size)
+        found_frames = np.repeat(np.arange(len(frames)), [len(part) for _, part in frames])
+        found_class_ids = np.concatenate([part.class_ids for _, part in frames])
         first, second = pairs_of_equal(frame_of, found_frames)
         iou, giou = pair_overlaps_xyxy(projected[first], found[second])
         near = giou >= self._config.min_giou
@@ -126,15 +115,7 @@ class Residuals:
         first, second, iou, worth = first[allowed], second[allowed], iou[allowed], worth[allowed]
         chosen = assign_heaviest(first, second, worth)
         of_3d, of_2d = projected[first[chosen]].astype(np.float64), found[second[chosen]].astype(np.float64)
-        stamps_ns = np.array([stamp_ns for stamp_ns, _, _ in frames], np.int64)
-        self._fits.append(
-            _Fits(
-                stamps_ns[frame_of[first[chosen]]],
-                (of_2d[:, :2] + of_2d[:, 2:] - of_3d[:, :2] - of_3d[:, 2:]) / 2,
-                np.sqrt((of_2d[:, 2:] - of_2d[:, :2]).prod(1) / (of_3d[:, 2:] - of_3d[:, :2]).prod(1)),
-                iou[chosen],
-            )
-        )
+        self._fits.append(_Fits((of_2d[:, :2] + of_2d[:, 2:] - of_3d[:, :2] - of_3d[:, 2:]) / 2, iou[chosen]))
         self._in_view += len(projected)
         self._found += len(found)
 
@@ -149,19 +130,5 @@ class Residuals:
         return np.where(squared <= config.gate**2, ratios, -np.inf)
 
 
-def _spread(name: str, values: F64, unit: str = "") -> dict[str, float | None]:
-    some = len(values) > 0
-    return {
-        f"{name}_mean{unit}": float(values.mean()) if some else None,
-        f"{name}_p50{unit}": float(np.percentile(values, 50)) if some else None,
-        f"{name}_p90{unit}": float(np.percentile(values, 90)) if some else None,
-    }
-
-
-def _slope(stamps_ns: I64, values: F64) -> float | None:
-    """Of the line of least squares, a minute; None over a time in which objects move more than calibrations."""
-    if not len(values) or stamps_ns.max() - stamps_ns.min() < MIN_DRIFT_S * 1e9:
-        return None
-    minutes = (stamps_ns - stamps_ns.min()) / 6e10
-    minutes -= minutes.mean()
-    return float((minutes * (values - values.mean())).sum() / (minutes**2).sum())
+def _percentile(values: F64, percent: float) -> float | None:
+    return float(np.percentile(values, percent)) if len(values) else None

@@ -17,8 +17,8 @@ RIG, RIG_WITH_CAMERA = camera_rig(), camera_rig(forward_camera())
 
 
 def fixed(figures: NamedFigures) -> list[str]:
-    """The names that depend neither on the words of the truth, nor on the length of a result, nor on its mistakes."""
-    names = [name for name in figures if ".labels." not in name and ".over_time." not in name]
+    """The names that depend neither on the words of the truth nor on mistakes."""
+    names = [name for name in figures if ".labels." not in name]
     return [name for name in names if not name.startswith("mistakes.")]
 
 

@@ -149,7 +149,7 @@ def test_names_that_there_cannot_be_are_told_before() -> None:
     later = [
         "fused.car.labels.van.recall > 0",
         "tracking.fused.car.hota > 0",
-        "unlabelled.fused.over_time.3.frames > 0",
+        "fused.car.calibration.reliability.3.count > 0",
     ]
     check_names(read_requirements([*later, "fused.car.recall > 0", "frames > 0"]), FIGURES)
     with pytest.raises(RequirementError, match=r"unknown figure 'fused.car.recal': did you mean 'fused.car.recall'"):

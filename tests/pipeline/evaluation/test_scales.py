@@ -3,7 +3,7 @@ import pytest
 
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.scales import length_scales, nuscenes_ranges_m, range_edges_m, range_names, range_rows
+from pipeline.evaluation.scales import is_flip, length_scales, nuscenes_ranges_m, range_edges_m, range_names, range_rows
 
 NUSCENES = Config(evaluate=EvaluateConfig(distances="nuscenes"))
 
@@ -35,3 +35,13 @@ def test_a_range_holds_its_nearer_edge() -> None:
     centers = np.array([[0.0, 0, 50], [5, 0, 0], [0, 10, 0], [6, 8, 0], [20, 0, 0], [25, 0, 0]])
     assert range_rows(centers, np.array([5.0, 10, 20])).tolist() == [-1, 0, 1, 1, 2, 2]
     assert range_rows(centers[:0], np.array([5.0, 10])).tolist() == []
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_a_flip_is_more_than_a_right_angle_whatever_rounding_makes_of_it(kind: type[np.floating]) -> None:
+    right = np.array([np.pi / 2, -np.pi / 2], kind)
+    turns_rad = np.concatenate([right, np.nextafter(right, np.sign(right) * kind(4))])
+    assert (np.abs(turns_rad.astype(np.float64)) > np.pi / 2).any()
+    assert not is_flip(turns_rad).any()
+    assert is_flip(np.radians([0, 45, -89.9, 90.1, -90.1, 180])).tolist() == [False] * 3 + [True] * 3
+    assert is_flip(np.zeros(0)).tolist() == []

@@ -3,12 +3,11 @@
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import yaml
-from builders import image, pointcloud2, raw, tf_message, transform_stamped
 from combined_messages import CAMERAS, CLOUDS, combined
 from memory_recording import MemoryRecording
+from rig_messages import cloud, image_message, static
 
 from pipeline.core.errors import RecordingError
 from pipeline.core.messages import RawMessage
@@ -19,20 +18,10 @@ from readers.rig.rig_file import load_rig
 from readers.rig.sensor_topics import Findings, find_camera_topics, find_lidar_topics
 from readers.streams.per_sensor import sensor_messages
 
-
-def cloud(topic: str, frame: str = "base") -> RawMessage:
-    fields = pointcloud2([[1, 2, 3]], stamp_ns=5, frame_id=frame)
-    return raw(topic, "sensor_msgs/msg/PointCloud2", fields, 5)
-
-
-def image_message(topic: str, frame: str) -> RawMessage:
-    fields = image(np.zeros((4, 6, 3), np.uint8), stamp_ns=5, frame_id=frame)
-    return raw(topic, "sensor_msgs/msg/Image", fields, 5)
-
-
-FUSED = cloud("/point_cloud_combined")
+FUSED = cloud("/point_cloud_combined", "base")
 LIST = combined("/pointcloud_list", CLOUDS, [cloud("/x", "a"), cloud("/y", "b")], 9, "cdr")
-VIEWS = combined("/camera_msgs_combined", CAMERAS, [image_message("/x", "c"), image_message("/y", "d")], 9, "cdr")
+IMAGES = [image_message("/x", frame, size=(6, 4)) for frame in "cd"]
+VIEWS = combined("/camera_msgs_combined", CAMERAS, IMAGES, 9, "cdr")
 PARTS = ["/pointcloud_list/pointcloud_1", "/pointcloud_list/pointcloud_2"]
 
 
@@ -78,7 +67,7 @@ def discover(messages: list[RawMessage], **topics: Any) -> Discovery:
 
 
 def test_the_settings_have_the_last_word() -> None:
-    both = [FUSED, cloud("/lidar")]
+    both = [FUSED, cloud("/lidar", "base")]
     for found in (discover(both, last_resort=[]), discover(both, lidars=["/lidar", "/point_cloud_combined"])):
         assert {lidar.topic for lidar in found.rig.lidars} == {"/lidar", "/point_cloud_combined"}
     with pytest.raises(RecordingError, match=r"topics\.exclude"):
@@ -86,9 +75,7 @@ def test_the_settings_have_the_last_word() -> None:
 
 
 def test_parts_are_named_by_their_place() -> None:
-    edges = [transform_stamped("base", frame, stamp_ns=5, translation=(1, 0, 0)) for frame in "ab"]
-    static = raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message(edges), 5)
-    found = discover([static, LIST, VIEWS])
+    found = discover([static(("base", "a", (1, 0, 0)), ("base", "b", (1, 0, 0))), LIST, VIEWS])
     assert [(lidar.name, lidar.T_site_lidar.src) for lidar in found.rig.lidars] == [("lidar1", "a"), ("lidar2", "b")]
     assert [fault.sensor for fault in found.faults] == ["cam1", "cam2"]  # nothing says how they were calibrated
 

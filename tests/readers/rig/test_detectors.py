@@ -4,10 +4,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from builders import odometry, pointcloud2, raw, tf_message, transform_stamped
+from builders import odometry, raw
 from memory_recording import MemoryRecording
 from message_layouts import message_of_layout
 from object_messages import Recorded, boxes_message, objects_message
+from rig_messages import cloud, static
 from scipy.spatial.transform import Rotation
 
 from pipeline.core.errors import CalibrationError, RecordingError
@@ -22,17 +23,8 @@ MS = 1_000_000
 BOXES = "vision_msgs/msg/Detection3DArray"
 
 
-def cloud(frame: str = "lidar", topic: str = "/points") -> RawMessage:
-    return raw(topic, "sensor_msgs/msg/PointCloud2", pointcloud2([[1, 2, 3]], stamp_ns=5, frame_id=frame), 5)
-
-
 def boxes(topic: str = "/detector/objects", frame: str = "lidar") -> RawMessage:
     return boxes_message("humble", 5, [Recorded((1, 2, 3))], topic=topic, frame_id=frame)
-
-
-def static(*edges: tuple[str, str, tuple[float, float, float]]) -> RawMessage:
-    transforms = [transform_stamped(a, b, stamp_ns=5, translation=shift) for a, b, shift in edges]
-    return raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message(transforms), 5)
 
 
 def odom(i: int, frame: str = "map", child: str = "base_link") -> RawMessage:
@@ -159,7 +151,7 @@ def test_a_forest_of_frames_is_joined_as_tf_joins_it() -> None:
     rng = np.random.default_rng(2)
     edges = [(f"f{rng.integers(0, k)}", f"f{k}", tuple(rng.normal(size=3))) for k in range(1, 40)]
     others = [("x0", "x1", (1, 0, 0)), ("c0", "c1", (1, 0, 0)), ("c1", "c0", (1, 0, 0))]
-    messages = [static(*edges, *others), cloud("f7"), boxes(frame="f30")]
+    messages = [static(*edges, *others), cloud(frame="f7"), boxes(frame="f30")]
     found = discover(messages, rig={"site_frame": "f20"})
     (detector,) = found.rig.detectors
     assert {*detector.T_site_frame} == {f"f{k}" for k in range(40)}
@@ -172,7 +164,7 @@ def test_long_chains_with_many_ends_take_no_long_time() -> None:
     chain = [(f"f{k}", f"f{k + 1}", (0.0, 0.0, 1.0)) for k in range(500)]
     ends = [("f500", f"end{k}", (float(k), 0.0, 0.0)) for k in range(500)]
     started = time.process_time()
-    (detector,) = discover([static(*chain, *ends), cloud("f0"), boxes(frame="end5")]).rig.detectors
+    (detector,) = discover([static(*chain, *ends), cloud(frame="f0"), boxes(frame="end5")]).rig.detectors
     np.testing.assert_allclose(detector.T_site_frame["end5"].translation, [5, 0, 500])
     assert time.process_time() - started < 10
 

@@ -10,10 +10,8 @@ import velodyne
 from builders import (
     Fields,
     camera_info,
-    detection2d_array,
     header,
     image,
-    pointcloud2,
     raw,
     tf_message,
     transform_stamped,
@@ -21,6 +19,7 @@ from builders import (
 )
 from helpers import shared
 from memory_recording import MemoryRecording
+from rig_messages import K, boxes_2d, cloud, image_message, info, reasons, static
 from scipy.spatial.transform import Rotation
 
 from pipeline.core.errors import CalibrationError, RecordingError
@@ -30,18 +29,7 @@ from readers.open import open_recording
 from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.schema import RigFile
 
-K = np.array([[500.0, 0, 32.0], [0, 500.0, 24.0], [0, 0, 1]])
 OPTICAL = (-0.5, 0.5, -0.5, 0.5)  # REP 103: optical axes in a body frame
-
-
-def cloud(topic: str, frame: str, **options: Any) -> RawMessage:
-    return raw(topic, "sensor_msgs/msg/PointCloud2", pointcloud2([[1, 2, 3]], stamp_ns=5, frame_id=frame), 5, **options)
-
-
-def an_image(topic: str, frame: str, *, size: tuple[int, int] = (64, 48), encoding: str = "mono8") -> RawMessage:
-    dtype = np.uint16 if encoding == "16UC1" else np.uint8
-    pixels = np.zeros(size[::-1], dtype)
-    return raw(topic, "sensor_msgs/msg/Image", image(pixels, stamp_ns=5, frame_id=frame, encoding=encoding), 5)
 
 
 def compressed(topic: str, frame: str) -> RawMessage:
@@ -54,34 +42,12 @@ def compressed(topic: str, frame: str) -> RawMessage:
     )
 
 
-def info(topic: str, frame: str, **options: Any) -> RawMessage:
-    fields = camera_info(options.pop("K", K), stamp_ns=5, width_px=64, height_px=48, frame_id=frame, **options)
-    return raw(topic, "sensor_msgs/msg/CameraInfo", fields, 5)
-
-
-def boxes(topic: str, frame: str) -> RawMessage:
-    fields = detection2d_array([[1, 2, 3, 4]], class_names=["car"], scores=[0.9], stamp_ns=5, frame_id=frame)
-    return raw(topic, "vision_msgs/msg/Detection2DArray", fields, 5)
-
-
-def static(*edges: tuple[str, str, tuple[float, float, float]] | Fields) -> RawMessage:
-    transforms = [
-        edge if isinstance(edge, dict) else transform_stamped(edge[0], edge[1], stamp_ns=5, translation=edge[2])  # type: ignore[index]  # a tuple then
-        for edge in edges
-    ]
-    return raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message(transforms), 5)
-
-
 def camera_edge(parent: str, child: str) -> Fields:
     return transform_stamped(parent, child, stamp_ns=5, translation=(0.5, 0, 1), rotation_xyzw=OPTICAL)
 
 
 def discover(messages: Iterable[RawMessage], **sections: Any) -> Discovery:
     return discover_rig(MemoryRecording(messages), Config.model_validate(sections))
-
-
-def reasons(found: Discovery) -> dict[str, str]:
-    return {fault.sensor: fault.reason for fault in found.faults}
 
 
 # --- lidars and the site frame
@@ -187,7 +153,7 @@ def test_topics_that_were_not_recorded_need_no_poses() -> None:
 
 def test_no_clouds_lists_the_topics() -> None:
     with pytest.raises(RecordingError, match=r"expected a topic of lidar clouds.*/camera/image_raw \(sensor_msgs"):
-        discover([an_image("/camera/image_raw", "camera")])
+        discover([image_message("/camera/image_raw", "camera")])
     with pytest.raises(RecordingError, match="found topics: none"):
         discover([])
 
@@ -195,7 +161,7 @@ def test_no_clouds_lists_the_topics() -> None:
 def test_raw_packets_are_named_with_a_remedy() -> None:
     scan = Channel("/hesai/packets", "pandar_msgs/msg/PandarScan", "cdr", "", "ros2msg")
     with pytest.raises(RecordingError, match=r"/hesai/packets.*PandarScan, 1\), which lidcam does not read yet.*play"):
-        discover([RawMessage(1, 1, (0, 0), b"", scan), an_image("/camera/image_raw", "camera")])
+        discover([RawMessage(1, 1, (0, 0), b"", scan), image_message("/camera/image_raw", "camera")])
 
 
 def packets(topic: str, frame: str, model: str = "VLP-16") -> RawMessage:
@@ -281,7 +247,7 @@ def test_packets_of_an_unknown_model_are_a_fault_with_a_remedy() -> None:
 
 def test_no_clouds_among_many_topics_names_a_few() -> None:
     with pytest.raises(RecordingError, match=r"and 5 more"):
-        discover([an_image(f"/camera{i}/image_raw", "camera") for i in range(15)])
+        discover([image_message(f"/camera{i}/image_raw", "camera") for i in range(15)])
 
 
 def test_clouds_that_the_settings_leave_out_are_no_fault_of_the_driver() -> None:
@@ -324,7 +290,7 @@ def rig_with(*messages: RawMessage, edges: Iterable[str] = ("cam",), **sections:
 
 
 def test_a_camera_needs_camera_info_and_a_transform() -> None:
-    found = rig_with(an_image("/camera/image_raw", "cam"), info("/camera/camera_info", "cam"))
+    found = rig_with(image_message("/camera/image_raw", "cam"), info("/camera/camera_info", "cam"))
     camera = found.rig.cameras[0]
     assert (camera.name, camera.topic, camera.boxes_topic) == ("camera", "/camera/image_raw", "")
     assert (camera.T_camera_site.dst, camera.T_camera_site.src) == ("cam", "velo")
@@ -336,24 +302,24 @@ def test_a_camera_needs_camera_info_and_a_transform() -> None:
 @pytest.mark.parametrize(
     ("messages", "edges", "reason"),
     [
-        ([an_image("/c/image_raw", "cam")], ["cam"], "no CameraInfo"),
+        ([image_message("/c/image_raw", "cam")], ["cam"], "no CameraInfo"),
         (
-            [an_image("/c/image_raw", "cam"), info("/c/camera_info", "cam")],
+            [image_message("/c/image_raw", "cam"), info("/c/camera_info", "cam")],
             [],
             "no transform joins frame 'velo' with 'cam'",
         ),
         (
-            [an_image("/c/image_raw", "cam"), info("/c/camera_info", "cam", K=np.zeros((3, 3)))],
+            [image_message("/c/image_raw", "cam"), info("/c/camera_info", "cam", K=np.zeros((3, 3)))],
             ["cam"],
             "uncalibrated",
         ),
         (
-            [an_image("/c/image_raw", "cam"), info("/c/camera_info", "cam", K=K * [[1e6], [1], [1]])],
+            [image_message("/c/image_raw", "cam"), info("/c/camera_info", "cam", K=K * [[1e6], [1], [1]])],
             ["cam"],
             "focal",
         ),
         (
-            [an_image("/c/image_raw", "cam", size=(32, 24)), info("/c/camera_info", "cam")],
+            [image_message("/c/image_raw", "cam", size=(32, 24)), info("/c/camera_info", "cam")],
             ["cam"],
             "32 x 24 px, but",
         ),
@@ -367,9 +333,9 @@ def test_camera_faults_leave_a_rig_of_lidars(messages: list[RawMessage], edges: 
 
 def test_numbered_topics_pair_up() -> None:
     found = rig_with(
-        *(an_image(f"/image_raw_{n}", f"cam{n}") for n in (12, 11)),
+        *(image_message(f"/image_raw_{n}", f"cam{n}") for n in (12, 11)),
         *(info(f"/camera_info_{n}", f"cam{n}") for n in (11, 12)),
-        *(boxes(f"/detections_{n}", "") for n in (12, 11)),
+        *(boxes_2d(f"/detections_{n}", "") for n in (12, 11)),
         edges=("cam11", "cam12"),
     )
     assert [(c.name, c.topic, c.boxes_topic, c.T_camera_site.dst) for c in found.rig.cameras] == [
@@ -382,9 +348,9 @@ def test_numbered_topics_pair_up() -> None:
 def test_true_boxes_are_not_those_of_a_detector(detections: list[str]) -> None:
     truths = [f"/ground_truth/camera/{kind}" for kind in ("visible", "whole")]
     found = rig_with(
-        an_image("/camera/image_raw", "cam"),
+        image_message("/camera/image_raw", "cam"),
         info("/camera/camera_info", "cam"),
-        *(boxes(topic, "cam") for topic in (*detections, *truths)),
+        *(boxes_2d(topic, "cam") for topic in (*detections, *truths)),
     )
     assert found.rig is not None
     assert [camera.boxes_topic for camera in found.rig.cameras] == [*(detections or [""])]
@@ -392,9 +358,9 @@ def test_true_boxes_are_not_those_of_a_detector(detections: list[str]) -> None:
 
 def test_topics_of_other_places_pair_by_frame() -> None:
     found = rig_with(
-        *(an_image(f"/{side}/image", f"cam_{side}") for side in ("left", "right")),
+        *(image_message(f"/{side}/image", f"cam_{side}") for side in ("left", "right")),
         *(info(f"/calibration/{n}", f"cam_{side}") for n, side in enumerate(("right", "left"))),
-        *(boxes(f"/yolo/{n}", f"cam_{side}") for n, side in enumerate(("right", "left"))),
+        *(boxes_2d(f"/yolo/{n}", f"cam_{side}") for n, side in enumerate(("right", "left"))),
         edges=("cam_left", "cam_right"),
     )
     assert [(c.name, c.boxes_topic, c.model.frame_id) for c in found.rig.cameras] == [
@@ -404,17 +370,17 @@ def test_topics_of_other_places_pair_by_frame() -> None:
 
 
 def test_a_single_camera_info_belongs_to_a_single_camera() -> None:
-    found = rig_with(an_image("/webcam", ""), info("/calibration", "cam"))
+    found = rig_with(image_message("/webcam", ""), info("/calibration", "cam"))
     assert [camera.name for camera in found.rig.cameras] == ["webcam"]
 
 
 def test_one_camera_is_taken_once_and_raw() -> None:
     found = rig_with(
         compressed("/camera/image_raw/compressed", "cam"),
-        an_image("/camera/image_raw", "cam"),
-        an_image("/camera/image_rect", "cam"),
-        an_image("/camera/depth/image_raw", "cam"),
-        an_image("/camera/range/image_raw", "cam", encoding="16UC1"),
+        image_message("/camera/image_raw", "cam"),
+        image_message("/camera/image_rect", "cam"),
+        image_message("/camera/depth/image_raw", "cam"),
+        image_message("/camera/range/image_raw", "cam", encoding="16UC1"),
         info("/camera/camera_info", "cam"),
     )
     assert [camera.topic for camera in found.rig.cameras] == ["/camera/image_raw"]
@@ -428,7 +394,7 @@ def test_compressed_images_tell_their_size() -> None:
 
 def test_boxes_alone_make_a_camera() -> None:
     found = rig_with(
-        boxes("/cam11/detections", "cam"), info("/cam11/camera_info", "cam"), boxes("/other/detections", "")
+        boxes_2d("/cam11/detections", "cam"), info("/cam11/camera_info", "cam"), boxes_2d("/other/detections", "")
     )
     assert [(c.name, c.topic, c.boxes_topic) for c in found.rig.cameras] == [("cam11", "", "/cam11/detections")]
     assert any("/other/detections" in note for note in found.notes)
@@ -437,7 +403,7 @@ def test_boxes_alone_make_a_camera() -> None:
 def test_rectified_images_are_projected_in_the_rectified_frame() -> None:
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     found = rig_with(
-        an_image("/c/image_rect", "cam"), info("/c/camera_info", "cam", R=turn, distortion=(0.1, 0, 0, 0, 0))
+        image_message("/c/image_rect", "cam"), info("/c/camera_info", "cam", R=turn, distortion=(0.1, 0, 0, 0, 0))
     )
     camera = found.rig.cameras[0]
     assert camera.T_camera_site.dst == camera.model.frame_id == "cam_rectified"
@@ -451,7 +417,7 @@ def test_a_camera_never_takes_a_lidars_name() -> None:
         [
             static(camera_edge("front", "cam")),
             cloud("/front/points", "front"),
-            an_image("/front/image_raw", "cam"),
+            image_message("/front/image_raw", "cam"),
             info("/front/camera_info", "cam"),
         ]
     )

@@ -4,46 +4,36 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rig_messages
 import velodyne
 import yaml
-from builders import camera_info, detection2d_array, image, pointcloud2, raw, tf_message, transform_stamped
 from memory_recording import MemoryRecording
+from rig_messages import K, boxes_2d, reasons, static
 
 from pipeline.core.errors import CalibrationError, RecordingError
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.config import Config
-from readers.rig.discovery import Discovery, discover_rig
+from readers.rig.discovery import discover_rig
 from readers.rig.draft import draft_rig
 from readers.rig.rig_file import draft_yaml, load_rig
 from readers.rig.schema import RigFile, parse_rig
 from readers.rig.search import find_sensors
 
-K = np.array([[500.0, 0.0, 32.0], [0.0, 500.0, 24.0], [0.0, 0.0, 1.0]])
-
 
 def cloud(number: int, frame: str | None = None) -> RawMessage:
-    fields = pointcloud2([[1, 2, 3], [4, 5, 6]], stamp_ns=5, frame_id=f"velodyne{number}" if frame is None else frame)
-    return raw(f"/velodyne{number}_points", "sensor_msgs/msg/PointCloud2", fields, 5)
+    return rig_messages.cloud(f"/velodyne{number}_points", f"velodyne{number}" if frame is None else frame)
 
 
 def image_message(number: int, frame: str = "") -> RawMessage:
-    fields = image(np.zeros((48, 64), np.uint8), stamp_ns=5, frame_id=frame, encoding="mono8")
-    return raw(f"/image_raw_{number}", "sensor_msgs/msg/Image", fields, 5)
+    return rig_messages.image_message(f"/image_raw_{number}", frame)
 
 
-def info(number: int, frame: str = "", width: int = 64) -> RawMessage:
-    fields = camera_info(K, stamp_ns=5, width_px=width, height_px=48, frame_id=frame)
-    return raw(f"/camera_info_{number}", "sensor_msgs/msg/CameraInfo", fields, 5)
+def info(number: int, frame: str = "", **options: int) -> RawMessage:
+    return rig_messages.info(f"/camera_info_{number}", frame, **options)
 
 
 def boxes(number: int, frame: str) -> RawMessage:
-    fields = detection2d_array([[1, 2, 3, 4]], class_names=["car"], scores=[0.9], stamp_ns=5, frame_id=frame)
-    return raw(f"/detections_{number}", "vision_msgs/msg/Detection2DArray", fields, 5)
-
-
-def static(*edges: tuple[str, str]) -> RawMessage:
-    stamped = [transform_stamped(parent, child, stamp_ns=5, translation=(1, 2, 3)) for parent, child in edges]
-    return raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message(stamped), 5)
+    return boxes_2d(f"/detections_{number}", frame)
 
 
 UNCALIBRATED = [cloud(1), cloud(2), cloud(3), image_message(11), image_message(12, "camera_12"), boxes(12, "camera_12")]
@@ -58,17 +48,13 @@ def read(text: str, tmp_path: Path) -> RigFile:
     return load_rig(tmp_path / "rig.yaml")
 
 
-def reasons(found: Discovery) -> dict[str, str]:
-    return {fault.sensor: fault.reason for fault in found.faults}
-
-
 def test_a_recording_without_calibration() -> None:
     assert draft(UNCALIBRATED).split("\n", 3)[3] == (
         """\
 site_frame: velodyne1 # the frame of velodyne1
 lidars:
   velodyne1:
-    topic: /velodyne1_points # sensor_msgs/msg/PointCloud2, 2 points in the first message
+    topic: /velodyne1_points # sensor_msgs/msg/PointCloud2, 1 points in the first message
     frame_id: velodyne1
     T_site_lidar:
     - [1.0, 0.0, 0.0, 0.0]
@@ -76,13 +62,13 @@ lidars:
     - [0.0, 0.0, 1.0, 0.0]
     - [0.0, 0.0, 0.0, 1.0]
   velodyne2:
-    topic: /velodyne2_points # sensor_msgs/msg/PointCloud2, 2 points in the first message
+    topic: /velodyne2_points # sensor_msgs/msg/PointCloud2, 1 points in the first message
     frame_id: velodyne2
     T_site_lidar: TODO # TODO 4 x 4, metres; or translation_m and rpy_deg in its place (no transform joins frame \
 'velodyne2' with 'velodyne1'; frames with a transform: none at all; give \
 its pose in a rig file (--rig))
   velodyne3:
-    topic: /velodyne3_points # sensor_msgs/msg/PointCloud2, 2 points in the first message
+    topic: /velodyne3_points # sensor_msgs/msg/PointCloud2, 1 points in the first message
     frame_id: velodyne3
     T_site_lidar: TODO # TODO 4 x 4, metres; or translation_m and rpy_deg in its place (no transform joins frame \
 'velodyne3' with 'velodyne1'; frames with a transform: none at all; give \
@@ -154,9 +140,9 @@ def test_what_is_known_is_written_beside_what_is_not(tmp_path: Path) -> None:
         image_message(11, "c11"),
         info(11, "c11"),
         image_message(12, "c12"),
-        info(12, "c12", width=32),
+        info(12, "c12", width_px=32),
     ]
-    messages += [static(("site", "velodyne1"), ("site", "c12"))]
+    messages += [static(("site", "velodyne1", (1, 2, 3)), ("site", "c12", (1, 2, 3)))]
     tree = yaml.safe_load(draft(messages))
     assert tree["site_frame"] == "site"
     assert tree["cameras"]["cam11"]["K"] == K.tolist()

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from builders import image, pointcloud2, raw, tf_message, transform_stamped
 from memory_recording import MemoryRecording
+from rig_messages import cloud, image_message, static
 from scipy.spatial.transform import Rotation
 
 from pipeline.core.errors import CalibrationError
@@ -18,20 +18,6 @@ from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.rig_file import load_rig
 
 F64 = np.ndarray[Any, np.dtype[np.float64]]
-
-
-def image_message(topic: str, size: tuple[int, int] = (752, 480), frame: str = "") -> RawMessage:
-    fields = image(np.zeros(size[::-1], np.uint8), stamp_ns=5, frame_id=frame, encoding="mono8")
-    return raw(topic, "sensor_msgs/msg/Image", fields, 5)
-
-
-def cloud(frame: str, topic: str = "/points") -> RawMessage:
-    return raw(topic, "sensor_msgs/msg/PointCloud2", pointcloud2([[1, 2, 3]], stamp_ns=5, frame_id=frame), 5)
-
-
-def static(*edges: tuple[str, str, tuple[float, float, float]]) -> RawMessage:
-    stamped = [transform_stamped(parent, child, stamp_ns=5, translation=at) for parent, child, at in edges]
-    return raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message(stamped), 5)
 
 
 def found_with(path: Path, messages: list[RawMessage], site: str = "") -> Discovery:
@@ -62,7 +48,11 @@ def test_calib_txt_and_geometry_yaml_say_the_same(tmp_path: Path) -> None:
     np.savetxt(tmp_path / "anything.txt", [calib_row(11), calib_row(41)])
     camera = {"width": 640, "height": 480, "xyzrpy": [0] * 6, "w2c": W2C_OPTICAL, "c2p": C2P, "R": [36, 0, 0, 36]}
     (tmp_path / "geometry.yaml").write_text(yaml.safe_dump({"poles": {}, "cameras": {"camera_11": camera}}))
-    messages = [cloud("world"), image_message("/image_raw_11", (640, 480)), image_message("/image_raw_41", (640, 480))]
+    messages = [
+        cloud(frame="world"),
+        image_message("/image_raw_11", size=(640, 480)),
+        image_message("/image_raw_41", size=(640, 480)),
+    ]
     of_text = found_with(tmp_path / "anything.txt", messages, "world")
     of_yaml = found_with(tmp_path / "geometry.yaml", messages, "world")
     assert [(camera.name, camera.topic) for camera in of_text.rig.cameras] == [
@@ -80,8 +70,8 @@ def test_the_world_of_the_predecessor_has_no_name(tmp_path: Path, name: str) -> 
     np.savetxt(tmp_path / "calib.txt", [calib_row(11)])
     cameras = {"cameras": {11: {"w2c": W2C_OPTICAL, "c2p": C2P}}}
     (tmp_path / "geometry.yaml").write_text(yaml.safe_dump(cameras))
-    images = image_message("/image_raw_11", (640, 480))
-    lidars = [cloud(f"velodyne{n}", f"/velodyne{n}_points") for n in (1, 2, 3)]
+    images = image_message("/image_raw_11", size=(640, 480))
+    lidars = [cloud(f"/velodyne{n}_points", f"velodyne{n}") for n in (1, 2, 3)]
     with pytest.raises(CalibrationError) as caught:
         found_with(tmp_path / name, [*lidars, images])
     assert str(caught.value) == (
@@ -145,7 +135,8 @@ CAM1: dict[str, Any] = {
     "rostopic": "/cam1/image_raw",
     "resolution": [752, 480],
 }
-STEREO = [image_message("/cam0/image_raw"), image_message("/cam1/image_raw")]
+KALIBRS_PX = (752, 480)
+STEREO = [image_message(f"/cam{n}/image_raw", size=KALIBRS_PX) for n in (0, 1)]
 IN_VIEW = np.array([[0.3, -0.2, 2.0], [-0.4, 0.1, 1.5], [0.0, 0.3, 4.0]])
 
 
@@ -169,7 +160,9 @@ def matrix_of(intrinsics: Any) -> F64:
 
 def test_kalibrs_example(tmp_path: Path) -> None:
     lidar_in_imu = (0.1, -0.2, 0.3)
-    found = found_with(camchain(tmp_path, CAM0, CAM1), [cloud("velo"), static(("imu", "velo", lidar_in_imu)), *STEREO])
+    found = found_with(
+        camchain(tmp_path, CAM0, CAM1), [cloud(frame="velo"), static(("imu", "velo", lidar_in_imu)), *STEREO]
+    )
     assert found.faults == ()
     assert found.rig.site_frame == "imu"
     T_cam0_imu = rigid(CAM0["T_cam_imu"])
@@ -187,7 +180,7 @@ def test_kalibrs_example(tmp_path: Path) -> None:
 
 def test_kalibrs_chain_without_an_imu_hangs_on_the_first_camera(tmp_path: Path) -> None:
     first = {key: value for key, value in CAM0.items() if key != "T_cam_imu"}
-    messages = [cloud("velo"), image_message("/cam0/image_raw", frame="left"), STEREO[1]]
+    messages = [cloud(frame="velo"), image_message("/cam0/image_raw", "left", size=KALIBRS_PX), STEREO[1]]
     found = found_with(camchain(tmp_path, first, CAM1), messages)
     assert [fault.sensor for fault in found.faults] == ["cam0", "cam1"]
     assert "its pose refers to cam0" in found.faults[1].reason
@@ -198,7 +191,7 @@ def test_kalibrs_chain_without_an_imu_hangs_on_the_first_camera(tmp_path: Path) 
 
 
 def test_the_imu_of_kalibr_needs_a_place(tmp_path: Path) -> None:
-    found = found_with(camchain(tmp_path, CAM0), [cloud("velo"), STEREO[0]])
+    found = found_with(camchain(tmp_path, CAM0), [cloud(frame="velo"), STEREO[0]])
     assert "its pose refers to imu" in found.faults[0].reason
     assert "transforms: {velo: {imu: {translation_m" in found.faults[0].reason
 
@@ -214,7 +207,7 @@ def test_the_imu_of_kalibr_needs_a_place(tmp_path: Path) -> None:
     ],
 )
 def test_other_models_of_kalibr_are_faults(tmp_path: Path, changed: dict[str, Any], reason: str) -> None:
-    found = found_with(camchain(tmp_path, CAM0 | changed), [cloud("imu"), STEREO[0]])
+    found = found_with(camchain(tmp_path, CAM0 | changed), [cloud(frame="imu"), STEREO[0]])
     assert reason in found.faults[0].reason
 
 
@@ -241,7 +234,8 @@ def test_a_chain_begins_with_a_camera(tmp_path: Path) -> None:
 def test_a_camera_of_kalibr_without_distortion(tmp_path: Path) -> None:
     plain = {"camera_model": "pinhole", "intrinsics": [400, 400, 300, 200], "distortion_model": "none"}
     found = found_with(
-        camchain(tmp_path, plain), [cloud("v"), image_message("/a/image", frame="a"), static(("v", "a", (0, 0, 0)))]
+        camchain(tmp_path, plain),
+        [cloud(frame="v"), image_message("/a/image", "a", size=KALIBRS_PX), static(("v", "a", (0, 0, 0)))],
     )
     assert not found.rig.cameras[0].model.distortion.any()
 
@@ -286,7 +280,9 @@ def test_autowares_files_lead_to_the_sensors(tmp_path: Path) -> None:
     camera = load_rig(_written(tmp_path / "k.yaml", {"cameras": {"camera0": K}}))
     both = rig.model_copy(update={"cameras": camera.cameras})
     found = discover_rig(
-        MemoryRecording([cloud("velodyne_top"), image_message("/camera0/image", frame=frame)]), Config(), both
+        MemoryRecording([cloud(frame="velodyne_top"), image_message("/camera0/image", frame, size=KALIBRS_PX)]),
+        Config(),
+        both,
     )
     assert found.faults == ()
     assert found.rig.site_frame == "base_link"
@@ -307,11 +303,11 @@ def _written(path: Path, tree: dict[str, Any]) -> Path:
 
 def test_the_files_stand_in_place_of_the_recorded_transforms(tmp_path: Path) -> None:
     path = _written(tmp_path / "kit.yaml", {"base_link": {"velodyne_top": KIT["sensor_kit_base_link"]["velodyne_top"]}})
-    recorded = [cloud("velodyne_top"), static(("base_link", "velodyne_top", (9, 9, 9)))]
+    recorded = [cloud(frame="velodyne_top"), static(("base_link", "velodyne_top", (9, 9, 9)))]
     found = found_with(path, recorded)
     np.testing.assert_allclose(found.rig.lidars[0].T_site_lidar.translation, [0, 0, 0.5])
     assert found.sources[0].extrinsics == "rig file: base_link <- velodyne_top"
-    both = found_with(path, [cloud("scan"), static(("velodyne_top", "scan", (0, 0, 1)))])
+    both = found_with(path, [cloud(frame="scan"), static(("velodyne_top", "scan", (0, 0, 1)))])
     assert both.sources[0].extrinsics == "rig file and tf: base_link <- scan"
     np.testing.assert_allclose(both.rig.lidars[0].T_site_lidar.translation, [0, 0, 1.5])
 
@@ -319,7 +315,7 @@ def test_the_files_stand_in_place_of_the_recorded_transforms(tmp_path: Path) -> 
 def test_the_recorded_optical_frame_is_kept(tmp_path: Path) -> None:
     path = _written(tmp_path / "kit.yaml", KIT)
     edge = static(("camera0/camera_link", "camera0/camera_optical_link", (7, 0, 0)))
-    found = found_with(path, [cloud("velodyne_top"), edge])
+    found = found_with(path, [cloud(frame="velodyne_top"), edge])
     frames = found.transforms.fixed.lookup("camera0/camera_link", "camera0/camera_optical_link")
     np.testing.assert_allclose(frames.translation, [7, 0, 0])
 

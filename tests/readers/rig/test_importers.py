@@ -5,12 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from builders import image, pointcloud2, raw
 from helpers import shared
 from memory_recording import MemoryRecording
+from rig_messages import cloud, image_message
 
 from pipeline.core.errors import CalibrationError
-from pipeline.core.messages import RawMessage
 from pipeline.core.settings.config import Config
 from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.rig_file import load_rig
@@ -21,17 +20,6 @@ W2C_11 = [[1, 0, 0, 0.143], [0, 0, -1, 0.393], [0, 1, 0, -0.371], [0, 0, 0, 1]] 
 W2C_12 = [[1, 0, 0, 0.1], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 1]]  # two zero rows, as published
 IN_SITE = Config.model_validate({"rig": {"site_frame": "site"}})
 POINTS = np.array([[-0.1, 1.4, 0.1], [0.3, 2.0, 0.0], [-0.6, 1.7, 0.2]])
-
-
-def image_message(topic: str, size: tuple[int, int] = (640, 480)) -> RawMessage:
-    pixels = np.zeros(size[::-1], np.uint8)
-    return raw(topic, "sensor_msgs/msg/Image", image(pixels, stamp_ns=5, frame_id="", encoding="mono8"), 5)
-
-
-def cloud(frame: str) -> RawMessage:
-    return raw(
-        "/velodyne_points", "sensor_msgs/msg/PointCloud2", pointcloud2([[1, 2, 3]], stamp_ns=5, frame_id=frame), 5
-    )
 
 
 def pixels_of(found: Discovery, name: str, points: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
@@ -53,7 +41,13 @@ def test_geometry_yaml(tmp_path: Path, nested: bool, axes: np.ndarray[Any, Any])
         "camera_11": {"w2c": w2c.tolist() if nested else flat(w2c), "c2p": c2p.tolist() if nested else flat(c2p)},
     }
     (tmp_path / "geometry.yaml").write_text(yaml.safe_dump({"cameras": cameras, "other": 1}))
-    recording = MemoryRecording([cloud("site"), image_message("/image_raw_11"), image_message("/image_raw_12")])
+    recording = MemoryRecording(
+        [
+            cloud("/velodyne_points", "site"),
+            image_message("/image_raw_11", size=(640, 480)),
+            image_message("/image_raw_12", size=(640, 480)),
+        ]
+    )
     found = discover_rig(recording, IN_SITE, load_rig(tmp_path / "geometry.yaml"))
     assert [(c.name, c.topic, c.model.width_px) for c in found.rig.cameras] == [("camera_11", "/image_raw_11", 640)]
     assert [(f.sensor, f.topic) for f in found.faults] == [("camera_12", "/image_raw_12")]
@@ -68,7 +62,9 @@ def test_geometry_yaml_with_a_singular_projection(tmp_path: Path) -> None:
     cameras = {"camera_11": {"w2c": W2C_11, "c2p": np.zeros((3, 4)).tolist()}}
     (tmp_path / "geometry.yaml").write_text(yaml.safe_dump(cameras))
     found = discover_rig(
-        MemoryRecording([cloud("site"), image_message("/image_raw_11")]), IN_SITE, load_rig(tmp_path / "geometry.yaml")
+        MemoryRecording([cloud("/velodyne_points", "site"), image_message("/image_raw_11", size=(640, 480))]),
+        IN_SITE,
+        load_rig(tmp_path / "geometry.yaml"),
     )
     assert "singular" in found.faults[0].reason
 
@@ -110,12 +106,14 @@ def test_kitti_object(tmp_path: Path) -> None:
     path, scene = kitti_object_8(tmp_path)
     points = np.fromfile(shared("data/kitti_object_8/000008.bin"), np.float32).reshape(-1, 4)[:, :3].astype(np.float64)
     one = discover_rig(
-        MemoryRecording([cloud("velodyne"), image_message("/camera/image_raw", (1242, 375))]), Config(), load_rig(path)
+        MemoryRecording([cloud("/velodyne_points", "velodyne"), image_message("/camera/image_raw", size=(1242, 375))]),
+        Config(),
+        load_rig(path),
     )
     assert [(c.name, c.topic) for c in one.rig.cameras] == [("cam2", "/camera/image_raw")]
     assert "cam2: has no topic in the rig file; by order it is /camera/image_raw" in one.notes
-    four = [image_message(f"/kitti/image_{n}", (1242, 375)) for n in range(4)]
-    found = discover_rig(MemoryRecording([cloud("velodyne"), *four]), Config(), load_rig(path))
+    four = [image_message(f"/kitti/image_{n}", size=(1242, 375)) for n in range(4)]
+    found = discover_rig(MemoryRecording([cloud("/velodyne_points", "velodyne"), *four]), Config(), load_rig(path))
     assert {c.name: c.topic for c in found.rig.cameras} == {f"cam{n}": f"/kitti/image_{n}" for n in range(4)}
     for number in range(4):
         judge = np.c_[points, np.ones(len(points))] @ np.array(scene["images"][f"CAM{number}"]["lidar2img"]).T
@@ -126,7 +124,9 @@ def test_kitti_object(tmp_path: Path) -> None:
 def test_kitti_files_as_they_are(file: str) -> None:
     path = shared(f"data/{file}")
     found = discover_rig(
-        MemoryRecording([cloud("velodyne"), image_message("/camera/image_raw", (1242, 375))]), Config(), load_rig(path)
+        MemoryRecording([cloud("/velodyne_points", "velodyne"), image_message("/camera/image_raw", size=(1242, 375))]),
+        Config(),
+        load_rig(path),
     )
     rows = {
         line.split(":")[0]: np.array(line.split()[1:], float)
@@ -188,6 +188,8 @@ def test_a_singular_projection_of_kitti_is_a_fault(tmp_path: Path) -> None:
     text = "P2: 0 0 0 0 0 0 0 0 0 0 0 0\nR0_rect: 1 0 0 0 1 0 0 0 1\nTr: 1 0 0 0 0 1 0 0 0 0 1 0\n"
     (tmp_path / "calib.txt").write_text(text)
     found = discover_rig(
-        MemoryRecording([cloud("velodyne"), image_message("/c/image")]), Config(), load_rig(tmp_path / "calib.txt")
+        MemoryRecording([cloud("/velodyne_points", "velodyne"), image_message("/c/image", size=(640, 480))]),
+        Config(),
+        load_rig(tmp_path / "calib.txt"),
     )
     assert "singular" in found.faults[0].reason

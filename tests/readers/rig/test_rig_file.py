@@ -4,8 +4,9 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from builders import camera_info, header, image, pointcloud2, raw, tf_message, transform_stamped
+from builders import camera_info, header, raw, tf_message, transform_stamped
 from memory_recording import MemoryRecording
+from rig_messages import cloud, image_message, reasons
 from scipy.spatial.transform import Rotation
 from wrong_values import mistakes, words_of_the_library
 
@@ -24,29 +25,14 @@ K = [[500.0, 0.0, 32.0], [0.0, 500.0, 24.0], [0.0, 0.0, 1.0]]
 LOOK_X = [[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 
 
-def cloud(topic: str, frame: str = "velo") -> RawMessage:
-    return raw(topic, "sensor_msgs/msg/PointCloud2", pointcloud2([[1, 2, 3]], stamp_ns=5, frame_id=frame), 5)
-
-
-def image_message(topic: str, frame: str = "cam") -> RawMessage:
-    return raw(
-        topic,
-        "sensor_msgs/msg/Image",
-        image(np.zeros((48, 64), np.uint8), stamp_ns=5, frame_id=frame, encoding="mono8"),
-        5,
-    )
-
-
 def recorded(*extra: RawMessage) -> MemoryRecording:
-    return MemoryRecording([cloud("/a_points", "a"), cloud("/b_points", "b"), image_message("/cam11/image"), *extra])
+    return MemoryRecording(
+        [cloud("/a_points", "a"), cloud("/b_points", "b"), image_message("/cam11/image", "cam"), *extra]
+    )
 
 
 def apply(tree: dict[str, Any], recording: MemoryRecording | None = None) -> Discovery:
     return discover_rig(recording or recorded(), Config(), parse_rig(tree, Path("rig.yaml")))
-
-
-def reasons(found: Discovery) -> dict[str, str]:
-    return {fault.sensor: fault.reason for fault in found.faults}
 
 
 def assert_same(one: Rig, other: Rig) -> None:

@@ -1,6 +1,9 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from detections import forward_camera
+from evaluation_frames import truth_boxes
 
 from pipeline.core.rig import CameraSensor
 from pipeline.evaluation.records import UNKNOWN, TruthBoxes3D
@@ -11,20 +14,16 @@ CAMERA: CameraSensor = forward_camera("left")
 
 def boxes(*pixels: int) -> TruthBoxes3D:
     """Four objects: two ahead of the camera, one beside its image, one behind it."""
-    n = 4
-    return TruthBoxes3D(
-        7,
-        "site",
-        np.array([[10.0, 0, 0], [20, 1, 0], [5, 60, 0], [-10, 0, 0]]),
-        np.tile([2.0, 1.0, 1.0], (n, 1)),
-        np.zeros(n),
-        np.array([0, 3, 0, 0], np.int32),
-        np.array(["car", "van", "car", "car"]),
-        np.array([1, 2, 3, 4]),
-        np.full(n, 9, np.int32),
-        np.array(pixels or [UNKNOWN] * n, np.int32),
-        np.array([False, True, False, False]),
+    places = [(10.0, 0), (20, 1), (5, 60), (-10, 0)]
+    found = truth_boxes(
+        [(x, y, 0, 2, 1, 1, 0) for x, y in places],
+        [1, 2, 3, 4],
+        class_ids=[0, 3, 0, 0],
+        labels=["car", "van", "car", "car"],
+        image_pixels=pixels or None,
+        is_ignored=[False, True, False, False],
     )
+    return replace(found, stamp_ns=7)
 
 
 def test_objects_ahead_are_seen() -> None:

@@ -6,8 +6,7 @@ from compared_frames import Row, objects
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.settings.classes import ROAD_CLASSES
 from pipeline.core.settings.compare import CompareConfig
-from pipeline.evaluation.comparison.changes import Tracks, source_changes
-from pipeline.evaluation.comparison.objects import KnownClasses, SourceObjects
+from pipeline.evaluation.comparison.objects import KnownClasses, Tracks, source_changes, source_objects
 from pipeline.evaluation.records import SourceBoxes
 from writers.messages.compared import compared_scene, empty_scene
 from writers.palette import CHANGED, EQUAL, LOST, NEW
@@ -21,7 +20,7 @@ def car(x: float, yaw: float = 0.0) -> Row:
 
 
 def drawn(first: SourceBoxes, second: SourceBoxes) -> Any:
-    sides = SourceObjects(first, KNOWN), SourceObjects(second, KNOWN)
+    sides = source_objects(first, KNOWN), source_objects(second, KNOWN)
     changes = source_changes(*sides, CompareConfig(), Tracks())
     return through_cdr(compared_scene(*sides, changes, NAMES, stamp_ns=7))
 

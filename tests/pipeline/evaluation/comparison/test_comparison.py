@@ -12,8 +12,9 @@ from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
 from pipeline.core.settings.compare import CompareConfig
 from pipeline.evaluation.comparison import comparison as module
 from pipeline.evaluation.comparison.comparison import Comparison
+from pipeline.evaluation.comparison.differences import Channel
 from pipeline.evaluation.comparison.frames import paired_frames
-from pipeline.evaluation.comparison.records import KINDS, Channel, Kind
+from pipeline.evaluation.comparison.objects import KINDS, Kind
 from pipeline.evaluation.records import SourceBoxes
 
 CAR, PEDESTRIAN, BICYCLE = 0, 1, 2

@@ -164,9 +164,8 @@ JUDGES: dict[str, tuple[Callable[[dict[str, TrackCase]], Answer], tuple[str, ...
 if __name__ == "__main__":
     for judge_name in sys.argv[1:]:
         ask, packages = JUDGES[judge_name]
-        said = {
-            "versions": {name: version(name) for name in packages},
-            "cases": ask({k: v() for k, v in CASES.items()}),
-        }
-        text = json.dumps(said, indent=1, sort_keys=True)
-        (Path(__file__).parent / "recorded" / f"{judge_name}.json").write_text(text + "\n", encoding="utf-8")
+        versions = json.dumps({name: version(name) for name in packages}, sort_keys=True)
+        said = sorted(ask({k: v() for k, v in CASES.items()}).items())
+        cases = ",\n".join(f"{json.dumps(name)}: {json.dumps(found, sort_keys=True)}" for name, found in said)
+        text = f'{{"versions": {versions}, "cases": {{\n{cases}\n}}}}\n'
+        (Path(__file__).parent / "recorded" / f"{judge_name}.json").write_text(text, encoding="utf-8")

@@ -152,7 +152,7 @@ def main() -> None:
         "cases": {name: {**case, "figures": answers(case)} for name, case in cases.items()},
     }
     text = json.dumps(recorded, allow_nan=False)
-    Path(__file__).with_name("nuscenes.json").write_text(text.replace("]], ", "]],\n").replace("], [", "],\n[") + "\n")
+    Path(__file__).with_name("nuscenes.json").write_text(text.replace("]], ", "]],\n") + "\n")
 
 
 if __name__ == "__main__":

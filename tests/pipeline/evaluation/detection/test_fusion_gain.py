@@ -10,7 +10,8 @@ from evaluation_scenes import boxes3d, evaluated, truth3d
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.detection.gain.resampling import Resampling
+from pipeline.evaluation.detection.curves import R40, average_precision, curve_of
+from pipeline.evaluation.detection.resampling import Resampling, sampled_ap
 from pipeline.evaluation.records import EvaluationFrame
 
 SAMPLES = 100
@@ -19,7 +20,6 @@ CONFIG = Config(classes=CLASSES, evaluate=EvaluateConfig(bootstrap=SAMPLES, rang
 FIGURES = (
     "ap_bev_r40_50",
     "ap_3d_r40_50",
-    "distance.map",
     "precision",
     "recall",
     "f1",
@@ -84,10 +84,8 @@ def test_equal_to_recordings_put_together_from_the_drawn_blocks() -> None:
                 for source in SOURCES
             }
             low, high = np.percentile(sign * np.subtract(values["fused"], values["lidar"]), [2.5, 97.5])
-            # by distance, detections that come twice count one by one in nuScenes's curve, and together in a sample
-            tolerance = 5e-3 if name == "distance.map" else 1e-6
-            assert gain["low"] == pytest.approx(low, abs=tolerance), (class_name, name)
-            assert gain["high"] == pytest.approx(high, abs=tolerance), (class_name, name)
+            assert gain["low"] == pytest.approx(low, abs=1e-6), (class_name, name)
+            assert gain["high"] == pytest.approx(high, abs=1e-6), (class_name, name)
             fused, lidar = (figure(figures["sources"][source][class_name], name) for source in SOURCES)
             assert gain["value"] == pytest.approx(sign * (fused - lidar), abs=1e-12)
             assert (gain["fused"], gain["over"]) == (fused, "lidar")
@@ -149,14 +147,10 @@ def test_few_blocks_give_the_value_and_no_interval(blocks: int) -> None:
         assert (gain["precision"][name] is None) == (blocks < 5)
 
 
-def test_figures_by_distance_carry_the_name_that_is_theirs() -> None:
-    config = Config(evaluate=EvaluateConfig(distances="nuscenes", bootstrap=SAMPLES, iou=(0.3,)))
-    figures = evaluated(drive(20, {"lidar": 0.4, "fused": 0.1}), config)
-    gain = figures["fusion_gain"]["all"]
-    assert "distance" not in gain
-    assert "ap_bev_r40_30" in gain
-    assert gain["nuscenes"]["map"]["low"] <= gain["nuscenes"]["map"]["value"] <= gain["nuscenes"]["map"]["high"]
-    assert gain["nuscenes"]["map"]["fused"] == figures["sources"]["fused"]["all"]["nuscenes"]["map"]
+def test_the_overlap_of_the_settings_is_compared() -> None:
+    config = Config(evaluate=EvaluateConfig(bootstrap=SAMPLES, iou=(0.3,)))
+    gain = evaluated(drive(20, {"lidar": 0.4, "fused": 0.1}), config)["fusion_gain"]["all"]
+    assert gain["ap_bev_r40_30"]["low"] <= gain["ap_bev_r40_30"]["value"] <= gain["ap_bev_r40_30"]["high"]
 
 
 def test_long_recordings_have_longer_blocks() -> None:
@@ -174,3 +168,56 @@ def test_gaps_hold_no_blocks() -> None:
 def test_the_same_samples_every_time() -> None:
     frames = drive(12, {"lidar": 0.4, "fused": 0.2})
     assert evaluated(frames, CONFIG) == evaluated(frames, CONFIG)
+
+
+WHOLE = Resampling(np.zeros(50, np.int64), np.ones((1, 1)))
+
+
+@pytest.mark.parametrize(("count", "tolerance"), [(0, 0.0), (1, 1e-12), (300, 1e-12), (40_000, 2e-3)])
+def test_a_sample_that_is_the_whole_recording(count: int, tolerance: float) -> None:
+    rng = np.random.default_rng(3)
+    scores = np.sort(rng.random(count).astype(np.float32))[::-1]
+    is_right, frames = rng.random(count) < 0.2 + 0.7 * scores, rng.integers(0, 50, count).astype(np.int32)
+    truth_frames = rng.integers(0, 50, 30_000 if count > 300 else 250).astype(np.int32)
+    curve = curve_of(scores, is_right, len(truth_frames))
+    exact = average_precision(curve.right, curve.precision, len(truth_frames), R40)
+    assert sampled_ap(WHOLE, frames, scores, is_right, truth_frames) == pytest.approx([exact], abs=tolerance)
+    assert np.isnan(sampled_ap(WHOLE, frames, scores, is_right, truth_frames[:0])).all()
+
+
+PLACES_M = np.array([[0.0, 0, 0], [20.0, 0, 0], [40.0, 0, 0]])
+
+
+def gain_of(lidar_m: list[float | None], fused_m: list[float | None], *, frames: int = 1) -> Any:
+    """Of cars at `PLACES_M`, each found so far off, or not at all."""
+
+    def found(off_m: list[float | None]) -> Any:
+        rows = [row for row, one in enumerate(off_m) if one is not None]
+        shift = np.array([[0.0, off_m[row] or 0.0, 0.0] for row in rows]).reshape(-1, 3)
+        n = len(rows)
+        sizes = np.full((n, 3), (4.0, 2.0, 1.5))
+        return boxes3d(PLACES_M[rows] + shift, sizes, np.zeros(n), np.full(n, 0.9), np.zeros(n, np.int64))
+
+    truth = truth3d(PLACES_M, np.full((3, 3), (4.0, 2.0, 1.5)), np.zeros(3), np.zeros(3, np.int64))
+    sources = {"lidar": found(lidar_m), "fused": found(fused_m)}
+    made = [EvaluationFrame(index, index * 10**9, truth, sources) for index in range(frames)]
+    return evaluated(made, CONFIG)["fusion_gain"]
+
+
+def test_only_the_objects_that_both_found_are_the_same_objects() -> None:
+    found = gain_of([0.1, None, 0.4], [0.3, 1.0, 0.2])
+    assert found["car"]["errors"]["position_bev_m"]["mean"]["value"] == pytest.approx(0.25 - 0.5)
+    same = {"objects": 2, "value": pytest.approx(0.0, abs=1e-6), "low": None, "high": None, "takes_away": None}
+    assert found["car"]["same_objects"] == {"lidar": same}
+    assert found["all"]["same_objects"]["lidar"] == same
+    nothing = gain_of([0.1, None, None], [None, 0.1, None])["car"]["same_objects"]["lidar"]
+    assert nothing == {"objects": 0, "value": None, "low": None, "high": None, "takes_away": None}
+
+
+@pytest.mark.parametrize(("fused_m", "takes_away"), [(0.1, False), (0.9, True), (0.5, False)])
+def test_the_interval_of_equal_frames_is_their_value(fused_m: float, takes_away: bool) -> None:
+    found = gain_of([0.5] * 3, [fused_m] * 3, frames=6)["car"]["same_objects"]["lidar"]
+    assert found["objects"] == 18
+    for name in ("value", "low", "high"):
+        assert found[name] == pytest.approx(0.5 - fused_m, abs=1e-6)
+    assert found["takes_away"] is takes_away

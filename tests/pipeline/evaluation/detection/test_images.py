@@ -32,24 +32,11 @@ def moved(right_px: float, down_px: float = 0.0) -> tuple[float, ...]:
     return (BOX[0] + right_px, BOX[1] + down_px, BOX[2] + right_px, BOX[3] + down_px)
 
 
-def test_edges_and_overlap_of_what_is_found() -> None:
-    tree = figures(image([102.0, 99, 200, 150], [0.9], [CAR], truth2d(BOX, [CAR])))["car"]
-    assert counts(tree) == {"truth": 1, "found": 1, "right": 1}
-    assert {name: part["bias"] for name, part in tree["edges"].items()} == {
-        "left_px": 2,
-        "top_px": -1,
-        "right_px": 0,
-        "bottom_px": 0,
-    }
-    assert tree["edges"]["top_px"]["mean"] == 1
-    assert tree["mean_iou"] == pytest.approx(98 * 50 / (100 * 50 + 98))
-    assert (tree["ap_2d_r40_50"], tree["ap_2d_r11_70"], tree["false_per_image"]) == (1.0, 1.0, 0.0)
-
-
-def test_overlap_decides() -> None:
-    # moved by a fifth: IoU 80 / 120
-    tree = figures(image(moved(20), [0.9], [CAR], truth2d(BOX, [CAR])))["car"]
-    assert (tree["ap_2d_r40_50"], tree["ap_2d_r40_70"], tree["right"]) == (1.0, 0.0, 1)
+@pytest.mark.parametrize(("right_px", "is_right"), [(0, 1), (33, 1), (34, 0)], ids=["all", "IoU 67 / 133", "66 / 134"])
+def test_half_an_overlap_is_right(right_px: float, is_right: int) -> None:
+    tree = figures(image(moved(right_px), [0.9], [CAR], truth2d(BOX, [CAR])))["car"]
+    assert (tree["right"], tree["false"], tree["false_per_image"]) == (is_right, 1 - is_right, 1 - is_right)
+    assert tree["ap_2d_r40_50"] == is_right
 
 
 @pytest.mark.parametrize(
@@ -162,5 +149,5 @@ def test_equal_to_matching_image_by_image(seed: int) -> None:
 def test_images_matched_together_are_as_if_matched_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     images = [image(moved(row), [0.9], [CAR], truth2d(BOX, [CAR])) for row in range(0, 50, 10)]
     together = figures(*images)
-    monkeypatch.setattr("pipeline.evaluation.detection.images.camera._MAX_IMAGES", 2)
+    monkeypatch.setattr("pipeline.evaluation.detection.images.MAX_IMAGES", 2)
     assert figures(*images) == together

@@ -10,11 +10,9 @@ from pipeline.core.arrays import F64
 from pipeline.core.settings.config import ALL_CLASSES
 from pipeline.evaluation.detection.averages import overlap_name
 from pipeline.evaluation.detection.errors import bird_eye_m
-from pipeline.evaluation.detection.gain.resampling import Resampling, sampled_ap_by_distance, sampled_ap_by_overlap
-from pipeline.evaluation.detection.gain.same_objects import PERCENTILES, gain_on_same_objects
+from pipeline.evaluation.detection.resampling import Resampling, sampled_ap
 from pipeline.evaluation.detection.source import Source
 from pipeline.evaluation.records import Figures
-from pipeline.evaluation.scales import NUSCENES_RANGES_M
 
 __all__ = ["fusion_gain"]
 
@@ -26,6 +24,8 @@ _MIN_BLOCKS = 5
 _ROUNDING = 1e-9
 """Figures that differ by no more than this part of the larger are equal: means of the same errors, summed in another
 order, differ in their last digits, and would show a gain or a loss that nothing stands behind."""
+
+PERCENTILES = (2.5, 97.5)
 
 _POSITION = "errors.position_bev_m.mean"
 
@@ -64,7 +64,7 @@ def fusion_gain(sources: Mapping[str, Source], figures: Mapping[str, Figures], r
             _set(gain, name, _gain(values, drawn, singles, sign=-1 if name == _POSITION else 1))
         class_id = None if class_name == ALL_CLASSES else sources[_FUSED].site.class_names.index(class_name)
         gain["same_objects"] = {
-            name: gain_on_same_objects(sources[_FUSED], sources[name], class_id, resampling, has_interval=has_interval)
+            name: _gain_on_same_objects(sources[_FUSED], sources[name], class_id, resampling, has_interval=has_interval)
             for name in singles
         }
         gains[class_name] = gain
@@ -106,35 +106,17 @@ def _samples_by_class(source: Source, resampling: Resampling) -> dict[str, Sampl
     }
     samples: dict[str, Samples] = {}
     for class_id, name in enumerate(names):
-        of_class = {figure: _by_overlap(source, resampling, class_id, row) for figure, row in overlaps.items()}
-        of_class[f"{criteria.distances_name}.map"] = _map(source, resampling, class_id)
+        of_class = {figure: _average_precision(source, resampling, class_id, row) for figure, row in overlaps.items()}
         samples[name] = of_class | _pooled(source, resampling, class_id)
     means = {figure: _mean([samples[name][figure] for name in names]) for figure in overlaps}
-    by_distance = [samples[name][f"{criteria.distances_name}.map"] for name in names]
-    means[f"{criteria.distances_name}.map"] = (
-        _mean(by_distance)
-        if criteria.distances == "scaled"
-        else np.nansum(by_distance, axis=0) / len(NUSCENES_RANGES_M)
-    )
     return {**samples, ALL_CLASSES: means | _pooled(source, resampling, None)}
 
 
-def _by_overlap(source: Source, resampling: Resampling, class_id: int, row: int) -> F64:
+def _average_precision(source: Source, resampling: Resampling, class_id: int, row: int) -> F64:
     detections = source.scored(class_id, row)
     frames = source.found.frames[detections.rows]
     truth_frames = source.site.truth.frames[source.is_evaluated(class_id)]
-    return sampled_ap_by_overlap(resampling, frames, detections.scores, detections.is_right, truth_frames)
-
-
-def _map(source: Source, resampling: Resampling, class_id: int) -> F64:
-    truth_frames = source.site.truth.frames[source.is_counted_by_distance(class_id)]
-    precisions = []
-    for row in source.site.criteria.distance_rows:
-        detections = source.scored(class_id, row)
-        frames = source.found.frames[detections.rows]
-        precisions.append(sampled_ap_by_distance(resampling, frames, detections.is_right, truth_frames))
-    mean: F64 = np.mean(precisions, axis=0)
-    return mean
+    return sampled_ap(resampling, frames, detections.scores, detections.is_right, truth_frames)
 
 
 def _pooled(source: Source, resampling: Resampling, class_id: int | None) -> Samples:
@@ -174,3 +156,35 @@ def _set(tree: dict[str, Any], name: str, value: object) -> None:
     for branch in branches:
         tree = tree.setdefault(branch, {})
     tree[leaf] = value
+
+
+def _gain_on_same_objects(
+    fused: Source, single: Source, class_id: int | None, resampling: Resampling, *, has_interval: bool
+) -> Figures:
+    """By how many metres the fused position is better, mean of the objects of a class (None: of all) that both found.
+
+    The mean error of a source is that of what it found. A source that finds near objects alone looks better than one
+    that finds far ones as well, so means of different objects do not say who places better.
+    """
+    gains_m = _errors_m(single, class_id) - _errors_m(fused, class_id)
+    rows = np.flatnonzero(np.isfinite(gains_m))
+    found: dict[str, float | int | bool | None] = {"objects": len(rows)}
+    if not len(rows):
+        return found | dict.fromkeys(("value", "low", "high", "takes_away"))
+    found["value"] = float(gains_m[rows].mean())
+    if not has_interval:
+        return found | dict.fromkeys(("low", "high", "takes_away"))
+    frames = fused.site.truth.frames[rows]
+    counts = resampling.sums(frames)
+    means = resampling.sums(frames, gains_m[rows])[counts > 0] / counts[counts > 0]
+    low, high = map(float, np.percentile(means, PERCENTILES))
+    return found | {"low": low, "high": high, "takes_away": high < 0}
+
+
+def _errors_m(source: Source, class_id: int | None) -> F64:
+    """(T,) error of the position that a source gives to each true object; NaN where it did not find it."""
+    detections = source.scored(class_id, source.site.criteria.position_row)
+    right = detections.is_right
+    errors_m = np.full(len(source.site.truth), np.nan)
+    errors_m[detections.truth_rows[right]] = bird_eye_m(source.found.errors[0, detections.rows[right]])
+    return errors_m

@@ -6,17 +6,15 @@ subseries values for estimating the variance of a general statistic from a stati
 1986). A recording of fewer than some ten blocks gives intervals that are too narrow all the same.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from pipeline.core.arrays import F32, F64, I32, I64, Bools, Indices, check_array
-from pipeline.evaluation.detection.by_distance import interpolated_ap
 from pipeline.evaluation.detection.curves import R40, average_precision, last_of_equals
 
-__all__ = ["Resampling", "sampled_ap_by_distance", "sampled_ap_by_overlap"]
+__all__ = ["Resampling", "sampled_ap"]
 
 _BLOCK_NS = 1_000_000_000
 _MAX_BLOCKS = 1000
@@ -95,8 +93,8 @@ class Resampling:
         return np.cumsum(self.weights @ table.astype(np.float64), axis=1)
 
 
-def sampled_ap_by_overlap(resampling: Resampling, frames: I32, scores: F32, is_right: Bools, truth_frames: I32) -> F64:
-    """(S,) average precision at 40 recalls of each sample; NaN without true objects.
+def sampled_ap(resampling: Resampling, frames: I32, scores: F32, is_right: Bools, truth_frames: I32) -> F64:
+    """(S,) average precision by overlap at 40 recalls of each sample; NaN without true objects.
 
     Args:
         resampling: The samples.
@@ -109,48 +107,13 @@ def sampled_ap_by_overlap(resampling: Resampling, frames: I32, scores: F32, is_r
     # precision is highest where a right detection has just come in
     gains = np.diff(np.cumsum(is_right)[last], prepend=0) > 0
     ends = _thinned(last[gains] + 1)
-
-    def precision(right: F64, all_found: F64, truth: int) -> float | None:
-        counts = np.rint(right).astype(np.int64)
-        quality = np.divide(right, all_found, out=np.zeros(len(right)), where=all_found > 0)
-        return average_precision(counts, quality, truth, R40)
-
-    return _by_sample(resampling, frames, is_right, truth_frames, ends, precision)
-
-
-def sampled_ap_by_distance(resampling: Resampling, frames: I32, is_right: Bools, truth_frames: I32) -> F64:
-    """(S,) average precision as nuScenes has it of each sample; NaN without true objects.
-
-    Args:
-        resampling: The samples.
-        frames: (N,) frame of each detection that counts, by falling score.
-        is_right: (N,) which of them show an object.
-        truth_frames: (T,) frame of each true object.
-    """
-    # between two right detections the curve is a straight line: it is read before and after each one, and at its end
-    right = _thinned(np.flatnonzero(is_right))
-    ends = np.unique(np.concatenate([right, right + 1, [len(is_right)]]))
-
-    def precision(right: F64, all_found: F64, truth: int) -> float | None:
-        rows = np.flatnonzero(all_found)
-        return interpolated_ap(right[rows] / truth, right[rows] / all_found[rows]) if truth else None
-
-    return _by_sample(resampling, frames, is_right, truth_frames, ends[ends > 0], precision)
-
-
-def _by_sample(
-    resampling: Resampling,
-    frames: I32,
-    is_right: Bools,
-    truth_frames: I32,
-    ends: Indices,
-    precision: Callable[[F64, F64, int], float | None],
-) -> F64:
     right = resampling.running_sums(frames, is_right, ends)
     all_found = resampling.running_sums(frames, np.ones(len(frames), np.bool_), ends)
+    quality = np.divide(right, all_found, out=np.zeros(right.shape), where=all_found > 0)
+    counts = np.rint(right).astype(np.int64)
     truth = np.rint(resampling.sums(truth_frames)).astype(np.int64)
     rows, same = resampling.distinct
-    values = [precision(*sample) for sample in zip(right[rows], all_found[rows], truth[rows].tolist(), strict=True)]
+    values = [average_precision(counts[row], quality[row], int(truth[row]), R40) for row in rows.tolist()]
     return np.array([np.nan if value is None else value for value in values])[same]
 
 

@@ -1,0 +1,217 @@
+"""Differences as they are listed: those of one object in frames that follow each other are one."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from pipeline.core.arrays import F64
+from pipeline.evaluation.comparison.objects import KINDS, Kind, pairs_of_least_cost
+
+__all__ = ["Channel", "Difference", "Episode", "Episodes", "Listing"]
+
+Channel = tuple[Literal["sources", "images"], str]
+"""A source of 3D boxes, or a camera with its 2D boxes."""
+
+WITHOUT_AMOUNT = {"relabelled", "reidentified"}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Difference:
+    """One object that differs in one frame.
+
+    Attributes:
+        pair: Number of the pair of frames, from 0.
+        row: Its place among the differences of the frame.
+        frame: Number of the frame in B, in A of an object that only A has.
+        stamp_ns: Time of that frame.
+        place: Where the object is in that frame: x, y, z in metres, or the centre x, y in pixels.
+        reach: How far it can be from its place in the frame before.
+        class_name: Its class, in A unless only B has it.
+        new_class_name: Its class in B.
+        amounts: What differs, and by how much: see `Changes.amounts`; the score of an object that is lost or new.
+    """
+
+    pair: int
+    row: int
+    frame: int
+    stamp_ns: int
+    place: tuple[float, ...]
+    reach: float
+    class_name: str
+    new_class_name: str
+    amounts: Mapping[Kind, float]
+
+    @property
+    def presence(self) -> Kind:
+        """`lost`, `new`, or `moved` for an object that both have, however it differs."""
+        return next((kind for kind in KINDS[:2] if kind in self.amounts), "moved")
+
+
+@dataclass(slots=True, eq=False)
+class Episode:
+    """One object that differs in frames one after the other.
+
+    Attributes:
+        channel: Where it was found.
+        first: Its difference in the first frame.
+        last: In the last.
+        frames: Their number.
+        counts: In how many of them it differs, by kind.
+        worst: Largest amount, and where, by kind.
+    """
+
+    channel: Channel
+    first: Difference
+    last: Difference = field(init=False)
+    frames: int = 0
+    counts: dict[Kind, int] = field(default_factory=dict)
+    worst: dict[Kind, tuple[float, Difference]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.add(self.first)
+
+    def add(self, difference: Difference) -> None:
+        """Take in the next frame."""
+        self.last = difference
+        self.frames += 1
+        for kind, amount in difference.amounts.items():
+            self.counts[kind] = self.counts.get(kind, 0) + 1
+            if kind not in self.worst or amount > self.worst[kind][0]:
+                self.worst[kind] = amount, difference
+
+    def tree(self, start_ns: int) -> dict[str, Any]:
+        """As JSON has it, with seconds since `start_ns`."""
+        first, last = self.first, self.last
+        return {
+            **self._named(),
+            "class": first.class_name,
+            "new_class": self.worst["relabelled"][1].new_class_name if "relabelled" in self.worst else None,
+            "frames": self.frames,
+            "first_frame": first.frame,
+            "last_frame": last.frame,
+            "first_s": _seconds(first, start_ns),
+            "last_s": _seconds(last, start_ns),
+            "first_stamp_ns": first.stamp_ns,
+            "place": list(first.place),
+            "kinds": {
+                kind: {"frames": count, "largest": None if kind in WITHOUT_AMOUNT else self.worst[kind][0]}
+                for kind in KINDS
+                if (count := self.counts.get(kind))
+            },
+        }
+
+    def worst_tree(self, kind: Kind, start_ns: int) -> dict[str, Any]:
+        """The largest amount of a kind and where it is, as JSON has it."""
+        amount, there = self.worst[kind]
+        return {
+            **self._named(),
+            "class": there.class_name,
+            "frame": there.frame,
+            "s": _seconds(there, start_ns),
+            "stamp_ns": there.stamp_ns,
+            "place": list(there.place),
+            "amount": amount,
+        }
+
+    def _named(self) -> dict[str, str]:
+        kind, name = self.channel
+        return {"source" if kind == "sources" else "camera": name}
+
+
+def _seconds(difference: Difference, start_ns: int) -> float:
+    return float(np.round((difference.stamp_ns - start_ns) / 1e9, 6))
+
+
+class Episodes:
+    """Joins the differences of one channel; an episode ends with the first frame that has no part of it.
+
+    Args:
+        channel: The source or camera.
+    """
+
+    def __init__(self, channel: Channel) -> None:
+        self._channel = channel
+        self._open: list[Episode] = []
+
+    def add(self, differences: Sequence[Difference], *, is_next: bool) -> list[Episode]:
+        """Take in a frame.
+
+        Args:
+            differences: Of the frame.
+            is_next: Whether it follows the frame before it.
+
+        Returns:
+            The episodes that are over.
+        """
+        known, taken = self._open if is_next else [], set[int]()
+        going_on: list[Episode] = []
+        for presence in ("lost", "new", "moved"):
+            mine = [one for one in differences if one.presence == presence]
+            rows = [row for row, one in enumerate(known) if one.last.presence == presence]
+            partners = _partners([known[row].last.place for row in rows], mine)
+            for number, one in enumerate(mine):
+                if number not in partners:
+                    going_on.append(Episode(self._channel, one))
+                    continue
+                row = rows[partners[number]]
+                taken.add(row)
+                known[row].add(one)
+                going_on.append(known[row])
+        over = [one for row, one in enumerate(self._open) if row not in taken]
+        self._open = going_on
+        return over
+
+
+def _partners(before: Sequence[tuple[float, ...]], differences: Sequence[Difference]) -> dict[int, int]:
+    """Row in `before` of each difference that goes on, by its number."""
+    if not before or not differences:
+        return {}
+    reaches = np.maximum([one.reach for one in differences], 1e-9)
+    places: F64 = np.array([one.place for one in differences], np.float64)
+    distances = np.linalg.norm(np.array(before, np.float64)[:, None] - places, axis=-1)
+    rows, columns = pairs_of_least_cost(distances / reaches)
+    return dict(zip(columns.tolist(), rows.tolist(), strict=True))
+
+
+class Listing:
+    """Keeps the earliest episodes and counts all.
+
+    Of those that begin in the same frame, sources come before cameras, and what comes first in the results.
+
+    Args:
+        max_kept: Number of episodes that are kept.
+    """
+
+    def __init__(self, max_kept: int) -> None:
+        self._max_kept = max_kept
+        self._kept: list[tuple[tuple[int, int, int], Episode]] = []
+        self._worst: dict[Kind, tuple[float, tuple[int, int, int], Episode]] = {}
+        self._count = 0
+
+    def take(self, episodes: Iterable[Episode], channel_row: int) -> None:
+        """Take in episodes that are over, of one channel."""
+        for episode in episodes:
+            key = episode.first.pair, channel_row, episode.first.row
+            self._count += 1
+            self._kept.append((key, episode))
+            for kind, (amount, _) in episode.worst.items():
+                if kind not in self._worst or (-amount, key) < (-self._worst[kind][0], self._worst[kind][1]):
+                    self._worst[kind] = amount, key, episode
+        if len(self._kept) >= 2 * self._max_kept:
+            self._shorten()
+
+    def figures(self, start_ns: int) -> dict[str, Any]:
+        """The episodes as JSON has them, the earliest first, and the one with the largest amount of each kind."""
+        self._shorten()
+        largest = [kind for kind in KINDS if kind in self._worst and kind not in WITHOUT_AMOUNT]
+        return {
+            "count": self._count,
+            "listed": [episode.tree(start_ns) for _, episode in self._kept],
+            "largest": {kind: self._worst[kind][2].worst_tree(kind, start_ns) for kind in largest},
+        }
+
+    def _shorten(self) -> None:
+        self._kept.sort(key=lambda one: one[0])
+        del self._kept[self._max_kept :]

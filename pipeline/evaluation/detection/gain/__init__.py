@@ -1,1 +1,0 @@
-"""What fusion adds, and how sure that is."""

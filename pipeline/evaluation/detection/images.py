@@ -1,0 +1,172 @@
+"""The 2D boxes of one camera against what its images show."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.core.arrays import F32, F64, I32, Bools, Rows, select_rows
+from pipeline.core.settings.config import ALL_CLASSES, Config
+from pipeline.evaluation.assignment import pairs_of_equal
+from pipeline.evaluation.detection.averages import Averages, mean_figures
+from pipeline.evaluation.detection.counts import count_figures
+from pipeline.evaluation.detection.curves import R40, average_precision, curve_of, ratio
+from pipeline.evaluation.detection.matching import by_falling_score, match_by_score, ranks_by_score
+from pipeline.evaluation.detection.objects import check_class_ids, check_numbers
+from pipeline.evaluation.detection.tables import FALSE, IGNORED
+from pipeline.evaluation.pieces import Pieces
+from pipeline.evaluation.records import UNKNOWN, Figures, ImageBoxes, TruthBoxes2D
+
+__all__ = ["CameraImages"]
+
+MIN_IOU = 0.5
+"""IoU of upright rectangles from which a detection counts as right."""
+
+MAX_IMAGES = 128
+"""Images that are matched together."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Found:
+    """The detections of a camera in all images.
+
+    Attributes:
+        class_ids: (N,) int32, row of the configured classes.
+        scores: (N,) float32.
+        matches: (N,) int32, row of the object in its batch of images; or `FALSE`, `IGNORED`.
+    """
+
+    class_ids: I32
+    scores: F32
+    matches: I32
+
+
+class CameraImages:
+    """Matches the 2D boxes of one camera, some images at a time, and keeps what the figures need.
+
+    Args:
+        config: Classes and settings of the evaluation.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self._class_names = config.class_names
+        self._min_pixels = config.evaluate.min_image_pixels
+        self._found = Pieces(_Found(np.zeros(0, np.int32), np.zeros(0, np.float32), np.zeros(0, np.int32)))
+        self._truth_counts = np.zeros(len(config.classes), np.int64)
+        self._ignored_counts = np.zeros(len(config.classes) + 1, np.int64)  # the last one: of no configured class
+        self._images = 0
+        self._images_without_truth = 0
+        self._waiting: list[tuple[ImageBoxes, TruthBoxes2D]] = []
+
+    def add(self, image: ImageBoxes) -> None:
+        """Take in one image.
+
+        Raises:
+            ValueError: a class id is none of the configured classes, or a number is not finite.
+        """
+        if image.truth is None:
+            self._images_without_truth += 1
+            return
+        check_numbers("found", image.found.xyxy, image.found.scores)
+        check_class_ids("found", image.found.class_ids, range(len(self._class_names)))
+        check_numbers("truth", image.truth.xyxy)
+        check_class_ids("truth", image.truth.class_ids, range(UNKNOWN, len(self._class_names)))
+        self._images += 1
+        self._waiting.append((image, image.truth))
+        if len(self._waiting) >= MAX_IMAGES:
+            self._match()
+
+    def figures(self) -> Figures:
+        """All figures, by class."""
+        self._match()
+        found, all_truth, all_ignored = self._found.table(), self._truth_counts, self._ignored_counts
+        figures: dict[str, dict[str, float | int | None]] = {}
+        averages: list[Averages] = []
+        for class_id, name in enumerate(self._class_names):
+            part = select_rows(found, found.class_ids == class_id)
+            figures[name] = self._of(part, int(all_truth[class_id]), int(all_ignored[class_id]))
+            averages.append({"ap_2d_r40_50": _average_precision(part, int(all_truth[class_id]))})
+            figures[name] |= averages[-1]
+        pooled = self._of(found, int(all_truth.sum()), int(all_ignored.sum()))
+        return {**figures, ALL_CLASSES: {**pooled, **mean_figures(averages)}}
+
+    def _match(self) -> None:
+        if not self._waiting:
+            return
+        images, truths = zip(*self._waiting, strict=True)
+        self._waiting = []
+        ids = np.concatenate([truth.class_ids for truth in truths])
+        evaluated = np.concatenate([self._is_evaluated(truth) for truth in truths])
+        self._found.append(_matched(images, truths, evaluated))
+        classes = len(self._class_names)
+        self._truth_counts += np.bincount(ids[evaluated], minlength=classes)
+        self._ignored_counts += np.bincount(ids[~evaluated] % (classes + 1), minlength=classes + 1)
+
+    def _is_evaluated(self, truth: TruthBoxes2D) -> Bools:
+        """(T,) of a class, not ignored, not known to have too few pixels."""
+        enough = (truth.image_pixels >= self._min_pixels) | (truth.image_pixels == UNKNOWN)
+        return np.asarray(enough & (truth.class_ids >= 0) & ~truth.is_ignored)
+
+    def _of(self, found: _Found, truth: int, left_out: int) -> dict[str, float | int | None]:
+        counted = _counted(found)
+        is_right = counted.matches != FALSE
+        return {
+            **count_figures(
+                curve_of(counted.scores, is_right, truth), len(found.scores) - len(counted.scores), left_out
+            ),
+            "false_per_image": ratio(int((~is_right).sum()), self._images),
+            "images": self._images,
+            "images_without_truth": self._images_without_truth,
+        }
+
+
+def _average_precision(found: _Found, truth: int) -> float | None:
+    counted = _counted(found)
+    curve = curve_of(counted.scores, counted.matches != FALSE, truth)
+    return average_precision(curve.right, curve.precision, truth, R40)
+
+
+def _counted(found: _Found) -> _Found:
+    """The detections that count, by falling score."""
+    rows: Rows = np.flatnonzero(found.matches != IGNORED)
+    return select_rows(found, rows[by_falling_score(found.scores[rows])])
+
+
+def _matched(images: Sequence[ImageBoxes], truths: Sequence[TruthBoxes2D], evaluated: Bools) -> _Found:
+    """Match the detections of at least one image.
+
+    A false detection is ignored if an ignored object of any class, or a region that nobody labelled, holds as large a
+    share of it as `MIN_IOU`.
+
+    Args:
+        images: The images.
+        truths: What each of them shows.
+        evaluated: (T,) which objects of all images are.
+    """
+    xyxy = np.concatenate([image.found.xyxy for image in images]).astype(np.float64)
+    class_ids = np.concatenate([image.found.class_ids for image in images])
+    scores = np.concatenate([image.found.scores for image in images])
+    true_xyxy = np.concatenate([truth.xyxy for truth in truths]).astype(np.float64)
+    true_ids = np.concatenate([truth.class_ids for truth in truths])
+    found, shown = pairs_of_equal(_numbers([len(image.found) for image in images]), _numbers(list(map(len, truths))))
+    iou, share = _overlaps(xyxy[found], true_xyxy[shown])
+    order = np.lexsort((shown, -iou, found))
+    rows = order[(evaluated[shown] & (class_ids[found] == true_ids[shown]) & (iou >= MIN_IOU))[order]]
+    matches = match_by_score(found[rows], shown[rows], ranks_by_score(scores), len(true_ids))
+    ignored = np.zeros(len(scores), np.bool_)
+    ignored[found[~evaluated[shown] & (share >= MIN_IOU)]] = True
+    return _Found(class_ids, scores, np.where(ignored & (matches == FALSE), IGNORED, matches).astype(np.int32))
+
+
+def _numbers(counts: Sequence[int]) -> I32:
+    return np.repeat(np.arange(len(counts), dtype=np.int32), counts)
+
+
+def _overlaps(found: F64, true: F64) -> tuple[F64, F64]:
+    """IoU of rectangles (P, 4) row by row, and the share of the first that the second holds."""
+    extent = np.clip(np.minimum(found[:, 2:], true[:, 2:]) - np.maximum(found[:, :2], true[:, :2]), 0, None)
+    shared = extent.prod(1)
+    area, true_area = (np.clip(boxes[:, 2:] - boxes[:, :2], 0, None).prod(1) for boxes in (found, true))
+    joined = area + true_area - shared
+    iou = np.divide(shared, joined, out=np.zeros(len(shared)), where=joined > 0)
+    return iou, np.divide(shared, area, out=np.zeros(len(shared)), where=area > 0)

@@ -1,1 +1,0 @@
-"""2D boxes of the cameras against what their images show."""
