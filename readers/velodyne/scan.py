@@ -5,6 +5,7 @@ of four bytes, so packets lie 1216 bytes apart, yet nothing fills up the last on
 """
 
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from pipeline.core.arrays import I64, U8, Bools, check_array
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
+from readers.messages.boundary.fields import Fields
 from readers.messages.cursor import Cursor
 from readers.messages.deserialize import typestore_for
 from readers.messages.tf import clean_frame
@@ -20,6 +22,8 @@ __all__ = ["PACKET_BYTES", "SCAN", "VelodynePackets", "parse_velodyne_scan"]
 
 SCAN = "velodyne_msgs/msg/VelodyneScan"
 PACKET_BYTES = 1206
+
+FIELDS: Mapping[str, Fields] = {SCAN: {}}  # read in place
 
 _STAMP_BYTES = 8
 
