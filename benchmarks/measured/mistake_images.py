@@ -16,7 +16,7 @@ from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import RawMessage
 from pipeline.core.rig import CameraSensor, Rig
-from readers.messages.compressed_image import decode_compressed_image
+from readers.messages.image import decode_compressed_image
 from readers.open import open_recording
 from readers.recording import Recording
 from readers.results.result import open_result

@@ -22,8 +22,8 @@ from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.typestores import message_types, release_types
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from pipeline.core.text import one_line
-from readers.messages.boundary.layouts import layout_fault
-from readers.messages.size_limits import count_items, size_fault
+from readers.messages.boundary.fields import layout_fault
+from readers.messages.boundary.size_limits import count_items, size_fault
 
 __all__ = ["definition_problem", "deserialize", "deserialize_as", "type_parts", "typestore_for"]
 

@@ -1,7 +1,8 @@
 """Converts messages with Foxglove's sensor schemas, in protobuf or JSON, to the equivalent ROS 2 messages.
 
-Source: docs.foxglove.dev/docs/sdk/schemas (foxglove-sdk, schemas/). Unset fields have proto3's defaults; without a
-timestamp the stamp is the log time.
+Sources: docs.foxglove.dev/docs/sdk/schemas (foxglove-sdk, schemas/), where in JSON bytes are base64 and a time is
+`{"sec": ..., "nsec": ...}`; mcap.dev/spec/registry: a protobuf schema is a FileDescriptorSet, its name is the message's
+full name. Unset fields have proto3's defaults; without a timestamp the stamp is the log time.
 
 | Foxglove | ROS 2 |
 | --- | --- |
@@ -13,6 +14,8 @@ timestamp the stamp is the log time.
 | foxglove.FrameTransform, foxglove.FrameTransforms | tf2_msgs/TFMessage |
 """
 
+import base64
+import json
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
@@ -26,7 +29,6 @@ from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.messages import POINT_FIELD_DATATYPES, ROS2
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from pipeline.core.text import one_line
-from readers.messages.foxglove_wire import Fields, payload, read_fields, time_ns
 
 __all__ = ["ROS_TYPES", "ros_channel", "to_ros"]
 
@@ -40,6 +42,14 @@ ROS_TYPES = {
     "foxglove.FrameTransforms": "tf2_msgs/msg/TFMessage",
 }
 """ROS 2 type by schema."""
+
+Fields = dict[str, Any]
+
+JSON_ITEMS = (b",", b"{", b"[")
+"""Bytes that come before each value but the first, which is none of those that make up base64."""
+
+VARINT, LENGTH, FIXED_BYTES = 0, 2, {1: 8, 5: 4}
+MAX_VARINT_BYTES = 10
 
 # foxglove.PackedElementField.NumericType
 _NUMERIC_TYPES = {1: "u1", 2: "i1", 3: "u2", 4: "i2", 5: "u4", 6: "i4", 7: "f4", 8: "f8"}
@@ -59,8 +69,8 @@ def to_ros(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Raw
     """
     source, channel = message.channel, ros_channel(message.channel)
     try:
-        fields = read_fields(message, limits=limits)
-        stamp_ns = time_ns(fields["timestamp"]) if "timestamp" in fields else message.log_time_ns
+        fields = _read_fields(message, limits=limits)
+        stamp_ns = _time_ns(fields["timestamp"]) if "timestamp" in fields else message.log_time_ns
         data = ROS2.serialize(_CONVERSIONS[source.msgtype](fields, stamp_ns))
     except Exception as err:  # JSON values of any type, and errors of protobuf and rosbags
         if is_short_memory(err):
@@ -158,7 +168,7 @@ def _camera_calibration(fields: Fields, stamp_ns: int) -> Any:
 
 
 def _data(fields: Fields) -> U8:
-    return np.frombuffer(payload(fields.get("data", b"")), np.uint8)
+    return np.frombuffer(_payload(fields.get("data", b"")), np.uint8)
 
 
 def _matrix(fields: Fields, name: str, unset: F64) -> F64:
@@ -179,7 +189,7 @@ def _frame_transform(fields: Fields, stamp_ns: int) -> Any:
 
 def _transform_stamped(fields: Fields, stamp_ns: int) -> Any:
     if "timestamp" in fields:
-        stamp_ns = time_ns(fields["timestamp"])
+        stamp_ns = _time_ns(fields["timestamp"])
     return ROS2.transform_stamped(
         stamp_ns,
         fields.get("parent_frame_id", ""),
@@ -213,3 +223,122 @@ _CONVERSIONS: dict[str, Callable[[Fields, int], Any]] = {
     "foxglove.FrameTransform": _frame_transform,
     "foxglove.FrameTransforms": _frame_transforms,
 }
+
+
+# --- protobuf and JSON as nested mappings of plain values by field name
+
+
+def _read_fields(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Fields:
+    """The fields that are set, by name: messages as mappings, lists as lists; for bytes see `_payload`.
+
+    Raises:
+        MessageError: the schema cannot be used, the bytes do not fit it, or they hold more values than `limits` allow.
+    """
+    if message.channel.encoding == "json":
+        text = bytes(message.data)
+        _check_items(sum(map(text.count, JSON_ITEMS)), message.topic, limits)
+        found = json.loads(text)
+        if not isinstance(found, dict):
+            raise MessageError(f"{message.topic}: expected a JSON object, found {type(found).__name__}")
+        return found
+    message_class = _message_class(message.channel)
+    if isinstance(message_class, str):
+        raise MessageError(f"{message.topic}: {message_class}")
+    data = memoryview(message.data)
+    most = limits.max_message_items
+    _check_items(_count_values(data, message_class.DESCRIPTOR, most), message.topic, limits)
+    return _set_fields(message_class.FromString(data))
+
+
+def _check_items(items: int, topic: str, limits: LimitsConfig) -> None:
+    if items > limits.max_message_items:
+        raise MessageError(
+            f"{topic}: a message with more than {limits.max_message_items} values: raise limits.max_message_items"
+        )
+
+
+def _count_values(data: memoryview, descriptor: Any, most: int) -> int:
+    """Number of values in a protobuf message, texts and bytes as one each; stops beyond `most`, and at damage.
+
+    Google's parser holds a hundred bytes for a nested message of two.
+    """
+    count, waiting = 0, [(data, descriptor)]
+    while waiting:
+        part, kind = waiting.pop()
+        at = 0
+        while at < len(part) and count <= most:
+            count += 1
+            key, at = _varint(part, at)
+            wire = key & 7
+            if wire == VARINT:
+                _, at = _varint(part, at)
+            elif wire != LENGTH:
+                at += FIXED_BYTES.get(wire, 0)
+            else:
+                size, at = _varint(part, at)
+                field = None if kind is None else kind.fields_by_number.get(key >> 3)
+                if field is not None and field.message_type is not None:
+                    waiting.append((part[at : at + size], field.message_type))
+                elif field is not None and field.type not in {field.TYPE_BYTES, field.TYPE_STRING}:
+                    count += min(size, len(part) - at)  # numbers one after the other, a byte each or more
+                at += size
+    return count
+
+
+def _varint(data: memoryview, at: int) -> tuple[int, int]:
+    """A number, and where it ends; at the end of the data zero."""
+    value = 0
+    for place, byte in enumerate(data[at : at + MAX_VARINT_BYTES]):
+        value |= (byte & 0x7F) << 7 * place
+        if byte < 0x80:
+            return value, at + place + 1
+    return 0, len(data)
+
+
+def _payload(value: bytes | str) -> bytes:
+    """A field of bytes; in JSON it is base64.
+
+    Raises:
+        ValueError: it is not valid base64.
+    """
+    return base64.b64decode(value, validate=True) if isinstance(value, str) else value
+
+
+def _time_ns(value: Fields) -> int:
+    """A google.protobuf.Timestamp, or Foxglove's JSON form of it, in nanoseconds."""
+    sec: Any = value.get("sec", value.get("seconds", 0))
+    nanosec: Any = value.get("nsec", value.get("nanos", 0))
+    return int(sec) * 10**9 + int(nanosec)
+
+
+@lru_cache(maxsize=256)
+def _message_class(channel: Channel) -> Any | str:
+    """The class of a protobuf channel's messages, or why there is none: failures are cached too."""
+    # Google's library is imported for recordings that have such messages.
+    from google.protobuf.descriptor_database import DescriptorDatabase
+    from google.protobuf.descriptor_pb2 import FileDescriptorSet
+    from google.protobuf.descriptor_pool import DescriptorPool
+    from google.protobuf.message_factory import GetMessageClass
+
+    try:
+        database = DescriptorDatabase()
+        for file in FileDescriptorSet.FromString(base64.b64decode(channel.definition)).file:
+            database.Add(file)
+        return GetMessageClass(DescriptorPool(database).FindMessageTypeByName(channel.msgtype))
+    except Exception as err:  # protobuf's own errors, TypeError, KeyError or ValueError
+        if is_short_memory(err):
+            raise
+        reason = one_line(err, max_characters=200)
+        return f"the recorded protobuf schema of {channel.msgtype} is unusable: {type(err).__name__}: {reason}"
+
+
+def _set_fields(message: Any) -> Fields:
+    found = {}
+    for descriptor, value in message.ListFields():
+        if descriptor.message_type is None:
+            found[descriptor.name] = value
+        elif descriptor.is_repeated:
+            found[descriptor.name] = [_set_fields(item) for item in value]
+        else:
+            found[descriptor.name] = _set_fields(value)
+    return found

@@ -1,5 +1,6 @@
-"""Decodes sensor_msgs/Image; `decode_any_image` also CompressedImage."""
+"""Decodes sensor_msgs/Image and sensor_msgs/CompressedImage."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,28 +12,44 @@ from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from pipeline.core.text import one_line
 from readers.messages.boundary.decoding import decoder
-from readers.messages.compressed_image import COMPRESSED_IMAGE, decode_compressed_image
+from readers.messages.boundary.fields import BYTES, HEADER, TEXT, WHOLE, Fields
 from readers.messages.deserialize import deserialize_as
-from readers.messages.image_encodings import PACKED, PLANAR, check_pixels, packed_to_rgb, planar_rows, planar_to_rgb
+from readers.messages.image_encodings import (
+    PACKED,
+    PLANAR,
+    PackedEncoding,
+    check_pixels,
+    packed_to_rgb,
+    planar_rows,
+    planar_to_rgb,
+)
+from readers.messages.image_header import KINDS, image_size
+from readers.messages.registry import decode_as
 from readers.messages.tf import clean_frame
 
-__all__ = ["COMPRESSED_IMAGE", "RAW_IMAGE", "decode_any_image", "decode_image"]
+__all__ = ["COMPRESSED_IMAGE", "RAW_IMAGE", "decode_any_image", "decode_compressed_image", "decode_image"]
 
-RAW_IMAGE = "sensor_msgs/msg/Image"
+RAW_IMAGE, COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+
+FIELDS: Mapping[str, Fields] = {
+    RAW_IMAGE: {
+        "header": HEADER,
+        **dict.fromkeys(("height", "width", "is_bigendian", "step"), WHOLE),
+        "encoding": TEXT,
+        "data": BYTES,
+    },
+    COMPRESSED_IMAGE: {"header": HEADER, "format": TEXT, "data": BYTES},
+}
 
 
-@decoder
 def decode_any_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS, others: int = 0) -> Image:
-    """The image of an Image or CompressedImage; `others` are the pixels of the frame's other images.
+    """The image of a message of any type of images; `others` are the pixels of the frame's other images.
 
     Raises:
         MessageError: the message is of another type or holds no image.
     """
-    if message.channel.msgtype == COMPRESSED_IMAGE:
-        return decode_compressed_image(message, limits=limits, others=others)
-    if message.channel.msgtype == RAW_IMAGE:
-        return decode_image(message, limits=limits, others=others)
-    raise MessageError(f"{message.topic}: expected {RAW_IMAGE} or {COMPRESSED_IMAGE}, found {message.channel.msgtype}")
+    image: Image = decode_as("image", message, limits=limits, others=others)
+    return image
 
 
 @decoder
@@ -64,6 +81,38 @@ def decode_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS, 
         reason = one_line(err)
         raise MessageError(f"{message.topic}: {image.encoding} {image.width} x {image.height}: {reason}") from err
     return Image(message.stamp_ns, clean_frame(image.header.frame_id), rgb)
+
+
+@decoder
+def decode_compressed_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS, others: int = 0) -> Image:
+    """The image of a CompressedImage in JPEG, PNG, WebP, AVIF, TIFF or BMP, recognised by its data.
+
+    Of `format` (`jpeg`, or in image_transport's spelling `rgb8; jpeg compressed bgr8`) only the encoding before the
+    semicolon matters: image_transport compresses a Bayer mosaic as if it were a grey image. Sixteen bits become
+    eight by `>> 8`. An EXIF orientation is ignored: the calibration is for the sensor's own rows and columns.
+
+    Raises:
+        MessageError: not a CompressedImage, damaged data, more pixels than `limits` allow, or a compressed depth map.
+    """
+    compressed = deserialize_as(message, COMPRESSED_IMAGE, limits=limits)
+    kind = compressed.format.strip()
+    if "compresseddepth" in kind.lower():
+        raise MessageError(f"{message.topic}: format {kind!r} holds distances, expected an image: leave it out")
+    data, rgb = compressed.data, None
+    if size := image_size(data.tobytes()):
+        check_pixels(*size, limits, message.topic, others)
+        encoding = PACKED.get(kind.split(";")[0].strip().lower())
+        if encoding is not None and encoding.mosaic:
+            rgb = _decode_mosaic(data, encoding)
+        else:
+            rgb = _imdecode(data, "IMREAD_COLOR_RGB")
+    if rgb is None:
+        start = bytes(data[:8]).hex(" ") or "nothing"
+        raise MessageError(
+            f"{message.topic}: {len(data)} bytes of format {kind!r} are not a whole image; "
+            f"expected {KINDS} (they start with {start})"
+        )
+    return Image(message.stamp_ns, clean_frame(compressed.header.frame_id), rgb)
 
 
 def _packed(image: Any, encoding: str, topic: str) -> U8:
@@ -105,3 +154,25 @@ def _check_bytes(image: Any, topic: str, *, row_bytes: int, rows: int) -> None:
             f"{topic}: {image.encoding} of {image.width} x {image.height} px has {rows} rows of {row_bytes} bytes or "
             f"more, found a step of {step} bytes and {found} bytes of data"
         )
+
+
+def _decode_mosaic(data: U8, encoding: PackedEncoding) -> U8 | None:
+    grey = _imdecode(data, "IMREAD_ANYCOLOR")
+    if grey is None or min(grey.shape[:2]) < 3:
+        return None
+    if grey.ndim == 3:  # some drivers keep the sensor's encoding after demosaicing
+        return np.ascontiguousarray(grey[..., ::-1])
+    return packed_to_rgb(grey[..., None], encoding)
+
+
+def _imdecode(data: U8, colours: str) -> U8 | None:
+    """The image in 8 bits, or None if it cannot be decoded."""
+    import cv2
+
+    try:
+        image = cv2.imdecode(data, getattr(cv2, colours) | cv2.IMREAD_IGNORE_ORIENTATION)
+    except cv2.error as err:  # more pixels than OpenCV allows
+        if is_short_memory(err):
+            raise
+        return None
+    return None if image is None else np.asarray(image, np.uint8)

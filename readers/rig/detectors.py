@@ -8,7 +8,7 @@ from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import RecordedDetector, Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.recording import TopicsConfig
-from readers.messages.objects.autoware import DETECTED_OBJECTS
+from readers.messages.registry import types_of
 from readers.messages.tf import RecordedTransforms, clean_frame
 from readers.messages.vision.detections3d import DETECTIONS_3D
 from readers.recording import Recording, TopicInfo
@@ -20,7 +20,7 @@ from readers.streams.motion import find_motion_source
 
 __all__ = ["BOXES_3D", "OWN_BOXES", "boxes_frame", "calibrated_detectors", "find_detector_topics", "usable_boxes"]
 
-BOXES_3D = frozenset({DETECTIONS_3D}) | DETECTED_OBJECTS
+BOXES_3D = types_of("3D boxes")
 
 OWN_BOXES = frozenset({"/lidar/detections", "/cameras/detections", "/fused/detections"})
 """Topics of 3D boxes that lidcam itself writes: used only where the settings name them."""

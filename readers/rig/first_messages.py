@@ -5,8 +5,8 @@ from typing import Any
 
 from pipeline.core.errors import MessageError
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig, VelodyneConfig
-from readers.messages.compressed_image import COMPRESSED_IMAGE
 from readers.messages.deserialize import deserialize
+from readers.messages.image import COMPRESSED_IMAGE
 from readers.messages.image_header import image_size
 from readers.messages.tf import clean_frame
 from readers.recording import Recording

@@ -14,6 +14,7 @@ from fnmatch import fnmatchcase
 from typing import NamedTuple
 
 from pipeline.core.settings.recording import TopicsConfig
+from readers.messages.registry import types_of
 from readers.natural_order import natural_key
 from readers.recording import Recording, TopicInfo
 from readers.rig.first_messages import FirstMessages
@@ -36,10 +37,8 @@ __all__ = [
     "topics_with_messages",
 ]
 
-CLOUD = frozenset({"sensor_msgs/msg/PointCloud2", SCAN})
-IMAGE = frozenset({"sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"}) | VIDEO
-CAMERA_INFO = frozenset({"sensor_msgs/msg/CameraInfo"})
-BOXES = frozenset({"vision_msgs/msg/Detection2DArray"})
+CLOUD, IMAGE = types_of("cloud"), types_of("image")
+CAMERA_INFO, BOXES = types_of("camera info"), types_of("2D boxes")
 DEPTH_ENCODINGS = frozenset({"16UC1", "32FC1", "32SC1"})
 
 

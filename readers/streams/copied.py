@@ -12,8 +12,7 @@ from pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from pipeline.core.true_boxes import TrueBoxes
-from readers.messages.conversion.to_ros2 import to_ros2
-from readers.messages.conversion.vision import name_of_number
+from readers.messages.to_ros2 import name_of_number, to_ros2
 from readers.messages.vision.detections3d import decode_detections3d
 from readers.recording import Recording
 

@@ -15,8 +15,8 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.onnx.class_names import COCO_LABELS
 from readers.messages.image import decode_any_image
-from readers.messages.pointcloud2 import decode_pointcloud2
-from readers.messages.vision.detections2d import ClassedBoxes, boxes_with_area, decode_classed_boxes, unused_boxes
+from readers.messages.registry import decode_as
+from readers.messages.vision.detections2d import ClassedBoxes, boxes_with_area, unused_boxes
 from readers.velodyne.decoder import VelodyneDecoders
 from readers.velodyne.scan import PACKET_BYTES, SCAN
 
@@ -74,7 +74,7 @@ class CloudDecoder:
                 )
             cloud, drops = self._velodyne[message.topic].decode(message)
         else:
-            cloud = decode_pointcloud2(message, limits=self._limits, others=others)
+            cloud = decode_as("cloud", message, limits=self._limits, others=others)
         return cloud if cloud.frame_id else replace(cloud, frame_id=self._frames[message.topic]), drops
 
 
@@ -126,7 +126,10 @@ class RecordedBoxes:
         return Decoded(boxes, decoded.drops, dict(sorted((+unused).items())))
 
     def _decode_one(self, message: RawMessage) -> ClassedBoxes:
-        return decode_classed_boxes(message, self._class_ids, class_names=self._numbered, limits=self._limits)
+        found: ClassedBoxes = decode_as(
+            "2D boxes", message, self._class_ids, class_names=self._numbered, limits=self._limits
+        )
+        return found
 
 
 def _decode(

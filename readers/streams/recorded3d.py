@@ -11,12 +11,11 @@ from pipeline.core.frame import Decoded, SensorBundle
 from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.geometry.posed_boxes import upright_boxes
 from pipeline.core.geometry.poses import interpolate_poses
-from pipeline.core.messages import Drop, RawMessage
+from pipeline.core.messages import Drop
 from pipeline.core.rig import RecordedDetector, Rig
 from pipeline.core.settings.config import Config
-from readers.messages.objects.autoware import DETECTED_OBJECTS, decode_detected_objects
-from readers.messages.objects.detections import decode_detected_boxes
 from readers.messages.objects.found import FoundObjects, ObjectClasses
+from readers.messages.registry import decode_as
 from readers.streams.decoders import OnBadMessage
 
 __all__ = ["RecordedBoxes3D"]
@@ -45,7 +44,7 @@ class RecordedBoxes3D:
             if message is None:
                 continue
             try:
-                found = self._decoded(message)
+                found: FoundObjects = decode_as("3D boxes", message, self._classes, limits=self._config.limits)
                 T_site_frame = self._pose(detector, found.frame_id or detector.frame_id, found.stamp_ns, bundle)
             except MessageError as err:
                 if self._on_bad == "fail":
@@ -57,10 +56,6 @@ class RecordedBoxes3D:
             unused[f"score under detect3d.min_score ({self._min_score:g})"] += int((~sure).sum())
             boxes[detector.name] = self._in_site(found, np.flatnonzero(sure), T_site_frame, bundle.stamp_ns)
         return Decoded(boxes, tuple(drops), dict(sorted((+unused).items())))
-
-    def _decoded(self, message: RawMessage) -> FoundObjects:
-        decode = decode_detected_objects if message.channel.msgtype in DETECTED_OBJECTS else decode_detected_boxes
-        return decode(message, self._classes, limits=self._config.limits)
 
     def _pose(self, detector: RecordedDetector, frame: str, stamp_ns: int, bundle: SensorBundle) -> F64:
         """(4, 4) T_site_frame from where the boxes were at their stamp to the site frame at the frame's time.

@@ -17,7 +17,7 @@ from pipeline.core.messages import Channel, RawMessage, time_fault
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from pipeline.core.text import one_line
-from readers.messages.compressed_image import COMPRESSED_IMAGE
+from readers.messages.image import COMPRESSED_IMAGE
 from readers.video.h264_gaps import GapFinder
 from readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME, VideoPacket, read_packet
 

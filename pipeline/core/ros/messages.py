@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Mapping
 from functools import cache, cached_property
 from itertools import repeat
-from struct import Struct
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,6 @@ __all__ = ["POINT_FIELD_DATATYPES", "ROS2", "RosMessages"]
 POINT_FIELD_DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
 """sensor_msgs/PointField's number for each numpy type."""
 
-_STAMP = Struct("<iI")
 _NO_ROTATION = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -89,10 +87,6 @@ class RosMessages:
         if self.ros_version == 1:
             return self._types.serialize_ros1(message, message.__msgtype__)
         return self._types.serialize_cdr(message, message.__msgtype__, little_endian=True)
-
-    def restamped(self, cdr: bytes | memoryview, stamp_ns: int) -> bytes:
-        """The CDR of a message that begins with a header, with another stamp."""
-        return b"".join((cdr[:4], _STAMP.pack(*divmod(self.start_ns + stamp_ns, 10**9)), cdr[4 + _STAMP.size :]))
 
     def deserialize(self, data: bytes | memoryview, msgtype: str) -> Any:
         """The message of bytes that `serialize` made."""

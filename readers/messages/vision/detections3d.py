@@ -8,8 +8,6 @@ The layout changed several times; the recorded definition says which one a messa
 | ROS 2 to Foxy | results[].id (string) | results[].score | tracking_id |
 | ROS 2 Galactic | results[].hypothesis.class_id | results[].hypothesis.score | tracking_id or id |
 | ROS 2 since Humble | results[].hypothesis.class_id | results[].hypothesis.score | id |
-
-Messages of these layouts are read in place (see `in_place`), others by rosbags, which makes objects of them first.
 """
 
 from collections import Counter
@@ -24,13 +22,22 @@ from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from pipeline.evaluation.records import Names
 from readers.messages.boundary.decoding import decoder
+from readers.messages.boundary.fields import HEADER, POINT, POSE, Fields
+from readers.messages.objects.found import FoundObjects, ObjectClasses, found_objects
 from readers.messages.tf import clean_frame
-from readers.messages.vision.hypotheses import best_and_counts, box_rows
-from readers.messages.vision.in_place import BoxRows
+from readers.messages.vision.hypotheses import HYPOTHESES, POSED, BoxRows, best_and_counts, box_rows
 
-__all__ = ["DETECTIONS_3D", "Detections3D", "box_numbers", "decode_detections3d"]
+__all__ = ["DETECTIONS_3D", "Detections3D", "decode_detected_boxes", "decode_detections3d"]
 
 DETECTIONS_3D = "vision_msgs/msg/Detection3DArray"
+
+_POSED_HYPOTHESES = tuple({**fields, **POSED} for fields in HYPOTHESES)
+FIELDS: Mapping[str, Fields] = {
+    DETECTIONS_3D: {
+        "header": HEADER,
+        "detections": [{"results": [_POSED_HYPOTHESES], "bbox": {"center": POSE, "size": POINT}}],
+    }
+}
 
 MIN_HEADING = 1e-3
 """Shortest projection of a box's length axis (of length 1) on the ground that still has a heading."""
@@ -92,10 +99,28 @@ def decode_detections3d(message: RawMessage, *, limits: LimitsConfig = DEFAULT_L
     Raises:
         MessageError: not a Detection3DArray of a known layout, or more boxes than `limits` allow.
     """
-    return _detections(message.stamp_ns, box_rows(message, DETECTIONS_3D, box_numbers, 10, limits))
+    return _detections(message.stamp_ns, box_rows(message, DETECTIONS_3D, _box_numbers, 10, limits))
 
 
-def box_numbers(bbox: Any) -> list[float]:
+@decoder
+def decode_detected_boxes(
+    message: RawMessage, classes: ObjectClasses, *, limits: LimitsConfig = DEFAULT_LIMITS
+) -> FoundObjects:
+    """The objects of a message, each with the class, score and covariance of its best hypothesis.
+
+    Raises:
+        MessageError: not a Detection3DArray of a known layout, or more boxes than `limits` allow.
+    """
+    rows = box_rows(message, DETECTIONS_3D, _box_numbers, 10, limits)
+    best, _ = best_and_counts(rows)
+    has_best = best >= 0
+    covariances, scores = np.zeros((len(best), 36)), np.full(len(best), np.nan)
+    covariances[has_best], scores[has_best] = rows.covariances[best[has_best]], rows.scores[best[has_best]]
+    labels = [rows.labels[row] if row >= 0 else None for row in best.tolist()]
+    return found_objects(message.stamp_ns, rows.frame_id, rows.boxes, covariances, scores, labels, classes)
+
+
+def _box_numbers(bbox: Any) -> list[float]:
     """The numbers of a box in the order of `BoxRows.boxes`."""
     at, turn, size = bbox.center.position, bbox.center.orientation, bbox.size
     return [at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w, size.x, size.y, size.z]

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,12 +11,44 @@ from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
 from pipeline.core.ros.vision_numbers import count_of
 from pipeline.core.settings.recording import LimitsConfig
-from readers.messages.deserialize import deserialize
-from readers.messages.vision.in_place import BoxRows, rows_in_place
+from readers.messages.boundary.fields import COVARIANCE, NUMBER, TEXT, WHOLE, Fields
+from readers.messages.deserialize import deserialize_as
 
-__all__ = ["best_and_counts", "box_rows", "rows_of_objects"]
+__all__ = ["HYPOTHESES", "POSED", "BoxRows", "best_and_counts", "box_rows"]
+
+HYPOTHESES: Sequence[Fields] = (
+    {"hypothesis": {"class_id": TEXT, "score": NUMBER}},
+    {"id": TEXT, "score": NUMBER},
+    {"id": WHOLE, "score": NUMBER},
+)
+"""The fields of a hypothesis in the versions of vision_msgs; in space with those of `POSED`."""
+
+POSED: Fields = {"pose": {"covariance": COVARIANCE}}
 
 _NO_COVARIANCE = np.zeros(36)
+
+
+class BoxRows(NamedTuple):
+    """The content of an array of boxes, as recorded.
+
+    Attributes:
+        frame_id: As recorded.
+        boxes: (N, 10) float64 in space: position x, y, z; orientation x, y, z, w; size x, y, z. (N, 5) in images:
+            centre x, y; angle; size x, y.
+        ids: Of each box.
+        of_box: Row of the box of each hypothesis.
+        labels: Class of each hypothesis; a number as text.
+        scores: (H,) float64.
+        covariances: (H, 36) float64, of each hypothesis' pose.
+    """
+
+    frame_id: str
+    boxes: F64
+    ids: list[str]
+    of_box: list[int]
+    labels: list[str]
+    scores: F64
+    covariances: F64
 
 
 def box_rows(
@@ -34,22 +66,12 @@ def box_rows(
     Raises:
         MessageError: the message is of another type, cannot be decoded, or holds more boxes.
     """
-    if message.channel.msgtype != msgtype:
-        raise MessageError(f"{message.topic}: expected {msgtype}, found {message.channel.msgtype}")
-    rows = rows_in_place(message, limits)
-    if rows is not None:
-        return rows
-    array = deserialize(message, limits=limits)
+    array = deserialize_as(message, msgtype, limits=limits)
     if len(array.detections) > limits.max_boxes:
         raise MessageError(
             f"{message.topic}: {len(array.detections)} boxes, expected at most {limits.max_boxes}: raise "
             "limits.max_boxes"
         )
-    return rows_of_objects(array, box_of, numbers)
-
-
-def rows_of_objects(array: Any, box_of: Callable[[Any], Sequence[float]], numbers: int) -> BoxRows:
-    """The content of a message that rosbags has decoded; arguments as of `box_rows`."""
     results = [(row, result) for row, detection in enumerate(array.detections) for result in detection.results]
     hypotheses = [getattr(result, "hypothesis", result) for _, result in results]
     covariances = [_covariance(result) for _, result in results]

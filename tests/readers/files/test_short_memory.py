@@ -11,8 +11,8 @@ from builders import pointcloud2, raw, write_mcap, write_rosbag1, write_rosbag2
 
 from pipeline.core.errors import MessageError, ShortMemoryError
 from pipeline.core.messages import RawMessage
-from readers.messages.compressed_image import decode_compressed_image
 from readers.messages.deserialize import deserialize
+from readers.messages.image import decode_compressed_image
 from readers.open import open_recording
 from readers.recording import ReadOptions
 

@@ -10,7 +10,7 @@ from helpers import shared
 from pipeline.core.arrays import Array
 from pipeline.core.errors import MessageError
 from pipeline.core.images import Image
-from readers.messages.compressed_image import decode_compressed_image
+from readers.messages.image import decode_compressed_image
 
 STAMP_NS = 1_700_000_000_123_456_789
 

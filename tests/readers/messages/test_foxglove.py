@@ -22,8 +22,7 @@ from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import LimitsConfig
 from readers.messages.camera_info import camera_model
 from readers.messages.deserialize import deserialize
-from readers.messages.foxglove import to_ros
-from readers.messages.foxglove_wire import _count_values, _message_class, read_fields
+from readers.messages.foxglove import _count_values, _message_class, _read_fields, to_ros
 from readers.messages.image import decode_any_image
 from readers.messages.pointcloud2 import decode_pointcloud2
 from readers.messages.tf import decode_transforms
@@ -270,10 +269,10 @@ def transforms_of(count: int, encoding: Encoding) -> RawMessage:
 
 @pytest.mark.parametrize("encoding", ["protobuf", "json"])
 def test_more_values_than_a_message_may_hold(encoding: Encoding) -> None:
-    assert len(read_fields(transforms_of(100, encoding))["transforms"]) == 100
+    assert len(_read_fields(transforms_of(100, encoding))["transforms"]) == 100
     for most, is_read in ((2000, True), (99, False)):
         try:
-            read_fields(transforms_of(100, encoding), limits=LimitsConfig(max_message_items=most))
+            _read_fields(transforms_of(100, encoding), limits=LimitsConfig(max_message_items=most))
         except MessageError as err:
             assert not is_read
             assert f"a message with more than {most} values: raise limits.max_message_items" in str(err)  # noqa: PT017
@@ -285,7 +284,7 @@ def test_more_values_than_a_message_may_hold(encoding: Encoding) -> None:
 def test_points_and_pixels_are_no_values(encoding: Encoding) -> None:
     limits = LimitsConfig(max_message_items=200)
     for message in (cloud(5000), image_message()):
-        assert read_fields(twin(message, encoding), limits=limits)
+        assert _read_fields(twin(message, encoding), limits=limits)
 
 
 def test_a_small_message_that_would_be_large_once_it_is_read() -> None:
@@ -302,7 +301,7 @@ def test_a_small_message_that_would_be_large_once_it_is_read() -> None:
     tracemalloc.start()
     for message in messages:
         with pytest.raises(MessageError, match=r"limits\.max_message_items"):
-            read_fields(message)
+            _read_fields(message)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 20 << 20

@@ -5,8 +5,8 @@ import pytest
 from pipeline.core.errors import MessageError
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.recording import LimitsConfig
-from readers.messages.objects.detections import decode_detected_boxes
 from readers.messages.objects.found import ObjectClasses
+from readers.messages.vision.detections3d import decode_detected_boxes
 
 CLASSES = ObjectClasses(Config())
 MSGTYPE = "vision_msgs/msg/Detection3DArray"

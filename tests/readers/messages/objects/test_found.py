@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.core.settings.config import Config
 from readers.messages.objects.autoware import DETECTED_OBJECTS, decode_detected_objects
-from readers.messages.objects.detections import decode_detected_boxes
 from readers.messages.objects.found import FoundObjects, ObjectClasses
+from readers.messages.vision.detections3d import decode_detected_boxes
 
 STAMP_NS = 1_700_000_000_123_456_789
 CONFIG = Config()

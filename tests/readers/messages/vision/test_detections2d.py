@@ -5,19 +5,13 @@ import builders
 import numpy as np
 import pytest
 from builders import Fields
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from message_layouts import message_of_layout
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.config import Config
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from readers.messages.deserialize import deserialize
-from readers.messages.vision import detections2d
+from pipeline.core.settings.recording import LimitsConfig
 from readers.messages.vision.detections2d import Detections2D, decode_detections2d
-from readers.messages.vision.hypotheses import rows_of_objects
-from readers.messages.vision.in_place import rows_in_place
 
 STAMP_NS = 1_700_000_000_123_456_789
 MSGTYPE = "vision_msgs/msg/Detection2DArray"
@@ -229,47 +223,6 @@ def test_more_boxes_than_a_message_may_hold() -> None:
         decode_detections2d(message, {"car": 0}, limits=LimitsConfig(max_boxes=4))
 
 
-# --- the known layouts are read in place, others by rosbags: both say the same
-
-LAYOUTS: dict[str, tuple[dict[str, str], builders.Encoding]] = {
-    "ros1": (ROS1, "ros1"),
-    "foxy": (FOXY, "cdr"),
-    "galactic": (GALACTIC, "cdr"),
-}
-IMAGE = dict(builders.image(np.ones((3, 5, 3), np.uint8), stamp_ns=STAMP_NS))
-
-
-@settings(max_examples=25, deadline=None)
-@given(st.sampled_from(sorted(LAYOUTS)), st.data())
-def test_reading_in_place_says_what_rosbags_says(name: str, data: st.DataObject) -> None:
-    definitions, encoding = LAYOUTS[name]
-    labels = st.sampled_from(["car", "person", "", "image_pixels", "größer"])
-
-    def result() -> Fields:
-        score = data.draw(st.floats(width=64))
-        if name == "ros1":
-            return {"id": data.draw(st.integers(-6, 9)), "score": score}
-        label = data.draw(labels)
-        return {"id": label, "score": score} if name == "foxy" else {"hypothesis": {"class_id": label, "score": score}}
-
-    def box() -> Fields:
-        more: Fields = {"source_img": IMAGE} if name == "ros1" else {"tracking_id": data.draw(labels)}
-        return {"results": [result() for _ in range(data.draw(st.integers(0, 3)))], "bbox": OLD_BOX, **more}
-
-    raw = old_message(definitions, encoding, [box() for _ in range(data.draw(st.integers(0, 3)))])
-    ours = rows_in_place(raw, DEFAULT_LIMITS)
-    theirs = rows_of_objects(deserialize(raw), detections2d._numbers, 5)
-    assert ours is not None
-    assert (ours.frame_id, ours.ids, ours.of_box, ours.labels) == (
-        theirs.frame_id,
-        theirs.ids,
-        theirs.of_box,
-        theirs.labels,
-    )
-    for field in ("boxes", "scores", "covariances"):
-        np.testing.assert_array_equal(getattr(ours, field), getattr(theirs, field))
-
-
 OWN = {
     **FOXY,
     "vision_msgs/msg/ObjectHypothesisWithPose": "string id\nfloat32 score\nfloat64[2] pose",
@@ -279,7 +232,6 @@ OWN = {
 
 def test_a_layout_of_its_own() -> None:
     raw = old_message(OWN, "cdr", [{"results": [{"id": "car", "score": 0.5}], "bbox": OLD_BOX}])
-    assert rows_in_place(raw, DEFAULT_LIMITS) is None
     found = decode_detections2d(raw, CLASS_IDS)
     np.testing.assert_allclose(found.boxes.xyxy, [[25, 30, 35, 50]], atol=1e-5)
     np.testing.assert_array_equal(found.boxes.scores, [0.5])

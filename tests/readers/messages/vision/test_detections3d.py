@@ -5,8 +5,6 @@ import builders
 import numpy as np
 import pytest
 from builders import Fields
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from message_layouts import message_of_layout
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -14,12 +12,8 @@ from pipeline.core.detections import Boxes3D
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.messages import ROS2
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from readers.messages.deserialize import deserialize
-from readers.messages.vision import detections3d
+from pipeline.core.settings.recording import LimitsConfig
 from readers.messages.vision.detections3d import Detections3D, decode_detections3d
-from readers.messages.vision.hypotheses import rows_of_objects
-from readers.messages.vision.in_place import rows_in_place
 from writers.messages.detections import detections_3d
 
 STAMP_NS = 1_700_000_000_123_456_789
@@ -216,66 +210,43 @@ def of_box(results: list[Fields], **more: Any) -> Fields:
 COVARIANCE = {"covariance": np.arange(36, dtype=np.float64)}
 CLOUD = dict(builders.pointcloud2(np.ones((3, 3), np.float32), stamp_ns=STAMP_NS, ring=np.arange(3, dtype=np.uint16)))
 
-LAYOUTS: dict[str, tuple[dict[str, str], builders.Encoding, Fields, str, bool]] = {
-    "ros1": (ROS1, "ros1", of_box([{"id": 4, "score": 0.5, "pose": COVARIANCE}], source_cloud=CLOUD), "", True),
-    "ros1_named": (ROS1_NAMED, "ros1", of_box([{"id": "4", "score": 0.5, "pose": COVARIANCE}]), "", True),
-    "foxy": (FOXY, "cdr", of_box([{"id": "4", "score": 0.5, "pose": COVARIANCE}], tracking_id="a1"), "a1", True),
+LAYOUTS: dict[str, tuple[dict[str, str], builders.Encoding, Fields, str]] = {
+    "ros1": (ROS1, "ros1", of_box([{"id": 4, "score": 0.5, "pose": COVARIANCE}], source_cloud=CLOUD), ""),
+    "ros1_named": (ROS1_NAMED, "ros1", of_box([{"id": "4", "score": 0.5, "pose": COVARIANCE}]), ""),
+    "foxy": (FOXY, "cdr", of_box([{"id": "4", "score": 0.5, "pose": COVARIANCE}], tracking_id="a1"), "a1"),
     "galactic": (
         GALACTIC,
         "cdr",
         of_box([{"hypothesis": {"class_id": "4", "score": 0.5}, "pose": COVARIANCE}], tracking_id="a1"),
         "a1",
-        True,
     ),
     "humble": (
         HUMBLE,
         "cdr",
         of_box([{"hypothesis": {"class_id": "4", "score": 0.5}, "pose": COVARIANCE}], id="a1"),
         "a1",
-        True,
     ),
-    "no_id": (
-        NO_ID,
-        "cdr",
-        of_box([{"hypothesis": {"class_id": "4", "score": 0.5}, "pose": COVARIANCE}]),
-        "",
-        True,
-    ),
-    "numbered": (
-        NUMBERED,
-        "cdr",
-        of_box([{"id": 4, "score": 0.5, "pose": COVARIANCE}], tracking_id="a1"),
-        "a1",
-        True,
-    ),
-    "ros1_id": (ROS1_ID, "ros1", of_box([{"id": 4, "score": 0.5, "pose": COVARIANCE}], id="a1"), "a1", True),
+    "no_id": (NO_ID, "cdr", of_box([{"hypothesis": {"class_id": "4", "score": 0.5}, "pose": COVARIANCE}]), ""),
+    "numbered": (NUMBERED, "cdr", of_box([{"id": 4, "score": 0.5, "pose": COVARIANCE}], tracking_id="a1"), "a1"),
+    "ros1_id": (ROS1_ID, "ros1", of_box([{"id": 4, "score": 0.5, "pose": COVARIANCE}], id="a1"), "a1"),
     "ros1_tracking": (
         ROS1_TRACKING,
         "ros1",
         of_box([{"id": 4, "score": 0.5, "pose": COVARIANCE}], tracking_id="a1"),
         "a1",
-        True,
     ),
-    "more": (
-        MORE,
-        "cdr",
-        of_box([{"hypothesis": {"class_id": "4", "score": 0.5}, "pose": COVARIANCE}], id="a1"),
-        "a1",
-        False,
-    ),
+    "more": (MORE, "cdr", of_box([{"hypothesis": {"class_id": "4", "score": 0.5}, "pose": COVARIANCE}], id="a1"), "a1"),
     "coarse": (
         COARSE,
         "cdr",
         of_box([{"hypothesis": {"class_id": "4", "score": 0.5}, "pose": COVARIANCE}], id="a1"),
         "a1",
-        False,
     ),
     "own": (
         OWN,
         "cdr",
         of_box([{"hypothesis": {"class_id": "4", "score": 0.5}, "pose": COVARIANCE}], id="a1", more=b"abc"),
         "a1",
-        False,
     ),
 }
 
@@ -283,9 +254,8 @@ LAYOUTS: dict[str, tuple[dict[str, str], builders.Encoding, Fields, str, bool]] 
 @pytest.mark.parametrize("name", LAYOUTS)
 @pytest.mark.parametrize("count", [0, 1, 3])
 def test_layouts(name: str, count: int) -> None:
-    definitions, encoding, box, id_, in_place = LAYOUTS[name]
+    definitions, encoding, box, id_ = LAYOUTS[name]
     raw = old_message(definitions, encoding, [box] * count)
-    assert (rows_in_place(raw, DEFAULT_LIMITS) is not None) == in_place
     found = decode_detections3d(raw)
     assert (found.frame_id, found.labels.tolist(), found.ids.tolist()) == ("site", ["4"] * count, [id_] * count)
     np.testing.assert_array_equal(found.centers, [[1, 2, 3]] * count if count else np.zeros((0, 3)))
@@ -296,52 +266,8 @@ def test_layouts(name: str, count: int) -> None:
     np.testing.assert_array_equal(found.covariances, np.tile(expected, (count, 1, 1)))
 
 
-NUMBERS = st.floats(allow_nan=True, width=64)
-TEXTS = st.text(st.characters(blacklist_categories=["Cs"], blacklist_characters="\0"), max_size=9)
-
-
-@settings(max_examples=25, deadline=None)
-@given(st.sampled_from(sorted(LAYOUTS)), st.data())
-def test_reading_in_place_says_what_rosbags_says(name: str, data: st.DataObject) -> None:
-    definitions, encoding, _, _, in_place = LAYOUTS[name]
-    if not in_place:
-        return
-
-    def result() -> Fields:
-        score, posed = data.draw(NUMBERS), {"covariance": np.full(36, data.draw(NUMBERS))}
-        if definitions in (ROS1, NUMBERED, ROS1_ID, ROS1_TRACKING):
-            return {"id": data.draw(st.integers(-(2**63), 2**63 - 1)), "score": score, "pose": posed}
-        label = data.draw(TEXTS)
-        if definitions in (FOXY, ROS1_NAMED):
-            return {"id": label, "score": score, "pose": posed}
-        return {"hypothesis": {"class_id": label, "score": score}, "pose": posed}
-
-    def box() -> Fields:
-        more: Fields = {}
-        if name in ("foxy", "galactic", "numbered", "ros1_tracking"):
-            more = {"tracking_id": data.draw(TEXTS), "is_tracking": data.draw(st.booleans())}
-        elif name in ("humble", "ros1_id"):
-            more = {"id": data.draw(TEXTS)}
-        elif encoding == "ros1" and data.draw(st.booleans()):
-            more = {"source_cloud": CLOUD}
-        frame = {"header": builders.header(STAMP_NS, data.draw(TEXTS))}
-        return {**of_box([result() for _ in range(data.draw(st.integers(0, 3)))]), **more, **frame}
-
-    raw = old_message(definitions, encoding, [box() for _ in range(data.draw(st.integers(0, 3)))])
-    ours, theirs = rows_in_place(raw, DEFAULT_LIMITS), rows_of_objects(deserialize(raw), detections3d.box_numbers, 10)
-    assert ours is not None
-    assert (ours.frame_id, ours.ids, ours.of_box, ours.labels) == (
-        theirs.frame_id,
-        theirs.ids,
-        theirs.of_box,
-        theirs.labels,
-    )
-    for field in ("boxes", "scores", "covariances"):
-        np.testing.assert_array_equal(getattr(ours, field), getattr(theirs, field))
-
-
 def test_big_endian() -> None:
-    definitions, _, box, _, _ = LAYOUTS["humble"]
+    definitions, _, box, _ = LAYOUTS["humble"]
     little = old_message(definitions, "cdr", [box])
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(little.channel.definition, MSGTYPE))
@@ -354,7 +280,7 @@ def test_big_endian() -> None:
 @pytest.mark.parametrize("name", LAYOUTS)
 @pytest.mark.parametrize("cut", [1, 8, 40, 200, 420])
 def test_message_that_ends_early(name: str, cut: int) -> None:
-    definitions, encoding, box, _, _ = LAYOUTS[name]
+    definitions, encoding, box, _ = LAYOUTS[name]
     raw = old_message(definitions, encoding, [box] * 2)
     with pytest.raises(MessageError, match="/objects: "):
         decode_detections3d(raw._replace(data=raw.data[:-cut]))
@@ -397,7 +323,7 @@ def test_other_type() -> None:
 
 @pytest.mark.parametrize("name", ["ros1", "humble", "own"])
 def test_more_boxes_than_a_message_may_hold(name: str) -> None:
-    definitions, encoding, box, _, _ = LAYOUTS[name]
+    definitions, encoding, box, _ = LAYOUTS[name]
     raw = old_message(definitions, encoding, [box] * 5)
     assert len(decode_detections3d(raw, limits=LimitsConfig(max_boxes=5))) == 5
     with pytest.raises(MessageError, match=r"/objects: 5 boxes, expected at most 4: raise limits.max_boxes"):

@@ -15,8 +15,7 @@ from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.messages import RosMessages
 from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
-from readers.messages.conversion.to_ros2 import RENAMED, to_ros2
-from readers.messages.conversion.vision import class_name_of_number, name_of_number
+from readers.messages.to_ros2 import RENAMED, class_name_of_number, name_of_number, to_ros2
 
 ROS1 = RosMessages(1)
 STAMP_NS = 1_600_000_000_123_456_789

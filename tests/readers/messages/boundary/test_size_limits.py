@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
+from readers.messages.boundary.size_limits import _Counting, count_items
 from readers.messages.deserialize import deserialize, typestore_for
-from readers.messages.size_limits import _Counting, count_items
 
 RULE = "=" * 80
 DEFINITION = (

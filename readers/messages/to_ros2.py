@@ -2,10 +2,14 @@
 
 CDR messages stay byte for byte as they are. A ROS 1 type takes the definition that ROS 2 Humble has under its name if
 that holds all of its fields (`sensor_msgs/CameraInfo`: `D` becomes `d`), else it keeps its own; a header loses `seq`.
-ROS 1's vision_msgs do not fit those of ROS 2: see `vision`.
+
+ROS 1's vision_msgs do not fit those of ROS 2: they number classes where ROS 2 names them, and have no field for whose
+box it is. The simulator therefore records counts and the instance as hypotheses with negative numbers
+(docs/simulator.md); in ROS 2 these are hypotheses with names, and the instance is `id`. The empty `source_cloud` and
+`source_img` of ROS 1 have no place in ROS 2.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Any
@@ -18,18 +22,44 @@ from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.typestores import message_types
+from pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER, COUNT_NUMBERS, count_of
+from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.boundary.decoding import decoder
-from readers.messages.conversion.vision import INSTANCE, VISION_ARRAYS, name_of_number, vision_message
-from readers.messages.conversion.vision_in_place import boxes_in_place
 from readers.messages.deserialize import deserialize, type_parts, typestore_for
 
-__all__ = ["to_ros2"]
+__all__ = ["class_name_of_number", "name_of_number", "to_ros2"]
 
 HEADER = "std_msgs/msg/Header"
 
 RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 """Types that ROS 2 calls otherwise, as rosbags has them, whose converter takes long to import."""
+
+_BOXES_3D, _BOXES_2D = "vision_msgs/msg/Detection3DArray", "vision_msgs/msg/Detection2DArray"
+
+VISION_ARRAYS = frozenset({_BOXES_2D, _BOXES_3D})
+
+INSTANCE = COUNT_NUMBERS["instance"]
+"""Of a hypothesis whose score says which object it is."""
+
+
+def class_name_of_number(number: int, classes: Sequence[ClassPrior]) -> str:
+    """Name of a class that a recording numbers.
+
+    The class is the one that has the number among its labels. Where the simulator's name for that number is one of the
+    labels, too, it is the name (4 is `van`, although vans count as trucks); else the name of the class is; the number
+    itself if no class has it.
+    """
+    for prior in classes:
+        if str(number) in prior.labels:
+            simulated = CLASS_OF_NUMBER.get(str(number), prior.name)
+            return simulated if simulated in prior.labels else prior.name
+    return str(number)
+
+
+def name_of_number(number: int, classes: Sequence[ClassPrior]) -> str:
+    """What a hypothesis of this number is in ROS 2: what it counts, or its class."""
+    return count_of(str(number)) or class_name_of_number(number, classes)
 
 
 _AS_NUMBERED = partial(name_of_number, classes=())
@@ -59,13 +89,9 @@ def to_ros2(
         return message._replace(channel=_defined(channel))
     if channel.encoding != "ros1":
         raise MessageError(f"{channel.topic}: {channel.msgtype} in {channel.encoding} is not a ROS message")
-    if channel.msgtype in VISION_ARRAYS and len(message.data) <= limits.max_message_items:  # fewer items than bytes
-        data = boxes_in_place(message, name_of, INSTANCE)
-        if data is not None:
-            return message._replace(channel=_of_vision(channel), data=data)
     recorded = deserialize(message, limits=limits)
     if channel.msgtype in VISION_ARRAYS:
-        converted = vision_message(recorded, channel.msgtype, name_of)
+        converted = _vision_message(recorded, channel.msgtype, name_of)
         return message._replace(channel=_of_vision(channel), data=ROS2.serialize(converted))
     store, in_ros2, fits = _in_ros2(channel)
     if fits:
@@ -127,3 +153,55 @@ def _holds(humble: Typesdict, name: str, recorded: Any) -> bool:
         return True
     fields = {field.lower(): kind for field, kind in humble[name][1]}
     return all(fields.get(field.lower()) == kind for field, kind in recorded[1])
+
+
+def _vision_message(recorded: Any, msgtype: str, name_of: Callable[[int], str]) -> Any:
+    """A Detection2DArray or Detection3DArray of ROS 2 from one of ROS 1.
+
+    Args:
+        recorded: The message of ROS 1.
+        msgtype: Its type, one of `VISION_ARRAYS`.
+        name_of: `name_of_number` of some classes.
+    """
+    convert: Callable[[Any], Any] = _box_3d if msgtype == _BOXES_3D else _box_2d
+    element = msgtype.removesuffix("Array")
+    detections = []
+    for detection in recorded.detections:
+        instances = [int(result.score) for result in detection.results if result.id == INSTANCE]
+        detections.append(
+            ROS2.new(
+                element,
+                header=_header(detection.header),
+                results=[_hypothesis(result, name_of) for result in detection.results if result.id != INSTANCE],
+                bbox=convert(detection.bbox),
+                id=str(instances[0]) if instances and instances[0] >= 0 else "",
+            )
+        )
+    return ROS2.new(msgtype, header=_header(recorded.header), detections=detections)
+
+
+def _hypothesis(result: Any, name_of: Callable[[int], str]) -> Any:
+    hypothesis = ROS2.new("vision_msgs/msg/ObjectHypothesis", class_id=name_of(result.id), score=result.score)
+    pose = ROS2.pose_with_covariance(_pose(result.pose.pose), result.pose.covariance)
+    return ROS2.new("vision_msgs/msg/ObjectHypothesisWithPose", hypothesis=hypothesis, pose=pose)
+
+
+def _box_3d(bbox: Any) -> Any:
+    size = ROS2.vector(bbox.size.x, bbox.size.y, bbox.size.z)
+    return ROS2.new("vision_msgs/msg/BoundingBox3D", center=_pose(bbox.center), size=size)
+
+
+def _box_2d(bbox: Any) -> Any:
+    position = ROS2.new("vision_msgs/msg/Point2D", x=bbox.center.x, y=bbox.center.y)
+    center = ROS2.new("vision_msgs/msg/Pose2D", position=position, theta=bbox.center.theta)
+    return ROS2.new("vision_msgs/msg/BoundingBox2D", center=center, size_x=bbox.size_x, size_y=bbox.size_y)
+
+
+def _header(recorded: Any) -> Any:
+    stamp_ns = recorded.stamp.sec * 10**9 + recorded.stamp.nanosec
+    return ROS2.header(stamp_ns, recorded.frame_id)
+
+
+def _pose(recorded: Any) -> Any:
+    position, orientation = recorded.position, recorded.orientation
+    return ROS2.pose((position.x, position.y, position.z), (orientation.x, orientation.y, orientation.z, orientation.w))

@@ -1,1 +1,0 @@
-"""Recorded messages in the form of ROS 2."""

@@ -1,0 +1,95 @@
+"""The message types that lidcam reads, one row each: what asks for a kind of message finds its types and decoders here.
+
+A decoder is imported when its first message comes. Its module says in `FIELDS` which fields it reads of each type, in
+the terms of `fields`.
+"""
+
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any, Literal, NamedTuple
+
+from pipeline.core.errors import MessageError
+from pipeline.core.messages import RawMessage
+
+__all__ = ["TYPES", "Kind", "MessageType", "decode_as", "fields_of", "types_of"]
+
+Kind = Literal["cloud", "image", "camera info", "2D boxes", "3D boxes", "odometry", "transforms", "diagnostics"]
+
+
+class MessageType(NamedTuple):
+    """A type that lidcam reads.
+
+    Attributes:
+        kind: What its messages hold.
+        decoder: `module:function`; the module alone where no function of a message is enough, as for videos.
+        is_exact: Whether bytes are passed on or read in place, so that they must lie as in ROS's type of that name.
+    """
+
+    kind: Kind
+    decoder: str
+    is_exact: bool = False
+
+
+TYPES: dict[str, MessageType] = {
+    "sensor_msgs/msg/PointCloud2": MessageType("cloud", "readers.messages.pointcloud2:decode_pointcloud2"),
+    "velodyne_msgs/msg/VelodyneScan": MessageType("cloud", "readers.velodyne.scan", is_exact=True),
+    "sensor_msgs/msg/Image": MessageType("image", "readers.messages.image:decode_image", is_exact=True),
+    "sensor_msgs/msg/CompressedImage": MessageType(
+        "image", "readers.messages.image:decode_compressed_image", is_exact=True
+    ),
+    "foxglove_msgs/msg/CompressedVideo": MessageType("image", "readers.video.packets"),
+    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": MessageType("image", "readers.video.packets"),
+    "sensor_msgs/msg/CameraInfo": MessageType("camera info", "readers.messages.camera_info"),
+    "vision_msgs/msg/Detection2DArray": MessageType(
+        "2D boxes", "readers.messages.vision.detections2d:decode_classed_boxes"
+    ),
+    "vision_msgs/msg/Detection3DArray": MessageType(
+        "3D boxes", "readers.messages.vision.detections3d:decode_detected_boxes"
+    ),
+    "autoware_perception_msgs/msg/DetectedObjects": MessageType(
+        "3D boxes", "readers.messages.objects.autoware:decode_detected_objects"
+    ),
+    "autoware_auto_perception_msgs/msg/DetectedObjects": MessageType(
+        "3D boxes", "readers.messages.objects.autoware:decode_detected_objects"
+    ),
+    "nav_msgs/msg/Odometry": MessageType("odometry", "readers.messages.odometry:decode_odometry"),
+    "tf/msg/tfMessage": MessageType("transforms", "readers.messages.tf:decode_transforms"),
+    "tf2_msgs/msg/TFMessage": MessageType("transforms", "readers.messages.tf:decode_transforms"),
+    "diagnostic_msgs/msg/DiagnosticArray": MessageType(
+        "diagnostics", "readers.messages.diagnostics:decode_diagnostics"
+    ),
+}
+"""By name as rosbags writes it. Decoders of one kind take and return the same: a cloud's as `decode_pointcloud2`, an
+image's as `decode_image`, one of 3D boxes as `decode_detected_objects`."""
+
+
+def types_of(kind: Kind) -> frozenset[str]:
+    """The types of a kind."""
+    return frozenset(name for name, one in TYPES.items() if one.kind == kind)
+
+
+def decode_as(kind: Kind, message: RawMessage, *arguments: Any, **options: Any) -> Any:
+    """What the decoder of a message makes of it.
+
+    Args:
+        kind: What the message must be.
+        message: The message.
+        *arguments: Further arguments that decoders of this kind take.
+        **options: The same, by name.
+
+    Raises:
+        MessageError: the message is of another kind, or cannot be decoded.
+    """
+    msgtype = message.channel.msgtype
+    decoders = {name: one.decoder for name, one in TYPES.items() if one.kind == kind and ":" in one.decoder}
+    if msgtype not in decoders:
+        raise MessageError(f"{message.topic}: expected {' or '.join(decoders)}, found {msgtype}")
+    module, _, function = decoders[msgtype].partition(":")
+    return getattr(import_module(module), function)(message, *arguments, **options)
+
+
+def fields_of(msgtype: str) -> Mapping[str, Any]:
+    """The fields that are read of a type."""
+    module, _, _ = TYPES[msgtype].decoder.partition(":")
+    fields: Mapping[str, Mapping[str, Any]] = import_module(module).FIELDS
+    return fields[msgtype]
