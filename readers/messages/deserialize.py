@@ -49,10 +49,12 @@ def deserialize(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -
     if message.problem:
         raise MessageError(f"{channel.topic}: {message.problem}")
     store = typestore_for(channel)
-    most = limits.max_message_items
-    if len(message.data) > most and (count_items(store, channel.msgtype, channel.encoding, message.data, most) > most):
+    max_items = limits.max_message_items  # fewer than bytes
+    if len(message.data) > max_items and (
+        count_items(store, channel.msgtype, channel.encoding, message.data, max_items) > max_items
+    ):
         raise MessageError(
-            f"{channel.topic}: a {channel.msgtype} with more than {most} strings or messages in its lists: raise "
+            f"{channel.topic}: a {channel.msgtype} with more than {max_items} strings or messages in its lists: raise "
             "limits.max_message_items"
         )
     try:

@@ -245,8 +245,8 @@ def _read_fields(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) 
     if isinstance(message_class, str):
         raise MessageError(f"{message.topic}: {message_class}")
     data = memoryview(message.data)
-    most = limits.max_message_items
-    _check_items(_count_values(data, message_class.DESCRIPTOR, most), message.topic, limits)
+    values = _count_values(data, message_class.DESCRIPTOR, limits.max_message_items)
+    _check_items(values, message.topic, limits)
     return _set_fields(message_class.FromString(data))
 
 
@@ -257,8 +257,8 @@ def _check_items(items: int, topic: str, limits: LimitsConfig) -> None:
         )
 
 
-def _count_values(data: memoryview, descriptor: Any, most: int) -> int:
-    """Number of values in a protobuf message, texts and bytes as one each; stops beyond `most`, and at damage.
+def _count_values(data: memoryview, descriptor: Any, max_values: int) -> int:
+    """Number of values in a protobuf message, texts and bytes as one each; stops beyond `max_values`, and at damage.
 
     Google's parser holds a hundred bytes for a nested message of two.
     """
@@ -266,7 +266,7 @@ def _count_values(data: memoryview, descriptor: Any, most: int) -> int:
     while waiting:
         part, kind = waiting.pop()
         at = 0
-        while at < len(part) and count <= most:
+        while at < len(part) and count <= max_values:
             count += 1
             key, at = _varint(part, at)
             wire = key & 7

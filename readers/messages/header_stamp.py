@@ -7,7 +7,6 @@ from rosbags.interfaces import Nodetype
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel
-from readers.messages.cursor import Cursor
 from readers.messages.deserialize import typestore_for
 
 __all__ = ["peek_stamp_ns", "stamp_or_log_time"]
@@ -16,7 +15,7 @@ HEADER = "std_msgs/msg/Header"
 TIMESTAMP = "timestamp", "builtin_interfaces/msg/Time"
 """First field of foxglove_msgs, in place of a header."""
 
-STAMP_BYTES = 8
+STAMP_BYTES, SEQ_BYTES, ENCAPSULATION_BYTES = 8, 4, 4
 ROS1_STAMP = struct.Struct("<II")
 CDR_STAMP = struct.Struct(">iI"), struct.Struct("<iI")  # by the lowest bit of the encapsulation's second byte
 
@@ -49,15 +48,12 @@ def _place_of_stamp(channel: Channel) -> int | None:
         fielddefs = typestore_for(channel).fielddefs
     except MessageError:
         return None
-    cursor = Cursor(b"", channel.encoding)
+    begin = 0 if channel.encoding == "ros1" else ENCAPSULATION_BYTES
     fields = fielddefs[channel.msgtype][1]
     if fields and (fields[0][0], fields[0][1][1]) == TIMESTAMP:
-        return cursor.at
+        return begin
     starts_with_header = bool(fields) and fields[0][1] == (Nodetype.NAME, HEADER)
     if channel.msgtype != HEADER and not starts_with_header:
         return None
-    names = [name for name, _ in fielddefs[HEADER][1]]
-    if "stamp" not in names[:2]:
-        return None
-    cursor.skip(4, names.index("stamp"))  # ROS 1 puts seq (uint32) before it
-    return cursor.at
+    names = [name for name, _ in fielddefs[HEADER][1][:2]]
+    return begin + SEQ_BYTES * names.index("stamp") if "stamp" in names else None  # ROS 1 puts seq before it

@@ -98,7 +98,7 @@ class CopiedMessages:
         return replace(bundle, copied=copied, truth=tuple(boxes for boxes in drawn if boxes is not None))
 
     def _true_boxes(self, message: RawMessage) -> TrueBoxes | None:
-        """What a message says; None if it cannot be drawn: it is copied all the same, and told when it is evaluated."""
+        """What a message says; None if it cannot be drawn: it is copied all the same; an evaluation says so."""
         try:
             found = decode_detections3d(message, limits=self._limits)
         except MessageError:

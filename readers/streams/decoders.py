@@ -66,11 +66,11 @@ class CloudDecoder:
     def _decode_as_stamped(self, message: RawMessage, others: int) -> tuple[PointCloud, tuple[Drop, ...]]:
         drops: tuple[Drop, ...] = ()
         if message.channel.msgtype == SCAN:
-            most = min(self._limits.max_points, self._limits.max_frame_points - others)
-            if len(message.data) // PACKET_BYTES * POINTS_PER_PACKET > most:
+            max_points = min(self._limits.max_points, self._limits.max_frame_points - others)
+            if len(message.data) // PACKET_BYTES * POINTS_PER_PACKET > max_points:
                 raise MessageError(
-                    f"{message.topic}: packets of {len(message.data)} bytes, expected at most {most} points: raise "
-                    "limits.max_points and limits.max_frame_points"
+                    f"{message.topic}: packets of {len(message.data)} bytes, expected at most {max_points} points: "
+                    "raise limits.max_points and limits.max_frame_points"
                 )
             cloud, drops = self._velodyne[message.topic].decode(message)
         else:

@@ -76,6 +76,7 @@ class McapResultWriter:
         self._resources = ExitStack()
         self._channels: dict[str, int] = {}
         self._copied: dict[Channel, int] = {}
+        self._camera_infos: dict[str, Any] = {}  # of the first frame: only their stamps change
         self._filled: set[str] = set()
         self._messages = 0
         self._survey = SceneSurvey(rig)
@@ -182,7 +183,11 @@ class McapResultWriter:
                 image,
                 log_time_ns,
             )
-        self._put(f"{prefix}/camera_info", camera_info(camera, stamp_ns), log_time_ns)
+        if camera.name not in self._camera_infos:
+            self._camera_infos[camera.name] = camera_info(camera, stamp_ns)
+        info = self._camera_infos[camera.name]
+        info.header.stamp = ROS2.time(stamp_ns)
+        self._put(f"{prefix}/camera_info", info, log_time_ns)
         annotations = image_annotations(result, camera, edges, names, stamp_ns=stamp_ns)
         self._put(f"{prefix}/annotations", annotations, log_time_ns)
         if view.boxes is not None:

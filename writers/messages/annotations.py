@@ -53,6 +53,8 @@ def image_annotations(
 def _objects(result: FrameResult, edges: ObjectEdges, line_px: float, time: Any) -> list[Any]:
     """The edges of each object in an image."""
     segments, of_piece = edges
+    if not len(of_piece):
+        return []
     rows, pieces = np.unique(of_piece, return_counts=True)  # the pieces come object after object
     alphas = np.where(strong_objects(result), 1.0, _FAINT_ALPHA)
     rgba = np.concatenate([object_colors(result), alphas[:, None]], 1)
@@ -62,6 +64,8 @@ def _objects(result: FrameResult, edges: ObjectEdges, line_px: float, time: Any)
 
 def _rectangles(boxes: DrawnBoxes2D, line_px: float, time: Any) -> list[Any]:
     n = len(boxes.labels)
+    if not n:
+        return []
     corners, rgb = boxes.xyxy[:, _CORNERS].reshape(-1, 2), np.array(boxes.colors).reshape(-1, 3)
     return _lines(_LINE_LOOP, corners, np.full(n, 4), opaque(rgb), np.full(n, line_px), time)
 

@@ -105,4 +105,5 @@ def labels(texts: Sequence[str], places: F64, rgba: F64, size_px: float = LABEL_
 
 def opaque(rgb: Any) -> F64:
     """(N, 4) colours that let nothing through, of (N, 3); (4,) of one."""
-    return np.insert(np.asarray(rgb, np.float64), 3, 1.0, axis=-1)
+    rgb = np.asarray(rgb, np.float64)
+    return np.concatenate([rgb, np.ones((*rgb.shape[:-1], 1))], -1)

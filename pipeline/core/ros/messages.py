@@ -31,6 +31,7 @@ class RosMessages:
 
     def __init__(self, ros_version: RosVersion, start_ns: int = 0) -> None:
         self.ros_version, self.start_ns = ros_version, start_ns
+        self._empty: dict[str, Mapping[str, Any]] = {}
 
     @cached_property
     def _types(self) -> Typestore:
@@ -55,10 +56,10 @@ class RosMessages:
         fields = self._types.fielddefs[msgtype][1]
         if unknown := columns.keys() - {name for name, _ in fields}:
             raise LookupError(f"{msgtype} has no {', '.join(sorted(unknown))}")
-        each = [
-            _values(columns[name], count) if name in columns else repeat(self._empty(kind), count)
-            for name, kind in fields
-        ]
+        if not count and not any(len(column) for column in columns.values() if isinstance(column, list | np.ndarray)):
+            return []
+        empty = self._empty_fields(msgtype)
+        each = [_values(columns[name], count) if name in columns else repeat(empty[name], count) for name, _ in fields]
         new = self._types.types[msgtype]
         return [new(*row) for row in zip(*each, strict=True)]
 
@@ -67,12 +68,17 @@ class RosMessages:
         new = self._types.types[msgtype]
         return [new(*row) for row in numbers.tolist()]
 
-    def _empty(self, kind: Any) -> Any:
-        """What a field is that is left out."""
+    def _empty_fields(self, msgtype: str) -> Mapping[str, Any]:
+        """The values of fields that are left out: of numbers 0, of lists none; all messages share them."""
+        if msgtype not in self._empty:
+            fields = self._types.fielddefs[msgtype][1]
+            self._empty[msgtype] = {name: self._empty_value(kind) for name, kind in fields}
+        return self._empty[msgtype]
+
+    def _empty_value(self, kind: Any) -> Any:
         node, detail = kind
         if node == Nodetype.NAME:
-            (empty,) = self.rows(detail, 1)
-            return empty
+            return self.new(detail, *self._empty_fields(detail).values())
         if node == Nodetype.BASE:
             return "" if detail[0] == "string" else 0
         (item, what), length = detail

@@ -7,7 +7,6 @@ that may represent it: a list of a hundred million small messages fits a recordi
 
 import struct
 from contextlib import suppress
-from functools import lru_cache
 from typing import Any
 
 from rosbags.interfaces import Nodetype
@@ -60,7 +59,7 @@ def _size(msgtype: str, types: Typesdict, known: dict[str, _Size], inside: tuple
         raise _FaultError(f"{msgtype} contains itself")
     if len(inside) == MAX_NESTING:
         raise _FaultError(f"types are nested more than {MAX_NESTING} deep")
-    fields = least_bytes = 0
+    fields = min_bytes = 0
     for name, (node, detail) in types[msgtype][1]:
         part: Any = (node, detail)
         count = 1
@@ -73,10 +72,10 @@ def _size(msgtype: str, types: Typesdict, known: dict[str, _Size], inside: tuple
             size, count = 4, 1
         in_one_piece = part[0] == Nodetype.BASE and part[1][0] not in {"string", "wstring"}
         fields += 1 if in_one_piece else max(values * count, 1)
-        least_bytes += size * count
+        min_bytes += size * count
         if fields > MAX_FIELDS:
             raise _FaultError(f"a message holds more than {MAX_FIELDS} values")
-    known[msgtype] = fields, least_bytes
+    known[msgtype] = fields, min_bytes
     return known[msgtype]
 
 
@@ -87,11 +86,11 @@ def _part_size(part: Any, types: Typesdict, known: dict[str, _Size], inside: tup
     return 1, 4 if detail[0] in {"string", "wstring"} else 1
 
 
-def count_items(store: Typestore, msgtype: str, encoding: str, data: bytes | memoryview, most: int) -> int:
-    """The number of strings and messages in lists, in as much of the message as there is; stops beyond `most`."""
-    counting = _Counting(store, encoding, memoryview(data), most)
+def count_items(store: Typestore, msgtype: str, encoding: str, data: bytes | memoryview, max_items: int) -> int:
+    """The number of strings and messages in lists, in as much of the message as there is; stops beyond `max_items`."""
+    counting = _Counting(store, encoding, memoryview(data), max_items)
     with suppress(struct.error, _EnoughError):  # decoding reports data that end early
-        counting.whole(msgtype)
+        counting.message(msgtype)
     return counting.items
 
 
@@ -99,83 +98,40 @@ class _EnoughError(Exception):
     pass
 
 
-@lru_cache(maxsize=1024)
-def _counted_fields(store: Typestore, msgtype: str) -> tuple[tuple[Any, ...], bool]:
-    """Kinds of the fields up to the last one with items, and whether there are more of them within these."""
-    kinds = [kind for _, kind in store.fielddefs[msgtype][1]]
-    while kinds and not _has_items(store, kinds[-1]):
-        kinds.pop()
-    return tuple(kinds), bool(kinds) and (kinds[-1][0] != Nodetype.SEQUENCE or _has_items(store, kinds[-1][1][0]))
-
-
-def _has_items(store: Typestore, kind: Any) -> bool:
-    node, detail = kind
-    if node == Nodetype.NAME:
-        return any(_has_items(store, inner) for _, inner in store.fielddefs[str(detail)][1])
-    if node == Nodetype.ARRAY:
-        return _has_items(store, detail[0])
-    return bool(node == Nodetype.SEQUENCE and _base(detail[0]) not in SIZES)
-
-
-def _base(part: Any) -> str:
-    """The name of a number or `string`; empty for a message."""
-    return "" if part[0] == Nodetype.NAME else str(part[1][0])
-
-
 class _Counting:
     """Goes over a message's bytes; arrays and lists of numbers take one step."""
 
-    def __init__(self, store: Typestore, encoding: str, data: memoryview, most: int) -> None:
-        self._store, self._most = store, most
+    def __init__(self, store: Typestore, encoding: str, data: memoryview, max_items: int) -> None:
+        self._store, self._max_items = store, max_items
         self._cursor = Cursor(data, encoding)
         self.items = 0
 
-    def whole(self, msgtype: str) -> None:
-        """Count the items of a message, and go no further than it takes: most have one list, before many bytes."""
-        kinds, goes_within = _counted_fields(self._store, msgtype)
-        if not kinds:
-            return
-        for kind in kinds[:-1]:
-            self._field(kind)
-        if goes_within:
-            self._field(kinds[-1])
-        else:
-            self._add(self._cursor.uint32())
-
     def message(self, msgtype: str) -> None:
         """Count the items of a message and pass over it."""
+        kind: Any
         for _, kind in self._store.fielddefs[msgtype][1]:
-            self._field(kind)
+            node, detail = kind
+            if node in {Nodetype.ARRAY, Nodetype.SEQUENCE}:
+                (part, what), length = detail
+                self._list(part, what, length if node == Nodetype.ARRAY else None)
+            else:
+                self._values(node, detail, 1)
 
-    def _field(self, kind: Any) -> None:
-        """Count the items of a field and pass over it."""
-        detail: Any
-        node, detail = kind
-        if node == Nodetype.NAME:
-            self.message(str(detail))
-        elif node == Nodetype.BASE:
-            self._values(str(detail[0]), 1)
-        else:
-            part, length = detail
-            count: int = self._cursor.uint32() if node == Nodetype.SEQUENCE else length
-            base = _base(part)
-            if node == Nodetype.SEQUENCE and base not in SIZES:
-                self._add(count)
-            if base:
-                self._values(base, count)
-                return
-            for _ in range(count):
-                self.message(str(part[1]))
+    def _list(self, part: Any, what: Any, length: int | None) -> None:
+        count = self._cursor.uint32() if length is None else length
+        if length is None and (part == Nodetype.NAME or what[0] not in SIZES):
+            self.items += count
+            if self.items > self._max_items:
+                raise _EnoughError
+        self._values(part, what, count)
 
-    def _add(self, count: int) -> None:
-        self.items += count
-        if self.items > self._most:
-            raise _EnoughError
-
-    def _values(self, base: str, count: int) -> None:
-        size = SIZES.get(base)
-        if size is not None:
-            self._cursor.skip(size, count)
+    def _values(self, node: Any, what: Any, count: int) -> None:
+        """Pass over values of one type that follow each other."""
+        if node == Nodetype.BASE and what[0] in SIZES:
+            self._cursor.skip(SIZES[what[0]], count)
             return
         for _ in range(count):
-            self._cursor.skip(1, self._cursor.uint32())
+            if node == Nodetype.NAME:
+                self.message(str(what))
+            else:
+                self._cursor.skip(1, self._cursor.uint32())

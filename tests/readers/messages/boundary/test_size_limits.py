@@ -80,13 +80,3 @@ def test_a_large_cloud_has_few() -> None:
     message = builders.raw("/points", "sensor_msgs/msg/PointCloud2", body, 0)
     assert len(deserialize(message).data) == 1_200_000
     assert count_items(typestore_for(message.channel), message.channel.msgtype, "cdr", message.data, 10) == 3
-
-
-@pytest.mark.parametrize(
-    ("fields", "items"),
-    [("uint8[] b", 0), ("string[] b", 2), ("uint8 a\nstring[] b\nuint8 c", 2), ("Leaf[] b\nuint8[] c", 2)],
-)
-def test_what_follows_the_last_list_of_items_is_not_looked_at(fields: str, items: int) -> None:
-    channel = Channel("/a", "a/msg/A", "ros1", f"{fields}\n{RULE}\nMSG: a/Leaf\nstring x\n", "ros1msg")
-    data = b"\x07" * fields.startswith("uint8 a") + b"\2\0\0\0"
-    assert count_items(typestore_for(channel), "a/msg/A", "ros1", data, 10) == items
