@@ -20,9 +20,6 @@ __all__ = ["Folded", "folded_lines", "show_line", "show_table"]
 MAX_COLUMNS = 10_000
 """More than any table is wide."""
 
-GAP = "  "
-"""Between columns."""
-
 MIN_FOLDED = 8
 """Columns that a folded text has at least."""
 
@@ -74,30 +71,15 @@ def folded_lines(text: str, width: int) -> Iterator[str]:
 
 def show_table(out: Console, table: Table) -> None:
     """Print a table: on a terminal folded to its width, elsewhere as wide as it needs to be; no trailing blanks."""
-    if not out.is_terminal:
-        out.print(Text("\n".join(_whole_lines(table))))
-        return
-    width = max(out.width, Measurement.get(out, out.options.update(width=MAX_COLUMNS), table).minimum)
+    if table.title:
+        show_line(out, str(table.title), "bold")
+        table.title = None  # rich would fold it to the width of the table
+    needed = Measurement.get(out, out.options.update(width=MAX_COLUMNS), table)
+    width = max(out.width, needed.minimum) if out.is_terminal else needed.maximum
     for line in out.render_lines(table, out.options.update(width=width), pad=False):
         text = Text.assemble(*((segment.text, segment.style or "") for segment in line))
         text.rstrip()
-        out.print(text)
-
-
-def _whole_lines(table: Table) -> Iterator[str]:
-    """The title and a line for each row, as rich draws them where nothing is folded; it takes 30 ms for a report."""
-    if table.title:
-        yield visible(str(table.title))
-    columns = []
-    for column in table.columns:
-        cells = [*([column.header] if table.show_header else []), *column.cells]
-        texts = [cell.text if isinstance(cell, Folded) else visible(str(cell)) for cell in cells]
-        width = max(map(cell_len, texts), default=0)
-        gaps = [" " * (width - cell_len(text)) for text in texts]
-        is_right = column.justify == "right"
-        columns.append([gap + text if is_right else text + gap for text, gap in zip(texts, gaps, strict=True)])
-    for row in zip(*columns, strict=True):
-        yield GAP.join(row).rstrip()
+        out.print(text, soft_wrap=not out.is_terminal)
 
 
 def show_line(out: Console, text: str, style: str = "") -> None:

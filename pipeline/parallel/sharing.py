@@ -7,9 +7,6 @@ __all__ = ["Sharing"]
 START_S = 1.0
 """Seconds of processor time until a process works on its first frame: it imports libraries. 0 awaits all of them."""
 
-WORTH = 2.0
-"""So many times that must be left to do for each process when one more is there."""
-
 TRIED = 2
 """Frames that tell how long a frame takes; the first also loads and compiles what the others use."""
 
@@ -50,5 +47,5 @@ class Sharing:
         if self._tried < TRIED or START_S == 0:
             return 0
         left_s = max(self._expected - done, 0) * self._frame_s
-        worth = int(left_s / (WORTH * START_S))
+        worth = int(left_s / START_S)  # as much work for each as its start costs
         return max(min(self._workers, 2 * (1 + others), worth) - (1 + others), 0)

@@ -21,10 +21,10 @@ def sharing(workers: int, expected: int, frame_s: float) -> Sharing:
         (8, 10_000, 1, 2, 2),
         (8, 10_000, 3, 2, 4),
         (6, 10_000, 3, 2, 2),
-        (8, 60, 0, 2, 1),
-        (8, 60, 1, 2, 0),  # 5.8 s of work: two processes
-        (2, 30, 0, 2, 0),  # a start would cost more than it gives
-        (2, 30, 0, 50, 0),  # more frames than expected
+        (8, 30, 0, 2, 1),
+        (8, 30, 1, 2, 0),  # 2.8 s of work: two processes
+        (2, 20, 0, 2, 0),  # a start would cost more than it gives
+        (2, 20, 0, 50, 0),  # more frames than expected
     ],
 )
 def test_another_process_where_it_is_worth_its_start(
