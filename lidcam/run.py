@@ -23,7 +23,7 @@ from lidcam.checks.files import FileCheck
 from lidcam.checks.late import late_warnings
 from lidcam.checks.lidars import LidarCheck
 from lidcam.checks.missing import missing_sensors, silence_warnings
-from lidcam.checks.objects import ObjectCheck
+from lidcam.checks.no_objects import ObjectCheck
 from lidcam.frames import (
     RunInput,
     TimeWindow,

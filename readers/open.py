@@ -212,7 +212,7 @@ def _open_file(path: Location, index: int, stack: ExitStack, options: ReadOption
     """Open one file; the stack closes it and removes temporary copies."""
     is_recovering = options.recovery != "none"
     if isinstance(path, RemotePath):
-        from readers.files.mcap.file import McapFile
+        from readers.files.mcap.mcap_file import McapFile
         from readers.files.remote import open_remote
 
         path, stream = open_remote(path, options.limits)
@@ -260,12 +260,12 @@ def _check_is_mcap(path: RemotePath, stream: BinaryIO) -> None:
 
 def _file_of_kind(source: Source, path: Path, content: Path, magic: bytes) -> RecordingFile:
     if magic.startswith(ROSBAG1_MAGIC):
-        from readers.files.rosbag1.file import Rosbag1File
+        from readers.files.rosbag1.rosbag1_file import Rosbag1File
 
         return Rosbag1File(source, content)
     if not magic.startswith((MCAP_MAGIC, SQLITE_MAGIC)):
-        from readers.files.pcap.file import PcapFile
         from readers.files.pcap.packets import is_capture
+        from readers.files.pcap.pcap_file import PcapFile
 
         if is_capture(magic):
             return PcapFile(source, content.open("rb"))
@@ -275,10 +275,10 @@ def _file_of_kind(source: Source, path: Path, content: Path, magic: bytes) -> Re
     if path.name in metadata.file_names:
         source = replace(source, metadata=metadata)
     if magic.startswith(MCAP_MAGIC):
-        from readers.files.mcap.file import McapFile
+        from readers.files.mcap.mcap_file import McapFile
 
         return McapFile(source, content.open("rb"))
-    from readers.files.sqlite.file import SqliteFile
+    from readers.files.sqlite.sqlite_file import SqliteFile
 
     return SqliteFile(source, content)
 

@@ -2,9 +2,9 @@
 
     python benchmarks/measured/speed_page.py [--rounds 7] [--model yolox.onnx] [--print] [RECORDING ...]
 
-Without recordings: the sample in `bags/`, as it is and fifty times in a row, which shows what is paid once; and the seed
-rig, which is simulated (three lidars of 30 000 points, eight cameras of 640 x 480). Recordings that are given come in
-addition; lidcam finds out the settings of those itself, and the straight script takes those of a road. With a model
+Without recordings: the sample in `bags/`, as it is and fifty times in a row, which shows what is paid once; and the
+seed rig, which is simulated (three lidars of 30 000 points, eight cameras of 640 x 480). Recordings that are given come
+in addition; lidcam finds out the settings of those itself, and the straight script takes those of a road. With a model
 both look at all images of them. lidcam shows these larger by default than the script, which scales them to fit a square
 of 416 x 416; a second row scales them as the script does. It is without the script's padding, which shows nothing and
 is two thirds of the square for images of KITTI. The peer is `straight_script.py`, with the same filters and detectors

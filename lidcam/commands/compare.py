@@ -27,7 +27,7 @@ from pipeline.core.settings.config import Config
 from pipeline.evaluation.comparison.comparison import Comparison
 from pipeline.evaluation.comparison.differences import Channel
 from pipeline.evaluation.comparison.frames import FramePair, paired_frames
-from pipeline.evaluation.comparison.objects import KINDS, Kind
+from pipeline.evaluation.comparison.object_changes import KINDS, Kind
 from readers.input_file import read_input_file
 from readers.results.result import Result, open_result
 from writers.foxglove.layout_file import layout_path

@@ -3,8 +3,8 @@
 from collections import Counter
 
 from pipeline.core.settings.config import Config
+from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, Figures, TruthBoxes3D
 from pipeline.evaluation.ignoring import is_evaluated, is_within
-from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, Figures, TruthBoxes3D
 
 __all__ = ["FrameCounts"]
 

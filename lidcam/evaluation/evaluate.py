@@ -17,7 +17,7 @@ from lidcam.evaluation.requirement import check_names
 from lidcam.settings.lasting import settings_sha256
 from pipeline.core.errors import RecordingError
 from pipeline.core.rig import Rig
-from pipeline.evaluation.records import EvaluationFrame
+from pipeline.evaluation.evaluation_frame import EvaluationFrame
 from readers.input_file import InputFile, read_input_file
 from readers.location import Location
 from readers.results.result import Result, open_result

@@ -11,9 +11,8 @@ from lidcam.evaluation.figures import NamedFigures, merged
 from pipeline.core.detections import Boxes2D, Boxes3D
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
-from pipeline.evaluation.detection.evaluation import DetectionEvaluation
-from pipeline.evaluation.mistakes import Mistakes
-from pipeline.evaluation.records import (
+from pipeline.evaluation.detection.detection_evaluation import DetectionEvaluation
+from pipeline.evaluation.evaluation_frame import (
     EvaluationFrame,
     Evaluator,
     Figures,
@@ -22,8 +21,9 @@ from pipeline.evaluation.records import (
     TruthBoxes2D,
     TruthBoxes3D,
 )
-from pipeline.evaluation.tracking.evaluation import TrackingEvaluation
-from pipeline.evaluation.unlabelled.evaluation import UnlabelledEvaluation
+from pipeline.evaluation.mistakes import Mistakes
+from pipeline.evaluation.tracking.tracking_evaluation import TrackingEvaluation
+from pipeline.evaluation.unlabelled.unlabelled_evaluation import UnlabelledEvaluation
 
 __all__ = ["evaluators_of", "known_figures", "measure", "timed"]
 

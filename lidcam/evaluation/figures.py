@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any
 
-from pipeline.evaluation.records import Figure, Figures
+from pipeline.evaluation.evaluation_frame import Figure, Figures
 
 __all__ = ["LABELS", "NamedFigures", "merged"]
 

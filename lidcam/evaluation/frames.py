@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from pipeline.core.detections import Boxes2D
-from pipeline.evaluation.records import EvaluationFrame, ImageBoxes, TruthBoxes2D, TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import EvaluationFrame, ImageBoxes, TruthBoxes2D, TruthBoxes3D
 from pipeline.fusion.zones import is_reported
 from readers.notes import Notes
 from readers.results.result import Result, ResultFrame

@@ -10,7 +10,7 @@ from typing import Any
 
 from lidcam.evaluation.figures import LABELS, NamedFigures
 from pipeline.core.errors import ConfigError
-from pipeline.evaluation.records import Figure
+from pipeline.evaluation.evaluation_frame import Figure
 
 __all__ = ["EXAMPLE", "Outcome", "Requirement", "RequirementError", "check_names", "read_requirements"]
 

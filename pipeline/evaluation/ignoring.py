@@ -7,7 +7,7 @@ import numpy as np
 from pipeline.core.arrays import F64, I32, Bools
 from pipeline.core.geometry.polygons import first_polygon_with
 from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.records import UNKNOWN
+from pipeline.evaluation.evaluation_frame import UNKNOWN
 
 __all__ = ["is_counted", "is_evaluated", "is_within"]
 

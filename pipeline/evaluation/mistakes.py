@@ -15,10 +15,10 @@ from pipeline.core.detections import Boxes3D
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.detection.criteria import Criteria
 from pipeline.evaluation.detection.matching import Candidates, match_criteria, match_other_classes
-from pipeline.evaluation.detection.objects import FoundObjects, TrueObjects, pairs_near
+from pipeline.evaluation.detection.near_objects import FoundObjects, TrueObjects, pairs_near
 from pipeline.evaluation.detection.tables import FALSE
+from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, Figures, TruthBoxes3D
 from pipeline.evaluation.ignoring import is_evaluated, is_within
-from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, Figures, TruthBoxes3D
 
 __all__ = ["Mistake", "Mistakes"]
 

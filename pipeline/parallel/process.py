@@ -14,7 +14,7 @@ from typing import Self, cast
 from pipeline.core.ending import undone_at_once
 from pipeline.core.errors import WorkerError
 from pipeline.parallel.cores import THREADS_OF_LIBRARIES
-from pipeline.parallel.messages import Answer, Question, Ready, Setup
+from pipeline.parallel.protocol import Answer, Question, Ready, Setup
 from pipeline.parallel.transfer import connected, receive, send
 
 __all__ = ["Crew", "WorkerProcess"]

@@ -13,8 +13,8 @@ from typing import Any, Generic, TypeVar
 
 from pipeline.core.errors import WorkerError
 from pipeline.graph import Graph, Node, Stamped
-from pipeline.parallel.messages import Answer, Failure, MakeGraph, Question, Setup, log_levels
 from pipeline.parallel.process import Crew, WorkerProcess
+from pipeline.parallel.protocol import Answer, Failure, MakeGraph, Question, Setup, log_levels
 from pipeline.parallel.sharing import Sharing
 
 __all__ = ["Limits", "run_parallel"]

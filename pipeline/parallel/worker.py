@@ -14,7 +14,7 @@ from collections.abc import Callable
 from queue import SimpleQueue
 from typing import Any, NoReturn, cast
 
-from pipeline.parallel.messages import Answer, Failure, Question, Ready, Setup, failure_of, gather_log
+from pipeline.parallel.protocol import Answer, Failure, Question, Ready, Setup, failure_of, gather_log
 from pipeline.parallel.transfer import receive, send
 
 __all__ = ["serve"]

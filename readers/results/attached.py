@@ -14,7 +14,7 @@ from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.bounded_yaml import parse_yaml
 from pipeline.core.settings.config import Config
-from readers.results.records import CONFIG, RIG
+from readers.results.attached_records import CONFIG, RIG
 from readers.rig.schema import CameraEntry, LidarEntry, parse_rig
 from readers.rig.search import zones_of
 

@@ -18,7 +18,7 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.config import UNKNOWN_CLASS, Config
 from pipeline.core.settings.load import load_config
 from pipeline.core.settings.recording import LimitsConfig
-from pipeline.evaluation.records import SOURCES, UNKNOWN, SourceBoxes
+from pipeline.evaluation.evaluation_frame import SOURCES, UNKNOWN, SourceBoxes
 from readers.messages.diagnostics import decode_diagnostics
 from readers.messages.vision.detections2d import DETECTIONS_2D, decode_detections2d
 from readers.messages.vision.detections3d import DETECTIONS_3D, Detections3D, decode_detections3d
@@ -27,7 +27,7 @@ from readers.notes import Notes
 from readers.open import open_recording
 from readers.recording import DEFAULT_READ_OPTIONS, Closing, ReadOptions, Recording
 from readers.results.attached import attached_config, attached_rig
-from readers.results.records import CONFIG, RIG, read_records
+from readers.results.attached_records import CONFIG, RIG, read_records
 
 __all__ = ["RESULT_TOPICS", "Result", "ResultFrame", "open_result"]
 

@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.core.arrays import F64
 from pipeline.core.errors import RecordingError
 from pipeline.core.settings.classes import ClassPrior
-from pipeline.evaluation.records import UNKNOWN, TruthBoxes2D, TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
 from readers.natural_order import natural_key
 
 __all__ = [

@@ -5,7 +5,7 @@ import numpy as np
 from pipeline.core.arrays import I32
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.rig import CameraSensor
-from pipeline.evaluation.records import UNKNOWN, TruthBoxes2D, TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
 
 __all__ = ["projected_truth"]
 

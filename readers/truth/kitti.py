@@ -21,7 +21,7 @@ from pipeline.core.arrays import F64
 from pipeline.core.errors import RecordingError
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
-from pipeline.evaluation.records import UNKNOWN, TruthBoxes2D, TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
 from readers.rig.importers.kitti import KittiCalibration, kitti_calibration
 from readers.truth.boxes import (
     Labelled,

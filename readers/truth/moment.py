@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64, I32, Rows
 from pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER, IMAGE_PIXELS, LIDAR_POINTS
-from pipeline.evaluation.records import UNKNOWN, Names, TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import UNKNOWN, Names, TruthBoxes3D
 from readers.messages.vision.detections3d import Detections3D
 from readers.messages.vision.track_ids import track_ids
 

@@ -12,7 +12,7 @@ from pipeline.core.geometry.poses import interpolate_poses
 from pipeline.core.messages import RawMessage
 from pipeline.core.rig import TruthVehicle
 from pipeline.core.settings.config import Config
-from pipeline.evaluation.records import TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import TruthBoxes3D
 from readers.messages.odometry import ODOMETRY, decode_odometry
 from readers.messages.tf import RecordedTransforms
 from readers.recording import Recording

@@ -9,7 +9,7 @@ from readers.location import Location
 from readers.messages.tf import read_transforms
 from readers.open import open_recording
 from readers.recording import Closing, ReadOptions, Recording
-from readers.results.records import is_result
+from readers.results.attached_records import is_result
 from readers.results.result import RESULT_TOPICS, Result
 from readers.truth.labels import open_labels
 from readers.truth.odometry import OdometryTruth

@@ -12,7 +12,7 @@ from pipeline.core.arrays import F64
 from pipeline.core.errors import RecordingError
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
-from pipeline.evaluation.records import TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import TruthBoxes3D
 from readers.truth.boxes import Labelled, class_ids_of_labels, label_files, read_label_text, truth_boxes_3d
 from readers.truth.moment import Moment
 from readers.truth.openlabel_text import Cuboid, OpenLabelFile, OpenLabelFrame, parse_openlabel

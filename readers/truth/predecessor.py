@@ -16,7 +16,7 @@ from pipeline.core.errors import RecordingError
 from pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy
 from pipeline.core.rig import Rig, TruthVehicle
 from pipeline.core.settings.config import Config
-from pipeline.evaluation.records import TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import TruthBoxes3D
 from readers.files.evaluation_folder import START_NS, STEP_NS
 from readers.truth.boxes import (
     MAX_OFF_UNIT,

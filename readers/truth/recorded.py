@@ -14,7 +14,7 @@ from pipeline.core.messages import RawMessage
 from pipeline.core.rig import CameraSensor
 from pipeline.core.ros.vision_numbers import IMAGE_PIXELS
 from pipeline.core.settings.config import Config
-from pipeline.evaluation.records import UNKNOWN, TruthBoxes2D, TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
 from readers.messages.vision.detections2d import decode_detections2d
 from readers.messages.vision.detections3d import decode_detections3d
 from readers.messages.vision.track_ids import track_ids

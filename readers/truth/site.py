@@ -13,7 +13,7 @@ from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.recording import LimitsConfig
-from pipeline.evaluation.records import TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import TruthBoxes3D
 from readers.messages.tf import RecordedTransforms, read_transforms, tf_topics
 from readers.recording import Recording
 from readers.streams.motion import MotionBuffer, MotionSource, find_motion_source, links_up

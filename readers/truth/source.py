@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
-from pipeline.evaluation.records import TruthBoxes2D, TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import TruthBoxes2D, TruthBoxes3D
 from readers.truth.moment import STEP_BACK_NS, Moment
 
 __all__ = ["STEP_BACK_NS", "CountingSource", "TruthSource", "WithoutImages"]

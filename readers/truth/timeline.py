@@ -14,7 +14,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64, I32, Bools, Indices
 from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.evaluation.records import UNKNOWN, TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
 from readers.truth.moment import STEP_BACK_NS, Moment
 
 __all__ = ["Timeline"]

@@ -10,7 +10,7 @@ import yaml
 import lidcam
 from lidcam.evaluation.frames import EvaluationFrames
 from pipeline.core.arrays import F64
-from pipeline.evaluation.records import EvaluationFrame
+from pipeline.evaluation.evaluation_frame import EvaluationFrame
 from readers.results.result import open_result
 from readers.rig.rig_file import rig_yaml
 from readers.rig.schema import RigFile, parse_rig

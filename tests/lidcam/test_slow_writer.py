@@ -18,7 +18,7 @@ from lidcam.summary import RunProgress
 from pipeline.core.frame import SensorBundle
 from pipeline.core.messages import RawMessage
 from writers.mcap.chunk import Chunk
-from writers.mcap.file import CHUNK_BYTES
+from writers.mcap.output import CHUNK_BYTES
 
 FRAMES = 16
 IMAGE_PX = 480, 640, 3
@@ -88,8 +88,8 @@ def test_no_more_waits_than_the_frames_in_work_and_some_chunks(
     watch = Watch()
     SlowChunk.all_done = Event()
     monkeypatch.setattr("pipeline.parallel.sharing.START_S", 0.0)
-    monkeypatch.setattr("writers.mcap.file.WAITING_BYTES", WAITING_BYTES)
-    monkeypatch.setattr("writers.mcap.file.Chunk", SlowChunk)
+    monkeypatch.setattr("writers.mcap.output.WAITING_BYTES", WAITING_BYTES)
+    monkeypatch.setattr("writers.mcap.output.Chunk", SlowChunk)
     monkeypatch.setattr("lidcam.run.bundles", lambda *args: watch.reading(bundles(*args)))
     write_mcap(path := tmp_path / "drive.mcap", drive())
     process_recording(make_job(path, tmp_path / "out.mcap", workers=workers), watch)

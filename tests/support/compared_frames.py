@@ -7,7 +7,7 @@ import numpy as np
 from detections import boxes2d, boxes3d
 
 from pipeline.core.detections import Boxes2D
-from pipeline.evaluation.records import UNKNOWN, SourceBoxes
+from pipeline.evaluation.evaluation_frame import UNKNOWN, SourceBoxes
 
 __all__ = ["Frame", "Row", "objects", "run_of"]
 

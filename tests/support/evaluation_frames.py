@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from detections import boxes3d
 
-from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, ImageBoxes, SourceBoxes, TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, ImageBoxes, SourceBoxes, TruthBoxes3D
 
 __all__ = ["frame_of", "rows_at", "source_boxes", "truth_boxes"]
 

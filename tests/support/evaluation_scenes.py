@@ -12,8 +12,15 @@ from pipeline.core.detections import Boxes2D
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.rig import Zone
 from pipeline.core.settings.config import Config
-from pipeline.evaluation.detection.evaluation import DetectionEvaluation
-from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, ImageBoxes, SourceBoxes, TruthBoxes2D, TruthBoxes3D
+from pipeline.evaluation.detection.detection_evaluation import DetectionEvaluation
+from pipeline.evaluation.evaluation_frame import (
+    UNKNOWN,
+    EvaluationFrame,
+    ImageBoxes,
+    SourceBoxes,
+    TruthBoxes2D,
+    TruthBoxes3D,
+)
 
 
 def evaluated(frames: Iterable[EvaluationFrame], config: Config, zones: Sequence[Zone] = ()) -> Any:

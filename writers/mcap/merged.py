@@ -16,7 +16,7 @@ from pipeline.core.rig import Rig
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.qos import LATCHED_YAML
 from writers.foxglove.layout import COMPARED
-from writers.mcap.file import McapOutput, mcap_file
+from writers.mcap.output import McapOutput, mcap_file
 from writers.messages.images import COMPRESSED
 from writers.outputs.errors import output_errors
 from writers.outputs.marks import MERGED

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 
 from pipeline.core.messages import Channel, RawMessage
-from writers.mcap.file import mcap_file
+from writers.mcap.output import mcap_file
 from writers.outputs.errors import output_errors
 from writers.outputs.marks import REPAIRED
 from writers.outputs.transaction import OutputFile

@@ -25,7 +25,7 @@ from pipeline.core.true_boxes import TrueBoxes
 from writers.drawing import ObjectEdges, object_edges
 from writers.foxglove.layout import foxglove_layout
 from writers.mcap.chunk import Buffer
-from writers.mcap.file import McapOutput, mcap_file
+from writers.mcap.output import McapOutput, mcap_file
 from writers.mcap.topics import LATER, written_topics
 from writers.messages.annotations import image_annotations
 from writers.messages.detections import detections_2d, detections_3d, lidcam_objects

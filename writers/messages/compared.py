@@ -5,7 +5,7 @@ from typing import Any
 
 from pipeline.core.detections import Boxes3D
 from pipeline.core.geometry.boxes import UNIT_CORNERS
-from pipeline.evaluation.comparison.objects import PAIR_KINDS, Changes, Objects
+from pipeline.evaluation.comparison.object_changes import PAIR_KINDS, Changes, Objects
 from writers.messages.parts import box_poses
 from writers.messages.scene import label_places
 from writers.messages.scene_parts import entities, labels, opaque, outlines, whole_scene

@@ -18,7 +18,7 @@ from pipeline.core.errors import OutputError
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.qos import LATCHED, LATCHED_YAML_HUMBLE
 from pipeline.core.ros.typestores import RosVersion, message_types
-from writers.mcap.file import McapOutput, mcap_file
+from writers.mcap.output import McapOutput, mcap_file
 from writers.outputs.errors import output_errors
 from writers.outputs.marked_text import marked_yaml
 from writers.outputs.marks import BAG_CALLER, FOLDER_DATA, SIMULATED

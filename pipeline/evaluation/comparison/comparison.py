@@ -12,7 +12,7 @@ from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.compare import CompareConfig
 from pipeline.evaluation.comparison.differences import Channel, Difference, Episodes, Listing
 from pipeline.evaluation.comparison.frames import ComparedFrame, FramePair
-from pipeline.evaluation.comparison.objects import (
+from pipeline.evaluation.comparison.object_changes import (
     PAIR_KINDS,
     Boxes,
     Changes,
@@ -26,7 +26,7 @@ from pipeline.evaluation.comparison.objects import (
     source_objects,
 )
 from pipeline.evaluation.comparison.tally import Tally
-from pipeline.evaluation.records import SourceBoxes
+from pipeline.evaluation.evaluation_frame import SourceBoxes
 
 __all__ = ["Compared", "Comparison"]
 

@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from pipeline.core.arrays import F64
-from pipeline.evaluation.comparison.objects import KINDS, Kind, pairs_of_least_cost
+from pipeline.evaluation.comparison.object_changes import KINDS, Kind, pairs_of_least_cost
 
 __all__ = ["Channel", "Difference", "Episode", "Episodes", "Listing"]
 

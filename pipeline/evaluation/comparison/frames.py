@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from pipeline.core.detections import Boxes2D
-from pipeline.evaluation.records import SourceBoxes
+from pipeline.evaluation.evaluation_frame import SourceBoxes
 
 __all__ = ["ComparedFrame", "FramePair", "paired_frames"]
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.core.arrays import Bools, Indices
-from pipeline.evaluation.comparison.objects import KINDS, PAIR_KINDS, Changes, Kind
+from pipeline.evaluation.comparison.object_changes import KINDS, PAIR_KINDS, Changes, Kind
 
 __all__ = ["Tally"]
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.core.arrays import F32, Bools
 from pipeline.evaluation.detection.curves import Curve, ratio
-from pipeline.evaluation.records import Figures
+from pipeline.evaluation.evaluation_frame import Figures
 
 __all__ = ["calibration_figures", "count_figures", "threshold_figures"]
 

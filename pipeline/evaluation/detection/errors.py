@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.core.arrays import F64
-from pipeline.evaluation.records import Figures
+from pipeline.evaluation.evaluation_frame import Figures
 from pipeline.evaluation.scales import is_flip
 
 __all__ = ["Column", "bias", "bird_eye_m", "error_figures", "spread"]

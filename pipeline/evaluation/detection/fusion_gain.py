@@ -12,7 +12,7 @@ from pipeline.evaluation.detection.averages import overlap_name
 from pipeline.evaluation.detection.errors import bird_eye_m
 from pipeline.evaluation.detection.resampling import Resampling, sampled_ap
 from pipeline.evaluation.detection.source import Source
-from pipeline.evaluation.records import Figures
+from pipeline.evaluation.evaluation_frame import Figures
 
 __all__ = ["fusion_gain"]
 

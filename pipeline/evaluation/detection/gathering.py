@@ -12,7 +12,7 @@ from pipeline.core.settings.evaluate import EvaluateConfig
 from pipeline.evaluation.detection.criteria import Criteria
 from pipeline.evaluation.detection.errors import Column
 from pipeline.evaluation.detection.matching import Candidates, match_criteria, match_other_classes
-from pipeline.evaluation.detection.objects import (
+from pipeline.evaluation.detection.near_objects import (
     FoundObjects,
     TrueObjects,
     check_class_ids,
@@ -21,9 +21,9 @@ from pipeline.evaluation.detection.objects import (
     pairs_near,
 )
 from pipeline.evaluation.detection.tables import FALSE, I16, FoundTable, Labels, TruthTable
+from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame
 from pipeline.evaluation.ignoring import is_counted, is_evaluated, is_within
 from pipeline.evaluation.pieces import Pieces
-from pipeline.evaluation.records import UNKNOWN, EvaluationFrame
 from pipeline.evaluation.scales import nuscenes_ranges_m, range_edges_m, range_rows
 
 __all__ = ["Gathering"]

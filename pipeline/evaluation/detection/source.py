@@ -33,7 +33,7 @@ from pipeline.evaluation.detection.tables import (
     scored,
     truth_in,
 )
-from pipeline.evaluation.records import UNKNOWN, Figures
+from pipeline.evaluation.evaluation_frame import UNKNOWN, Figures
 from pipeline.evaluation.scales import range_names
 
 __all__ = ["Site", "Source"]

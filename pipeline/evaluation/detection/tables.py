@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.core.arrays import F32, I32, Bools, Indices, Rows, check_array, select_rows
-from pipeline.evaluation.records import Names
+from pipeline.evaluation.evaluation_frame import Names
 
 __all__ = [
     "FALSE",

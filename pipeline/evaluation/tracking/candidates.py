@@ -10,7 +10,7 @@ from pipeline.core.arrays import F64, I64, Bools, Indices, check_array
 from pipeline.core.detections import Boxes3D
 from pipeline.core.geometry.rotated_iou import BoxArrays, pair_ious
 from pipeline.evaluation.assignment import pairs_of_equal
-from pipeline.evaluation.records import TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import TruthBoxes3D
 
 __all__ = ["Candidates", "Objects", "near_pairs", "near_rows"]
 

@@ -12,9 +12,9 @@ import numpy as np
 from pipeline.core.arrays import F64, I64
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.assignment import assign_nearest
+from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D, in_order
 from pipeline.evaluation.ignoring import is_evaluated, is_within
 from pipeline.evaluation.pieces import Pieces
-from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D, in_order
 from pipeline.evaluation.scales import length_scales
 from pipeline.evaluation.tracking.candidates import Candidates, Objects, near_pairs, near_rows
 from pipeline.evaluation.tracking.table import TrackTable

@@ -18,8 +18,8 @@ from pipeline.core.geometry.boxes import box_corners, pair_overlaps_xyxy
 from pipeline.core.rig import CameraSensor
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.assignment import assign_heaviest, pairs_of_equal
+from pipeline.evaluation.evaluation_frame import Figures
 from pipeline.evaluation.pieces import Pieces
-from pipeline.evaluation.records import Figures
 
 __all__ = ["Residuals"]
 

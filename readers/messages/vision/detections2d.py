@@ -20,7 +20,7 @@ from pipeline.core.arrays import F32, F64, I32, Bools, Indices
 from pipeline.core.detections import Boxes2D
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from pipeline.evaluation.records import Names
+from pipeline.evaluation.evaluation_frame import Names
 from readers.messages.boundary.decoding import decoder
 from readers.messages.boundary.fields import HEADER, NUMBER, Fields, Need
 from readers.messages.tf import clean_frame

@@ -20,7 +20,7 @@ import numpy as np
 from pipeline.core.arrays import F32, F64, check_array
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from pipeline.evaluation.records import Names
+from pipeline.evaluation.evaluation_frame import Names
 from readers.messages.boundary.decoding import decoder
 from readers.messages.boundary.fields import HEADER, POINT, POSE, Fields
 from readers.messages.objects.found import FoundObjects, ObjectClasses, found_objects

@@ -6,7 +6,7 @@ from hashlib import blake2b
 import numpy as np
 
 from pipeline.core.arrays import I64
-from pipeline.evaluation.records import UNKNOWN, Names
+from pipeline.evaluation.evaluation_frame import UNKNOWN, Names
 
 __all__ = ["track_ids"]
 

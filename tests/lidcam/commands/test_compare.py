@@ -30,7 +30,7 @@ from lidcam.commands.compare import FRAMES, CompareOptions, run_compare
 from lidcam.options import AllowedDifference
 from pipeline.core.errors import CheckError, IncompleteError, LidcamError, OutputError, RecordingError
 from pipeline.core.settings.load import load_config
-from pipeline.evaluation.comparison.objects import KINDS
+from pipeline.evaluation.comparison.object_changes import KINDS
 
 ROOT = Path(__file__).parents[3]
 FUSED = "/fused/detections"

@@ -18,7 +18,7 @@ from pipeline.core.detections import Boxes3D
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
-from pipeline.evaluation.records import EvaluationFrame, SourceBoxes
+from pipeline.evaluation.evaluation_frame import EvaluationFrame, SourceBoxes
 from readers.results.result import open_result
 from readers.truth.open import open_truth
 

@@ -25,7 +25,7 @@ from pipeline.core.geometry.boxes import iou_xyxy, wrap_angle
 from pipeline.core.messages import RawMessage
 from pipeline.core.ros.typestores import message_types
 from pipeline.core.settings.load import dump_config
-from pipeline.evaluation.records import EvaluationFrame, TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import EvaluationFrame, TruthBoxes3D
 from readers.messages.vision.detections3d import decode_detections3d
 from readers.messages.vision.track_ids import track_ids
 from readers.results.result import open_result

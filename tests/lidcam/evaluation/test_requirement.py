@@ -15,7 +15,7 @@ from lidcam.evaluation.requirement import (
     check_names,
     read_requirements,
 )
-from pipeline.evaluation.records import Figures
+from pipeline.evaluation.evaluation_frame import Figures
 
 TREE: dict[str, Any] = {
     "sources": {

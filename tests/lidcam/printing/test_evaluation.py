@@ -18,7 +18,7 @@ from lidcam.printing.evaluation import print_evaluation
 from lidcam.printing.terminal import console
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
-from pipeline.evaluation.records import EvaluationFrame
+from pipeline.evaluation.evaluation_frame import EvaluationFrame
 from readers.input_file import InputFile
 
 RIG = Rig("site", (), (), ())

@@ -3,8 +3,8 @@ import pytest
 from evaluation_frames import rows_at, truth_boxes
 
 from pipeline.core.settings.evaluate import EvaluateConfig
+from pipeline.evaluation.evaluation_frame import UNKNOWN
 from pipeline.evaluation.ignoring import is_evaluated, is_within
-from pipeline.evaluation.records import UNKNOWN
 
 SQUARE = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
 

@@ -4,8 +4,8 @@ import numpy as np
 from evaluation_frames import frame_of, source_boxes, truth_boxes
 
 from pipeline.core.settings.config import Config
+from pipeline.evaluation.evaluation_frame import EvaluationFrame, TruthBoxes3D
 from pipeline.evaluation.mistakes import Mistakes
-from pipeline.evaluation.records import EvaluationFrame, TruthBoxes3D
 
 CONFIG = Config()
 TRUCK = 3

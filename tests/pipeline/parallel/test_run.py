@@ -14,7 +14,7 @@ from shared_graphs import Frame, Seen, frames, make_graph, make_nothing, make_ra
 
 from pipeline.core.errors import MessageError, WorkerError
 from pipeline.graph import Graph, Node
-from pipeline.parallel.messages import MakeGraph, WorkerTraceback
+from pipeline.parallel.protocol import MakeGraph, WorkerTraceback
 from pipeline.parallel.run import Limits, run_parallel
 
 pytestmark = pytest.mark.traced_processes

@@ -34,8 +34,8 @@ def none_left(*_: Any, **__: Any) -> Any:
     ("kind", "place"),
     [
         ("mcap", "readers.files.mcap.records.zstandard.decompress"),
-        ("bag", "readers.files.rosbag1.file.unpack_lz4"),
-        ("sqlite", "readers.files.sqlite.file.decompressed"),
+        ("bag", "readers.files.rosbag1.rosbag1_file.unpack_lz4"),
+        ("sqlite", "readers.files.sqlite.sqlite_file.decompressed"),
     ],
 )
 def test_of_every_container(

@@ -19,8 +19,8 @@ from pipeline.core.frame import FrameResult
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import dump_config, load_config
-from pipeline.evaluation.records import UNKNOWN
-from readers.results.records import is_result
+from pipeline.evaluation.evaluation_frame import UNKNOWN
+from readers.results.attached_records import is_result
 from readers.results.result import open_result
 from readers.rig.rig_file import rig_yaml
 from writers.mcap.writer import McapResultWriter

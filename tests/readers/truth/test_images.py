@@ -6,7 +6,7 @@ from detections import forward_camera
 from evaluation_frames import truth_boxes
 
 from pipeline.core.rig import CameraSensor
-from pipeline.evaluation.records import UNKNOWN, TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
 from readers.truth.images import projected_truth
 
 CAMERA: CameraSensor = forward_camera("left")

@@ -12,7 +12,7 @@ from pipeline.core.errors import RecordingError
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
-from pipeline.evaluation.records import UNKNOWN
+from pipeline.evaluation.evaluation_frame import UNKNOWN
 from readers.rig.importers.kitti import import_kitti
 from readers.truth.kitti import KittiTruth, is_kitti_text, parse_kitti_labels
 

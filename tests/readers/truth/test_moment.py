@@ -3,7 +3,7 @@ import pytest
 from truth_messages import true_object, truth_message
 
 from pipeline.core.settings.config import Config
-from pipeline.evaluation.records import UNKNOWN
+from pipeline.evaluation.evaluation_frame import UNKNOWN
 from readers.messages.vision.detections3d import decode_detections3d
 from readers.messages.vision.track_ids import track_ids
 from readers.truth.moment import Moment, TruthClasses, counted, moment_of, total

@@ -14,7 +14,7 @@ from pipeline.core.errors import RecordingError
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
-from pipeline.evaluation.records import UNKNOWN
+from pipeline.evaluation.evaluation_frame import UNKNOWN
 from readers.truth.openlabel import OpenLabelTruth, is_openlabel
 from readers.truth.openlabel_text import parse_openlabel
 

@@ -11,7 +11,7 @@ from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.typestores import message_types
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import load_config
-from pipeline.evaluation.records import UNKNOWN
+from pipeline.evaluation.evaluation_frame import UNKNOWN
 from readers.messages.vision.track_ids import track_ids
 from readers.truth.recorded import RecordedTruth
 from readers.truth.source import CountingSource

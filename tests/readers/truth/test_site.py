@@ -10,7 +10,7 @@ from pipeline.core.messages import RawMessage
 from pipeline.core.rig import LidarSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import load_config
-from pipeline.evaluation.records import UNKNOWN, TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
 from readers.truth.site import SitePoses, boxes_in_site
 
 S = 10**9

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.evaluation.records import UNKNOWN, TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
 from readers.truth.moment import STEP_BACK_NS, Moment
 from readers.truth.timeline import MAX_EXTRAPOLATION_PERIODS, PROBED, Timeline
 

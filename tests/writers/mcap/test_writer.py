@@ -330,7 +330,7 @@ def test_a_full_disk_is_one_clear_line(tmp_path: Path, monkeypatch: pytest.Monke
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("writers.mcap.file.Chunk.write", full)
+    monkeypatch.setattr("writers.mcap.output.Chunk.write", full)
     with pytest.raises(OutputError, match=r"out\.mcap: cannot be written: No space left on device"):
         write(tmp_path / "out.mcap", [frame()])
     assert names_in(tmp_path) == []

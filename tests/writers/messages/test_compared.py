@@ -6,8 +6,8 @@ from compared_frames import Row, objects
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.settings.classes import ROAD_CLASSES
 from pipeline.core.settings.compare import CompareConfig
-from pipeline.evaluation.comparison.objects import KnownClasses, Tracks, source_changes, source_objects
-from pipeline.evaluation.records import SourceBoxes
+from pipeline.evaluation.comparison.object_changes import KnownClasses, Tracks, source_changes, source_objects
+from pipeline.evaluation.evaluation_frame import SourceBoxes
 from writers.messages.compared import compared_scene, empty_scene
 from writers.palette import CHANGED, EQUAL, LOST, NEW
 

@@ -14,8 +14,8 @@ from pipeline.evaluation.comparison import comparison as module
 from pipeline.evaluation.comparison.comparison import Comparison
 from pipeline.evaluation.comparison.differences import Channel
 from pipeline.evaluation.comparison.frames import paired_frames
-from pipeline.evaluation.comparison.objects import KINDS, Kind
-from pipeline.evaluation.records import SourceBoxes
+from pipeline.evaluation.comparison.object_changes import KINDS, Kind
+from pipeline.evaluation.evaluation_frame import SourceBoxes
 
 CAR, PEDESTRIAN, BICYCLE = 0, 1, 2
 CHANNELS: tuple[Channel, ...] = (("sources", "fused"), ("images", "cam"))

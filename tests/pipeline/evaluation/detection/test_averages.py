@@ -11,7 +11,7 @@ from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.evaluate import EvaluateConfig
 from pipeline.evaluation.detection.curves import R11, R40, average_precision, curve_of
-from pipeline.evaluation.records import EvaluationFrame
+from pipeline.evaluation.evaluation_frame import EvaluationFrame
 
 NAMES = ("car", "van")
 CONFIG = Config(

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.detection.counts import calibration_figures, count_figures, threshold_figures
 from pipeline.evaluation.detection.curves import curve_of
-from pipeline.evaluation.records import EvaluationFrame
+from pipeline.evaluation.evaluation_frame import EvaluationFrame
 
 
 def plain_points(detections: list[tuple[float, bool]], truth: int) -> list[dict[str, float]]:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pipeline.core.detections import Boxes3D
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.records import EvaluationFrame, SourceBoxes, TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import EvaluationFrame, SourceBoxes, TruthBoxes3D
 
 CONFIG = Config(evaluate=EvaluateConfig(bootstrap=100, ranges_m=(0, 1000)))
 SEEDS = st.integers(0, 2**32 - 1)

@@ -11,7 +11,7 @@ from evaluation_scenes import boxes3d, evaluated, truth3d
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.records import EvaluationFrame
+from pipeline.evaluation.evaluation_frame import EvaluationFrame
 from pipeline.evaluation.scales import NUSCENES_RANGES_M
 
 RECORDED = json.loads((Path(__file__).parent / "recorded" / "nuscenes.json").read_text())

@@ -13,8 +13,8 @@ from pipeline.core.errors import FrameError
 from pipeline.core.rig import CameraSensor
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.records import EvaluationFrame, ImageBoxes, SourceBoxes
-from pipeline.evaluation.unlabelled.evaluation import UnlabelledEvaluation
+from pipeline.evaluation.evaluation_frame import EvaluationFrame, ImageBoxes, SourceBoxes
+from pipeline.evaluation.unlabelled.unlabelled_evaluation import UnlabelledEvaluation
 
 CAR, TRUCK = (4.0, 1.7, 1.5), (8.0, 2.5, 3.2)
 CAR_ID, TRUCK_ID = 0, 3

@@ -1,6 +1,6 @@
 import numpy as np
 
-from pipeline.evaluation.records import UNKNOWN
+from pipeline.evaluation.evaluation_frame import UNKNOWN
 from readers.messages.vision.track_ids import track_ids
 
 

@@ -12,10 +12,10 @@ from pipeline.evaluation.detection.averages import Averages, mean_figures
 from pipeline.evaluation.detection.counts import count_figures
 from pipeline.evaluation.detection.curves import R40, average_precision, curve_of, ratio
 from pipeline.evaluation.detection.matching import by_falling_score, match_by_score, ranks_by_score
-from pipeline.evaluation.detection.objects import check_class_ids, check_numbers
+from pipeline.evaluation.detection.near_objects import check_class_ids, check_numbers
 from pipeline.evaluation.detection.tables import FALSE, IGNORED
+from pipeline.evaluation.evaluation_frame import UNKNOWN, Figures, ImageBoxes, TruthBoxes2D
 from pipeline.evaluation.pieces import Pieces
-from pipeline.evaluation.records import UNKNOWN, Figures, ImageBoxes, TruthBoxes2D
 
 __all__ = ["CameraImages"]
 

@@ -13,7 +13,7 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
 from writers.mcap.chunk import LZ4_LEVEL, Compression
-from writers.mcap.file import CHUNK_BYTES, mcap_file
+from writers.mcap.output import CHUNK_BYTES, mcap_file
 from writers.outputs.marks import LIBRARY
 
 SCHEMAS = [("a/msg/A", "ros2msg", b"int8 a"), ("b/msg/B", "ros2msg", b"")]

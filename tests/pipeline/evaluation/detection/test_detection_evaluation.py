@@ -10,8 +10,8 @@ from pipeline.core.rig import Zone
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.detection.evaluation import DetectionEvaluation
-from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D
+from pipeline.evaluation.detection.detection_evaluation import DetectionEvaluation
+from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D
 
 CAR, VAN = 0, 1
 SIZE_M = (4.0, 2.0, 1.5)

@@ -11,7 +11,7 @@ from pipeline.core.geometry.rotated_iou import BoxArrays, OrientedBoxes, pair_io
 from pipeline.evaluation.assignment import pairs_of_equal
 from pipeline.evaluation.detection.criteria import DISTANCES_M
 from pipeline.evaluation.detection.matching import Candidates
-from pipeline.evaluation.records import Names, SourceBoxes, TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import Names, SourceBoxes, TruthBoxes3D
 
 __all__ = [
     "FoundObjects",

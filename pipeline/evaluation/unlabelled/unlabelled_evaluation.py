@@ -9,9 +9,9 @@ from pipeline.core.arrays import F64, I64, Bools, select_rows
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.rig import CameraSensor
 from pipeline.core.settings.config import Config
+from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, Figure, Figures, SourceBoxes, in_order
 from pipeline.evaluation.ignoring import is_within
 from pipeline.evaluation.pieces import Pieces
-from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, Figure, Figures, SourceBoxes, in_order
 from pipeline.evaluation.scales import is_flip
 from pipeline.evaluation.unlabelled.linking import MAX_GAP_FRAMES, Linker
 from pipeline.evaluation.unlabelled.residuals import Residuals

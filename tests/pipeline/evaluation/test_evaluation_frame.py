@@ -5,7 +5,7 @@ import pytest
 from evaluation_frames import rows_at, source_boxes, truth_boxes
 from evaluation_scenes import truth2d
 
-from pipeline.evaluation.records import SourceBoxes
+from pipeline.evaluation.evaluation_frame import SourceBoxes
 
 
 @pytest.mark.parametrize("count", [0, 1, 3])

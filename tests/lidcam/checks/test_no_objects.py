@@ -9,7 +9,7 @@ from frames import RIG, frame
 from memory_recording import MemoryRecording
 
 import lidcam
-from lidcam.checks.objects import ObjectCheck
+from lidcam.checks.no_objects import ObjectCheck
 from lidcam.checks.warning import RunWarning
 from lidcam.settings.choice import AS_GIVEN, UsedSettings
 from lidcam.settings.measure import SceneSize

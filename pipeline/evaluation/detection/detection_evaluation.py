@@ -6,14 +6,14 @@ import numpy as np
 
 from pipeline.core.rig import Zone
 from pipeline.core.settings.config import ALL_CLASSES, Config
+from pipeline.evaluation.detection.camera_images import CameraImages
 from pipeline.evaluation.detection.counts import threshold_figures
 from pipeline.evaluation.detection.criteria import Criteria
 from pipeline.evaluation.detection.fusion_gain import fusion_gain
 from pipeline.evaluation.detection.gathering import Gathering
-from pipeline.evaluation.detection.images import CameraImages
 from pipeline.evaluation.detection.resampling import Resampling
 from pipeline.evaluation.detection.source import Site, Source
-from pipeline.evaluation.records import EvaluationFrame, Figures, in_order
+from pipeline.evaluation.evaluation_frame import EvaluationFrame, Figures, in_order
 from pipeline.evaluation.scales import range_edges_m
 
 __all__ = ["DetectionEvaluation"]

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.records import EvaluationFrame, TruthBoxes3D
-from pipeline.evaluation.tracking.evaluation import TrackingEvaluation
+from pipeline.evaluation.evaluation_frame import EvaluationFrame, TruthBoxes3D
+from pipeline.evaluation.tracking.tracking_evaluation import TrackingEvaluation
 
 CAR, PEDESTRIAN = (4.0, 1.7, 1.5), (0.6, 0.6, 1.7)
 ERRORS = ("misses", "false_positives", "id_switches", "fragmentations", "heading_flips")

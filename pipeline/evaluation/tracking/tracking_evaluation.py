@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.core.settings.config import Config
-from pipeline.evaluation.records import EvaluationFrame, Figure, Figures
+from pipeline.evaluation.evaluation_frame import EvaluationFrame, Figure, Figures
 from pipeline.evaluation.scales import nuscenes_ranges_m
 from pipeline.evaluation.tracking.amota import amota_figures
 from pipeline.evaluation.tracking.clear import ClearCounts, clear_figures, count_clear, match_clear, total_clear

@@ -12,7 +12,7 @@ from pipeline.core.geometry.boxes import iou_xyxy, wrap_angle
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.compare import CompareConfig
 from pipeline.evaluation.assignment import assign_heaviest
-from pipeline.evaluation.records import UNKNOWN, SourceBoxes
+from pipeline.evaluation.evaluation_frame import UNKNOWN, SourceBoxes
 
 __all__ = [
     "KINDS",
