@@ -46,7 +46,9 @@ from lidcam.summary import DropTable, RunProgress, Tally
 from pipeline.core.errors import ConfigError, RecordingError, short_memory_told
 from pipeline.core.frame import FrameResult, SensorBundle
 from pipeline.graph import Node
+from pipeline.parallel.copies import copied_workers
 from pipeline.parallel.cores import usable_cores
+from pipeline.parallel.process import WorkerProcess
 from pipeline.parallel.run import Limits, run_parallel
 from pipeline.stages.sync.synchronize import SyncStats
 from readers.input_file import InputFile, InputFiles
@@ -157,7 +159,9 @@ def _opened(job: Job) -> Iterator["Run"]:
         drawn = choose_drawn(recording, copied)
         frames = truth_frames(recording, copied, found, config)
         source = RunInput(recording, found.rig, config, motion, window, used, copied, drawn, frames)
-        yield Run(source, found, drops)
+        run = Run(source, found, drops)
+        with run.workers_started():
+            yield run
 
 
 class Run:
@@ -191,7 +195,15 @@ class Run:
         self._graph, self._result = self._make_graph()
         _check_box_source(source)
         self._workers = source.config.run.workers or usable_cores()
+        self._processes: Sequence[WorkerProcess] = ()
         self._seconds = time.perf_counter() - started  # loading a network belongs to a run
+
+    @contextmanager
+    def workers_started(self) -> Iterator[None]:
+        """Within the block, processes share the work. To be entered before outputs, which may have threads, open."""
+        graph, result, frames = self._graph, self._result, expected_frames(self.source)
+        with copied_workers(graph, result, workers=self._workers, frames=frames) as self._processes:
+            yield
 
     def frames(self, writers: Sequence[ResultWriter] = ()) -> Generator[FrameResult, None, None]:
         """The frames, in order, each written before it is yielded; to be read once.
@@ -241,6 +253,7 @@ class Run:
             make_graph=self._make_graph,
             expected=expected_frames(self.source),
             needed=partial(_needed, decoded=decoded_topics(config, rig)),
+            started=self._processes,
         )
 
     @property

@@ -6,10 +6,10 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from types import TracebackType
-from typing import Self, cast
+from typing import Protocol, Self, cast
 
 from pipeline.core.ending import undone_at_once
 from pipeline.core.errors import WorkerError
@@ -17,7 +17,7 @@ from pipeline.parallel.cores import THREADS_OF_LIBRARIES
 from pipeline.parallel.protocol import Answer, Question, Ready, Setup
 from pipeline.parallel.transfer import connected, receive, send
 
-__all__ = ["Crew", "WorkerProcess"]
+__all__ = ["Crew", "Process", "WorkerProcess"]
 
 CODE = "import sys; sys.path[:] = sys.argv[2:]; from pipeline.parallel.worker import serve; serve(int(sys.argv[1]))"
 """No module of the user's is imported by name, so a script needs no guard, and what it has in its path is found."""
@@ -31,35 +31,56 @@ AHEAD = 2
 PATIENCE_S = 1.0
 
 
+class Process(Protocol):
+    """The part of `subprocess.Popen` that is used."""
+
+    def wait(self, timeout: float | None = None) -> int:
+        """The exit code; raises `subprocess.TimeoutExpired`."""
+
+    def kill(self) -> None:
+        """End it at once."""
+
+
+def new_interpreter(_: socket.socket, theirs: socket.socket) -> Process:
+    """Start a worker in an interpreter of its own, which imports libraries for a second.
+
+    Raises:
+        WorkerError: there is no interpreter to start.
+        OSError: the system does not allow it.
+    """
+    if not sys.executable:
+        raise WorkerError("no Python interpreter found that could start worker processes: set run.workers to 1")
+    command = [sys.executable, "-c", CODE, str(theirs.fileno()), *sys.path]
+    # Processes fill the cores; threads inside of one would only wait for each other.
+    environment = {**dict.fromkeys(THREADS_OF_LIBRARIES, "1"), **os.environ}
+    return subprocess.Popen(command, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, env=environment)
+
+
 class WorkerProcess:
-    """A process that works on frames; it needs a second or two to import libraries.
+    """A process that works on frames.
 
     Attributes:
         is_ready: Whether it has made its stages.
         numbers: The frames that it has, in order.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, start: Callable[[socket.socket, socket.socket], Process] = new_interpreter) -> None:
         """Start it.
 
+        Args:
+            start: Starts a process that serves the second socket; the first is the other end.
+
         Raises:
-            WorkerError: there is no interpreter to start, or the system does not let it.
+            WorkerError: there is no interpreter to start, or the system does not allow it.
         """
-        if not sys.executable:
-            raise WorkerError("no Python interpreter found that could start worker processes: set run.workers to 1")
         self.is_ready = False
         self.numbers: list[int] = []
         self._connection, theirs = connected()
         with ExitStack() as started:
             started.callback(self._connection.close)
             with theirs, _signals_blocked():
-                command = [sys.executable, "-c", CODE, str(theirs.fileno()), *sys.path]
-                # Processes fill the cores; threads inside of one would only wait for each other.
-                environment = {**dict.fromkeys(THREADS_OF_LIBRARIES, "1"), **os.environ}
                 try:
-                    self._process = subprocess.Popen(
-                        command, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, env=environment
-                    )
+                    self._process = start(self._connection, theirs)
                 except OSError as err:
                     raise WorkerError(
                         f"a worker process cannot be started: {err.strerror}: set run.workers to 1"
@@ -143,11 +164,13 @@ class WorkerProcess:
 class Crew:
     """The worker processes of a run, which end with the block; a context manager."""
 
-    def __init__(self, setup: Setup) -> None:
-        """None so far; each that is started is given the setup first."""
+    def __init__(self, setup: Setup, started: Sequence[WorkerProcess] = ()) -> None:
+        """Each process is given the setup first, those that have been started before, too."""
         self._setup = setup
         self._processes: dict[int, WorkerProcess] = {}  # by descriptor
         self._poll = select.poll()
+        for process in started:
+            self._add(process)
 
     def __enter__(self) -> Self:
         return self
@@ -178,10 +201,12 @@ class Crew:
         if self.is_starting:
             return
         for _ in range(count):
-            process = WorkerProcess()
-            self._processes[process.fileno()] = process
-            self._poll.register(process, select.POLLIN)
-            process.set_up(self._setup)
+            self._add(WorkerProcess())
+
+    def _add(self, process: WorkerProcess) -> None:
+        self._processes[process.fileno()] = process
+        self._poll.register(process, select.POLLIN)
+        process.set_up(self._setup)
 
     def with_room(self) -> WorkerProcess | None:
         """The process that needs a frame most; None if all have enough."""

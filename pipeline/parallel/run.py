@@ -7,7 +7,7 @@ the ordered stages: all of it on the calling thread, so no lock is needed and no
 import logging
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
@@ -55,6 +55,7 @@ def run_parallel(
     make_graph: MakeGraph,
     expected: int,
     needed: Callable[[F], F] = lambda frame: frame,
+    started: Sequence[WorkerProcess] = (),
 ) -> Generator[R, None, None]:
     """The sink's value for each frame, in order.
 
@@ -68,13 +69,14 @@ def run_parallel(
         make_graph: Makes the free stages of `graph` anew, in another process: with the same names, in the same order.
         expected: About how many frames there will be.
         needed: What the free stages read of a frame; it is sent to other processes.
+        started: Processes that have been started; more are when they are worth it.
 
     Raises:
         WorkerError: another process cannot be started, or dies.
     """
     handed = tuple(node.name for node in graph.parts(sink).handed)
     sharing = Sharing(min(limits.workers, limits.frames), expected)
-    with Crew(Setup(make_graph, handed, log_levels())) as crew:
+    with Crew(Setup(make_graph, handed, log_levels()), started) as crew:
         yield from _Run(graph, sink, limits, needed, crew, sharing, iter(frames)).results()
 
 
@@ -118,7 +120,7 @@ class _Run(Generic[F]):
             self._read = self._error = None
 
     def _results(self) -> Generator[Any, None, None]:
-        self._crew.start(self._sharing.at_once)
+        self._crew.start(self._sharing.at_once - len(self._crew))
         while self._crew.is_starting:
             self._take_in(wait=True)
         while True:

@@ -1,4 +1,4 @@
-"""A process that works on frames: what it is told, how it outbox, and when it ends.
+"""A process that works on frames: what it is told, how it answers, and when it ends.
 
 It ends as soon as the other end of its socket is closed, whatever it is doing: when the run ends or fails, and when
 the process that started it is killed.
@@ -14,6 +14,7 @@ from collections.abc import Callable
 from queue import SimpleQueue
 from typing import Any, NoReturn, cast
 
+from pipeline.graph import Graph, Node
 from pipeline.parallel.protocol import Answer, Failure, Question, Ready, Setup, failure_of, gather_log
 from pipeline.parallel.transfer import receive, send
 
@@ -24,16 +25,24 @@ SWITCH_S = 0.0005
 
 BUG = 70
 
+Stages = tuple[Graph[Any], Node[Any]]
+"""The stages of a frame, and the one whose output is wanted."""
 
-def serve(descriptor: int) -> NoReturn:
-    """Work on frames until the socket with this descriptor is closed at its other end."""
+
+def serve(descriptor: int, stages: Stages | None = None) -> NoReturn:
+    """Work on frames until the socket with this descriptor is closed at its other end.
+
+    Args:
+        descriptor: Of a connected socket.
+        stages: The stages; None: they are made here.
+    """
     sys.setswitchinterval(SWITCH_S)
     connection = socket.socket(fileno=descriptor)
     inbox: SimpleQueue[object] = SimpleQueue()
     outbox: SimpleQueue[Ready | Answer] = SimpleQueue()
     _start("send", lambda: _send_all(connection, outbox))
     _start("receive", lambda: _receive_all(connection, inbox))
-    _work(inbox, outbox)
+    _work(inbox, outbox, stages)
 
 
 def _start(name: str, run: Callable[[], None]) -> None:
@@ -72,10 +81,10 @@ def _send_all(connection: socket.socket, outbox: SimpleQueue[Ready | Answer]) ->
         del answer
 
 
-def _work(inbox: SimpleQueue[object], outbox: SimpleQueue[Ready | Answer]) -> NoReturn:
+def _work(inbox: SimpleQueue[object], outbox: SimpleQueue[Ready | Answer], stages: Stages | None) -> NoReturn:
     setup = cast(Setup, inbox.get())
     try:
-        graph, sink = setup.make_graph()
+        graph, sink = stages or setup.make_graph()
     except Exception as err:
         outbox.put(Ready(failure_of(err)))
         threading.Event().wait()  # the process ends with its socket

@@ -1,5 +1,7 @@
 import logging
 import os
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -14,15 +16,26 @@ from shared_graphs import Frame, Seen, frames, make_graph, make_nothing, make_ra
 
 from pipeline.core.errors import MessageError, WorkerError
 from pipeline.graph import Graph, Node
+from pipeline.parallel.copies import copied_workers
 from pipeline.parallel.protocol import MakeGraph, WorkerTraceback
 from pipeline.parallel.run import Limits, run_parallel
 
-pytestmark = pytest.mark.traced_processes
+pytestmark = [
+    pytest.mark.traced_processes,
+    pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork:DeprecationWarning"),  # threads of the test runner
+]
+
+ways = pytest.mark.parametrize("way", ["interpreter", "copy"], indirect=True)
+"""How other processes start."""
 
 
 @pytest.fixture(autouse=True)
-def _processes_from_the_first_frame_on(monkeypatch: pytest.MonkeyPatch) -> None:
+def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """How other processes start; they are there from the first frame on."""
+    name: str = getattr(request, "param", "interpreter")
     monkeypatch.setattr("pipeline.parallel.sharing.START_S", 0.0)
+    monkeypatch.setattr("pipeline.parallel.copies._may_fork", lambda: name == "copy")
+    return name
 
 
 def children() -> list[str]:
@@ -44,14 +57,24 @@ def run(
     frames: int = 5,
 ) -> Iterator[Seen]:
     graph, sink = make()
-    needed = partial(_as_view)
-    return run_parallel(graph, sink, source, Limits(workers, frames), make_graph=make, expected=9, needed=needed)
+    with copied_workers(graph, sink, workers=min(workers, frames), frames=1000) as started:
+        yield from run_parallel(
+            graph,
+            sink,
+            source,
+            Limits(workers, frames),
+            make_graph=make,
+            expected=9,
+            needed=partial(_as_view),
+            started=started,
+        )
 
 
 def _as_view(frame: Frame) -> Frame:
     return replace(frame, data=memoryview(frame.data))
 
 
+@ways
 @pytest.mark.parametrize(("workers", "count"), [(1, 5), (2, 0), (2, 1), (3, 40)])
 def test_the_values_of_one_process(workers: int, count: int) -> None:
     graph, sink = make_graph()
@@ -131,11 +154,10 @@ def test_frames_before_an_error_come_out(deed: str) -> None:
 
 def alone(make: MakeGraph) -> Iterator[Seen]:
     """The frames worked on by another process only, which has room for as many as may be in work."""
-    graph, sink = make()
-    limits = Limits[Frame](2, 2)
-    return run_parallel(graph, sink, frames(9), limits, make_graph=make, expected=9)
+    return run(iter(frames(9)), make, frames=2)
 
 
+@ways
 def test_an_error_of_another_process_says_where_it_came_from() -> None:
     found = alone(partial(make_graph, "unsendable_error"))
     with pytest.raises(RuntimeError, match="Unsendable: 1 and 2") as caught:
@@ -145,6 +167,7 @@ def test_an_error_of_another_process_says_where_it_came_from() -> None:
     assert "in _unsendable_error" in str(caught.value.__cause__)
 
 
+@ways
 def test_an_output_that_cannot_be_sent() -> None:
     with pytest.raises(Exception, match="pickle") as caught:
         next(alone(partial(make_graph, "unsendable_output")))
@@ -162,6 +185,7 @@ def test_a_failing_source_yields_what_was_read() -> None:
         next(found)
 
 
+@ways
 def test_a_process_that_is_killed() -> None:
     found = alone(partial(make_graph, "die", 3))
     assert [next(found).index for _ in range(2)] == [0, 1]  # the third may have died with it
@@ -186,6 +210,7 @@ def test_no_interpreter_to_start(monkeypatch: pytest.MonkeyPatch) -> None:
         next(run(iter(frames(3))))
 
 
+@ways
 def test_a_process_that_hangs_does_not_hold_up_the_end() -> None:
     found = alone(partial(make_graph, "hang", 3))
     next(found)
@@ -194,6 +219,7 @@ def test_a_process_that_hangs_does_not_hold_up_the_end() -> None:
     assert time.monotonic() - started < 30
 
 
+@ways
 @pytest.mark.parametrize("level", [logging.DEBUG, logging.INFO])
 def test_the_log_of_other_processes(level: int, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(level, "pipeline.test")
@@ -217,6 +243,59 @@ def test_small_arrays_do_not_keep_large_ones() -> None:
     while owner.base is not None and isinstance(owner.base, np.ndarray):
         owner = owner.base
     assert owner.nbytes == one.points.nbytes
+
+
+@pytest.mark.parametrize(("workers", "expected", "count"), [(1, 1000, 0), (4, 1000, 3), (4, 14, 1), (4, 0, 0)])
+@pytest.mark.parametrize("way", ["copy"], indirect=True)
+def test_copies_that_are_worth_their_start(workers: int, expected: int, count: int) -> None:
+    with copied_workers(*make_graph(), workers=workers, frames=expected) as started:
+        assert len(started) == count
+
+
+def test_no_copies_where_there_are_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
+    stop = threading.Event()
+    thread = threading.Thread(target=stop.wait)
+    thread.start()
+    try:
+        with copied_workers(*make_graph(), workers=4, frames=1000) as started:
+            assert not started
+    finally:
+        stop.set()
+        thread.join()
+
+
+@pytest.mark.parametrize("way", ["copy"], indirect=True)
+def test_no_copy_is_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse() -> int:
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr(os, "fork", refuse)
+    with pytest.raises(WorkerError, match=r"cannot be started: Resource temporarily.*run\.workers to 1"):
+        next(run(iter(frames(3))))
+
+
+SCRIPT = """
+import sys, time
+sys.path[:] = sys.argv[1:]
+from pipeline.parallel.copies import copied_workers
+from shared_graphs import make_graph
+with copied_workers(*make_graph(), workers=4, frames=1000):
+    print(*open("/proc/thread-self/children").read().split(), flush=True)
+    time.sleep(60)
+"""
+
+
+def test_no_copy_outlives_the_process_that_made_it() -> None:
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    with subprocess.Popen(
+        [sys.executable, "-c", SCRIPT, *sys.path], stdout=subprocess.PIPE, env=environment, text=True
+    ) as process:
+        assert process.stdout is not None
+        copied = process.stdout.readline().split()
+        assert len(copied) == 3
+        process.kill()
+        assert not process.stdout.read()  # which the copies have open, too: it ends with the last of them
 
 
 @pytest.mark.parametrize(("workers", "count"), [(0, 1), (1, 0)])
