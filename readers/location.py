@@ -6,12 +6,11 @@ from pathlib import Path, PurePosixPath
 from urllib.parse import unquote, urlsplit
 
 from pipeline.core.errors import RecordingError
+from pipeline.core.urls import MORE, shown_url
 
 __all__ = ["Location", "RemotePath", "location"]
 
 URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://(.*)", re.DOTALL)
-QUERY = re.compile(r"[?#]")
-MORE = "?..."
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -27,14 +26,7 @@ class RemotePath:
     facts: tuple[tuple[str, str], ...] = ()
 
     def __str__(self) -> str:
-        protocol, rest = _parts(self.url)
-        shown, *more = QUERY.split(rest, maxsplit=1)
-        authority, slash, path = shown.partition("/")
-        host = authority.rpartition("@")[2]
-        port = host.rpartition("]")[2].partition(":")[2]
-        if port and not port.isdigit():  # part of a password that contains a slash or the like
-            return f"{protocol}://..."
-        return f"{protocol}://{host}{slash}{path}{MORE if more else ''}"
+        return shown_url(self.url)
 
     def __repr__(self) -> str:
         return f"RemotePath({str(self)!r})"

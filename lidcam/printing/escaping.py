@@ -2,22 +2,26 @@
 
 Names of topics, frames and files, and texts of errors, may hold anything: sequences that set the clipboard or title,
 line ends that fake lines, marks that turn the direction of writing. What is not printable is shown as its escape
-sequence. Libraries and outputs keep the names as they are.
+sequence, and a URL without its secrets. Libraries and outputs keep the names as they are.
 """
 
 import json
 from typing import Any
 
-from pipeline.core.text import visible
+from pipeline.core.text import visible as printable
+from pipeline.core.urls import without_secrets
 
 __all__ = ["json_text", "visible", "visible_lines"]
 
 
+def visible(text: str) -> str:
+    """A text for one line: what is not printable as its escape sequence, URLs without secrets."""
+    return without_secrets(printable(text))
+
+
 def visible_lines(text: str) -> str:
     """As `visible`, of a text of several lines: its line ends and tabs stay."""
-    if text.isprintable():
-        return text
-    return "".join(letter if letter in "\n\t" else visible(letter) for letter in text)
+    return "\n".join("\t".join(map(visible, line.split("\t"))) for line in text.split("\n"))
 
 
 def json_text(tree: Any) -> str:

@@ -37,6 +37,8 @@ def test_location(text: str, expected: Location) -> None:
         ("https://s3cret@host/rec.mcap?s3cret", "https://host/rec.mcap?...", "rec.mcap"),
         ("https://ada:s3@cret@host/rec.mcap", "https://host/rec.mcap", "rec.mcap"),
         ("https://ada:s3/cret@host/rec.mcap", "https://...", "..."),
+        ("https://ada:1/s3cret@host/rec.mcap", "https://...", "..."),
+        ("https://ada:1?s3cret@host/rec.mcap", "https://...", "..."),
         ("https://ada:s3?cret@host/rec.mcap", "https://...", "..."),
         ("https://ada:s3#cret@host/rec.mcap", "https://...", "..."),
         ("s3://ada:s3cret@bucket/rec.mcap", "s3://bucket/rec.mcap", "rec.mcap"),

@@ -1,0 +1,40 @@
+"""A URL where a local file is expected: its user, password and signature are shown nowhere."""
+
+from pathlib import Path
+
+import pytest
+from command import Lidcam
+
+URLS = [
+    "https://ada:s3cret@127.0.0.1:9/x.yaml?X-Amz-Signature=s3cret",
+    "https://ada:1/s3cret@127.0.0.1:9/x.yaml",
+]
+
+COMMANDS = [
+    "process {sandbox} out.mcap --rig {url}",
+    "process {sandbox} out.mcap --config {url}",
+    "process {sandbox} out.mcap --model-2d {url}",
+    "process {sandbox} out.mcap --set {url}",
+    "process {sandbox} out.mcap --evaluate --require @{url}",
+    "process {sandbox} out.mcap --json-file {url}",
+    "process {sandbox} {url}",
+    "inspect {url}",
+    "inspect {sandbox} --write-rig {url}",
+    "evaluate {url}",
+    "evaluate {sandbox} --truth {url}",
+    "compare {url} {url}",
+    "simulate {url} out.bag",
+    "config show {url}",
+]
+
+
+@pytest.mark.parametrize("url", URLS)
+@pytest.mark.parametrize("command", COMMANDS)
+def test_no_secret_is_shown(lidcam: Lidcam, tmp_path: Path, sandbox: Path, command: str, url: str) -> None:
+    log = tmp_path / "run.log"
+    run = lidcam(*command.format(sandbox=sandbox, url=url).split(), "--log-file", log)
+    assert run.code in {1, 2}
+    assert "Traceback" not in run.err
+    said = run.out + run.err + (log.read_text(encoding="utf-8") if log.exists() else "")
+    assert "s3cret" not in said
+    assert "ada" not in said

@@ -1,0 +1,36 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.core.urls import shown_url, without_secrets
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("", ""),
+        ("drive.bag: expected a recording", "drive.bag: expected a recording"),
+        ("/data/a:/b", "/data/a:/b"),
+        ("C:/data?x", "C:/data?x"),
+        ("https://host/a.yaml: no such file", "https://host/a.yaml: no such file"),
+        ("https://ada:s3cret@host/a.yaml: no such file", "https://host/a.yaml: no such file"),
+        ("https:/ada:s3cret@host/a.yaml: no such file", "https:/host/a.yaml: no such file"),
+        ("https://host/a?sig=s3cret: no such file", "https://host/a?...: no such file"),
+        ("https://host/a?...: no such file", "https://host/a?...: no such file"),
+        ("https://ada:1/s3cret@host/a: no", "https://...: no"),
+        ("https://ada:s3 cret@host/a: no", "https://host/a: no"),
+        ("https://ada:s3cret:/s3cret@host/a: no", "https://...: no"),
+        ("https://a:s3cret@h/x, https://b:s3cret@h/y?s3cret", "https://h/x, https://h/y?..."),
+        ("detect2d.names=https://ada:s3cret@host/a", "detect2d.names=https://host/a"),
+    ],
+)
+def test_urls_in_a_text(text: str, shown: str) -> None:
+    assert without_secrets(text) == shown
+    assert without_secrets(shown) == shown
+
+
+@given(st.text(st.characters(exclude_characters="@ \n", exclude_categories=["Z", "C"]), min_size=1))
+def test_no_password_is_shown(password: str) -> None:
+    secret = f"s3cret{password}s3cret"
+    assert "s3cret" not in shown_url(f"https://ada:{secret}@host/a.mcap")
+    assert "s3cret" not in without_secrets(f"https://ada:{secret}@host/a.mcap: no such file")
