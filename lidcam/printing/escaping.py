@@ -11,7 +11,7 @@ from typing import Any
 from pipeline.core.text import visible as printable
 from pipeline.core.urls import without_secrets
 
-__all__ = ["json_text", "visible", "visible_lines"]
+__all__ = ["json_text", "printable_lines", "visible", "visible_lines"]
 
 
 def visible(text: str) -> str:
@@ -21,13 +21,26 @@ def visible(text: str) -> str:
 
 def visible_lines(text: str) -> str:
     """As `visible`, of a text of several lines: its line ends and tabs stay."""
-    return "\n".join("\t".join(map(visible, line.split("\t"))) for line in text.split("\n"))
+    return "\n".join(map(without_secrets, printable_lines(text).split("\n")))
+
+
+def printable_lines(text: str) -> str:
+    """A text of several lines in which all else that is not printable is shown as its escape sequence."""
+    return "\n".join("\t".join(map(printable, line.split("\t"))) for line in text.split("\n"))
 
 
 def json_text(tree: Any) -> str:
-    r"""A JSON document, indented, in which all that is not printable is written as `\u001b` and the like."""
-    lines = json.dumps(tree, indent=2, ensure_ascii=False).split("\n")
+    r"""A JSON document, indented: URLs without secrets, all that is not printable as `\u001b` and the like."""
+    lines = json.dumps(_without_secrets(tree), indent=2, ensure_ascii=False).split("\n")
     return "\n".join(line if line.isprintable() else _json_escaped(line) for line in lines)
+
+
+def _without_secrets(tree: Any) -> Any:
+    if isinstance(tree, dict):
+        return {key: _without_secrets(value) for key, value in tree.items()}
+    if isinstance(tree, list | tuple):
+        return [_without_secrets(value) for value in tree]
+    return without_secrets(tree) if isinstance(tree, str) else tree
 
 
 def _json_escaped(line: str) -> str:

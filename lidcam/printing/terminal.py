@@ -9,7 +9,7 @@ from rich.highlighter import JSONHighlighter
 from rich.segment import Segment
 from rich.text import Text
 
-from lidcam.printing.escaping import json_text, visible, visible_lines
+from lidcam.printing.escaping import json_text, printable_lines, visible
 
 __all__ = ["console", "show_json"]
 
@@ -28,7 +28,7 @@ class _Console(Console):
         """All that is written, but for the codes that style it and move the cursor."""
         for segment in super().render(renderable, options):
             is_text = segment.control is None and not segment.text.isprintable()
-            yield Segment(visible_lines(segment.text), segment.style) if is_text else segment
+            yield Segment(printable_lines(segment.text), segment.style) if is_text else segment
 
     def on_broken_pipe(self) -> None:
         self.quiet = True
