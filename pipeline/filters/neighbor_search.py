@@ -1,180 +1,196 @@
 """Exact distances to nearest neighbours, for all points of a cloud at once.
 
-The points of a run look for neighbours together, each in a lane of a vector of sixteen numbers: a point of another run
-is compared with all of them by a few instructions. Boxes that are farther away than the neighbours found so far are
-left out. The ten nearest of each stay in registers. Compiled: see `pipeline.core.compiled`, and `lanes` there. Without
-vectors, as loops over sixteen numbers, it takes several times as long.
+The points are sorted along a curve and cut into runs of neighbours, with a box around each run and around each block
+of runs. The points of a run look for neighbours together: boxes and points that are farther away than the neighbours
+found so far are left out. Compiled: see `pipeline.core.compiled`.
+
+The innermost loops go through the points of a run, or through boxes, so that the compiler makes vectors of them.
 """
 
 import numpy as np
 
-from pipeline.core.arrays import F32, I32, I64
+from pipeline.core.arrays import F32
 from pipeline.core.compiled import compiled, inlined
-from pipeline.core.compiled.lanes import (
-    RANKS,
-    Lanes,
-    below,
-    highest,
-    larger,
-    last_rank,
-    load,
-    lowest_bit,
-    ranks_of,
-    replaced,
-    roots,
-    share,
-    smaller,
-    spread,
-    store,
-    store_ranks,
-    with_one_more,
-)
-from pipeline.filters.box_tree import RUN
+from pipeline.filters.curve import curve_order
 
-__all__ = ["mean_distances"]
+__all__ = ["mean_neighbor_distance_m"]
 
-BOX = 6 * RUN
-"""Numbers of a node of boxes: the lowest x of its children, their lowest y, z, and the highest."""
+RUN = 32
+"""Points of a run, and runs of a block. LLVM takes loops of sixteen steps apart before it makes vectors of them."""
+
+RANKS = 10
+"""Neighbours are held for so many at once: the default of `combine.outliers.neighbors`."""
+
+_ROW, _GRID = "float32[::1]", "float32[:, ::1]"
+"""Types of arrays."""
 
 LARGEST = np.float32(np.finfo(np.float32).max)
 """The square of all distances whose square is not below it."""
 
 
 @inlined
-def _beyond(low: Lanes, other_low: Lanes, other_high: Lanes, high: Lanes) -> Lanes:
+def _smaller(a: np.float32, b: np.float32) -> np.float32:
+    return a if a < b else b
+
+
+@inlined
+def _larger(a: np.float32, b: np.float32) -> np.float32:
+    return a if a > b else b
+
+
+@inlined
+def _beyond(low: np.float32, high: np.float32, other_low: np.float32, other_high: np.float32) -> np.float32:
     """The square of how far [low, high] is from [other_low, other_high] along an axis."""
-    gap = larger(larger(low - other_high, other_low - high), spread(np.float32(0)))
-    squared: Lanes = gap * gap
-    return squared
+    gap = _larger(_larger(low - other_high, other_low - high), np.float32(0))
+    return gap * gap
 
 
 @inlined
-def _insert(others: F32, count: int, distance: Lanes) -> None:
-    """Puts distances in order among so many ranks of sixteen numbers each; the largest of each lane goes."""
-    row = (count - 1) * RUN
-    after = load(others, row)
-    while row > 0:
-        row -= RUN
-        before = load(others, row)
-        store(others, row + RUN, smaller(after, larger(before, distance)))
-        after = before
-    store(others, 0, smaller(after, distance))
+def _gaps(lows: F32, highs: F32, box: F32, gaps: F32) -> None:
+    """Writes the squared distances of boxes from another one.
+
+    Args:
+        lows: (3, N) lowest x, y, z of each.
+        highs: (3, N) highest.
+        box: (6,) of the other.
+        gaps: (N,) result.
+    """
+    for i in range(len(gaps)):
+        gap = _beyond(lows[0, i], highs[0, i], box[0], box[3])
+        gap += _beyond(lows[1, i], highs[1, i], box[1], box[4])
+        gaps[i] = gap + _beyond(lows[2, i], highs[2, i], box[2], box[5])
 
 
 @inlined
-def _squared(x: Lanes, y: Lanes, z: Lanes, xs: F32, ys: F32, zs: F32, i: int) -> Lanes:
-    """Squared distances of points to another one."""
-    dx, dy, dz = x - spread(xs[i]), y - spread(ys[i]), z - spread(zs[i])
-    squared: Lanes = dx * dx + dy * dy + dz * dz
-    return squared
+def _any_nearer(points: F32, box: F32, farthest: F32) -> bool:
+    """Whether a box is nearer to one of the points (3, RUN) than `farthest` (RUN,) of it, squared."""
+    nearer = False
+    for i in range(RUN):
+        gap = _beyond(points[0, i], points[0, i], box[0], box[3])
+        gap += _beyond(points[1, i], points[1, i], box[1], box[4])
+        gap += _beyond(points[2, i], points[2, i], box[2], box[5])
+        nearer |= gap < farthest[i]
+    return nearer
 
 
-@compiled("float32[::1](float32[:, ::1], float32[:, :, ::1], int64[::1], int32[::1], int64)")
-def mean_distances(points: F32, boxes: F32, first: I64, order: I32, neighbors: int) -> F32:
+@inlined
+def _squares(points: F32, x: np.float32, y: np.float32, z: np.float32, farthest: F32, squares: F32) -> bool:
+    """Writes the squared distances (RUN,) of points (3, RUN) from another one: whether one is below `farthest`."""
+    nearer = False
+    for i in range(RUN):
+        dx, dy, dz = points[0, i] - x, points[1, i] - y, points[2, i] - z
+        squares[i] = dx * dx + dy * dy + dz * dz
+        nearer |= squares[i] < farthest[i]
+    return nearer
+
+
+@inlined
+def _insert(squares: F32, nearest: F32) -> None:
+    """Puts a square for each point in order among those found so far; the largest of each point goes.
+
+    Args:
+        squares: (RUN,)
+        nearest: RUN zeros, then the least of each point, the second of each, and so on, in multiples of `RANKS`.
+    """
+    for begin in range(len(nearest) - (RANKS + 1) * RUN, -1, -RANKS * RUN):
+        rows = nearest[begin:]
+        for i in range(RUN):
+            for row in range(RANKS * RUN, 0, -RUN):
+                rows[row + i] = _larger(rows[row - RUN + i], _smaller(rows[row + i], squares[i]))
+
+
+@compiled(f"float32({_GRID}, {_ROW}, {_GRID}, int64, boolean, float32, {_ROW}, {_ROW})")
+def _compared(
+    own: F32, box: F32, others: F32, count: int, is_same: bool, limit: np.float32, nearest: F32, farthest: F32
+) -> np.float32:
+    """Compare the points of a run with those of another one.
+
+    Args:
+        own: (3, RUN) the points that look for neighbours.
+        box: (6,) lowest x, y, z of them and highest.
+        others: (3, RUN) the other points.
+        count: Number of other points, those behind them are copies.
+        is_same: Whether both are the same run: no point is its own neighbour.
+        limit: Largest of `farthest`.
+        nearest: See `_insert`; changed.
+        farthest: (RUN,) the last neighbour's square of each point, a part of `nearest`.
+
+    Returns:
+        The largest of `farthest` after that.
+    """
+    gaps, squares = np.empty(RUN, np.float32), np.empty(RUN, np.float32)
+    _gaps(others, others, box, gaps)
+    for j in range(count):
+        if gaps[j] < limit and _squares(own, others[0, j], others[1, j], others[2, j], farthest, squares):
+            if is_same:
+                squares[j] = LARGEST
+            _insert(squares, nearest)
+    highest = np.float32(0)
+    for i in range(RUN):
+        highest = _larger(highest, farthest[i])
+    return highest
+
+
+@compiled(f"{_ROW}(float32[:, :, ::1], {_GRID}, float32[:, :, ::1], {_GRID}, int64, int64)")
+def _mean_distances(points: F32, boxes: F32, children: F32, blocks: F32, count: int, neighbors: int) -> F32:
+    """(N,) mean distance of each point to its nearest neighbours.
+
+    Args:
+        points: (runs, 3, RUN) the points, filled up with copies of the last one.
+        boxes: (runs, 6) lowest x, y, z of each run and highest.
+        children: (blocks, 6, RUN) the same boxes by block.
+        blocks: (6, blocks) boxes around them.
+        count: N.
+        neighbors: At least 1, below N.
+    """
+    runs = (count + RUN - 1) // RUN
+    means = np.empty(runs * RUN, np.float32)
+    nearest = np.zeros(((neighbors + RANKS - 1) // RANKS * RANKS + 1) * RUN, np.float32)
+    farthest = nearest[neighbors * RUN : (neighbors + 1) * RUN]
+    block_gaps, gaps = np.empty(blocks.shape[1], np.float32), np.empty(RUN, np.float32)
+    totals = np.empty(RUN, np.float64)
+    for run in range(runs):
+        own, box, limit = points[run], boxes[run], LARGEST
+        nearest[RUN:] = LARGEST
+        for other in (run, run - 1, run + 1):  # near on the curve is near in space as a rule
+            if other >= 0 and other < runs:
+                there, is_same = min(RUN, count - other * RUN), other == run
+                limit = _compared(own, box, points[other], there, is_same, limit, nearest, farthest)
+        _gaps(blocks[:3], blocks[3:], box, block_gaps)
+        for block in range(len(block_gaps)):
+            if block_gaps[block] >= limit:
+                continue
+            _gaps(children[block, :3], children[block, 3:], box, gaps)
+            for i in range(RUN):
+                other = block * RUN + i
+                if gaps[i] < limit and abs(other - run) > 1 and _any_nearer(own, boxes[other], farthest):
+                    there = min(RUN, count - other * RUN)
+                    limit = _compared(own, box, points[other], there, False, limit, nearest, farthest)
+        totals[:] = 0.0
+        for row in range(RUN, neighbors * RUN + 1, RUN):
+            for i in range(RUN):
+                totals[i] += np.sqrt(nearest[row + i])
+        for i in range(RUN):
+            means[run * RUN + i] = totals[i] / neighbors
+    return means[:count]
+
+
+def mean_neighbor_distance_m(xyz: F32, neighbors: int) -> F32:
     """(N,) mean distance of each point to its nearest neighbours, other than itself, as PCL rounds it.
 
     Squares of distances, their sums and roots in float32, the sum over the neighbours, nearest first, in float64.
 
     Args:
-        points: As `pipeline.filters.box_tree.box_tree` returns them.
-        boxes: Likewise.
-        first: Likewise.
-        order: (N,) row of the result for each point.
+        xyz: (N, 3) metres, finite.
         neighbors: At least 1, below N.
     """
-    count, levels, runs = len(order), len(first) - 1, points.shape[1] // RUN
-    xs, ys, zs, corners = points[0], points[1], points[2], boxes.reshape(boxes.size)
-    means = np.empty(count, np.float32)
-    beyond = max(neighbors - RANKS, 0)  # neighbours that the registers do not hold
-    nearest, others = np.empty(max(neighbors, RANKS) * RUN, np.float32), np.empty((beyond + 1) * RUN, np.float32)
-    squares, gaps = np.empty(RUN * RUN, np.float32), np.empty(RUN, np.float32)
-    # Boxes still to look at: each puts at most sixteen smaller ones in its place. Not in the order of their distance:
-    # fewer would be looked at, but sorting takes longer than that.
-    box_gap = np.empty((levels + 1) * RUN, np.float32)
-    box_level, box_number = np.empty((levels + 1) * RUN, np.int64), np.empty((levels + 1) * RUN, np.int64)
-
-    for run in range(runs):
-        begin = run * RUN
-        x, y, z = load(xs, begin), load(ys, begin), load(zs, begin)
-        ranks = ranks_of(spread(LARGEST))
-        for row in range(0, beyond * RUN, RUN):
-            store(others, row, spread(LARGEST))
-        for j in range(min(RUN, count - begin)):
-            distance = replaced(_squared(x, y, z, xs, ys, zs, begin + j), j, LARGEST)  # not to itself
-            if beyond > 0:
-                _insert(others, beyond, larger(last_rank(ranks), distance))
-            ranks = with_one_more(ranks, distance)
-        at = run // RUN * BOX + run % RUN
-        x_low, y_low, z_low = spread(corners[at]), spread(corners[at + RUN]), spread(corners[at + 2 * RUN])
-        at += 3 * RUN
-        x_high, y_high, z_high = spread(corners[at]), spread(corners[at + RUN]), spread(corners[at + 2 * RUN])
-        farthest = last_rank(ranks) if beyond == 0 else load(others, (beyond - 1) * RUN)
-        limit = highest(farthest)
-
-        # Those before and behind it on the curve, which are near as a rule; then from the run upwards: the other boxes
-        # of its node, then those of the node above, and so on.
-        waiting, above, climbed, beside = 0, run, 0, 2
-        while waiting > 0 or climbed < levels:
-            if beside > 0:
-                beside -= 1
-                level, node, left_out = -1, run - 1 + 2 * beside, 0
-                if node < 0 or node >= runs:
-                    continue
-            elif waiting > 0:
-                waiting -= 1
-                if box_gap[waiting] >= limit:
-                    continue
-                level, node, left_out = box_level[waiting] - 1, box_number[waiting], 0
-                if level < 0 and abs(node - run) == 1:
-                    continue
-                at = (first[level + 1] + node // RUN) * BOX + node % RUN
-                gap = _beyond(spread(corners[at]), x, x, spread(corners[at + 3 * RUN]))
-                gap = gap + _beyond(spread(corners[at + RUN]), y, y, spread(corners[at + 4 * RUN]))
-                gap = gap + _beyond(spread(corners[at + 2 * RUN]), z, z, spread(corners[at + 5 * RUN]))
-                if below(gap, farthest) == 0:
-                    continue
-            else:
-                level, node, left_out = climbed, above // RUN, 1 << (above % RUN)
-                above, climbed = node, climbed + 1
-
-            if level < 0:
-                begin_other, nearer = node * RUN, 0
-                for j in range(RUN):
-                    distance = _squared(x, y, z, xs, ys, zs, begin_other + j)
-                    store(squares, j * RUN, distance)
-                    nearer |= (1 if below(distance, farthest) != 0 else 0) << j
-                if begin_other + RUN > count:
-                    nearer &= (1 << (count - begin_other)) - 1  # the others are copies of the last point
-                if nearer != 0:
-                    while nearer != 0:
-                        distance = load(squares, lowest_bit(nearer) * RUN)
-                        if beyond > 0:
-                            _insert(others, beyond, larger(last_rank(ranks), distance))
-                        ranks = with_one_more(ranks, distance)
-                        nearer &= nearer - 1
-                    farthest = last_rank(ranks) if beyond == 0 else load(others, (beyond - 1) * RUN)
-                    limit = highest(farthest)
-                continue
-
-            at = (first[level] + node) * BOX
-            gap = _beyond(load(corners, at), x_low, x_high, load(corners, at + 3 * RUN))
-            gap = gap + _beyond(load(corners, at + RUN), y_low, y_high, load(corners, at + 4 * RUN))
-            gap = gap + _beyond(load(corners, at + 2 * RUN), z_low, z_high, load(corners, at + 5 * RUN))
-            store(gaps, 0, gap)
-            near = below(gap, spread(limit)) & ~left_out
-            while near != 0:
-                child = lowest_bit(near)
-                near &= near - 1
-                box_gap[waiting], box_level[waiting], box_number[waiting] = gaps[child], level, node * RUN + child
-                waiting += 1
-
-        store_ranks(nearest, ranks)
-        for i in range(beyond * RUN):
-            nearest[RANKS * RUN + i] = others[i]
-        total = roots(load(nearest, 0))
-        for row in range(RUN, neighbors * RUN, RUN):
-            total = total + roots(load(nearest, row))
-        store(gaps, 0, share(total, neighbors))
-        for j in range(min(RUN, count - begin)):
-            means[order[begin + j]] = gaps[j]
+    rows = np.ascontiguousarray(xyz.T)
+    order = curve_order(rows)
+    points = rows.take(np.pad(order, (0, -len(xyz) % RUN**2), mode="edge"), axis=1)
+    points = np.ascontiguousarray(points.reshape(3, -1, RUN).swapaxes(0, 1))
+    boxes = np.concatenate([points.min(2), points.max(2)], axis=1)
+    children = np.ascontiguousarray(boxes.reshape(-1, RUN, 6).swapaxes(1, 2))
+    blocks = np.ascontiguousarray(np.concatenate([children[:, :3].min(2), children[:, 3:].max(2)], axis=1).T)
+    means = np.empty(len(xyz), np.float32)
+    means[order] = _mean_distances(points, boxes, children, blocks, len(xyz), neighbors)
     return means

@@ -8,10 +8,9 @@ exact duplicates.
 import numpy as np
 
 from pipeline.core.arrays import F32, Bools
-from pipeline.filters.box_tree import box_tree, curve_order
-from pipeline.filters.neighbor_search import mean_distances
+from pipeline.filters.neighbor_search import mean_neighbor_distance_m
 
-__all__ = ["mean_neighbor_distance_m", "statistical_inliers"]
+__all__ = ["statistical_inliers"]
 
 
 def statistical_inliers(xyz: F32, *, neighbors: int, std_ratio: float) -> Bools:
@@ -36,10 +35,3 @@ def statistical_inliers(xyz: F32, *, neighbors: int, std_ratio: float) -> Bools:
     variance = max(total_of_squares - total * total / count, 0.0) / (count - 1)
     keep: Bools = mean_distance_m <= np.float64(total / count + std_ratio * variance**0.5)
     return keep
-
-
-def mean_neighbor_distance_m(xyz: F32, neighbors: int) -> F32:
-    """(N,) mean distance of each point (N, 3), finite, to its `neighbors` nearest others; there are as many."""
-    xyz = np.ascontiguousarray(xyz)
-    order = curve_order(xyz)
-    return mean_distances(*box_tree(xyz, order), order, neighbors)

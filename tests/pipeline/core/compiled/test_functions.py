@@ -179,7 +179,7 @@ def test_compiled_functions_use_numbers_and_functions_of_kernel_files_alone() ->
     """What a compiled function takes from another file would not be in the key of what is kept."""
     texts = dict(beside.kernel_sources())
     known = {".".join(path.relative_to(beside._ROOT).with_suffix("").parts) for path in texts}
-    known |= {"pipeline.core.arrays", "pipeline.core.compiled", "pipeline.core.compiled.lanes"}
+    known |= {"pipeline.core.arrays", "pipeline.core.compiled"}
     assert len(known) > 5
     for path, text in texts.items():
         tree = ast.parse(text)
