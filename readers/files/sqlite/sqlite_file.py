@@ -124,17 +124,18 @@ class SqliteFile(Container):
             data = self._read(log_time_ns, row_id)
             if not isinstance(data, bytes):
                 raise TypeError(f"message {row_id} has no bytes")
-            largest = self._limits.max_message_bytes
-            if len(data) > largest:
-                raise ValueError(f"{len(data)} bytes, see limits.max_message_mib")
-            return decompressed(data, "cdr", announced=self._source.metadata.message_compression, largest=largest)
+            announced, largest = self._source.metadata.message_compression, self._limits.max_message_bytes
+            return decompressed(data, "cdr", announced=announced, largest=largest)
         except LIBRARY_ERRORS as err:
             self._losses.note(0, f"message {row_id}: {self._losses.reason(err)}", messages=1)
             return None
 
     def _read(self, log_time_ns: int, row_id: int) -> Any:
         self._steps = 0
-        row = self._database.execute("SELECT data, timestamp FROM messages WHERE id = ?", (row_id,)).fetchone()
+        try:
+            row = self._database.execute("SELECT data, timestamp FROM messages WHERE id = ?", (row_id,)).fetchone()
+        except sqlite3.DataError as err:
+            raise ValueError(f"more than {self._limits.max_message_bytes} bytes, see limits.max_message_mib") from err
         if row is None or row[1] != log_time_ns:
             raise sqlite3.DatabaseError("its id leads to another row, or to none")
         return row[0]

@@ -21,7 +21,6 @@ from memory_recording import MemoryRecording
 from pipeline.core.errors import FrameError, LidcamError, MessageError, RecordingError
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.settings.recording import LimitsConfig
-from readers.files.chunked import ChunkCache
 from readers.files.damage import Losses
 from readers.messages.deserialize import definition_problem, deserialize
 from readers.messages.tf import read_transforms
@@ -120,37 +119,6 @@ def test_a_message_that_is_too_large(tmp_path: Path, kind: str) -> None:
 
 
 # --- chunks
-
-
-def test_chunks_of_a_damaged_bag_that_unpack_to_too_much(tmp_path: Path) -> None:
-    """Sound chunks of 1 MiB of one message each; no index."""
-    path = tmp_path / "a.bag"
-    write_rosbag1(path, [m._replace(data=bytes(m.data) + bytes(MIB)) for m in states(40, "ros1")], "bz2", chunk_bytes=1)
-    content = path.read_bytes()
-    path.write_bytes(content[:-1])
-    times, losses = read(path, LimitsConfig(max_unpacked_file_gib=0.01))
-    assert times == [*range(1, len(times) + 1)]
-    assert 8 < len(times) < 13
-    assert "limits.max_unpacked_file_gib" in losses[0]
-
-
-def test_chunks_that_are_needed_by_turns_again_and_again() -> None:
-    """Two chunks of which the cache holds one: the time does not grow with the number of messages without bound."""
-    loads = 0
-
-    def load() -> bytes:
-        nonlocal loads
-        loads += 1
-        return bytes(MIB)
-
-    cache = ChunkCache(MIB, max_loaded_bytes=20 * MIB)
-    for turn in range(21):
-        cache.get(turn % 2, load)
-    with pytest.raises(ValueError, match=r"limits\.max_unpacked_file_gib"):
-        cache.get(1, load)
-    assert loads == 21
-    cache.begin()
-    cache.get(7, load)
 
 
 @pytest.mark.parametrize("how", ["none", "zstd"])

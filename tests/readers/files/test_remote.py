@@ -11,7 +11,6 @@ from typing import Any
 import fsspec
 import numpy as np
 import pytest
-from builders import write_rosbag1
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from long_recording import LENGTH_S, SECOND_NS, START_NS, write_long_recording
@@ -20,7 +19,7 @@ from range_server import RangeServer, range_server
 import readers.files.remote as remote
 from pipeline.core.errors import RecordingError
 from pipeline.core.settings.config import Config
-from readers.files.remote import PAGE_BYTES, RemoteFile, open_remote
+from readers.files.remote import PAGE_BYTES, open_remote
 from readers.location import RemotePath
 from readers.open import open_recording
 from readers.recording import DEFAULT_READ_OPTIONS, ReadOptions
@@ -170,7 +169,6 @@ LOST = "the connection was lost at byte "
         ({"drops": 10**6}, LOST),
         ({"failures": 10**6}, LOST),
         ({"too_many": -5}, LOST),
-        ({"too_many": 5}, "its server sends more than it was asked for; download it, and read the copy"),
         ({"gives_ranges": False}, "its server does not give parts of a file (range requests); download it, and"),
         ({"redirects": {"/minute.mcap": "file:///etc/passwd"}}, "NonHttpUrlRedirectClientError; check the address"),
         ({"redirects": {"/minute.mcap": "/minute.mcap"}}, "TooManyRedirects; check the address"),
@@ -308,16 +306,17 @@ def test_a_truncated_file_is_read_as_a_whole_after_a_warning(
     assert "without `--on-bad-message fail`" in error_of(at(server, "/cut.mcap"), ReadOptions("none"))
 
 
-@pytest.mark.parametrize("kind", ["a ROS 1 bag", "an SQLite database", "a compressed file", "another kind of file"])
-def test_other_formats_are_to_be_downloaded(server: RangeServer, tmp_path: Path, kind: str) -> None:
-    write_rosbag1(tmp_path / "some.bag", [])
-    begins = {
-        "a ROS 1 bag": (tmp_path / "some.bag").read_bytes(),
-        "an SQLite database": b"SQLite format 3\0" + bytes(100),
-        "a compressed file": b"\x28\xb5\x2f\xfd" + bytes(100),
-        "another kind of file": b"<html>not here</html>",
-    }
-    server.files["/some"] = begins[kind]
+@pytest.mark.parametrize(
+    ("begin", "kind"),
+    [
+        (b"#ROSBAG V2.0\n", "a ROS 1 bag"),
+        (b"SQLite format 3\0", "an SQLite database"),
+        (b"\x28\xb5\x2f\xfd", "a compressed file"),
+        (b"<html>not here</html>", "another kind of file"),
+    ],
+)
+def test_other_formats_are_to_be_downloaded(server: RangeServer, begin: bytes, kind: str) -> None:
+    server.files["/some"] = begin + bytes(100)
     assert error_of(at(server, "/some")) == (
         f"{server.url}/some: of files on a server, lidcam reads .mcap, found {kind}; download it, and read the copy"
     )
@@ -385,11 +384,3 @@ def test_s3_refused(bucket: RangeServer) -> None:
     error = error_of(RemotePath("s3://bucket/minute.mcap"))
     assert error.startswith("s3://bucket/minute.mcap: access was denied")
     assert "no such file" in error_of(RemotePath("s3://bucket/other.mcap"))
-
-
-def test_closing_ends_the_connection(server: RangeServer) -> None:
-    file = RemoteFile(at(server))
-    file.close()
-    file.close()
-    with pytest.raises(ValueError, match="closed"):
-        file.read(1)
