@@ -242,7 +242,7 @@ def _open_file(path: Location, index: int, stack: ExitStack, options: ReadOption
         stack.callback(file.close)
         if not magic.startswith((MCAP_MAGIC, SQLITE_MAGIC)) or any(loss.messages != 0 for loss in file.losses):
             return file
-        reason, fewer = contradiction(folder_metadata(path.parent), path.name, file.topics)
+        reason, fewer = contradiction(folder_metadata(path.parent), path.name, file.message_count)
         if reason:
             losses.note(0, reason, messages=fewer)
     return file

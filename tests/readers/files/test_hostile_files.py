@@ -26,7 +26,6 @@ from readers.messages.deserialize import definition_problem, deserialize
 from readers.messages.tf import read_transforms
 from readers.open import open_recording
 from readers.recording import ReadOptions
-from readers.streams.survey import survey
 
 MIB = 1 << 20
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -279,21 +278,6 @@ def test_an_index_that_names_a_chunk_again_and_again(tmp_path: Path) -> None:
     assert losses
 
 
-@pytest.mark.parametrize("in_chunk", [True, False])
-def test_times_that_are_none(tmp_path: Path, in_chunk: bool) -> None:
-    late = 2**63
-    path = tmp_path / "a.mcap"
-    data = [chunk(records(4, late))] if in_chunk else [text_at(4), text_at(late)]
-    path.write_bytes(mcap([SCHEMA, CHANNEL, *data], [SCHEMA, CHANNEL, statistics(2, int(in_chunk), late)]))
-    try:
-        with open_recording([path]) as recording:
-            assert all(message.log_time_ns < late for message in recording.messages())
-            survey(recording)
-            assert recording.losses
-    except RecordingError as err:
-        assert "time" in str(err)  # noqa: PT017  (either is right)
-
-
 # --- SQLite
 
 
@@ -349,23 +333,6 @@ def test_pages_that_refer_to_one_another_in_a_net(tmp_path: Path) -> None:
     assert losses
 
 
-def test_rows_that_go_on_and_on(tmp_path: Path) -> None:
-    """Every page with overflow leads to itself, and every row claims to be a gigabyte long."""
-    create = "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)"
-    rows = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n WHERE x < 500) "
-    path = database(tmp_path / "a.db3", create, rows + "INSERT INTO messages SELECT x, 1, x, zeroblob(3000) FROM n")
-    content = bytearray(path.read_bytes())
-    for at in range(512, len(content), 512):
-        if content[at] == 0:
-            struct.pack_into(">I", content, at, at // 512 + 1)
-    path.write_bytes(content)
-    with at_most(30):
-        try:
-            read(path, thorough=True)
-        except RecordingError as err:
-            assert "\n" not in str(err)  # noqa: PT017  (either is right)
-
-
 # --- definitions
 
 
@@ -408,11 +375,6 @@ def test_definitions_that_ask_for_too_much(text: str, fault: str, encoding: Enco
         assert fault in definition_problem(message.channel)
         with pytest.raises(MessageError, match=fault):
             deserialize(message)
-
-
-def test_arrays_of_numbers_may_be_long() -> None:
-    message = described("uint8[100000] x\nfloat64[1000] y", bytes(108_000))
-    assert deserialize(message).x.shape == (100_000,)
 
 
 @pytest.mark.parametrize("encoding", ["ros1", "cdr"])

@@ -1,6 +1,5 @@
 """Recordings that lack what others have: definitions, metadata.yaml, the serialization format."""
 
-import sqlite3
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -50,18 +49,6 @@ def test_the_same_messages(
         assert {info.channel.definition != "" for info in recording.topics} == {definitions}
     assert [(m.topic, m.stamp_ns, bytes(m.data)) for m in got] == [(m.topic, m.stamp_ns, m.data) for m in recorded()]
     assert [repr(deserialize(m)) for m in got] == [repr(deserialize(m)) for m in recorded()]
-
-
-def test_an_empty_serialization_format(tmp_path: Path) -> None:
-    write_rosbag2(tmp_path / "rec", recorded())
-    connection = sqlite3.connect(tmp_path / "rec" / "rec.db3")
-    connection.execute("UPDATE topics SET serialization_format = ''")
-    connection.commit()
-    connection.close()
-    with open_recording([tmp_path / "rec"]) as recording:
-        assert [deserialize(m).header.stamp.sec for m in recording.messages()] == [
-            m.stamp_ns // 10**9 for m in recorded()
-        ]
 
 
 def test_a_hash_tells_that_the_known_type_is_another_one(tmp_path: Path) -> None:

@@ -25,9 +25,6 @@ from readers.open import open_recording
 from readers.recording import DEFAULT_READ_OPTIONS, ReadOptions
 from readers.rig.discovery import discover_rig
 
-CLOUD = "sensor_msgs/msg/PointCloud2"
-TF = "tf2_msgs/msg/TFMessage"
-
 
 @pytest.fixture(scope="module")
 def minute(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -101,14 +98,6 @@ def test_all_of_it_in_few_requests_none_twice(server: RangeServer, minute: Path,
     assert len(server.requests) < 30
 
 
-def test_first_message_fetches_one_chunk(server: RangeServer) -> None:
-    with open_recording([at(server)]) as recording:
-        opened = server.sent
-        next(recording.messages(["/points"]))
-    assert opened < 5 * PAGE_BYTES
-    assert server.sent - opened <= 4 * PAGE_BYTES
-
-
 def test_what_a_full_cache_lets_go_is_fetched_again(
     server: RangeServer, minute: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -137,16 +126,6 @@ def test_reads_like_the_file(size: int, reads: list[tuple[int, int]]) -> None:
             assert stream.tell() == expected.tell()
         assert stream.seek(0, 2) == size
         assert stream.read() == b""
-
-
-def test_its_facts_are_what_the_server_says(server: RangeServer, content: bytes) -> None:
-    with open_recording([at(server)]) as recording:
-        (path,) = recording.paths
-    assert isinstance(path, RemotePath)
-    facts = dict(path.facts)
-    assert facts.keys() == {"size", "etag", "last_modified"}
-    assert facts["size"] == str(len(content))
-    assert str(path) == f"{server.url}/minute.mcap"
 
 
 # --- servers
@@ -320,11 +299,6 @@ def test_other_formats_are_to_be_downloaded(server: RangeServer, begin: bytes, k
     assert error_of(at(server, "/some")) == (
         f"{server.url}/some: of files on a server, lidcam reads .mcap, found {kind}; download it, and read the copy"
     )
-
-
-def test_given_twice(server: RangeServer) -> None:
-    with pytest.raises(RecordingError, match="given twice"):
-        open_recording([at(server), at(server)])
 
 
 # --- protocols

@@ -19,7 +19,6 @@ from readers.messages.image import decode_any_image
 from readers.messages.pointcloud2 import decode_pointcloud2
 from readers.recording import Recording
 from readers.streams.per_sensor import sensor_messages
-from readers.streams.survey import survey
 
 T0 = 1_700_000_000 * 10**9
 LOGGED = T0 + 10**9
@@ -106,14 +105,6 @@ def test_the_definition_tells_not_the_name(encoding: Encoding) -> None:
 
 
 @both
-@pytest.mark.parametrize(("msgtype", "make"), [(CAMERAS, images), (CLOUDS, clouds)])
-def test_without_its_definition_the_original_is_known(encoding: Encoding, msgtype: str, make: Any) -> None:
-    whole = combined("/whole", msgtype, make(encoding, 2), LOGGED, encoding)
-    bare = whole._replace(channel=replace(whole.channel, definition=""))
-    assert [bytes(m.data) for m in opened(bare).messages()] == [bytes(m.data) for m in opened(whole).messages()]
-
-
-@both
 def test_only_what_is_asked_for_is_read_and_taken_apart(encoding: Encoding) -> None:
     asked: list[object] = []
 
@@ -172,16 +163,6 @@ def test_a_broken_message_is_a_problem_of_each_part(encoding: Encoding) -> None:
 def test_other_recordings_are_left_as_they_are() -> None:
     plain = MemoryRecording([raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=T0), T0)])
     assert sensor_messages(plain) is plain
-
-
-@both
-def test_parts_have_rates_of_their_own(encoding: Encoding) -> None:
-    frames = [
-        combined("/c", CAMERAS, images(encoding, 2, T0 + i * 10**8), LOGGED + i * 10**8, encoding) for i in range(10)
-    ]
-    for topic in survey(opened(*frames)):
-        assert (topic.count, topic.gaps) == (10, 0)
-        assert topic.rate_hz == pytest.approx(10)
 
 
 @both

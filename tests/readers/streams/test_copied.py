@@ -41,12 +41,6 @@ def test_each_message_goes_with_the_first_frame_not_before_it() -> None:
     assert [times(one) for one in found] == [[0], [1], [2], [3, 9]]
 
 
-def test_a_topic_that_is_used_and_copied() -> None:
-    stream = [message("/sensor", at) for at in range(3)]
-    found = handed_on(CopiedMessages(("/sensor",)), stream)
-    assert [times(one) for one in found] == [[0], [1], [2]]
-
-
 def test_what_is_read_ahead_of_a_frame_waits_for_its_own() -> None:
     stream = [message(topic, at) for at in range(6) for topic in ("/truth", "/sensor")]
     copied = CopiedMessages(("/truth",))

@@ -18,7 +18,7 @@ from readers.messages.deserialize import deserialize
 from readers.streams.per_sensor import sensor_messages
 from readers.streams.survey import survey
 from readers.velodyne import sweeps as velodyne_sweeps
-from readers.velodyne.packet import PACKET, packet_channel, packet_message_data
+from readers.velodyne.packet import PACKET
 from readers.velodyne.scan import SCAN, parse_velodyne_scan
 from readers.velodyne.sweeps import PAUSE_NS
 
@@ -158,16 +158,6 @@ def test_big_endian() -> None:
     assert [bytes(m.data) for m in gathered(swapped)] == [bytes(m.data) for m in gathered(messages)]
 
 
-def test_what_packets_of_captures_are() -> None:
-    payload, stamps_ns = random_packets("VLP-16", packets=1)
-    message = RawMessage(
-        0, 0, (0, 0), packet_message_data(int(stamps_ns[0]), payload[0].tobytes()), packet_channel(TOPIC)
-    )
-    packet = deserialize(message)
-    assert packet.stamp.sec * 10**9 + packet.stamp.nanosec == stamps_ns[0]
-    np.testing.assert_array_equal(packet.data, payload[0])
-
-
 # --- what cannot be used
 
 
@@ -187,15 +177,6 @@ def test_no_packet_that_can_be_used() -> None:
     [sweep] = gathered(messages)
     with pytest.raises(MessageError, match="found 5 bytes"):
         parse_velodyne_scan(sweep)
-
-
-def test_another_definition_is_refused() -> None:
-    channel = replace(stream([1])[0].channel, definition="builtin_interfaces/Time stamp\nuint8[1248] data")
-    recording = sensor_messages(MemoryRecording([m._replace(channel=channel) for m in stream([1, 2])]))
-    [info] = recording.topics
-    assert "its definition of velodyne_msgs/msg/VelodynePacket is not a stamp and uint8[1206]" in info.unreadable
-    assert (info.msgtype, info.message_count, info.channels) == (SCAN, 2, ())
-    assert list(recording.messages()) == []
 
 
 # --- beside other messages

@@ -2,11 +2,8 @@
 
 from typing import Any
 
-import numpy as np
 import pytest
-from builders import channel, header, raw, serialize, store_for
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from builders import header, serialize, store_for
 from rosbags.typesys import get_types_from_msg
 from video import CODECS, T0, compressed_video, encode, ffmpeg, ffmpeg_packet, foxglove, moving
 
@@ -104,12 +101,6 @@ def test_unknown_names(name: str) -> None:
         read_packet(ffmpeg_packet(b"\1", T0, name=name))
 
 
-@pytest.mark.parametrize("message", [compressed_video(b"", T0), ffmpeg_packet(b"", T0)])
-def test_empty(message: RawMessage) -> None:
-    with pytest.raises(MessageError, match="h264 video without data"):
-        read_packet(message)
-
-
 @pytest.mark.parametrize("encoding", ["ros1", "cdr"])
 @pytest.mark.parametrize("with_definition", [True, False])
 def test_stamps_are_peeked(encoding: Any, with_definition: bool) -> None:
@@ -146,20 +137,3 @@ def test_another_type_of_the_same_name(msgtype: str, text: str) -> None:
     message = RawMessage(T0, T0, (0, 0), bytes(40), Channel("/v", msgtype, "cdr", text, "ros2msg"))
     with pytest.raises(MessageError):
         read_packet(message)
-
-
-@given(data=st.binary(max_size=200), name=st.sampled_from(["h264", "hevc", "vp9", "av1", "vp8", "mpeg4", "mjpeg"]))
-@settings(max_examples=200)
-def test_any_bytes_are_a_packet(data: bytes, name: str) -> None:
-    if data:
-        packet = read_packet(ffmpeg_packet(data, T0, name=name))
-        assert np.array_equal(packet.data, np.frombuffer(data, np.uint8))
-
-
-@given(data=st.binary(max_size=100))
-@settings(max_examples=200)
-def test_any_bytes_as_a_message(data: bytes) -> None:
-    for msgtype in (COMPRESSED_VIDEO, FFMPEG_PACKET):
-        message = raw("/v", msgtype, {}, T0)._replace(data=data, channel=channel("/v", msgtype))
-        with pytest.raises(MessageError):
-            read_packet(message)

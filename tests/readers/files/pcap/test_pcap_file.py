@@ -20,7 +20,6 @@ from readers.open import open_recording
 from readers.recording import ReadOptions
 from readers.streams.per_sensor import sensor_messages
 from readers.velodyne.decoder import VelodyneDecoder
-from readers.velodyne.packet import PACKET
 from readers.velodyne.scan import parse_velodyne_scan
 
 TOPIC = "/velodyne_192_168_1_201/packets"
@@ -100,27 +99,19 @@ def test_every_form(form: str, tmp_path: Path) -> None:
     assert [stamp.sec * 10**9 + stamp.nanosec for stamp in stamps] == times_ns.tolist()
 
 
-def test_what_it_is(tmp_path: Path) -> None:
-    with open_recording([written(tmp_path, pcap(CAPTURE))]) as recording:
-        assert [(info.topic, info.msgtype, info.message_count) for info in recording.topics] == [(TOPIC, PACKET, 40)]
-        assert (recording.start_ns, recording.end_ns) == (STAMPS_NS[0], STAMPS_NS[-1])
-        assert recording.message_count == 40
-
-
 def test_lidars_are_told_apart(tmp_path: Path) -> None:
-    senders = [("192.168.1.202", 2368), ("192.168.1.201", 2369), ("192.168.1.201", 2368), ("fe80::7", 2368)]
-    frames = [(START_NS + n, ethernet(ip_packet(PAYLOAD[n].tobytes(), *senders[n % 4]))) for n in range(len(PAYLOAD))]
+    senders = [("192.168.1.202", 2368), ("192.168.1.201", 2369), ("192.168.1.201", 2368)]
+    frames = [(START_NS + n, ethernet(ip_packet(PAYLOAD[n].tobytes(), *senders[n % 3]))) for n in range(len(PAYLOAD))]
     path = written(tmp_path, pcap(frames))
     with open_recording([path]) as recording:
         topics = {info.topic: info.message_count for info in recording.topics}
         assert topics == {
-            "/velodyne_192_168_1_201/packets": 10,
-            "/velodyne_192_168_1_201_2369/packets": 10,
-            "/velodyne_192_168_1_202/packets": 10,
-            "/velodyne_fe80__7/packets": 10,
+            "/velodyne_192_168_1_201/packets": 13,
+            "/velodyne_192_168_1_201_2369/packets": 13,
+            "/velodyne_192_168_1_202/packets": 14,
         }
-        for topic, first in zip(topics, (2, 1, 0, 3), strict=True):
-            assert payloads(list(recording.messages([topic]))) == [data.tobytes() for data in PAYLOAD[first::4]]
+        for topic, first in zip(topics, (2, 1, 0), strict=True):
+            assert payloads(list(recording.messages([topic]))) == [data.tobytes() for data in PAYLOAD[first::3]]
 
 
 def test_the_order_is_that_of_time(tmp_path: Path) -> None:
@@ -160,7 +151,7 @@ def test_other_traffic_is_counted(tmp_path: Path) -> None:
         TOPIC: (1, False),
         "/other_traffic/cut_short": (1, True),
         "/other_traffic/fragments": (1, True),
-        "/other_traffic/not_ip": (1, True),
+        "/other_traffic/not_ipv4": (1, True),
         "/other_traffic/other_size": (1, True),
         "/other_traffic/position": (2, True),
     }
@@ -202,13 +193,6 @@ def test_beside_a_bag(ros: int, tmp_path: Path) -> None:
     assert len(found) == 41
 
 
-def test_split_captures(tmp_path: Path) -> None:
-    paths = [written(tmp_path, pcap(CAPTURE[n : n + 15]), f"{n}.pcap") for n in (0, 15, 30)]
-    with sensor_messages(open_recording(paths)) as recording:
-        [sweep] = recording.messages()
-    np.testing.assert_array_equal(parse_velodyne_scan(sweep).payload, PAYLOAD)
-
-
 def test_truncated(tmp_path: Path) -> None:
     path = written(tmp_path, pcap(CAPTURE)[:-100])
     with open_recording([path]) as recording:
@@ -219,16 +203,6 @@ def test_truncated(tmp_path: Path) -> None:
         assert "a packet is cut off: expected 1248 bytes, found 1148" in loss.reason
     with pytest.raises(RecordingError, match=r"velodyne\.pcap: .*at byte \d+: a packet is cut off"):
         open_recording([path], ReadOptions("none"))
-
-
-def test_overwritten_in_the_middle(tmp_path: Path) -> None:
-    content = bytearray(pcap(CAPTURE))
-    at = 24 + 10 * (16 + 1248)
-    content[at : at + 500] = b"\xaa" * 500
-    with open_recording([written(tmp_path, bytes(content))]) as recording:
-        assert payloads(list(recording.messages())) == [data.tobytes() for data in PAYLOAD[:10]]
-        [loss] = recording.losses
-        assert (loss.position, loss.size, loss.messages) == (at, len(content) - at, None)
 
 
 @pytest.mark.parametrize(
