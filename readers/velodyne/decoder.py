@@ -23,7 +23,6 @@ from pipeline.core.settings.recording import VelodyneConfig, VelodyneLidarConfig
 from readers.messages.boundary.decoding import decoder
 from readers.messages.point_time import MAX_OFFSET_NS
 from readers.velodyne.calibration import read_velodyne_calibration
-from readers.velodyne.layout import LAST, NOT_TOLD, STRONGEST, Beams, Layout
 from readers.velodyne.models import (
     BLOCK_FLAGS,
     MODELS,
@@ -32,7 +31,7 @@ from readers.velodyne.models import (
     VelodyneModel,
     built_in_table,
 )
-from readers.velodyne.points import cloud_of
+from readers.velodyne.points import LAST, NOT_TOLD, STRONGEST, Beams, Layout, cloud_of
 from readers.velodyne.scan import VelodynePackets, parse_velodyne_scan
 
 __all__ = ["VelodyneDecoder", "VelodyneDecoders"]

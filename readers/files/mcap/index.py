@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from itertools import pairwise
-from typing import Any, BinaryIO, Literal
+from typing import Any, BinaryIO
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -29,8 +29,8 @@ __all__ = [
     "checksum_of",
     "contents_of_summary",
     "end_of_records",
+    "is_summary_sound",
     "read_profile",
-    "summary_checksum",
     "summary_start",
 ]
 
@@ -107,7 +107,7 @@ def contents_of_summary(stream: BinaryIO) -> Contents | None:
                 contents.channels[record.id] = record
             elif isinstance(record, ChunkIndex):
                 contents.chunks.append(_place_of(record))
-    if summary_checksum(stream) == "wrong":
+    if not is_summary_sound(stream):
         raise ValueError("the checksum of its summary is wrong")
     if statistics is None:
         return None
@@ -142,8 +142,8 @@ def _place_of(record: ChunkIndex) -> ChunkPlace:
     return ChunkPlace(start_ns, record.chunk_start_offset, end_ns, ids, record.chunk_length, count)
 
 
-def summary_checksum(stream: BinaryIO) -> Literal["right", "wrong", "none"]:
-    """Whether the summary section has the checksum that the footer names, or the footer names none.
+def is_summary_sound(stream: BinaryIO) -> bool:
+    """Whether the summary has the checksum that the footer names, if it names one.
 
     Raises:
         OSError: the file is shorter than a footer.
@@ -151,10 +151,8 @@ def summary_checksum(stream: BinaryIO) -> Literal["right", "wrong", "none"]:
     end = stream.seek(-FOOTER.size - MAGIC_BYTES, 2)
     _, _, start, _, crc = FOOTER.unpack(read_exactly(stream, FOOTER.size))
     if not crc or not start:
-        return "none"
-    if start > end:
-        return "wrong"
-    return "right" if checksum_of(stream, start, end + FOOTER.size - 4) == crc else "wrong"  # all but itself
+        return True
+    return bool(start <= end) and checksum_of(stream, start, end + FOOTER.size - 4) == crc  # all but itself
 
 
 def checksum_of(stream: BinaryIO, start: int, end: int) -> int:

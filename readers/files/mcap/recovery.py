@@ -18,7 +18,7 @@ from readers.files.mcap.index import (
     Contents,
     checksum_of,
     end_of_records,
-    summary_checksum,
+    is_summary_sound,
     summary_start,
 )
 from readers.files.mcap.records import (
@@ -211,7 +211,7 @@ class _Scan:
             with self._losses.guard():
                 self._stream.seek(record.content)
                 count = Statistics.read(ReadDataStream(self._stream)).message_count
-                if summary_checksum(self._stream) != "wrong":
+                if is_summary_sound(self._stream):
                     self._total = count
         elif opcode == Opcode.MESSAGE_INDEX and self._last_chunk is not None:
             self._listed[self._last_chunk] += listed_messages(record)

@@ -155,8 +155,6 @@ def _readable_rows(database: sqlite3.Connection) -> Iterator[tuple[Any, ...]]:
     while first < END_OF_IDS:
         with DamageGuard(is_active=True) as damage:
             for row in database.execute(f"{ROWS} WHERE id >= ?", (first,)):
-                if row[1] < first:  # the pages lead around in a circle
-                    return
                 yield row
                 first = row[1] + 1
         if damage.error is None:

@@ -27,12 +27,6 @@ __all__ = ["SqliteFile"]
 
 DEFINITION_FORMATS: dict[str, Literal["ros2msg", "ros2idl"]] = {"ros2msg": "ros2msg", "ros2idl": "ros2idl"}
 
-STEPS_PER_BYTE = 20
-"""Steps of SQLite's virtual machine allowed per byte of the file: rows of twelve bytes take thirty. Without a limit,
-damaged pages that refer to one another in circles would keep it busy forever."""
-
-MIN_STEPS = 10_000_000
-STEPS_AT_ONCE = 100_000
 ROWS_AT_ONCE = 4096
 
 
@@ -52,9 +46,6 @@ class SqliteFile(Container):
         self._database = sqlite3.connect(uri, uri=True, check_same_thread=False)
         self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, source.options.limits.max_message_bytes)
         self._database.text_factory = lambda text: text.decode(errors="replace")
-        self._max_steps = MIN_STEPS + STEPS_PER_BYTE * content.stat().st_size
-        self._steps = 0
-        self._database.set_progress_handler(self._count_steps, STEPS_AT_ONCE)
         super().__init__(source, content.open("rb"))
 
     def _describe(self) -> None:
@@ -63,7 +54,6 @@ class SqliteFile(Container):
             self._check_size()
             contents = contents_of_tables(self._database, self.path, distro, self._losses)
         if damage.error:
-            self._steps = 0
             because = damage.reason
             contents = contents_of_tables(self._database, self.path, distro, self._losses, because=because)
             if not len(contents.rows):
@@ -131,7 +121,6 @@ class SqliteFile(Container):
             return None
 
     def _read(self, log_time_ns: int, row_id: int) -> Any:
-        self._steps = 0
         try:
             row = self._database.execute("SELECT data, timestamp FROM messages WHERE id = ?", (row_id,)).fetchone()
         except sqlite3.DataError as err:
@@ -155,11 +144,6 @@ class SqliteFile(Container):
         """Close the database."""
         self._database.close()
         super().close()
-
-    def _count_steps(self) -> bool:
-        """Whether SQLite is to give up."""
-        self._steps += STEPS_AT_ONCE
-        return self._steps > self._max_steps
 
 
 def _passes(rows: I64) -> list[I64]:

@@ -1,7 +1,6 @@
 """Files that ask for more than they are worth: one clear line, a bounded amount of memory and time."""
 
 import sqlite3
-import struct
 import time
 import tracemalloc
 from collections.abc import Iterator, Sequence
@@ -303,34 +302,6 @@ def database(path: Path, *statements: str) -> Path:
 def test_messages_that_are_no_table(tmp_path: Path, messages: str) -> None:
     with at_most(20), pytest.raises(RecordingError, match="expected a ROS 2 recording"):
         read(database(tmp_path / "a.db3", messages))
-
-
-def test_pages_that_refer_to_one_another_in_a_net(tmp_path: Path) -> None:
-    """All children of an inner page are one page: seven levels of a hundred make more rows than can be read."""
-    create = "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)"
-    rows = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n WHERE x < 15000) "
-    path = database(tmp_path / "a.db3", create, rows + "INSERT INTO messages SELECT x, 1, x, x'00010000' FROM n")
-    content = bytearray(path.read_bytes())
-    inner = [at for at in range(0, len(content), 512) if content[at] == 5]
-    by_level: dict[int, list[int]] = {}
-    for at in inner:
-        count = struct.unpack_from(">H", content, at + 3)[0]
-        places = struct.unpack_from(f">{count}H", content, at + 12)
-        child = struct.unpack_from(">I", content, at + places[0])[0]
-        by_level.setdefault(content[(child - 1) * 512], []).append(at)
-    low, high = by_level[13][0], by_level[5][0]
-    chain = by_level[13][1:6]
-    for at, following in zip([high, *chain], [*chain, low], strict=True):
-        content[at : at + 512] = content[high : high + 512]
-        count = struct.unpack_from(">H", content, at + 3)[0]
-        for place in struct.unpack_from(f">{count}H", content, at + 12):
-            struct.pack_into(">I", content, at + place, following // 512 + 1)
-        struct.pack_into(">I", content, at + 8, following // 512 + 1)
-    path.write_bytes(content)
-    with at_most(60):
-        times, losses = read(path)
-    assert len(times) == len(set(times)) > 1000
-    assert losses
 
 
 # --- definitions

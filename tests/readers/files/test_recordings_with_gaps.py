@@ -5,15 +5,13 @@ from pathlib import Path
 from typing import Literal
 
 import pytest
-from builders import detection2d_array, odometry, pointcloud2, raw, store_for, write_rosbag1, write_rosbag2
+from builders import detection2d_array, odometry, raw, store_for, write_rosbag1, write_rosbag2
 from memory_recording import MemoryRecording
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
-from pipeline.core.settings.config import Config
 from readers.messages.deserialize import deserialize
 from readers.open import open_recording
-from readers.rig.discovery import discover_rig
 from readers.streams.survey import survey
 
 T0 = 1_700_000_000 * 10**9
@@ -77,21 +75,6 @@ def test_ros1_without_definitions(tmp_path: Path, compression: Literal["none", "
         (found,) = recording.messages()
     with pytest.raises(MessageError, match=r"/odom: .*no definition of nav_msgs/msg/Odometry.*cd5e73"):
         deserialize(found)
-
-
-def test_a_sensor_of_another_type_of_the_same_name_is_left_out_and_named() -> None:
-    known, other = (
-        raw(topic, CLOUD, pointcloud2([[1, 2, 3]], stamp_ns=T0, frame_id="base"), T0, encoding="ros1")
-        for topic in ("/known", "/other")
-    )
-    other = other._replace(channel=replace(other.channel, definition="", digest="0" * 32))
-    recording = MemoryRecording([known, other])
-    problems = {topic.topic: topic.problem for topic in survey(recording)}
-    assert problems["/known"] == ""
-    assert "no definition of sensor_msgs/msg/PointCloud2" in problems["/other"]
-    found = discover_rig(recording, Config())
-    assert [lidar.topic for lidar in found.rig.lidars] == ["/known"]
-    assert ["no definition of sensor_msgs/msg/PointCloud2" in fault.reason for fault in found.faults] == [True]
 
 
 def test_a_doubtful_definition_is_believed_and_named() -> None:

@@ -9,14 +9,13 @@ import cv2
 import numpy as np
 import pytest
 from builders import header, image, odometry, pointcloud2, raw
-from combined_messages import CAMERAS, CLOUDS, combined
+from combined_messages import CAMERAS, combined
 from memory_recording import MemoryRecording
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
 from readers.messages.deserialize import deserialize
 from readers.messages.image import decode_any_image
-from readers.messages.pointcloud2 import decode_pointcloud2
 from readers.recording import Recording
 from readers.streams.per_sensor import sensor_messages
 
@@ -78,17 +77,6 @@ def test_images(encoding: Encoding, count: int) -> None:
         assert (found.stamp_ns, found.frame_id) == (expected.stamp_ns, expected.frame_id)
         assert np.array_equal(found.rgb, expected.rgb)
         assert bytes(message.data) == part.data
-
-
-@both
-def test_clouds(encoding: Encoding) -> None:
-    parts = clouds(encoding, 3)
-    recording = opened(combined("/pointcloud_list", CLOUDS, parts, LOGGED, encoding))
-    for name, part in zip((f"/pointcloud_list/pointcloud_{i}" for i in (1, 2, 3)), parts, strict=True):
-        (message,) = recording.messages([name])
-        found, expected = decode_pointcloud2(message), decode_pointcloud2(part)
-        assert (found.stamp_ns, found.frame_id) == (expected.stamp_ns, expected.frame_id)
-        assert np.array_equal(found.xyz, expected.xyz)
 
 
 @both

@@ -74,12 +74,6 @@ def test_the_ends_of_a_window_have_a_margin() -> None:
     assert times(found) == list(range(start_ns - MARGIN_NS, stop_ns + MARGIN_NS, SEC // 2))
 
 
-def test_without_frames_nothing_is_handed_on() -> None:
-    copied = CopiedMessages(("/truth",))
-    assert list(copied.tap([message("/truth", 1)], ())) == []
-    assert list(copied.handed_on([], MemoryRecording([]), None)) == []
-
-
 def test_what_cannot_be_converted_is_dropped() -> None:
     bad: list[Drop] = []
     copied = CopiedMessages(("/truth",), on_bad=bad.append)

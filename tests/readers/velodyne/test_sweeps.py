@@ -187,27 +187,6 @@ def other(at_ns: int, topic: str = "/other") -> RawMessage:
     return RawMessage(at_ns, at_ns, (0, 0), b"", channel)
 
 
-def test_the_order_is_that_of_log_times() -> None:
-    left, right = stream([100, 30_000, 200, 300]), stream([20_000, 30_000, 35_000, 200], topic="/right/packets")
-    right = [m._replace(log_time_ns=m.log_time_ns + 300_000) for m in right]
-    others = [other(START_NS + n * MS + 500_000) for n in (-1, 0, 1, 2, 3, 900)]
-    messages = sorted([*left, *right, *others], key=lambda m: m.log_time_ns)
-    found = gathered(messages)
-    assert [(m.log_time_ns, m.order) for m in found] == sorted((m.log_time_ns, m.order) for m in found)
-    assert [(m.topic, (m.log_time_ns - START_NS) / MS) for m in found] == [
-        ("/other", -0.5),
-        ("/other", 0.5),
-        (TOPIC, 1),
-        ("/other", 1.5),
-        ("/right/packets", 2.3),
-        ("/other", 2.5),
-        (TOPIC, 3),
-        ("/right/packets", 3.3),
-        ("/other", 3.5),
-        ("/other", 900.5),
-    ]
-
-
 def test_messages_wait_for_open_sweeps_only() -> None:
     """Nothing is read further than needed: a lidar that falls silent does not hold up the others."""
     taken = 0
