@@ -300,10 +300,8 @@ def _describe(magic: bytes, path: Path) -> str:
         return f"a ROS 1 bag of format {version}; convert it with `rosbag fix`"
     if path.suffix in {".bag", ".mcap", ".db3", ".pcap", ".pcapng"}:
         return f"other bytes than a {path.suffix} file begins with; it is damaged or something else"
-    printable = all(byte >= 32 or byte in b"\t\r\n" for byte in magic)
-    return (
-        "a text file; name the recording itself" if printable else "a file of another kind; name the recording itself"
-    )
+    is_text = all(byte >= 32 or byte in b"\t\r\n" for byte in magic)
+    return f"a {'text file' if is_text else 'file of another kind'}; name the recording itself"
 
 
 def _unpacked(path: Path, stack: ExitStack, losses: Losses, limits: LimitsConfig) -> Path:

@@ -57,12 +57,10 @@ class McapFile(ChunkedFile):
             summary = contents_of_summary(self._stream)
         if summary is not None and self._source.options.recovery != "full_scan":
             return profile, summary, False
-        if damage.error:
-            tell_full_read(self._stream, f"its summary cannot be used ({damage.reason})")
-        elif summary is None:
-            tell_full_read(self._stream, "its summary does not say all that is in it")
-        else:
-            tell_full_read(self._stream, "every record is wanted")
+        because = "every record is wanted"
+        if damage.error or summary is None:
+            because = f"its summary cannot be used ({damage.reason or 'it does not say all that is in the file'})"
+        tell_full_read(self._stream, because)
         scanned = contents_of_scan(self._stream, self._losses, because=damage.reason, limits=self._limits)
         if summary is None and not scanned.counts and (damage.error or self.losses):
             raise damage.error or EOFError(self.losses[0].reason)

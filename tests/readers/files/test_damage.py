@@ -17,9 +17,7 @@ from hypothesis import strategies as st
 from sound_recordings import KINDS, read_all, sound_recording, write_files
 
 from pipeline.core.errors import RecordingError
-from pipeline.core.settings.recording import LimitsConfig
-from readers.open import open_recording
-from readers.recording import Loss, ReadOptions
+from readers.recording import Loss
 
 Content = tuple[str, int, str]
 """Topic, log time, MD5 of the bytes."""
@@ -189,18 +187,6 @@ def test_topics_that_only_a_damaged_chunk_names_are_read_and_told(tmp_path: Path
     assert {*messages} < {*sound.messages}
     assert len(messages) > 3
     assert [("crc" in loss.reason, "/odom" in loss.reason) for loss in losses[:2]] == [(True, False), (False, True)]
-
-
-def test_chunks_that_overlap_too_far_are_refused(tmp_path: Path) -> None:
-    for kind in ("rosbag1-lz4", "mcap-lz4"):
-        sound = sound_recording(kind)
-        path = write_files(tmp_path, sound, sound.files)
-        options = ReadOptions(limits=LimitsConfig(max_positions_waiting=3))
-        with (
-            open_recording([path], options) as recording,
-            pytest.raises(RecordingError, match=r"more than 3 .*max_positions_waiting"),
-        ):
-            list(recording.messages())
 
 
 # --- SQLite
