@@ -19,7 +19,7 @@ from pipeline.core.errors import RecordingError, is_short_memory
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.location import RemotePath
 
-__all__ = ["RemoteFile", "open_remote", "tell_full_read"]
+__all__ = ["RemoteFile", "open_remote", "warn_of_full_read"]
 
 logger = logging.getLogger(__name__)
 
@@ -272,7 +272,7 @@ def open_remote(path: RemotePath, limits: LimitsConfig = DEFAULT_LIMITS) -> tupl
     return remote.path, cast("BinaryIO", remote)
 
 
-def tell_full_read(stream: BinaryIO, because: str) -> None:
+def warn_of_full_read(stream: BinaryIO, because: str) -> None:
     """Warn that the whole file will be fetched, and fetch it in large parts; does nothing for a local file."""
     file: object = stream
     if isinstance(file, RemoteFile):
@@ -281,7 +281,7 @@ def tell_full_read(stream: BinaryIO, because: str) -> None:
 
 
 def _file_system(path: RemotePath, max_request_s: float) -> Any:
-    """What fsspec reads a protocol with.
+    """The file system with which fsspec reads a protocol.
 
     Raises:
         RecordingError: the protocol is unknown, or what it needs is not installed.
@@ -313,7 +313,7 @@ def _file_system(path: RemotePath, max_request_s: float) -> Any:
 
 
 def _meaning_of(err: BaseException) -> tuple[str, bool]:
-    """What an error of the libraries below means, without secrets, and whether the same request may succeed."""
+    """Meaning of an error of the libraries below, without secrets, and whether the same request may succeed."""
     if isinstance(err, _AnswerError):
         return str(err), False
     chain = [err]

@@ -1,4 +1,4 @@
-"""ROS 2 bag folders: their files, and what metadata.yaml says about them."""
+"""ROS 2 bag folders: their files, and the content of metadata.yaml."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -54,7 +54,7 @@ def contradiction(metadata: FolderMetadata, name: str, found: int) -> tuple[str,
     """How a file and metadata.yaml differ, and how many messages the file lacks; an empty reason if they agree.
 
     Args:
-        metadata: What metadata.yaml says.
+        metadata: Content of metadata.yaml.
         name: Of the file.
         found: Number of messages in the file.
     """
@@ -95,7 +95,7 @@ def recording_files(folder: Path) -> tuple[Path, ...]:
 
 
 def folder_metadata(folder: Path) -> FolderMetadata:
-    """What metadata.yaml of `folder` says; the defaults if there is none.
+    """Content of the metadata.yaml of `folder`; the defaults if there is none.
 
     Raises:
         RecordingError: it cannot be read.

@@ -31,7 +31,7 @@ from readers.velodyne.models import (
     VelodyneModel,
     built_in_table,
 )
-from readers.velodyne.points import LAST, NOT_TOLD, STRONGEST, Beams, Layout, cloud_of
+from readers.velodyne.points import LAST, STRONGEST, UNKNOWN_RETURN, Beams, Layout, cloud_of
 from readers.velodyne.scan import VelodynePackets, parse_velodyne_scan
 
 __all__ = ["VelodyneDecoder", "VelodyneDecoders"]
@@ -180,7 +180,7 @@ def _layout_of(packets: VelodynePackets, model: VelodyneModel) -> Layout:
     mode = int(packets.fields["mode"][0])
     if mode == DUAL:
         return Layout(model.columns_dual, model.banks, (LAST, STRONGEST))
-    return Layout(model.columns, model.banks, (RETURN_MODES.get(mode, NOT_TOLD),))
+    return Layout(model.columns, model.banks, (RETURN_MODES.get(mode, UNKNOWN_RETURN),))
 
 
 def _known_packets(packets: VelodynePackets, beams: Beams, topic: str) -> Bools | None:

@@ -9,10 +9,10 @@ from pipeline.core.clouds import PointCloud
 from readers.velodyne.models import BLOCK_FLAGS, LaserTable, RangeCorrections, VelodyneModel
 from readers.velodyne.scan import SLOTS, VelodynePackets
 
-__all__ = ["LAST", "NOT_TOLD", "STRONGEST", "Beams", "Layout", "cloud_of"]
+__all__ = ["LAST", "STRONGEST", "UNKNOWN_RETURN", "Beams", "Layout", "cloud_of"]
 
 # `PointCloud.return_type`
-NOT_TOLD = 0
+UNKNOWN_RETURN = 0
 STRONGEST = 1
 LAST = 2
 BOTH = 3

@@ -1,4 +1,4 @@
-"""What an MCAP file contains and where, according to its summary section.
+"""Contents of an MCAP file according to its summary section.
 
 The mcap library parses the records, but its own reader unpacks every chunk that it meets while it looks for the header
 or the summary, whatever its size, allocates what a damaged length asks for, and passes over zeros nine bytes at a time.
@@ -45,12 +45,12 @@ RECORDS: dict[int, Any] = {
     Opcode.CHUNK_INDEX: ChunkIndex,
     Opcode.STATISTICS: Statistics,
 }
-"""What is read of a summary, by opcode."""
+"""Records of a summary that are read, by opcode."""
 
 
 @dataclass(slots=True)
 class Contents:
-    """What a file contains and where.
+    """Contents of a file, and their places.
 
     Attributes:
         schemas: By id.
@@ -86,7 +86,7 @@ def read_profile(stream: BinaryIO) -> str:
 
 
 def contents_of_summary(stream: BinaryIO) -> Contents | None:
-    """What the summary section says; None if it does not say all that is needed.
+    """Contents according to the summary section; None if it lacks something.
 
     Raises:
         ValueError: its checksum is wrong, or it contradicts itself.

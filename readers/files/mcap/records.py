@@ -1,6 +1,6 @@
 """The records of an MCAP file (https://mcap.dev/spec): at a position, next after damage, in a chunk.
 
-What a chunk unpacks to is bounded.
+The unpacked size of a chunk is bounded.
 """
 
 import re
@@ -95,7 +95,7 @@ def load_chunk(
     Args:
         stream: The file.
         position: First byte of the chunk.
-        limits: What it may unpack to.
+        limits: Bytes that it may unpack to.
         size: Bytes that it takes up in the file according to the index.
         is_cut: The file ends inside the chunk: return the complete records, without verifying a checksum.
         verify: Whether to verify the checksum.

@@ -1,4 +1,4 @@
-"""What an MCAP file contains, found by a scan of all its records that resumes after damage."""
+"""Contents of an MCAP file, found by a scan of all its records that resumes after damage."""
 
 from collections import Counter
 from io import BytesIO
@@ -88,7 +88,7 @@ class _Scan:
                 continue
             following = self._read(record.end)
             if record.opcode == Opcode.MESSAGE and following is None and not self._looks_like_record(record.end):
-                # What follows is no record: the damage began in this message, or its length is wrong.
+                # No record follows: the damage began in this message, or its length is wrong.
                 position = self._skip(position, record.content)
                 record = self._read(position)
                 continue

@@ -140,7 +140,7 @@ _TIME_RESOLUTION, _TIME_OFFSET = 9, 14
 
 @dataclass(frozen=True, slots=True)
 class _Interface:
-    """What a file says about one interface.
+    """One interface of a capture.
 
     Attributes:
         link_type: Its link type.

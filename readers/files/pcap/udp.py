@@ -10,7 +10,7 @@ VLAN_TAGS = frozenset({0x8100, 0x88A8, 0x9100})
 IPV4 = 0x0800
 UDP = 17
 
-# What a packet is if it is not UDP.
+# Kinds of packets that are not UDP.
 CUT_SHORT = "cut_short"
 FRAGMENTS = "fragments"
 NOT_IPV4 = "not_ipv4"
@@ -35,7 +35,7 @@ class Udp(NamedTuple):
 
 
 def find_udp(head: bytes, captured: int, link_type: int) -> Udp | str:
-    """The UDP packet in a captured packet, or one of the words above that says what it is instead.
+    """The UDP packet in a captured packet, or one of the kinds above.
 
     Args:
         head: First bytes of the captured packet.
@@ -54,7 +54,7 @@ def _u16(head: bytes, at: int) -> int:
 
 
 def _ipv4_begin(head: bytes, link_type: int) -> int | str:
-    """Where the IPv4 packet begins; or what the packet is instead."""
+    """Where the IPv4 packet begins; or the kind of another packet."""
     if link_type == ETHERNET:
         at = 12
         while (kind := _u16(head, at)) in VLAN_TAGS:

@@ -1,4 +1,4 @@
-"""What a ROS 1 bag contains, found by a scan of all its records that resumes after damage."""
+"""Contents of a ROS 1 bag, found by a scan of all its records that resumes after damage."""
 
 from collections import Counter, defaultdict
 from io import BytesIO
@@ -85,7 +85,7 @@ class _Scan:
             next_record = self._read(following)
             if record.kind == MESSAGE:
                 if next_record is None and not looks_like_record(self._stream, following, self._end):
-                    # What follows is no record: the damage began in this message, or its length is wrong.
+                    # No record follows: the damage began in this message, or its length is wrong.
                     position = self._skip(position, record.data)
                     record = self._read(position)
                     continue

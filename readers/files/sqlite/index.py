@@ -1,4 +1,4 @@
-"""What a ROS 2 recording in SQLite contains, according to its tables.
+"""Contents of a ROS 2 recording in SQLite, according to its tables.
 
 SQLite has no checksums and no fixed types of columns: values of other types than a recorder writes are taken where they
 can mean only one thing.
@@ -26,7 +26,7 @@ ROWS = "SELECT timestamp, id, topic_id FROM messages NOT INDEXED"
 
 
 class Contents(NamedTuple):
-    """What a database contains.
+    """Contents of a database.
 
     Attributes:
         distro: ROS 2 release that recorded it, or empty.
@@ -46,7 +46,7 @@ class Contents(NamedTuple):
 def contents_of_tables(
     database: sqlite3.Connection, path: Location, distro: str, losses: Losses, *, because: str = ""
 ) -> Contents:
-    """What the tables of the database at `path` say.
+    """Contents of the database at `path`.
 
     Args:
         database: The open database.

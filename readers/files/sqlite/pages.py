@@ -14,7 +14,7 @@ PAGE_BYTES = frozenset(1 << n for n in range(9, 17))
 
 JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
 HEADER_BYTES, FRAME_HEADER_BYTES = 32, 24
-"""Of a write-ahead log, and of each page in it."""
+"""Bytes of the header of a write-ahead log, and of each page in it."""
 
 BLOCK_BYTES = 1 << 20
 
@@ -68,7 +68,7 @@ def journals_of(path: Path) -> list[Path]:
 
 
 def unapplied(journal: Path, folder: Path, applied: int) -> str:
-    """What of a journal SQLite could not apply, in words; empty if it applied all.
+    """The part of a journal that SQLite could not apply, in words; empty if it applied all.
 
     Args:
         journal: The journal as it was found.
