@@ -3,6 +3,7 @@
 import hashlib
 import json
 import sqlite3
+import struct
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
@@ -218,6 +219,21 @@ def test_a_database_without_its_last_pages(tmp_path: Path) -> None:
     assert {*messages} < {*SQLITE.messages}
     assert len(messages) >= len(SQLITE.messages) * 0.4
     assert any("it was cut off" in loss.reason for loss in losses)
+
+
+def test_messages_behind_pages_that_cannot_be_read(tmp_path: Path) -> None:
+    def overwrite(path: Path, content: bytearray) -> None:
+        size, at = page_of(path, "messages")
+        (place,) = struct.unpack_from(">H", content, at + 12 + 2)  # of the second child
+        leaf = int.from_bytes(content[at + place : at + place + 4], "big")
+        content[(leaf - 1) * size : leaf * size] = bytes(size)
+
+    messages, (loss,) = altered(tmp_path, overwrite)
+    lost = [row for row, message in enumerate(SQLITE.messages) if message not in messages]
+    assert 1 < len(lost) < 20
+    assert lost == [*range(lost[0], lost[-1] + 1)]
+    assert 0 < lost[0] < lost[-1] < len(SQLITE.messages) - 1
+    assert loss.messages == len(lost)
 
 
 def test_a_damaged_index_of_sqlite_costs_nothing(tmp_path: Path) -> None:

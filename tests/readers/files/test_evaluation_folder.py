@@ -133,3 +133,12 @@ def test_what_tells_it_from_others(tmp_path: Path) -> None:
     assert first == read_input_file(folder)
     (folder / "pcd" / "2.txt").write_text("1 2 3 4")
     assert read_input_file(folder).sha256 != first.sha256
+
+
+def test_clouds_alone(tmp_path: Path) -> None:
+    folder = write(tmp_path, rows=())
+    for number in range(3):
+        (folder / "img" / str(number)).rmdir()
+    (folder / "img").rmdir()
+    with open_recording([folder]) as recording:
+        assert [info.topic for info in recording.topics] == [CLOUD_TOPIC]

@@ -110,6 +110,14 @@ def test_any_alignment(encoding: Any, frame_id: str, packets: int) -> None:
     )
 
 
+@pytest.mark.parametrize("name", ["VLP-16", "VLS-128"])
+def test_one_packet_and_none(name: str) -> None:
+    payload, stamps_ns = random_packets(name, packets=1)
+    assert len(decoder()(scan(payload, stamps_ns))) > 200
+    nothing = decoder()(scan(payload[:0], stamps_ns[:0]))
+    assert (len(nothing), nothing.stamp_ns, nothing.frame_id) == (0, START_NS, "velodyne")
+
+
 def same(one: PointCloud, other: PointCloud, rows: slice) -> None:
     np.testing.assert_allclose(one.xyz, other.xyz[rows], atol=1e-4)
     np.testing.assert_array_equal(one.ring, other.ring[rows])

@@ -182,6 +182,15 @@ def test_no_packet_that_can_be_used() -> None:
 # --- beside other messages
 
 
+def test_another_definition_is_refused() -> None:
+    channel = replace(stream([1])[0].channel, definition="builtin_interfaces/Time stamp\nuint8[1248] data")
+    recording = sensor_messages(MemoryRecording([m._replace(channel=channel) for m in stream([1, 2])]))
+    [info] = recording.topics
+    assert "its definition of velodyne_msgs/msg/VelodynePacket is not a stamp and uint8[1206]" in info.unreadable
+    assert (info.msgtype, info.message_count, info.channels) == (SCAN, 2, ())
+    assert list(recording.messages()) == []
+
+
 def other(at_ns: int, topic: str = "/other") -> RawMessage:
     channel = Channel(topic, "std_msgs/msg/Empty", "cdr")
     return RawMessage(at_ns, at_ns, (0, 0), b"", channel)

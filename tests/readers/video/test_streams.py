@@ -22,7 +22,7 @@ from readers.rig.first_messages import FirstMessages
 from readers.rig.sensor_topics import Findings, find_camera_topics
 from readers.streams.per_sensor import sensor_messages
 from readers.streams.survey import survey
-from readers.video.packets import BEFORE_KEY_FRAME
+from readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME
 from readers.video.streams import LOOK_BACK_NS, VideoStreams, first_image_size, video_topics
 
 COUNT, GOP = 12, 4
@@ -82,6 +82,11 @@ def test_a_window_with_no_key_frame_near_waits_for_the_next() -> None:
     assert [m.problem for m in found] == [BEFORE_KEY_FRAME] * (GOP - 2) + [""] * (COUNT - GOP)
     whole = streamed(messages)
     assert [m.data for m in found if not m.problem] == [m.data for m in whole[GOP:]]
+
+
+def test_damage_before_a_window() -> None:
+    messages = [*FILM[:1], FILM[1]._replace(data=FILM[1].data[:9]), *FILM[2:]]
+    assert [m.problem for m in window(2, messages)] == [AFTER_DAMAGE] * (GOP - 2) + [""] * (COUNT - GOP)
 
 
 def bundles_of(messages: Sequence[RawMessage]) -> tuple[list[SensorBundle], list[Drop], list[Drop]]:
