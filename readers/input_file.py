@@ -13,7 +13,7 @@ from readers.location import Location, RemotePath
 __all__ = ["InputFile", "InputFiles", "read_input_file"]
 
 END_BYTES = 1 << 16
-"""Of the beginning and of the end of a file, for a fingerprint: the first clouds or images, and the index."""
+"""Bytes read at the beginning and at the end of a file for a fingerprint: the first clouds or images, and the index."""
 
 BLOCK_BYTES, STEP_BYTES = 1 << 20, 1 << 22
 """Bytes read at once for a checksum; fewer are not worth waking a thread."""
@@ -26,9 +26,9 @@ class InputFile(NamedTuple):
         path: As it was given, without credentials; a ROS 2 folder and a split recording are the files that they hold.
         name: Name of the file.
         bytes: Its size; None where nothing says it: of a folder, and where a server does not.
-        sha256: Of its content, hexadecimal; of an evaluation folder, of the names and sizes of its files. None where it
-            was not read as a whole: of a file on a server, and where only a part was processed.
-        server: What the server says of it: `size`, `etag`, `last_modified`.
+        sha256: Digest of its content, hexadecimal; of an evaluation folder, of the names and sizes of its files. None
+            where it was not read as a whole: of a file on a server, and where only a part was processed.
+        server: Facts that the server gives: `size`, `etag`, `last_modified`.
     """
 
     path: str
@@ -79,7 +79,7 @@ def read_input_file(path: Location) -> InputFile:
 
 
 class InputFiles:
-    """The files of a recording, with checksums that a thread computes while frames are made of them.
+    """The files of a recording, with checksums that a thread computes while the run makes frames.
 
     It reads what was read for the frames a moment ago and lies in the system's cache. So the first frame does not wait
     until all of the recording was read, and a disk delivers it once. To be closed.
@@ -89,7 +89,7 @@ class InputFiles:
         with_checksums: Whether they are read as a whole; if not, only their sizes are known.
 
     Attributes:
-        unread: What is known of the files before they are read.
+        unread: The files before they are read, with their sizes.
     """
 
     def __init__(self, paths: Sequence[Location], *, with_checksums: bool) -> None:
@@ -138,7 +138,7 @@ class InputFiles:
                 self._add(STEP_BYTES)
             self._background.add(lambda: self._advance(math.inf), 0)
             self._background.finish()
-            # Folders and files on servers are quickly looked at.
+            # Folders and files on servers take no time.
             self._whole = tuple(self._digests.get(path) or read_input_file(path) for path in self._paths)
         return self._whole
 

@@ -19,7 +19,7 @@ class RemotePath:
 
     Attributes:
         url: The whole URL, including secrets (user and password, the signature in a query): never show it.
-        facts: What the server said when the file was opened: `size` in bytes, `etag`, `last_modified`.
+        facts: Facts that the server gave when the file was opened: `size` in bytes, `etag`, `last_modified`.
     """
 
     url: str

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 __all__ = ["Notes"]
 
 MAX_KINDS = 100
-"""Kinds of notes that are told apart: their texts may contain names from a file."""
+"""Kinds of notes that are counted separately: their texts may contain names from a file."""
 
 
 @dataclass(slots=True)

@@ -21,7 +21,7 @@ from readers.files.container import Source
 from readers.files.damage import DamageError, Losses, library_errors
 from readers.files.evaluation_folder import EvaluationFolder, is_evaluation_folder
 from readers.files.rosbag2_folder import contradiction, folder_metadata, recording_files, unlisted_files
-from readers.files.sqlite.journal import journals_of, unapplied
+from readers.files.sqlite.pages import count_pages, journals_of, unapplied
 from readers.files.temporary import remove_abandoned, temporary_folder
 from readers.location import Location, RemotePath
 from readers.recording import (
@@ -236,11 +236,13 @@ def _open_file(path: Location, index: int, stack: ExitStack, options: ReadOption
                     f"{path}: the recorder did not close it, part of it is still in {journals[0].name}; "
                     f"`sqlite3 {path.name} 'PRAGMA wal_checkpoint'` in a copy of the folder completes it"
                 )
+        if magic.startswith(SQLITE_MAGIC) and is_recovering:
+            content = _whole_pages(content, stack)
         file = _file_of_kind(Source(path, index, options, losses), path, content, magic)
         stack.callback(file.close)
         if not magic.startswith((MCAP_MAGIC, SQLITE_MAGIC)) or any(loss.messages != 0 for loss in file.losses):
             return file
-        reason, fewer = contradiction(folder_metadata(path.parent), path.name, file.topics)
+        reason, fewer = contradiction(folder_metadata(path.parent), path.name, file.message_count)
         if reason:
             losses.note(0, reason, messages=fewer)
     return file
@@ -298,10 +300,8 @@ def _describe(magic: bytes, path: Path) -> str:
         return f"a ROS 1 bag of format {version}; convert it with `rosbag fix`"
     if path.suffix in {".bag", ".mcap", ".db3", ".pcap", ".pcapng"}:
         return f"other bytes than a {path.suffix} file begins with; it is damaged or something else"
-    printable = all(byte >= 32 or byte in b"\t\r\n" for byte in magic)
-    return (
-        "a text file; name the recording itself" if printable else "a file of another kind; name the recording itself"
-    )
+    is_text = all(byte >= 32 or byte in b"\t\r\n" for byte in magic)
+    return f"a {'text file' if is_text else 'file of another kind'}; name the recording itself"
 
 
 def _unpacked(path: Path, stack: ExitStack, losses: Losses, limits: LimitsConfig) -> Path:
@@ -353,4 +353,17 @@ def _completed(path: Path, journals: Sequence[Path], stack: ExitStack, losses: L
         losses.note(0, f"the recorder did not close it, and {names} cannot be applied ({damage.reason})")
     for journal in journals:
         (folder / journal.name).unlink(missing_ok=True)
+    return copy
+
+
+def _whole_pages(content: Path, stack: ExitStack) -> Path:
+    """A database, or a copy without its last page if it ends inside that: SQLite would read zeros for the rest."""
+    with content.open("rb") as stream:
+        pages = count_pages(stream)
+    if not pages.rest:
+        return content
+    copy = stack.enter_context(temporary_folder()) / content.name
+    shutil.copyfile(content, copy)
+    with copy.open("r+b") as stream:
+        stream.truncate(pages.whole * pages.page_bytes)
     return copy

@@ -28,7 +28,7 @@ class ReadOptions(NamedTuple):
     """How a recording is read.
 
     Attributes:
-        recovery: What to do about damage. `none`: it is an error. `as_needed`: read what can be read of a damaged file,
+        recovery: How damage is treated. `none`: it is an error. `as_needed`: read what can be read of a damaged file,
             and list the rest in `Recording.losses`. `full_scan`: the same, but read every record once even if index or
             summary seem valid, which finds messages that these do not list.
         limits: How much memory and disk space the recording may use.
@@ -83,7 +83,7 @@ class Loss:
     Attributes:
         path: The file.
         position: Byte at which it begins; for a file that is compressed as a whole, byte of the unpacked content.
-        reason: What was expected there and what was found.
+        reason: The expected and the found content.
         size: Its size in the file, in bytes; None if unknown.
         messages: Number of messages lost with it; None if unknown.
     """

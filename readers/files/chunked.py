@@ -18,7 +18,7 @@ from pipeline.core.errors import RecordingError, is_short_memory
 from pipeline.core.messages import Channel, RawMessage
 from readers.files.container import Container, read_exactly
 from readers.files.damage import LIBRARY_ERRORS
-from readers.files.decompress import Allowance, decompressed
+from readers.files.decompress import decompressed
 from readers.files.passes import JUMP_NS, pass_starts
 from readers.location import RemotePath
 from readers.messages.header_stamp import stamp_or_log_time
@@ -83,7 +83,7 @@ class ChunkedFile(Container):
         self._known_ids = known_ids
         self._bad_chunks: set[int] = set()
         self._last_read: tuple[int, list[Entry]] = (-1, [])  # the first chunk is asked for each topic's first message
-        self._cache = ChunkCache(max_loaded_bytes=self._limits.max_unpacked_bytes(self._stream.seek(0, 2)))
+        self._cache = ChunkCache()
         self._pass_places = self._find_passes()
 
     @abstractmethod
@@ -111,7 +111,6 @@ class ChunkedFile(Container):
         self, wanted: set[int], start_ns: int, stop_ns: int, begin: FilePlace, end: FilePlace
     ) -> Iterator[RawMessage]:
         """Those of one pass of the recorder's clock, which lies between two places of the file."""
-        self._cache.begin()
 
         def is_taken(entry: Entry) -> bool:
             if entry.channel_id not in wanted or not start_ns <= entry.log_time_ns < stop_ns:
@@ -259,34 +258,19 @@ class ChunkCache:
 
     Args:
         max_bytes: Bytes that are kept.
-        max_loaded_bytes: Bytes that may be unpacked in total since `begin`; None for no bound.
     """
 
-    def __init__(self, max_bytes: int = CACHE_BYTES, *, max_loaded_bytes: int | None = None) -> None:
+    def __init__(self, max_bytes: int = CACHE_BYTES) -> None:
         self._max_bytes = max_bytes
-        self._max_loaded = max_loaded_bytes
-        self.begin()
         self._bytes = 0
         self._chunks: OrderedDict[int, bytes] = OrderedDict()
 
-    def begin(self) -> None:
-        """Restart the count of unpacked bytes, because the recording is read once more."""
-        self._allowance = None if self._max_loaded is None else Allowance(self._max_loaded)
-
     def get(self, position: int, load: Callable[[], bytes]) -> bytes:
-        """The chunk at `position` of the file; `load` is called if it is not in the cache.
-
-        Raises:
-            ValueError: more was unpacked than is allowed.
-        """
+        """The chunk at `position` of the file; `load` is called if it is not in the cache."""
         if position in self._chunks:
             self._chunks.move_to_end(position)
             return self._chunks[position]
-        if self._allowance is not None:
-            self._allowance.take(0)
         chunk = load()
-        if self._allowance is not None:
-            self._allowance.take(len(chunk))
         self._chunks[position] = chunk
         self._bytes += len(chunk)
         while self._bytes > self._max_bytes and len(self._chunks) > 1:

@@ -1,4 +1,4 @@
-"""What the readers of all file formats share: how to read the file, and the record of its damage."""
+"""Base of the readers of all file formats: how to read the file, and the record of its damage."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
@@ -24,7 +24,7 @@ class Source:
         index: Its place in the recording.
         options: How it is read.
         losses: Collects its damage.
-        metadata: What the metadata.yaml in its folder says about it.
+        metadata: Content of the metadata.yaml in its folder.
     """
 
     path: Location

@@ -38,13 +38,13 @@ LIBRARY_ERRORS: tuple[type[Exception], ...] = (
     ArithmeticError,
     AssertionError,
     LookupError,
-    MemoryError,  # never damage: `_is_damage` says so, and `library_errors` tells it
+    MemoryError,  # never damage: see `_is_damage`; `library_errors` reports it
     TypeError,
     ValueError,
 )
 
 MAX_OTHERS = 1_000_000
-"""Unlisted losses that are still told apart, so that each counts once."""
+"""Unlisted losses that are remembered, so that each counts once."""
 
 
 class DamageError(RecordingError):
@@ -83,7 +83,7 @@ class DamageGuard:
 
 
 class Losses:
-    """What could not be read of one file; each loss is listed once, however often the file is read.
+    """Parts of one file that could not be read; each loss is listed once, however often the file is read.
 
     Args:
         path: The file.

@@ -1,13 +1,12 @@
 """Decompression of chunks and messages, up to a maximum size, and of incomplete chunks as far as they go."""
 
 from bz2 import BZ2Decompressor
-from typing import BinaryIO, NamedTuple, Protocol
+from typing import BinaryIO, NamedTuple
 
 import zstandard
 from lz4.frame import LZ4FrameDecompressor
 
 __all__ = [
-    "Allowance",
     "Unpacked",
     "check_chunk_size",
     "check_complete",
@@ -30,37 +29,6 @@ class Unpacked(NamedTuple):
     data: bytes
     packed_size: int
     complete: bool
-
-
-class Allowance:
-    """How much the chunks of a file may still unpack to.
-
-    Args:
-        size: Bytes of all chunks together.
-    """
-
-    def __init__(self, size: int) -> None:
-        self._size = self._left = size
-
-    def take(self, size: int) -> None:
-        """Use up `size` bytes.
-
-        Raises:
-            ValueError: nothing is left.
-        """
-        if self._left < 0:
-            raise ValueError(f"chunks unpack to more than {self._size} bytes, see limits.max_unpacked_file_gib")
-        self._left -= size
-
-
-class _Decompressor(Protocol):
-    @property
-    def eof(self) -> bool: ...
-    @property
-    def needs_input(self) -> bool: ...
-    @property
-    def unused_data(self) -> bytes | None: ...
-    def decompress(self, data: bytes, max_length: int = -1) -> bytes: ...
 
 
 def compression_of(first_bytes: bytes) -> str:
@@ -114,9 +82,7 @@ def unpack_lz4(data: bytes, size: int, *, largest: int) -> bytes:
     return parts[0] if len(parts) == 1 else b"".join(parts)
 
 
-def unpack(
-    stream: BinaryIO, position: int, end: int, compression: str, *, largest: int, allowance: Allowance | None = None
-) -> Unpacked:
+def unpack(stream: BinaryIO, position: int, end: int, compression: str, *, largest: int) -> Unpacked:
     """The content of the compressed data that begin at `position` and end before `end`.
 
     Args:
@@ -125,14 +91,15 @@ def unpack(
         end: Byte after the data.
         compression: `lz4` or `bz2`.
         largest: Bytes that they may unpack to.
-        allowance: Bytes that all chunks together may unpack to.
 
     Raises:
         ValueError: they unpack to more.
         OSError: bz2 found damage.
         RuntimeError: lz4 found damage.
     """
-    decompressor: _Decompressor = LZ4FrameDecompressor() if compression == "lz4" else BZ2Decompressor()
+    decompressor: LZ4FrameDecompressor | BZ2Decompressor = (
+        LZ4FrameDecompressor() if compression == "lz4" else BZ2Decompressor()
+    )
     stream.seek(position)
     parts: list[bytes] = []
     total = 0
@@ -142,8 +109,6 @@ def unpack(
             piece = stream.read(min(PIECE, end - stream.tell()))
             if not piece:
                 break
-        if allowance is not None:
-            allowance.take(0 if not parts else len(parts[-1]))
         parts.append(decompressor.decompress(piece, MAX_AT_ONCE))
         total += len(parts[-1])
         check_chunk_size(total, largest)

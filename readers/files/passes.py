@@ -19,11 +19,11 @@ JUMP_NS = 1_000_000_000
 MIN_BEFORE = 5
 """Messages of the topic before a jump that are needed to know its period."""
 
-LOOKED_AT = 20
-"""Messages of the topic after a jump that are looked at."""
+MAX_COMPARED = 20
+"""Messages of the topic after a jump that are compared."""
 
 MAX_JUMPS = 100
-"""Jumps of topics that are looked at: a shuffled file has as many as messages."""
+"""Jumps of topics that are examined: a shuffled file has as many as messages."""
 
 WITHIN_PERIODS = 1.5
 """A time is covered if a message lies this near."""
@@ -57,7 +57,7 @@ def pass_starts(log_times_ns: I64, topics: I64) -> Sequence[int]:
             continue
         same = np.flatnonzero(topics == topics[row])
         same = same[same >= starts[-1]]
-        if _covers(log_times_ns[same[same < row]], log_times_ns[same[same >= row][:LOOKED_AT]]):
+        if _covers(log_times_ns[same[same < row]], log_times_ns[same[same >= row][:MAX_COMPARED]]):
             starts.append(row)
     return starts[1:]
 

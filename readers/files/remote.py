@@ -9,7 +9,7 @@ import errno
 import io
 import logging
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from tempfile import TemporaryFile
@@ -19,7 +19,7 @@ from pipeline.core.errors import RecordingError, is_short_memory
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.location import RemotePath
 
-__all__ = ["RemoteFile", "open_remote", "tell_full_read"]
+__all__ = ["RemoteFile", "open_remote", "warn_of_full_read"]
 
 logger = logging.getLogger(__name__)
 
@@ -37,7 +37,6 @@ SILENCE_S = 30.0
 REQUEST_SHARE = 0.2
 """Share of the time that a request may take that one is meant to take."""
 
-MAX_FACT_CHARACTERS = 200
 HEADERS = {"Accept-Encoding": "identity"}
 
 EXTRAS = {"http": "http", "https": "http", "s3": "s3", "s3a": "s3"}
@@ -176,7 +175,8 @@ class RemoteFile(io.BufferedIOBase):
         self.size = int(info["size"])
         known = {"etag": ("ETag", "etag"), "last_modified": ("LastModified", "Last-Modified")}
         facts = {name: next((str(info[key]) for key in keys if info.get(key)), "") for name, keys in known.items()}
-        self.path = replace(self.path, facts=_shown({"size": str(self.size), **facts}))
+        shown = {"size": str(self.size), **facts}
+        self.path = replace(self.path, facts=tuple((name, value) for name, value in shown.items() if value))
         options: dict[str, Any] = {}
         if is_web:
             headers = {"If-Match": facts["etag"]} if facts["etag"].startswith('"') else {}  # weak ones never match
@@ -186,38 +186,36 @@ class RemoteFile(io.BufferedIOBase):
         if self.size:
             self._file = system.open(self.path.url, "rb", cache_type="none", **options)
 
-    def _pages_of(self, start: int, size: int) -> range:
-        return range(start // PAGE_BYTES, -(-min(start + size, self.size) // PAGE_BYTES))
-
     def _need(self, start: int, size: int) -> None:
         """Fetch these bytes unless they are kept, and more of what follows if reading is sequential."""
-        pages = self._pages_of(start, size)
-        missing = next((page for page in pages if page not in self._pages), None)
+        first, stop = start // PAGE_BYTES, -(-(start + size) // PAGE_BYTES)
+        missing = next((page for page in range(first, stop) if page not in self._pages), None)
         if missing is None:
             return
         more = self._run * 2 if missing == self._end_of_last else 1
         more = MAX_REQUEST_PAGES if self._is_wanted_whole else more
-        self._run = min(max(more, len(pages)), MAX_REQUEST_PAGES)
-        ahead = range(pages.start, max(pages.stop, min(missing + self._run, -(-self.size // PAGE_BYTES))))
-        self._fetch_pages(ahead)
-
-    def _fetch_pages(self, pages: Collection[int]) -> None:
-        """Fetch these pages unless they are kept."""
-        if (len(self._pages) + sum(page not in self._pages for page in pages)) * PAGE_BYTES > MAX_KEPT_BYTES:
+        self._run = min(max(more, stop - first), MAX_REQUEST_PAGES)
+        stop = max(stop, min(missing + self._run, -(-self.size // PAGE_BYTES)))
+        if (len(self._pages) + stop - missing) * PAGE_BYTES > MAX_KEPT_BYTES:
             self._kept.truncate(0)
             self._pages.clear()
-        wanted = [page for page in pages if page not in self._pages]
-        while wanted:
-            first, last = next(_runs(wanted, self._max_pages))
-            wanted = wanted[last - first :]
-            start = first * PAGE_BYTES
-            began_s = time.monotonic()
-            data = self._range(start, min(last * PAGE_BYTES, self.size))
-            self._adapt(len(data), time.monotonic() - began_s)
-            self._kept.seek(start)
-            self._kept.write(data)
-            self._pages.update(range(first, last))
-            self._end_of_last = last
+        while first < stop:
+            if first in self._pages:
+                first += 1
+                continue
+            most = range(first, min(first + self._max_pages, stop))
+            first = self._fetch(first, next((page for page in most if page in self._pages), most.stop))
+
+    def _fetch(self, first: int, last: int) -> int:
+        """Fetch the pages from `first` up to `last`, which is returned, in one request."""
+        start, began_s = first * PAGE_BYTES, time.monotonic()
+        data = self._range(start, min(last * PAGE_BYTES, self.size))
+        self._adapt(len(data), time.monotonic() - began_s)
+        self._kept.seek(start)
+        self._kept.write(data)
+        self._pages.update(range(first, last))
+        self._end_of_last = last
+        return last
 
     def _adapt(self, size: int, seconds: float) -> None:
         """Ask for as much at once as takes a small part of the time that a request may take."""
@@ -226,19 +224,17 @@ class RemoteFile(io.BufferedIOBase):
         self._max_pages = min(max(pages, 1), MAX_REQUEST_PAGES)
 
     def _range(self, start: int, stop: int) -> bytes:
-        return self._attempt(f"the connection was lost at byte {start}", lambda: self._range_once(start, stop))
+        def once() -> bytes:
+            try:
+                self._file.seek(start)
+                data = bytes(self._file.read(stop - start))
+            except ValueError:  # fsspec says that the server sent something else than a part
+                raise _AnswerError(NO_RANGES) from None
+            if len(data) != stop - start:
+                raise EOFError(f"{len(data)} of {stop - start} bytes")
+            return data
 
-    def _range_once(self, start: int, stop: int) -> bytes:
-        try:
-            self._file.seek(start)
-            data = bytes(self._file.read(stop - start))
-        except ValueError:  # fsspec says that the server sent something else than a part
-            raise _AnswerError(NO_RANGES) from None
-        if len(data) > stop - start:
-            raise _AnswerError(f"its server sends more than it was asked for; {REMEDY}")
-        if len(data) < stop - start:
-            raise EOFError(f"{len(data)} of {stop - start} bytes")
-        return data
+        return self._attempt(f"the connection was lost at byte {start}", once)
 
     def _attempt(self, failed: str, action: Callable[[], T]) -> T:
         """The result of `action`, tried again after network errors that may be temporary.
@@ -276,32 +272,16 @@ def open_remote(path: RemotePath, limits: LimitsConfig = DEFAULT_LIMITS) -> tupl
     return remote.path, cast("BinaryIO", remote)
 
 
-def tell_full_read(stream: BinaryIO, because: str) -> None:
+def warn_of_full_read(stream: BinaryIO, because: str) -> None:
     """Warn that the whole file will be fetched, and fetch it in large parts; does nothing for a local file."""
-    if remote := _remote(stream):
-        remote.fetch_ahead()
-        logger.warning("%s: %s: all of it is fetched, %.1f MB", remote.path, because, remote.size / 1e6)
-
-
-def _remote(stream: object) -> RemoteFile | None:
-    return stream if isinstance(stream, RemoteFile) else None
-
-
-def _runs(pages: Iterable[int], max_pages: int) -> Iterator[tuple[int, int]]:
-    """First page and the one after the last of each run of adjacent pages, each one request; in the order given."""
-    first = last = -1
-    for page in pages:
-        if page != last or last - first == max_pages:
-            if last > first:
-                yield first, last
-            first = page
-        last = page + 1
-    if last > first:
-        yield first, last
+    file: object = stream
+    if isinstance(file, RemoteFile):
+        file.fetch_ahead()
+        logger.warning("%s: %s: all of it is fetched, %.1f MB", file.path, because, file.size / 1e6)
 
 
 def _file_system(path: RemotePath, max_request_s: float) -> Any:
-    """What fsspec reads a protocol with.
+    """The file system with which fsspec reads a protocol.
 
     Raises:
         RecordingError: the protocol is unknown, or what it needs is not installed.
@@ -333,7 +313,7 @@ def _file_system(path: RemotePath, max_request_s: float) -> Any:
 
 
 def _meaning_of(err: BaseException) -> tuple[str, bool]:
-    """What an error of the libraries below means, without secrets, and whether the same request may succeed."""
+    """Meaning of an error of the libraries below, without secrets, and whether the same request may succeed."""
     if isinstance(err, _AnswerError):
         return str(err), False
     chain = [err]
@@ -360,7 +340,3 @@ def _status(err: BaseException) -> int | None:
     if isinstance(response, dict):
         status = response.get("ResponseMetadata", {}).get("HTTPStatusCode")
     return status if isinstance(status, int) else None
-
-
-def _shown(facts: dict[str, str]) -> tuple[tuple[str, str], ...]:
-    return tuple((name, value[:MAX_FACT_CHARACTERS]) for name, value in facts.items() if value and value.isprintable())

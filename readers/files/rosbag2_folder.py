@@ -1,20 +1,17 @@
-"""ROS 2 bag folders: their files, and what metadata.yaml says about them."""
+"""ROS 2 bag folders: their files, and the content of metadata.yaml."""
 
-from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 import yaml
-from rosbags.typesys.msg import normalize_msgtype
 
 from pipeline.core.errors import RecordingError
 from pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
 from pipeline.core.text import one_line
 from readers.natural_order import natural_key
-from readers.recording import TopicInfo
 
 __all__ = ["FolderMetadata", "contradiction", "folder_metadata", "recording_files", "unlisted_files"]
 
@@ -31,16 +28,13 @@ class FolderMetadata:
         file_names: The files in recording order.
         message_compression: Whether each message is compressed with zstd.
         distro: Name of the ROS 2 release, or empty.
-        counts: Number of messages by topic and type, of all files together; empty if it does not say, or its own
-            numbers differ from one another.
-        file_counts: Number of messages by file name.
+        counts: Number of messages by file name; empty if it does not say, or its own numbers differ from one another.
     """
 
     file_names: tuple[str, ...] = ()
     message_compression: bool = False
     distro: str = ""
-    counts: Mapping[tuple[str, str], int] = field(default_factory=dict)
-    file_counts: Mapping[str, int] = field(default_factory=dict)
+    counts: Mapping[str, int] = field(default_factory=dict)
 
 
 def unlisted_files(folder: Path) -> tuple[Path, ...]:
@@ -56,30 +50,18 @@ def unlisted_files(folder: Path) -> tuple[Path, ...]:
     return tuple(sorted(others, key=lambda file: natural_key(file.name)))
 
 
-def contradiction(metadata: FolderMetadata, name: str, topics: Collection[TopicInfo]) -> tuple[str, int]:
-    """How a file and what metadata.yaml says of it differ, and how many messages the file has fewer; empty if not.
+def contradiction(metadata: FolderMetadata, name: str, found: int) -> tuple[str, int]:
+    """How a file and metadata.yaml differ, and how many messages the file lacks; an empty reason if they agree.
 
     Args:
-        metadata: What it says.
+        metadata: Content of metadata.yaml.
         name: Of the file.
-        topics: What the file holds.
+        found: Number of messages in the file.
     """
-    if name not in metadata.file_names:
+    said = metadata.counts.get(name, found)
+    if said == found:
         return "", 0
-    found = Counter({(info.topic, info.msgtype): info.message_count for info in topics})
-    said = metadata.file_counts.get(name, found.total())
-    if metadata.counts and (strange := sorted(key for key in +found if key not in metadata.counts)):
-        topic, msgtype = strange[0]
-        more = f" (and {len(strange) - 1} more)" if len(strange) > 1 else ""
-        return f"{METADATA} does not list topic {topic!r} of type {msgtype!r}{more}", 0
-    if metadata.counts and metadata.file_names == (name,):
-        for key, count in sorted(metadata.counts.items()):
-            if count != found[key]:
-                fewer = max(sum(metadata.counts.values()) - found.total(), 0)
-                return f"{METADATA} says {count} messages of {key[0]!r}, the file has {found[key]}", fewer
-    if said != found.total():
-        return f"{METADATA} says {said} messages, the file has {found.total()}", 0
-    return "", 0
+    return f"{METADATA} says {said} messages, the file has {found}", max(said - found, 0)
 
 
 def recording_files(folder: Path) -> tuple[Path, ...]:
@@ -113,7 +95,7 @@ def recording_files(folder: Path) -> tuple[Path, ...]:
 
 
 def folder_metadata(folder: Path) -> FolderMetadata:
-    """What metadata.yaml of `folder` says; the defaults if there is none.
+    """Content of the metadata.yaml of `folder`; the defaults if there is none.
 
     Raises:
         RecordingError: it cannot be read.
@@ -137,7 +119,7 @@ def folder_metadata(folder: Path) -> FolderMetadata:
         raise RecordingError(
             f"{path}: expected compression zstd, found {compression!r}; convert it with `ros2 bag convert`"
         )
-    return FolderMetadata(names, mode == "message", distro, _counts(information), _file_counts(information))
+    return FolderMetadata(names, mode == "message", distro, _counts(information, names))
 
 
 @lru_cache(maxsize=1)
@@ -146,26 +128,16 @@ def _parsed(text: bytes) -> Any:
     return parse_yaml(text)
 
 
-def _counts(information: dict[str, Any]) -> Mapping[tuple[str, str], int]:
-    """`FolderMetadata.counts`; whatever is not as expected says nothing."""
-    counts: Counter[tuple[str, str]] = Counter()
+def _counts(information: dict[str, Any], names: tuple[str, ...]) -> Mapping[str, int]:
+    """`FolderMetadata.counts`; values of another kind than expected count as missing."""
     try:
-        for entry in information["topics_with_message_count"]:
-            topic = entry["topic_metadata"]
-            counts[str(topic["name"]), normalize_msgtype(str(topic["type"]))] += int(entry["message_count"])
         total = int(information["message_count"])
-    except (LookupError, TypeError, ValueError, AttributeError):
-        return {}
-    return counts if counts.total() == total else {}
-
-
-def _file_counts(information: dict[str, Any]) -> Mapping[str, int]:
-    """`FolderMetadata.file_counts`; whatever is not as expected says nothing."""
-    try:
+        if len(names) == 1:
+            return {names[0]: total}
         counts = {PurePosixPath(file["path"]).name: int(file["message_count"]) for file in information["files"]}
-        return counts if sum(counts.values()) == int(information["message_count"]) else {}
     except (LookupError, TypeError, ValueError, AttributeError):
         return {}
+    return counts if sum(counts.values()) == total else {}
 
 
 def _unpacked_name(name: str) -> str:

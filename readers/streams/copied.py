@@ -33,7 +33,7 @@ class CopiedMessages:
     """The messages of some topics, as CDR, each handed on with the first frame that was not recorded before it.
 
     Messages wait only while no frame is complete, and then not more than `limits` allow: memory does not grow with the
-    recording. What is handed on with which frame depends on the recording alone.
+    recording. Which message goes with which frame depends on the recording alone.
 
     Args:
         topics: Topics to copy.
@@ -98,7 +98,7 @@ class CopiedMessages:
         return replace(bundle, copied=copied, truth=tuple(boxes for boxes in drawn if boxes is not None))
 
     def _true_boxes(self, message: RawMessage) -> TrueBoxes | None:
-        """What a message says; None if it cannot be drawn: it is copied all the same; an evaluation says so."""
+        """The boxes of a message; None if it cannot be drawn: it is copied all the same, and an evaluation says so."""
         try:
             found = decode_detections3d(message, limits=self._limits)
         except MessageError:
@@ -130,7 +130,7 @@ class CopiedMessages:
         self._bytes += _memory_of(copied)
 
     def _until(self, log_time_ns: int) -> tuple[RawMessage, ...]:
-        """What was recorded up to a time, or before the recorder's time jumped back; it no longer waits."""
+        """The messages recorded up to a time, or before the recorder's time jumped back; it no longer waits."""
         while self._waiting and self._waiting[0].log_time_ns <= log_time_ns:
             self._due.append(self._waiting.popleft())
         found, self._due = tuple(self._due), []

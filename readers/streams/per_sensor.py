@@ -27,7 +27,7 @@ def sensor_messages(recording: Recording, *, limits: LimitsConfig = DEFAULT_LIMI
 
     Args:
         recording: Open recording.
-        limits: What a message that is split or converted may hold.
+        limits: Sizes that a message may have that is split or converted.
 
     Raises:
         RecordingError: the recording cannot be read; it is then closed.

@@ -59,7 +59,7 @@ def survey(
     """All topics by name; with `stop_ns`, everything but the counts covers only messages recorded before that time.
 
     Sixteen bytes a message are held. All messages are read, to find damage, but only the times of the first
-    `limits.max_messages_in_memory` are looked at; a warning says so.
+    `limits.max_messages_in_memory` are used; a warning says so.
 
     Raises:
         RecordingError: the recording cannot be read to its end.
@@ -106,7 +106,7 @@ def _topic_survey(info: TopicInfo, times_ns: I64, count: int, faults: tuple[str,
         info: The topic.
         times_ns: (N, 2) stamps and log times of its first messages.
         count: Number of its messages.
-        faults: The first time that is none, and how many there are.
+        faults: The first invalid time, and the number of them.
     """
     stamps_ns, log_ns = times_ns.T
     steps_s = np.diff(stamps_ns).astype(np.float64)

@@ -23,7 +23,6 @@ from pipeline.core.settings.recording import VelodyneConfig, VelodyneLidarConfig
 from readers.messages.boundary.decoding import decoder
 from readers.messages.point_time import MAX_OFFSET_NS
 from readers.velodyne.calibration import read_velodyne_calibration
-from readers.velodyne.layout import LAST, NOT_TOLD, STRONGEST, Beams, Layout
 from readers.velodyne.models import (
     BLOCK_FLAGS,
     MODELS,
@@ -32,7 +31,7 @@ from readers.velodyne.models import (
     VelodyneModel,
     built_in_table,
 )
-from readers.velodyne.points import cloud_of
+from readers.velodyne.points import LAST, STRONGEST, UNKNOWN_RETURN, Beams, Layout, cloud_of
 from readers.velodyne.scan import VelodynePackets, parse_velodyne_scan
 
 __all__ = ["VelodyneDecoder", "VelodyneDecoders"]
@@ -181,7 +180,7 @@ def _layout_of(packets: VelodynePackets, model: VelodyneModel) -> Layout:
     mode = int(packets.fields["mode"][0])
     if mode == DUAL:
         return Layout(model.columns_dual, model.banks, (LAST, STRONGEST))
-    return Layout(model.columns, model.banks, (RETURN_MODES.get(mode, NOT_TOLD),))
+    return Layout(model.columns, model.banks, (RETURN_MODES.get(mode, UNKNOWN_RETURN),))
 
 
 def _known_packets(packets: VelodynePackets, beams: Beams, topic: str) -> Bools | None:

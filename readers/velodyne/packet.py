@@ -40,7 +40,7 @@ def packet_channel(topic: str) -> Channel:
 
 
 def scan_channel(topic: str) -> Channel:
-    """The channel of the scans made of a topic's packets."""
+    """The channel of the scans gathered from a topic's packets."""
     return Channel(topic, SCAN, "cdr", ROS2.definition(SCAN))
 
 

@@ -36,7 +36,7 @@ TURN = 36_000
 HOUR_US = 3_600_000_000
 
 _FIRST_BLOCK_AND_CLOCK = struct.Struct("<8x HH 1196x I")
-"""Of a stamped packet: flag and azimuth of the first block, and the sensor's microseconds in the hour."""
+"""Fields of a stamped packet: flag and azimuth of the first block, and the sensor's microseconds in the hour."""
 
 
 def gather_sweeps(

@@ -31,11 +31,6 @@ def test_a_file_has_its_size_and_checksum(tmp_path: Path) -> None:
     assert unread.provenance == {"name": "drive.bag", "size": "7"}
 
 
-def test_a_folder_that_is_not_read(tmp_path: Path) -> None:
-    assert InputFile.unread(tmp_path).tree() == {"path": str(tmp_path), "bytes": None, "sha256": None}
-    assert InputFile.unread(tmp_path).provenance == {"name": tmp_path.name}
-
-
 def test_a_file_on_a_server_is_not_read() -> None:
     found = read_input_file(RemotePath("https://me:secret@host/a/drive.mcap?signature=x", FACTS))
     shown = "https://host/a/drive.mcap?..."
@@ -89,17 +84,6 @@ def test_what_was_not_asked_for_is_read_at_the_end(tmp_path: Path) -> None:
         files.read_up_to(0.5)
         paths[1].write_bytes(b"\1" * STEP_BYTES)
         assert files.finish()[1].sha256 == sha256(b"\1" * STEP_BYTES).hexdigest()
-
-
-def test_the_thread_ends_before_all_is_read(tmp_path: Path) -> None:
-    path = tmp_path / "drive.bag"
-    path.write_bytes(bytes(20 * STEP_BYTES))
-    before = threading.active_count()
-    with closing(InputFiles([path], with_checksums=True)) as files:
-        for row in range(1, 20):
-            files.read_up_to(row / 20)
-        assert threading.active_count() == before + 1
-    assert threading.active_count() == before
 
 
 class SlowDigest:

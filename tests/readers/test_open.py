@@ -144,16 +144,6 @@ def test_splitting_a_recording_changes_nothing(
     assert plain(read(*parts)) == expected
 
 
-def test_order_names_the_file(tmp_path: Path) -> None:
-    messages = drive("cdr")
-    first = write(tmp_path, "mcap-none", messages[:8], "a")
-    second = write(tmp_path, "folder:sqlite3-none", messages[8:], "b")
-    with open_recording([first, second]) as recording:
-        assert [m.order[0] for m in recording.messages()] == [0] * 8 + [1] * 8
-        assert recording.paths == (first, second / "b.db3")
-        assert len(recording.topics) == 2
-
-
 def test_one_topic_with_two_definitions(tmp_path: Path) -> None:
     old = raw("/state", "std_msgs/msg/Header", header(T0, "a"), T0)
     path = tmp_path / "two.mcap"
@@ -173,14 +163,6 @@ def test_messages_stay_valid_after_closing_and_reading_then_fails(tmp_path: Path
     assert plain(kept) == plain(messages)
     with pytest.raises(RecordingError, match="was closed"):
         next(recording.messages())
-
-
-def test_two_readings_at_once_do_not_disturb_each_other(tmp_path: Path) -> None:
-    for kind, encoding in (("bag-none", "ros1"), ("mcap-lz4", "cdr"), ("loose", "cdr"), ("folder:sqlite3-none", "cdr")):
-        messages = drive("ros1" if encoding == "ros1" else "cdr")
-        with open_recording([write(tmp_path, kind, messages, kind[-4:])]) as recording:
-            pairs = list(zip(recording.messages(), recording.messages(), strict=True))
-        assert plain([a for a, _ in pairs]) == plain([b for _, b in pairs]) == plain(messages)
 
 
 def test_the_name_of_a_file_does_not_matter(tmp_path: Path) -> None:
@@ -286,12 +268,3 @@ def test_real_recording_in_three_compressions() -> None:
         assert recording.message_count == 0
     assert_refused([folder / "asci-file.txt"], "a text file")
     assert_refused([folder / "empty-file.bag"], "an empty file")
-
-
-@pytest.mark.parametrize("name", ["vlp16/1673400471837873222", "vls128/1614315746471294674"])
-def test_real_rosbag2_folder_without_definitions(name: str) -> None:
-    with open_recording([shared(f"data/velodyne_packets/{name}")]) as recording:
-        messages = list(recording.messages())
-        assert [t.msgtype for t in recording.topics] == ["velodyne_msgs/msg/VelodyneScan"]
-    assert len(messages) == 4
-    assert all(m.channel.encoding == "cdr" and not m.channel.definition for m in messages)

@@ -23,14 +23,12 @@ __all__ = [
 ]
 
 PCAP_FORMS = {
-    "little, us": ("<", 0xA1B2C3D4, 1000, b""),
-    "big, us": (">", 0xA1B2C3D4, 1000, b""),
-    "little, ns": ("<", 0xA1B23C4D, 1, b""),
-    "big, ns": (">", 0xA1B23C4D, 1, b""),
-    "little, modified": ("<", 0xA1B2CD34, 1000, bytes(8)),
-    "big, modified": (">", 0xA1B2CD34, 1000, bytes(8)),
+    "little, us": ("<", 0xA1B2C3D4, 1000),
+    "big, us": (">", 0xA1B2C3D4, 1000),
+    "little, ns": ("<", 0xA1B23C4D, 1),
+    "big, ns": (">", 0xA1B23C4D, 1),
 }
-"""Byte order, magic number, nanoseconds of a tick, and what stands behind the header of a packet."""
+"""Byte order, magic number, and nanoseconds of a tick."""
 
 
 # --- packets
@@ -65,11 +63,11 @@ def ethernet(data: Any, kind: int | None = None) -> bytes:
 
 def pcap(packets: Iterable[tuple[int, bytes]], form: str = "little, ns", link_type: int = 1) -> bytes:
     """A file of (time in nanoseconds, packet)."""
-    order, magic, tick_ns, behind = PCAP_FORMS[form]
+    order, magic, tick_ns = PCAP_FORMS[form]
     parts = [struct.pack(f"{order}IHHiIII", magic, 2, 4, 0, 0, 65535, link_type)]
     for time_ns, packet in packets:
         sec, rest_ns = divmod(time_ns, 10**9)
-        parts.append(struct.pack(f"{order}IIII", sec, rest_ns // tick_ns, len(packet), len(packet)) + behind + packet)
+        parts.append(struct.pack(f"{order}IIII", sec, rest_ns // tick_ns, len(packet), len(packet)) + packet)
     return b"".join(parts)
 
 

@@ -1,4 +1,4 @@
-"""What an MCAP file contains and where, according to its summary section.
+"""Contents of an MCAP file according to its summary section.
 
 The mcap library parses the records, but its own reader unpacks every chunk that it meets while it looks for the header
 or the summary, whatever its size, allocates what a damaged length asks for, and passes over zeros nine bytes at a time.
@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from itertools import pairwise
-from typing import Any, BinaryIO, Literal
+from typing import Any, BinaryIO
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -29,8 +29,8 @@ __all__ = [
     "checksum_of",
     "contents_of_summary",
     "end_of_records",
+    "is_summary_sound",
     "read_profile",
-    "summary_checksum",
     "summary_start",
 ]
 
@@ -45,12 +45,12 @@ RECORDS: dict[int, Any] = {
     Opcode.CHUNK_INDEX: ChunkIndex,
     Opcode.STATISTICS: Statistics,
 }
-"""What is read of a summary, by opcode."""
+"""Records of a summary that are read, by opcode."""
 
 
 @dataclass(slots=True)
 class Contents:
-    """What a file contains and where.
+    """Contents of a file, and their places.
 
     Attributes:
         schemas: By id.
@@ -86,7 +86,7 @@ def read_profile(stream: BinaryIO) -> str:
 
 
 def contents_of_summary(stream: BinaryIO) -> Contents | None:
-    """What the summary section says; None if it does not say all that is needed.
+    """Contents according to the summary section; None if it lacks something.
 
     Raises:
         ValueError: its checksum is wrong, or it contradicts itself.
@@ -107,7 +107,7 @@ def contents_of_summary(stream: BinaryIO) -> Contents | None:
                 contents.channels[record.id] = record
             elif isinstance(record, ChunkIndex):
                 contents.chunks.append(_place_of(record))
-    if summary_checksum(stream) == "wrong":
+    if not is_summary_sound(stream):
         raise ValueError("the checksum of its summary is wrong")
     if statistics is None:
         return None
@@ -142,8 +142,8 @@ def _place_of(record: ChunkIndex) -> ChunkPlace:
     return ChunkPlace(start_ns, record.chunk_start_offset, end_ns, ids, record.chunk_length, count)
 
 
-def summary_checksum(stream: BinaryIO) -> Literal["right", "wrong", "none"]:
-    """Whether the summary section has the checksum that the footer names, or the footer names none.
+def is_summary_sound(stream: BinaryIO) -> bool:
+    """Whether the summary has the checksum that the footer names, if it names one.
 
     Raises:
         OSError: the file is shorter than a footer.
@@ -151,10 +151,8 @@ def summary_checksum(stream: BinaryIO) -> Literal["right", "wrong", "none"]:
     end = stream.seek(-FOOTER.size - MAGIC_BYTES, 2)
     _, _, start, _, crc = FOOTER.unpack(read_exactly(stream, FOOTER.size))
     if not crc or not start:
-        return "none"
-    if start > end:
-        return "wrong"
-    return "right" if checksum_of(stream, start, end + FOOTER.size - 4) == crc else "wrong"  # all but itself
+        return True
+    return bool(start <= end) and checksum_of(stream, start, end + FOOTER.size - 4) == crc  # all but itself
 
 
 def checksum_of(stream: BinaryIO, start: int, end: int) -> int:

@@ -15,7 +15,7 @@ from readers.files.mcap.channels import channel_of, message_type
 from readers.files.mcap.index import Contents, contents_of_summary, read_profile
 from readers.files.mcap.records import INDEX_HEAD, PAIR_BYTES, RECORD_HEAD, entry_of, load_chunk, records_in
 from readers.files.mcap.recovery import contents_of_scan
-from readers.files.remote import tell_full_read
+from readers.files.remote import warn_of_full_read
 from readers.recording import RosVersion, TopicInfo, merge_topics
 
 __all__ = ["McapFile"]
@@ -57,12 +57,10 @@ class McapFile(ChunkedFile):
             summary = contents_of_summary(self._stream)
         if summary is not None and self._source.options.recovery != "full_scan":
             return profile, summary, False
-        if damage.error:
-            tell_full_read(self._stream, f"its summary cannot be used ({damage.reason})")
-        elif summary is None:
-            tell_full_read(self._stream, "its summary does not say all that is in it")
-        else:
-            tell_full_read(self._stream, "every record is wanted")
+        because = "every record is wanted"
+        if damage.error or summary is None:
+            because = f"its summary cannot be used ({damage.reason or 'it does not say all that is in the file'})"
+        warn_of_full_read(self._stream, because)
         scanned = contents_of_scan(self._stream, self._losses, because=damage.reason, limits=self._limits)
         if summary is None and not scanned.counts and (damage.error or self.losses):
             raise damage.error or EOFError(self.losses[0].reason)

@@ -1,6 +1,6 @@
 """The records of an MCAP file (https://mcap.dev/spec): at a position, next after damage, in a chunk.
 
-What a chunk unpacks to is bounded.
+The unpacked size of a chunk is bounded.
 """
 
 import re
@@ -41,6 +41,7 @@ MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish ti
 CHUNK_HEAD = struct.Struct("<QQQII")  # first and last log time, unpacked size, crc, length of the compression's name
 UINT64 = struct.Struct("<Q")
 
+COMPRESSIONS = frozenset({"", "lz4", "zstd"})
 MAX_NAME_BYTES = 32
 END_OF_TIME_NS = 1 << 63
 """MCAP times are unsigned 64-bit integers, those of lidcam signed ones."""
@@ -94,7 +95,7 @@ def load_chunk(
     Args:
         stream: The file.
         position: First byte of the chunk.
-        limits: What it may unpack to.
+        limits: Bytes that it may unpack to.
         size: Bytes that it takes up in the file according to the index.
         is_cut: The file ends inside the chunk: return the complete records, without verifying a checksum.
         verify: Whether to verify the checksum.
@@ -114,6 +115,8 @@ def load_chunk(
     if head.position + head.size != position + RECORD_HEAD.size + length:
         raise ValueError(f"chunk at byte {position}: {head.size} bytes of records do not fill its {length}")
     largest = limits.max_chunk_bytes
+    if head.compression not in COMPRESSIONS:
+        raise ValueError(f"chunks compressed with {head.compression!r}, lidcam reads lz4 and zstd")
     if head.compression:
         check_chunk_size(head.uncompressed_size, largest)
     if is_cut:
@@ -151,23 +154,19 @@ def _unpacked(stream: BinaryIO, head: ChunkHead, largest: int) -> bytes:
         return data
     if head.compression == "lz4":
         return unpack_lz4(data, head.uncompressed_size, largest=largest)
-    if head.compression == "zstd":
-        if zstandard.frame_content_size(data) > head.uncompressed_size:
-            raise ValueError(f"a chunk unpacks to more than the {head.uncompressed_size} bytes that it names")
-        return zstandard.decompress(data, head.uncompressed_size)
-    raise ValueError(f"chunks compressed with {head.compression!r}, lidcam reads lz4 and zstd")
+    if zstandard.frame_content_size(data) > head.uncompressed_size:
+        raise ValueError(f"a chunk unpacks to more than the {head.uncompressed_size} bytes that it names")
+    return zstandard.decompress(data, head.uncompressed_size)
 
 
 def _unpacked_prefix(stream: BinaryIO, head: ChunkHead, largest: int) -> bytes:
     stream.seek(head.position)
     if head.compression == "lz4":
         return unpack(stream, head.position, stream.seek(0, 2), "lz4", largest=largest).data
-    if head.compression == "zstd":
-        with zstandard.ZstdDecompressor().stream_reader(stream, closefd=False) as reader:
-            return reader.read(head.uncompressed_size)
     if head.compression == "":
         return stream.read()
-    raise ValueError(f"chunks compressed with {head.compression!r}, lidcam reads lz4 and zstd")
+    with zstandard.ZstdDecompressor().stream_reader(stream, closefd=False) as reader:
+        return reader.read(head.uncompressed_size)
 
 
 def _complete_records(chunk: bytes) -> bytes:

@@ -1,4 +1,4 @@
-"""What an MCAP file contains, found by a scan of all its records that resumes after damage."""
+"""Contents of an MCAP file, found by a scan of all its records that resumes after damage."""
 
 from collections import Counter
 from io import BytesIO
@@ -13,13 +13,12 @@ from pipeline.core.settings.recording import LimitsConfig
 from readers.files.chunked import ChunkPlace, Entry
 from readers.files.container import read_exactly
 from readers.files.damage import LIBRARY_ERRORS, Losses
-from readers.files.decompress import Allowance
 from readers.files.mcap.index import (
     MAGIC_BYTES,
     Contents,
     checksum_of,
     end_of_records,
-    summary_checksum,
+    is_summary_sound,
     summary_start,
 )
 from readers.files.mcap.records import (
@@ -69,7 +68,6 @@ class _Scan:
         self._end = end
         self._losses = losses
         self._limits = limits
-        self._allowance = Allowance(limits.max_unpacked_bytes(end))
         self._listed: Counter[int] = Counter()  # messages by chunk, according to the indexes after each
         self._bad: dict[int, tuple[str, int]] = {}  # reason and size by position
         self._last_chunk: int | None = None
@@ -90,7 +88,7 @@ class _Scan:
                 continue
             following = self._read(record.end)
             if record.opcode == Opcode.MESSAGE and following is None and not self._looks_like_record(record.end):
-                # What follows is no record: the damage began in this message, or its length is wrong.
+                # No record follows: the damage began in this message, or its length is wrong.
                 position = self._skip(position, record.content)
                 record = self._read(position)
                 continue
@@ -100,7 +98,12 @@ class _Scan:
     def note_losses(self, because: str) -> None:
         """Note what was lost, and leave out messages whose channel is unknown."""
         contents = self.contents
-        self._use_doubtful()
+        if doubtful := [id_ for id_ in sorted(contents.counts) if not self._is_known(id_)]:
+            contents.schemas = self._doubtful.schemas | contents.schemas
+            contents.channels = self._doubtful.channels | contents.channels
+        if names := [contents.channels[id_].topic for id_ in doubtful if self._is_known(id_)]:
+            reason = f"name and type of {', '.join(names)} are taken from a chunk whose checksum is wrong"
+            self._losses.note(min(self._bad), reason, messages=0)
         unknown = {id_: count for id_, count in contents.counts.items() if not self._is_known(id_)}
         for id_ in unknown:
             del contents.counts[id_]
@@ -141,19 +144,6 @@ class _Scan:
             return 0
         return self._listed.get(position)
 
-    def _use_doubtful(self) -> None:
-        """Take the channels that messages refer to, if no other record defines them, from damaged chunks."""
-        contents, names = self.contents, []
-        for id_ in sorted(contents.counts):
-            if not self._is_known(id_) and (channel := self._doubtful.channels.get(id_)) is not None:
-                channel = contents.channels.setdefault(id_, channel)
-                if (schema := self._doubtful.schemas.get(channel.schema_id)) is not None:
-                    contents.schemas.setdefault(channel.schema_id, schema)
-                names.append(channel.topic)
-        if names:
-            reason = f"name and type of {', '.join(names)} are taken from a chunk whose checksum is wrong"
-            self._losses.note(min(self._bad), reason, messages=0)
-
     def _is_known(self, channel_id: int) -> bool:
         channel = self.contents.channels.get(channel_id)
         return channel is not None and (not channel.schema_id or channel.schema_id in self.contents.schemas)
@@ -193,7 +183,7 @@ class _Scan:
             chunk_end = inner.position + inner.size
             if chunk_end != position + RECORD_HEAD.size + size or chunk_end < self._end:
                 return False
-            chunk = self._load(position, is_cut=True)
+            chunk = load_chunk(self._stream, position, self._limits, is_cut=True)
         if damage.error:
             return False
         self._take_records(chunk, position, self._end - position)
@@ -221,7 +211,7 @@ class _Scan:
             with self._losses.guard():
                 self._stream.seek(record.content)
                 count = Statistics.read(ReadDataStream(self._stream)).message_count
-                if summary_checksum(self._stream) != "wrong":
+                if is_summary_sound(self._stream):
                     self._total = count
         elif opcode == Opcode.MESSAGE_INDEX and self._last_chunk is not None:
             self._listed[self._last_chunk] += listed_messages(record)
@@ -233,12 +223,20 @@ class _Scan:
                 self._take_loose(record)
             else:
                 self._last_chunk = record.start
-                self._take_records(self._load(record.start), record.start, record.end - record.start)
+                chunk = load_chunk(self._stream, record.start, self._limits)
+                self._take_records(chunk, record.start, record.end - record.start)
         except LIBRARY_ERRORS as err:
             reason = f"a {Opcode(record.opcode).name.lower()} that cannot be read ({self._losses.reason(err)})"
             self._bad[record.start] = (reason, record.end - record.start)
             if record.opcode == Opcode.CHUNK:
                 self._take_doubtful(record.start)
+
+    def _take_doubtful(self, position: int) -> None:
+        """Keep the schemas and channels of a damaged chunk, for a file that defines them nowhere else."""
+        with self._losses.guard():
+            chunk = load_chunk(self._stream, position, self._limits, verify=False)
+            for opcode, at, size in records_in(chunk, self._limits):
+                _register(self._doubtful, opcode, chunk[at : at + size])
 
     def _take_loose(self, record: Record) -> None:
         if len(self.contents.loose) >= self._limits.max_positions_waiting:
@@ -256,20 +254,6 @@ class _Scan:
         contents.counts[entry.channel_id] += 1
         contents.start_ns = min(contents.start_ns, entry.log_time_ns)
         contents.end_ns = max(contents.end_ns, entry.log_time_ns)
-
-    def _take_doubtful(self, position: int) -> None:
-        """Keep the schemas and channels of a damaged chunk, for a file that defines them nowhere else."""
-        with self._losses.guard():
-            chunk = self._load(position, verify=False)
-            for opcode, at, size in records_in(chunk, self._limits):
-                _register(self._doubtful, opcode, chunk[at : at + size])
-
-    def _load(self, position: int, *, is_cut: bool = False, verify: bool = True) -> bytes:
-        """A chunk, if all chunks together do not unpack to more than is allowed."""
-        self._stream.seek(position + RECORD_HEAD.size)
-        head = read_chunk_head(self._stream)
-        self._allowance.take(head.uncompressed_size if head.compression else 0)
-        return load_chunk(self._stream, position, self._limits, is_cut=is_cut, verify=verify)
 
     def _take_records(self, chunk: bytes, position: int, size: int) -> None:
         """Take all of a chunk of `size` bytes in the file, or nothing.

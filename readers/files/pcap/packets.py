@@ -29,16 +29,14 @@ LAST_NS = 2**32 * 10**9
 PCAPNG_MAGIC = b"\x0a\x0d\x0d\x0a"
 
 PCAP_MAGICS = {
-    b"\xd4\xc3\xb2\xa1": ("<", 1000, 16),
-    b"\xa1\xb2\xc3\xd4": (">", 1000, 16),
-    b"\x4d\x3c\xb2\xa1": ("<", 1, 16),
-    b"\xa1\xb2\x3c\x4d": (">", 1, 16),
-    b"\x34\xcd\xb2\xa1": ("<", 1000, 24),
-    b"\xa1\xb2\xcd\x34": (">", 1000, 24),
+    b"\xd4\xc3\xb2\xa1": ("<", 1000),
+    b"\xa1\xb2\xc3\xd4": (">", 1000),
+    b"\x4d\x3c\xb2\xa1": ("<", 1),
+    b"\xa1\xb2\x3c\x4d": (">", 1),
 }
-"""Byte order, nanoseconds of the fraction's unit and bytes of a packet's header (24: modified by A. Kuznetsov)."""
+"""Byte order, and nanoseconds of the fraction's unit."""
 
-_FILE_HEADER_BYTES = 24
+_FILE_HEADER_BYTES, _PACKET_HEADER_BYTES = 24, 16
 
 
 class CapturedPacket(NamedTuple):
@@ -105,26 +103,26 @@ def _pcap(window: Window, losses: Losses) -> Iterator[CapturedPacket]:
     begin = window.read(0, _FILE_HEADER_BYTES)
     if len(begin) < _FILE_HEADER_BYTES:
         raise EOFError(f"its header has {len(begin)} of {_FILE_HEADER_BYTES} bytes")
-    order, unit_ns, header_bytes = PCAP_MAGICS[begin[:4]]
+    order, unit_ns = PCAP_MAGICS[begin[:4]]
     link_type = struct.unpack_from(f"{order}I", begin, 20)[0] & 0x0FFF_FFFF  # the other bits are about checksums
     header = struct.Struct(f"{order}IIII")  # seconds, fraction, bytes captured, bytes on the wire
     position = _FILE_HEADER_BYTES
     while position < window.size:
         left = window.size - position
-        record = window.read(position, header_bytes + HEAD_BYTES)
-        if len(record) < header_bytes:
+        record = window.read(position, _PACKET_HEADER_BYTES + HEAD_BYTES)
+        if len(record) < _PACKET_HEADER_BYTES:
             losses.note(position, "the file ends in the header of a packet", size=left, messages=1)
             return
         seconds, fraction, captured, length = header.unpack_from(record)
         if fraction * unit_ns >= 10**9 or captured > MAX_BYTES:
             losses.note(position, "an invalid packet header; what is behind it is not read", size=left)
             return
-        if header_bytes + captured > left:
-            reason = f"a packet is cut off: expected {captured} bytes, found {left - header_bytes}"
+        if _PACKET_HEADER_BYTES + captured > left:
+            reason = f"a packet is cut off: expected {captured} bytes, found {left - _PACKET_HEADER_BYTES}"
             losses.note(position, reason, size=left, messages=1 if captured <= length else None)
             return
-        head = record[header_bytes : header_bytes + captured]
-        data_at = position + header_bytes
+        head = record[_PACKET_HEADER_BYTES : _PACKET_HEADER_BYTES + captured]
+        data_at = position + _PACKET_HEADER_BYTES
         yield CapturedPacket(seconds * 10**9 + fraction * unit_ns, link_type, data_at, captured, head)
         position = data_at + captured
 
@@ -140,7 +138,7 @@ _TIME_RESOLUTION, _TIME_OFFSET = 9, 14
 
 @dataclass(frozen=True, slots=True)
 class _Interface:
-    """What a file says about one interface.
+    """One interface of a capture.
 
     Attributes:
         link_type: Its link type.

@@ -16,7 +16,7 @@ from pipeline.core.arrays import Indices
 from pipeline.core.messages import RawMessage
 from readers.files.container import Container
 from readers.files.pcap.packets import Window, captured_packets
-from readers.files.pcap.udp import CUT_SHORT, FRAGMENTS, NOT_IP, NOT_UDP, UNKNOWN_LINK, address_text, find_udp
+from readers.files.pcap.udp import CUT_SHORT, FRAGMENTS, NOT_IPV4, NOT_UDP, UNKNOWN_LINK, find_udp
 from readers.recording import RosVersion, TopicInfo, merge_topics
 from readers.velodyne.packet import packet_channel, packet_message_data
 from readers.velodyne.scan import PACKET_BYTES
@@ -33,8 +33,8 @@ NO_TIME, OTHER_SIZE, POSITION, TOO_MANY = "no_time", "other_size", "position", "
 OTHERS = {
     CUT_SHORT: "packets of which the capture kept too few bytes",
     FRAGMENTS: "fragments of IP packets, which no Velodyne sends",
-    NOT_IP: "packets that are not IP",
-    NOT_UDP: "IP packets that are not UDP",
+    NOT_IPV4: "packets that are not IPv4",
+    NOT_UDP: "IPv4 packets that are not UDP",
     NO_TIME: "packets without a time of capture",
     OTHER_SIZE: f"UDP packets of other sizes than a Velodyne's {PACKET_BYTES} bytes",
     POSITION: "position packets (GPS), which are not used",
@@ -118,5 +118,5 @@ class PcapFile(Container):
 
 def _place(source: bytes, port: int) -> str:
     """Prefix of the topics of one lidar."""
-    address = address_text(source).replace(".", "_").replace(":", "_")
+    address = "_".join(map(str, source))
     return f"/velodyne_{address}" if port == DATA_PORT else f"/velodyne_{address}_{port}"

@@ -1,4 +1,4 @@
-"""What a ROS 1 bag contains and where, according to its index: connections, and chunks with times and counts."""
+"""Contents of a ROS 1 bag according to its index: connections, and chunks with times and counts."""
 
 import struct
 from collections import Counter
@@ -39,7 +39,7 @@ class ChunkData(NamedTuple):
 
 @dataclass(slots=True)
 class Contents:
-    """What a bag contains and where.
+    """Contents of a bag, and their places.
 
     Attributes:
         channels: By number of the connection.
@@ -55,7 +55,7 @@ class Contents:
 
 
 def contents_of_index(stream: BinaryIO) -> Contents:
-    """What the index of the bag says.
+    """Contents according to the index of the bag.
 
     Raises:
         ValueError: there is no index, or it does not agree with the header or the chunks.
@@ -95,7 +95,7 @@ def contents_of_index(stream: BinaryIO) -> Contents:
 
 
 def channel_of(stream: BinaryIO, record: Record) -> Channel:
-    """What a record of a connection says.
+    """The channel that a record of a connection describes.
 
     Raises:
         Exception: any that damage causes.

@@ -1,4 +1,4 @@
-"""What a ROS 1 bag contains, found by a scan of all its records that resumes after damage."""
+"""Contents of a ROS 1 bag, found by a scan of all its records that resumes after damage."""
 
 from collections import Counter, defaultdict
 from io import BytesIO
@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.core.settings.recording import LimitsConfig
 from readers.files.chunked import ChunkPlace
 from readers.files.damage import Losses
-from readers.files.decompress import Allowance, check_complete, compression_of, unpack
+from readers.files.decompress import check_complete, compression_of, unpack
 from readers.files.rosbag1.index import ChunkData, Contents, channel_of
 from readers.files.rosbag1.records import (
     CHUNK,
@@ -61,7 +61,6 @@ class _Scan:
         self._stream = stream
         self._losses = losses
         self._limits = limits
-        self._allowance = Allowance(limits.max_unpacked_bytes(end))
         self._end = end
         self._run: list[Record] = []  # adjacent messages and connections outside of compressed chunks
         self._part = 0  # position under which messages are counted
@@ -86,7 +85,7 @@ class _Scan:
             next_record = self._read(following)
             if record.kind == MESSAGE:
                 if next_record is None and not looks_like_record(self._stream, following, self._end):
-                    # What follows is no record: the damage began in this message, or its length is wrong.
+                    # No record follows: the damage began in this message, or its length is wrong.
                     position = self._skip(position, record.data)
                     record = self._read(position)
                     continue
@@ -165,7 +164,7 @@ class _Scan:
         bounded = not reaches_end and self._read(record.end) is not None
         limit, largest = record.end if bounded else self._end, self._limits.max_chunk_bytes
         with self._losses.guard() as damage:
-            unpacked = unpack(self._stream, record.data, limit, compression, largest=largest, allowance=self._allowance)
+            unpacked = unpack(self._stream, record.data, limit, compression, largest=largest)
             if not reaches_end:
                 check_complete(unpacked, compression)
             records = contents_of_chunk(unpacked.data, self._limits)

@@ -1,4 +1,4 @@
-"""What a ROS 2 recording in SQLite contains, according to its tables.
+"""Contents of a ROS 2 recording in SQLite, according to its tables.
 
 SQLite has no checksums and no fixed types of columns: values of other types than a recorder writes are taken where they
 can mean only one thing.
@@ -6,7 +6,7 @@ can mean only one thing.
 
 import sqlite3
 from array import array
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain, pairwise
 from typing import Any, NamedTuple
 
@@ -15,35 +15,23 @@ import numpy as np
 from pipeline.core.arrays import I64
 from pipeline.core.errors import RecordingError
 from pipeline.core.text import one_line
-from readers.files.damage import Losses
+from readers.files.damage import DamageGuard, Losses
 from readers.location import Location
 
-__all__ = ["Contents", "MissingRowsError", "contents_of_tables", "text_of", "without_early_times"]
+__all__ = ["Contents", "contents_of_tables"]
 
 ROWS_AT_ONCE = 1 << 14
-
-
-class MissingRowsError(ValueError):
-    """The table lacks messages that an index counts.
-
-    Args:
-        listed: Number of messages that the index counts.
-        found: Number of messages in the table.
-    """
-
-    def __init__(self, listed: int, found: int) -> None:
-        super().__init__(f"an index lists {listed} messages, the table has {found}")
-        self.listed = listed
+END_OF_IDS = 1 << 63
+ROWS = "SELECT timestamp, id, topic_id FROM messages NOT INDEXED"
 
 
 class Contents(NamedTuple):
-    """What a database contains.
+    """Contents of a database.
 
     Attributes:
         distro: ROS 2 release that recorded it, or empty.
         definitions: Encoding and text of the message definitions by type.
-        rows: (N, 3) log time, id and topic id of every message, sorted by the first two; where the rows were found by
-            reading every page (N, 5), with the page and the place in it.
+        rows: (N, 3) log time, id and topic id of every message, sorted by the first two.
         topics: Id, name, type and serialization format of the topics.
         type_hashes: By topic id.
     """
@@ -55,25 +43,35 @@ class Contents(NamedTuple):
     type_hashes: dict[int, str]
 
 
-def contents_of_tables(database: sqlite3.Connection, path: Location, distro: str, losses: Losses) -> Contents:
-    """What the tables of the database at `path` say.
+def contents_of_tables(
+    database: sqlite3.Connection, path: Location, distro: str, losses: Losses, *, because: str = ""
+) -> Contents:
+    """Contents of the database at `path`.
 
     Args:
         database: The open database.
         path: Named in errors.
         distro: Used if the tables name no ROS 2 release.
         losses: Collects messages and topics that cannot be used.
+        because: Why SQLite cannot read all of it: then damaged pages are passed over. Empty if it can.
 
     Raises:
         RecordingError: it is not a ROS 2 recording.
-        MissingRowsError: the table lacks messages that an index counts.
-        ValueError: the table of messages is not in the order of their ids.
+        ValueError: the table of messages is not in the order of their ids, or lacks some that an index counts.
         sqlite3.Error: the database is damaged.
     """
     query = database.execute
     query("PRAGMA trusted_schema = OFF")
+    query(f"PRAGMA writable_schema = {'ON' if because else 'OFF'}")  # else SQLite refuses a file that lacks pages
+
+    def optional(text: str) -> list[tuple[Any, ...]]:
+        """Rows without which messages can be read; none if they are damaged."""
+        with DamageGuard(is_active=bool(because)):
+            return query(text).fetchall()
+        return []
+
     ordinary = "type = 'table' AND sql NOT LIKE 'CREATE VIRTUAL%'"
-    tables = {text_of(name) for (name,) in query(f"SELECT name FROM sqlite_master WHERE {ordinary}")}
+    tables = {_text_of(name) for (name,) in query(f"SELECT name FROM sqlite_master WHERE {ordinary}")}
     if not {"topics", "messages"} <= tables:
         raise RecordingError(
             f"{path}: expected a ROS 2 recording (tables topics and messages), "
@@ -85,36 +83,26 @@ def contents_of_tables(database: sqlite3.Connection, path: Location, distro: str
                 f"{path}: expected a ROS 2 recording, found a table {table} without {', '.join(sorted(missing))}"
             )
     if "schema" in tables and "ros_distro" in _columns(database, "schema"):
-        distro = next((text_of(name) for (name,) in query("SELECT ros_distro FROM schema") if name), distro)
+        distro = next((_text_of(name) for (name,) in optional("SELECT ros_distro FROM schema") if name), distro)
     definitions = {}
     if "message_definitions" in tables:
-        rows = query("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
-        definitions = {text_of(msgtype): (text_of(encoding), text_of(text)) for msgtype, encoding, text in rows}
+        rows = optional("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
+        definitions = {_text_of(msgtype): (_text_of(encoding), _text_of(text)) for msgtype, encoding, text in rows}
     columns = _columns(database, "topics")
     hashes: dict[int, str] = {}
     if "type_description_hash" in columns:  # since Iron
-        hashes = {id_: text_of(digest) for id_, digest in query("SELECT id, type_description_hash FROM topics")}
+        hashes = {id_: _text_of(digest) for id_, digest in optional("SELECT id, type_description_hash FROM topics")}
     encoding = "serialization_format" if "serialization_format" in columns else "'cdr'"
-    topics = query(f"SELECT id, name, type, {encoding} FROM topics ORDER BY id")
-    in_time = without_early_times(_rows(database, losses), losses)
-    return Contents(distro, definitions, in_time, _topics(topics.fetchall(), losses), hashes)
+    topics = query(f"SELECT id, name, type, {encoding} FROM topics ORDER BY id").fetchall()
+    found = _rows_around_damage(database, losses, because) if because else _rows(database, losses)
+    return Contents(distro, definitions, _in_time(found, losses), _topics(topics, losses), hashes)
 
 
-def text_of(value: object) -> str:
+def _text_of(value: object) -> str:
     """A value that should be text: some recorders and tools write it as bytes, and damage makes it anything."""
     if isinstance(value, bytes):
         return value.decode(errors="replace")
     return "" if value is None else str(value)
-
-
-def without_early_times(rows: I64, losses: Losses) -> I64:
-    """The rows of messages since 1970; the others are noted."""
-    count = int(np.searchsorted(rows[:, 0], 0))
-    if count:
-        first_ns, id_ = rows[0, :2].tolist()
-        reason = f"messages of log times before 1970, the first of them message {id_} ({first_ns} ns)"
-        losses.note(0, reason, messages=count)
-    return rows[count:]
 
 
 def _topics(rows: Sequence[tuple[Any, ...]], losses: Losses) -> list[tuple[int, str, str, str]]:
@@ -124,35 +112,106 @@ def _topics(rows: Sequence[tuple[Any, ...]], losses: Losses) -> list[tuple[int, 
             reason = f"a topic without a number, name or type (found {id_!r}, {name!r}, {msgtype!r})"
             losses.note(0, one_line(reason, max_characters=200))
             continue
-        topics.append((id_, text_of(name), text_of(msgtype), text_of(encoding)))
+        topics.append((id_, _text_of(name), _text_of(msgtype), _text_of(encoding)))
     return topics
 
 
 def _rows(database: sqlite3.Connection, losses: Losses) -> I64:
-    """`Contents.rows`, from the table alone: damage to an index on the time does not move messages."""
-    values, last, unusable = array("q"), -(2**63) - 1, 0
-    found = database.execute("SELECT timestamp, id, topic_id FROM messages NOT INDEXED")
-    while block := found.fetchmany(ROWS_AT_ONCE):
+    """(N, 3) as `Contents.rows`, by id, from the table alone: damage to an index on the time does not move messages."""
+    found = database.execute(ROWS)
+    rows, unusable = _usable(iter(lambda: found.fetchmany(ROWS_AT_ONCE), []), losses)
+    if (rows[1:, 1] <= rows[:-1, 1]).any():
+        raise ValueError("the messages are not in the order of their ids")
+    ((listed,),) = database.execute("SELECT count(*) FROM messages")  # by an index, if there is one
+    if listed > len(rows) + unusable:
+        raise ValueError(f"an index lists {listed} messages, the table has {len(rows) + unusable}")
+    return rows
+
+
+def _rows_around_damage(database: sqlite3.Connection, losses: Losses, because: str) -> I64:
+    """As `_rows`, without the rows on pages that SQLite cannot read; these are noted as one loss."""
+    rows, unusable = _usable(([row] for row in _readable_rows(database)), losses)
+    found = len(rows) + unusable
+    listed = _count(database, "messages")  # by an index, if there is one
+    missing: int | None = max(int(rows[-1, 1]) if len(rows) else 0, found) - found  # recorders number from 1
+    if listed is not None:
+        missing = max(listed - found, 0)
+    elif not missing and _count(database, "messages NOT INDEXED") is None:
+        missing = None
+    losses.note(0, f"SQLite cannot read all of it ({because}); {found} messages were found", messages=missing)
+    return rows
+
+
+def _count(database: sqlite3.Connection, source: str) -> int | None:
+    """Number of rows; None if pages that are needed to count them are damaged."""
+    with DamageGuard(is_active=True):
+        return int(database.execute(f"SELECT count(*) FROM {source}").fetchone()[0])
+    return None
+
+
+def _readable_rows(database: sqlite3.Connection) -> Iterator[tuple[Any, ...]]:
+    """The rows of messages by id; behind a page that cannot be read, the reading goes on at the next id that can."""
+    first = 0
+    while first < END_OF_IDS:
+        with DamageGuard(is_active=True) as damage:
+            for row in database.execute(f"{ROWS} WHERE id >= ?", (first,)):
+                yield row
+                first = row[1] + 1
+        if damage.error is None:
+            return
+        first = _readable_from(database, first)
+
+
+def _readable_from(database: sqlite3.Connection, broken: int) -> int:
+    """The lowest id behind a broken one from which rows can be read; `END_OF_IDS` if there is none."""
+
+    def is_readable(id_: int) -> bool:
+        with DamageGuard(is_active=True) as damage:
+            database.execute(f"{ROWS} WHERE id >= ? LIMIT 1", (id_,)).fetchall()
+        return damage.error is None
+
+    step = 1
+    while broken + step < END_OF_IDS and not is_readable(broken + step):
+        broken += step
+        step *= 2
+    if broken + step >= END_OF_IDS:
+        return END_OF_IDS
+    readable = broken + step
+    while readable - broken > 1:
+        middle = (readable + broken) // 2
+        readable, broken = (middle, broken) if is_readable(middle) else (readable, middle)
+    return readable
+
+
+def _usable(blocks: Iterable[list[tuple[Any, ...]]], losses: Losses) -> tuple[I64, int]:
+    """Rows of integers (N, 3), and the number of rows of other values, which are noted; ends where ids do not rise."""
+    values, last, unusable = array("q"), -END_OF_IDS - 1, 0
+    for block in blocks:
         before = len(values)
         try:
             values.extend(chain.from_iterable(block))
         except (TypeError, OverflowError):
             del values[before:]
-            unusable += len(block)
-            block = [row for row in block if _is_usable(row, losses)]
-            unusable -= len(block)
-            values.extend(chain.from_iterable(block))
-        ids = [last, *(row[1] for row in block)]
+            usable = [row for row in block if _is_usable(row, losses)]
+            unusable += len(block) - len(usable)
+            values.extend(chain.from_iterable(usable))
+        ids = [last, *values[before + 1 :: 3]]
         if any(first >= second for first, second in pairwise(ids)):  # also ends a tree that contains itself
-            raise ValueError("the messages are not in the order of their ids")
+            break
         last = ids[-1]
-    rows = np.frombuffer(values, np.int64).reshape(-1, 3)
-    ((listed,),) = database.execute("SELECT count(*) FROM messages")  # by an index, if there is one
-    if listed > len(rows) + unusable:
-        raise MissingRowsError(listed, len(rows) + unusable)
+    return np.frombuffer(values, np.int64).reshape(-1, 3), unusable
+
+
+def _in_time(rows: I64, losses: Losses) -> I64:
+    """The rows of messages since 1970 in the order of time; the others are noted."""
     if (rows[1:, 0] < rows[:-1, 0]).any():
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
-    return rows
+    count = int(np.searchsorted(rows[:, 0], 0))
+    if count:
+        first_ns, id_ = rows[0, :2].tolist()
+        reason = f"messages of log times before 1970, the first of them message {id_} ({first_ns} ns)"
+        losses.note(0, reason, messages=count)
+    return rows[count:]
 
 
 def _is_usable(row: tuple[Any, ...], losses: Losses) -> bool:
@@ -165,4 +224,4 @@ def _is_usable(row: tuple[Any, ...], losses: Losses) -> bool:
 
 
 def _columns(database: sqlite3.Connection, table: str) -> set[str]:
-    return {text_of(column[1]) for column in database.execute(f"PRAGMA table_info({table})")}
+    return {_text_of(column[1]) for column in database.execute(f"PRAGMA table_info({table})")}

@@ -18,8 +18,8 @@ from readers.files.container import Container, Source
 from readers.files.damage import LIBRARY_ERRORS
 from readers.files.decompress import decompressed
 from readers.files.passes import pass_starts
-from readers.files.sqlite.index import Contents, MissingRowsError, contents_of_tables, without_early_times
-from readers.files.sqlite.recovery import check_size, contents_of_scan, read_message
+from readers.files.sqlite.index import contents_of_tables
+from readers.files.sqlite.pages import count_pages
 from readers.messages.header_stamp import stamp_or_log_time
 from readers.recording import RosVersion, TopicInfo, merge_topics
 
@@ -27,12 +27,6 @@ __all__ = ["SqliteFile"]
 
 DEFINITION_FORMATS: dict[str, Literal["ros2msg", "ros2idl"]] = {"ros2msg": "ros2msg", "ros2idl": "ros2idl"}
 
-STEPS_PER_BYTE = 20
-"""Steps of SQLite's virtual machine allowed per byte of the file: rows of twelve bytes take thirty. Without a limit,
-damaged pages that refer to one another in circles would keep it busy forever."""
-
-MIN_STEPS = 10_000_000
-STEPS_AT_ONCE = 100_000
 ROWS_AT_ONCE = 4096
 
 
@@ -52,29 +46,22 @@ class SqliteFile(Container):
         self._database = sqlite3.connect(uri, uri=True, check_same_thread=False)
         self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, source.options.limits.max_message_bytes)
         self._database.text_factory = lambda text: text.decode(errors="replace")
-        self._max_steps = MIN_STEPS + STEPS_PER_BYTE * content.stat().st_size
-        self._steps = 0
-        self._database.set_progress_handler(self._count_steps, STEPS_AT_ONCE)
         super().__init__(source, content.open("rb"))
 
     def _describe(self) -> None:
-        self._scanned: Contents | None = None
+        distro = self._source.metadata.distro
         with self._losses.guard() as damage:
-            check_size(self._stream)
-            contents = contents_of_tables(self._database, self.path, self._source.metadata.distro, self._losses)
+            self._check_size()
+            contents = contents_of_tables(self._database, self.path, distro, self._losses)
         if damage.error:
-            listed = damage.error.listed if isinstance(damage.error, MissingRowsError) else None
-            self._scanned = contents_of_scan(self._stream, self._losses, because=damage.reason, listed=listed)
-            contents = self._scanned
-            contents = contents._replace(rows=without_early_times(contents.rows, self._losses))
+            because = damage.reason
+            contents = contents_of_tables(self._database, self.path, distro, self._losses, because=because)
             if not len(contents.rows):
                 raise damage.error
-        self._uses_tables = not damage.error
         self._channels: dict[int, Channel] = {}
         topics = []
         ids, numbers = np.unique(contents.rows[:, 2], return_counts=True)
         self._counts: dict[int, int] = dict(zip(ids.tolist(), numbers.tolist(), strict=True))
-        distro = contents.distro or self._source.metadata.distro
         for topic_id, topic, recorded_type, encoding in contents.topics:
             msgtype = normalize_msgtype(recorded_type)
             count = self._counts.get(topic_id, 0)
@@ -85,10 +72,10 @@ class SqliteFile(Container):
             form, text = contents.definitions.get(recorded_type, ("", ""))
             known = DEFINITION_FORMATS.get(form)
             digest = contents.type_hashes.get(topic_id) or ""
-            channel = Channel(topic, msgtype, "cdr", text if known else "", known or "ros2msg", distro, digest)
+            channel = Channel(topic, msgtype, "cdr", text if known else "", known or "ros2msg", contents.distro, digest)
             self._channels[topic_id] = channel
             topics.append(TopicInfo(topic, msgtype, count, (channel,)))
-        self._rows = self._of_topics(contents.rows[:, :3], [topic_id for topic_id, *_ in contents.topics])
+        self._rows = self._of_topics(contents.rows, [topic_id for topic_id, *_ in contents.topics])
         if unlisted := len(contents.rows) - len(self._rows):
             self._losses.note(0, "messages of a topic that the file does not list", messages=unlisted)
         self._passes = _passes(self._rows)
@@ -127,43 +114,36 @@ class SqliteFile(Container):
             data = self._read(log_time_ns, row_id)
             if not isinstance(data, bytes):
                 raise TypeError(f"message {row_id} has no bytes")
-            largest = self._limits.max_message_bytes
-            if len(data) > largest:
-                raise ValueError(f"{len(data)} bytes, see limits.max_message_mib")
-            return decompressed(data, "cdr", announced=self._source.metadata.message_compression, largest=largest)
+            announced, largest = self._source.metadata.message_compression, self._limits.max_message_bytes
+            return decompressed(data, "cdr", announced=announced, largest=largest)
         except LIBRARY_ERRORS as err:
             self._losses.note(0, f"message {row_id}: {self._losses.reason(err)}", messages=1)
             return None
 
     def _read(self, log_time_ns: int, row_id: int) -> Any:
-        """The data of a message: from SQLite, or from the pages if it fails."""
-        if self._uses_tables:
-            try:
-                self._steps = 0
-                rows = self._database.execute("SELECT data, timestamp FROM messages WHERE id = ?", (row_id,))
-                ((data, found_ns),) = rows
-                if found_ns == log_time_ns:
-                    return data
-                raise sqlite3.DatabaseError(f"expected log time {log_time_ns} of message {row_id}, found {found_ns}")
-            except LIBRARY_ERRORS as err:
-                reason = self._losses.reason(err)
-            if self._scanned is None:
-                self._scanned = contents_of_scan(self._stream, self._losses, because=reason)
-        assert self._scanned is not None
-        found = self._scanned.rows
-        found = found[slice(*np.searchsorted(found[:, 0], (log_time_ns, log_time_ns + 1)))]
-        ((page, place),) = found[found[:, 1] == row_id, 3:].tolist()
-        return read_message(self._stream, page, place)
+        try:
+            row = self._database.execute("SELECT data, timestamp FROM messages WHERE id = ?", (row_id,)).fetchone()
+        except sqlite3.DataError as err:
+            raise ValueError(f"more than {self._limits.max_message_bytes} bytes, see limits.max_message_mib") from err
+        if row is None or row[1] != log_time_ns:
+            raise sqlite3.DatabaseError("its id leads to another row, or to none")
+        return row[0]
+
+    def _check_size(self) -> None:
+        """Refuse a file that lacks pages.
+
+        Raises:
+            EOFError: pages are missing.
+            ValueError: its header is not that of a database.
+        """
+        pages = count_pages(self._stream)
+        if pages.expected > pages.whole:
+            raise EOFError(f"the file has {pages.whole} of {pages.expected} pages: it was cut off")
 
     def close(self) -> None:
         """Close the database."""
         self._database.close()
         super().close()
-
-    def _count_steps(self) -> bool:
-        """Whether SQLite is to give up."""
-        self._steps += STEPS_AT_ONCE
-        return self._steps > self._max_steps
 
 
 def _passes(rows: I64) -> list[I64]:

@@ -28,17 +28,6 @@ def test_a_chunk_larger_than_the_cache_is_kept_alone() -> None:
     assert cache.get(1, lambda: b"") == b"0123456789"
 
 
-@pytest.mark.parametrize(
-    ("start", "size", "kind"),
-    [(2, 88, memoryview), (5, 90, memoryview), (0, 87, bytes), (2, 25, bytes), (100, 0, bytes)],
-)
-def test_only_messages_that_fill_their_chunk_keep_it_alive(start: int, size: int, kind: type) -> None:
-    chunk = bytes(range(100))
-    message = detach(chunk, start, size)
-    assert isinstance(message, kind)
-    assert bytes(message) == chunk[start : start + size]
-
-
 @pytest.mark.parametrize(("start", "size"), [(0, 101), (100, 1), (0, -1)])
 def test_messages_beyond_the_chunk(start: int, size: int) -> None:
     with pytest.raises(ValueError, match="beyond its chunk"):

@@ -6,11 +6,9 @@ from typing import Literal
 import lz4.frame
 import pytest
 from builders import odometry, raw, write_mcap, write_rosbag1
-from hypothesis import given
-from hypothesis import strategies as st
 
 from pipeline.core.settings.recording import LimitsConfig
-from readers.files.decompress import compression_of, unpack, unpack_lz4
+from readers.files.decompress import unpack, unpack_lz4
 from readers.open import open_recording
 from readers.recording import ReadOptions
 
@@ -18,22 +16,6 @@ from readers.recording import ReadOptions
 def packed(data: bytes, compression: str) -> bytes:
     frame: bytes = bz2.compress(data) if compression == "bz2" else lz4.frame.compress(data, content_checksum=True)
     return frame
-
-
-@given(
-    data=st.binary(max_size=3000),
-    compression=st.sampled_from(["bz2", "lz4"]),
-    before=st.binary(max_size=5),
-    after=st.binary(max_size=5),
-)
-def test_a_frame_among_other_bytes(data: bytes, compression: str, before: bytes, after: bytes) -> None:
-    frame = packed(data, compression)
-    stream = BytesIO(before + frame + after)
-    assert unpack(stream, len(before), len(stream.getvalue()), compression, largest=10_000) == (data, len(frame), True)
-    assert compression_of(frame) == compression
-    if compression == "lz4":
-        for size in (0, len(data), 10**12):  # what the file says of it may be wrong
-            assert unpack_lz4(frame, size, largest=10_000) == data
 
 
 @pytest.mark.parametrize("compression", ["bz2", "lz4"])

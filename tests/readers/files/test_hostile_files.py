@@ -1,7 +1,6 @@
 """Files that ask for more than they are worth: one clear line, a bounded amount of memory and time."""
 
 import sqlite3
-import struct
 import time
 import tracemalloc
 from collections.abc import Iterator, Sequence
@@ -21,13 +20,11 @@ from memory_recording import MemoryRecording
 from pipeline.core.errors import FrameError, LidcamError, MessageError, RecordingError
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.settings.recording import LimitsConfig
-from readers.files.chunked import ChunkCache
 from readers.files.damage import Losses
 from readers.messages.deserialize import definition_problem, deserialize
 from readers.messages.tf import read_transforms
 from readers.open import open_recording
 from readers.recording import ReadOptions
-from readers.streams.survey import survey
 
 MIB = 1 << 20
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -120,37 +117,6 @@ def test_a_message_that_is_too_large(tmp_path: Path, kind: str) -> None:
 
 
 # --- chunks
-
-
-def test_chunks_of_a_damaged_bag_that_unpack_to_too_much(tmp_path: Path) -> None:
-    """Sound chunks of 1 MiB of one message each; no index."""
-    path = tmp_path / "a.bag"
-    write_rosbag1(path, [m._replace(data=bytes(m.data) + bytes(MIB)) for m in states(40, "ros1")], "bz2", chunk_bytes=1)
-    content = path.read_bytes()
-    path.write_bytes(content[:-1])
-    times, losses = read(path, LimitsConfig(max_unpacked_file_gib=0.01))
-    assert times == [*range(1, len(times) + 1)]
-    assert 8 < len(times) < 13
-    assert "limits.max_unpacked_file_gib" in losses[0]
-
-
-def test_chunks_that_are_needed_by_turns_again_and_again() -> None:
-    """Two chunks of which the cache holds one: the time does not grow with the number of messages without bound."""
-    loads = 0
-
-    def load() -> bytes:
-        nonlocal loads
-        loads += 1
-        return bytes(MIB)
-
-    cache = ChunkCache(MIB, max_loaded_bytes=20 * MIB)
-    for turn in range(21):
-        cache.get(turn % 2, load)
-    with pytest.raises(ValueError, match=r"limits\.max_unpacked_file_gib"):
-        cache.get(1, load)
-    assert loads == 21
-    cache.begin()
-    cache.get(7, load)
 
 
 @pytest.mark.parametrize("how", ["none", "zstd"])
@@ -311,21 +277,6 @@ def test_an_index_that_names_a_chunk_again_and_again(tmp_path: Path) -> None:
     assert losses
 
 
-@pytest.mark.parametrize("in_chunk", [True, False])
-def test_times_that_are_none(tmp_path: Path, in_chunk: bool) -> None:
-    late = 2**63
-    path = tmp_path / "a.mcap"
-    data = [chunk(records(4, late))] if in_chunk else [text_at(4), text_at(late)]
-    path.write_bytes(mcap([SCHEMA, CHANNEL, *data], [SCHEMA, CHANNEL, statistics(2, int(in_chunk), late)]))
-    try:
-        with open_recording([path]) as recording:
-            assert all(message.log_time_ns < late for message in recording.messages())
-            survey(recording)
-            assert recording.losses
-    except RecordingError as err:
-        assert "time" in str(err)  # noqa: PT017  (either is right)
-
-
 # --- SQLite
 
 
@@ -351,51 +302,6 @@ def database(path: Path, *statements: str) -> Path:
 def test_messages_that_are_no_table(tmp_path: Path, messages: str) -> None:
     with at_most(20), pytest.raises(RecordingError, match="expected a ROS 2 recording"):
         read(database(tmp_path / "a.db3", messages))
-
-
-def test_pages_that_refer_to_one_another_in_a_net(tmp_path: Path) -> None:
-    """All children of an inner page are one page: seven levels of a hundred make more rows than can be read."""
-    create = "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)"
-    rows = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n WHERE x < 15000) "
-    path = database(tmp_path / "a.db3", create, rows + "INSERT INTO messages SELECT x, 1, x, x'00010000' FROM n")
-    content = bytearray(path.read_bytes())
-    inner = [at for at in range(0, len(content), 512) if content[at] == 5]
-    by_level: dict[int, list[int]] = {}
-    for at in inner:
-        count = struct.unpack_from(">H", content, at + 3)[0]
-        places = struct.unpack_from(f">{count}H", content, at + 12)
-        child = struct.unpack_from(">I", content, at + places[0])[0]
-        by_level.setdefault(content[(child - 1) * 512], []).append(at)
-    low, high = by_level[13][0], by_level[5][0]
-    chain = by_level[13][1:6]
-    for at, following in zip([high, *chain], [*chain, low], strict=True):
-        content[at : at + 512] = content[high : high + 512]
-        count = struct.unpack_from(">H", content, at + 3)[0]
-        for place in struct.unpack_from(f">{count}H", content, at + 12):
-            struct.pack_into(">I", content, at + place, following // 512 + 1)
-        struct.pack_into(">I", content, at + 8, following // 512 + 1)
-    path.write_bytes(content)
-    with at_most(60):
-        times, losses = read(path)
-    assert len(times) == len(set(times)) > 1000
-    assert losses
-
-
-def test_rows_that_go_on_and_on(tmp_path: Path) -> None:
-    """Every page with overflow leads to itself, and every row claims to be a gigabyte long."""
-    create = "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)"
-    rows = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n WHERE x < 500) "
-    path = database(tmp_path / "a.db3", create, rows + "INSERT INTO messages SELECT x, 1, x, zeroblob(3000) FROM n")
-    content = bytearray(path.read_bytes())
-    for at in range(512, len(content), 512):
-        if content[at] == 0:
-            struct.pack_into(">I", content, at, at // 512 + 1)
-    path.write_bytes(content)
-    with at_most(30):
-        try:
-            read(path, thorough=True)
-        except RecordingError as err:
-            assert "\n" not in str(err)  # noqa: PT017  (either is right)
 
 
 # --- definitions
@@ -440,11 +346,6 @@ def test_definitions_that_ask_for_too_much(text: str, fault: str, encoding: Enco
         assert fault in definition_problem(message.channel)
         with pytest.raises(MessageError, match=fault):
             deserialize(message)
-
-
-def test_arrays_of_numbers_may_be_long() -> None:
-    message = described("uint8[100000] x\nfloat64[1000] y", bytes(108_000))
-    assert deserialize(message).x.shape == (100_000,)
 
 
 @pytest.mark.parametrize("encoding", ["ros1", "cdr"])

@@ -1,20 +1,17 @@
 """Recordings that lack what others have: definitions, metadata.yaml, the serialization format."""
 
-import sqlite3
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 import pytest
-from builders import detection2d_array, odometry, pointcloud2, raw, store_for, write_rosbag1, write_rosbag2
+from builders import detection2d_array, odometry, raw, store_for, write_rosbag1, write_rosbag2
 from memory_recording import MemoryRecording
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
-from pipeline.core.settings.config import Config
 from readers.messages.deserialize import deserialize
 from readers.open import open_recording
-from readers.rig.discovery import discover_rig
 from readers.streams.survey import survey
 
 T0 = 1_700_000_000 * 10**9
@@ -52,18 +49,6 @@ def test_the_same_messages(
     assert [repr(deserialize(m)) for m in got] == [repr(deserialize(m)) for m in recorded()]
 
 
-def test_an_empty_serialization_format(tmp_path: Path) -> None:
-    write_rosbag2(tmp_path / "rec", recorded())
-    connection = sqlite3.connect(tmp_path / "rec" / "rec.db3")
-    connection.execute("UPDATE topics SET serialization_format = ''")
-    connection.commit()
-    connection.close()
-    with open_recording([tmp_path / "rec"]) as recording:
-        assert [deserialize(m).header.stamp.sec for m in recording.messages()] == [
-            m.stamp_ns // 10**9 for m in recorded()
-        ]
-
-
 def test_a_hash_tells_that_the_known_type_is_another_one(tmp_path: Path) -> None:
     write_rosbag2(tmp_path / "rec", recorded(), definitions=False)
     path = tmp_path / "rec" / "rec.db3"
@@ -90,21 +75,6 @@ def test_ros1_without_definitions(tmp_path: Path, compression: Literal["none", "
         (found,) = recording.messages()
     with pytest.raises(MessageError, match=r"/odom: .*no definition of nav_msgs/msg/Odometry.*cd5e73"):
         deserialize(found)
-
-
-def test_a_sensor_of_another_type_of_the_same_name_is_left_out_and_named() -> None:
-    known, other = (
-        raw(topic, CLOUD, pointcloud2([[1, 2, 3]], stamp_ns=T0, frame_id="base"), T0, encoding="ros1")
-        for topic in ("/known", "/other")
-    )
-    other = other._replace(channel=replace(other.channel, definition="", digest="0" * 32))
-    recording = MemoryRecording([known, other])
-    problems = {topic.topic: topic.problem for topic in survey(recording)}
-    assert problems["/known"] == ""
-    assert "no definition of sensor_msgs/msg/PointCloud2" in problems["/other"]
-    found = discover_rig(recording, Config())
-    assert [lidar.topic for lidar in found.rig.lidars] == ["/known"]
-    assert ["no definition of sensor_msgs/msg/PointCloud2" in fault.reason for fault in found.faults] == [True]
 
 
 def test_a_doubtful_definition_is_believed_and_named() -> None:

@@ -110,13 +110,6 @@ def test_those_of_other_users_stay(base: Path, monkeypatch: pytest.MonkeyPatch) 
     assert (folder / "unpacked.bag").exists()
 
 
-def test_without_a_temporary_folder(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tempfile, "tempdir", "/nowhere")
-    remove_abandoned()
-    with pytest.raises(FileNotFoundError), temporary_folder():
-        pass
-
-
 def test_a_young_folder_stays(base: Path) -> None:
     folder = abandoned(base)
     os.utime(folder)

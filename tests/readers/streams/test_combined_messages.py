@@ -9,17 +9,15 @@ import cv2
 import numpy as np
 import pytest
 from builders import header, image, odometry, pointcloud2, raw
-from combined_messages import CAMERAS, CLOUDS, combined
+from combined_messages import CAMERAS, combined
 from memory_recording import MemoryRecording
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
 from readers.messages.deserialize import deserialize
 from readers.messages.image import decode_any_image
-from readers.messages.pointcloud2 import decode_pointcloud2
 from readers.recording import Recording
 from readers.streams.per_sensor import sensor_messages
-from readers.streams.survey import survey
 
 T0 = 1_700_000_000 * 10**9
 LOGGED = T0 + 10**9
@@ -82,17 +80,6 @@ def test_images(encoding: Encoding, count: int) -> None:
 
 
 @both
-def test_clouds(encoding: Encoding) -> None:
-    parts = clouds(encoding, 3)
-    recording = opened(combined("/pointcloud_list", CLOUDS, parts, LOGGED, encoding))
-    for name, part in zip((f"/pointcloud_list/pointcloud_{i}" for i in (1, 2, 3)), parts, strict=True):
-        (message,) = recording.messages([name])
-        found, expected = decode_pointcloud2(message), decode_pointcloud2(part)
-        assert (found.stamp_ns, found.frame_id) == (expected.stamp_ns, expected.frame_id)
-        assert np.array_equal(found.xyz, expected.xyz)
-
-
-@both
 def test_the_definition_tells_not_the_name(encoding: Encoding) -> None:
     jpeg = cv2.imencode(".jpg", np.zeros((8, 9, 3), np.uint8))[1].reshape(-1)
     fields = {"header": header(T0, "a"), "format": "jpeg", "data": jpeg}
@@ -103,14 +90,6 @@ def test_the_definition_tells_not_the_name(encoding: Encoding) -> None:
         ("/rig/views_1", (8, 9, 3)),
         ("/rig/views_2", (8, 9, 3)),
     ]
-
-
-@both
-@pytest.mark.parametrize(("msgtype", "make"), [(CAMERAS, images), (CLOUDS, clouds)])
-def test_without_its_definition_the_original_is_known(encoding: Encoding, msgtype: str, make: Any) -> None:
-    whole = combined("/whole", msgtype, make(encoding, 2), LOGGED, encoding)
-    bare = whole._replace(channel=replace(whole.channel, definition=""))
-    assert [bytes(m.data) for m in opened(bare).messages()] == [bytes(m.data) for m in opened(whole).messages()]
 
 
 @both
@@ -172,16 +151,6 @@ def test_a_broken_message_is_a_problem_of_each_part(encoding: Encoding) -> None:
 def test_other_recordings_are_left_as_they_are() -> None:
     plain = MemoryRecording([raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=T0), T0)])
     assert sensor_messages(plain) is plain
-
-
-@both
-def test_parts_have_rates_of_their_own(encoding: Encoding) -> None:
-    frames = [
-        combined("/c", CAMERAS, images(encoding, 2, T0 + i * 10**8), LOGGED + i * 10**8, encoding) for i in range(10)
-    ]
-    for topic in survey(opened(*frames)):
-        assert (topic.count, topic.gaps) == (10, 0)
-        assert topic.rate_hz == pytest.approx(10)
 
 
 @both

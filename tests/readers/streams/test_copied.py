@@ -41,12 +41,6 @@ def test_each_message_goes_with_the_first_frame_not_before_it() -> None:
     assert [times(one) for one in found] == [[0], [1], [2], [3, 9]]
 
 
-def test_a_topic_that_is_used_and_copied() -> None:
-    stream = [message("/sensor", at) for at in range(3)]
-    found = handed_on(CopiedMessages(("/sensor",)), stream)
-    assert [times(one) for one in found] == [[0], [1], [2]]
-
-
 def test_what_is_read_ahead_of_a_frame_waits_for_its_own() -> None:
     stream = [message(topic, at) for at in range(6) for topic in ("/truth", "/sensor")]
     copied = CopiedMessages(("/truth",))
@@ -78,12 +72,6 @@ def test_the_ends_of_a_window_have_a_margin() -> None:
     assert inside == []
     (found,) = copied.handed_on([bundle(0, 9 * SEC)], recording, stop_ns)
     assert times(found) == list(range(start_ns - MARGIN_NS, stop_ns + MARGIN_NS, SEC // 2))
-
-
-def test_without_frames_nothing_is_handed_on() -> None:
-    copied = CopiedMessages(("/truth",))
-    assert list(copied.tap([message("/truth", 1)], ())) == []
-    assert list(copied.handed_on([], MemoryRecording([]), None)) == []
 
 
 def test_what_cannot_be_converted_is_dropped() -> None:

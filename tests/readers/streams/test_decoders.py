@@ -9,7 +9,6 @@ from pipeline.core.frame import SensorBundle
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import RawMessage
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
-from pipeline.core.ros.vision_numbers import CLASS_NUMBERS
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import load_config
 from readers.streams.decoders import CloudDecoder, ImageDecoder, RecordedBoxes
@@ -129,12 +128,6 @@ def test_numbers_of_coco() -> None:
         "person": "pedestrian",
     }
     assert unused == {f"class '{number}' is not configured": 1 for number in (4, 6, 79, 80)}
-
-
-def test_the_simulator_s_numbers_are_understood() -> None:
-    config = Config()
-    known = {name: config.class_id_of_label[str(number)] for name, number in CLASS_NUMBERS.items()}
-    assert known == {name: config.class_id_of_label[name] for name in CLASS_NUMBERS}
 
 
 def lidars(count: int) -> Rig:

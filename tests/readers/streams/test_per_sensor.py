@@ -59,18 +59,6 @@ def test_it_describes_the_same_recording() -> None:
     assert not plain.is_open
 
 
-def test_two_readings_at_once_do_not_disturb_each_other() -> None:
-    recording = sensor_messages(MemoryRecording([WHOLE, FOXGLOVE]))
-    one, two = recording.messages(), recording.messages(["/c/camera_2", "/f"])
-    assert [next(one).topic, next(two).topic, next(one).topic, next(two).topic, next(one).topic] == [
-        "/c/camera_1",
-        "/c/camera_2",
-        "/c/camera_2",
-        "/f",
-        "/f",
-    ]
-
-
 def test_it_is_closed_where_it_cannot_be_read() -> None:
     plain = Closable([WHOLE])
     plain.fails = True

@@ -18,7 +18,7 @@ from readers.messages.deserialize import deserialize
 from readers.streams.per_sensor import sensor_messages
 from readers.streams.survey import survey
 from readers.velodyne import sweeps as velodyne_sweeps
-from readers.velodyne.packet import PACKET, packet_channel, packet_message_data
+from readers.velodyne.packet import PACKET
 from readers.velodyne.scan import SCAN, parse_velodyne_scan
 from readers.velodyne.sweeps import PAUSE_NS
 
@@ -158,16 +158,6 @@ def test_big_endian() -> None:
     assert [bytes(m.data) for m in gathered(swapped)] == [bytes(m.data) for m in gathered(messages)]
 
 
-def test_what_packets_of_captures_are() -> None:
-    payload, stamps_ns = random_packets("VLP-16", packets=1)
-    message = RawMessage(
-        0, 0, (0, 0), packet_message_data(int(stamps_ns[0]), payload[0].tobytes()), packet_channel(TOPIC)
-    )
-    packet = deserialize(message)
-    assert packet.stamp.sec * 10**9 + packet.stamp.nanosec == stamps_ns[0]
-    np.testing.assert_array_equal(packet.data, payload[0])
-
-
 # --- what cannot be used
 
 
@@ -189,6 +179,9 @@ def test_no_packet_that_can_be_used() -> None:
         parse_velodyne_scan(sweep)
 
 
+# --- beside other messages
+
+
 def test_another_definition_is_refused() -> None:
     channel = replace(stream([1])[0].channel, definition="builtin_interfaces/Time stamp\nuint8[1248] data")
     recording = sensor_messages(MemoryRecording([m._replace(channel=channel) for m in stream([1, 2])]))
@@ -198,33 +191,9 @@ def test_another_definition_is_refused() -> None:
     assert list(recording.messages()) == []
 
 
-# --- beside other messages
-
-
 def other(at_ns: int, topic: str = "/other") -> RawMessage:
     channel = Channel(topic, "std_msgs/msg/Empty", "cdr")
     return RawMessage(at_ns, at_ns, (0, 0), b"", channel)
-
-
-def test_the_order_is_that_of_log_times() -> None:
-    left, right = stream([100, 30_000, 200, 300]), stream([20_000, 30_000, 35_000, 200], topic="/right/packets")
-    right = [m._replace(log_time_ns=m.log_time_ns + 300_000) for m in right]
-    others = [other(START_NS + n * MS + 500_000) for n in (-1, 0, 1, 2, 3, 900)]
-    messages = sorted([*left, *right, *others], key=lambda m: m.log_time_ns)
-    found = gathered(messages)
-    assert [(m.log_time_ns, m.order) for m in found] == sorted((m.log_time_ns, m.order) for m in found)
-    assert [(m.topic, (m.log_time_ns - START_NS) / MS) for m in found] == [
-        ("/other", -0.5),
-        ("/other", 0.5),
-        (TOPIC, 1),
-        ("/other", 1.5),
-        ("/right/packets", 2.3),
-        ("/other", 2.5),
-        (TOPIC, 3),
-        ("/right/packets", 3.3),
-        ("/other", 3.5),
-        ("/other", 900.5),
-    ]
 
 
 def test_messages_wait_for_open_sweeps_only() -> None:

@@ -7,14 +7,11 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from video import (
     CODECS,
     PERIOD_NS,
     T0,
     Packet,
-    compressed_video,
     encode,
     ffmpeg,
     ffmpeg_packet,
@@ -99,15 +96,6 @@ def test_images_out_of_order(kind: str) -> None:
     assert_shows(found, images)
 
 
-def test_nothing() -> None:
-    assert decoded([]) == []
-
-
-def test_without_a_key_frame() -> None:
-    messages = foxglove(encode(moving(GOP), gop=GOP)[1:])
-    assert problems(messages) == [BEFORE_KEY_FRAME] * (GOP - 1)
-
-
 @pytest.mark.parametrize("kind", ["h264", "h265", "vp9", "av1"])
 @pytest.mark.parametrize("first", [1, GOP - 1])
 def test_it_begins_with_a_key_frame(kind: str, first: int) -> None:
@@ -154,16 +142,6 @@ def test_a_message_that_was_not_recorded_is_noticed(kind: str, missing: int) -> 
     assert found[GOP - 1 :] == [""] * (COUNT - GOP)
 
 
-def test_a_damaged_key_frame_is_waited_out() -> None:
-    packets = encode(moving(COUNT), gop=GOP)
-    broken = packets[GOP]._replace(data=packets[GOP].data[:-200])
-    found = problems(foxglove([*packets[:GOP], broken, *packets[GOP + 1 :]]))
-    assert found[:GOP] == [""] * GOP
-    assert "are not valid h264" in found[GOP]
-    assert found[GOP + 1 : 2 * GOP] == [AFTER_DAMAGE] * (GOP - 1)
-    assert found[2 * GOP :] == [""] * (COUNT - 2 * GOP)
-
-
 def test_a_message_that_cannot_be_read() -> None:
     messages = foxglove(encode(moving(GOP + 1), gop=GOP))
     messages[1] = messages[1]._replace(data=b"", problem="a chunk is damaged")
@@ -196,20 +174,6 @@ def test_the_codec_changes() -> None:
     assert_shows(found, images)
 
 
-def test_what_is_not_shown_helps_those_after_it() -> None:
-    images = moving(GOP)
-    messages = foxglove(encode(images, gop=GOP))
-    decoder = VideoDecoder(messages[0].topic)
-    assert [decoder.add(message, show=False) for message in messages[:-1]] == [[]] * (GOP - 1)
-    assert_shows(decoder.add(messages[-1]), images)
-    assert decoder.add(compressed_video(b"", T0), show=False) == []
-
-
-def test_equal_packets_give_equal_bytes() -> None:
-    messages = foxglove(encode(moving(COUNT), gop=GOP))
-    assert decoded(messages) == decoded(messages)
-
-
 def test_packets_that_give_no_image_do_not_pile_up() -> None:
     """Parameter sets over and over, in a stream of images out of order: nothing is held for ever."""
     packets = encode(moving(COUNT), gop=GOP, bf="2", b_adapt="0", tune="psnr")
@@ -224,67 +188,11 @@ def test_packets_that_give_no_image_do_not_pile_up() -> None:
     assert came + len(decoder.flush()) == len(messages)
 
 
-def sequence_parameter_set(width_px: int, height_px: int) -> bytes:
-    """An H.264 SPS and PPS by hand, ITU-T H.264 7.3.2.1: baseline, image order type 2, one reference image."""
-
-    def code(value: int) -> str:
-        digits = f"{value + 1:b}"
-        return "0" * (len(digits) - 1) + digits
-
-    sps = code(0) + code(0) + code(2) + code(1) + "0" + code(width_px // 16 - 1) + code(height_px // 16 - 1) + "11000"
-    pps = code(0) + code(0) + "00" + code(0) + code(0) + code(0) + "000" + code(0) + code(0) + code(0) + "000"
-
-    def unit(bits: str) -> bytes:
-        bits += "1"
-        bits += "0" * (-len(bits) % 8)
-        return int(bits, 2).to_bytes(len(bits) // 8, "big")
-
-    return b"\0\0\0\1\x67" + bytes([66, 0, 62]) + unit(sps) + b"\0\0\0\1\x68" + unit(pps)
-
-
-@pytest.mark.parametrize("size", [(16, 16), (16384, 16384), (1 << 20, 16), (1 << 20, 1 << 20)])
-def test_absurd_sizes_take_no_memory(size: tuple[int, int]) -> None:
-    data = sequence_parameter_set(*size) + b"\0\0\0\1\x65\x88\x84" + bytes(range(1, 200))
-    messages = [compressed_video(data, T0 + n, log_time_ns=T0) for n in range(3)]
-    for message in decoded(messages):
-        assert "are not valid h264" in message.problem
-
-
 def test_the_settings_bound_the_size() -> None:
     messages = foxglove(encode(moving(2, 160, 120)))
     for mpx, is_shown in ((0.1, True), (0.01, False)):
         decoder = VideoDecoder(messages[0].topic, limits=LimitsConfig(max_image_mpx=mpx))
         assert [not found.problem for message in messages for found in decoder.add(message)] == [is_shown] * 2
-
-
-@pytest.mark.parametrize("name", ["h264", "hevc", "vp9", "av1", "vp8", "mpeg4", "mjpeg"])
-def test_large_garbage_takes_no_time(name: str) -> None:
-    rng = np.random.default_rng(3)
-    start = {"h264": b"\0\0\1\x65", "hevc": b"\0\0\1\x26\x01", "vp9": b"\x82", "av1": b"\x0a"}.get(name, b"\0")
-    data = start + rng.integers(0, 256, 8 << 20, np.uint8).tobytes()
-    [found] = decoded([ffmpeg_packet(data, T0, name=name, flags=1)])
-    assert found.problem
-
-
-@given(
-    kind=st.sampled_from(["h264", "h265", "vp9", "av1", "vp8", "mpeg4", "mjpeg"]),
-    place=st.integers(0, 3),
-    changes=st.lists(st.tuples(st.integers(0, 5000), st.integers(0, 255)), min_size=1, max_size=20),
-    cut=st.integers(0, 5000),
-)
-@settings(max_examples=150, deadline=None)
-def test_whatever_becomes_of_the_bytes_each_message_comes_out_once(
-    kind: str, place: int, changes: list[tuple[int, int]], cut: int
-) -> None:
-    packets = list(FILMS[kind])
-    data = bytearray(packets[place].data)
-    for at, value in changes:
-        data[at % len(data)] = value
-    packets[place] = packets[place]._replace(data=bytes(data[: cut or None]))
-    messages = ffmpeg(packets, kind)
-    found = decoded(messages)
-    assert sorted(m.stamp_ns for m in found) == [m.stamp_ns for m in messages]
-    assert all(bool(m.problem) != bool(m.data) for m in found)
 
 
 FILMS: dict[str, list[Packet]] = {kind: encode(moving(4), kind, gop=2) for kind in CODECS}

@@ -12,17 +12,17 @@ from memory_recording import MemoryRecording
 from video import PERIOD_NS, T0, compressed_video, encode, ffmpeg, foxglove, moving, pixels, psnr_db
 
 from pipeline.core.frame import SensorBundle
-from pipeline.core.messages import Channel, Drop, RawMessage
+from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.recording import TopicsConfig
 from pipeline.core.settings.sync import SyncConfig
 from pipeline.stages.sync.synchronize import synchronize
 from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.first_messages import FirstMessages
-from readers.rig.sensor_topics import IMAGE, Findings, find_camera_topics
+from readers.rig.sensor_topics import Findings, find_camera_topics
 from readers.streams.per_sensor import sensor_messages
 from readers.streams.survey import survey
-from readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME, VIDEO
+from readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME
 from readers.video.streams import LOOK_BACK_NS, VideoStreams, first_image_size, video_topics
 
 COUNT, GOP = 12, 4
@@ -87,14 +87,6 @@ def test_a_window_with_no_key_frame_near_waits_for_the_next() -> None:
 def test_damage_before_a_window() -> None:
     messages = [*FILM[:1], FILM[1]._replace(data=FILM[1].data[:9]), *FILM[2:]]
     assert [m.problem for m in window(2, messages)] == [AFTER_DAMAGE] * (GOP - 2) + [""] * (COUNT - GOP)
-
-
-def test_images_out_of_order_across_the_start_of_a_window() -> None:
-    messages = ffmpeg(encode(IMAGES, gop=6, bf="2", b_adapt="0", tune="psnr"), topic=TOPIC)
-    found = window(3, messages)
-    assert sorted(m.stamp_ns for m in found) == sorted(m.stamp_ns for m in messages[3:])
-    for message in found:
-        assert psnr_db(pixels(message), IMAGES[(message.stamp_ns - T0) // PERIOD_NS]) > 33
 
 
 def bundles_of(messages: Sequence[RawMessage]) -> tuple[list[SensorBundle], list[Drop], list[Drop]]:
@@ -200,20 +192,9 @@ def test_a_camera_is_found(topic: str) -> None:
         assert not found.faults
 
 
-def test_another_type_of_the_same_name_is_no_camera() -> None:
-    other = FILM[0]._replace(channel=Channel(TOPIC, FILM[0].channel.msgtype, "cdr", "uint8 nothing", "ros2msg"))
-    recording = MemoryRecording([other])
-    first = FirstMessages(recording)
-    assert (first.frame(TOPIC, IMAGE), first.image_size(TOPIC, IMAGE)) == ("", None)
-
-
 def test_a_calibration_for_another_size_is_told() -> None:
     [fault] = rig_of(FILM, size=(128, 96)).faults
     assert "its images are 64 x 48 px" in fault.reason
-
-
-def test_the_size_that_a_packet_names_is_not_believed() -> None:
-    assert rig_of(ffmpeg(PACKETS, width=7, height=-1)).rig.cameras
 
 
 @pytest.mark.parametrize("msgtype", ["sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"])
@@ -251,9 +232,3 @@ def test_without_the_decoder_the_topic_cannot_be_read(monkeypatch: pytest.Monkey
         assert list(recording.messages()) == []
         assert [topic.problem for topic in survey(recording)] == [remedy]
         assert video_topics(recording, [TOPIC]) == ()
-
-
-def test_topics() -> None:
-    recording = MemoryRecording([*FILM, raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=T0), T0)])
-    assert video_topics(recording, ["/odom", TOPIC, "/else"]) == (TOPIC,)
-    assert VIDEO < IMAGE

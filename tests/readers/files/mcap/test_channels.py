@@ -92,12 +92,6 @@ def test_channels_that_cannot_be_read(encoding: str, schema: str, name: str, say
     assert "lidcam reads cdr" in found
 
 
-def test_an_encoding_of_several_lines_is_told_in_one() -> None:
-    told = channel_of(RecordedChannel(1, "/a", "c\ndr", {}, 1), None, "")
-    assert isinstance(told, str)
-    assert "\n" not in told
-
-
 def test_a_definition_that_is_no_text_is_the_problem_of_its_messages_alone() -> None:
     channel = recorded("ros1", "ros1msg", "nav_msgs/Odometry", b"int32 \xff [")
     assert isinstance(channel, Channel)

@@ -12,7 +12,6 @@ from numpy import zeros
 from pipeline.core.errors import RecordingError
 from pipeline.core.messages import RawMessage
 from readers.open import open_recording
-from readers.recording import ReadOptions
 
 T0 = 1_700_000_000 * 10**9
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -112,16 +111,3 @@ def test_large_messages_are_views_and_small_ones_are_copies(tmp_path: Path) -> N
         got = list(recording.messages())
     assert [type(m.data) for m in got] == [memoryview, bytes]
     assert [bytes(m.data) for m in got] == [m.data for m in messages]
-
-
-def test_a_wrong_checksum_is_damage(tmp_path: Path) -> None:
-    path = tmp_path / "crc.mcap"
-    write_mcap(path, states([1, 2, 3]), "none")
-    content = path.read_bytes()
-    assert content.count(b"base_link") == 3
-    path.write_bytes(content.replace(b"base_link", b"case_link", 1))
-    with (
-        open_recording([path], ReadOptions("none")) as recording,
-        pytest.raises(RecordingError, match=r"before the first message: .*crc"),
-    ):
-        list(recording.messages())

@@ -8,7 +8,6 @@ import pytest
 from sound_recordings import read_all, sound_recording, write_files
 
 from pipeline.core.errors import RecordingError
-from readers.open import open_recording
 
 SOUND = sound_recording("sqlite")
 ROWS = len(SOUND.messages)
@@ -104,19 +103,3 @@ def test_other_tables_are_refused_in_one_line(tmp_path: Path, statements: tuple[
     with pytest.raises(RecordingError, match=said) as caught:
         read_all(changed(tmp_path, *statements), "as_needed")
     assert "\n" not in str(caught.value)
-
-
-def test_a_definition_whose_encoding_is_damaged_is_no_topic(tmp_path: Path) -> None:
-    path = changed(tmp_path, "UPDATE message_definitions SET encoding = 'rosxmsg'")
-    content = bytearray(path.read_bytes())
-    content[28:32] = (len(content) // 4096 + 1).to_bytes(4, "big")  # one page more than the file has
-    path.write_bytes(content)
-    with open_recording([path]) as recording:
-        assert {(info.topic, info.msgtype) for info in recording.topics} == {m.name for m in SOUND.messages}
-
-
-def test_an_encoding_of_several_lines_is_shown_in_one(tmp_path: Path) -> None:
-    path = changed(tmp_path, "UPDATE topics SET serialization_format = 'a' || char(10) || 'b' WHERE id = 1")
-    with open_recording([path]) as recording:
-        (info,) = [info for info in recording.topics if info.unreadable]
-    assert "serialised as a b, lidcam reads cdr" in info.unreadable

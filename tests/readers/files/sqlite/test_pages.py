@@ -31,13 +31,6 @@ def test_a_changed_bit_in_a_log_is_told(tmp_path: Path, place: int) -> None:
     assert "pages of rec.db3-wal cannot be applied" in told
 
 
-def test_a_shifted_log_is_told(tmp_path: Path) -> None:
-    wal = WAL.files["rec.db3-wal"]
-    count, (told,) = reasons(tmp_path, wal[: 32 + 2 * FRAME] + b"in between" + wal[32 + 2 * FRAME :])
-    assert count < len(WAL.messages)
-    assert "cannot be applied" in told
-
-
 def test_an_incomplete_last_page_is_told(tmp_path: Path) -> None:
     count, (told,) = reasons(tmp_path, WAL.files["rec.db3-wal"][: 32 + 3 * FRAME + 50])
     assert count < len(WAL.messages)

@@ -1,19 +1,59 @@
-"""What SQLite has yet to apply to a database, and what of it SQLite leaves out without a word.
+"""Pages of a database that SQLite leaves out or invents without a word (https://www.sqlite.org/fileformat2.html).
 
-SQLite takes a write-ahead log to end at the first page whose checksum is wrong, and a rollback journal whose first
-bytes are wrong for none at all (https://www.sqlite.org/fileformat2.html, 3 and 4).
+SQLite takes a write-ahead log to end at the first page whose checksum is wrong, ignores a rollback journal whose first
+bytes are wrong, and reads zeros for the missing part of the last page.
 """
 
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
-__all__ = ["journals_of", "unapplied"]
+__all__ = ["PageCount", "count_pages", "journals_of", "unapplied"]
+
+DATABASE_HEADER_BYTES = 100
+PAGE_BYTES = frozenset(1 << n for n in range(9, 17))
 
 JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
 HEADER_BYTES, FRAME_HEADER_BYTES = 32, 24
-"""Of a write-ahead log, and of each page in it."""
+"""Bytes of the header of a write-ahead log, and of each page in it."""
 
 BLOCK_BYTES = 1 << 20
+
+
+class PageCount(NamedTuple):
+    """Pages of a database.
+
+    Attributes:
+        page_bytes: Size of a page in bytes.
+        whole: Whole pages that the file has.
+        expected: Pages that it should have; 0 if an old SQLite wrote it, which did not count them.
+        rest: Bytes of the file behind the last whole page.
+    """
+
+    page_bytes: int
+    whole: int
+    expected: int
+    rest: int
+
+
+def count_pages(stream: BinaryIO) -> PageCount:
+    """The pages of a database.
+
+    Raises:
+        EOFError: the file ends inside its header.
+        ValueError: its header is not that of a database.
+    """
+    file_bytes = stream.seek(0, 2)
+    stream.seek(0)
+    header = stream.read(DATABASE_HEADER_BYTES)
+    if len(header) < DATABASE_HEADER_BYTES:
+        raise EOFError(f"expected {DATABASE_HEADER_BYTES} bytes of a database's header, found {len(header)}")
+    size = int.from_bytes(header[16:18], "big")
+    size = 1 << 16 if size == 1 else size
+    if size not in PAGE_BYTES:
+        raise ValueError(f"expected a power of two as the size of pages, found {size}")
+    is_counted = header[92:96] == header[24:28]  # the count is that of the last change
+    expected = int.from_bytes(header[28:32], "big") if is_counted else 0
+    return PageCount(size, file_bytes // size, expected, file_bytes % size)
 
 
 def journals_of(path: Path) -> list[Path]:
@@ -28,7 +68,7 @@ def journals_of(path: Path) -> list[Path]:
 
 
 def unapplied(journal: Path, folder: Path, applied: int) -> str:
-    """What of a journal SQLite could not apply, in words; empty if it applied all.
+    """The part of a journal that SQLite could not apply, in words; empty if it applied all.
 
     Args:
         journal: The journal as it was found.
