@@ -9,7 +9,7 @@ MORE = "?..."
 
 _URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):(/+)(.*)", re.DOTALL)
 _STARTS = re.compile(r"(?<![^\s'\"(=,\[])(?=[A-Za-z][A-Za-z0-9+.-]+:/)")
-_PART = re.compile(r"((?:.*@)?\S*?)([:,;]?(?:\s.*)?)", re.DOTALL)
+_PART = re.compile(r"((?:.*@)?\S*?)(['\")\]]*[:,;]?(?:\s.*)?)", re.DOTALL)
 
 
 def shown_url(url: str) -> str:

@@ -1,6 +1,6 @@
 """Small recordings that ask for a lot: memory and time stay bounded, and what is wrong is said in one line.
 
-The recordings are those of `tests/support/hostile_recordings.py`; each is inspected and processed by the program.
+The recordings are those of `hostile_recordings.py`; each is inspected and processed by the program.
 """
 
 import multiprocessing
@@ -10,7 +10,7 @@ from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
 
-from common import LIDCAM, Child, Outcome, campaign, run_child
+from common import LIDCAM, Child, Outcome, campaign, run_child  # isort: skip
 from hostile_recordings import HOSTILE
 
 __all__ = ["main"]

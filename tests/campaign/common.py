@@ -16,6 +16,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import traceback
 from collections import Counter
@@ -234,15 +235,12 @@ def run_child(
         )
         if during is not None:
             during(process)
-        is_hung = False
-        while True:
-            pid, status, usage = os.wait4(process.pid, os.WNOHANG)
-            if pid:
-                break
-            if not is_hung and time.monotonic() - started > timeout_s:
-                is_hung = True
-                os.kill(process.pid, signal.SIGKILL)
-            time.sleep(0.005)
+        hung = threading.Event()
+        timer = threading.Timer(timeout_s, lambda: (hung.set(), os.kill(process.pid, signal.SIGKILL)))
+        timer.daemon = True
+        timer.start()
+        _, status, usage = os.wait4(process.pid, 0)
+        timer.cancel()
         seconds = time.monotonic() - started
         process.returncode = os.waitstatus_to_exitcode(status)  # Popen must not wait for it again
         out.seek(0)
@@ -253,7 +251,7 @@ def run_child(
             err.read().decode(errors="replace"),
             seconds,
             usage.ru_maxrss // 1024,
-            is_hung,
+            hung.is_set(),
         )
 
 

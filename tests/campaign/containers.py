@@ -19,7 +19,7 @@ __all__ = ["main"]
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run it; the exit code."""
-    return campaign("containers", _try_case, count=50_000, arguments=arguments, max_case_s=5.0)
+    return campaign("containers", _try_case, count=50_000, arguments=arguments, max_case_s=60.0)
 
 
 def _try_case(number: int, chance: Random) -> Outcome:

@@ -12,21 +12,30 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from random import Random
 
 from common import Outcome, campaign, run_child  # isort: skip
 import cv2
 import numpy as np
-from builders import camera_info, detection2d_array, odometry, pointcloud2, raw, tf_message, transform_stamped
+from builders import (
+    camera_info,
+    detection2d_array,
+    header,
+    odometry,
+    pointcloud2,
+    raw,
+    tf_message,
+    transform_stamped,
+    write_mcap,
+)
 from mcap.reader import make_reader
-from mcap.writer import Writer
 
 from lidcam.job import make_job
 from lidcam.run import RunObserver, process_recording
 from lidcam.summary import RunProgress
-from pipeline.core.messages import Channel
+from pipeline.core.messages import RawMessage
 from readers.open import open_recording
 
 __all__ = ["main"]
@@ -63,7 +72,7 @@ def _try_case(number: int, chance: Random, *, frames: int, limit_s: float) -> Ou
     with tempfile.TemporaryDirectory(prefix="long_run-") as folder:
         recording, output = Path(folder, "in.mcap"), Path(folder, "out.mcap")
         outputs = [output, *([Path(folder, "out.rrd")] if number % 2 else [])]
-        _record(recording, frames, chance.randrange(2**32))
+        write_mcap(recording, _recorded(frames, chance.randrange(2**32)), "zstd")
         child = run_child([sys.executable, __file__, "--process", recording, *outputs], timeout_s=limit_s)
         if child.returncode or child.is_hung:
             return Outcome("does not end well", is_fault=True, detail=child.stderr)
@@ -126,61 +135,35 @@ def _opened(output: Path) -> tuple[float, int]:
     return seconds, summary.statistics.channel_message_counts[fused]
 
 
-def _record(path: Path, frames: int, seed: int) -> None:
-    """Write the recording, message by message."""
-    messages = _first_messages(seed)
-    with path.open("xb") as stream:
-        writer = Writer(stream)
-        writer.start("ros2", "lidcam tests")
-        channels: dict[Channel, int] = {}
-
-        def add(channel: Channel, data: bytes, at_ns: int) -> None:
-            if channel not in channels:
-                schema = writer.register_schema(channel.msgtype, "ros2msg", channel.definition.encode())
-                channels[channel] = writer.register_channel(channel.topic, "cdr", schema)
-            writer.add_message(channels[channel], at_ns, data, at_ns)
-
-        for channel, data in messages["once"]:
-            add(channel, data, START_NS)
-        for frame in range(frames):
-            at_ns = START_NS + frame * STEP_NS
-            for channel, data in messages[str(frame % VARIANTS)]:
-                add(channel, _stamped(data, at_ns), at_ns)
-            angle = frame / 300  # a circle of 60 m, driven at 3 m/s and more
-            pose = odometry(stamp_ns=at_ns, position=(30 * np.sin(angle), 30 - 30 * np.cos(angle), 0.0))
-            moved = raw("/odom", "nav_msgs/msg/Odometry", pose, at_ns)
-            add(moved.channel, bytes(moved.data), at_ns)
-        writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part
+def _recorded(frames: int, seed: int) -> Iterator[RawMessage]:
+    """The messages of the recording, one after the other."""
+    yield _static()
+    variants = [list(_varied(number, seed)) for number in range(VARIANTS)]
+    for frame in range(frames):
+        at_ns = START_NS + frame * STEP_NS
+        seconds, rest_ns = divmod(at_ns, 10**9)
+        stamp = seconds.to_bytes(4, "little") + rest_ns.to_bytes(4, "little")
+        for message in variants[frame % VARIANTS]:  # in CDR, each begins with a header
+            yield message._replace(log_time_ns=at_ns, data=bytes(message.data[:4]) + stamp + bytes(message.data[12:]))
+        angle = frame / 300  # a circle of 60 m, driven at 3 m/s and more
+        pose = odometry(stamp_ns=at_ns, position=(30 * np.sin(angle), 30 - 30 * np.cos(angle), 0.0))
+        yield raw("/odom", "nav_msgs/msg/Odometry", pose, at_ns)
 
 
-def _stamped(data: bytes, at_ns: int) -> bytes:
-    """A CDR message that begins with a header, with another stamp."""
-    seconds, rest_ns = divmod(at_ns, 10**9)
-    return data[:4] + seconds.to_bytes(4, "little") + rest_ns.to_bytes(4, "little") + data[12:]
-
-
-@cache
-def _first_messages(seed: int) -> dict[str, list[tuple[Channel, bytes]]]:
-    """Messages that are recorded once, and those of each variant of a frame."""
-    return {"once": _static()} | {str(number): list(_varied(number, seed)) for number in range(VARIANTS)}
-
-
-def _static() -> list[tuple[Channel, bytes]]:
+def _static() -> RawMessage:
     to_optical = (-0.5, 0.5, -0.5, 0.5)
-    edges = [
-        transform_stamped("base_link", f"lidar_{side}", stamp_ns=START_NS, translation=(0, y, 1.8))
-        for side, y in (("left", 0.5), ("right", -0.5))
-    ] + [
-        transform_stamped(
-            "base_link", f"cam_{side}", stamp_ns=START_NS, translation=(0, y, 1.5), rotation_xyzw=to_optical
-        )
-        for side, y in (("left", 0.3), ("right", -0.3))
-    ]
-    message = raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message(edges), START_NS)
-    return [(message.channel, bytes(message.data))]
+    edges = []
+    for side, sign in (("left", 1), ("right", -1)):
+        at = {"translation": (0, 0.5 * sign, 1.8)}, {"translation": (0, 0.3 * sign, 1.5), "rotation_xyzw": to_optical}
+        edges += [
+            transform_stamped("base_link", f"{kind}_{side}", stamp_ns=START_NS, **pose)  # type: ignore[arg-type]
+            for kind, pose in zip(("lidar", "cam"), at, strict=True)
+        ]
+    return raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message(edges), START_NS)
 
 
-def _varied(number: int, seed: int) -> Iterator[tuple[Channel, bytes]]:
+def _varied(number: int, seed: int) -> Iterator[RawMessage]:
+    """The messages of one frame."""
     chance = np.random.default_rng([seed, number])
     K = np.array([[120.0, 0, 80], [0, 120, 60], [0, 0, 1]])
     for side in ("left", "right"):
@@ -190,24 +173,18 @@ def _varied(number: int, seed: int) -> Iterator[tuple[Channel, bytes]]:
         cars = [place + chance.uniform([-2.0, -0.9, -1.7], [2.0, 0.9, -0.3], (200, 3)) for place in places]
         xyz = np.concatenate([ground, *cars]).astype(np.float32)
         cloud = pointcloud2(xyz, stamp_ns=START_NS, frame_id=f"lidar_{side}")
-        message = raw(f"/{side}/points", "sensor_msgs/msg/PointCloud2", cloud, START_NS)
-        yield message.channel, bytes(message.data)
-        info = camera_info(K, stamp_ns=START_NS, width_px=160, height_px=120, frame_id=f"cam_{side}")
-        message = raw(f"/cam_{side}/camera_info", "sensor_msgs/msg/CameraInfo", info, START_NS)
-        yield message.channel, bytes(message.data)
+        yield raw(f"/{side}/points", "sensor_msgs/msg/PointCloud2", cloud, START_NS)
+        camera = f"cam_{side}"
+        info = camera_info(K, stamp_ns=START_NS, width_px=160, height_px=120, frame_id=camera)
+        yield raw(f"/{camera}/camera_info", "sensor_msgs/msg/CameraInfo", info, START_NS)
         pixels = cv2.resize(chance.integers(0, 256, (12, 16, 3), np.uint8), (160, 120))
-        shot = {
-            "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": f"cam_{side}"},
-            "format": "jpeg",
-            "data": cv2.imencode(".jpg", pixels)[1].ravel(),
-        }
-        message = raw(f"/cam_{side}/image/compressed", "sensor_msgs/msg/CompressedImage", shot, START_NS)
-        yield message.channel, bytes(message.data)
+        jpeg = cv2.imencode(".jpg", pixels)[1].ravel()
+        shot = {"header": header(START_NS, camera), "format": "jpeg", "data": jpeg}
+        yield raw(f"/{camera}/image/compressed", "sensor_msgs/msg/CompressedImage", shot, START_NS)
     boxes = detection2d_array(
         [[60, 40, 100, 80]], class_names=["car"], scores=[0.9], stamp_ns=START_NS, frame_id="cam_left"
     )
-    message = raw("/cam_left/detections", "vision_msgs/msg/Detection2DArray", boxes, START_NS)
-    yield message.channel, bytes(message.data)
+    yield raw("/cam_left/detections", "vision_msgs/msg/Detection2DArray", boxes, START_NS)
 
 
 if __name__ == "__main__":

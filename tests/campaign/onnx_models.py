@@ -15,7 +15,7 @@ from random import Random
 from common import Outcome, campaign, is_one_line, run_child  # isort: skip
 import numpy as np
 from onnx_files import FLOAT, _bytes, _int, _ints, _node, _tensor, _value, _varint_field, write_yolox
-from onnx_networks import write_network
+from onnx_networks import INT64, write_network
 
 from pipeline.core.arrays import Array
 
@@ -25,6 +25,8 @@ MAX_SECONDS = 90.0
 MAX_MIB = 5000
 SIZE_PX = (64, 64)
 ROWS = 64 + 16 + 4
+OUTPUT = (1, ROWS, 85)
+BOOL = 9
 NAMES = {row: f"class {row}" for row in range(80)}
 LAYOUTS: tuple[dict[str, tuple[int, ...]], ...] = (
     {"output0": (3 * ROWS, 85)},
@@ -45,10 +47,10 @@ resource.setrlimit(resource.RLIMIT_AS, (16 << 30, 16 << 30))
 from pathlib import Path
 import numpy as np
 from pipeline.core.errors import LidcamError
-from pipeline.core.settings.config import Config
+from pipeline.core.settings.detect import Detect2DConfig
 from pipeline.detectors.onnx.detector import OnnxDetector2D
 try:
-    found = OnnxDetector2D(Path(sys.argv[1]), Config())([np.zeros((48, 64, 3), np.uint8)] * 3)
+    found = OnnxDetector2D(Path(sys.argv[1]), Detect2DConfig())([np.zeros((48, 64, 3), np.uint8)] * 3)
 except LidcamError as err:
     print("told:", err)
 else:
@@ -65,8 +67,8 @@ def _try_case(number: int, chance: Random) -> Outcome:
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "model"
         folder.mkdir()
-        np.full((1, ROWS, 85), SECRET, np.float32).tofile(folder.parent / "outside.bin")
-        np.full((1, ROWS, 85), 0.25, np.float32).tofile(folder / "inside.bin")
+        np.full(OUTPUT, SECRET, np.float32).tofile(folder.parent / "outside.bin")
+        np.full(OUTPUT, 0.25, np.float32).tofile(folder / "inside.bin")
         (folder / "link.bin").symlink_to("../outside.bin")
         path = folder / "a.onnx"
         make = HOSTILE[number % len(HOSTILE)] if number % 2 else chance.choice((_bytes_changed, _cut, _fields_changed))
@@ -135,29 +137,43 @@ def _sizes(path: Path, chance: Random) -> tuple[str, bool]:
     other = chance.choice((side, 64))
     batch = chance.choice((1, 1, 0, -1, 4096, 1 << 31, "N"))
     count = batch if isinstance(batch, str) else batch % 2**64
-    _network(path, [], _value("images", (count, 3, side % 2**64, other % 2**64), FLOAT))
+    _network(path, [], inputs=_value("images", (count, 3, side % 2**64, other % 2**64), FLOAT))
     return f"an input of {batch} x {side} x {other}", side == other == 32  # where 84 x 85 is an output of YOLOv8
 
 
 def _network(
-    path: Path, nodes: Sequence[bytes], inputs: bytes = b"", bias: bytes = b"", opset: int = 11, domain: bytes = b""
+    path: Path,
+    nodes: Sequence[bytes],
+    *,
+    inputs: bytes = b"",
+    bias: bytes = b"",
+    added: str = "bias",
+    constants: Sequence[bytes] = (),
+    domain: bytes = b"",
 ) -> None:
-    """A network that adds nothing to its bias, behind other nodes."""
+    """A network that adds nothing to its bias, or to what other nodes make."""
     main = [
         _node("ReduceMean", ["images"], "mean", _ints("axes", [1, 2, 3]), _int("keepdims", 0)),
         _node("Unsqueeze", ["mean"], "column", _ints("axes", [1, 2])),
         _node("Mul", ["column", "zero"], "nothing"),
-        _node("Add", ["nothing", "bias"], "output0"),
+        _node("Add", ["nothing", added], "output0"),
     ]
-    bias = bias or _tensor("bias", np.full((1, ROWS, 85), 0.25, np.float32), FLOAT)
+    bias = bias or _tensor("bias", np.full(OUTPUT, 0.25, np.float32), FLOAT)
+    zero = _tensor("zero", np.zeros((1, 1, 1), np.float32), FLOAT)
     graph = b"".join(_bytes(1, node) for node in [*nodes, *main]) + _bytes(2, b"g")
-    graph += _bytes(5, _tensor("zero", np.zeros((1, 1, 1), np.float32), FLOAT)) + _bytes(5, bias)
-    graph += _bytes(11, inputs or _value("images", (1, 3, *SIZE_PX), FLOAT))
-    graph += _bytes(12, _value("output0", (1, ROWS, 85), FLOAT))
-    imports = _bytes(8, _varint_field(2, opset)) + (
-        _bytes(8, _bytes(1, domain) + _varint_field(2, 1)) if domain else b""
+    graph += b"".join(_bytes(5, constant) for constant in (zero, bias, *constants))
+    graph += _bytes(11, inputs or _value("images", (1, 3, *SIZE_PX), FLOAT)) + _bytes(
+        12, _value("output0", OUTPUT, FLOAT)
     )
+    imports = _bytes(8, _varint_field(2, 11)) + (_bytes(8, _bytes(1, domain) + _varint_field(2, 1)) if domain else b"")
     path.write_bytes(_varint_field(1, 6) + imports + _bytes(7, graph))
+
+
+def _constant(name: str, values: Array) -> bytes:
+    """A node that gives whole numbers."""
+    return _node(
+        "Constant", [], name, _bytes(1, b"value") + _bytes(5, _tensor("", values, INT64)) + _varint_field(20, 4)
+    )
 
 
 def _outside(path: Path, chance: Random) -> tuple[str, bool]:
@@ -168,7 +184,7 @@ def _outside(path: Path, chance: Random) -> tuple[str, bool]:
     length = chance.choice((ROWS * 85 * 4, 0, 1, 2**40))
     offset = chance.choice((0, 0, 0, 2**62, -1))
     entries = {"location": location, "offset": str(offset), "length": str(length)}
-    dims = b"".join(_varint_field(1, n) for n in (1, ROWS, 85))
+    dims = b"".join(_varint_field(1, n) for n in OUTPUT)
     stored = b"".join(_bytes(13, _bytes(1, k.encode()) + _bytes(2, v.encode())) for k, v in entries.items())
     _network(path, [], bias=dims + _varint_field(2, FLOAT) + _bytes(8, b"bias") + stored + _varint_field(14, 1))
     return f"weights of {length} bytes in {location}", location == "inside.bin"
@@ -177,19 +193,14 @@ def _outside(path: Path, chance: Random) -> tuple[str, bool]:
 def _huge_constant(path: Path, chance: Random) -> tuple[str, bool]:
     """A constant of many gigabytes from a file of few bytes, used or folded away."""
     shape = np.array(chance.choice(([1 << 16, 1 << 16], [1 << 20, 1 << 20], [1 << 31, 8], [1 << 14, 1 << 14, 20])))
-    constant = _bytes(1, b"shape") + _bytes(5, _tensor("", shape.astype(np.int64), 7)) + _varint_field(20, 4)
-    constant = constant.replace(_bytes(1, b"shape"), _bytes(1, b"value"), 1)
-    nodes = [_node("Constant", [], "shape", constant), _node("ConstantOfShape", ["shape"], "huge")]
+    nodes = [_constant("shape", shape), _node("ConstantOfShape", ["shape"], "huge")]
     used = chance.choice(("ReduceSum", "Exp", "Identity"))
     nodes.append(_node(used, ["huge"], "small", *([_int("keepdims", 1)] if used == "ReduceSum" else [])))
+    added = "bias"
     if chance.random() < 0.7:  # else nothing needs it
-        nodes += [
-            _node("ReduceMean", ["small"], "point", _int("keepdims", 0)),
-            _node("Add", ["point", "images"], "images2"),
-        ]
-    _network(path, nodes)
-    if chance.random() < 0.7:
-        path.write_bytes(path.read_bytes().replace(_bytes(1, b"images") + _bytes(2, b"mean"), b""))
+        nodes += [_node("ReduceMean", ["small"], "point", _int("keepdims", 0)), _node("Add", ["point", "bias"], "sum")]
+        added = "sum"
+    _network(path, nodes, added=added)
     return f"a constant of {shape.tolist()}, {used}", True
 
 
@@ -197,50 +208,31 @@ def _tiles(path: Path, chance: Random) -> tuple[str, bool]:
     """A tensor that grows a thousandfold, again and again, while the network runs."""
     times = chance.randint(1, 4)
     repeats = np.array([1, 1, 1000, 1000] if chance.random() < 0.5 else [1000, 100, 1, 1], np.int64)
-    constant = _bytes(1, b"value") + _bytes(5, _tensor("", repeats, 7)) + _varint_field(20, 4)
-    nodes = [_node("Constant", [], "repeats", constant)]
+    nodes = [_constant("repeats", repeats)]
     nodes += [_node("Tile", [f"t{i}" if i else "images", "repeats"], f"t{i + 1}") for i in range(times)]
-    nodes.append(_node("ReduceMean", [f"t{times}"], "unused"))
-    graph_output = _bytes(12, _value("unused", (1, 1, 1, 1), FLOAT)) if chance.random() < 0.5 else b""
-    _network(path, nodes)
-    if graph_output:
-        main = _node("Mul", ["column", "zero"], "nothing")
-        path.write_bytes(path.read_bytes().replace(_bytes(1, main), _bytes(1, main)))
+    nodes += [_node("ReduceMean", [f"t{times}"], "point", _int("keepdims", 0)), _node("Add", ["point", "bias"], "sum")]
+    _network(path, nodes, added=chance.choice(("bias", "sum")))
     return f"{times} tiles", True
 
 
 def _loop(path: Path, chance: Random) -> tuple[str, bool]:
     """A loop of 2^62 turns whose result the output needs."""
-    body = b"".join(
-        _bytes(1, node)
-        for node in (_node("Identity", ["cond_in"], "cond_out"), _node("Add", ["sum_in", "sum_in"], "sum_out"))
-    )
-    body += _bytes(2, b"body")
-    body += _bytes(11, _value("turn", (), 7)) + _bytes(11, _value("cond_in", (), 9))
-    body += _bytes(11, _value("sum_in", (1, ROWS, 85), FLOAT))
-    body += _bytes(12, _value("cond_out", (), 9)) + _bytes(12, _value("sum_out", (1, ROWS, 85), FLOAT))
-    attribute = _bytes(1, b"body") + _bytes(6, body) + _varint_field(20, 5)
-    dims = b"".join(_varint_field(1, n) for n in (1, ROWS, 85))
-    turns = _bytes(5, _varint_field(2, 7) + _bytes(8, b"turns") + _bytes(9, (1 << 62).to_bytes(8, "little")))
-    true = _bytes(5, _varint_field(2, 9) + _bytes(8, b"true") + _bytes(9, b"\1"))
-    start = _bytes(5, dims + _varint_field(2, FLOAT) + _bytes(8, b"start") + _bytes(9, bytes(ROWS * 85 * 4)))
-    loop = (
-        b"".join(_bytes(1, name) for name in (b"turns", b"true", b"start"))
-        + _bytes(2, b"endless")
-        + _bytes(4, b"Loop")
-        + _bytes(5, attribute)
-    )
-    nodes = [
-        _node("ReduceMean", ["images"], "mean", _ints("axes", [1, 2, 3]), _int("keepdims", 0)),
-        _node("Unsqueeze", ["mean"], "column", _ints("axes", [1, 2])),
-        loop,
-        _node("Add", ["column", "endless"], "output0"),
-    ]
-    graph = b"".join(_bytes(1, node) for node in nodes) + _bytes(2, b"g") + turns + true + start
-    graph += _bytes(11, _value("images", (1, 3, *SIZE_PX), FLOAT))
-    graph += _bytes(12, _value("output0", (1, ROWS, 85), FLOAT))
-    path.write_bytes(_varint_field(1, 6) + _bytes(8, _varint_field(2, 11)) + _bytes(7, graph))
     del chance
+    inner = _node("Identity", ["cond_in"], "cond_out"), _node("Add", ["sum_in", "sum_in"], "sum_out")
+    body = b"".join(_bytes(1, node) for node in inner) + _bytes(2, b"body")
+    for field, name, shape, kind in (
+        (11, "turn", (), INT64),
+        (11, "cond_in", (), BOOL),
+        (11, "sum_in", OUTPUT, FLOAT),
+        (12, "cond_out", (), BOOL),
+        (12, "sum_out", OUTPUT, FLOAT),
+    ):
+        body += _bytes(field, _value(name, shape, kind))
+    attribute = _bytes(1, b"body") + _bytes(6, body) + _varint_field(20, 5)
+    turns, true = _tensor("turns", np.array(1 << 62), INT64), _tensor("true", np.array(True), BOOL)
+    start = _tensor("start", np.zeros(OUTPUT, np.float32), FLOAT)
+    loop = _node("Loop", ["turns", "true", "start"], "endless", attribute)
+    _network(path, [loop], added="endless", constants=(turns, true, start))
     return "a loop without end", False
 
 
@@ -253,25 +245,14 @@ def _custom(path: Path, chance: Random) -> tuple[str, bool]:
 
 def _not_finite(path: Path, chance: Random) -> tuple[str, bool]:
     value = chance.choice((np.nan, np.inf, -np.inf, 1e38, 1000.0))
-    _network(path, [], bias=_tensor("bias", np.full((1, ROWS, 85), value, np.float32), FLOAT))
+    _network(path, [], bias=_tensor("bias", np.full(OUTPUT, value, np.float32), FLOAT))
     return f"outputs of {value}", value in {1e38, 1000.0}
 
 
 def _names(path: Path, chance: Random) -> tuple[str, bool]:
     """Names of classes that nobody has, and too many of them."""
-    text = chance.choice(
-        (
-            "{" * 50_000,
-            "[" * 50_000,
-            "{0: " * 5000,
-            "&a [*a, *a]",
-            "{0: 1}",
-            "",
-            "\0",
-            "-" * (1 << 21),
-            "!!python/name:os",
-        )
-    )
+    deep = "{" * 50_000, "[" * 50_000, "{0: " * 5000, "-" * (1 << 21)
+    text = chance.choice((*deep, "&a [*a, *a]", "{0: 1}", "", "\0", "!!python/name:os"))
     key = chance.choice(("names", "names", "names", "stride", "imgsz", "task"))
     output = np.full((ROWS, 85), 0.25, np.float32)
     write_network(path, {"output0": output}, size_px=SIZE_PX, metadata={"names": str(NAMES)} | {key: text})
@@ -318,21 +299,8 @@ def _another_file(path: Path, chance: Random) -> tuple[str, bool]:
 
 Make = Callable[[Path, Random], tuple[str, bool]]
 HOSTILE: tuple[Make, ...] = (
-    _sizes,
-    _outside,
-    _loop,
-    _huge_constant,
-    _tiles,
-    _custom,
-    _not_finite,
-    _sizes,
-    _deep,
-    _many,
-    _another_file,
-    _outside,
-    _names,
-    _odd_outputs,
-    _huge_constant,
+    *(_sizes, _outside, _loop, _huge_constant, _tiles, _custom, _not_finite, _sizes, _deep, _many, _another_file),
+    *(_outside, _names, _odd_outputs, _huge_constant),
 )
 
 if __name__ == "__main__":

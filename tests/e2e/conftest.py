@@ -1,19 +1,31 @@
-from functools import partial
+from itertools import islice
 from pathlib import Path
 
 import pytest
-from command import Lidcam, called
+from builders import write_rosbag1
+from command import Lidcam, Run, called
+from results import fused_objects
+
+from pipeline.core.messages import RawMessage
+from readers.open import open_recording
 
 ROOT = Path(__file__).resolve().parents[2]
+FRAMES = 6
+"""Messages of each sensor in `first_messages`."""
 
 
 @pytest.fixture(scope="session")
 def lidcam(tmp_path_factory: pytest.TempPathFactory) -> Lidcam:
     """Call `lidcam ...` in this process, from another folder, with arguments of any type that has a text form.
 
-    `test_calling`, `test_usage` and `test_wheel` start the installed program.
+    `test_calling`, `test_workers` and `test_wheel` start the installed program.
     """
-    return partial(called, tmp_path_factory.mktemp("elsewhere"))
+    elsewhere = tmp_path_factory.mktemp("elsewhere")
+
+    def call(*arguments: object, folder: Path = elsewhere) -> Run:
+        return called(folder, *arguments)
+
+    return call
 
 
 @pytest.fixture(scope="session")
@@ -32,3 +44,39 @@ def crossing() -> Path:
 def sandbox_config() -> Path:
     """Its settings."""
     return ROOT / "config" / "sandbox.yaml"
+
+
+@pytest.fixture(scope="session")
+def first_messages(sandbox: Path) -> dict[str, list[RawMessage]]:
+    """The first messages of the sample by topic, as many of each sensor; without truth of the cars."""
+    with open_recording([sandbox]) as recording:
+        topics = [info.topic for info in recording.topics if "base_pose" not in info.topic]
+        return {topic: [*islice(recording.messages([topic]), FRAMES)] for topic in topics}
+
+
+@pytest.fixture(scope="session")
+def first_result(
+    first_messages: dict[str, list[RawMessage]],
+    lidcam: Lidcam,
+    sandbox_config: Path,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Path:
+    """What they become with the sample's settings."""
+    path = tmp_path_factory.mktemp("first") / "first.bag"
+    messages = [message for topic in first_messages.values() for message in topic]
+    write_rosbag1(path, sorted(messages, key=lambda message: (message.log_time_ns, message.topic)))
+    run = lidcam("process", path, path.with_name("out.mcap"), "--config", sandbox_config)
+    assert run.code == 0, run.err
+    assert sum(map(len, fused_objects(path.with_name("out.mcap")).values())) >= 8
+    return path.with_name("out.mcap")
+
+
+@pytest.fixture(scope="session")
+def sandbox_result(
+    lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, Run]:
+    """What the whole sample becomes with its settings, with a Rerun recording beside it, and what is printed."""
+    out = tmp_path_factory.mktemp("whole") / "out.mcap"
+    run = lidcam("process", sandbox, out, "--config", sandbox_config, "--rerun", out.with_suffix(".rrd"))
+    assert run.code == 0, run.err
+    return out, run

@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 from builders import write_rosbag1
 from captures import capture_of, ethernet, ip_packet, pcap
-from command import Lidcam
 from results import fused_objects, messages_of, topics_of
-from velodyne import START_NS, packet_stream, random_packets, scan
+from velodyne import START_NS, packet_stream, random_packets
 
 from lidcam.commands.inspect import InspectOptions, run_inspect
 from lidcam.commands.process import Printed, run_process
 from lidcam.job import make_job
 from lidcam.settings.choice import SettingsChoice
-from pipeline.core.errors import CalibrationError, IncompleteError, MessageError, RecordingError
+from pipeline.core.errors import CalibrationError, ConfigError, IncompleteError, MessageError, RecordingError
 from pipeline.core.settings.config import Config
 
 PAYLOAD, STAMPS_NS = random_packets("VLP-16", packets=170, start=0)
@@ -43,33 +42,24 @@ def captures(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def processed(capsys: pytest.CaptureFixture[str], *inputs: Path, out: Path, **options: Any) -> Any:
     """The final table of `lidcam process`, called here: to start a program takes longer."""
     with suppress(IncompleteError):
-        run_process(make_job(inputs, out, settings=FAST, **options), Printed(as_json=True))
+        run_process(make_job(inputs, out, **{"settings": FAST, **options}), Printed(as_json=True))
     return json.loads(capsys.readouterr().out)
 
 
-def test_one_lidar_needs_nothing_else(captures: Path, lidcam: Lidcam, tmp_path: Path) -> None:
-    out = tmp_path / "out.mcap"
-    run = lidcam("process", captures / "one.pcap", out, *(word for setting in FAST for word in ("--set", setting)))
-    assert run.code == 0, run.err
-    assert "/other_traffic/position (2: position packets (GPS), which are not used)" in run.out
-    assert f"{LEFT}: 170 velodyne_msgs/msg/VelodynePacket gathered into sweeps" in run.out
-    sweeps = messages_of(out, "/point_cloud_combined")
-    assert len(sweeps) == 3
-    assert {cloud.header.frame_id for _, cloud in sweeps} == {"velodyne_10_0_0_1"}
-    assert next(iter(fused_objects(out))) == START_NS
-
-
-def test_the_tables_for_machines(captures: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    table = processed(capsys, captures / "one.pcap", out=tmp_path / "out.mcap")
+def test_one_lidar_needs_nothing_else(captures: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    table = processed(capsys, captures / "one.pcap", out=(out := tmp_path / "out.mcap"))
     assert table["messages_used"] == {LEFT: 3}
     assert table["unused_topics"] == {"/other_traffic/position": 2}
     assert (table["losses"], table["exit_code"]) == ([], 0)
+    sweeps = messages_of(out, "/point_cloud_combined")
+    assert [cloud.header.frame_id for _, cloud in sweeps] == ["velodyne_10_0_0_1"] * 3
+    assert next(iter(fused_objects(out))) == START_NS
     run_inspect(InspectOptions((captures / "one.pcap",), SettingsChoice(Config()), as_json=True))
-    found = json.loads(capsys.readouterr().out)
-    topics = {topic["topic"]: topic for topic in found["topics"]}
+    topics = {topic["topic"]: topic for topic in json.loads(capsys.readouterr().out)["topics"]}
     assert (topics[LEFT]["msgtype"], topics[LEFT]["count"]) == ("velodyne_msgs/msg/VelodyneScan", 3)
-    assert topics["/other_traffic/position"]["count"] == 2
     assert "GPS" in topics["/other_traffic/position"]["problem"]
+    with pytest.raises(ConfigError, match=r"HDL-64E S2 needs velodyne\.calibration"):
+        processed(capsys, captures / "one.pcap", out=out, settings=("velodyne.model=HDL-64E S2",))
 
 
 def test_a_cut_capture_is_read_and_written_as_an_mcap(
@@ -100,25 +90,17 @@ def test_several_lidars_need_their_poses(captures: Path, capsys: pytest.CaptureF
     assert processed(capsys, captures / "two.pcap", out=out, rig=rig)["messages_used"] == {LEFT: 3, RIGHT: 3}
 
 
-@pytest.mark.parametrize("kind", ["scan", "packets"])
-def test_packets_that_cannot_be_used_are_in_the_table(
-    kind: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_packets_that_cannot_be_used_are_in_the_table(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     foreign = PAYLOAD[:70].copy()
     foreign[[3, 30]] = 0x55
     foreign[40, 200] = 0
-    stamps_ns = STAMPS_NS[:70]
-    if kind == "scan":
-        messages = [scan(foreign, stamps_ns, encoding="ros1")]
-    else:
-        messages = packet_stream(foreign, stamps_ns, encoding="ros1")
-        messages[50] = messages[50]._replace(data=messages[50].data[:1000])
+    messages = packet_stream(foreign, STAMPS_NS[:70], encoding="ros1")
+    messages[50] = messages[50]._replace(data=messages[50].data[:1000])
     path, out = tmp_path / "foreign.bag", tmp_path / "out.mcap"
     write_rosbag1(path, messages)
     table = processed(capsys, path, out=out)
-    assert table["messages_used"] == {"/velodyne_packets": 1}
+    assert (table["messages_used"], table["exit_code"]) == ({"/velodyne_packets": 1}, 3)
     counts = {drop["reason"]: drop["count"] for drop in table["drops"]}
-    assert table["exit_code"] == 3
-    assert counts == {FOREIGN: 3} | ({"packets that cannot be decoded": 1} if kind == "packets" else {})
-    with pytest.raises(MessageError, match="3 of 70 packets of the scan" if kind == "scan" else "found 1000 bytes"):
+    assert counts == {FOREIGN: 3, "packets that cannot be decoded": 1}
+    with pytest.raises(MessageError, match="found 1000 bytes"):
         processed(capsys, path, out=out, on_bad_message="fail")

@@ -21,13 +21,14 @@ import numpy as np
 import pytest
 from builders import write_mcap
 from captures import capture_of, pcap
+from command import Run, called
 from document_commands import ROOT, commands_of_help, commands_of_pages, pages
-from logging_state import kept_logging
+from licences import PYPROJECT
 from onnx_files import write_yolox
 from range_server import range_server
 from velodyne import random_packets
 
-from lidcam.__main__ import main, main_process
+from pipeline.core.messages import RawMessage
 from readers.open import open_recording
 
 SANDBOX, CROSSING = ROOT / "bags" / "sandbox.bag", ROOT / "bags" / "crossing.mcap"
@@ -51,23 +52,22 @@ INCOMPLETE = {"lidcam inspect broken.bag --repair whole.mcap", "lidcam inspect d
 PLACEHOLDERS = {"SCENARIO": "sandbox", "OUT": "out.bag", "FOLDER": "folder", "KEY": "sync.slop_s"}
 
 
-def part(number: int, path: Path) -> None:
+def recorded() -> list[RawMessage]:
     with open_recording([CROSSING]) as recording:
-        messages = list(recording.messages())
+        return list(recording.messages())
+
+
+def part(number: int, path: Path) -> None:
+    messages = recorded()
     middle = len(messages) // 2
-    write_mcap(path, messages[:middle] if number == 0 else messages[middle:])
+    write_mcap(path, messages[middle:] if number else messages[:middle])
 
 
 def detected(path: Path) -> None:
     """The sample with the boxes of a 3D detector beside it, as the recording's own truth has them."""
-    with open_recording([CROSSING]) as recording:
-        messages = list(recording.messages())
-    boxes = [
-        one._replace(channel=replace(one.channel, topic="/perception/centerpoint/objects"))
-        for one in messages
-        if one.topic == "/ground_truth/objects"
-    ]
-    write_mcap(path, sorted([*messages, *boxes], key=lambda one: one.log_time_ns))
+    truth = [one for one in recorded() if one.topic == "/ground_truth/objects"]
+    boxes = [one._replace(channel=replace(one.channel, topic="/perception/centerpoint/objects")) for one in truth]
+    write_mcap(path, sorted([*recorded(), *boxes], key=lambda one: one.log_time_ns))
 
 
 def folder(path: Path) -> None:
@@ -84,7 +84,7 @@ def network(path: Path) -> None:
 
 
 def rig(path: Path) -> None:
-    assert call("lidcam", "inspect", SANDBOX, "--write-rig", path, "-q") == 0
+    assert called(path.parent, "inspect", SANDBOX, "--write-rig", path, "-q").code == 0
 
 
 def camchain(path: Path) -> None:
@@ -106,7 +106,7 @@ def result() -> bytes:
     with TemporaryDirectory() as home:
         path = Path(home) / "result.mcap"
         less = ("--duration", "0.2", "--set", "output.images=false", "--set", "output.clouds=false", "-q")
-        assert call("lidcam", "process", SANDBOX, path, *less) == 0
+        assert called(path.parent, "process", SANDBOX, path, *less).code == 0
         return path.read_bytes()
 
 
@@ -147,32 +147,10 @@ def exceptions_to(command: str) -> list[str]:
 COMMANDS = [command for command in all_commands() if not exceptions_to(command)]
 
 
-def call(program: str, *arguments: object) -> int:
-    """Exit code of a program, called here: to start a program takes longer."""
-    sys.argv = [program, *map(str, arguments)]
-    try:
-        main() if program == "lidcam" else main_process()
-    except SystemExit as end:
-        return int(end.code or 0)
-    return 0
-
-
-def shell(line: str, cwd: Path) -> int:
-    """Exit code of a line of bash; what it prints is printed here."""
+def shell(line: str, cwd: Path) -> Run:
+    """Run a line of bash."""
     done = subprocess.run(["bash", "-c", line], cwd=cwd, capture_output=True, text=True, check=False)
-    sys.stdout.write(done.stdout)
-    sys.stderr.write(done.stderr)
-    return done.returncode
-
-
-@pytest.fixture(autouse=True)
-def as_it_was(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
-    monkeypatch.setattr("lidcam.__main__.end_at_signals", lambda: None)  # signals are the tests' own
-    monkeypatch.setenv("OMP_NUM_THREADS", "1")  # `process` sets it
-    monkeypatch.setattr(sys, "argv", [])
-    monkeypatch.chdir(tmp_path)
-    with kept_logging():
-        yield
+    return Run(done.returncode, done.stdout, done.stderr)
 
 
 @pytest.fixture(scope="module")
@@ -208,9 +186,7 @@ def outputs_of(words: list[str]) -> set[str]:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_commands_do_what_they_say(
-    command: str, url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_commands_do_what_they_say(command: str, url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     words = [PLACEHOLDERS.get(word, word) for word in shlex.split(command.replace("https://host", url))]
     for name in set(words) & (STAND_INS.keys() - outputs_of(words)):
         STAND_INS[name](tmp_path / name)
@@ -221,52 +197,33 @@ def test_commands_do_what_they_say(
         program = Path(sys.executable).with_name(words[0])
         rest = shlex.join(words[signs[0] + 1 :])
         line = f"{program} {shlex.join(shortened(words[: signs[0]])[1:])} {words[signs[0]]} {rest}"
-        code = shell(f"set -o pipefail; {line}", tmp_path)
+        run = shell(f"set -o pipefail; {line}", tmp_path)
     elif words[0] == "python":
-        code = shell(shlex.join([sys.executable, *words[1:]]), ROOT)
+        run = shell(shlex.join([sys.executable, *words[1:]]), ROOT)
     else:
-        code = call(*shortened(words))
-    told = capsys.readouterr()
-    assert code == (3 if command in INCOMPLETE else 0), f"{all_commands()[command]}: {command}\n{told.err}"
-    assert told.out or "wrote" in told.err or ">" in words
+        program, *arguments = shortened(words)
+        run = called(tmp_path, *arguments, program=program)
+    assert run.code == (3 if command in INCOMPLETE else 0), f"{all_commands()[command]}: {command}\n{run.err}"
+    assert run.out or "wrote" in run.err or ">" in words
 
 
-@pytest.mark.parametrize("command", sorted(INCOMPLETE))
-def test_the_page_of_a_command_that_ends_with_3_says_so(command: str) -> None:
-    (page,) = (page for page in pages() if page.name == commands_of_pages()[command])
-    around = page.read_text(encoding="utf-8").partition(command)
-    assert "exit code 3" in around[0][-800:] + around[2][:800]
+def test_pages_of_commands_that_end_with_3_say_so() -> None:
+    for command in INCOMPLETE:
+        (page,) = (page for page in pages() if page.name == commands_of_pages()[command])
+        before, _, after = page.read_text(encoding="utf-8").partition(command)
+        assert "exit code 3" in before[-800:] + after[:800], command
 
 
-def test_there_are_commands() -> None:
-    assert len(COMMANDS) > 20
-    assert {command.split(" ")[1] for command in COMMANDS if command.startswith("lidcam ")} >= {
-        "inspect",
-        "simulate",
-        "drive",
-        "demo",
-    }
-
-
-def test_every_exception_is_one() -> None:
+def test_every_kind_of_command_is_there_and_every_exception_is_one() -> None:
+    kinds = {command.split(" ")[1] for command in COMMANDS if command.startswith("lidcam ")}
+    assert kinds >= {"process", "inspect", "evaluate", "compare", "simulate", "drive", "demo", "config"}
     used = [pattern for command in all_commands() for pattern in exceptions_to(command)]
     assert set(used) == set(EXCEPTIONS)
 
 
-@cache
-def pyproject() -> str:
-    return (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-
-
-def test_extras_exist() -> None:
-    named = re.findall(r"lidcam\[([\w,]+)\]", "\n".join([*all_commands(), (ROOT / "README.md").read_text()]))
-    extras = {extra for names in named for extra in names.split(",")}
-    assert extras >= {"sim", "train", "video", "http", "s3"}
-    for extra in extras:
-        assert re.search(rf"^{extra} = \[", pyproject(), re.MULTILINE), extra
-
-
-@pytest.mark.parametrize("command", [command for command in all_commands() if command.startswith("make ")])
-def test_make_targets_exist(command: str) -> None:
-    target = command.split(" ")[1]
-    assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+def test_extras_and_targets_of_make_exist() -> None:
+    text = "\n".join([*all_commands(), (ROOT / "README.md").read_text(encoding="utf-8")])
+    extras = {extra for names in re.findall(r"lidcam\[([\w,]+)\]", text) for extra in names.split(",")}
+    assert {"sim", "train", "video", "http", "s3"} <= extras <= set(PYPROJECT["project"]["optional-dependencies"])
+    targets = re.findall(r"^(\w[\w/.]*):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    assert {target for command in all_commands() for target in re.findall(r"^make ([\w/.]+)", command)} <= {*targets}

@@ -48,20 +48,6 @@ def test_requirements_that_are_met_and_not(lidcam: Lidcam, result: Path, tmp_pat
     assert "gate.json: is an input of this run" in refused.error_line
 
 
-def test_wrong_requirements_are_wrong_usage(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -> None:
-    run = lidcam("process", sandbox, tmp_path / "out.mcap", "--require", "fused.car.recal >= 0.9")
-    assert (run.code, run.out) == (2, "")
-    told = "Invalid value for --require: unknown figure 'fused.car.recal': did you mean 'fused.car.recall'?"
-    assert told in " ".join(run.err.split())
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_recording_is_no_result(lidcam: Lidcam, crossing: Path) -> None:
-    run = lidcam("evaluate", crossing)
-    assert run.code == 1
-    assert "expected a result of lidcam, found a recording" in run.error_line
-
-
 def steps() -> Iterator[dict[str, Any]]:
     workflow = yaml.safe_load(WORKFLOW.read_text(encoding="utf-8"))
     for job in workflow["jobs"].values():

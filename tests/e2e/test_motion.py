@@ -21,6 +21,9 @@ FRAMES, POINTS = 8, 1000
 WALL_X_M = 60.0
 MOUNT_M, MOUNT = (1.2, -0.3, 1.8), Rotation.from_euler("xyz", (2.0, -4.0, 30.0), degrees=True)
 ALL_POINTS = ("--set", "combine.outliers.enabled=false", "--set", "combine.ground.enabled=false")
+TF = "tf2_msgs/msg/TFMessage"
+
+Process = Callable[..., Path]
 
 
 def vehicle_at(stamps_ns: I64) -> tuple[F64, Rotation]:
@@ -31,7 +34,7 @@ def vehicle_at(stamps_ns: I64) -> tuple[F64, Rotation]:
     return place, Rotation.from_rotvec(yaw[:, None] * [0.0, 0.0, 1.0])
 
 
-def sweep(index: int, logged_after_ns: int = SWEEP_NS + LATE_NS) -> RawMessage:
+def sweep(index: int, logged_after_ns: int) -> RawMessage:
     """One turn of the lidar over the wall: each point is measured from where the lidar is at that moment."""
     stamp_ns = START_NS + (index + 1) * SWEEP_NS
     rng = np.random.default_rng(index)
@@ -43,13 +46,6 @@ def sweep(index: int, logged_after_ns: int = SWEEP_NS + LATE_NS) -> RawMessage:
     return raw("/points", "sensor_msgs/msg/PointCloud2", cloud, stamp_ns, stamp_ns + logged_after_ns, "ros1")
 
 
-def mount() -> RawMessage:
-    edge = transform_stamped(
-        "base_link", "lidar", stamp_ns=START_NS, translation=MOUNT_M, rotation_xyzw=MOUNT.as_quat().tolist()
-    )
-    return raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message([edge]), START_NS, encoding="ros1")
-
-
 def poses() -> Iterator[tuple[int, list[float], list[float]]]:
     """Stamp, position and quaternion, at 50 Hz, from before the first sweep to after the last one."""
     for stamp_ns in range(START_NS, START_NS + (FRAMES + 3) * SWEEP_NS, POSE_NS):
@@ -57,40 +53,45 @@ def poses() -> Iterator[tuple[int, list[float], list[float]]]:
         yield stamp_ns, place[0].tolist(), heading.as_quat()[0].tolist()
 
 
-def as_odometry() -> list[RawMessage]:
-    return [
-        raw(
-            "/odom",
-            "nav_msgs/msg/Odometry",
-            odometry(stamp_ns=stamp_ns, position=place, orientation_xyzw=xyzw),
-            stamp_ns,
-            stamp_ns + LATE_NS,
-            "ros1",
-        )
-        for stamp_ns, place, xyzw in poses()
-    ]
+def as_odometry(topic: str = "/odom", frame_id: str = "odom", child: str = "base_link") -> list[RawMessage]:
+    found = []
+    for stamp_ns, place, xyzw in poses():
+        frames = {"frame_id": frame_id, "child_frame_id": child}
+        pose = odometry(stamp_ns=stamp_ns, position=place, orientation_xyzw=xyzw, **frames)
+        found.append(raw(topic, "nav_msgs/msg/Odometry", pose, stamp_ns, stamp_ns + LATE_NS, "ros1"))
+    return found
 
 
 def as_tf() -> list[RawMessage]:
-    return [
-        raw(
-            "/tf",
-            "tf2_msgs/msg/TFMessage",
-            tf_message(
-                [transform_stamped("odom", "base_link", stamp_ns=stamp_ns, translation=place, rotation_xyzw=xyzw)]
-            ),
-            stamp_ns,
-            stamp_ns + LATE_NS,
-            "ros1",
-        )
-        for stamp_ns, place, xyzw in poses()
-    ]
+    found = []
+    for stamp_ns, place, xyzw in poses():
+        edge = transform_stamped("odom", "base_link", stamp_ns=stamp_ns, translation=place, rotation_xyzw=xyzw)
+        found.append(raw("/tf", TF, tf_message([edge]), stamp_ns, stamp_ns + LATE_NS, "ros1"))
+    return found
 
 
-def recording(path: Path, motion: Iterable[RawMessage], logged_after_ns: int = SWEEP_NS + LATE_NS) -> Path:
-    messages = [mount(), *(sweep(index, logged_after_ns) for index in range(FRAMES)), *motion]
-    write_rosbag1(path, sorted(messages, key=lambda message: message.log_time_ns))
-    return path
+@pytest.fixture(scope="module")
+def process(lidcam: Lidcam, tmp_path_factory: pytest.TempPathFactory) -> Process:
+    """Record the drive and process it."""
+
+    def run(motion: Iterable[RawMessage], *options: str, logged_after_ns: int = SWEEP_NS + LATE_NS) -> Path:
+        folder = tmp_path_factory.mktemp("drive")
+        xyzw = MOUNT.as_quat().tolist()
+        mount = transform_stamped("base_link", "lidar", stamp_ns=START_NS, translation=MOUNT_M, rotation_xyzw=xyzw)
+        sweeps = [sweep(index, logged_after_ns) for index in range(FRAMES)]
+        messages = [raw("/tf_static", TF, tf_message([mount]), START_NS, encoding="ros1"), *sweeps, *motion]
+        write_rosbag1(folder / "a.bag", sorted(messages, key=lambda message: message.log_time_ns))
+        done = lidcam("process", folder / "a.bag", folder / "out.mcap", *ALL_POINTS, *options)
+        assert done.code == 0, done.err
+        return folder / "out.mcap"
+
+    return run
+
+
+@pytest.fixture(scope="module", params=[as_odometry, as_tf])
+def moved(request: pytest.FixtureRequest, process: Process) -> Path:
+    """What becomes of the drive, whose motion is recorded in one of two ways."""
+    return process(request.param())
 
 
 def stamp_of(header: Any) -> int:
@@ -98,54 +99,41 @@ def stamp_of(header: Any) -> int:
 
 
 def clouds_of(path: Path) -> dict[int, F64]:
-    """Points (N, 3) of the combined cloud by stamp."""
-    clouds = {}
-    for _, message in messages_of(path, "/point_cloud_combined"):
-        assert message.header.frame_id == "base_link"
-        assert [field.name for field in message.fields[:3]] == ["x", "y", "z"]
-        rows = np.frombuffer(message.data, np.uint8).reshape(-1, message.point_step)
-        clouds[stamp_of(message.header)] = rows[:, :12].copy().view("<f4").astype(np.float64)
-    return clouds
+    """Points (N, 3) of the combined clouds by stamp."""
+    found = {}
+    for _, cloud in messages_of(path, "/point_cloud_combined"):
+        columns = np.frombuffer(cloud.data, np.uint8).reshape(-1, cloud.point_step)[:, :12].copy().view(np.float32)
+        found[stamp_of(cloud.header)] = columns.astype(np.float64)
+    return found
 
 
 def depth_of_wall(stamp_ns: int, xyz_base: F64) -> F64:
-    """How far each point lies behind the wall in `odom`, by the true pose of the vehicle at the frame's stamp."""
+    """(N,) metres behind the wall in `odom`, by the true pose of the vehicle at the frame's stamp."""
     place, heading = vehicle_at(np.array([stamp_ns], np.int64))
     return np.asarray((heading.apply(xyz_base) + place)[:, 0] - WALL_X_M)
 
 
-@pytest.mark.parametrize("motion", [as_odometry, as_tf])
-def test_a_wall_that_stands_still_comes_out_flat(
-    lidcam: Lidcam, tmp_path: Path, motion: Callable[[], list[RawMessage]]
-) -> None:
-    bag, out = recording(tmp_path / "a.bag", motion()), tmp_path / "out.mcap"
-    run = lidcam("process", bag, out, *ALL_POINTS)
-    assert run.code == 0, run.err
-    assert f"{FRAMES} of {FRAMES} frames compensated" in run.out
-    clouds = clouds_of(out)
-    assert len(clouds) == FRAMES
+def assert_flat(clouds: dict[int, F64]) -> None:
     for stamp_ns, xyz in clouds.items():
         assert len(xyz) == POINTS
         assert np.abs(depth_of_wall(stamp_ns, xyz)).max() < 0.01
 
 
-def test_without_compensation_the_wall_is_as_thick_as_the_way_driven(lidcam: Lidcam, tmp_path: Path) -> None:
-    bag, out = recording(tmp_path / "a.bag", as_odometry()), tmp_path / "out.mcap"
-    run = lidcam("process", bag, out, *ALL_POINTS, "--set", "combine.motion.enabled=false")
-    assert run.code == 0, run.err
+def test_a_wall_that_stands_still_comes_out_flat(moved: Path) -> None:
+    assert_flat(clouds := clouds_of(moved))
+    assert len(clouds) == FRAMES
+
+
+def test_without_compensation_the_wall_is_as_thick_as_the_way_driven(process: Process) -> None:
+    out = process(as_odometry(), "--set", "combine.motion.enabled=false")
     way_m = SPEED_M_S * SWEEP_NS / 1e9
     for stamp_ns, xyz in clouds_of(out).items():
         assert np.ptp(depth_of_wall(stamp_ns, xyz)) > 0.8 * way_m
     assert "/tf" not in topics_of(out)
 
 
-@pytest.mark.parametrize("motion", [as_odometry, as_tf])
-def test_tf_tells_where_the_vehicle_was_at_each_frame(
-    lidcam: Lidcam, tmp_path: Path, motion: Callable[[], list[RawMessage]]
-) -> None:
-    bag, out = recording(tmp_path / "a.bag", motion()), tmp_path / "out.mcap"
-    assert lidcam("process", bag, out).code == 0
-    edges = [message.transforms[0] for _, message in messages_of(out, "/tf")]
+def test_tf_tells_where_the_vehicle_was_at_each_frame(moved: Path) -> None:
+    edges = [message.transforms[0] for _, message in messages_of(moved, "/tf")]
     assert [stamp_of(edge.header) for edge in edges] == [START_NS + (k + 1) * SWEEP_NS for k in range(FRAMES)]
     for edge in edges:
         assert (edge.header.frame_id, edge.child_frame_id) == ("odom", "base_link")
@@ -154,56 +142,30 @@ def test_tf_tells_where_the_vehicle_was_at_each_frame(
         np.testing.assert_allclose([shift.x, shift.y, shift.z], place[0], atol=1e-3)
         off = heading[0].inv() * Rotation.from_quat([turn.x, turn.y, turn.z, turn.w])
         assert off.magnitude() < 1e-4
-    (mounted,) = messages_of(out, "/tf_static")[0][1].transforms
+    (mounted,) = messages_of(moved, "/tf_static")[0][1].transforms
     assert (mounted.header.frame_id, mounted.child_frame_id) == ("base_link", "lidar")
     shift = mounted.transform.translation
     np.testing.assert_allclose([shift.x, shift.y, shift.z], MOUNT_M)
-    for _, message in messages_of(out, "/diagnostics"):
+    for _, message in messages_of(moved, "/diagnostics"):
         values = {pair.key: pair.value for status in message.status for pair in status.values}
         assert values["motion compensated"] == "lidar"
 
 
-def test_odometry_of_another_car_moves_nothing(lidcam: Lidcam, tmp_path: Path) -> None:
-    others = [
-        raw(
-            "/car1/base_pose_ground_truth",
-            "nav_msgs/msg/Odometry",
-            odometry(stamp_ns=stamp_ns, frame_id="map", child_frame_id="car1", position=place, orientation_xyzw=xyzw),
-            stamp_ns,
-            stamp_ns + LATE_NS,
-            "ros1",
-        )
-        for stamp_ns, place, xyzw in poses()
-    ]
-    out = tmp_path / "out.mcap"
-    assert lidcam("process", recording(tmp_path / "a.bag", others), out, *ALL_POINTS).code == 0
+def test_odometry_of_another_car_moves_nothing(process: Process) -> None:
+    out = process(as_odometry("/car1/base_pose_ground_truth", "map", "car1"))
     assert "/tf" not in topics_of(out)
 
 
-def test_a_part_of_the_recording_gives_the_frames_of_the_whole(lidcam: Lidcam, tmp_path: Path) -> None:
-    bag = recording(tmp_path / "a.bag", as_odometry())
-    whole, part = tmp_path / "whole.mcap", tmp_path / "part.mcap"
-    assert lidcam("process", bag, whole, *ALL_POINTS).code == 0
-    run = lidcam("process", bag, part, *ALL_POINTS, "--start", "0.45", "--duration", "0.3")
-    assert run.code == 0, run.err
-    expected, found = clouds_of(whole), clouds_of(part)
-    assert 2 <= len(found) < FRAMES
-    for stamp_ns, xyz in found.items():
-        np.testing.assert_array_equal(xyz, expected[stamp_ns])
+def test_a_part_of_the_recording_gives_the_frames_of_the_whole(process: Process) -> None:
+    """Sweeps that are recorded late, so that the poses of the first ones come before the window."""
+    whole = clouds_of(process(as_odometry(), logged_after_ns=350_000_000))
+    part = clouds_of(process(as_odometry(), "--start", "0.5", logged_after_ns=350_000_000))
+    assert_flat(whole)
+    assert 2 <= len(part) < FRAMES
+    for stamp_ns, xyz in part.items():
+        np.testing.assert_array_equal(xyz, whole[stamp_ns])
 
 
-@pytest.mark.parametrize(
-    ("logged_after_ns", "options"),
-    [(0, ()), (350_000_000, ("--start", "0.5"))],
-    ids=["poses of a sweep recorded after it", "poses of the first sweeps recorded before the window"],
-)
-def test_sweeps_and_poses_recorded_at_different_times(
-    lidcam: Lidcam, tmp_path: Path, logged_after_ns: int, options: tuple[str, ...]
-) -> None:
-    bag, out = recording(tmp_path / "a.bag", as_odometry(), logged_after_ns), tmp_path / "out.mcap"
-    run = lidcam("process", bag, out, *ALL_POINTS, *options)
-    assert run.code == 0, run.err
-    clouds = clouds_of(out)
-    assert len(clouds) == FRAMES if not options else 2 <= len(clouds) < FRAMES
-    for stamp_ns, xyz in clouds.items():
-        assert np.abs(depth_of_wall(stamp_ns, xyz)).max() < 0.01
+def test_poses_of_a_sweep_that_are_recorded_after_it(process: Process) -> None:
+    assert_flat(clouds := clouds_of(process(as_odometry(), logged_after_ns=0)))
+    assert len(clouds) == FRAMES

@@ -32,16 +32,14 @@ def url(server: RangeServer) -> str:
     return server.url.replace("://", "://ada:s3cret@") + "/drives/rec.mcap?X-Amz-Signature=s3cret"
 
 
-def content_of(path: Path) -> tuple[list[Any], list[Any], dict[str, str]]:
+def content_of(path: Path) -> tuple[list[Any], dict[str, str]]:
+    """Messages and attachments, and what is said of the run."""
     with path.open("rb") as file:
         reader = make_reader(file)
-        messages = [
-            (schema.name if schema else "", channel.topic, m.log_time, m.publish_time, m.sequence, m.data)
-            for schema, channel, m in reader.iter_messages(log_time_order=False)
-        ]
-        attachments = [(a.name, a.log_time, a.data) for a in reader.iter_attachments()]
+        messages: list[Any] = [(channel.topic, m) for _, channel, m in reader.iter_messages(log_time_order=False)]
+        attachments = [(one.name, one.log_time, one.data) for one in reader.iter_attachments()]
         (metadata,) = [record.metadata for record in reader.iter_metadata() if record.name == "lidcam"]
-    return messages, attachments, metadata
+    return messages + attachments, metadata
 
 
 def test_window_of_a_recording_on_a_server(
@@ -57,14 +55,13 @@ def test_window_of_a_recording_on_a_server(
     assert "Warning" not in done.err
     expected, got = content_of(local), content_of(remote)
     assert len(expected[0]) > 100
-    assert got[:2] == expected[:2]
-    assert {key: value for key, value in got[2].items() if not key.startswith("input.")} == {
-        key: value for key, value in expected[2].items() if not key.startswith("input.")
-    }
-    assert got[2]["input.0.name"] == "rec.mcap"
-    assert got[2]["input.0.url"] == f"{server.url}/drives/rec.mcap?..."
-    assert got[2]["input.0.size"] == str(recording.stat().st_size)
-    assert {"input.0.etag", "input.0.last_modified"} <= got[2].keys()
+    assert got[0] == expected[0]
+    said, known = ({key: run[key] for key in run if not key.startswith("input.")} for run in (got[1], expected[1]))
+    assert said == known
+    source = {key.removeprefix("input.0."): value for key, value in got[1].items() if key.startswith("input.")}
+    assert (source["name"], source["url"]) == ("rec.mcap", f"{server.url}/drives/rec.mcap?...")
+    assert source["size"] == str(recording.stat().st_size)
+    assert {"etag", "last_modified"} <= source.keys()
     assert server.sent < 0.25 * recording.stat().st_size
     assert len(server.requests) < 20
     assert b"s3cret" not in remote.read_bytes()
@@ -109,12 +106,9 @@ def test_errors_are_one_line_without_secrets(lidcam: Lidcam, server: RangeServer
     server.statuses["/drives/rec.mcap"] = 403
     done = lidcam("process", url, tmp_path / "out.mcap")
     assert done.code == 1
-    assert done.error_line == (
-        f"lidcam: error: {server.url}/drives/rec.mcap?...: access was denied (HTTP 403); check the credentials, and "
-        "whether a signed link is still valid"
-    )
+    assert done.error_line.startswith(f"lidcam: error: {server.url}/drives/rec.mcap?...: access was denied (HTTP 403)")
     assert len(done.err.splitlines()) == 1
-    assert not (tmp_path / "out.mcap").exists()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_output_on_a_server(lidcam: Lidcam, recording: Path, url: str) -> None:

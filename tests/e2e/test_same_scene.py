@@ -24,7 +24,6 @@ from builders import (
 )
 from captures import capture_of, pcap
 from results import Found, fused_objects
-from slabs import distance_to_box
 from velodyne import packet_stream, scan
 
 from bags.simulator.sensors.velodyne_packets import VelodyneSensor
@@ -37,7 +36,7 @@ from readers.velodyne.decoder import VelodyneDecoder
 
 START_NS = 1_600_000_000_000_000_000
 HEIGHT_M = 1.9
-CAR_M = (4.2, 1.8, 1.5)
+CAR_M = np.array([4.2, 1.8, 1.5])
 CARS = [((12.0, 4.0, -1.15), 0.3), ((9.0, -5.0, -1.15), 1.2), ((-14.0, 2.0, -1.15), -0.6)]
 SENSOR = VelodyneSensor("VLP-32C", START_NS)
 TURNS = 3
@@ -50,13 +49,23 @@ RECORDED_NS = 5_000_000
 CAPTURED = "/velodyne_192_168_1_201/packets"
 
 
+def distance_to_box(origins: F64, directions: F64, center: F64, yaw: float) -> F64:
+    """Distance (N,) to a car along each ray by the slab method (Kay and Kajiya 1986), infinite for a miss."""
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    turn = np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
+    start, along = (origins - center) @ turn.T, directions @ turn.T
+    along = np.where(np.abs(along) < 1e-12, 1e-12, along)
+    enter = ((-np.sign(along) * CAR_M / 2 - start) / along).max(1)
+    leave = ((np.sign(along) * CAR_M / 2 - start) / along).min(1)
+    return np.where((enter <= leave) & (enter > 0), enter, np.inf)
+
+
 def ranges_of(origins: F64, directions: F64) -> F64:
     with np.errstate(divide="ignore"):
         ground_m = (-HEIGHT_M - origins[:, 2]) / directions[:, 2]
     nearest_m = np.where((ground_m > 0) & (ground_m < 40), ground_m, np.inf)
     for center, yaw in CARS:
-        distance_m = distance_to_box(origins, directions, np.array(center), np.array(CAR_M), yaw)
-        nearest_m = np.minimum(nearest_m, distance_m)
+        nearest_m = np.minimum(nearest_m, distance_to_box(origins, directions, np.array(center), yaw))
     return nearest_m
 
 
@@ -64,7 +73,7 @@ def boxes_px() -> list[list[float]]:
     """The cars ahead in the image of a camera at the lidar."""
     boxes = []
     for center, yaw in CARS[:2]:
-        corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T * np.array(CAR_M) / 2
+        corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T * CAR_M / 2
         turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
         x, y, z = (corners @ turn.T + center).T
         u, v = 320 - 300 * y / x, 240 - 300 * z / x

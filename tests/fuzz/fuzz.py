@@ -1,14 +1,13 @@
 """Fuzz every decoder: `python tests/fuzz/fuzz.py [--minutes M] [--seed S] [NAME ...]`; see `harnesses`.
 
-Half of a decoder's time is guided by the branches that inputs take, half
-goes to fast alterations of what that found. Prints how many inputs each was tried with. Ends with 1 where one broke
-its contract, took more memory or time than an input may, and leaves the input in `out/fuzz/`.
+Half of a decoder's time is guided by the branches that inputs take, half goes to fast alterations of what that found.
+Prints how many inputs each was tried with. Ends with 1 where one broke its contract, took more memory or time than an
+input may, and leaves the input in `out/fuzz/`.
 """
 
 import argparse
 import os
 import re
-import shutil
 import subprocess
 import sys
 import time
@@ -43,7 +42,7 @@ class Outcome(NamedTuple):
 
 def main() -> int:
     """The number of decoders that broke their contract, at most 1."""
-    from harnesses import HARNESSES
+    from harnesses import HARNESSES, inputs
 
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=15.0, help="in all (default: %(default)g)")
@@ -58,7 +57,7 @@ def main() -> int:
     print(f"{'decoder':<24}{'inputs':>10}{'seconds':>10}{'inputs/s':>10}{'MiB':>8}  result", flush=True)
     outcomes = []
     with ThreadPoolExecutor(options.jobs) as pool:
-        running = [pool.submit(fuzz, name, HARNESSES[name].seeds(), seconds, options.seed) for name in names]
+        running = [pool.submit(fuzz, name, inputs(name), seconds, options.seed) for name in names]
         for ended in running:
             outcomes.append(ended.result())
             _print(outcomes[-1])
@@ -75,9 +74,6 @@ def fuzz(name: str, seeds: Iterable[bytes], seconds: float, seed: int) -> Outcom
         folder.mkdir()
         for number, one in enumerate(seeds):
             (folder / f"seed{number}").write_bytes(one)
-        before = FUZZ / "corpus" / name
-        if before.is_dir():
-            shutil.copytree(before, folder, dirs_exist_ok=True)
         outcomes = [_run(way, name, folder, seconds / len(WAYS), seed) for way in WAYS]
     return Outcome(
         name,

@@ -4,14 +4,12 @@
 """
 
 import random
-from pathlib import Path
 
 import pytest
-from harnesses import HARNESSES
+from harnesses import CORPUS, HARNESSES, inputs
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-CORPUS = Path(__file__).parent / "corpus"
 NUMBERS = [0, 1, 2, 127, 255, 256, 2**15, 2**16 - 1, 2**31 - 1, 2**31, 2**32 - 1, 2**63 - 1, 2**63, 2**64 - 1]
 
 
@@ -43,15 +41,14 @@ def altered(seed: bytes, number: int) -> bytes:
 
 @pytest.mark.parametrize("name", HARNESSES)
 def test_sound_inputs_and_such_that_were_found(name: str) -> None:
-    harness = HARNESSES[name]
-    for data in [b"", *harness.seeds(), *(path.read_bytes() for path in sorted((CORPUS / name).glob("*")))]:
-        harness.run(data)
+    for data in [b"", *inputs(name)]:
+        HARNESSES[name].run(data)
 
 
 @pytest.mark.parametrize("name", HARNESSES)
 def test_altered_inputs(name: str) -> None:
     harness = HARNESSES[name]
-    seeds = harness.seeds()
+    seeds = inputs(name)
 
     @settings(max_examples=25, deadline=None, derandomize=True, database=None, suppress_health_check=[*HealthCheck])
     @given(st.sampled_from(range(len(seeds))), st.integers(0, 2**32))

@@ -8,6 +8,7 @@ found regardless of case.
 from base64 import b64decode
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
+from itertools import chain
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,11 +20,12 @@ from rosbags.interfaces import Nodetype
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from pipeline.core.arrays import Array
 from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.ros.typestores import message_types
 from readers.messages.deserialize import typestore_for
 
 __all__ = [
@@ -49,37 +51,8 @@ __all__ = [
 Fields = Mapping[str, Any]
 Encoding = Literal["ros1", "cdr"]
 
-# Types that rosbags does not bring for one ROS version or both (vision_msgs: branch ros2).
-EXTRA_TYPES = {
-    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": (
-        "std_msgs/Header header\nint32 width\nint32 height\nstring encoding\nuint64 pts\nuint8 flags\n"
-        "bool is_bigendian\nuint8[] data"
-    ),
-    "foxglove_msgs/msg/CompressedVideo": (
-        "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\nstring format"
-    ),
-    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms",
-    "velodyne_msgs/msg/VelodynePacket": "builtin_interfaces/Time stamp\nuint8[1206] data",
-    "velodyne_msgs/msg/VelodyneScan": "std_msgs/Header header\nvelodyne_msgs/VelodynePacket[] packets",
-    "vision_msgs/msg/Point2D": "float64 x\nfloat64 y",
-    "vision_msgs/msg/Pose2D": "vision_msgs/Point2D position\nfloat64 theta",
-    "vision_msgs/msg/BoundingBox2D": "vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y",
-    "vision_msgs/msg/BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size",
-    "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
-    "vision_msgs/msg/ObjectHypothesisWithPose": (
-        "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose"
-    ),
-    "vision_msgs/msg/Detection2D": (
-        "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n"
-        "vision_msgs/BoundingBox2D bbox\nstring id"
-    ),
-    "vision_msgs/msg/Detection2DArray": "std_msgs/Header header\nvision_msgs/Detection2D[] detections",
-    "vision_msgs/msg/Detection3D": (
-        "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n"
-        "vision_msgs/BoundingBox3D bbox\nstring id"
-    ),
-    "vision_msgs/msg/Detection3DArray": "std_msgs/Header header\nvision_msgs/Detection3D[] detections",
-}
+# Packages of types that rosbags does not bring for one ROS version or both; in ROS 1, vision_msgs are as in ROS 2.
+MORE_PACKAGES = ("ffmpeg_image_transport_msgs/", "foxglove_msgs/", "tf2_msgs/", "velodyne_msgs/", "vision_msgs/")
 
 # sensor_msgs/PointField constants.
 POINT_FIELD_DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
@@ -266,19 +239,20 @@ def detection2d_array(
 def store_for(encoding: Encoding) -> Typestore:
     """Types of ROS 1 Noetic (`ros1`) or ROS 2 Humble (`cdr`), with vision_msgs and tf2_msgs."""
     store = get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE)
-    types = {}
-    for name, text in EXTRA_TYPES.items():
-        if name not in store.fielddefs:
-            types.update(get_types_from_msg(text, name))
-    store.register(types)
+    known = message_types(2).fielddefs
+    store.register({n: known[n] for n in known if n.startswith(MORE_PACKAGES) and n not in store.fielddefs})
     return store
 
 
 @lru_cache
 def channel(topic: str, msgtype: str, encoding: Encoding = "cdr") -> Channel:
     """A channel with the full definition of its type."""
+    return _channel_of(store_for(encoding), topic, msgtype, encoding)
+
+
+def _channel_of(store: Typestore, topic: str, msgtype: str, encoding: Encoding) -> Channel:
     ros_version: Literal[1, 2] = 1 if encoding == "ros1" else 2
-    text, _ = store_for(encoding).generate_msgdef(msgtype, ros_version=ros_version)
+    text, _ = store.generate_msgdef(msgtype, ros_version=ros_version)
     return Channel(topic, msgtype, encoding, text, "ros1msg" if encoding == "ros1" else "ros2msg")
 
 
@@ -298,12 +272,16 @@ def raw(
     log_time_ns: int | None = None,
     encoding: Encoding = "cdr",
     *,
-    order: tuple[int, int] = (0, 0),
+    order: tuple[int, ...] = (0, 0),
+    store: Typestore | None = None,
 ) -> RawMessage:
-    """An undecoded message as a reader yields it; recorded at its stamp unless `log_time_ns` says otherwise."""
+    """An undecoded message as a reader yields it; recorded at its stamp unless `log_time_ns` says otherwise.
+
+    `store` has the types where they are not those of `store_for`.
+    """
     log_time_ns = stamp_ns if log_time_ns is None else log_time_ns
-    data = serialize(msgtype, message, encoding)
-    return RawMessage(stamp_ns, log_time_ns, order, data, channel(topic, msgtype, encoding))
+    source = channel(topic, msgtype, encoding) if store is None else _channel_of(store, topic, msgtype, encoding)
+    return RawMessage(stamp_ns, log_time_ns, order, serialize(msgtype, message, encoding, store), source)
 
 
 def _build(store: Typestore, msgtype: str, message: Fields) -> Any:
@@ -317,8 +295,8 @@ def _build(store: Typestore, msgtype: str, message: Fields) -> Any:
 
 
 def _field(store: Typestore, node: Nodetype, detail: Any, value: Any) -> Any:
-    if node == Nodetype.NAME:
-        return _build(store, detail, value or {})
+    if node == Nodetype.NAME:  # a mapping, or a message of a type that rosbags has made
+        return _build(store, detail, value or {}) if value is None or isinstance(value, Mapping) else value
     if node == Nodetype.BASE:
         return value if value is not None else _zero(detail[0])
     (item_node, item_detail), length = detail
@@ -400,15 +378,19 @@ def write_mcap(
     profile: str | None = None,
     **options: bool,
 ) -> None:
-    """One MCAP file by the mcap library, messages of any encoding; `options` go to its Writer (`use_chunking`...)."""
-    messages = list(raws)
-    encodings = {message.channel.encoding for message in messages}
-    default_profile = "ros1" if encodings == {"ros1"} else "ros2"
+    """One MCAP file by the mcap library, messages of any encoding; `options` go to its Writer (`use_chunking`...).
+
+    Without `profile` it is that of the first message.
+    """
+    messages = iter(raws)
+    first = next(messages, None)
+    if profile is None:
+        profile = "ros1" if first is not None and first.channel.encoding == "ros1" else "ros2"
     with path.open("xb") as stream:
         writer = McapWriter(stream, chunk_bytes, CompressionType[compression.upper()], **options)  # type: ignore[arg-type]  # bools only
-        writer.start(default_profile if profile is None else profile, "lidcam tests")
+        writer.start(profile, "lidcam tests")
         channels: dict[Channel, int] = {}
-        for sequence, message in enumerate(messages):
+        for sequence, message in enumerate(chain([] if first is None else [first], messages)):
             source = message.channel
             if source not in channels:
                 ros1 = source.encoding == "ros1"

@@ -2,13 +2,12 @@
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, Literal
 
-from builders import store_for
+from builders import Encoding, header, raw, store_for
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.messages import RawMessage
 from readers.messages.deserialize import deserialize
 
 __all__ = ["CAMERAS", "CLOUDS", "combined"]
@@ -19,15 +18,13 @@ DEFINITIONS = {
     CLOUDS: "Header header\nsensor_msgs/PointCloud2[] pointcloud",
 }
 FIELDS = {CAMERAS: "camera", CLOUDS: "pointcloud"}
-Encoding = Literal["ros1", "cdr"]
 
 
 @lru_cache
-def _types(encoding: Encoding, msgtype: str, definition: str) -> tuple[Typestore, str]:
+def _types(encoding: Encoding, msgtype: str, definition: str) -> Typestore:
     store = get_typestore(Stores.EMPTY)
     store.register({**store_for(encoding).fielddefs, **get_types_from_msg(definition, msgtype)})
-    text, _ = store.generate_msgdef(msgtype, ros_version=1 if encoding == "ros1" else 2)
-    return store, text
+    return store
 
 
 def combined(
@@ -53,13 +50,6 @@ def combined(
         field: Name of that type's list.
         order: Place in the recording.
     """
-    store, text = _types(encoding, msgtype, definition or DEFINITIONS[msgtype])
-    sec, nanosec = divmod(log_time_ns, 10**9)
-    Header, Time = store.types["std_msgs/msg/Header"], store.types["builtin_interfaces/msg/Time"]
-    seq: dict[str, Any] = {"seq": 0} if encoding == "ros1" else {}
-    header = Header(**seq, stamp=Time(sec, nanosec), frame_id="")
-    lists = {field or FIELDS[msgtype]: [deserialize(part) for part in parts]}
-    message = store.types[msgtype](header=header, **lists)
-    serialize = store.serialize_ros1 if encoding == "ros1" else store.serialize_cdr
-    channel = Channel(topic, msgtype, encoding, text, "ros1msg" if encoding == "ros1" else "ros2msg")
-    return RawMessage(log_time_ns, log_time_ns, order, bytes(serialize(message, msgtype)), channel)
+    store = _types(encoding, msgtype, definition or DEFINITIONS[msgtype])
+    body = {"header": header(log_time_ns, ""), field or FIELDS[msgtype]: [deserialize(part) for part in parts]}
+    return raw(topic, msgtype, body, log_time_ns, encoding=encoding, order=order, store=store)

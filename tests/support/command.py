@@ -11,7 +11,7 @@ from unittest.mock import patch
 
 from logging_state import kept_logging
 
-from lidcam.__main__ import main
+from lidcam.__main__ import main, main_process
 
 __all__ = ["Lidcam", "Run", "called"]
 
@@ -37,20 +37,20 @@ Lidcam = Callable[..., Run]
 """Calls the command, from another folder."""
 
 
-def called(folder: Path, *arguments: object) -> Run:
-    """Call `lidcam` with these arguments, from a folder, to its end. Signals stay the caller's."""
+def called(folder: Path, *arguments: object, program: str = "lidcam") -> Run:
+    """Call a program with these arguments, from a folder, to its end. Signals stay the caller's."""
     out, err, code = io.StringIO(), io.StringIO(), 0
     with (
         kept_logging(),
         contextlib.chdir(folder),
         contextlib.redirect_stdout(out),
         contextlib.redirect_stderr(err),
-        patch.object(sys, "argv", ["lidcam", *map(str, arguments)]),
+        patch.object(sys, "argv", [program, *map(str, arguments)]),
         patch.dict(os.environ, {"OMP_NUM_THREADS": "1"}),
         patch("lidcam.__main__.end_at_signals"),
     ):
         try:
-            main()
+            main() if program == "lidcam" else main_process()
         except SystemExit as end:
             code = int(end.code or 0)
     return Run(code, out.getvalue(), err.getvalue())

@@ -5,8 +5,9 @@ Nothing may be missing in silence, and nothing altered that a checksum covers.
 
 import resource
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
+from itertools import zip_longest
 from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
@@ -111,53 +112,25 @@ def judge(sound: SoundRecording, path: Path, recovery: Recovery) -> Verdict:
     return Verdict(f"SILENT: {text}", is_fault=True, detail=detail)
 
 
+PARTS: dict[str, Callable[[Seen], object]] = {
+    "name": lambda message: message.name,
+    "definition": lambda message: message.definition,
+    "log time": lambda message: message.log_time_ns,
+    "payload": lambda message: message.data,
+}
+
+
 def _difference(expected: Sequence[Seen], found: Sequence[Seen]) -> set[str]:
     """In what two recordings differ; `loss` where messages are missing."""
-    if len(found) < len(expected):
-        return {"loss"}
-    if len(found) > len(expected):
-        return {"more messages"}
-    differs: set[str] = set()
-    names = Counter(message.name for message in expected) != Counter(message.name for message in found)
-    for one, other in _pairs(expected, found):
-        if one.name != other.name:
-            differs.add("name")
-        elif one.definition != other.definition:
-            differs.add("definition")
-        if one.log_time_ns != other.log_time_ns:
-            differs.add("log time")
-        if one.data != other.data:
-            differs.add("payload")
-    if names:
-        differs.add("name")
-    return differs or {"order"}
-
-
-def _pairs(expected: Sequence[Seen], found: Sequence[Seen]) -> list[tuple[Seen, Seen]]:
-    """Equal messages with one another, then the rest in their order."""
-    left, right = Counter(expected), Counter(found)
-    rest = [message for message in expected if not _taken(right, message)]
-    others = [message for message in found if not _taken(left, message)]
-    if len({m.data for m in rest}) == len(rest) and {m.data for m in rest} == {m.data for m in others}:
-        by_data = {message.data: message for message in others}
-        return [(message, by_data[message.data]) for message in rest]
-    return list(zip(rest, others, strict=True))
-
-
-def _taken(counts: Counter[Seen], message: Seen) -> bool:
-    counts[message] -= 1
-    return counts[message] >= 0
+    if len(found) != len(expected):
+        return {"loss" if len(found) < len(expected) else "more messages"}
+    differs = {name for name, part in PARTS.items() if Counter(map(part, expected)) != Counter(map(part, found))}
+    return differs or {"payload"}  # of each other
 
 
 def _first(expected: Sequence[Seen], found: Sequence[Seen]) -> str:
-    for number, (one, other) in enumerate(zip(expected, found, strict=False)):
-        if one != other:
-            return f"message {number}: {_short(one)} became {_short(other)}"
-    return f"{_short(expected[len(found)]) if len(found) < len(expected) else 'more'}"
-
-
-def _short(message: Seen) -> str:
-    return f"{message.name} {message.log_time_ns} ({len(message.data)} bytes, {hash(message.data) & 0xFFFF:04x})"
+    pairs = enumerate(zip_longest(expected, found))
+    return next(f"message {number}: {one} became {other}"[:300] for number, (one, other) in pairs if one != other)
 
 
 def _peak_mib() -> int:

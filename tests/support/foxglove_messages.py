@@ -5,10 +5,11 @@ numbers. `twin` says in a Foxglove schema what a ROS message says.
 """
 
 import json
+import re
 from base64 import b64encode
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from google.protobuf import timestamp_pb2
@@ -25,60 +26,53 @@ Fields = Mapping[str, Any]
 
 TIME = "google.protobuf.Timestamp"
 
-# Names, numbers and types as in the package foxglove-schemas-protobuf 0.4.0; `*` is repeated.
-SCHEMAS: dict[str, dict[str, tuple[int, str]]] = {
-    "Vector3": {"x": (1, "double"), "y": (2, "double"), "z": (3, "double")},
-    "Quaternion": {"x": (1, "double"), "y": (2, "double"), "z": (3, "double"), "w": (4, "double")},
-    "Pose": {"position": (1, "foxglove.Vector3"), "orientation": (2, "foxglove.Quaternion")},
-    "PackedElementField": {"name": (1, "string"), "offset": (2, "fixed32"), "type": (3, "int32")},
-    "PointCloud": {
-        "timestamp": (1, TIME),
-        "frame_id": (2, "string"),
-        "pose": (3, "foxglove.Pose"),
-        "point_stride": (4, "fixed32"),
-        "fields": (5, "foxglove.PackedElementField*"),
-        "data": (6, "bytes"),
-    },
-    "RawImage": {
-        "timestamp": (1, TIME),
-        "frame_id": (7, "string"),
-        "width": (2, "fixed32"),
-        "height": (3, "fixed32"),
-        "encoding": (4, "string"),
-        "step": (5, "fixed32"),
-        "data": (6, "bytes"),
-    },
-    "CompressedImage": {
-        "timestamp": (1, TIME),
-        "frame_id": (4, "string"),
-        "data": (2, "bytes"),
-        "format": (3, "string"),
-    },
-    "CompressedVideo": {
-        "timestamp": (1, TIME),
-        "frame_id": (2, "string"),
-        "data": (3, "bytes"),
-        "format": (4, "string"),
-    },
-    "CameraCalibration": {
-        "timestamp": (1, TIME),
-        "frame_id": (9, "string"),
-        "width": (2, "fixed32"),
-        "height": (3, "fixed32"),
-        "distortion_model": (4, "string"),
-        "D": (5, "double*"),
-        "K": (6, "double*"),
-        "R": (7, "double*"),
-        "P": (8, "double*"),
-    },
-    "FrameTransform": {
-        "timestamp": (1, TIME),
-        "parent_frame_id": (2, "string"),
-        "child_frame_id": (3, "string"),
-        "translation": (4, "foxglove.Vector3"),
-        "rotation": (5, "foxglove.Quaternion"),
-    },
-    "FrameTransforms": {"transforms": (1, "foxglove.FrameTransform*")},
+PROTO = """
+message Vector3 { double x = 1; double y = 2; double z = 3; }
+message Quaternion { double x = 1; double y = 2; double z = 3; double w = 4; }
+message Pose { foxglove.Vector3 position = 1; foxglove.Quaternion orientation = 2; }
+message PackedElementField { string name = 1; fixed32 offset = 2; int32 type = 3; }
+message PointCloud {
+  google.protobuf.Timestamp timestamp = 1; string frame_id = 2; foxglove.Pose pose = 3; fixed32 point_stride = 4;
+  repeated foxglove.PackedElementField fields = 5; bytes data = 6;
+}
+message RawImage {
+  google.protobuf.Timestamp timestamp = 1; string frame_id = 7; fixed32 width = 2; fixed32 height = 3;
+  string encoding = 4; fixed32 step = 5; bytes data = 6;
+}
+message CompressedImage {
+  google.protobuf.Timestamp timestamp = 1; string frame_id = 4; bytes data = 2; string format = 3;
+}
+message CompressedVideo {
+  google.protobuf.Timestamp timestamp = 1; string frame_id = 2; bytes data = 3; string format = 4;
+}
+message CameraCalibration {
+  google.protobuf.Timestamp timestamp = 1; string frame_id = 9; fixed32 width = 2; fixed32 height = 3;
+  string distortion_model = 4; repeated double D = 5; repeated double K = 6; repeated double R = 7;
+  repeated double P = 8;
+}
+message FrameTransform {
+  google.protobuf.Timestamp timestamp = 1; string parent_frame_id = 2; string child_frame_id = 3;
+  foxglove.Vector3 translation = 4; foxglove.Quaternion rotation = 5;
+}
+message FrameTransforms { repeated foxglove.FrameTransform transforms = 1; }
+"""
+"""Names, numbers and types as in the package foxglove-schemas-protobuf 0.4.0."""
+
+
+class Field(NamedTuple):
+    """One field of a schema."""
+
+    kind: str
+    number: int
+    is_list: bool
+
+
+SCHEMAS = {
+    schema: {
+        name: Field(kind, int(number), bool(repeated))
+        for repeated, kind, name, number in re.findall(r"(repeated )?([\w.]+) (\w+) = (\d+);", fields)
+    }
+    for schema, fields in re.findall(r"message (\w+) {([^}]*)}", PROTO)
 }
 
 SCHEMA_OF = {
@@ -99,16 +93,15 @@ def _descriptors() -> FileDescriptorSet:
     time = FileDescriptorProto()
     timestamp_pb2.DESCRIPTOR.CopyToProto(time)
     file = FileDescriptorProto(name="foxglove.proto", package="foxglove", syntax="proto3", dependency=[time.name])
-    for name, fields in SCHEMAS.items():
-        message = file.message_type.add(name=name)
-        for field, (number, kind) in fields.items():
-            base = kind.removesuffix("*")
-            added = message.field.add(name=field, number=number)
-            added.label = FieldDescriptorProto.LABEL_REPEATED if kind != base else FieldDescriptorProto.LABEL_OPTIONAL
-            if "." in base:
-                added.type, added.type_name = FieldDescriptorProto.TYPE_MESSAGE, f".{base}"
+    for schema, fields in SCHEMAS.items():
+        message = file.message_type.add(name=schema)
+        for name, field in fields.items():
+            label = FieldDescriptorProto.LABEL_REPEATED if field.is_list else FieldDescriptorProto.LABEL_OPTIONAL
+            added = message.field.add(name=name, number=field.number, label=label)
+            if "." in field.kind:
+                added.type, added.type_name = FieldDescriptorProto.TYPE_MESSAGE, f".{field.kind}"
             else:
-                added.type = getattr(FieldDescriptorProto, f"TYPE_{base.upper()}")
+                added.type = getattr(FieldDescriptorProto, f"TYPE_{field.kind.upper()}")
     return FileDescriptorSet(file=[file, time])  # a file before its dependency: the specification sets no order
 
 
@@ -154,13 +147,12 @@ def twin(message: RawMessage, encoding: Encoding) -> RawMessage:
 def _protobuf(schema: str, fields: Fields) -> Any:
     message = _classes()[schema]()
     for name, value in fields.items():
-        _, kind = SCHEMAS[schema.removeprefix("foxglove.")][name]
+        kind, _, is_list = SCHEMAS[schema.removeprefix("foxglove.")][name]
         if kind == TIME:
             getattr(message, name).SetInParent()
             message.timestamp.seconds, message.timestamp.nanos = divmod(value, 10**9)
-        elif kind.endswith("*"):
-            items = [_protobuf(kind[:-1], item) for item in value] if "." in kind else value
-            getattr(message, name).extend(items)
+        elif is_list:
+            getattr(message, name).extend([_protobuf(kind, item) for item in value] if "." in kind else value)
         elif "." in kind:
             getattr(message, name).CopyFrom(_protobuf(kind, value))
         else:
@@ -171,16 +163,16 @@ def _protobuf(schema: str, fields: Fields) -> Any:
 def _json(schema: str, fields: Fields) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, value in fields.items():
-        _, kind = SCHEMAS[schema][name]
-        inner = kind.removesuffix("*").removeprefix("foxglove.")
+        kind, _, is_list = SCHEMAS[schema][name]
+        inner = kind.removeprefix("foxglove.")
         if kind == TIME:
             found[name] = dict(zip(("sec", "nsec"), divmod(value, 10**9), strict=True))
         elif kind == "bytes":
             found[name] = b64encode(value).decode()
         elif inner in SCHEMAS:
-            found[name] = [_json(inner, item) for item in value] if kind.endswith("*") else _json(inner, value)
+            found[name] = [_json(inner, item) for item in value] if is_list else _json(inner, value)
         else:
-            found[name] = [*value] if kind.endswith("*") else value
+            found[name] = [*value] if is_list else value
     return found
 
 

@@ -1,4 +1,4 @@
-"""Who imports whom, by folder, read from the sources: `python tests/support/import_graph.py [ROOT]` prints the figures.
+"""Who imports whom, by folder, and how many lines there are: `python tests/support/import_graph.py [ROOT]` prints it.
 
 A folder without folders in it is a room, and so is every file that lies beside folders: `readers/open.py` stands above
 the containers that it chooses from, `readers/recording.py` below them.
@@ -39,13 +39,11 @@ class ImportGraph:
         root: Where it lies.
         modules: Module names imported, by the module that imports them.
         files: Number of modules in each folder, packages' own `__init__.py` aside.
-        lines: Lines of source in all.
     """
 
     root: Path
     modules: Mapping[str, frozenset[str]]
     files: Mapping[str, int]
-    lines: int
 
     @property
     def upward(self) -> list[tuple[str, str]]:
@@ -120,7 +118,6 @@ def read_import_graph(root: Path) -> ImportGraph:
         root,
         {module_name(path, root): our_imports(path) for path in paths},
         Counter(str(path.parent.relative_to(root)) for path in sources(root) if path.name != "__init__.py"),
-        sum(len(path.read_text(encoding="utf-8").splitlines()) for path in sources(root)),
     )
 
 
@@ -143,6 +140,25 @@ def _reachable(start: str, arrows: Mapping[str, Iterable[str]]) -> Iterator[str]
                 yield name
 
 
+def lines_by_room(paths: Iterable[Path], base: Path) -> Counter[str]:
+    """Lines of files by the first two folders that they lie in below `base`, as `pipeline/core`."""
+    lines: Counter[str] = Counter()
+    for path in paths:
+        room = "/".join(path.relative_to(base).parts[:-1][:2])
+        lines[room] += len(path.read_text(encoding="utf-8").splitlines())
+    return lines
+
+
+def print_lines(root: Path) -> None:
+    """Lines of source beside those of tests, which mirror it and have rooms of their own."""
+    tests = root / "tests"
+    source, checks = lines_by_room(sources(root), root), lines_by_room(tests.rglob("*.py"), tests)
+    print("lines by room               source   tests")
+    print(f"  {'all':<24}{source.total():>8}{checks.total():>8}")
+    for room in sorted(source.keys() | checks.keys()):
+        print(f"  {room or 'tests':<24}{source[room]:>8}{checks[room]:>8}")
+
+
 def main() -> None:
     """Print the figures of a source tree."""
     root = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT
@@ -155,10 +171,10 @@ def main() -> None:
     print(f"imports that point up      {len(graph.upward)}")
     print(f"circles of rooms           {len(circles(arrows))}")
     print(f"circles of modules         {len(circles(graph.modules))}")
-    print(f"lines of source            {graph.lines}")
     print("files per folder")
     for folder, count in sorted(graph.files.items(), key=lambda item: (-item[1], item[0])):
         print(f"  {count:3} {folder}")
+    print_lines(root)
     for group in circles(arrows):
         print(f"circle: {', '.join(group)}")
     for module, imported in graph.upward:

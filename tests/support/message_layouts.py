@@ -6,7 +6,7 @@ from typing import Any
 import builders
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.messages import RawMessage
 
 __all__ = ["message_of_layout"]
 
@@ -21,13 +21,9 @@ def message_of_layout(
     stamp_ns: int,
 ) -> RawMessage:
     """A message of a type as the definitions have it; what they do not define is that of Noetic or Foxy."""
-    is_ros1 = encoding == "ros1"
-    store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_FOXY)
+    store = get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_FOXY)
     types = {}
     for name, text in definitions.items():
         types.update(get_types_from_msg(text, name))
     store.register({name: found for name, found in types.items() if name not in store.fielddefs})
-    text, _ = store.generate_msgdef(msgtype, ros_version=1 if is_ros1 else 2)
-    data = builders.serialize(msgtype, body, encoding, store)
-    channel = Channel(topic, msgtype, encoding, text, "ros1msg" if is_ros1 else "ros2msg")
-    return RawMessage(stamp_ns, stamp_ns, (0, 0), data, channel)
+    return builders.raw(topic, msgtype, body, stamp_ns, encoding=encoding, store=store)

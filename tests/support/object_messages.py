@@ -97,11 +97,7 @@ def boxes_message(
     elif format_ == "galactic":
         message = message_of_layout(DETECTIONS_3D, _GALACTIC, "cdr", body, topic=topic, stamp_ns=stamp_ns)
     elif format_ == "ros1":
-        store = message_types(1)
-        definition, _ = store.generate_msgdef(DETECTIONS_3D, ros_version=1)
-        channel = Channel(topic, DETECTIONS_3D, "ros1", definition, "ros1msg")
-        data = serialize(DETECTIONS_3D, body, "ros1", store)
-        message = RawMessage(stamp_ns, stamp_ns, (0, 0), data, channel)
+        message = builders.raw(topic, DETECTIONS_3D, body, stamp_ns, encoding="ros1", store=message_types(1))
     else:
         message = builders.raw(topic, DETECTIONS_3D, body, stamp_ns)
     return message._replace(log_time_ns=stamp_ns if log_time_ns is None else log_time_ns)

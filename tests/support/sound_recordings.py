@@ -17,7 +17,7 @@ from builders import image, odometry, raw, time, write_mcap, write_rosbag1, writ
 from captures import capture_of, interface, ng_packet, pcap, section
 from mcap.writer import IndexType
 
-from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.messages import RawMessage
 from readers.open import open_recording
 from readers.recording import Loss, ReadOptions
 
@@ -29,29 +29,17 @@ ODOMETRY, IMAGE, STAMP = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Image", "buil
 CHUNK_BYTES = {"drive": 5000, "shortest": 150}
 Length = Literal["drive", "shortest"]
 
+CHECKED = (
+    *("rosbag1-bz2", "mcap-none", "mcap-lz4", "mcap-zstd"),
+    *("mcap-no-summary", "mcap-no-message-index", "mcap-no-chunk-index"),
+)
+"""Kinds in which a checksum covers every message."""
+
 KINDS = (
-    "rosbag1-none",
-    "rosbag1-bz2",
-    "rosbag1-lz4",
-    "mcap-none",
-    "mcap-lz4",
-    "mcap-zstd",
-    "mcap-no-crc",
-    "mcap-no-summary",
-    "mcap-no-message-index",
-    "mcap-no-chunk-index",
-    "mcap-no-chunks",
-    "mcap-no-chunks-no-crc",
-    "sqlite",
-    "sqlite-old",
-    "sqlite-wal",
-    "sqlite-zstd",
-    "folder-sqlite",
-    "folder-sqlite-message",
-    "folder-sqlite-file",
-    "folder-mcap",
-    "pcap",
-    "pcapng",
+    *CHECKED,
+    *("rosbag1-none", "rosbag1-lz4", "mcap-no-crc", "mcap-no-chunks", "mcap-no-chunks-no-crc"),
+    *("sqlite", "sqlite-old", "sqlite-wal", "sqlite-zstd"),
+    *("folder-sqlite", "folder-sqlite-message", "folder-sqlite-file", "folder-mcap", "pcap", "pcapng"),
 )
 
 
@@ -103,10 +91,8 @@ def sound_recording(kind: str, length: Length = "drive") -> SoundRecording:
         files = {file.name: file.read_bytes() for file in sorted(root.iterdir()) if not file.name.endswith("-shm")}
         opened = base.name if base.is_file() else ""
         messages, losses = read_all(root / opened, "as_needed")
-    checked = kind in {"rosbag1-bz2", "mcap-none", "mcap-lz4", "mcap-zstd", "mcap-no-summary", "mcap-no-message-index"}
-    checked |= kind == "mcap-no-chunk-index"
     told = frozenset(loss.reason for loss in losses)
-    return SoundRecording(kind, files, opened, messages, told, checked)
+    return SoundRecording(kind, files, opened, messages, told, kind in CHECKED)
 
 
 def write_files(folder: Path, recording: SoundRecording, files: Mapping[str, bytes]) -> Path:
@@ -121,15 +107,12 @@ def read_all(
 ) -> tuple[tuple[Seen, ...], tuple[Loss, ...]]:
     """All messages of a recording, and its losses; topics that are listed as unreadable count as such."""
     with open_recording([path], ReadOptions(recovery)) as recording:
-        seen = tuple(_seen(message) for message in recording.messages())
+        seen = tuple(
+            Seen((m.topic, m.channel.msgtype), str(m.channel.definition), m.log_time_ns, bytes(m.data))
+            for m in recording.messages()
+        )
         unreadable = [info for info in recording.topics if info.unreadable and info.message_count]
         return seen, recording.losses + tuple(Loss(path, 0, f"{info.topic}: {info.unreadable}") for info in unreadable)
-
-
-def _seen(message: RawMessage) -> Seen:
-    channel: Channel = message.channel
-    name = channel.topic, channel.msgtype
-    return Seen(name, str(channel.definition), message.log_time_ns, bytes(message.data))
 
 
 def _messages(encoding: Literal["ros1", "cdr"], length: Length) -> list[RawMessage]:
@@ -176,13 +159,10 @@ def _write_mcap(path: Path, how: str, length: Length) -> None:
     compression: Any = how if how in {"none", "lz4", "zstd"} else "none"
     every: dict[str, dict[str, Any]] = {
         "no-crc": {"enable_crcs": False},
-        "no-summary": {
-            "use_statistics": False,
-            "use_summary_offsets": False,
-            "repeat_channels": False,
-            "repeat_schemas": False,
-            "index_types": IndexType.NONE,
-        },
+        "no-summary": dict.fromkeys(
+            ("use_statistics", "use_summary_offsets", "repeat_channels", "repeat_schemas"), False
+        )
+        | {"index_types": IndexType.NONE},
         "no-message-index": {"index_types": IndexType.CHUNK},
         "no-chunk-index": {"index_types": IndexType.MESSAGE},
         "no-chunks": {"use_chunking": False, "enable_data_crcs": True},

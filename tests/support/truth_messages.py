@@ -4,9 +4,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from builders import Encoding, Fields, header, raw, serialize
+from builders import Encoding, Fields, header, raw
 
-from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.messages import RawMessage
 from pipeline.core.ros.typestores import message_types
 from pipeline.core.ros.vision_numbers import CLASS_NUMBERS, COUNT_NUMBERS
 
@@ -42,13 +42,8 @@ def truth_message(
         "header": header(stamp_ns, frame_id),
         "detections": [_ros1(one) if encoding == "ros1" else _ros2(one) for one in objects],
     }
-    log_time_ns = stamp_ns if log_time_ns is None else log_time_ns
-    if encoding == "cdr":
-        return raw(topic, DETECTIONS_3D, body, stamp_ns, log_time_ns)
-    store = message_types(1)
-    definition, _ = store.generate_msgdef(DETECTIONS_3D, ros_version=1)
-    channel = Channel(topic, DETECTIONS_3D, "ros1", definition, "ros1msg")
-    return RawMessage(stamp_ns, log_time_ns, (0, 0), serialize(DETECTIONS_3D, body, "ros1", store), channel)
+    store = message_types(1) if encoding == "ros1" else None
+    return raw(topic, DETECTIONS_3D, body, stamp_ns, log_time_ns, encoding, store=store)
 
 
 def visible_message(

@@ -17,6 +17,7 @@ from pipeline.core.urls import shown_url, without_secrets
         ("https:/ada:s3cret@host/a.yaml: no such file", "https:/host/a.yaml: no such file"),
         ("https://host/a?sig=s3cret: no such file", "https://host/a?...: no such file"),
         ("https://host/a?...: no such file", "https://host/a?...: no such file"),
+        ('["https://host/a?sig=s3cret", 1]', '["https://host/a?...", 1]'),
         ("https://ada:1/s3cret@host/a: no", "https://...: no"),
         ("https://ada:s3 cret@host/a: no", "https://host/a: no"),
         ("https://ada:s3cret:/s3cret@host/a: no", "https://...: no"),

@@ -1,0 +1,347 @@
+"""The decoders of single messages, see `harnesses`: for each a function of bytes, and inputs to begin with."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from typing import Any, Literal, NamedTuple
+
+import cv2
+import numpy as np
+from builders import (
+    Fields,
+    camera_info,
+    channel,
+    detection2d_array,
+    header,
+    image,
+    odometry,
+    pointcloud2,
+    serialize,
+    tf_message,
+    transform_stamped,
+)
+from memory_recording import MemoryRecording
+from object_messages import Recorded, autoware_message, autoware_object
+from video import CODECS, compressed_video, encode, ffmpeg_packet, moving
+
+from pipeline.core.errors import LidcamError
+from pipeline.core.frame import SensorBundle
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.rig import RecordedDetector, Rig
+from pipeline.core.ros.typestores import message_types
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.recording import LimitsConfig
+from pipeline.stages.recorded3d import Recorded3D
+from readers.messages.camera_info import camera_model, rectified_camera_model
+from readers.messages.deserialize import definition_problem, deserialize, typestore_for
+from readers.messages.diagnostics import decode_diagnostics
+from readers.messages.image import decode_any_image
+from readers.messages.odometry import decode_odometry
+from readers.messages.pointcloud2 import decode_pointcloud2
+from readers.messages.tf import decode_transforms, read_transforms
+from readers.messages.to_ros2 import to_ros2
+from readers.messages.vision.detections2d import decode_detections2d
+from readers.messages.vision.detections3d import decode_detections3d
+from readers.streams.recorded3d import RecordedBoxes3D
+from readers.velodyne.decoder import VelodyneDecoders
+from readers.velodyne.models import MODELS
+from readers.video.decoder import VideoDecoder
+
+__all__ = ["ENCODINGS", "LIMITS", "MESSAGES", "T0", "Encoding", "Harness", "hold", "images", "info"]
+
+T0 = 1_700_000_000 * 10**9
+Encoding = Literal["ros1", "cdr"]
+ENCODINGS: tuple[Encoding, ...] = ("ros1", "cdr")
+
+LIMITS = LimitsConfig(
+    max_unpacked_file_gib=0.05,
+    max_chunk_mib=4,
+    max_message_mib=2,
+    max_messages_per_chunk=2000,
+    max_messages_in_memory=10_000,
+    max_positions_waiting=10_000,
+    max_topics=20,
+    max_points=100_000,
+    max_image_mpx=1.0,
+    max_losses_listed=50,
+)
+"""Small, so that a few kilobytes are enough to come to them."""
+
+MAX_LINE_CHARACTERS = 5000
+
+
+class Harness(NamedTuple):
+    """One decoder.
+
+    Attributes:
+        run: Gives it the bytes; raises whatever breaks the contract.
+        seeds: Sound inputs and hostile ones that are known, but for those that are files.
+    """
+
+    run: Callable[[bytes], None]
+    seeds: Callable[[], list[bytes]]
+
+
+def hold(decode: Callable[..., Any], *arguments: Any) -> None:
+    """Run a decoder, and hold what leaves it to the contract."""
+    try:
+        decode(*arguments)
+    except LidcamError as err:
+        text = str(err)
+        if not text or "\n" in text or len(text) > MAX_LINE_CHARACTERS:
+            raise AssertionError(f"an error in one short line was expected, found {text[:200]!r}") from err
+
+
+def _of_messages(msgtype: str, decode: Callable[[RawMessage], Any], fields: Callable[[], list[Fields]]) -> Harness:
+    """A decoder of messages; the first byte says the encoding."""
+
+    def run(data: bytes) -> None:
+        encoding = ENCODINGS[data[0] & 1 if data else 0]
+        hold(decode, RawMessage(T0, T0, (0, 0), data[1:], channel("/topic", msgtype, encoding)))
+
+    def seeds() -> list[bytes]:
+        serialized = [(number, one, encoding) for one in fields() for number, encoding in enumerate(ENCODINGS)]
+        return [bytes([number]) + serialize(msgtype, one, encoding) for number, one, encoding in serialized]
+
+    return Harness(run, seeds)
+
+
+CLOUD, IMAGE, COMPRESSED, INFO, TF, ODOMETRY, BOXES, OBJECTS, STATUS, SCAN = (
+    "sensor_msgs/msg/PointCloud2",
+    "sensor_msgs/msg/Image",
+    "sensor_msgs/msg/CompressedImage",
+    "sensor_msgs/msg/CameraInfo",
+    "tf2_msgs/msg/TFMessage",
+    "nav_msgs/msg/Odometry",
+    "vision_msgs/msg/Detection2DArray",
+    "vision_msgs/msg/Detection3DArray",
+    "diagnostic_msgs/msg/DiagnosticArray",
+    "velodyne_msgs/msg/VelodyneScan",
+)
+
+
+def _clouds() -> list[Fields]:
+    points = np.arange(9, dtype=np.float32).reshape(-1, 3)
+    times = np.linspace(0, 0.1, 3)
+    return [
+        pointcloud2(points, stamp_ns=T0, ring=np.arange(3, dtype=np.uint16), time=times.astype(np.float32)),
+        pointcloud2(points.astype(np.float64), stamp_ns=T0, is_bigendian=True, timestamp=T0 / 1e9 + times),
+    ]
+
+
+def images() -> list[Fields]:
+    rng = np.random.default_rng(0)
+    names = ("rgb8", "mono16", "bayer_rggb8", "uyvy", "nv12", "nv24")
+    shapes = ((4, 4, 3), (4, 8), (4, 4), (4, 8), (6, 4), (12, 4))
+    images = [
+        dict(image(rng.integers(0, 256, shape, np.uint8), stamp_ns=T0, encoding=name))
+        for name, shape in zip(names, shapes, strict=True)
+    ]
+    return [{**image, "width": 4, "height": 4} for image in images]
+
+
+def _compressed() -> list[Fields]:
+    pixels = np.random.default_rng(0).integers(0, 256, (6, 8, 3), np.uint8)
+    kinds = [".jpg", ".png", ".webp", ".bmp", ".avif", ".tiff"]
+    formats = [
+        "jpeg",
+        "rgb8; png compressed bgr8",
+        "webp",
+        "bayer_rggb8; png compressed",
+        "avif",
+        "bgr8; tiff compressed bgr8",
+    ]
+    return [
+        {"header": header(T0, "camera"), "format": kind, "data": cv2.imencode(suffix, pixels)[1].reshape(-1)}
+        for suffix, kind in zip(kinds, formats, strict=True)
+    ]
+
+
+def _decode_info(message: RawMessage) -> None:
+    info = deserialize(message)
+    with suppress(LidcamError):
+        camera_model(info)
+    rectified_camera_model(info)
+
+
+def _objects(data: bytes) -> None:
+    """Objects in the layouts of ROS 1, with numbers as classes and clouds, and of ROS 2."""
+    version: Literal[1, 2] = 1 if data and data[0] & 1 else 2
+    encoding, form = ("ros1", "ros1msg") if version == 1 else ("cdr", "ros2msg")
+    definition, _ = message_types(version).generate_msgdef(OBJECTS, ros_version=version)
+    channel = Channel("/objects", OBJECTS, encoding, definition, form)  # type: ignore[arg-type]  # of these words
+    message = RawMessage(T0, T0, (0, 0), data[1:], channel)
+    hold(lambda message: decode_detections3d(message, limits=LIMITS), message)
+    _detected(message)
+
+
+def _detected_objects(data: bytes) -> None:
+    """Objects of Autoware."""
+    source = autoware_message(T0, [], topic="/objects")
+    _detected(source._replace(data=data))
+
+
+def _detected(message: RawMessage) -> None:
+    """The boxes of a detector, up to those of the frame."""
+    site = {name: Transform.identity("site", name) for name in ("site", "a")}
+    rig = Rig("site", (), (), (), detectors=(RecordedDetector("objects", "/objects", "site", site),))
+    config = Config(limits=LIMITS)
+    bundle = SensorBundle(0, T0, T0, {"/objects": message})
+    hold(lambda one: Recorded3D(rig)(one, RecordedBoxes3D(rig, config, on_bad="fail")(one)), bundle)
+
+
+def _detected_seeds() -> list[bytes]:
+    one = Recorded((1.0, 2.0, 3.0), covariance=np.eye(6))
+    polygon = autoware_object(one, type=2, footprint={"points": [{"x": 1.0, "y": 2.0}, {"x": -1.0, "y": -2.0}]})
+    lists: list[list[Fields]] = [
+        [],
+        [autoware_object(one)],
+        [polygon, autoware_object(one, orientation_availability=0)],
+    ]
+    return [bytes(autoware_message(T0, objects).data) for objects in lists]
+
+
+def _object_seeds() -> list[bytes]:
+    box = {"center": {"position": {"x": 1.0}, "orientation": {"w": 1.0}}, "size": {"x": 4.0, "y": 2.0, "z": 1.5}}
+    of_ros1 = {
+        "results": [{"id": 1, "score": 1.0}, {"id": -1, "score": 9.0}],
+        "bbox": box,
+        "source_cloud": _clouds()[0],
+    }
+    of_ros2 = {"results": [{"hypothesis": {"class_id": name}} for name in ("car", "lidar_points")], "bbox": box}
+    seeds = []
+    for count in (0, 1, 3):
+        head = {"header": header(T0, "site")}
+        ros1, ros2 = {**head, "detections": [of_ros1] * count}, {**head, "detections": [of_ros2] * count}
+        seeds += [b"\1" + serialize(OBJECTS, ros1, "ros1", message_types(1)), b"\0" + serialize(OBJECTS, ros2)]
+    return seeds
+
+
+EDGES = ("a", "b"), ("b", "c")
+
+
+def _decode_tf(message: RawMessage) -> None:
+    list(decode_transforms(message))
+    transforms = read_transforms(MemoryRecording([message]))
+    transforms.lookup("a", "c")
+
+
+def _scans() -> list[Fields]:
+    rng = np.random.default_rng(0)
+    messages: list[Fields] = []
+    for model in (MODELS["VLP-16"], MODELS["VLP-32C"], MODELS["HDL-32E"], MODELS["VLS-128"]):
+        payload = rng.integers(0, 256, (2, 1206), np.uint8)
+        payload[:, 0:1200:100], payload[:, 1:1200:100] = 0xFF, 0xEE
+        payload[:, 1204], payload[:, 1205] = 0x37, model.product or 0
+        packets = [{"stamp": {"sec": 1_700_000_000, "nanosec": 0}, "data": data} for data in payload]
+        messages.append({"header": header(T0, "velodyne"), "packets": packets})
+    return messages
+
+
+ROS1_DEFINITION = "Header header\nPart[2] parts\nstring name\nuint8 A=1\n" + "=" * 80
+DEFINITIONS = [
+    ROS1_DEFINITION + "\nMSG: a/Part\nfloat64[] x\nint32[3] y\n",
+    "a/msg/B b\n" + "=" * 80 + "\nMSG: a/msg/B\na/msg/A a\n",
+    "a/msg/A[] children",
+    "string<=10[<=3] names\nwstring w 'x'\nint32 N=-3\ngeometry_msgs/Pose[2] poses\n",
+    "\n".join(f"float64 x{i}" for i in range(300)),
+    "uint8[99999999999] x\nstring[1000000] y",
+    "Empty[] nothing\n" + "=" * 80 + "\nMSG: a/Empty\n",
+]
+IDL = """================================================================================
+IDL: a/msg/A
+module a { module msg { module A_Constants { const uint8 N = 1; };
+@verbatim (language="comment", text="words" "and more")
+struct A { std_msgs::msg::Header header; double x[3]; sequence<a::msg::B, 4> parts; string name; }; }; };
+================================================================================
+IDL: a/msg/B
+module a { module msg { struct B { int32 number; }; }; };
+"""
+FORMATS: tuple[tuple[Encoding, Literal["ros1msg", "ros2msg", "ros2idl"]], ...] = (
+    ("ros1", "ros1msg"),
+    ("cdr", "ros2msg"),
+    ("cdr", "ros2idl"),
+)
+
+
+def _definition(data: bytes) -> None:
+    """A message definition in one of three forms, and two messages of that type."""
+    encoding, form = FORMATS[data[0] % 3 if data else 0]
+    digest = "0" * 32 if encoding == "ros1" else "RIHS01_0"
+    source = Channel("/topic", "a/msg/A", encoding, data[1:].decode(errors="replace"), form, "humble", digest)
+    definition_problem(source)
+    for content in (bytes(400), bytes([0, 1, 0, 0, *b"\2\0\0\0" * 40])):
+        hold(deserialize, RawMessage(T0, T0, (0, 0), content, source))
+    hold(_hash, source)
+
+
+def _hash(source: Channel) -> None:
+    typestore_for(source).hash_rihs01("a/msg/A")
+
+
+def _definition_seeds() -> list[bytes]:
+    return [bytes([form]) + text.encode() for text in DEFINITIONS for form in (0, 1)] + [b"\2" + IDL.encode()]
+
+
+def _video(data: bytes) -> None:
+    """Packets behind their lengths; the first byte says the codec and the type of the messages."""
+    kinds = [*CODECS]
+    form, is_ffmpeg = kinds[data[0] % len(kinds)] if data else "h264", bool(data) and data[0] >= 128
+    decoder, rest, count, shown = VideoDecoder("/camera", limits=LIMITS), data[1:], 0, 0
+    while len(rest) > 1:
+        length = int.from_bytes(rest[:2], "big")
+        packet, stamp_ns = rest[2 : 2 + length], T0 + count
+        message = (
+            ffmpeg_packet(packet, stamp_ns, name=form) if is_ffmpeg else compressed_video(packet, stamp_ns, form=form)
+        )
+        count, rest = count + 1, rest[2 + length :]
+        shown += len(decoder.add(message, show=count % 8 > 0)) + (count % 8 == 0)
+    if shown + len(decoder.flush()) != count:
+        raise AssertionError(f"{count} messages went in, {shown} came out")
+
+
+def _video_seeds() -> list[bytes]:
+    seeds = []
+    for number, kind in enumerate(CODECS):
+        packets = [packet.data for packet in encode(moving(4, 32, 32), kind, gop=2)]
+        body = b"".join(len(packet).to_bytes(2, "big") + packet for packet in packets)
+        seeds += [bytes([first]) + body for first in (number, 128 + (number - 128) % len(CODECS))]
+    return seeds
+
+
+def info() -> Fields:
+    return camera_info(np.diag([5.0, 5.0, 1.0]), stamp_ns=T0, width_px=4, height_px=4)
+
+
+def _tree(*edges: tuple[str, str]) -> Fields:
+    return tf_message([transform_stamped(*edge, stamp_ns=T0) for edge in edges])
+
+
+def _boxes() -> Fields:
+    return detection2d_array([[0, 0, 5, 5]] * 2, class_names=["car", "0"], scores=[0.5, 0.6], stamp_ns=T0)
+
+
+def _status() -> Fields:
+    return {"status": [{"name": "a", "values": [{"key": "skew_ms", "value": "1.5"}]}]}
+
+
+MESSAGES: dict[str, Harness] = {
+    "pointcloud2": _of_messages(CLOUD, partial(decode_pointcloud2, limits=LIMITS), _clouds),
+    "image": _of_messages(IMAGE, partial(decode_any_image, limits=LIMITS), images),
+    "compressed_image": _of_messages(COMPRESSED, partial(decode_any_image, limits=LIMITS), _compressed),
+    "camera_info": _of_messages(INFO, _decode_info, lambda: [info()]),
+    "tf": _of_messages(TF, _decode_tf, lambda: [_tree(*EDGES), _tree(*EDGES, ("c", "a"))]),
+    "odometry": _of_messages(ODOMETRY, decode_odometry, lambda: [odometry(stamp_ns=T0)]),
+    "to_ros2": _of_messages(ODOMETRY, to_ros2, lambda: [odometry(stamp_ns=T0)]),
+    "detections2d": _of_messages(
+        BOXES, lambda m: decode_detections2d(m, {"car": 0}, class_names=["car"]), lambda: [_boxes()]
+    ),
+    "detections3d": Harness(_objects, _object_seeds),
+    "detected_objects": Harness(_detected_objects, _detected_seeds),
+    "diagnostics": _of_messages(STATUS, partial(decode_diagnostics, limits=LIMITS), lambda: [_status()]),
+    "velodyne_scan": _of_messages(SCAN, lambda m: VelodyneDecoders(Config().velodyne)[m.topic](m), _scans),
+    "video": Harness(_video, _video_seeds),
+    "definition": Harness(_definition, _definition_seeds),
+}
+"""By name."""
