@@ -14,11 +14,11 @@ from pipeline.core.arrays import F64, I32, Indices
 from pipeline.core.detections import Boxes3D
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.detection.criteria import Criteria
-from pipeline.evaluation.detection.matching import Candidates, match_criteria, match_other_classes
-from pipeline.evaluation.detection.near_objects import FoundObjects, TrueObjects, pairs_near
+from pipeline.evaluation.detection.matching import match_criteria, match_other_classes
 from pipeline.evaluation.detection.tables import FALSE
 from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, Figures, TruthBoxes3D
 from pipeline.evaluation.ignoring import is_evaluated, is_within
+from pipeline.evaluation.near_objects import Candidates, FoundObjects, TrueObjects, pairs_near
 
 __all__ = ["Mistake", "Mistakes"]
 
@@ -121,26 +121,23 @@ class Mistakes:
         source = frame.sources.get(self._source)
         if frame.truth is None or source is None:
             return
-        counted = is_evaluated(frame.truth, self._config.evaluate)
-        truth, found = TrueObjects.of([frame.truth], 0), FoundObjects.of([source], 0)
-        pairs, position = pairs_near(found, truth, self._criteria.scales), self._criteria.position
-        (matches,) = match_criteria(
+        found, truth, position = source.boxes, frame.truth, self._criteria.position
+        counted = is_evaluated(truth, self._config.evaluate)
+        pairs = pairs_near(FoundObjects.of([source], 0), TrueObjects.of([truth], 0), self._criteria.scales)
+        matches = match_criteria(
             pairs,
             [position],
             position=position,
-            found_ids=found.class_ids,
-            truth_ids=truth.class_ids,
-            scores=found.scores,
+            found=found,
+            truth=truth,
             is_evaluated=counted,
             is_ignored=~is_within(found.centers, self._config.evaluate),
-        )
-        mistaken = match_other_classes(
-            pairs, position, matches=matches, truth_ids=truth.class_ids, scores=found.scores, is_evaluated=counted
-        )
+        )[:, 0]
+        mistaken = match_other_classes(pairs, position, matches=matches, found=found, truth=truth, is_evaluated=counted)
         at_place = np.where(mistaken >= 0, mistaken, _most_overlapped(pairs, len(found)))
         now = [
-            *self._false(frame, source.boxes, frame.truth, matches, at_place),
-            *self._missed(frame, frame.truth, np.setdiff1d(np.flatnonzero(counted), matches)),
+            *self._false(frame, found, truth, matches, at_place),
+            *self._missed(frame, truth, np.setdiff1d(np.flatnonzero(counted), matches)),
         ]
         before = self._open
         self._open = [mistake for mistake in before if frame.stamp_ns - mistake.last_ns <= MAX_PAUSE_NS]

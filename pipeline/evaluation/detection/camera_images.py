@@ -11,8 +11,8 @@ from pipeline.evaluation.assignment import pairs_of_equal
 from pipeline.evaluation.detection.averages import Averages, mean_figures
 from pipeline.evaluation.detection.counts import count_figures
 from pipeline.evaluation.detection.curves import R40, average_precision, curve_of, ratio
+from pipeline.evaluation.detection.gathering import check_values
 from pipeline.evaluation.detection.matching import by_falling_score, match_by_score, ranks_by_score
-from pipeline.evaluation.detection.near_objects import check_class_ids, check_numbers
 from pipeline.evaluation.detection.tables import FALSE, IGNORED
 from pipeline.evaluation.evaluation_frame import UNKNOWN, Figures, ImageBoxes, TruthBoxes2D
 from pipeline.evaluation.pieces import Pieces
@@ -67,10 +67,9 @@ class CameraImages:
         if image.truth is None:
             self._images_without_truth += 1
             return
-        check_numbers("found", image.found.xyxy, image.found.scores)
-        check_class_ids("found", image.found.class_ids, range(len(self._class_names)))
-        check_numbers("truth", image.truth.xyxy)
-        check_class_ids("truth", image.truth.class_ids, range(UNKNOWN, len(self._class_names)))
+        found, classes = image.found, len(self._class_names)
+        check_values("found", found.class_ids, range(classes), found.xyxy, found.scores)
+        check_values("truth", image.truth.class_ids, range(UNKNOWN, classes), image.truth.xyxy)
         self._images += 1
         self._waiting.append((image, image.truth))
         if len(self._waiting) >= MAX_IMAGES:
