@@ -78,15 +78,15 @@ class CameraImages:
     def figures(self) -> Figures:
         """All figures, by class."""
         self._match()
-        found, all_truth, all_ignored = self._found.table(), self._truth_counts, self._ignored_counts
+        found = self._found.table()
         figures: dict[str, dict[str, float | int | None]] = {}
         averages: list[Averages] = []
         for class_id, name in enumerate(self._class_names):
-            part = select_rows(found, found.class_ids == class_id)
-            figures[name] = self._of(part, int(all_truth[class_id]), int(all_ignored[class_id]))
-            averages.append({"ap_2d_r40_50": _average_precision(part, int(all_truth[class_id]))})
+            counts = int(self._truth_counts[class_id]), int(self._ignored_counts[class_id])
+            figures[name], average = self._of(select_rows(found, found.class_ids == class_id), *counts)
+            averages.append({"ap_2d_r40_50": average})
             figures[name] |= averages[-1]
-        pooled = self._of(found, int(all_truth.sum()), int(all_ignored.sum()))
+        pooled, _ = self._of(found, int(self._truth_counts.sum()), int(self._ignored_counts.sum()))
         return {**figures, ALL_CLASSES: {**pooled, **mean_figures(averages)}}
 
     def _match(self) -> None:
@@ -106,29 +106,19 @@ class CameraImages:
         enough = (truth.image_pixels >= self._min_pixels) | (truth.image_pixels == UNKNOWN)
         return np.asarray(enough & (truth.class_ids >= 0) & ~truth.is_ignored)
 
-    def _of(self, found: _Found, truth: int, left_out: int) -> dict[str, float | int | None]:
-        counted = _counted(found)
+    def _of(self, found: _Found, truth: int, left_out: int) -> tuple[dict[str, float | int | None], float | None]:
+        """Counts of some detections, and their average precision."""
+        rows: Rows = np.flatnonzero(found.matches != IGNORED)
+        counted = select_rows(found, rows[by_falling_score(found.scores[rows])])
         is_right = counted.matches != FALSE
-        return {
-            **count_figures(
-                curve_of(counted.scores, is_right, truth), len(found.scores) - len(counted.scores), left_out
-            ),
+        curve = curve_of(counted.scores, is_right, truth)
+        figures = {
+            **count_figures(curve, len(found.scores) - len(rows), left_out),
             "false_per_image": ratio(int((~is_right).sum()), self._images),
             "images": self._images,
             "images_without_truth": self._images_without_truth,
         }
-
-
-def _average_precision(found: _Found, truth: int) -> float | None:
-    counted = _counted(found)
-    curve = curve_of(counted.scores, counted.matches != FALSE, truth)
-    return average_precision(curve.right, curve.precision, truth, R40)
-
-
-def _counted(found: _Found) -> _Found:
-    """The detections that count, by falling score."""
-    rows: Rows = np.flatnonzero(found.matches != IGNORED)
-    return select_rows(found, rows[by_falling_score(found.scores[rows])])
+        return figures, average_precision(curve.right, curve.precision, truth, R40)
 
 
 def _matched(images: Sequence[ImageBoxes], truths: Sequence[TruthBoxes2D], evaluated: Bools) -> _Found:
