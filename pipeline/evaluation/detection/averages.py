@@ -7,9 +7,6 @@ import numpy as np
 from pipeline.core.arrays import F64
 from pipeline.evaluation.detection.criteria import DISTANCES_M, Criteria
 from pipeline.evaluation.detection.curves import (
-    R11,
-    R40,
-    Recalls,
     average_precision,
     curve_of,
     interpolated_ap,
@@ -68,18 +65,14 @@ def overlap_figures(
         for iou in criteria.ious:
             detections = by_criterion(column_of(iou))
             curve = curve_of(detections.scores, detections.is_right, count)
-            for name, recalls in (("r40", R40), ("r11", R11)):
-                key = f"ap_{view}_{name}_{overlap_name(iou)}"
-                figures[key] = average_precision(curve.right, curve.precision, count, recalls)
+            figures[f"ap_{view}_r40_{overlap_name(iou)}"] = average_precision(curve.right, curve.precision, count)
     for iou in criteria.ious:
-        similarity = _orientation_similarity(by_criterion(criteria.bev_column(iou)), found, truth, count, R40)
+        similarity = _orientation_similarity(by_criterion(criteria.bev_column(iou)), found, truth, count)
         figures[f"aos_bev_r40_{overlap_name(iou)}"] = similarity
     return figures
 
 
-def _orientation_similarity(
-    detections: Scored, found: FoundTable, truth: TruthTable, count: int, recalls: Recalls
-) -> float | None:
+def _orientation_similarity(detections: Scored, found: FoundTable, truth: TruthTable, count: int) -> float | None:
     # (1 + cos d) / 2 in place of each right detection: Geiger et al., Are we ready for autonomous driving? The KITTI
     # vision benchmark suite, CVPR 2012, section 3.4
     right = detections.is_right
@@ -88,7 +81,7 @@ def _orientation_similarity(
     similarity[right] = (1 + np.cos(turn)) / 2
     last = last_of_equals(detections.scores)
     quality = np.cumsum(similarity)[last] / (last + 1)
-    return average_precision(np.cumsum(right, dtype=np.int64)[last], quality, count, recalls)
+    return average_precision(np.cumsum(right, dtype=np.int64)[last], quality, count)
 
 
 def distance_figures(

@@ -10,7 +10,7 @@ from pipeline.core.settings.config import ALL_CLASSES, Config
 from pipeline.evaluation.assignment import pairs_of_equal
 from pipeline.evaluation.detection.averages import Averages, mean_figures
 from pipeline.evaluation.detection.counts import count_figures
-from pipeline.evaluation.detection.curves import R40, average_precision, curve_of, ratio
+from pipeline.evaluation.detection.curves import average_precision, curve_of, ratio
 from pipeline.evaluation.detection.gathering import check_values
 from pipeline.evaluation.detection.matching import by_falling_score, match_by_score, ranks_by_score
 from pipeline.evaluation.detection.tables import FALSE, IGNORED
@@ -118,7 +118,7 @@ class CameraImages:
             "images": self._images,
             "images_without_truth": self._images_without_truth,
         }
-        return figures, average_precision(curve.right, curve.precision, truth, R40)
+        return figures, average_precision(curve.right, curve.precision, truth)
 
 
 def _matched(images: Sequence[ImageBoxes], truths: Sequence[TruthBoxes2D], evaluated: Bools) -> _Found:
