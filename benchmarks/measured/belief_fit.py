@@ -267,9 +267,9 @@ def labels(run: Weighed, found: tuple[list[F64], list[F64]]) -> tuple[F64, F64]:
     for index, (frame, together, alone) in enumerate(zip(run.frames, *found, strict=True)):
         sources = {"fused": _source(frame.boxes, together), "lidar": _source(frame.alone, alone)}
         gathering.add(EvaluationFrame(index, index, frame.truth, sources))
-    row = Criteria.of(run.config).position_row
+    row = Criteria.of(run.config).position_column
     tables = gathering.found()
-    matches = [tables[name].matches[row] for name in ("fused", "lidar")]
+    matches = [tables[name].matches[:, row] for name in ("fused", "lidar")]
     ignored_rows = [np.concatenate([frame.is_ignored[which] for frame in run.frames]) for which in (0, 1)]
     right, alone_right = (
         np.where((found == IGNORED) | ignored, np.nan, (found >= 0).astype(np.float64))

@@ -1,6 +1,5 @@
 """The work of `lidcam evaluate`."""
 
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -8,13 +7,13 @@ from typing import Any
 from lidcam.commands.envelope import envelope
 from lidcam.commands.json_output import json_output
 from lidcam.commands.verdict import Verdict
-from lidcam.evaluation.evaluate import EvaluationObserver, evaluate_result
+from lidcam.evaluation.evaluate import evaluate_result
 from lidcam.evaluation.evaluation import Evaluation, EvaluationJob
 from lidcam.printing.evaluation import print_evaluation
 from lidcam.printing.progress import show_progress
 from lidcam.printing.terminal import console
 
-__all__ = ["EvaluateOptions", "Shown", "run_evaluate"]
+__all__ = ["EvaluateOptions", "run_evaluate"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,28 +46,12 @@ def run_evaluate(options: EvaluateOptions) -> None:
     job = options.job
     inputs = (job.result, *job.truth, *options.read_files)
     with json_output(options.json_file, is_printed=options.as_json, inputs=inputs, overwrite=options.overwrite) as json:
-        with ExitStack() as stack:
-            evaluation = evaluate_result(job, Shown(stack))
+        evaluation = evaluate_result(job, show_progress)
         verdict = Verdict(evaluation.failures, evaluation.incomplete)
         json.tree = _tree(evaluation, verdict)
     out = console()
     json.show(out, lambda: print_evaluation(out, evaluation))
     verdict.end()
-
-
-class Shown(EvaluationObserver):
-    """Shows the progress of an evaluation; the bar ends with `stack`."""
-
-    def __init__(self, stack: ExitStack) -> None:
-        self._stack = stack
-
-    def opened(self, seconds: float) -> None:
-        """Begin the bar."""
-        self._advance = self._stack.enter_context(show_progress(seconds))
-
-    def advanced(self, done_s: float, frames: int) -> None:
-        """Move it on."""
-        self._advance(done_s, f"{frames} frames evaluated")
 
 
 def _tree(evaluation: Evaluation, verdict: Verdict) -> dict[str, Any]:

@@ -97,13 +97,11 @@ def run_process(
 
 
 def _evaluated(job: Job, requirements: "Sequence[Requirement]") -> "Evaluation":
-    from lidcam.commands.evaluate import Shown
     from lidcam.evaluation.evaluate import evaluate_result
     from lidcam.evaluation.evaluation import EvaluationJob
 
     (result,) = (path for path in job.outputs if path.suffix == ".mcap")
-    with ExitStack() as stack:
-        return evaluate_result(EvaluationJob(result, requirements=tuple(requirements)), Shown(stack))
+    return evaluate_result(EvaluationJob(result, requirements=tuple(requirements)), show_progress)
 
 
 def _print(out: Console, report: RunReport, evaluation: "Evaluation | None") -> None:

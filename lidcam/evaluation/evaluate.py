@@ -1,9 +1,8 @@
 """An evaluation: open a result, find the truth, measure all frames in one pass. Nothing is printed here."""
 
-import logging
 import time
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,44 +24,39 @@ from readers.rig.schema import RigFile
 from readers.rig.search import zones_of
 from readers.truth.open import OpenTruth, open_truth
 
-__all__ = ["EvaluationObserver", "evaluate_result"]
+__all__ = ["evaluate_result"]
 
-logger = logging.getLogger(__name__)
-
-
-class EvaluationObserver:
-    """Looks on while an evaluation goes on; the methods of this one do nothing."""
-
-    def opened(self, seconds: float) -> None:
-        """The result is open, and lasts so long."""
-
-    def advanced(self, done_s: float, frames: int) -> None:
-        """The evaluation is so far now; called after each frame."""
+Advance = Callable[[float, str], None]
+Progress = Callable[[float], AbstractContextManager[Advance]]
+"""Shows how many of so many recorded seconds are done, and some facts, as `lidcam.printing.progress.show_progress`."""
 
 
-def evaluate_result(job: EvaluationJob, observer: EvaluationObserver | None = None) -> Evaluation:
+def _not_shown(_: float) -> AbstractContextManager[Advance]:
+    return nullcontext(lambda *_: None)
+
+
+def evaluate_result(job: EvaluationJob, show: Progress = _not_shown) -> Evaluation:
     """Evaluate a result of lidcam.
 
     Args:
-        job: What to evaluate, and against what.
-        observer: Looks on.
+        job: The result, and the truth to compare it with.
+        show: Shows the progress.
 
     Raises:
         RequirementError: a requirement names a figure that there cannot be; nothing is measured.
         LidcamError: the result, the truth or the settings are at fault.
     """
-    observer = observer or EvaluationObserver()
     started = time.perf_counter()
     with open_result(job.result, job.settings) as result, ExitStack() as stack:
         if job.rig is not None:
             result.rig = _with_rig(result, job.rig)
         config = result.config
-        observer.opened((result.recording.end_ns - result.recording.start_ns) / 1e9)
+        advance = stack.enter_context(show((result.recording.end_ns - result.recording.start_ns) / 1e9))
         seen = replace(result.rig, cameras=tuple(one for one in result.rig.cameras if one.name in result.cameras))
         check_names(job.requirements, known_figures(config, seen, result.sources))
         found, files = _find_truth(job, result, stack)
         frames = EvaluationFrames(result, found)
-        tree = measure(_told(frames, observer), evaluators_of(config, seen))
+        tree = measure(_watched(frames, advance), evaluators_of(config, seen))
         if not tree["frames"]:
             raise RecordingError(f"{job.result}: expected a result with frames, found none")
         figures = NamedFigures({**tree, **timed(time.perf_counter() - started)})
@@ -98,14 +92,14 @@ def _find_truth(job: EvaluationJob, result: Result, stack: ExitStack) -> tuple[O
 
 
 def _identity(path: Location) -> InputFile:
-    """What tells a file from others; a folder of labels by its name alone: it may hold thousands of clouds."""
+    """Size and checksum of a file; a folder of labels has its name alone, because it may hold thousands of clouds."""
     return InputFile.unread(path) if isinstance(path, Path) and path.is_dir() else read_input_file(path)
 
 
-def _told(frames: Iterable[EvaluationFrame], observer: EvaluationObserver) -> Iterator[EvaluationFrame]:
-    """The frames, each told when it was measured."""
+def _watched(frames: Iterable[EvaluationFrame], advance: Advance) -> Iterator[EvaluationFrame]:
+    """The frames; reports each one when it was measured."""
     start_ns: int | None = None
     for frame in frames:
         start_ns = frame.stamp_ns if start_ns is None else start_ns
         yield frame
-        observer.advanced((frame.stamp_ns - start_ns) / 1e9, frame.index + 1)
+        advance((frame.stamp_ns - start_ns) / 1e9, f"{frame.index + 1} frames evaluated")

@@ -1,4 +1,4 @@
-"""What an evaluation takes and gives."""
+"""The input and the outcome of an evaluation."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,15 +22,15 @@ __all__ = ["Evaluation", "EvaluationJob", "Truth", "make_evaluation_job"]
 
 @dataclass(frozen=True, slots=True)
 class EvaluationJob:
-    """What to evaluate, and against what.
+    """A result, and the truth to compare it with.
 
     Attributes:
         result: The .mcap file that `lidcam process` wrote.
-        truth: Recordings or files of labels; empty: what the result holds.
+        truth: Recordings or files of labels; empty: the truth in the result.
         truth_topic: The topic of the truth, whatever it is called; empty: the one that is truth by its name.
         rig: Rig file, of which the zones and the vehicles of the truth count, in place of those of the result.
         settings: Single settings on top of those of the result.
-        requirements: What is required of the figures.
+        requirements: Limits that the figures must meet.
     """
 
     result: Path
@@ -54,7 +54,7 @@ def make_evaluation_job(
     """An evaluation, with its rig file, its settings and its requirements read; arguments as of `lidcam.evaluate`.
 
     Raises:
-        RequirementError: a requirement is not written as one.
+        RequirementError: a requirement is malformed.
         LidcamError: a file cannot be read or does not fit.
     """
     required = [requirements] if isinstance(requirements, str | Requirement) else [*requirements]
@@ -104,7 +104,7 @@ def _as_texts(settings: Settings) -> Iterator[str]:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What figures compare with.
+    """The truth that figures compare with.
 
     Attributes:
         sources: Each place that it was taken from, in words.
@@ -121,18 +121,18 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """What comes of an evaluation. Holds no open file: it can be pickled.
+    """The outcome of an evaluation. Holds no open file: it can be pickled.
 
     Attributes:
         figures: All figures by name: `evaluation.figures["fused.car.recall"]`.
         inputs: The result.
-        settings_name: What the result says of its settings.
+        settings_name: Name of the settings in the result.
         settings_sha256: Checksum of the settings of the evaluation.
-        truth: What the figures compare with; None without truth.
-        outcomes: What comes of the requirements.
-        warnings: What makes the figures doubtful.
+        truth: The truth that the figures compare with; None without truth.
+        outcomes: The outcome of each requirement.
+        warnings: Reasons to doubt the figures.
         notes: Remarks on the result and the truth.
-        incomplete: What of the result could not be used.
+        incomplete: Parts of the result that could not be used.
     """
 
     figures: NamedFigures
@@ -151,5 +151,5 @@ class Evaluation:
         return tuple(outcome.failure for outcome in self.outcomes if outcome.failure)
 
     def tree(self) -> dict[str, Any]:
-        """The figures and what was required of them, as plain values, for JSON."""
+        """The figures and the requirements, as plain values, for JSON."""
         return {**self.figures.tree, "requirements": [outcome.tree() for outcome in self.outcomes]}

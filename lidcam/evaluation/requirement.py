@@ -1,4 +1,4 @@
-"""What is required of figures: `fused.car.ap_bev_r40_50 >= 0.9`."""
+"""Requirements on figures: `fused.car.ap_bev_r40_50 >= 0.9`."""
 
 import operator
 import re
@@ -28,14 +28,11 @@ OPERATORS: Mapping[str, Callable[[float, float], bool]] = {
 TRACKING = "tracking."
 """How the names of figures begin that only results with track ids have."""
 
-MAX_FILE_BYTES = 1 << 20
-MIN_DIGITS, MAX_DIGITS = 4, 17
-
 _FORM = re.compile(r"(?P<name>[^\s<>=!][^<>=!]*?)\s*(?P<sign>[<>=!]+)\s*(?P<limit>[^\s<>=!]+)")
 
 
 class RequirementError(ConfigError):
-    """A requirement is not written as one, or names a figure that there is not, or a file of them cannot be read."""
+    """A requirement is malformed or names an unknown figure, or a file of requirements cannot be read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +54,7 @@ class Requirement:
         """The requirement that a text states.
 
         Raises:
-            RequirementError: it states none.
+            RequirementError: the text is malformed.
         """
         parts = _FORM.fullmatch(text.strip())
         if parts is None:
@@ -74,7 +71,7 @@ class Requirement:
         return cls(parts["name"], parts["sign"], limit)
 
     def check(self, figures: NamedFigures) -> "Outcome":
-        """What comes of it. A figure that is not defined fails, and so does one that there is not."""
+        """The outcome for some figures. A figure that is undefined or unknown fails the requirement."""
         expected = f"{self.name}: expected {self.sign} {self.limit:g}"
         if self.name.startswith(TRACKING) and self.name not in figures and not figures.tree.get(TRACKING.rstrip(".")):
             return Outcome(self, None, f"{expected}, found no tracks: result and truth need ids of tracks")
@@ -87,12 +84,12 @@ class Requirement:
             return Outcome(self, found, f"{expected}, found the text {found!r}")
         if OPERATORS[self.sign](found, self.limit):
             return Outcome(self, found, "")
-        return Outcome(self, found, f"{expected}, found {_told(found, self.limit)}")
+        return Outcome(self, found, f"{expected}, found {_apart(found, self.limit)}")
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What comes of a requirement.
+    """The outcome of a requirement.
 
     Attributes:
         requirement: The requirement.
@@ -116,7 +113,7 @@ def read_requirements(texts: Iterable[str]) -> tuple[Requirement, ...]:
     A file has one in a line; empty lines count for nothing, and neither does what follows a `#`.
 
     Raises:
-        RequirementError: one is not written as a requirement, or a file cannot be read or has none.
+        RequirementError: a requirement is malformed, or a file cannot be read or holds no requirement.
     """
     found: list[Requirement] = []
     for text in texts:
@@ -125,7 +122,7 @@ def read_requirements(texts: Iterable[str]) -> tuple[Requirement, ...]:
 
 
 def check_names(requirements: Sequence[Requirement], known: NamedFigures) -> None:
-    """Whether there can be figures of these names.
+    """Check that there can be figures of these names.
 
     Args:
         requirements: The requirements.
@@ -142,7 +139,7 @@ def check_names(requirements: Sequence[Requirement], known: NamedFigures) -> Non
 
 
 def why_undefined(figures: NamedFigures, name: str) -> str:
-    """Why a figure is not defined, as far as counts beside it or above it tell; begins with a colon, or is empty."""
+    """The reason why a figure is undefined, after a colon; empty if no count beside it or above it is 0."""
     if figures.get("frames_with_truth") == 0:
         return ": there is no truth"
     for count, reason in _REASONS.items():
@@ -157,15 +154,11 @@ _REASONS = {"truth": "there is no truth of it", "found": "nothing of it was foun
 
 def _of_file(path: Path) -> list[Requirement]:
     try:
-        with path.open("rb") as file:
-            content = file.read(MAX_FILE_BYTES + 1)
-        if len(content) > MAX_FILE_BYTES:
-            raise RequirementError(f"{path}: expected at most {MAX_FILE_BYTES >> 20} MiB of requirements")
-        lines = content.decode().splitlines()
+        lines = path.read_text(encoding="utf-8").splitlines()
     except OSError as err:
         raise RequirementError(f"{path}: expected a file with requirements: {err.strerror or err}") from err
     except UnicodeDecodeError as err:
-        raise RequirementError(f"{path}: expected a text with requirements, found bytes that are none") from err
+        raise RequirementError(f"{path}: expected text with requirements, found binary data") from err
     found = []
     for number, line in enumerate(lines, 1):
         if text := line.partition("#")[0].strip():
@@ -178,9 +171,9 @@ def _of_file(path: Path) -> list[Requirement]:
     return found
 
 
-def _told(found: float, limit: float) -> str:
-    """A figure with as many digits as it takes to tell it from the limit."""
+def _apart(found: float, limit: float) -> str:
+    """A figure with four digits, or with all of them if four would show the limit."""
     if isinstance(found, int):
         return str(found)
-    texts = (f"{found:.{digits}g}" for digits in range(MIN_DIGITS, MAX_DIGITS + 1))
-    return next((text for text in texts if float(text) != limit), repr(found))
+    short = f"{found:.4g}"
+    return short if float(short) != limit else repr(found)

@@ -218,7 +218,7 @@ def _chains_table(unlabelled: Tree) -> Table:
     columns = ("objects/frame", "chains", "seconds", "missing", "flickers", "relabelled", "flips")
     table = columns_table("without truth: chains of one object", "source", *columns)
     for source, figures in unlabelled.items():
-        chains = figures["chains"][ALL]
+        chains = figures["chains"]
         table.add_row(
             source,
             number(figures["objects"].get("per_frame_mean"), 1),
@@ -231,8 +231,8 @@ def _chains_table(unlabelled: Tree) -> Table:
 
 
 def _residuals(unlabelled: Tree) -> Tree:
-    """By camera, of the last source: what is printed of the others would be much the same."""
-    images = [*unlabelled.values()][-1]["images"] if unlabelled else {}
+    """By camera, for cameras with 2D boxes."""
+    images: Tree = unlabelled.get("fused", {}).get("images", {})
     return {camera: figures for camera, figures in images.items() if figures["boxes_2d"]}
 
 

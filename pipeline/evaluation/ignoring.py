@@ -1,44 +1,13 @@
 """What of a frame is evaluated, and what is neither a miss nor an error."""
 
-from typing import Protocol
-
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, Bools
+from pipeline.core.arrays import F64, Bools
 from pipeline.core.geometry.polygons import first_polygon_with
 from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.evaluation_frame import UNKNOWN
+from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
 
 __all__ = ["is_counted", "is_evaluated", "is_within"]
-
-
-class TrueRows(Protocol):
-    """True objects of one frame or of several: `TruthBoxes3D`, `TrueObjects`."""
-
-    @property
-    def centers(self) -> F64:
-        """(N, 3) in the site frame, metres."""
-        ...
-
-    @property
-    def class_ids(self) -> I32:
-        """(N,) or `UNKNOWN`."""
-        ...
-
-    @property
-    def lidar_points(self) -> I32:
-        """(N,) or `UNKNOWN`."""
-        ...
-
-    @property
-    def image_pixels(self) -> I32:
-        """(N,) in all images, or `UNKNOWN`."""
-        ...
-
-    @property
-    def is_ignored(self) -> Bools:
-        """(N,) by the truth itself."""
-        ...
 
 
 def is_within(centers: F64, config: EvaluateConfig) -> Bools:
@@ -59,7 +28,7 @@ def is_within(centers: F64, config: EvaluateConfig) -> Bools:
     return within
 
 
-def is_evaluated(truth: TrueRows, config: EvaluateConfig) -> Bools:
+def is_evaluated(truth: TruthBoxes3D, config: EvaluateConfig) -> Bools:
     """Whether each object has to be found.
 
     The others are ignored: who misses them has no miss, and a result that matches one of them is no error. These are
@@ -76,7 +45,7 @@ def is_evaluated(truth: TrueRows, config: EvaluateConfig) -> Bools:
     return np.asarray(seen & is_counted(truth, config))
 
 
-def is_counted(truth: TrueRows, config: EvaluateConfig) -> Bools:
+def is_counted(truth: TruthBoxes3D, config: EvaluateConfig) -> Bools:
     """Whether each object counts, seen or not: not marked as ignored, of a configured class, and `is_within`.
 
     Returns:

@@ -6,7 +6,7 @@ place, or of one true object, count as one mistake.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -14,22 +14,24 @@ from pipeline.core.arrays import F64, I32, Indices
 from pipeline.core.detections import Boxes3D
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.detection.criteria import Criteria
-from pipeline.evaluation.detection.matching import Candidates, match_criteria, match_other_classes
-from pipeline.evaluation.detection.near_objects import FoundObjects, TrueObjects, pairs_near
+from pipeline.evaluation.detection.matching import match_criteria, match_other_classes
 from pipeline.evaluation.detection.tables import FALSE
 from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, Figures, TruthBoxes3D
 from pipeline.evaluation.ignoring import is_evaluated, is_within
+from pipeline.evaluation.near_objects import Candidates, FoundObjects, TrueObjects, pairs_near
 
 __all__ = ["Mistake", "Mistakes"]
 
 MAX_PAUSE_NS = 2_000_000_000
 """An error that comes back at the same place after a longer pause is another mistake."""
 
-MAX_TOLD = 10
+MAX_LISTED = 10
 """Mistakes of each kind among the figures."""
 
 Kind = Literal["false", "missed"]
-Cause = Literal["", "nothing", "class", "second", "place"]
+Cause = Literal["nothing", "class", "second", "place"]
+"""Why a detection is false: there is `nothing`, the object at the place is of another `class`, it is shown by a better
+detection already (`second`), or the detection is too far from its `place`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,61 +40,44 @@ class Mistake:
 
     Attributes:
         kind: `false`: there is no object of this class; `missed`: an object that was not found.
-        class_name: Class of the detection, or of the missed object.
-        label: The class as the truth names it; of a false one, that of the object at the place, if there is one.
+        class_id: Class of the detection, or of the missed object.
         track_id: Id of the true object; of a false one, of the object at the place; `UNKNOWN` if there is none.
-        cause: Why it is false: there is `nothing`, the object at the place is of another `class`, it is shown by a
-            better detection already (`second`), or the detection is too far from its `place`. Empty of a missed one.
+        weight: By which mistakes are ranked: the sum of the scores over the frames, or the number of frames.
         frames: Number of frames with the error.
         first_ns: Stamp of the first of them.
         last_ns: Stamp of the last of them.
-        worst_ns: Stamp of the frame in which the score is highest, or the object has the most lidar points.
-        worst_frame: Its number.
-        center: (3,) box of that frame: centre, metres in the site frame.
-        last_center: (3,) centre in the last frame.
-        size_m: Its length, width, height.
-        yaw: Its heading, radians.
-        score: Score of a false detection in that frame; 0 for a missed object.
-        lidar_points: Lidar points of a missed object in that frame; `UNKNOWN` if the truth does not say, and of a
-            false detection.
-        weight: By which mistakes are ranked: the sum of the scores over the frames, or the number of frames.
+        last_center: (3,) centre in the last frame, metres in the site frame.
+        severity: Score of a false detection, lidar points of a missed object, in the worst frame: where it is largest.
+        worst_ns: Stamp of the worst frame.
+        center: (3,) centre in the worst frame.
+        named: Class, label and cause in the worst frame, as JSON has them.
+        box: Number, box, score and lidar points of the worst frame, as JSON has them.
     """
 
     kind: Kind
-    class_name: str
-    label: str
+    class_id: int
     track_id: int
-    cause: Cause
+    weight: float
     frames: int
     first_ns: int
     last_ns: int
-    worst_ns: int
-    worst_frame: int
-    center: F64
     last_center: F64
-    size_m: F64
-    yaw: float
-    score: float
-    lidar_points: int
-    weight: float
+    severity: float
+    worst_ns: int
+    center: F64
+    named: Figures
+    box: Figures
 
     def figures(self, start_ns: int) -> Figures:
         """As JSON has it, with times in seconds since `start_ns`, too."""
         return {
-            "class": self.class_name,
-            "label": self.label or None,
-            "cause": self.cause or None,
+            **self.named,
             "frames": self.frames,
             "first_s": round((self.first_ns - start_ns) / 1e9, 3),
             "last_s": round((self.last_ns - start_ns) / 1e9, 3),
             "worst_s": round((self.worst_ns - start_ns) / 1e9, 3),
             "worst_ns": self.worst_ns,
-            "worst_frame": self.worst_frame,
-            **dict(zip(("x_m", "y_m", "z_m"), np.round(self.center, 3).tolist(), strict=True)),
-            **dict(zip(("length_m", "width_m", "height_m"), np.round(self.size_m, 3).tolist(), strict=True)),
-            "yaw_deg": round(float(np.degrees(self.yaw)), 1),
-            "score": round(self.score, 4) if self.kind == "false" else None,
-            "lidar_points": None if self.lidar_points == UNKNOWN else self.lidar_points,
+            **self.box,
         }
 
 
@@ -121,26 +106,23 @@ class Mistakes:
         source = frame.sources.get(self._source)
         if frame.truth is None or source is None:
             return
-        counted = is_evaluated(frame.truth, self._config.evaluate)
-        truth, found = TrueObjects.of([frame.truth], 0), FoundObjects.of([source], 0)
-        pairs, position = pairs_near(found, truth, self._criteria.scales), self._criteria.position
-        (matches,) = match_criteria(
+        found, truth, position = source.boxes, frame.truth, self._criteria.position
+        counted = is_evaluated(truth, self._config.evaluate)
+        pairs = pairs_near(FoundObjects.of([source], 0), TrueObjects.of([truth], 0), self._criteria.scales)
+        matches = match_criteria(
             pairs,
             [position],
             position=position,
-            found_ids=found.class_ids,
-            truth_ids=truth.class_ids,
-            scores=found.scores,
+            found=found,
+            truth=truth,
             is_evaluated=counted,
             is_ignored=~is_within(found.centers, self._config.evaluate),
-        )
-        mistaken = match_other_classes(
-            pairs, position, matches=matches, truth_ids=truth.class_ids, scores=found.scores, is_evaluated=counted
-        )
+        )[:, 0]
+        mistaken = match_other_classes(pairs, position, matches=matches, found=found, truth=truth, is_evaluated=counted)
         at_place = np.where(mistaken >= 0, mistaken, _most_overlapped(pairs, len(found)))
         now = [
-            *self._false(frame, source.boxes, frame.truth, matches, at_place),
-            *self._missed(frame, frame.truth, np.setdiff1d(np.flatnonzero(counted), matches)),
+            *self._false(frame, found, truth, matches, at_place),
+            *self._missed(frame, truth, np.setdiff1d(np.flatnonzero(counted), matches)),
         ]
         before = self._open
         self._open = [mistake for mistake in before if frame.stamp_ns - mistake.last_ns <= MAX_PAUSE_NS]
@@ -154,43 +136,55 @@ class Mistakes:
         return sorted(known, key=lambda one: (-one.weight, one.first_ns, *one.center.tolist()))[:count]
 
     def figures(self) -> Figures:
-        """The worst mistakes of each kind, `MAX_TOLD` at most."""
+        """The worst mistakes of each kind, `MAX_LISTED` at most."""
         kinds: tuple[Kind, ...] = ("false", "missed")
         start_ns = self._start_ns or 0  # without frames there are no mistakes
-        told: Figures = {kind: [mistake.figures(start_ns) for mistake in self.worst(kind, MAX_TOLD)] for kind in kinds}
+        told: Figures = {
+            kind: [mistake.figures(start_ns) for mistake in self.worst(kind, MAX_LISTED)] for kind in kinds
+        }
         return {"mistakes": {self._source: told}}
 
     def _false(
         self, frame: EvaluationFrame, boxes: Boxes3D, truth: TruthBoxes3D, matches: I32, at_place: Indices
     ) -> Iterator[Mistake]:
         for row in np.flatnonzero(matches == FALSE).tolist():
-            other = int(at_place[row])
-            score = float(boxes.scores[row])
-            yield Mistake(
-                kind="false",
-                class_name=self._config.class_names[boxes.class_ids[row]],
-                label=str(truth.labels[other]) if other >= 0 else "",
-                track_id=int(truth.track_ids[other]) if other >= 0 else UNKNOWN,
-                cause=_cause(other, int(boxes.class_ids[row]), truth, matches),
-                score=score,
-                lidar_points=UNKNOWN,
-                weight=score,
-                **_moment(frame, boxes, row),
-            )
+            other, score = int(at_place[row]), float(boxes.scores[row])
+            label, track_id = (str(truth.labels[other]), int(truth.track_ids[other])) if other >= 0 else ("", UNKNOWN)
+            cause = _cause(other, int(boxes.class_ids[row]), truth, matches)
+            facts = {"score": round(score, 4), "lidar_points": None}
+            yield self._mistake("false", frame, boxes, row, label, cause, track_id, score, score, facts)
 
     def _missed(self, frame: EvaluationFrame, truth: TruthBoxes3D, rows: Indices) -> Iterator[Mistake]:
         for row in rows.tolist():
-            yield Mistake(
-                kind="missed",
-                class_name=self._config.class_names[truth.class_ids[row]],
-                label=str(truth.labels[row]),
-                track_id=int(truth.track_ids[row]),
-                cause="",
-                score=0.0,
-                lidar_points=int(truth.lidar_points[row]),
-                weight=1.0,
-                **_moment(frame, truth, row),
-            )
+            label, points = str(truth.labels[row]), int(truth.lidar_points[row])
+            facts = {"score": None, "lidar_points": None if points == UNKNOWN else points}
+            yield self._mistake("missed", frame, truth, row, label, None, int(truth.track_ids[row]), 1.0, points, facts)
+
+    def _mistake(
+        self,
+        kind: Kind,
+        frame: EvaluationFrame,
+        boxes: Boxes3D | TruthBoxes3D,
+        row: int,
+        label: str,
+        cause: Cause | None,
+        track_id: int,
+        weight: float,
+        severity: float,
+        facts: Figures,
+    ) -> Mistake:
+        """An error of one frame."""
+        stamp_ns, class_id, center = frame.stamp_ns, int(boxes.class_ids[row]), boxes.centers[row]
+        named = {"class": self._config.class_names[class_id], "label": label or None, "cause": cause}
+        box: Figures = {
+            "worst_frame": frame.index,
+            **dict(zip(("x_m", "y_m", "z_m"), np.round(center, 3).tolist(), strict=True)),
+            **dict(zip(("length_m", "width_m", "height_m"), np.round(boxes.sizes[row], 3).tolist(), strict=True)),
+            "yaw_deg": round(float(np.degrees(boxes.yaws[row])), 1),
+            **facts,
+        }
+        times_ns = stamp_ns, stamp_ns
+        return Mistake(kind, class_id, track_id, weight, 1, *times_ns, center, severity, stamp_ns, center, named, box)
 
     def _join(self, new: Mistake) -> None:
         """Count an error of this frame with the mistake that it continues; it is a mistake of its own without one."""
@@ -200,9 +194,8 @@ class Mistakes:
             return
         row = min(known, key=lambda row: (_gap_m(self._open[row], new), row))
         old = self._open[row]
-        worst = new if (new.score, new.lidar_points) > (old.score, old.lidar_points) else old
         self._open[row] = replace(
-            worst,
+            new if new.severity > old.severity else old,
             frames=old.frames + 1,
             first_ns=old.first_ns,
             last_ns=new.last_ns,
@@ -211,28 +204,11 @@ class Mistakes:
         )
 
     def _is_same(self, old: Mistake, new: Mistake) -> bool:
-        if (old.kind, old.class_name) != (new.kind, new.class_name):
+        if (old.kind, old.class_id) != (new.kind, new.class_id):
             return False
         if new.kind == "missed" and (old.track_id, new.track_id) != (UNKNOWN, UNKNOWN):
             return old.track_id == new.track_id
-        class_id = self._config.class_names.index(new.class_name)
-        return bool(_gap_m(old, new) <= self._criteria.position.limits[class_id])
-
-
-def _moment(frame: EvaluationFrame, boxes: Boxes3D | TruthBoxes3D, row: int) -> dict[str, Any]:
-    """What a mistake takes from its box."""
-    stamp_ns, center = frame.stamp_ns, boxes.centers[row]
-    return {
-        "frames": 1,
-        "first_ns": stamp_ns,
-        "last_ns": stamp_ns,
-        "worst_ns": stamp_ns,
-        "worst_frame": frame.index,
-        "center": center,
-        "last_center": center,
-        "size_m": boxes.sizes[row],
-        "yaw": float(boxes.yaws[row]),
-    }
+        return bool(_gap_m(old, new) <= self._criteria.position.limits[new.class_id])
 
 
 def _cause(other: int, class_id: int, truth: TruthBoxes3D, matches: I32) -> Cause:

@@ -79,20 +79,15 @@ class Comparison:
         names = tuple(dict.fromkeys(prior.name for prior in (*first, *second)))
         known = KnownClasses.of(first, names), KnownClasses.of(second, names)
         self.class_names = names
-        self._sources = {
-            name: _Channel(
-                ("sources", name), partial(_compared_3d, name, known, config, Tracks()), Tally(names, allowed, UNITS_3D)
-            )
-            for kind, name in channels
-            if kind == "sources"
-        }
-        self._images = {
-            name: _Channel(
-                ("images", name), partial(_compared_2d, name, known, config), Tally(names, allowed, UNITS_2D)
-            )
-            for kind, name in channels
-            if kind == "images"
-        }
+        self._channels: list[_Channel] = []
+        for row, channel in enumerate(channels):
+            kind, name = channel
+            if kind == "sources":
+                compare: Compare = partial(_compared_3d, name, known, config, Tracks())
+                tally = Tally(names, allowed, UNITS_3D)
+            else:
+                compare, tally = partial(_compared_2d, name, known, config), Tally(names, allowed, UNITS_2D)
+            self._channels.append(_Channel(channel, compare, tally, Episodes(channel, row)))
         self._listing = Listing(MAX_LISTED)
         self._frames = {"frames": 0, "frames_different": 0, "frames_only_in_a": 0, "frames_only_in_b": 0}
         self._start_ns: int | None = None
@@ -106,32 +101,28 @@ class Comparison:
         """
         if self._start_ns is None:
             self._start_ns = min(frame.stamp_ns for frame in (pair.first, pair.second) if frame is not None)
-        found: dict[str, Compared[Boxes3D]] = {}
+        number = self._pairs
+        self._pairs += 1
         if pair.first is None or pair.second is None:
             self._frames["frames_only_in_a" if pair.second is None else "frames_only_in_b"] += 1
             self.close()
-        else:
-            number, listing = self._pairs, self._listing
-            of_sources = {
-                name: one.add(pair.first, pair.second, listing, number, row, is_next=pair.is_next)
-                for row, (name, one) in enumerate(self._sources.items())
-            }
-            of_images = [
-                one.add(pair.first, pair.second, listing, number, row, is_next=pair.is_next)
-                for row, one in enumerate(self._images.values(), len(self._sources))
-            ]
-            found = {name: compared for name, compared in of_sources.items() if compared is not None}
-            self._frames["frames"] += 1
-            self._frames["frames_different"] += any(
-                one is not None and one.changes.are_any for one in (*of_sources.values(), *of_images)
-            )
-        self._pairs += 1
-        return found
+            return {}
+        found: dict[Channel, Compared[Any]] = {}
+        for one in self._channels:
+            differences: list[Difference] = []
+            if compared := one.compare(pair.first, pair.second):
+                found[one.channel] = compared
+                one.tally.add(compared.changes, compared.first.classes, compared.second.classes)
+                differences += _differences(compared, pair.first, pair.second, self.class_names, number)
+            self._listing.take(one.episodes.add(differences, is_next=pair.is_next))
+        self._frames["frames"] += 1
+        self._frames["frames_different"] += any(compared.changes.are_any for compared in found.values())
+        return {name: compared for (kind, name), compared in found.items() if kind == "sources"}
 
     def close(self) -> None:
         """Take in that no frame follows, or none that can be compared with those before."""
-        for row, channel in enumerate(self._channels()):
-            channel.close(self._listing, row)
+        for one in self._channels:
+            self._listing.take(one.episodes.add((), is_next=False))
 
     def not_allowed_percent(self, *, frames_may_differ: bool) -> dict[str, float]:
         """Share of the objects that differ in what is not allowed to, by source or camera.
@@ -139,72 +130,52 @@ class Comparison:
         Args:
             frames_may_differ: Otherwise `frames` has the share of the frames that one result alone has.
         """
-        found = {one.channel[1]: one.tally.not_allowed_percent for one in self._channels()}
+        found = {one.channel[1]: one.tally.not_allowed_percent for one in self._channels}
         alone = 0 if frames_may_differ else self._frames["frames_only_in_a"] + self._frames["frames_only_in_b"]
         return {"frames": 100 * alone / max(alone + self._frames["frames"], 1)} | found
 
     def figures(self) -> dict[str, Any]:
         """Figures by source and camera and class; the differences, and the largest of each kind."""
-        return {
-            **self._frames,
-            "sources": {name: one.tally.figures() for name, one in self._sources.items()},
-            "images": {name: one.tally.figures() for name, one in self._images.items()},
-            "differences": self._listing.figures(self._start_ns or 0),
-        }
-
-    def _channels(self) -> "list[_Channel[Boxes3D] | _Channel[Boxes2D]]":
-        return [*self._sources.values(), *self._images.values()]
+        by_kind: dict[str, dict[str, Any]] = {"sources": {}, "images": {}}
+        for one in self._channels:
+            kind, name = one.channel
+            by_kind[kind][name] = one.tally.figures()
+        return {**self._frames, **by_kind, "differences": self._listing.figures(self._start_ns or 0)}
 
 
-class _Channel(Generic[Boxes]):
-    """One source or camera, frame by frame; `compare` gives None for frames that have no message of it."""
+Compare = Callable[[ComparedFrame, ComparedFrame], Compared[Any] | None]
+"""Compares one source or camera of two frames; None if neither frame has it."""
 
-    def __init__(
-        self,
-        channel: Channel,
-        compare: Callable[[ComparedFrame, ComparedFrame], Compared[Boxes] | None],
-        tally: Tally,
-    ) -> None:
-        self.channel, self.tally, self._episodes = channel, tally, Episodes(channel)
-        self._compare: Callable[[ComparedFrame, ComparedFrame], Compared[Boxes] | None] = compare
 
-    def add(
-        self, first: ComparedFrame, second: ComparedFrame, listing: Listing, pair: int, row: int, *, is_next: bool
-    ) -> Compared[Boxes] | None:
-        compared = self._compare(first, second)
-        differences: list[Difference] = []
-        if compared is not None:
-            self.tally.add(compared.changes, compared.first.classes, compared.second.classes)
-            differences += self._differences(compared, first, second, pair)
-        listing.take(self._episodes.add(differences, is_next=is_next), row)
-        return compared
+@dataclass(frozen=True, slots=True)
+class _Channel:
+    """One source or camera: how it is compared, and what was found so far."""
 
-    def close(self, listing: Listing, row: int) -> None:
-        listing.take(self._episodes.add((), is_next=False), row)
+    channel: Channel
+    compare: Compare
+    tally: Tally
+    episodes: Episodes
 
-    def _differences(
-        self, compared: Compared[Boxes], first: ComparedFrame, second: ComparedFrame, pair: int
-    ) -> Iterator[Difference]:
-        """The objects that differ: those that both have, those of A alone, those of B alone."""
-        changes, a, b = compared.changes, compared.first, compared.second
-        found: list[tuple[ComparedFrame, Objects[Boxes], int, int, int, dict[Kind, float]]] = []
-        for row in np.flatnonzero(changes.is_changed.any(1)).tolist():
-            i, j = int(changes.first[row]), int(changes.second[row])
-            measured = zip(PAIR_KINDS, changes.amounts[row].tolist(), changes.is_changed[row].tolist(), strict=True)
-            amounts = {kind: amount for kind, amount, is_changed in measured if is_changed}
-            found.append((second, b, j, int(a.classes[i]), int(b.classes[j]), amounts))
-        for row in changes.lost.tolist():
-            found.append(
-                (first, a, row, int(a.classes[row]), int(a.classes[row]), {"lost": float(a.boxes.scores[row])})
-            )
-        for row in changes.new.tolist():
-            found.append(
-                (second, b, row, int(b.classes[row]), int(b.classes[row]), {"new": float(b.boxes.scores[row])})
-            )
-        for number, (frame, objects, row, old, new, amounts) in enumerate(found):
-            place, reach = tuple(objects.places[row].tolist()), float(objects.reaches[row])
-            names = self.tally.class_names[old], self.tally.class_names[new]
-            yield Difference(pair, number, frame.index, frame.stamp_ns, place, reach, *names, amounts)
+
+def _differences(
+    compared: Compared[Any], first: ComparedFrame, second: ComparedFrame, class_names: Sequence[str], pair: int
+) -> Iterator[Difference]:
+    """The objects that differ: those that both have, those of A alone, those of B alone."""
+    changes, a, b = compared.changes, compared.first, compared.second
+    found: list[tuple[ComparedFrame, Objects[Any], int, int, int, dict[Kind, float]]] = []
+    for row in np.flatnonzero(changes.is_changed.any(1)).tolist():
+        i, j = int(changes.first[row]), int(changes.second[row])
+        measured = zip(PAIR_KINDS, changes.amounts[row].tolist(), changes.is_changed[row].tolist(), strict=True)
+        amounts = {kind: amount for kind, amount, is_changed in measured if is_changed}
+        found.append((second, b, j, a.classes[i], b.classes[j], amounts))
+    for row in changes.lost.tolist():
+        found.append((first, a, row, a.classes[row], a.classes[row], {"lost": float(a.boxes.scores[row])}))
+    for row in changes.new.tolist():
+        found.append((second, b, row, b.classes[row], b.classes[row], {"new": float(b.boxes.scores[row])}))
+    for number, (frame, objects, row, old, new, amounts) in enumerate(found):
+        place, reach = tuple(objects.places[row].tolist()), float(objects.reaches[row])
+        names = class_names[old], class_names[new]
+        yield Difference(pair, number, frame.index, frame.stamp_ns, place, reach, *names, amounts)
 
 
 def _compared_3d(

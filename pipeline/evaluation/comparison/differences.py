@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -55,6 +56,7 @@ class Episode:
 
     Attributes:
         channel: Where it was found.
+        channel_row: Place of the channel among all.
         first: Its difference in the first frame.
         last: In the last.
         frames: Their number.
@@ -63,6 +65,7 @@ class Episode:
     """
 
     channel: Channel
+    channel_row: int
     first: Difference
     last: Difference = field(init=False)
     frames: int = 0
@@ -71,6 +74,15 @@ class Episode:
 
     def __post_init__(self) -> None:
         self.add(self.first)
+
+    @property
+    def key(self) -> tuple[int, int, int]:
+        """Its place among all episodes."""
+        return self.first.pair, self.channel_row, self.first.row
+
+    def rank(self, kind: Kind) -> tuple[float, tuple[int, int, int]]:
+        """Order by the amount of a kind, the largest first; of equal ones the earlier."""
+        return -self.worst[kind][0], self.key
 
     def add(self, difference: Difference) -> None:
         """Take in the next frame."""
@@ -129,10 +141,11 @@ class Episodes:
 
     Args:
         channel: The source or camera.
+        row: Its place among all.
     """
 
-    def __init__(self, channel: Channel) -> None:
-        self._channel = channel
+    def __init__(self, channel: Channel, row: int) -> None:
+        self._channel, self._row = channel, row
         self._open: list[Episode] = []
 
     def add(self, differences: Sequence[Difference], *, is_next: bool) -> list[Episode]:
@@ -153,7 +166,7 @@ class Episodes:
             partners = _partners([known[row].last.place for row in rows], mine)
             for number, one in enumerate(mine):
                 if number not in partners:
-                    going_on.append(Episode(self._channel, one))
+                    going_on.append(Episode(self._channel, self._row, one))
                     continue
                 row = rows[partners[number]]
                 taken.add(row)
@@ -186,19 +199,17 @@ class Listing:
 
     def __init__(self, max_kept: int) -> None:
         self._max_kept = max_kept
-        self._kept: list[tuple[tuple[int, int, int], Episode]] = []
-        self._worst: dict[Kind, tuple[float, tuple[int, int, int], Episode]] = {}
+        self._kept: list[Episode] = []
+        self._worst: dict[Kind, Episode] = {}
         self._count = 0
 
-    def take(self, episodes: Iterable[Episode], channel_row: int) -> None:
-        """Take in episodes that are over, of one channel."""
+    def take(self, episodes: Iterable[Episode]) -> None:
+        """Take in episodes that are over."""
         for episode in episodes:
-            key = episode.first.pair, channel_row, episode.first.row
             self._count += 1
-            self._kept.append((key, episode))
-            for kind, (amount, _) in episode.worst.items():
-                if kind not in self._worst or (-amount, key) < (-self._worst[kind][0], self._worst[kind][1]):
-                    self._worst[kind] = amount, key, episode
+            self._kept.append(episode)
+            for kind in episode.worst:
+                self._worst[kind] = min(self._worst.get(kind, episode), episode, key=partial(Episode.rank, kind=kind))
         if len(self._kept) >= 2 * self._max_kept:
             self._shorten()
 
@@ -208,10 +219,10 @@ class Listing:
         largest = [kind for kind in KINDS if kind in self._worst and kind not in WITHOUT_AMOUNT]
         return {
             "count": self._count,
-            "listed": [episode.tree(start_ns) for _, episode in self._kept],
-            "largest": {kind: self._worst[kind][2].worst_tree(kind, start_ns) for kind in largest},
+            "listed": [episode.tree(start_ns) for episode in self._kept],
+            "largest": {kind: self._worst[kind].worst_tree(kind, start_ns) for kind in largest},
         }
 
     def _shorten(self) -> None:
-        self._kept.sort(key=lambda one: one[0])
+        self._kept.sort(key=lambda one: one.key)
         del self._kept[self._max_kept :]

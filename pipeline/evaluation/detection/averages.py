@@ -7,9 +7,6 @@ import numpy as np
 from pipeline.core.arrays import F64
 from pipeline.evaluation.detection.criteria import DISTANCES_M, Criteria
 from pipeline.evaluation.detection.curves import (
-    R11,
-    R40,
-    Recalls,
     average_precision,
     curve_of,
     interpolated_ap,
@@ -52,34 +49,30 @@ def overlap_name(iou: float) -> str:
 
 
 def overlap_figures(
-    criteria: Criteria, by_row: Callable[[int], Scored], found: FoundTable, truth: TruthTable, count: int
+    criteria: Criteria, by_criterion: Callable[[int], Scored], found: FoundTable, truth: TruthTable, count: int
 ) -> Averages:
     """Average precision at each IoU, seen from above and in 3D, and orientation similarity.
 
     Args:
         criteria: The criteria.
-        by_row: The detections that count, by row of the criterion.
+        by_criterion: The detections that count, by column of the criterion.
         found: All detections of the source.
         truth: All true objects.
         count: True objects of the class in this part of the site.
     """
     figures: Averages = {}
-    for view, row_of in (("bev", criteria.bev_row), ("3d", criteria.volume_row)):
+    for view, column_of in (("bev", criteria.bev_column), ("3d", criteria.volume_column)):
         for iou in criteria.ious:
-            detections = by_row(row_of(iou))
+            detections = by_criterion(column_of(iou))
             curve = curve_of(detections.scores, detections.is_right, count)
-            for name, recalls in (("r40", R40), ("r11", R11)):
-                key = f"ap_{view}_{name}_{overlap_name(iou)}"
-                figures[key] = average_precision(curve.right, curve.precision, count, recalls)
+            figures[f"ap_{view}_r40_{overlap_name(iou)}"] = average_precision(curve.right, curve.precision, count)
     for iou in criteria.ious:
-        similarity = _orientation_similarity(by_row(criteria.bev_row(iou)), found, truth, count, R40)
+        similarity = _orientation_similarity(by_criterion(criteria.bev_column(iou)), found, truth, count)
         figures[f"aos_bev_r40_{overlap_name(iou)}"] = similarity
     return figures
 
 
-def _orientation_similarity(
-    detections: Scored, found: FoundTable, truth: TruthTable, count: int, recalls: Recalls
-) -> float | None:
+def _orientation_similarity(detections: Scored, found: FoundTable, truth: TruthTable, count: int) -> float | None:
     # (1 + cos d) / 2 in place of each right detection: Geiger et al., Are we ready for autonomous driving? The KITTI
     # vision benchmark suite, CVPR 2012, section 3.4
     right = detections.is_right
@@ -88,25 +81,25 @@ def _orientation_similarity(
     similarity[right] = (1 + np.cos(turn)) / 2
     last = last_of_equals(detections.scores)
     quality = np.cumsum(similarity)[last] / (last + 1)
-    return average_precision(np.cumsum(right, dtype=np.int64)[last], quality, count, recalls)
+    return average_precision(np.cumsum(right, dtype=np.int64)[last], quality, count)
 
 
 def distance_figures(
-    criteria: Criteria, by_row: Mapping[int, Scored], found: FoundTable, count: int, scale: float
+    criteria: Criteria, by_criterion: Mapping[int, Scored], found: FoundTable, count: int, scale: float
 ) -> Averages:
     """Average precision by distance, and errors, with distances scaled to the class.
 
     Args:
         criteria: The criteria.
-        by_row: The detections that count, by row of the criterion.
+        by_criterion: The detections that count, by column of the criterion.
         found: All detections of the source.
         count: True objects of the class in this part of the site.
         scale: Factor of the distances, by which an error of position is also divided in the score.
     """
     if not count:
         return dict.fromkeys(("map", *_AP_NAMES, "translation_m", "scale", "orientation_deg", "score"))
-    precisions = [_ap(by_row[row], count) for row in criteria.distance_rows]
-    errors = _mean_errors(criteria, by_row, found, count)
+    precisions = [_ap(by_criterion[column], count) for column in criteria.distance_columns]
+    errors = _mean_errors(criteria, by_criterion, found, count)
     mean = float(np.mean(precisions))
     figures: Averages = {"map": mean, **dict(zip(_AP_NAMES, precisions, strict=True))}
     names = ("translation_m", "scale", "orientation_deg")
@@ -124,13 +117,13 @@ def detection_score(mean_ap: float, errors: Sequence[float]) -> float:
 
 
 def nuscenes_figures(
-    criteria: Criteria, by_row: Mapping[int, Scored], found: FoundTable, count: int, class_name: str
+    criteria: Criteria, by_criterion: Mapping[int, Scored], found: FoundTable, count: int, class_name: str
 ) -> Averages:
     """The figures of a class as nuScenes's devkit has them; None for a class that nuScenes does not have.
 
     Args:
         criteria: The criteria, unscaled.
-        by_row: The detections that count, by row of the criterion.
+        by_criterion: The detections that count, by column of the criterion.
         found: All detections of the source.
         count: True objects of the class.
         class_name: Name of the class.
@@ -138,8 +131,8 @@ def nuscenes_figures(
     names = ("map", *_AP_NAMES, "ate", "ase", "aoe")
     if class_name not in NUSCENES_RANGES_M:
         return dict.fromkeys(names)
-    precisions = [_ap(by_row[row], count) if count else 0.0 for row in criteria.distance_rows]
-    errors = _mean_errors(criteria, by_row, found, count, np.pi if class_name == "barrier" else 2 * np.pi)
+    precisions = [_ap(by_criterion[column], count) if count else 0.0 for column in criteria.distance_columns]
+    errors = _mean_errors(criteria, by_criterion, found, count, np.pi if class_name == "barrier" else 2 * np.pi)
     # an error that is not defined is 1: nothing is found at a recall above 0.1
     translation_m, size, turn = (1.0, 1.0, 1.0) if errors is None else map(float, errors)
     aoe = None if class_name == "traffic_cone" else turn
@@ -151,10 +144,10 @@ def _ap(detections: Scored, count: int) -> float:
 
 
 def _mean_errors(
-    criteria: Criteria, by_row: Mapping[int, Scored], found: FoundTable, count: int, period: float = 2 * np.pi
+    criteria: Criteria, by_criterion: Mapping[int, Scored], found: FoundTable, count: int, period: float = 2 * np.pi
 ) -> F64 | None:
-    detections = by_row[criteria.error_rows[-1]]
-    errors = found.errors[-1, detections.rows[detections.is_right]].astype(np.float64)
+    detections = by_criterion[criteria.error_columns[-1]]
+    errors = found.errors[detections.rows[detections.is_right], -1].astype(np.float64)
     turns = np.abs(errors[:, Column.YAW])
     turns = np.minimum(turns % period, -turns % period)
     columns = np.column_stack([bird_eye_m(errors), errors[:, Column.SCALE], turns])

@@ -10,9 +10,9 @@ from pipeline.core.settings.config import ALL_CLASSES, Config
 from pipeline.evaluation.assignment import pairs_of_equal
 from pipeline.evaluation.detection.averages import Averages, mean_figures
 from pipeline.evaluation.detection.counts import count_figures
-from pipeline.evaluation.detection.curves import R40, average_precision, curve_of, ratio
+from pipeline.evaluation.detection.curves import average_precision, curve_of, ratio
+from pipeline.evaluation.detection.gathering import check_values
 from pipeline.evaluation.detection.matching import by_falling_score, match_by_score, ranks_by_score
-from pipeline.evaluation.detection.near_objects import check_class_ids, check_numbers
 from pipeline.evaluation.detection.tables import FALSE, IGNORED
 from pipeline.evaluation.evaluation_frame import UNKNOWN, Figures, ImageBoxes, TruthBoxes2D
 from pipeline.evaluation.pieces import Pieces
@@ -67,10 +67,9 @@ class CameraImages:
         if image.truth is None:
             self._images_without_truth += 1
             return
-        check_numbers("found", image.found.xyxy, image.found.scores)
-        check_class_ids("found", image.found.class_ids, range(len(self._class_names)))
-        check_numbers("truth", image.truth.xyxy)
-        check_class_ids("truth", image.truth.class_ids, range(UNKNOWN, len(self._class_names)))
+        found, classes = image.found, len(self._class_names)
+        check_values("found", found.class_ids, range(classes), found.xyxy, found.scores)
+        check_values("truth", image.truth.class_ids, range(UNKNOWN, classes), image.truth.xyxy)
         self._images += 1
         self._waiting.append((image, image.truth))
         if len(self._waiting) >= MAX_IMAGES:
@@ -79,15 +78,15 @@ class CameraImages:
     def figures(self) -> Figures:
         """All figures, by class."""
         self._match()
-        found, all_truth, all_ignored = self._found.table(), self._truth_counts, self._ignored_counts
+        found = self._found.table()
         figures: dict[str, dict[str, float | int | None]] = {}
         averages: list[Averages] = []
         for class_id, name in enumerate(self._class_names):
-            part = select_rows(found, found.class_ids == class_id)
-            figures[name] = self._of(part, int(all_truth[class_id]), int(all_ignored[class_id]))
-            averages.append({"ap_2d_r40_50": _average_precision(part, int(all_truth[class_id]))})
+            counts = int(self._truth_counts[class_id]), int(self._ignored_counts[class_id])
+            figures[name], average = self._of(select_rows(found, found.class_ids == class_id), *counts)
+            averages.append({"ap_2d_r40_50": average})
             figures[name] |= averages[-1]
-        pooled = self._of(found, int(all_truth.sum()), int(all_ignored.sum()))
+        pooled, _ = self._of(found, int(self._truth_counts.sum()), int(self._ignored_counts.sum()))
         return {**figures, ALL_CLASSES: {**pooled, **mean_figures(averages)}}
 
     def _match(self) -> None:
@@ -107,29 +106,19 @@ class CameraImages:
         enough = (truth.image_pixels >= self._min_pixels) | (truth.image_pixels == UNKNOWN)
         return np.asarray(enough & (truth.class_ids >= 0) & ~truth.is_ignored)
 
-    def _of(self, found: _Found, truth: int, left_out: int) -> dict[str, float | int | None]:
-        counted = _counted(found)
+    def _of(self, found: _Found, truth: int, left_out: int) -> tuple[dict[str, float | int | None], float | None]:
+        """Counts of some detections, and their average precision."""
+        rows: Rows = np.flatnonzero(found.matches != IGNORED)
+        counted = select_rows(found, rows[by_falling_score(found.scores[rows])])
         is_right = counted.matches != FALSE
-        return {
-            **count_figures(
-                curve_of(counted.scores, is_right, truth), len(found.scores) - len(counted.scores), left_out
-            ),
+        curve = curve_of(counted.scores, is_right, truth)
+        figures = {
+            **count_figures(curve, len(found.scores) - len(rows), left_out),
             "false_per_image": ratio(int((~is_right).sum()), self._images),
             "images": self._images,
             "images_without_truth": self._images_without_truth,
         }
-
-
-def _average_precision(found: _Found, truth: int) -> float | None:
-    counted = _counted(found)
-    curve = curve_of(counted.scores, counted.matches != FALSE, truth)
-    return average_precision(curve.right, curve.precision, truth, R40)
-
-
-def _counted(found: _Found) -> _Found:
-    """The detections that count, by falling score."""
-    rows: Rows = np.flatnonzero(found.matches != IGNORED)
-    return select_rows(found, rows[by_falling_score(found.scores[rows])])
+        return figures, average_precision(curve.right, curve.precision, truth)
 
 
 def _matched(images: Sequence[ImageBoxes], truths: Sequence[TruthBoxes2D], evaluated: Bools) -> _Found:

@@ -5,18 +5,17 @@ from typing import Literal
 
 import numpy as np
 
-from pipeline.core.arrays import F64, check_array
+from pipeline.core.arrays import F64, I32, Bools, check_array
 from pipeline.core.settings.config import Config
+from pipeline.evaluation.near_objects import NEAR_M, Candidates, Measure
 from pipeline.evaluation.scales import length_scales
 
-__all__ = ["DISTANCES_M", "Criteria", "Criterion", "Measure"]
+__all__ = ["DISTANCES_M", "Criteria", "Criterion"]
 
-DISTANCES_M = (0.5, 1.0, 2.0, 4.0)
+DISTANCES_M = (0.5, 1.0, 2.0, NEAR_M)
 """Distances of the centres below which a detection counts as right (Caesar et al., nuScenes, CVPR 2020, 3.1)."""
 
 _POSITION = DISTANCES_M.index(2.0)
-
-Measure = Literal["bev", "volume", "distance"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,10 +34,16 @@ class Criterion:
     def __post_init__(self) -> None:
         check_array("limits", self.limits, (len(self.limits),), np.float64)
 
+    def holds(self, pairs: Candidates, class_ids: I32) -> Bools:
+        """(P,) whether it holds for pairs, with the limits of the given classes (P,)."""
+        if self.measure == "distance":
+            return pairs.distances_m < self.limits[class_ids]
+        return (pairs.bev if self.measure == "bev" else pairs.volume) >= self.limits[class_ids]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Criteria:
-    """All criteria of a run, and which row of the matches belongs to which.
+    """All criteria of a run, and which column of the matches belongs to which.
 
     Attributes:
         ious: IoUs that have a criterion each seen from above and in 3D.
@@ -74,22 +79,22 @@ class Criteria:
         """That of precision, recall and errors: 2 m, scaled."""
         return self.by_distance[_POSITION]
 
-    def bev_row(self, iou: float) -> int:
-        """Row of the matches at an IoU seen from above."""
+    def bev_column(self, iou: float) -> int:
+        """Column of the matches at an IoU seen from above."""
         return self.ious.index(iou)
 
-    def volume_row(self, iou: float) -> int:
-        """Row of the matches at an IoU in 3D."""
+    def volume_column(self, iou: float) -> int:
+        """Column of the matches at an IoU in 3D."""
         return len(self.ious) + self.ious.index(iou)
 
     @property
-    def position_row(self) -> int:
-        """Row of the matches by `position`."""
+    def position_column(self) -> int:
+        """Column of the matches by `position`."""
         return 2 * len(self.ious) + _POSITION
 
     @property
-    def distance_rows(self) -> range:
-        """Rows of the matches from which figures by distance are made, for each of `DISTANCES_M`."""
+    def distance_columns(self) -> range:
+        """Columns of the matches from which figures by distance are made, for each of `DISTANCES_M`."""
         first = 2 * len(self.ious) + (len(DISTANCES_M) if self.distances == "nuscenes" else 0)
         return range(first, first + len(DISTANCES_M))
 
@@ -99,6 +104,6 @@ class Criteria:
         return "nuscenes" if self.distances == "nuscenes" else "distance"
 
     @property
-    def error_rows(self) -> tuple[int, ...]:
-        """Rows of the matches whose errors are kept: by `position`, and at 2 m in the figures by distance."""
-        return tuple(dict.fromkeys((self.position_row, self.distance_rows[_POSITION])))
+    def error_columns(self) -> tuple[int, ...]:
+        """Columns of the matches whose errors are kept: by `position`, and at 2 m in the figures by distance."""
+        return tuple(dict.fromkeys((self.position_column, self.distance_columns[_POSITION])))

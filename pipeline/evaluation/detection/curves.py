@@ -6,7 +6,6 @@ does it.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,10 +13,7 @@ import numpy.typing as npt
 from pipeline.core.arrays import F32, F64, I64, Bools, check_array
 
 __all__ = [
-    "R11",
-    "R40",
     "Curve",
-    "Recalls",
     "average_precision",
     "curve_of",
     "interpolated_ap",
@@ -33,18 +29,8 @@ _FIRST = 11
 """Row of the first recall above 0.1."""
 
 
-class Recalls(NamedTuple):
-    """Recalls at which precision is read, as fractions: comparisons with counts are exact."""
-
-    numerators: tuple[int, ...]
-    denominator: int
-
-
-R11 = Recalls(tuple(range(11)), 10)
-"""Those of Pascal VOC 2007: 0, 0.1, ..., 1 (Everingham et al., The Pascal visual object classes challenge, 2010)."""
-
-R40 = Recalls(tuple(range(1, 41)), 40)
-"""1/40, ..., 1 (Simonelli et al., Disentangling monocular 3D object detection, ICCV 2019, section 5)."""
+RECALLS = 40
+"""Precision is read at 1/40, ..., 1 (Simonelli et al., Disentangling monocular 3D object detection, ICCV 2019, 5)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,8 +82,8 @@ def last_of_equals(scores: F32) -> I64:
     return np.flatnonzero(np.append(scores[1:] != scores[:-1], np.ones(min(len(scores), 1), np.bool_)))
 
 
-def average_precision(right: npt.NDArray[np.integer], quality: F64, truth: int, recalls: Recalls) -> float | None:
-    """Mean over some recalls of the best precision at that recall or a higher one.
+def average_precision(right: npt.NDArray[np.integer], quality: F64, truth: int) -> float | None:
+    """Mean over 40 recalls of the best precision at that recall or a higher one.
 
     The curve is read at every score that occurs. KITTI's own program reads it at up to 41 of them, chosen among the
     scores of right detections, and differs by what lies between.
@@ -106,7 +92,6 @@ def average_precision(right: npt.NDArray[np.integer], quality: F64, truth: int, 
         right: (P,) detections that are right from each score upwards, rising.
         quality: (P,) their share among all detections; or that of their similarities (`aos`).
         truth: True objects.
-        recalls: `R40` or `R11`.
 
     Returns:
         In [0, 1]; recalls that are not reached count as 0. None without true objects.
@@ -114,7 +99,7 @@ def average_precision(right: npt.NDArray[np.integer], quality: F64, truth: int, 
     if not truth:
         return None
     best = np.append(np.maximum.accumulate(quality[::-1])[::-1], 0.0)
-    reached = np.searchsorted(right * recalls.denominator, np.array(recalls.numerators) * truth, side="left")
+    reached = np.searchsorted(right * RECALLS, np.arange(1, RECALLS + 1) * truth, side="left")  # in whole numbers
     return float(best[reached].mean())
 
 

@@ -1,6 +1,6 @@
 """Detection: what each source found, against the truth."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -8,13 +8,11 @@ from pipeline.core.rig import Zone
 from pipeline.core.settings.config import ALL_CLASSES, Config
 from pipeline.evaluation.detection.camera_images import CameraImages
 from pipeline.evaluation.detection.counts import threshold_figures
-from pipeline.evaluation.detection.criteria import Criteria
 from pipeline.evaluation.detection.fusion_gain import fusion_gain
 from pipeline.evaluation.detection.gathering import Gathering
 from pipeline.evaluation.detection.resampling import Resampling
 from pipeline.evaluation.detection.source import Site, Source
 from pipeline.evaluation.evaluation_frame import EvaluationFrame, Figures, in_order
-from pipeline.evaluation.scales import range_edges_m
 
 __all__ = ["DetectionEvaluation"]
 
@@ -30,8 +28,7 @@ class DetectionEvaluation:
     """
 
     def __init__(self, config: Config, zones: Sequence[Zone]) -> None:
-        self._config = config
-        self._zones = tuple(zone.name for zone in zones)
+        self._config, self._zones = config, tuple(zones)
         self._gathering = Gathering(config, zones)
         self._images: dict[str, CameraImages] = {}
 
@@ -47,35 +44,22 @@ class DetectionEvaluation:
 
     def figures(self) -> Figures:
         """The figures of all frames so far: `sources`, `images`, `fusion_gain`, `thresholds`."""
-        gathering, class_names = self._gathering, self._config.class_names
-        found = gathering.found()
-        site = Site(
-            class_names,
-            Criteria.of(self._config),
-            gathering.truth(),
-            gathering.labels.names,
-            range_edges_m(self._config),
-            self._zones,
-            len(gathering.stamps_ns),
-            gathering.frames_without_truth,
-        )
+        found = self._gathering.found()
+        site = Site.of(self._config, self._zones, self._gathering)
         sources = {name: Source(site, found[name]) for name in in_order(found)}
         figures = {name: source.figures() for name, source in sources.items()}
+        stamps_ns = np.array(self._gathering.stamps_ns, np.int64)
+        samples = self._config.evaluate.bootstrap
+        gain = fusion_gain(sources, figures, Resampling.of(stamps_ns, samples)) if len(stamps_ns) else {}
         return {
             "sources": figures,
             "images": {camera: self._images[camera].figures() for camera in sorted(self._images)},
-            "fusion_gain": self._fusion_gain(sources, figures),
+            "fusion_gain": gain,
             "thresholds": {
                 name: {
                     class_name: threshold_figures(source.curve(class_id))
-                    for class_id, class_name in [*enumerate(class_names), (None, ALL_CLASSES)]
+                    for class_id, class_name in [*enumerate(site.class_names), (None, ALL_CLASSES)]
                 }
                 for name, source in sources.items()
             },
         }
-
-    def _fusion_gain(self, sources: Mapping[str, Source], figures: Mapping[str, Figures]) -> Figures:
-        stamps_ns = np.array(self._gathering.stamps_ns, np.int64)
-        if not len(stamps_ns):
-            return {}
-        return fusion_gain(sources, figures, Resampling.of(stamps_ns, self._config.evaluate.bootstrap))

@@ -5,11 +5,13 @@ from enum import IntEnum
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import F64
-from pipeline.evaluation.evaluation_frame import Figures
+from pipeline.core.arrays import F64, I32, Indices
+from pipeline.core.detections import Boxes3D
+from pipeline.core.geometry.boxes import wrap_angle
+from pipeline.evaluation.evaluation_frame import Figures, TruthBoxes3D
 from pipeline.evaluation.scales import is_flip
 
-__all__ = ["Column", "bias", "bird_eye_m", "error_figures", "spread"]
+__all__ = ["Column", "bird_eye_m", "error_figures", "errors_of_pairs"]
 
 
 class Column(IntEnum):
@@ -23,6 +25,30 @@ class Column(IntEnum):
     HEIGHT = 5
     YAW = 6
     SCALE = 7
+
+
+def errors_of_pairs(found: Boxes3D, truth: TruthBoxes3D, rows: Indices, columns: Indices | I32) -> F64:
+    """Errors of detections that show true objects, detection minus truth.
+
+    Args:
+        found: The detections.
+        truth: The true objects.
+        rows: (P,) detections.
+        columns: (P,) the object that each of them shows.
+
+    Returns:
+        (P, 8): along and across the object's heading, up, length, width, height (metres), yaw (radians, in (-pi, pi]),
+        and 1 - IoU of the sizes alone, as if centre and yaw agreed.
+    """
+    gap_m = found.centers[rows] - truth.centers[columns]
+    cos, sin = np.cos(truth.yaws[columns]), np.sin(truth.yaws[columns])
+    along_m, across_m = gap_m[:, 0] * cos + gap_m[:, 1] * sin, gap_m[:, 1] * cos - gap_m[:, 0] * sin
+    sizes, true_sizes = found.sizes[rows], truth.sizes[columns]
+    shared_m3 = np.minimum(sizes, true_sizes).prod(1)
+    joined_m3 = sizes.prod(1) + true_sizes.prod(1) - shared_m3
+    scale = 1 - np.divide(shared_m3, joined_m3, out=np.zeros(len(rows)), where=joined_m3 > 0)
+    turn = wrap_angle(found.yaws[rows] - truth.yaws[columns])
+    return np.column_stack([along_m, across_m, gap_m[:, 2], sizes - true_sizes, turn, scale])
 
 
 _SIGNED = {

@@ -29,6 +29,7 @@ PERCENTILES = (2.5, 97.5)
 
 _POSITION = "errors.position_bev_m.mean"
 
+Gain = dict[str, float | int | str | bool | None]
 Samples = dict[str, F64]
 
 
@@ -71,22 +72,24 @@ def fusion_gain(sources: Mapping[str, Source], figures: Mapping[str, Figures], r
     return gains
 
 
-def _gain(
-    values: Mapping[str, float | None], drawn: Mapping[str, F64], singles: list[str], sign: int
-) -> dict[str, float | str | bool | None]:
+def _gain(values: Mapping[str, float | None], drawn: Mapping[str, F64], singles: list[str], sign: int) -> Gain:
     fused = values[_FUSED]
     by_single = {name: value for name in singles if (value := values[name]) is not None}
     over = max(by_single, key=lambda name: sign * by_single[name], default=None)
     if over is None or fused is None:
         return {**dict.fromkeys(("value", "low", "high")), "fused": fused, "over": over, "takes_away": None}
-    value = sign * float(_difference(fused, by_single[over]))
-    gain = {"value": value, "low": None, "high": None, "fused": fused, "over": over}
     differences = sign * _difference(drawn[_FUSED], drawn[over]) if drawn else np.zeros(0)
-    defined = differences[np.isfinite(differences)]
-    if not len(defined):
-        return {**gain, "takes_away": None}
-    low, high = map(float, np.percentile(defined, PERCENTILES))
-    return {**gain, "low": low, "high": high, "takes_away": high < 0}
+    interval = _interval(differences[np.isfinite(differences)])
+    value = sign * float(_difference(fused, by_single[over]))
+    return {"value": value, "low": None, "high": None, "fused": fused, "over": over} | interval
+
+
+def _interval(differences: F64) -> Gain:
+    """The interval of 95 % of samples (S,); undefined without any."""
+    if not len(differences):
+        return dict.fromkeys(("low", "high", "takes_away"))
+    low, high = map(float, np.percentile(differences, PERCENTILES))
+    return {"low": low, "high": high, "takes_away": high < 0}
 
 
 def _difference(first: npt.ArrayLike, second: npt.ArrayLike) -> F64:
@@ -101,28 +104,28 @@ def _samples_by_class(source: Source, resampling: Resampling) -> dict[str, Sampl
     criteria, names = source.site.criteria, source.site.class_names
     iou = _IOU if _IOU in criteria.ious else criteria.ious[-1]
     overlaps = {
-        f"ap_bev_r40_{overlap_name(iou)}": criteria.bev_row(iou),
-        f"ap_3d_r40_{overlap_name(iou)}": criteria.volume_row(iou),
+        f"ap_bev_r40_{overlap_name(iou)}": criteria.bev_column(iou),
+        f"ap_3d_r40_{overlap_name(iou)}": criteria.volume_column(iou),
     }
     samples: dict[str, Samples] = {}
     for class_id, name in enumerate(names):
-        of_class = {figure: _average_precision(source, resampling, class_id, row) for figure, row in overlaps.items()}
+        of_class = {figure: _average_precision(source, resampling, class_id, one) for figure, one in overlaps.items()}
         samples[name] = of_class | _pooled(source, resampling, class_id)
     means = {figure: _mean([samples[name][figure] for name in names]) for figure in overlaps}
     return {**samples, ALL_CLASSES: means | _pooled(source, resampling, None)}
 
 
-def _average_precision(source: Source, resampling: Resampling, class_id: int, row: int) -> F64:
-    detections = source.scored(class_id, row)
+def _average_precision(source: Source, resampling: Resampling, class_id: int, criterion: int) -> F64:
+    detections = source.scored(class_id, criterion)
     frames = source.found.frames[detections.rows]
     truth_frames = source.site.truth.frames[source.is_evaluated(class_id)]
     return sampled_ap(resampling, frames, detections.scores, detections.is_right, truth_frames)
 
 
 def _pooled(source: Source, resampling: Resampling, class_id: int | None) -> Samples:
-    detections = source.scored(class_id, source.site.criteria.position_row)
+    detections = source.scored(class_id, source.site.criteria.position_column)
     frames, is_right = source.found.frames[detections.rows], detections.is_right
-    errors_m = bird_eye_m(source.found.errors[0, detections.rows[is_right]])
+    errors_m = bird_eye_m(source.found.errors[detections.rows[is_right], 0])
     found, right = resampling.sums(frames), resampling.sums(frames[is_right])
     truth = resampling.sums(source.site.truth.frames[source.is_evaluated(class_id)])
     return {
@@ -160,7 +163,7 @@ def _set(tree: dict[str, Any], name: str, value: object) -> None:
 
 def _gain_on_same_objects(
     fused: Source, single: Source, class_id: int | None, resampling: Resampling, *, has_interval: bool
-) -> Figures:
+) -> Gain:
     """By how many metres the fused position is better, mean of the objects of a class (None: of all) that both found.
 
     The mean error of a source is that of what it found. A source that finds near objects alone looks better than one
@@ -168,23 +171,17 @@ def _gain_on_same_objects(
     """
     gains_m = _errors_m(single, class_id) - _errors_m(fused, class_id)
     rows = np.flatnonzero(np.isfinite(gains_m))
-    found: dict[str, float | int | bool | None] = {"objects": len(rows)}
-    if not len(rows):
-        return found | dict.fromkeys(("value", "low", "high", "takes_away"))
-    found["value"] = float(gains_m[rows].mean())
-    if not has_interval:
-        return found | dict.fromkeys(("low", "high", "takes_away"))
     frames = fused.site.truth.frames[rows]
     counts = resampling.sums(frames)
     means = resampling.sums(frames, gains_m[rows])[counts > 0] / counts[counts > 0]
-    low, high = map(float, np.percentile(means, PERCENTILES))
-    return found | {"low": low, "high": high, "takes_away": high < 0}
+    value = float(gains_m[rows].mean()) if len(rows) else None
+    return {"objects": len(rows), "value": value} | _interval(means if has_interval else np.zeros(0))
 
 
 def _errors_m(source: Source, class_id: int | None) -> F64:
     """(T,) error of the position that a source gives to each true object; NaN where it did not find it."""
-    detections = source.scored(class_id, source.site.criteria.position_row)
+    detections = source.scored(class_id, source.site.criteria.position_column)
     right = detections.is_right
     errors_m = np.full(len(source.site.truth), np.nan)
-    errors_m[detections.truth_rows[right]] = bird_eye_m(source.found.errors[0, detections.rows[right]])
+    errors_m[detections.truth_rows[right]] = bird_eye_m(source.found.errors[detections.rows[right], 0])
     return errors_m

@@ -4,56 +4,50 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, Bools
+from pipeline.core.arrays import F32, F64, I32, Bools
 from pipeline.core.geometry.polygons import first_polygon_with
 from pipeline.core.rig import Zone
 from pipeline.core.settings.config import Config
-from pipeline.core.settings.evaluate import EvaluateConfig
 from pipeline.evaluation.detection.criteria import Criteria
-from pipeline.evaluation.detection.errors import Column
-from pipeline.evaluation.detection.matching import Candidates, match_criteria, match_other_classes
-from pipeline.evaluation.detection.near_objects import (
-    FoundObjects,
-    TrueObjects,
-    check_class_ids,
-    check_numbers,
-    errors_of_pairs,
-    pairs_near,
-)
-from pipeline.evaluation.detection.tables import FALSE, I16, FoundTable, Labels, TruthTable
+from pipeline.evaluation.detection.errors import Column, errors_of_pairs
+from pipeline.evaluation.detection.matching import match_criteria, match_other_classes
+from pipeline.evaluation.detection.tables import FALSE, FoundTable, Labels, TruthTable
 from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame
 from pipeline.evaluation.ignoring import is_counted, is_evaluated, is_within
+from pipeline.evaluation.near_objects import Candidates, FoundObjects, TrueObjects, pairs_near
 from pipeline.evaluation.pieces import Pieces
 from pipeline.evaluation.scales import nuscenes_ranges_m, range_edges_m, range_rows
 
-__all__ = ["Gathering"]
+__all__ = ["Gathering", "check_values"]
 
 _MAX_FRAMES = 128
 _MAX_PAIRS = 1 << 18
 """Frames are matched together up to so many of them and up to so many pairs of boxes: memory stays bounded."""
 
-_ERRORS = len(Column)
-
 
 class Gathering:
     """Matches the 3D boxes of frames with truth, some frames at a time, and keeps what the figures need.
 
+    The parts of the site by which figures are told apart are its ranges, and then its zones.
+
     Args:
         config: Classes and settings of the evaluation.
-        zones: Parts of the site.
+        zones: Zones of the site; an object belongs to the first that holds its centre.
     """
 
     def __init__(self, config: Config, zones: Sequence[Zone]) -> None:
         self.labels = Labels()
         self.stamps_ns: list[int] = []
         self.frames_without_truth = 0
-        self._settings: EvaluateConfig = config.evaluate
-        self._criteria = Criteria.of(config)
+        self._settings = config.evaluate
+        self._criteria = criteria = Criteria.of(config)
         self._edges_m = range_edges_m(config)
         self._polygons = [zone.polygon_site for zone in zones]
         self._class_count = len(config.classes)
         self._nuscenes_m = nuscenes_ranges_m(config)
-        self._truth = Pieces(_no_truth())
+        parts, errors = len(self._edges_m) + len(zones), (len(criteria.error_columns), len(Column))
+        self._no_detections = FoundTable.empty(parts, criteria.distance_columns.stop, errors)
+        self._truth = Pieces(TruthTable.empty(parts))
         self._truth_count = 0
         self._found: dict[str, Pieces[FoundTable]] = {}
         self._waiting: list[EvaluationFrame] = []
@@ -65,11 +59,8 @@ class Gathering:
         Raises:
             ValueError: a class id is none of the configured classes, or a number is not finite.
         """
-        rows = self._criteria.distance_rows.stop
         for source in frame.sources:
-            if source not in self._found:
-                nothing = _no_detections(rows, len(self._criteria.error_rows))
-                self._found[source] = Pieces(nothing, by_criterion=("matches", "errors"))
+            self._found.setdefault(source, Pieces(self._no_detections))
         if frame.truth is None:
             self.frames_without_truth += 1
             return
@@ -95,64 +86,64 @@ class Gathering:
         first = len(self.stamps_ns)
         self.stamps_ns.extend(frame.stamp_ns for frame in frames)
         truth = TrueObjects.of([frame.truth for frame in frames if frame.truth is not None], first)
-        check_numbers("truth", truth.centers, truth.sizes, truth.yaws)
-        check_class_ids("truth", truth.class_ids, range(UNKNOWN, self._class_count))
+        true = truth.boxes
+        check_values("truth", true.class_ids, range(UNKNOWN, self._class_count), true.centers, true.sizes, true.yaws)
         table = self._truth_table(truth)
         for source, pieces in self._found.items():
             found = FoundObjects.of([frame.sources.get(source) for frame in frames], first)
-            check_numbers(source, found.centers, found.sizes, found.scores)
-            check_class_ids(source, found.class_ids, range(self._class_count))
+            numbers = found.boxes.centers, found.boxes.sizes, found.boxes.scores
+            check_values(source, found.boxes.class_ids, range(self._class_count), *numbers)
             pieces.append(self._found_table(found, truth, table))
         self._truth.append(table)
         self._truth_count += len(truth)
 
     def _truth_table(self, truth: TrueObjects) -> TruthTable:
-        ranges_m = np.append(self._nuscenes_m, 0.0)[truth.class_ids]
+        boxes = truth.boxes
+        has_points = boxes.lidar_points != 0
+        is_near = _ranges_m(boxes.centers) < np.append(self._nuscenes_m, 0.0)[boxes.class_ids]
         return TruthTable(
             truth.frames,
-            truth.class_ids,
-            self.labels.numbers(truth.labels),
-            *self._places(truth.centers),
-            truth.lidar_points,
-            truth.yaws.astype(np.float32),
-            is_evaluated(truth, self._settings),
-            is_counted(truth, self._settings) & (truth.lidar_points != 0) & (_ranges(truth.centers) < ranges_m),
+            boxes.class_ids,
+            self.labels.numbers(boxes.labels),
+            self._parts(boxes.centers),
+            boxes.lidar_points,
+            boxes.yaws.astype(np.float32),
+            is_evaluated(boxes, self._settings),
+            is_counted(boxes, self._settings) & has_points & is_near,
         )
 
     def _found_table(self, found: FoundObjects, truth: TrueObjects, table: TruthTable) -> FoundTable:
-        pairs = pairs_near(found, truth, self._criteria.scales)
-        is_outside = ~is_within(found.centers, self._settings)
-        own = [*self._criteria.by_overlap, *self._criteria.by_distance]
+        pairs, criteria, boxes = pairs_near(found, truth, self._criteria.scales), self._criteria, found.boxes
+        is_outside = ~is_within(boxes.centers, self._settings)
         matches = match_criteria(
             pairs,
-            own,
-            position=self._criteria.position,
-            found_ids=found.class_ids,
-            truth_ids=truth.class_ids,
-            scores=found.scores,
+            [*criteria.by_overlap, *criteria.by_distance],
+            position=criteria.position,
+            found=boxes,
+            truth=truth.boxes,
             is_evaluated=table.is_evaluated,
             is_ignored=is_outside,
         )
         mistaken = match_other_classes(
             pairs,
-            self._criteria.position,
-            matches=matches[self._criteria.position_row],
-            truth_ids=truth.class_ids,
-            scores=found.scores,
+            criteria.position,
+            matches=matches[:, criteria.position_column],
+            found=boxes,
+            truth=truth.boxes,
             is_evaluated=table.is_evaluated,
         )
-        if self._criteria.distances == "nuscenes":
-            matches = np.concatenate([matches, self._nuscenes_matches(pairs, found, truth, table, is_outside)])
-        errors = np.full((len(self._criteria.error_rows), len(found), _ERRORS), np.nan, np.float32)
-        for row, criterion_row in enumerate(self._criteria.error_rows):
-            right = np.flatnonzero(matches[criterion_row] >= 0)
-            errors[row, right] = errors_of_pairs(found, truth, right, matches[criterion_row, right])
+        if criteria.distances == "nuscenes":
+            matches = np.hstack([matches, self._nuscenes_matches(pairs, found, truth, table, is_outside)])
+        errors = np.full((len(found), len(criteria.error_columns), len(Column)), np.nan, np.float32)
+        for row, column in enumerate(criteria.error_columns):
+            right = np.flatnonzero(matches[:, column] >= 0)
+            errors[right, row] = errors_of_pairs(boxes, truth.boxes, right, matches[right, column])
         return FoundTable(
             found.frames,
-            found.class_ids,
-            found.scores,
-            *self._places(found.centers),
-            found.yaws.astype(np.float32),
+            boxes.class_ids,
+            boxes.scores,
+            self._parts(boxes.centers),
+            boxes.yaws.astype(np.float32),
             np.where(matches >= 0, matches + self._truth_count, matches).astype(np.int32),
             np.where(mistaken >= 0, mistaken + self._truth_count, FALSE).astype(np.int32),
             errors,
@@ -162,36 +153,37 @@ class Gathering:
         self, pairs: Candidates, found: FoundObjects, truth: TrueObjects, table: TruthTable, is_outside: Bools
     ) -> I32:
         # nuScenes takes away what is too far and what no lidar hits before it matches; it ignores nothing
-        is_left = ~is_outside & (_ranges(found.centers) < self._nuscenes_m[found.class_ids])
-        at_ignored = truth.is_ignored | table.is_nuscenes
-        left = pairs.select(np.flatnonzero(is_left[pairs.found] & at_ignored[pairs.truth]))
+        is_left = ~is_outside & (_ranges_m(found.boxes.centers) < self._nuscenes_m[found.boxes.class_ids])
+        at_ignored = truth.boxes.is_ignored | table.is_nuscenes
         return match_criteria(
-            left,
+            pairs.select(is_left[pairs.found] & at_ignored[pairs.truth]),
             self._criteria.by_distance,
             position=self._criteria.position,
-            found_ids=found.class_ids,
-            truth_ids=truth.class_ids,
-            scores=found.scores,
+            found=found.boxes,
+            truth=truth.boxes,
             is_evaluated=table.is_nuscenes,
             is_ignored=~is_left,
         )
 
-    def _places(self, centers: F64) -> tuple[I16, I16]:
-        bins = range_rows(centers, self._edges_m)
-        return bins.astype(np.int16), first_polygon_with(self._polygons, centers[:, :2]).astype(np.int16)
+    def _parts(self, centers: F64) -> Bools:
+        """(N, P) parts of the site in which centres lie."""
+        ranges, zones = range_rows(centers, self._edges_m), first_polygon_with(self._polygons, centers[:, :2])
+        in_range = ranges[:, None] == np.arange(len(self._edges_m))
+        return np.hstack([in_range, zones[:, None] == np.arange(len(self._polygons))])
 
 
-def _ranges(centers: F64) -> F64:
+def check_values(name: str, class_ids: I32, expected_ids: range, *numbers: F64 | F32) -> None:
+    """Check what a comparison would not notice.
+
+    Raises:
+        ValueError: a class is not in the expected range, or a number is not finite.
+    """
+    if not all(np.isfinite(array).all() for array in numbers):
+        raise ValueError(f"{name}: expected finite numbers in boxes and scores")
+    if len(class_ids) and not (class_ids.min() in expected_ids and class_ids.max() in expected_ids):
+        found = f"{class_ids.min()} to {class_ids.max()}"
+        raise ValueError(f"{name}: class ids {found}, expected {expected_ids.start} to {expected_ids.stop - 1}")
+
+
+def _ranges_m(centers: F64) -> F64:
     return np.hypot(centers[:, 0], centers[:, 1])
-
-
-def _no_truth() -> TruthTable:
-    whole, small = np.zeros(0, np.int32), np.zeros(0, np.int16)
-    flags = np.zeros(0, np.bool_)
-    return TruthTable(whole, whole, whole, small, small, whole, np.zeros(0, np.float32), flags, flags)
-
-
-def _no_detections(criteria: int, error_rows: int) -> FoundTable:
-    whole, small, real = np.zeros(0, np.int32), np.zeros(0, np.int16), np.zeros(0, np.float32)
-    matches, errors = np.zeros((criteria, 0), np.int32), np.zeros((error_rows, 0, _ERRORS), np.float32)
-    return FoundTable(whole, whole, real, small, small, real, matches, whole, errors)

@@ -1,57 +1,17 @@
 """Which detection shows which true object."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I32, Bools, Indices, Rows, select_rows
-from pipeline.evaluation.detection.criteria import Criterion, Measure
+from pipeline.core.arrays import F32, I32, Bools, Indices
+from pipeline.core.detections import Boxes3D
+from pipeline.evaluation.detection.criteria import Criterion
 from pipeline.evaluation.detection.tables import FALSE, IGNORED
+from pipeline.evaluation.evaluation_frame import TruthBoxes3D
+from pipeline.evaluation.near_objects import Candidates
 
-__all__ = [
-    "Candidates",
-    "by_falling_score",
-    "match_by_score",
-    "match_criteria",
-    "match_other_classes",
-    "ranks_by_score",
-]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Candidates:
-    """Pairs of a detection and a true object of the same frame that may belong together.
-
-    Attributes:
-        found: (P,) rows of the detections.
-        truth: (P,) rows of the true objects.
-        bev: (P,) float64, IoU seen from above.
-        volume: (P,) float64, IoU in 3D.
-        distance: (P,) float64, of the centres seen from above, metres.
-    """
-
-    found: Indices
-    truth: Indices
-    bev: F64
-    volume: F64
-    distance: F64
-
-    def fulfil(self, criterion: Criterion, class_ids: I32) -> Bools:
-        """(P,) where the criterion holds, with the limits of the given classes (P,)."""
-        if criterion.measure == "distance":
-            return self.distance < criterion.limits[class_ids]
-        values = self.bev if criterion.measure == "bev" else self.volume
-        return values >= criterion.limits[class_ids]
-
-    def order(self, measure: Measure) -> Indices:
-        """The pairs detection by detection, the best true object first, the earlier one of two equally good ones."""
-        values = {"distance": self.distance, "bev": -self.bev, "volume": -self.volume}[measure]
-        return np.lexsort((self.truth, values, self.found))
-
-    def select(self, rows: Rows) -> "Candidates":
-        """The given pairs (mask or indices), in that order."""
-        return select_rows(self, rows)
+__all__ = ["by_falling_score", "match_by_score", "match_criteria", "match_other_classes", "ranks_by_score"]
 
 
 def by_falling_score(scores: F32) -> Indices:
@@ -103,9 +63,8 @@ def match_criteria(
     criteria: Sequence[Criterion],
     *,
     position: Criterion,
-    found_ids: I32,
-    truth_ids: I32,
-    scores: F32,
+    found: Boxes3D,
+    truth: TruthBoxes3D,
     is_evaluated: Bools,
     is_ignored: Bools,
 ) -> I32:
@@ -116,48 +75,47 @@ def match_criteria(
     placed on an object that does not count. It may be one of several that do.
 
     Args:
-        pairs: What may belong together.
+        pairs: Pairs that may belong together.
         criteria: K of them.
         position: By which a detection may show an object that is not evaluated.
-        found_ids: (N,) classes of the detections.
-        truth_ids: (T,) classes of the true objects, or `UNKNOWN`.
-        scores: (N,) of the detections.
+        found: N detections.
+        truth: T true objects.
         is_evaluated: (T,) of the true objects.
         is_ignored: (N,) detections that are ignored unless they show an evaluated object.
 
     Returns:
-        (K, N) int32, row of the true object, `FALSE` or `IGNORED`.
+        (N, K) int32, row of the true object, `FALSE` or `IGNORED`.
     """
-    ranks = ranks_by_score(scores)
+    ranks = ranks_by_score(found.scores)
     evaluated = is_evaluated[pairs.truth]
-    same = evaluated & (found_ids[pairs.found] == truth_ids[pairs.truth])
-    kept, others = pairs.select(np.flatnonzero(same)), pairs.select(np.flatnonzero(~evaluated))
-    kept_ids = found_ids[kept.found]
-    other_ids = np.where(truth_ids[others.truth] < 0, found_ids[others.found], truth_ids[others.truth])
-    at_position = others.fulfil(position, other_ids)
-    orders = {measure: kept.order(measure) for measure in {criterion.measure for criterion in criteria}}
-    matches = np.empty((len(criteria), len(scores)), np.int32)
-    for row, criterion in enumerate(criteria):
+    same = evaluated & (found.class_ids[pairs.found] == truth.class_ids[pairs.truth])
+    kept, others = pairs.select(same), pairs.select(~evaluated)
+    kept_ids, other_ids = found.class_ids[kept.found], truth.class_ids[others.truth]
+    other_ids = np.where(other_ids < 0, found.class_ids[others.found], other_ids)
+    at_position = position.holds(others, other_ids)
+    orders = {measure: kept.best_first(measure) for measure in {criterion.measure for criterion in criteria}}
+    matches = np.empty((len(found), len(criteria)), np.int32)
+    for column, criterion in enumerate(criteria):
         rows = orders[criterion.measure]
-        rows = rows[kept.fulfil(criterion, kept_ids)[rows]]
-        matched = match_by_score(kept.found[rows], kept.truth[rows], ranks, len(truth_ids))
+        rows = rows[criterion.holds(kept, kept_ids)[rows]]
+        matched = match_by_score(kept.found[rows], kept.truth[rows], ranks, len(truth))
         ignored = is_ignored.copy()
-        ignored[others.found[at_position | others.fulfil(criterion, other_ids)]] = True
-        matches[row] = np.where(ignored & (matched == FALSE), IGNORED, matched)
+        ignored[others.found[at_position | criterion.holds(others, other_ids)]] = True
+        matches[:, column] = np.where(ignored & (matched == FALSE), IGNORED, matched)
     return matches
 
 
 def match_other_classes(
-    pairs: Candidates, position: Criterion, *, matches: I32, truth_ids: I32, scores: F32, is_evaluated: Bools
+    pairs: Candidates, position: Criterion, *, matches: I32, found: Boxes3D, truth: TruthBoxes3D, is_evaluated: Bools
 ) -> I32:
     """Matches of false detections with missed objects: the place is right and the class is not.
 
     Args:
-        pairs: What may belong together.
+        pairs: Pairs that may belong together.
         position: Up to which distance, by the class of the true object.
         matches: (N,) by `position`.
-        truth_ids: (T,) classes of the true objects.
-        scores: (N,) of the detections.
+        found: N detections.
+        truth: T true objects.
         is_evaluated: (T,) of the true objects.
 
     Returns:
@@ -165,7 +123,7 @@ def match_other_classes(
     """
     missed = is_evaluated.copy()
     missed[matches[matches >= 0]] = False
-    left = pairs.select(np.flatnonzero((matches[pairs.found] == FALSE) & missed[pairs.truth]))
-    left = left.select(np.flatnonzero(left.fulfil(position, truth_ids[left.truth])))
-    rows = left.order("distance")
-    return match_by_score(left.found[rows], left.truth[rows], ranks_by_score(scores), len(truth_ids))
+    left = pairs.select((matches[pairs.found] == FALSE) & missed[pairs.truth])
+    left = left.select(position.holds(left, truth.class_ids[left.truth]))
+    rows = left.best_first("distance")
+    return match_by_score(left.found[rows], left.truth[rows], ranks_by_score(found.scores), len(truth))

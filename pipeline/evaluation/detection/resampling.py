@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from pipeline.core.arrays import F32, F64, I32, I64, Bools, Indices, check_array
-from pipeline.evaluation.detection.curves import R40, average_precision, last_of_equals
+from pipeline.evaluation.detection.curves import average_precision, last_of_equals
 
 __all__ = ["Resampling", "sampled_ap"]
 
@@ -113,7 +113,7 @@ def sampled_ap(resampling: Resampling, frames: I32, scores: F32, is_right: Bools
     counts = np.rint(right).astype(np.int64)
     truth = np.rint(resampling.sums(truth_frames)).astype(np.int64)
     rows, same = resampling.distinct
-    values = [average_precision(counts[row], quality[row], int(truth[row]), R40) for row in rows.tolist()]
+    values = [average_precision(counts[row], quality[row], int(truth[row])) for row in rows.tolist()]
     return np.array([np.nan if value is None else value for value in values])[same]
 
 

@@ -1,13 +1,14 @@
 """The figures of one source of 3D boxes."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, Bools, Indices
-from pipeline.core.settings.config import ALL_CLASSES
+from pipeline.core.arrays import I32, Bools, Indices
+from pipeline.core.rig import Zone
+from pipeline.core.settings.config import ALL_CLASSES, Config
 from pipeline.evaluation.detection.averages import (
     Averages,
     ap_by_distance_name,
@@ -21,24 +22,23 @@ from pipeline.evaluation.detection.counts import calibration_figures, count_figu
 from pipeline.evaluation.detection.criteria import DISTANCES_M, Criteria
 from pipeline.evaluation.detection.curves import Curve, curve_of, ratio
 from pipeline.evaluation.detection.errors import error_figures
+from pipeline.evaluation.detection.gathering import Gathering
 from pipeline.evaluation.detection.matching import by_falling_score
-from pipeline.evaluation.detection.tables import (
-    FALSE,
-    IGNORED,
-    FoundTable,
-    Place,
-    Scored,
-    TruthTable,
-    found_in,
-    scored,
-    truth_in,
-)
+from pipeline.evaluation.detection.tables import FALSE, IGNORED, FoundTable, Scored, TruthTable, scored
 from pipeline.evaluation.evaluation_frame import UNKNOWN, Figures
-from pipeline.evaluation.scales import range_names
+from pipeline.evaluation.scales import range_edges_m, range_names
 
-__all__ = ["Site", "Source"]
+__all__ = ["Part", "Site", "Source"]
 
 _POINTS = {"0": (0, 0), "1_5": (1, 5), "6_20": (6, 20), "21_50": (21, 50), "51_200": (51, 200), "over_200": (201, None)}
+
+
+class Part(NamedTuple):
+    """A part of the site by which figures are told apart; `extent` says how far a range reaches."""
+
+    kind: Literal["ranges", "zones"]
+    name: str
+    extent: dict[str, float | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,8 +50,7 @@ class Site:
         criteria: When a detection counts as right.
         truth: All true objects.
         labels: The truth's own names of classes, by number.
-        ranges_m: (B,) edges of the ranges, rising; the last range has no end.
-        zones: Names of the zones.
+        parts: The parts of the site, in the order of the columns of the tables.
         frames: Frames that are evaluated.
         frames_without_truth: Frames that are not.
     """
@@ -60,19 +59,32 @@ class Site:
     criteria: Criteria
     truth: TruthTable
     labels: tuple[str, ...]
-    ranges_m: F64
-    zones: tuple[str, ...]
+    parts: tuple[Part, ...]
     frames: int
     frames_without_truth: int
 
-    def places(self) -> dict[Place, tuple[str, dict[str, float | None]]]:
-        """The parts of the site, with the name of each and how far it reaches."""
-        names, ends = range_names(self.ranges_m), [*self.ranges_m[1:].tolist(), None]
-        places: dict[Place, tuple[str, dict[str, float | None]]] = {
-            Place("ranges", row): (name, {"from_m": start, "to_m": end})
-            for row, (name, start, end) in enumerate(zip(names, self.ranges_m.tolist(), ends, strict=True))
-        }
-        return places | {Place("zones", row): (name, {}) for row, name in enumerate(self.zones)}
+    @classmethod
+    def of(cls, config: Config, zones: Sequence[Zone], gathering: Gathering) -> "Site":
+        """The site of a result, with all truth that was gathered."""
+        edges_m = range_edges_m(config)
+        starts_m, ends_m = edges_m.tolist(), [*edges_m[1:].tolist(), None]
+        ranges = (
+            Part("ranges", name, {"from_m": start_m, "to_m": end_m})
+            for name, start_m, end_m in zip(range_names(edges_m), starts_m, ends_m, strict=True)
+        )
+        return cls(
+            config.class_names,
+            Criteria.of(config),
+            gathering.truth(),
+            gathering.labels.names,
+            (*ranges, *(Part("zones", zone.name, {}) for zone in zones)),
+            len(gathering.stamps_ns),
+            gathering.frames_without_truth,
+        )
+
+    def count(self, is_counted: Bools, part: int | None) -> int:
+        """How many of the counted rows of the truth lie in a part of the site (None: in all of it)."""
+        return int((is_counted if part is None else is_counted & self.truth.parts[:, part]).sum())
 
 
 class _ClassAverages(NamedTuple):
@@ -83,7 +95,7 @@ class _ClassAverages(NamedTuple):
 
 
 class Source:
-    """The detections of one source, and their figures.
+    """The detections of one source, and their figures. A class of None stands for all classes, a part for all parts.
 
     Args:
         site: What all sources share.
@@ -97,43 +109,37 @@ class Source:
         self._scored: dict[int, Scored] = {}
         self._scored_class: int | None = None
 
-    def scored(self, class_id: int | None, criterion_row: int) -> Scored:
-        """The detections of a class (None: of all) that count under a criterion, by falling score."""
+    def scored(self, class_id: int | None, criterion: int) -> Scored:
+        """The detections of a class that count under a criterion, by falling score."""
         if class_id != self._scored_class:  # kept of one class at a time: those of all classes take much memory
             self._scored, self._scored_class = {}, class_id
-        if criterion_row not in self._scored:
-            self._scored[criterion_row] = scored(self.found, self.site.truth, self._order(class_id), criterion_row)
-        return self._scored[criterion_row]
+        if criterion not in self._scored:
+            self._scored[criterion] = scored(self.found, self.site.truth, self._order(class_id), criterion)
+        return self._scored[criterion]
 
     def is_evaluated(self, class_id: int | None) -> Bools:
-        """(T,) which true objects of a class (None: of all) are evaluated."""
+        """(T,) which true objects of a class are evaluated."""
         return self.site.truth.is_evaluated & _is_of(self.site.truth.class_ids, class_id)
 
-    def is_counted_by_distance(self, class_id: int) -> Bools:
-        """(T,) which true objects of a class the figures by distance count."""
-        if self.site.criteria.distances == "nuscenes":
-            return self.site.truth.is_nuscenes & _is_of(self.site.truth.class_ids, class_id)
-        return self.is_evaluated(class_id)
-
     def curve(self, class_id: int | None) -> Curve:
-        """The curve by position of a class (None: of all)."""
-        detections = self.scored(class_id, self.site.criteria.position_row)
+        """The curve by position of a class."""
+        detections = self.scored(class_id, self.site.criteria.position_column)
         return curve_of(detections.scores, detections.is_right, int(self.is_evaluated(class_id).sum()))
 
     def figures(self) -> Mapping[str, Figures]:
         """All figures, by class."""
+        site = self.site
         figures: dict[str, dict[str, Figures | float | int | None]] = {}
-        places = self.site.places()
-        averages = {place: _ClassAverages({}, {}) for place in (None, *places)}
-        for class_id, class_name in [*enumerate(self.site.class_names), (None, ALL_CLASSES)]:
+        averages = {part: _ClassAverages({}, {}) for part in (None, *range(len(site.parts)))}
+        for class_id, class_name in [*enumerate(site.class_names), (None, ALL_CLASSES)]:
             parts: dict[str, dict[str, Figures]] = {"ranges": {}, "zones": {}}
-            for place, (name, extent) in places.items():
-                parts[place.kind][name] = {**extent, **self._at(class_id, place, averages[place])}
-            detections = self.scored(class_id, self.site.criteria.position_row)
+            for column, part in enumerate(site.parts):
+                parts[part.kind][part.name] = {**part.extent, **self._at(class_id, column, averages[column])}
+            detections = self.scored(class_id, site.criteria.position_column)
             figures[class_name] = {
                 **self._at(class_id, None, averages[None]),
-                "frames": self.site.frames,
-                "frames_without_truth": self.site.frames_without_truth,
+                "frames": site.frames,
+                "frames_without_truth": site.frames_without_truth,
                 **self._recalls(class_id, detections),
                 "calibration": calibration_figures(detections.scores, detections.is_right),
                 **parts,
@@ -148,55 +154,53 @@ class Source:
         return self._orders[class_id]
 
     def _at(
-        self, class_id: int | None, place: Place | None, averages: "_ClassAverages"
+        self, class_id: int | None, part: int | None, averages: _ClassAverages
     ) -> dict[str, Figures | float | int | None]:
-        """The figures in a part of the site of a class, or of all (None), which has the means of the classes before."""
+        """The figures of a class in a part of the site; those of all classes have the means of the classes before."""
         by_distance = self.site.criteria.distances_name
+        pooled = self._pooled(class_id, part)
         if class_id is None:
             overlaps, distances = (list(one.values()) for one in averages)
             is_nuscenes = by_distance == "nuscenes"
             means = mean_nuscenes_figures(averages.distances) if is_nuscenes else mean_figures(distances)
-            return {**self._pooled(None, place), **mean_figures(overlaps), by_distance: means}
+            return {**pooled, **mean_figures(overlaps), by_distance: means}
         name = self.site.class_names[class_id]
-        averages.overlaps[name] = self._overlaps(class_id, place)
-        averages.distances[name] = self._distances(class_id, place)
-        limits = {"thresholds": self._distances_m(class_id)} if place is None else {}
-        return {
-            **self._pooled(class_id, place),
-            **averages.overlaps[name],
-            by_distance: {**averages.distances[name], **limits},
-        }
+        averages.overlaps[name] = self._overlaps(class_id, part)
+        averages.distances[name] = self._distances(class_id, part)
+        limits = {"thresholds": self._distances_m(class_id)} if part is None else {}
+        return {**pooled, **averages.overlaps[name], by_distance: {**averages.distances[name], **limits}}
 
-    def _overlaps(self, class_id: int, place: Place | None) -> Averages:
-        count = len(truth_in(self.site.truth, self.is_evaluated(class_id), place))
+    def _overlaps(self, class_id: int, part: int | None) -> Averages:
         return overlap_figures(
             self.site.criteria,
-            lambda row: self.scored(class_id, row).within(place),
+            lambda criterion: self.scored(class_id, criterion).within(part),
             self.found,
             self.site.truth,
-            count,
+            self.site.count(self.is_evaluated(class_id), part),
         )
 
-    def _distances(self, class_id: int, place: Place | None) -> Averages:
+    def _distances(self, class_id: int, part: int | None) -> Averages:
         site = self.site
-        count = len(truth_in(site.truth, self.is_counted_by_distance(class_id), place))
-        detections = {row: self.scored(class_id, row).within(place) for row in site.criteria.distance_rows}
-        if site.criteria.distances == "nuscenes":
-            return nuscenes_figures(site.criteria, detections, self.found, count, site.class_names[class_id])
-        return distance_figures(site.criteria, detections, self.found, count, float(site.criteria.scales[class_id]))
+        criteria = site.criteria
+        detections = {column: self.scored(class_id, column).within(part) for column in criteria.distance_columns}
+        if criteria.distances == "nuscenes":
+            count = site.count(site.truth.is_nuscenes & _is_of(site.truth.class_ids, class_id), part)
+            return nuscenes_figures(criteria, detections, self.found, count, site.class_names[class_id])
+        count = site.count(self.is_evaluated(class_id), part)
+        return distance_figures(criteria, detections, self.found, count, float(criteria.scales[class_id]))
 
-    def _pooled(self, class_id: int | None, place: Place | None) -> dict[str, Figures | float | int | None]:
-        site = self.site
-        evaluated = truth_in(site.truth, self.is_evaluated(class_id), place)
-        left_out = truth_in(site.truth, ~site.truth.is_evaluated & _is_of(site.truth.class_ids, class_id), place)
-        detections = self.scored(class_id, site.criteria.position_row).within(place)
-        matches = self.found.matches[site.criteria.position_row, found_in(self.found, self._order(class_id), place)]
-        curve = curve_of(detections.scores, detections.is_right, len(evaluated))
-        ignored, false = int((matches == IGNORED).sum()), int((~detections.is_right).sum())
+    def _pooled(self, class_id: int | None, part: int | None) -> dict[str, Figures | float | int | None]:
+        site, found = self.site, self.found
+        position = site.criteria.position_column
+        left_out = ~site.truth.is_evaluated & _is_of(site.truth.class_ids, class_id)
+        detections = self.scored(class_id, position).within(part)
+        is_ignored = (found.matches[:, position] == IGNORED) & _is_of(found.class_ids, class_id)
+        ignored = int((is_ignored if part is None else is_ignored & found.parts[:, part]).sum())
+        curve = curve_of(detections.scores, detections.is_right, site.count(self.is_evaluated(class_id), part))
         return {
-            **count_figures(curve, ignored, len(left_out)),
-            "false_per_frame": ratio(false, site.frames),
-            "errors": error_figures(self.found.errors[0, detections.rows[detections.is_right]]),
+            **count_figures(curve, ignored, site.count(left_out, part)),
+            "false_per_frame": ratio(int((~detections.is_right).sum()), site.frames),
+            "errors": error_figures(found.errors[detections.rows[detections.is_right], 0]),
         }
 
     def _recalls(self, class_id: int | None, detections: Scored) -> dict[str, Figures]:
@@ -229,7 +233,7 @@ class Source:
     def _confusion(self) -> Figures:
         """What the detections of each class show, by the truth's own labels."""
         site, found = self.site, self.found
-        matches = found.matches[site.criteria.position_row]
+        matches = found.matches[:, site.criteria.position_column]
         shown = np.where(matches == FALSE, found.mistaken, matches)
         classes, labels = len(site.class_names), len(site.labels)
         cells = site.truth.labels[shown[shown >= 0]] * classes + found.class_ids[shown >= 0]

@@ -22,10 +22,10 @@ def amota_figures(table: TrackTable) -> dict[str, float | None]:
     relative to what it recalls, MOTAR = 1 - false positives / matches without a switch, and the mean distance of the
     matches. A recall that is not reached counts with 0, and with the largest distance of a match.
     """
-    if not len(table.truth_frames):
+    if not len(table.truth):
         return {"amota": None, "amotp_m": None}
-    lengths = np.maximum(1, np.bincount(table.found_tracks))
-    scores = (np.bincount(table.found_tracks, table.found_scores) / lengths)[table.found_tracks]
+    lengths = np.maximum(1, np.bincount(table.found.tracks))
+    scores = (np.bincount(table.found.tracks, table.found.scores) / lengths)[table.found.tracks]
     values: dict[int, tuple[float, float]] = {}
     rates = []
     for threshold in _score_thresholds(table, scores):
@@ -42,11 +42,11 @@ def amota_figures(table: TrackTable) -> dict[str, float | None]:
 def _score_thresholds(table: TrackTable, scores: F64) -> F64:
     """The smallest scores of tracks for the recalls that are reached, interpolated between scores of matches."""
     matches = match_clear(table, np.ones(len(scores), np.bool_))
-    matched = np.sort(scores[table.second[matches.pairs[~matches.is_switch]]])[::-1]
+    matched = np.sort(scores[table.pairs.found[matches.pairs[~matches.is_switch]]])[::-1]
     if not len(matched):
         return np.zeros(0)
     recalls = np.linspace(MIN_RECALL, 1, RECALLS).round(12)
-    reached = np.arange(1, len(matched) + 1) / len(table.truth_frames)
+    reached = np.arange(1, len(matched) + 1) / len(table.truth)
     return np.asarray(np.interp(recalls[recalls <= reached[-1]], reached, matched))
 
 
@@ -54,5 +54,5 @@ def _motar_motp(table: TrackTable, kept: Bools) -> tuple[float, float]:
     matches = match_clear(table, kept)
     steady = int((~matches.is_switch).sum())
     motar = max(0.0, 1 - (int(kept.sum()) - len(matches.pairs)) / steady) if steady else 0.0
-    motp_m = float(table.distances_m[matches.pairs].mean()) if len(matches.pairs) else table.max_distance_m
+    motp_m = float(table.pairs.distances_m[matches.pairs].mean()) if len(matches.pairs) else table.max_distance_m
     return motar, motp_m

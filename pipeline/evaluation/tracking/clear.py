@@ -5,8 +5,7 @@ assigned, as many as possible, at the smallest sum of distances. Mostly tracked 
 "Tracking of multiple, partially occluded humans based on static body part detection", CVPR 2006.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from pipeline.core.arrays import F64, I64, Bools, check_array
 from pipeline.evaluation.assignment import conflicts, dense_assignment, far_cost, is_alone
 from pipeline.evaluation.tracking.table import TrackTable
 
-__all__ = ["ClearCounts", "Matches", "clear_figures", "count_clear", "match_clear", "total_clear"]
+__all__ = ["ClearCounts", "Matches", "clear_figures", "count_clear", "match_clear"]
 
 MOSTLY_TRACKED, MOSTLY_LOST = 0.8, 0.2
 """Shares of its frames in which an object is matched: from the one on, and below the other."""
@@ -63,14 +62,14 @@ def match_clear(table: TrackTable, kept: Bools) -> Matches:
         table: The class.
         kept: (M,) the boxes found that take part.
     """
-    pairs = np.flatnonzero((table.distances_m < table.max_distance_m) & kept[table.second])
-    first, second = table.first[pairs], table.second[pairs]
+    pairs = np.flatnonzero((table.pairs.distances_m < table.max_distance_m) & kept[table.pairs.found])
+    first, second = table.pairs.truth[pairs], table.pairs.found[pairs]
     chosen = is_alone(first, second)
     if not chosen.all():
-        chosen |= _decided(table, first, second, table.distances_m[pairs], chosen)
+        chosen |= _decided(table, first, second, table.pairs.distances_m[pairs], chosen)
     pairs, first = pairs[chosen], first[chosen]
-    order = np.lexsort((table.truth_frames[first], table.truth_tracks[first]))
-    truth_tracks, found_tracks = table.truth_tracks[first[order]], table.found_tracks[second[chosen][order]]
+    order = np.lexsort((table.truth.frames[first], table.truth.tracks[first]))
+    truth_tracks, found_tracks = table.truth.tracks[first[order]], table.found.tracks[second[chosen][order]]
     is_switch = np.zeros(len(order), np.bool_)
     is_switch[1:] = (np.diff(truth_tracks) == 0) & (np.diff(found_tracks) != 0)
     return Matches(pairs[order], is_switch)
@@ -82,8 +81,8 @@ def _decided(table: TrackTable, first: I64, second: I64, distances_m: F64, sure:
     decided: dict[int, tuple[int, int]] = {}
     chosen = np.zeros(len(first), np.bool_)
     truth_rows, found_rows = first.tolist(), second.tolist()
-    truth_tracks, found_tracks = table.truth_tracks[first].tolist(), table.found_tracks[second].tolist()
-    frames = table.truth_frames[first].tolist()
+    truth_tracks, found_tracks = table.truth.tracks[first].tolist(), table.found.tracks[second].tolist()
+    frames = table.truth.frames[first].tolist()
     rows = np.flatnonzero(~sure)
     for component in conflicts(first[rows], second[rows]):
         pairs = rows[component].tolist()
@@ -109,27 +108,27 @@ def _decided(table: TrackTable, first: I64, second: I64, distances_m: F64, sure:
 
 def _last_sure_matches(table: TrackTable, first: I64, second: I64) -> list[tuple[int, int]]:
     """For each true object the frame and track of the last match of its track that needed no decision, or `NEVER`."""
-    matched = np.full(len(table.truth_tracks), -1, np.int64)
-    matched[first] = table.found_tracks[second]
-    order = np.lexsort((table.truth_frames, table.truth_tracks))
+    matched = np.full(len(table.truth), -1, np.int64)
+    matched[first] = table.found.tracks[second]
+    order = np.lexsort((table.truth.frames, table.truth.tracks))
     places = np.arange(len(order))
-    starts = np.searchsorted(table.truth_tracks[order], table.truth_tracks[order], "left")
+    starts = np.searchsorted(table.truth.tracks[order], table.truth.tracks[order], "left")
     last = np.maximum.accumulate(np.where(matched[order] >= 0, places, -1))
     known = last >= starts
     frames, tracks = np.full(len(order), -1, np.int64), np.full(len(order), -1, np.int64)
-    frames[order[known]] = table.truth_frames[order[last[known]]]
+    frames[order[known]] = table.truth.frames[order[last[known]]]
     tracks[order[known]] = matched[order[last[known]]]
     return list(zip(frames.tolist(), tracks.tolist(), strict=True))
 
 
 def count_clear(table: TrackTable, matches: Matches) -> ClearCounts:
     """The counts of one class."""
-    rows = table.first[matches.pairs]
-    order = np.lexsort((table.truth_frames, table.truth_tracks))
+    rows = table.pairs.truth[matches.pairs]
+    order = np.lexsort((table.truth.frames, table.truth.tracks))
     is_matched = np.zeros(len(order), np.bool_)
     is_matched[rows] = True
-    is_matched, tracks = is_matched[order], table.truth_tracks[order]
-    count = table.truth_track_count
+    is_matched, tracks = is_matched[order], table.truth.tracks[order]
+    count = table.truth.track_count
     lengths, tracked = np.bincount(tracks, minlength=count), np.bincount(tracks, is_matched, count)
     share = tracked / lengths
     # Every loss counts but the last of a track that is not found again.
@@ -139,20 +138,15 @@ def count_clear(table: TrackTable, matches: Matches) -> ClearCounts:
     mostly_tracked, mostly_lost = int((share >= MOSTLY_TRACKED).sum()), int((share < MOSTLY_LOST).sum())
     return ClearCounts(
         truth=len(order),
-        found=len(table.found_frames),
+        found=len(table.found),
         matches=len(rows),
         switches=int(matches.is_switch.sum()),
-        distance_m=float(table.distances_m[matches.pairs].sum()),
+        distance_m=float(table.pairs.distances_m[matches.pairs].sum()),
         fragmentations=losses - lost_for_good,
         mostly_tracked=mostly_tracked,
         partly_tracked=count - mostly_tracked - mostly_lost,
         mostly_lost=mostly_lost,
     )
-
-
-def total_clear(parts: Sequence[ClearCounts]) -> ClearCounts:
-    """The counts of all classes together."""
-    return ClearCounts(*(sum(getattr(part, f.name) for part in parts) for f in fields(ClearCounts)))
 
 
 def clear_figures(counts: ClearCounts) -> dict[str, float | int | None]:

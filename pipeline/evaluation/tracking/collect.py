@@ -4,65 +4,35 @@ Frames are kept until a block of them is full. What of a block counts is then de
 only what the figures need is kept: a few numbers a box, and the pairs that are near each other.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64
+from pipeline.core.arrays import F64, I32, I64, Bools, Indices, first_of_runs
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.assignment import assign_nearest
-from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D, in_order
+from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, in_order
 from pipeline.evaluation.ignoring import is_evaluated, is_within
+from pipeline.evaluation.near_objects import Candidates, FoundObjects, TrueObjects, pairs_near
 from pipeline.evaluation.pieces import Pieces
 from pipeline.evaluation.scales import length_scales
-from pipeline.evaluation.tracking.candidates import Candidates, Objects, near_pairs, near_rows
-from pipeline.evaluation.tracking.table import TrackTable
+from pipeline.evaluation.tracking.table import TrackRows, TrackTable
 
 __all__ = ["MAX_DISTANCE_M", "Collection"]
 
 MAX_DISTANCE_M = 2.0
 """From this distance on nothing is matched (nuScenes tracking task), for objects as long as a car."""
 
-BLOCK_FRAMES = 256
-
-_NO_ROWS, _NO_VALUES = np.zeros(0, np.int64), np.zeros(0)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Kept:
-    """True objects, or boxes found, that count; `frames` are positions among the frames with truth."""
-
-    frames: I64
-    class_ids: I64
-    tracks: I64
-    yaws: F64
-    ranges_m: F64
-    scores: F64
-
-    @classmethod
-    def of(cls, objects: Objects, scores: F64) -> "_Kept":
-        yaws, ranges_m = objects.boxes.yaws, objects.ranges_m
-        return cls(objects.frames, objects.class_ids, objects.tracks, yaws, ranges_m, scores)
-
-
-_NONE_KEPT = _Kept(_NO_ROWS, _NO_ROWS, _NO_ROWS, _NO_VALUES, _NO_VALUES, _NO_VALUES)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _BlockTruth:
-    """The truth of a block: what has to be found, and what is ignored."""
-
-    counting: Objects
-    ignored: Objects
+BLOCK_FRAMES = 128
 
 
 class _Source:
     """What was found by one source so far."""
 
     def __init__(self, class_count: int) -> None:
-        self.found = Pieces(_NONE_KEPT)
-        self.pairs = Pieces(Candidates(_NO_ROWS, _NO_ROWS, _NO_VALUES, _NO_VALUES))
+        no_rows, no_values = np.zeros(0, np.intp), np.zeros(0)
+        self.found = Pieces(TrackRows.empty())
+        self.pairs = Pieces(Candidates(no_rows, no_rows, no_values, no_values, no_values))
         self.count = 0
         self.without_track = np.zeros(class_count, np.int64)
         self.has_tracks = False
@@ -73,10 +43,11 @@ class Collection:
 
     def __init__(self, config: Config) -> None:
         self._config = config
-        self._max_distances_m = MAX_DISTANCE_M * length_scales(config)
-        self._frames: list[tuple[TruthBoxes3D, dict[str, SourceBoxes]]] = []
+        self._scales = length_scales(config)
+        self._max_distances_m = MAX_DISTANCE_M * self._scales
+        self._frames: list[EvaluationFrame] = []
         self._stamps_ns: list[int] = []
-        self._truth = Pieces(_NONE_KEPT)
+        self._truth = Pieces(TrackRows.empty())
         self._truth_count = 0
         self._tracked_truth = self._untracked_truth = 0
         self._sources: dict[str, _Source] = {}
@@ -85,7 +56,7 @@ class Collection:
         """Take in a frame; one without truth says nothing."""
         if frame.truth is None:
             return
-        self._frames.append((frame.truth, dict(frame.sources)))
+        self._frames.append(frame)
         self._stamps_ns.append(frame.stamp_ns)
         if len(self._frames) == BLOCK_FRAMES:
             self._close_block()
@@ -109,73 +80,64 @@ class Collection:
         frames, self._frames = self._frames, []
         if not frames:
             return
-        numbers = range(len(self._stamps_ns) - len(frames), len(self._stamps_ns))
-        truth = self._block_truth([truth for truth, _ in frames], numbers)
-        for name in dict.fromkeys(name for _, sources in frames for name in sources):
-            source = self._sources.setdefault(name, _Source(len(self._config.classes)))
-            given = {n: sources[name] for n, (_, sources) in zip(numbers, frames, strict=True) if name in sources}
-            self._add_found(source, given, truth)
-        self._truth.append(_Kept.of(truth.counting, np.zeros(len(truth.counting))))
-        self._truth_count += len(truth.counting)
-
-    def _block_truth(self, parts: Sequence[TruthBoxes3D], numbers: Sequence[int]) -> _BlockTruth:
-        objects = Objects.of(parts, numbers, np.concatenate([part.track_ids for part in parts]))
-        # An object whose track is not known cannot be followed.
-        is_tracked = objects.tracks != UNKNOWN
+        first = len(self._stamps_ns) - len(frames)
+        truth = TrueObjects.of([frame.truth for frame in frames if frame.truth is not None], first)
+        boxes, no_scores = truth.boxes, np.zeros(len(truth))
+        is_tracked = boxes.track_ids != UNKNOWN  # an object whose track is not known cannot be followed
         self._tracked_truth += int(is_tracked.sum())
         self._untracked_truth += int((~is_tracked).sum())
-        counting = is_tracked & np.concatenate([is_evaluated(part, self._config.evaluate) for part in parts])
-        rows = np.flatnonzero(counting)
-        rows = rows[np.lexsort((objects.tracks[rows], objects.class_ids[rows], objects.frames[rows]))]
-        repeated = objects.select(rows).is_repeated
-        counting[rows[repeated]] = False
-        return _BlockTruth(objects.select(rows[~repeated]), objects.select(~counting))
+        is_counted = is_tracked & is_evaluated(boxes, self._config.evaluate)
+        rows = _rows_in_order(truth.frames, boxes.class_ids, boxes.track_ids, no_scores, is_counted)
+        counted, ignored = truth.select(rows), truth.select(np.setdiff1d(np.arange(len(truth)), rows))
+        for name in dict.fromkeys(name for frame in frames for name in frame.sources):
+            source = self._sources.setdefault(name, _Source(len(self._config.classes)))
+            self._add_found(
+                source, FoundObjects.of([frame.sources.get(name) for frame in frames], first), counted, ignored
+            )
+        boxes = counted.boxes
+        self._truth.append(
+            TrackRows.of(counted.frames, boxes, boxes.class_ids, boxes.track_ids, no_scores[: len(counted)])
+        )
+        self._truth_count += len(counted)
 
-    def _add_found(self, source: _Source, given: dict[int, SourceBoxes], truth: _BlockTruth) -> None:
-        parts = list(given.values())
-        tracks = np.concatenate([part.track_ids for part in parts])
-        objects = Objects.of([part.boxes for part in parts], list(given), tracks)
-        scores = np.concatenate([part.boxes.scores for part in parts]).astype(np.float64)
-        order = np.lexsort((-scores, tracks, objects.class_ids, objects.frames))
-        objects, scores = objects.select(order), scores[order]
-        source.has_tracks |= bool((tracks != UNKNOWN).any())
-        lost = (objects.tracks == UNKNOWN) | objects.is_repeated
-        source.without_track += np.bincount(objects.class_ids[lost], minlength=len(source.without_track))
-        objects, scores = objects.select(~lost), scores[~lost]
-        pairs = near_pairs(truth.counting, objects, self._max_distances_m)
-        kept = is_within(objects.boxes.centers, self._config.evaluate)
-        kept &= ~near_rows(truth.ignored, objects, self._max_distances_m)
+    def _add_found(self, source: _Source, found: FoundObjects, counted: TrueObjects, ignored: TrueObjects) -> None:
+        source.has_tracks |= bool((found.track_ids != UNKNOWN).any())
+        class_ids, scores = found.boxes.class_ids, found.boxes.scores.astype(np.float64)
+        rows = _rows_in_order(found.frames, class_ids, found.track_ids, scores, found.track_ids != UNKNOWN)
+        source.without_track += np.bincount(np.delete(class_ids, rows), minlength=len(source.without_track))
+        found = found.select(rows)
+        class_ids, scores = found.boxes.class_ids, scores[rows]
+        pairs = pairs_near(found, counted, self._scales)
+        pairs = pairs.select(counted.boxes.class_ids[pairs.truth] == class_ids[pairs.found])
+        kept = is_within(found.boxes.centers, self._config.evaluate)
+        beside = pairs_near(found, ignored, self._scales)
+        kept[beside.found[beside.distances_m < self._max_distances_m[class_ids[beside.found]]]] = False
         if not kept.all():
             # What is matched counts, also if it lies outside or beside something that is ignored.
-            limits_m = self._max_distances_m[truth.counting.class_ids[pairs.first]]
-            close = np.flatnonzero(pairs.distances_m < limits_m)
-            matched = assign_nearest(pairs.first[close], pairs.second[close], pairs.distances_m[close])
-            kept[pairs.second[close[matched]]] = True
-            objects, scores, pairs = objects.select(kept), scores[kept], pairs.of_found(kept)
-        source.found.append(_Kept.of(objects, scores))
-        first, second = pairs.first + self._truth_count, pairs.second + source.count
-        source.pairs.append(Candidates(first, second, pairs.distances_m, pairs.ious))
-        source.count += len(objects)
+            close = pairs.select(pairs.distances_m < self._max_distances_m[class_ids[pairs.found]])
+            kept[close.found[assign_nearest(close.truth, close.found, close.distances_m)]] = True
+            pairs = pairs.among(np.ones(len(counted), np.bool_), kept)
+            found, class_ids, scores = found.select(kept), class_ids[kept], scores[kept]
+        source.found.append(TrackRows.of(found.frames, found.boxes, class_ids, found.track_ids, scores))
+        rows_so_far = pairs.truth + self._truth_count, pairs.found + source.count
+        source.pairs.append(Candidates(*rows_so_far, pairs.bev, pairs.volume, pairs.distances_m))
+        source.count += len(found)
 
-    def _table(self, stamps_ns: I64, truth: _Kept, source: _Source, class_id: int) -> TrackTable:
-        found, pairs = source.found.table(), source.pairs.table()
-        true_rows, found_rows = truth.class_ids == class_id, found.class_ids == class_id
-        rows = true_rows[pairs.first]
+    def _table(self, stamps_ns: I64, truth: TrackRows, source: _Source, class_id: int) -> TrackTable:
+        found = source.found.table()
+        is_true, is_found = truth.class_ids == class_id, found.class_ids == class_id
         return TrackTable(
-            stamps_ns=stamps_ns,
-            truth_frames=truth.frames[true_rows],
-            truth_tracks=np.unique(truth.tracks[true_rows], return_inverse=True)[1].astype(np.int64),
-            truth_yaws=truth.yaws[true_rows],
-            truth_ranges_m=truth.ranges_m[true_rows],
-            found_frames=found.frames[found_rows],
-            found_tracks=np.unique(found.tracks[found_rows], return_inverse=True)[1].astype(np.int64),
-            found_yaws=found.yaws[found_rows],
-            found_ranges_m=found.ranges_m[found_rows],
-            found_scores=found.scores[found_rows],
-            first=(np.cumsum(true_rows) - 1)[pairs.first[rows]],
-            second=(np.cumsum(found_rows) - 1)[pairs.second[rows]],
-            distances_m=pairs.distances_m[rows],
-            ious=pairs.ious[rows],
-            max_distance_m=float(self._max_distances_m[class_id]),
-            without_track=int(source.without_track[class_id]),
+            stamps_ns,
+            truth.numbered(is_true),
+            found.numbered(is_found),
+            source.pairs.table().among(is_true, is_found),
+            float(self._max_distances_m[class_id]),
+            int(source.without_track[class_id]),
         )
+
+
+def _rows_in_order(frames: I32, class_ids: I32, tracks: I64, scores: F64, is_counted: Bools) -> Indices:
+    """The counted rows by frame, class and track; of those that share all three, the one of the highest score."""
+    rows = np.flatnonzero(is_counted)
+    rows = rows[np.lexsort((-scores[rows], tracks[rows], class_ids[rows], frames[rows]))]
+    return rows[first_of_runs(frames[rows]) | first_of_runs(class_ids[rows]) | first_of_runs(tracks[rows])]

@@ -1,11 +1,11 @@
 """What becomes of tracks over time: how long they are, how soon an object has one, and how often they turn around."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, check_array
+from pipeline.core.arrays import F64, I32, I64, check_array, join_rows
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.evaluation.scales import is_flip
 from pipeline.evaluation.tracking.clear import Matches
@@ -40,15 +40,15 @@ class Courses:
 
 def follow(table: TrackTable, matches: Matches) -> Courses:
     """Follow the tracks of one class."""
-    first_ns, last_ns = _spans(table, table.found_tracks, table.found_frames)
-    start_ns, _ = _spans(table, table.truth_tracks, table.truth_frames)
-    rows = table.first[matches.pairs]
-    matched_tracks, earliest = np.unique(table.truth_tracks[rows], return_index=True)
+    first_ns, last_ns = _spans(table, table.found.tracks, table.found.frames)
+    start_ns, _ = _spans(table, table.truth.tracks, table.truth.frames)
+    rows = table.pairs.truth[matches.pairs]
+    matched_tracks, earliest = np.unique(table.truth.tracks[rows], return_index=True)
     delays_s = np.full(len(start_ns), np.nan)
-    matched_ns = table.stamps_ns[table.truth_frames[rows[earliest]]]
+    matched_ns = table.stamps_ns[table.truth.frames[rows[earliest]]]
     delays_s[matched_tracks] = (matched_ns - start_ns[matched_tracks]) / 1e9
     return Courses(
-        np.bincount(table.found_tracks).astype(np.int64),
+        np.bincount(table.found.tracks).astype(np.int64),
         (last_ns - first_ns) / 1e9,
         delays_s,
         _flips(table, matches),
@@ -58,13 +58,8 @@ def follow(table: TrackTable, matches: Matches) -> Courses:
 
 def total_courses(parts: Sequence[Courses]) -> Courses:
     """The tracks of all classes together."""
-    return Courses(
-        np.concatenate([part.boxes for part in parts]),
-        np.concatenate([part.durations_s for part in parts]),
-        np.concatenate([part.delays_s for part in parts]),
-        sum(part.heading_flips for part in parts),
-        sum(part.without_track for part in parts),
-    )
+    flips, without_track = sum(part.heading_flips for part in parts), sum(part.without_track for part in parts)
+    return replace(join_rows(*parts), heading_flips=flips, without_track=without_track)
 
 
 def course_figures(courses: Courses) -> dict[str, float | int | None]:
@@ -85,7 +80,7 @@ def course_figures(courses: Courses) -> dict[str, float | int | None]:
     }
 
 
-def _spans(table: TrackTable, tracks: I64, frames: I64) -> tuple[I64, I64]:
+def _spans(table: TrackTable, tracks: I64, frames: I32) -> tuple[I64, I64]:
     """Times of the first and of the last row of each track; frames rise."""
     first = np.unique(tracks, return_index=True)[1]
     last = len(tracks) - 1 - np.unique(tracks[::-1], return_index=True)[1]
@@ -94,10 +89,10 @@ def _spans(table: TrackTable, tracks: I64, frames: I64) -> tuple[I64, I64]:
 
 def _flips(table: TrackTable, matches: Matches) -> int:
     """Turns of more than 90 degrees of a track between two of its matches in a row that its object does not make."""
-    truth, found = table.first[matches.pairs], table.second[matches.pairs]
-    order = np.lexsort((table.found_frames[found], table.found_tracks[found]))
+    truth, found = table.pairs.truth[matches.pairs], table.pairs.found[matches.pairs]
+    order = np.lexsort((table.found.frames[found], table.found.tracks[found]))
     truth, found = truth[order], found[order]
-    same = (np.diff(table.found_tracks[found]) == 0) & (np.diff(table.truth_tracks[truth]) == 0)
-    turns_rad = wrap_angle(np.diff(table.found_yaws[found]))
-    true_turns_rad = wrap_angle(np.diff(table.truth_yaws[truth]))
+    same = (np.diff(table.found.tracks[found]) == 0) & (np.diff(table.truth.tracks[truth]) == 0)
+    turns_rad = wrap_angle(np.diff(table.found.yaws[found]))
+    true_turns_rad = wrap_angle(np.diff(table.truth.yaws[truth]))
     return int((same & is_flip(turns_rad) & ~is_flip(true_turns_rad)).sum())

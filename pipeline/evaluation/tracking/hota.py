@@ -1,6 +1,5 @@
 """Higher order tracking accuracy (Luiten et al., "HOTA", IJCV 129, 2021)."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +8,7 @@ from pipeline.core.arrays import F64, check_array
 from pipeline.evaluation.assignment import assign_heaviest
 from pipeline.evaluation.tracking.table import TrackTable
 
-__all__ = ["HotaCounts", "count_hota", "hota_figures", "similarity_of_distance", "total_hota"]
+__all__ = ["HotaCounts", "count_hota", "hota_figures", "similarity_of_distance"]
 
 ALPHAS = np.arange(1, 20) / 20
 """Similarities from which a pair is a match: 0.05 to 0.95."""
@@ -46,7 +45,7 @@ class HotaCounts:
 
 def similarity_of_distance(table: TrackTable) -> F64:
     """(P,) 1 where the centres are the same, 0 from the largest distance of a match on."""
-    return np.maximum(0.0, 1 - table.distances_m / table.max_distance_m)
+    return np.maximum(0.0, 1 - table.pairs.distances_m / table.max_distance_m)
 
 
 def count_hota(table: TrackTable, similarity: F64) -> HotaCounts:
@@ -60,10 +59,10 @@ def count_hota(table: TrackTable, similarity: F64) -> HotaCounts:
         similarity: (P,) of each candidate, in [0, 1].
     """
     near = np.flatnonzero(similarity > 0)
-    first, second, similarity = table.first[near], table.second[near], similarity[near]
-    lengths = np.bincount(table.truth_tracks), np.bincount(table.found_tracks)
-    width = max(1, table.found_track_count)
-    keys, pair_of = np.unique(table.truth_tracks[first] * width + table.found_tracks[second], return_inverse=True)
+    first, second, similarity = table.pairs.truth[near], table.pairs.found[near], similarity[near]
+    lengths = np.bincount(table.truth.tracks), np.bincount(table.found.tracks)
+    width = max(1, table.found.track_count)
+    keys, pair_of = np.unique(table.truth.tracks[first] * width + table.found.tracks[second], return_inverse=True)
     together = lengths[0][keys // width] + lengths[1][keys % width]
     rivals = np.bincount(first, similarity)[first] + np.bincount(second, similarity)[second] - similarity
     alike = np.bincount(pair_of, similarity / rivals, len(keys))
@@ -77,19 +76,10 @@ def count_hota(table: TrackTable, similarity: F64) -> HotaCounts:
             count.sum(),
             similarity[matched].sum(),
             (count * count / np.maximum(1, together - count)).sum(),
-            (count[pair_of] / lengths[0][table.truth_tracks[first]])[matched].sum(),
-            (count[pair_of] / lengths[1][table.found_tracks[second]])[matched].sum(),
+            (count[pair_of] / lengths[0][table.truth.tracks[first]])[matched].sum(),
+            (count[pair_of] / lengths[1][table.found.tracks[second]])[matched].sum(),
         ]
-    return HotaCounts(len(table.truth_frames), len(table.found_frames), *sums)
-
-
-def total_hota(parts: Sequence[HotaCounts]) -> HotaCounts:
-    """The counts of all classes together; tracks of different classes have nothing in common."""
-    sums = [
-        np.sum([getattr(part, name) for part in parts], 0)
-        for name in ("matches", "similarity", "association", "association_recall", "association_precision")
-    ]
-    return HotaCounts(sum(part.truth for part in parts), sum(part.found for part in parts), *sums)
+    return HotaCounts(len(table.truth), len(table.found), *sums)
 
 
 def hota_figures(counts: HotaCounts) -> dict[str, float | None]:

@@ -3,7 +3,6 @@
 Ristani et al., "Performance measures and a data set for multi-target, multi-camera tracking", ECCV workshops, 2016.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from pipeline.core.arrays import I64
 from pipeline.evaluation.tracking.table import TrackTable
 
-__all__ = ["IdentityCounts", "count_identity", "identity_figures", "total_identity"]
+__all__ = ["IdentityCounts", "count_identity", "identity_figures"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,10 +30,10 @@ class IdentityCounts:
 
 def count_identity(table: TrackTable) -> IdentityCounts:
     """The counts of one class, of the pairs of tracks with the most matches."""
-    near = table.distances_m < table.max_distance_m
-    tracks = table.truth_tracks[table.first[near]], table.found_tracks[table.second[near]]
+    near = table.pairs.distances_m < table.max_distance_m
+    tracks = table.truth.tracks[table.pairs.truth[near]], table.found.tracks[table.pairs.found[near]]
     pairs, counts = np.unique(np.stack(tracks, 1), axis=0, return_counts=True)
-    return IdentityCounts(len(table.truth_frames), len(table.found_frames), _most(pairs, counts))
+    return IdentityCounts(len(table.truth), len(table.found), _most(pairs, counts))
 
 
 def _most(pairs: I64, counts: I64) -> int:
@@ -58,11 +57,6 @@ def _most(pairs: I64, counts: I64) -> int:
     graph = csr_array((weights, (rows, columns)), shape=(len(truth), len(truth) + len(found)))
     chosen = min_weight_full_bipartite_matching(graph, maximize=True)
     return int(graph[chosen].sum()) - len(truth)
-
-
-def total_identity(parts: Sequence[IdentityCounts]) -> IdentityCounts:
-    """The counts of all classes together."""
-    return IdentityCounts(*(sum(getattr(part, name) for part in parts) for name in ("truth", "found", "matches")))
 
 
 def identity_figures(counts: IdentityCounts) -> dict[str, float | None]:

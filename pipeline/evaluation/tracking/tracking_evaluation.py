@@ -1,6 +1,8 @@
 """Figures of tracks against truth."""
 
 from collections.abc import Sequence
+from dataclasses import fields
+from typing import TypeVar
 
 import numpy as np
 
@@ -8,25 +10,16 @@ from pipeline.core.settings.config import Config
 from pipeline.evaluation.evaluation_frame import EvaluationFrame, Figure, Figures
 from pipeline.evaluation.scales import nuscenes_ranges_m
 from pipeline.evaluation.tracking.amota import amota_figures
-from pipeline.evaluation.tracking.clear import ClearCounts, clear_figures, count_clear, match_clear, total_clear
+from pipeline.evaluation.tracking.clear import ClearCounts, clear_figures, count_clear, match_clear
 from pipeline.evaluation.tracking.collect import Collection
-from pipeline.evaluation.tracking.courses import Courses, course_figures, follow, total_courses
-from pipeline.evaluation.tracking.hota import (
-    HotaCounts,
-    count_hota,
-    hota_figures,
-    similarity_of_distance,
-    total_hota,
-)
-from pipeline.evaluation.tracking.identity import (
-    IdentityCounts,
-    count_identity,
-    identity_figures,
-    total_identity,
-)
+from pipeline.evaluation.tracking.courses import course_figures, follow, total_courses
+from pipeline.evaluation.tracking.hota import HotaCounts, count_hota, hota_figures, similarity_of_distance
+from pipeline.evaluation.tracking.identity import IdentityCounts, count_identity, identity_figures
 from pipeline.evaluation.tracking.table import TrackTable
 
 __all__ = ["TrackingEvaluation"]
+
+Counts = TypeVar("Counts", ClearCounts, HotaCounts, IdentityCounts)
 
 
 class TrackingEvaluation:
@@ -73,23 +66,29 @@ class _Counts:
     """All that is counted in one class."""
 
     def __init__(self, table: TrackTable) -> None:
-        matches = match_clear(table, np.ones(len(table.found_frames), np.bool_))
-        self.clear: ClearCounts = count_clear(table, matches)
-        self.courses: Courses = follow(table, matches)
-        self.identity: IdentityCounts = count_identity(table)
-        self.hota: HotaCounts = count_hota(table, similarity_of_distance(table))
-        self.hota_iou: HotaCounts = count_hota(table, table.ious)
+        matches = match_clear(table, np.ones(len(table.found), np.bool_))
+        self.clear = count_clear(table, matches)
+        self.courses = follow(table, matches)
+        self.identity = count_identity(table)
+        self.hota = count_hota(table, similarity_of_distance(table))
+        self.hota_iou = count_hota(table, table.pairs.bev)
 
 
 def _figures(parts: Sequence[_Counts]) -> dict[str, Figure]:
-    by_iou = hota_figures(total_hota([part.hota_iou for part in parts]))
+    by_iou = hota_figures(_summed([part.hota_iou for part in parts]))
     return {
-        **hota_figures(total_hota([part.hota for part in parts])),
+        **hota_figures(_summed([part.hota for part in parts])),
         **{f"{name}_iou": value for name, value in by_iou.items()},
-        **clear_figures(total_clear([part.clear for part in parts])),
-        **identity_figures(total_identity([part.identity for part in parts])),
+        **clear_figures(_summed([part.clear for part in parts])),
+        **identity_figures(_summed([part.identity for part in parts])),
         **course_figures(total_courses([part.courses for part in parts])),
     }
+
+
+def _summed(parts: Sequence[Counts]) -> Counts:
+    """The counts of all classes together; tracks of different classes have nothing in common."""
+    kind = type(parts[0])
+    return kind(*(sum(getattr(part, field.name) for part in parts) for field in fields(kind)))
 
 
 def _mean(values: Sequence[float | None]) -> float | None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, select_rows
+from pipeline.core.arrays import F64, I64, select_rows
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.rig import CameraSensor
 from pipeline.core.settings.config import Config
@@ -18,19 +18,22 @@ from pipeline.evaluation.unlabelled.residuals import Residuals
 
 __all__ = ["UnlabelledEvaluation"]
 
+_FUSED = "fused"
+"""The source whose boxes are compared with images."""
+
 
 class UnlabelledEvaluation:
-    """What results say about themselves: nobody needs to know what was there.
+    """Figures of a result alone: of chains of boxes, of boxes in images, of the skew of stamps.
 
     Args:
-        config: Classes; how boxes are matched (`associate`); region and range of what is looked at.
+        config: Classes; how boxes are matched (`associate`); region and range that are evaluated.
         cameras: Cameras with calibration.
     """
 
     def __init__(self, config: Config, cameras: Sequence[CameraSensor]) -> None:
-        self._config, self._cameras = config, tuple(cameras)
+        self._config = config
         self._sources: dict[str, _Source] = {}
-        self._residuals: dict[tuple[str, str], Residuals] = {}
+        self._residuals = {camera.name: Residuals(camera, config) for camera in cameras}
         self._skews_ns: list[int] = []
 
     def add(self, frame: EvaluationFrame) -> None:
@@ -44,13 +47,10 @@ class UnlabelledEvaluation:
         for name, found in frame.sources.items():
             if name not in self._sources:
                 self._sources[name] = _Source(self._config)
-                for camera in self._cameras:
-                    self._residuals[name, camera.name] = Residuals(camera, self._config)
             self._sources[name].add(frame, found)
-            for camera in self._cameras:
-                if camera.name in frame.images:
-                    image = frame.images[camera.name]
-                    self._residuals[name, camera.name].add(found.boxes, image.found)
+        if _FUSED in frame.sources:
+            for camera in frame.images.keys() & self._residuals.keys():
+                self._residuals[camera].add(frame.sources[_FUSED].boxes, frame.images[camera].found)
 
     def figures(self) -> Figures:
         """`unlabelled.SOURCE` and `sync`."""
@@ -58,17 +58,18 @@ class UnlabelledEvaluation:
         some = len(skews_ms) > 0
         return {
             "unlabelled": {
-                name: {
-                    **self._sources[name].figures(),
-                    "images": {camera.name: self._residuals[name, camera.name].figures() for camera in self._cameras},
-                }
-                for name in in_order(self._sources)
+                name: self._sources[name].figures() | self._images(name) for name in in_order(self._sources)
             },
             "sync": {
                 "skew_mean_ms": float(skews_ms.mean()) if some else None,
                 "skew_max_ms": float(skews_ms.max()) if some else None,
             },
         }
+
+    def _images(self, source: str) -> Figures:
+        if source != _FUSED:
+            return {}
+        return {"images": {camera: residuals.figures() for camera, residuals in self._residuals.items()}}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +78,7 @@ class _Boxes:
 
     Attributes:
         tracks: (N,) int64, or `UNKNOWN`.
-        chains: (N,) int64, by place; once they are told, numbers from 0 without gaps.
+        chains: (N,) int64, by place; of `_chained` boxes, numbers from 0 without gaps.
         frames: (N,) int64.
         stamps_ns: (N,) int64.
         yaws: (N,) float64.
@@ -119,13 +120,8 @@ class _Source:
 
     def figures(self) -> Figures:
         boxes = self._boxes.table()
-        chained, names = _chained(boxes), self._config.class_names
-        main = _main_classes(chained, len(names))
-        by_class = {name: _chain_figures(chained, main == class_id) for class_id, name in enumerate(names)}
-        return {
-            "objects": {"per_frame_mean": len(boxes.chains) / self._frames},
-            "chains": {**by_class, "all": _chain_figures(chained, np.ones(len(main), np.bool_))},
-        }
+        per_frame = len(boxes.chains) / self._frames
+        return {"objects": {"per_frame_mean": per_frame}, "chains": _chain_figures(_chained(boxes))}
 
 
 def _chained(boxes: _Boxes) -> _Boxes:
@@ -138,28 +134,20 @@ def _chained(boxes: _Boxes) -> _Boxes:
     return replace(select_rows(boxes, rows), chains=(np.cumsum(starts) - 1).astype(np.int64))
 
 
-def _main_classes(boxes: _Boxes, classes: int) -> I64:
-    """(K,) the class that most boxes of each chain have; of equally many the first of the settings."""
-    counts = np.zeros((int(boxes.chains.max(initial=-1)) + 1, classes), np.int64)
-    np.add.at(counts, (boxes.chains, boxes.class_ids), 1)
-    return np.asarray(counts.argmax(1), np.int64)
-
-
-def _chain_figures(boxes: _Boxes, wanted: Bools) -> dict[str, Figure]:
-    """How long those of the chains (K,) are that are wanted, and what changes in them; None where there are none."""
-    part = select_rows(boxes, wanted[boxes.chains])
-    lengths = np.bincount(part.chains, minlength=len(wanted))[wanted]
+def _chain_figures(boxes: _Boxes) -> dict[str, Figure]:
+    """How long chains are, and what changes in them; None where there are none."""
+    lengths = np.bincount(boxes.chains)
     first, last = np.cumsum(lengths) - lengths, np.cumsum(lengths) - 1
-    seconds = (part.stamps_ns[last] - part.stamps_ns[first]) / 1e9
-    spans = part.frames[last] - part.frames[first] + 1
-    same = np.diff(part.chains) == 0
-    missing = np.diff(part.frames)[same] - 1
+    seconds = (boxes.stamps_ns[last] - boxes.stamps_ns[first]) / 1e9
+    spans = boxes.frames[last] - boxes.frames[first] + 1
+    same = np.diff(boxes.chains) == 0
+    missing = np.diff(boxes.frames)[same] - 1
     some = len(lengths) > 0
     return {
         "chains": len(lengths),
         "seconds_mean": float(seconds.mean()) if some else None,
         "flickers": int(((missing > 0) & (missing <= MAX_GAP_FRAMES)).sum()),
         "missing_share": float(1 - lengths.sum() / spans.sum()) if some else None,
-        "class_changes": int((same & (np.diff(part.class_ids) != 0)).sum()),
-        "heading_flips": int((same & is_flip(wrap_angle(np.diff(part.yaws)))).sum()),
+        "class_changes": int((same & (np.diff(boxes.class_ids) != 0)).sum()),
+        "heading_flips": int((same & is_flip(wrap_angle(np.diff(boxes.yaws)))).sum()),
     }

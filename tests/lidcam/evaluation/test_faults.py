@@ -81,7 +81,7 @@ def family(name: str) -> str:
     section, _, _, figure = name.split(".", 3)
     figure = re.sub(r"^(ranges|zones)\.[^.]+\.", "", figure)
     figure = re.sub(r"^(errors\.[^.]+|calibration\.reliability|labels|points)\..*$", r"\1", figure)
-    figure = re.sub(r"_r(11|40)_\d+$|(?<=distance\.ap)_.*$", "", figure)
+    figure = re.sub(r"_r40_\d+$|(?<=distance\.ap)_.*$", "", figure)
     figure = re.sub(r"^aos_bev_.*", "aos_bev", figure)
     return f"track {figure}" if section == "tracking" else figure
 

@@ -54,9 +54,9 @@ def test_a_bench_taken_for_a_car_in_many_frames_is_one_mistake() -> None:
     scores = [0.2, 0.8, 0.3]
     mistakes = collected(*(frame(n, truth(), 20.0 + 0.2 * n, scores=[score]) for n, score in enumerate(scores)))
     (bench,) = mistakes.worst("false", 10)
-    assert (bench.frames, bench.worst_frame, bench.first_ns, bench.last_ns) == (3, 1, 0, 200_000_000)
-    assert (bench.class_name, bench.label, bench.track_id) == ("car", "", -1)
-    assert np.isclose([bench.score, bench.weight, bench.center[0]], [0.8, 1.3, 20.2]).all()
+    assert (bench.frames, bench.worst_ns, bench.first_ns, bench.last_ns) == (3, 100_000_000, 0, 200_000_000)
+    assert (bench.named["class"], bench.named["label"], bench.track_id) == ("car", None, -1)
+    assert np.isclose([bench.severity, bench.weight, bench.center[0]], [0.8, 1.3, 20.2]).all()
 
 
 def test_two_benches_are_two_mistakes_the_worse_one_first() -> None:
@@ -73,7 +73,13 @@ def test_an_error_that_comes_back_later_is_another_mistake() -> None:
 def test_misses_of_one_object_are_one_mistake_wherever_it_drives() -> None:
     frames = [frame(n, truth(50.0 * n, ids=[7], points=[10 + n])) for n in range(4)]
     (miss,) = collected(*frames).worst("missed", 10)
-    assert (miss.frames, miss.track_id, miss.lidar_points, miss.worst_frame, miss.label) == (4, 7, 13, 3, "any")
+    assert (miss.frames, miss.track_id, miss.severity, miss.worst_ns, miss.named["label"]) == (
+        4,
+        7,
+        13,
+        300_000_000,
+        "any",
+    )
     assert collected(*frames).worst("false", 10) == []
 
 
@@ -84,12 +90,13 @@ def test_objects_without_ids_are_told_apart_by_their_places() -> None:
 
 def test_a_false_detection_names_the_object_at_its_place() -> None:
     second = collected(frame(0, truth(0, ids=[4]), 0.0, 1.0, scores=[0.9, 0.8])).worst("false", 10)
-    assert [(one.cause, one.track_id, one.label) for one in second] == [("second", 4, "any")]
+    assert [(one.named["cause"], one.track_id, one.named["label"]) for one in second] == [("second", 4, "any")]
     other = collected(frame(0, truth(0, ids=[4]), 0.0, class_ids=[TRUCK]))
-    assert [(one.class_name, one.cause, one.track_id) for one in other.worst("false", 10)] == [("truck", "class", 4)]
-    assert [(one.class_name, one.cause) for one in other.worst("missed", 10)] == [("car", "")]
+    (false,), (missed,) = other.worst("false", 10), other.worst("missed", 10)
+    assert (false.named, false.track_id) == ({"class": "truck", "label": "any", "cause": "class"}, 4)
+    assert missed.named == {"class": "car", "label": "any", "cause": None}
     misplaced = collected(frame(0, truth(0, ids=[4]), 2.5)).worst("false", 10)
-    assert [(one.cause, one.track_id) for one in misplaced] == [("place", 4)]
+    assert [(one.named["cause"], one.track_id) for one in misplaced] == [("place", 4)]
 
 
 def test_what_is_ignored_is_neither_missed_nor_false() -> None:

@@ -11,21 +11,20 @@ from pipeline.evaluation.pieces import MAX_LOOSE, Pieces
 
 @dataclass(frozen=True)
 class Rows:
-    """N rows: numbers (N,), places (N, 2), and matches (2, N) by criterion."""
+    """N rows: numbers (N,), places (N, 2)."""
 
     numbers: I64
     places: F64
-    matches: I64
 
 
 def rows(first: int, count: int) -> Rows:
     numbers = np.arange(first, first + count)
-    return Rows(numbers, np.column_stack([numbers, -numbers]).astype(np.float64), np.stack([numbers, 2 * numbers]))
+    return Rows(numbers, np.column_stack([numbers, -numbers]).astype(np.float64))
 
 
 @pytest.mark.parametrize("count", [0, 1, MAX_LOOSE - 1, MAX_LOOSE, 2 * MAX_LOOSE + 3])
 def test_all_rows_in_their_order_however_often_it_is_read(count: int) -> None:
-    pieces = Pieces(rows(0, 0), by_criterion=["matches"])
+    pieces = Pieces(rows(0, 0))
     for row in range(count):
         pieces.append(rows(2 * row, 2))
         if row == 5:
@@ -35,4 +34,3 @@ def test_all_rows_in_their_order_however_often_it_is_read(count: int) -> None:
         found = pieces.table()
         np.testing.assert_array_equal(found.numbers, expected.numbers)
         np.testing.assert_array_equal(found.places, expected.places)
-        np.testing.assert_array_equal(found.matches, expected.matches)

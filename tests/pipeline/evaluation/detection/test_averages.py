@@ -10,7 +10,7 @@ from pipeline.core.geometry.rotated_iou import ious
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.detection.curves import R11, R40, average_precision, curve_of
+from pipeline.evaluation.detection.curves import average_precision, curve_of
 from pipeline.evaluation.evaluation_frame import EvaluationFrame
 
 NAMES = ("car", "van")
@@ -19,21 +19,20 @@ CONFIG = Config(
     evaluate=EvaluateConfig(iou=(0.3, 0.6), bootstrap=100),
 )
 Detections = list[tuple[float, float | None]]
-RECALLS = {"r40": [k / 40 for k in range(1, 41)], "r11": [k / 10 for k in range(11)]}
+RECALLS = [k / 40 for k in range(1, 41)]
 
 
-def plain_ap(detections: Detections, truth: int, recalls: list[float]) -> float | None:
+def plain_ap(detections: Detections, truth: int) -> float | None:
     """Mean of the best precision (or similarity) at each recall or above.
 
     Args:
         detections: Score, and what a right one counts (None: it is false).
         truth: True objects.
-        recalls: Where the curve is read.
     """
     if truth == 0:
         return None
     read = []
-    for recall in recalls:
+    for recall in RECALLS:
         best = 0.0
         for threshold in {score for score, _ in detections}:
             reported = [worth for score, worth in detections if score >= threshold]
@@ -99,35 +98,33 @@ def test_equal_to_the_definition(seed: int, score_steps: int) -> None:
             for iou in (0.3, 0.6):
                 matches = [match for frame in frames for match in plain_matches(frame, class_id, measure, iou)]
                 right = [(score, None if worth is None else 1.0) for score, worth in matches]
-                for recalls in ("r40", "r11"):
-                    key = f"ap_{view}_{recalls}_{100 * iou:.0f}"
-                    expected = plain_ap(right, count, RECALLS[recalls])
-                    assert figures[name][key] == pytest.approx(expected, abs=1e-6), (name, key)
-                    means.setdefault(key, []).extend([] if expected is None else [expected])
+                key = f"ap_{view}_r40_{100 * iou:.0f}"
+                expected = plain_ap(right, count)
+                assert figures[name][key] == pytest.approx(expected, abs=1e-6), (name, key)
+                means.setdefault(key, []).extend([] if expected is None else [expected])
                 if view == "bev":
-                    expected = plain_ap(matches, count, RECALLS["r40"])
+                    expected = plain_ap(matches, count)
                     assert figures[name][f"aos_bev_r40_{100 * iou:.0f}"] == pytest.approx(expected, abs=1e-6)
     for key, values in means.items():
         assert figures["all"][key] == (pytest.approx(np.mean(values), abs=1e-6) if values else None)
 
 
 @pytest.mark.parametrize(
-    ("is_right", "truth", "r40", "r11"),
+    ("is_right", "truth", "expected"),
     [
-        ([], 0, None, None),
-        ([True], 0, None, None),
-        ([], 3, 0.0, 0.0),
-        ([False, False], 3, 0.0, 0.0),
-        ([True, True], 2, 1.0, 1.0),
-        ([True], 2, 0.5, 6 / 11),
-        ([False, True], 1, 0.5, 0.5),
+        ([], 0, None),
+        ([True], 0, None),
+        ([], 3, 0.0),
+        ([False, False], 3, 0.0),
+        ([True, True], 2, 1.0),
+        ([True], 2, 0.5),
+        ([False, True], 1, 0.5),
     ],
 )
-def test_small_curves(is_right: list[bool], truth: int, r40: float | None, r11: float | None) -> None:
+def test_small_curves(is_right: list[bool], truth: int, expected: float | None) -> None:
     scores = np.linspace(0.9, 0.1, len(is_right)).astype(np.float32)
     curve = curve_of(scores, np.array(is_right, np.bool_), truth)
-    for recalls, expected in ((R40, r40), (R11, r11)):
-        assert average_precision(curve.right, curve.precision, truth, recalls) == pytest.approx(expected)
+    assert average_precision(curve.right, curve.precision, truth) == pytest.approx(expected)
 
 
 def test_equal_scores_count_together() -> None:

@@ -238,7 +238,7 @@ def test_recall_by_label_and_by_lidar_points() -> None:
 def test_all_is_the_mean_of_the_classes_that_occur() -> None:
     tree = figures(truth((10, 0), (20, 0)), found((10, 0, 0.9), (50, 0, 0.8), class_ids=[CAR, VAN]))
     assert tree["van"]["ap_bev_r40_50"] is tree["van"]["distance"]["map"] is None
-    for name in ("ap_bev_r40_50", "ap_3d_r11_70", "aos_bev_r40_25"):
+    for name in ("ap_bev_r40_50", "ap_3d_r40_70", "aos_bev_r40_25"):
         assert tree["all"][name] == tree["car"][name]
     assert (tree["all"]["precision"], tree["car"]["precision"]) == (0.5, 1.0)
 

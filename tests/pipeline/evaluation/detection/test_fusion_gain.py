@@ -10,7 +10,7 @@ from evaluation_scenes import boxes3d, evaluated, truth3d
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.detection.curves import R40, average_precision, curve_of
+from pipeline.evaluation.detection.curves import average_precision, curve_of
 from pipeline.evaluation.detection.resampling import Resampling, sampled_ap
 from pipeline.evaluation.evaluation_frame import EvaluationFrame
 
@@ -180,7 +180,7 @@ def test_a_sample_that_is_the_whole_recording(count: int, tolerance: float) -> N
     is_right, frames = rng.random(count) < 0.2 + 0.7 * scores, rng.integers(0, 50, count).astype(np.int32)
     truth_frames = rng.integers(0, 50, 30_000 if count > 300 else 250).astype(np.int32)
     curve = curve_of(scores, is_right, len(truth_frames))
-    exact = average_precision(curve.right, curve.precision, len(truth_frames), R40)
+    exact = average_precision(curve.right, curve.precision, len(truth_frames))
     assert sampled_ap(WHOLE, frames, scores, is_right, truth_frames) == pytest.approx([exact], abs=tolerance)
     assert np.isnan(sampled_ap(WHOLE, frames, scores, is_right, truth_frames[:0])).all()
 

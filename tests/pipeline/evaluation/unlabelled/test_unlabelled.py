@@ -35,8 +35,8 @@ def figures(
     return result
 
 
-def chains(frames: list[EvaluationFrame], name: str = "all") -> dict[str, Any]:
-    result: dict[str, Any] = figures(frames)["unlabelled"]["fused"]["chains"][name]
+def chains(frames: list[EvaluationFrame]) -> dict[str, Any]:
+    result: dict[str, Any] = figures(frames)["unlabelled"]["fused"]["chains"]
     return result
 
 
@@ -118,9 +118,8 @@ def test_changes_within_a_chain() -> None:
     boxes = driving(12)
     boxes[4] = source_boxes([car(4, 0, pi)])
     boxes[8] = source_boxes([[8, 0, 0.8, *TRUCK, 0]], class_ids=[TRUCK_ID])
-    tree = figures(frames_of(*boxes))["unlabelled"]["fused"]["chains"]
-    assert (tree["all"]["chains"], tree["all"]["heading_flips"], tree["all"]["class_changes"]) == (1, 2, 2)
-    assert (tree["car"]["chains"], tree["truck"]["chains"]) == (1, 0), "of the class that most of its boxes have"
+    found = chains(frames_of(*boxes))
+    assert (found["chains"], found["heading_flips"], found["class_changes"]) == (1, 2, 2)
 
 
 PATH = st.lists(st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(-0.2, 0.2)), min_size=12, max_size=20)
@@ -142,7 +141,7 @@ def test_where_the_site_lies_does_not_matter(path: list[tuple[float, float, floa
 def test_only_the_region_is_looked_at() -> None:
     config = Config(evaluate=EvaluateConfig(max_range_m=10))
     tree = figures(frames_of(source_boxes([car(5), car(15)]), source_boxes([])), config=config)["unlabelled"]["fused"]
-    assert (tree["objects"]["per_frame_mean"], tree["chains"]["all"]["chains"]) == (0.5, 1)
+    assert (tree["objects"]["per_frame_mean"], tree["chains"]["chains"]) == (0.5, 1)
 
 
 CAMERA = forward_camera()
@@ -162,12 +161,12 @@ def beside(right_px: float = 0.0, down_px: float = 0.0, class_id: int = CAR_ID) 
 
 
 def pictured(*rows: list[float], index: int = 0, boxes: tuple[list[float], ...] = (AHEAD,)) -> EvaluationFrame:
-    return frame_of(index, None, {"lidar": source_boxes([*boxes])}, seen(*rows))
+    return frame_of(index, None, {"fused": source_boxes([*boxes])}, seen(*rows))
 
 
 def image_figures(frames: list[EvaluationFrame], **settings: float) -> dict[str, Any]:
     config = Config.model_validate({"associate": settings})
-    result: dict[str, Any] = figures(frames, config=config, cameras=(CAMERA,))["unlabelled"]["lidar"]["images"]["cam"]
+    result: dict[str, Any] = figures(frames, config=config, cameras=(CAMERA,))["unlabelled"]["fused"]["images"]["cam"]
     return result
 
 
@@ -195,7 +194,7 @@ def test_residuals_are_those_of_all_blocks(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_boxes_without_a_partner_are_counted() -> None:
-    no_image = frame_of(1, None, {"lidar": source_boxes([AHEAD])})  # nothing can be compared
+    no_image = frame_of(1, None, {"fused": source_boxes([AHEAD])})  # nothing can be compared
     found = image_figures([pictured([0.0, 0.0, 50.0, 50.0, 0.9, CAR_ID]), no_image])
     assert (found["matches"], found["unmatched_3d_share"], found["unmatched_2d_share"]) == (0, 1, 1)
     assert found["iou_p50"] is None
@@ -220,8 +219,8 @@ def test_boxes_of_another_frame_are_refused() -> None:
         return replace(boxes, boxes=replace(boxes.boxes, frame_id="base_link"))
 
     with pytest.raises(FrameError, match="expected boxes in frame 'site', found 'base_link'"):
-        image_figures([pictured(), frame_of(1, None, {"lidar": named(source_boxes([AHEAD]))}, seen())])
-    nothing = frame_of(1, None, {"lidar": named(source_boxes([]))}, seen())
+        image_figures([pictured(), frame_of(1, None, {"fused": named(source_boxes([AHEAD]))}, seen())])
+    nothing = frame_of(1, None, {"fused": named(source_boxes([]))}, seen())
     assert image_figures([pictured(), nothing])["boxes_3d_in_view"] == 1
 
 
