@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from lidcam.frames import RunInput
-from lidcam.outputs.made import is_marked_mcap, is_marked_rrd
+from lidcam.outputs.allowed import is_marked_mcap, is_marked_rrd
 from pipeline.core.settings.config import Config
 from readers.messages.image import decode_any_image
 from writers.base import ResultWriter

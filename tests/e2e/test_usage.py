@@ -118,7 +118,7 @@ def test_two_outputs_are_two_files(lidcam: Lidcam, sandbox: Path, tmp_path: Path
     (tmp_path / "out.rrd").symlink_to(tmp_path / "out.mcap")
     run = lidcam("process", sandbox, tmp_path / "out.mcap", "--rerun", tmp_path / "out.rrd")
     assert run.code == 1
-    assert "out.rrd: is a link to" in run.error_line
+    assert "out.rrd: is the same file as" in run.error_line
 
 
 def test_names_are_printed_as_they_are(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -> None:

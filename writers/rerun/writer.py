@@ -164,7 +164,7 @@ class RerunResultWriter:
         """Wait for the disk now and then; what decides when is the data, as this cuts them into chunks."""
         self._frames += 1
         if self._waiting_bytes >= MAX_WAITING_BYTES or self._frames % MAX_WAITING_FRAMES == 0:
-            self._stream.settle()
+            self._stream.flush()
             self._waiting_bytes = 0
 
     def _log(self, leaf: str, camera: CameraSensor, entity: Any) -> None:

@@ -19,7 +19,6 @@ from bags.simulator.scenario.sensors import CameraScenario, LidarScenario
 from bags.simulator.vehicles.ackermann import AckermannCommand
 from pipeline.core.errors import LidcamError
 from readers.velodyne.models import MODELS
-from writers.outputs.signals import held_signals
 
 __all__ = ["SensingProcess", "shared_out"]
 
@@ -49,14 +48,13 @@ class SensingProcess:
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=serve, args=(theirs,), daemon=True)
         resource_tracker.ensure_running()  # else it is started with the process, and unblocks signals
-        with held_signals():
-            # A terminal sends Ctrl-C to all processes; only the parent may act on it. What is blocked stays so in the
-            # process, and comes to the parent a little later.
-            before = signal.pthread_sigmask(signal.SIG_BLOCK, FROM_TERMINALS)
-            try:
-                self._process.start()
-            finally:
-                signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        # A terminal sends Ctrl-C to all processes; only the parent may act on it. What is blocked stays so in the
+        # process, and comes to the parent a little later.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, FROM_TERMINALS)
+        try:
+            self._process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         theirs.close()
         with contextlib.suppress(OSError):  # it has died, which the first question tells
             self._pipe.send(task)
