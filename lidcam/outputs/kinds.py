@@ -10,7 +10,7 @@ from lidcam.outputs.allowed import is_marked_mcap, is_marked_rrd
 from pipeline.core.settings.config import Config
 from readers.messages.image import decode_any_image
 from writers.base import ResultWriter
-from writers.foxglove.layout_file import layout_path
+from writers.foxglove.layout import layout_path
 from writers.mcap.writer import McapResultWriter
 from writers.outputs.marks import RESULT
 from writers.outputs.transaction import OutputTransaction

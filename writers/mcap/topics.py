@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.run import OutputConfig
-from writers.messages.placed_scene import PLACED, PLACED_SCENE
+from writers.messages.edge_scenes import PLACED, PLACED_SCENE
 
 __all__ = ["LATER", "reserved_topics", "written_topics"]
 

@@ -7,7 +7,7 @@ and its camera_info, annotations and detections have the image's own stamp, beca
 results give equal bytes.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from types import TracebackType
 from typing import Any, NamedTuple, Self
@@ -30,11 +30,10 @@ from writers.mcap.topics import LATER, written_topics
 from writers.messages.annotations import image_annotations
 from writers.messages.detections import detections_2d, detections_3d, lidcam_objects
 from writers.messages.diagnostics import diagnostics
+from writers.messages.edge_scenes import PLACED, PLACED_SCENE, placed_scene, truth_scene, truth_scene_topic
 from writers.messages.images import COMPRESSED, image_cdr
-from writers.messages.placed_scene import PLACED, PLACED_SCENE, placed_scene
 from writers.messages.scene import marker_array, scene_update
 from writers.messages.sensors import camera_info, cloud_message, moving_transform, static_transforms
-from writers.messages.truth_scene import truth_scene, truth_scene_topic
 from writers.outputs.errors import output_errors
 from writers.outputs.marks import INPUTS, RESULT
 from writers.outputs.transaction import OutputFile
@@ -142,13 +141,12 @@ class McapResultWriter:
 
     def _put_results(self, result: FrameResult) -> tuple[Drop, ...]:
         """Write what was found in a frame, and its images."""
-        log_time_ns, found = result.bundle.log_time_ns, _views(result, self._rig)
-        images, not_copied = _images(found) if self._config.output.images else ({}, ())
+        log_time_ns, (found, not_copied) = result.bundle.log_time_ns, self._views(result)
         for topic, message in (*self._site_messages(result), *self._clouds(result)):
             self._put(topic, message, log_time_ns)
         edges = object_edges(result, [view.camera.name for view in found])
         for view in found:
-            self._put_camera(result, view, images.get(view.camera.name), edges[view.camera.name])
+            self._put_camera(result, view, edges[view.camera.name])
         self._put("/diagnostics", diagnostics(result, self._rig, not_copied), log_time_ns)
         return not_copied
 
@@ -171,18 +169,14 @@ class McapResultWriter:
             if self._config.output.ground:
                 yield "/ground_cloud", cloud_message(result.combined.ground_cloud, stamp_ns=stamp_ns, frame_id=frame_id)
 
-    def _put_camera(self, result: FrameResult, view: "_View", image: Buffer | None, edges: ObjectEdges) -> None:
+    def _put_camera(self, result: FrameResult, view: "_View", edges: ObjectEdges) -> None:
         """Write a camera's messages, all with one stamp."""
         camera, stamp_ns, prefix = view.camera, view.stamp_ns, f"/{view.camera.name}"
         names, log_time_ns = self._config.object_names, result.bundle.log_time_ns
-        if view.image is not None and image is not None:
-            msgtype = view.image.channel.msgtype
-            self._put_bytes(
-                f"{prefix}/image/compressed" if msgtype == COMPRESSED else f"{prefix}/image",
-                msgtype,
-                image,
-                log_time_ns,
-            )
+        if view.image is not None:
+            msgtype, cdr = view.image
+            topic = f"{prefix}/image/compressed" if msgtype == COMPRESSED else f"{prefix}/image"
+            self._put_bytes(topic, msgtype, cdr, log_time_ns)
         if camera.name not in self._camera_infos:
             self._camera_infos[camera.name] = camera_info(camera, stamp_ns)
         info = self._camera_infos[camera.name]
@@ -193,6 +187,25 @@ class McapResultWriter:
         if view.boxes is not None:
             boxes = detections_2d(view.boxes, names, stamp_ns=stamp_ns, frame_id=camera.T_camera_site.dst)
             self._put(f"{prefix}/detections", boxes, log_time_ns)
+
+    def _views(self, result: FrameResult) -> tuple[list["_View"], tuple[Drop, ...]]:
+        """The data of each camera that has any in a frame, and the images that cannot be copied."""
+        unusable = {(drop.topic, drop.stamp_ns) for drop in result.drops}
+        found, drops = [], []
+        for camera in self._rig.cameras:
+            message, boxes = result.bundle.messages.get(camera.topic), result.detections.cameras.get(camera.name)
+            if message is None or (message.topic, message.stamp_ns) in unusable:
+                if boxes is not None:
+                    found.append(_View(camera, boxes.stamp_ns, None, boxes))
+                continue
+            image = None
+            if self._config.output.images:
+                try:
+                    image = message.channel.msgtype, image_cdr(message, frame_id=camera.T_camera_site.dst)
+                except MessageError as err:
+                    drops.append(Drop(message.topic, message.stamp_ns, _NOT_COPIED, str(err)))
+            found.append(_View(camera, message.stamp_ns, image, boxes))
+        return found, tuple(drops)
 
     def _copy(self, messages: Iterable[RawMessage]) -> None:
         """Write recorded messages as they are, at the times at which they were recorded."""
@@ -247,32 +260,7 @@ class _View(NamedTuple):
 
     camera: CameraSensor
     stamp_ns: int
-    image: RawMessage | None
+    image: tuple[str, Buffer] | None
+    """Type and bytes."""
+
     boxes: Boxes2D | None
-
-
-def _views(result: FrameResult, rig: Rig) -> list[_View]:
-    """The data of each camera that has any in a frame."""
-    unusable = {(drop.topic, drop.stamp_ns) for drop in result.drops}
-    found = []
-    for camera in rig.cameras:
-        image, boxes = result.bundle.messages.get(camera.topic), result.detections.cameras.get(camera.name)
-        if image is not None and (image.topic, image.stamp_ns) not in unusable:
-            found.append(_View(camera, image.stamp_ns, image, boxes))
-        elif boxes is not None:
-            found.append(_View(camera, boxes.stamp_ns, None, boxes))
-    return found
-
-
-def _images(views: Iterable[_View]) -> tuple[Mapping[str, Buffer], tuple[Drop, ...]]:
-    """The bytes of each camera's image, and the images that cannot be copied."""
-    found: dict[str, Buffer] = {}
-    drops: tuple[Drop, ...] = ()
-    for view in views:
-        if (image := view.image) is None:
-            continue
-        try:
-            found[view.camera.name] = image_cdr(image, frame_id=view.camera.T_camera_site.dst)
-        except MessageError as err:
-            drops += (Drop(image.topic, image.stamp_ns, _NOT_COPIED, str(err)),)
-    return found, drops

@@ -25,7 +25,7 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.true_boxes import TrueBoxes
 from writers.base import ResultWriter
-from writers.foxglove.layout_file import layout_path
+from writers.foxglove.layout import layout_path
 from writers.mcap.writer import McapResultWriter
 from writers.outputs.transaction import OutputFile, OutputTransaction
 

@@ -6,7 +6,7 @@ from frames import CONFIG, START_NS, frame
 
 from pipeline.core.detections import Boxes3D, Source
 from pipeline.core.ros.messages import ROS2
-from writers.messages.placed_scene import placed_scene
+from writers.messages.edge_scenes import placed_scene
 
 CAMERA, LIDAR = Source.CAMERA, Source.LIDAR
 

@@ -5,7 +5,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.true_boxes import TrueBoxes
-from writers.messages.truth_scene import truth_scene, truth_scene_topic
+from writers.messages.edge_scenes import truth_scene, truth_scene_topic
 
 STAMP_NS = 1_700_000_000_123_456_789
 
