@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from bags.simulator.recorder.hypotheses import Hypothesis, instance
+from bags.simulator.recorder.hypotheses import Hypothesis, counted
 from bags.simulator.recorder.recorded import Recorded
 from pipeline.core.arrays import I64, U8
 from pipeline.core.camera import CameraModel
@@ -183,7 +183,7 @@ class MessageFactory(RosMessages):
         if self.ros_version == 1:
             return [
                 self.new("vision_msgs/msg/ObjectHypothesisWithPose", id=one.number, score=one.score, pose=posed)
-                for one in (*thing.hypotheses, instance(thing.row))
+                for one in (*thing.hypotheses, counted("instance", thing.row))
             ]
         return [
             self.new(

@@ -58,9 +58,9 @@ def simulate(path: Path, format: RecordingFormat, *, overwrite: bool = False) ->
     check_old = check_replaced(lambda path: TEXT if path.suffix == ".yaml" else SIMULATED, overwrite=overwrite)
     with (
         recording_outputs(path, format, check_old=check_old) as outputs,
-        recording_file(outputs, path, format, rig_yaml="site_frame: s\n", scenario_yaml="world: sandbox\n") as writer,
+        recording_file(outputs, path, format, rig_yaml="site_frame: s\n", scenario_yaml="world: sandbox\n") as write,
     ):
-        writer.write(make.recorded(0, "/wheel", 0, make.number(1.0)), 0)
+        write(make.recorded(0, "/wheel", 0, make.number(1.0)), 0)
     return path
 
 

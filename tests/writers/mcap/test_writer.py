@@ -226,18 +226,6 @@ def test_images_and_clouds_can_be_left_out(tmp_path: Path) -> None:
     assert stamp_of(info) == START_NS + 1_000_001
 
 
-def test_the_ground_can_be_left_out(tmp_path: Path) -> None:
-    write(tmp_path / "out.mcap", [frame()], config=Config.model_validate({"output": {"ground": False}}))
-    assert set(topics_of(tmp_path / "out.mcap")) == {"/tf_static", *EACH_FRAME} - {"/ground_cloud"}
-
-
-def test_the_ground_is_a_cloud_of_its_own(two_frames: Path) -> None:
-    (_, message), _ = messages_of(two_frames, "/ground_cloud")
-    assert (message.header.frame_id, message.width) == ("site", 200)
-    xyz = np.ndarray((200, 3), "<f4", message.data.tobytes(), 0, (22, 4))
-    np.testing.assert_array_equal(xyz, frame(0).combined.ground_cloud.xyz)
-
-
 def topics_in(layout: str) -> set[str]:
     return set(re.findall(r'"(/[^".]+)', layout))
 
@@ -250,11 +238,6 @@ def test_the_layout_names_topics_that_have_messages(tmp_path: Path, output: dict
     assert {"/fused/scene", "/diagnostics", "/left/camera_info"} <= named
     assert ("/left/image" in named) == output.get("images", True)
     assert ("/ground_cloud" in named) == (output.get("clouds", True) and output.get("ground", True))
-
-
-def test_the_layout_can_be_left_out(tmp_path: Path) -> None:
-    write(tmp_path / "out.mcap", [frame()], config=Config.model_validate({"output": {"layout": False}}))
-    assert names_in(tmp_path) == ["out.mcap"]
 
 
 def test_no_frames_is_a_readable_file(tmp_path: Path) -> None:
@@ -312,18 +295,6 @@ def test_a_broken_image_is_reported_and_the_rest_written(tmp_path: Path) -> None
 
 def names_in(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
-
-
-def test_a_failed_run_leaves_nothing(tmp_path: Path) -> None:
-    def failing() -> Iterable[FrameResult]:
-        yield frame(0)
-        begins = [name.rpartition("-")[0] for name in names_in(tmp_path)]
-        assert begins == [".out.foxglove.json.lidcam", ".out.mcap.lidcam"]
-        raise RuntimeError("in a stage")
-
-    with pytest.raises(RuntimeError, match="in a stage"):
-        write(tmp_path / "out.mcap", failing())
-    assert names_in(tmp_path) == []
 
 
 def test_a_full_disk_is_one_clear_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -88,18 +88,6 @@ def test_a_full_disk_is_an_error(left: int, disk: SlowDisk, tmp_path: Path) -> N
     assert not any(thread.name == "lidcam-rerun" for thread in threading.enumerate())
 
 
-def test_it_waits_for_a_slow_disk(disk: SlowDisk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(writers.rerun.stream, "TICK_S", 0.01)
-    logged = recording()
-    stream = RerunStream(logged, disk, tmp_path / "out.rrd")
-    disk.delay_s = 0.001
-    log(logged, 150)
-    stream.flush()
-    assert (tmp_path / "out.rrd").stat().st_size > 0.9 * 150 * 2000 * 12 - 2 * writers.rerun.stream.PIPE_BYTES
-    disk.delay_s = 0.0
-    stream.finish()
-
-
 def test_rerun_itself_does_not_go_on(disk: SlowDisk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     logged = recording()
     stream = RerunStream(logged, disk, tmp_path / "out.rrd")
@@ -122,14 +110,6 @@ def test_a_recording_that_is_given_up_ends_at_once(disk: SlowDisk, tmp_path: Pat
     stream.discard()
     assert (tmp_path / "out.rrd").stat().st_size < 200 * 2000 * 12 / 2  # the rest was not written
     assert not any(thread.name == "lidcam-rerun" for thread in threading.enumerate())
-
-
-def test_a_system_without_dev_fd(disk: SlowDisk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    logged = recording()
-    save = logged.save
-    monkeypatch.setattr(logged, "save", lambda path: save(f"/nowhere{path}"))
-    with pytest.raises(OutputError, match=r"out.rrd: Rerun cannot write to a pipe"):
-        RerunStream(logged, disk, tmp_path / "out.rrd")
 
 
 @pytest.mark.parametrize("kept", [0, 0.5, -1])

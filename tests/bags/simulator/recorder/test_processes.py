@@ -1,8 +1,5 @@
 import os
 import signal
-import subprocess
-import sys
-import time
 
 import numpy as np
 import pytest
@@ -89,30 +86,6 @@ def test_it_ends_with_its_block() -> None:
         os.kill(process.pid, 0)  # it is there
     with pytest.raises(ProcessLookupError):
         os.kill(process.pid, 0)
-
-
-@pytest.mark.parametrize("after_s", [0.0, 0.2, 1.5])
-def test_it_ends_at_once_with_a_parent_that_was_killed(after_s: float) -> None:
-    """Also while it loads its libraries, or measures."""
-    code = """
-import sys, time
-from bags.simulator.recorder.processes import SensingProcess
-from bags.simulator.recorder.recorded import SensingTask
-from bags.simulator.scenario.load import load_scenario
-
-process = SensingProcess(SensingTask(load_scenario("crossing"), (), 1, ("lidar_north_east",)))
-process.ask(10**11, {}, begun_ns=10**11)
-print(process.pid, flush=True)
-time.sleep(60)
-"""
-    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as parent:
-        assert parent.stdout is not None
-        pid = int(parent.stdout.readline())
-        time.sleep(after_s)
-        os.kill(pid, 0)  # it is there
-        parent.kill()
-        _, err = parent.communicate(timeout=10)  # until the process, too, has closed it
-    assert err == b""
 
 
 def test_ctrl_c_and_a_closed_terminal_are_its_parents_business() -> None:
