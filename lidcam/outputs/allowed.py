@@ -20,7 +20,7 @@ from pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
 from readers.location import Location
 from writers.outputs import marks
 from writers.outputs.errors import output_errors
-from writers.outputs.marked_text import is_unchanged_text
+from writers.outputs.marks import is_unchanged_text
 from writers.outputs.work_folder import folder_prefix
 
 __all__ = [

@@ -14,7 +14,7 @@ from readers.rig.discovery import Discovery
 from readers.rig.first_messages import FirstMessages
 from readers.rig.topic_names import is_truth
 from readers.truth.topics import WHEN_MEASURED
-from writers.mcap.topics import reserved_topics
+from writers.mcap.writer import reserved_topics
 from writers.messages.edge_scenes import truth_scene_topic
 
 __all__ = ["choose_copied", "choose_drawn", "truth_frames"]

@@ -5,7 +5,8 @@ from detections import boxes3d
 from hypothesis import given
 from hypothesis import strategies as st
 
-from writers.uncertainty import CORNERS, ground_ellipses
+from writers.drawing import ELLIPSE_CORNERS as CORNERS
+from writers.drawing import ground_ellipses
 
 FACTORS = st.floats(0.01, 10.0)
 

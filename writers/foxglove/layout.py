@@ -14,7 +14,7 @@ import numpy as np
 
 from pipeline.core.rig import CameraSensor, Rig
 from writers.messages.edge_scenes import PLACED_SCENE, truth_scene_topic
-from writers.outputs.marked_text import marked_json
+from writers.outputs.marks import marked_json
 from writers.panels import arrange
 from writers.viewpoint import SceneSurvey, Viewpoint, cameras_in_order
 

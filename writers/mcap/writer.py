@@ -21,12 +21,12 @@ from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.qos import LATCHED_YAML
 from pipeline.core.settings.config import Config
+from pipeline.core.settings.run import OutputConfig
 from pipeline.core.true_boxes import TrueBoxes
 from writers.drawing import ObjectEdges, object_edges
 from writers.foxglove.layout import foxglove_layout
 from writers.mcap.chunk import Buffer
 from writers.mcap.output import McapOutput, mcap_file
-from writers.mcap.topics import LATER, written_topics
 from writers.messages.annotations import image_annotations
 from writers.messages.detections import detections_2d, detections_3d, lidcam_objects
 from writers.messages.diagnostics import diagnostics
@@ -41,9 +41,37 @@ from writers.provenance import Provenance
 from writers.truth_times import FrameTime, TruthTimes
 from writers.viewpoint import SceneSurvey
 
-__all__ = ["McapResultWriter"]
+__all__ = ["McapResultWriter", "reserved_topics"]
+
+_LATER = ("/tf", PLACED, PLACED_SCENE)
+"""Added with their first message, like images, whose first message tells their type."""
 
 _NOT_COPIED = "the image cannot be copied"
+
+
+def _written_topics(rig: Rig, output: OutputConfig) -> Iterator[tuple[str, str]]:
+    """Topics of every file, those of `_LATER` and images aside."""
+    yield "/tf_static", "tf2_msgs/msg/TFMessage"
+    yield "/lidar_camera_fused", "msgs/msg/MsgLidCam"
+    yield "/fused/detections", "vision_msgs/msg/Detection3DArray"
+    yield "/fused/scene", "foxglove_msgs/msg/SceneUpdate"
+    yield "/fused/markers", "visualization_msgs/msg/MarkerArray"
+    yield "/lidar/detections", "vision_msgs/msg/Detection3DArray"
+    if output.clouds:
+        yield "/point_cloud_combined", "sensor_msgs/msg/PointCloud2"
+        if output.ground:
+            yield "/ground_cloud", "sensor_msgs/msg/PointCloud2"
+    for camera in rig.cameras:
+        yield f"/{camera.name}/camera_info", "sensor_msgs/msg/CameraInfo"
+        yield f"/{camera.name}/annotations", "foxglove_msgs/msg/ImageAnnotations"
+        yield f"/{camera.name}/detections", "vision_msgs/msg/Detection2DArray"
+    yield "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"
+
+
+def reserved_topics(rig: Rig) -> frozenset[str]:
+    """Topics of a result with every setting of the output: nothing else is written under these names."""
+    images = [f"/{camera.name}/image{suffix}" for camera in rig.cameras for suffix in ("", "/compressed")]
+    return frozenset((*_LATER, *images, *(topic for topic, _ in _written_topics(rig, Config().output))))
 
 
 class McapResultWriter:
@@ -89,9 +117,9 @@ class McapResultWriter:
             compression = self._config.output.compression
             self._file = resources.enter_context(mcap_file(self._output.part, profile="ros2", compression=compression))
             self._attach()
-            for topic, msgtype in written_topics(self._rig, self._config.output):
+            for topic, msgtype in _written_topics(self._rig, self._config.output):
                 self._register(topic, msgtype)
-            for topic in LATER:
+            for topic in _LATER:
                 self._check_name(topic)
             self._resources = resources.pop_all()
         return self
@@ -231,9 +259,7 @@ class McapResultWriter:
 
     def _register(self, topic: str, msgtype: str) -> int:
         self._check_name(topic)
-        schema = msgtype, "ros2msg", ROS2.definition(msgtype).encode()
-        metadata = {"offered_qos_profiles": LATCHED_YAML if topic == "/tf_static" else ""}
-        self._channels[topic] = self._file.add_channel(topic, "cdr", schema, metadata)
+        self._channels[topic] = self._file.add_ros2(topic, msgtype, LATCHED_YAML if topic == "/tf_static" else "")
         return self._channels[topic]
 
     def _check_name(self, topic: str) -> None:

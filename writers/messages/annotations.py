@@ -18,8 +18,7 @@ from writers.drawing import (
     placed_objects,
     strong_objects,
 )
-from writers.messages.parts import colors, split
-from writers.messages.scene_parts import opaque
+from writers.messages.parts import colors, opaque, split
 
 __all__ = ["image_annotations"]
 

@@ -9,10 +9,9 @@ from pipeline.core.arrays import F64
 from pipeline.core.detections import Boxes3D
 from pipeline.core.geometry.boxes import UNIT_CORNERS, box_corners
 from pipeline.core.true_boxes import TrueBoxes
-from writers.messages.parts import box_poses
-from writers.messages.scene_parts import ellipses, entities, labels, opaque, outlines, whole_scene
+from writers.drawing import ground_ellipses
+from writers.messages.parts import box_poses, ellipses, entities, labels, opaque, outlines, whole_scene
 from writers.palette import CAMERA_ONLY, TRUTH
-from writers.uncertainty import ground_ellipses
 
 __all__ = ["PLACED", "PLACED_SCENE", "placed_scene", "truth_scene", "truth_scene_topic"]
 

@@ -14,10 +14,20 @@ from pipeline.core.detections import Boxes3D, source_names
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.boxes import UNIT_CORNERS
 from pipeline.core.ros.messages import ROS2
-from writers.drawing import ARROW_SHARE, object_colors, object_labels, placed_objects, strong_objects
-from writers.messages.parts import box_poses, colors, places_as_poses, split, vectors
-from writers.messages.scene_parts import ellipses, entities, labels, opaque, outlines, whole_scene
-from writers.uncertainty import ground_ellipses
+from writers.drawing import ARROW_SHARE, ground_ellipses, object_colors, object_labels, placed_objects, strong_objects
+from writers.messages.parts import (
+    box_poses,
+    colors,
+    ellipses,
+    entities,
+    labels,
+    opaque,
+    outlines,
+    places_as_poses,
+    split,
+    vectors,
+    whole_scene,
+)
 
 __all__ = ["LABEL_SHARE", "label_places", "marker_array", "scene_update"]
 

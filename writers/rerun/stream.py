@@ -9,17 +9,15 @@ import fcntl
 import os
 import threading
 import time
-import warnings
 from contextlib import suppress
 from io import FileIO
 from pathlib import Path
 
 import rerun as rr
-from rerun.chunk import RrdReader
 
 from pipeline.core.errors import OutputError
 
-__all__ = ["RerunStream", "check_recording"]
+__all__ = ["RerunStream"]
 
 PIPE_BYTES = 1 << 20
 TICK_S = 1.0
@@ -115,26 +113,3 @@ class RerunStream:
             except Exception as err:
                 self._error = err
         os.close(taken)
-
-
-def check_recording(file: FileIO, path: Path, *, entity: str, rows: int) -> None:
-    """Read a Rerun recording's index back, and the chunks of one entity.
-
-    Args:
-        file: Open for reading.
-        path: Its name in messages.
-        entity: Path of the entity.
-        rows: How often it was logged.
-
-    Raises:
-        OutputError: the recording is not whole.
-    """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # as Rerun says of a file without an end
-            chunks = RrdReader(f"/dev/fd/{file.fileno()}").store().stream().filter(content=[entity], is_static=False)
-            found = sum(chunk.num_rows for chunk in chunks)
-    except Exception as err:  # whatever Rerun raises
-        raise OutputError(f"{path}: what Rerun wrote cannot be read back: {err}") from err
-    if found != rows:
-        raise OutputError(f"{path}: Rerun wrote {found} of {rows} frames")

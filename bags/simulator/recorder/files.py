@@ -15,13 +15,11 @@ from rosbags.rosbag2 import Writer as Rosbag2Writer
 
 from bags.simulator.recorder.recorded import Recorded
 from pipeline.core.errors import OutputError
-from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.qos import LATCHED, LATCHED_YAML_HUMBLE
 from pipeline.core.ros.typestores import RosVersion, message_types
 from writers.mcap.output import McapOutput, mcap_file
 from writers.outputs.errors import output_errors
-from writers.outputs.marked_text import marked_yaml
-from writers.outputs.marks import BAG_CALLER, FOLDER_DATA, SIMULATED
+from writers.outputs.marks import BAG_CALLER, FOLDER_DATA, SIMULATED, marked_yaml
 from writers.outputs.transaction import OutputTransaction
 
 __all__ = [
@@ -184,11 +182,10 @@ def _mcap_writer(file: McapOutput) -> WriteMessage:
     channels: dict[str, int] = {}
 
     def write(recorded: Recorded, start_ns: int) -> None:
-        topic, msgtype = recorded.topic, recorded.msgtype
+        topic = recorded.topic
         if topic not in channels:
-            schema = msgtype, "ros2msg", ROS2.definition(msgtype).encode()
-            profiles = {"offered_qos_profiles": LATCHED_YAML_HUMBLE} if recorded.latched else {}
-            channels[topic] = file.add_channel(topic, "cdr", schema, profiles)
+            qos = LATCHED_YAML_HUMBLE if recorded.latched else None
+            channels[topic] = file.add_ros2(topic, recorded.msgtype, qos)
         file.add_message(channels[topic], start_ns + recorded.log_ns, recorded.data)
 
     return write

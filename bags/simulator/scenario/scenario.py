@@ -9,8 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from bags.simulator.scenario.model import Name
-from bags.simulator.scenario.sensors import COEFFICIENTS, CameraScenario, LidarScenario
+from bags.simulator.scenario.sensors import COEFFICIENTS, CameraScenario, LidarScenario, Name
 from bags.simulator.scenario.traffic import RouteScenario, VehicleScenario
 from pipeline.core.settings.model import NotNegative, Positive, SettingsModel
 

@@ -17,7 +17,7 @@ from bags.simulator.sensors.moving import put_movers
 from bags.simulator.sensors.still import Still, take_still
 from bags.simulator.world.motion import T_BODY_OPTICAL, FixedPath, MountedPath, Path, Poses
 from bags.simulator.world.scene import Scene
-from pipeline.core.arrays import F64, I16, I64, U8, check_array
+from pipeline.core.arrays import F64, I16, I64, U8
 from pipeline.core.camera import CameraModel
 
 __all__ = ["Camera", "CameraImage"]
@@ -42,13 +42,6 @@ class CameraImage:
     movers: I16
     alone_px: I64
     alone_xyxy: F64
-
-    def __post_init__(self) -> None:
-        height, width = self.movers.shape
-        check_array("rgb", self.rgb, (height, width, 3), np.uint8)
-        check_array("movers", self.movers, (height, width), np.int16)
-        check_array("alone_px", self.alone_px, (len(self.alone_px),), np.int64)
-        check_array("alone_xyxy", self.alone_xyxy, (len(self.alone_px), 4), np.float64)
 
     @property
     def seen_px(self) -> I64:

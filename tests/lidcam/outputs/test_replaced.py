@@ -20,7 +20,7 @@ from lidcam.outputs.kinds import OUTPUTS
 from lidcam.settings.choice import choose_settings
 from pipeline.core.errors import OutputError
 from pipeline.core.messages import RawMessage
-from writers.outputs.marked_text import is_unchanged_text, marked_json, marked_yaml
+from writers.outputs.marks import is_unchanged_text, marked_json, marked_yaml
 
 OWN = {
     "mcap": OUTPUTS[".mcap"].is_result,

@@ -1,8 +1,6 @@
 """Rerun's bytes on their way to a file: what cannot be written is an error, and nothing waits for ever."""
 
 import errno
-import os
-import resource
 import threading
 import time
 from collections.abc import Iterator
@@ -14,6 +12,7 @@ import numpy as np
 import pytest
 import rerun as rr
 from frames import CONFIG, PROVENANCE, RIG, frame
+from rerun.chunk import RrdReader
 
 import writers.rerun.stream
 import writers.rerun.writer
@@ -21,7 +20,7 @@ from pipeline.core.errors import OutputError
 from pipeline.core.images import Image
 from pipeline.core.messages import RawMessage
 from writers.outputs.transaction import OutputTransaction
-from writers.rerun.stream import RerunStream, check_recording
+from writers.rerun.stream import RerunStream
 from writers.rerun.writer import RerunResultWriter
 
 
@@ -70,9 +69,8 @@ def test_all_of_it_is_in_the_file(rows: int, disk: SlowDisk, tmp_path: Path) -> 
     log(logged, rows)
     stream.finish()
     if rows:
-        check_recording(disk, tmp_path / "out.rrd", entity="count", rows=rows)
-        with pytest.raises(OutputError, match=f"out.rrd: Rerun wrote {rows} of {rows + 1} frames"):
-            check_recording(disk, tmp_path / "out.rrd", entity="count", rows=rows + 1)
+        chunks = RrdReader(tmp_path / "out.rrd").store().stream().filter(content=["count"], is_static=False)
+        assert sum(chunk.num_rows for chunk in chunks) == rows
 
 
 @pytest.mark.parametrize("left", [1, 100_000])
@@ -112,18 +110,6 @@ def test_a_recording_that_is_given_up_ends_at_once(disk: SlowDisk, tmp_path: Pat
     assert not any(thread.name == "lidcam-rerun" for thread in threading.enumerate())
 
 
-@pytest.mark.parametrize("kept", [0, 0.5, -1])
-def test_a_damaged_recording_is_found(kept: float, disk: SlowDisk, tmp_path: Path) -> None:
-    logged = recording()
-    stream = RerunStream(logged, disk, tmp_path / "out.rrd")
-    log(logged, 20)
-    stream.finish()
-    size = disk.seek(0, os.SEEK_END)
-    disk.truncate(int(size * kept) if 0 < kept < 1 else int(kept) % size)
-    with pytest.raises(OutputError, match=r"out.rrd: what Rerun wrote cannot be read back"):
-        check_recording(disk, tmp_path / "out.rrd", entity="count", rows=20)
-
-
 def test_a_writer_that_fails_at_its_end_leaves_no_thread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "out.rrd"
 
@@ -139,31 +125,3 @@ def test_a_writer_that_fails_at_its_end_leaves_no_thread(tmp_path: Path, monkeyp
         writer.write(frame(0))
     assert not any(thread.name == "lidcam-rerun" for thread in threading.enumerate())
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("max_bytes", [0, 200_000])
-def test_a_writer_on_a_full_disk_ends_and_leaves_nothing(
-    max_bytes: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """No larger files than so: the same as a full disk, but for the reason."""
-    monkeypatch.setattr(writers.rerun.writer, "MAX_WAITING_FRAMES", 5)
-    (tmp_path / "out.rrd").write_bytes(b"an older one")
-    unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
-
-    def write_on() -> None:
-        path = tmp_path / "out.rrd"
-        with (
-            OutputTransaction([path]) as outputs,
-            RerunResultWriter(outputs[path], RIG, CONFIG, PROVENANCE, decode_any_image=grey) as writer,
-        ):
-            resource.setrlimit(resource.RLIMIT_FSIZE, (max_bytes, unlimited[1]))
-            for index in range(1000):
-                writer.write(frame(index))
-        pytest.fail("the disk was not full")
-
-    try:
-        with pytest.raises(OutputError, match=r"out.rrd: cannot be written: File too large"):
-            write_on()
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
-    assert [file.read_bytes() for file in tmp_path.iterdir()] == [b"an older one"]

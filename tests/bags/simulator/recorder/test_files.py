@@ -35,7 +35,7 @@ from readers.messages.tf import decode_transforms
 from readers.messages.vision.detections2d import decode_detections2d
 from readers.open import open_recording
 from readers.velodyne.scan import parse_velodyne_scan
-from writers.outputs.marked_text import is_unchanged_text
+from writers.outputs.marks import is_unchanged_text
 
 START_NS = 1_700_000_000 * 10**9
 STAMP_NS = 2_345_678_901

@@ -28,11 +28,6 @@ def echoes(surfaces: list[tuple[float, float, int]], *, second_strongest: bool =
     )
 
 
-@pytest.mark.parametrize("material", PALETTE)
-def test_straight_on_a_surface_sends_back_what_its_material_says(material: Material) -> None:
-    assert share(material, 0) == pytest.approx(material.reflectivity)
-
-
 def test_a_miss_sends_nothing() -> None:
     nowhere, row = np.zeros((2, 3)), np.array([-1, 0])
     hits = Hits(np.array([np.inf, 1.0]), nowhere, row, np.array([-1, -1]), nowhere)

@@ -57,30 +57,6 @@ def test_sensors_stand_free_above_the_masts_of_the_crossing(z: float) -> None:
             assert scene.cast(rays_from((x, y, z), directions)).distance_m.min() > 1.0
 
 
-@pytest.mark.parametrize(
-    ("world", "lane"),
-    [
-        ("crossing", [(x, y) for x in np.linspace(-88, 88, 60) for y in (-5.25, -1.75, 1.75, 5.25)]),
-        ("crossing", [(x, y) for y in np.linspace(-88, 88, 60) for x in (-5.25, -1.75, 1.75, 5.25)]),
-        ("street", [(x, y) for x in np.linspace(-148, 248, 120) for y in (-1.75, 1.75)]),
-        ("street", [(x, y) for y in np.linspace(-68, 68, 60) for x in (58.25, 61.75)]),
-        ("sandbox", [(x, y) for y in np.linspace(-1.4, 2.7, 40) for x in (-0.225, 0.225)]),
-        ("sandbox", [(x, y) for x in np.linspace(-1.8, 1.8, 40) for y in (1.35, 1.85)]),
-        ("sandbox", [(0.95 * np.cos(a), -3 + 0.95 * np.sin(a)) for a in np.linspace(0, 6.2, 40)]),
-        ("sandbox", [(-1.5, -3.0), (-1.5, -4.0)]),
-    ],
-)
-def test_lanes_are_free(world: World, lane: list[tuple[float, float]]) -> None:
-    """Seen from just above the ground, and from below what may hang over it: nothing stands in the way of traffic."""
-    scale = 1 / 14 if world == "sandbox" else 1.0
-    half, top = (0.11, 0.22) if world == "sandbox" else (1.3, 3.6)
-    scene = Scene(static_mesh(world), [])
-    places = np.array([(x + dx, y + dy) for x, y in lane for dx in (-half, 0, half) for dy in (-half, 0, half)])
-    origins = np.c_[places, np.full(len(places), top)]
-    downwards = Rays(origins, np.tile([0.0, 0.0, -1.0], (len(places), 1)), np.zeros(len(places), np.int64))
-    np.testing.assert_allclose(scene.cast(downwards).distance_m, top, atol=0.02 * scale)
-
-
 @pytest.mark.parametrize("world", ["crossing", "street"])
 def test_the_height_of_the_ground_is_that_of_the_mesh(world: World) -> None:
     scene = Scene(static_mesh(world), [])
