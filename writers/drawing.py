@@ -1,4 +1,4 @@
-"""How objects are drawn, the same in every viewer: which are strong, in what colour, with what text."""
+"""The drawing of objects, the same in every viewer: which are strong, their colours and texts."""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -40,7 +40,7 @@ FAINTEST = 0.4
 
 
 ELLIPSE_CORNERS = 48
-"""Of the polygon that is drawn as an ellipse."""
+"""Corners of the polygon that is drawn as an ellipse."""
 
 _ANGLES = np.arange(ELLIPSE_CORNERS) * (2 * np.pi / ELLIPSE_CORNERS)
 _CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])
@@ -81,8 +81,8 @@ def object_labels(result: FrameResult, class_names: Sequence[str]) -> list[str]:
 
 
 def _witnesses(cameras: int, *, is_placed: bool) -> str:
-    told = [f"{cameras} cam"] * (cameras > 0) + ["no lidar"] * is_placed
-    return f" ({', '.join(told)})" if told else ""
+    parts = [f"{cameras} cam"] * (cameras > 0) + ["no lidar"] * is_placed
+    return f" ({', '.join(parts)})" if parts else ""
 
 
 def object_edges(result: FrameResult, cameras: Iterable[str]) -> dict[str, ObjectEdges]:
@@ -134,7 +134,7 @@ class DrawnBoxes2D(NamedTuple):
 
     Attributes:
         xyxy: (N, 4) float32, left, top, right, bottom in pixels.
-        colors: Of each box: one of an object, or of the camera alone.
+        colors: N colours: that of matched boxes, or of boxes of the camera alone.
         labels: Class and score: the object's where the box belongs to one, else the detector's.
     """
 

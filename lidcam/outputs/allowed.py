@@ -42,7 +42,7 @@ MAX_TEXT_BYTES = 16 << 20
 RRD_HEAD_BYTES = 1 << 12
 _NAME = bytes([len(marks.APPLICATION)]) + marks.APPLICATION.encode()
 RRD_STORE = re.compile(rb"\x12\x20[0-9a-f]{32}\x1a.\n" + re.escape(_NAME))
-"""Of the first message of an .rrd: recording id and application id, as protobuf."""
+"""Recording id and application id in the first message of an .rrd, as protobuf."""
 
 
 def check_no_input(outputs: Sequence[Path], inputs: Iterable[Location]) -> None:
@@ -131,7 +131,7 @@ class Replaceable:
 
     Attributes:
         is_own: Whether the command wrote the file or folder that stands at a path.
-        otherwise: What is said of one that it did not write.
+        otherwise: Error message for a file that it did not write.
     """
 
     is_own: Callable[[Path], bool]
@@ -153,7 +153,7 @@ def check_replaced(replaceable: Callable[[Path], Replaceable], *, overwrite: boo
     """A check of old outputs, for `OutputTransaction`.
 
     Args:
-        replaceable: What may be replaced at a path.
+        replaceable: Gives the files that may be replaced at a path.
         overwrite: Replace other files, too.
     """
 

@@ -1,4 +1,4 @@
-"""Which topics of a recording a run copies to its output."""
+"""Choice of the topics of a recording that a run copies to its output."""
 
 from collections.abc import Collection, Iterable, Sequence
 from fnmatch import fnmatchcase
@@ -53,7 +53,7 @@ def choose_copied(
 
 
 def choose_drawn(recording: Recording, copied: Collection[str]) -> tuple[str, ...]:
-    """Of the topics that are copied, those whose boxes are drawn: truth in 3D, each object once."""
+    """The copied topics whose boxes are drawn: truth in 3D, each object once."""
     return tuple(
         info.topic
         for info in recording.topics

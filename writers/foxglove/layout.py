@@ -24,10 +24,10 @@ COMPARED = "/compare/scene"
 """Topic of what differs between two results."""
 
 FOV_Y_DEG = 45.0
-"""Of the 3D panel's eye."""
+"""Vertical field of view of the 3D panel."""
 
 _EXTRA_SHARE = 0.27
-"""Of the scene, for plots and diagnostics."""
+"""Share of the scene's area for plots and diagnostics."""
 
 _GROUND_COLOR, _FRUSTUM_COLOR, _TRANSFORM_LINE_COLOR = "#5a626eff", "#8d96a3ff", "#39414dff"
 _OBJECTS_COLOR, _CONFIRMED_COLOR, _SKEW_COLOR = "#57b5fa", "#33f259", "#ffc21a"
@@ -46,7 +46,7 @@ class _Panel(NamedTuple):
 
 
 def layout_path(path: Path) -> Path:
-    """Where the layout that belongs to an MCAP file is written: beside it."""
+    """The path of the layout that belongs to an MCAP file: beside it."""
     return path.with_suffix(".foxglove.json")
 
 
@@ -58,7 +58,7 @@ def foxglove_layout(rig: Rig, survey: SceneSurvey, topics: Collection[str], name
 
     Args:
         rig: The rig of the (first) result.
-        survey: What the first frames showed: places the eye.
+        survey: Content of the first frames, which places the eye.
         topics: Topics of the file that have messages; no other is named.
         names: Prefixes of the topics of each result of the file.
     """

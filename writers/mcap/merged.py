@@ -1,8 +1,8 @@
 """Two results in one MCAP file, to look at side by side.
 
 The topics of the first one stand under `/a`, those of the second one under `/b`. Both have the site frame in common, so
-that one 3D view shows both; the frames of their sensors are told apart by the same names, because a rig may differ.
-What moves the site frame itself is taken from the first result that says it.
+that one 3D view shows both; the frames of their sensors have the same prefixes, because the rigs may differ.
+The motion of the site frame itself is taken from the first result that has it.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -39,7 +39,7 @@ class MergedSide:
     """One of the results.
 
     Attributes:
-        name: What its topics and frames begin with.
+        name: Prefix of its topics and frames.
         rig: Its rig.
         channels: Its channels.
         messages: All of its messages, in the order of log time.
@@ -62,7 +62,7 @@ def write_merged(
     Args:
         output: The file to write.
         sides: The results, of one site frame.
-        scenes: What differs, with log times that do not fall; read along with the messages.
+        scenes: Log time and drawing of the differences, by rising log time; read along with the messages.
         metadata: Says what was merged.
 
     Returns:

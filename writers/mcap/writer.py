@@ -44,7 +44,7 @@ from writers.viewpoint import SceneSurvey
 __all__ = ["McapResultWriter", "reserved_topics"]
 
 _LATER = ("/tf", PLACED, PLACED_SCENE)
-"""Added with their first message, like images, whose first message tells their type."""
+"""Added with their first message, like images, whose type is known from their first message."""
 
 _NOT_COPIED = "the image cannot be copied"
 

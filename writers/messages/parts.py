@@ -113,7 +113,7 @@ def outlines(corners: F64, rgba: F64, thickness_px: Any, *, poses: Any = None) -
         corners: (N, 8, 3) in the order of `box_corners`, metres.
         rgba: (N, 4), or (4,) of all.
         thickness_px: (N,) or of all.
-        poses: (N,) where the corners are told; none: in the scene.
+        poses: (N,) frames of the corners; None: the corners are in the scene's frame.
     """
     return _lines(_LINE_LIST, corners, rgba, thickness_px, poses, indices=[_EDGES] * len(corners))
 

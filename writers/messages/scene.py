@@ -104,7 +104,7 @@ def _colors(result: FrameResult) -> F64:
 def marker_array(result: FrameResult, class_names: Sequence[str]) -> Any:
     """visualization_msgs/MarkerArray: DELETEALL, then for each fused object a cube and a label facing the viewer.
 
-    The namespace of a cube tells what its geometry comes from, `objects/lidar`, `objects/camera` or `objects/both`, so
+    The namespace of a cube names the source of its geometry, `objects/lidar`, `objects/camera` or `objects/both`, so
     that each of them can be hidden; ids are those of the objects.
     """
     objects, n = result.fused.objects, len(result.fused.objects)

@@ -32,7 +32,7 @@ MERGED = "lidcam.merged"
 """Names of metadata records of an MCAP: a result, a repaired recording, a simulated one, two results side by side."""
 
 INPUTS = "lidcam.inputs"
-"""Of a result: what is known of its inputs when all of them were read."""
+"""Metadata record of a result with the checksums of its inputs, known when all of them were read."""
 
 APPLICATION = "lidcam"
 """Application of an .rrd."""

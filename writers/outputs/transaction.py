@@ -26,7 +26,7 @@ class OutputFile:
 
     Attributes:
         path: Its name, for messages.
-        part: Where to write it. Nothing stands there yet; the folder is this run's own.
+        part: File or folder to write. It does not exist yet; its folder is this run's own.
     """
 
     path: Path
@@ -90,11 +90,11 @@ class OutputTransaction:
             self._close()
 
     def __getitem__(self, path: Path) -> OutputFile:
-        """Where one of the outputs is written."""
+        """The file in which one of the outputs is written."""
         return OutputFile(path, self._work[path].part)
 
     def get(self, path: Path) -> OutputFile | None:
-        """Where an output is written; None if it is none of these."""
+        """The file in which an output is written; None if it is not an output of this run."""
         return self[path] if path in self._work else None
 
     def _open(self) -> None:

@@ -35,7 +35,7 @@ class WorkFolder:
 
     Attributes:
         path: The folder.
-        part: Where the output is written. Nothing stands there yet.
+        part: File or folder in which the output is written. It does not exist yet.
     """
 
     def __init__(self, target: Path, shown: Path) -> None:

@@ -81,7 +81,7 @@ def objects_3d(result: FrameResult, labels: Sequence[str], rows: Bools, look: Lo
 
     Args:
         result: The frame.
-        labels: Of all objects.
+        labels: Labels of all objects.
         rows: (N,) which of them.
         look: `strong`: filled and labelled; `placed` by the cameras alone: thin lines and a label; `faint`: thin lines.
     """
@@ -118,7 +118,7 @@ def placed_boxes(boxes: Boxes3D, class_names: Sequence[str]) -> rr.Boxes3D:
 
 
 def placed_ellipses(boxes: Boxes3D) -> rr.LineStrips3D:
-    """How sure their places are."""
+    """Ellipses of one standard deviation of their places."""
     return _ellipses(boxes, np.tile(np.array(CAMERA_ONLY.bytes_rgb, np.uint8), (len(boxes), 1)))
 
 
