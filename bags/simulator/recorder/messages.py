@@ -161,7 +161,7 @@ class MessageFactory(RosMessages):
         return self.new("vision_msgs/msg/Detection2DArray", header=header, detections=detections)
 
     def truth(self, stamp_ns: int, frame_id: str, objects: Sequence[TrueObject]) -> Any:
-        """vision_msgs/Detection3DArray of the ground truth; which object it is, is told as by `detections_2d`."""
+        """vision_msgs/Detection3DArray of the ground truth; the object is identified as by `detections_2d`."""
         header = self.header(stamp_ns, frame_id)
         detections = []
         for true in objects:

@@ -56,7 +56,7 @@ class SensingProcess:
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         theirs.close()
-        with contextlib.suppress(OSError):  # it has died, which the first question tells
+        with contextlib.suppress(OSError):  # it has died, which the first request reports
             self._pipe.send(task)
 
     def __enter__(self) -> Self:
@@ -76,10 +76,10 @@ class SensingProcess:
         """Process id."""
         return self._process.pid or 0
 
-    def ask(self, until_ns: int, commands: Mapping[str, AckermannCommand], *, begun_ns: int) -> None:
+    def ask(self, until_ns: int, commands: Mapping[str, AckermannCommand], *, start_limit_ns: int) -> None:
         """Start a step: apply commands, advance to a time and measure; see `Sensing.measure`."""
         try:
-            self._pipe.send((until_ns, dict(commands), begun_ns))
+            self._pipe.send((until_ns, dict(commands), start_limit_ns))
         except OSError as err:
             raise self._gone() from err
 
@@ -120,11 +120,11 @@ def _serve(pipe: Connection) -> None:
         stage = Stage(task.scenario, driven=task.driven)
         sensing = Sensing(stage, task)
         while True:
-            until_ns, commands, begun_ns = pipe.recv()
+            until_ns, commands, start_limit_ns = pipe.recv()
             for name, command in commands.items():
                 stage.traffic.command(name, command)
             stage.traffic.advance(until_ns)
-            pipe.send(sensing.measure(until_ns, begun_ns=begun_ns))
+            pipe.send(sensing.measure(until_ns, start_limit_ns=start_limit_ns))
             stage.forget(until_ns)
     except (EOFError, OSError):
         return

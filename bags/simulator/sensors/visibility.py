@@ -18,7 +18,7 @@ EDGES = ((0, 1), (1, 2), (2, 0))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Visibility:
-    """How much of each of M movers an image shows.
+    """Visibility of each of M movers in an image.
 
     Boxes are left, top, right, bottom in pixels, counted from the image's corner.
 

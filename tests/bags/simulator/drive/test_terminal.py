@@ -107,3 +107,22 @@ def test_a_stopped_terminal_does_not_hold_up_the_end(terminal: Terminal, monkeyp
             undo_all()
             assert asked == [termios.TCSANOW]
             assert termios.tcgetattr(program) == before
+
+
+def test_simulated_time_does_not_run_ahead(terminal: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s, waits = [100.0], []
+
+    def select_later(*arguments: Any) -> tuple[list[int], list[int], list[int]]:
+        """The terminal answers after half of each wait."""
+        waits.append(round(arguments[3], 3))
+        now_s[0] += arguments[3] / 2 if len(waits) < 3 else arguments[3]
+        return [], [], []
+
+    _, program = terminal
+    monkeypatch.setattr("time.monotonic", lambda: now_s[0])
+    with terminal_keys(program) as keys, monkeypatch.context() as patched:
+        patched.setattr("select.select", select_later)
+        keys.wait(200_000_000)
+        assert waits == [0.2, 0.1, 0.05]
+        keys.wait(100_000_000)  # already past
+        assert len(waits) == 3

@@ -59,9 +59,9 @@ BOXES = ((10.0, 20.0, 30.0, 45.5), (0.0, 0.0, 5.0, 5.0))
 
 def all_messages(make: MessageFactory) -> dict[str, Any]:
     counts = (counted("lidar_points", 12), counted("image_pixels", 3456))
-    shares = (counted_by("lidar_points", 5, "top", 0), counted_by("lidar_points", 7, "side", 1))
+    each = (counted_by("lidar_points", 5, "top", 0), counted_by("lidar_points", 7, "side", 1))
     of_front = counted_by("image_pixels", 3456, "front", 2)
-    thing = TrueObject("car1", 6, POSE, (4.0, 2.0, 1.5), (class_of("van"), *counts, *shares, of_front))
+    thing = TrueObject("car1", 6, POSE, (4.0, 2.0, 1.5), (class_of("van"), *counts, *each, of_front))
     found = [
         ViewedObject("car1", 6, BOXES[0], (class_of("car", 0.9),)),
         ViewedObject("", -1, BOXES[1], (class_of("pedestrian", 0.4),)),

@@ -47,9 +47,9 @@ def test_a_process_measures_what_this_one_would() -> None:
     sensing = Sensing(stage, task())
     stage.traffic.command("car1", commands["car1"])
     stage.traffic.advance(UNTIL_NS)
-    here = sensing.measure(UNTIL_NS, begun_ns=UNTIL_NS)
+    here = sensing.measure(UNTIL_NS, start_limit_ns=UNTIL_NS)
     with SensingProcess(task()) as process:
-        process.ask(UNTIL_NS, commands, begun_ns=UNTIL_NS)
+        process.ask(UNTIL_NS, commands, start_limit_ns=UNTIL_NS)
         there = process.answer()
     assert len(here) == len(there) > 1
     for mine, its in zip(here, there, strict=True):
@@ -62,19 +62,19 @@ def test_a_process_measures_what_this_one_would() -> None:
 def test_its_errors_come_out() -> None:
     wrong = task(vehicles__car2__route="", vehicles__car2__start=[-1.5, 1.35, 0])
     with SensingProcess(wrong) as process:
-        process.ask(UNTIL_NS, {}, begun_ns=UNTIL_NS)
+        process.ask(UNTIL_NS, {}, start_limit_ns=UNTIL_NS)
         with pytest.raises(ConfigError, match=r"vehicles\.car2: expected free ground"):
             process.answer()
 
 
 def test_a_process_that_was_killed_is_told_of() -> None:
     with SensingProcess(task()) as process:
-        process.ask(UNTIL_NS, {}, begun_ns=UNTIL_NS)
+        process.ask(UNTIL_NS, {}, start_limit_ns=UNTIL_NS)
         process.answer()
         os.kill(process.pid, signal.SIGKILL)
 
         def ask_again() -> None:
-            process.ask(2 * UNTIL_NS, {}, begun_ns=2 * UNTIL_NS)
+            process.ask(2 * UNTIL_NS, {}, start_limit_ns=2 * UNTIL_NS)
             process.answer()
 
         with pytest.raises(LidcamError, match="a simulation process died with exit code -9"):
@@ -92,6 +92,6 @@ def test_ctrl_c_and_a_closed_terminal_are_its_parents_business() -> None:
     with SensingProcess(task()) as process:
         os.kill(process.pid, signal.SIGINT)
         os.kill(process.pid, signal.SIGHUP)
-        process.ask(UNTIL_NS, {}, begun_ns=UNTIL_NS)
+        process.ask(UNTIL_NS, {}, start_limit_ns=UNTIL_NS)
         assert len(process.answer()) > 1
     assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) & {signal.SIGINT, signal.SIGHUP} == set()
