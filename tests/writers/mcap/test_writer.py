@@ -135,21 +135,6 @@ def test_calibration_is_the_one_used(two_frames: Path) -> None:
     np.testing.assert_array_equal(left.p.reshape(3, 4), np.c_[model.K, np.zeros(3)])
 
 
-def test_images_carry_the_frame_of_the_tf_tree(two_frames: Path) -> None:
-    for topic, frame_id in (("/left/image", "left"), ("/right/image/compressed", "right")):
-        for index, (_, message) in enumerate(messages_of(two_frames, topic)):
-            assert message.header.frame_id == frame_id
-            recorded = frame(index).bundle.messages["/" + frame_id + "/image"]
-            assert bytes(message.data) == bytes(recorded.data)[-len(message.data) :]
-
-
-def test_the_cloud_is_in_the_site_frame(two_frames: Path) -> None:
-    (_, message), _ = messages_of(two_frames, "/point_cloud_combined")
-    assert (message.header.frame_id, message.width, message.point_step) == ("site", 500, 22)
-    xyz = np.ndarray((500, 3), "<f4", message.data.tobytes(), 0, (22, 4))
-    np.testing.assert_array_equal(xyz, frame(0).combined.cloud.xyz)
-
-
 def test_provenance(two_frames: Path) -> None:
     with two_frames.open("rb") as file:
         reader = make_reader(file)

@@ -277,7 +277,8 @@ def test_an_image_that_was_dropped_is_not_shown(tmp_path: Path) -> None:
     assert "/world/cameras/right/image@EncodedImage:blob" in printed
 
 
-def test_the_eye_is_placed_once_in_a_long_recording(tmp_path: Path) -> None:
+def test_the_eye_is_placed_once_in_a_long_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("writers.rerun.writer.MAX_WAITING_FRAMES", 5)
     write(tmp_path / "out.rrd", [frame(row) for row in range(SURVEYED_FRAMES + 2)])
     printed = rerun(tmp_path, "rrd", "print", "-v", tmp_path / "out.rrd").stdout
     assert len(re.findall(r"EyeControls3D:position", printed)) == 1

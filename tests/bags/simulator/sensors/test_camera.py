@@ -8,7 +8,6 @@ from bags.simulator.scenario.scenario import SunScenario
 from bags.simulator.scenario.sensors import CameraScenario
 from bags.simulator.sensors.ambient import sky_light
 from bags.simulator.sensors.camera import Camera, CameraImage
-from bags.simulator.sensors.film import srgb_from_linear
 from bags.simulator.vehicles.trajectory import State, Trajectory
 from bags.simulator.world.meshes.mesh import Material, Mesh, box, merged, polygon
 from bags.simulator.world.motion import FixedPath, MountedPath, Path
@@ -254,12 +253,6 @@ def test_pixels_that_the_lens_does_not_cover_stay_black() -> None:
 
 
 # --- film
-
-
-def test_srgb_of_known_values() -> None:
-    np.testing.assert_allclose(
-        srgb_from_linear(np.array([-1.0, 0.0, 0.0031308, 0.2140411, 1.0, 2.0])), [0, 0, 0.04045, 0.5, 1, 1], atol=1e-5
-    )
 
 
 # --- a detector that looks at its images
