@@ -1,4 +1,4 @@
-"""How objects are drawn, the same in every viewer: which are strong, in what colour, with what text."""
+"""The drawing of objects, the same in every viewer: which are strong, their colours and texts."""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -15,10 +15,12 @@ from writers.palette import CAMERA_ONLY, MATCHED, Rgb, class_color
 
 __all__ = [
     "ARROW_SHARE",
+    "ELLIPSE_CORNERS",
     "STRONG_SCORE",
     "DrawnBoxes2D",
     "ObjectEdges",
     "drawn_boxes_2d",
+    "ground_ellipses",
     "labels_in_the_clear",
     "object_colors",
     "object_edges",
@@ -35,6 +37,13 @@ ARROW_SHARE = 0.75
 STRONG_SCORE = 0.5
 FAINTEST = 0.4
 """Brightness of an object of score 0, as a share of its colour."""
+
+
+ELLIPSE_CORNERS = 48
+"""Corners of the polygon that is drawn as an ellipse."""
+
+_ANGLES = np.arange(ELLIPSE_CORNERS) * (2 * np.pi / ELLIPSE_CORNERS)
+_CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 
 
 def strong_objects(result: FrameResult) -> Bools:
@@ -72,8 +81,8 @@ def object_labels(result: FrameResult, class_names: Sequence[str]) -> list[str]:
 
 
 def _witnesses(cameras: int, *, is_placed: bool) -> str:
-    told = [f"{cameras} cam"] * (cameras > 0) + ["no lidar"] * is_placed
-    return f" ({', '.join(told)})" if told else ""
+    parts = [f"{cameras} cam"] * (cameras > 0) + ["no lidar"] * is_placed
+    return f" ({', '.join(parts)})" if parts else ""
 
 
 def object_edges(result: FrameResult, cameras: Iterable[str]) -> dict[str, ObjectEdges]:
@@ -125,7 +134,7 @@ class DrawnBoxes2D(NamedTuple):
 
     Attributes:
         xyxy: (N, 4) float32, left, top, right, bottom in pixels.
-        colors: Of each box: one of an object, or of the camera alone.
+        colors: N colours: that of matched boxes, or of boxes of the camera alone.
         labels: Class and score: the object's where the box belongs to one, else the detector's.
     """
 
@@ -170,3 +179,20 @@ def labels_in_the_clear(places: F64, sizes: F64, importance: F64) -> list[int]:
             rows.append(row)
             is_free &= apart[row]
     return rows
+
+
+def ground_ellipses(boxes: Boxes3D) -> F64:
+    """(N, ELLIPSE_CORNERS, 3) points of one standard deviation around the middle of each box's bottom, metres.
+
+    They are the places c + L u of all unit vectors u, where L L^T is the covariance of x and y; all at the middle where
+    that is unknown.
+    """
+    xx, xy, yy = boxes.covariances[:, 0, 0], boxes.covariances[:, 0, 1], boxes.covariances[:, 1, 1]
+    along_x = np.sqrt(np.maximum(xx, 0.0))
+    shear = np.divide(xy, along_x, out=np.zeros_like(xy), where=along_x > 0)
+    along_y = np.sqrt(np.maximum(yy - shear**2, 0.0))
+    points = np.repeat(boxes.centers[:, None], ELLIPSE_CORNERS, 1)
+    points[..., 0] += along_x[:, None] * _CIRCLE[0]
+    points[..., 1] += shear[:, None] * _CIRCLE[0] + along_y[:, None] * _CIRCLE[1]
+    points[..., 2] -= boxes.sizes[:, None, 2] / 2
+    return points

@@ -38,16 +38,16 @@ CAMERA_ONLY = Rgb(1.00, 0.76, 0.10)
 """A 2D box of no object."""
 
 LOST = Rgb(0.98, 0.30, 0.25)
-"""Of two results, an object that only the first one has."""
+"""An object that only the first of two results has."""
 
 NEW = Rgb(0.20, 0.95, 0.35)
-"""One that only the second one has."""
+"""An object that only the second of two results has."""
 
 CHANGED = Rgb(1.00, 0.76, 0.10)
-"""One that differs."""
+"""An object that differs between two results."""
 
 EQUAL = Rgb(0.50, 0.52, 0.56)
-"""One that does not."""
+"""An object that does not differ between two results."""
 
 
 def class_color(class_id: int) -> Rgb:

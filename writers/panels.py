@@ -1,4 +1,4 @@
-"""How the panels of a viewer's window share it: the scene, the images in their own aspect, the plots."""
+"""Arrangement of the panels in a viewer's window: the scene, the images in their own aspect, the plots."""
 
 from collections.abc import Sequence
 from math import ceil
@@ -17,7 +17,7 @@ WORTH_A_LOW_SCENE = 1.25
 """Images go above the scene, which makes it low, if they become wider by this factor."""
 
 MIN_PLOT_SHARE = 0.15
-"""Of what the images have: less than this is left empty."""
+"""Share of the images' area for plots; a smaller one is left empty."""
 
 
 class Panels(NamedTuple):
@@ -25,9 +25,9 @@ class Panels(NamedTuple):
 
     Attributes:
         side: Where the images are, seen from the scene.
-        columns: Of the grid of images.
-        image_share: Of the window's width (right) or height (top), for the images.
-        plot_share: Of what the images have, for the plots; 0: the plots are behind the scene.
+        columns: Columns of the grid of images.
+        image_share: Share of the window's width (right) or height (top) for the images.
+        plot_share: Share of the images' area for the plots; 0: the plots are behind the scene.
         scene_aspect: Width of the scene divided by its height.
     """
 

@@ -23,8 +23,7 @@ class Provenance:
         rig_yaml: The rig, as a rig file.
         boxes3d_topics: Topics of the recorded 3D boxes that were used.
         start_ns: Log time of the first input message: used for the attachments in place of the wall clock.
-        network: Of the 2D network the `name` and the `sha256` of its file, and the `provider` that ran it; empty
-            without one.
+        network: `name` and `sha256` of the 2D network's file, and the `provider` that ran it; empty without one.
     """
 
     version: str

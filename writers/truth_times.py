@@ -1,4 +1,4 @@
-"""Which frame recorded truth is drawn with.
+"""The frames with which recorded truth is drawn.
 
 Truth is often recorded later than what it describes, and later than the result of that moment is complete. Drawn when
 it was recorded, it would trail the objects: at 10 m/s and 0.1 s, by a metre. So it is drawn with the frame whose stamp

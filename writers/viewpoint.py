@@ -1,4 +1,4 @@
-"""Where a viewer's eye is at first: placed from the sensors, and from the objects of the first frames."""
+"""The first position of a viewer's eye, chosen from the sensors and from the objects of the first frames."""
 
 import re
 from dataclasses import dataclass, field
@@ -149,7 +149,7 @@ class SceneSurvey:
         return Viewpoint(eye, target, size_m)
 
     def _clear_front(self, away: F64) -> F64 | None:
-        """Where the cameras look, else where the objects are, if that is one direction."""
+        """Direction in which the cameras look, else in which the objects lie; None if that is no single direction."""
         named = any(_is_front(camera.name) for camera in self.rig.cameras)
         axes = np.array([_axis(camera) for camera in self.rig.cameras]).reshape(-1, 2)
         if named or _is_clear(axes):
@@ -179,7 +179,7 @@ def _fitted(points: F64, front: F64, aspect: float, fov_y_deg: float) -> tuple[F
 
 
 def _middle(across: F64, depth: F64) -> float:
-    """Where an eye sees points (N,), at depths (N,) before it, as far to one side as to the other."""
+    """Position of an eye that sees points (N,), at depths (N,) before it, as far to one side as to the other."""
     low, high = float(across.min()), float(across.max())
     for _ in range(40):
         middle = (low + high) / 2

@@ -30,7 +30,7 @@ from pipeline.evaluation.comparison.frames import FramePair, paired_frames
 from pipeline.evaluation.comparison.object_changes import KINDS, Kind
 from readers.input_file import read_input_file
 from readers.results.result import Result, open_result
-from writers.foxglove.layout_file import layout_path
+from writers.foxglove.layout import layout_path
 from writers.outputs.transaction import OutputTransaction
 
 __all__ = ["FRAMES", "CompareOptions", "run_compare"]

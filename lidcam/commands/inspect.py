@@ -23,7 +23,7 @@ from readers.rig.rig_file import draft_yaml
 from readers.streams.per_sensor import sensor_messages
 from writers.mcap.repair import write_repaired
 from writers.outputs.errors import output_errors
-from writers.outputs.marked_text import marked_yaml
+from writers.outputs.marks import marked_yaml
 from writers.outputs.transaction import OutputFile, OutputTransaction
 
 __all__ = ["InspectOptions", "run_inspect"]

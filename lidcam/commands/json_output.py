@@ -14,7 +14,7 @@ from lidcam.printing.log import remark_log
 from lidcam.printing.terminal import show_json
 from readers.location import Location
 from writers.outputs.errors import output_errors
-from writers.outputs.marked_text import marked_json
+from writers.outputs.marks import marked_json
 from writers.outputs.transaction import OutputTransaction
 
 __all__ = ["JsonOutput", "json_output"]

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import yaml
 
 from bags.simulator.recorder.files import (
-    MessageWriter,
     RecordingFormat,
+    WriteMessage,
     format_of,
     recording_file,
     recording_names,
@@ -68,14 +68,14 @@ def scenario_of(options: ScenarioOptions) -> Scenario:
 class Recorder:
     """Writes messages to a file and counts them."""
 
-    def __init__(self, writer: MessageWriter, start_ns: int) -> None:
-        self._writer, self._start_ns = writer, start_ns
+    def __init__(self, write: WriteMessage, start_ns: int) -> None:
+        self._write, self._start_ns = write, start_ns
         self.messages = 0
 
     def add(self, recorded: list[Recorded]) -> None:
         """Write the messages of one step."""
         for one in recorded:
-            self._writer.write(one, self._start_ns)
+            self._write(one, self._start_ns)
         self.messages += len(recorded)
 
     def tell(self, output: Path, now_ns: int) -> None:
@@ -110,5 +110,5 @@ def recording_to(
         simulating(scenario, ros_version=version, workers=workers, driven=driven) as simulation,
     ):
         rig = rig_yaml(simulation.true_rig)
-        with recording_file(outputs, options.output, format, rig_yaml=rig, scenario_yaml=text) as writer:
-            yield simulation, Recorder(writer, scenario.start_ns)
+        with recording_file(outputs, options.output, format, rig_yaml=rig, scenario_yaml=text) as write:
+            yield simulation, Recorder(write, scenario.start_ns)

@@ -1,28 +1,55 @@
-"""Outputs must never replace an input of the run, or a file that lidcam did not write itself."""
+"""Outputs must never replace an input of the run, or a file that lidcam did not write itself.
+
+Its own files are recognised by the marks that they carry (`writers.outputs.marks`). An unfinished or damaged file is
+not recognised; one that cannot be read raises OSError.
+"""
 
 import os
+import re
+import struct
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from lidcam.outputs.made import is_marked_mcap, is_simulated, is_unchanged
+from mcap.exceptions import McapError
+from mcap.reader import SeekingReader
+from rosbags.rosbag1 import Reader
+
 from pipeline.core.errors import OutputError
+from pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
 from readers.location import Location
 from writers.outputs import marks
 from writers.outputs.errors import output_errors
+from writers.outputs.marks import is_unchanged_text
 from writers.outputs.work_folder import folder_prefix
 
-__all__ = ["MERGED", "REPAIRED", "SIMULATED", "TEXT", "Replaceable", "check_no_input", "check_replaced"]
+__all__ = [
+    "MERGED",
+    "REPAIRED",
+    "SIMULATED",
+    "TEXT",
+    "Replaceable",
+    "check_no_input",
+    "check_replaced",
+    "is_marked_mcap",
+    "is_marked_rrd",
+]
 
 SQLITE_SUFFIXES = ("-journal", "-wal", "-shm")
-"""Of the files in which SQLite keeps changes of a database: it applies them when it opens the database."""
+"""Endings of files beside a database that are a part of it."""
+
+MAX_TEXT_BYTES = 16 << 20
+RRD_HEAD_BYTES = 1 << 12
+_NAME = bytes([len(marks.APPLICATION)]) + marks.APPLICATION.encode()
+RRD_STORE = re.compile(rb"\x12\x20[0-9a-f]{32}\x1a.\n" + re.escape(_NAME))
+"""Recording id and application id in the first message of an .rrd, as protobuf."""
 
 
 def check_no_input(outputs: Sequence[Path], inputs: Iterable[Location]) -> None:
-    """Whether no output is an input: by its name, by a link, inside its folder, or as a part of its database.
+    """Check that no output is an input, by its name or by a link, a part of one, or what a killed run left.
 
     Args:
-        outputs: What is to be written.
+        outputs: Files and folders to write.
         inputs: Files and folders that are read.
 
     Raises:
@@ -31,25 +58,71 @@ def check_no_input(outputs: Sequence[Path], inputs: Iterable[Location]) -> None:
     sources = [path for path in inputs if isinstance(path, Path)]
     for output in outputs:
         with output_errors(output):
-            target = _resolved(output)
             for source in sources:
-                _check_one(output, target, source, _resolved(source))
+                _check_one(output, source)
 
 
-def _check_one(output: Path, target: Path, source: Path, resolved: Path) -> None:
-    stands = target.exists()
-    is_same = target == resolved or (stands and source.exists() and target.samefile(source))
+def _check_one(output: Path, source: Path) -> None:
+    try:
+        target, resolved = output.resolve(), source.resolve()
+    except (ValueError, RuntimeError):  # no path at all: whoever opens it will say so
+        return
+    is_same = target == resolved or (target.exists() and source.exists() and target.samefile(source))
     is_metadata = resolved in target.parents and target.name == "metadata.yaml"
-    is_around = stands and target in resolved.parents
-    is_journal = any(target == resolved.with_name(f"{resolved.name}{suffix}") for suffix in SQLITE_SUFFIXES)
+    is_around = target in resolved.parents and target.exists()
+    is_journal = target in [resolved.with_name(f"{resolved.name}{suffix}") for suffix in SQLITE_SUFFIXES]
     if is_same or is_metadata or is_around or is_journal:
         raise OutputError(f"{output}: is an input of this run ({source}), or a part of one; choose another name")
-    if any(
-        folder.parent == target.parent and folder.name.startswith(folder_prefix(target)) for folder in resolved.parents
-    ):
+    prefix = folder_prefix(target)
+    if any(folder.parent == target.parent and folder.name.startswith(prefix) for folder in resolved.parents):
         raise OutputError(
             f"{output}: the input {source} is what a killed run has left of this output; move it elsewhere first"
         )
+
+
+def is_marked_mcap(path: Path, mark: str) -> bool:
+    """Whether a file is an MCAP of lidcam that was closed and has a metadata record of this name."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        try:
+            reader = SeekingReader(file)
+            summary = reader.get_summary()
+            is_own = reader.get_header().library == marks.LIBRARY
+        except (McapError, struct.error, ValueError, OSError):
+            return False
+    return is_own and summary is not None and mark in {index.name for index in summary.metadata_indexes}
+
+
+def is_marked_rrd(path: Path) -> bool:
+    """Whether a file is a Rerun recording of lidcam."""
+    head = _head(path, RRD_HEAD_BYTES)
+    return head.startswith(b"RRF2") and RRD_STORE.search(head) is not None
+
+
+def _is_simulated(path: Path) -> bool:
+    """Whether a file or folder is a recording of the simulator that nobody has added something to."""
+    if is_marked_mcap(path, marks.SIMULATED):
+        return True
+    try:
+        if path.is_dir():
+            facts = parse_yaml(_head(path / "metadata.yaml", MAX_YAML_BYTES + 1))["rosbag2_bagfile_information"]
+            names = {"metadata.yaml", *facts["relative_file_paths"]}
+            return facts["custom_data"] == marks.FOLDER_DATA and names == {file.name for file in path.iterdir()}
+        if not path.is_file():
+            return False
+        with Reader(path) as reader:
+            return {getattr(one.ext, "callerid", None) for one in reader.connections} == {marks.BAG_CALLER}
+    except Exception:  # whatever the libraries raise: it is not as lidcam left it
+        return False
+
+
+def _head(path: Path, size: int) -> bytes:
+    """The first bytes of a file; none of anything else."""
+    if not path.is_file():
+        return b""
+    with path.open("rb") as file:
+        return file.read(size)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +131,7 @@ class Replaceable:
 
     Attributes:
         is_own: Whether the command wrote the file or folder that stands at a path.
-        otherwise: What is said of one that it did not write.
+        otherwise: Error message for a file that it did not write.
     """
 
     is_own: Callable[[Path], bool]
@@ -66,20 +139,21 @@ class Replaceable:
 
 
 TEXT = Replaceable(
-    is_unchanged, "exists and is not as this version writes it (edited, or written by an earlier version)"
+    lambda path: is_unchanged_text(_head(path, MAX_TEXT_BYTES).decode(errors="replace")),
+    "exists and is not as this version writes it (edited, or written by an earlier version)",
 )
 """Layouts, JSON, drafts of a rig."""
 
 REPAIRED = Replaceable(lambda path: is_marked_mcap(path, marks.REPAIRED), "exists and was not written by --repair")
 MERGED = Replaceable(lambda path: is_marked_mcap(path, marks.MERGED), "exists and was not written by --merged")
-SIMULATED = Replaceable(is_simulated, "exists and is no simulated recording")
+SIMULATED = Replaceable(_is_simulated, "exists and is no simulated recording")
 
 
 def check_replaced(replaceable: Callable[[Path], Replaceable], *, overwrite: bool) -> Callable[[Path], None]:
     """A check of old outputs, for `OutputTransaction`.
 
     Args:
-        replaceable: What may be replaced at a path.
+        replaceable: Gives the files that may be replaced at a path.
         overwrite: Replace other files, too.
     """
 
@@ -94,10 +168,3 @@ def check_replaced(replaceable: Callable[[Path], Replaceable], *, overwrite: boo
                 raise OutputError(f"{path}: is write-protected; choose another name, or replace it with --overwrite")
 
     return check
-
-
-def _resolved(path: Path) -> Path:
-    try:
-        return path.resolve()
-    except (ValueError, RuntimeError):  # no path at all: whoever opens it will say so
-        return path

@@ -1,4 +1,4 @@
-"""Which topics of a recording a run copies to its output."""
+"""Choice of the topics of a recording that a run copies to its output."""
 
 from collections.abc import Collection, Iterable, Sequence
 from fnmatch import fnmatchcase
@@ -14,8 +14,8 @@ from readers.rig.discovery import Discovery
 from readers.rig.first_messages import FirstMessages
 from readers.rig.topic_names import is_truth
 from readers.truth.topics import WHEN_MEASURED
-from writers.mcap.topics import reserved_topics
-from writers.messages.truth_scene import truth_scene_topic
+from writers.mcap.writer import reserved_topics
+from writers.messages.edge_scenes import truth_scene_topic
 
 __all__ = ["choose_copied", "choose_drawn", "truth_frames"]
 
@@ -53,7 +53,7 @@ def choose_copied(
 
 
 def choose_drawn(recording: Recording, copied: Collection[str]) -> tuple[str, ...]:
-    """Of the topics that are copied, those whose boxes are drawn: truth in 3D, each object once."""
+    """The copied topics whose boxes are drawn: truth in 3D, each object once."""
     return tuple(
         info.topic
         for info in recording.topics

@@ -6,11 +6,11 @@ from functools import partial
 from pathlib import Path
 
 from lidcam.frames import RunInput
-from lidcam.outputs.made import is_marked_mcap, is_marked_rrd
+from lidcam.outputs.allowed import is_marked_mcap, is_marked_rrd
 from pipeline.core.settings.config import Config
 from readers.messages.image import decode_any_image
 from writers.base import ResultWriter
-from writers.foxglove.layout_file import layout_path
+from writers.foxglove.layout import layout_path
 from writers.mcap.writer import McapResultWriter
 from writers.outputs.marks import RESULT
 from writers.outputs.transaction import OutputTransaction
@@ -21,14 +21,14 @@ __all__ = ["OUTPUTS", "OutputKind"]
 
 @dataclass(frozen=True, slots=True)
 class OutputKind:
-    """A kind of output, which the ending of its name tells.
+    """A kind of output, known from the ending of its name.
 
     Attributes:
         open: Makes the writer.
         is_result: Whether a run of lidcam wrote the file that stands at a path, so that a later run may replace it;
             raises OSError where that cannot be read.
-        viewer: What opens it, for the last lines of a run.
-        how_to_open: How, given the paths of the output and of the texts beside it.
+        viewer: Name of the viewer that opens it, for the last lines of a run.
+        how_to_open: Gives the instruction to open it, from the paths of the output and of the texts beside it.
         beside: The texts that the writer writes beside it, by its path and the settings.
     """
 

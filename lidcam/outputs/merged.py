@@ -12,8 +12,7 @@ from readers.open import open_recording
 from readers.recording import ReadOptions
 from readers.results.result import Result
 from writers.drawing import STRONG_SCORE
-from writers.foxglove.layout import merged_layout
-from writers.foxglove.layout_file import layout_path
+from writers.foxglove.layout import foxglove_layout, layout_path
 from writers.mcap.merged import MergedSide, write_merged
 from writers.messages.compared import compared_scene, empty_scene
 from writers.outputs.errors import output_errors
@@ -54,8 +53,9 @@ def write_both(
         sides = [_side(name, result, stack) for name, result in zip(NAMES, results, strict=True)]
         topics = write_merged(outputs[path], sides, _scenes(comparison, pairs, survey), _metadata(results))
     layout = outputs[layout_path(path)]
+    text = foxglove_layout(results[0].rig, survey, topics, [f"/{name}" for name in NAMES])
     with output_errors(layout.path):
-        layout.part.write_text(merged_layout(results[0].rig, survey, topics, NAMES), encoding="utf-8")
+        layout.part.write_text(text, encoding="utf-8")
 
 
 def _side(name: str, result: Result, stack: ExitStack) -> MergedSide:

@@ -48,7 +48,7 @@ def written_files(job: Job) -> tuple[Path, ...]:
 
 
 def how_to_open(job: Job) -> dict[str, str]:
-    """How the outputs are opened, by the name of the viewer."""
+    """Instructions to open the outputs, by the name of the viewer."""
     kinds = ((path, OUTPUTS[path.suffix]) for path in job.outputs)
     return {kind.viewer: kind.how_to_open(path, kind.beside(path, job.config)) for path, kind in kinds}
 
@@ -68,7 +68,7 @@ def open_writers(
     """The writers of a job's outputs, open; they end with `stack`, before the outputs get their names.
 
     Args:
-        job: What is to be written.
+        job: The job, with its outputs and settings.
         source: The recording, its sensors and the settings.
         inputs: Its files.
         outputs: Where they are written.

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from bags.simulator.world.meshes.mesh import Material, Mesh, box, merged, polygon
 from bags.simulator.world.motion import FixedPath, Path, Poses, upright_poses
-from bags.simulator.world.mover import Mover, Part, RigidBox, UprightBox
+from bags.simulator.world.mover import Mover, Part, UprightBox
 from bags.simulator.world.rays import Rays
 from bags.simulator.world.scene import Scene
 from pipeline.core.arrays import F64, I64
@@ -85,7 +85,7 @@ def box_mover(
     center = (0.0, 0.0, size_m[2] / 2)
     own = parts or [(box(center, size_m, material), path)]
     parts_of_it = tuple(Part(mesh, way) for mesh, way in own)
-    return Mover(name, "car", path, center, size_m, parts_of_it, RigidBox(UprightBox(center, size_m)))
+    return Mover(name, "car", path, center, size_m, parts_of_it, UprightBox(center, size_m))
 
 
 def scene(meshes: Sequence[Mesh] = (), movers: Sequence[Mover] = ()) -> Scene:

@@ -1,6 +1,6 @@
 import pytest
 
-from writers.panels import WINDOW_PX, arrange
+from writers.panels import arrange
 
 
 @pytest.mark.parametrize(
@@ -27,9 +27,3 @@ def test_the_scene_keeps_half_of_the_window(count: int, aspect: float) -> None:
     assert 0 < panels.image_share <= 0.5
     assert 0 <= panels.plot_share < 0.9
     assert 0.5 < panels.scene_aspect < 5
-
-
-def test_without_images_the_scene_has_it_all() -> None:
-    panels = arrange([])
-    assert panels.image_share == 0
-    assert panels.scene_aspect == pytest.approx(WINDOW_PX[0] / WINDOW_PX[1], rel=0.1)

@@ -1,12 +1,12 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from detections import boxes3d
 from hypothesis import given
 from hypothesis import strategies as st
 
-from writers.uncertainty import CORNERS, ground_ellipses
+from writers.drawing import ELLIPSE_CORNERS as CORNERS
+from writers.drawing import ground_ellipses
 
 FACTORS = st.floats(0.01, 10.0)
 
@@ -23,15 +23,6 @@ def test_points_are_one_standard_deviation_away(factor: tuple[float, float, floa
     away = np.linalg.solve(lower, (known[:, :2] - [5, -3]).T)
     np.testing.assert_allclose(np.linalg.norm(away, axis=0), 1.0, rtol=1e-6)
     np.testing.assert_allclose(known[:, 2], 2 - 0.75)
-
-
-@pytest.mark.parametrize(("axis", "other"), [(0, 1), (1, 0)])
-def test_a_place_known_across_is_a_line(axis: int, other: int) -> None:
-    covariance = np.zeros((1, 3, 3))
-    covariance[0, axis, axis] = 4.0
-    (points,) = ground_ellipses(replace(boxes3d([[1, 1, 0, 1, 1, 1, 0]]), covariances=covariance))
-    np.testing.assert_allclose(points[:, other], 1.0)
-    assert np.ptp(points[:, axis]) == pytest.approx(4.0)
 
 
 def test_no_boxes() -> None:

@@ -16,7 +16,7 @@ from pipeline.core.messages import Drop
 from pipeline.core.optics.drawn_edges import draw_edges
 from pipeline.core.rig import CameraSensor
 from pipeline.core.ros.messages import ROS2
-from writers.drawing import object_colors, object_edges, strong_objects
+from writers.drawing import object_edges
 from writers.messages.annotations import image_annotations
 from writers.messages.diagnostics import diagnostics
 from writers.messages.scene import marker_array, scene_update
@@ -85,14 +85,6 @@ def test_viewers_say_what_the_geometry_of_an_object_comes_from() -> None:
     markers = through_cdr(marker_array(result, NAMES)).markers
     assert [marker.ns for marker in markers[1::2]] == ["objects/both", "objects/camera", "objects/lidar"]
     assert [marker.id for marker in markers[1::2]] == [0, 1, 2]
-
-
-def test_a_high_score_makes_an_object_strong_without_cameras() -> None:
-    result = frame()
-    alone = replace(result, fused=replace(result.fused, matched=np.zeros(3, np.int32)))  # scores 0.9, 0.5, 0.25
-    assert strong_objects(alone).tolist() == [True, True, False]
-    brightness = object_colors(alone).max(1)
-    assert brightness[2] < brightness[0]
 
 
 def test_arrows_leave_the_front_of_the_boxes() -> None:
@@ -173,11 +165,6 @@ def test_letters_and_lines_grow_with_the_image(height_px: int) -> None:
     assert len(drawn.texts) == (2 if height_px == 480 else 1)  # a box of 40 px is lower than letters of 90
 
 
-def test_objects_that_the_cameras_alone_place_have_thinner_lines() -> None:
-    edges = annotations(frame(sources=MIXED)).points[:2]
-    assert edges[0].thickness == 2 * edges[1].thickness
-
-
 def test_objects_are_drawn_from_where_the_image_was_taken() -> None:
     result, camera = frame(), RIG.cameras[0]
     nearer = Transform(camera.T_camera_site.dst, "site", camera.T_camera_site.matrix @ _shift(2.0))
@@ -194,22 +181,6 @@ def _shift(x_m: float) -> np.ndarray[Any, np.dtype[np.float64]]:
     matrix = np.eye(4)
     matrix[0, 3] = -x_m
     return matrix
-
-
-def test_annotations_without_boxes() -> None:
-    drawn = annotations(frame(objects=0), RIG.cameras[1])
-    assert (drawn.points, drawn.texts, drawn.timestamp.nanosec) == ([], [], (START_NS + 5) % 10**9)
-
-
-def test_diagnostics_count_objects_by_source() -> None:
-    def told(result: FrameResult) -> dict[str, str]:
-        return {pair.key: pair.value for pair in through_cdr(diagnostics(result, RIG, ())).status[2].values}
-
-    found = told(frame(sources=MIXED))
-    sources = {name: found[f"fused from {name}"] for name in ("lidars alone", "cameras alone", "both")}
-    assert sources == {"lidars alone": "1", "cameras alone": "1", "both": "1"}
-    assert (found["detected lidar"], found["placed by cameras"], found["proposed by cameras"]) == ("2", "1", "1")
-    assert "placed by cameras" not in told(frame())
 
 
 def test_diagnostics() -> None:
@@ -253,7 +224,3 @@ def test_what_is_left_out_before_projection_is_not_in_the_image(aside_m: float) 
     drawn = object_edges(replace(result, fused=replace(result.fused, objects=moved)), [camera.name])[camera.name]
     np.testing.assert_array_equal(drawn[0], expected)
     np.testing.assert_array_equal(drawn[1], rows)
-
-
-def test_no_cameras_show_nothing() -> None:
-    assert object_edges(frame(), []) == {}

@@ -7,32 +7,33 @@ Foxglove shares.
 
 import json
 from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from pipeline.core.rig import CameraSensor, Rig
-from writers.messages.placed_scene import PLACED_SCENE
-from writers.messages.truth_scene import truth_scene_topic
-from writers.outputs.marked_text import marked_json
+from writers.messages.edge_scenes import PLACED_SCENE, truth_scene_topic
+from writers.outputs.marks import marked_json
 from writers.panels import arrange
 from writers.viewpoint import SceneSurvey, Viewpoint, cameras_in_order
 
-__all__ = ["COMPARED", "foxglove_layout", "merged_layout"]
+__all__ = ["COMPARED", "foxglove_layout", "layout_path"]
 
 COMPARED = "/compare/scene"
 """Topic of what differs between two results."""
 
 FOV_Y_DEG = 45.0
-"""Of the 3D panel's eye."""
+"""Vertical field of view of the 3D panel."""
 
 _EXTRA_SHARE = 0.27
-"""Of the scene, for plots and diagnostics."""
+"""Share of the scene's area for plots and diagnostics."""
 
 _GROUND_COLOR, _FRUSTUM_COLOR, _TRANSFORM_LINE_COLOR = "#5a626eff", "#8d96a3ff", "#39414dff"
 _OBJECTS_COLOR, _CONFIRMED_COLOR, _SKEW_COLOR = "#57b5fa", "#33f259", "#ffc21a"
 
 _CLOUD = {"colorField": "z", "colorMode": "colormap", "colorMap": "turbo", "pointSize": 2}
+_NO_OUTLINES = {"showOutlines": False}
 _PRELOADED = {"scene": {"transforms": {"enablePreloading": True}}}
 
 Config = dict[str, Any]
@@ -44,54 +45,51 @@ class _Panel(NamedTuple):
     config: Config
 
 
-def merged_layout(rig: Rig, survey: SceneSurvey, topics: Collection[str], names: Sequence[str]) -> str:
-    """The layout of two results in one file, marked like that of one.
+def layout_path(path: Path) -> Path:
+    """The path of the layout that belongs to an MCAP file: beside it."""
+    return path.with_suffix(".foxglove.json")
 
-    One view of the scene has both, with the clouds and the truth of the first; each camera has the image of the first
-    result that has one, with what both have found in it.
+
+def foxglove_layout(rig: Rig, survey: SceneSurvey, topics: Collection[str], names: Sequence[str] = ("",)) -> str:
+    """The layout as JSON, marked so that an edited one is not replaced (viewers pass over the key `lidcam`).
+
+    One view of the scene has all results of the file, with the clouds and the truth of the first that has them; each
+    camera has the image of the first that has one, with what all have found in it. Plots are of a single result.
 
     Args:
-        rig: The rig of the first result.
-        survey: What the first frames showed: places the eye.
+        rig: The rig of the (first) result.
+        survey: Content of the first frames, which places the eye.
         topics: Topics of the file that have messages; no other is named.
-        names: What the topics of each result begin with, without the slash.
+        names: Prefixes of the topics of each result of the file.
     """
-    viewpoint = survey.viewpoint(aspect=1.5, fov_y_deg=FOV_Y_DEG)
-    scene = _Panel("3D!scene", _scene(rig, viewpoint, topics))
-    shown = scene.config["topics"]
-    clouds = [topic for name in names if (topic := f"/{name}/point_cloud_combined") in topics]
-    shown |= {topic: {**_CLOUD, "visible": topic == clouds[0]} for topic in clouds}
-    for topic in sorted(topics):
-        if topic.endswith("/fused/scene") or topic == COMPARED:
-            shown[topic] = {"visible": True, "showOutlines": False}
-        elif topic.endswith(("/fused/markers", "/ground_cloud", PLACED_SCENE)):
-            shown[topic] = {"visible": False}
-        elif _is_truth_scene(topic):  # that of one is that of the other, most often
-            own = topic.removeprefix("/").partition("/")[2]
-            first = next(one for name in names if (one := f"/{name}/{own}") in topics)
-            shown[topic] = {"visible": topic == first, "showOutlines": False}
-    cameras = []
+    images = []
     for camera in cameras_in_order(rig):
-        images = [f"/{name}/{camera.name}/image{suffix}" for name in names for suffix in ("", "/compressed")]
-        if image := next((topic for topic in images if topic in topics), None):
-            found = [f"/{name}/{camera.name}/annotations" for name in names]
-            mode: Config = {"imageTopic": image, "synchronize": False}
-            if (calibration := f"{image.removesuffix('/compressed').removesuffix('/image')}/camera_info") in topics:
-                mode["calibrationTopic"] = calibration
-            mode["annotations"] = {topic: {"visible": True} for topic in found if topic in topics}
-            cameras.append(_Panel(f"Image!{camera.name}", {**_titled(camera.name), "imageMode": mode, **_PRELOADED}))
+        raw, compressed = (_existing(f"/{camera.name}/image{end}", topics, names) for end in ("", "/compressed"))
+        images += [(camera, topic) for topic in (*raw, *compressed)][:1]
+    panels = arrange([camera.model.width_px / camera.model.height_px for camera, _ in images])
+    extra = [_plot("objects", _OBJECT_PATHS), _plot("skew", _SKEW_PATHS), _diagnostics()] if len(names) == 1 else []
+    left, aspect = 1 - _EXTRA_SHARE, panels.scene_aspect
+    if extra:
+        aspect = aspect / left if panels.side == "right" else aspect * left
+    viewpoint = survey.viewpoint(aspect=aspect, fov_y_deg=FOV_Y_DEG)
+    scene = _Panel("3D!scene", _scene(rig, viewpoint, topics, names))
+    cameras = [_image(camera, topic, topics, names) for camera, topic in images]
     layout: Split = scene.id
+    if extra:
+        ids = [panel.id for panel in extra]
+        if panels.side == "right":
+            layout = _split("column", layout, _row("row", ids), left)
+        else:
+            layout = _split("row", layout, _row("column", ids), left)
     if cameras:
-        ids = [panel.id for panel in cameras]
-        columns = max(1, round(len(ids) ** 0.5))
-        rows = [_row("row", ids[first : first + columns]) for first in range(0, len(ids), columns)]
-        layout = _split("row", layout, _row("column", rows), 0.6)
-    return _exported((scene, *cameras), layout)
-
-
-def _exported(panels: Sequence[_Panel], layout: Split) -> str:
+        ids, columns = [panel.id for panel in cameras], panels.columns
+        grid = _row("column", [_row("row", ids[first : first + columns]) for first in range(0, len(ids), columns)])
+        if panels.side == "right":
+            layout = _split("row", layout, grid, 1 - panels.image_share)
+        else:
+            layout = _split("column", grid, layout, panels.image_share)
     tree = {
-        "configById": {panel.id: panel.config for panel in panels},
+        "configById": {panel.id: panel.config for panel in (scene, *cameras, *extra)},
         "globalVariables": {},
         "userNodes": {},
         "playbackConfig": {"speed": 1},
@@ -100,60 +98,34 @@ def _exported(panels: Sequence[_Panel], layout: Split) -> str:
     return marked_json(json.dumps(tree, indent=2) + "\n")
 
 
-def foxglove_layout(rig: Rig, survey: SceneSurvey, topics: Collection[str]) -> str:
-    """The layout as JSON, marked so that an edited one is not replaced (viewers pass over the key `lidcam`).
-
-    Args:
-        rig: The rig of the run.
-        survey: What the first frames showed: places the eye.
-        topics: Topics of the file that have messages; no other is named.
-    """
-    images = [
-        (camera, topic)
-        for camera in cameras_in_order(rig)
-        for topic in (f"/{camera.name}/image", f"/{camera.name}/image/compressed")
-        if topic in topics
-    ]
-    panels = arrange([camera.model.width_px / camera.model.height_px for camera, _ in images])
-    left = 1 - _EXTRA_SHARE
-    aspect = panels.scene_aspect / left if panels.side == "right" else panels.scene_aspect * left
-    viewpoint = survey.viewpoint(aspect=aspect, fov_y_deg=FOV_Y_DEG)
-    scene = _Panel("3D!scene", _scene(rig, viewpoint, topics))
-    extra = [_plot("objects", _OBJECT_PATHS), _plot("skew", _SKEW_PATHS), _diagnostics()]
-    cameras = [_image(camera, topic, topics) for camera, topic in images]
-    extra_ids, camera_ids = [panel.id for panel in extra], [panel.id for panel in cameras]
-    if panels.side == "right":
-        layout = _split("column", scene.id, _row("row", extra_ids), left)
-    else:
-        layout = _split("row", scene.id, _row("column", extra_ids), left)
-    if cameras:
-        columns = panels.columns
-        rows = [_row("row", camera_ids[first : first + columns]) for first in range(0, len(cameras), columns)]
-        grid = _row("column", rows)
-        if panels.side == "right":
-            layout = _split("row", layout, grid, 1 - panels.image_share)
-        else:
-            layout = _split("column", grid, layout, panels.image_share)
-    return _exported((scene, *cameras, *extra), layout)
+def _existing(leaf: str, topics: Collection[str], names: Sequence[str]) -> list[str]:
+    """The topics of this name that the results have."""
+    return [topic for name in names if (topic := f"{name}{leaf}") in topics]
 
 
-def _scene(rig: Rig, viewpoint: Viewpoint, topics: Collection[str]) -> Config:
+def _scene(rig: Rig, viewpoint: Viewpoint, topics: Collection[str], names: Sequence[str]) -> Config:
     size_m = viewpoint.size_m
+    own = {topic.removeprefix(name) for topic in topics for name in names if topic.startswith(f"{name}/")}
+    truth = sorted(leaf for leaf in own - {"/fused/scene", PLACED_SCENE} if leaf.endswith(truth_scene_topic("")))
     settings: Mapping[str, Config] = {
         "/point_cloud_combined": _CLOUD,
         "/ground_cloud": {"colorField": "z", "colorMode": "flat", "flatColor": _GROUND_COLOR, "pointSize": 1.5},
-        "/fused/scene": {"showOutlines": False},  # white ones; the objects bring their own
+        "/fused/scene": _NO_OUTLINES,  # white ones; the objects bring their own
         **{
             f"/{camera.name}/camera_info": {"distance": _metres(size_m * 0.08), "color": _FRUSTUM_COLOR}
             for camera in rig.cameras
         },
+        **dict.fromkeys(truth, _NO_OUTLINES),
     }
-    shown = {topic: {"visible": True, **config} for topic, config in settings.items() if topic in topics}
-    shown |= {topic: {"visible": True, "showOutlines": False} for topic in sorted(topics) if _is_truth_scene(topic)}
-    if "/fused/markers" in topics:
-        shown["/fused/markers"] = {"visible": False}  # the same objects once more, for RViz
-    if PLACED_SCENE in topics:
-        shown[PLACED_SCENE] = {"visible": False, "showOutlines": False}  # most of them are objects, too
+    shown: Config = {}
+    for leaf, config in settings.items():
+        found = _existing(leaf, topics, names)
+        shown |= {one: {"visible": leaf == "/fused/scene" or one == found[0], **config} for one in found}
+    if COMPARED in topics:
+        shown[COMPARED] = {"visible": True, **_NO_OUTLINES}
+    # The same objects once more, for RViz; and those that the cameras place, most of which are objects, too.
+    shown |= {topic: {"visible": False} for topic in _existing("/fused/markers", topics, names)}
+    shown |= {topic: {"visible": False, **_NO_OUTLINES} for topic in _existing(PLACED_SCENE, topics, names)}
     return {
         **_titled("Scene"),
         "followTf": rig.site_frame,
@@ -176,11 +148,6 @@ def _scene(rig: Rig, viewpoint: Viewpoint, topics: Collection[str]) -> Config:
     }
 
 
-def _is_truth_scene(topic: str) -> bool:
-    """Whether truth is drawn on a topic of the file."""
-    return topic.endswith(truth_scene_topic("")) and topic not in {"/fused/scene", PLACED_SCENE}
-
-
 def _camera_state(viewpoint: Viewpoint) -> Config:
     """The eye in the panel's angles: `phi` from straight above, `thetaOffset` 90 for an eye that looks along x."""
     away = viewpoint.eye - viewpoint.target
@@ -199,14 +166,13 @@ def _camera_state(viewpoint: Viewpoint) -> Config:
     }
 
 
-def _image(camera: CameraSensor, topic: str, topics: Collection[str]) -> _Panel:
-    annotations = f"/{camera.name}/annotations"
+def _image(camera: CameraSensor, topic: str, topics: Collection[str], names: Sequence[str]) -> _Panel:
     # Image and annotations have one log time. To synchronise them by stamps would hide an image without annotations.
     mode: Config = {"imageTopic": topic, "synchronize": False}
-    if (calibration := f"/{camera.name}/camera_info") in topics:
+    if (calibration := f"{topic.removesuffix('/compressed').removesuffix('/image')}/camera_info") in topics:
         mode["calibrationTopic"] = calibration
-    if annotations in topics:
-        mode["annotations"] = {annotations: {"visible": True}}
+    if annotations := _existing(f"/{camera.name}/annotations", topics, names):
+        mode["annotations"] = {one: {"visible": True} for one in annotations}
     return _Panel(f"Image!{camera.name}", {**_titled(camera.name), "imageMode": mode, **_PRELOADED, "topics": {}})
 
 

@@ -1,8 +1,8 @@
 """Two results in one MCAP file, to look at side by side.
 
 The topics of the first one stand under `/a`, those of the second one under `/b`. Both have the site frame in common, so
-that one 3D view shows both; the frames of their sensors are told apart by the same names, because a rig may differ.
-What moves the site frame itself is taken from the first result that says it.
+that one 3D view shows both; the frames of their sensors have the same prefixes, because the rigs may differ.
+The motion of the site frame itself is taken from the first result that has it.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,7 +16,7 @@ from pipeline.core.rig import Rig
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.qos import LATCHED_YAML
 from writers.foxglove.layout import COMPARED
-from writers.mcap.output import McapOutput, mcap_file
+from writers.mcap.output import mcap_file
 from writers.messages.images import COMPRESSED
 from writers.outputs.errors import output_errors
 from writers.outputs.marks import MERGED
@@ -39,7 +39,7 @@ class MergedSide:
     """One of the results.
 
     Attributes:
-        name: What its topics and frames begin with.
+        name: Prefix of its topics and frames.
         rig: Its rig.
         channels: Its channels.
         messages: All of its messages, in the order of log time.
@@ -62,7 +62,7 @@ def write_merged(
     Args:
         output: The file to write.
         sides: The results, of one site frame.
-        scenes: What differs, with log times that do not fall; read along with the messages.
+        scenes: Log time and drawing of the differences, by rising log time; read along with the messages.
         metadata: Says what was merged.
 
     Returns:
@@ -74,71 +74,36 @@ def write_merged(
     """
     with output_errors(output.path), mcap_file(output.part, profile="ros2") as file:
         file.add_metadata(MERGED, metadata)
-        merged = _Merged(file)
         moving = next((side.name for side in sides if any(one.topic == _TF for one in side.channels)), "")
-        sources = [merged.of_side(side, is_moving=side.name == moving) for side in sides]
-        for log_time_ns, _, channel, data in merge(*sources, merged.of_scenes(scenes), key=lambda one: one[:2]):
-            merged.put(channel, log_time_ns, data)
-        return frozenset(merged.topics)
+        sources = [_of_side(side, is_moving=side.name == moving) for side in sides]
+        differences = ((time_ns, "~", COMPARED, scene.__msgtype__, ROS2.serialize(scene)) for time_ns, scene in scenes)
+        ids: dict[tuple[str, Channel | str], int] = {}
+        placed = merge(*sources, differences, key=lambda one: one[:2])  # what differs comes last of one log time
+        for count, (log_time_ns, _, topic, kind, data) in enumerate(placed):
+            if (topic, kind) not in ids:
+                if isinstance(kind, Channel):
+                    ids[topic, kind] = file.add_recorded(kind, topic)
+                else:
+                    ids[topic, kind] = file.add_ros2(topic, kind, LATCHED_YAML if topic == _TF_STATIC else "")
+            file.add_message(ids[topic, kind], log_time_ns, data, count)
+        return frozenset(topic for topic, _ in ids)
 
 
-_Placed = tuple[int, str, int, bytes | memoryview]
-"""Log time, name of the side, channel, data."""
+_Placed = tuple[int, str, str, Channel | str, bytes | memoryview]
+"""Log time, name of the side, topic, its recorded channel or the type of lidcam's own messages, data."""
 
 
-class _Merged:
-    """The file, and what it has so far."""
-
-    def __init__(self, file: McapOutput) -> None:
-        self._file = file
-        self._ids: dict[tuple[str, Channel], int] = {}
-        self._own: dict[str, int] = {}
-        self._names: dict[int, str] = {}
-        self._count = 0
-        self.topics: set[str] = set()
-
-    def put(self, channel: int, log_time_ns: int, data: bytes | memoryview) -> None:
-        """Write one message."""
-        self._file.add_message(channel, log_time_ns, data, self._count)
-        self.topics.add(self._names[channel])
-        self._count += 1
-
-    def of_side(self, side: MergedSide, *, is_moving: bool) -> Iterator[_Placed]:
-        """The messages of one result, under its names."""
-        frames = _Frames(side, is_moving=is_moving)
-        for message in side.messages:
-            if message.problem:
-                raise MessageError(f"{message.topic}: cannot be merged: {message.problem}")
-            data: bytes | memoryview | None
-            if message.topic in {_TF, _TF_STATIC}:
-                data = frames.transforms(message)
-                channel = self._of_own(message.topic, _TF_TYPE)
-            else:
-                data = frames.renamed(message)
-                channel = self._of_recorded(side.name, message.channel)
-            if data is not None:
-                yield message.log_time_ns, side.name, channel, data
-
-    def of_scenes(self, scenes: Iterator[tuple[int, Any]]) -> Iterator[_Placed]:
-        """The differences; of one log time they come last."""
-        for log_time_ns, scene in scenes:
-            yield log_time_ns, "~", self._of_own(COMPARED, scene.__msgtype__), ROS2.serialize(scene)
-
-    def _of_recorded(self, name: str, channel: Channel) -> int:
-        key = name, channel
-        if key not in self._ids:
-            topic = f"/{name}{channel.topic}"
-            self._ids[key] = self._file.add_recorded(channel, topic)
-            self._names[self._ids[key]] = topic
-        return self._ids[key]
-
-    def _of_own(self, topic: str, msgtype: str) -> int:
-        if topic not in self._own:
-            schema = msgtype, "ros2msg", ROS2.definition(msgtype).encode()
-            metadata = {"offered_qos_profiles": LATCHED_YAML if topic == _TF_STATIC else ""}
-            self._own[topic] = self._file.add_channel(topic, "cdr", schema, metadata)
-            self._names[self._own[topic]] = topic
-        return self._own[topic]
+def _of_side(side: MergedSide, *, is_moving: bool) -> Iterator[_Placed]:
+    """The messages of one result, under its names."""
+    frames = _Frames(side, is_moving=is_moving)
+    for message in side.messages:
+        if message.problem:
+            raise MessageError(f"{message.topic}: cannot be merged: {message.problem}")
+        if message.topic not in {_TF, _TF_STATIC}:
+            topic = f"/{side.name}{message.topic}"
+            yield message.log_time_ns, side.name, topic, message.channel, frames.renamed(message)
+        elif (data := frames.transforms(message)) is not None:
+            yield message.log_time_ns, side.name, message.topic, _TF_TYPE, data
 
 
 class _Frames:

@@ -30,6 +30,7 @@ from mcap.records import Channel as ChannelRecord
 from mcap.writer import MCAP0_MAGIC
 
 from pipeline.core.messages import Channel
+from pipeline.core.ros.messages import ROS2
 from pipeline.parallel.background import Background
 from writers.mcap.chunk import Buffer, Chunk, Compression, compressor
 from writers.outputs.marks import LIBRARY
@@ -92,6 +93,11 @@ class McapOutput:
         record = ChannelRecord(counts.channel_count, topic, encoding, dict(metadata or {}), self._schemas[schema])
         self._define(Opcode.CHANNEL, record)
         return counts.channel_count
+
+    def add_ros2(self, topic: str, msgtype: str, qos: str | None = "") -> int:
+        """The id of a new channel for CDR messages of lidcam's own, whose publisher offers this quality of service."""
+        schema = msgtype, "ros2msg", ROS2.definition(msgtype).encode()
+        return self.add_channel(topic, "cdr", schema, {} if qos is None else {"offered_qos_profiles": qos})
 
     def add_recorded(self, channel: Channel, topic: str = "") -> int:
         """The id of a new channel for messages as they were recorded, under another topic if one is given."""

@@ -26,7 +26,7 @@ def write_repaired(
         output: The file to write.
         channels: All channels in the order of the file's list, also those without messages.
         messages: The messages.
-        lost: What could not be recovered, one metadata record each; read after the last message.
+        lost: Losses, one metadata record each; read after the last message.
 
     Returns:
         Number of messages.

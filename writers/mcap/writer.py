@@ -7,7 +7,7 @@ and its camera_info, annotations and detections have the image's own stamp, beca
 results give equal bytes.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from types import TracebackType
 from typing import Any, NamedTuple, Self
@@ -21,20 +21,19 @@ from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.qos import LATCHED_YAML
 from pipeline.core.settings.config import Config
+from pipeline.core.settings.run import OutputConfig
 from pipeline.core.true_boxes import TrueBoxes
 from writers.drawing import ObjectEdges, object_edges
 from writers.foxglove.layout import foxglove_layout
 from writers.mcap.chunk import Buffer
 from writers.mcap.output import McapOutput, mcap_file
-from writers.mcap.topics import LATER, written_topics
 from writers.messages.annotations import image_annotations
 from writers.messages.detections import detections_2d, detections_3d, lidcam_objects
 from writers.messages.diagnostics import diagnostics
+from writers.messages.edge_scenes import PLACED, PLACED_SCENE, placed_scene, truth_scene, truth_scene_topic
 from writers.messages.images import COMPRESSED, image_cdr
-from writers.messages.placed_scene import PLACED, PLACED_SCENE, placed_scene
 from writers.messages.scene import marker_array, scene_update
 from writers.messages.sensors import camera_info, cloud_message, moving_transform, static_transforms
-from writers.messages.truth_scene import truth_scene, truth_scene_topic
 from writers.outputs.errors import output_errors
 from writers.outputs.marks import INPUTS, RESULT
 from writers.outputs.transaction import OutputFile
@@ -42,9 +41,37 @@ from writers.provenance import Provenance
 from writers.truth_times import FrameTime, TruthTimes
 from writers.viewpoint import SceneSurvey
 
-__all__ = ["McapResultWriter"]
+__all__ = ["McapResultWriter", "reserved_topics"]
+
+_LATER = ("/tf", PLACED, PLACED_SCENE)
+"""Added with their first message, like images, whose type is known from their first message."""
 
 _NOT_COPIED = "the image cannot be copied"
+
+
+def _written_topics(rig: Rig, output: OutputConfig) -> Iterator[tuple[str, str]]:
+    """Topics of every file, those of `_LATER` and images aside."""
+    yield "/tf_static", "tf2_msgs/msg/TFMessage"
+    yield "/lidar_camera_fused", "msgs/msg/MsgLidCam"
+    yield "/fused/detections", "vision_msgs/msg/Detection3DArray"
+    yield "/fused/scene", "foxglove_msgs/msg/SceneUpdate"
+    yield "/fused/markers", "visualization_msgs/msg/MarkerArray"
+    yield "/lidar/detections", "vision_msgs/msg/Detection3DArray"
+    if output.clouds:
+        yield "/point_cloud_combined", "sensor_msgs/msg/PointCloud2"
+        if output.ground:
+            yield "/ground_cloud", "sensor_msgs/msg/PointCloud2"
+    for camera in rig.cameras:
+        yield f"/{camera.name}/camera_info", "sensor_msgs/msg/CameraInfo"
+        yield f"/{camera.name}/annotations", "foxglove_msgs/msg/ImageAnnotations"
+        yield f"/{camera.name}/detections", "vision_msgs/msg/Detection2DArray"
+    yield "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"
+
+
+def reserved_topics(rig: Rig) -> frozenset[str]:
+    """Topics of a result with every setting of the output: nothing else is written under these names."""
+    images = [f"/{camera.name}/image{suffix}" for camera in rig.cameras for suffix in ("", "/compressed")]
+    return frozenset((*_LATER, *images, *(topic for topic, _ in _written_topics(rig, Config().output))))
 
 
 class McapResultWriter:
@@ -90,9 +117,9 @@ class McapResultWriter:
             compression = self._config.output.compression
             self._file = resources.enter_context(mcap_file(self._output.part, profile="ros2", compression=compression))
             self._attach()
-            for topic, msgtype in written_topics(self._rig, self._config.output):
+            for topic, msgtype in _written_topics(self._rig, self._config.output):
                 self._register(topic, msgtype)
-            for topic in LATER:
+            for topic in _LATER:
                 self._check_name(topic)
             self._resources = resources.pop_all()
         return self
@@ -142,13 +169,12 @@ class McapResultWriter:
 
     def _put_results(self, result: FrameResult) -> tuple[Drop, ...]:
         """Write what was found in a frame, and its images."""
-        log_time_ns, found = result.bundle.log_time_ns, _views(result, self._rig)
-        images, not_copied = _images(found) if self._config.output.images else ({}, ())
+        log_time_ns, (found, not_copied) = result.bundle.log_time_ns, self._views(result)
         for topic, message in (*self._site_messages(result), *self._clouds(result)):
             self._put(topic, message, log_time_ns)
         edges = object_edges(result, [view.camera.name for view in found])
         for view in found:
-            self._put_camera(result, view, images.get(view.camera.name), edges[view.camera.name])
+            self._put_camera(result, view, edges[view.camera.name])
         self._put("/diagnostics", diagnostics(result, self._rig, not_copied), log_time_ns)
         return not_copied
 
@@ -171,18 +197,14 @@ class McapResultWriter:
             if self._config.output.ground:
                 yield "/ground_cloud", cloud_message(result.combined.ground_cloud, stamp_ns=stamp_ns, frame_id=frame_id)
 
-    def _put_camera(self, result: FrameResult, view: "_View", image: Buffer | None, edges: ObjectEdges) -> None:
+    def _put_camera(self, result: FrameResult, view: "_View", edges: ObjectEdges) -> None:
         """Write a camera's messages, all with one stamp."""
         camera, stamp_ns, prefix = view.camera, view.stamp_ns, f"/{view.camera.name}"
         names, log_time_ns = self._config.object_names, result.bundle.log_time_ns
-        if view.image is not None and image is not None:
-            msgtype = view.image.channel.msgtype
-            self._put_bytes(
-                f"{prefix}/image/compressed" if msgtype == COMPRESSED else f"{prefix}/image",
-                msgtype,
-                image,
-                log_time_ns,
-            )
+        if view.image is not None:
+            msgtype, cdr = view.image
+            topic = f"{prefix}/image/compressed" if msgtype == COMPRESSED else f"{prefix}/image"
+            self._put_bytes(topic, msgtype, cdr, log_time_ns)
         if camera.name not in self._camera_infos:
             self._camera_infos[camera.name] = camera_info(camera, stamp_ns)
         info = self._camera_infos[camera.name]
@@ -193,6 +215,25 @@ class McapResultWriter:
         if view.boxes is not None:
             boxes = detections_2d(view.boxes, names, stamp_ns=stamp_ns, frame_id=camera.T_camera_site.dst)
             self._put(f"{prefix}/detections", boxes, log_time_ns)
+
+    def _views(self, result: FrameResult) -> tuple[list["_View"], tuple[Drop, ...]]:
+        """The data of each camera that has any in a frame, and the images that cannot be copied."""
+        unusable = {(drop.topic, drop.stamp_ns) for drop in result.drops}
+        found, drops = [], []
+        for camera in self._rig.cameras:
+            message, boxes = result.bundle.messages.get(camera.topic), result.detections.cameras.get(camera.name)
+            if message is None or (message.topic, message.stamp_ns) in unusable:
+                if boxes is not None:
+                    found.append(_View(camera, boxes.stamp_ns, None, boxes))
+                continue
+            image = None
+            if self._config.output.images:
+                try:
+                    image = message.channel.msgtype, image_cdr(message, frame_id=camera.T_camera_site.dst)
+                except MessageError as err:
+                    drops.append(Drop(message.topic, message.stamp_ns, _NOT_COPIED, str(err)))
+            found.append(_View(camera, message.stamp_ns, image, boxes))
+        return found, tuple(drops)
 
     def _copy(self, messages: Iterable[RawMessage]) -> None:
         """Write recorded messages as they are, at the times at which they were recorded."""
@@ -218,9 +259,7 @@ class McapResultWriter:
 
     def _register(self, topic: str, msgtype: str) -> int:
         self._check_name(topic)
-        schema = msgtype, "ros2msg", ROS2.definition(msgtype).encode()
-        metadata = {"offered_qos_profiles": LATCHED_YAML if topic == "/tf_static" else ""}
-        self._channels[topic] = self._file.add_channel(topic, "cdr", schema, metadata)
+        self._channels[topic] = self._file.add_ros2(topic, msgtype, LATCHED_YAML if topic == "/tf_static" else "")
         return self._channels[topic]
 
     def _check_name(self, topic: str) -> None:
@@ -247,32 +286,7 @@ class _View(NamedTuple):
 
     camera: CameraSensor
     stamp_ns: int
-    image: RawMessage | None
+    image: tuple[str, Buffer] | None
+    """Type and bytes."""
+
     boxes: Boxes2D | None
-
-
-def _views(result: FrameResult, rig: Rig) -> list[_View]:
-    """The data of each camera that has any in a frame."""
-    unusable = {(drop.topic, drop.stamp_ns) for drop in result.drops}
-    found = []
-    for camera in rig.cameras:
-        image, boxes = result.bundle.messages.get(camera.topic), result.detections.cameras.get(camera.name)
-        if image is not None and (image.topic, image.stamp_ns) not in unusable:
-            found.append(_View(camera, image.stamp_ns, image, boxes))
-        elif boxes is not None:
-            found.append(_View(camera, boxes.stamp_ns, None, boxes))
-    return found
-
-
-def _images(views: Iterable[_View]) -> tuple[Mapping[str, Buffer], tuple[Drop, ...]]:
-    """The bytes of each camera's image, and the images that cannot be copied."""
-    found: dict[str, Buffer] = {}
-    drops: tuple[Drop, ...] = ()
-    for view in views:
-        if (image := view.image) is None:
-            continue
-        try:
-            found[view.camera.name] = image_cdr(image, frame_id=view.camera.T_camera_site.dst)
-        except MessageError as err:
-            drops += (Drop(image.topic, image.stamp_ns, _NOT_COPIED, str(err)),)
-    return found, drops

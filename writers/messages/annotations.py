@@ -18,8 +18,7 @@ from writers.drawing import (
     placed_objects,
     strong_objects,
 )
-from writers.messages.parts import colors, split
-from writers.messages.scene_parts import opaque
+from writers.messages.parts import colors, opaque, split
 
 __all__ = ["image_annotations"]
 
@@ -27,7 +26,7 @@ LABEL_SHARE = 1 / 24
 """Height of the letters as a share of the image's: legible in a panel of 200 px."""
 
 _LETTER_WIDTH = 0.6
-"""Of a letter, as a share of its height."""
+"""Width of a letter, as a share of its height."""
 
 _LINE_SHARE, _FAINT_ALPHA = 1 / 300, 0.5
 _LINE_LOOP, _LINE_LIST = 2, 4  # PointsAnnotation

@@ -6,9 +6,8 @@ from typing import Any
 from pipeline.core.detections import Boxes3D
 from pipeline.core.geometry.boxes import UNIT_CORNERS
 from pipeline.evaluation.comparison.object_changes import PAIR_KINDS, Changes, Objects
-from writers.messages.parts import box_poses
+from writers.messages.parts import box_poses, entities, labels, opaque, outlines, whole_scene
 from writers.messages.scene import label_places
-from writers.messages.scene_parts import entities, labels, opaque, outlines, whole_scene
 from writers.palette import CHANGED, EQUAL, LOST, NEW, Rgb
 
 __all__ = ["compared_scene", "empty_scene"]

@@ -1,16 +1,37 @@
-"""Parts that many messages have."""
+"""Parts that many messages have, and scenes of foxglove_msgs."""
 
-from collections.abc import Iterable, Sequence
-from itertools import islice
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain, islice
 from typing import Any
 
 import numpy as np
 
 from pipeline.core.arrays import F64, Array
 from pipeline.core.detections import Boxes3D
+from pipeline.core.geometry.box_edges import BOX_EDGES
 from pipeline.core.ros.messages import ROS2
 
-__all__ = ["box_poses", "colors", "places_as_poses", "points", "split", "vectors"]
+__all__ = [
+    "LABEL_PX",
+    "box_poses",
+    "colors",
+    "ellipses",
+    "entities",
+    "labels",
+    "opaque",
+    "outlines",
+    "places_as_poses",
+    "points",
+    "split",
+    "vectors",
+    "whole_scene",
+]
+
+LABEL_PX = 13.0
+
+_EDGES = BOX_EDGES.reshape(-1).astype(np.uint32)
+_LINE_LOOP, _LINE_LIST = 1, 2  # LinePrimitive
+_DELETE_ALL_ENTITIES = 1  # SceneEntityDeletion.ALL
 
 
 def points(numbers: F64) -> list[Any]:
@@ -46,3 +67,92 @@ def split(items: Sequence[Any], counts: Array | Iterable[int]) -> list[list[Any]
     """The items in lists of so many."""
     left = iter(items)
     return [list(islice(left, count)) for count in (counts.tolist() if isinstance(counts, np.ndarray) else counts)]
+
+
+def whole_scene(stamp_ns: int, *drawn: Sequence[Any]) -> Any:
+    """foxglove_msgs/SceneUpdate of entities that leaves nothing of the scene before it."""
+    deletion = ROS2.new("foxglove_msgs/msg/SceneEntityDeletion", ROS2.time(stamp_ns), _DELETE_ALL_ENTITIES, "")
+    return ROS2.new("foxglove_msgs/msg/SceneUpdate", [deletion], [*chain(*drawn)])
+
+
+def entities(
+    ids: Sequence[str],
+    stamp_ns: int,
+    frame_id: str,
+    metadata: Mapping[str, Sequence[str]],
+    **primitives: Sequence[Sequence[Any]],
+) -> list[Any]:
+    """foxglove_msgs/SceneEntity that stay until they are deleted.
+
+    Args:
+        ids: (N,).
+        stamp_ns: Their time.
+        frame_id: Their frame.
+        metadata: (N,) by key.
+        **primitives: (N,) lists by name.
+    """
+    pair = "foxglove_msgs/msg/KeyValuePair"
+    return ROS2.rows(
+        "foxglove_msgs/msg/SceneEntity",
+        len(ids),
+        timestamp=ROS2.time(stamp_ns),
+        frame_id=frame_id,
+        id=[*ids],
+        metadata=[
+            [ROS2.new(pair, key, value) for key, value in zip(metadata, row, strict=True)]
+            for row in zip(*metadata.values(), strict=True)
+        ],
+        **primitives,
+    )
+
+
+def outlines(corners: F64, rgba: F64, thickness_px: Any, *, poses: Any = None) -> list[Any]:
+    """foxglove_msgs/LinePrimitive: the edges of boxes.
+
+    Args:
+        corners: (N, 8, 3) in the order of `box_corners`, metres.
+        rgba: (N, 4), or (4,) of all.
+        thickness_px: (N,) or of all.
+        poses: (N,) frames of the corners; None: the corners are in the scene's frame.
+    """
+    return _lines(_LINE_LIST, corners, rgba, thickness_px, poses, indices=[_EDGES] * len(corners))
+
+
+def ellipses(points: F64, rgba: F64, thickness_px: Any) -> list[Any]:
+    """foxglove_msgs/LinePrimitive: closed lines through points (N, K, 3) of the scene."""
+    return _lines(_LINE_LOOP, points, rgba, thickness_px)
+
+
+def _lines(kind: int, places: F64, rgba: F64, thickness_px: Any, poses: Any = None, **others: Any) -> list[Any]:
+    n, each, _ = places.shape
+    return ROS2.rows(
+        "foxglove_msgs/msg/LinePrimitive",
+        n,
+        pose=poses or ROS2.pose((0.0, 0.0, 0.0)),
+        type=kind,
+        thickness=thickness_px,
+        scale_invariant=True,
+        points=split(points(places.reshape(n * each, 3)), [each] * n),
+        color=colors(np.broadcast_to(rgba, (n, 4))),
+        **others,
+    )
+
+
+def labels(texts: Sequence[str], places: F64, rgba: F64, size_px: float = LABEL_PX) -> list[Any]:
+    """foxglove_msgs/TextPrimitive at places (N, 3) that face the viewer."""
+    return ROS2.rows(
+        "foxglove_msgs/msg/TextPrimitive",
+        len(texts),
+        pose=places_as_poses(places),
+        billboard=True,
+        font_size=size_px,
+        scale_invariant=True,
+        color=colors(np.broadcast_to(rgba, (len(texts), 4))),
+        text=[*texts],
+    )
+
+
+def opaque(rgb: Any) -> F64:
+    """(N, 4) colours that let nothing through, of (N, 3); (4,) of one."""
+    rgb = np.asarray(rgb, np.float64)
+    return np.concatenate([rgb, np.ones((*rgb.shape[:-1], 1))], -1)

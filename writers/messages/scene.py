@@ -14,10 +14,20 @@ from pipeline.core.detections import Boxes3D, source_names
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.boxes import UNIT_CORNERS
 from pipeline.core.ros.messages import ROS2
-from writers.drawing import ARROW_SHARE, object_colors, object_labels, placed_objects, strong_objects
-from writers.messages.parts import box_poses, colors, places_as_poses, split, vectors
-from writers.messages.scene_parts import ellipses, entities, labels, opaque, outlines, whole_scene
-from writers.uncertainty import ground_ellipses
+from writers.drawing import ARROW_SHARE, ground_ellipses, object_colors, object_labels, placed_objects, strong_objects
+from writers.messages.parts import (
+    box_poses,
+    colors,
+    ellipses,
+    entities,
+    labels,
+    opaque,
+    outlines,
+    places_as_poses,
+    split,
+    vectors,
+    whole_scene,
+)
 
 __all__ = ["LABEL_SHARE", "label_places", "marker_array", "scene_update"]
 
@@ -94,7 +104,7 @@ def _colors(result: FrameResult) -> F64:
 def marker_array(result: FrameResult, class_names: Sequence[str]) -> Any:
     """visualization_msgs/MarkerArray: DELETEALL, then for each fused object a cube and a label facing the viewer.
 
-    The namespace of a cube tells what its geometry comes from, `objects/lidar`, `objects/camera` or `objects/both`, so
+    The namespace of a cube names the source of its geometry, `objects/lidar`, `objects/camera` or `objects/both`, so
     that each of them can be hidden; ids are those of the objects.
     """
     objects, n = result.fused.objects, len(result.fused.objects)

@@ -1,6 +1,25 @@
-"""By what lidcam knows its own files: a run replaces those of earlier runs, and no others."""
+"""Marks by which lidcam recognises its own files: a run replaces those of earlier runs, and no others.
 
-__all__ = ["APPLICATION", "BAG_CALLER", "FOLDER_DATA", "INPUTS", "LIBRARY", "MERGED", "REPAIRED", "RESULT", "SIMULATED"]
+A text carries its checksum, so that a text that somebody has edited is not replaced.
+"""
+
+import re
+from hashlib import sha256
+
+__all__ = [
+    "APPLICATION",
+    "BAG_CALLER",
+    "FOLDER_DATA",
+    "INPUTS",
+    "LIBRARY",
+    "MERGED",
+    "REPAIRED",
+    "RESULT",
+    "SIMULATED",
+    "is_unchanged_text",
+    "marked_json",
+    "marked_yaml",
+]
 
 LIBRARY = "lidcam"
 """In the header of an MCAP. Without a version: the same results have the same bytes whichever version of the MCAP
@@ -13,7 +32,7 @@ MERGED = "lidcam.merged"
 """Names of metadata records of an MCAP: a result, a repaired recording, a simulated one, two results side by side."""
 
 INPUTS = "lidcam.inputs"
-"""Of a result: what is known of its inputs when all of them were read."""
+"""Metadata record of a result with the checksums of its inputs, known when all of them were read."""
 
 APPLICATION = "lidcam"
 """Application of an .rrd."""
@@ -23,3 +42,32 @@ BAG_CALLER = "/lidcam_simulator"
 
 FOLDER_DATA = {"lidcam": "simulated"}
 """Custom data of a simulated ROS 2 bag folder."""
+
+_YAML = "# Written by lidcam, which replaces it as long as it is unchanged (sha256 {digest}).\n"
+_JSON = '{{\n  "lidcam": "sha256 {digest}",\n'
+_MARKS = [
+    re.compile(re.escape(mark.format(digest="DIGEST")).replace("DIGEST", "([0-9a-f]{64})")) for mark in (_YAML, _JSON)
+]
+
+
+def marked_yaml(text: str) -> str:
+    """YAML with a first line that has its checksum."""
+    return _YAML.format(digest=_digest(text)) + text
+
+
+def marked_json(text: str) -> str:
+    """An indented JSON object with a first key that has its checksum."""
+    rest = text.removeprefix("{\n")
+    return _JSON.format(digest=_digest(rest)) + rest
+
+
+def is_unchanged_text(text: str) -> bool:
+    """Whether lidcam wrote a text, and nobody has changed it."""
+    for mark in _MARKS:
+        if found := mark.match(text):
+            return found[1] == _digest(text[found.end() :])
+    return False
+
+
+def _digest(text: str) -> str:
+    return sha256(text.encode(errors="surrogatepass")).hexdigest()

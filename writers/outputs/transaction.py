@@ -6,14 +6,12 @@ from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Lock
 from types import TracebackType
 from typing import Self
 
 from pipeline.core.ending import undone_at_once
 from pipeline.core.errors import OutputError
 from writers.outputs.errors import output_errors
-from writers.outputs.signals import held_signals
 from writers.outputs.work_folder import WorkFolder
 
 __all__ = ["OutputFile", "OutputTransaction"]
@@ -28,7 +26,7 @@ class OutputFile:
 
     Attributes:
         path: Its name, for messages.
-        part: Where to write it. Nothing stands there yet; the folder is this run's own.
+        part: File or folder to write. It does not exist yet; its folder is this run's own.
     """
 
     path: Path
@@ -59,7 +57,7 @@ class OutputTransaction:
         self._targets: dict[Path, Path] = {}
         self._work: dict[Path, WorkFolder] = {}
         self._undoing = ExitStack()
-        self._committing = Lock()
+        self._is_committing = False
 
     def __enter__(self) -> Self:
         """Make the folders and lock them.
@@ -68,10 +66,9 @@ class OutputTransaction:
             OutputError: an output cannot be written, must not be replaced, or is being written by another run.
         """
         try:
-            with held_signals():
-                self._undoing.enter_context(undone_at_once(self._undo))
-                self._open()
-        except BaseException:  # also a signal that was held
+            self._undoing.enter_context(undone_at_once(self._undo))
+            self._open()
+        except BaseException:
             self._close()
             raise
         return self
@@ -87,18 +84,17 @@ class OutputTransaction:
         try:
             if kind is None and self._work:
                 self._sync()
-                with held_signals(), self._committing:
-                    self._commit()
+                self._is_committing = True
+                self._commit()
         finally:
-            with held_signals():
-                self._close()
+            self._close()
 
     def __getitem__(self, path: Path) -> OutputFile:
-        """Where one of the outputs is written."""
+        """The file in which one of the outputs is written."""
         return OutputFile(path, self._work[path].part)
 
     def get(self, path: Path) -> OutputFile | None:
-        """Where an output is written; None if it is none of these."""
+        """The file in which an output is written; None if it is not an output of this run."""
         return self[path] if path in self._work else None
 
     def _open(self) -> None:
@@ -108,8 +104,7 @@ class OutputTransaction:
                 if known == target:
                     raise OutputError(f"{path}: is the same file as {other}; choose another name")
             self._targets[path] = target
-        # The shortest first, as errors name what the user named.
-        for path, target in sorted(self._targets.items(), key=lambda item: len(item[1].name)):
+        for path, target in self._targets.items():
             with output_errors(path):
                 self._work[path] = WorkFolder(target, path)
         for path, target in self._targets.items():
@@ -139,8 +134,8 @@ class OutputTransaction:
                 _sync_one(target.parent)
 
     def _undo(self) -> None:
-        """Discard the outputs, called from any thread; not while they get their names."""
-        if self._committing.acquire(blocking=False):
+        """Discard the outputs, unless they are getting their names: then an old folder may be in a work folder."""
+        if not self._is_committing:
             self._close()
 
     def _close(self) -> None:
@@ -154,24 +149,19 @@ def _resolved(path: Path, *, is_folder: bool) -> Path:
     """The output without links: a link stays, and the file that it points to is replaced.
 
     Raises:
-        OutputError: its folder is missing, it is a broken link, or something other than a file (a folder) stands there.
+        OutputError: its folder is missing, or something other than a file (a folder) stands there.
     """
-    kind = "folder" if is_folder else "file"
+    expected = f"{path}: expected the name of a {'folder' if is_folder else 'file'} to write"
     with output_errors(path):
         try:
-            if path.is_symlink() and not path.exists():
-                raise OutputError(f"{path}: is a link to {path.readlink()}, which does not exist; remove the link")
             target = path.resolve()
         except (ValueError, RuntimeError) as err:  # a null character; links in a circle
-            raise OutputError(f"{path}: expected the name of a {kind} to write: {err}") from err
+            raise OutputError(f"{expected}: {err}") from err
         if not target.parent.is_dir():
-            raise OutputError(f"{path}: the folder {path.parent} does not exist; create it first")
-        if target.is_dir() and not is_folder:
-            raise OutputError(f"{path}: expected the name of a file to write, found a folder")
-        if target.exists() and not target.is_file() and not target.is_dir():
-            raise OutputError(f"{path}: is not a regular file; give the name of a {kind} to write")
-        if target.is_file() and is_folder:
-            raise OutputError(f"{path}: expected the name of a folder to write, found a file")
+            raise OutputError(f"{path}: the folder {target.parent} does not exist; create it first")
+        if target.exists() and not (target.is_dir() if is_folder else target.is_file()):
+            found = "a folder" if target.is_dir() else "a file" if target.is_file() else "a device or a pipe"
+            raise OutputError(f"{expected}, found {found}")
     return target
 
 

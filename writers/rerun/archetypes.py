@@ -16,13 +16,13 @@ from writers.drawing import (
     ARROW_SHARE,
     DrawnBoxes2D,
     ObjectEdges,
+    ground_ellipses,
     labels_in_the_clear,
     object_colors,
     placed_objects,
     strong_objects,
 )
-from writers.palette import CAMERA_ONLY, TRUTH
-from writers.uncertainty import ground_ellipses
+from writers.palette import CAMERA_ONLY, TRUTH, Rgb
 
 __all__ = [
     "Look",
@@ -81,7 +81,7 @@ def objects_3d(result: FrameResult, labels: Sequence[str], rows: Bools, look: Lo
 
     Args:
         result: The frame.
-        labels: Of all objects.
+        labels: Labels of all objects.
         rows: (N,) which of them.
         look: `strong`: filled and labelled; `placed` by the cameras alone: thin lines and a label; `faint`: thin lines.
     """
@@ -114,20 +114,11 @@ def object_ellipses(result: FrameResult, rows: Bools) -> rr.LineStrips3D:
 def placed_boxes(boxes: Boxes3D, class_names: Sequence[str]) -> rr.Boxes3D:
     """Boxes that the cameras alone place: edges, with class and score to be read in the viewer."""
     columns = zip(boxes.class_ids.tolist(), boxes.scores.tolist(), strict=True)
-    return rr.Boxes3D(
-        centers=boxes.centers,
-        sizes=boxes.sizes,
-        quaternions=_turns(boxes.yaws),
-        colors=CAMERA_ONLY.bytes_rgb,
-        labels=[f"{class_names[class_id]} {score:.2f}" for class_id, score in columns],
-        show_labels=False,
-        fill_mode="MajorWireframe",
-        radii=rr.Radius.ui_points(0.7),
-    )
+    return _edges(boxes, [f"{class_names[class_id]} {score:.2f}" for class_id, score in columns], CAMERA_ONLY, 0.7)
 
 
 def placed_ellipses(boxes: Boxes3D) -> rr.LineStrips3D:
-    """How sure their places are."""
+    """Ellipses of one standard deviation of their places."""
     return _ellipses(boxes, np.tile(np.array(CAMERA_ONLY.bytes_rgb, np.uint8), (len(boxes), 1)))
 
 
@@ -145,15 +136,20 @@ def _turns(yaws: F64) -> F64:
 
 def truth_boxes(truth: TrueBoxes) -> rr.Boxes3D:
     """Objects of the truth: their edges and classes."""
+    return _edges(truth, [*truth.labels], TRUTH, 1.0)
+
+
+def _edges(boxes: Boxes3D | TrueBoxes, labels: Sequence[str], color: Rgb, radius: float) -> rr.Boxes3D:
+    """The edges of boxes, with labels to be read in the viewer."""
     return rr.Boxes3D(
-        centers=truth.centers,
-        sizes=truth.sizes,
-        quaternions=_turns(truth.yaws),
-        colors=TRUTH.bytes_rgb,
-        labels=[*truth.labels],
+        centers=boxes.centers,
+        sizes=boxes.sizes,
+        quaternions=_turns(boxes.yaws),
+        colors=color.bytes_rgb,
+        labels=labels,
         show_labels=False,
         fill_mode="MajorWireframe",
-        radii=rr.Radius.ui_points(1.0),
+        radii=rr.Radius.ui_points(radius),
     )
 
 

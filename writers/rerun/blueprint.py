@@ -12,7 +12,7 @@ __all__ = ["FIXED", "PLACED", "WAY", "blueprint", "camera_path", "place_eye"]
 
 BACKGROUND = (13, 16, 23)
 FOV_Y_DEG = 55.0
-"""Of Rerun's eye."""
+"""Vertical field of view of Rerun's eye."""
 
 _TWO_PLOTS_SHARE = 0.3
 

@@ -32,7 +32,7 @@ from writers.palette import CAMERA_ONLY, MATCHED, class_color
 from writers.provenance import Provenance
 from writers.rerun import archetypes
 from writers.rerun.blueprint import FIXED, PLACED, WAY, blueprint, camera_path, place_eye
-from writers.rerun.stream import RerunStream, check_recording
+from writers.rerun.stream import RerunStream
 from writers.truth_times import FrameTime, TruthTimes
 from writers.viewpoint import SceneSurvey
 
@@ -45,8 +45,6 @@ MAX_WAITING_BYTES, MAX_WAITING_FRAMES = 1 << 26, 1000
 """Images and points, and frames, that are logged before the writer waits until they are in the file."""
 POINT_BYTES = 16
 """Position and colour."""
-COUNTED = "metrics/skew_ms"
-"""Logged once a frame, at its end."""
 _WAY_COLOR = (225, 190, 90)
 _MAGIC = {b"\xff\xd8\xff": "image/jpeg", b"\x89PN": "image/png"}
 
@@ -90,7 +88,7 @@ class RerunResultWriter:
 
     def __enter__(self) -> Self:
         with ExitStack() as resources, output_errors(self._output.path):
-            self._file = resources.enter_context(self._output.part.open("x+b", buffering=0))
+            file = resources.enter_context(self._output.part.open("xb", buffering=0))
             self._recording = rr.RecordingStream(
                 "lidcam",
                 recording_id=self._provenance.recording_id,
@@ -99,7 +97,7 @@ class RerunResultWriter:
             )
             self._recording.set_log_time_enabled(False)
             self._recording.set_log_tick_enabled(False)
-            self._stream = RerunStream(self._recording, self._file, self._output.path)
+            self._stream = RerunStream(self._recording, file, self._output.path)
             resources.push(self._end)
             self._recording.send_recording_name(
                 ", ".join(known["name"] for known in self._provenance.inputs) or "lidcam"
@@ -114,7 +112,7 @@ class RerunResultWriter:
             self._resources.__exit__(kind, error, trace)
 
     def _end(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Complete the recording and look whether all frames are in it; or discard it, if there was an error."""
+        """Complete the recording, or discard it if there was an error."""
         if kind is not None:
             self._stream.discard()
             return
@@ -126,7 +124,6 @@ class RerunResultWriter:
         except BaseException:
             self._stream.discard()
             raise
-        check_recording(self._file, self._output.path, entity=COUNTED, rows=self._frames)
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:
         """Log one frame.
@@ -155,7 +152,7 @@ class RerunResultWriter:
             drops += self._log_camera(camera, result, edges[camera.name])
         self._recording.log("metrics/objects", rr.Scalars(float(len(result.fused.objects))))
         self._recording.log("metrics/confirmed", rr.Scalars(float((result.fused.matched > 0).sum())))
-        self._recording.log(COUNTED, rr.Scalars(result.bundle.skew_ns / 1e6))  # the last of a frame
+        self._recording.log("metrics/skew_ms", rr.Scalars(result.bundle.skew_ns / 1e6))
         with output_errors(self._output.path):
             self._bound_memory()
         return tuple(drops)
@@ -164,7 +161,7 @@ class RerunResultWriter:
         """Wait for the disk now and then; what decides when is the data, as this cuts them into chunks."""
         self._frames += 1
         if self._waiting_bytes >= MAX_WAITING_BYTES or self._frames % MAX_WAITING_FRAMES == 0:
-            self._stream.settle()
+            self._stream.flush()
             self._waiting_bytes = 0
 
     def _log(self, leaf: str, camera: CameraSensor, entity: Any) -> None:

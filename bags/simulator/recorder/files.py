@@ -7,7 +7,7 @@ import contextlib
 import sqlite3
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.rosbag2 import StoragePlugin
@@ -15,19 +15,17 @@ from rosbags.rosbag2 import Writer as Rosbag2Writer
 
 from bags.simulator.recorder.recorded import Recorded
 from pipeline.core.errors import OutputError
-from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.qos import LATCHED, LATCHED_YAML_HUMBLE
 from pipeline.core.ros.typestores import RosVersion, message_types
 from writers.mcap.output import McapOutput, mcap_file
 from writers.outputs.errors import output_errors
-from writers.outputs.marked_text import marked_yaml
-from writers.outputs.marks import BAG_CALLER, FOLDER_DATA, SIMULATED
+from writers.outputs.marks import BAG_CALLER, FOLDER_DATA, SIMULATED, marked_yaml
 from writers.outputs.transaction import OutputTransaction
 
 __all__ = [
     "FORMATS",
-    "MessageWriter",
     "RecordingFormat",
+    "WriteMessage",
     "format_of",
     "recording_file",
     "recording_names",
@@ -36,20 +34,15 @@ __all__ = [
 ]
 
 RecordingFormat = Literal["ros1", "sqlite3", "mcap"]
+WriteMessage = Callable[[Recorded, int], None]
+"""Adds a message of a scenario that began at a time in ns since 1970; log times must not decrease."""
+
 FORMATS: tuple[RecordingFormat, ...] = ("ros1", "sqlite3", "mcap")
 
 ENDINGS = "a name that ends in .bag (ROS 1), in .mcap (MCAP), or has no ending (ROS 2 sqlite3 folder), or a --format"
 ATTACHMENTS = ("rig.yaml", "scenario.yaml")
 METADATA_VERSION: Literal[8] = 8
 """The newest that Humble reads."""
-
-
-class MessageWriter(Protocol):
-    """An open recording."""
-
-    def write(self, recorded: Recorded, start_ns: int) -> None:
-        """Add a message of a scenario that began at `start_ns` since 1970; log times must not decrease."""
-        ...
 
 
 def format_of(path: Path, wanted: RecordingFormat | None) -> RecordingFormat:
@@ -102,7 +95,7 @@ def recording_outputs(
 @contextlib.contextmanager
 def recording_file(
     outputs: OutputTransaction, path: Path, format: RecordingFormat, *, rig_yaml: str, scenario_yaml: str
-) -> Iterator[MessageWriter]:
+) -> Iterator[WriteMessage]:
     """Write a recording, which is complete when the block ends well.
 
     Args:
@@ -123,7 +116,7 @@ def recording_file(
                 for name, text in texts.items():
                     file.attach(name, text)
                 file.add_metadata(SIMULATED, {"attachments": ", ".join(texts)})
-                yield _Mcap(file)
+                yield _mcap_writer(file)
             return
         for name, text in texts.items():
             outputs[_beside(path, name)].part.write_text(marked_yaml(text), encoding="utf-8")
@@ -131,12 +124,12 @@ def recording_file(
             bag = Rosbag1Writer(part)
             bag.set_compression(Rosbag1Writer.CompressionFormat.LZ4)
             with bag:
-                yield _Rosbag(bag)
+                yield _rosbag_writer(bag)
         else:
             with Rosbag2Writer(part, version=METADATA_VERSION, storage_plugin=StoragePlugin.SQLITE3) as bag2:
                 for key, value in FOLDER_DATA.items():
                     bag2.set_custom_data(key, value)
-                yield _Rosbag(bag2)
+                yield _rosbag_writer(bag2)
 
 
 def _beside(path: Path, name: str) -> Path:
@@ -166,35 +159,33 @@ def _recording_errors(path: Path) -> Iterator[None]:
             raise OutputError(f"{path}: cannot be written: {err}") from err
 
 
-class _Rosbag:
-    def __init__(self, bag: Rosbag1Writer | Rosbag2Writer) -> None:
-        self._bag: Any = bag
-        self._connections: dict[str, Any] = {}
+def _rosbag_writer(bag: Any) -> WriteMessage:
+    """Writes to an open bag of rosbags."""
+    connections: dict[str, Any] = {}
 
-    def write(self, recorded: Recorded, start_ns: int) -> None:
-        """See `MessageWriter`."""
+    def write(recorded: Recorded, start_ns: int) -> None:
         topic = recorded.topic
-        if topic not in self._connections:
-            if isinstance(self._bag, Rosbag1Writer):
+        if topic not in connections:
+            if isinstance(bag, Rosbag1Writer):
                 options: Any = {"typestore": message_types(1), "latching": 1 if recorded.latched else None}
                 options["callerid"] = BAG_CALLER
             else:
                 profiles = [LATCHED] if recorded.latched else []
                 options = {"typestore": message_types(2), "offered_qos_profiles": profiles}
-            self._connections[topic] = self._bag.add_connection(topic, recorded.msgtype, **options)
-        self._bag.write(self._connections[topic], start_ns + recorded.log_ns, recorded.data)
+            connections[topic] = bag.add_connection(topic, recorded.msgtype, **options)
+        bag.write(connections[topic], start_ns + recorded.log_ns, recorded.data)
+
+    return write
 
 
-class _Mcap:
-    def __init__(self, file: McapOutput) -> None:
-        self._file = file
-        self._channels: dict[str, int] = {}
+def _mcap_writer(file: McapOutput) -> WriteMessage:
+    channels: dict[str, int] = {}
 
-    def write(self, recorded: Recorded, start_ns: int) -> None:
-        """See `MessageWriter`."""
-        topic, msgtype = recorded.topic, recorded.msgtype
-        if topic not in self._channels:
-            schema = msgtype, "ros2msg", ROS2.definition(msgtype).encode()
-            profiles = {"offered_qos_profiles": LATCHED_YAML_HUMBLE} if recorded.latched else {}
-            self._channels[topic] = self._file.add_channel(topic, "cdr", schema, profiles)
-        self._file.add_message(self._channels[topic], start_ns + recorded.log_ns, recorded.data)
+    def write(recorded: Recorded, start_ns: int) -> None:
+        topic = recorded.topic
+        if topic not in channels:
+            qos = LATCHED_YAML_HUMBLE if recorded.latched else None
+            channels[topic] = file.add_ros2(topic, recorded.msgtype, qos)
+        file.add_message(channels[topic], start_ns + recorded.log_ns, recorded.data)
+
+    return write

@@ -14,15 +14,9 @@ from pipeline.core.ros.vision_numbers import (
     OF_LIDAR,
 )
 
-__all__ = [
-    "Hypothesis",
-    "class_of",
-    "image_pixels",
-    "instance",
-    "lidar_points",
-    "occlusion",
-    "truncation",
-]
+__all__ = ["Hypothesis", "class_of", "counted", "counted_by"]
+
+FIRST_NUMBERS = {LIDAR_POINTS: OF_LIDAR, IMAGE_PIXELS: OF_CAMERA}
 
 
 class Hypothesis(NamedTuple):
@@ -44,34 +38,11 @@ def class_of(name: str, score: float = 1.0) -> Hypothesis:
     return Hypothesis(name, CLASS_NUMBERS[name], score)
 
 
-def lidar_points(count: int, sensor: str = "", row: int = 0) -> Hypothesis:
-    """The number of points on an object: of one lidar, given by its name and its row among the lidars, or of all."""
-    if sensor:
-        return Hypothesis(f"{LIDAR_POINTS}/{sensor}", OF_LIDAR - row, float(count))
-    return _counted(LIDAR_POINTS, count)
+def counted(name: str, value: float) -> Hypothesis:
+    """A count or share of an object, by its name in `COUNT_NUMBERS`."""
+    return Hypothesis(name, COUNT_NUMBERS[name], float(value))
 
 
-def image_pixels(count: int, sensor: str = "", row: int = 0) -> Hypothesis:
-    """The number of pixels that show an object: of one camera, as for `lidar_points`, or of all."""
-    if sensor:
-        return Hypothesis(f"{IMAGE_PIXELS}/{sensor}", OF_CAMERA - row, float(count))
-    return _counted(IMAGE_PIXELS, count)
-
-
-def instance(row: int) -> Hypothesis:
-    """Which object it is, for ROS 1, whose detections have no `id`: its row in the ground truth, -1 for none."""
-    return _counted("instance", row)
-
-
-def occlusion(share: float) -> Hypothesis:
-    """The share of an object's pixels that others hide."""
-    return _counted("occlusion", share)
-
-
-def truncation(share: float) -> Hypothesis:
-    """The share of an object's whole box outside the image."""
-    return _counted("truncation", share)
-
-
-def _counted(name: str, score: float) -> Hypothesis:
-    return Hypothesis(name, COUNT_NUMBERS[name], float(score))
+def counted_by(name: str, count: int, sensor: str, row: int) -> Hypothesis:
+    """A count of one lidar or camera, given by its name and its row among them."""
+    return Hypothesis(f"{name}/{sensor}", FIRST_NUMBERS[name] - row, float(count))

@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from bags.simulator.recorder.hypotheses import Hypothesis, instance
+from bags.simulator.recorder.hypotheses import Hypothesis, counted
 from bags.simulator.recorder.recorded import Recorded
 from pipeline.core.arrays import I64, U8
 from pipeline.core.camera import CameraModel
@@ -161,7 +161,7 @@ class MessageFactory(RosMessages):
         return self.new("vision_msgs/msg/Detection2DArray", header=header, detections=detections)
 
     def truth(self, stamp_ns: int, frame_id: str, objects: Sequence[TrueObject]) -> Any:
-        """vision_msgs/Detection3DArray of the ground truth; which object it is, is told as by `detections_2d`."""
+        """vision_msgs/Detection3DArray of the ground truth; the object is identified as by `detections_2d`."""
         header = self.header(stamp_ns, frame_id)
         detections = []
         for true in objects:
@@ -183,7 +183,7 @@ class MessageFactory(RosMessages):
         if self.ros_version == 1:
             return [
                 self.new("vision_msgs/msg/ObjectHypothesisWithPose", id=one.number, score=one.score, pose=posed)
-                for one in (*thing.hypotheses, instance(thing.row))
+                for one in (*thing.hypotheses, counted("instance", thing.row))
             ]
         return [
             self.new(

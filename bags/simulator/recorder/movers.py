@@ -11,7 +11,7 @@ from bags.simulator.world.bodies.dimensions import SHAPES
 from bags.simulator.world.bodies.hulls import front_wheel
 from bags.simulator.world.bodies.joints import RaisedPath, steered_wheel
 from bags.simulator.world.bodies.pedestrian import pedestrian_parts
-from bags.simulator.world.mover import BodyBox, FittedBox, Mover, Part, RigidBox, UprightBox
+from bags.simulator.world.mover import Mover, Part, UprightBox
 from pipeline.core.arrays import F64
 
 __all__ = ["build_mover"]
@@ -33,11 +33,11 @@ def build_mover(
     """
     shape = SHAPES[vehicle.shape]
     path: Trajectory | RaisedPath = trajectory
-    body: BodyBox = RigidBox(UprightBox(shape.box_center_m, shape.body_size_m))
+    body: UprightBox | None = UprightBox(shape.box_center_m, shape.body_size_m)
     if vehicle.shape == "pedestrian":
         path = trajectory if height is None else RaisedPath(trajectory, height)
         parts = pedestrian_parts(name, vehicle.color, path)
-        body = FittedBox(path, parts)
+        body = None
     elif vehicle.shape == "cyclist":
         parts = cyclist_parts(name, vehicle.color, trajectory)
     else:

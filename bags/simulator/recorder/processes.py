@@ -9,17 +9,16 @@ import multiprocessing
 import signal
 from collections.abc import Mapping, Sequence
 from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Self
 
 from bags.simulator.recorder.recorded import Measured, SensingTask
-from bags.simulator.recorder.worker import serve
 from bags.simulator.scenario.scenario import Scenario
 from bags.simulator.scenario.sensors import CameraScenario, LidarScenario
 from bags.simulator.vehicles.ackermann import AckermannCommand
 from pipeline.core.errors import LidcamError
 from readers.velodyne.models import MODELS
-from writers.outputs.signals import held_signals
 
 __all__ = ["SensingProcess", "shared_out"]
 
@@ -47,18 +46,17 @@ class SensingProcess:
     def __init__(self, task: SensingTask) -> None:
         context = multiprocessing.get_context("spawn")  # threads of the libraries do not survive a fork
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=serve, args=(theirs,), daemon=True)
+        self._process = context.Process(target=_serve, args=(theirs,), daemon=True)
         resource_tracker.ensure_running()  # else it is started with the process, and unblocks signals
-        with held_signals():
-            # A terminal sends Ctrl-C to all processes; only the parent may act on it. What is blocked stays so in the
-            # process, and comes to the parent a little later.
-            before = signal.pthread_sigmask(signal.SIG_BLOCK, FROM_TERMINALS)
-            try:
-                self._process.start()
-            finally:
-                signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        # A terminal sends Ctrl-C to all processes; only the parent may act on it. What is blocked stays so in the
+        # process, and comes to the parent a little later.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, FROM_TERMINALS)
+        try:
+            self._process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         theirs.close()
-        with contextlib.suppress(OSError):  # it has died, which the first question tells
+        with contextlib.suppress(OSError):  # it has died, which the first request reports
             self._pipe.send(task)
 
     def __enter__(self) -> Self:
@@ -78,10 +76,10 @@ class SensingProcess:
         """Process id."""
         return self._process.pid or 0
 
-    def ask(self, until_ns: int, commands: Mapping[str, AckermannCommand], *, begun_ns: int) -> None:
+    def ask(self, until_ns: int, commands: Mapping[str, AckermannCommand], *, start_limit_ns: int) -> None:
         """Start a step: apply commands, advance to a time and measure; see `Sensing.measure`."""
         try:
-            self._pipe.send((until_ns, dict(commands), begun_ns))
+            self._pipe.send((until_ns, dict(commands), start_limit_ns))
         except OSError as err:
             raise self._gone() from err
 
@@ -106,6 +104,33 @@ class SensingProcess:
         return LidcamError(
             f"a simulation process died with exit code {code}, perhaps for lack of memory; try --workers 1"
         )
+
+
+def _serve(pipe: Connection) -> None:
+    """The main loop of a process: answer requests until the pipe closes.
+
+    Args:
+        pipe: The task comes in, then requests; measurements and errors go out.
+    """
+    try:
+        from bags.simulator.recorder.sensing import Sensing  # Open3D, which this module does without
+        from bags.simulator.recorder.stage import Stage
+
+        task: SensingTask = pipe.recv()
+        stage = Stage(task.scenario, driven=task.driven)
+        sensing = Sensing(stage, task)
+        while True:
+            until_ns, commands, start_limit_ns = pipe.recv()
+            for name, command in commands.items():
+                stage.traffic.command(name, command)
+            stage.traffic.advance(until_ns)
+            pipe.send(sensing.measure(until_ns, start_limit_ns=start_limit_ns))
+            stage.forget(until_ns)
+    except (EOFError, OSError):
+        return
+    except Exception as err:
+        with contextlib.suppress(OSError):  # the parent may have failed in the same way
+            pipe.send(err)
 
 
 def _cost_us(sensor: LidarScenario | CameraScenario) -> float:

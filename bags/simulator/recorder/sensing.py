@@ -59,9 +59,11 @@ class Sensing:
             *(self._camera(name, camera) for name, camera in stage.scenario.cameras.items() if name in names),
         ]
 
-    def measure(self, until_ns: int, *, begun_ns: int) -> list[Measured]:
-        """Measurements that ended since the last call and by `until_ns`, and began before `begun_ns`."""
-        return [self._measured(sensor, one) for sensor in self._sensors for one in _due(sensor, until_ns, begun_ns)]
+    def measure(self, until_ns: int, *, start_limit_ns: int) -> list[Measured]:
+        """Measurements that ended since the last call and by `until_ns`, and began before `start_limit_ns`."""
+        return [
+            self._measured(sensor, one) for sensor in self._sensors for one in _due(sensor, until_ns, start_limit_ns)
+        ]
 
     def _lidar(self, name: str, lidar: LidarScenario) -> _Lidar:
         device = Lidar(name, lidar, self._stage.sensor_path(lidar), self._stage.scene, self._seed)
@@ -124,11 +126,11 @@ class Sensing:
                 yield make.recorded(log_ns, topic, stamp_ns, truth)
 
 
-def _due(sensor: _Lidar | _Camera, until_ns: int, begun_ns: int) -> Iterator[Measurement]:
-    """The next measurements of a sensor that end by `until_ns` and begin before `begun_ns`."""
+def _due(sensor: _Lidar | _Camera, until_ns: int, start_limit_ns: int) -> Iterator[Measurement]:
+    """The next measurements of a sensor that end by `until_ns` and begin before `start_limit_ns`."""
     while (
         sensor.next.end_ns <= until_ns
-        and sensor.next.begin_ns < begun_ns
+        and sensor.next.begin_ns < start_limit_ns
         and sensor.timing.is_alive(sensor.next.begin_ns)
     ):
         yield sensor.next

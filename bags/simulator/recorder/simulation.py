@@ -72,7 +72,7 @@ class Simulation:
     def step(self, until_ns: int) -> list[Recorded]:
         """Advance to a time; returns the messages recorded until then."""
         begin_ns, self._now_ns = self._now_ns, until_ns
-        self._measure(until_ns, begun_ns=until_ns)
+        self._measure(until_ns, start_limit_ns=until_ns)
         self._waiting += self._states.between(begin_ns, until_ns)
         times_ns = list(moments(self.scenario.recording.truth_rate_hz, begin_ns, until_ns))
         self._truths += times_ns
@@ -86,9 +86,9 @@ class Simulation:
         return done
 
     def finish(self) -> list[Recorded]:
-        """End the simulation; returns the messages not yet recorded, of all measurements begun by now."""
+        """End the simulation; returns the messages not yet recorded, of all measurements that have started."""
         end_ns = self._now_ns + self._stage.longest_ns
-        self._measure(end_ns, begun_ns=self._now_ns)
+        self._measure(end_ns, start_limit_ns=self._now_ns)
         for times_ns in (self._truths, self._truths_when_measured):
             while times_ns and times_ns[-1] >= self._now_ns:  # no sensor measures at the end itself
                 times_ns.pop()
@@ -98,15 +98,15 @@ class Simulation:
         done, self._waiting = sorted(self._waiting, key=lambda recorded: recorded[:3]), []
         return done
 
-    def _measure(self, until_ns: int, *, begun_ns: int) -> None:
+    def _measure(self, until_ns: int, *, start_limit_ns: int) -> None:
         """Advance traffic and sensors to a time."""
         commands, self._commands = self._commands, {}
         for process in self._others:
-            process.ask(until_ns, commands, begun_ns=begun_ns)
+            process.ask(until_ns, commands, start_limit_ns=start_limit_ns)
         for name, command in commands.items():
             self._stage.traffic.command(name, command)
         self._stage.traffic.advance(until_ns)
-        measured = self._sensing.measure(until_ns, begun_ns=begun_ns)
+        measured = self._sensing.measure(until_ns, start_limit_ns=start_limit_ns)
         for process in self._others:
             measured += process.answer()
         self._measured += measured

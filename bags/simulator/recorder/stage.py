@@ -74,7 +74,7 @@ class Stage:
     def body_box(self, row: int, time_ns: int) -> tuple[Transform, tuple[float, float, float]]:
         """Pose of the centre of a mover's ground truth box, and its length, width, height."""
         mover = self.scene.movers[row]
-        box = mover.body.at(time_ns)
+        box = mover.body_at(time_ns)
         return self._centred(mover.name, mover.name, time_ns, box.center_m), box.size_m
 
     def _centred(self, vehicle: str, frame: str, time_ns: int, center_m: tuple[float, float, float]) -> Transform:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from bags.simulator.recorder.hypotheses import Hypothesis, class_of, image_pixels, lidar_points
+from bags.simulator.recorder.hypotheses import Hypothesis, class_of, counted, counted_by
 from bags.simulator.recorder.messages import MessageFactory, TrueObject
 from bags.simulator.recorder.recorded import Measured, Recorded
 from bags.simulator.recorder.stage import Stage
@@ -13,6 +13,7 @@ from bags.simulator.scenario.scenario import EGO_FRAME
 from bags.simulator.scenario.traffic import command_topic, controller_topics
 from bags.simulator.world.bodies.dimensions import SHAPES
 from pipeline.core.arrays import I64
+from pipeline.core.ros.vision_numbers import IMAGE_PIXELS, LIDAR_POINTS
 
 __all__ = ["MEASURED_TRUTH_TOPIC", "TRUTH_TOPIC", "States", "moments"]
 
@@ -100,15 +101,13 @@ class States:
 
     def _hypotheses(self, row: int, hits: Mapping[str, I64]) -> tuple[Hypothesis, ...]:
         """Class and counts of a mover, from the hits of each sensor on all movers."""
-        points = {name: int(hits[name][row]) for name in self._lidars}
-        pixels = {name: int(hits[name][row]) for name in self._cameras}
-        return (
-            class_of(self._stage.scene.movers[row].class_name),
-            lidar_points(sum(points.values())),
-            image_pixels(sum(pixels.values())),
-            *(lidar_points(count, name.partition(".")[2], k) for k, (name, count) in enumerate(points.items())),
-            *(image_pixels(count, name.partition(".")[2], k) for k, (name, count) in enumerate(pixels.items())),
-        )
+        totals, shares = [], []
+        for kind, names in ((LIDAR_POINTS, self._lidars), (IMAGE_PIXELS, self._cameras)):
+            counts = [int(hits[name][row]) for name in names]
+            totals.append(counted(kind, sum(counts)))
+            sensors = [name.partition(".")[2] for name in names]
+            shares += [counted_by(kind, n, name, k) for k, (n, name) in enumerate(zip(counts, sensors, strict=True))]
+        return class_of(self._stage.scene.movers[row].class_name), *totals, *shares
 
     def _message(self, topic: str, time_ns: int, message: Any, *, after: int = 1) -> Recorded:
         return self._messages.recorded(time_ns + after * LATENCY_NS, topic, time_ns, message)

@@ -4,12 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bags.simulator.recorder.hypotheses import Hypothesis, class_of, image_pixels, occlusion, truncation
+from bags.simulator.recorder.hypotheses import class_of, counted
 from bags.simulator.recorder.messages import ViewedObject
 from bags.simulator.sensors.detector2d import NO_MOVER, Detected
 from bags.simulator.sensors.visibility import Visibility
 from bags.simulator.world.mover import Mover
 from pipeline.core.arrays import F64
+from pipeline.core.ros.vision_numbers import IMAGE_PIXELS
 
 __all__ = ["detected_objects", "visible_objects", "whole_objects"]
 
@@ -28,7 +29,7 @@ def visible_objects(shown: Visibility, movers: Sequence[Mover]) -> list[ViewedOb
     """The movers that an image shows."""
     hidden, outside = shown.occlusion.tolist(), shown.truncation.tolist()
     return [
-        _viewed(row, shown, shown.visible_xyxy, movers, occlusion(hidden[row]), truncation(outside[row]))
+        _viewed(row, shown, shown.visible_xyxy, movers, occlusion=hidden[row], truncation=outside[row])
         for row in np.flatnonzero(shown.visible_px).tolist()
     ]
 
@@ -39,9 +40,9 @@ def whole_objects(shown: Visibility, movers: Sequence[Mover]) -> list[ViewedObje
     return [_viewed(row, shown, shown.whole_xyxy, movers) for row in rows]
 
 
-def _viewed(row: int, shown: Visibility, boxes: F64, movers: Sequence[Mover], *shares: Hypothesis) -> ViewedObject:
-    mover = movers[row]
-    hypotheses = (class_of(mover.class_name), image_pixels(int(shown.visible_px[row])), *shares)
+def _viewed(row: int, shown: Visibility, boxes: F64, movers: Sequence[Mover], **shares: float) -> ViewedObject:
+    mover, pixels = movers[row], counted(IMAGE_PIXELS, int(shown.visible_px[row]))
+    hypotheses = (class_of(mover.class_name), pixels, *(counted(name, share) for name, share in shares.items()))
     return ViewedObject(mover.name, row, _box(boxes[row]), hypotheses)
 
 

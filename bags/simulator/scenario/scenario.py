@@ -9,8 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from bags.simulator.scenario.model import Name
-from bags.simulator.scenario.sensors import COEFFICIENTS, CameraScenario, LidarScenario
+from bags.simulator.scenario.sensors import COEFFICIENTS, CameraScenario, LidarScenario, Name
 from bags.simulator.scenario.traffic import RouteScenario, VehicleScenario
 from pipeline.core.settings.model import NotNegative, Positive, SettingsModel
 
@@ -115,13 +114,6 @@ class Scenario(SettingsModel):
                 raise ValueError(f"{name}.firing_stride: {expected}, found {lidar.firing_stride}")
             if lidar.elevation_deg[0] >= lidar.elevation_deg[1]:
                 raise ValueError(f"{name}.elevation_deg: expected the lower one first, found {lidar.elevation_deg}")
-            of_linear = {key: LidarScenario.model_fields[key].default for key in ("beams", "elevation_deg", "columns")}
-            for key, default in of_linear.items():
-                found = getattr(lidar, key)
-                if lidar.model != "linear" and found != default:
-                    raise ValueError(
-                        f"{name}.{key}: expected no value for a {lidar.model}, found {found}; use `linear`"
-                    )
         for name, camera in ((f"cameras.{key}", value) for key, value in self.cameras.items()):
             limit = COEFFICIENTS[camera.distortion_model]
             if len(camera.distortion) > limit:

@@ -5,11 +5,30 @@ from typing import Annotated, Literal
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
-from bags.simulator.scenario.model import Metres, Topic, Vector
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Share
+from pipeline.core.settings.validation.wording import Noun
 
-__all__ = ["COEFFICIENTS", "CameraScenario", "Detector2DScenario", "LidarScenario", "Miscalibration", "SensorScenario"]
+__all__ = [
+    "COEFFICIENTS",
+    "CameraScenario",
+    "Detector2DScenario",
+    "LidarScenario",
+    "Metres",
+    "Miscalibration",
+    "Name",
+    "SensorScenario",
+]
+
+Metres = Annotated[float, Field(ge=-1e5, le=1e5)]
+"""A coordinate: further out, single precision cannot hold millimetres."""
+Vector = tuple[float, float, float]
+Topic = Annotated[
+    str,
+    Field(pattern=r"^/[A-Za-z_]\w*(/\w+)*$"),
+    Noun("a topic that begins with /", "topics that begin with /", "/points"),
+]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z_]\w*$")]
 
 COEFFICIENTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
 """Number of coefficients of each distortion model in CameraInfo."""

@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from bags.simulator.scenario.model import Metres
+from bags.simulator.scenario.sensors import Metres
 from pipeline.core.settings.model import NotNegative, Positive, SettingsModel, Share
 
 __all__ = ["RouteScenario", "VehicleScenario", "command_topic", "controller_topics"]

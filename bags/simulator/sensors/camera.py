@@ -1,7 +1,7 @@
 """A simulated camera: images of a scene, and the mover that each pixel shows.
 
-A camera fixed to the site renders the static world once, and then only the windows with movers and their shadows. A
-camera on a vehicle renders everything for each image.
+A camera fixed to the site renders the static world once, and then only the windows with movers and their shadows; a
+camera on a vehicle renders both for each image.
 """
 
 from dataclasses import dataclass
@@ -13,11 +13,11 @@ from bags.simulator.scenario.sensors import CameraScenario
 from bags.simulator.sensors.film import Film
 from bags.simulator.sensors.lens import Lens, camera_model
 from bags.simulator.sensors.light import Light
-from bags.simulator.sensors.moving import Moving, put_movers
+from bags.simulator.sensors.moving import put_movers
 from bags.simulator.sensors.still import Still, take_still
 from bags.simulator.world.motion import T_BODY_OPTICAL, FixedPath, MountedPath, Path, Poses
 from bags.simulator.world.scene import Scene
-from pipeline.core.arrays import F32, F64, I16, I64, U8, check_array
+from pipeline.core.arrays import F64, I16, I64, U8
 from pipeline.core.camera import CameraModel
 
 __all__ = ["Camera", "CameraImage"]
@@ -42,13 +42,6 @@ class CameraImage:
     movers: I16
     alone_px: I64
     alone_xyxy: F64
-
-    def __post_init__(self) -> None:
-        height, width = self.movers.shape
-        check_array("rgb", self.rgb, (height, width, 3), np.uint8)
-        check_array("movers", self.movers, (height, width), np.int16)
-        check_array("alone_px", self.alone_px, (len(self.alone_px),), np.int64)
-        check_array("alone_xyxy", self.alone_xyxy, (len(self.alone_px), 4), np.float64)
 
     @property
     def seen_px(self) -> I64:
@@ -88,7 +81,7 @@ class Camera:
             noise=scenario.noise,
             seed=seed,
         )
-        self._still: tuple[Still, I16] | None = None
+        self._kept: tuple[Still, I16] | None = None
 
     def optical_pose(self, time_ns: int) -> Poses:
         """Pose (a single one) of the optical frame (z forward, x right, y down) in the world."""
@@ -101,39 +94,34 @@ class Camera:
 
     def image(self, number: int, time_ns: int) -> CameraImage:
         """Image `number`, with the middle of its exposure at a time; independent of earlier images."""
-        if self._fixed:
-            return self._image_of_fixed(number, time_ns)
         moments = self._moments(time_ns)
-        light, middle = np.zeros((self.model.height_px * self.model.width_px, 3), np.float32), None
-        for moment in moments:
-            still = take_still(self._scene, self._light, self._lens, self.optical_pose(moment))
-            moving = put_movers(self._scene, self._light, self._lens, still, moment)
-            linear = still.linear.copy()
-            linear[moving.pixels] = moving.linear
-            light += linear / np.float32(len(moments))
-            middle = moving if moment == time_ns else middle
-        developed = self._film.developed(light.reshape(self.model.height_px, self.model.width_px, 3))
-        return self._read_out(developed, number, middle or moving)
-
-    def _image_of_fixed(self, number: int, time_ns: int) -> CameraImage:
-        """An image of a fixed camera: only the pixels that movers change are rendered."""
-        if self._still is None:
-            still = take_still(self._scene, self._light, self._lens, self.optical_pose(0))
-            shape = (self.model.height_px, self.model.width_px, 3)
-            self._still = still, self._film.developed(still.linear.reshape(shape))
-        still, background = self._still
-        moments = self._moments(time_ns)
-        seen = [put_movers(self._scene, self._light, self._lens, still, moment) for moment in moments]
-        pixels, linear = (seen[0].pixels, seen[0].linear) if len(seen) == 1 else _mean_light(still, seen)
-        developed = background
-        if len(pixels):
-            developed = background.copy()
-            developed.reshape(-1, 3)[pixels] = self._film.developed_pixels(linear, pixels)
-        return self._read_out(developed, number, seen[len(seen) // 2])
-
-    def _read_out(self, developed: I16, number: int, truth: Moving) -> CameraImage:
+        stills = [self._static(moment) for moment in moments]
+        seen = [
+            put_movers(self._scene, self._light, self._lens, still, moment)
+            for (still, _), moment in zip(stills, moments, strict=True)
+        ]
+        truth, developed = seen[len(seen) // 2], stills[0][1].copy()
+        if len(seen) == 1:
+            developed.reshape(-1, 3)[truth.pixels] = self._film.developed_pixels(truth.linear, truth.pixels)
+        else:
+            light = np.zeros_like(stills[0][0].linear)
+            for (still, _), moving in zip(stills, seen, strict=True):
+                linear = still.linear.copy()
+                linear[moving.pixels] = moving.linear
+                light += linear / np.float32(len(seen))
+            developed = self._film.developed(light.reshape(developed.shape))
         owner = truth.owner.reshape(self.model.height_px, self.model.width_px)
         return CameraImage(self._film.read_out(developed, number), owner, truth.alone_px, truth.alone_xyxy)
+
+    def _static(self, time_ns: int) -> tuple[Still, I16]:
+        """The static world as light, and developed; a fixed camera renders it once."""
+        if self._kept is not None:
+            return self._kept
+        still = take_still(self._scene, self._light, self._lens, self.optical_pose(time_ns))
+        shape = (self.model.height_px, self.model.width_px, 3)
+        taken = still, self._film.developed(still.linear.reshape(shape))
+        self._kept = taken if self._fixed else None
+        return taken
 
     def _moments(self, time_ns: int) -> list[int]:
         """Evenly spread times of the exposure around its middle; only the middle without blur."""
@@ -170,14 +158,3 @@ class Camera:
         size = np.array([self.model.width_px, self.model.height_px])
         inside = valid.all(0) & ((pixels > -0.5 * size) & (pixels < 1.5 * size)).all((0, 2))
         return float(np.linalg.norm(pixels[1] - pixels[0], axis=-1)[inside].max(initial=0.0))
-
-
-def _mean_light(still: Still, seen: list[Moving]) -> tuple[I64, F32]:
-    """Pixels that change at any of several times, and their mean light."""
-    changes = np.zeros_like(still.linear)
-    changed = np.zeros(len(changes), np.bool_)
-    for moving in seen:
-        changes[moving.pixels] += (moving.linear - still.linear[moving.pixels]) / np.float32(len(seen))
-        changed[moving.pixels] = True
-    pixels = np.flatnonzero(changed)
-    return pixels, np.maximum(still.linear[pixels] + changes[pixels], 0.0)

@@ -9,7 +9,7 @@ from bags.simulator.scenario.sensors import Detector2DScenario
 from bags.simulator.sensors.camera import CameraImage
 from bags.simulator.sensors.timing import random_numbers
 from bags.simulator.sensors.visibility import visible_boxes
-from pipeline.core.arrays import F64, I64, check_array
+from pipeline.core.arrays import F64, I64
 
 __all__ = ["NO_MOVER", "Detected", "detect"]
 
@@ -38,12 +38,6 @@ class Detected:
     scores: F64
     class_names: tuple[str, ...]
     movers: I64
-
-    def __post_init__(self) -> None:
-        n = len(self.class_names)
-        check_array("xyxy", self.xyxy, (n, 4), np.float64)
-        check_array("scores", self.scores, (n,), np.float64)
-        check_array("movers", self.movers, (n,), np.int64)
 
     def __len__(self) -> int:
         return len(self.class_names)

@@ -220,12 +220,12 @@ class Lidar:
         echoes.range_m[mixed], echoes.share[mixed], echoes.mover[mixed] = some.range_m, some.share, some.mover
         return echoes
 
-    def rays(self, beams: Beams) -> Rays:
-        """Beams in the world (F * L), each from the sensor's pose in the middle of its firing."""
-        return self._placed(beams)[0]
-
     def _placed(self, beams: Beams) -> tuple[Rays, F64]:
-        """The `rays`, and the sensor's rotation at each firing (F, 3, 3), or a single one (1, 3, 3)."""
+        """Beams in the world, each from the sensor's pose in the middle of its firing.
+
+        Returns:
+            (F * L) rays, and the sensor's rotation at each firing (F, 3, 3), or a single one (1, 3, 3).
+        """
         if isinstance(self._path, FixedPath):
             pose = self._path.poses(beams.times_ns[:1, 0])
             turned_beams = cv2.transform(beams.directions.reshape(-1, 1, 3), pose.rotation[0])

@@ -100,11 +100,6 @@ class VelodyneSensor:
     start_azimuth_deg: float = 0.0
     return_mode: Literal["strongest", "last", "dual"] = "strongest"
 
-    def __post_init__(self) -> None:
-        able = [name for name, model in MODELS.items() if model.banks == 1]
-        if self.model not in able:
-            raise ValueError(f"model: expected one of {', '.join(able)}, got {self.model!r}")
-
     @property
     def firings_per_packet(self) -> int:
         """Firings of all lasers per packet."""
@@ -144,21 +139,12 @@ class VelodyneSensor:
 
         Args:
             first_packet: Number of the first packet.
-            ranges_m: (F, L) metres by firing and laser id; in dual mode (F, L, 2), the last return, then the strongest.
-                Values that are not finite, not positive or too large for the format are no return.
+            ranges_m: (F, L) metres by firing and laser id, F firings of whole packets; in dual mode (F, L, 2), the last
+                return, then the strongest. Values that are not finite, not positive or too large are no return.
             reflectivity: Like `ranges_m`.
-
-        Raises:
-            ValueError: the shapes do not fit, or F is not a whole number of packets.
         """
         facts, returns = self._facts, self._returns
-        packets, rest = divmod(len(ranges_m), self.firings_per_packet)
-        shape = (len(ranges_m), facts.lasers, *([2] if returns == 2 else []))
-        if rest or ranges_m.shape != shape or reflectivity.shape != shape:
-            raise ValueError(
-                f"ranges_m, reflectivity: expected {list(shape)} with a multiple of {self.firings_per_packet} firings, "
-                f"got {list(ranges_m.shape)}, {list(reflectivity.shape)}"
-            )
+        packets = len(ranges_m) // self.firings_per_packet
         with np.errstate(invalid="ignore"):
             steps = np.rint(ranges_m / facts.range_step_m)
             steps = np.where((steps > 0) & (steps <= 0xFFFF), steps, 0).astype(np.uint16)

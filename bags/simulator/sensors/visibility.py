@@ -7,7 +7,7 @@ import numpy as np
 from bags.simulator.sensors.camera import Camera, CameraImage
 from bags.simulator.world.motion import Poses
 from bags.simulator.world.mover import Mover, Part, placed_vertices
-from pipeline.core.arrays import F64, I64, check_array
+from pipeline.core.arrays import F64, I64
 from pipeline.core.camera import NEAR_M, CameraModel
 
 __all__ = ["Visibility", "projected_box", "visibility", "visible_boxes"]
@@ -18,7 +18,7 @@ EDGES = ((0, 1), (1, 2), (2, 0))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Visibility:
-    """How much of each of M movers an image shows.
+    """Visibility of each of M movers in an image.
 
     Boxes are left, top, right, bottom in pixels, counted from the image's corner.
 
@@ -36,14 +36,6 @@ class Visibility:
     visible_px: I64
     occlusion: F64
     truncation: F64
-
-    def __post_init__(self) -> None:
-        n = len(self.visible_px)
-        check_array("visible_xyxy", self.visible_xyxy, (n, 4), np.float64)
-        check_array("whole_xyxy", self.whole_xyxy, (n, 4), np.float64)
-        check_array("visible_px", self.visible_px, (n,), np.int64)
-        check_array("occlusion", self.occlusion, (n,), np.float64)
-        check_array("truncation", self.truncation, (n,), np.float64)
 
 
 def visible_boxes(image: CameraImage) -> F64:

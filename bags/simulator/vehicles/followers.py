@@ -134,7 +134,7 @@ class Follower:
             state: Its state.
             seconds: Time until it decides again.
             others: All other vehicles and pedestrians.
-            stretches: What its route shares with other routes.
+            stretches: Stretches that its route shares with other routes.
             travellers: Travellers by route.
         """
         me, habits = self.traveller, self._habits

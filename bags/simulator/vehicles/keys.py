@@ -58,13 +58,7 @@ class RemoteControl:
 
     @classmethod
     def of(cls, vehicles: tuple[str, ...]) -> "RemoteControl":
-        """The initial state, with the first vehicle chosen.
-
-        Raises:
-            ValueError: there is no vehicle.
-        """
-        if not vehicles:
-            raise ValueError("expected at least one vehicle to drive, got none")
+        """The initial state, with the first vehicle chosen; there is at least one."""
         return cls(vehicles, vehicles[0])
 
     def pressed(self, key: str) -> "RemoteControl":

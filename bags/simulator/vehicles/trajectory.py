@@ -46,13 +46,7 @@ class Trajectory:
         self.append(time_ns, state)
 
     def append(self, time_ns: int, state: State) -> None:
-        """Append a state.
-
-        Raises:
-            ValueError: the time is not later than the last one.
-        """
-        if self._count and time_ns <= self._times[self._count - 1]:
-            raise ValueError(f"expected a time after {self._times[self._count - 1]} ns, got {time_ns}")
+        """Append a state, later than the last one."""
         if self._count == len(self._times):
             self._times = np.concatenate([self._times, np.empty_like(self._times)])
             self._states = np.concatenate([self._states, np.empty_like(self._states)])

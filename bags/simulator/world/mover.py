@@ -1,8 +1,7 @@
 """Moving things: rigid parts on paths, and the box that is the ground truth about each of them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from bags.simulator.world.meshes.mesh import Mesh
 from bags.simulator.world.motion import Path, turned
 from pipeline.core.arrays import F64
 
-__all__ = ["BodyBox", "FittedBox", "Mover", "Part", "RigidBox", "UprightBox", "placed_vertices"]
+__all__ = ["Mover", "Part", "UprightBox", "placed_vertices"]
 
 Vector = tuple[float, float, float]
 
@@ -40,46 +39,6 @@ class UprightBox(NamedTuple):
     size_m: Vector
 
 
-class BodyBox(Protocol):
-    """The ground truth box of a mover."""
-
-    def at(self, time_ns: int) -> UprightBox:
-        """The box at a time."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class RigidBox:
-    """A box that does not change."""
-
-    box: UprightBox
-
-    def at(self, time_ns: int) -> UprightBox:  # noqa: ARG002  # the same at all times
-        """The box."""
-        return self.box
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FittedBox:
-    """The smallest box around all parts at each moment: for people, whose limbs swing.
-
-    Attributes:
-        path: Path of the base frame.
-        parts: The parts.
-    """
-
-    path: Path
-    parts: Sequence[Part]
-
-    def at(self, time_ns: int) -> UprightBox:
-        """The box at a time."""
-        to_base = self.path.poses(np.array([time_ns], np.int64)).inverse()
-        vertices = to_base.apply(np.concatenate([placed_vertices(part, time_ns) for part in self.parts]))
-        low, high = vertices.min(0), vertices.max(0)
-        (x, y, z), (length, width, height) = ((low + high) / 2).tolist(), (high - low).tolist()
-        return UprightBox((x, y, z), (length, width, height))
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Mover:
     """A moving thing and its ground truth box.
@@ -91,7 +50,8 @@ class Mover:
         box_center_m: Centre of a box that holds it at all times, in the base frame.
         size_m: Length, width, height of that box; no part sticks out of it by more than a centimetre.
         parts: Its rigid parts.
-        body: Its ground truth box, which need not hold mirrors, nor limbs at other times.
+        body: Its ground truth box, which need not hold mirrors; None for people, whose limbs swing: then it is the
+            smallest one around all parts at each moment.
     """
 
     name: str
@@ -100,7 +60,17 @@ class Mover:
     box_center_m: Vector
     size_m: Vector
     parts: tuple[Part, ...]
-    body: BodyBox
+    body: UprightBox | None
+
+    def body_at(self, time_ns: int) -> UprightBox:
+        """Its ground truth box at a time."""
+        if self.body is not None:
+            return self.body
+        to_base = self.path.poses(np.array([time_ns], np.int64)).inverse()
+        vertices = to_base.apply(np.concatenate([placed_vertices(part, time_ns) for part in self.parts]))
+        low, high = vertices.min(0), vertices.max(0)
+        (x, y, z), (length, width, height) = ((low + high) / 2).tolist(), (high - low).tolist()
+        return UprightBox((x, y, z), (length, width, height))
 
 
 def placed_vertices(part: Part, time_ns: int) -> F64:

@@ -22,7 +22,7 @@ _CORNERS = np.array(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0])).reshape(3, 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PartHits:
-    """Which of N rays hit a part, and where.
+    """The hits of N rays on a part.
 
     Attributes:
         rows: (K,) int64 rows of the rays that hit it, rising.

@@ -126,10 +126,6 @@ class Scene:
                     _put_nearer(columns, rows, seen)
         return Hits(*columns)
 
-    def cast_static(self, rays: Rays) -> Hits:
-        """The first surface of the static world along each ray; times do not matter."""
-        return Hits(*self._static_columns(rays))
-
     def _static_columns(self, rays: Rays) -> Columns:
         distance, normal, material = self._static.cast(rays.origins, rays.directions)
         reach, local = np.where(np.isfinite(distance), distance, 0.0), np.empty_like(rays.origins)

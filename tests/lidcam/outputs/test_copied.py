@@ -33,29 +33,25 @@ def chosen(patterns: Any, *more: RawMessage, outputs: list[Path] = OUT) -> tuple
     return choose_copied(outputs, recording(*more), RIG, config)
 
 
-def test_by_default_the_topics_of_truth() -> None:
-    assert chosen(None) == ((MAP, TRUTH, "/labels/gt"), ())
-
-
 def test_odometry_that_the_rig_calls_truth() -> None:
     rig = replace(RIG, truth={"car1": TruthVehicle("/odom", "car", (4, 2, 1))})
     assert choose_copied(OUT, recording(), rig, Config())[0] == (MAP, TRUTH, "/labels/gt", "/odom")
 
 
-def test_an_empty_list_copies_nothing() -> None:
-    assert chosen([]) == ((), ())
-
-
-@pytest.mark.parametrize("patterns", [None, ["*"]])
-def test_without_an_mcap_there_is_nothing_to_copy_to(patterns: Any) -> None:
+@pytest.mark.parametrize(
+    ("patterns", "topics"),
+    [
+        (None, (MAP, TRUTH, "/labels/gt")),
+        ([], ()),
+        (["/od*", "/ground_truth/m?p"], (MAP, "/odom")),
+    ],
+)
+def test_topics_of_truth_or_those_asked_for(patterns: Any, topics: tuple[str, ...]) -> None:
+    assert chosen(patterns) == (topics, ())
     assert chosen(patterns, outputs=[Path("out.rrd")]) == ((), ())
 
 
-def test_patterns_replace_the_default() -> None:
-    assert chosen(["/od*", "/ground_truth/m?p"]) == ((MAP, "/odom"), ())
-
-
-def test_a_pattern_without_topic_is_told_once() -> None:
+def test_a_pattern_without_topic_is_named_once() -> None:
     topics, notes = chosen(["/odom", "/odometry", "/odometry"])
     assert topics == ("/odom",)
     assert notes == ("output.copy_topics: no topic with messages is called /odometry",)
@@ -70,12 +66,14 @@ def test_names_of_the_result_are_not_taken() -> None:
     )
 
 
-def test_what_is_no_ros_message_is_told() -> None:
+def test_what_cannot_be_copied_is_named() -> None:
     grid = RawMessage(1, 1, (0, 0), b"{}", Channel("/grid", "foxglove.Grid", "json"))
-    assert chosen(["/grid"], grid) == (
-        (),
-        ("/grid is not copied to the output: its messages are json, expected ROS messages",),
-    )
+    reason = "its messages are json, expected ROS messages"
+    assert chosen(["/grid"], grid) == ((), (f"/grid is not copied to the output: {reason}",))
+    found = recording()
+    found.topics = (TopicInfo("/gt/lost", BOXES, 3, (), "its chunk index is damaged"), *found.topics)
+    _, notes = choose_copied(OUT, found, RIG, Config())
+    assert notes == ("/gt/lost is not copied to the output: its chunk index is damaged",)
 
 
 def test_which_truth_is_drawn() -> None:
@@ -114,10 +112,3 @@ def test_fixed_frames_of_the_truth_are_known() -> None:
     assert truth_frames(messages, (), found, Config()) == ()
     later = MemoryRecording([raw("/image", "sensor_msgs/msg/Image", {"header": header(1, "map")}, 1)])
     assert truth_frames(later, {"/image"}, found, Config()) == ()
-
-
-def test_what_cannot_be_read_is_not_copied() -> None:
-    found = recording()
-    found.topics = (TopicInfo("/gt/lost", BOXES, 3, (), "its chunk index is damaged"), *found.topics)
-    _, notes = choose_copied(OUT, found, RIG, Config())
-    assert notes == ("/gt/lost is not copied to the output: its chunk index is damaged",)

@@ -20,7 +20,7 @@ from lidcam.outputs.kinds import OUTPUTS
 from lidcam.settings.choice import choose_settings
 from pipeline.core.errors import OutputError
 from pipeline.core.messages import RawMessage
-from writers.outputs.marked_text import is_unchanged_text, marked_json, marked_yaml
+from writers.outputs.marks import is_unchanged_text, marked_json, marked_yaml
 
 OWN = {
     "mcap": OUTPUTS[".mcap"].is_result,
@@ -58,9 +58,9 @@ def simulate(path: Path, format: RecordingFormat, *, overwrite: bool = False) ->
     check_old = check_replaced(lambda path: TEXT if path.suffix == ".yaml" else SIMULATED, overwrite=overwrite)
     with (
         recording_outputs(path, format, check_old=check_old) as outputs,
-        recording_file(outputs, path, format, rig_yaml="site_frame: s\n", scenario_yaml="world: sandbox\n") as writer,
+        recording_file(outputs, path, format, rig_yaml="site_frame: s\n", scenario_yaml="world: sandbox\n") as write,
     ):
-        writer.write(make.recorded(0, "/wheel", 0, make.number(1.0)), 0)
+        write(make.recorded(0, "/wheel", 0, make.number(1.0)), 0)
     return path
 
 
@@ -108,7 +108,7 @@ def test_the_content_says_what_lidcam_made(results: Path, name: str, made: str |
 def test_what_is_cut_or_changed_is_not_lidcam_s(results: Path, tmp_path: Path, name: str) -> None:
     content = (results / name).read_bytes()
     path = tmp_path / name
-    for size in {0, 1, 8, 20, 30, len(content) // 2, len(content) - 40, len(content) - 8, len(content) - 1}:
+    for size in {0, 20, len(content) // 2, len(content) - 8, len(content) - 1}:
         path.write_bytes(content[:size])
         assert recognised(path) == [], size
     path.write_bytes(content + b"\n")
@@ -122,12 +122,14 @@ def test_an_edited_text_is_not_called_a_recording(tmp_path: Path) -> None:
     assert "recording" not in str(raised.value)
 
 
-def test_a_pipe_is_not_opened(tmp_path: Path) -> None:
+def test_what_only_looks_like_it_is_not_lidcam_s(results: Path, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     assert recognised(tmp_path / "pipe") == []
-
-
-def test_an_mcap_of_another_program_is_not_lidcam_s(tmp_path: Path) -> None:
+    shutil.copytree(results / "sim", tmp_path / "sim")
+    (tmp_path / "sim" / "sim.db3-wal").touch()
+    assert recognised(tmp_path / "sim") == []
+    (tmp_path / "empty").mkdir()
+    assert recognised(tmp_path / "empty") == []
     for library in ("lidcam", "another"):
         with (tmp_path / library).open("wb") as file:
             writer = Writer(file)
@@ -137,21 +139,10 @@ def test_an_mcap_of_another_program_is_not_lidcam_s(tmp_path: Path) -> None:
         assert recognised(tmp_path / library) == []
 
 
-def test_a_simulated_folder_with_something_else_in_it_is_not_lidcam_s(results: Path, tmp_path: Path) -> None:
-    shutil.copytree(results / "sim", tmp_path / "sim")
-    (tmp_path / "sim" / "sim.db3-wal").touch()
-    assert recognised(tmp_path / "sim") == []
-    shutil.rmtree(tmp_path / "sim")
-    (tmp_path / "sim").mkdir()
-    assert recognised(tmp_path / "sim") == []
-
-
 @pytest.mark.parametrize("text", ["", "a: 1\n", "a: ü\n\n", "# x\n"])
 def test_marked_text_is_unchanged_until_it_is_changed(text: str) -> None:
     marked = marked_yaml(text)
-    assert is_unchanged_text(marked)
-    assert not is_unchanged_text(f"{marked} ")
-    assert not is_unchanged_text(text)
+    assert [is_unchanged_text(one) for one in (marked, f"{marked} ", text)] == [True, False, False]
 
 
 def test_marked_json_is_json() -> None:
@@ -161,24 +152,11 @@ def test_marked_json_is_json() -> None:
     assert tree == {"a": [1, 2]}
     assert is_unchanged_text(marked)
     assert not is_unchanged_text(marked.replace("1", "3"))
-    assert not is_unchanged_text(json.dumps(json.loads(marked)))
 
 
 def folder_of(results: Path, folder: Path) -> Path:
     shutil.copytree(results, folder / "files")
     return folder / "files"
-
-
-@pytest.mark.parametrize("last", ["rec.mcap", "repaired.mcap", "sim.mcap"])
-def test_a_run_without_an_output_does_not_replace_the_last_recording(results: Path, tmp_path: Path, last: str) -> None:
-    files = folder_of(results, tmp_path)
-    before = (files / last).read_bytes()
-    recorded(files / "first.mcap")
-    with pytest.raises(OutputError, match=REFUSED):
-        lidcam.process(files / "first.mcap", files / last)
-    assert (files / last).read_bytes() == before
-    lidcam.process(files / "first.mcap", files / last, overwrite=True)
-    assert recognised(files / last) == ["mcap"]
 
 
 def test_results_are_replaced_and_an_edited_layout_is_not(results: Path, tmp_path: Path) -> None:
@@ -195,48 +173,21 @@ def test_results_are_replaced_and_an_edited_layout_is_not(results: Path, tmp_pat
     lidcam.process(files / "rec.mcap", outputs, settings=["output.layout=false"])
 
 
-def test_an_edited_rig_is_not_replaced(results: Path, tmp_path: Path) -> None:
+def test_each_command_replaces_only_its_own(results: Path, tmp_path: Path) -> None:
     files = folder_of(results, tmp_path)
-    inspect(files / "rec.mcap", write_rig=files / "rig.yaml")
+    inspect(files / "rec.mcap", write_rig=files / "rig.yaml", repair=files / "repaired.mcap")
+    simulate(files / "sim", "sqlite3")
     with (files / "rig.yaml").open("a") as file:
         file.write("# measured by hand\n")
     with pytest.raises(OutputError, match=REFUSED):
         inspect(files / "rec.mcap", write_rig=files / "rig.yaml")
+    with pytest.raises(OutputError, match=REFUSED):
+        inspect(files / "rec.mcap", repair=files / "out.mcap")
+    with pytest.raises(OutputError, match=REFUSED):
+        simulate(files / "rec", "sqlite3")
     assert (files / "rig.yaml").read_text().endswith("# measured by hand\n")
-    inspect(files / "rec.mcap", write_rig=files / "rig.yaml", overwrite=True)
-    assert recognised(files / "rig.yaml") == ["text"]
-
-
-@pytest.mark.parametrize("name", ["out.mcap", "sim.mcap", "rec.mcap"])
-def test_a_repair_replaces_only_a_repair(results: Path, tmp_path: Path, name: str) -> None:
-    files = folder_of(results, tmp_path)
-    recorded(files / "broken.mcap")
-    inspect(files / "broken.mcap", repair=files / "repaired.mcap")
-    with pytest.raises(OutputError, match=REFUSED):
-        inspect(files / "broken.mcap", repair=files / name)
-
-
-@pytest.mark.parametrize(
-    ("format", "own", "other"),
-    [("ros1", "sim.bag", "rec.bag"), ("sqlite3", "sim", "rec"), ("mcap", "sim.mcap", "out.mcap")],
-)
-def test_a_simulation_replaces_only_simulations(
-    results: Path, tmp_path: Path, format: RecordingFormat, own: str, other: str
-) -> None:
-    files = folder_of(results, tmp_path)
-    simulate(files / own, format)
-    with pytest.raises(OutputError, match=REFUSED):
-        simulate(files / other, format)
-    simulate(files / other, format, overwrite=True)
-    assert recognised(files / other) == ["simulated"]
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everything")
-def test_a_write_protected_result_stays(results: Path, tmp_path: Path) -> None:
-    files = folder_of(results, tmp_path)
-    (files / "out.mcap").chmod(0o444)
-    with pytest.raises(OutputError, match="is write-protected"):
-        lidcam.process(files / "rec.mcap", files / "out.mcap")
+    simulate(files / "rec", "sqlite3", overwrite=True)
+    assert recognised(files / "rec") == ["simulated"]
 
 
 def hard_link(folder: Path) -> Path:
@@ -257,11 +208,10 @@ def link(folder: Path) -> Path:
         hard_link,
         link,
         lambda folder: folder / "rec.mcap-wal",
-        lambda folder: folder / "rec.mcap-journal",
         lambda folder: folder / "rec" / "metadata.yaml",
         lambda folder: folder / "rec",
     ],
-    ids=["itself", "spelling", "hard link", "link", "wal", "journal", "metadata", "folder"],
+    ids=["itself", "spelling", "hard link", "link", "wal", "metadata", "folder"],
 )
 def test_no_output_is_an_input(results: Path, tmp_path: Path, output: Callable[[Path], Path]) -> None:
     files = folder_of(results, tmp_path)
@@ -270,17 +220,15 @@ def test_no_output_is_an_input(results: Path, tmp_path: Path, output: Callable[[
     check_no_input([files / "new.mcap", files / "out.mcap", files / "a\0b"], [files / "rec.mcap", files / "rec"])
 
 
-@pytest.mark.parametrize("kind", ["rig", "config", "model"])
+@pytest.mark.parametrize("kind", ["rig", "config", "model_2d"])
 def test_a_file_that_the_run_reads_is_not_replaced(results: Path, tmp_path: Path, kind: str) -> None:
     files = folder_of(results, tmp_path)
     read = (files / "rig.yaml").rename(files / "read.foxglove.json")
-    before = read.read_bytes()
     if kind == "config":
         read.write_text(marked_yaml("output: {images: false}\n"))
-        before = read.read_bytes()
-    given = {"rig": {"rig": read}, "config": {"config": read}, "model": {"model_2d": read}}[kind]
+    before = read.read_bytes()
     with pytest.raises(OutputError, match=r"read\.foxglove\.json: is an input of this run"):
-        lidcam.process(files / "rec.mcap", files / "read.mcap", overwrite=True, **given)  # type: ignore[arg-type]
+        lidcam.process(files / "rec.mcap", files / "read.mcap", overwrite=True, **{kind: read})  # type: ignore[arg-type]
     assert read.read_bytes() == before
 
 

@@ -70,11 +70,6 @@ def test_everything_is_switched_on_once() -> None:
         }
 
 
-def test_an_image_without_annotations_waits_for_none() -> None:
-    mode = layout({"/left/image", "/diagnostics"})["configById"]["Image!left"]["imageMode"]
-    assert mode == {"imageTopic": "/left/image", "synchronize": False}
-
-
 def test_the_eye_is_that_of_the_viewpoint() -> None:
     """As the panel computes it (CameraStateSettings): three.js' spherical angles, turned about x by 90 degrees."""
     survey = SceneSurvey(RIG)

@@ -114,11 +114,6 @@ def test_one_result_says_how_the_site_moves(tmp_path: Path, first: bool, second:
     assert found == [[("odom", "site")]] * expected
 
 
-def test_frames_below_those_of_sensors(tmp_path: Path) -> None:
-    output = merged(tmp_path, [transforms("/tf_static", ("cam", "lens"), ("map", "odom"))], [objects()])
-    assert frames_of(output, "/tf_static") == [[("a/cam", "a/lens"), ("a/map", "a/odom")]]
-
-
 def test_copied_topics_stay_as_they_are(tmp_path: Path) -> None:
     """Such as truth of ROS 1, below the name of a camera, too."""
     channel = Channel("/cam/detections", "vision_msgs/msg/Detection2DArray", "ros1", "int32 a", "ros1msg", digest="abc")

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 import lz4.frame
 import pytest
@@ -91,17 +90,6 @@ def test_every_record_can_be_read_with_its_checksum(tmp_path: Path) -> None:
         ]
     assert count > len(LARGE)
     assert read == LARGE
-
-
-def test_a_file_that_cannot_be_written_raises_from_the_next_call(tmp_path: Path) -> None:
-    class Full:
-        def compress(self, *_: Any, **__: Any) -> bytes:
-            raise OSError(28, "No space left on device")
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("writers.mcap.chunk.lz4.frame.compress", Full().compress)
-        with pytest.raises(OSError, match="No space left"):
-            by_us(tmp_path / "out.mcap", LARGE, "lz4")
 
 
 def test_an_error_in_the_block_is_the_one_that_is_raised(tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ from builders import odometry, raw
 from frames import CONFIG, COVARIANCE, PERIOD_NS, PROVENANCE, RIG, START_NS, frame, image_message
 from mcap.reader import make_reader
 from results import messages_of, topics_of
-from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 
 from pipeline.core.detections import Source
@@ -25,7 +24,7 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.true_boxes import TrueBoxes
 from writers.base import ResultWriter
-from writers.foxglove.layout_file import layout_path
+from writers.foxglove.layout import layout_path
 from writers.mcap.writer import McapResultWriter
 from writers.outputs.transaction import OutputFile, OutputTransaction
 
@@ -77,15 +76,6 @@ def test_topics_and_types(two_frames: Path) -> None:
     expected = {topic: (msgtype, 2) for topic, msgtype in EACH_FRAME.items()}
     tf = "tf2_msgs/msg/TFMessage"
     assert topics_of(two_frames) == {"/tf_static": (tf, 1), "/tf": (tf, 2), **expected}
-
-
-def test_rosbags_reads_every_message(two_frames: Path) -> None:
-    with AnyReader([two_frames]) as reader:
-        read = [
-            (connection.topic, reader.deserialize(data, connection.msgtype))
-            for connection, _, data in reader.messages()
-        ]
-    assert len(read) == 2 * len(EACH_FRAME) + 3
 
 
 def test_log_time_is_that_of_the_reference_message(two_frames: Path) -> None:
@@ -143,21 +133,6 @@ def test_calibration_is_the_one_used(two_frames: Path) -> None:
     np.testing.assert_array_equal(left.d, [0.1, -0.05, 0, 0, 0])
     np.testing.assert_array_equal(left.k.reshape(3, 3), model.K)
     np.testing.assert_array_equal(left.p.reshape(3, 4), np.c_[model.K, np.zeros(3)])
-
-
-def test_images_carry_the_frame_of_the_tf_tree(two_frames: Path) -> None:
-    for topic, frame_id in (("/left/image", "left"), ("/right/image/compressed", "right")):
-        for index, (_, message) in enumerate(messages_of(two_frames, topic)):
-            assert message.header.frame_id == frame_id
-            recorded = frame(index).bundle.messages["/" + frame_id + "/image"]
-            assert bytes(message.data) == bytes(recorded.data)[-len(message.data) :]
-
-
-def test_the_cloud_is_in_the_site_frame(two_frames: Path) -> None:
-    (_, message), _ = messages_of(two_frames, "/point_cloud_combined")
-    assert (message.header.frame_id, message.width, message.point_step) == ("site", 500, 22)
-    xyz = np.ndarray((500, 3), "<f4", message.data.tobytes(), 0, (22, 4))
-    np.testing.assert_array_equal(xyz, frame(0).combined.cloud.xyz)
 
 
 def test_provenance(two_frames: Path) -> None:
@@ -226,18 +201,6 @@ def test_images_and_clouds_can_be_left_out(tmp_path: Path) -> None:
     assert stamp_of(info) == START_NS + 1_000_001
 
 
-def test_the_ground_can_be_left_out(tmp_path: Path) -> None:
-    write(tmp_path / "out.mcap", [frame()], config=Config.model_validate({"output": {"ground": False}}))
-    assert set(topics_of(tmp_path / "out.mcap")) == {"/tf_static", *EACH_FRAME} - {"/ground_cloud"}
-
-
-def test_the_ground_is_a_cloud_of_its_own(two_frames: Path) -> None:
-    (_, message), _ = messages_of(two_frames, "/ground_cloud")
-    assert (message.header.frame_id, message.width) == ("site", 200)
-    xyz = np.ndarray((200, 3), "<f4", message.data.tobytes(), 0, (22, 4))
-    np.testing.assert_array_equal(xyz, frame(0).combined.ground_cloud.xyz)
-
-
 def topics_in(layout: str) -> set[str]:
     return set(re.findall(r'"(/[^".]+)', layout))
 
@@ -250,11 +213,6 @@ def test_the_layout_names_topics_that_have_messages(tmp_path: Path, output: dict
     assert {"/fused/scene", "/diagnostics", "/left/camera_info"} <= named
     assert ("/left/image" in named) == output.get("images", True)
     assert ("/ground_cloud" in named) == (output.get("clouds", True) and output.get("ground", True))
-
-
-def test_the_layout_can_be_left_out(tmp_path: Path) -> None:
-    write(tmp_path / "out.mcap", [frame()], config=Config.model_validate({"output": {"layout": False}}))
-    assert names_in(tmp_path) == ["out.mcap"]
 
 
 def test_no_frames_is_a_readable_file(tmp_path: Path) -> None:
@@ -312,28 +270,6 @@ def test_a_broken_image_is_reported_and_the_rest_written(tmp_path: Path) -> None
 
 def names_in(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
-
-
-def test_a_failed_run_leaves_nothing(tmp_path: Path) -> None:
-    def failing() -> Iterable[FrameResult]:
-        yield frame(0)
-        begins = [name.rpartition("-")[0] for name in names_in(tmp_path)]
-        assert begins == [".out.foxglove.json.lidcam", ".out.mcap.lidcam"]
-        raise RuntimeError("in a stage")
-
-    with pytest.raises(RuntimeError, match="in a stage"):
-        write(tmp_path / "out.mcap", failing())
-    assert names_in(tmp_path) == []
-
-
-def test_a_full_disk_is_one_clear_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("writers.mcap.output.Chunk.write", full)
-    with pytest.raises(OutputError, match=r"out\.mcap: cannot be written: No space left on device"):
-        write(tmp_path / "out.mcap", [frame()])
-    assert names_in(tmp_path) == []
 
 
 @pytest.mark.parametrize("name", ["lidar", "cameras"])

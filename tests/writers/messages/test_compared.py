@@ -1,6 +1,5 @@
 from typing import Any
 
-import numpy as np
 from compared_frames import Row, objects
 
 from pipeline.core.ros.messages import ROS2
@@ -63,9 +62,3 @@ def test_nothing_is_drawn_of_no_objects() -> None:
         assert not scene.entities
         assert len(scene.deletions) == 1
         assert scene.deletions[0].timestamp.nanosec == 7
-
-
-def test_outline_is_that_of_the_box() -> None:
-    (entity,) = drawn(objects(), objects(car(3))).entities
-    corners = entity.lines[0].points
-    assert np.ptp([(point.x, point.y, point.z) for point in corners], axis=0).tolist() == [4.0, 1.8, 1.5]

@@ -92,14 +92,6 @@ def test_boxes_come_back_from_a_detection_array(boxes: Boxes3D) -> None:
     assert all(detection.results[0].pose.pose == detection.bbox.center for detection in message.detections)
 
 
-def test_covariance_stands_at_x_y_and_yaw_only() -> None:
-    boxes = boxes3d([[0, 0, 0, 1, 1, 1, 0]])
-    (detection,) = through_cdr(detections_3d(boxes, NAMES, stamp_ns=1)).detections
-    full = detection.results[0].pose.covariance.reshape(6, 6)
-    found = {(int(i), int(j)): full[i, j] for i, j in np.argwhere(full)}
-    assert found == pytest.approx({(0, 0): 0.01, (1, 1): 0.02, (5, 5): 0.03})
-
-
 @pytest.mark.parametrize("rows", [[], [[1, 2, 4, 10, 0.5, 0]], [[1, 2, 4, 10, 0.5, 0], [0, 0, 640, 480, 1, 4]]])
 def test_boxes_2d(rows: list[list[float]]) -> None:
     message = through_cdr(detections_2d(boxes2d(rows), NAMES, stamp_ns=START_NS, frame_id="cam"))

@@ -40,8 +40,3 @@ def test_the_layout_follows_the_images(sizes_px: list[tuple[int, int]], expected
     of = rig(*sizes_px)
     found = parts(blueprint(of, place_eye(SceneSurvey(of))).root_container)
     assert found == expected
-
-
-def test_cameras_of_recorded_boxes_alone_have_no_panel() -> None:
-    of = replace(RIG, cameras=(replace(RIG.cameras[0], topic=""),))
-    assert not [part for part in parts(blueprint(of, place_eye(SceneSurvey(of))).root_container) if "2D" in part]

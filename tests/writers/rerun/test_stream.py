@@ -1,8 +1,6 @@
 """Rerun's bytes on their way to a file: what cannot be written is an error, and nothing waits for ever."""
 
 import errno
-import os
-import resource
 import threading
 import time
 from collections.abc import Iterator
@@ -14,6 +12,7 @@ import numpy as np
 import pytest
 import rerun as rr
 from frames import CONFIG, PROVENANCE, RIG, frame
+from rerun.chunk import RrdReader
 
 import writers.rerun.stream
 import writers.rerun.writer
@@ -21,7 +20,7 @@ from pipeline.core.errors import OutputError
 from pipeline.core.images import Image
 from pipeline.core.messages import RawMessage
 from writers.outputs.transaction import OutputTransaction
-from writers.rerun.stream import RerunStream, check_recording
+from writers.rerun.stream import RerunStream
 from writers.rerun.writer import RerunResultWriter
 
 
@@ -70,12 +69,11 @@ def test_all_of_it_is_in_the_file(rows: int, disk: SlowDisk, tmp_path: Path) -> 
     log(logged, rows)
     stream.finish()
     if rows:
-        check_recording(disk, tmp_path / "out.rrd", entity="count", rows=rows)
-        with pytest.raises(OutputError, match=f"out.rrd: Rerun wrote {rows} of {rows + 1} frames"):
-            check_recording(disk, tmp_path / "out.rrd", entity="count", rows=rows + 1)
+        chunks = RrdReader(tmp_path / "out.rrd").store().stream().filter(content=["count"], is_static=False)
+        assert sum(chunk.num_rows for chunk in chunks) == rows
 
 
-@pytest.mark.parametrize("left", [1, 1000, 5000, 100_000])
+@pytest.mark.parametrize("left", [1, 100_000])
 def test_a_full_disk_is_an_error(left: int, disk: SlowDisk, tmp_path: Path) -> None:
     logged = recording()
     disk.left = left
@@ -88,45 +86,6 @@ def test_a_full_disk_is_an_error(left: int, disk: SlowDisk, tmp_path: Path) -> N
     assert not any(thread.name == "lidcam-rerun" for thread in threading.enumerate())
 
 
-def test_no_memory_for_a_thread(disk: SlowDisk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def start(_: threading.Thread) -> None:
-        raise RuntimeError("can't start new thread")
-
-    logged = recording()
-    before = len(list(Path("/dev/fd").iterdir()))
-    with monkeypatch.context() as patched:
-        patched.setattr(threading.Thread, "start", start)
-        with pytest.raises(RuntimeError, match="can't start"):
-            RerunStream(logged, disk, tmp_path / "out.rrd")
-    assert len(list(Path("/dev/fd").iterdir())) == before
-    log(logged, 50)  # Rerun has no pipe that nobody reads
-    logged.flush(timeout_sec=5.0)
-
-
-def test_it_waits_for_a_slow_disk(disk: SlowDisk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(writers.rerun.stream, "TICK_S", 0.01)
-    monkeypatch.setattr(writers.rerun.stream, "STALL_S", 0.05)
-    logged = recording()
-    stream = RerunStream(logged, disk, tmp_path / "out.rrd")
-    disk.delay_s = 0.001
-    log(logged, 150)
-    stream.settle()
-    assert (tmp_path / "out.rrd").stat().st_size > 0.9 * 150 * 2000 * 12 - 2 * writers.rerun.stream.PIPE_BYTES
-    disk.delay_s = 0.0
-    stream.finish()
-
-
-def test_a_single_write_may_take_long(disk: SlowDisk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(writers.rerun.stream, "TICK_S", 0.01)
-    monkeypatch.setattr(writers.rerun.stream, "STALL_S", 0.05)
-    logged = recording()
-    disk.delay_s = 0.4
-    stream = RerunStream(logged, disk, tmp_path / "out.rrd")
-    stream.settle()
-    disk.delay_s = 0.0
-    stream.finish()
-
-
 def test_rerun_itself_does_not_go_on(disk: SlowDisk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     logged = recording()
     stream = RerunStream(logged, disk, tmp_path / "out.rrd")
@@ -134,43 +93,21 @@ def test_rerun_itself_does_not_go_on(disk: SlowDisk, tmp_path: Path, monkeypatch
     def never(timeout_sec: float) -> None:
         raise RuntimeError(f"Flush timed out after {timeout_sec} s")
 
-    monkeypatch.setattr(writers.rerun.stream, "TICK_S", 0.01)
-    monkeypatch.setattr(writers.rerun.stream, "STALL_S", 0.05)
+    monkeypatch.setattr(writers.rerun.stream, "STALL_S", 0.0)
     monkeypatch.setattr(logged, "flush", never)
-    with pytest.raises(OutputError, match=r"out.rrd: Rerun has written nothing for 0 s \(Flush timed out"):
-        stream.settle()
+    with pytest.raises(OutputError, match=r"out.rrd: Rerun has not written for 0 s \(Flush timed out"):
+        stream.flush()
     stream.discard()
 
 
 def test_a_recording_that_is_given_up_ends_at_once(disk: SlowDisk, tmp_path: Path) -> None:
     logged = recording()
     stream = RerunStream(logged, disk, tmp_path / "out.rrd")
-    disk.delay_s = 0.05
+    disk.delay_s = 0.01
     log(logged, 200)
-    started_s = time.monotonic()
     stream.discard()
-    assert time.monotonic() - started_s < 20  # to write it all takes a minute
+    assert (tmp_path / "out.rrd").stat().st_size < 200 * 2000 * 12 / 2  # the rest was not written
     assert not any(thread.name == "lidcam-rerun" for thread in threading.enumerate())
-
-
-def test_a_system_without_dev_fd(disk: SlowDisk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    logged = recording()
-    save = logged.save
-    monkeypatch.setattr(logged, "save", lambda path: save(f"/nowhere{path}"))
-    with pytest.raises(OutputError, match=r"out.rrd: Rerun cannot write to a pipe"):
-        RerunStream(logged, disk, tmp_path / "out.rrd")
-
-
-@pytest.mark.parametrize("kept", [0, 100, 0.5, -1])
-def test_a_damaged_recording_is_found(kept: float, disk: SlowDisk, tmp_path: Path) -> None:
-    logged = recording()
-    stream = RerunStream(logged, disk, tmp_path / "out.rrd")
-    log(logged, 20)
-    stream.finish()
-    size = disk.seek(0, os.SEEK_END)
-    disk.truncate(int(size * kept) if 0 < kept < 1 else int(kept) % size)
-    with pytest.raises(OutputError, match=r"out.rrd: what Rerun wrote cannot be read back"):
-        check_recording(disk, tmp_path / "out.rrd", entity="count", rows=20)
 
 
 def test_a_writer_that_fails_at_its_end_leaves_no_thread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -188,31 +125,3 @@ def test_a_writer_that_fails_at_its_end_leaves_no_thread(tmp_path: Path, monkeyp
         writer.write(frame(0))
     assert not any(thread.name == "lidcam-rerun" for thread in threading.enumerate())
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("max_bytes", [0, 20_000, 200_000])
-def test_a_writer_on_a_full_disk_ends_and_leaves_nothing(
-    max_bytes: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """No larger files than so: the same as a full disk, but for the reason."""
-    monkeypatch.setattr(writers.rerun.writer, "MAX_WAITING_FRAMES", 5)
-    (tmp_path / "out.rrd").write_bytes(b"an older one")
-    unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
-
-    def write_on() -> None:
-        path = tmp_path / "out.rrd"
-        with (
-            OutputTransaction([path]) as outputs,
-            RerunResultWriter(outputs[path], RIG, CONFIG, PROVENANCE, decode_any_image=grey) as writer,
-        ):
-            resource.setrlimit(resource.RLIMIT_FSIZE, (max_bytes, unlimited[1]))
-            for index in range(1000):
-                writer.write(frame(index))
-        pytest.fail("the disk was not full")
-
-    try:
-        with pytest.raises(OutputError, match=r"out.rrd: cannot be written: File too large"):
-            write_on()
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
-    assert [file.read_bytes() for file in tmp_path.iterdir()] == [b"an older one"]

@@ -52,7 +52,7 @@ Texture = Literal[
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """How a surface looks to a camera and to a lidar.
+    """The appearance of a surface to a camera and to a lidar.
 
     Attributes:
         name: A label for people.

@@ -48,15 +48,6 @@ def test_keys_come_without_enter_and_are_not_echoed(terminal: Terminal) -> None:
         assert not local & (termios.ECHO | termios.ICANON)
 
 
-def test_the_terminal_is_restored(terminal: Terminal) -> None:
-    _, program = terminal
-    before, handler = termios.tcgetattr(program), signal.getsignal(signal.SIGINT)
-    with terminal_keys(program):
-        assert termios.tcgetattr(program) != before
-    assert termios.tcgetattr(program) == before
-    assert signal.getsignal(signal.SIGINT) == handler
-
-
 def test_the_terminal_is_restored_after_an_error(terminal: Terminal) -> None:
     _, program = terminal
     before = termios.tcgetattr(program)
@@ -89,14 +80,6 @@ def test_a_lost_terminal_ends_the_input() -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
-def test_a_signal_ends_the_input(terminal: Terminal, number: signal.Signals) -> None:
-    _, program = terminal
-    with terminal_keys(program) as keys:
-        os.kill(os.getpid(), number)
-        assert keys.pressed(0).ended
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
 def test_further_signals_change_nothing(terminal: Terminal, number: signal.Signals) -> None:
     """A closed terminal is told by the kernel and by the shell; Ctrl-C twice wants the recording, too."""
     _, program = terminal
@@ -104,25 +87,6 @@ def test_further_signals_change_nothing(terminal: Terminal, number: signal.Signa
         for _ in range(3):
             os.kill(os.getpid(), number)
         assert keys.pressed(0).ended
-
-
-def test_simulated_time_does_not_run_ahead(terminal: Terminal) -> None:
-    hand, program = terminal
-    with terminal_keys(program) as keys:
-        begin = time.monotonic()
-        os.write(hand, b"w")  # a key does not end the wait
-        keys.wait(200_000_000)
-        assert time.monotonic() - begin > 0.15
-        keys.wait(100_000_000)  # already past
-        assert keys.pressed(0).keys == "w"
-
-
-def test_what_is_no_key_is_passed_over(terminal: Terminal) -> None:
-    hand, program = terminal
-    with terminal_keys(program) as keys:
-        os.write(hand, b"\xff\xc3w")
-        await_bytes(program, 3)
-        assert keys.pressed(0) == ("w", False)
 
 
 def test_a_stopped_terminal_does_not_hold_up_the_end(terminal: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -143,3 +107,22 @@ def test_a_stopped_terminal_does_not_hold_up_the_end(terminal: Terminal, monkeyp
             undo_all()
             assert asked == [termios.TCSANOW]
             assert termios.tcgetattr(program) == before
+
+
+def test_simulated_time_does_not_run_ahead(terminal: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s, waits = [100.0], []
+
+    def select_later(*arguments: Any) -> tuple[list[int], list[int], list[int]]:
+        """The terminal answers after half of each wait."""
+        waits.append(round(arguments[3], 3))
+        now_s[0] += arguments[3] / 2 if len(waits) < 3 else arguments[3]
+        return [], [], []
+
+    _, program = terminal
+    monkeypatch.setattr("time.monotonic", lambda: now_s[0])
+    with terminal_keys(program) as keys, monkeypatch.context() as patched:
+        patched.setattr("select.select", select_later)
+        keys.wait(200_000_000)
+        assert waits == [0.2, 0.1, 0.05]
+        keys.wait(100_000_000)  # already past
+        assert len(waits) == 3

@@ -14,8 +14,7 @@ from bags.simulator.world.bodies.cyclist import CRANK_CYCLE_M
 from bags.simulator.world.bodies.dimensions import SHAPES
 from bags.simulator.world.bodies.joints import steered_wheel
 from bags.simulator.world.bodies.pedestrian import CYCLE_M
-from bags.simulator.world.meshes.materials import PLATE, PLATE_YELLOW
-from bags.simulator.world.mover import Mover, UprightBox, placed_vertices
+from bags.simulator.world.mover import Mover, placed_vertices
 from pipeline.core.arrays import F64
 
 SECOND_NS = 10**9
@@ -69,8 +68,8 @@ def bodies(mover: Mover, time_ns: int) -> list[F64]:
 @pytest.mark.parametrize(("name", "tolerance_m"), [("model_car", 1e-3), *((n, CENTIMETRE) for n in VANS)])
 def test_a_vehicles_box_ends_at_its_body(name: str, tolerance_m: float) -> None:
     mover, shape = mover_of(name), SHAPES[name]
-    box = mover.body.at(0)
-    assert box == mover.body.at(SECOND_NS)
+    box = mover.body_at(0)
+    assert box == mover.body_at(SECOND_NS)
     assert (box.center_m, box.size_m[::2]) == (shape.box_center_m, shape.size_m[::2])
     low, high = np.array(box.center_m) - np.array(box.size_m) / 2, np.array(box.center_m) + np.array(box.size_m) / 2
     everything = bodies(mover, 0)
@@ -96,7 +95,7 @@ def test_a_pedestrians_box_follows_the_body(speed: float, yaw: float) -> None:
     mover = mover_of("pedestrian", speed=speed, yaw=yaw)
     lengths = []
     for time_ns in MOMENTS:
-        box = mover.body.at(time_ns)
+        box = mover.body_at(time_ns)
         points = np.concatenate([vertices(mover, part, time_ns) for part in range(len(mover.parts))])
         own = points @ Rotation.from_euler("z", yaw).as_matrix()
         np.testing.assert_allclose(own.min(0), np.array(box.center_m) - np.array(box.size_m) / 2, atol=1e-9)
@@ -107,11 +106,6 @@ def test_a_pedestrians_box_follows_the_body(speed: float, yaw: float) -> None:
     else:
         assert max(lengths) < 0.4
         assert np.ptp(lengths) < 1e-9
-
-
-def test_a_cyclists_box_does_not_change() -> None:
-    mover, shape = mover_of("cyclist"), SHAPES["cyclist"]
-    assert {mover.body.at(time_ns) for time_ns in MOMENTS} == {UprightBox(shape.box_center_m, shape.size_m)}
 
 
 @pytest.mark.parametrize("end", [-1, 1])
@@ -129,24 +123,6 @@ def test_every_part_is_closed_and_faces_outwards(name: str) -> None:
     for part in mover_of(name).parts:
         assert open_edges(part.mesh) == 0
         assert signed_volume(part.mesh) > 0
-
-
-@pytest.mark.parametrize("name", ["model_car", "car", "van", "truck", "bus"])
-def test_vehicles_carry_number_plates_at_their_ends(name: str) -> None:
-    mesh = mover_of(name).parts[0].mesh
-    shape = SHAPES[name]
-    for plate, end in ((PLATE, shape.front_m), (PLATE_YELLOW, shape.rear_m)):
-        assert plate.reflectivity > 1
-        points = mesh.vertices[mesh.triangles[mesh.materials == mesh.palette.index(plate)]]
-        assert abs(points[..., 0].mean() - end) < 0.1
-        assert abs(points[..., 1].mean()) < 1e-6
-
-
-def test_a_colour_is_that_of_the_body() -> None:
-    trajectory = Trajectory(0, State(0.0, 0.0, 0.0))
-    for shape in ("car", "pedestrian"):
-        mover = build_mover("x", VehicleScenario.model_validate({"shape": shape, "color": (0.1, 0.2, 0.9)}), trajectory)
-        assert any(material.rgb == (0.1, 0.2, 0.9) for part in mover.parts for material in part.mesh.palette)
 
 
 @settings(deadline=None)
@@ -183,12 +159,6 @@ def test_walking_legs_alternate() -> None:
     np.testing.assert_allclose(heights.min(0), 0.0, atol=2e-3)  # one foot is always on the ground
     assert heights.max() > 0.03  # and the other one is lifted
     assert set(heights.argmin(0).tolist()) == {0, 1}
-
-
-def test_who_stands_does_not_stride() -> None:
-    mover = mover_of("pedestrian", speed=0.0)
-    low, high = extent(mover)
-    assert high[0] - low[0] < 0.45
 
 
 def test_feet_stay_on_the_pedals() -> None:

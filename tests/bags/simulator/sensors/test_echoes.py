@@ -5,7 +5,6 @@ from small_worlds import BLACK, GLASS, GREY, RETRO, WHITE
 from bags.simulator.sensors.echoes import NO_ECHO, Echoes, Optics, Reflected, distinct_echoes, intensity, returned_share
 from bags.simulator.world.meshes.mesh import Material
 from bags.simulator.world.rays import Hits
-from bags.simulator.world.surfaces.textures import surface_reflectivity
 
 MIRROR = Material("mirror", (1, 1, 1), 1.0, mirror=0.5)
 PALETTE = (WHITE, GREY, BLACK, RETRO, GLASS, MIRROR)
@@ -29,33 +28,10 @@ def echoes(surfaces: list[tuple[float, float, int]], *, second_strongest: bool =
     )
 
 
-@pytest.mark.parametrize("material", PALETTE)
-def test_straight_on_a_surface_sends_back_what_its_material_says(material: Material) -> None:
-    assert share(material, 0) == pytest.approx(material.reflectivity)
-
-
-def test_surfaces_send_back_what_their_texture_has_there() -> None:
-    paving = Material("paving", (0.5, 0.5, 0.5), 0.4, texture="paving")
-    palette = (*PALETTE, paving)
-    count = 1000
-    places = np.random.default_rng(0).uniform(-5, 5, (count, 3)) * (1, 1, 0)
-    up = np.tile([0.0, 0.0, 1.0], (count, 1))
-    row = np.full(count, palette.index(paving))
-    straight = Optics(palette).share(Hits(np.ones(count), up, row, np.full(count, -1), places), np.ones(count))
-    np.testing.assert_allclose(straight, surface_reflectivity(palette, row, places, up), rtol=1e-6)
-    assert np.ptp(straight) > 0.01
-
-
 def test_a_miss_sends_nothing() -> None:
     nowhere, row = np.zeros((2, 3)), np.array([-1, 0])
     hits = Hits(np.array([np.inf, 1.0]), nowhere, row, np.array([-1, -1]), nowhere)
     assert Optics(PALETTE).share(hits, np.array([0.0, 1.0])).tolist() == [0.0, 1.0]
-
-
-@pytest.mark.parametrize("material", [WHITE, GREY, BLACK, GLASS, MIRROR])
-def test_the_flatter_a_surface_is_met_the_less_comes_back(material: Material) -> None:
-    by_angle = [share(material, angle) for angle in (0, 20, 40, 60, 80, 89)]
-    assert by_angle == sorted(by_angle, reverse=True)
 
 
 def test_at_grazing_angles_rough_ground_is_seen_and_a_mirror_is_not() -> None:
@@ -107,10 +83,6 @@ def test_no_echo(surface: tuple[float, float, int]) -> None:
     assert echoes([surface, (np.inf, 0.0, -1)]).range_m.tolist() == [[NO_ECHO, NO_ECHO]]
 
 
-def test_just_bright_enough() -> None:
-    assert echoes([(50.0, 0.26, 0)]).range_m.tolist() == [[50.0, 50.0]]
-
-
 def test_beams_do_not_mix() -> None:
     random = np.random.default_rng(0)
     surfaces = [[(random.uniform(1, 60), random.uniform(0, 0.5), n) for n in range(6)] for _ in range(50)]
@@ -125,10 +97,3 @@ def test_beams_do_not_mix() -> None:
         np.testing.assert_array_equal(together.mover[:50], np.concatenate([one.mover for one in alone]))
         assert together.range_m[50].tolist() == [NO_ECHO, NO_ECHO]
         assert (together.range_m[:50, 0] <= together.range_m[:50, 1]).all()
-
-
-def test_no_beams() -> None:
-    nothing = np.empty(0)
-    light = Reflected(nothing.astype(np.int64), nothing, nothing, nothing.astype(np.int64))
-    found = distinct_echoes(light, 0, reach_m=9, nearest_m=1, apart_m=1, second_strongest=True)
-    assert found.range_m.shape == found.share.shape == found.mover.shape == (0, 2)

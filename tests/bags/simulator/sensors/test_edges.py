@@ -31,18 +31,6 @@ def found(distance_m: F64, normal: F64 | None = None) -> Any:
     return sides(distance_m, normal).any(2).astype(int).tolist()
 
 
-def test_both_sides_of_a_step() -> None:
-    grid = np.full((4, 3), 10.0)
-    grid[2:] = 20.0
-    assert found(grid) == [[0, 0, 0], [1, 1, 1], [1, 1, 1], [0, 0, 0]]
-
-
-def test_neighbours_in_elevation_are_not_those_in_number() -> None:
-    grid = np.full((2, 3), 10.0)
-    grid[:, 1] = 20.0
-    assert found(grid) == [[1, 1, 0]] * 2
-
-
 def test_against_the_sky_too() -> None:
     grid = np.full((3, 3), np.inf)
     assert found(grid) == [[0, 0, 0]] * 3
@@ -84,7 +72,3 @@ def test_sides() -> None:
         (1, 1): [Side.BEFORE],
         (1, 2): [],
     }
-
-
-def test_one_firing() -> None:
-    assert found(np.array([[10.0, 10.0, 10.0]])) == [[0, 0, 0]]

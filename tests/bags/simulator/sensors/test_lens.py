@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from bags.simulator.sensors.lens import Lens, undistorted
+from bags.simulator.sensors.lens import Lens
 from pipeline.core.arrays import F64
 from pipeline.core.camera import CameraModel, DistortionModel
 
@@ -55,12 +55,6 @@ def test_pixels_outside_of_the_image_circle_are_not_covered() -> None:
     assert np.isfinite(lens.directions).all()
 
 
-def test_no_pixels() -> None:
-    plane, covered = undistorted(lens_model("none"), np.empty((0, 2)))
-    assert plane.shape == (0, 2)
-    assert covered.shape == (0,)
-
-
 @pytest.mark.parametrize("name", LENSES)
 def test_window_holds_every_pixel_that_looks_into_a_hull(name: str) -> None:
     lens = Lens(lens_model(name))
@@ -79,15 +73,6 @@ def test_window_holds_every_pixel_that_looks_into_a_hull(name: str) -> None:
             shown[lens.hull(points, (left, top, right, bottom))] = True
         column, row = np.floor(pixels[seen]).astype(int).T
         assert shown[row * 640 + column].all()
-
-
-def test_hull_of_a_long_thing_is_less_than_its_window() -> None:
-    lens = Lens(lens_model("none"))
-    points = np.array([[-1.0, -0.9, 2], [-0.9, -0.95, 2], [0.9, 0.95, 2.2], [1.0, 0.9, 2.2]])
-    left, top, right, bottom = lens.window(points)
-    pixels = lens.hull(points, (left, top, right, bottom))
-    assert len(pixels) < 0.3 * (right - left) * (bottom - top)
-    assert (np.diff(pixels) > 0).all()
 
 
 @pytest.mark.parametrize("name", LENSES)

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bags.simulator.scenario.sensors import SensorScenario
-from bags.simulator.sensors.timing import Measurement, Timing, random_numbers
+from bags.simulator.sensors.timing import Measurement, Timing
 
 MS = 1_000_000
 
@@ -46,12 +46,6 @@ def test_drops_come_at_the_rate_that_was_asked_for() -> None:
     assert 340 < lost < 460  # 400 +- 3.4 sigma
 
 
-@pytest.mark.parametrize(("rate", "lost"), [(0.0, 0), (1.0, 50)])
-def test_none_or_all_may_be_dropped(rate: float, lost: int) -> None:
-    clock = timing(drop_rate=rate)
-    assert sum(clock.measurement(number).lost for number in range(50)) == lost
-
-
 def test_a_message_is_recorded_after_its_measurement_ended() -> None:
     clock = timing(log_delay_ms=5.0, log_jitter_ms=4.0, trigger_jitter=False)
     delays = [clock.measurement(n, begin_ns=n, end_ns=100 * MS + n).log_ns - 100 * MS - n for n in range(500)]
@@ -79,10 +73,3 @@ def test_one_fault_leaves_the_others_as_they_were(number: int, drop: float, jitt
     late = timing(jitter_ms=jitter, drop_rate=0.3, log_jitter_ms=1.0, log_delay_ms=9.0, clock_offset_ms=offset)
     assert late.measurement(number).lost == first.lost
     assert late.measurement(number).log_ns - late.measurement(number).end_ns == first.log_ns - first.end_ns
-
-
-def test_random_numbers_depend_on_all_that_names_them() -> None:
-    first = random_numbers(1, "a", "noise", 0).random()
-    assert first == random_numbers(1, "a", "noise", 0).random()
-    others = [(2, "a", "noise", 0), (1, "b", "noise", 0), (1, "a", "other", 0), (1, "a", "noise", 1)]
-    assert len({first, *(random_numbers(*key).random() for key in others)}) == 5

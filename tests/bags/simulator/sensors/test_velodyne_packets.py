@@ -9,7 +9,7 @@ from pipeline.core.arrays import F64, U8
 from pipeline.core.clouds import PointCloud
 from pipeline.core.settings.recording import VelodyneLidarConfig
 from readers.velodyne.decoder import VelodyneDecoder
-from readers.velodyne.models import MODELS, built_in_table
+from readers.velodyne.models import MODELS
 
 MODES = ("strongest", "last", "dual")
 START_NS = 1_000_000_000_000
@@ -64,56 +64,8 @@ def test_velodyne_decoder_reads_it_as_we_do(model: str, mode: str) -> None:
     assert_as_judged(decode(packets), judged(model, packets.payload, packets.stamps_ns), model)
 
 
-def test_two_echoes() -> None:
-    source = sensor("VLP-16", "dual")
-    ranges_m = np.zeros((source.firings_per_packet, 16, 2))
-    ranges_m[0, 0] = 10.0, 10.0  # one echo is both the last and the strongest
-    ranges_m[0, 1] = 20.0, 5.0
-    ranges_m[0, 2] = 30.0, np.nan
-    cloud = decode(source.encode(0, ranges_m, np.full(ranges_m.shape, 9, np.uint8)))
-    by_range = np.argsort(np.linalg.norm(cloud.xyz, axis=1))
-    assert cloud.return_type is not None
-    assert cloud.return_type[by_range].tolist() == [1, 3, 2, 2]
-    np.testing.assert_allclose(np.linalg.norm(cloud.xyz[by_range], axis=1), [5, 10, 20, 30], atol=0.02)
-
-
-def test_rate_of_packets() -> None:
-    assert sensor("VLP-16").packets_per_turn * 10 == pytest.approx(754, abs=1)
-    assert sensor("VLP-16", "dual").packets_per_turn * 10 == pytest.approx(1507, abs=1)
-    assert sensor("HDL-32E").packets_per_turn * 10 == pytest.approx(1808, abs=1)
-
-
-def test_packets_continue_one_another() -> None:
-    source = sensor("HDL-32E", turn_hz=20.0)
-    ranges_m, reflectivity = some_ranges(source, 6)
-    cut = 2 * source.firings_per_packet
-    whole = source.encode(3, ranges_m, reflectivity)
-    parts = [source.encode(3, ranges_m[:cut], reflectivity[:cut]), source.encode(5, ranges_m[cut:], reflectivity[cut:])]
-    np.testing.assert_array_equal(np.concatenate([part.payload for part in parts]), whole.payload)
-    np.testing.assert_array_equal(np.concatenate([part.stamps_ns for part in parts]), whole.stamps_ns)
-
-
 @pytest.mark.parametrize("range_m", [np.nan, np.inf, -1.0, 0.0, 0.0009, 131.08])
 def test_what_is_no_return(range_m: float) -> None:
     source = sensor("VLP-16")
     ranges_m = np.full((source.firings_per_packet, 16), range_m)
     assert len(decode(source.encode(0, ranges_m, np.full(ranges_m.shape, 7, np.uint8)))) == 0
-
-
-def test_beams_of_a_resting_moment() -> None:
-    beams = sensor("VLP-32C", turn_hz=1e-9).beams(0, 1)
-    table = built_in_table("VLP-32C")
-    elevation = np.arcsin(beams.directions[0, :, 2])
-    azimuth = np.arctan2(-beams.directions[0, :, 1], beams.directions[0, :, 0])
-    np.testing.assert_allclose(elevation, table.elevation_rad, atol=1e-9)
-    np.testing.assert_allclose(azimuth, -table.azimuth_offset_rad, atol=1e-9)
-    assert np.rad2deg(-azimuth[:3]).tolist() == pytest.approx([-1.4, 4.2, -1.4])
-
-
-def test_wrong_use() -> None:
-    with pytest.raises(ValueError, match="model: expected one of VLP-16"):
-        sensor("VLS-128")
-    with pytest.raises(ValueError, match=r"a multiple of 24 firings, got \[23, 16\]"):
-        sensor("VLP-16").encode(0, np.ones((23, 16)), np.ones((23, 16), np.uint8))
-    with pytest.raises(ValueError, match=r"expected \[12, 16, 2\]"):
-        sensor("VLP-16", "dual").encode(0, np.ones((12, 16)), np.ones((12, 16), np.uint8))

@@ -13,7 +13,7 @@ from bags.simulator.scenario.scenario import SunScenario
 from bags.simulator.scenario.sensors import CameraScenario
 from bags.simulator.scenario.traffic import VehicleScenario
 from bags.simulator.sensors.camera import Camera, CameraImage
-from bags.simulator.sensors.visibility import Visibility, projected_box, visibility
+from bags.simulator.sensors.visibility import Visibility, visibility
 from bags.simulator.vehicles.trajectory import State, Trajectory
 from bags.simulator.world.meshes.mesh import Mesh, box
 from bags.simulator.world.motion import FixedPath, MountedPath, Path
@@ -60,17 +60,6 @@ def outline(camera: Camera, center: tuple[float, float, float], size: tuple[floa
     pixels, valid = camera.model.project(camera.optical_pose(0).inverse().apply(points))
     assert valid.all()
     return np.concatenate([pixels.min(0), pixels.max(0)])
-
-
-@pytest.mark.parametrize("lens", LENSES)
-def test_what_nothing_hides_is_seen_whole(lens: str) -> None:
-    mover = box_mover("a", EvenPath((5.0, 0.3, 0.0)), (1.0, 1.4, 1.5))
-    image, found = seen([mover], **LENSES[lens])
-    np.testing.assert_array_equal(found.visible_xyxy[0], box_of_ids(image, 0))
-    np.testing.assert_array_equal(found.visible_px, [(image.movers == 0).sum()])
-    expected = outline(camera_at([mover], **LENSES[lens]), (5.0, 0.3, 0.75), (1.0, 1.4, 1.5))
-    np.testing.assert_allclose(found.whole_xyxy[0], expected, atol=0.6)  # it holds the outermost pixels
-    assert (found.occlusion[0], found.truncation[0]) == (0.0, 0.0)
 
 
 def test_the_hidden_part_is_counted_whatever_hides_it() -> None:
@@ -137,12 +126,6 @@ def test_what_reaches_behind_the_camera_is_cut() -> None:
     assert found.occlusion[0] == 0
 
 
-def test_nothing_is_left_of_what_is_behind_the_camera() -> None:
-    mover = box_mover("behind", EvenPath((-4.0, 0.0, 0.0)), (1, 1, 1))
-    camera = camera_at([mover])
-    assert np.isnan(projected_box(camera.model, camera.optical_pose(0).inverse(), mover.parts, 0)).all()
-
-
 def test_beyond_the_lens_model_only_the_direction_counts() -> None:
     """This polynomial folds back at 33 degrees; the mover reaches from the middle of the image to 60 degrees."""
     lens: dict[str, Any] = {"distortion": (-0.8,), "focal_px": (400.0, 400.0)}
@@ -151,16 +134,6 @@ def test_beyond_the_lens_model_only_the_direction_counts() -> None:
     left, _, right, _ = found.whole_xyxy[0]
     assert left == pytest.approx(WIDTH / 2, abs=1.5)
     assert right == 2 * WIDTH
-    assert found.occlusion[0] == 0
-
-
-def test_pixels_that_the_lens_does_not_reach_show_nothing_and_hide_nothing() -> None:
-    lens: dict[str, Any] = {"distortion_model": "equidistant", "distortion": (-0.9,), "focal_px": (150.0, 150.0)}
-    mover = box_mover("wall", EvenPath((3.0, 0.0, -8.0)), (0.1, 20.0, 20.0))
-    camera = camera_at([mover], **lens)
-    image = camera.image(0, 0)
-    found = visibility(image, camera, (mover,), 0)
-    assert 0 < found.visible_px[0] < WIDTH * HEIGHT
     assert found.occlusion[0] == 0
 
 

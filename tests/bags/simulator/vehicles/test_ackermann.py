@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
 
-from bags.simulator.scenario.traffic import command_topic, controller_topics
-from bags.simulator.vehicles.ackermann import Ackermann, AckermannCommand, ControllerCommands
+from bags.simulator.vehicles.ackermann import Ackermann, AckermannCommand
 from bags.simulator.vehicles.habits import HABITS, chassis_of
 from bags.simulator.vehicles.trajectory import State
 from bags.simulator.world.bodies.dimensions import SHAPES
@@ -57,16 +55,6 @@ def test_an_arc_is_exact_whatever_the_step(step_s: float) -> None:
     )
 
 
-def test_while_the_steering_turns_the_way_is_that_of_the_equations_of_motion() -> None:
-    def motion(t: float, pose: np.ndarray[tuple[int], np.dtype[np.float64]]) -> list[float]:
-        steering = min(CAR.steering_rate_rad_s * t, 0.5)
-        return [5 * math.cos(pose[2]), 5 * math.sin(pose[2]), 5 * math.tan(steering) / CAR.wheel_base_m]
-
-    truth = solve_ivp(motion, (0, 3), [0.0, 0.0, 0.0], rtol=1e-9, atol=1e-9, max_step=0.01).y[:, -1]
-    end = driven(State(0.0, 0.0, 0.0, 5.0), AckermannCommand(5.0, 0.5), 3)[-1]
-    np.testing.assert_allclose([end.x_m, end.y_m, end.yaw_rad], truth, atol=2e-3)
-
-
 def test_commands_take_effect_as_fast_as_the_chassis_can() -> None:
     states = driven(REST, AckermannCommand(1.0, 0.4), 1)
     speeds, steerings = [s.speed_m_s for s in states], [s.steering_rad for s in states]
@@ -83,10 +71,6 @@ def test_to_turn_back_it_brakes_first() -> None:
     assert change[speeds[:-1] <= 0].min() == pytest.approx(-CAR.acceleration_m_s2)
     assert speeds[-1] == -1.0
     assert 0.0 in speeds
-
-
-def test_steering_ends_at_its_limit() -> None:
-    assert driven(REST, AckermannCommand(0.0, 2.0), 3)[-1].steering_rad == CAR.max_steering_rad
 
 
 @pytest.mark.parametrize(("steering", "inner", "outer"), [(0.49, "left", "right"), (-0.49, "right", "left")])
@@ -107,28 +91,6 @@ def test_the_inner_wheel_turns_further(steering: float, inner: str, outer: str) 
 def test_controllers_say_what_the_command_says(speed: float, steering: float) -> None:
     command = CAR.command(CAR.controllers(AckermannCommand(speed, steering)))
     assert (command.speed_m_s, command.steering_rad) == pytest.approx((speed, steering), abs=1e-12)
-
-
-@pytest.mark.parametrize("angle", [0.0, 0.3, -0.3])
-def test_one_angle_for_both_hinges_as_the_original_sends_is_understood(angle: float) -> None:
-    command = CAR.command(ControllerCommands(10.0, 10.0, 10.0, 10.0, angle, angle))
-    assert (command.speed_m_s, command.steering_rad) == pytest.approx((3.0, angle))
-
-
-def test_hinges_that_point_apart_lead_straight_on() -> None:
-    assert CAR.command(ControllerCommands(0.0, 0.0, 0.0, 0.0, 0.3, -0.3)).steering_rad == 0.0
-
-
-def test_topics_are_the_originals() -> None:
-    assert command_topic("car1") == "/car1/ackermann_cmd_mux/output"
-    assert controller_topics("car2") == (
-        "/car2/left_rear_wheel_velocity_controller/command",
-        "/car2/right_rear_wheel_velocity_controller/command",
-        "/car2/left_front_wheel_velocity_controller/command",
-        "/car2/right_front_wheel_velocity_controller/command",
-        "/car2/left_steering_hinge_position_controller/command",
-        "/car2/right_steering_hinge_position_controller/command",
-    )
 
 
 def test_every_shape_has_a_driver_and_those_with_wheels_a_chassis() -> None:

@@ -47,11 +47,6 @@ def test_rectangles_overlap_where_there_is_room_in_both(one: Rectangle, other: R
     assert overlap(one, other) == overlap(other, one) == (room_m > 0)
 
 
-def test_side_by_side_is_no_overlap() -> None:
-    assert not overlap(Rectangle(0, 0, 0, 2, 1), Rectangle(2, 0, 0, 2, 1))
-    assert overlap(Rectangle(0, 0, 0, 2, 1), Rectangle(0, 0, 1.0, 0.1, 0.1))  # one inside the other
-
-
 @given(RECTANGLE, st.floats(0, 1), st.floats(0, 1))
 def test_discs_cover_their_rectangle(rectangle: Rectangle, along: float, across: float) -> None:
     a, b, _, d = corners(rectangle)
@@ -59,11 +54,6 @@ def test_discs_cover_their_rectangle(rectangle: Rectangle, along: float, across:
     discs, rows = discs_of([rectangle])
     assert (np.hypot(*(discs[:, :2] - point).T) <= discs[:, 2] + 1e-9).any()
     assert set(rows) == {0}
-
-
-def test_no_rectangles_no_discs() -> None:
-    discs, rows = discs_of([])
-    assert (discs.shape, rows.shape) == ((0, 3), (0,))
 
 
 def test_the_ground_under_a_car_lies_before_its_rear_axle() -> None:

@@ -16,11 +16,6 @@ def test_keys_are_the_originals(key: str, speed: float, steering: float) -> None
     assert (command.speed_m_s, command.steering_rad) == pytest.approx((speed, steering))
 
 
-@pytest.mark.parametrize("key", ["", "q", "W", "1", " ", "\x1b", "wa", "o", "\u00e9"])
-def test_other_keys_tell_the_car_nothing(key: str) -> None:
-    assert command_of(key) is None
-
-
 @pytest.mark.parametrize(
     ("keys", "expected"),
     [
@@ -53,17 +48,3 @@ def test_a_command_holds_until_the_next_one_to_the_same_car() -> None:
 @pytest.mark.parametrize("keys", ["3", "0", "9", ""])
 def test_a_car_that_is_not_there_is_not_chosen(keys: str) -> None:
     assert pressed(f"2{keys}", "car1", "car2").chosen == "car2"
-
-
-def test_no_key_at_all_changes_nothing() -> None:
-    control = RemoteControl.of(("car1",))
-    assert control.pressed("") == control
-
-
-def test_quit() -> None:
-    assert pressed("wo", "car1").done
-
-
-def test_nothing_to_drive() -> None:
-    with pytest.raises(ValueError, match="at least one vehicle to drive"):
-        RemoteControl.of(())

@@ -25,12 +25,6 @@ def dense(of: Route) -> F64:
     return of.points(np.linspace(0, of.length_m * (1 - 1e-12), 20_001))
 
 
-def test_lengths_are_those_of_straights_and_arcs() -> None:
-    assert route(SQUARE, closed=True).length_m == pytest.approx(4 * 6 + 2 * math.pi * 2)
-    assert route(((0, 0), (10, 0), (10, 10))).length_m == pytest.approx(16 + math.pi)
-    assert route(((0, 0), (3, 4))).length_m == 5
-
-
 @pytest.mark.parametrize("closed", [True, False])
 @pytest.mark.parametrize("corners", [SQUARE, BENT])
 def test_a_place_is_as_far_along_as_the_way_to_it_is_long(corners: Corners, closed: bool) -> None:
@@ -63,20 +57,6 @@ def test_one_place_is_as_many(closed: bool) -> None:
     along = np.linspace(-way.length_m, 2 * way.length_m, 997)
     one_by_one = [(p.x_m, p.y_m, p.yaw_rad, p.curvature) for p in map(way.point, along)]
     np.testing.assert_allclose(way.points(along), one_by_one, atol=1e-9)
-
-
-def test_round_by_round_the_yaw_counts_on() -> None:
-    way = route(SQUARE, closed=True)
-    first, third = way.point(1.0), way.point(1.0 + 2 * way.length_m)
-    assert (third.x_m, third.y_m) == pytest.approx((first.x_m, first.y_m))
-    assert third.yaw_rad - first.yaw_rad == pytest.approx(4 * math.pi)
-
-
-def test_an_open_way_goes_straight_on_at_its_ends() -> None:
-    way = route(((0, 0), (10, 0), (10, 10)))
-    assert way.point(-3.0).x_m == pytest.approx(-3.0)
-    beyond = way.point(way.length_m + 5)
-    assert (beyond.x_m, beyond.y_m, beyond.yaw_rad, beyond.curvature) == pytest.approx((10, 15, math.pi / 2, 0))
 
 
 @given(st.floats(0.0, 40.0), st.floats(-0.8, 0.8), st.floats(-0.7, 0.7))

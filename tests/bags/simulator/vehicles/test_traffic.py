@@ -7,7 +7,6 @@ import pytest
 from bags.simulator.scenario.load import load_scenario
 from bags.simulator.scenario.scenario import Scenario
 from bags.simulator.vehicles.ackermann import AckermannCommand
-from bags.simulator.vehicles.followers import following_acceleration
 from bags.simulator.vehicles.footprints import footprint, overlap
 from bags.simulator.vehicles.habits import HABITS
 from bags.simulator.vehicles.traffic import STEP_NS, Traffic
@@ -48,14 +47,6 @@ def route(start_m: float = 0.0, speed_m_s: float = 10.0, name: str = "along", sh
 # --- driven cars
 
 
-def test_keys_drive_as_scripted_and_the_last_one_holds() -> None:
-    car = {"shape": "model_car", "keys": "w.xs", "key_interval_s": 1.0}
-    ways = states(traffic({"car1": car}), "car1", 6)[:, 5]
-    assert ways[200] == pytest.approx(0.6, abs=0.05)
-    assert ways[300] == pytest.approx(ways[250], abs=0.01)
-    assert ways[600] - ways[500] == pytest.approx(-0.3, abs=1e-6)
-
-
 def test_commands_are_known_as_they_were_given() -> None:
     cars = traffic({"car1": {"shape": "model_car"}}, driven=("car1",))
     cars.advance(SECOND)
@@ -94,17 +85,6 @@ def test_a_wall_stops_a_car_and_it_can_back_out(yaw_deg: float) -> None:
     assert states(cars, "car1", 7)[-1, 5] == pytest.approx(way[-1, 5] - 0.55, abs=0.05)
 
 
-def test_two_cars_do_not_drive_through_each_other() -> None:
-    cars = traffic(
-        {"a": {"shape": "model_car"}, "b": {"shape": "model_car", "start": [2, 0.05, 180]}}, driven=("a", "b")
-    )
-    cars.command("a", FORWARD)
-    cars.command("b", FORWARD)
-    a, b = states(cars, "a", 6)[-1], states(cars, "b", 6)[-1]
-    gap = b[0] - a[0] - 2 * SHAPES["model_car"].front_m
-    assert 0 <= gap < 0.01
-
-
 # --- followers
 
 
@@ -128,12 +108,6 @@ def test_what_was_forgotten_does_not_change_what_is_kept() -> None:
     for name in kept.trajectories:
         np.testing.assert_array_equal(kept.trajectories[name].states(times), short.trajectories[name].states(times))
         assert kept.command_at(name, 5 * SECOND) == short.command_at(name, 5 * SECOND)
-
-
-def test_at_the_end_of_a_way_one_stops() -> None:
-    way = states(traffic({"a": route(150)}, {"along": ALONG}), "a", 20)
-    assert way[-1, 3] < 0.05
-    assert way[-1, 0] + SHAPES["car"].front_m == pytest.approx(200, abs=0.5)
 
 
 def test_speed_is_that_of_the_scenario_but_in_curves() -> None:
@@ -201,21 +175,6 @@ def test_cars_let_people_cross() -> None:
     on_road = np.abs(walker[:, 1]) < 1.5
     assert (car[on_road, 0] + SHAPES["car"].front_m < 59.5).all()
     assert car[-1, 0] > 70
-
-
-@pytest.mark.parametrize(
-    ("speed", "gap", "ahead", "low", "high"),
-    [
-        (0.0, np.inf, 0.0, 1.8, 1.8),
-        (10.0, np.inf, 0.0, -1e-9, 1e-9),
-        (12.0, np.inf, 0.0, -5.0, -0.5),
-        (5.0, 1.5 + 5 * 1.2, 5.0, -0.3, 0.0),
-        (10.0, 5.0, 0.0, -8.0, -8.0),
-        (0.0, 1.5, 0.0, -1e-9, 1e-9),
-    ],
-)
-def test_how_a_driver_minds_the_gap(speed: float, gap: float, ahead: float, low: float, high: float) -> None:
-    assert low <= following_acceleration(HABITS["car"], speed, 10.0, gap, ahead) <= high
 
 
 # --- what is refused

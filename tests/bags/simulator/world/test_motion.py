@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from small_worlds import EvenPath, fixed_at
+from small_worlds import EvenPath
 
-from bags.simulator.world.motion import MountedPath, Poses, turned, upright_poses
+from bags.simulator.world.motion import MountedPath, Poses, turned
 from pipeline.core.geometry.transform import Transform
 
 
@@ -25,24 +25,10 @@ def test_chains_are_products_of_matrices(left: int, right: int) -> None:
     np.testing.assert_allclose(matrices(one @ other), matrices(one) @ matrices(other), atol=1e-12)
 
 
-@pytest.mark.parametrize("count", [0, 1, 5])
-def test_there_and_back(count: int) -> None:
-    poses = some_poses(count)
-    points = np.random.default_rng(3).uniform(-5, 5, (count, 3))
-    there = poses.apply(points)
-    np.testing.assert_allclose(there - poses.translation, turned(poses.rotation, points), atol=1e-12)
-    np.testing.assert_allclose(poses.inverse().apply(there), points, atol=1e-12)
-
-
 def test_one_pose_moves_many_points() -> None:
     pose, points = some_poses(1), np.random.default_rng(3).uniform(-5, 5, (7, 3))
     homogeneous = np.c_[points, np.ones(7)] @ matrices(pose)[0].T
     np.testing.assert_allclose(pose.apply(points), homogeneous[:, :3], atol=1e-12)
-
-
-def test_upright() -> None:
-    poses = upright_poses(np.array([[1.0, 2.0, 3.0]]), np.array([np.pi / 2]))
-    np.testing.assert_allclose(poses.apply(np.array([[1.0, 0.0, 0.0]])), [[1, 3, 3]], atol=1e-12)
 
 
 def test_a_thing_on_a_carrier() -> None:
@@ -52,8 +38,3 @@ def test_a_thing_on_a_carrier() -> None:
     np.testing.assert_allclose(poses.translation, [[2, 0, 1], [10, 2, 1]], atol=1e-12)
     np.testing.assert_allclose(turned(poses.rotation, np.tile([1.0, 0, 0], (2, 1))), [[1, 0, 0], [0, 1, 0]], atol=1e-12)
     assert len(mounted.poses(np.empty(0, np.int64))) == 0
-
-
-def test_a_thing_that_stands_still() -> None:
-    poses = fixed_at((1, 2, 3), (0, 0, 90)).poses(np.array([0, 5], np.int64))
-    np.testing.assert_allclose(poses.apply(np.tile([1.0, 0, 0], (2, 1))), [[1, 3, 3]] * 2, atol=1e-12)

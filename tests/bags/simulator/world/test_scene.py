@@ -94,7 +94,7 @@ def test_what_images_see_of_what_stands_still_is_what_rays_meet() -> None:
     directions = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
     origin = np.array([0.5, -0.25, 1.0])
     rays = Rays(np.tile(origin, (5000, 1)), directions.astype(np.float64), np.zeros(5000, np.int64))
-    hits, seen = world.cast_static(rays), world.static_surfaces(origin, directions)
+    hits, seen = world.cast(rays), world.static_surfaces(origin, directions)
     assert 0.1 < np.isfinite(seen.distance).mean() < 0.9
     np.testing.assert_allclose(seen.distance, hits.distance_m, rtol=1e-6)
     np.testing.assert_array_equal(seen.material, hits.material)

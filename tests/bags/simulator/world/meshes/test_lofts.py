@@ -4,7 +4,7 @@ from meshes import open_edges, signed_volume
 from small_worlds import BLACK, GREY, WHITE
 
 from bags.simulator.world.bodies.hulls import Hull, both_sides
-from bags.simulator.world.meshes.lofts import ellipses, limb, loft, panel, torus, wheel
+from bags.simulator.world.meshes.lofts import ellipses, limb, loft, panel, torus
 from bags.simulator.world.meshes.mesh import Mesh, box
 
 SQUARE = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
@@ -48,21 +48,6 @@ def test_a_loft_knows_the_material_of_each_face() -> None:
     assert (mesh.materials == mesh.palette.index(BLACK)).sum() == 4
 
 
-def test_a_wheel_stands_on_one_of_its_corners() -> None:
-    mesh = wheel(0.3, 0.2, BLACK, WHITE, GREY)
-    low, high = mesh.bounds
-    assert open_edges(mesh) == 0
-    assert signed_volume(mesh) > 0
-    assert low[2] == pytest.approx(-0.3, abs=1e-12)
-    np.testing.assert_allclose([low[1], high[1]], [-0.1, 0.1])
-
-
-def test_a_panel_stands_out_of_its_face_by_half_of_its_thickness() -> None:
-    mesh = panel([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], GREY, thickness=0.02)
-    low, high = mesh.bounds
-    np.testing.assert_allclose([low[2], high[2]], [-0.01, 0.01])
-
-
 def test_a_panel_on_a_hull_lies_on_its_side() -> None:
     for side in (-1, 1):
         mesh: Mesh = PLAIN_HULL.side_panel([(1, 0.6), (2, 0.6), (2, 0.9), (1, 0.9)], side, WHITE, thickness=0.02)
@@ -70,9 +55,3 @@ def test_a_panel_on_a_hull_lies_on_its_side() -> None:
         np.testing.assert_allclose(sorted(abs(v) for v in (low[1], high[1])), [0.99, 1.01])
         assert np.sign(low[1]) == side
         assert signed_volume(mesh) > 0
-
-
-def test_a_hull_narrows_with_its_levels() -> None:
-    hull = Hull(((0.0, 2.0, 3.0), (1.0, 2.0, 3.0)), ((0.0, 1.0), (1.0, 1.0), (3.0, 0.5)), 0.0, (), 0.0, 0.0)
-    assert hull.half_width(0.5, 0.5) == pytest.approx(2.0)
-    assert hull.half_width(0.5, 2.0) == pytest.approx(1.5)

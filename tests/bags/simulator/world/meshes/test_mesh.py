@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
+from meshes import open_edges, signed_volume
 from small_worlds import BLACK, GREY, WHITE
 
-from bags.simulator.world.meshes.mesh import Mesh, box, cylinder, merged, polygon, prism, sphere
+from bags.simulator.world.meshes.mesh import box, cylinder, merged, polygon, prism, sphere
 
 SQUARE = [[1, 1], [-1, 1], [-1, -1], [1, -1]]
 
@@ -15,20 +16,11 @@ BODIES = {
 }
 
 
-def signed_volume(mesh: Mesh) -> float:
-    """By the divergence theorem; positive where all triangles run counter-clockwise seen from outside."""
-    a, b, c = np.moveaxis(mesh.vertices[mesh.triangles], 1, 0)
-    return float((a * np.cross(b, c)).sum() / 6)
-
-
 @pytest.mark.parametrize("name", BODIES)
 def test_bodies_are_closed_and_face_outwards(name: str) -> None:
     mesh, volume, tolerance = BODIES[name]
     assert signed_volume(mesh) == pytest.approx(volume, rel=tolerance)
-    edges = np.concatenate([mesh.triangles[:, [0, 1]], mesh.triangles[:, [1, 2]], mesh.triangles[:, [2, 0]]])
-    there, back = {tuple(edge) for edge in edges.tolist()}, {tuple(edge) for edge in edges[:, ::-1].tolist()}
-    assert len(there) == len(edges)
-    assert there == back
+    assert open_edges(mesh) == 0
 
 
 def test_a_box_is_as_large_as_asked_for() -> None:

@@ -6,7 +6,6 @@ import pytest
 
 from bags.simulator.world.meshes.mesh import Material, Texture
 from bags.simulator.world.places.places import World, static_mesh
-from bags.simulator.world.surfaces.noise import cells, grain
 from bags.simulator.world.surfaces.textures import TEXTURES, linear, surface_reflectivity, surface_rgb
 from pipeline.core.arrays import F32
 
@@ -94,30 +93,3 @@ def test_a_palette_of_several_materials() -> None:
     # What a point looks like does not depend on which others are asked about.
     alone = np.concatenate([surface_rgb(palette, rows[[i]], local[[i]], normal[[i]]) for i in range(4)])
     np.testing.assert_array_equal(rgb, alone)
-
-
-def test_no_points() -> None:
-    nothing = np.empty((0, 3))
-    assert surface_rgb([ground_of("street")], np.empty(0, np.int64), nothing, nothing).shape == (0, 3)
-    assert surface_reflectivity([ground_of("street")], np.empty(0, np.int64), nothing, nothing).shape == (0,)
-
-
-def test_facades_have_windows() -> None:
-    """One bay of a wall that looks to -y: glass in the middle of the upper storey, plaster beside it."""
-    wall = Material("wall", (0.8, 0.7, 0.6), texture="facade")
-    local = np.array([[1.6, 0.0, 0.1 + 2.9 + 1.5], [0.2, 0.0, 0.1 + 2.9 + 1.5]])
-    glass, plaster = surface_rgb([wall], np.zeros(2, np.int64), local, np.tile([[0.0, -1.0, 0.0]], (2, 1)))
-    np.testing.assert_allclose(plaster, linear(wall.rgb), rtol=0.3)
-    assert glass[2] > glass[0]
-
-
-def test_noise_repeats_without_a_seam_and_has_unit_spread() -> None:
-    u = np.linspace(-1000, 1000, 20_000, dtype=np.float32)
-    v = np.float32(0.37) * u
-    rough = grain(u, v, 0.05)
-    assert abs(float(rough.mean())) < 0.1
-    assert float(rough.std()) == pytest.approx(1.0, abs=0.1)
-    whole = np.arange(-8, 8, dtype=np.float32)
-    np.testing.assert_array_equal(cells(whole, whole), cells(whole + 0.5, whole + 0.25))
-    np.testing.assert_array_equal(cells(whole, whole), cells(whole + 512, whole - 512))
-    assert len(np.unique(cells(whole, whole))) == 16
