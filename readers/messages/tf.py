@@ -22,7 +22,6 @@ from pipeline.core.geometry.transform_tree import TransformTree
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.boundary.decoding import decoder
-from readers.messages.boundary.fields import HEADER, POINT, POSE, TEXT, Fields
 from readers.messages.deserialize import deserialize
 from readers.messages.registry import types_of
 from readers.recording import Recording
@@ -30,10 +29,6 @@ from readers.recording import Recording
 __all__ = ["TF_TYPES", "RecordedTransforms", "clean_frame", "decode_transforms", "read_transforms", "tf_topics"]
 
 TF_TYPES = types_of("transforms")
-
-_TRANSFORM: Fields = {"translation": POINT, "rotation": POSE["orientation"]}
-_TRANSFORMS: Fields = {"transforms": [{"header": HEADER, "child_frame_id": TEXT, "transform": _TRANSFORM}]}
-FIELDS: Mapping[str, Fields] = dict.fromkeys(TF_TYPES, _TRANSFORMS)
 
 ODOMETRY_FRAMES = frozenset({"odom", "map", "earth"})
 PROBE_NS = 60_000_000_000

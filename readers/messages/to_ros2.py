@@ -132,7 +132,7 @@ def _in_ros2(channel: Channel) -> tuple[Typestore, Channel, bool]:
         if renamed in types:
             continue
         types[renamed] = humble[renamed] if _holds(humble, renamed, recorded[name]) else recorded[name]
-        wanted += [(part, part) for part in type_parts(types[renamed])]
+        wanted += [(part, part) for part in type_parts(types[renamed][1])]
     store = get_typestore(Stores.EMPTY)
     store.register({name: definition for name, definition in types.items() if name not in store.fielddefs})
     definition, _ = store.generate_msgdef(msgtype, ros_version=2)

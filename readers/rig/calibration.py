@@ -223,10 +223,7 @@ def camera_frame(camera: AssignedCamera, first: FirstMessages) -> str:
 def recorded_size(topics: CameraTopics, first: FirstMessages) -> tuple[int, int] | None:
     """(width, height) in pixels of a camera's images, else as CameraInfo says; None if nothing does."""
     size = first.image_size(topics.image, IMAGE) if topics.image else None
-    if size is None and topics.info and not first.missing(topics.info, CAMERA_INFO):
-        info = first.decoded(topics.info, CAMERA_INFO)
-        size = int(info.width), int(info.height)
-    return size
+    return size or (first.image_size(topics.info, CAMERA_INFO) if topics.info else None)
 
 
 def camera_intrinsics(camera: AssignedCamera, first: FirstMessages) -> Lens:

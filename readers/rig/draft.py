@@ -216,7 +216,7 @@ def _msgtype(found: FoundSensors, topic: str) -> str:
 def _size(found: FoundSensors, topic: str) -> str:
     if found.first.missing(topic, CLOUD):
         return "messages that cannot be decoded"
-    message = found.first.decoded(topic, CLOUD)
+    message, size = found.first.decoded(topic, CLOUD), found.first.image_size(topic, CLOUD)
     if hasattr(message, "packets"):
         return f"{len(message.packets)} packets in the first message"
-    return f"{message.width * message.height} points in the first message"
+    return f"{size[0] * size[1]} points in the first message" if size else "points"

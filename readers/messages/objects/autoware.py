@@ -4,7 +4,6 @@ An object's score is its `existence_probability`, its class that with the highes
 Cylinders become boxes around them, polygons boxes around their footprint, along the axes of the object.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,6 @@ from pipeline.core.geometry.rotations import matrix_of_quaternion
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.boundary.decoding import decoder
-from readers.messages.boundary.fields import COVARIANCE, HEADER, NUMBER, POINT, POSE, WHOLE, Fields
 from readers.messages.deserialize import deserialize
 from readers.messages.objects.found import AUTOWARE_LABELS, FoundObjects, ObjectClasses, found_objects
 
@@ -24,18 +22,6 @@ __all__ = ["DETECTED_OBJECTS", "decode_detected_objects"]
 DETECTED_OBJECTS = frozenset(
     {"autoware_perception_msgs/msg/DetectedObjects", "autoware_auto_perception_msgs/msg/DetectedObjects"}
 )
-
-_OBJECT: Fields = {
-    "existence_probability": NUMBER,
-    "classification": [{"label": WHOLE, "probability": NUMBER}],
-    "kinematics": {
-        "pose_with_covariance": {"pose": POSE, "covariance": COVARIANCE},
-        "has_position_covariance": WHOLE,
-        "orientation_availability": WHOLE,
-    },
-    "shape": {"type": WHOLE, "footprint": {"points": [{"x": NUMBER, "y": NUMBER}]}, "dimensions": POINT},
-}
-FIELDS: Mapping[str, Fields] = {msgtype: {"header": HEADER, "objects": [_OBJECT]} for msgtype in DETECTED_OBJECTS}
 
 UNAVAILABLE = 0
 """`orientation_availability` of an object whose heading is unknown."""

@@ -22,9 +22,8 @@ from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from pipeline.evaluation.evaluation_frame import Names
 from readers.messages.boundary.decoding import decoder
-from readers.messages.boundary.fields import HEADER, NUMBER, Fields, Need
 from readers.messages.tf import clean_frame
-from readers.messages.vision.hypotheses import HYPOTHESES, BoxRows, best_and_counts, box_rows
+from readers.messages.vision.hypotheses import BoxRows, best_and_counts, box_rows
 
 __all__ = [
     "DETECTIONS_2D",
@@ -37,15 +36,6 @@ __all__ = [
 ]
 
 DETECTIONS_2D = "vision_msgs/msg/Detection2DArray"
-
-_CENTERS: Need = (
-    {"position": {"x": NUMBER, "y": NUMBER}, "theta": NUMBER},
-    {"x": NUMBER, "y": NUMBER, "theta": NUMBER},
-)
-_BOX: Fields = {"center": _CENTERS, "size_x": NUMBER, "size_y": NUMBER}
-FIELDS: Mapping[str, Fields] = {
-    DETECTIONS_2D: {"header": HEADER, "detections": [{"results": [(*HYPOTHESES,)], "bbox": _BOX}]}
-}
 
 
 class Detections2D(NamedTuple):

@@ -11,19 +11,9 @@ from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
 from pipeline.core.ros.vision_numbers import count_of
 from pipeline.core.settings.recording import LimitsConfig
-from readers.messages.boundary.fields import COVARIANCE, NUMBER, TEXT, WHOLE, Fields
 from readers.messages.deserialize import deserialize_as
 
-__all__ = ["HYPOTHESES", "POSED", "BoxRows", "best_and_counts", "box_rows"]
-
-HYPOTHESES: Sequence[Fields] = (
-    {"hypothesis": {"class_id": TEXT, "score": NUMBER}},
-    {"id": TEXT, "score": NUMBER},
-    {"id": WHOLE, "score": NUMBER},
-)
-"""The fields of a hypothesis in the versions of vision_msgs; in space with those of `POSED`."""
-
-POSED: Fields = {"pose": {"covariance": COVARIANCE}}
+__all__ = ["BoxRows", "best_and_counts", "box_rows"]
 
 _NO_COVARIANCE = np.zeros(36)
 

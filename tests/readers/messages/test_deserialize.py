@@ -66,6 +66,25 @@ def test_unusable_definitions(definition: str, says: str) -> None:
         assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "other"),
+    [
+        ("string child_frame_id\n", "", "nav_msgs/msg/Odometry"),
+        ("uint32 nanosec\n", "uint32 nanosec\nuint32 more\n", "builtin_interfaces/msg/Time"),
+        ("string frame_id\n", "string frame_id  # a name\nuint8 LARGE=1\n", ""),
+    ],
+)
+def test_a_type_of_ros_has_the_fields_of_ros(before: str, after: str, other: str) -> None:
+    text = state().channel.definition
+    assert before in text
+    changed = state()._replace(channel=replace(state().channel, definition=text.replace(before, after)))
+    if not other:
+        assert deserialize(changed).child_frame_id == "base_link"
+        return
+    with pytest.raises(MessageError, match=f"^/odom: .* of nav_msgs/msg/Odometry is not ROS's: {other} has other"):
+        deserialize(changed)
+
+
 @pytest.mark.parametrize("size", [0, 3, 4, 11, 40])
 def test_bytes_that_do_not_fit(size: int) -> None:
     message = state()

@@ -94,9 +94,7 @@ def test_a_type_of_the_same_name_with_other_fields() -> None:
     message = autoware_message(5, [one()], topic="/o")
     definition = message.channel.definition.replace("float32 existence_probability", "string existence_probability")
     other = message._replace(channel=replace(message.channel, definition=definition))
-    with pytest.raises(
-        MessageError, match=r"its field objects\[\]\.existence_probability is string, expected a number"
-    ):
+    with pytest.raises(MessageError, match=r"/o: .*(not a valid|cannot be used)"):
         decode_detected_objects(other, CLASSES)
 
 

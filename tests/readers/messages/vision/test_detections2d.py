@@ -206,7 +206,7 @@ def test_negative_numbers_are_counts_and_no_classes() -> None:
 
 def test_unknown_layout() -> None:
     raw = old_message(NO_BOX, "cdr", [{"results": [{"id": "car", "score": 0.5}]}])
-    with pytest.raises(MessageError, match=r"/boxes: .* is another than lidcam reads: .*bbox"):
+    with pytest.raises(MessageError, match=r"/boxes: .*whose values cannot be used .*bbox"):
         decode_detections2d(raw, CLASS_IDS)
 
 

@@ -301,7 +301,7 @@ def test_other_encapsulation(encapsulation: bytes) -> None:
 
 def test_unknown_layout() -> None:
     raw = old_message(NO_BOX, "cdr", [{"results": [{"id": "car", "score": 0.5}]}])
-    with pytest.raises(MessageError, match=r"/objects: .* is another than lidcam reads: .*bbox"):
+    with pytest.raises(MessageError, match=r"/objects: .*whose values cannot be used .*bbox"):
         decode_detections3d(raw)
 
 
