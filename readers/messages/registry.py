@@ -35,7 +35,7 @@ TYPES: dict[str, MessageType] = {
     "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": MessageType("image", "readers.video.packets"),
     "sensor_msgs/msg/CameraInfo": MessageType("camera info", "readers.messages.camera_info"),
     "vision_msgs/msg/Detection2DArray": MessageType(
-        "2D boxes", "readers.messages.vision.detections2d:decode_classed_boxes"
+        "2D boxes", "readers.messages.vision.detections2d:decode_detections2d"
     ),
     "vision_msgs/msg/Detection3DArray": MessageType(
         "3D boxes", "readers.messages.vision.detections3d:decode_detected_boxes"
