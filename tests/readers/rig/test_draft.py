@@ -14,8 +14,8 @@ from pipeline.core.errors import CalibrationError, RecordingError
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.config import Config
 from readers.rig.discovery import discover_rig
-from readers.rig.draft import draft_rig
-from readers.rig.rig_file import draft_yaml, load_rig
+from readers.rig.draft import draft_yaml
+from readers.rig.rig_file import load_rig
 from readers.rig.schema import RigFile, parse_rig
 from readers.rig.search import find_sensors
 
@@ -40,7 +40,8 @@ UNCALIBRATED = [cloud(1), cloud(2), cloud(3), image_message(11), image_message(1
 
 
 def draft(messages: list[RawMessage], rig: RigFile | None = None) -> str:
-    return draft_yaml(draft_rig(find_sensors(MemoryRecording(messages), Config(), rig)))
+    found = find_sensors(MemoryRecording(messages), Config(), rig)
+    return draft_yaml(found, found.zones)
 
 
 def read(text: str, tmp_path: Path) -> RigFile:
