@@ -236,13 +236,13 @@ POSE = ("coordinate_systems", "south", "pose_wrt_parent")
     [
         ("{", "expected OpenLABEL, found no JSON"),
         ("[" * 100_000, "expected OpenLABEL, found no JSON"),
-        ("[]", "the file: expected an object, found []"),
-        ({"frames": {}}, "the file: expected 'openlabel', found frames"),
-        ({"openlabel": {}}, "openlabel: expected 'frames', found nothing"),
-        ({"openlabel": 5}, "the file: expected a mapping in 'openlabel', found 5"),
+        ("[]", "expected a section with the keys openlabel, found []"),
+        ({"frames": {}}, "openlabel is missing"),
+        ({"openlabel": {}}, "openlabel.frames is missing"),
+        ({"openlabel": 5}, "openlabel: expected a section"),
         (tree({}), "expected OpenLABEL with frames, found none"),
         (altered("frames", value={"x": {}}), "frames: expected numbers as keys, found 'x'"),
-        (altered("frames", "0", value=[]), "frames.0: expected an object, found []"),
+        (altered("frames", "0", value=[]), "frames.0: expected a section"),
         (altered("frames", "0", "frame_properties", "timestamp", value="today"), "expected a time since 1970"),
         (altered("frames", "0", "frame_properties", "timestamp", value=-5), "expected a time since 1970"),
         (altered("frames", "0", "frame_properties", "timestamp", value=10**30), "after January 2038"),
@@ -251,18 +251,14 @@ POSE = ("coordinate_systems", "south", "pose_wrt_parent")
             altered(*CUBOID, "val", value=BOX[:-2]),
             "val: expected 10 numbers (position, quaternion, size) or 9",
         ),
-        (altered(*CUBOID, "val", value="abc"), 'cuboid.val: expected finite numbers, found "abc"'),
-        (altered(*CUBOID, "val", value=[True] * 10), "expected finite numbers"),
-        (altered(*CUBOID, "val", value=[float("nan")] * 10), "expected finite numbers"),
+        (altered(*CUBOID, "val", value="abc"), "cuboid.0.val: expected a list of numbers"),
+        (altered(*CUBOID, "val", value=[True] * 10), "cuboid.0.val.0: expected a number above"),
+        (altered(*CUBOID, "val", value=[float("nan")] * 10), "cuboid.0.val.0: expected a number above"),
         (altered(*CUBOID, "val", value=[*BOX[:3], 1, 1, 1, 1, *BOX[7:]]), "expected a quaternion of length 1, found 2"),
         (altered(*CUBOID, "val", value=[*BOX[:7], 4, 0, 1]), "expected a box with a volume, found 4 x 0 x 1 m"),
-        (
-            altered(*CUBOID, "attributes", value={"num": [{"name": "num_points"}]}),
-            "num_points: expected",
-        ),
-        (altered(*POSE, value={"matrix4x4": [1, 2]}), "matrix4x4: expected 16 numbers, found 2"),
+        (altered(*POSE, value={"matrix4x4": [1, 2]}), "matrix4x4: expected a list of at least 16 numbers"),
         (altered(*POSE, value={"euler_angles": [1, 2, 3]}), "expected matrix4x4, or quaternion and translation"),
-        (altered(*POSE, value={"quaternion": [0, 0, 1]}), "expected a quaternion of 4 and a translation of 3"),
+        (altered(*POSE, value={"quaternion": [0, 0, 1]}), "quaternion: expected a list of at least 4 numbers"),
     ],
 )
 def test_malformed_files(tmp_path: Path, content: Any, problem: str) -> None:
@@ -302,7 +298,7 @@ def test_any_json_is_labels_or_one_error(part: Any, place: tuple[str, ...]) -> N
         found = parse_openlabel(json.dumps(content), Path("a.json"))
     except RecordingError:
         return
-    assert all(frame.number >= 0 for frame in found.frames)
+    assert all(number >= 0 for number in found.frames)
 
 
 @pytest.mark.parametrize(("head", "expected"), [(' \n{"openlabel"', True), ("[1]", False), ("", False)])
