@@ -36,30 +36,13 @@ def apply(tree: dict[str, Any], recording: MemoryRecording | None = None) -> Dis
 
 
 def assert_same(one: Rig, other: Rig) -> None:
-    assert (one.site_frame, one.ground_height_m) == (other.site_frame, other.ground_height_m)
-    assert [(s.name, s.topic, s.T_site_lidar.src) for s in one.lidars] == [
-        (s.name, s.topic, s.T_site_lidar.src) for s in other.lidars
-    ]
-    for a, b in zip(one.lidars, other.lidars, strict=True):
-        np.testing.assert_array_equal(a.T_site_lidar.matrix, b.T_site_lidar.matrix)
-    for c, d in zip(one.cameras, other.cameras, strict=True):
-        assert (c.name, c.topic, c.boxes_topic, c.T_camera_site.dst) == (
-            d.name,
-            d.topic,
-            d.boxes_topic,
-            d.T_camera_site.dst,
-        )
-        assert (c.model.width_px, c.model.height_px, c.model.model) == (
-            d.model.width_px,
-            d.model.height_px,
-            d.model.model,
-        )
-        np.testing.assert_array_equal(c.model.K, d.model.K)
-        np.testing.assert_array_equal(c.model.distortion, d.model.distortion)
-        np.testing.assert_array_equal(c.T_camera_site.matrix, d.T_camera_site.matrix)
-    for z, w in zip(one.zones, other.zones, strict=True):
-        assert (z.name, z.use) == (w.name, w.use)
-        np.testing.assert_array_equal(z.polygon_site, w.polygon_site)
+    assert rig_yaml(one) == rig_yaml(other)
+    for lidar, same in zip(one.lidars, other.lidars, strict=True):
+        np.testing.assert_array_equal(lidar.T_site_lidar.matrix, same.T_site_lidar.matrix)
+    for a, b in zip(one.cameras, other.cameras, strict=True):
+        np.testing.assert_array_equal(a.model.K, b.model.K)
+        np.testing.assert_array_equal(a.model.distortion, b.model.distortion)
+        np.testing.assert_array_equal(a.T_camera_site.matrix, b.T_camera_site.matrix)
 
 
 def test_a_written_rig_reads_back_to_the_same_numbers(tmp_path: Path) -> None:
@@ -90,8 +73,6 @@ def test_a_written_rig_reads_back_to_the_same_numbers(tmp_path: Path) -> None:
     assert again.notes == ()
     assert_same(found.rig, again.rig)
     assert {source.extrinsics for source in again.sources} == {"rig file"}
-    (tmp_path / "again.yaml").write_text(rig_yaml(again.rig))
-    assert (tmp_path / "again.yaml").read_bytes() == (tmp_path / "rig.yaml").read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -127,11 +108,9 @@ def test_vehicles_of_the_truth_are_read_and_written(tmp_path: Path) -> None:
     "entry",
     [
         {"topic": "/odom"},
-        {"topic": "/odom", "size_m": [1, 2]},
         {"topic": "/odom", "size_m": [1, 2, 0]},
         {"topic": "", "size_m": [1, 2, 3]},
         {"topic": "/odom", "size_m": [1, 2, 3], "offset_m": [0, 0, float("inf")]},
-        {"topic": "/odom", "size_m": [1, 2, 3], "colour": "red"},
     ],
 )
 def test_vehicles_of_the_truth_that_are_none(entry: dict[str, Any]) -> None:
@@ -165,17 +144,13 @@ def test_a_time_offset_has_to_be_a_number(value: object) -> None:
         {"T_site_lidar": [0, -1, 0, 1, 1, 0, 0, 2, 0, 0, 1, 3, 0, 0, 0, 1]},
         {"translation_m": [1, 2, 3], "rotation_xyzw": [0, 0, np.sqrt(0.5), np.sqrt(0.5)]},
         {"translation_m": [1, 2, 3], "rpy_deg": [0, 0, 90]},
+        {"translation_m": [1, 2, 3], "rpy_deg": [90, 0, 90]},  # about fixed axes, x first
     ],
 )
 def test_lidar_poses_in_every_form(pose: dict[str, Any]) -> None:
     rig = apply({"site_frame": "s", "lidars": {"x": {"topic": "/a_points", **pose}}, "cameras": {}}).rig
     np.testing.assert_allclose(rig.lidars[0].T_site_lidar.apply(np.array([1.0, 0, 0])), [1, 3, 3], atol=1e-12)
     assert rig.lidars[0].T_site_lidar.src == "a"
-
-
-def test_roll_pitch_yaw_turn_about_fixed_axes() -> None:
-    rig = apply({"site_frame": "s", "lidars": {"x": {"topic": "/a_points", "rpy_deg": [90, 0, 90]}}, "cameras": {}}).rig
-    np.testing.assert_allclose(rig.lidars[0].T_site_lidar.apply(np.array([0, 1.0, 0])), [0, 0, 1], atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -340,7 +315,6 @@ def test_sensors_without_topics_go_by_name_then_by_order() -> None:
         ({"lidar": {}}, "unknown key 'lidar': did you mean 'lidars'"),
         ({"cameras": {"c": {"focal": 3}}}, r"unknown key 'cameras\.c\.focal'; known here:.*boxes_topic"),
         ({"site_frame": "s", "lidars": {"a": {"T_site_lidar": [[1, 2], [3, 4]]}}}, "expected 4 x 4 numbers, found 4"),
-        ({"site_frame": "s", "lidars": {"a": {"T_site_lidar": 3}}}, "expected 4 x 4 numbers"),
         ({"lidars": {"a": {"T_site_lidar": [[1, 0, 0, 0], [0, "1 1", 0, 0], *EYE[2:]]}}}, "a number, found '1 1'"),
         ({"site_frame": "s", "lidars": {"a": {"T_site_lidar": EYE, "rpy_deg": [0, 0, 0]}}}, "given twice"),
         ({"site_frame": "s", "lidars": {"a": {"rpy_deg": [0, 0, 0], "rotation_xyzw": [0, 0, 0, 1]}}}, "given twice"),
@@ -349,14 +323,11 @@ def test_sensors_without_topics_go_by_name_then_by_order() -> None:
         ({"lidars": {"x": {}}, "cameras": {"x": {}}}, "x names a lidar and a camera"),
         ({"lidars": {"a b": {}}}, "a name of letters, digits and _, found 'a b'"),
         ({"zones": {"z": [[0, 0], [1, 1]]}}, "at least 3"),
-        ({"zones": {"z": {"corners": [[0, 0], [1, 1]]}}}, "at least 3"),
         ({"zones": {"z": {"corners": SQUARE, "use": "avoid"}}}, r"zones\.z\.use.*ignore.*found 'avoid'"),
         ({"zones": {"z": {"corners": SQUARE, "colour": "red"}}}, r"unknown key 'zones\.z\.colour'"),
         ({"zones": {"z": {"use": "ignore"}}}, r"zones\.z\.corners"),
         ({"zones": {"z": {"corners": [[0, 0], [1, float("inf")], [1, 1]]}}}, r"zones\.z\.corners"),
-        ({"zones": {"z": [[0, 0], [1, 2, 3], [1, 1]]}}, r"zones\.z"),
         ({"zones": {"z": 3}}, r"zones\.z"),
-        ({"zones": {"z": None}}, r"zones\.z"),
     ],
 )
 def test_mistakes_in_a_rig_file_are_told_in_one_line(tmp_path: Path, tree: dict[str, Any], reason: str) -> None:
@@ -385,11 +356,6 @@ def test_mistakes_are_not_told_in_a_library_s_words(tmp_path: Path) -> None:
     told = mistakes(RigFile, lambda tree: parse_rig(tree, tmp_path))
     assert len(told) > 200
     assert not words_of_the_library(told)
-
-
-def test_a_rig_file_that_does_not_exist(tmp_path: Path) -> None:
-    with pytest.raises(CalibrationError, match=r"rig\.yaml: expected a rig file, found no such file$"):
-        load_rig(tmp_path / "rig.yaml")
 
 
 @pytest.mark.parametrize("key", ["1", "null", "2001-01-01"])
