@@ -64,14 +64,6 @@ def test_an_image_that_is_too_large_is_not_unpacked(suffix: str) -> None:
     assert decode_any_image(compressed(data)).rgb.shape == (1000, 1100, 3)
 
 
-def test_a_raw_image_that_is_too_large() -> None:
-    message = builders.raw(
-        "/image", "sensor_msgs/msg/Image", builders.image(np.zeros((1000, 1100, 3), np.uint8), stamp_ns=0), 0
-    )
-    with pytest.raises(MessageError, match=r"limits\.max_image_mpx"):
-        decode_any_image(message, limits=LimitsConfig(max_image_mpx=1))
-
-
 def test_a_jpeg_of_scans_without_end() -> None:
     whole = encoded(70, 50, ".jpg", cv2.IMWRITE_JPEG_PROGRESSIVE, 1)
     last = whole.rindex(b"\xff\xda")
