@@ -130,13 +130,7 @@ def test_which_system_is_meant_has_to_be_clear(tmp_path: Path) -> None:
         boxes_in(tmp_path, None, systems)
 
 
-def test_angles_in_place_of_a_quaternion(tmp_path: Path) -> None:
-    found = truth(tmp_path, tree({"0": frame([1, 2, 3, 0, 0, 0.5, 4, 2, 1.5])})).at(0, frame=0)
-    assert found is not None
-    np.testing.assert_allclose(found.yaws, [0.5])
-
-
-def test_the_form_of_tum_traffic(tmp_path: Path) -> None:
+def test_the_form_of_tum_traffic_and_a_plain_one(tmp_path: Path) -> None:
     attributes = {"text": [{"name": "body_color", "val": "red"}], "num": [{"name": "num_points", "val": 35}]}
     data = {"name": "CAR_1", "type": "CAR", "cuboid": {"name": "shape3D", "val": BOX, "attributes": attributes}}
     image = {"name": "TRAILER_2", "type": "TRAILER", "bbox": [{"name": "shape2D", "val": [1, 2, 3, 4]}]}
@@ -148,6 +142,11 @@ def test_the_form_of_tum_traffic(tmp_path: Path) -> None:
     assert Config().class_names[found.class_ids[0]] == "car"
     assert source.notes[-1].endswith("1 objects without a cuboid are not used")
     assert source.in_image("cam", 0, frame=0) is None
+    plain = tree({"0": frame([1, 2, 3, 0, 0, 0.5, 4, 2, 1.5])})  # angles in place of a quaternion
+    plain["openlabel"]["objects"]["a"] = "?"
+    found = truth(tmp_path, plain).at(0, frame=0)
+    assert found is not None
+    assert (found.yaws.tolist(), found.labels.tolist(), found.class_ids.tolist()) == ([0.5], [""], [UNKNOWN])
 
 
 def moved(x: float) -> list[float]:
@@ -267,14 +266,6 @@ def test_malformed_files(tmp_path: Path, content: Any, problem: str) -> None:
     assert problem in str(caught.value)
     assert "labels.json: " in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_objects_of_no_class(tmp_path: Path) -> None:
-    whole = tree({"0": frame(BOX)})
-    whole["openlabel"]["objects"]["a"] = "?"
-    found = truth(tmp_path, whole).at(0, frame=0)
-    assert found is not None
-    assert (found.labels.tolist(), found.class_ids.tolist()) == ([""], [UNKNOWN])
 
 
 JSON = st.recursive(

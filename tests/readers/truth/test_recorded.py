@@ -58,19 +58,10 @@ def test_objects_at_any_time(encoding: Encoding) -> None:
         assert x_at(source, START_NS + round(step * STEP_NS)) == pytest.approx(step)
     assert x_at(source, START_NS + 30 * STEP_NS) is None
     assert source.notes == ()
+    back = truth(messages(encoding=encoding))
+    for step in (-1, 0, 25, 6):  # images of a frame lie before it
+        assert x_at(back, START_NS + step * STEP_NS) == (None if step < 0 else pytest.approx(step))
     assert source.description == "/ground_truth/objects of  (by its name)"
-
-
-def test_times_step_back_over_images_of_a_frame() -> None:
-    source = truth(messages())
-    assert x_at(source, START_NS + 25 * STEP_NS) == pytest.approx(25)
-    assert x_at(source, START_NS + 6 * STEP_NS) == pytest.approx(6)
-
-
-def test_before_the_truth_begins() -> None:
-    source = truth(messages())
-    assert x_at(source, START_NS - STEP_NS) is None
-    assert x_at(source, START_NS) == 0
 
 
 def test_memory_does_not_grow_with_the_truth() -> None:
