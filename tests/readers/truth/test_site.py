@@ -63,8 +63,8 @@ def T_site(site: SitePoses, frame_id: str, stamp_ns: int) -> Transform:
     return found
 
 
-def assert_pose(site: SitePoses, stamp_ns: int, *, at_ns: int | None = None, atol: float = 1e-9) -> None:
-    found = T_site(site, "odom", stamp_ns if at_ns is None else at_ns)
+def assert_pose(site: SitePoses, stamp_ns: int, *, atol: float = 1e-9) -> None:
+    found = T_site(site, "odom", stamp_ns)
     np.testing.assert_allclose(found.matrix, pose(stamp_ns).inverse().matrix, atol=atol)
 
 
