@@ -5,7 +5,6 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from builders import POINT_FIELD_DATATYPES, Fields
-from helpers import shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -211,36 +210,3 @@ def test_ring_out_of_range_is_clipped() -> None:
 def test_contradictions_are_named(changes: dict[str, Any], match: str) -> None:
     with pytest.raises(MessageError, match=match):
         decode_pointcloud2(changed(**changes))
-
-
-# --- real data
-
-
-def test_cloud_of_a_vlp16_in_the_layout_of_nebula() -> None:
-    header, _, content = (
-        shared("data/velodyne_packets/vlp16/1673400472138016708.pcd").read_bytes().partition(b"DATA binary\n")
-    )
-    lines = dict(line.split(maxsplit=1) for line in header.decode().splitlines())
-    names, sizes, kinds = lines["FIELDS"].split(), lines["SIZE"].split(), lines["TYPE"].split()
-    formats = [f"<{kind.lower()}{size}" for kind, size in zip(kinds, sizes, strict=True)]
-    layout: Any = {"names": names, "formats": formats}
-    table = np.frombuffer(content, np.dtype(layout), int(lines["POINTS"]))
-    offsets = np.cumsum([0, *map(int, sizes)])[:-1].tolist()
-    body = {
-        "header": builders.header(STAMP_NS, "velodyne"),
-        "height": 1,
-        "width": len(table),
-        "fields": [
-            {"name": name, "offset": offset, "datatype": POINT_FIELD_DATATYPES[code[1:]], "count": 1}
-            for name, offset, code in zip(names, offsets, formats, strict=True)
-        ],
-        "point_step": table.dtype.itemsize,
-        "row_step": table.nbytes,
-        "data": np.frombuffer(table.tobytes(), np.uint8),
-    }
-    cloud = decode_pointcloud2(message(body))
-    np.testing.assert_array_equal(cloud.xyz, np.stack([table[axis] for axis in "xyz"], -1))
-    np.testing.assert_array_equal(cloud.intensity, table["intensity"])
-    np.testing.assert_array_equal(cloud.ring, table["channel"])
-    np.testing.assert_array_equal(cloud.time_offset_ns, table["time_stamp"])
-    assert cloud.has_time

@@ -4,8 +4,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from pipeline.core.camera import CameraModel
 from pipeline.core.errors import RecordingError
@@ -13,7 +11,7 @@ from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
-from readers.truth.kitti import KittiTruth, is_kitti_text, parse_kitti_labels
+from readers.truth.kitti import KittiTruth, is_kitti_text
 
 K = np.array([[700.0, 0, 600], [0, 700, 180], [0, 0, 1]])
 T_RECT_VELO = np.array([[0.0, -1, 0, 0.01], [0, 0, -1, -0.08], [1, 0, 0, -0.27], [0, 0, 0, 1]])
@@ -234,14 +232,3 @@ def test_which_lidar_is_the_velodyne(tmp_path: Path) -> None:
 )
 def test_what_looks_like_labels(text: str, expected: bool) -> None:
     assert is_kitti_text(text) is expected
-
-
-@given(
-    st.text(max_size=300) | st.lists(st.sampled_from([*CAR.split(), *NOBODY.split(), "\n"]), max_size=40).map(" ".join)
-)
-def test_any_text_is_labels_or_one_error(text: str) -> None:
-    try:
-        found = parse_kitti_labels(text, Path("a.txt"))
-    except RecordingError:
-        return
-    assert all(label.label for label in found.labels)

@@ -5,8 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pipeline.core.camera import CameraModel
@@ -16,7 +14,6 @@ from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.evaluation_frame import UNKNOWN
 from readers.truth.openlabel import OpenLabelTruth, is_openlabel
-from readers.truth.openlabel_text import parse_openlabel
 
 START_S = 1_646_667_310
 T_SITE_LIDAR = np.array([[0.0, -1, 0, 10], [1, 0, 0, 20], [0, 0, 1, 7], [0, 0, 0, 1]])
@@ -237,21 +234,17 @@ POSE = ("coordinate_systems", "south", "pose_wrt_parent")
         ("[" * 100_000, "expected OpenLABEL, found no JSON"),
         ("[]", "expected a section with the keys openlabel, found []"),
         ({"frames": {}}, "openlabel is missing"),
-        ({"openlabel": {}}, "openlabel.frames is missing"),
         ({"openlabel": 5}, "openlabel: expected a section"),
         (tree({}), "expected OpenLABEL with frames, found none"),
         (altered("frames", value={"x": {}}), "frames: expected numbers as keys, found 'x'"),
         (altered("frames", "0", value=[]), "frames.0: expected a section"),
         (altered("frames", "0", "frame_properties", "timestamp", value="today"), "expected a time since 1970"),
-        (altered("frames", "0", "frame_properties", "timestamp", value=-5), "expected a time since 1970"),
         (altered("frames", "0", "frame_properties", "timestamp", value=10**30), "after January 2038"),
-        (altered("frames", "0", "frame_properties", "timestamp", value=float("nan")), "expected a time since 1970"),
         (
             altered(*CUBOID, "val", value=BOX[:-2]),
             "val: expected 10 numbers (position, quaternion, size) or 9",
         ),
         (altered(*CUBOID, "val", value="abc"), "cuboid.0.val: expected a list of numbers"),
-        (altered(*CUBOID, "val", value=[True] * 10), "cuboid.0.val.0: expected a number above"),
         (altered(*CUBOID, "val", value=[float("nan")] * 10), "cuboid.0.val.0: expected a number above"),
         (altered(*CUBOID, "val", value=[*BOX[:3], 1, 1, 1, 1, *BOX[7:]]), "expected a quaternion of length 1, found 2"),
         (altered(*CUBOID, "val", value=[*BOX[:7], 4, 0, 1]), "expected a box with a volume, found 4 x 0 x 1 m"),
@@ -266,30 +259,6 @@ def test_malformed_files(tmp_path: Path, content: Any, problem: str) -> None:
     assert problem in str(caught.value)
     assert "labels.json: " in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-JSON = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
-    lambda inner: (
-        st.lists(inner, max_size=3)
-        | st.dictionaries(
-            st.sampled_from(["openlabel", "frames", "0", "objects", "object_data", "cuboid", "val", "a"]),
-            inner,
-            max_size=3,
-        )
-    ),
-    max_leaves=20,
-)
-
-
-@given(JSON, st.sampled_from([(), ("frames",), ("frames", "0"), CUBOID, (*CUBOID, "val"), POSE, ("objects",)]))
-def test_any_json_is_labels_or_one_error(part: Any, place: tuple[str, ...]) -> None:
-    content = altered(*place, value=part) if place and place[-1] != "[]" else part
-    try:
-        found = parse_openlabel(json.dumps(content), Path("a.json"))
-    except RecordingError:
-        return
-    assert all(number >= 0 for number in found.frames)
 
 
 @pytest.mark.parametrize(("head", "expected"), [(' \n{"openlabel"', True), ("[1]", False), ("", False)])

@@ -3,14 +3,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from frames import RIG
-from hypothesis import given
-from hypothesis import strategies as st
 
 from pipeline.core.errors import RecordingError
 from pipeline.core.rig import Rig, TruthVehicle
 from pipeline.core.settings.config import Config
 from readers.files.evaluation_folder import START_NS, STEP_NS
-from readers.truth.predecessor import CAR, PredecessorTruth, parse_odometry_rows
+from readers.truth.predecessor import CAR, PredecessorTruth
 
 POSES = "1 2 0.1 0 0 0.6 0.8\n3 4 0.1 0 0 0 1\n"
 
@@ -87,13 +85,3 @@ def test_frames_of_the_folder_are_known_by_their_stamps_and_others_by_their_plac
 def test_malformed_rows(tmp_path: Path, text: str, problem: str) -> None:
     with pytest.raises(RecordingError, match=rf"30000\.txt: {problem}"):
         truth(tmp_path, text)
-
-
-@given(st.text(alphabet="0123456789 .-,enaif#\n", max_size=80))
-def test_any_text_is_rows_or_one_error(text: str) -> None:
-    try:
-        poses, sizes = parse_odometry_rows(text, Path("a.txt"))
-    except RecordingError:
-        return
-    np.testing.assert_allclose(np.linalg.det(poses[:, :3, :3]), 1)
-    assert sizes is None or (sizes > 0).all()

@@ -4,8 +4,6 @@ from typing import Any
 import builders
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from object_messages import Recorded, autoware_message, autoware_object
 
 from pipeline.core.errors import MessageError
@@ -90,18 +88,3 @@ def test_a_type_of_the_same_name_with_other_fields() -> None:
     other = message._replace(channel=replace(message.channel, definition=definition))
     with pytest.raises(MessageError, match=r"/o: .*(not a valid|cannot be used)"):
         decode_detected_objects(other, CLASSES)
-
-
-@given(st.data())
-def test_any_bytes_are_decoded_or_refused(data: st.DataObject) -> None:
-    message = autoware_message(5, [one(), one(type=2, footprint={"points": [{"x": 1.0, "y": 2.0}]})])
-    octets = bytearray(message.data)
-    for _ in range(data.draw(st.integers(1, 6))):
-        octets[data.draw(st.integers(4, len(octets) - 1))] = data.draw(st.integers(0, 255))
-    cut = bytes(octets)[: data.draw(st.integers(4, len(octets)))]
-    try:
-        found = decode_detected_objects(message._replace(data=cut), CLASSES)
-    except MessageError:
-        return
-    assert np.isfinite(found.boxes.centers).all()
-    assert ((found.scores >= 0) & (found.scores <= 1)).all()
