@@ -169,8 +169,8 @@ def read_transforms(
     drops: dict[str, tuple[Drop, int]] = {}
     seen: dict[str, Transform] = {}
     moving: dict[str, str] = {}
-    names = _Names(limits)
-    for message, transform, child in _transforms(recording.messages(static) if static else (), drops, names):
+    names: set[str] = set()
+    for message, transform, child in _transforms(recording.messages(static) if static else (), drops, names, limits):
         if isinstance(transform, Transform):
             fixed.add_static(transform)
         else:
@@ -181,7 +181,7 @@ def read_transforms(
         return moving.get(child) != parent
 
     beginnings = _beginnings(recording, dynamic, start_ns, stop_ns)
-    for message, transform, child in _transforms(beginnings, drops, names, is_wanted=may_tell):
+    for message, transform, child in _transforms(beginnings, drops, names, limits, is_wanted=may_tell):
         if not isinstance(transform, Transform):
             faults[child] = f"{transform} ({message.topic})"
         elif not fixed.is_static(child):
@@ -194,26 +194,6 @@ def read_transforms(
             fixed.add_static(transform)
     known = {child: reason for child, reason in faults.items() if not fixed.is_static(child)}
     return RecordedTransforms(fixed, moving, known, tuple(drops.values()))
-
-
-class _Names:
-    """The frames that transforms have named so far."""
-
-    def __init__(self, limits: LimitsConfig) -> None:
-        self.limits = limits
-        self._known: set[str] = set()
-
-    def take(self, child: str, topic: str) -> None:
-        """Add a frame.
-
-        Raises:
-            MessageError: there are too many.
-        """
-        if child not in self._known and len(self._known) >= self.limits.max_frames:
-            raise MessageError(
-                f"{topic}: transforms of more than {self.limits.max_frames} coordinate frames: raise limits.max_frames"
-            )
-        self._known.add(child)
 
 
 def _beginnings(
@@ -259,16 +239,25 @@ def _first_of(recording: Recording, topics: list[str], span_ns: int) -> Iterator
 def _transforms(
     messages: Iterable[RawMessage],
     drops: dict[str, tuple[Drop, int]],
-    names: _Names,
+    names: set[str],
+    limits: LimitsConfig,
     *,
     is_wanted: Callable[[str, str], bool] = lambda _parent, _child: True,
 ) -> Iterator[tuple[RawMessage, Transform | CalibrationError, str]]:
     for message in messages:
         try:
-            for _, transform, child in decode_transforms(message, limits=names.limits, is_wanted=is_wanted):
-                names.take(child, message.topic)
+            for _, transform, child in decode_transforms(message, limits=limits, is_wanted=is_wanted):
+                _add_frame(child, names, message.topic, limits)
                 yield message, transform, child
         except MessageError as err:
             drop = Drop(message.topic, message.stamp_ns, "cannot be decoded", str(err))
             first, count = drops.get(message.topic, (drop, 0))
             drops[message.topic] = first, count + 1
+
+
+def _add_frame(child: str, names: set[str], topic: str, limits: LimitsConfig) -> None:
+    if child not in names and len(names) >= limits.max_frames:
+        raise MessageError(
+            f"{topic}: transforms of more than {limits.max_frames} coordinate frames: raise limits.max_frames"
+        )
+    names.add(child)

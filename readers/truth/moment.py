@@ -6,12 +6,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pipeline.core.arrays import F64, I32, Rows
+from pipeline.core.geometry.boxes import box_corners
+from pipeline.core.rig import CameraSensor
 from pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER, IMAGE_PIXELS, LIDAR_POINTS
-from pipeline.evaluation.evaluation_frame import UNKNOWN, Names, TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import UNKNOWN, Names, TruthBoxes2D, TruthBoxes3D
 from readers.messages.vision.detections3d import Detections3D
 from readers.messages.vision.track_ids import track_ids
 
-__all__ = ["INSTANCE", "STEP_BACK_NS", "Moment", "TruthClasses", "counted", "moment_of", "total"]
+__all__ = ["INSTANCE", "STEP_BACK_NS", "Moment", "TruthClasses", "counted", "moment_of", "projected_truth", "total"]
 
 STEP_BACK_NS = 2_000_000_000
 """How far stamps that truth is asked for may step back: the images of a frame lie before and after its stamp."""
@@ -113,3 +115,32 @@ def total(counts: Mapping[str, F64], name: str, n: int) -> I32:
     stacked = np.array(of_sensors)
     told = np.isfinite(stacked)
     return counted(np.where(told.any(0), np.where(told, stacked, 0.0).sum(0), np.nan))
+
+
+def projected_truth(boxes: TruthBoxes3D, camera: CameraSensor, pixels: I32 | None) -> TruthBoxes2D:
+    """The objects that a camera sees, as boxes around their projections.
+
+    An object without a pixel in the image is hidden, and left out. Where the truth counts the pixels of all images
+    together, an object without any is left out, and of the others it is not known which this image shows: those whose
+    projection lies in it.
+
+    Args:
+        boxes: Objects in the site frame, at the time of the image.
+        camera: The camera.
+        pixels: (N,) int32, pixels of this image that show each object; `UNKNOWN` or None where the truth does not say.
+    """
+    of_image = np.full(len(boxes), UNKNOWN, np.int32) if pixels is None else pixels
+    told = np.flatnonzero(np.where(of_image == UNKNOWN, boxes.image_pixels, of_image) != 0)
+    corners = box_corners(boxes.centers[told], boxes.sizes[told], boxes.yaws[told])
+    xyxy = camera.model.project_boxes(camera.T_camera_site.apply(corners))
+    is_seen = np.isfinite(xyxy).all(1)
+    seen = told[is_seen]
+    return TruthBoxes2D(
+        boxes.stamp_ns,
+        xyxy[is_seen],
+        boxes.class_ids[seen],
+        boxes.labels[seen],
+        boxes.track_ids[seen],
+        of_image[seen],
+        boxes.is_ignored[seen],
+    )

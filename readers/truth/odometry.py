@@ -17,7 +17,8 @@ from readers.messages.odometry import ODOMETRY, decode_odometry
 from readers.messages.tf import RecordedTransforms
 from readers.recording import Recording
 from readers.truth.boxes import Labelled, class_ids_of_labels, truth_boxes_3d
-from readers.truth.source import STEP_BACK_NS, WithoutImages
+from readers.truth.moment import STEP_BACK_NS
+from readers.truth.source import TruthSource
 
 __all__ = ["LEAD_NS", "MAX_GAP_NS", "OdometryTruth"]
 
@@ -68,7 +69,7 @@ class _Track:
         return found
 
 
-class OdometryTruth(WithoutImages):
+class OdometryTruth(TruthSource):
     """The boxes of the vehicles whose odometry was recorded; see `TruthSource`.
 
     A moment is covered if the poses of all vehicles are known at it, interpolated between two messages.

@@ -14,9 +14,9 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.evaluation_frame import TruthBoxes3D
 from readers.truth.boxes import Labelled, class_ids_of_labels, label_files, read_label_text, truth_boxes_3d
-from readers.truth.moment import Moment
+from readers.truth.moment import STEP_BACK_NS, Moment
 from readers.truth.openlabel_text import Cuboid, OpenLabel, OpenLabelFrame, parse_openlabel
-from readers.truth.source import STEP_BACK_NS, WithoutImages
+from readers.truth.source import TruthSource
 from readers.truth.timeline import Timeline
 
 __all__ = ["OpenLabelTruth", "is_openlabel"]
@@ -27,7 +27,7 @@ def is_openlabel(head: str) -> bool:
     return head.lstrip().startswith("{")
 
 
-class OpenLabelTruth(WithoutImages):
+class OpenLabelTruth(TruthSource):
     """The cuboids of OpenLABEL as a source of truth; see `TruthSource`.
 
     Args:

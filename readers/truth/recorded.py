@@ -21,6 +21,7 @@ from readers.messages.vision.track_ids import track_ids
 from readers.notes import Notes
 from readers.recording import Recording
 from readers.truth.moment import INSTANCE, STEP_BACK_NS, Moment, TruthClasses, counted, moment_of, total
+from readers.truth.source import TruthSource
 from readers.truth.timeline import Timeline
 from readers.truth.topics import TruthTopics
 
@@ -36,8 +37,8 @@ MAX_IMAGES = 1000
 """Images of one camera whose boxes wait at most."""
 
 
-class RecordedTruth:
-    """Truth of the topics of a recording; see `CountingSource`.
+class RecordedTruth(TruthSource):
+    """Truth of the topics of a recording; see `TruthSource`.
 
     Args:
         recording: Open recording, which is read as far as it is needed and not closed.
@@ -63,12 +64,8 @@ class RecordedTruth:
         self._messages = recording.messages([*self._timelines, *topics.visible])
         self._held: tuple[str, Moment] | None = None
         self._latest_ns = 0
-        self._names = ", ".join(path.name for path in recording.paths)
-
-    @property
-    def description(self) -> str:
-        """See `TruthSource`."""
-        return f"{self._wanted} of {self._names} ({self._topics.why})"
+        names = ", ".join(path.name for path in recording.paths)
+        self.description = f"{self._wanted} of {names} ({topics.why})"
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -91,8 +88,9 @@ class RecordedTruth:
         moment = self._timelines[self._wanted].at(stamp_ns)
         return None if moment is None else moment.boxes
 
-    def moment(self, stamp_ns: int) -> Moment | None:
-        """See `CountingSource`."""
+    def moment(self, stamp_ns: int, *, frame: int) -> Moment | None:
+        """See `TruthSource`."""
+        del frame
         self._read(stamp_ns)
         return self._timelines[self._topics.objects].at(stamp_ns)
 

@@ -7,7 +7,7 @@ from evaluation_frames import truth_boxes
 
 from pipeline.core.rig import CameraSensor
 from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
-from readers.truth.images import projected_truth
+from readers.truth.moment import projected_truth
 
 CAMERA: CameraSensor = forward_camera("left")
 

@@ -8,7 +8,7 @@ from pipeline.core.errors import RecordingError
 from pipeline.core.settings.config import Config
 from readers.truth.boxes import read_label_text
 from readers.truth.kitti import KittiTruth
-from readers.truth.labels import open_labels
+from readers.truth.open import open_labels
 from readers.truth.openlabel import OpenLabelTruth
 from readers.truth.predecessor import PredecessorTruth
 from readers.truth.source import TruthSource
