@@ -75,14 +75,14 @@ def deserialize(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -
         ) from err
 
 
-def deserialize_as(message: RawMessage, msgtype: str, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Any:
-    """Like `deserialize`, for a message that must be of one type.
+def deserialize_as(message: RawMessage, *msgtypes: str, limits: LimitsConfig = DEFAULT_LIMITS) -> Any:
+    """Like `deserialize`, for a message that must be of one of some types.
 
     Raises:
         MessageError: the message is of another type, or cannot be decoded.
     """
-    if message.channel.msgtype != msgtype:
-        raise MessageError(f"{message.topic}: expected {msgtype}, found {message.channel.msgtype}")
+    if message.channel.msgtype not in msgtypes:
+        raise MessageError(f"{message.topic}: expected {' or '.join(msgtypes)}, found {message.channel.msgtype}")
     return deserialize(message, limits=limits)
 
 

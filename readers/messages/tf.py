@@ -22,7 +22,7 @@ from pipeline.core.geometry.transform_tree import TransformTree
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.boundary.decoding import decoder
-from readers.messages.deserialize import deserialize
+from readers.messages.deserialize import deserialize_as
 from readers.messages.registry import types_of
 from readers.recording import Recording
 
@@ -116,10 +116,8 @@ def decode_transforms(
     Raises:
         MessageError: the message cannot be decoded, or is not of `TF_TYPES`.
     """
-    if message.channel.msgtype not in TF_TYPES:
-        raise MessageError(f"{message.topic}: expected a message of transforms, found {message.channel.msgtype}")
-    found = (_decode(stamped, is_wanted) for stamped in deserialize(message, limits=limits).transforms)
-    return [one for one in found if one is not None]
+    stamped = deserialize_as(message, *sorted(TF_TYPES), limits=limits).transforms
+    return [found for one in stamped if (found := _decode(one, is_wanted)) is not None]
 
 
 def _decode(
