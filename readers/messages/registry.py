@@ -18,7 +18,7 @@ class MessageType(NamedTuple):
     """A type that lidcam reads.
 
     Attributes:
-        kind: What its messages hold.
+        kind: Content of its messages.
         decoder: `module:function`; the module alone where no function of a message is enough, as for videos.
     """
 
@@ -63,10 +63,10 @@ def types_of(kind: Kind) -> frozenset[str]:
 
 
 def decode_as(kind: Kind, message: RawMessage, *arguments: Any, **options: Any) -> Any:
-    """What the decoder of a message makes of it.
+    """The content of a message, by the decoder of its type.
 
     Args:
-        kind: What the message must be.
+        kind: Kind that the message must be of.
         message: The message.
         *arguments: Further arguments that decoders of this kind take.
         **options: The same, by name.

@@ -35,7 +35,7 @@ PROBE_NS = 60_000_000_000
 """How much of /tf is read before the run: enough to see every frame without reading a long recording twice."""
 
 BEGINNING_NS = 2_000_000_000
-"""How much of /tf is read from the start, whatever the time window: fixed frames are sent more often than this."""
+"""How much of /tf is read from the start, for any time window: fixed frames are sent more often than this."""
 
 STILL = 1e-6
 """Largest change of a matrix entry (metres, or roughly radians) of a fixed frame."""
@@ -54,7 +54,7 @@ class RecordedTransforms:
     Attributes:
         fixed: Transforms that do not change.
         moving: Parent by child, for frames that move.
-        faults: What is wrong with a frame's recorded transform, by child; such transforms are not used.
+        faults: Fault of a frame's recorded transform, by child; such transforms are not used.
         drops: The first message of each topic that could not be decoded, and how many there were.
     """
 
@@ -175,7 +175,7 @@ def read_transforms(
             faults[child] = f"{transform} ({message.topic})"
 
     def may_tell(parent: str, child: str) -> bool:
-        """Whether a transform may tell more than that its frame moves."""
+        """Whether a transform may say more than that its frame moves."""
         return moving.get(child) != parent
 
     beginnings = _beginnings(recording, dynamic, start_ns, stop_ns)

@@ -58,7 +58,7 @@ def class_name_of_number(number: int, classes: Sequence[ClassPrior]) -> str:
 
 
 def name_of_number(number: int, classes: Sequence[ClassPrior]) -> str:
-    """What a hypothesis of this number is in ROS 2: what it counts, or its class."""
+    """The name in ROS 2 of a hypothesis of this number: of a count, or of a class."""
     return count_of(str(number)) or class_name_of_number(number, classes)
 
 
@@ -76,8 +76,8 @@ def to_ros2(
 
     Args:
         message: Any ROS message.
-        name_of: What a number in ROS 1's vision_msgs stands for.
-        limits: What a message that is converted may hold.
+        name_of: Name by number in ROS 1's vision_msgs.
+        limits: Limits of a message that is converted.
 
     Raises:
         MessageError: the message could not be read, is none of ROS, or does not fit its definition.

@@ -55,7 +55,7 @@ class SensorSource:
         frame_id: Its frame.
         intrinsics: Source of a camera's intrinsics; empty for a lidar.
         extrinsics: Source of its pose.
-        time_offset_ms: What the rig file takes off its stamps.
+        time_offset_ms: Correction of its stamps in the rig file, milliseconds.
     """
 
     sensor: str

@@ -1,4 +1,4 @@
-"""The true objects at one moment, as a message tells them."""
+"""The true objects at one moment, from a message, and as a camera sees them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -19,7 +19,7 @@ STEP_BACK_NS = 2_000_000_000
 """How far stamps that truth is asked for may step back: the images of a frame lie before and after its stamp."""
 
 INSTANCE = "instance"
-"""What ROS 1 has in place of an id."""
+"""Name of the count that stands for an id in ROS 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,7 +28,7 @@ class Moment:
 
     Attributes:
         boxes: The objects.
-        camera_pixels: (N,) int32 by camera, pixels of its image that show each object; `UNKNOWN` where not told.
+        camera_pixels: (N,) int32 by camera, pixels of its image that show each object; `UNKNOWN` where not counted.
     """
 
     boxes: TruthBoxes3D
@@ -106,15 +106,15 @@ def counted(values: F64) -> I32:
 
 
 def total(counts: Mapping[str, F64], name: str, n: int) -> I32:
-    """(N,) int32, what is counted under a name, else the sum of the sensors; `UNKNOWN` where neither is told."""
+    """(N,) int32, the count of a name, else the sum of its sensors; `UNKNOWN` where there is neither."""
     if name in counts:
         return counted(counts[name])
     of_sensors = [values for key, values in sorted(counts.items()) if key.startswith(f"{name}/")]
     if not of_sensors:
         return np.full(n, UNKNOWN, np.int32)
     stacked = np.array(of_sensors)
-    told = np.isfinite(stacked)
-    return counted(np.where(told.any(0), np.where(told, stacked, 0.0).sum(0), np.nan))
+    is_known = np.isfinite(stacked)
+    return counted(np.where(is_known.any(0), np.where(is_known, stacked, 0.0).sum(0), np.nan))
 
 
 def projected_truth(boxes: TruthBoxes3D, camera: CameraSensor, pixels: I32 | None) -> TruthBoxes2D:
@@ -127,14 +127,14 @@ def projected_truth(boxes: TruthBoxes3D, camera: CameraSensor, pixels: I32 | Non
     Args:
         boxes: Objects in the site frame, at the time of the image.
         camera: The camera.
-        pixels: (N,) int32, pixels of this image that show each object; `UNKNOWN` or None where the truth does not say.
+        pixels: (N,) int32, pixels of this image that show each object; `UNKNOWN` or None where they are not counted.
     """
     of_image = np.full(len(boxes), UNKNOWN, np.int32) if pixels is None else pixels
-    told = np.flatnonzero(np.where(of_image == UNKNOWN, boxes.image_pixels, of_image) != 0)
-    corners = box_corners(boxes.centers[told], boxes.sizes[told], boxes.yaws[told])
+    rows = np.flatnonzero(np.where(of_image == UNKNOWN, boxes.image_pixels, of_image) != 0)
+    corners = box_corners(boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows])
     xyxy = camera.model.project_boxes(camera.T_camera_site.apply(corners))
     is_seen = np.isfinite(xyxy).all(1)
-    seen = told[is_seen]
+    seen = rows[is_seen]
     return TruthBoxes2D(
         boxes.stamp_ns,
         xyxy[is_seen],

@@ -76,7 +76,7 @@ class OdometryTruth(TruthSource):
 
     Args:
         recording: Has the odometry: the recording, or a result that its topics were copied to.
-        vehicles: What the rig says of them; at least one.
+        vehicles: Their topics and boxes, from the rig; at least one.
         transforms: Join the frames in which vehicles move, where these are several.
         config: Classes and limits.
 

@@ -65,7 +65,7 @@ def open_truth(result: Result, paths: Sequence[Location] = (), *, topic: str = "
         result: The open result.
         paths: The files of a recording with the truth, in any container, or labels (see `open_labels`); none: the truth
             that the result carries.
-        topic: The topic to take, whatever it is called.
+        topic: The topic to take, by any name; empty to find it.
 
     Raises:
         ConfigError: there is no such topic, or a vehicle of the rig's truth has no configured class.

@@ -171,7 +171,7 @@ class OpenLabel(_Part):
 
     Attributes:
         frames: By their numbers.
-        objects: What is the same of an object in all frames, by its key.
+        objects: Properties of an object that are the same in all frames, by its key.
         coordinate_systems: By name, with their poses in those that they stand in.
     """
 

@@ -43,7 +43,7 @@ class RecordedTruth(TruthSource):
     Args:
         recording: Open recording, which is read as far as it is needed and not closed.
         topics: Its topics of truth.
-        cameras: The cameras of the result, whose optical frames or names tell whose images were labelled.
+        cameras: The cameras of the result, whose optical frames or names say whose images were labelled.
         config: Settings: classes, and at which time of a frame objects are compared.
     """
 
@@ -171,7 +171,7 @@ class RecordedTruth(TruthSource):
 
 
 class _Images:
-    """What the images of one camera show, in the order of their stamps."""
+    """The boxes in the images of one camera, in the order of their stamps."""
 
     def __init__(self) -> None:
         self._kept: deque[TruthBoxes2D] = deque()

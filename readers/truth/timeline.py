@@ -29,7 +29,7 @@ MAX_NEAREST_PERIODS, MAX_NEAREST_NS = 0.5, 50_000_000
 """How far off a message of objects without ids may be: no more than half a period, and one metre at 20 m/s."""
 
 PROBED = 10
-"""Gaps between messages at the start from which the period is told."""
+"""Number of gaps between the first messages that give the period."""
 
 
 class Timeline:
@@ -121,7 +121,7 @@ class Timeline:
 
 
 def _has_ids(moment: Moment) -> bool:
-    """Whether ids tell all objects apart."""
+    """Whether every object has an id of its own."""
     ids = moment.boxes.track_ids
     return bool((ids != UNKNOWN).all()) and len(np.unique(ids)) == len(ids)
 

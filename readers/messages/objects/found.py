@@ -1,4 +1,4 @@
-"""What messages of 3D objects of all types have in common: rows of numbers, labels and scores become boxes."""
+"""The common part of all messages of 3D objects: rows of numbers, labels and scores become boxes."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
