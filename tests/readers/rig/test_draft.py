@@ -37,7 +37,7 @@ def boxes(number: int, frame: str) -> RawMessage:
     return boxes_2d(f"/detections_{number}", frame)
 
 
-UNCALIBRATED = [cloud(1), cloud(2), cloud(3), image_message(11), image_message(12, "camera_12"), boxes(12, "camera_12")]
+UNCALIBRATED = [cloud(1), cloud(2), image_message(11), image_message(12, "camera_12"), boxes(12, "camera_12")]
 
 
 def draft(messages: list[RawMessage], rig: RigFile | None = None) -> str:
@@ -69,12 +69,6 @@ lidars:
     T_site_lidar: TODO # TODO 4 x 4, metres; or translation_m and rpy_deg in its place (no transform joins frame \
 'velodyne2' with 'velodyne1'; frames with a transform: none at all; give \
 its pose in a rig file (--rig))
-  velodyne3:
-    topic: /velodyne3_points # sensor_msgs/msg/PointCloud2, 1 points in the first message
-    frame_id: velodyne3
-    T_site_lidar: TODO # TODO 4 x 4, metres; or translation_m and rpy_deg in its place (no transform joins frame \
-'velodyne3' with 'velodyne1'; frames with a transform: none at all; give \
-its pose in a rig file (--rig))
 cameras:
   cam11:
     topic: /image_raw_11 # sensor_msgs/msg/Image
@@ -105,7 +99,6 @@ def test_what_is_still_to_do_is_told(tmp_path: Path) -> None:
     assert [lidar.name for lidar in found.rig.lidars] == ["velodyne1"]
     assert reasons(found) == {
         "velodyne2": "extrinsics are still TODO in rig.yaml",
-        "velodyne3": "extrinsics are still TODO in rig.yaml",
         "cam11": "intrinsics and extrinsics are still TODO in rig.yaml",
         "cam12": "intrinsics and extrinsics are still TODO in rig.yaml",
     }
@@ -128,7 +121,7 @@ def test_a_completed_draft_is_a_rig(tmp_path: Path) -> None:
     rig = read("\n".join(lines), tmp_path)
     found = discover_rig(MemoryRecording(UNCALIBRATED), Config(), rig)
     assert found.faults == ()
-    assert [lidar.T_site_lidar.translation.tolist() for lidar in found.rig.lidars] == [[0, 0, 0], [1, 2, 3], [1, 2, 3]]
+    assert [lidar.T_site_lidar.translation.tolist() for lidar in found.rig.lidars] == [[0, 0, 0], [1, 2, 3]]
     again = read(draft(UNCALIBRATED, rig), tmp_path)
     same = discover_rig(MemoryRecording(UNCALIBRATED), Config(), again)
     assert same.faults == ()
