@@ -1,7 +1,7 @@
 """The contents of a recording, and what lidcam would use of them."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from lidcam.box_sources import BoxSource, box_source
@@ -22,8 +22,8 @@ from readers.open import open_recording
 from readers.recording import Loss, ReadOptions, Recording
 from readers.rig.calibration import SensorSource
 from readers.rig.discovery import Discovery, calibrated_rig
-from readers.rig.draft import RigDraft, draft_rig
-from readers.rig.search import find_sensors
+from readers.rig.draft import draft_yaml
+from readers.rig.search import FoundSensors, find_sensors
 from readers.rig.sensor_topics import SensorFault
 from readers.streams.motion import MotionSource, find_motion_source
 from readers.streams.per_sensor import sensor_messages
@@ -49,7 +49,7 @@ class Inspection:
         stop_ns: Log time before which it was looked at; None where all of it was.
         problem: Why lidcam could not process it; empty if it can.
         rig: The sensors that lidcam would use; None if it could not process the recording.
-        draft: All sensors, those without calibration, too; None if the recording has none.
+        draft: Text of a rig file with all sensors, those without calibration, too; empty if the recording has none.
         sensors: Where the calibration of each sensor was found.
         faults: Sensors that would be left out, and why.
         notes: Remarks on topics and sensors.
@@ -69,7 +69,7 @@ class Inspection:
     stop_ns: int | None = None
     problem: str = ""
     rig: Rig | None = None
-    draft: RigDraft | None = None
+    draft: str = ""
     sensors: tuple[SensorSource, ...] = ()
     faults: tuple[SensorFault, ...] = ()
     notes: tuple[str, ...] = ()
@@ -116,13 +116,12 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
     check_not_empty(recording)
     topics = survey(recording, stop_ns=window.stop_ns, limits=choice.config.limits)
     found: Discovery | None = None
-    draft: RigDraft | None = None
+    sensors: FoundSensors | None = None
     motion: MotionSource | None = None
     config, used = choice.config, None
     problem = ""
     try:
         sensors = find_sensors(recording, config, rig_file, start_ns=window.start_ns, stop_ns=window.stop_ns)
-        draft = draft_rig(sensors)
         found = calibrated_rig(sensors)
     except (CalibrationError, RecordingError) as err:
         problem = str(err)
@@ -130,7 +129,6 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
         motion = find_motion_source(recording, found.rig, found.transforms, config)
         config, used = settle(choice, recording, found, moves=motion is not None)
         found = with_zones(found, rig_file, config)
-        draft = replace(draft, zones=found.rig.zones) if draft else None
     return Inspection(
         files=recording.paths,
         start_ns=recording.start_ns,
@@ -141,7 +139,7 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
         stop_ns=window.stop_ns,
         problem=problem,
         rig=found.rig if found else None,
-        draft=draft,
+        draft=draft_yaml(sensors, found.rig.zones if found else sensors.zones) if sensors else "",
         sensors=found.sources if found else (),
         faults=found.faults if found else (),
         notes=found.notes if found else (),

@@ -19,7 +19,6 @@ from lidcam.settings.choice import SettingsChoice
 from readers.location import Location, location
 from readers.open import open_recording
 from readers.recording import ReadOptions, Recording, TopicInfo
-from readers.rig.rig_file import draft_yaml
 from readers.streams.per_sensor import sensor_messages
 from writers.mcap.repair import write_repaired
 from writers.outputs.errors import output_errors
@@ -112,10 +111,10 @@ def _report(inspection: Inspection, verdict: Verdict, options: InspectOptions) -
 def _write_rig(inspection: Inspection, options: InspectOptions, outputs: OutputTransaction) -> Iterator[str]:
     """Write the rig that was asked for; without one, print what was found and end without any output."""
     if options.write_rig is not None:
-        if inspection.draft is None:
+        if not inspection.draft:
             _report(inspection, Verdict((f"{options.write_rig}: no rig to write: {inspection.problem}",)), options)
         else:
-            text = marked_yaml(draft_yaml(inspection.draft))
+            text = marked_yaml(inspection.draft)
             with output_errors(options.write_rig):
                 outputs[options.write_rig].part.write_text(text, encoding="utf-8")
             yield f"wrote {options.write_rig}"

@@ -8,10 +8,9 @@ from pipeline.evaluation.evaluation_frame import EvaluationFrame, ImageBoxes, Tr
 from pipeline.fusion.zones import is_reported
 from readers.notes import Notes
 from readers.results.result import Result, ResultFrame
-from readers.truth.images import projected_truth
+from readers.truth.moment import projected_truth
 from readers.truth.open import OpenTruth
 from readers.truth.site import SitePoses, boxes_in_site
-from readers.truth.source import CountingSource
 
 __all__ = ["EvaluationFrames"]
 
@@ -96,12 +95,8 @@ class EvaluationFrames:
         shown = self._truth.in_image(name, found.stamp_ns, frame=frame.index)
         if shown is not None:
             return shown
-        pixels = None
-        if isinstance(self._truth, CountingSource):
-            moment = self._truth.moment(found.stamp_ns)
-            boxes = None if moment is None else moment.boxes
-            pixels = None if moment is None else moment.camera_pixels.get(name)
-        else:
-            boxes = self._truth.at(found.stamp_ns, frame=frame.index)
-        in_site = None if boxes is None else self._in_site(boxes)
-        return None if in_site is None else projected_truth(in_site, self._cameras[name], pixels)
+        moment = self._truth.moment(found.stamp_ns, frame=frame.index)
+        in_site = None if moment is None else self._in_site(moment.boxes)
+        if moment is None or in_site is None:
+            return None
+        return projected_truth(in_site, self._cameras[name], moment.camera_pixels.get(name))

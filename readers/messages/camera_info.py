@@ -6,7 +6,6 @@ interest and binning. K and D describe a raw image. P = K' [I | t] describes a r
 baseline of a stereo pair, which the extrinsics already contain.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ from pipeline.core.arrays import F64
 from pipeline.core.camera import CameraModel, DistortionModel
 from pipeline.core.errors import CalibrationError
 from pipeline.core.geometry.transform import Transform, rotation_fault
-from readers.messages.boundary.fields import FLOATS, HEADER, TEXT, WHOLE, Fields, Values
 from readers.messages.tf import clean_frame
 
 __all__ = ["DISTORTION_MODELS", "camera_model", "distortion_model", "rectified_camera_model"]
@@ -30,19 +28,6 @@ DISTORTION_MODELS: dict[str, DistortionModel] = {
     "fisheye": "equidistant",
 }
 """Model by its name in recordings."""
-
-FIELDS: Mapping[str, Fields] = {
-    "sensor_msgs/msg/CameraInfo": {
-        "header": HEADER,
-        **dict.fromkeys(("height", "width", "binning_x", "binning_y"), WHOLE),
-        "distortion_model": TEXT,
-        "d|D": Values("float64[]", FLOATS, 0),
-        "k|K": Values("float64[9]", FLOATS, 9),
-        "r|R": Values("float64[9]", FLOATS, 9),
-        "p|P": Values("float64[12]", FLOATS, 12),
-        "roi": dict.fromkeys(("x_offset", "y_offset", "height", "width"), WHOLE),
-    }
-}
 
 
 def distortion_model(name: str, coefficients: npt.ArrayLike) -> tuple[DistortionModel, F64]:

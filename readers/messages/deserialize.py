@@ -7,7 +7,7 @@ md5sum or hash differs from that release's, the messages cannot be decoded.
 
 import re
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -22,8 +22,8 @@ from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.typestores import message_types, release_types
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from pipeline.core.text import one_line
-from readers.messages.boundary.fields import layout_fault
 from readers.messages.boundary.size_limits import count_items, size_fault
+from readers.messages.registry import TYPES
 
 __all__ = ["definition_problem", "deserialize", "deserialize_as", "type_parts", "typestore_for"]
 
@@ -34,6 +34,9 @@ MD5SUM = re.compile(r"[0-9a-f]{32}")
 
 MAX_DEFINITION_CHARACTERS = 1 << 18
 EMPTY_LINES = re.compile(r"\n\s*\n")
+
+CHANGING = ("vision_msgs/", "ffmpeg_image_transport_msgs/", "autoware_perception_msgs/")
+"""Packages whose types differ between versions; decoders go by the recorded definition."""
 
 _lock = threading.Lock()
 
@@ -72,14 +75,14 @@ def deserialize(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -
         ) from err
 
 
-def deserialize_as(message: RawMessage, msgtype: str, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Any:
-    """Like `deserialize`, for a message that must be of one type.
+def deserialize_as(message: RawMessage, *msgtypes: str, limits: LimitsConfig = DEFAULT_LIMITS) -> Any:
+    """Like `deserialize`, for a message that must be of one of some types.
 
     Raises:
         MessageError: the message is of another type, or cannot be decoded.
     """
-    if message.channel.msgtype != msgtype:
-        raise MessageError(f"{message.topic}: expected {msgtype}, found {message.channel.msgtype}")
+    if message.channel.msgtype not in msgtypes:
+        raise MessageError(f"{message.topic}: expected {' or '.join(msgtypes)}, found {message.channel.msgtype}")
     return deserialize(message, limits=limits)
 
 
@@ -128,11 +131,12 @@ def _typestore(channel: Channel) -> Typestore | str:
             if found is None:
                 return f"the recording has no definition of {name}" + _needed_by(name, channel)
             types[name] = found
-            wanted += type_parts(found)
+            wanted += type_parts(found[1])
         if fault := size_fault(channel.msgtype, types):
             return f"the recorded definition of {channel.msgtype} is unusable: {fault}"
-        if fault := layout_fault(channel.msgtype, types, release.fielddefs):
-            return f"the recorded definition of {channel.msgtype} is another than lidcam reads: {fault}"
+        is_known = channel.msgtype in TYPES and channel.msgtype in release.fielddefs
+        if is_known and (other := _other_layout(channel.msgtype, types, release.fielddefs)):
+            return f"the recorded definition of {channel.msgtype} is not ROS's: {other} has other fields"
         if all(types[name] == release.fielddefs.get(name) for name in types):
             store = release  # so that what reads a header is made once for all channels
         else:
@@ -146,6 +150,19 @@ def _typestore(channel: Channel) -> Typestore | str:
         reason = one_line(err, max_characters=200)
         return f"the recorded definition of {channel.msgtype} is unusable: {type(err).__name__}: {reason}"
     return store
+
+
+def _other_layout(msgtype: str, types: Typesdict, known: Typesdict) -> str:
+    """A type that has other fields than in the release, among a type and those that it contains; empty if none has.
+
+    ROS, too, takes such a type for another one. Of packages in `CHANGING`, the first field alone is compared.
+    """
+    fields, expected = types[msgtype][1], known[msgtype][1]
+    if msgtype.startswith(CHANGING):
+        fields, expected = fields[:1], expected[:1]
+    if fields != expected:
+        return msgtype
+    return next(filter(None, (_other_layout(part, types, known) for part in type_parts(fields))), "")
 
 
 def _other_digest(channel: Channel, store: Typestore) -> str:
@@ -188,9 +205,9 @@ def _recorded_types(channel: Channel) -> Typesdict:
     return types
 
 
-def type_parts(definition: Any) -> Iterator[str]:
-    """Names of the message types among a definition's fields."""
-    for _, (node, detail) in definition[1]:
+def type_parts(fields: Iterable[Any]) -> Iterator[str]:
+    """Names of the message types among fields."""
+    for _, (node, detail) in fields:
         if node in {Nodetype.ARRAY, Nodetype.SEQUENCE}:
             node, detail = detail[0]
         if node == Nodetype.NAME:

@@ -5,16 +5,11 @@ from collections.abc import Mapping
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.boundary.decoding import decoder
-from readers.messages.boundary.fields import HEADER, TEXT, Fields
 from readers.messages.deserialize import deserialize_as
 
 __all__ = ["DIAGNOSTICS", "decode_diagnostics"]
 
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
-
-FIELDS: Mapping[str, Fields] = {
-    DIAGNOSTICS: {"header": HEADER, "status": [{"name": TEXT, "values": [{"key": TEXT, "value": TEXT}]}]}
-}
 
 
 @decoder

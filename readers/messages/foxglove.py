@@ -128,43 +128,34 @@ def _moved(data: U8, width: int, step: int, elements: list[Fields], pose: Transf
 
 
 def _raw_image(fields: Fields, stamp_ns: int) -> Any:
-    return ROS2.image(
-        stamp_ns,
-        fields.get("frame_id", ""),
-        height=int(fields.get("height", 0)),
-        width=int(fields.get("width", 0)),
-        encoding=fields.get("encoding", ""),
-        step=int(fields.get("step", 0)),
-        data=_data(fields),
-    )
+    known = _known(fields, frame_id="", height=0, width=0, encoding="", step=0)
+    return ROS2.image(stamp_ns, data=_data(fields), **known)
 
 
 def _compressed_image(fields: Fields, stamp_ns: int) -> Any:
-    return ROS2.compressed_image(stamp_ns, fields.get("frame_id", ""), fields.get("format", ""), _data(fields))
+    return ROS2.compressed_image(stamp_ns, data=_data(fields), **_known(fields, frame_id="", format=""))
 
 
 def _compressed_video(fields: Fields, stamp_ns: int) -> Any:
-    return ROS2.new(
-        "foxglove_msgs/msg/CompressedVideo",
-        timestamp=ROS2.time(stamp_ns),
-        frame_id=fields.get("frame_id", ""),
-        data=_data(fields),
-        format=fields.get("format", ""),
-    )
+    known = _known(fields, frame_id="", format="")
+    return ROS2.new("foxglove_msgs/msg/CompressedVideo", timestamp=ROS2.time(stamp_ns), data=_data(fields), **known)
 
 
 def _camera_calibration(fields: Fields, stamp_ns: int) -> Any:
     return ROS2.camera_info(
         stamp_ns,
-        fields.get("frame_id", ""),
-        height=int(fields.get("height", 0)),
-        width=int(fields.get("width", 0)),
-        distortion_model=fields.get("distortion_model", ""),
+        **_known(fields, frame_id="", height=0, width=0, distortion_model=""),
         d=np.array(fields.get("D", ()), np.float64),
         k=_matrix(fields, "K", np.zeros(9)),
         r=_matrix(fields, "R", np.eye(3).reshape(9)),  # only stereo cameras need R and P
         p=_matrix(fields, "P", np.zeros(12)),
     )
+
+
+def _known(fields: Fields, **unset: int | str) -> dict[str, Any]:
+    """The named fields, with their values where they are not set; numbers as int."""
+    found = {name: fields.get(name, value) for name, value in unset.items()}
+    return {name: int(value) if isinstance(unset[name], int) else value for name, value in found.items()}
 
 
 def _data(fields: Fields) -> U8:

@@ -1,6 +1,5 @@
 """Decodes sensor_msgs/Image and sensor_msgs/CompressedImage."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from pipeline.core.text import one_line
 from readers.messages.boundary.decoding import decoder
-from readers.messages.boundary.fields import BYTES, HEADER, TEXT, WHOLE, Fields
 from readers.messages.deserialize import deserialize_as
 from readers.messages.image_encodings import (
     PACKED,
@@ -30,16 +28,6 @@ from readers.messages.tf import clean_frame
 __all__ = ["COMPRESSED_IMAGE", "RAW_IMAGE", "decode_any_image", "decode_compressed_image", "decode_image"]
 
 RAW_IMAGE, COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
-
-FIELDS: Mapping[str, Fields] = {
-    RAW_IMAGE: {
-        "header": HEADER,
-        **dict.fromkeys(("height", "width", "is_bigendian", "step"), WHOLE),
-        "encoding": TEXT,
-        "data": BYTES,
-    },
-    COMPRESSED_IMAGE: {"header": HEADER, "format": TEXT, "data": BYTES},
-}
 
 
 def decode_any_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS, others: int = 0) -> Image:

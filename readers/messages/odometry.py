@@ -1,21 +1,16 @@
 """Decodes nav_msgs/Odometry."""
 
-from collections.abc import Mapping
-
 from pipeline.core.errors import FrameError, MessageError
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.boundary.decoding import decoder
-from readers.messages.boundary.fields import HEADER, POSE, TEXT, Fields
 from readers.messages.deserialize import deserialize_as
 from readers.messages.tf import clean_frame
 
 __all__ = ["ODOMETRY", "decode_odometry"]
 
 ODOMETRY = "nav_msgs/msg/Odometry"
-
-FIELDS: Mapping[str, Fields] = {ODOMETRY: {"header": HEADER, "child_frame_id": TEXT, "pose": {"pose": POSE}}}
 
 
 @decoder

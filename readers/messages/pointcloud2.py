@@ -5,7 +5,6 @@ one meaning, the first in `INTENSITY_FIELDS`, `RING_FIELDS` or `point_time.TIME_
 ignored.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,6 @@ from pipeline.core.messages import RawMessage
 from pipeline.core.ros.messages import POINT_FIELD_DATATYPES
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.boundary.decoding import decoder
-from readers.messages.boundary.fields import BYTES, HEADER, TEXT, WHOLE, Fields
 from readers.messages.deserialize import deserialize_as
 from readers.messages.point_time import TIME_FIELDS, point_time_offsets
 from readers.messages.tf import clean_frame
@@ -35,15 +33,6 @@ INTENSITY_FIELDS = (
     "amplitude",
 )
 RING_FIELDS = ("ring", "channel", "laser_id", "laser", "line", "beam", "row")
-
-FIELDS: Mapping[str, Fields] = {
-    "sensor_msgs/msg/PointCloud2": {
-        "header": HEADER,
-        **dict.fromkeys(("height", "width", "is_bigendian", "point_step", "row_step"), WHOLE),
-        "fields": [{"name": TEXT, **dict.fromkeys(("offset", "datatype", "count"), WHOLE)}],
-        "data": BYTES,
-    }
-}
 
 _USED_FIELDS = frozenset(("x", "y", "z", *INTENSITY_FIELDS, *RING_FIELDS, *TIME_FIELDS))
 

@@ -22,8 +22,7 @@ from pipeline.core.geometry.transform_tree import TransformTree
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.boundary.decoding import decoder
-from readers.messages.boundary.fields import HEADER, POINT, POSE, TEXT, Fields
-from readers.messages.deserialize import deserialize
+from readers.messages.deserialize import deserialize_as
 from readers.messages.registry import types_of
 from readers.recording import Recording
 
@@ -31,16 +30,12 @@ __all__ = ["TF_TYPES", "RecordedTransforms", "clean_frame", "decode_transforms",
 
 TF_TYPES = types_of("transforms")
 
-_TRANSFORM: Fields = {"translation": POINT, "rotation": POSE["orientation"]}
-_TRANSFORMS: Fields = {"transforms": [{"header": HEADER, "child_frame_id": TEXT, "transform": _TRANSFORM}]}
-FIELDS: Mapping[str, Fields] = dict.fromkeys(TF_TYPES, _TRANSFORMS)
-
 ODOMETRY_FRAMES = frozenset({"odom", "map", "earth"})
 PROBE_NS = 60_000_000_000
 """How much of /tf is read before the run: enough to see every frame without reading a long recording twice."""
 
 BEGINNING_NS = 2_000_000_000
-"""How much of /tf is read from the start, whatever the time window: fixed frames are sent more often than this."""
+"""How much of /tf is read from the start, for any time window: fixed frames are sent more often than this."""
 
 STILL = 1e-6
 """Largest change of a matrix entry (metres, or roughly radians) of a fixed frame."""
@@ -59,7 +54,7 @@ class RecordedTransforms:
     Attributes:
         fixed: Transforms that do not change.
         moving: Parent by child, for frames that move.
-        faults: What is wrong with a frame's recorded transform, by child; such transforms are not used.
+        faults: Fault of a frame's recorded transform, by child; such transforms are not used.
         drops: The first message of each topic that could not be decoded, and how many there were.
     """
 
@@ -121,10 +116,8 @@ def decode_transforms(
     Raises:
         MessageError: the message cannot be decoded, or is not of `TF_TYPES`.
     """
-    if message.channel.msgtype not in TF_TYPES:
-        raise MessageError(f"{message.topic}: expected a message of transforms, found {message.channel.msgtype}")
-    found = (_decode(stamped, is_wanted) for stamped in deserialize(message, limits=limits).transforms)
-    return [one for one in found if one is not None]
+    stamped = deserialize_as(message, *sorted(TF_TYPES), limits=limits).transforms
+    return [found for one in stamped if (found := _decode(one, is_wanted)) is not None]
 
 
 def _decode(
@@ -174,19 +167,19 @@ def read_transforms(
     drops: dict[str, tuple[Drop, int]] = {}
     seen: dict[str, Transform] = {}
     moving: dict[str, str] = {}
-    names = _Names(limits)
-    for message, transform, child in _transforms(recording.messages(static) if static else (), drops, names):
+    names: set[str] = set()
+    for message, transform, child in _transforms(recording.messages(static) if static else (), drops, names, limits):
         if isinstance(transform, Transform):
             fixed.add_static(transform)
         else:
             faults[child] = f"{transform} ({message.topic})"
 
     def may_tell(parent: str, child: str) -> bool:
-        """Whether a transform may tell more than that its frame moves."""
+        """Whether a transform may say more than that its frame moves."""
         return moving.get(child) != parent
 
     beginnings = _beginnings(recording, dynamic, start_ns, stop_ns)
-    for message, transform, child in _transforms(beginnings, drops, names, is_wanted=may_tell):
+    for message, transform, child in _transforms(beginnings, drops, names, limits, is_wanted=may_tell):
         if not isinstance(transform, Transform):
             faults[child] = f"{transform} ({message.topic})"
         elif not fixed.is_static(child):
@@ -199,26 +192,6 @@ def read_transforms(
             fixed.add_static(transform)
     known = {child: reason for child, reason in faults.items() if not fixed.is_static(child)}
     return RecordedTransforms(fixed, moving, known, tuple(drops.values()))
-
-
-class _Names:
-    """The frames that transforms have named so far."""
-
-    def __init__(self, limits: LimitsConfig) -> None:
-        self.limits = limits
-        self._known: set[str] = set()
-
-    def take(self, child: str, topic: str) -> None:
-        """Add a frame.
-
-        Raises:
-            MessageError: there are too many.
-        """
-        if child not in self._known and len(self._known) >= self.limits.max_frames:
-            raise MessageError(
-                f"{topic}: transforms of more than {self.limits.max_frames} coordinate frames: raise limits.max_frames"
-            )
-        self._known.add(child)
 
 
 def _beginnings(
@@ -264,16 +237,25 @@ def _first_of(recording: Recording, topics: list[str], span_ns: int) -> Iterator
 def _transforms(
     messages: Iterable[RawMessage],
     drops: dict[str, tuple[Drop, int]],
-    names: _Names,
+    names: set[str],
+    limits: LimitsConfig,
     *,
     is_wanted: Callable[[str, str], bool] = lambda _parent, _child: True,
 ) -> Iterator[tuple[RawMessage, Transform | CalibrationError, str]]:
     for message in messages:
         try:
-            for _, transform, child in decode_transforms(message, limits=names.limits, is_wanted=is_wanted):
-                names.take(child, message.topic)
+            for _, transform, child in decode_transforms(message, limits=limits, is_wanted=is_wanted):
+                _add_frame(child, names, message.topic, limits)
                 yield message, transform, child
         except MessageError as err:
             drop = Drop(message.topic, message.stamp_ns, "cannot be decoded", str(err))
             first, count = drops.get(message.topic, (drop, 0))
             drops[message.topic] = first, count + 1
+
+
+def _add_frame(child: str, names: set[str], topic: str, limits: LimitsConfig) -> None:
+    if child not in names and len(names) >= limits.max_frames:
+        raise MessageError(
+            f"{topic}: transforms of more than {limits.max_frames} coordinate frames: raise limits.max_frames"
+        )
+    names.add(child)

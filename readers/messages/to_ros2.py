@@ -58,7 +58,7 @@ def class_name_of_number(number: int, classes: Sequence[ClassPrior]) -> str:
 
 
 def name_of_number(number: int, classes: Sequence[ClassPrior]) -> str:
-    """What a hypothesis of this number is in ROS 2: what it counts, or its class."""
+    """The name in ROS 2 of a hypothesis of this number: of a count, or of a class."""
     return count_of(str(number)) or class_name_of_number(number, classes)
 
 
@@ -76,8 +76,8 @@ def to_ros2(
 
     Args:
         message: Any ROS message.
-        name_of: What a number in ROS 1's vision_msgs stands for.
-        limits: What a message that is converted may hold.
+        name_of: Name by number in ROS 1's vision_msgs.
+        limits: Limits of a message that is converted.
 
     Raises:
         MessageError: the message could not be read, is none of ROS, or does not fit its definition.
@@ -132,7 +132,7 @@ def _in_ros2(channel: Channel) -> tuple[Typestore, Channel, bool]:
         if renamed in types:
             continue
         types[renamed] = humble[renamed] if _holds(humble, renamed, recorded[name]) else recorded[name]
-        wanted += [(part, part) for part in type_parts(types[renamed])]
+        wanted += [(part, part) for part in type_parts(types[renamed][1])]
     store = get_typestore(Stores.EMPTY)
     store.register({name: definition for name, definition in types.items() if name not in store.fielddefs})
     definition, _ = store.generate_msgdef(msgtype, ros_version=2)

@@ -86,7 +86,7 @@ def read_records(path: Path) -> AttachedRecords:
 
 
 def is_result(path: Path) -> bool:
-    """Whether a file is a result of lidcam, whatever else it may be.
+    """Whether a file is a result of lidcam; False of any other file.
 
     Raises:
         RecordingError: it cannot be read.

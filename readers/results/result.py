@@ -68,7 +68,7 @@ class Result(Closing):
     Attributes:
         path: The file.
         recording: Its messages.
-        metadata: What it says of its origin: version of lidcam, inputs with their hashes, hashes of settings and rig.
+        metadata: Its origin: version of lidcam, inputs with their hashes, hashes of settings and rig.
         config: Its settings.
         rig: Its rig.
         sources: Sources of 3D boxes that it has, in the order of `SOURCES`.

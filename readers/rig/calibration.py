@@ -55,7 +55,7 @@ class SensorSource:
         frame_id: Its frame.
         intrinsics: Source of a camera's intrinsics; empty for a lidar.
         extrinsics: Source of its pose.
-        time_offset_ms: What the rig file takes off its stamps.
+        time_offset_ms: Correction of its stamps in the rig file, milliseconds.
     """
 
     sensor: str
@@ -223,10 +223,7 @@ def camera_frame(camera: AssignedCamera, first: FirstMessages) -> str:
 def recorded_size(topics: CameraTopics, first: FirstMessages) -> tuple[int, int] | None:
     """(width, height) in pixels of a camera's images, else as CameraInfo says; None if nothing does."""
     size = first.image_size(topics.image, IMAGE) if topics.image else None
-    if size is None and topics.info and not first.missing(topics.info, CAMERA_INFO):
-        info = first.decoded(topics.info, CAMERA_INFO)
-        size = int(info.width), int(info.height)
-    return size
+    return size or (first.image_size(topics.info, CAMERA_INFO) if topics.info else None)
 
 
 def camera_intrinsics(camera: AssignedCamera, first: FirstMessages) -> Lens:

@@ -8,6 +8,7 @@ from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import RecordedDetector, Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.recording import TopicsConfig
+from pipeline.evaluation.evaluation_frame import SOURCES
 from readers.messages.registry import types_of
 from readers.messages.tf import RecordedTransforms, clean_frame
 from readers.messages.vision.detections3d import DETECTIONS_3D
@@ -22,7 +23,7 @@ __all__ = ["BOXES_3D", "OWN_BOXES", "boxes_frame", "calibrated_detectors", "find
 
 BOXES_3D = types_of("3D boxes")
 
-OWN_BOXES = frozenset({"/lidar/detections", "/cameras/detections", "/fused/detections"})
+OWN_BOXES = frozenset(f"/{source}/detections" for source in SOURCES)
 """Topics of 3D boxes that lidcam itself writes: used only where the settings name them."""
 
 

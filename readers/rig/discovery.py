@@ -60,7 +60,7 @@ def discover_rig(
     Args:
         recording: Open recording; tf_static and the beginning of the other topics are read.
         config: Settings: which topics are used, and the site frame.
-        rig_file: What is known; the rest is taken from CameraInfo and tf.
+        rig_file: Known calibration; the rest is taken from CameraInfo and tf.
         start_ns: Begin of the part that is processed, by log time: tf is read there, too. None is the recording's.
         stop_ns: Its end (exclusive).
 

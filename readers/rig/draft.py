@@ -1,13 +1,11 @@
 """A rig to start from: every sensor of a recording, with what is known of its calibration and why the rest is not."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
-from pipeline.core.camera import CameraModel
 from pipeline.core.errors import LidcamError
 from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import TruthVehicle, Zone
+from pipeline.core.rig import Zone
 from readers.rig.assignment import AssignedCamera, AssignedLidar
 from readers.rig.calibration import (
     Frames,
@@ -21,10 +19,12 @@ from readers.rig.calibration import (
 )
 from readers.rig.discovery import calibrated_rig, parents_first
 from readers.rig.first_messages import FirstMessages
+from readers.rig.rig_file import RIG_HEADER, Row, dumped, matrix_rows, time_offset, truth_tree, zone_tree
+from readers.rig.schema import TODO
 from readers.rig.search import FoundSensors
 from readers.rig.sensor_topics import CLOUD
 
-__all__ = ["DraftCamera", "DraftLidar", "RigDraft", "draft_rig"]
+__all__ = ["draft_yaml"]
 
 T = TypeVar("T")
 
@@ -32,140 +32,73 @@ UNKNOWN_SITES = ("site", "world", "rig_site")
 """Names of a site frame that nothing names; the first one that no other frame has is taken."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DraftLidar:
-    """One lidar.
+def draft_yaml(found: FoundSensors, zones: Sequence[Zone]) -> str:
+    """The text of a rig file with every sensor that was found; what is not known is `TODO`, with the reason.
 
-    Attributes:
-        name: Its name.
-        topic: Its topic.
-        msgtype: Type of its messages.
-        size: How large its first message is, in words.
-        frame_id: Its frame.
-        T_site_lidar: Its extrinsics; None if unknown.
-        problem: Why they are unknown.
-        time_offset_ns: Recorded stamp minus time of measurement.
-    """
-
-    name: str
-    topic: str
-    msgtype: str
-    size: str
-    frame_id: str
-    T_site_lidar: Transform | None
-    problem: str
-    time_offset_ns: int
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DraftCamera:
-    """One camera.
-
-    Attributes:
-        name: Its name.
-        topic: Topic of its images; empty if it has none.
-        boxes_topic: Topic of its boxes; empty if it has none.
-        msgtype: Type of its messages.
-        size_px: Width and height of its images; None if unknown.
-        frame_id: Its frame; empty if unknown.
-        model: Its intrinsics; None if unknown.
-        model_problem: Why they are unknown.
-        T_camera_site: Its extrinsics; None if unknown.
-        pose_problem: Why they are unknown.
-        time_offset_ns: Recorded stamp minus time of measurement.
-    """
-
-    name: str
-    topic: str
-    boxes_topic: str
-    msgtype: str
-    size_px: tuple[int, int] | None
-    frame_id: str
-    model: CameraModel | None
-    model_problem: str
-    T_camera_site: Transform | None
-    pose_problem: str
-    time_offset_ns: int
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RigDraft:
-    """All sensors that were found.
-
-    Attributes:
-        site_frame: The site frame.
-        site_source: Why it is the site frame, in words.
-        ground_height_m: Expected z of the ground at the site's origin; None if unknown.
-        lidars: In the order of processing.
-        cameras: In the order of processing.
+    Args:
+        found: The sensors.
         zones: Parts of the site.
-        transforms: Of the rig file, as it says them, by its keys `transforms` and `default_transforms`.
-        truth: Vehicles whose odometry is truth, of the rig file.
     """
+    site, source = _site(found)
+    frames = Frames(site, found.transforms, found.of_rig)
+    entries: dict[str, list[str]] = {}
+    for sensor in parents_first((*found.lidars, *found.cameras)):
+        if isinstance(sensor, AssignedLidar):
+            entries[sensor.name] = _lidar(sensor, frames, found)
+        else:
+            entries[sensor.name] = _camera(sensor, frames, found)
+    file = found.rig_file
+    lines = [RIG_HEADER.rstrip(), *_key("site_frame", site, source)]
+    if file.ground_height_m is not None:
+        lines += _key("ground_height_m", file.ground_height_m)
+    sensors: tuple[tuple[str, Sequence[AssignedLidar | AssignedCamera]], ...]
+    sensors = ("lidars", found.lidars), ("cameras", found.cameras)
+    for kind, group in sensors:
+        lines += [f"{kind}:" if group else f"{kind}: {{}}"]
+        for one in group:
+            lines += [f"  {one.name}:", *(f"    {line}" for line in entries[one.name])]
+    lines += ["zones:" if zones else "zones: {}"]
+    for zone in zones:
+        lines += [f"  {line}" for line in _key(zone.name, zone_tree(zone))]
+    edges = file.model_dump(mode="json", include={"transforms", "default_transforms"}, exclude_none=True)
+    tree = {"truth": truth_tree(file.vehicles), **edges}
+    lines += [dumped({key: value}).rstrip() for key, value in tree.items() if value]
+    return "".join(f"{line}\n" for line in lines)
 
-    site_frame: str
-    site_source: str
-    ground_height_m: float | None
-    lidars: tuple[DraftLidar, ...]
-    cameras: tuple[DraftCamera, ...]
-    zones: tuple[Zone, ...]
-    transforms: Mapping[str, Any]
-    truth: Mapping[str, TruthVehicle]
 
-
-def draft_rig(found: FoundSensors) -> RigDraft:
-    """A rig with every sensor that was found, whether or not its calibration is known."""
+def _site(found: FoundSensors) -> tuple[str, str]:
+    """The site frame, and why it is that in words; empty if the settings or the rig name it."""
     try:
         calibrated_rig(found)
     except LidcamError:
+        if found.is_site_named:
+            return found.site, ""
         taken = found.transforms.fixed.frames | {*found.frames.values()}
-        site = found.site if found.is_site_named else next(name for name in UNKNOWN_SITES if name not in taken)
-        source = (
-            "" if found.is_site_named else "no frame of the recording is known to be it: poses are to be given in it"
-        )
-    else:
-        owners = [name for name, frame in found.frames.items() if frame == found.site]
-        of_lidar = f"the frame of {owners[0]}" if owners else "as found in the recording"
-        site, source = found.site, "" if found.is_site_named else of_lidar
-    frames = Frames(site, found.transforms, found.of_rig)
-    lidars: dict[str, DraftLidar] = {}
-    cameras: dict[str, DraftCamera] = {}
-    for sensor in parents_first((*found.lidars, *found.cameras)):
-        if isinstance(sensor, AssignedLidar):
-            lidars[sensor.name] = _lidar(sensor, frames, found)
-        else:
-            cameras[sensor.name] = _camera(sensor, frames, found)
-    return RigDraft(
-        site,
-        source,
-        found.rig_file.ground_height_m,
-        tuple(lidars[lidar.name] for lidar in found.lidars),
-        tuple(cameras[camera.name] for camera in found.cameras),
-        found.zones,
-        found.rig_file.model_dump(mode="json", include={"transforms", "default_transforms"}, exclude_none=True),
-        found.rig_file.vehicles,
-    )
+        unknown = next(name for name in UNKNOWN_SITES if name not in taken)
+        return unknown, "no frame of the recording is known to be it: poses are to be given in it"
+    if found.is_site_named:
+        return found.site, ""
+    owners = [name for name, frame in found.frames.items() if frame == found.site]
+    return found.site, f"the frame of {owners[0]}" if owners else "as found in the recording"
 
 
-def _lidar(lidar: AssignedLidar, frames: Frames, found: FoundSensors) -> DraftLidar:
+def _lidar(lidar: AssignedLidar, frames: Frames, found: FoundSensors) -> list[str]:
+    """The lines of a lidar; its pose, if it is known, goes into `frames`."""
     frame = found.frames[lidar.name]
     result, problem = _tried(lambda: calibrate_lidar(lidar, frame, frames, found.first))
     pose = None if result is None else result[0].T_site_lidar
     if pose is not None:
         frames.sensors[lidar.name] = pose
-    return DraftLidar(
-        lidar.name,
-        lidar.topic,
-        _msgtype(found, lidar.topic),
-        _size(found, lidar.topic),
-        frame,
-        pose,
-        problem,
-        lidar.entry.time_offset_ns,
-    )
+    return [
+        *_key("topic", lidar.topic, f"{_msgtype(found, lidar.topic)}, {_size(found, lidar.topic)}"),
+        *_key("frame_id", frame),
+        *_pose("T_site_lidar", pose, problem),
+        *_offset(lidar.entry.time_offset_ns),
+    ]
 
 
-def _camera(camera: AssignedCamera, frames: Frames, found: FoundSensors) -> DraftCamera:
+def _camera(camera: AssignedCamera, frames: Frames, found: FoundSensors) -> list[str]:
+    """The lines of a camera; its pose, if it is known, goes into `frames`."""
     first, topics = found.first, camera.topics
     lens, lens_problem = _tried(lambda: _complete_lens(camera, first))
     frame = camera_frame(camera, first) if lens is None else lens.T_model_camera.src
@@ -173,22 +106,23 @@ def _camera(camera: AssignedCamera, frames: Frames, found: FoundSensors) -> Draf
     if pose is not None:
         pose = pose if lens is None else lens.T_model_camera @ pose
         frames.sensors[camera.name] = pose.inverse()
-    size = recorded_size(topics, first)
-    if size is None and lens is not None:
-        size = lens.model.width_px, lens.model.height_px
-    return DraftCamera(
-        camera.name,
-        topics.image,
-        topics.boxes,
-        _msgtype(found, topics.topic),
-        size,
-        frame if lens is None else lens.model.frame_id,
-        None if lens is None else lens.model,
-        lens_problem,
-        pose,
-        pose_problem,
-        camera.entry.time_offset_ns,
-    )
+    size: tuple[Any, Any] | None = recorded_size(topics, first)
+    if size is None:
+        size = (TODO, TODO) if lens is None else (lens.model.width_px, lens.model.height_px)
+    msgtype = _msgtype(found, topics.topic)
+    lines = _key("topic", topics.image, msgtype) if topics.image else []
+    if topics.boxes:
+        lines += _key("boxes_topic", topics.boxes, "" if topics.image else msgtype)
+    if model_frame := frame if lens is None else lens.model.frame_id:
+        lines += _key("frame_id", model_frame)
+    lines += [*_key("width_px", size[0]), *_key("height_px", size[1])]
+    if lens is None:
+        lines += _key("K", TODO, f"TODO 3 x 3, pixels; then distortion_model and distortion ({lens_problem})")
+    else:
+        lines += _key("K", matrix_rows(lens.model.K))
+        lines += _key("distortion_model", lens.model.model)
+        lines += _key("distortion", Row(lens.model.distortion.tolist()))
+    return [*lines, *_pose("T_camera_site", pose, pose_problem), *_offset(camera.entry.time_offset_ns)]
 
 
 def _complete_lens(camera: AssignedCamera, first: FirstMessages) -> Lens:
@@ -209,6 +143,23 @@ def _tried(find: Callable[[], T]) -> tuple[T | None, str]:
         return None, str(err)
 
 
+def _offset(offset_ns: int) -> list[str]:
+    return [line for key, value in time_offset(offset_ns).items() for line in _key(key, value)]
+
+
+def _pose(key: str, pose: Transform | None, problem: str) -> list[str]:
+    if pose is not None:
+        return _key(key, matrix_rows(pose.matrix))
+    return _key(key, TODO, f"TODO 4 x 4, metres; or translation_m and rpy_deg in its place ({problem})")
+
+
+def _key(key: str, value: Any, comment: str = "") -> list[str]:
+    """Lines of one key, with a comment behind the first."""
+    first, *more = dumped({key: value}, width=1000).splitlines()
+    comment = "".join(letter if letter.isprintable() else " " for letter in comment)
+    return [f"{first} # {comment}" if comment else first, *more]
+
+
 def _msgtype(found: FoundSensors, topic: str) -> str:
     return next((info.msgtype for info in found.recording.topics if info.topic == topic), "")
 
@@ -216,7 +167,7 @@ def _msgtype(found: FoundSensors, topic: str) -> str:
 def _size(found: FoundSensors, topic: str) -> str:
     if found.first.missing(topic, CLOUD):
         return "messages that cannot be decoded"
-    message = found.first.decoded(topic, CLOUD)
+    message, size = found.first.decoded(topic, CLOUD), found.first.image_size(topic, CLOUD)
     if hasattr(message, "packets"):
         return f"{len(message.packets)} packets in the first message"
-    return f"{message.width * message.height} points in the first message"
+    return f"{size[0] * size[1]} points in the first message" if size else "points"

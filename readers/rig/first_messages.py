@@ -1,10 +1,12 @@
 """The first message of each topic that can be decoded, which has the sensor's frame and the size of its images."""
 
 from collections.abc import Collection
-from typing import Any
+from typing import Any, NamedTuple
 
 from pipeline.core.errors import MessageError
+from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig, VelodyneConfig
+from readers.messages.boundary.decoding import decoder
 from readers.messages.deserialize import deserialize
 from readers.messages.image import COMPRESSED_IMAGE
 from readers.messages.image_header import image_size
@@ -19,6 +21,14 @@ __all__ = ["FirstMessages"]
 
 TRIES = 20
 """Messages that are tried per topic: a recording may begin with a few damaged ones."""
+
+
+class _First(NamedTuple):
+    """A decoded message without its largest field, its frame, and the size of its image in pixels, if that is known."""
+
+    content: Any
+    frame_id: str
+    size_px: tuple[int, int] | None
 
 
 class FirstMessages:
@@ -37,8 +47,7 @@ class FirstMessages:
         self._recording = recording
         self._limits = limits
         self._velodyne = VelodyneDecoders(velodyne or VelodyneConfig())
-        self._found: dict[tuple[str, str], Any | MessageError] = {}
-        self._sizes: dict[tuple[str, str], tuple[int, int] | None] = {}
+        self._found: dict[tuple[str, str], _First | MessageError] = {}
 
     def decoded(self, topic: str, msgtypes: Collection[str]) -> Any:
         """The first message of `topic` with one of `msgtypes`, decoded, without its points, pixels or packets.
@@ -46,44 +55,39 @@ class FirstMessages:
         Raises:
             MessageError: none of the first messages can be decoded; quotes the first error.
         """
-        key = (topic, min(msgtypes))
-        if key not in self._found:
-            self._found[key] = self._read(topic, msgtypes)
-        if isinstance(found := self._found[key], MessageError):
+        found = self._first(topic, msgtypes)
+        if isinstance(found, MessageError):
             raise found
-        return found
+        return found.content
 
     def missing(self, topic: str, msgtypes: Collection[str]) -> bool:
         """Whether none of the topic's first messages can be decoded."""
-        try:
-            self.decoded(topic, msgtypes)
-        except MessageError:
-            return True
-        return False
+        return isinstance(self._first(topic, msgtypes), MessageError)
 
     def frame(self, topic: str, msgtypes: Collection[str]) -> str:
         """Frame that the topic's messages name; empty if they name none or cannot be decoded."""
-        if self.missing(topic, msgtypes):
-            return ""
-        message = self.decoded(topic, msgtypes)
-        return clean_frame(getattr(message, "header", message).frame_id)
+        found = self._first(topic, msgtypes)
+        return "" if isinstance(found, MessageError) else found.frame_id
 
     def image_size(self, topic: str, msgtypes: Collection[str]) -> tuple[int, int] | None:
-        """(width, height) in pixels of the topic's first image; None if unknown."""
-        if self.missing(topic, msgtypes):
+        """(width, height) of the topic's first image or cloud, in pixels or points; None if unknown."""
+        found = self._first(topic, msgtypes)
+        if isinstance(found, MessageError):
             return None
-        message = self.decoded(topic, msgtypes)
-        if message.__msgtype__ in VIDEO:
-            key = (topic, min(msgtypes))
-            if key not in self._sizes:
-                self._sizes[key] = first_image_size(self._recording.messages([topic]), limits=self._limits)
-            return self._sizes[key]
-        if hasattr(message, "width"):
-            return int(message.width), int(message.height)
-        return self._sizes[topic, min(msgtypes)]
+        if found.content.__msgtype__ in VIDEO and found.size_px is None:
+            size = first_image_size(self._recording.messages([topic]), limits=self._limits)
+            self._found[topic, min(msgtypes)] = found._replace(size_px=size)
+            return size
+        return found.size_px
 
-    def _read(self, topic: str, msgtypes: Collection[str]) -> Any:
-        """The message, or the MessageError to raise."""
+    def _first(self, topic: str, msgtypes: Collection[str]) -> _First | MessageError:
+        key = (topic, min(msgtypes))
+        if key not in self._found:
+            self._found[key] = self._read(topic, msgtypes)
+        return self._found[key]
+
+    def _read(self, topic: str, msgtypes: Collection[str]) -> _First | MessageError:
+        """The message, or the error to raise."""
         fault: MessageError | None = None
         tried = 0
         for message in self._recording.messages([topic]):
@@ -95,17 +99,23 @@ class FirstMessages:
                     self._velodyne[topic](message)
                 if message.channel.msgtype in VIDEO:
                     read_packet(message)
-                return self._without_content(deserialize(message, limits=self._limits), (topic, min(msgtypes)))
+                return _first_of(message, self._limits)
             except MessageError as err:
                 fault = fault or err
             if tried == TRIES:
                 break
         return MessageError(f"{topic}: none of its first {tried} messages can be decoded: {fault or 'it has none'}")
 
-    def _without_content(self, message: Any, key: tuple[str, str]) -> Any:
-        """The message without its largest field: a rig may have hundreds of topics with large messages."""
-        if message.__msgtype__ == COMPRESSED_IMAGE:
-            self._sizes[key] = image_size(message.data.tobytes())
-        if hasattr(message, "data"):
-            object.__setattr__(message, "data", ())
-        return message
+
+@decoder
+def _first_of(message: RawMessage, limits: LimitsConfig) -> _First:
+    """A message without its largest field: a rig may have hundreds of topics with large messages."""
+    content = deserialize(message, limits=limits)
+    size = (int(content.width), int(content.height)) if hasattr(content, "width") else None
+    if message.channel.msgtype in VIDEO:
+        size = None  # known once an image of it is decoded
+    elif message.channel.msgtype == COMPRESSED_IMAGE:
+        size = image_size(content.data.tobytes())
+    if hasattr(content, "data"):
+        object.__setattr__(content, "data", ())
+    return _First(content, clean_frame(getattr(content, "header", content).frame_id), size)

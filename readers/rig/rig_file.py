@@ -2,21 +2,27 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import yaml
 
 from pipeline.core.arrays import F64
 from pipeline.core.errors import CalibrationError
-from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import Rig, TruthVehicle, Zone
 from pipeline.core.settings.bounded_yaml import read_yaml
-from readers.rig.schema import TODO, RigFile, parse_rig
+from readers.rig.schema import RigFile, parse_rig
 
-if TYPE_CHECKING:  # for `inspect` alone
-    from readers.rig.draft import DraftCamera, RigDraft
-
-__all__ = ["draft_yaml", "load_rig", "rig_yaml"]
+__all__ = [
+    "RIG_HEADER",
+    "Row",
+    "dumped",
+    "load_rig",
+    "matrix_rows",
+    "rig_yaml",
+    "time_offset",
+    "truth_tree",
+    "zone_tree",
+]
 
 
 def load_rig(path: str | Path) -> RigFile:
@@ -52,7 +58,7 @@ def load_rig(path: str | Path) -> RigFile:
     return parse_rig(tree, path)
 
 
-class _Row(list[float]):
+class Row(list[float]):
     """Numbers that are written on one line."""
 
 
@@ -61,10 +67,10 @@ class _Dumper(yaml.SafeDumper):
 
 
 _Dumper.add_representer(
-    _Row, lambda dumper, row: dumper.represent_sequence("tag:yaml.org,2002:seq", row, flow_style=True)
+    Row, lambda dumper, row: dumper.represent_sequence("tag:yaml.org,2002:seq", row, flow_style=True)
 )
 
-_HEADER = """\
+RIG_HEADER = """\
 # Sensors, calibration and zones for lidcam (--rig). Metres, degrees, pixels; x forward, y left, z up (REP 103).
 # T_site_lidar maps points of the lidar's frame to the site frame, T_camera_site those of the site frame to the camera's
 # optical frame (z forward, x right, y down). What is left out is taken from the recording.
@@ -80,8 +86,8 @@ def rig_yaml(rig: Rig) -> str:
         lidar.name: {
             "topic": lidar.topic,
             "frame_id": lidar.T_site_lidar.src,
-            "T_site_lidar": _rows(lidar.T_site_lidar.matrix),
-            **_time_offset(lidar.time_offset_ns),
+            "T_site_lidar": matrix_rows(lidar.T_site_lidar.matrix),
+            **time_offset(lidar.time_offset_ns),
         }
         for lidar in rig.lidars
     }
@@ -92,103 +98,49 @@ def rig_yaml(rig: Rig) -> str:
             "frame_id": camera.T_camera_site.dst,
             "width_px": camera.model.width_px,
             "height_px": camera.model.height_px,
-            "K": _rows(camera.model.K),
+            "K": matrix_rows(camera.model.K),
             "distortion_model": camera.model.model,
-            "distortion": _Row(camera.model.distortion.tolist()),
-            "T_camera_site": _rows(camera.T_camera_site.matrix),
-            **_time_offset(camera.time_offset_ns),
+            "distortion": Row(camera.model.distortion.tolist()),
+            "T_camera_site": matrix_rows(camera.T_camera_site.matrix),
+            **time_offset(camera.time_offset_ns),
         }
         for camera in rig.cameras
     }
-    tree["zones"] = {zone.name: _zone(zone) for zone in rig.zones}
+    tree["zones"] = {zone.name: zone_tree(zone) for zone in rig.zones}
     if rig.truth:
-        tree["truth"] = _truth(rig.truth)
-    return _HEADER + yaml.dump(tree, Dumper=_Dumper, sort_keys=False, width=120, allow_unicode=True)
+        tree["truth"] = truth_tree(rig.truth)
+    return RIG_HEADER + dumped(tree)
 
 
-def draft_yaml(draft: "RigDraft") -> str:
-    """The text of a rig file with every sensor that was found; what is not known is `TODO`, with the reason."""
-    lines = [_HEADER.rstrip(), *_key("site_frame", draft.site_frame, draft.site_source)]
-    if draft.ground_height_m is not None:
-        lines += _key("ground_height_m", draft.ground_height_m)
-    lines += ["lidars:" if draft.lidars else "lidars: {}"]
-    for lidar in draft.lidars:
-        values = _key("topic", lidar.topic, f"{lidar.msgtype}, {lidar.size}")
-        values += _key("frame_id", lidar.frame_id)
-        values += _pose("T_site_lidar", lidar.T_site_lidar, lidar.problem)
-        values += _offset_lines(lidar.time_offset_ns)
-        lines += [f"  {lidar.name}:", *(f"    {line}" for line in values)]
-    lines += ["cameras:" if draft.cameras else "cameras: {}"]
-    for camera in draft.cameras:
-        lines += [f"  {camera.name}:", *(f"    {line}" for line in _camera_lines(camera))]
-    lines += ["zones:" if draft.zones else "zones: {}"]
-    for zone in draft.zones:
-        lines += [f"  {line}" for line in _key(zone.name, _zone(zone))]
-    if draft.truth:
-        lines += yaml.dump({"truth": _truth(draft.truth)}, Dumper=_Dumper, sort_keys=False, width=120).splitlines()
-    for key, edges in draft.transforms.items():
-        lines += yaml.safe_dump({key: edges}, sort_keys=False).splitlines() if edges else []
-    return "".join(f"{line}\n" for line in lines)
+def dumped(tree: Mapping[str, Any], width: int = 120) -> str:
+    """A part of a rig file as YAML, in its order; a `Row` stands on one line, of at most `width` characters."""
+    return yaml.dump(tree, Dumper=_Dumper, sort_keys=False, width=width, allow_unicode=True)
 
 
-def _camera_lines(camera: "DraftCamera") -> list[str]:
-    lines = _key("topic", camera.topic, camera.msgtype) if camera.topic else []
-    if camera.boxes_topic:
-        lines += _key("boxes_topic", camera.boxes_topic, "" if camera.topic else camera.msgtype)
-    if camera.frame_id:
-        lines += _key("frame_id", camera.frame_id)
-    width, height = camera.size_px or (TODO, TODO)
-    lines += [*_key("width_px", width), *_key("height_px", height)]
-    if camera.model is None:
-        why = f"TODO 3 x 3, pixels; then distortion_model and distortion ({camera.model_problem})"
-        lines += _key("K", TODO, why)
-    else:
-        lines += _key("K", _rows(camera.model.K))
-        lines += _key("distortion_model", camera.model.model)
-        lines += _key("distortion", _Row(camera.model.distortion.tolist()))
-    lines += _pose("T_camera_site", camera.T_camera_site, camera.pose_problem)
-    return lines + _offset_lines(camera.time_offset_ns)
-
-
-def _offset_lines(offset_ns: int) -> list[str]:
-    return [line for key, value in _time_offset(offset_ns).items() for line in _key(key, value)]
-
-
-def _pose(key: str, pose: Transform | None, problem: str) -> list[str]:
-    if pose is not None:
-        return _key(key, _rows(pose.matrix))
-    return _key(key, TODO, f"TODO 4 x 4, metres; or translation_m and rpy_deg in its place ({problem})")
-
-
-def _key(key: str, value: Any, comment: str = "") -> list[str]:
-    """Lines of one key, with a comment behind the first."""
-    text = yaml.dump({key: value}, Dumper=_Dumper, sort_keys=False, width=1000, allow_unicode=True)
-    first, *more = text.splitlines()
-    comment = "".join(letter if letter.isprintable() else " " for letter in comment)
-    return [f"{first} # {comment}" if comment else first, *more]
-
-
-def _zone(zone: Zone) -> list[_Row] | dict[str, Any]:
-    corners = _rows(zone.polygon_site)
+def zone_tree(zone: Zone) -> list[Row] | dict[str, Any]:
+    """The value of a zone."""
+    corners = matrix_rows(zone.polygon_site)
     return corners if zone.use == "count" else {"corners": corners, "use": zone.use}
 
 
-def _truth(vehicles: Mapping[str, TruthVehicle]) -> dict[str, Any]:
+def truth_tree(vehicles: Mapping[str, TruthVehicle]) -> dict[str, Any]:
+    """The section `truth`."""
     return {
         name: {
             "topic": vehicle.topic,
-            "size_m": _Row(vehicle.size_m),
-            "offset_m": _Row(vehicle.offset_m),
+            "size_m": Row(vehicle.size_m),
+            "offset_m": Row(vehicle.offset_m),
             "class": vehicle.label,
         }
         for name, vehicle in vehicles.items()
     }
 
 
-def _time_offset(offset_ns: int) -> dict[str, float]:
+def time_offset(offset_ns: int) -> dict[str, float]:
     """The key of a sensor whose stamps are corrected."""
     return {"time_offset_ms": offset_ns / 1e6} if offset_ns else {}
 
 
-def _rows(matrix: F64) -> list[_Row]:
-    return [_Row(row) for row in matrix.tolist()]
+def matrix_rows(matrix: F64) -> list[Row]:
+    """A matrix, or corners (N, 2), one row a line."""
+    return [Row(row) for row in matrix.tolist()]

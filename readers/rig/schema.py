@@ -107,7 +107,7 @@ class _Sensor(Pose):
     Attributes:
         topic: Topic of its clouds or images; empty: the recording's topic of that name, else by order.
         frame_id: Its frame; empty: as recorded; a lidar whose messages name none gets the one that tf has by its name.
-        parent: What its extrinsics refer to in place of the site frame: a frame, or the name of a sensor of the rig.
+        parent: Frame, or sensor of the rig, that its extrinsics refer to in place of the site frame.
         time_offset_ms: Recorded stamp minus time of measurement, in milliseconds; it is taken off the stamps.
         missing: Why a key has no value, by key: it is still `TODO`, or its value cannot be used.
     """

@@ -48,7 +48,7 @@ class FoundSensors(NamedTuple):
 
     Attributes:
         recording: The open recording.
-        rig_file: What was known before.
+        rig_file: The rig file; empty without one.
         first: Its first messages.
         transforms: Transforms of the rig file and the recording.
         of_rig: Child frames whose transform the rig file gives.

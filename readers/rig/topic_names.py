@@ -30,7 +30,7 @@ NOT_IMAGES = frozenset(
     | {"compresseddepth"}
 )
 TRUTH_FOLDER = "/ground_truth/"
-"""All below it is truth, whatever its type."""
+"""All topics below it are truth, of any type."""
 
 BOX_TYPES = frozenset({"vision_msgs/msg/Detection2DArray", "vision_msgs/msg/Detection3DArray"})
 _TRUTH = re.compile(r"(?:^|[/_])(?:ground_?truth|truth|gt|annotations?)(?:$|[/_])", re.IGNORECASE)

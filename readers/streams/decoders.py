@@ -16,7 +16,7 @@ from pipeline.core.settings.config import Config
 from pipeline.detectors.onnx.class_names import COCO_LABELS
 from readers.messages.image import decode_any_image
 from readers.messages.registry import decode_as
-from readers.messages.vision.detections2d import ClassedBoxes, boxes_with_area, unused_boxes
+from readers.messages.vision.detections2d import Detections2D
 from readers.velodyne.decoder import VelodyneDecoders
 from readers.velodyne.scan import PACKET_BYTES, SCAN
 
@@ -118,15 +118,16 @@ class RecordedBoxes:
         decoded = _decode(bundle, self._topics, self._decode_one, self._on_bad)
         unused: Counter[str] = Counter()
         boxes: dict[str, Boxes2D] = {}
-        for (name, found), (usable, _) in zip(decoded.items(), boxes_with_area([*decoded.values()]), strict=True):
-            unused.update(unused_boxes(found, usable))
+        for name, found in decoded.items():
+            usable = found.boxes
+            unused.update(found.unused)
             sure = usable.scores >= self._min_score
             boxes[name] = usable if sure.all() else usable.select(sure)
             unused[f"score under detect2d.min_score ({self._min_score:g})"] += len(usable) - len(boxes[name])
         return Decoded(boxes, decoded.drops, dict(sorted((+unused).items())))
 
-    def _decode_one(self, message: RawMessage) -> ClassedBoxes:
-        found: ClassedBoxes = decode_as(
+    def _decode_one(self, message: RawMessage) -> Detections2D:
+        found: Detections2D = decode_as(
             "2D boxes", message, self._class_ids, class_names=self._numbered, limits=self._limits
         )
         return found

@@ -32,6 +32,7 @@ from readers.truth.boxes import (
     truth_boxes_2d,
     truth_boxes_3d,
 )
+from readers.truth.source import TruthSource
 
 __all__ = ["KittiFile", "KittiLabel", "KittiTruth", "is_kitti_text", "parse_kitti_labels"]
 
@@ -194,7 +195,7 @@ def _whole(word: str) -> int:
     return number
 
 
-class KittiTruth:
+class KittiTruth(TruthSource):
     """KITTI's labels as a source of truth; see `TruthSource`.
 
     Of a folder, the k-th file in order of its number belongs to the k-th frame of the result. A file of the tracking

@@ -1,4 +1,4 @@
-"""The true objects at one moment, as a message tells them."""
+"""The true objects at one moment, from a message, and as a camera sees them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -6,18 +6,20 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pipeline.core.arrays import F64, I32, Rows
+from pipeline.core.geometry.boxes import box_corners
+from pipeline.core.rig import CameraSensor
 from pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER, IMAGE_PIXELS, LIDAR_POINTS
-from pipeline.evaluation.evaluation_frame import UNKNOWN, Names, TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import UNKNOWN, Names, TruthBoxes2D, TruthBoxes3D
 from readers.messages.vision.detections3d import Detections3D
 from readers.messages.vision.track_ids import track_ids
 
-__all__ = ["INSTANCE", "STEP_BACK_NS", "Moment", "TruthClasses", "counted", "moment_of", "total"]
+__all__ = ["INSTANCE", "STEP_BACK_NS", "Moment", "TruthClasses", "counted", "moment_of", "projected_truth", "total"]
 
 STEP_BACK_NS = 2_000_000_000
 """How far stamps that truth is asked for may step back: the images of a frame lie before and after its stamp."""
 
 INSTANCE = "instance"
-"""What ROS 1 has in place of an id."""
+"""Name of the count that stands for an id in ROS 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,7 +28,7 @@ class Moment:
 
     Attributes:
         boxes: The objects.
-        camera_pixels: (N,) int32 by camera, pixels of its image that show each object; `UNKNOWN` where not told.
+        camera_pixels: (N,) int32 by camera, pixels of its image that show each object; `UNKNOWN` where not counted.
     """
 
     boxes: TruthBoxes3D
@@ -104,12 +106,41 @@ def counted(values: F64) -> I32:
 
 
 def total(counts: Mapping[str, F64], name: str, n: int) -> I32:
-    """(N,) int32, what is counted under a name, else the sum of the sensors; `UNKNOWN` where neither is told."""
+    """(N,) int32, the count of a name, else the sum of its sensors; `UNKNOWN` where there is neither."""
     if name in counts:
         return counted(counts[name])
     of_sensors = [values for key, values in sorted(counts.items()) if key.startswith(f"{name}/")]
     if not of_sensors:
         return np.full(n, UNKNOWN, np.int32)
     stacked = np.array(of_sensors)
-    told = np.isfinite(stacked)
-    return counted(np.where(told.any(0), np.where(told, stacked, 0.0).sum(0), np.nan))
+    is_known = np.isfinite(stacked)
+    return counted(np.where(is_known.any(0), np.where(is_known, stacked, 0.0).sum(0), np.nan))
+
+
+def projected_truth(boxes: TruthBoxes3D, camera: CameraSensor, pixels: I32 | None) -> TruthBoxes2D:
+    """The objects that a camera sees, as boxes around their projections.
+
+    An object without a pixel in the image is hidden, and left out. Where the truth counts the pixels of all images
+    together, an object without any is left out, and of the others it is not known which this image shows: those whose
+    projection lies in it.
+
+    Args:
+        boxes: Objects in the site frame, at the time of the image.
+        camera: The camera.
+        pixels: (N,) int32, pixels of this image that show each object; `UNKNOWN` or None where they are not counted.
+    """
+    of_image = np.full(len(boxes), UNKNOWN, np.int32) if pixels is None else pixels
+    rows = np.flatnonzero(np.where(of_image == UNKNOWN, boxes.image_pixels, of_image) != 0)
+    corners = box_corners(boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows])
+    xyxy = camera.model.project_boxes(camera.T_camera_site.apply(corners))
+    is_seen = np.isfinite(xyxy).all(1)
+    seen = rows[is_seen]
+    return TruthBoxes2D(
+        boxes.stamp_ns,
+        xyxy[is_seen],
+        boxes.class_ids[seen],
+        boxes.labels[seen],
+        boxes.track_ids[seen],
+        of_image[seen],
+        boxes.is_ignored[seen],
+    )

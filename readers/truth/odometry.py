@@ -17,7 +17,8 @@ from readers.messages.odometry import ODOMETRY, decode_odometry
 from readers.messages.tf import RecordedTransforms
 from readers.recording import Recording
 from readers.truth.boxes import Labelled, class_ids_of_labels, truth_boxes_3d
-from readers.truth.source import STEP_BACK_NS, WithoutImages
+from readers.truth.moment import STEP_BACK_NS
+from readers.truth.source import TruthSource
 
 __all__ = ["LEAD_NS", "MAX_GAP_NS", "OdometryTruth"]
 
@@ -68,14 +69,14 @@ class _Track:
         return found
 
 
-class OdometryTruth(WithoutImages):
+class OdometryTruth(TruthSource):
     """The boxes of the vehicles whose odometry was recorded; see `TruthSource`.
 
     A moment is covered if the poses of all vehicles are known at it, interpolated between two messages.
 
     Args:
         recording: Has the odometry: the recording, or a result that its topics were copied to.
-        vehicles: What the rig says of them; at least one.
+        vehicles: Their topics and boxes, from the rig; at least one.
         transforms: Join the frames in which vehicles move, where these are several.
         config: Classes and limits.
 

@@ -5,19 +5,36 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.core.errors import RecordingError
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
+from readers.files.pcap.packets import is_capture
 from readers.location import Location
 from readers.messages.tf import read_transforms
-from readers.open import open_recording
+from readers.open import MCAP_MAGIC, ROSBAG1_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC, open_recording
 from readers.recording import Closing, ReadOptions, Recording
 from readers.results.attached_records import is_result
 from readers.results.result import RESULT_TOPICS, Result
-from readers.truth.labels import open_labels
+from readers.truth.kitti import KittiTruth, is_kitti_text
 from readers.truth.odometry import OdometryTruth
+from readers.truth.openlabel import OpenLabelTruth, is_openlabel
+from readers.truth.predecessor import PredecessorTruth
 from readers.truth.recorded import RecordedTruth
 from readers.truth.source import TruthSource
 from readers.truth.topics import find_truth_topics
 
-__all__ = ["OpenTruth", "open_truth"]
+__all__ = ["OpenTruth", "open_labels", "open_truth"]
+
+_RECORDINGS = (ROSBAG1_MAGIC, MCAP_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC)
+_RECORDING_SUFFIXES = (".mcap", ".db3", ".zstd")
+_HEAD_BYTES = 1 << 12
+
+MAX_NAMED = 5
+"""Names in a folder that an error lists."""
+
+_EXPECTED = (
+    "a recording, a result, KITTI's labels (a .txt of label_2 or label_02, or the folder), an OpenLABEL .json, or a "
+    "folder with odom/*.txt as the predecessor system evaluates"
+)
 
 
 class OpenTruth(Closing):
@@ -48,7 +65,7 @@ def open_truth(result: Result, paths: Sequence[Location] = (), *, topic: str = "
         result: The open result.
         paths: The files of a recording with the truth, in any container, or labels (see `open_labels`); none: the truth
             that the result carries.
-        topic: The topic to take, whatever it is called.
+        topic: The topic to take, by any name; empty to find it.
 
     Raises:
         ConfigError: there is no such topic, or a vehicle of the rig's truth has no configured class.
@@ -109,3 +126,47 @@ def _recorded(recording: Recording, results: frozenset[str], result: Result, top
     if isinstance(found, str):
         raise RecordingError(found)
     return RecordedTruth(recording, found, result.rig.cameras, result.config)
+
+
+def open_labels(path: Path, rig: Rig, config: Config) -> TruthSource | None:
+    """The labels at a path as a source of truth; None if a recording lies there.
+
+    Args:
+        path: A file or folder; its content says what it is, not its name.
+        rig: The rig of the result that is evaluated.
+        config: Its settings.
+
+    Raises:
+        RecordingError: there is nothing, nothing that is known, or the labels cannot be read.
+    """
+    try:
+        if path.is_dir():
+            return _of_folder(path, rig, config)
+        with path.open("rb") as stream:
+            head = stream.read(_HEAD_BYTES)
+    except FileNotFoundError as err:
+        raise RecordingError(f"{path}: no such file or folder; expected truth: {_EXPECTED}") from err
+    except OSError as err:
+        raise RecordingError(f"{path}: cannot be read: {err.strerror or err}") from err
+    if head.startswith(_RECORDINGS) or is_capture(head):
+        return None
+    text = head.decode(errors="replace")
+    if is_openlabel(text):
+        return OpenLabelTruth(path, rig, config)
+    if is_kitti_text(text):
+        return KittiTruth(path, rig, config)
+    raise RecordingError(f"{path}: expected truth: {_EXPECTED}, found a file of another kind")
+
+
+def _of_folder(path: Path, rig: Rig, config: Config) -> TruthSource | None:
+    if (path / "odom").is_dir():
+        return PredecessorTruth(path, rig, config)
+    names = [file.name for file in path.iterdir()]
+    if "metadata.yaml" in names or any(name.endswith(_RECORDING_SUFFIXES) for name in names):
+        return None
+    if any(name.endswith(".json") for name in names):
+        return OpenLabelTruth(path, rig, config)
+    if "label_2" in names or any(name.endswith(".txt") for name in names):
+        return KittiTruth(path, rig, config)
+    found = f"a folder with {', '.join(sorted(names)[:MAX_NAMED])}" if names else "an empty folder"
+    raise RecordingError(f"{path}: expected truth: {_EXPECTED}, found {found}")

@@ -14,9 +14,9 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.evaluation_frame import TruthBoxes3D
 from readers.truth.boxes import Labelled, class_ids_of_labels, label_files, read_label_text, truth_boxes_3d
-from readers.truth.moment import Moment
-from readers.truth.openlabel_text import Cuboid, OpenLabelFile, OpenLabelFrame, parse_openlabel
-from readers.truth.source import STEP_BACK_NS, WithoutImages
+from readers.truth.moment import STEP_BACK_NS, Moment
+from readers.truth.openlabel_text import Cuboid, OpenLabel, OpenLabelFrame, parse_openlabel
+from readers.truth.source import TruthSource
 from readers.truth.timeline import Timeline
 
 __all__ = ["OpenLabelTruth", "is_openlabel"]
@@ -27,7 +27,7 @@ def is_openlabel(head: str) -> bool:
     return head.lstrip().startswith("{")
 
 
-class OpenLabelTruth(WithoutImages):
+class OpenLabelTruth(TruthSource):
     """The cuboids of OpenLABEL as a source of truth; see `TruthSource`.
 
     Args:
@@ -49,11 +49,11 @@ class OpenLabelTruth(WithoutImages):
         first = next(self._frames(), None)
         if first is None:
             raise RecordingError(f"{path}: expected OpenLABEL with frames, found none")
-        self._has_stamps = first[1].stamp_ns is not None
+        self._has_stamps = first[1].frame_properties.timestamp is not None
         self._without = 0
         self._timeline, self._moments = Timeline(), self._stamped()
         self._left = self._frames()
-        self._current: tuple[int, OpenLabelFrame, OpenLabelFile] | None = None
+        self._current: tuple[int, OpenLabelFrame, OpenLabel] | None = None
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -76,17 +76,16 @@ class OpenLabelTruth(WithoutImages):
             self._current = following
         if self._current is None or self._current[0] != frame:
             return None
-        _, found, file = self._current
-        return self._boxes(stamp_ns, found, file)
+        return self._boxes(stamp_ns, *self._current)
 
-    def _frames(self) -> Iterator[tuple[int, OpenLabelFrame, OpenLabelFile]]:
+    def _frames(self) -> Iterator[tuple[int, OpenLabelFrame, OpenLabel]]:
         """Number, frame and file; in a folder frames are counted, in a file they have numbers."""
         count = 0
         for path in self._files:
             file = parse_openlabel(read_label_text(path), path)
-            for frame in file.frames:
-                self._without += frame.without_cuboid
-                yield (frame.number if len(self._files) == 1 else count), frame, file
+            for number, frame in sorted(file.frames.items()):
+                self._without += sum(not one.object_data.cuboid for one in frame.objects.values())
+                yield (number if len(self._files) == 1 else count), frame, file
                 count += 1
 
     def _at_time(self, stamp_ns: int) -> TruthBoxes3D | None:
@@ -99,35 +98,36 @@ class OpenLabelTruth(WithoutImages):
         return None if found is None else found.boxes
 
     def _stamped(self) -> Iterator[Moment]:
-        for _, frame, file in self._frames():
-            if frame.stamp_ns is None:
-                raise RecordingError(f"{self.description}: frame {frame.number} has no timestamp, others have")
-            yield Moment(self._boxes(frame.stamp_ns, frame, file))
+        for number, frame, file in self._frames():
+            stamp_ns = frame.frame_properties.timestamp
+            if stamp_ns is None:
+                raise RecordingError(f"{self.description}: frame {number} has no timestamp, others have")
+            yield Moment(self._boxes(stamp_ns, number, frame, file))
 
-    def _boxes(self, stamp_ns: int, frame: OpenLabelFrame, file: OpenLabelFile) -> TruthBoxes3D:
+    def _boxes(self, stamp_ns: int, number: int, frame: OpenLabelFrame, file: OpenLabel) -> TruthBoxes3D:
         frame_id = self._rig.site_frame
         objects = []
-        for cuboid in frame.cuboids:
-            system = cuboid.system or self._default_system(file)
+        for uuid, data in ((uuid, one.object_data) for uuid, one in frame.objects.items() if one.object_data.cuboid):
+            cuboid = data.cuboid[0]
+            system = cuboid.coordinate_system or self._default_system(file)
             T_site_system = self._placed(system, file)
             if T_site_system is None:
                 frame_id, T_site_system = system, np.eye(4)
-            objects.append((system, self._labelled(cuboid, T_site_system)))
+            objects.append((system, self._labelled(uuid, file.label_of(uuid, data), cuboid, T_site_system)))
         if frame_id != self._rig.site_frame and (other := {system for system, _ in objects} - {frame_id}):
             raise RecordingError(
-                f"{self.description}: frame {frame.number} has boxes in {frame_id!r}, which nothing joins with "
+                f"{self.description}: frame {number} has boxes in {frame_id!r}, which nothing joins with "
                 f"{', '.join(sorted(other))}"
             )
         return truth_boxes_3d(stamp_ns, frame_id, [one for _, one in objects], self._class_ids)
 
-    def _labelled(self, cuboid: Cuboid, T_site_system: F64) -> Labelled:
-        track_id = self._tracks.setdefault(cuboid.uuid, len(self._tracks))
-        pose = T_site_system @ cuboid.T_system_box
-        return Labelled(cuboid.label, pose, cuboid.size_m, track_id, cuboid.lidar_points)
+    def _labelled(self, uuid: str, label: str, cuboid: Cuboid, T_site_system: F64) -> Labelled:
+        track_id = self._tracks.setdefault(uuid, len(self._tracks))
+        return Labelled(label, T_site_system @ cuboid.T_system_box(), cuboid.size_m, track_id, cuboid.lidar_points)
 
-    def _default_system(self, file: OpenLabelFile) -> str:
+    def _default_system(self, file: OpenLabel) -> str:
         """The coordinate system of cuboids that name none."""
-        names = [*file.parents]
+        names = [*file.coordinate_systems]
         lidars = {name for lidar in self._rig.lidars for name in (lidar.name, lidar.T_site_lidar.src)}
         for found in (names, [name for name in names if name in lidars]):
             if len(found) == 1:
@@ -139,11 +139,11 @@ class OpenLabelTruth(WithoutImages):
             f"of the rig ({', '.join(sorted(lidars))})"
         )
 
-    def _placed(self, system: str, file: OpenLabelFile) -> F64 | None:
+    def _placed(self, system: str, file: OpenLabel) -> F64 | None:
         """T_site_system, over the file's poses where the rig knows another system; None if nothing joins them."""
         if system in self._known:
             return self._known[system]
-        from_root = {name: found for name in file.parents if (found := _from_root(name, file)) is not None}
+        from_root = {name: found for name in file.coordinate_systems if (found := _from_root(name, file)) is not None}
         if system not in from_root:
             return None
         root, T_root_system = from_root[system]
@@ -166,13 +166,12 @@ def _frames_of(rig: Rig) -> dict[str, F64]:
     return known | {rig.site_frame: np.eye(4)}
 
 
-def _from_root(name: str, file: OpenLabelFile) -> tuple[str, F64] | None:
+def _from_root(name: str, file: OpenLabel) -> tuple[str, F64] | None:
     """The root above a coordinate system, and T_root_system; None if its parents form a circle."""
     pose: F64 = np.eye(4)
     seen = {name}
-    while (parent := file.parents.get(name)) and name in file.poses:
-        pose = file.poses[name] @ pose
-        name = parent
+    while (system := file.coordinate_systems.get(name)) and system.parent and system.pose_wrt_parent:
+        pose, name = system.pose_wrt_parent.matrix() @ pose, system.parent
         if name in seen:
             return None
         seen.add(name)

@@ -26,7 +26,7 @@ from readers.truth.boxes import (
     read_label_text,
     truth_boxes_3d,
 )
-from readers.truth.source import WithoutImages
+from readers.truth.source import TruthSource
 
 __all__ = ["CAR", "PredecessorTruth", "parse_odometry_rows"]
 
@@ -37,7 +37,7 @@ CAR_CENTER_Z_M = 0.112
 """Height of its centre where rows have none."""
 
 
-class PredecessorTruth(WithoutImages):
+class PredecessorTruth(TruthSource):
     """The rows of the odometry as a source of truth; see `TruthSource`.
 
     Args:

@@ -21,6 +21,7 @@ from readers.messages.vision.track_ids import track_ids
 from readers.notes import Notes
 from readers.recording import Recording
 from readers.truth.moment import INSTANCE, STEP_BACK_NS, Moment, TruthClasses, counted, moment_of, total
+from readers.truth.source import TruthSource
 from readers.truth.timeline import Timeline
 from readers.truth.topics import TruthTopics
 
@@ -36,13 +37,13 @@ MAX_IMAGES = 1000
 """Images of one camera whose boxes wait at most."""
 
 
-class RecordedTruth:
-    """Truth of the topics of a recording; see `CountingSource`.
+class RecordedTruth(TruthSource):
+    """Truth of the topics of a recording; see `TruthSource`.
 
     Args:
         recording: Open recording, which is read as far as it is needed and not closed.
         topics: Its topics of truth.
-        cameras: The cameras of the result, whose optical frames or names tell whose images were labelled.
+        cameras: The cameras of the result, whose optical frames or names say whose images were labelled.
         config: Settings: classes, and at which time of a frame objects are compared.
     """
 
@@ -63,12 +64,8 @@ class RecordedTruth:
         self._messages = recording.messages([*self._timelines, *topics.visible])
         self._held: tuple[str, Moment] | None = None
         self._latest_ns = 0
-        self._names = ", ".join(path.name for path in recording.paths)
-
-    @property
-    def description(self) -> str:
-        """See `TruthSource`."""
-        return f"{self._wanted} of {self._names} ({self._topics.why})"
+        names = ", ".join(path.name for path in recording.paths)
+        self.description = f"{self._wanted} of {names} ({topics.why})"
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -91,8 +88,9 @@ class RecordedTruth:
         moment = self._timelines[self._wanted].at(stamp_ns)
         return None if moment is None else moment.boxes
 
-    def moment(self, stamp_ns: int) -> Moment | None:
-        """See `CountingSource`."""
+    def moment(self, stamp_ns: int, *, frame: int) -> Moment | None:
+        """See `TruthSource`."""
+        del frame
         self._read(stamp_ns)
         return self._timelines[self._topics.objects].at(stamp_ns)
 
@@ -173,7 +171,7 @@ class RecordedTruth:
 
 
 class _Images:
-    """What the images of one camera show, in the order of their stamps."""
+    """The boxes in the images of one camera, in the order of their stamps."""
 
     def __init__(self) -> None:
         self._kept: deque[TruthBoxes2D] = deque()

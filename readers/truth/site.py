@@ -17,7 +17,7 @@ from pipeline.evaluation.evaluation_frame import TruthBoxes3D
 from readers.messages.tf import RecordedTransforms, read_transforms, tf_topics
 from readers.recording import Recording
 from readers.streams.motion import MotionBuffer, MotionSource, find_motion_source, links_up
-from readers.truth.source import STEP_BACK_NS
+from readers.truth.moment import STEP_BACK_NS
 
 __all__ = ["SitePoses", "boxes_in_site"]
 

@@ -1,29 +1,32 @@
-"""What every kind of truth gives: the true objects at a moment, and in an image."""
+"""The true objects at a moment, and in an image, as every kind of truth gives them."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Protocol, runtime_checkable
 
 from pipeline.evaluation.evaluation_frame import TruthBoxes2D, TruthBoxes3D
-from readers.truth.moment import STEP_BACK_NS, Moment
+from readers.truth.moment import Moment
 
-__all__ = ["STEP_BACK_NS", "CountingSource", "TruthSource", "WithoutImages"]
+__all__ = ["TruthSource"]
 
 
-class TruthSource(Protocol):
+class TruthSource(ABC):
     """Truth from one place.
 
     Sources are read once, from the beginning to the end: the stamps that they are asked for rise, apart from steps
     back of at most `STEP_BACK_NS`, and memory does not grow with the length of the truth.
+
+    Attributes:
+        description: Which truth this is, for the user: `/ground_truth/objects of crossing.mcap`.
     """
 
-    @property
-    def description(self) -> str:
-        """Which truth this is, for the user: `/ground_truth/objects of crossing.mcap`."""
+    description: str
 
     @property
+    @abstractmethod
     def notes(self) -> Sequence[str]:
-        """What the user should know of what was read so far, one line each: what was not used, and why."""
+        """Notes for the user on what was read so far, one line each: what was not used, and why."""
 
+    @abstractmethod
     def at(self, stamp_ns: int, *, frame: int) -> TruthBoxes3D | None:
         """The true objects at a time; None if the truth does not cover it.
 
@@ -36,28 +39,18 @@ class TruthSource(Protocol):
             the site frame by the transforms that were recorded.
         """
 
+    def moment(self, stamp_ns: int, *, frame: int) -> Moment | None:
+        """As `at`, always at the time itself, with the pixels by camera; for what is projected into images."""
+        boxes = self.at(stamp_ns, frame=frame)
+        return None if boxes is None else Moment(boxes)
+
     def in_image(self, camera: str, stamp_ns: int, *, frame: int) -> TruthBoxes2D | None:
-        """The true objects in an image; None if the source knows of none, then those of `at` are projected.
+        """The true objects in an image; None if the source knows of none, then those of `moment` are projected.
 
         Args:
             camera: Name of the camera in the rig of the result.
             stamp_ns: Stamp of the image.
             frame: As for `at`.
         """
-
-
-class WithoutImages:
-    """Part of a source that says nothing of images; see `TruthSource`."""
-
-    def in_image(self, camera: str, stamp_ns: int, *, frame: int) -> TruthBoxes2D | None:
-        """See `TruthSource`: the objects of `at` are projected."""
         del camera, stamp_ns, frame
         return None
-
-
-@runtime_checkable
-class CountingSource(TruthSource, Protocol):
-    """Truth that says how much of an object each camera sees."""
-
-    def moment(self, stamp_ns: int) -> Moment | None:
-        """As `at`, always at the time itself, with the pixels by camera; for what is projected into images."""

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, Bools, Indices
+from pipeline.core.arrays import I32, Indices
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
 from readers.truth.moment import STEP_BACK_NS, Moment
@@ -29,7 +29,7 @@ MAX_NEAREST_PERIODS, MAX_NEAREST_NS = 0.5, 50_000_000
 """How far off a message of objects without ids may be: no more than half a period, and one metre at 20 m/s."""
 
 PROBED = 10
-"""Gaps between messages at the start from which the period is told."""
+"""Number of gaps between the first messages that give the period."""
 
 
 class Timeline:
@@ -121,15 +121,14 @@ class Timeline:
 
 
 def _has_ids(moment: Moment) -> bool:
-    """Whether ids tell all objects apart."""
+    """Whether every object has an id of its own."""
     ids = moment.boxes.track_ids
     return bool((ids != UNKNOWN).all()) and len(np.unique(ids)) == len(ids)
 
 
 def _placed(moment: Moment, stamp_ns: int) -> Moment:
     """The same objects at another time."""
-    boxes = moment.boxes
-    return Moment(_moved(boxes, stamp_ns, boxes.centers.copy(), boxes.yaws.copy()), moment.camera_pixels)
+    return replace(moment, boxes=replace(moment.boxes, stamp_ns=stamp_ns))
 
 
 def _interpolated(stamp_ns: int, first: Moment, second: Moment) -> Moment:
@@ -145,11 +144,12 @@ def _interpolated(stamp_ns: int, first: Moment, second: Moment) -> Moment:
     yaws[rows] = wrap_angle(yaws[rows] + step * wrap_angle(far.boxes.yaws[others] - yaws[rows]))
     is_ignored = np.ones(len(yaws), np.bool_)
     is_ignored[rows] = near.boxes.is_ignored[rows] | far.boxes.is_ignored[others]
-    moved = _moved(near.boxes, stamp_ns, centers, yaws, is_ignored)
+    boxes = replace(near.boxes, stamp_ns=stamp_ns, centers=centers, yaws=yaws, is_ignored=is_ignored)
+    moved = replace(near, boxes=boxes)
     if len(others) == len(far.boxes):
-        return Moment(moved, near.camera_pixels)
+        return moved
     lone = np.setdiff1d(np.arange(len(far.boxes)), others)
-    return _joined(Moment(moved, near.camera_pixels), _placed(far.select(lone).ignoring_all(), stamp_ns))
+    return _joined(moved, _placed(far.select(lone).ignoring_all(), stamp_ns))
 
 
 def _same(near: TruthBoxes3D, far: TruthBoxes3D) -> tuple[Indices, Indices]:
@@ -158,18 +158,6 @@ def _same(near: TruthBoxes3D, far: TruthBoxes3D) -> tuple[Indices, Indices]:
         return (rows := np.arange(len(near))), rows
     _, rows, others = np.intersect1d(near.track_ids, far.track_ids, assume_unique=True, return_indices=True)
     return rows, others
-
-
-def _moved(
-    boxes: TruthBoxes3D, stamp_ns: int, centers: F64, yaws: F64, is_ignored: Bools | None = None
-) -> TruthBoxes3D:
-    return replace(
-        boxes,
-        stamp_ns=stamp_ns,
-        centers=centers,
-        yaws=yaws,
-        is_ignored=boxes.is_ignored if is_ignored is None else is_ignored,
-    )
 
 
 def _joined(first: Moment, second: Moment) -> Moment:

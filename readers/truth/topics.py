@@ -44,7 +44,7 @@ def find_truth_topics(
     Args:
         recording: Open recording.
         results: Topics that are results, not truth.
-        wanted: The topic to take, whatever it is called.
+        wanted: The topic to take, by any name; empty to find it.
         sources: Topics of boxes that the result was made from: truth only if they are called so.
 
     Raises:

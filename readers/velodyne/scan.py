@@ -5,7 +5,6 @@ of four bytes, so packets lie 1216 bytes apart, yet nothing fills up the last on
 """
 
 import struct
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +12,6 @@ import numpy as np
 from pipeline.core.arrays import I64, U8, Array, Bools, check_array
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
-from readers.messages.boundary.fields import Fields
 from readers.messages.cursor import Cursor
 from readers.messages.deserialize import typestore_for
 from readers.messages.tf import clean_frame
@@ -30,7 +28,6 @@ _BLOCK = np.dtype([("flag", "<u2"), ("azimuth", "<u2"), ("echoes", _ECHO, SLOTS)
 _PACKET = np.dtype([("blocks", _BLOCK, 12), ("clock_us", "<u4"), ("mode", "u1"), ("product", "u1")])
 PACKET_BYTES = _PACKET.itemsize
 
-FIELDS: Mapping[str, Fields] = {SCAN: {}}  # read in place
 
 _STAMP_BYTES = 8
 

@@ -7,7 +7,6 @@ bitstream specifications of VP9 (6.2), VP8 (RFC 6386, 9.1) and AV1 (5.3).
 """
 
 import re
-from collections.abc import Mapping
 from importlib.util import find_spec
 from typing import NamedTuple
 
@@ -17,7 +16,6 @@ from pipeline.core.arrays import U8
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
 from readers.messages.boundary.decoding import decoder
-from readers.messages.boundary.fields import BYTES, HEADER, TEXT, TIME, WHOLE, Fields
 from readers.messages.deserialize import deserialize
 from readers.messages.tf import clean_frame
 
@@ -35,11 +33,6 @@ __all__ = [
 COMPRESSED_VIDEO = "foxglove_msgs/msg/CompressedVideo"
 FFMPEG_PACKET = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
 VIDEO = frozenset({COMPRESSED_VIDEO, FFMPEG_PACKET})
-
-FIELDS: Mapping[str, Fields] = {
-    COMPRESSED_VIDEO: {"timestamp": TIME, "frame_id": TEXT, "data": BYTES, "format": TEXT},
-    FFMPEG_PACKET: {"header": HEADER, "encoding": TEXT, "flags": WHOLE, "data": BYTES},
-}
 
 BEFORE_KEY_FRAME = "before the first key frame of the video"
 AFTER_DAMAGE = "after a packet that cannot be decoded, before the next key frame of the video"

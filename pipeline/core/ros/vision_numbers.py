@@ -1,6 +1,6 @@
-"""What numbers in place of names mean in vision_msgs of ROS 1, and which hypotheses are counts.
+"""The numbers that stand for names in vision_msgs of ROS 1, and the hypotheses that are counts.
 
-Truth of the simulator tells how much of an object its sensors see by further hypotheses whose score is a count. ROS 2
+Truth of the simulator says in further hypotheses, whose score is a count, how much of an object its sensors see. ROS 2
 names them; `lidar_points/NAME` and `image_pixels/NAME` are those of one sensor. ROS 1 numbers them with negative ids,
 the sensors in the order of the scenario.
 """
@@ -28,7 +28,7 @@ _NAMES = {number: name for name, number in COUNT_NUMBERS.items()}
 
 @lru_cache(maxsize=4096)
 def count_of(label: str) -> str | None:
-    """What a hypothesis counts by its class, a name or a number as text; None of one that is a class.
+    """The name of the count of a hypothesis, by its class as text; None if the hypothesis is a class.
 
     Sensors that are only numbered are named by their number: `lidar_points/0`. A negative number without a meaning
     counts something, too: it is returned as it is.

@@ -1,1 +1,1 @@
-"""The line between recorded bytes and typed data: what definitions must have, and what decoders may raise."""
+"""The line between recorded bytes and typed data: bounds on what decoding costs, and what decoders may raise."""

@@ -4,38 +4,23 @@ An object's score is its `existence_probability`, its class that with the highes
 Cylinders become boxes around them, polygons boxes around their footprint, along the axes of the object.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from pipeline.core.arrays import F64
-from pipeline.core.errors import MessageError
 from pipeline.core.geometry.rotations import matrix_of_quaternion
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.boundary.decoding import decoder
-from readers.messages.boundary.fields import COVARIANCE, HEADER, NUMBER, POINT, POSE, WHOLE, Fields
-from readers.messages.deserialize import deserialize
-from readers.messages.objects.found import AUTOWARE_LABELS, FoundObjects, ObjectClasses, found_objects
+from readers.messages.deserialize import deserialize_as
+from readers.messages.objects.found import AUTOWARE_LABELS, FoundObjects, ObjectClasses, check_boxes, found_objects
 
 __all__ = ["DETECTED_OBJECTS", "decode_detected_objects"]
 
 DETECTED_OBJECTS = frozenset(
     {"autoware_perception_msgs/msg/DetectedObjects", "autoware_auto_perception_msgs/msg/DetectedObjects"}
 )
-
-_OBJECT: Fields = {
-    "existence_probability": NUMBER,
-    "classification": [{"label": WHOLE, "probability": NUMBER}],
-    "kinematics": {
-        "pose_with_covariance": {"pose": POSE, "covariance": COVARIANCE},
-        "has_position_covariance": WHOLE,
-        "orientation_availability": WHOLE,
-    },
-    "shape": {"type": WHOLE, "footprint": {"points": [{"x": NUMBER, "y": NUMBER}]}, "dimensions": POINT},
-}
-FIELDS: Mapping[str, Fields] = {msgtype: {"header": HEADER, "objects": [_OBJECT]} for msgtype in DETECTED_OBJECTS}
 
 UNAVAILABLE = 0
 """`orientation_availability` of an object whose heading is unknown."""
@@ -59,14 +44,8 @@ def decode_detected_objects(
     Raises:
         MessageError: not a DetectedObjects, or more objects than `limits` allow.
     """
-    if message.channel.msgtype not in DETECTED_OBJECTS:
-        raise MessageError(f"{message.topic}: expected Autoware's DetectedObjects, found {message.channel.msgtype}")
-    array = deserialize(message, limits=limits)
-    count = len(array.objects)
-    if count > limits.max_boxes:
-        raise MessageError(
-            f"{message.topic}: {count} boxes, expected at most {limits.max_boxes}: raise limits.max_boxes"
-        )
+    array = deserialize_as(message, *sorted(DETECTED_OBJECTS), limits=limits)
+    count = check_boxes(array.objects, message.topic, limits)
     numbers, covariances, scores = np.zeros((count, 10)), np.zeros((count, 36)), np.zeros(count)
     for row, one in enumerate(array.objects):
         numbers[row] = _numbers(one)

@@ -1,19 +1,21 @@
-"""What messages of 3D objects of all types have in common: rows of numbers, labels and scores become boxes."""
+"""The common part of all messages of 3D objects: rows of numbers, labels and scores become boxes."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pipeline.core.arrays import F32, F64, I32, Bools
+from pipeline.core.errors import MessageError
 from pipeline.core.geometry.posed_boxes import PosedBoxes
 from pipeline.core.geometry.rotations import matrix_of_quaternion
 from pipeline.core.settings.config import Config
+from pipeline.core.settings.recording import LimitsConfig
 from pipeline.detectors.onnx.class_names import COCO_LABELS
 from readers.messages.tf import clean_frame
 
-__all__ = ["AUTOWARE_LABELS", "FoundObjects", "ObjectClasses", "found_objects"]
+__all__ = ["AUTOWARE_LABELS", "FoundObjects", "ObjectClasses", "check_boxes", "found_objects"]
 
 AUTOWARE_LABELS = (
     "unknown", "car", "truck", "bus", "trailer", "motorcycle", "bicycle", "pedestrian", "animal", "hazard",
@@ -63,6 +65,17 @@ class ObjectClasses:
             number = int(name)
             name = self._numbered[number] if number < len(self._numbered) else name
         return self._ids.get(name)
+
+
+def check_boxes(boxes: Sequence[Any], topic: str, limits: LimitsConfig) -> int:
+    """The number of boxes of a message.
+
+    Raises:
+        MessageError: there are more than `limits` allow.
+    """
+    if len(boxes) > limits.max_boxes:
+        raise MessageError(f"{topic}: {len(boxes)} boxes, expected at most {limits.max_boxes}: raise limits.max_boxes")
+    return len(boxes)
 
 
 def found_objects(

@@ -16,36 +16,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I32, Bools, Indices
+from pipeline.core.arrays import F32, F64, Bools
 from pipeline.core.detections import Boxes2D
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from pipeline.evaluation.evaluation_frame import Names
 from readers.messages.boundary.decoding import decoder
-from readers.messages.boundary.fields import HEADER, NUMBER, Fields, Need
 from readers.messages.tf import clean_frame
-from readers.messages.vision.hypotheses import HYPOTHESES, BoxRows, best_and_counts, box_rows
+from readers.messages.vision.hypotheses import best_and_counts, box_rows
 
-__all__ = [
-    "DETECTIONS_2D",
-    "ClassedBoxes",
-    "Detections2D",
-    "boxes_with_area",
-    "decode_classed_boxes",
-    "decode_detections2d",
-    "unused_boxes",
-]
+__all__ = ["DETECTIONS_2D", "Detections2D", "decode_detections2d"]
 
 DETECTIONS_2D = "vision_msgs/msg/Detection2DArray"
-
-_CENTERS: Need = (
-    {"position": {"x": NUMBER, "y": NUMBER}, "theta": NUMBER},
-    {"x": NUMBER, "y": NUMBER, "theta": NUMBER},
-)
-_BOX: Fields = {"center": _CENTERS, "size_x": NUMBER, "size_y": NUMBER}
-FIELDS: Mapping[str, Fields] = {
-    DETECTIONS_2D: {"header": HEADER, "detections": [{"results": [(*HYPOTHESES,)], "bbox": _BOX}]}
-}
 
 
 class Detections2D(NamedTuple):
@@ -64,30 +46,6 @@ class Detections2D(NamedTuple):
     ids: Names
     counts: Mapping[str, F64]
     unused: Mapping[str, int]
-
-
-class ClassedBoxes(NamedTuple):
-    """The boxes of one message that are of known classes; which of them have an area is not known yet.
-
-    Attributes:
-        stamp_ns: Stamp of the message.
-        frame_id: Frame of its header.
-        rows: Its content.
-        of_rows: (N,) row of each box.
-        best: (N,) row of its best hypothesis.
-        class_ids: (N,) int32, its class.
-        counts: As of `Detections2D`, of all boxes of the message.
-        unused: Number of boxes by reason, of the others.
-    """
-
-    stamp_ns: int
-    frame_id: str
-    rows: BoxRows
-    of_rows: Indices
-    best: Indices
-    class_ids: I32
-    counts: Mapping[str, F64]
-    unused: Counter[str]
 
 
 @decoder
@@ -116,33 +74,11 @@ def decode_detections2d(
         MessageError: not a Detection2DArray of a known layout, or more boxes than `limits` allow.
     """
     class_ids = {label.strip().lower(): class_id for label, class_id in class_id_of_label.items()}
-    found = decode_classed_boxes(
-        message, class_ids, class_names=class_names, other_class_id=other_class_id, limits=limits
-    )
-    ((boxes, has_area),) = boxes_with_area([found])
-    rows, at, best = found.rows, found.of_rows[has_area], found.best[has_area]
-    return Detections2D(
-        boxes,
-        np.array([rows.labels[row].strip() for row in best.tolist()], np.str_),
-        np.array([rows.ids[row] for row in at.tolist()], np.str_),
-        {name: values[at] for name, values in found.counts.items()},
-        dict(sorted(unused_boxes(found, boxes).items())),
-    )
-
-
-@decoder
-def decode_classed_boxes(
-    message: RawMessage,
-    class_ids: Mapping[str, int],
-    *,
-    class_names: Sequence[str] = (),
-    other_class_id: int | None = None,
-    limits: LimitsConfig = DEFAULT_LIMITS,
-) -> ClassedBoxes:
-    """What `decode_detections2d` does with a single message; arguments as there, names in lower case and stripped."""
     rows = box_rows(message, DETECTIONS_2D, _numbers, 5, limits)
     best, counts = best_and_counts(rows)
-    chosen: list[tuple[int, int, int]] = []
+    xyxy, has_area = _hulls(rows.boxes)
+    kept: list[int] = []
+    ids: list[int] = []
     unused: Counter[str] = Counter()
     for row, hypothesis in enumerate(best.tolist()):
         if hypothesis < 0:
@@ -152,35 +88,21 @@ def decode_classed_boxes(
         class_id = class_ids.get(_name_of(label, class_ids, class_names), other_class_id)
         if class_id is None:
             unused[f"class {label!r} is not configured"] += 1
+        elif not has_area[row]:
+            unused["box without an area or not finite"] += 1
         else:
-            chosen.append((row, hypothesis, class_id))
-    of_rows, of_best, of_class = np.array(chosen, np.int64).reshape(-1, 3).T
-    frame_id = clean_frame(rows.frame_id)
-    return ClassedBoxes(message.stamp_ns, frame_id, rows, of_rows, of_best, of_class.astype(np.int32), counts, unused)
-
-
-def boxes_with_area(found: Sequence[ClassedBoxes]) -> list[tuple[Boxes2D, Bools]]:
-    """Of each message the boxes that are finite and have an area, and which they are.
-
-    A frame has messages of many cameras with a few boxes each, so they are looked at together.
-    """
-    if not found:
-        return []
-    xyxy, has_area = _hulls(np.concatenate([one.rows.boxes[one.of_rows] for one in found]))
-    scores = np.concatenate([one.rows.scores[one.best] for one in found])
-    scores = np.clip(scores, 0.0, 1.0).astype(np.float32)
-    made, end = [], 0
-    for one in found:
-        part = slice(end, end := end + len(one.class_ids))
-        kept = has_area[part]
-        boxes = Boxes2D(one.stamp_ns, one.frame_id, xyxy[part][kept], scores[part][kept], one.class_ids[kept])
-        made.append((boxes, kept))
-    return made
-
-
-def unused_boxes(found: ClassedBoxes, boxes: Boxes2D) -> Counter[str]:
-    """Number of boxes of a message by reason, other than those with an area, which are given."""
-    return +(found.unused + Counter({"box without an area or not finite": len(found.class_ids) - len(boxes)}))
+            kept.append(row)
+            ids.append(class_id)
+    at = np.array(kept, np.intp)
+    scores = np.clip(rows.scores[best[at]], 0.0, 1.0).astype(np.float32)
+    boxes = Boxes2D(message.stamp_ns, clean_frame(rows.frame_id), xyxy[at], scores, np.array(ids, np.int32))
+    return Detections2D(
+        boxes,
+        np.array([rows.labels[row].strip() for row in best[at].tolist()], np.str_),
+        np.array([rows.ids[row] for row in kept], np.str_),
+        {name: values[at] for name, values in counts.items()},
+        dict(sorted(unused.items())),
+    )
 
 
 def _name_of(label: str, class_ids: Mapping[str, int], class_names: Sequence[str]) -> str:

@@ -22,22 +22,13 @@ from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from pipeline.evaluation.evaluation_frame import Names
 from readers.messages.boundary.decoding import decoder
-from readers.messages.boundary.fields import HEADER, POINT, POSE, Fields
 from readers.messages.objects.found import FoundObjects, ObjectClasses, found_objects
 from readers.messages.tf import clean_frame
-from readers.messages.vision.hypotheses import HYPOTHESES, POSED, BoxRows, best_and_counts, box_rows
+from readers.messages.vision.hypotheses import BoxRows, best_and_counts, box_rows
 
 __all__ = ["DETECTIONS_3D", "Detections3D", "decode_detected_boxes", "decode_detections3d"]
 
 DETECTIONS_3D = "vision_msgs/msg/Detection3DArray"
-
-_POSED_HYPOTHESES = tuple({**fields, **POSED} for fields in HYPOTHESES)
-FIELDS: Mapping[str, Fields] = {
-    DETECTIONS_3D: {
-        "header": HEADER,
-        "detections": [{"results": [_POSED_HYPOTHESES], "bbox": {"center": POSE, "size": POINT}}],
-    }
-}
 
 MIN_HEADING = 1e-3
 """Shortest projection of a box's length axis (of length 1) on the ground that still has a heading."""

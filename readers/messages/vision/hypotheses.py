@@ -7,23 +7,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pipeline.core.arrays import F64, Indices
-from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
 from pipeline.core.ros.vision_numbers import count_of
 from pipeline.core.settings.recording import LimitsConfig
-from readers.messages.boundary.fields import COVARIANCE, NUMBER, TEXT, WHOLE, Fields
 from readers.messages.deserialize import deserialize_as
+from readers.messages.objects.found import check_boxes
 
-__all__ = ["HYPOTHESES", "POSED", "BoxRows", "best_and_counts", "box_rows"]
-
-HYPOTHESES: Sequence[Fields] = (
-    {"hypothesis": {"class_id": TEXT, "score": NUMBER}},
-    {"id": TEXT, "score": NUMBER},
-    {"id": WHOLE, "score": NUMBER},
-)
-"""The fields of a hypothesis in the versions of vision_msgs; in space with those of `POSED`."""
-
-POSED: Fields = {"pose": {"covariance": COVARIANCE}}
+__all__ = ["BoxRows", "best_and_counts", "box_rows"]
 
 _NO_COVARIANCE = np.zeros(36)
 
@@ -67,11 +57,7 @@ def box_rows(
         MessageError: the message is of another type, cannot be decoded, or holds more boxes.
     """
     array = deserialize_as(message, msgtype, limits=limits)
-    if len(array.detections) > limits.max_boxes:
-        raise MessageError(
-            f"{message.topic}: {len(array.detections)} boxes, expected at most {limits.max_boxes}: raise "
-            "limits.max_boxes"
-        )
+    check_boxes(array.detections, message.topic, limits)
     results = [(row, result) for row, detection in enumerate(array.detections) for result in detection.results]
     hypotheses = [getattr(result, "hypothesis", result) for _, result in results]
     covariances = [_covariance(result) for _, result in results]

@@ -1,4 +1,4 @@
-"""Ids of objects as whole numbers, whatever a recording calls them."""
+"""Ids of objects as whole numbers: a recording may call them by names."""
 
 from functools import lru_cache
 from hashlib import blake2b

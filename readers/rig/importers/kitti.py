@@ -73,7 +73,7 @@ def import_kitti(text: str, path: Path) -> RigFile | None:
 
 
 def kitti_calibration(text: str, path: Path) -> KittiCalibration | None:
-    """What a KITTI file says; None if the text has another form. Arguments and errors as of `import_kitti`."""
+    """The content of a KITTI file; None if the text has another form. Arguments and errors as of `import_kitti`."""
     if not _KITTI_LINE.search(text):
         return None
     values = _kitti_values(text)

@@ -32,6 +32,7 @@ from readers.results.result import open_result
 from readers.rig.rig_file import rig_yaml
 from readers.truth.moment import TruthClasses, moment_of
 from readers.truth.open import OpenTruth, open_truth
+from readers.truth.source import TruthSource
 from writers.mcap.writer import McapResultWriter
 from writers.outputs.transaction import OutputFile
 
@@ -177,7 +178,7 @@ def test_a_recording_without_truth(tmp_path: Path) -> None:
         compared(result, result)  # its own topics are results
 
 
-class Still:
+class Still(TruthSource):
     """Truth of another kind, which knows nothing of images: a car that stands ahead."""
 
     description = "a car"
@@ -187,9 +188,6 @@ class Still:
         del frame
         message = truth_message(stamp_ns, [true_object("car", (10, 0, 0), name="a")])
         return moment_of(decode_detections3d(message), TruthClasses(CONFIG.class_id_of_label)).boxes
-
-    def in_image(self, camera: str, stamp_ns: int, *, frame: int) -> None:
-        del camera, stamp_ns, frame
 
 
 def test_truth_of_another_kind_is_projected_into_images(tmp_path: Path) -> None:

@@ -1,24 +1,28 @@
 import struct
 import zlib
+from typing import Any
 
 import builders
 import cv2
 import numpy as np
 import pytest
-from helpers import shared
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from pipeline.core.arrays import Array
 from pipeline.core.errors import MessageError
 from pipeline.core.images import Image
+from pipeline.core.settings.recording import LimitsConfig
 from readers.messages.image import decode_compressed_image
+from readers.messages.image_header import image_size
 
 STAMP_NS = 1_700_000_000_123_456_789
 
 
-def decode(data: bytes, kind: str, encoding: builders.Encoding = "cdr") -> Image:
+def decode(data: bytes, kind: str = "", encoding: builders.Encoding = "cdr", **options: Any) -> Image:
     body = {"header": builders.header(STAMP_NS, "/camera"), "format": kind, "data": np.frombuffer(data, np.uint8)}
     msgtype = "sensor_msgs/msg/CompressedImage"
-    return decode_compressed_image(builders.raw("/compressed", msgtype, body, STAMP_NS, encoding=encoding))
+    return decode_compressed_image(builders.raw("/compressed", msgtype, body, STAMP_NS, encoding=encoding), **options)
 
 
 def encoded(pixels: Array, suffix: str) -> bytes:
@@ -52,35 +56,23 @@ def test_jpeg(kind: str) -> None:
     assert np.abs(found.astype(int) - smooth()).mean() < 2
 
 
-def test_grey_becomes_three_channels() -> None:
-    pixels = noise((5, 7))
-    np.testing.assert_array_equal(
-        decode(encoded(pixels, ".png"), "mono8; png compressed ").rgb, np.dstack([pixels] * 3)
-    )
+TILE = np.array([[200, 100], [100, 50]], np.uint8)
+GREY, WIDE, ALPHA = noise((5, 7)), noise((5, 7, 3), "u2"), noise((5, 7, 4))
 
 
-def test_sixteen_bits_keep_the_upper_eight() -> None:
-    grey, colour = noise((5, 7), "u2"), noise((5, 7, 3), "u2")
-    np.testing.assert_array_equal(
-        decode(encoded(grey, ".png"), "mono16; png compressed ").rgb, np.dstack([grey >> 8] * 3)
-    )
-    np.testing.assert_array_equal(decode(encoded(colour, ".png"), "png").rgb, colour >> 8)
-
-
-def test_alpha_is_left_out() -> None:
-    pixels = noise((5, 7, 4))
-    np.testing.assert_array_equal(decode(encoded(pixels, ".png"), "png").rgb, pixels[..., :3])
-
-
-def test_mosaic_that_was_compressed_as_grey() -> None:
-    mosaic = np.tile(np.array([[200, 100], [100, 50]], np.uint8), (3, 4))
-    found = decode(encoded(mosaic, ".png"), "bayer_rggb8; png compressed ").rgb
-    np.testing.assert_array_equal(found, np.broadcast_to([200, 100, 50], (6, 8, 3)))
-
-
-def test_mosaic_that_was_taken_apart_before() -> None:
-    pixels = noise((5, 7, 3))
-    np.testing.assert_array_equal(decode(encoded(pixels, ".png"), "bayer_rggb8; png compressed bgr8").rgb, pixels)
+@pytest.mark.parametrize(
+    ("pixels", "kind", "expected"),
+    [
+        (GREY, "mono8; png compressed ", np.dstack([GREY] * 3)),
+        (WIDE[..., 0], "mono16; png compressed ", np.dstack([WIDE[..., 0] >> 8] * 3)),
+        (WIDE, "png", WIDE >> 8),
+        (ALPHA, "png", ALPHA[..., :3]),
+        (np.tile(TILE, (3, 4)), "bayer_rggb8; png compressed ", np.broadcast_to([200, 100, 50], (6, 8, 3))),
+        (ALPHA[..., :3], "bayer_rggb8; png compressed bgr8", ALPHA[..., :3]),  # taken apart before
+    ],
+)
+def test_pixels_become_rgb(pixels: Array, kind: str, expected: Array) -> None:
+    np.testing.assert_array_equal(decode(encoded(np.ascontiguousarray(pixels), ".png"), kind).rgb, expected)
 
 
 def test_exif_orientation_is_ignored() -> None:
@@ -103,14 +95,13 @@ def test_cut_data(suffix: str, share: float) -> None:
         decode(whole[: int(len(whole) * share)], "jpeg")
 
 
-def test_png_with_flipped_bytes() -> None:
+def test_what_is_no_image() -> None:
     broken = bytearray(encoded(smooth(), ".png"))
     broken[len(broken) // 2] ^= 0xFF
-    with pytest.raises(MessageError, match="not a whole image"):
-        decode(bytes(broken), "png")
-
-
-def test_text() -> None:
+    small = encoded(noise((2, 2)), ".png")
+    for data, kind in ((bytes(broken), "png"), (small, "bayer_rggb8; png compressed ")):
+        with pytest.raises(MessageError, match="not a whole image"):
+            decode(data, kind)
     with pytest.raises(MessageError, match=r"8 bytes of format 'h264' .* start with 6e 6f 20 69 6d 61 67 65"):
         decode(b"no image", "h264")
 
@@ -130,13 +121,123 @@ def test_depth_is_no_image(kind: str) -> None:
         decode(encoded(noise((5, 7), "u2"), ".png"), kind)
 
 
-def test_mosaic_that_is_too_small() -> None:
+# --- the size of an image, from its header
+
+SUFFIXES = [".jpg", ".png", ".webp", ".bmp", ".tiff", ".avif"]
+
+
+def plain(width: int, height: int, suffix: str, *options: int, channels: int = 3) -> bytes:
+    pixels = np.full((height, width, channels), 100, np.uint8)
+    return bytes(np.asarray(cv2.imencode(suffix, pixels, [*options])[1]).tobytes())
+
+
+@settings(deadline=None)
+@given(width=st.integers(1, 300), height=st.integers(1, 300), suffix=st.sampled_from(SUFFIXES[:5]))
+def test_the_size_is_that_of_the_decoded_image(width: int, height: int, suffix: str) -> None:
+    data = plain(width, height, suffix)
+    assert image_size(data) == (width, height) == decode(data).rgb.shape[1::-1]
+
+
+@pytest.mark.parametrize(
+    ("suffix", "options", "channels"),
+    [
+        (".avif", (), 3),
+        (".jpg", (cv2.IMWRITE_JPEG_PROGRESSIVE, 1), 3),
+        (".jpg", (cv2.IMWRITE_JPEG_RST_INTERVAL, 1), 3),
+        (".jpg", (), 1),
+        (".webp", (cv2.IMWRITE_WEBP_QUALITY, 50), 3),
+        (".webp", (cv2.IMWRITE_WEBP_QUALITY, 50), 4),
+        (".png", (), 4),
+        (".tiff", (cv2.IMWRITE_TIFF_COMPRESSION, 1), 3),
+        (".tiff", (cv2.IMWRITE_TIFF_COMPRESSION, 8), 1),
+        (".tiff", (cv2.IMWRITE_TIFF_ROWSPERSTRIP, 7), 4),
+    ],
+)
+def test_forms_of_one_kind(suffix: str, options: tuple[int, ...], channels: int) -> None:
+    data = plain(70, 50, suffix, *options, channels=channels)
+    assert image_size(data) == (70, 50) == decode(data).rgb.shape[1::-1]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_an_image_that_is_too_large_is_not_unpacked(suffix: str) -> None:
+    data = plain(1100, 1000, suffix)
+    with pytest.raises(MessageError, match=r"/compressed: an image of 1100 x 1000 px, .* limits\.max_image_mpx"):
+        decode(data, limits=LimitsConfig(max_image_mpx=1))
+    assert decode(data).rgb.shape == (1000, 1100, 3)
+
+
+def test_a_jpeg_of_scans_without_end() -> None:
+    whole = plain(70, 50, ".jpg", cv2.IMWRITE_JPEG_PROGRESSIVE, 1)
+    last = whole.rindex(b"\xff\xda")
+    scan = whole[last:-2]
+    assert image_size(whole[:-2] + scan * 200 + b"\xff\xd9") is None
+
+
+@pytest.mark.parametrize("suffix", [".jp2", ".pbm", ".hdr", ".gif"])
+def test_other_kinds_are_not_read(suffix: str) -> None:
+    data = plain(8, 8, suffix)
+    with pytest.raises(MessageError, match="expected JPEG, PNG, WebP, AVIF, TIFF or BMP"):
+        decode(data)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_data_that_end_too_soon(suffix: str) -> None:
+    data = plain(70, 50, suffix)
+    assert {image_size(data[:end]) for end in range(len(data))} <= {None, (70, 50)}
+    assert image_size(data[:20]) is None
+
+
+def test_a_png_whose_chunk_is_longer_than_the_file() -> None:
+    """OpenCV takes four gigabytes for it."""
+    data = bytearray(plain(8, 6, ".png"))
+    struct.pack_into(">I", data, data.index(b"IDAT") - 4, 2**32 - 162)
     with pytest.raises(MessageError, match="not a whole image"):
-        decode(encoded(noise((2, 2)), ".png"), "bayer_rggb8; png compressed ")
+        decode(bytes(data))
 
 
-def test_photo_of_a_recording() -> None:
-    path = shared("data/roadside/image2.jpg")
-    expected = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-    assert expected is not None
-    np.testing.assert_array_equal(decode(path.read_bytes(), "jpeg").rgb, np.asarray(expected)[:, :, ::-1])
+def test_a_bmp_upside_down() -> None:
+    data = bytearray(plain(8, 6, ".bmp"))
+    struct.pack_into("<i", data, 22, -6)
+    assert image_size(bytes(data)) == (8, 6)
+
+
+TIFF_TAGS = {"width": 256, "length": 257, "bits": 258, "samples": 277, "strip bytes": 279}
+
+
+def tiff(**changes: int) -> bytes:
+    """A TIFF of 70 x 50 px with other values, or counts of values (`strip_bytes_count`), in its directory."""
+    data = bytearray(plain(70, 50, ".tiff"))
+    (directory,) = struct.unpack_from("<I", data, 4)
+    (fields,) = struct.unpack_from("<H", data, directory)
+    for name, value in changes.items():
+        tag = TIFF_TAGS[name.removesuffix("_count").replace("_", " ")]
+        [at] = [
+            at
+            for at in range(directory + 2, directory + 2 + 12 * fields, 12)
+            if data[at : at + 2] == tag.to_bytes(2, "little")
+        ]
+        if name.endswith("_count"):
+            struct.pack_into("<I", data, at + 4, value)
+        else:
+            struct.pack_into("<HII", data, at + 2, 4, 1, value)
+    return bytes(data)
+
+
+def test_a_tiff_says_its_size() -> None:
+    assert image_size(tiff(width=40_000, length=30_000)) == (40_000, 30_000)
+
+
+@pytest.mark.parametrize("changes", [{"samples": 60_000}, {"bits_count": 1 << 30}, {"strip_bytes_count": 1 << 31}])
+def test_a_tiff_whose_numbers_do_not_fit_the_file(changes: dict[str, int]) -> None:
+    assert image_size(tiff(**changes)) is None
+    with pytest.raises(MessageError, match="not a whole image"):
+        decode(tiff(**changes))
+
+
+def test_a_tiff_whose_fields_share_their_data() -> None:
+    """OpenCV copies the data once for each field: two gigabytes from this megabyte."""
+    needed = [(256, 3, 1, 70), (257, 3, 1, 50), (258, 3, 1, 8), (262, 3, 1, 1), (273, 4, 1, 8), (279, 4, 1, 100)]
+    fields = [*needed, *((40_000 + i, 7, 10**6, 8) for i in range(2000))]
+    head = struct.pack("<4sIH", b"II*\0", 8, len(fields)) + b"".join(struct.pack("<HHII", *field) for field in fields)
+    with pytest.raises(MessageError, match="not a whole image"):
+        decode(head.ljust(10**6 + 100, b"\0"))

@@ -27,8 +27,9 @@ def test_the_recorded_definition_decides_the_layout() -> None:
 def test_without_definitions_common_types_and_vision_msgs_are_known(distro: str) -> None:
     boxes = detection2d_array([[10, 20, 30, 60]], class_names=["car"], scores=[0.5], stamp_ns=5)
     for message in (state(), raw("/boxes", "vision_msgs/msg/Detection2DArray", boxes, 5)):
-        bare = message._replace(channel=replace(message.channel, definition="", distro=distro))
-        assert repr(deserialize(bare)) == repr(deserialize(message))
+        for definition in ("", message.channel.definition.split(RULE)[0]):
+            bare = message._replace(channel=replace(message.channel, definition=definition, distro=distro))
+            assert repr(deserialize(bare)) == repr(deserialize(message))
 
 
 def test_vision_msgs_of_early_releases_had_another_layout() -> None:
@@ -64,6 +65,25 @@ def test_unusable_definitions(definition: str, says: str) -> None:
             deserialize(RawMessage(0, 0, (0, 0), bytes(8), broken))
         assert str(caught.value).startswith("/t: ")
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "other"),
+    [
+        ("string child_frame_id\n", "", "nav_msgs/msg/Odometry"),
+        ("uint32 nanosec\n", "uint32 nanosec\nuint32 more\n", "builtin_interfaces/msg/Time"),
+        ("string frame_id\n", "string frame_id  # a name\nuint8 LARGE=1\n", ""),
+    ],
+)
+def test_a_type_of_ros_has_the_fields_of_ros(before: str, after: str, other: str) -> None:
+    text = state().channel.definition
+    assert before in text
+    changed = state()._replace(channel=replace(state().channel, definition=text.replace(before, after)))
+    if not other:
+        assert deserialize(changed).child_frame_id == "base_link"
+        return
+    with pytest.raises(MessageError, match=f"^/odom: .* of nav_msgs/msg/Odometry is not ROS's: {other} has other"):
+        deserialize(changed)
 
 
 @pytest.mark.parametrize("size", [0, 3, 4, 11, 40])

@@ -5,15 +5,13 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from builders import POINT_FIELD_DATATYPES, Fields
-from helpers import shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rosbags.typesys import Stores, get_typestore
 
 from pipeline.core.arrays import Array
 from pipeline.core.clouds import PointCloud
 from pipeline.core.errors import MessageError
-from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.messages import RawMessage
 from readers.messages.pointcloud2 import decode_pointcloud2
 
 STAMP_NS = 1_700_000_000_123_456_789
@@ -127,17 +125,9 @@ def test_first_of_two_fields_of_one_name() -> None:
 # --- points without a place
 
 
-def test_empty_cloud() -> None:
-    assert len(decode(np.zeros((0, 3), np.float32))) == 0
-
-
 def test_empty_message_without_fields() -> None:
     cloud = decode_pointcloud2(message({"header": builders.header(STAMP_NS, "lidar")}))
     assert (len(cloud), cloud.nan_dropped) == (0, 0)
-
-
-def test_one_point() -> None:
-    np.testing.assert_array_equal(decode([[1, 2, 3]]).xyz, [[1, 2, 3]])
 
 
 @pytest.mark.parametrize("hole", [np.nan, np.inf, -np.inf])
@@ -167,12 +157,6 @@ def test_float64_keeps_what_float32_can_hold() -> None:
     cloud = decode(np.array([[0.1, 5_000_000.3, 1e300], [0.1, 5_000_000.3, 1.0]]))
     np.testing.assert_array_equal(cloud.xyz, np.array([[0.1, 5_000_000.3, 1.0]], np.float32))
     assert cloud.nan_dropped == 1
-
-
-def test_arrays_belong_to_the_cloud() -> None:
-    cloud = decode()
-    assert cloud.xyz.flags.c_contiguous
-    assert not cloud.xyz.flags.writeable
 
 
 # --- other fields
@@ -226,73 +210,3 @@ def test_ring_out_of_range_is_clipped() -> None:
 def test_contradictions_are_named(changes: dict[str, Any], match: str) -> None:
     with pytest.raises(MessageError, match=match):
         decode_pointcloud2(changed(**changes))
-
-
-def test_cut_message() -> None:
-    whole = changed()
-    with pytest.raises(MessageError, match="/points"):
-        decode_pointcloud2(whole._replace(data=bytes(whole.data)[:60]))
-
-
-def test_other_type() -> None:
-    other = builders.raw("/image", "sensor_msgs/msg/Image", {}, STAMP_NS)
-    with pytest.raises(MessageError, match=r"expected sensor_msgs/msg/PointCloud2, found sensor_msgs/msg/Image"):
-        decode_pointcloud2(other)
-
-
-# --- real data
-
-
-@pytest.mark.parametrize("name", ["kitti_object/training/velodyne/000000.bin", "kitti_object_8/000008.bin"])
-def test_kitti_clouds_come_back_as_they_are(name: str) -> None:
-    points = np.fromfile(shared(f"data/{name}"), np.float32).reshape(-1, 4)
-    cloud = decode(points[:, :3], intensity=points[:, 3], point_padding=3)
-    np.testing.assert_array_equal(cloud.xyz, points[:, :3])
-    np.testing.assert_array_equal(cloud.intensity, points[:, 3])
-
-
-def test_cloud_of_a_vlp16_in_the_layout_of_nebula() -> None:
-    header, _, content = (
-        shared("data/velodyne_packets/vlp16/1673400472138016708.pcd").read_bytes().partition(b"DATA binary\n")
-    )
-    lines = dict(line.split(maxsplit=1) for line in header.decode().splitlines())
-    names, sizes, kinds = lines["FIELDS"].split(), lines["SIZE"].split(), lines["TYPE"].split()
-    formats = [f"<{kind.lower()}{size}" for kind, size in zip(kinds, sizes, strict=True)]
-    layout: Any = {"names": names, "formats": formats}
-    table = np.frombuffer(content, np.dtype(layout), int(lines["POINTS"]))
-    offsets = np.cumsum([0, *map(int, sizes)])[:-1].tolist()
-    body = {
-        "header": builders.header(STAMP_NS, "velodyne"),
-        "height": 1,
-        "width": len(table),
-        "fields": [
-            {"name": name, "offset": offset, "datatype": POINT_FIELD_DATATYPES[code[1:]], "count": 1}
-            for name, offset, code in zip(names, offsets, formats, strict=True)
-        ],
-        "point_step": table.dtype.itemsize,
-        "row_step": table.nbytes,
-        "data": np.frombuffer(table.tobytes(), np.uint8),
-    }
-    cloud = decode_pointcloud2(message(body))
-    np.testing.assert_array_equal(cloud.xyz, np.stack([table[axis] for axis in "xyz"], -1))
-    np.testing.assert_array_equal(cloud.intensity, table["intensity"])
-    np.testing.assert_array_equal(cloud.ring, table["channel"])
-    np.testing.assert_array_equal(cloud.time_offset_ns, table["time_stamp"])
-    assert cloud.has_time
-
-
-def test_64_bit_fields_by_the_definition_of_lyrical() -> None:
-    store = get_typestore(Stores.ROS2_LYRICAL)
-    text, _ = store.generate_msgdef(MSGTYPE, ros_version=2)
-    ticks = np.array([1, 2, 3], np.int64) + STAMP_NS
-    body = builders.pointcloud2(XYZ, stamp_ns=STAMP_NS, i=np.array([0, 1, 2], np.float32))
-    table = np.frombuffer(body["data"].tobytes(), np.dtype([("xyzi", "V16")]))
-    wide = np.zeros(3, np.dtype([("xyzi", "V16"), ("timestamp", "<i8")]))
-    wide["xyzi"], wide["timestamp"] = table["xyzi"], ticks
-    fields = [*body["fields"], {"name": "timestamp", "offset": 16, "datatype": 9, "count": 1}]
-    body = {**body, "fields": fields, "point_step": 24, "data": np.frombuffer(wide.tobytes(), np.uint8)}
-    data = builders.serialize(MSGTYPE, body, store=store)
-    raw = RawMessage(STAMP_NS, STAMP_NS, (0, 0), data, Channel("/points", MSGTYPE, "cdr", text))
-    cloud = decode_pointcloud2(raw)
-    np.testing.assert_array_equal(cloud.xyz, XYZ)
-    np.testing.assert_array_equal(cloud.time_offset_ns, [1, 2, 3])

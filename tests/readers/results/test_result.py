@@ -14,7 +14,7 @@ from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
-from pipeline.core.errors import CalibrationError, ConfigError, LidcamError, RecordingError
+from pipeline.core.errors import CalibrationError, ConfigError, RecordingError
 from pipeline.core.frame import FrameResult
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
@@ -81,6 +81,8 @@ def test_rig_settings_and_origin(path: Path) -> None:
 
 def test_frames_without_objects_and_with_one_log_time(tmp_path: Path) -> None:
     """A recorder with a coarse clock gives two frames one log time."""
+    with open_result(written(tmp_path / "none.mcap", [])) as result:
+        assert list(result.frames()) == []
     same = [frame(index, objects=0) for index in range(3)]
     same = [replace(one, bundle=replace(one.bundle, log_time_ns=START_NS)) for one in same]
     with open_result(written(tmp_path / "a.mcap", same)) as result:
@@ -98,11 +100,6 @@ def test_camera_that_was_not_looked_at_has_no_entry(tmp_path: Path) -> None:
         assert [[*one.cameras] for one in result.frames()] == [["left", "right"], ["right"]]
 
 
-def test_result_without_frames(tmp_path: Path) -> None:
-    with open_result(written(tmp_path / "a.mcap", [])) as result:
-        assert list(result.frames()) == []
-
-
 def test_settings_on_top(path: Path) -> None:
     with open_result(path, ["evaluate.iou=[0.5]"]) as result:
         assert result.config.evaluate.iou == (0.5,)
@@ -111,18 +108,7 @@ def test_settings_on_top(path: Path) -> None:
         open_result(path, ["evaluate.ious=[0.5]"])
 
 
-def test_what_is_of_no_class_is_left_out_without_a_word(tmp_path: Path) -> None:
-    one = frame(0)
-    ids = np.array([0, len(CONFIG.classes), 3], np.int32)
-    fused = replace(one.fused, objects=replace(one.fused.objects, class_ids=ids))
-    config = load_config(CONFIG, {"fuse.unknown": True})
-    with open_result(written(tmp_path / "a.mcap", [replace(one, fused=fused)], config=config)) as result:
-        (found,) = result.frames()
-        assert found.sources["fused"].boxes.class_ids.tolist() == [0, 3]
-        assert not any("unknown" in note for note in result.notes)
-
-
-def test_boxes_of_a_class_that_the_settings_do_not_have(path: Path) -> None:
+def test_boxes_of_a_class_that_the_settings_do_not_have(path: Path, tmp_path: Path) -> None:
     only_cars = [dump for dump in CONFIG.model_dump(mode="json")["classes"] if dump["name"] == "car"]
     with open_result(path, [f"classes={yaml.safe_dump(only_cars, default_flow_style=True)}"]) as result:
         found = list(result.frames())
@@ -132,6 +118,14 @@ def test_boxes_of_a_class_that_the_settings_do_not_have(path: Path) -> None:
             "2D boxes that are not used, class 'pedestrian' is not configured: 3",
         }
     assert [len(one.sources["fused"]) for one in found] == [1, 1, 1]
+    one = frame(0)
+    of_no_class = replace(one.fused.objects, class_ids=np.array([0, len(CONFIG.classes), 3], np.int32))
+    one = replace(one, fused=replace(one.fused, objects=of_no_class))
+    config = load_config(CONFIG, {"fuse.unknown": True})
+    with open_result(written(tmp_path / "a.mcap", [one], config=config)) as result:
+        (known,) = result.frames()
+        assert known.sources["fused"].boxes.class_ids.tolist() == [0, 3]
+        assert not any("unknown" in note for note in result.notes)
 
 
 def test_settings_of_other_versions(tmp_path: Path) -> None:
@@ -141,6 +135,7 @@ def test_settings_of_other_versions(tmp_path: Path) -> None:
     tree["fuse"]["magic"] = True
     tree["associate"]["min_giou"] = "a lot"
     tree["classes"][0]["colour"] = "red"
+    del tree["classes"][1]["size_m"]
     result = open_result(written(tmp_path / "old.mcap", [frame()], config_yaml=yaml.safe_dump(tree)))
     with result:
         assert result.config == CONFIG
@@ -149,116 +144,67 @@ def test_settings_of_other_versions(tmp_path: Path) -> None:
             assert part in result.notes[0]
 
 
-def test_settings_of_other_versions_whose_classes_lack_something(tmp_path: Path) -> None:
-    tree = CONFIG.model_dump(mode="json")
-    del tree["classes"][1]["size_m"]
-    with open_result(written(tmp_path / "a.mcap", [frame()], config_yaml=yaml.safe_dump(tree))) as result:
-        assert result.config == CONFIG  # the default classes
-        assert result.notes[0].endswith("not used: classes")
-
-
-def test_settings_that_contradict_each_other(tmp_path: Path) -> None:
-    tree = CONFIG.model_dump(mode="json")
-    tree["classes"][1]["name"] = "car"
-    path = written(tmp_path / "a.mcap", [frame()], config_yaml=yaml.safe_dump(tree))
-    with pytest.raises(
-        RecordingError, match=r"expected settings of lidcam in the attached .* \(written by version 1.2.3"
-    ):
-        open_result(path)
-
-
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("[1, 2]", "expected a mapping in the attached lidcam.yaml, found list"),
-        ("a: [", "the attached lidcam.yaml is not YAML"),
-        ("7", "expected a mapping in the attached lidcam.yaml, found int"),
-    ],
-)
-def test_settings_that_are_none(tmp_path: Path, text: str, reason: str) -> None:
-    with pytest.raises(RecordingError, match=re.escape(reason)):
-        open_result(written(tmp_path / "a.mcap", [frame()], config_yaml=text))
-
-
 # --- files that are no results
-
-
-def records_only(path: Path, metadata: list[str], attachments: dict[str, str]) -> Path:
-    with path.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start(profile="ros2", library="test")
-        for name in metadata:
-            writer.add_metadata(name, {"version": "1"})
-        for name, text in attachments.items():
-            writer.add_attachment(0, 0, name, "application/yaml", text.encode())
-        writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part
-    return path
-
-
-def test_two_results_side_by_side(tmp_path: Path) -> None:
-    path = tmp_path / "both.mcap"
-    with path.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        writer.add_metadata(MERGED, {"a": "old.mcap", "b": "new.mcap", "a.version": "1"})
-        writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part
-    with pytest.raises(RecordingError, match=r"expected a result .*; give one of them: old\.mcap and new\.mcap"):
-        open_result(path)
 
 
 SOUND = {"lidcam.yaml": "{}", "rig.yaml": rig_yaml(RIG)}
 CAMERA = {"width_px": 4, "height_px": 4, "frame_id": "c"}
+TWICE = CONFIG.model_dump(mode="json")
+TWICE["classes"][1]["name"] = "car"
 
 
-def test_recording_that_is_no_result(tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    builders.write_mcap(path, [builders.raw("/a", "std_msgs/msg/String", {"data": "a"}, 1)])
-    with pytest.raises(
-        RecordingError, match=r"a\.mcap: expected a result of lidcam, found a recording; run `lidcam pro"
+def records_only(path: Path, name: str, attachments: dict[str, str], **metadata: str) -> Path:
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2", library="test")
+        if name:
+            writer.add_metadata(name, {"version": "1.2.3", **metadata})
+        for attached, text in attachments.items():
+            writer.add_attachment(0, 0, attached, "application/yaml", text.encode())
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part
+    return path
+
+
+def in_rig(**tree: object) -> dict[str, str]:
+    return SOUND | {"rig.yaml": yaml.safe_dump({"site_frame": "site", **tree})}
+
+
+@pytest.mark.parametrize(
+    ("attachments", "reason"),
+    [
+        ({"rig.yaml": SOUND["rig.yaml"]}, "found none of lidcam.yaml: a tool that rewrote it left them out"),
+        ({"lidcam.yaml": "{}"}, "found none of rig.yaml: a tool that rewrote it left them out"),
+        (SOUND | {"lidcam.yaml": "[1, 2]"}, "expected a mapping in the attached lidcam.yaml, found list"),
+        (SOUND | {"lidcam.yaml": "a: ["}, "the attached lidcam.yaml is not YAML"),
+        (SOUND | {"lidcam.yaml": "7"}, "expected a mapping in the attached lidcam.yaml, found int"),
+        (SOUND | {"lidcam.yaml": yaml.safe_dump(TWICE)}, "found others (written by version 1.2.3)"),
+        (in_rig(lidars={"top": {"topic": "/a"}}), "expected T_site_lidar of top in the attached rig.yaml"),
+        (in_rig(cameras={"front": CAMERA}), "expected T_camera_site, K, width_px and height_px of front in the attach"),
+        (in_rig(lidars=5), "a.mcap: lidars: expected"),
+    ],
+)
+def test_attachments_that_cannot_be_used(tmp_path: Path, attachments: dict[str, str], reason: str) -> None:
+    with pytest.raises((RecordingError, CalibrationError), match=re.escape(reason)):
+        open_result(records_only(tmp_path / "a.mcap", "lidcam", attachments))
+
+
+def test_files_that_are_no_results(tmp_path: Path) -> None:
+    (tmp_path / "a\nb.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(50))
+    (tmp_path / "empty.mcap").write_bytes(b"")
+    recorded = tmp_path / "recorded.mcap"
+    builders.write_mcap(recorded, [builders.raw("/a", "std_msgs/msg/String", {"data": "a"}, 1)])
+    both = records_only(tmp_path / "both.mcap", MERGED, {}, a="old.mcap", b="new.mcap")
+    for path, reason in (
+        (tmp_path / "a\nb.bag", "found another kind of file"),
+        (tmp_path / "empty.mcap", "found another kind of file"),
+        (tmp_path / "nothing.mcap", "found no such file"),
+        (tmp_path, "found a folder"),
+        (recorded, "found a recording; run `lidcam pro"),
+        (both, r"give one of them: old\.mcap and new\.mcap"),
     ):
-        open_result(path)
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "reason"),
-    [
-        ("a.bag", b"#ROSBAG V2.0\n", "found another kind of file"),
-        ("a.mcap", b"", "found another kind of file"),
-        ("nothing.mcap", None, "found no such file"),
-        ("", None, "found a folder"),
-    ],
-)
-def test_other_files(tmp_path: Path, name: str, content: bytes | None, reason: str) -> None:
-    if content is not None:
-        (tmp_path / name).write_bytes(content)
-    with pytest.raises(RecordingError, match=f"expected a result of lidcam, .*{reason}"):
-        open_result(tmp_path / name)
-
-
-@pytest.mark.parametrize("missing", sorted(SOUND))
-def test_result_that_lost_an_attachment(tmp_path: Path, missing: str) -> None:
-    attachments = {name: text for name, text in SOUND.items() if name != missing}
-    path = records_only(tmp_path / "a.mcap", ["lidcam"], attachments)
-    with pytest.raises(RecordingError, match=f"found none of {missing}: a tool that rewrote it left them out"):
-        open_result(path)
-
-
-@pytest.mark.parametrize(
-    ("tree", "reason"),
-    [
-        ({"lidars": {"top": {"topic": "/a"}}}, "expected T_site_lidar of top in the attached rig.yaml"),
-        (
-            {"cameras": {"front": CAMERA}},
-            "expected T_camera_site, K, width_px and height_px of front .* found frame_id, ",
-        ),
-        ({"lidars": 5}, "a.mcap: lidars: expected"),
-    ],
-)
-def test_rig_that_is_not_complete(tmp_path: Path, tree: dict[str, object], reason: str) -> None:
-    attachments = SOUND | {"rig.yaml": yaml.safe_dump({"site_frame": "site", **tree})}
-    path = records_only(tmp_path / "a.mcap", ["lidcam"], attachments)
-    with pytest.raises(CalibrationError, match=reason):
-        open_result(path)
+        with pytest.raises(RecordingError, match=f"expected a result of lidcam, .*{reason}") as caught:
+            open_result(path)
+        assert "\n" not in str(caught.value)
 
 
 def test_result_rewritten_by_another_tool(path: Path, tmp_path: Path) -> None:
@@ -308,7 +254,7 @@ def test_result_whose_index_is_damaged(path: Path, tmp_path: Path) -> None:
 def test_what_is_a_result(path: Path, tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("no")
     assert is_result(path)
-    assert not is_result(records_only(tmp_path / "b.mcap", ["other"], {}))
+    assert not is_result(records_only(tmp_path / "b.mcap", "other", {}))
     assert not any(map(is_result, (tmp_path, tmp_path / "a.txt", tmp_path / "nothing")))
 
 
@@ -343,10 +289,3 @@ def test_boxes_that_cannot_be_used_are_noted(path: Path, monkeypatch: pytest.Mon
         (found,) = result.frames()
         assert (len(found.sources["fused"]), found.skew_ns) == (0, None)
         assert result.notes == ("out.mcap: 3D boxes that are not used, box without a volume or not finite: 2",)
-
-
-def test_errors_are_one_line(tmp_path: Path) -> None:
-    (tmp_path / "a\nb.mcap").write_bytes(b"x" * 50)
-    with pytest.raises(LidcamError) as caught:
-        open_result(tmp_path / "a\nb.mcap")
-    assert "\n" not in str(caught.value)

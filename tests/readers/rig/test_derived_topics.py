@@ -1,10 +1,8 @@
 """What was made of other topics is used only where these were not recorded."""
 
-from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 from combined_messages import CAMERAS, CLOUDS, combined
 from memory_recording import MemoryRecording
 from rig_messages import cloud, image_message, static
@@ -14,7 +12,6 @@ from pipeline.core.messages import RawMessage
 from pipeline.core.settings.config import Config
 from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.first_messages import FirstMessages
-from readers.rig.rig_file import load_rig
 from readers.rig.sensor_topics import Findings, find_camera_topics, find_lidar_topics
 from readers.streams.per_sensor import sensor_messages
 
@@ -78,19 +75,3 @@ def test_parts_are_named_by_their_place() -> None:
     found = discover([static(("base", "a", (1, 0, 0)), ("base", "b", (1, 0, 0))), LIST, VIEWS])
     assert [(lidar.name, lidar.T_site_lidar.src) for lidar in found.rig.lidars] == [("lidar1", "a"), ("lidar2", "b")]
     assert [fault.sensor for fault in found.faults] == ["cam1", "cam2"]  # nothing says how they were calibrated
-
-
-def test_the_calibration_of_the_original_goes_to_the_parts_in_their_order(tmp_path: Path) -> None:
-    cameras = {
-        name: {"w2c": [0, -1, 0, x, 0, 0, -1, 0, 1, 0, 0, 0, 0, 0, 0, 1], "c2p": [5, 0, 3, 0, 0, 5, 2, 0, 0, 0, 1, 0]}
-        for name, x in (("camera_11", 0.25), ("camera_44", 0.5))
-    }
-    (tmp_path / "geometry.yaml").write_text(yaml.safe_dump({"cameras": cameras}))
-    recording = sensor_messages(MemoryRecording([FUSED, VIEWS]))
-    in_base = Config.model_validate({"rig": {"site_frame": "base"}})
-    found = discover_rig(recording, in_base, load_rig(tmp_path / "geometry.yaml"))
-    assert [(c.name, c.topic, c.T_camera_site.matrix[0, 3]) for c in found.rig.cameras] == [
-        ("camera_11", "/camera_msgs_combined/camera_1", 0.25),
-        ("camera_44", "/camera_msgs_combined/camera_2", 0.5),
-    ]
-    assert sum("by order" in note for note in found.notes) == 2

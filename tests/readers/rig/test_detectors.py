@@ -1,4 +1,3 @@
-import time
 from collections.abc import Iterable
 from typing import Any
 
@@ -9,13 +8,10 @@ from memory_recording import MemoryRecording
 from message_layouts import message_of_layout
 from object_messages import Recorded, boxes_message, objects_message
 from rig_messages import cloud, static
-from scipy.spatial.transform import Rotation
 
 from pipeline.core.errors import CalibrationError, RecordingError
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.config import Config
-from readers.results.result import RESULT_TOPICS
-from readers.rig.detectors import OWN_BOXES
 from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.schema import RigFile
 
@@ -42,10 +38,6 @@ def topics(found: Discovery) -> list[str]:
 
 
 MOUNT = static(("base_link", "lidar", (1, 0, 2)), ("lidar", "tool", (0, 3, 0)))
-
-
-def test_lidcams_own_topics_are_those_of_results() -> None:
-    assert OWN_BOXES == RESULT_TOPICS
 
 
 def test_detectors_are_used_only_if_asked_for() -> None:
@@ -90,36 +82,27 @@ def test_frames_that_are_fixed_to_the_site(frame: str, place: list[float]) -> No
     assert not detector.T_fixed_frame
 
 
-def test_the_pose_of_a_lidar_in_the_rig_file_is_that_of_its_boxes() -> None:
-    rig = {"site_frame": "site", "lidars": {"lidar": {"translation_m": [4, 5, 6], "rpy_deg": [0, 0, 90]}}}
-    (detector,) = discover([cloud(), boxes()], rig).rig.detectors
-    expected = Rotation.from_euler("z", 90, degrees=True).as_matrix()
-    np.testing.assert_allclose(detector.T_site_frame["lidar"].matrix[:3, :3], expected, atol=1e-12)
+NO_HEADERS = {
+    "vision_msgs/msg/BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size",
+    "vision_msgs/msg/ObjectHypothesisWithPose": "string id\nfloat64 score\ngeometry_msgs/PoseWithCovariance pose",
+    "vision_msgs/msg/Detection3D": "ObjectHypothesisWithPose[] results\nBoundingBox3D bbox",
+    BOXES: "std_msgs/Header header\nDetection3D[] detections",
+}
+PLAIN: dict[str, Any] = {"detections": [{"bbox": {}}]}
 
 
-def test_boxes_without_a_frame_are_in_the_site_frame() -> None:
-    found = discover([MOUNT, cloud(), boxes(frame="")])
-    assert found.rig.detectors[0].frame_id == "base_link"
-    assert found.notes == ("/detector/objects: its messages name no frame, taken to be the site frame 'base_link'",)
-
-
-def test_the_frame_of_the_first_box_counts_if_the_message_has_none() -> None:
-    box = {"header": {"frame_id": "/tool"}, "bbox": {}}
-    message = raw("/detector/objects", BOXES, {"detections": [box]}, 5)
-    assert discover([MOUNT, cloud(), message]).rig.detectors[0].frame_id == "tool"
-
-
-def test_a_layout_whose_boxes_have_no_headers() -> None:
-    definitions = {
-        "vision_msgs/msg/BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size",
-        "vision_msgs/msg/ObjectHypothesisWithPose": "string id\nfloat64 score\ngeometry_msgs/PoseWithCovariance pose",
-        "vision_msgs/msg/Detection3D": "ObjectHypothesisWithPose[] results\nBoundingBox3D bbox",
-        BOXES: "std_msgs/Header header\nDetection3D[] detections",
-    }
-    message = message_of_layout(
-        BOXES, definitions, "cdr", {"detections": [{"bbox": {}}]}, topic="/detector/objects", stamp_ns=5
-    )
-    assert discover([MOUNT, cloud(), message]).rig.detectors[0].frame_id == "base_link"
+@pytest.mark.parametrize(
+    ("message", "frame"),
+    [
+        (boxes(frame=""), "base_link"),
+        (raw("/detector/objects", BOXES, {"detections": [{"header": {"frame_id": "/tool"}, "bbox": {}}]}, 5), "tool"),
+        (message_of_layout(BOXES, NO_HEADERS, "cdr", PLAIN, topic="/detector/objects", stamp_ns=5), "base_link"),
+    ],
+)
+def test_boxes_without_a_frame_have_that_of_the_first_box_else_the_site_frame(message: RawMessage, frame: str) -> None:
+    found = discover([MOUNT, cloud(), message])
+    assert found.rig.detectors[0].frame_id == frame
+    assert len(found.notes) == (frame == "base_link")
 
 
 def test_a_frame_that_nothing_joins_is_a_fault() -> None:
@@ -160,27 +143,15 @@ def test_a_forest_of_frames_is_joined_as_tf_joins_it() -> None:
         np.testing.assert_allclose(pose.matrix, expected.matrix, atol=1e-12)
 
 
-def test_long_chains_with_many_ends_take_no_long_time() -> None:
-    chain = [(f"f{k}", f"f{k + 1}", (0.0, 0.0, 1.0)) for k in range(500)]
-    ends = [("f500", f"end{k}", (float(k), 0.0, 0.0)) for k in range(500)]
-    started = time.process_time()
-    (detector,) = discover([static(*chain, *ends), cloud(frame="f0"), boxes(frame="end5")]).rig.detectors
-    np.testing.assert_allclose(detector.T_site_frame["end5"].translation, [5, 0, 500])
-    assert time.process_time() - started < 10
-
-
 # --- recordings without clouds
 
 
-def test_boxes_alone_are_enough() -> None:
+def test_the_vehicle_is_the_site_if_there_is_one() -> None:
+    for frame in ("base_link", "map", "lidar"):
+        found = discover([MOUNT, odom(0), odom(1), boxes(frame=frame)])
+        assert (found.rig.site_frame, topics(found), found.faults) == ("base_link", ["/detector/objects"], ())
     found = discover([boxes(frame="map")])
     assert (found.rig.site_frame, found.rig.lidars, topics(found)) == ("map", (), ["/detector/objects"])
-
-
-@pytest.mark.parametrize("frame", ["base_link", "map", "lidar"])
-def test_the_vehicle_is_the_site_if_there_is_one(frame: str) -> None:
-    found = discover([MOUNT, odom(0), odom(1), boxes(frame=frame)])
-    assert (found.rig.site_frame, topics(found), found.faults) == ("base_link", ["/detector/objects"], ())
 
 
 def test_a_rig_file_without_lidars_goes_with_boxes() -> None:

@@ -1,22 +1,28 @@
+"""Calibration files of the predecessor system and KITTI, each judged by other numbers than ours."""
+
 import json
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 import yaml
 from helpers import shared
 from memory_recording import MemoryRecording
-from rig_messages import cloud, image_message
+from rig_messages import cloud, image_message, static
 
-from pipeline.core.errors import CalibrationError
+from pipeline.core.errors import CalibrationError, ConfigError
+from pipeline.core.messages import RawMessage
 from pipeline.core.settings.config import Config
 from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.rig_file import load_rig
 
 # The predecessor's cameras (its published figures): all alike, no distortion.
 C2P = [[504.78216005824515, 0, 320.5, 0], [0, 504.78216005824515, 240.5, 0], [0, 0, 1, 0]]
-W2C_11 = [[1, 0, 0, 0.143], [0, 0, -1, 0.393], [0, 1, 0, -0.371], [0, 0, 0, 1]]  # at (-0.143, 0.371, 0.393), looks +y
+# In the body frame (x forward), and in the optical frame: at (-0.143, 0.371, 0.393), looking along +y.
+W2C_BODY = [[0, 1, 0, -0.371], [-1, 0, 0, -0.143], [0, 0, 1, -0.393], [0, 0, 0, 1]]
+W2C_11 = [[1, 0, 0, 0.143], [0, 0, -1, 0.393], [0, 1, 0, -0.371], [0, 0, 0, 1]]
 W2C_12 = [[1, 0, 0, 0.1], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 1]]  # two zero rows, as published
 IN_SITE = Config.model_validate({"rig": {"site_frame": "site"}})
 POINTS = np.array([[-0.1, 1.4, 0.1], [0.3, 2.0, 0.0], [-0.6, 1.7, 0.2]])
@@ -25,6 +31,10 @@ POINTS = np.array([[-0.1, 1.4, 0.1], [0.3, 2.0, 0.0], [-0.6, 1.7, 0.2]])
 def pixels_of(found: Discovery, name: str, points: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     camera = next(camera for camera in found.rig.cameras if camera.name == name)
     return camera.model.project(camera.T_camera_site.apply(points))[0] - 0.5
+
+
+def found_in(path: Path, messages: list[RawMessage], site: str = "") -> Discovery:
+    return discover_rig(MemoryRecording(messages), Config.model_validate({"rig": {"site_frame": site}}), load_rig(path))
 
 
 def flat(matrix: Any) -> list[float]:
@@ -58,37 +68,92 @@ def test_geometry_yaml(tmp_path: Path, nested: bool, axes: np.ndarray[Any, Any])
     )
 
 
-def test_geometry_yaml_with_a_singular_projection(tmp_path: Path) -> None:
-    cameras = {"camera_11": {"w2c": W2C_11, "c2p": np.zeros((3, 4)).tolist()}}
+def calib_row(number: float, w2c: Any = W2C_BODY, c2p: Any = C2P) -> list[float]:
+    return [number, *np.ravel(w2c).tolist(), *np.ravel(c2p).tolist()]
+
+
+def test_calib_txt_and_geometry_yaml_say_the_same(tmp_path: Path) -> None:
+    np.savetxt(tmp_path / "anything.txt", [calib_row(11), calib_row(41)])
+    camera = {"width": 640, "height": 480, "xyzrpy": [0] * 6, "w2c": W2C_11, "c2p": C2P, "R": [36, 0, 0, 36]}
+    (tmp_path / "geometry.yaml").write_text(yaml.safe_dump({"poles": {}, "cameras": {"camera_11": camera}}))
+    messages = [
+        cloud(frame="world"),
+        image_message("/image_raw_11", size=(640, 480)),
+        image_message("/image_raw_41", size=(640, 480)),
+    ]
+    of_text = found_in(tmp_path / "anything.txt", messages, "world")
+    of_yaml = found_in(tmp_path / "geometry.yaml", messages, "world")
+    assert [(camera.name, camera.topic) for camera in of_text.rig.cameras] == [
+        ("cam11", "/image_raw_11"),
+        ("cam41", "/image_raw_41"),
+    ]
+    R, t = np.array(W2C_11)[:3, :3], np.array(W2C_11)[:3, 3]
+    judge = cv2.projectPoints(POINTS, cv2.Rodrigues(R)[0], t, np.array(C2P)[:, :3], None)[0][:, 0]
+    np.testing.assert_allclose(pixels_of(of_text, "cam11", POINTS), judge, atol=1e-9)
+    np.testing.assert_allclose(pixels_of(of_yaml, "camera_11", POINTS), judge, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["geometry.yaml", "calib.txt"])
+def test_the_world_of_the_predecessor_has_no_name(tmp_path: Path, name: str) -> None:
+    np.savetxt(tmp_path / "calib.txt", [calib_row(11)])
+    cameras = {"cameras": {11: {"w2c": W2C_11, "c2p": C2P}}}
     (tmp_path / "geometry.yaml").write_text(yaml.safe_dump(cameras))
-    found = discover_rig(
-        MemoryRecording([cloud("/velodyne_points", "site"), image_message("/image_raw_11", size=(640, 480))]),
-        IN_SITE,
-        load_rig(tmp_path / "geometry.yaml"),
+    images = image_message("/image_raw_11", size=(640, 480))
+    lidars = [cloud(f"/velodyne{n}_points", f"velodyne{n}") for n in (1, 2, 3)]
+    with pytest.raises(CalibrationError) as caught:
+        found_in(tmp_path / name, [*lidars, images])
+    assert str(caught.value) == (
+        "the rig file gives the pose of cam11 in a frame that it does not name, so where the lidars (velodyne1, "
+        "velodyne2, velodyne3) are in it is unknown: give a second --rig with `site_frame: NAME` and "
+        "`lidars: {velodyne1: {translation_m: [x, y, z], rpy_deg: [r, p, y]}, ...}`"
     )
-    assert "singular" in found.faults[0].reason
+    joined = [*lidars, images, static(*(("site", f"velodyne{n}", (n, 0, 0)) for n in (1, 2, 3)))]
+    with pytest.raises(CalibrationError, match=r"; or, if that frame is 'site' .* --set rig\.site_frame=site$"):
+        found_in(tmp_path / name, joined)
+    assert len(found_in(tmp_path / name, joined, "site").rig.lidars) == 3
+
+
+ROW = " ".join(["1"] * 29)
+P2, R0, TR = (
+    "P2: 1 0 0 0 0 1 0 0 0 0 1 0\n",
+    "R0_rect: 1 0 0 0 1 0 0 0 1\n",
+    "Tr_velo_to_cam: 1 0 0 0 0 1 0 0 0 0 1 0\n",
+)
 
 
 @pytest.mark.parametrize(
-    ("camera", "reason"),
+    ("content", "reason"),
     [
-        ({"w2c": [1, 2, 3], "c2p": C2P}, r"camera_11\.w2c: expected 4 x 4 numbers, found 3"),
-        ({"w2c": W2C_11}, r"camera_11\.c2p: expected 3 x 4 numbers"),
-        ({"w2c": "words", "c2p": C2P}, r"camera_11\.w2c"),
+        ({"cameras": {"c": {"w2c": [1, 2, 3], "c2p": C2P}}}, r"c\.w2c: expected 4 x 4 numbers, found 3"),
+        ({"cameras": {"c": {"w2c": W2C_11}}}, r"c\.c2p: expected 3 x 4 numbers"),
+        ({"cameras": {"c": {"w2c": "words", "c2p": C2P}}}, r"c\.w2c"),
+        ({"cameras": {"left camera": {"w2c": W2C_11, "c2p": C2P}}}, r"cameras\.left camera"),
+        (f"{ROW}\n{ROW}", "each camera once, found cam1, cam1"),
+        (f"1.5{ROW[1:]}", "the number of a camera first in each row"),
+        (" ".join(["word"] * 29), "calib"),
+        (f"P2: 1 2 3\n{R0}{TR}", "P2: expected 3 x 4 numbers, found 3"),
+        (P2 + R0, "Tr_velo_to_cam or Tr_velo_cam or Tr, found P2, R0_rect"),
+        (R0 + TR, "projections"),
     ],
 )
-def test_mistakes_in_a_geometry_yaml(tmp_path: Path, camera: dict[str, Any], reason: str) -> None:
-    (tmp_path / "geometry.yaml").write_text(yaml.safe_dump({"cameras": {"camera_11": camera}}))
-    with pytest.raises(CalibrationError, match=reason):
-        load_rig(tmp_path / "geometry.yaml")
+def test_mistakes_are_told_in_one_line(tmp_path: Path, content: Any, reason: str) -> None:
+    (tmp_path / "calib").write_text(content if isinstance(content, str) else yaml.safe_dump(content))
+    with pytest.raises((CalibrationError, ConfigError), match=reason):
+        load_rig(tmp_path / "calib")
 
 
-def test_cameras_of_a_geometry_yaml_that_are_numbers(tmp_path: Path) -> None:
-    (tmp_path / "geometry.yaml").write_text(yaml.safe_dump({"cameras": {11: {"w2c": W2C_11, "c2p": C2P}}}))
-    assert list(load_rig(tmp_path / "geometry.yaml").cameras or ()) == ["cam11"]
-    (tmp_path / "geometry.yaml").write_text(yaml.safe_dump({"cameras": {"left camera": {"w2c": W2C_11, "c2p": C2P}}}))
-    with pytest.raises(CalibrationError, match=r"geometry\.yaml: cameras\.left camera"):
-        load_rig(tmp_path / "geometry.yaml")
+@pytest.mark.parametrize(
+    "content",
+    [
+        yaml.safe_dump({11: {"w2c": W2C_11, "c2p": np.zeros((3, 4)).tolist()}}),
+        f"P2: 0 0 0 0 0 0 0 0 0 0 0 0\n{R0}{TR}",
+    ],
+)
+def test_a_singular_projection_is_a_fault(tmp_path: Path, content: str) -> None:
+    (tmp_path / "calib").write_text(content)
+    messages = [cloud("/points", "site"), image_message("/image_raw_11", size=(640, 480))]
+    found = found_in(tmp_path / "calib", messages, "" if "P2" in content else "site")
+    assert "singular" in found.faults[0].reason
 
 
 def kitti_object_8(tmp_path: Path) -> tuple[Path, dict[str, Any]]:
@@ -162,34 +227,3 @@ def test_kitti_raw_needs_both_files_and_takes_either(tmp_path: Path) -> None:
     assert expected.cameras is not None
     np.testing.assert_allclose(both.cameras["cam2"].T_camera_site, expected.cameras["cam2"].T_camera_site)  # type: ignore[arg-type]  # given
     assert (both.cameras["cam2"].width_px, both.cameras["cam2"].height_px) == (1242, 375)
-
-
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        (
-            "P2: 1 2 3\nR0_rect: 1 0 0 0 1 0 0 0 1\nTr_velo_to_cam: 1 0 0 0 0 1 0 0 0 0 1 0\n",
-            "P2: expected 3 x 4 numbers, found 3",
-        ),
-        (
-            "P2: 1 0 0 0 0 1 0 0 0 0 1 0\nR0_rect: 1 0 0 0 1 0 0 0 1\n",
-            "Tr_velo_to_cam or Tr_velo_cam or Tr, found P2, R0_rect",
-        ),
-        ("R0_rect: 1 0 0 0 1 0 0 0 1\nTr_velo_to_cam: 1 0 0 0 0 1 0 0 0 0 1 0\n", "projections"),
-    ],
-)
-def test_mistakes_in_a_kitti_file(tmp_path: Path, text: str, reason: str) -> None:
-    (tmp_path / "calib.txt").write_text(text)
-    with pytest.raises(CalibrationError, match=reason):
-        load_rig(tmp_path / "calib.txt")
-
-
-def test_a_singular_projection_of_kitti_is_a_fault(tmp_path: Path) -> None:
-    text = "P2: 0 0 0 0 0 0 0 0 0 0 0 0\nR0_rect: 1 0 0 0 1 0 0 0 1\nTr: 1 0 0 0 0 1 0 0 0 0 1 0\n"
-    (tmp_path / "calib.txt").write_text(text)
-    found = discover_rig(
-        MemoryRecording([cloud("/velodyne_points", "velodyne"), image_message("/c/image", size=(640, 480))]),
-        Config(),
-        load_rig(tmp_path / "calib.txt"),
-    )
-    assert "singular" in found.faults[0].reason

@@ -10,7 +10,7 @@ from rig_messages import cloud, image_message, reasons
 from scipy.spatial.transform import Rotation
 from wrong_values import mistakes, words_of_the_library
 
-from pipeline.core.errors import CalibrationError, ConfigError, LidcamError
+from pipeline.core.errors import CalibrationError, ConfigError
 from pipeline.core.messages import RawMessage
 from pipeline.core.rig import Rig, TruthVehicle
 from pipeline.core.settings.config import Config
@@ -36,30 +36,13 @@ def apply(tree: dict[str, Any], recording: MemoryRecording | None = None) -> Dis
 
 
 def assert_same(one: Rig, other: Rig) -> None:
-    assert (one.site_frame, one.ground_height_m) == (other.site_frame, other.ground_height_m)
-    assert [(s.name, s.topic, s.T_site_lidar.src) for s in one.lidars] == [
-        (s.name, s.topic, s.T_site_lidar.src) for s in other.lidars
-    ]
-    for a, b in zip(one.lidars, other.lidars, strict=True):
-        np.testing.assert_array_equal(a.T_site_lidar.matrix, b.T_site_lidar.matrix)
-    for c, d in zip(one.cameras, other.cameras, strict=True):
-        assert (c.name, c.topic, c.boxes_topic, c.T_camera_site.dst) == (
-            d.name,
-            d.topic,
-            d.boxes_topic,
-            d.T_camera_site.dst,
-        )
-        assert (c.model.width_px, c.model.height_px, c.model.model) == (
-            d.model.width_px,
-            d.model.height_px,
-            d.model.model,
-        )
-        np.testing.assert_array_equal(c.model.K, d.model.K)
-        np.testing.assert_array_equal(c.model.distortion, d.model.distortion)
-        np.testing.assert_array_equal(c.T_camera_site.matrix, d.T_camera_site.matrix)
-    for z, w in zip(one.zones, other.zones, strict=True):
-        assert (z.name, z.use) == (w.name, w.use)
-        np.testing.assert_array_equal(z.polygon_site, w.polygon_site)
+    assert rig_yaml(one) == rig_yaml(other)
+    for lidar, same in zip(one.lidars, other.lidars, strict=True):
+        np.testing.assert_array_equal(lidar.T_site_lidar.matrix, same.T_site_lidar.matrix)
+    for a, b in zip(one.cameras, other.cameras, strict=True):
+        np.testing.assert_array_equal(a.model.K, b.model.K)
+        np.testing.assert_array_equal(a.model.distortion, b.model.distortion)
+        np.testing.assert_array_equal(a.T_camera_site.matrix, b.T_camera_site.matrix)
 
 
 def test_a_written_rig_reads_back_to_the_same_numbers(tmp_path: Path) -> None:
@@ -90,48 +73,15 @@ def test_a_written_rig_reads_back_to_the_same_numbers(tmp_path: Path) -> None:
     assert again.notes == ()
     assert_same(found.rig, again.rig)
     assert {source.extrinsics for source in again.sources} == {"rig file"}
-    (tmp_path / "again.yaml").write_text(rig_yaml(again.rig))
-    assert (tmp_path / "again.yaml").read_bytes() == (tmp_path / "rig.yaml").read_bytes()
-
-
-@pytest.mark.parametrize(
-    ("zone", "use"),
-    [
-        (SQUARE, "count"),
-        ({"corners": SQUARE}, "count"),
-        ({"corners": SQUARE, "use": "count"}, "count"),
-        ({"corners": SQUARE, "use": "detect"}, "detect"),
-        ({"corners": SQUARE, "use": "ignore"}, "ignore"),
-    ],
-)
-def test_zones_and_what_they_are_for(tmp_path: Path, zone: Any, use: str) -> None:
-    found = apply({"site_frame": "a", "lidars": {"a": {"T_site_lidar": EYE}}, "zones": {"lane": zone}})
-    (read,) = found.rig.zones
-    assert (read.name, read.use, read.polygon_site.tolist()) == ("lane", use, SQUARE)
-    assert len(found.rig.counted_zones) == (use != "ignore")
-    (tmp_path / "rig.yaml").write_text(rig_yaml(found.rig))
-    assert_same(found.rig, apply(yaml.safe_load((tmp_path / "rig.yaml").read_text())).rig)
-    written = yaml.safe_load((tmp_path / "rig.yaml").read_text())["zones"]["lane"]
-    assert written == (SQUARE if use == "count" else {"corners": SQUARE, "use": use})
-
-
-def test_vehicles_of_the_truth_are_read_and_written(tmp_path: Path) -> None:
-    truth = {"car1": {"topic": "/odom", "size_m": [4, 2, 1.5], "offset_m": [1, 0, 0.7], "class": "van"}}
-    found = apply({"site_frame": "a", "lidars": {"a": {"T_site_lidar": EYE}}, "truth": truth})
-    assert found.rig.truth == {"car1": TruthVehicle("/odom", "van", (4, 2, 1.5), (1, 0, 0.7))}
-    (tmp_path / "rig.yaml").write_text(rig_yaml(found.rig))
-    assert load_rig(tmp_path / "rig.yaml").vehicles == found.rig.truth
 
 
 @pytest.mark.parametrize(
     "entry",
     [
         {"topic": "/odom"},
-        {"topic": "/odom", "size_m": [1, 2]},
         {"topic": "/odom", "size_m": [1, 2, 0]},
         {"topic": "", "size_m": [1, 2, 3]},
         {"topic": "/odom", "size_m": [1, 2, 3], "offset_m": [0, 0, float("inf")]},
-        {"topic": "/odom", "size_m": [1, 2, 3], "colour": "red"},
     ],
 )
 def test_vehicles_of_the_truth_that_are_none(entry: dict[str, Any]) -> None:
@@ -139,23 +89,26 @@ def test_vehicles_of_the_truth_that_are_none(entry: dict[str, Any]) -> None:
         parse_rig({"truth": {"car1": entry}}, Path("rig.yaml"))
 
 
-def test_time_offsets_are_read_and_written_where_they_are_set(tmp_path: Path) -> None:
+def test_zones_vehicles_and_time_offsets_are_read_and_written(tmp_path: Path) -> None:
     camera = {"topic": "/cam11/image", "K": K, "T_camera_site": EYE, "time_offset_ms": -35.5}
     lidars = {"a": {"topic": "/a_points", "T_site_lidar": EYE, "time_offset_ms": 12}, "b": {"T_site_lidar": EYE}}
-    found = apply({"site_frame": "s", "lidars": lidars, "cameras": {"cam": camera}})
-    assert [lidar.time_offset_ns for lidar in found.rig.lidars] == [12_000_000, 0]
-    assert [camera.time_offset_ns for camera in found.rig.cameras] == [-35_500_000]
-    assert [source.time_offset_ms for source in found.sources] == [12, 0, -35.5]
-    (tmp_path / "rig.yaml").write_text(rig_yaml(found.rig))
-    assert (tmp_path / "rig.yaml").read_text().count("time_offset_ms") == 2
-    again = discover_rig(recorded(), Config(), load_rig(tmp_path / "rig.yaml"))
-    assert again.rig.cameras[0].time_offset_ns == -35_500_000
-
-
-@pytest.mark.parametrize("value", ["soon", float("nan"), float("inf")])
-def test_a_time_offset_has_to_be_a_number(value: object) -> None:
-    with pytest.raises(CalibrationError, match=r"rig.yaml: lidars\.a\.time_offset_ms"):
-        apply({"site_frame": "s", "lidars": {"a": {"T_site_lidar": EYE, "time_offset_ms": value}}})
+    uses = {"detect": "detect", "ignore": "ignore", "count": "count"}
+    zones = {"plain": SQUARE, "bare": {"corners": SQUARE}} | {n: {"corners": SQUARE, "use": u} for n, u in uses.items()}
+    truth = {"car1": {"topic": "/odom", "size_m": [4, 2, 1.5], "offset_m": [1, 0, 0.7], "class": "van"}}
+    tree = {"site_frame": "s", "lidars": lidars, "cameras": {"cam": camera}, "zones": zones, "truth": truth}
+    (tmp_path / "rig.yaml").write_text(rig_yaml(apply(tree).rig))
+    for found in (apply(tree), discover_rig(recorded(), Config(), load_rig(tmp_path / "rig.yaml"))):
+        assert_same(found.rig, apply(tree).rig)
+        assert {zone.name: zone.use for zone in found.rig.zones} == {"plain": "count", "bare": "count"} | uses
+        assert all(zone.polygon_site.tolist() == SQUARE for zone in found.rig.zones)
+        assert [zone.name for zone in found.rig.counted_zones] == ["plain", "bare", "detect", "count"]
+        assert found.rig.truth == {"car1": TruthVehicle("/odom", "van", (4, 2, 1.5), (1, 0, 0.7))}
+        assert [source.time_offset_ms for source in found.sources] == [12, 0, -35.5]
+        assert [lidar.time_offset_ns for lidar in found.rig.lidars] == [12_000_000, 0]
+        assert [camera.time_offset_ns for camera in found.rig.cameras] == [-35_500_000]
+    written = yaml.safe_load((tmp_path / "rig.yaml").read_text())
+    assert written["zones"]["bare"] == SQUARE
+    assert "time_offset_ms" not in written["lidars"]["b"]
 
 
 @pytest.mark.parametrize(
@@ -165,17 +118,13 @@ def test_a_time_offset_has_to_be_a_number(value: object) -> None:
         {"T_site_lidar": [0, -1, 0, 1, 1, 0, 0, 2, 0, 0, 1, 3, 0, 0, 0, 1]},
         {"translation_m": [1, 2, 3], "rotation_xyzw": [0, 0, np.sqrt(0.5), np.sqrt(0.5)]},
         {"translation_m": [1, 2, 3], "rpy_deg": [0, 0, 90]},
+        {"translation_m": [1, 2, 3], "rpy_deg": [90, 0, 90]},  # about fixed axes, x first
     ],
 )
 def test_lidar_poses_in_every_form(pose: dict[str, Any]) -> None:
     rig = apply({"site_frame": "s", "lidars": {"x": {"topic": "/a_points", **pose}}, "cameras": {}}).rig
     np.testing.assert_allclose(rig.lidars[0].T_site_lidar.apply(np.array([1.0, 0, 0])), [1, 3, 3], atol=1e-12)
     assert rig.lidars[0].T_site_lidar.src == "a"
-
-
-def test_roll_pitch_yaw_turn_about_fixed_axes() -> None:
-    rig = apply({"site_frame": "s", "lidars": {"x": {"topic": "/a_points", "rpy_deg": [90, 0, 90]}}, "cameras": {}}).rig
-    np.testing.assert_allclose(rig.lidars[0].T_site_lidar.apply(np.array([0, 1.0, 0])), [0, 0, 1], atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -264,6 +213,8 @@ def test_unsound_lidars_are_faults_until_none_is_left() -> None:
     assert "not orthonormal" in reasons(found)["bad"]
     with pytest.raises(CalibrationError, match="no lidar is usable"):
         apply({"site_frame": "s", "lidars": {"bad": bad}, "cameras": {}})
+    found = apply({"site_frame": "s", "lidars": {"x": good, "y": good}, "cameras": {}})
+    assert reasons(found) == {"y": "another sensor of the rig file has this topic"}
     with pytest.raises(CalibrationError, match="against itself"):
         apply({"site_frame": "a", "lidars": {"x": {"topic": "/a_points", "translation_m": [1, 0, 0]}}, "cameras": {}})
 
@@ -289,12 +240,6 @@ def test_poses_that_refer_to_each_other_are_faults() -> None:
     )
     assert "its pose refers to other: no transform joins" in reasons(found)["cam11"]
     assert "its pose refers to cam11" in reasons(found)["other"]
-
-
-def test_two_sensors_of_a_rig_file_do_not_share_a_topic() -> None:
-    lidar = {"topic": "/a_points", "T_site_lidar": EYE}
-    found = apply({"site_frame": "s", "lidars": {"x": lidar, "y": lidar}, "cameras": {}})
-    assert reasons(found) == {"y": "another sensor of the rig file has this topic"}
 
 
 def test_rounded_rotations_become_true_ones() -> None:
@@ -340,7 +285,8 @@ def test_sensors_without_topics_go_by_name_then_by_order() -> None:
         ({"lidar": {}}, "unknown key 'lidar': did you mean 'lidars'"),
         ({"cameras": {"c": {"focal": 3}}}, r"unknown key 'cameras\.c\.focal'; known here:.*boxes_topic"),
         ({"site_frame": "s", "lidars": {"a": {"T_site_lidar": [[1, 2], [3, 4]]}}}, "expected 4 x 4 numbers, found 4"),
-        ({"site_frame": "s", "lidars": {"a": {"T_site_lidar": 3}}}, "expected 4 x 4 numbers"),
+        ({"lidars": {"a": {"T_site_lidar": EYE, "time_offset_ms": "soon"}}}, r"lidars\.a\.time_offset_ms"),
+        ({"lidars": {"a": {"T_site_lidar": EYE, "time_offset_ms": float("inf")}}}, r"lidars\.a\.time_offset_ms"),
         ({"lidars": {"a": {"T_site_lidar": [[1, 0, 0, 0], [0, "1 1", 0, 0], *EYE[2:]]}}}, "a number, found '1 1'"),
         ({"site_frame": "s", "lidars": {"a": {"T_site_lidar": EYE, "rpy_deg": [0, 0, 0]}}}, "given twice"),
         ({"site_frame": "s", "lidars": {"a": {"rpy_deg": [0, 0, 0], "rotation_xyzw": [0, 0, 0, 1]}}}, "given twice"),
@@ -349,14 +295,11 @@ def test_sensors_without_topics_go_by_name_then_by_order() -> None:
         ({"lidars": {"x": {}}, "cameras": {"x": {}}}, "x names a lidar and a camera"),
         ({"lidars": {"a b": {}}}, "a name of letters, digits and _, found 'a b'"),
         ({"zones": {"z": [[0, 0], [1, 1]]}}, "at least 3"),
-        ({"zones": {"z": {"corners": [[0, 0], [1, 1]]}}}, "at least 3"),
         ({"zones": {"z": {"corners": SQUARE, "use": "avoid"}}}, r"zones\.z\.use.*ignore.*found 'avoid'"),
         ({"zones": {"z": {"corners": SQUARE, "colour": "red"}}}, r"unknown key 'zones\.z\.colour'"),
         ({"zones": {"z": {"use": "ignore"}}}, r"zones\.z\.corners"),
         ({"zones": {"z": {"corners": [[0, 0], [1, float("inf")], [1, 1]]}}}, r"zones\.z\.corners"),
-        ({"zones": {"z": [[0, 0], [1, 2, 3], [1, 1]]}}, r"zones\.z"),
         ({"zones": {"z": 3}}, r"zones\.z"),
-        ({"zones": {"z": None}}, r"zones\.z"),
     ],
 )
 def test_mistakes_in_a_rig_file_are_told_in_one_line(tmp_path: Path, tree: dict[str, Any], reason: str) -> None:
@@ -367,29 +310,10 @@ def test_mistakes_in_a_rig_file_are_told_in_one_line(tmp_path: Path, tree: dict[
     assert "rig.yaml" in str(caught.value)
 
 
-@pytest.mark.parametrize("content", [b"[1, 2]", b"a: [", b"\xff\xfe\x00", None])
-def test_files_that_are_no_rig(tmp_path: Path, content: bytes | None) -> None:
-    if content is not None:
-        (tmp_path / "rig.yaml").write_bytes(content)
-    with pytest.raises((CalibrationError, ConfigError), match=r"rig\.yaml") as caught:
-        load_rig(tmp_path / "rig.yaml")
-    assert isinstance(caught.value, LidcamError)
-
-
-def test_an_empty_rig_file_leaves_all_to_the_recording(tmp_path: Path) -> None:
-    (tmp_path / "rig.yaml").write_text("# nothing yet\n")
-    assert load_rig(tmp_path / "rig.yaml") == RigFile()
-
-
 def test_mistakes_are_not_told_in_a_library_s_words(tmp_path: Path) -> None:
     told = mistakes(RigFile, lambda tree: parse_rig(tree, tmp_path))
     assert len(told) > 200
     assert not words_of_the_library(told)
-
-
-def test_a_rig_file_that_does_not_exist(tmp_path: Path) -> None:
-    with pytest.raises(CalibrationError, match=r"rig\.yaml: expected a rig file, found no such file$"):
-        load_rig(tmp_path / "rig.yaml")
 
 
 @pytest.mark.parametrize("key", ["1", "null", "2001-01-01"])
@@ -397,4 +321,16 @@ def test_a_key_that_is_no_name_beside_one_to_do(tmp_path: Path, key: str) -> Non
     path = tmp_path / "rig.yaml"
     path.write_text(f"cameras: {{cam: {{topic: /cam, K: TODO, {key}: TODO}}}}\n")
     with pytest.raises(CalibrationError, match=r"rig\.yaml: .*cameras"):
+        load_rig(path)
+
+
+@pytest.mark.parametrize("content", [b"[1, 2]", b"a: [", b"\xff\xfe\x00", b"# nothing yet\n", None])
+def test_files_that_are_no_rig(tmp_path: Path, content: bytes | None) -> None:
+    path = tmp_path / "rig.yaml"
+    if content is not None:
+        path.write_bytes(content)
+    if content and content.startswith(b"#"):
+        assert load_rig(path) == RigFile()
+        return
+    with pytest.raises((CalibrationError, ConfigError), match=r"rig\.yaml"):
         load_rig(path)

@@ -7,7 +7,7 @@ from evaluation_frames import truth_boxes
 
 from pipeline.core.rig import CameraSensor
 from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
-from readers.truth.images import projected_truth
+from readers.truth.moment import projected_truth
 
 CAMERA: CameraSensor = forward_camera("left")
 
@@ -41,6 +41,7 @@ def test_boxes_surround_the_projection() -> None:
     corners = np.array([[9.0, y, z] for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     pixels, _ = CAMERA.model.project(CAMERA.T_camera_site.apply(corners))
     np.testing.assert_allclose(shown.xyxy[0], [*pixels.min(0), *pixels.max(0)], atol=1e-3)
+    assert projected_truth(boxes().select(np.zeros(4, np.bool_)), CAMERA, None).xyxy.shape == (0, 4)
 
 
 @pytest.mark.parametrize(
@@ -60,9 +61,3 @@ def test_hidden_objects_are_left_out(
     shown = projected_truth(boxes(*overall), CAMERA, counts)
     assert shown.track_ids.tolist() == ids
     assert shown.image_pixels.tolist() == pixels
-
-
-def test_no_objects() -> None:
-    shown = projected_truth(boxes().select(np.zeros(4, np.bool_)), CAMERA, None)
-    assert len(shown) == 0
-    assert shown.xyxy.shape == (0, 4)

@@ -8,7 +8,7 @@ from pipeline.core.errors import RecordingError
 from pipeline.core.settings.config import Config
 from readers.truth.boxes import read_label_text
 from readers.truth.kitti import KittiTruth
-from readers.truth.labels import open_labels
+from readers.truth.open import open_labels
 from readers.truth.openlabel import OpenLabelTruth
 from readers.truth.predecessor import PredecessorTruth
 from readers.truth.source import TruthSource
@@ -41,14 +41,10 @@ def test_the_content_says_what_it_is(tmp_path: Path, files: dict[str, str], give
     assert isinstance(opened(tmp_path / given), kind)
 
 
-@pytest.mark.parametrize("name", ["sandbox.bag", "crossing.mcap"])
-def test_recordings_are_for_others_to_open(name: str) -> None:
-    assert opened(BAGS / name) is None
-
-
-def test_folders_of_recordings_are_for_others_to_open(tmp_path: Path) -> None:
+def test_recordings_are_for_others_to_open(tmp_path: Path) -> None:
     (tmp_path / "drive.db3").write_text("")
-    assert opened(tmp_path) is None
+    for path in (BAGS / "sandbox.bag", BAGS / "crossing.mcap", tmp_path):
+        assert opened(path) is None
 
 
 @pytest.mark.parametrize(
@@ -81,7 +77,16 @@ def test_a_file_that_cannot_be_opened(tmp_path: Path, monkeypatch: pytest.Monkey
             read(tmp_path / "a.txt")
 
 
-def test_labels_that_are_too_large(tmp_path: Path) -> None:
-    (tmp_path / "a.txt").write_text("x" * ((1 << 20) + 1))
-    with pytest.raises(RecordingError, match=r"a\.txt: expected labels of at most 1 MiB, found a larger file"):
-        read_label_text(tmp_path / "a.txt", 1 << 20)
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        (None, "no such file"),
+        (b"\xff\xfe", "expected labels as UTF-8 text, found other bytes at 0"),
+        (b"x" * 11, "expected labels of at most 0 MiB, found a larger file"),
+    ],
+)
+def test_labels_that_cannot_be_read(tmp_path: Path, content: bytes | None, problem: str) -> None:
+    if content is not None:
+        (tmp_path / "a.txt").write_bytes(content)
+    with pytest.raises(RecordingError, match=rf"a\.txt: {problem}"):
+        read_label_text(tmp_path / "a.txt", 10)

@@ -39,26 +39,9 @@ def test_objects_of_ros2() -> None:
     np.testing.assert_allclose(boxes.yaws, [1, 0, 0])
 
 
-def test_objects_of_ros1() -> None:
-    moment = found(
-        true_object("van", (1, 2, 0.5), name="0", counts={"lidar_points": 3, "image_pixels": 0}),
-        true_object("cyclist", (3, 4, 0.5), name="1"),
-        encoding="ros1",
-    )
-    assert moment.boxes.labels.tolist() == ["van", "cyclist"]
-    assert [NAMES[row] for row in moment.boxes.class_ids] == ["truck", "bicycle"]
-    assert moment.boxes.track_ids.tolist() == [0, 1]
-    assert moment.boxes.lidar_points.tolist() == [3, UNKNOWN]
-    assert moment.boxes.image_pixels.tolist() == [0, UNKNOWN]
-
-
 def test_numbers_that_the_settings_do_not_list_are_known_by_their_names() -> None:
     classes = TruthClasses({"Truck": 0, "van": 0, "2": 1})
     assert classes.ids(np.array(["4", "5", "2", "3", "van"])).tolist() == [0, 0, 1, UNKNOWN, 0]
-
-
-def test_no_objects() -> None:
-    assert len(found().boxes) == 0
 
 
 @pytest.mark.parametrize(

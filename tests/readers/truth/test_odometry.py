@@ -54,13 +54,6 @@ def test_the_box_is_where_the_pose_and_its_offset_put_it() -> None:
     assert not found.is_ignored.any()
 
 
-def test_between_messages_poses_are_interpolated() -> None:
-    found = truth([pose(CAR.topic, k) for k in range(4)]).at(START_NS + 50 * MS + 25 * MS, frame=0)
-    assert found is not None
-    np.testing.assert_allclose(found.yaws, [0.15])
-    np.testing.assert_allclose(found.centers[0, 0], 0.75 + np.cos(0.15))
-
-
 def test_a_time_is_covered_if_all_vehicles_are_known() -> None:
     messages = [pose(CAR.topic, k) for k in range(2, 8)] + [pose(VAN.topic, k) for k in range(6)]
     source = truth(messages, {"car1": CAR, "van": VAN})

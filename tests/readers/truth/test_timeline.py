@@ -87,17 +87,6 @@ def test_one_lost_message_is_bridged_but_no_more() -> None:
     assert x_of(line.at(3 * PERIOD_NS - PERIOD_NS // 20)) == [3.0]
 
 
-def test_headings_turn_the_shortest_way() -> None:
-    line = timeline(moment(0, (1, 2), yaws=(3.0, -0.2)), moment(PERIOD_NS, (2, 1), yaws=(0.2, -3.0)))
-    found = line.at(PERIOD_NS // 4)
-    assert found is not None
-    turn = 2 * np.pi - 6
-    np.testing.assert_allclose(found.boxes.yaws, [3.0 + turn / 4, -0.1], atol=1e-12)
-    found = line.at(3 * PERIOD_NS // 4)
-    assert found is not None
-    np.testing.assert_allclose(found.boxes.yaws, [0.1, float(wrap_angle(3.0 + 3 * turn / 4))], atol=1e-12)
-
-
 @settings(max_examples=25, deadline=None)
 @given(st.integers(1, PERIOD_NS - 1), st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.permutations([1, 2, 3]))
 def test_interpolation_is_that_of_each_object(stamp_ns: int, yaw: float, turn: float, ids: list[int]) -> None:
@@ -138,16 +127,20 @@ def test_objects_without_ids_of_their_own_are_where_the_nearest_message_has_them
     assert x_of(slow.at(50_000_000)) == [0.0, 0.0]
 
 
-def test_messages_in_different_frames_are_not_joined() -> None:
-    line = timeline(moment(0), moment(PERIOD_NS, frame_id="map"))
-    assert line.at(PERIOD_NS // 2) is None
-    assert x_of(line.at(PERIOD_NS // 20)) == [0.0]
-
-
-def test_messages_out_of_order_and_twice() -> None:
-    line = timeline(moment(0), moment(2 * PERIOD_NS), moment(PERIOD_NS, x=[1.5]), moment(2 * PERIOD_NS, x=[2.5]))
-    assert x_of(line.at(PERIOD_NS)) == [1.5]
-    assert x_of(line.at(2 * PERIOD_NS)) == [2.5]
+@pytest.mark.parametrize(
+    ("moments", "stamp_ns", "expected"),
+    [
+        ([moment(0)], PERIOD_NS // 20, [0.0]),
+        ([moment(0, ()), moment(PERIOD_NS, ())], PERIOD_NS // 2, []),
+        ([moment(0), moment(PERIOD_NS, frame_id="map")], PERIOD_NS // 2, None),  # frames are not joined
+        ([moment(0), moment(PERIOD_NS, frame_id="map")], PERIOD_NS // 20, [0.0]),
+        ([moment(0), moment(2 * PERIOD_NS), moment(PERIOD_NS, x=[1.5])], PERIOD_NS, [1.5]),  # out of order
+        ([moment(0), moment(2 * PERIOD_NS), moment(2 * PERIOD_NS, x=[2.5])], 2 * PERIOD_NS, [2.5]),  # twice
+    ],
+)
+def test_few_and_odd_messages(moments: list[Moment], stamp_ns: int, expected: list[float] | None) -> None:
+    found = timeline(*moments).at(stamp_ns)
+    assert (None if found is None else x_of(found)) == expected
 
 
 def test_no_messages() -> None:
@@ -157,11 +150,6 @@ def test_no_messages() -> None:
     line.add(moment(0))
     assert x_of(line.at(0)) == [0.0]
     assert line.at(1) is None
-
-
-def test_one_message_and_no_objects() -> None:
-    assert x_of(timeline(moment(0)).at(PERIOD_NS // 20)) == [0.0]
-    assert x_of(timeline(moment(0, ()), moment(PERIOD_NS, ())).at(PERIOD_NS // 2)) == []
 
 
 def test_what_is_no_longer_needed_is_forgotten() -> None:

@@ -1,4 +1,5 @@
 import re
+from collections.abc import Collection
 
 import pytest
 from builders import raw
@@ -65,37 +66,24 @@ def test_topics_that_lie_beside_the_objects() -> None:
 
 
 @pytest.mark.parametrize(
-    ("topics", "reason"),
+    ("topics", "results", "sources", "expected"),
     [
         (
             [],
-            "expected truth, a topic of vision_msgs/msg/Detection3DArray that is no result, or odometry of vehicles "
-            "that the rig calls truth, found none",
+            RESULT_TOPICS,
+            [],
+            "a topic of vision_msgs/msg/Detection3DArray that is no result, or odometry",
         ),
-        (["/fused/detections", "/lidar/detections", "/cameras/detections"], "found none"),
-        (["/a/objects", "/b/objects"], "/a/objects, /b/objects may be truth, none is called so: name one with"),
+        (["/fused/detections", "/lidar/detections", "/cameras/detections"], RESULT_TOPICS, [], "found none"),
+        (["/a/objects", "/b/objects"], RESULT_TOPICS, [], "/a/objects, /b/objects may be truth, none is called so: na"),
+        (["/fused/detections"], (), [], "/fused/detections"),  # of another program
+        (["/detector/objects"], RESULT_TOPICS, ["/detector/objects"], "found none"),
+        (["/detector/objects", "/labels"], RESULT_TOPICS, ["/detector/objects"], "/labels"),
+        (["/ground_truth/a"], RESULT_TOPICS, ["/ground_truth/a"], "/ground_truth/a"),
     ],
 )
-def test_no_truth(topics: list[str], reason: str) -> None:
-    found = find_truth_topics(recording(*topics), RESULT_TOPICS)
-    assert isinstance(found, str)
-    assert reason in found
-
-
-def test_results_of_other_programs_may_be_truth() -> None:
-    found = find_truth_topics(recording("/fused/detections"), ())
-    assert isinstance(found, TruthTopics)
-    assert found.objects == "/fused/detections"
-
-
-def test_boxes_that_the_result_was_made_from_are_truth_only_by_name() -> None:
-    source = ["/detector/objects"]
-    found = find_truth_topics(recording("/detector/objects"), RESULT_TOPICS, sources=source)
-    assert isinstance(found, str)
-    assert "found none" in found
-    other = find_truth_topics(recording("/detector/objects", "/labels"), RESULT_TOPICS, sources=source)
-    assert isinstance(other, TruthTopics)
-    assert other.objects == "/labels"
-    named = find_truth_topics(recording("/ground_truth/a"), RESULT_TOPICS, sources=["/ground_truth/a"])
-    assert isinstance(named, TruthTopics)
-    assert named.objects == "/ground_truth/a"
+def test_boxes_of_results_and_their_sources(
+    topics: list[str], results: Collection[str], sources: list[str], expected: str
+) -> None:
+    found = find_truth_topics(recording(*topics), results, sources=sources)
+    assert expected in (found if isinstance(found, str) else [found.objects])

@@ -284,7 +284,7 @@ def test_another_definition_is_refused() -> None:
     payload, stamps_ns = random_packets("VLP-16", packets=1)
     message = scan(payload, stamps_ns)
     text = message.channel.definition.replace("uint8[1206]", "uint8[1208]")
-    with pytest.raises(MessageError, match="definition of velodyne_msgs/msg/VelodyneScan is another"):
+    with pytest.raises(MessageError, match="definition of velodyne_msgs/msg/VelodyneScan is not ROS"):
         decoder()(message._replace(channel=replace(message.channel, definition=text)))
 
 

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from builders import Fields
 from message_layouts import message_of_layout
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from object_messages import Format, Recorded, boxes_message
 
 from pipeline.core.detections import Boxes3D
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.settings.recording import LimitsConfig
+from readers.messages.deserialize import typestore_for
 from readers.messages.vision.detections3d import Detections3D, decode_detections3d
 from writers.messages.detections import detections_3d
 
@@ -83,23 +84,20 @@ def test_what_the_writer_wrote_is_read_back(count: int) -> None:
     assert (dict(found.counts), dict(found.unused)) == ({}, {})
 
 
-def test_counts_are_no_classes() -> None:
+def test_counts_are_no_classes_and_scores_are_shares() -> None:
     found = decode(
         detection(("lidar_points", 700.0), ("van", 1.0), ("image_pixels/front", 12.0), id_="car1"),
         detection(("car", 0.25), ("bus", 0.75), ("truck", 0.75), ("car", math.nan), id_="x"),
         detection(("lidar_points", 0.0), ("lidar_points", math.inf)),
+        detection(("car", 97.0)),
+        detection(("car", -0.5)),
     )
-    assert found.labels.tolist() == ["van", "bus", ""]
-    assert found.ids.tolist() == ["car1", "x", ""]
-    np.testing.assert_array_equal(found.scores, np.array([1.0, 0.75, 0.0], np.float32))
-    np.testing.assert_array_equal(found.counts["lidar_points"], [700, np.nan, 0])
-    np.testing.assert_array_equal(found.counts["image_pixels/front"], [12, np.nan, np.nan])
+    assert found.labels.tolist() == ["van", "bus", "", "car", "car"]
+    assert found.ids.tolist() == ["car1", "x", "", "", ""]
+    np.testing.assert_array_equal(found.scores, np.array([1.0, 0.75, 0.0, 1.0, 0.0], np.float32))
+    np.testing.assert_array_equal(found.counts["lidar_points"], [700, np.nan, 0, np.nan, np.nan])
+    np.testing.assert_array_equal(found.counts["image_pixels/front"], [12, *[np.nan] * 4])
     assert sorted(found.counts) == ["image_pixels/front", "lidar_points"]
-
-
-@pytest.mark.parametrize(("recorded", "score"), [(-0.5, 0.0), (0.5, 0.5), (97.0, 1.0)])
-def test_scores_are_brought_to_a_share(recorded: float, score: float) -> None:
-    np.testing.assert_array_equal(decode(detection(("car", recorded))).scores, [score])
 
 
 def test_heading_of_a_turned_and_tilted_box() -> None:
@@ -136,195 +134,66 @@ def test_boxes_that_cannot_be_used_are_counted() -> None:
     assert dict(found.unused) == {"box without a heading": 4, "box without a volume or not finite": 4}
 
 
-# --- older layouts, from the definitions of their time
-
-POSED = "geometry_msgs/PoseWithCovariance pose"
-BOX = "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size"
-ROS1 = {
-    "vision_msgs/msg/ObjectHypothesisWithPose": f"int64 id\nfloat64 score\n{POSED}",
-    "vision_msgs/msg/BoundingBox3D": BOX,
-    "vision_msgs/msg/Detection3D": (
-        "Header header\nObjectHypothesisWithPose[] results\nBoundingBox3D bbox\nsensor_msgs/PointCloud2 source_cloud"
-    ),
-    "vision_msgs/msg/Detection3DArray": "Header header\nDetection3D[] detections",
-}
-FOXY = {
-    "vision_msgs/msg/ObjectHypothesisWithPose": f"string id\nfloat64 score\n{POSED}",
-    "vision_msgs/msg/BoundingBox3D": BOX,
-    "vision_msgs/msg/Detection3D": (
-        "std_msgs/Header header\nObjectHypothesisWithPose[] results\nBoundingBox3D bbox\n"
-        "bool is_tracking\nstring tracking_id"
-    ),
-    "vision_msgs/msg/Detection3DArray": "std_msgs/Header header\nDetection3D[] detections",
-}
-HUMBLE = {
-    **FOXY,
-    "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
-    "vision_msgs/msg/ObjectHypothesisWithPose": f"ObjectHypothesis hypothesis\n{POSED}",
-    "vision_msgs/msg/Detection3D": (
-        "std_msgs/Header header\nObjectHypothesisWithPose[] results\nBoundingBox3D bbox\nstring id"
-    ),
-}
-GALACTIC = {**HUMBLE, "vision_msgs/msg/Detection3D": FOXY["vision_msgs/msg/Detection3D"]}
-NO_ID = {
-    **HUMBLE,
-    "vision_msgs/msg/Detection3D": "std_msgs/Header header\nObjectHypothesisWithPose[] results\nBoundingBox3D bbox",
-}
-OWN = {  # fields in another order and of other types: read by its definition
-    **HUMBLE,
-    "vision_msgs/msg/ObjectHypothesis": "float32 score\nstring class_id",
-    "vision_msgs/msg/Detection3D": (
-        "string id\nstd_msgs/Header header\nBoundingBox3D bbox\nObjectHypothesisWithPose[] results\nuint8[] more"
-    ),
-}
-MORE = {**HUMBLE, "vision_msgs/msg/Detection3DArray": f"{HUMBLE['vision_msgs/msg/Detection3DArray']}\nuint8 more"}
-COARSE = {**HUMBLE, "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat32 score"}
-NUMBERED = {**FOXY, "vision_msgs/msg/ObjectHypothesisWithPose": ROS1["vision_msgs/msg/ObjectHypothesisWithPose"]}
-ROS1_ID = {**ROS1, "vision_msgs/msg/Detection3D": HUMBLE["vision_msgs/msg/Detection3D"].replace("std_msgs/", "")}
-ROS1_TRACKING = {**ROS1, "vision_msgs/msg/Detection3D": FOXY["vision_msgs/msg/Detection3D"].replace("std_msgs/", "")}
-ROS1_NAMED = {**ROS1, "vision_msgs/msg/ObjectHypothesisWithPose": f"string id\nfloat64 score\n{POSED}"}
-NO_BOX = {
-    **FOXY,
-    "vision_msgs/msg/Detection3D": "std_msgs/Header header\nObjectHypothesisWithPose[] results",
-}
+# --- older layouts
 
 
-def old_message(definitions: dict[str, str], encoding: builders.Encoding, detections: list[Fields]) -> RawMessage:
-    body = {"header": builders.header(STAMP_NS, "site"), "detections": detections}
-    return message_of_layout(MSGTYPE, definitions, encoding, body, topic="/objects", stamp_ns=STAMP_NS)
-
-
-def of_box(results: list[Fields], **more: Any) -> Fields:
-    half = math.radians(30) / 2
-    return {
-        "header": builders.header(STAMP_NS, "elsewhere"),
-        "results": results,
-        "bbox": {
-            "center": pose(1, 2, 3, (0, 0, math.sin(half), math.cos(half))),
-            "size": {"x": 4.0, "y": 2.0, "z": 1.5},
-        },
-        **more,
-    }
-
-
-COVARIANCE = {"covariance": np.arange(36, dtype=np.float64)}
-CLOUD = dict(builders.pointcloud2(np.ones((3, 3), np.float32), stamp_ns=STAMP_NS, ring=np.arange(3, dtype=np.uint16)))
-
-LAYOUTS: dict[str, tuple[dict[str, str], builders.Encoding, Fields, str]] = {
-    "ros1": (ROS1, "ros1", of_box([{"id": 4, "score": 0.5, "pose": COVARIANCE}], source_cloud=CLOUD), ""),
-    "ros1_named": (ROS1_NAMED, "ros1", of_box([{"id": "4", "score": 0.5, "pose": COVARIANCE}]), ""),
-    "foxy": (FOXY, "cdr", of_box([{"id": "4", "score": 0.5, "pose": COVARIANCE}], tracking_id="a1"), "a1"),
-    "galactic": (
-        GALACTIC,
-        "cdr",
-        of_box([{"hypothesis": {"class_id": "4", "score": 0.5}, "pose": COVARIANCE}], tracking_id="a1"),
-        "a1",
-    ),
-    "humble": (
-        HUMBLE,
-        "cdr",
-        of_box([{"hypothesis": {"class_id": "4", "score": 0.5}, "pose": COVARIANCE}], id="a1"),
-        "a1",
-    ),
-    "no_id": (NO_ID, "cdr", of_box([{"hypothesis": {"class_id": "4", "score": 0.5}, "pose": COVARIANCE}]), ""),
-    "numbered": (NUMBERED, "cdr", of_box([{"id": 4, "score": 0.5, "pose": COVARIANCE}], tracking_id="a1"), "a1"),
-    "ros1_id": (ROS1_ID, "ros1", of_box([{"id": 4, "score": 0.5, "pose": COVARIANCE}], id="a1"), "a1"),
-    "ros1_tracking": (
-        ROS1_TRACKING,
-        "ros1",
-        of_box([{"id": 4, "score": 0.5, "pose": COVARIANCE}], tracking_id="a1"),
-        "a1",
-    ),
-    "more": (MORE, "cdr", of_box([{"hypothesis": {"class_id": "4", "score": 0.5}, "pose": COVARIANCE}], id="a1"), "a1"),
-    "coarse": (
-        COARSE,
-        "cdr",
-        of_box([{"hypothesis": {"class_id": "4", "score": 0.5}, "pose": COVARIANCE}], id="a1"),
-        "a1",
-    ),
-    "own": (
-        OWN,
-        "cdr",
-        of_box([{"hypothesis": {"class_id": "4", "score": 0.5}, "pose": COVARIANCE}], id="a1", more=b"abc"),
-        "a1",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", LAYOUTS)
+@pytest.mark.parametrize("format_", ["ros1", "foxy", "galactic", "humble"])
 @pytest.mark.parametrize("count", [0, 1, 3])
-def test_layouts(name: str, count: int) -> None:
-    definitions, encoding, box, id_ = LAYOUTS[name]
-    raw = old_message(definitions, encoding, [box] * count)
-    found = decode_detections3d(raw)
-    assert (found.frame_id, found.labels.tolist(), found.ids.tolist()) == ("site", ["4"] * count, [id_] * count)
-    np.testing.assert_array_equal(found.centers, [[1, 2, 3]] * count if count else np.zeros((0, 3)))
-    np.testing.assert_array_equal(found.sizes, [[4, 2, 1.5]] * count if count else np.zeros((0, 3)))
+def test_layouts(format_: Format, count: int) -> None:
+    covariance, half = np.arange(36.0).reshape(6, 6), math.radians(30) / 2
+    turn = (0.0, 0.0, math.sin(half), math.cos(half))
+    found = decode_detections3d(
+        boxes_message(format_, STAMP_NS, [Recorded((1, 2, 3), "van", 0.5, xyzw=turn, covariance=covariance)] * count)
+    )
+    assert (found.frame_id, found.labels.tolist()) == ("site", ["4" if format_ == "ros1" else "van"] * count)
+    np.testing.assert_array_equal(found.centers, np.tile([1, 2, 3], (count, 1)))
+    np.testing.assert_array_equal(found.sizes, np.tile([4, 2, 1.5], (count, 1)))
     np.testing.assert_allclose(found.yaws, [math.radians(30)] * count)
     np.testing.assert_array_equal(found.scores, [0.5] * count)
-    expected = np.arange(36.0).reshape(6, 6)[np.ix_([0, 1, 5], [0, 1, 5])]
+    expected = covariance[np.ix_([0, 1, 5], [0, 1, 5])]
     np.testing.assert_array_equal(found.covariances, np.tile(expected, (count, 1, 1)))
 
 
-def test_big_endian() -> None:
-    definitions, _, box, _ = LAYOUTS["humble"]
-    little = old_message(definitions, "cdr", [box])
-    store = get_typestore(Stores.EMPTY)
-    store.register(get_types_from_msg(little.channel.definition, MSGTYPE))
-    big = store.serialize_cdr(store.deserialize_cdr(little.data, MSGTYPE), MSGTYPE, little_endian=False)
-    found = decode_detections3d(little._replace(data=bytes(big)))
+TRACKED = {
+    "vision_msgs/msg/BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size",
+    "vision_msgs/msg/ObjectHypothesisWithPose": "string id\nfloat32 score\ngeometry_msgs/PoseWithCovariance pose",
+    "vision_msgs/msg/Detection3D": (
+        "string tracking_id\nstd_msgs/Header header\nBoundingBox3D bbox\n"
+        "ObjectHypothesisWithPose[] results\nuint8[] more"
+    ),
+    "vision_msgs/msg/Detection3DArray": "std_msgs/Header header\nDetection3D[] detections",
+}
+NAMED = {**TRACKED, "vision_msgs/msg/Detection3D": TRACKED["vision_msgs/msg/Detection3D"].replace("tracking_id", "id")}
+NO_BOX = {**TRACKED, "vision_msgs/msg/Detection3D": "std_msgs/Header header\nObjectHypothesisWithPose[] results"}
+
+
+def of_layout(definitions: dict[str, str], **more: Any) -> RawMessage:
+    body = {
+        "header": builders.header(STAMP_NS, "site"),
+        "detections": [{"results": [{"id": "4", "score": 0.5}], **more}],
+    }
+    return message_of_layout(MSGTYPE, definitions, "cdr", body, topic="/objects", stamp_ns=STAMP_NS)
+
+
+@pytest.mark.parametrize(("definitions", "name"), [(TRACKED, "tracking_id"), (NAMED, "id")])
+@pytest.mark.parametrize("little_endian", [True, False])
+def test_fields_in_another_order(definitions: dict[str, str], name: str, little_endian: bool) -> None:
+    box = {"center": pose(), "size": {"x": 4.0, "y": 2.0, "z": 1.5}}
+    raw = of_layout(definitions, bbox=box, more=b"abc", **{name: "a1"})
+    store = typestore_for(raw.channel)
+    data = store.serialize_cdr(store.deserialize_cdr(raw.data, MSGTYPE), MSGTYPE, little_endian=little_endian)
+    found = decode_detections3d(raw._replace(data=bytes(data)))
+    assert (found.labels.tolist(), found.ids.tolist(), found.scores.tolist()) == (["4"], ["a1"], [0.5])
     np.testing.assert_array_equal(found.centers, [[1, 2, 3]])
-    assert found.labels.tolist() == ["4"]
-
-
-@pytest.mark.parametrize("name", LAYOUTS)
-@pytest.mark.parametrize("cut", [1, 8, 40, 200, 420])
-def test_message_that_ends_early(name: str, cut: int) -> None:
-    definitions, encoding, box, _ = LAYOUTS[name]
-    raw = old_message(definitions, encoding, [box] * 2)
-    with pytest.raises(MessageError, match="/objects: "):
-        decode_detections3d(raw._replace(data=raw.data[:-cut]))
-
-
-def test_message_with_more_than_its_layout() -> None:
-    raw = message(detection(("car", 1)))
-    with pytest.raises(MessageError, match="not a valid"):
-        decode_detections3d(raw._replace(data=bytes(raw.data) + b"12345678"))
-
-
-@pytest.mark.parametrize("encapsulation", [b"\0\2", b"\1\1", b""])
-def test_other_encapsulation(encapsulation: bytes) -> None:
-    raw = message(detection(("car", 1)))
-    with pytest.raises(MessageError, match="not a valid"):
-        decode_detections3d(raw._replace(data=encapsulation + bytes(raw.data)[2:]))
 
 
 def test_unknown_layout() -> None:
-    raw = old_message(NO_BOX, "cdr", [{"results": [{"id": "car", "score": 0.5}]}])
-    with pytest.raises(MessageError, match=r"/objects: .* is another than lidcam reads: .*bbox"):
-        decode_detections3d(raw)
+    with pytest.raises(MessageError, match=r"/objects: .*whose values cannot be used .*bbox"):
+        decode_detections3d(of_layout(NO_BOX))
 
 
-def test_definition_that_cannot_be_used() -> None:
-    raw = message()
-    with pytest.raises(MessageError, match="no definition of vision_msgs/msg/no"):
-        decode_detections3d(raw._replace(channel=Channel("/objects", MSGTYPE, "cdr", "no definition at all = 5 /")))
-
-
-def test_message_that_could_not_be_read() -> None:
-    with pytest.raises(MessageError, match="/objects: it was lost"):
-        decode_detections3d(message()._replace(problem="it was lost"))
-
-
-def test_other_type() -> None:
-    with pytest.raises(MessageError, match=f"/image: expected {MSGTYPE}"):
-        decode_detections3d(builders.raw("/image", "sensor_msgs/msg/Image", {}, STAMP_NS))
-
-
-@pytest.mark.parametrize("name", ["ros1", "humble", "own"])
-def test_more_boxes_than_a_message_may_hold(name: str) -> None:
-    definitions, encoding, box, _ = LAYOUTS[name]
-    raw = old_message(definitions, encoding, [box] * 5)
+def test_more_boxes_than_a_message_may_hold() -> None:
+    raw = message(*[detection(("car", 1))] * 5)
     assert len(decode_detections3d(raw, limits=LimitsConfig(max_boxes=5))) == 5
     with pytest.raises(MessageError, match=r"/objects: 5 boxes, expected at most 4: raise limits.max_boxes"):
         decode_detections3d(raw, limits=LimitsConfig(max_boxes=4))
