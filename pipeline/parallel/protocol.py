@@ -1,4 +1,4 @@
-"""What the processes of a run tell each other: frames and what came of them, errors, and what was logged."""
+"""Messages between the processes of a run: frames and their results, errors, and records of the log."""
 
 import logging
 import traceback
@@ -31,7 +31,7 @@ MakeGraph = Callable[[], tuple[Graph[Any], Node[Any]]]
 
 
 class WorkerTraceback(Exception):
-    """Where an error came from, in another process; the cause of the error here."""
+    """Traceback in another process; the cause of the error that is raised here."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,12 +53,12 @@ class Failure:
 
 
 class Setup(NamedTuple):
-    """The first thing that a process is told.
+    """The first message to a process.
 
     Attributes:
-        make_graph: Makes the same stages as in the process that reads the frames, and in the same order.
+        make_graph: Makes the stages of the process that reads the frames anew, in the same order.
         handed: Names of the stages whose outputs are wanted.
-        log_levels: Levels of the loggers by name; the root has none.
+        log_levels: See `log_levels`.
     """
 
     make_graph: MakeGraph
@@ -67,35 +67,26 @@ class Setup(NamedTuple):
 
 
 class Ready(NamedTuple):
-    """A process has its stages, or has failed to make them.
-
-    Attributes:
-        failure: Why it has none; None if it has.
-    """
+    """A process has its stages, or has failed to make them."""
 
     failure: Failure | None = None
 
 
 class Question(NamedTuple):
-    """A frame to work on.
-
-    Attributes:
-        number: Its place among all frames.
-        frame: What stages read of it.
-    """
+    """A frame to work on, and its place among all frames."""
 
     number: int
     frame: Any
 
 
 class Answer(NamedTuple):
-    """What came of a frame.
+    """Result of a frame.
 
     Attributes:
-        number: Its place among all frames.
+        number: Place of the frame among all frames.
         outcome: The outputs that are handed on, or an error.
         seconds: Time spent by stage.
-        records: What the stages logged.
+        records: Records that the stages logged.
     """
 
     number: int
@@ -105,7 +96,7 @@ class Answer(NamedTuple):
 
 
 def failure_of(err: Exception) -> Failure:
-    """An error as it travels; one that cannot be pickled becomes a `RuntimeError` with its type and text."""
+    """The error to send; one that cannot be pickled becomes a `RuntimeError` with its type and text."""
     return Failure(_portable(err), "".join(traceback.format_exception(err)))
 
 
@@ -137,7 +128,7 @@ def log_levels() -> Mapping[str, int]:
 
 
 def gather_log(levels: Mapping[str, int]) -> SimpleQueue[LogRecord]:
-    """Keep what is logged from now on, at the levels of the process that will show it."""
+    """A queue of all records that are logged from now on, at the given levels."""
     records: SimpleQueue[LogRecord] = SimpleQueue()
     logging.getLogger().addHandler(QueueHandler(records))
     for name, level in levels.items():

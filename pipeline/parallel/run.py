@@ -5,6 +5,7 @@ the ordered stages: all of it on the calling thread, so no lock is needed and no
 """
 
 import logging
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
@@ -15,9 +16,14 @@ from pipeline.core.errors import WorkerError
 from pipeline.graph import Graph, Node, Stamped
 from pipeline.parallel.process import Crew, WorkerProcess
 from pipeline.parallel.protocol import Answer, Failure, MakeGraph, Question, Setup, log_levels
-from pipeline.parallel.sharing import Sharing
 
-__all__ = ["Limits", "run_parallel"]
+__all__ = ["Limits", "Sharing", "run_parallel"]
+
+START_S = 1.0
+"""Processor time until a process works on its first frame, in seconds: it imports libraries. 0 awaits all processes."""
+
+TRIED = 2
+"""Frames after which the time of a frame is known; the first also loads and compiles what the others use."""
 
 F = TypeVar("F", bound=Stamped)
 R = TypeVar("R")
@@ -25,7 +31,7 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Limits(Generic[F]):
-    """How much is in work at once.
+    """Limits of the frames in work.
 
     Attributes:
         workers: Number of processes, with the one that reads.
@@ -65,10 +71,10 @@ def run_parallel(
         graph: The stages; those of `Graph.parts(sink).ordered` are called in this process.
         sink: Handle of the values to yield.
         frames: Read on the calling thread.
-        limits: How much is in work at once.
+        limits: Limits of the frames in work.
         make_graph: Makes the free stages of `graph` anew, in another process: with the same names, in the same order.
         expected: About how many frames there will be.
-        needed: What the free stages read of a frame; it is sent to other processes.
+        needed: Reduces a frame to what the free stages read of it, before it is sent to another process.
         started: Processes that have been started; more are when they are worth it.
 
     Raises:
@@ -78,6 +84,44 @@ def run_parallel(
     sharing = Sharing(min(limits.workers, limits.frames), expected)
     with Crew(Setup(make_graph, handed, log_levels()), started) as crew:
         yield from _Run(graph, sink, limits, needed, crew, sharing, iter(frames)).results()
+
+
+class Sharing:
+    """Number of processes of a run, by the frames that are left and the time that they take.
+
+    The process that reads works on frames itself from the first one on, so nobody waits for others to start. It asks
+    for more only when it has time for a frame: where reading and writing fill it, more processes do not help.
+
+    Args:
+        workers: Number of processes at most, with the one that reads.
+        expected: About how many frames there will be.
+    """
+
+    def __init__(self, workers: int, expected: int) -> None:
+        self._workers, self._expected = workers, expected
+        self._tried, self._frame_s = 0, math.inf
+
+    def took(self, seconds: float) -> None:
+        """Take note of the time of a frame."""
+        self._tried, self._frame_s = self._tried + 1, min(self._frame_s, seconds)
+
+    @property
+    def at_once(self) -> int:
+        """Number of processes to start, and to wait for, before the first frame."""
+        return self._workers - 1 if START_S == 0 else 0
+
+    def more(self, others: int, done: int) -> int:
+        """Number of processes to start now: at most as many as there are.
+
+        Args:
+            others: Number of processes beside the one that reads.
+            done: Number of frames that are done.
+        """
+        if self._tried < TRIED or START_S == 0:
+            return 0
+        left_s = max(self._expected - done, 0) * self._frame_s
+        worth = int(left_s / START_S)  # as much work for each as its start costs
+        return max(min(self._workers, 2 * (1 + others), worth) - (1 + others), 0)
 
 
 @dataclass(slots=True)
@@ -176,7 +220,7 @@ class _Run(Generic[F]):
                 self._lose(process, err)
 
     def _take_in(self, *, wait: bool) -> None:
-        """Take what other processes have to say."""
+        """Receive the messages of other processes."""
         for process in self._crew.with_news(wait=wait):
             try:
                 said = process.receive()

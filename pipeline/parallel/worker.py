@@ -1,4 +1,4 @@
-"""A process that works on frames: what it is told, how it answers, and when it ends.
+"""A process that works on frames, from its own side.
 
 It ends as soon as the other end of its socket is closed, whatever it is doing: when the run ends or fails, and when
 the process that started it is killed.
@@ -21,7 +21,7 @@ from pipeline.parallel.transfer import receive, send
 __all__ = ["serve"]
 
 SWITCH_S = 0.0005
-"""How soon the threads that send and receive get the interpreter, for whose work the other process waits."""
+"""Time after which the threads that send and receive get the interpreter: the other process waits for them."""
 
 BUG = 70
 
@@ -33,8 +33,8 @@ def serve(descriptor: int, stages: Stages | None = None) -> NoReturn:
     """Work on frames until the socket with this descriptor is closed at its other end.
 
     Args:
-        descriptor: Of a connected socket.
-        stages: The stages; None: they are made here.
+        descriptor: File descriptor of a connected socket.
+        stages: The stages; None to make them here.
     """
     sys.setswitchinterval(SWITCH_S)
     connection = socket.socket(fileno=descriptor)

@@ -16,7 +16,7 @@ import signal
 import sys
 import time
 import lidcam.run
-import pipeline.parallel.sharing
+import pipeline.parallel.run
 from lidcam.__main__ import main
 
 write = lidcam.run._write
@@ -26,7 +26,7 @@ def write_slowly(*args):
     return write(*args)
 
 lidcam.run._write = write_slowly
-pipeline.parallel.sharing.START_S = 0.0
+pipeline.parallel.run.START_S = 0.0
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it in what it runs in the background
 main()
 """

@@ -16,7 +16,7 @@ from shared_graphs import Frame, Seen, frames, make_graph, make_nothing, make_ra
 
 from pipeline.core.errors import MessageError, WorkerError
 from pipeline.graph import Graph, Node
-from pipeline.parallel.copies import copied_workers
+from pipeline.parallel.process import copied_workers
 from pipeline.parallel.protocol import MakeGraph, WorkerTraceback
 from pipeline.parallel.run import Limits, run_parallel
 
@@ -33,8 +33,8 @@ ways = pytest.mark.parametrize("way", ["interpreter", "copy"], indirect=True)
 def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """How other processes start; they are there from the first frame on."""
     name: str = getattr(request, "param", "interpreter")
-    monkeypatch.setattr("pipeline.parallel.sharing.START_S", 0.0)
-    monkeypatch.setattr("pipeline.parallel.copies._may_fork", lambda: name == "copy")
+    monkeypatch.setattr("pipeline.parallel.run.START_S", 0.0)
+    monkeypatch.setattr("pipeline.parallel.process._may_fork", lambda: name == "copy")
     return name
 
 
@@ -278,7 +278,7 @@ def test_no_copy_is_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
 SCRIPT = """
 import sys, time
 sys.path[:] = sys.argv[1:]
-from pipeline.parallel.copies import copied_workers
+from pipeline.parallel.process import copied_workers
 from shared_graphs import make_graph
 with copied_workers(*make_graph(), workers=4, frames=1000):
     print(*open("/proc/thread-self/children").read().split(), flush=True)

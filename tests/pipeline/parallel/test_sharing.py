@@ -1,6 +1,6 @@
 import pytest
 
-from pipeline.parallel.sharing import Sharing
+from pipeline.parallel.run import Sharing
 
 
 def sharing(workers: int, expected: int, frame_s: float) -> Sharing:
@@ -35,6 +35,6 @@ def test_another_process_where_it_is_worth_its_start(
 
 
 def test_a_start_that_costs_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pipeline.parallel.sharing.START_S", 0.0)
+    monkeypatch.setattr("pipeline.parallel.run.START_S", 0.0)
     found = sharing(4, 1, 0.001)
     assert (found.at_once, found.more(3, 0)) == (3, 0)
