@@ -19,7 +19,7 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.combine import MotionConfig
 from pipeline.core.settings.fuse import FuseConfig
-from pipeline.fusion.belief.memory import Memory
+from pipeline.fusion.belief.memory import Memory, RecallCounts
 from pipeline.fusion.belief.odds import (
     FITTED,
     at_its_place,
@@ -30,7 +30,6 @@ from pipeline.fusion.belief.odds import (
     probability,
     reach_of_classes,
 )
-from pipeline.fusion.belief.recall import RecallCounts
 from pipeline.fusion.belief.visibility import Visibility
 
 __all__ = ["Believe"]

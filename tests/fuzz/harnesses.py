@@ -51,7 +51,7 @@ from pipeline.core.ros.typestores import message_types
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import dump_config, load_config
 from pipeline.core.settings.recording import LimitsConfig
-from pipeline.stages.recorded3d import Recorded3D
+from pipeline.stages.detect3d import Recorded3D
 from readers.files.rosbag2_folder import recording_files
 from readers.messages.camera_info import camera_model, rectified_camera_model
 from readers.messages.deserialize import definition_problem, deserialize, typestore_for

@@ -7,7 +7,7 @@ from detections import boxes3d
 from pipeline.core.detections import Boxes3D
 from pipeline.core.frame import SensorBundle
 from pipeline.core.rig import RecordedDetector, Rig
-from pipeline.stages.recorded3d import Recorded3D
+from pipeline.stages.detect3d import Recorded3D
 
 RIG = Rig(
     "site", (), (), (), detectors=tuple(RecordedDetector(name, f"/{name}", "site", {}) for name in ("a", "b", "c"))

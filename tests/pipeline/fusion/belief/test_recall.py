@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from pipeline.core.arrays import F64
+from pipeline.fusion.belief.memory import MEMORY, PRIOR_RECALL, RecallCounts
 from pipeline.fusion.belief.odds import FITTED
-from pipeline.fusion.belief.recall import MEMORY, PRIOR_RECALL, RecallCounts
 from pipeline.fusion.belief.visibility import Visibility
 
 SURE, DOUBTFUL = 5.0, -1.0

@@ -2,8 +2,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64
 from pipeline.core.settings.detect import ClusterConfig
-from pipeline.fusion.proposals.frustums import FrustumPoints
-from pipeline.fusion.proposals.segments import Expected, Segments, choose_segments
+from pipeline.fusion.proposals.frustums import Expected, FrustumPoints, Segments, choose_segments
 
 CONFIG = ClusterConfig()
 

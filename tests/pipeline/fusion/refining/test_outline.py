@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from pipeline.core.arrays import F64
-from pipeline.fusion.projection import cuboid_outline
-from pipeline.fusion.refining.outline import rounded_outline
+from pipeline.fusion.projection import cuboid_outline, rounded_outline
 
 CAR, BUS, RIDER = [4.0, 1.8, 1.5], [12.0, 2.5, 3.2], [1.8, 0.6, 1.7]
 

@@ -8,8 +8,7 @@ from pipeline.core.arrays import F64, I64
 from pipeline.core.detections import Boxes3D
 from pipeline.fusion.projection import CameraArrays
 from pipeline.fusion.refining.edges import MeasuredEdges
-from pipeline.fusion.refining.refinement import RefinedBoxes
-from pipeline.fusion.refining.turned import TURNED_COST, better_turned, with_turned
+from pipeline.fusion.refining.refinement import TURNED_COST, RefinedBoxes, better_turned, with_turned
 
 RIDER, WALKER = (1.8, 0.6, 1.7), (0.6, 0.6, 1.75)
 
