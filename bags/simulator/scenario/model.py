@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from pipeline.core.settings.validation.wording import Noun
+from pipeline.core.settings.validation import Noun
 
 __all__ = ["Metres", "Name", "Topic", "Vector"]
 

@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from pipeline.core.settings.validation.wording import Noun
+from pipeline.core.settings.validation import Noun
 
 __all__ = [
     "Corners",
