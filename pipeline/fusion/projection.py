@@ -35,7 +35,7 @@ __all__ = [
 ]
 
 PARAMETERS = ("x", "y", "yaw", "length", "width", "height", "z")
-"""What the derivatives are by, in their order: metres and radians; x, y, z of the centre, in the site frame."""
+"""Parameters of the derivatives, in order: metres and radians; x, y, z of the centre, in the site frame."""
 
 
 _BETWEEN = np.array([0.25, 0.5, 0.75])[:, None]
@@ -234,7 +234,7 @@ def project_edges(
         sizes: (P, 3) length, width, height, metres.
         yaws: (P,) radians about +z.
         cameras: P cameras, or those that `rows` refer to.
-        outline: What is outermost, for as many objects as cameras; None: the box itself.
+        outline: Outlines of as many objects as cameras; None: those of the boxes themselves.
         rows: (P,) camera and outline of each box; None: each has its own.
     """
     outline = outline or cuboid_outline(bent=cameras.lenses.bends)

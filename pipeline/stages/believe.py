@@ -1,10 +1,10 @@
-"""Belief: how probable it is that a hypothesis is an object, from what every sensor says and what cameras do not say.
+"""Belief: the probability that a hypothesis is an object, from the evidence of all sensors.
 
-The lidars' score is turned into a probability, because it means something else for each class. A 2D box that is matched
-speaks for an object. A camera that has it in view, unhidden, and says nothing speaks against it, as far as it finds
-objects of that size at all, which is counted while the run goes on. Where no camera looks, what those cameras said a
-moment ago counts, less and less; where they said nothing, the lidars decide. An object
-that cameras place by the ground alone is there, but where? Its covariance says how probably it is where it is reported.
+The lidars' score is turned into a probability, because it means something else for each class. A matched 2D box speaks
+for an object. A camera that has it in view, unhidden, without a 2D box speaks against it, as far as it finds objects of
+that size at all, which is counted during the run. Where no camera has an image, its evidence of a moment ago counts,
+less and less; without any, the lidars decide. For an object that cameras place by the ground alone, the probability
+that it is where it is reported counts, too: its covariance gives it.
 """
 
 from collections.abc import Sequence

@@ -1,6 +1,6 @@
-"""The 2D boxes of all cameras of a frame as one table, and what they say of objects that stand upright.
+"""The 2D boxes of all cameras of a frame as one table, with the directions of their edges and how well they are known.
 
-That is the directions of their edges from the camera, lens distortion taken off, and how well each of them is known.
+Directions are from the camera, without lens distortion; objects are taken to stand upright.
 """
 
 from collections.abc import Mapping
@@ -83,14 +83,14 @@ class Sightings:
 
 
 class Noise(NamedTuple):
-    """Standard deviations of what a placement rests on.
+    """Standard deviations of the inputs of a placement.
 
     Attributes:
-        pixel_px: Of an edge of a 2D box.
+        pixel_px: An edge of a 2D box.
         outline: The same, as a share of the box's size, the root of its area; both add up.
-        ground_m: Of the height of the ground.
-        ground_slope: Of its slope between camera and object, rise over run.
-        bearing_rad: Of the direction in which a camera looks, about the vertical.
+        ground_m: Height of the ground.
+        ground_slope: Slope of the ground between camera and object, rise over run.
+        bearing_rad: Direction of a camera about the vertical.
     """
 
     pixel_px: float

@@ -123,7 +123,7 @@ def _sides(sightings: Sightings, low: F64, high: F64, nearest_m: F64, furthest_m
 
 
 class Expected(NamedTuple):
-    """What is expected of the object in each of F frustums.
+    """Expected place and extent of the object in each of F frustums.
 
     Attributes:
         front_m: (F,) float64 horizontal distance of its near side from the camera.

@@ -30,7 +30,7 @@ from pipeline.fusion.refining.edges import MeasuredEdges
 __all__ = ["RefinedBoxes", "better_turned", "predicted_edges", "refine_boxes", "with_turned"]
 
 YAWS, SPAN = 5, 2.5
-"""How many headings are tried at once, and how many standard deviations they reach to both sides."""
+"""Number of headings that are tried at once, and their reach to both sides, standard deviations."""
 
 CAUCHY = 3.0
 """Residuals of so many standard deviations weigh half."""
@@ -231,7 +231,7 @@ def refine_boxes(boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline:
 
     Args:
         boxes: N boxes, each with at least one pair.
-        prior: What is known of them.
+        prior: Their prior.
         edges: P pairs, sorted by the box; their boxes are in view wholly.
         outline: Of the box of each pair.
     """

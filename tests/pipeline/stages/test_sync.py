@@ -371,7 +371,7 @@ def test_nearest_does_not_wait_for_what_an_out_of_order_message_has_told_already
     assert emitted == [[], [], [], [[0, 3]]]
 
 
-def test_nearest_settles_when_a_queue_is_full() -> None:
+def test_nearest_resolves_when_a_queue_is_full() -> None:
     policy = make_policy("nearest", 2, queue_size=3, slop_ns=50 * MS, drops=[])
     emitted = [
         stamps_ms(policy.add(topic, stamp_ns, (topic, stamp_ns, 0)))

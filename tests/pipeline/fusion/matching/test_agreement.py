@@ -10,12 +10,12 @@ from pipeline.core.settings.classes import ROAD_CLASSES
 from pipeline.fusion.matching.agreement import (
     BoxBelief,
     MatchedPairs,
+    agreed_with_others,
+    before_matching,
     common_shifts,
     feature_jacobian,
     prior_covariances,
     spread,
-    what_box_says,
-    what_others_say,
 )
 
 CAR, PEDESTRIAN, BICYCLE, TRUCK, BUS = range(5)
@@ -40,7 +40,7 @@ def pairs(seen: list[int], class_ids: list[int], differences: F64) -> MatchedPai
 def test_each_camera_hears_the_others_only() -> None:
     random = np.random.default_rng(0)
     differences = random.normal(0, 3, (2, 4))
-    others = what_others_say(belief(), SEEN_ROWS, pairs([0, 2], [CAR, CAR], differences))
+    others = agreed_with_others(belief(), SEEN_ROWS, pairs([0, 2], [CAR, CAR], differences))
     # Of the third box in view: by numpy, from the pairs 0 and 2; of the first: from the pair 2 alone. Weight 1 at 4.
     for row, heard in ((0, [1]), (2, [0]), (3, [0, 1])):
         J = JACOBIANS[[0, 2]][heard].reshape(-1, 3)
@@ -53,9 +53,9 @@ def test_each_camera_hears_the_others_only() -> None:
 
 def test_classes_of_the_others_count() -> None:
     matched = pairs([0, 2], [BUS, PEDESTRIAN], np.zeros((2, 4)))
-    alone = what_box_says(belief(TRUCK), SEEN_ROWS)
+    alone = before_matching(belief(TRUCK), SEEN_ROWS)
     np.testing.assert_allclose(alone.log_classes[0] + np.log(5), class_ratios(CONFUSION)[TRUCK])
-    others = what_others_say(belief(TRUCK), SEEN_ROWS, matched)
+    others = agreed_with_others(belief(TRUCK), SEEN_ROWS, matched)
     assert others.log_classes[2, PEDESTRIAN] < alone.log_classes[2, PEDESTRIAN], (
         "the first camera says that it is a bus"
     )
@@ -66,7 +66,7 @@ def test_classes_of_the_others_count() -> None:
 
 def test_without_pairs_the_box_speaks_for_itself() -> None:
     nothing = pairs([], [], np.zeros((0, 4)))
-    others, alone = what_others_say(belief(), SEEN_ROWS, nothing), what_box_says(belief(), SEEN_ROWS)
+    others, alone = agreed_with_others(belief(), SEEN_ROWS, nothing), before_matching(belief(), SEEN_ROWS)
     np.testing.assert_allclose(others.covariances, alone.covariances)
     np.testing.assert_allclose(others.log_classes, alone.log_classes)
     assert not others.shifts.any()
