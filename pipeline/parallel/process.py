@@ -24,9 +24,8 @@ from pipeline.core.ending import undone_at_once
 from pipeline.core.errors import WorkerError
 from pipeline.graph import Graph, Node
 from pipeline.parallel.cores import THREADS_OF_LIBRARIES
-from pipeline.parallel.protocol import Answer, Question, Ready, Setup
 from pipeline.parallel.transfer import connected, receive, send
-from pipeline.parallel.worker import serve
+from pipeline.parallel.worker import Answer, Question, Ready, Setup, serve
 
 __all__ = ["Crew", "WorkerProcess", "copied_workers"]
 

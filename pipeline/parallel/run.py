@@ -5,7 +5,6 @@ the ordered stages: all of it on the calling thread, so no lock is needed and no
 """
 
 import logging
-import math
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
@@ -15,9 +14,9 @@ from typing import Any, Generic, TypeVar
 from pipeline.core.errors import WorkerError
 from pipeline.graph import Graph, Node, Stamped
 from pipeline.parallel.process import Crew, WorkerProcess
-from pipeline.parallel.protocol import Answer, Failure, MakeGraph, Question, Setup, log_levels
+from pipeline.parallel.worker import Answer, Failure, MakeGraph, Question, Setup, log_levels
 
-__all__ = ["Limits", "Sharing", "run_parallel"]
+__all__ = ["Limits", "run_parallel", "worthwhile"]
 
 START_S = 1.0
 """Processor time until a process works on its first frame, in seconds: it imports libraries. 0 awaits all processes."""
@@ -81,47 +80,19 @@ def run_parallel(
         WorkerError: another process cannot be started, or dies.
     """
     handed = tuple(node.name for node in graph.parts(sink).handed)
-    sharing = Sharing(min(limits.workers, limits.frames), expected)
     with Crew(Setup(make_graph, handed, log_levels()), started) as crew:
-        yield from _Run(graph, sink, limits, needed, crew, sharing, iter(frames)).results()
+        yield from _Run(graph, sink, limits, needed, crew, expected, iter(frames)).results()
 
 
-class Sharing:
-    """Number of processes of a run, by the frames that are left and the time that they take.
-
-    The process that reads works on frames itself from the first one on, so nobody waits for others to start. It asks
-    for more only when it has time for a frame: where reading and writing fill it, more processes do not help.
+def worthwhile(workers: int, left: int, frame_s: float) -> int:
+    """Number of processes that are worth their start: each works on frames for as long as its start takes.
 
     Args:
         workers: Number of processes at most, with the one that reads.
-        expected: About how many frames there will be.
+        left: About how many frames are left.
+        frame_s: Time of a frame, seconds.
     """
-
-    def __init__(self, workers: int, expected: int) -> None:
-        self._workers, self._expected = workers, expected
-        self._tried, self._frame_s = 0, math.inf
-
-    def took(self, seconds: float) -> None:
-        """Take note of the time of a frame."""
-        self._tried, self._frame_s = self._tried + 1, min(self._frame_s, seconds)
-
-    @property
-    def at_once(self) -> int:
-        """Number of processes to start, and to wait for, before the first frame."""
-        return self._workers - 1 if START_S == 0 else 0
-
-    def more(self, others: int, done: int) -> int:
-        """Number of processes to start now: at most as many as there are.
-
-        Args:
-            others: Number of processes beside the one that reads.
-            done: Number of frames that are done.
-        """
-        if self._tried < TRIED or START_S == 0:
-            return 0
-        left_s = max(self._expected - done, 0) * self._frame_s
-        worth = int(left_s / START_S)  # as much work for each as its start costs
-        return max(min(self._workers, 2 * (1 + others), worth) - (1 + others), 0)
+    return workers if START_S == 0 else max(min(workers, int(max(left, 0) * frame_s / START_S)), 1)
 
 
 @dataclass(slots=True)
@@ -141,11 +112,13 @@ class _Run(Generic[F]):
         limits: Limits[F],
         needed: Callable[[F], F],
         crew: Crew,
-        sharing: Sharing,
+        expected: int,
         frames: Iterator[F],
     ) -> None:
         self._graph, self._sink, self._parts = graph, sink, graph.parts(sink)
-        self._limits, self._needed, self._crew, self._sharing, self._frames = limits, needed, crew, sharing, frames
+        self._limits, self._needed, self._crew, self._frames = limits, needed, crew, frames
+        self._workers, self._expected = min(limits.workers, limits.frames), expected
+        self._tried, self._frame_s = 0, 0.0
         self._tasks: deque[_Task[F]] = deque()
         self._read: _Task[F] | None = None  # too heavy for now
         self._count, self._done, self._is_ended = 0, 0, False
@@ -164,7 +137,7 @@ class _Run(Generic[F]):
             self._read = self._error = None
 
     def _results(self) -> Generator[Any, None, None]:
-        self._crew.start(self._sharing.at_once - len(self._crew))
+        self._start_more()
         while self._crew.is_starting:
             self._take_in(wait=True)
         while True:
@@ -179,10 +152,19 @@ class _Run(Generic[F]):
                 yield self._finished(self._tasks.popleft())
                 self._done += 1
             elif untaken is not None:
-                self._crew.start(self._sharing.more(len(self._crew), self._done))
+                self._start_more()
                 self._work_on(untaken)
             else:
                 self._take_in(wait=True)
+
+    def _start_more(self) -> None:
+        """Start other processes if they are worth it: called when this one has time for a frame.
+
+        Where reading and writing fill this process, more of them do not help.
+        """
+        if START_S == 0 or self._tried >= TRIED:
+            wanted = worthwhile(self._workers, self._expected - self._done, self._frame_s)
+            self._crew.start(wanted - 1 - len(self._crew))
 
     def _begin_one(self) -> bool:
         """Whether there is one more frame that may be in work now."""
@@ -257,7 +239,9 @@ class _Run(Generic[F]):
             task.outcome = Answer(task.number, tuple(values[node] for node in self._parts.handed), {})
         except Exception as err:
             task.outcome, self._is_ended = err, True
-        self._sharing.took(time.perf_counter() - started)
+        taken_s = time.perf_counter() - started
+        self._frame_s = min(self._frame_s, taken_s) if self._tried else taken_s
+        self._tried += 1
 
     def _finished(self, task: _Task[F]) -> Any:
         """The sink's value of a frame whose free stages are done."""

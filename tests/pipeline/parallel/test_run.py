@@ -17,8 +17,8 @@ from shared_graphs import Frame, Seen, frames, make_graph, make_nothing, make_ra
 from pipeline.core.errors import MessageError, WorkerError
 from pipeline.graph import Graph, Node
 from pipeline.parallel.process import copied_workers
-from pipeline.parallel.protocol import MakeGraph, WorkerTraceback
 from pipeline.parallel.run import Limits, run_parallel
+from pipeline.parallel.worker import MakeGraph, WorkerTraceback
 
 pytestmark = [
     pytest.mark.traced_processes,
