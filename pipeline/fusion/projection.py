@@ -16,7 +16,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools, Indices, Rows, check_array, select_rows
+from pipeline.core.arrays import F64, Bools, Indices, Rows, Table, check_array
 from pipeline.core.geometry.box_edges import BOX_EDGES
 from pipeline.core.geometry.boxes import UNIT_CORNERS
 from pipeline.core.optics.lenses import Lenses
@@ -152,7 +152,7 @@ def _round_points(*, bent: bool) -> tuple[F64, F64, F64]:
 
 
 @dataclass(frozen=True, eq=False)
-class CameraArrays:
+class CameraArrays(Table):
     """P cameras as arrays, row by row.
 
     Attributes:
@@ -181,10 +181,6 @@ class CameraArrays:
         lenses = Lenses.of([camera.model for camera in cameras])
         rotations, translations = matrices[:, :3, :3].copy(), matrices[:, :3, 3].copy()
         return cls(rotations, translations, lenses, np.array(sizes, np.float64).reshape(-1, 2))
-
-    def select(self, rows: Rows) -> "CameraArrays":
-        """The given rows (mask or indices), in that order."""
-        return select_rows(self, rows)
 
     @cached_property
     def positions(self) -> F64:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from pipeline.core.arrays import F32, F64, I64, Bools, Indices, Rows, first_of_runs, select_rows
+from pipeline.core.arrays import F32, F64, I64, Bools, Indices, Table, first_of_runs
 from pipeline.core.association import (
     class_confusion,
     detector_variances,
@@ -53,7 +53,7 @@ MIN_VISIBLE, MIN_SCORE = 0.02, 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pairs:
+class Pairs(Table):
     """Q pairs of a 3D box in an image and a 2D box in the same image, near enough to be weighed.
 
     Attributes:
@@ -65,13 +65,6 @@ class Pairs:
     seen: I64
     found: I64
     iou: F64
-
-    def __len__(self) -> int:
-        return len(self.seen)
-
-    def select(self, rows: Rows) -> "Pairs":
-        """The given rows (mask or indices), in that order."""
-        return select_rows(self, rows)
 
 
 class Associate:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, Rows, select_rows
+from pipeline.core.arrays import F64, I64, Bools, Table
 from pipeline.core.camera import BORDER_PX
 from pipeline.core.detections import Boxes2D
 from pipeline.core.geometry.boxes import wrap_angle
@@ -46,7 +46,7 @@ _AROUND = np.array([[0, 0], [0.5, 0], [1, 0], [1, 0.5], [1, 1], [0.5, 1], [0, 1]
 
 
 @dataclass(frozen=True, eq=False)
-class Sightings:
+class Sightings(Table):
     """P 2D boxes, camera after camera, and in each by falling score, then by class and place.
 
     Attributes:
@@ -73,13 +73,6 @@ class Sightings:
     views: CameraArrays
     origin: F64
     rays: F64
-
-    def __len__(self) -> int:
-        return len(self.scores)
-
-    def select(self, rows: Rows) -> "Sightings":
-        """The given rows (mask or indices), in that order."""
-        return select_rows(self, rows)
 
 
 class Noise(NamedTuple):

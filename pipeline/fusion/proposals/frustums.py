@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64, Rows, first_of_runs, select_rows
+from pipeline.core.arrays import F32, F64, I64, Table, first_of_runs
 from pipeline.core.geometry.regions import points_in_regions
 from pipeline.core.settings.detect import ClusterConfig
 from pipeline.detectors.cluster.clusters import cluster_points, thin_points
@@ -39,7 +39,7 @@ MAX_OFF = 3.5
 
 
 @dataclass(frozen=True, eq=False)
-class FrustumPoints:
+class FrustumPoints(Table):
     """P points in frustums, frustum after frustum; a point may be in several.
 
     Attributes:
@@ -55,13 +55,6 @@ class FrustumPoints:
     share_x: F64
     share_y: F64
     along_m: F64
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def select(self, rows: Rows) -> "FrustumPoints":
-        """The given rows (mask or indices), in that order."""
-        return select_rows(self, rows)
 
 
 def points_in_frustums(xyz: F32, sightings: Sightings, nearest_m: F64, furthest_m: F64) -> FrustumPoints:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, Rows, select_rows
+from pipeline.core.arrays import F64, I64, Bools, Table
 from pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses
 from pipeline.core.geometry.box_edges import BOX_EDGES
 from pipeline.core.geometry.boxes import box_corners
@@ -34,7 +34,7 @@ MEDIAN_SPREAD = 1.2533
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MeasuredEdges:
+class MeasuredEdges(Table):
     """P pairs of a 3D box and a 2D box, sorted by the 3D box.
 
     Attributes:
@@ -54,13 +54,6 @@ class MeasuredEdges:
     sigma_px: F64
     hidden_px: F64
     later_s: F64
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def select(self, rows: Rows) -> "MeasuredEdges":
-        """The given pairs (mask or indices), in that order."""
-        return select_rows(self, rows)
 
 
 def measured_edges(
