@@ -17,7 +17,7 @@ from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.fuse import AssociateConfig
-from pipeline.stages.associate import Pairs, best_pairs, near_pairs
+from pipeline.stages.associate import Pairs, best_pairs
 
 Row = tuple[float, ...]
 
@@ -183,12 +183,6 @@ def test_each_camera_confirms_on_its_own() -> None:
     assert [alone[name].pairs.tolist() for name in "ab"] == [[[0, 0]], [[1, 0]]]
 
 
-def test_without_2d_boxes_there_are_projections_all_the_same() -> None:
-    found = associate(TWO, {})["cam"]
-    assert len(found) == 0
-    np.testing.assert_array_equal(found.projected_xyxy, AT)
-
-
 spots = st.tuples(st.integers(0, 4), st.integers(0, 1))
 rows_3d = st.lists(st.tuples(spots, st.sampled_from([0.3, 0.6])), max_size=5)
 rows_2d = st.lists(st.tuples(spots, st.sampled_from([-0.2, 0.0, 0.1]), st.sampled_from([0.4, 0.9])), max_size=5)
@@ -223,16 +217,6 @@ def test_order_of_boxes_does_not_matter(rows3: list[Any], rows2: list[Any], rand
 def all_pairs(worth: F64) -> Pairs:
     seen, found = (np.asarray(rows, np.int64) for rows in np.indices(worth.shape).reshape(2, -1))
     return Pairs(seen, found, np.zeros(worth.size))
-
-
-def test_near_pairs_are_of_one_image() -> None:
-    box = np.array([[0, 0, 10, 10]], np.float32)
-    seen, found = np.repeat(box, 3, 0), np.concatenate([box, box + 15, box])
-    cameras = np.array([0, 0, 2], np.int64)
-    pairs = near_pairs(seen, cameras, found, np.array([0, 0, 1], np.int64), min_giou=-0.3)
-    assert list(zip(pairs.seen, pairs.found, pairs.iou, strict=True)) == [(0, 0, 1.0), (1, 0, 1.0)]
-    farther = near_pairs(seen, cameras, found, np.array([0, 0, 1], np.int64), min_giou=-1)
-    assert farther.iou.tolist() == [1, 0, 1, 0]
 
 
 @given(

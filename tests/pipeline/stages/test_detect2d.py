@@ -153,10 +153,6 @@ def test_two_classes_on_one_place_may_stay() -> None:
     assert [name for _, _, name in detect(rows, nms_iou_any=1.0)] == ["car", "pedestrian"]
 
 
-def test_min_score_itself_is_enough() -> None:
-    assert len(detect([(10, 10, 50, 40, 0.5, "car")], min_score=0.5)) == 1
-
-
 def test_cameras_in_the_order_of_the_rig_and_none_without_an_image() -> None:
     rig = camera_rig(*(forward_camera(name) for name in ("a", "b", "c")))
     stage = stage_of(rig, Config(), Proposals([CAR]))

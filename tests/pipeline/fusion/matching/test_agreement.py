@@ -13,12 +13,10 @@ from pipeline.fusion.matching.agreement import (
     agreed_with_others,
     before_matching,
     common_shifts,
-    feature_jacobian,
     prior_covariances,
-    spread,
 )
 
-CAR, PEDESTRIAN, BICYCLE, TRUCK, BUS = range(5)
+CAR, PEDESTRIAN, _, TRUCK, BUS = range(5)
 CONFUSION = class_confusion(ROAD_CLASSES, 0.1)
 SEEN_ROWS = np.array([0, 1, 0, 0], np.int64)  # the first box in cameras 0, 1 and 2, the second in camera 0
 JACOBIANS = np.random.default_rng(3).normal(0, 20, (4, 4, 3))
@@ -80,17 +78,6 @@ def test_unknown_covariances_are_guessed_by_size() -> None:
     assert np.sqrt(found[0, 0, 0]) == pytest.approx(0.3, rel=1e-3)
     assert np.sqrt(found[2, 1, 1]) == pytest.approx(0.06, rel=1e-3)
     np.testing.assert_allclose(found[1], known[1], atol=1e-4 + 1e-12)
-
-
-def test_derivatives_and_spread_of_features() -> None:
-    xyxy = np.array([[100, 50, 140, 80]], np.float32)
-    edges = np.zeros((1, 4, 3))
-    edges[0, [0, 2], 0] = 8.0  # moved by x
-    edges[0, 2, 2] = 4.0  # widened by yaw
-    features = feature_jacobian(xyxy, edges)
-    np.testing.assert_allclose(features[0], np.array([[8, 0, 2], [0, 0, 0], [0, 0, 0.1], [0, 0, 0.0]]))
-    variances = spread(np.diag([0.25, 1.0, 0.01])[None], features)
-    np.testing.assert_allclose(variances, np.array([[16 + 0.04, 0, 1e-4, 0]]))
 
 
 CAMERAS = np.array([0, 0, 0, 1, 1], np.int64)

@@ -126,9 +126,3 @@ def test_second_box_around_a_matched_object_is_a_duplicate() -> None:
     partner, _ = find_partners(sightings, {"a": matched((0, 0, 0.9)), "b": matched()}, ("a", "b"))
     duplicates = find_duplicates(sightings, partner)
     assert [(int(sightings.cameras[k]), int(sightings.rows[k])) for k in np.flatnonzero(duplicates)] == [(0, 1)]
-
-
-def test_nothing() -> None:
-    sightings = see(VIEWS, {})
-    partner, _ = find_partners(sightings, {"a": matched(), "b": matched()}, ("a", "b"))
-    assert len(partner) == len(find_duplicates(sightings, partner)) == 0
