@@ -150,15 +150,10 @@ def test_the_better_class_wins_among_boxes_that_fit_alike() -> None:
     assert match(boxes3d([AHEAD]), rows) == [(0, 1)]
     assert match(boxes3d([AHEAD]), rows, any_class=1.0) == [(0, 0)]
     assert match(boxes3d([AHEAD]), rows[:1]) == [(0, 0)], "detectors err"
-
-
-def test_classes_of_like_size_are_confused() -> None:
     rows = [shown(AT[0], class_id=TRUCK), shown(AT[0], class_id=PEDESTRIAN, score=0.9)]
-    assert match(boxes3d([AHEAD]), rows) == [(0, 0)]
-
-
-def test_the_surer_of_two_like_boxes_wins() -> None:
-    assert match(boxes3d([AHEAD]), [shown(AT[0], score=0.3), shown(AT[0], shift=0.01, score=0.9)]) == [(0, 1)]
+    assert match(boxes3d([AHEAD]), rows) == [(0, 0)], "classes of like size are confused"
+    rows = [shown(AT[0], score=0.3), shown(AT[0], shift=0.01, score=0.9)]
+    assert match(boxes3d([AHEAD]), rows) == [(0, 1)], "the surer of two like boxes"
 
 
 def test_each_camera_confirms_on_its_own() -> None:
