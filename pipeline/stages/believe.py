@@ -36,7 +36,10 @@ __all__ = ["Believe"]
 
 
 class Believe:
-    """Existence probabilities. Learns how much each camera finds, and remembers, so frames must come in order."""
+    """Existence probabilities. Learns how much each camera finds, and remembers, so frames must come in order.
+
+    Scores of the lidars' boxes are calibrated, unless they are probabilities already (`Engine3D`).
+    """
 
     def __init__(
         self,
@@ -47,15 +50,6 @@ class Believe:
         *,
         scores_are_probabilities: bool,
     ) -> None:
-        """Take settings.
-
-        Args:
-            rig: The cameras.
-            config: `camera_recall`.
-            classes: Their sizes and frequencies.
-            motion: How far the motion of the site frame is trusted.
-            scores_are_probabilities: See `Engine3D`.
-        """
         self._is_calibrated = scores_are_probabilities
         self._frequencies = np.array([prior.frequency for prior in classes])
         self._reach_m = reach_of_classes(classes)
