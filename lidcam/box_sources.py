@@ -41,12 +41,11 @@ def add_boxes3d(
     graph: Graph[SensorBundle], config: Config, rig: Rig, combined: Node[CombinedCloud], *, on_bad: OnBadMessage
 ) -> tuple[Node[Decoded[Boxes3D]], Node[Boxes3D]]:
     """The decoded messages of recorded 3D detectors, none if they are not used; and the frame's 3D boxes."""
-    if config.detect3d.method != "recorded":
-        from pipeline.stages.detect3d import Detect3D  # behind the imports of programs that detect nothing
+    from pipeline.stages.detect3d import Detect3D, Recorded3D  # behind the imports of programs that detect nothing
 
+    if config.detect3d.method != "recorded":
         nothing = graph.add("no recorded 3D boxes", _no_boxes3d, graph.frame, timed=False)
         return nothing, graph.add("detect 3D", Detect3D(rig, config), combined)
-    from pipeline.stages.recorded3d import Recorded3D
     from readers.streams.recorded3d import RecordedBoxes3D
 
     recorded = graph.add("read 3D boxes", RecordedBoxes3D(rig, config, on_bad=on_bad), graph.frame)

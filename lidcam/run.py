@@ -46,9 +46,8 @@ from lidcam.summary import DropTable, RunProgress, Tally
 from pipeline.core.errors import ConfigError, RecordingError, short_memory_told
 from pipeline.core.frame import FrameResult, SensorBundle
 from pipeline.graph import Node
-from pipeline.parallel.copies import copied_workers
 from pipeline.parallel.cores import usable_cores
-from pipeline.parallel.process import WorkerProcess
+from pipeline.parallel.process import WorkerProcess, copied_workers
 from pipeline.parallel.run import Limits, run_parallel
 from pipeline.stages.sync.synchronize import SyncStats
 from readers.input_file import InputFile, InputFiles

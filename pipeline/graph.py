@@ -20,8 +20,6 @@ E = TypeVar("E")
 G = TypeVar("G")
 H = TypeVar("H")
 K = TypeVar("K")
-P = TypeVar("P")
-Q = TypeVar("Q")
 
 
 class Stamped(Protocol):
@@ -51,7 +49,7 @@ class Node(Generic[R_co]):
         inputs: Handles of its arguments, in order.
         ordered: Whether it must see all frames in their order, because it remembers something or has an effect. Other
             stages are pure: their output depends on their inputs alone, which they do not change.
-        timed: Whether its time is counted.
+        timed: Whether its time is counted; off for stages that only put outputs of others together.
     """
 
     name: str
@@ -62,14 +60,14 @@ class Node(Generic[R_co]):
 
 
 class How(TypedDict, total=False):
-    """How a stage is called: `Node.ordered` (False unless given) and `Node.timed` (True)."""
+    """Options of a stage: `Node.ordered` (False unless given) and `Node.timed` (True)."""
 
     ordered: bool
     timed: bool
 
 
 class Parts(NamedTuple):
-    """Which stages may see frames in any order, and which may not.
+    """The stages of a graph, by whether they may see frames in any order.
 
     Attributes:
         free: Pure stages that read nothing but the frame and outputs of such stages, in their order.
@@ -122,23 +120,11 @@ class Graph(Generic[F]):
     def add(self, name: str, fn: Callable[[A, B, C, D, E, G, H, K], R],
             a: Node[A], b: Node[B], c: Node[C], d: Node[D], e: Node[E], g: Node[G], h: Node[H], k: Node[K],
             /, **how: Unpack[How]) -> Node[R]: ...
-    @overload
-    def add(self, name: str, fn: Callable[[A, B, C, D, E, G, H, K, P], R],
-            a: Node[A], b: Node[B], c: Node[C], d: Node[D], e: Node[E], g: Node[G], h: Node[H], k: Node[K],
-            p: Node[P],
-            /, **how: Unpack[How]) -> Node[R]: ...
-    @overload
-    def add(self, name: str, fn: Callable[[A, B, C, D, E, G, H, K, P, Q], R],
-            a: Node[A], b: Node[B], c: Node[C], d: Node[D], e: Node[E], g: Node[G], h: Node[H], k: Node[K],
-            p: Node[P], q: Node[Q],
-            /, **how: Unpack[How]) -> Node[R]: ...
     # fmt: on
     def add(
         self, name: str, fn: Callable[..., Any], /, *inputs: Node[Any], ordered: bool = False, timed: bool = True
     ) -> Node[Any]:
         """Append a stage that reads `inputs`, and return the handle of its output.
-
-        Those that only put together what others made are not `timed`.
 
         Raises:
             ValueError: an input belongs to another graph, or the name is taken.
@@ -173,7 +159,7 @@ class Graph(Generic[F]):
             values[node] = self._call(node, frame, [values[one] for one in node.inputs])
 
     def parts(self, sink: Node[Any]) -> Parts:
-        """Which stages may see the frames in any order, and which of their outputs the others read."""
+        """The stages by whether they may see the frames in any order, for a run that yields the sink's values."""
         free: list[Node[Any]] = []
         for node in self.nodes:
             if not node.ordered and {*node.inputs} <= {self.frame, *free}:

@@ -38,6 +38,7 @@ from pipeline.evaluation.detection.criteria import Criteria
 from pipeline.evaluation.detection.gathering import Gathering
 from pipeline.evaluation.detection.tables import IGNORED
 from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D
+from pipeline.fusion.belief.memory import RecallCounts
 from pipeline.fusion.belief.odds import (
     FITTED,
     Coefficients,
@@ -48,7 +49,6 @@ from pipeline.fusion.belief.odds import (
     probability,
     reach_of_classes,
 )
-from pipeline.fusion.belief.recall import RecallCounts
 from pipeline.fusion.belief.visibility import Visibility, find_visibility
 from readers.results.result import open_result
 from readers.truth.open import open_truth

@@ -9,7 +9,7 @@ from rich.console import Console
 from lidcam.printing.folding import show_line, show_table
 from lidcam.printing.tables import pairs_table
 from lidcam.settings.explain import Explanation
-from pipeline.core.settings.validation.wording import found
+from pipeline.core.settings.validation import found
 
 __all__ = ["print_explanation", "print_presets"]
 

@@ -12,9 +12,7 @@ from pipeline.core.errors import ConfigError
 from pipeline.core.settings.bundled import PRESETS, bundled
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import load_config
-from pipeline.core.settings.validation.check import unknown_key
-from pipeline.core.settings.validation.schema import Place
-from pipeline.core.settings.validation.wording import expected
+from pipeline.core.settings.validation import Place, expected, unknown_key
 
 __all__ = ["Explanation", "explain", "preset_summaries"]
 

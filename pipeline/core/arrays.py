@@ -2,7 +2,7 @@
 
 from dataclasses import fields
 from functools import cache
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,7 @@ __all__ = [
     "Indices",
     "Record",
     "Rows",
+    "Table",
     "check_array",
     "first_of_runs",
     "join_rows",
@@ -95,6 +96,22 @@ def select_rows(record: Record, rows: Rows) -> Record:
             value = value.select(rows)
         object.__setattr__(selected, name, value)
     return selected
+
+
+class Table:
+    """Base of records of parallel arrays: frozen dataclasses, whose first field has all rows."""
+
+    __slots__ = ()
+    if TYPE_CHECKING:
+        __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    def __len__(self) -> int:
+        first: str = next(iter(self.__dataclass_fields__))
+        return len(getattr(self, first))
+
+    def select(self, rows: Rows) -> Self:
+        """The given rows (mask or indices), in that order; see `select_rows`."""
+        return select_rows(self, rows)
 
 
 def join_rows(*records: Record) -> Record:

@@ -6,14 +6,14 @@ from functools import lru_cache
 
 import numpy as np
 
-from pipeline.core.arrays import F32, I32, I64, Indices, select_rows
+from pipeline.core.arrays import F32, I32, I64, Indices, Table, select_rows
 from pipeline.core.detections import Boxes2D
 
 __all__ = ["FoundBoxes", "pairs_of_images"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FoundBoxes:
+class FoundBoxes(Table):
     """M 2D boxes, camera by camera, and in each by falling score, then by class and place: whatever their order was.
 
     Attributes:
@@ -31,9 +31,6 @@ class FoundBoxes:
     scores: F32
     class_ids: I32
     stamps_ns: I64
-
-    def __len__(self) -> int:
-        return len(self.rows)
 
     @classmethod
     def of(cls, boxes: Mapping[str, Boxes2D], names: Sequence[str]) -> "FoundBoxes":

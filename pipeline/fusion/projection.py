@@ -3,6 +3,10 @@
 An edge of the rectangle is where the outermost point of the box appears: a corner, or, where a lens bends lines, a
 point of one of the box's edges. For small changes of the box it stays the same point of the box, so the derivative of
 the edge is the derivative of that point.
+
+A cuboid around an object appears larger than the object: vehicles and people have round corners, and do not touch the
+ground at the corners of their box. Seen across a corner, the rectangle around a projected cuboid is wider than the one
+around the object by a fifth of the radius of the corner and more, on both sides. `rounded_outline` rounds the corners.
 """
 
 from collections.abc import Sequence
@@ -12,7 +16,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools, Indices, Rows, check_array, select_rows
+from pipeline.core.arrays import F64, Bools, Indices, Rows, Table, check_array
 from pipeline.core.geometry.box_edges import BOX_EDGES
 from pipeline.core.geometry.boxes import UNIT_CORNERS
 from pipeline.core.optics.lenses import Lenses
@@ -27,10 +31,11 @@ __all__ = [
     "camera_arrays",
     "cuboid_outline",
     "project_edges",
+    "rounded_outline",
 ]
 
 PARAMETERS = ("x", "y", "yaw", "length", "width", "height", "z")
-"""What the derivatives are by, in their order: metres and radians; x, y, z of the centre, in the site frame."""
+"""Parameters of the derivatives, in order: metres and radians; x, y, z of the centre, in the site frame."""
 
 
 _BETWEEN = np.array([0.25, 0.5, 0.75])[:, None]
@@ -38,6 +43,33 @@ _ALONG_EDGES = np.concatenate(
     [UNIT_CORNERS, *(UNIT_CORNERS[a] * (1 - _BETWEEN) + UNIT_CORNERS[b] * _BETWEEN for a, b in BOX_EDGES)]
 )
 """Corners, and where lines are bent the samples of edges that `CameraModel.project_boxes` uses."""
+
+
+_INWARD = np.array([[0.0, 1.0], [1.0, 0.0]])
+"""Where the straight line that stands for a round corner begins and ends, in units of what it cuts off both sides."""
+
+CUT_PER_RADIUS = np.sqrt(2) * (np.sqrt(2) - 1)
+"""A corner cut off by so much appears as far inside, seen across it, as one rounded by a radius of 1."""
+_LEVELS = (-1.0, 0.2, 1.0)
+"""Underside, belt line of a car, roof."""
+
+AS_HIGH_AS_WIDE = 1.2
+"""Height by width from which on an object is no car."""
+
+UPRIGHT = 2.0
+"""Height by width from which on an object is a person."""
+
+TALL_ROUNDING = 0.4
+"""Vans, trucks and buses have sharper corners than cars: their rounding is this share of it."""
+
+RIDES = 2.0
+"""Length by width from which on a person rides."""
+
+_WHEEL_END, _WHEEL_GROUND, _HANDS, _HEAD = (1.0, 0.1, -0.6), (0.6, 0.1, -1.0), (0.2, 1.0, 0.25), (0.15, 0.3, 1.0)
+"""Of a rider along, across and up, in halves of the box: the end of a wheel at the height of its axle and where it
+stands, hands and shoulders, and the head."""
+
+_SIDES = np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,8 +102,57 @@ def cuboid_outline(*, bent: bool) -> Outline:
     return Outline(points, np.zeros((1, len(points), 3)))
 
 
+def rounded_outline(sizes: F64, *, rounding: float, underside: float, cabin: float, bent: bool) -> Outline:
+    """Boxes with round corners, seen from above, and a roof that is smaller than the body.
+
+    Args:
+        sizes: (P, 3) length, width, height, metres.
+        rounding: Radius of the corners of a car, as a share of the smaller of length and width, at most 0.5. That of
+            higher vehicles is less, by `TALL_ROUNDING`. Unless it is 0, objects that are higher than wide by `UPRIGHT`
+            are people: round on foot, and with thin wheels in front and behind where they ride.
+        underside: How far above the ground an object begins at its outline, as a share of its height.
+        cabin: How much shorter and narrower the roof of a car is than its body, as a share. Cars are objects that are
+            lower than wide; from `AS_HIGH_AS_WIDE` on there is no such roof.
+        bent: Whether a lens bends lines.
+    """
+    signs, inward, of_riders = _round_points(bent=bent)
+    smaller, height = sizes[:, :2].min(1), sizes[:, 2]
+    is_upright = height > UPRIGHT * smaller
+    low = ((AS_HIGH_AS_WIDE - height / sizes[:, 1]) / (AS_HIGH_AS_WIDE - 1)).clip(0.0, 1.0)
+    round_share = 0.5 if rounding > 0 else 0.0
+    share = np.where(is_upright, round_share, rounding * (TALL_ROUNDING + (1 - TALL_ROUNDING) * low))
+    offsets = np.zeros((len(sizes), len(signs), 3))
+    offsets[..., :2] = inward * (CUT_PER_RADIUS * share * smaller)[:, None, None]
+    roof = signs[:, 2] == 1
+    offsets[:, roof, :2] -= signs[roof, :2] * (cabin * low[:, None] * sizes[:, :2] / 2)[:, None]
+    offsets[:, signs[:, 2] < 0, 2] = (underside * height)[:, None]
+    rides = is_upright & (sizes[:, 0] > RIDES * sizes[:, 1]) & (rounding > 0)
+    offsets[rides] = of_riders * sizes[rides, None] / 2
+    return Outline(signs, offsets)
+
+
+@cache
+def _round_points(*, bent: bool) -> tuple[F64, F64, F64]:
+    """Points of boxes with round corners.
+
+    Returns:
+        (S, 3) signs; (S, 2) which way each point is moved where a corner is cut off by 1; (S, 3) offsets, in halves of
+        the box, of people on bicycles: thin wheels at the ends, a rider in the middle, a head on top.
+    """
+    corners = np.repeat(UNIT_CORNERS[:4, :2], len(_INWARD), axis=0)
+    inward = np.tile(_INWARD, (4, 1))
+    around = np.concatenate([corners, _SIDES]) if bent else corners
+    inward = np.concatenate([inward, np.zeros_like(_SIDES)]) if bent else inward
+    signs = np.concatenate([np.column_stack([around, np.full(len(around), level)]) for level in _LEVELS])
+    inward = np.tile(inward, (len(_LEVELS), 1))
+    place = np.where(inward[:, 1:] > 0, _WHEEL_END, _HANDS)
+    place = np.where(signs[:, 2:] < 0, _WHEEL_GROUND, np.where(signs[:, 2:] == 1, _HEAD, place))
+    place[:, :2] *= signs[:, :2]
+    return signs, -np.sign(signs[:, :2]) * inward, place - signs
+
+
 @dataclass(frozen=True, eq=False)
-class CameraArrays:
+class CameraArrays(Table):
     """P cameras as arrays, row by row.
 
     Attributes:
@@ -100,10 +181,6 @@ class CameraArrays:
         lenses = Lenses.of([camera.model for camera in cameras])
         rotations, translations = matrices[:, :3, :3].copy(), matrices[:, :3, 3].copy()
         return cls(rotations, translations, lenses, np.array(sizes, np.float64).reshape(-1, 2))
-
-    def select(self, rows: Rows) -> "CameraArrays":
-        """The given rows (mask or indices), in that order."""
-        return select_rows(self, rows)
 
     @cached_property
     def positions(self) -> F64:
@@ -153,7 +230,7 @@ def project_edges(
         sizes: (P, 3) length, width, height, metres.
         yaws: (P,) radians about +z.
         cameras: P cameras, or those that `rows` refer to.
-        outline: What is outermost, for as many objects as cameras; None: the box itself.
+        outline: Outlines of as many objects as cameras; None: those of the boxes themselves.
         rows: (P,) camera and outline of each box; None: each has its own.
     """
     outline = outline or cuboid_outline(bent=cameras.lenses.bends)

@@ -1,4 +1,4 @@
-"""Work that one thread does behind another's back: in order, bounded, and with its errors told."""
+"""Work on a thread in the background: in order, bounded, and with its errors raised in the foreground."""
 
 import threading
 from collections import deque
@@ -10,11 +10,11 @@ __all__ = ["Background"]
 class Background:
     """Does jobs one after another on a thread of its own, which starts with the first of them.
 
-    An error of a job ends the work: it is raised to whoever adds the next job, or finishes.
+    An error of a job ends the work; the next `add` or `finish` raises it.
 
     Args:
-        weight: Weight of the jobs that may wait; a heavier one waits alone.
-        name: The thread's.
+        weight: Largest weight of the jobs that wait; a heavier one waits alone.
+        name: Name of the thread.
     """
 
     def __init__(self, weight: float, name: str) -> None:
@@ -31,7 +31,7 @@ class Background:
 
         Raises:
             RuntimeError: there is no memory for a thread.
-            BaseException: whatever a job before it has raised.
+            BaseException: the error of an earlier job.
         """
         if self._thread is None:
             thread = threading.Thread(target=self._work, name=self._name, daemon=True)
@@ -49,7 +49,7 @@ class Background:
         """Wait until all jobs are done.
 
         Raises:
-            BaseException: whatever one of them has raised.
+            BaseException: the error of a job.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._error or not self._left)

@@ -7,8 +7,8 @@ from pathlib import Path
 __all__ = ["THREADS_OF_LIBRARIES", "usable_cores"]
 
 THREADS_OF_LIBRARIES = "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"
-"""Environment variables that say how many threads a library has: of OpenMP and OpenBLAS, and of OpenCV, whose idle ones
-spin. Read once, when the library is loaded."""
+"""Environment variables for the number of threads of OpenMP and OpenBLAS, and of OpenCV, whose idle threads spin. The
+libraries read them once, when they are loaded."""
 
 CGROUP_LIMIT = Path("/sys/fs/cgroup/cpu.max")
 """Share of processor time of a container: microseconds, or `max`, in each period of so many microseconds."""

@@ -1,5 +1,13 @@
-"""Worker processes, from the side of the process that started them."""
+"""Worker processes, from the side of the process that started them.
 
+A worker starts as a copy of this process (`os.fork`), with libraries loaded and stages made, or in an interpreter of
+its own. A copy starts in milliseconds and shares that memory; an interpreter takes a second and 110 MiB. But only the
+thread that forks is copied, and a lock that another one holds would stay locked: where there are other threads, no copy
+is made.
+"""
+
+import logging
+import multiprocessing
 import os
 import select
 import signal
@@ -8,19 +16,21 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
 from types import TracebackType
-from typing import Protocol, Self, cast
+from typing import Any, Protocol, Self, cast
 
 from pipeline.core.ending import undone_at_once
 from pipeline.core.errors import WorkerError
+from pipeline.graph import Graph, Node
 from pipeline.parallel.cores import THREADS_OF_LIBRARIES
-from pipeline.parallel.protocol import Answer, Question, Ready, Setup
 from pipeline.parallel.transfer import connected, receive, send
+from pipeline.parallel.worker import Answer, Question, Ready, Setup, serve
 
-__all__ = ["Crew", "Process", "WorkerProcess"]
+__all__ = ["Crew", "WorkerProcess", "copied_workers"]
 
 CODE = "import sys; sys.path[:] = sys.argv[2:]; from pipeline.parallel.worker import serve; serve(int(sys.argv[1]))"
-"""No module of the user's is imported by name, so a script needs no guard, and what it has in its path is found."""
+"""Imports no module of the user's by name, so a script needs no guard, and passes the path of modules on."""
 
 FROM_OUTSIDE = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that terminals and service managers send to all processes. The one that started the others acts on them."""
@@ -29,6 +39,10 @@ AHEAD = 2
 """Frames that a process has at most: one in work, and one at hand, so that it need not wait for the next."""
 
 PATIENCE_S = 1.0
+"""Time in which a process may end before it is killed, seconds."""
+
+MIN_FRAMES = 5
+"""Frames that a copy must have to be worth its start."""
 
 
 class Process(Protocol):
@@ -56,12 +70,46 @@ def new_interpreter(_: socket.socket, theirs: socket.socket) -> Process:
     return subprocess.Popen(command, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, env=environment)
 
 
+class _Copy:
+    """A copy of this process; waited for and killed as a `subprocess.Popen`."""
+
+    def __init__(self, ours: socket.socket, theirs: socket.socket, graph: Graph[Any], sink: Node[Any]) -> None:
+        self._process = multiprocessing.get_context("fork").Process(
+            target=_serve_in_copy, args=(ours, theirs, graph, sink), daemon=True
+        )
+        self._process.start()
+
+    def wait(self, timeout: float | None = None) -> int:
+        """The exit code, or the negative number of the signal that ended it.
+
+        Raises:
+            subprocess.TimeoutExpired: it has not ended.
+        """
+        self._process.join(timeout)
+        if self._process.exitcode is None:
+            raise subprocess.TimeoutExpired("a worker process", timeout or 0.0)
+        return self._process.exitcode
+
+    def kill(self) -> None:
+        """End it at once."""
+        self._process.kill()
+
+
+def _serve_in_copy(ours: socket.socket, theirs: socket.socket, graph: Graph[Any], sink: Node[Any]) -> None:
+    ours.close()  # else this end would never be seen as closed
+    root = logging.getLogger()
+    for logger in (root, *root.manager.loggerDict.values()):
+        if isinstance(logger, logging.Logger):
+            logger.handlers.clear()  # the process that reads shows what is logged here
+    serve(theirs.detach(), (graph, sink))
+
+
 class WorkerProcess:
     """A process that works on frames.
 
     Attributes:
         is_ready: Whether it has made its stages.
-        numbers: The frames that it has, in order.
+        numbers: Numbers of the frames that it has, in order.
     """
 
     def __init__(self, start: Callable[[socket.socket, socket.socket], Process] = new_interpreter) -> None:
@@ -116,7 +164,7 @@ class WorkerProcess:
             raise self._gone() from err
 
     def receive(self) -> Ready | Answer:
-        """What it says next; waits for it.
+        """Its next message; waits for it.
 
         Raises:
             WorkerError: it has died.
@@ -132,7 +180,7 @@ class WorkerProcess:
         return said
 
     def let_go(self) -> None:
-        """Tell it to end; `end` awaits it."""
+        """Have it end; `end` waits for it."""
         if not self.is_ready:
             self._process.kill()  # it imports libraries, and would listen only then
         with suppress(OSError):
@@ -209,12 +257,12 @@ class Crew:
         process.set_up(self._setup)
 
     def with_room(self) -> WorkerProcess | None:
-        """The process that needs a frame most; None if all have enough."""
+        """The process with the fewest frames; None if none has room."""
         having = [process for process in self._processes.values() if process.has_room]
         return min(having, key=lambda process: len(process.numbers), default=None)
 
     def with_news(self, *, wait: bool) -> Iterator[WorkerProcess]:
-        """The processes that have something to say; waits until there is one, if that is wanted."""
+        """The processes with a message to receive; optionally waits until there is one."""
         for descriptor, _ in self._poll.poll(None if wait else 0):
             yield self._processes[descriptor]
 
@@ -228,9 +276,37 @@ class Crew:
 
 @contextmanager
 def _signals_blocked() -> Iterator[None]:
-    """What is started in the block never gets these signals, and this thread gets them behind it."""
+    """Block signals from outside: processes that start in the block never get them, this thread gets them after it."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, FROM_OUTSIDE)
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def copied_workers(graph: Graph[Any], sink: Node[Any], *, workers: int, frames: int) -> Iterator[list[WorkerProcess]]:
+    """Copies of this process for a run of some frames; an empty list if it has threads. They end with the block.
+
+    Args:
+        graph: The stages; more that are `ordered` may be added later.
+        sink: Handle of the values that the run yields, or of what they are made from.
+        workers: Number of processes at most, with this one.
+        frames: About how many frames there will be.
+
+    Raises:
+        WorkerError: the system does not allow it.
+    """
+    count = min(workers, frames // MIN_FRAMES) - 1
+    copies: list[WorkerProcess] = []
+    with ExitStack() as stack:
+        if count > 0 and _may_fork():
+            for _ in range(count):
+                copies.append(WorkerProcess(lambda ours, theirs: _Copy(ours, theirs, graph, sink)))
+                stack.callback(copies[-1].end)
+        yield copies
+
+
+def _may_fork() -> bool:
+    """Whether this process runs on Linux and has one thread, those of libraries counted."""
+    return sys.platform == "linux" and len([*Path("/proc/self/task").iterdir()]) == 1

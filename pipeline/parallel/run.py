@@ -14,10 +14,15 @@ from typing import Any, Generic, TypeVar
 from pipeline.core.errors import WorkerError
 from pipeline.graph import Graph, Node, Stamped
 from pipeline.parallel.process import Crew, WorkerProcess
-from pipeline.parallel.protocol import Answer, Failure, MakeGraph, Question, Setup, log_levels
-from pipeline.parallel.sharing import Sharing
+from pipeline.parallel.worker import Answer, Failure, MakeGraph, Question, Setup, log_levels
 
-__all__ = ["Limits", "run_parallel"]
+__all__ = ["Limits", "run_parallel", "worthwhile"]
+
+START_S = 1.0
+"""Processor time until a process works on its first frame, in seconds: it imports libraries. 0 awaits all processes."""
+
+TRIED = 2
+"""Frames after which the time of a frame is known; the first also loads and compiles what the others use."""
 
 F = TypeVar("F", bound=Stamped)
 R = TypeVar("R")
@@ -25,7 +30,7 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Limits(Generic[F]):
-    """How much is in work at once.
+    """Limits of the frames in work.
 
     Attributes:
         workers: Number of processes, with the one that reads.
@@ -65,19 +70,29 @@ def run_parallel(
         graph: The stages; those of `Graph.parts(sink).ordered` are called in this process.
         sink: Handle of the values to yield.
         frames: Read on the calling thread.
-        limits: How much is in work at once.
+        limits: Limits of the frames in work.
         make_graph: Makes the free stages of `graph` anew, in another process: with the same names, in the same order.
         expected: About how many frames there will be.
-        needed: What the free stages read of a frame; it is sent to other processes.
+        needed: Reduces a frame to what the free stages read of it, before it is sent to another process.
         started: Processes that have been started; more are when they are worth it.
 
     Raises:
         WorkerError: another process cannot be started, or dies.
     """
     handed = tuple(node.name for node in graph.parts(sink).handed)
-    sharing = Sharing(min(limits.workers, limits.frames), expected)
     with Crew(Setup(make_graph, handed, log_levels()), started) as crew:
-        yield from _Run(graph, sink, limits, needed, crew, sharing, iter(frames)).results()
+        yield from _Run(graph, sink, limits, needed, crew, expected, iter(frames)).results()
+
+
+def worthwhile(workers: int, left: int, frame_s: float) -> int:
+    """Number of processes that are worth their start: each works on frames for as long as its start takes.
+
+    Args:
+        workers: Number of processes at most, with the one that reads.
+        left: About how many frames are left.
+        frame_s: Time of a frame, seconds.
+    """
+    return workers if START_S == 0 else max(min(workers, int(max(left, 0) * frame_s / START_S)), 1)
 
 
 @dataclass(slots=True)
@@ -97,11 +112,13 @@ class _Run(Generic[F]):
         limits: Limits[F],
         needed: Callable[[F], F],
         crew: Crew,
-        sharing: Sharing,
+        expected: int,
         frames: Iterator[F],
     ) -> None:
         self._graph, self._sink, self._parts = graph, sink, graph.parts(sink)
-        self._limits, self._needed, self._crew, self._sharing, self._frames = limits, needed, crew, sharing, frames
+        self._limits, self._needed, self._crew, self._frames = limits, needed, crew, frames
+        self._workers, self._expected = min(limits.workers, limits.frames), expected
+        self._tried, self._frame_s = 0, 0.0
         self._tasks: deque[_Task[F]] = deque()
         self._read: _Task[F] | None = None  # too heavy for now
         self._count, self._done, self._is_ended = 0, 0, False
@@ -120,7 +137,7 @@ class _Run(Generic[F]):
             self._read = self._error = None
 
     def _results(self) -> Generator[Any, None, None]:
-        self._crew.start(self._sharing.at_once - len(self._crew))
+        self._start_more()
         while self._crew.is_starting:
             self._take_in(wait=True)
         while True:
@@ -135,10 +152,19 @@ class _Run(Generic[F]):
                 yield self._finished(self._tasks.popleft())
                 self._done += 1
             elif untaken is not None:
-                self._crew.start(self._sharing.more(len(self._crew), self._done))
+                self._start_more()
                 self._work_on(untaken)
             else:
                 self._take_in(wait=True)
+
+    def _start_more(self) -> None:
+        """Start other processes if they are worth it: called when this one has time for a frame.
+
+        Where reading and writing fill this process, more of them do not help.
+        """
+        if START_S == 0 or self._tried >= TRIED:
+            wanted = worthwhile(self._workers, self._expected - self._done, self._frame_s)
+            self._crew.start(wanted - 1 - len(self._crew))
 
     def _begin_one(self) -> bool:
         """Whether there is one more frame that may be in work now."""
@@ -176,7 +202,7 @@ class _Run(Generic[F]):
                 self._lose(process, err)
 
     def _take_in(self, *, wait: bool) -> None:
-        """Take what other processes have to say."""
+        """Receive the messages of other processes."""
         for process in self._crew.with_news(wait=wait):
             try:
                 said = process.receive()
@@ -213,7 +239,9 @@ class _Run(Generic[F]):
             task.outcome = Answer(task.number, tuple(values[node] for node in self._parts.handed), {})
         except Exception as err:
             task.outcome, self._is_ended = err, True
-        self._sharing.took(time.perf_counter() - started)
+        taken_s = time.perf_counter() - started
+        self._frame_s = min(self._frame_s, taken_s) if self._tried else taken_s
+        self._tried += 1
 
     def _finished(self, task: _Task[F]) -> Any:
         """The sink's value of a frame whose free stages are done."""

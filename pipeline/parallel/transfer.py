@@ -19,13 +19,13 @@ BESIDE_BYTES = 1 << 14
 """From this size on, an array travels beside the pickle."""
 
 MAX_PARTS = 512
-"""That are handed to the system at once; Linux takes 1024."""
+"""Parts that are handed to the system at once; Linux takes 1024."""
 
 COUNT = struct.Struct("<Q")
 
 HELD_BYTES = 1 << 22
-"""That the system is asked to hold of what was sent: a frame. What it holds need not be awaited by the sender, whose
-other end is at work on a stage; it may allow less."""
+"""Size of the system's buffer: a frame, so that the sender need not wait for a process that is at work on a stage. The
+system may allow less."""
 
 
 def connected() -> tuple[socket.socket, socket.socket]:
@@ -73,7 +73,7 @@ def receive(connection: socket.socket) -> object:
 
 
 def arrived(value: object) -> object:
-    """What the other side would get of a value.
+    """A value as the other side would receive it.
 
     Raises:
         Exception: it cannot be pickled.

@@ -1,40 +1,153 @@
-"""A process that works on frames: what it is told, how it answers, and when it ends.
+"""A process that works on frames, from its own side, and the messages between the processes of a run.
 
 It ends as soon as the other end of its socket is closed, whatever it is doing: when the run ends or fails, and when
 the process that started it is killed.
 """
 
 import gc
+import logging
 import os
 import socket
 import sys
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from logging import LogRecord
+from logging.handlers import QueueHandler
 from queue import SimpleQueue
-from typing import Any, NoReturn, cast
+from typing import Any, NamedTuple, NoReturn, cast
 
+from pipeline.core.errors import LidcamError, is_short_memory
 from pipeline.graph import Graph, Node
-from pipeline.parallel.protocol import Answer, Failure, Question, Ready, Setup, failure_of, gather_log
-from pipeline.parallel.transfer import receive, send
+from pipeline.parallel.transfer import arrived, receive, send
 
-__all__ = ["serve"]
+__all__ = ["Answer", "Failure", "MakeGraph", "Question", "Ready", "Setup", "WorkerTraceback", "log_levels", "serve"]
 
 SWITCH_S = 0.0005
-"""How soon the threads that send and receive get the interpreter, for whose work the other process waits."""
+"""Time after which the threads that send and receive get the interpreter: the other process waits for them."""
 
 BUG = 70
 
 Stages = tuple[Graph[Any], Node[Any]]
 """The stages of a frame, and the one whose output is wanted."""
 
+MakeGraph = Callable[[], Stages]
+"""Makes the stages of a frame; can be pickled."""
+
+
+class WorkerTraceback(Exception):
+    """Traceback in another process; the cause of the error that is raised here."""
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """An error as it travels.
+
+    Attributes:
+        error: The error, with its notes; it can be pickled.
+        trace: Its traceback as text.
+    """
+
+    error: Exception
+    trace: str
+
+    def raised(self) -> Exception:
+        """The error, to be raised in this process."""
+        self.error.__cause__ = WorkerTraceback(f"\n{self.trace}")
+        return self.error
+
+
+class Setup(NamedTuple):
+    """The first message to a process.
+
+    Attributes:
+        make_graph: Makes the stages of the process that reads the frames anew, in the same order.
+        handed: Names of the stages whose outputs are wanted.
+        log_levels: See `log_levels`.
+    """
+
+    make_graph: MakeGraph
+    handed: tuple[str, ...]
+    log_levels: Mapping[str, int]
+
+
+class Ready(NamedTuple):
+    """A process has its stages, or has failed to make them."""
+
+    failure: Failure | None = None
+
+
+class Question(NamedTuple):
+    """A frame to work on, and its place among all frames."""
+
+    number: int
+    frame: Any
+
+
+class Answer(NamedTuple):
+    """Result of a frame.
+
+    Attributes:
+        number: Place of the frame among all frames.
+        outcome: The outputs that are handed on, or an error.
+        seconds: Time spent by stage.
+        records: Records that the stages logged.
+    """
+
+    number: int
+    outcome: tuple[Any, ...] | Failure
+    seconds: Mapping[str, float]
+    records: tuple[LogRecord, ...] = ()
+
+
+def _failure_of(err: Exception) -> Failure:
+    """The error to send; one that cannot be pickled becomes a `RuntimeError` with its type and text."""
+    return Failure(_portable(err), "".join(traceback.format_exception(err)))
+
+
+def _portable(err: Exception) -> Exception:
+    if is_short_memory(err) and not isinstance(err, LidcamError):
+        return _noted(MemoryError(str(err)), err)  # whatever a library says with an error of its own
+    try:
+        copy = arrived(err)
+    except Exception:
+        copy = None
+    if type(copy) is type(err) and str(copy) == str(err):
+        return err
+    return _noted(RuntimeError(f"{type(err).__qualname__}: {err}"), err)
+
+
+def _noted(error: Exception, original: Exception) -> Exception:
+    for note in getattr(original, "__notes__", ()):
+        error.add_note(note)
+    return error
+
+
+def log_levels() -> Mapping[str, int]:
+    """The levels of the loggers that have one, by name; the root has none."""
+    root = logging.getLogger()
+    named = {
+        name: logger.level for name, logger in root.manager.loggerDict.items() if isinstance(logger, logging.Logger)
+    }
+    return {"": root.level, **{name: level for name, level in sorted(named.items()) if level != logging.NOTSET}}
+
+
+def _gather_log(levels: Mapping[str, int]) -> SimpleQueue[LogRecord]:
+    """A queue of all records that are logged from now on, at the given levels."""
+    records: SimpleQueue[LogRecord] = SimpleQueue()
+    logging.getLogger().addHandler(QueueHandler(records))
+    for name, level in levels.items():
+        logging.getLogger(name or None).setLevel(level)
+    return records
+
 
 def serve(descriptor: int, stages: Stages | None = None) -> NoReturn:
     """Work on frames until the socket with this descriptor is closed at its other end.
 
     Args:
-        descriptor: Of a connected socket.
-        stages: The stages; None: they are made here.
+        descriptor: File descriptor of a connected socket.
+        stages: The stages; None to make them here.
     """
     sys.setswitchinterval(SWITCH_S)
     connection = socket.socket(fileno=descriptor)
@@ -77,7 +190,7 @@ def _send_all(connection: socket.socket, outbox: SimpleQueue[Ready | Answer]) ->
             raise
         except Exception as err:  # an output that cannot be pickled
             number = answer.number if isinstance(answer, Answer) else 0
-            send(connection, Answer(number, failure_of(err), {}))
+            send(connection, Answer(number, _failure_of(err), {}))
         del answer
 
 
@@ -86,12 +199,12 @@ def _work(inbox: SimpleQueue[object], outbox: SimpleQueue[Ready | Answer], stage
     try:
         graph, sink = stages or setup.make_graph()
     except Exception as err:
-        outbox.put(Ready(failure_of(err)))
+        outbox.put(Ready(_failure_of(err)))
         threading.Event().wait()  # the process ends with its socket
         raise
     by_name = {node.name: node for node in graph.nodes}
     handed, free = [by_name[name] for name in setup.handed], graph.parts(sink).free
-    records = gather_log(setup.log_levels)
+    records = _gather_log(setup.log_levels)
     gc.freeze()  # libraries stay: looking for garbage among them takes 5 ms a frame
     outbox.put(Ready())
 
@@ -103,7 +216,7 @@ def _work(inbox: SimpleQueue[object], outbox: SimpleQueue[Ready | Answer], stage
             graph.evaluate(free, question.frame, values)
             outcome = tuple(values[node] for node in handed)
         except Exception as err:
-            outcome = failure_of(err)
+            outcome = _failure_of(err)
         taken = {name: seconds for name, seconds in graph.seconds.items() if seconds}
         return Answer(question.number, outcome, taken, tuple(records.get() for _ in range(records.qsize())))
 

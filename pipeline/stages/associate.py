@@ -4,8 +4,8 @@ Each 3D box is projected into the images, together with the uncertainty of its p
 box is worth the logarithm of how much likelier it is that both are one object than that the 2D box shows something else
 (`pipeline.core.association`), by place and size, both classes, the 2D box's score, and the share of the object that
 others hide (`pipeline.fusion.matching.in_view`); of a hidden object the visible part is compared as well as the whole.
-In each camera the assignment with the largest sum is taken. Then each camera is looked at again with what the others
-say of place and class, and its other pairs of how it is aimed (`pipeline.fusion.matching.agreement`), until nothing
+In each camera the assignment with the largest sum is taken. Then each camera is assigned again, with the place and the
+class by the other cameras and its direction by its other pairs (`pipeline.fusion.matching.agreement`), until nothing
 changes.
 """
 
@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from pipeline.core.arrays import F32, F64, I64, Bools, Indices, Rows, first_of_runs, select_rows
+from pipeline.core.arrays import F32, F64, I64, Bools, Indices, Table, first_of_runs
 from pipeline.core.association import (
     class_confusion,
     detector_variances,
@@ -33,12 +33,12 @@ from pipeline.fusion.found import FoundBoxes, pairs_of_images
 from pipeline.fusion.matching.agreement import (
     BoxBelief,
     MatchedPairs,
+    agreed_with_others,
+    before_matching,
     common_shifts,
     feature_jacobian,
     prior_covariances,
     spread,
-    what_box_says,
-    what_others_say,
 )
 from pipeline.fusion.matching.in_view import InView, hidden_parts, project_into_views
 from pipeline.fusion.projection import CameraArrays, camera_arrays
@@ -46,14 +46,14 @@ from pipeline.fusion.projection import CameraArrays, camera_arrays
 __all__ = ["Associate", "Pairs", "best_pairs", "near_pairs"]
 
 ROUNDS = 3
-"""How often the cameras are asked, at most."""
+"""Largest number of rounds through the cameras."""
 
 MIN_VISIBLE, MIN_SCORE = 0.02, 0.01
 """No object counts as hidden wholly, and no 2D box as wrong for sure."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pairs:
+class Pairs(Table):
     """Q pairs of a 3D box in an image and a 2D box in the same image, near enough to be weighed.
 
     Attributes:
@@ -65,13 +65,6 @@ class Pairs:
     seen: I64
     found: I64
     iou: F64
-
-    def __len__(self) -> int:
-        return len(self.seen)
-
-    def select(self, rows: Rows) -> "Pairs":
-        """The given rows (mask or indices), in that order."""
-        return select_rows(self, rows)
 
 
 class Associate:
@@ -149,7 +142,7 @@ class Associate:
         jacobians = feature_jacobian(seen.xyxy, seen.jacobian)
         noise = detector_variances(seen.xyxy, config)
         belief = BoxBelief(prior_covariances(boxes), np.log(self._confusion).T[boxes.class_ids], self._confusion)
-        others = what_box_says(belief, seen.rows)
+        others = before_matching(belief, seen.rows)
         differences = _differences(seen, rest, found, pairs, noise + spread(others.covariances, jacobians))
         class_ids, always = found.class_ids[pairs.found], self._worth_anyway(hidden, found, pairs)
         area_px = arrays.image_sizes.prod(1)[seen.cameras[pairs.seen]]
@@ -176,7 +169,7 @@ class Associate:
             errors[:, :2] += aims[rows]
             fit[:, :2] -= shifts[rows]
             matched = MatchedPairs(rows, class_ids[chosen], fit, errors, squared[chosen], jacobians[rows])
-            others = what_others_say(belief, seen.rows, matched)
+            others = agreed_with_others(belief, seen.rows, matched)
         return taken
 
     def _worth_anyway(self, hidden: F32, found: FoundBoxes, pairs: Pairs) -> F64:
@@ -211,7 +204,7 @@ def near_pairs(seen_xyxy: F32, seen_cameras: I64, found_xyxy: F32, found_cameras
         seen_cameras: (P,) their cameras, rising.
         found_xyxy: (M, 4) 2D boxes, clipped to their images.
         found_cameras: (M,) their cameras, rising.
-        min_giou: What is enough.
+        min_giou: Least generalised IoU.
     """
     seen, found = pairs_of_images(seen_cameras, found_cameras)
     iou, giou = pair_overlaps_xyxy(seen_xyxy[seen], found_xyxy[found])

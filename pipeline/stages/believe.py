@@ -1,10 +1,10 @@
-"""Belief: how probable it is that a hypothesis is an object, from what every sensor says and what cameras do not say.
+"""Belief: the probability that a hypothesis is an object, from the evidence of all sensors.
 
-The lidars' score is turned into a probability, because it means something else for each class. A 2D box that is matched
-speaks for an object. A camera that has it in view, unhidden, and says nothing speaks against it, as far as it finds
-objects of that size at all, which is counted while the run goes on. Where no camera looks, what those cameras said a
-moment ago counts, less and less; where they said nothing, the lidars decide. An object
-that cameras place by the ground alone is there, but where? Its covariance says how probably it is where it is reported.
+The lidars' score is turned into a probability, because it means something else for each class. A matched 2D box speaks
+for an object. A camera that has it in view, unhidden, without a 2D box speaks against it, as far as it finds objects of
+that size at all, which is counted during the run. Where no camera has an image, its evidence of a moment ago counts,
+less and less; without any, the lidars decide. For an object that cameras place by the ground alone, the probability
+that it is where it is reported counts, too: its covariance gives it.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.combine import MotionConfig
 from pipeline.core.settings.fuse import FuseConfig
-from pipeline.fusion.belief.memory import Memory
+from pipeline.fusion.belief.memory import Memory, RecallCounts
 from pipeline.fusion.belief.odds import (
     FITTED,
     at_its_place,
@@ -30,14 +30,16 @@ from pipeline.fusion.belief.odds import (
     probability,
     reach_of_classes,
 )
-from pipeline.fusion.belief.recall import RecallCounts
 from pipeline.fusion.belief.visibility import Visibility
 
 __all__ = ["Believe"]
 
 
 class Believe:
-    """Existence probabilities. Learns how much each camera finds, and remembers, so frames must come in order."""
+    """Existence probabilities. Learns how much each camera finds, and remembers, so frames must come in order.
+
+    Scores of the lidars' boxes are calibrated, unless they are probabilities already (`Engine3D`).
+    """
 
     def __init__(
         self,
@@ -48,15 +50,6 @@ class Believe:
         *,
         scores_are_probabilities: bool,
     ) -> None:
-        """Take settings.
-
-        Args:
-            rig: The cameras.
-            config: `camera_recall`.
-            classes: Their sizes and frequencies.
-            motion: How far the motion of the site frame is trusted.
-            scores_are_probabilities: See `Engine3D`.
-        """
         self._is_calibrated = scores_are_probabilities
         self._frequencies = np.array([prior.frequency for prior in classes])
         self._reach_m = reach_of_classes(classes)

@@ -21,7 +21,7 @@ ALIKE = 0.45
 """The share of votes for another class falls to 1/e with each such step of the logarithms of length, width, height."""
 
 OWN_LOG_ODDS = 0.2
-"""What the detector's own choice counts for beyond the size of its box: the shape of the points."""
+"""Weight of the detector's own choice, which knows the shape of the points beside the size of the box."""
 
 SHORT_SHARE = 0.2
 SHORT_LIMIT = 3.0

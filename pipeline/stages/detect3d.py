@@ -1,5 +1,6 @@
-"""Detection in the combined cloud: from an engine's proposals to the boxes of a frame."""
+"""The 3D boxes of a frame: by an engine in the combined cloud, or as detectors recorded them."""
 
+from collections.abc import Mapping
 from importlib import import_module
 from importlib.util import find_spec
 
@@ -8,6 +9,7 @@ import numpy as np
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes3D, Source
 from pipeline.core.errors import ModelError
+from pipeline.core.frame import SensorBundle
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.geometry.overlaps import without_overlaps
 from pipeline.core.geometry.rotated_iou import BoxArrays
@@ -16,7 +18,7 @@ from pipeline.core.settings.config import Config
 from pipeline.core.settings.engines import ENGINES
 from pipeline.detectors.protocols import Candidates3D, Detector3D
 
-__all__ = ["Detect3D"]
+__all__ = ["Detect3D", "Recorded3D"]
 
 
 class Detect3D:
@@ -51,6 +53,33 @@ class Detect3D:
             np.full(len(order), Source.LIDAR, np.uint8),
             combined.detection_cloud.stamp_ns + found.time_offsets_ns[order],
         )
+
+
+class Recorded3D:
+    """The boxes of all recorded detectors together.
+
+    Of two boxes of different detectors that stand on the same ground only the better one is kept; what one detector
+    says next to itself is left as it is.
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        self._site_frame = rig.site_frame
+        self._names = [detector.name for detector in rig.detectors]
+
+    def __call__(self, bundle: SensorBundle, found: Mapping[str, Boxes3D]) -> Boxes3D:
+        """Boxes in the site frame at the frame's time, in order of falling score, then of x, y and detector.
+
+        Args:
+            bundle: Source of the frame's time.
+            found: Boxes at that time by name of the detector; detectors may be missing.
+        """
+        parts = [found[name] for name in self._names if name in found]
+        boxes = Boxes3D.empty(bundle.stamp_ns, self._site_frame).joined(*parts)
+        groups = np.repeat(np.arange(len(parts)), [len(part) for part in parts]).astype(np.intp)
+        order = np.lexsort((groups, boxes.centers[:, 1], boxes.centers[:, 0], -boxes.scores))
+        ordered = boxes.select(order)
+        kept = without_overlaps(BoxArrays(ordered.centers, ordered.sizes, ordered.yaws), groups[order])
+        return ordered.select(kept)
 
 
 def _detector(rig: Rig, config: Config) -> Detector3D:

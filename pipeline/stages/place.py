@@ -36,14 +36,6 @@ class Place:
     def __init__(
         self, rig: Rig, config: FuseConfig, classes: Sequence[ClassPrior], *, ground_distance_m: float
     ) -> None:
-        """Take settings.
-
-        Args:
-            rig: The cameras, and the height of the ground where no lidar sees it.
-            config: `pixel_sigma_px` and `outline_sigma`.
-            classes: Their sizes.
-            ground_distance_m: `combine.ground.distance_m`.
-        """
         self._site_frame = rig.site_frame
         self._ground_height_m = rig.ground_height_m or 0.0
         self._priors = SizePriors.of(classes)

@@ -1,4 +1,4 @@
-"""What may be an object: the boxes of the lidars, and what the cameras show beside them."""
+"""Hypotheses of a frame: the boxes of the lidars, and objects that only 2D boxes show."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -44,7 +44,7 @@ TOO_VAGUE = "without points, and cameras cannot tell where its object stands"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Proposed:
-    """What may be an object in one frame.
+    """Hypotheses of one frame.
 
     Attributes:
         boxes: The boxes of the lidars, then those that 2D boxes propose.
@@ -81,7 +81,7 @@ class Propose:
             combined: The cloud, in which objects are sought where 2D boxes look.
             lidar: The boxes of the lidars.
             matches: By camera name; rows refer to `lidar`.
-            placed: What the cameras alone place.
+            placed: The 2D boxes, and the objects that cameras alone place.
         """
         sightings = placed.sightings
         partner, iou = find_partners(sightings, matches, self._names)

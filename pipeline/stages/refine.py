@@ -16,12 +16,10 @@ from pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Source
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.fuse import FuseConfig
-from pipeline.fusion.projection import Outline, cuboid_outline
+from pipeline.fusion.projection import Outline, cuboid_outline, rounded_outline
 from pipeline.fusion.refining.box_prior import box_prior
 from pipeline.fusion.refining.edges import MeasuredEdges, doubted_edges, measured_edges, moved_by_borders
-from pipeline.fusion.refining.outline import rounded_outline
-from pipeline.fusion.refining.refinement import predicted_edges, refine_boxes
-from pipeline.fusion.refining.turned import better_turned, with_turned
+from pipeline.fusion.refining.refinement import better_turned, predicted_edges, refine_boxes, with_turned
 
 __all__ = ["Refine"]
 

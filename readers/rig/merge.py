@@ -9,7 +9,7 @@ from functools import reduce
 from typing import Any
 
 from pipeline.core.errors import CalibrationError
-from pipeline.core.settings.validation.check import checked
+from pipeline.core.settings.validation import checked
 from readers.messages.tf import clean_frame
 from readers.rig.extrinsics import decompose_projection
 from readers.rig.importers.matrices import flat

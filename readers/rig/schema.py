@@ -18,7 +18,7 @@ from pipeline.core.errors import CalibrationError
 from pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy
 from pipeline.core.rig import TruthVehicle
 from pipeline.core.settings.recording import ZoneConfig
-from pipeline.core.settings.validation.check import checked
+from pipeline.core.settings.validation import checked
 
 __all__ = ["POSE", "TODO", "CameraEntry", "LidarEntry", "Pose", "RigFile", "TruthEntry", "parse_rig"]
 

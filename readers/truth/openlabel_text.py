@@ -16,7 +16,7 @@ from pipeline.core.arrays import F64
 from pipeline.core.errors import RecordingError
 from pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy
 from pipeline.core.messages import time_fault
-from pipeline.core.settings.validation.check import checked
+from pipeline.core.settings.validation import checked
 from pipeline.evaluation.evaluation_frame import UNKNOWN
 from readers.truth.boxes import MAX_OFF_UNIT
 

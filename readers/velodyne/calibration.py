@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from pipeline.core.arrays import F64
 from pipeline.core.errors import CalibrationError
 from pipeline.core.settings.bounded_yaml import read_yaml
-from pipeline.core.settings.validation.check import checked
+from pipeline.core.settings.validation import checked
 from readers.velodyne.models import LaserTable, RangeCorrections, VelodyneModel
 
 __all__ = ["read_velodyne_calibration"]

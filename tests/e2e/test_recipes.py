@@ -195,7 +195,9 @@ def as_spheres(message: RawMessage, radius: str) -> RawMessage:
     return made._replace(log_time_ns=message.log_time_ns)
 
 
-@pytest.mark.parametrize(("radius", "told"), [("radius", ""), ("size", "/points: 12 messages dropped: cannot be decoded")])
+@pytest.mark.parametrize(
+    ("radius", "told"), [("radius", ""), ("size", "/points: 12 messages dropped: cannot be decoded")]
+)
 def test_a_message_type(radius: str, told: str, tmp_path: Path) -> None:
     drive = small_drive("cdr", motion="none", kinds=("boxes",))
     write_mcap(tmp_path / "in.mcap", [as_spheres(one, radius) if one.topic == "/points" else one for one in drive])

@@ -129,7 +129,7 @@ def places(objects: list[Found]) -> list[list[float]]:
 def test_boxes_of_lidars_and_cameras_without_any_cloud(
     clusters: Path, sandbox: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pipeline.parallel.sharing.START_S", 0.0)  # no recording is too short for two processes
+    monkeypatch.setattr("pipeline.parallel.run.START_S", 0.0)  # no recording is too short for two processes
     boxes = given_back(clusters)
     source = write(tmp_path / "in.bag", of_sandbox(sandbox, without="/velodyne"), boxes[:1] + boxes[2:])
     reports = [

@@ -15,7 +15,7 @@ HELD = """
 import signal
 import sys
 import lidcam.run
-import pipeline.parallel.sharing
+import pipeline.parallel.run
 from lidcam.__main__ import main
 
 write = lidcam.run._write
@@ -26,7 +26,7 @@ def held(*args):
     return write(*args)
 
 lidcam.run._write = held
-pipeline.parallel.sharing.START_S = 0.0
+pipeline.parallel.run.START_S = 0.0
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it in what it runs in the background
 main()
 """

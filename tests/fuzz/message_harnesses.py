@@ -32,7 +32,7 @@ from pipeline.core.rig import RecordedDetector, Rig
 from pipeline.core.ros.typestores import message_types
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.recording import LimitsConfig
-from pipeline.stages.recorded3d import Recorded3D
+from pipeline.stages.detect3d import Recorded3D
 from readers.messages.camera_info import camera_model, rectified_camera_model
 from readers.messages.deserialize import definition_problem, deserialize, typestore_for
 from readers.messages.diagnostics import decode_diagnostics

@@ -87,7 +87,7 @@ def test_no_more_waits_than_the_frames_in_work_and_some_chunks(
 ) -> None:
     watch = Watch()
     SlowChunk.all_done = Event()
-    monkeypatch.setattr("pipeline.parallel.sharing.START_S", 0.0)
+    monkeypatch.setattr("pipeline.parallel.run.START_S", 0.0)
     monkeypatch.setattr("writers.mcap.output.WAITING_BYTES", WAITING_BYTES)
     monkeypatch.setattr("writers.mcap.output.Chunk", SlowChunk)
     monkeypatch.setattr("lidcam.run.bundles", lambda *args: watch.reading(bundles(*args)))

@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture(autouse=True)
 def _processes_from_the_first_frame_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pipeline.parallel.sharing.START_S", 0.0)
+    monkeypatch.setattr("pipeline.parallel.run.START_S", 0.0)
 
 
 def drive(bad: tuple[int, ...] = ()) -> list[RawMessage]:

@@ -9,7 +9,7 @@ from pydantic import BaseModel
 from pydantic_core._pydantic_core import list_all_errors
 
 from pipeline.core.errors import LidcamError
-from pipeline.core.settings.validation.schema import Place, key_places
+from pipeline.core.settings.validation import Place, key_places
 
 __all__ = ["mistakes", "words_of_the_library"]
 

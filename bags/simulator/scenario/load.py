@@ -8,7 +8,7 @@ from pipeline.core.errors import ConfigError
 from pipeline.core.settings.bounded_yaml import read_yaml
 from pipeline.core.settings.bundled import bundled
 from pipeline.core.settings.load import set_values
-from pipeline.core.settings.validation.check import checked, did_you_mean
+from pipeline.core.settings.validation import checked, did_you_mean
 
 __all__ = ["load_scenario", "scenario_names"]
 

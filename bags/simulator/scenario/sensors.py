@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Share
-from pipeline.core.settings.validation.wording import Noun
+from pipeline.core.settings.validation import Noun
 
 __all__ = [
     "COEFFICIENTS",

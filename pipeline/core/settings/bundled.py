@@ -6,7 +6,7 @@ from os import PathLike, fspath
 from pathlib import Path
 
 from pipeline.core.errors import ConfigError, LidcamError
-from pipeline.core.settings.validation.check import did_you_mean
+from pipeline.core.settings.validation import did_you_mean
 
 __all__ = ["PRESETS", "bundled", "preset_or_file", "settings_file"]
 

@@ -61,7 +61,7 @@ class Recorded3DConfig(SettingsModel):
     """3D boxes that a detector wrote into the recording.
 
     Attributes:
-        class_numbers: What a number in the place of a class name means in vision_msgs: with `labels` the class that has
+        class_numbers: Meaning of a number in the place of a class name in vision_msgs: with `labels` the class that has
             it among its labels, with `coco` a row of the 80 names of COCO, from 0, with `autoware` Autoware's numbers
             (1 car, 2 truck, 3 bus, 4 trailer, 5 motorcycle, 6 bicycle, 7 pedestrian). A name is looked up in the labels
             either way. Autoware's own messages have its numbers.
@@ -98,16 +98,16 @@ class Detect2DConfig(SettingsModel):
         method: `onnx` runs a network, `recorded` takes 2D boxes from the recording, `none` finds nothing. `auto` is
             `onnx` if a model is given, else `recorded` if there are boxes, else `none`.
         model: ONNX file, relative to the working folder; docs/networks.md lists the exports that are known.
-        layout: What the network's outputs mean. `auto`: told by their shapes. `yolox`; `yolov5` (also YOLOv6, YOLOv7);
-            `yolov8` (also YOLO11); `end_to_end`: with suppression inside (also YOLOv10, YOLO26); `rtdetr`: of
+        layout: Layout of the network's outputs. `auto`: recognised by their shapes. `yolox`; `yolov5` (also YOLOv6,
+            YOLOv7); `yolov8` (also YOLO11); `end_to_end`: with suppression inside (also YOLOv10, YOLO26); `rtdetr`: of
             Ultralytics; `detr`: boxes and scores (RT-DETR, D-FINE, RF-DETR); `dfine`: labels, boxes and scores.
         colors: Order of the channels that the network is given, and the value of white, 255 or 1; `imagenet`: red
             first, less ImageNet's mean, by its deviation. `auto`: as its layout has it.
         names: Names of the network's classes: `coco` (80), `coco91` (by the numbers of the annotations), or a file
             with a name in each line, or YAML or JSON with `names`. Empty: as in the network's file, else COCO's if
             there are 80.
-        provider: What runs the network. Only `cpu` gives the same result on every machine; the others need another
-            build of onnxruntime.
+        provider: Library that runs the network. Only `cpu` gives the same result on every machine; the others need
+            another build of onnxruntime.
         input: Width and height of the images that the network is given, pixels. `auto`: the shape of the camera's
             own image, as large as `max_input_px` allows and never larger than the image; overlapping tiles of the
             size that the network is made for, if it takes no other.
@@ -117,7 +117,7 @@ class Detect2DConfig(SettingsModel):
         nms_iou: Of two boxes of one class whose IoU exceeds this, the one with the lower score is removed.
         nms_iou_any: The same for two boxes of different classes: networks see some objects as two, a car and a truck.
             With 1 both stay.
-        class_numbers: What a number in the place of a class name means in recorded boxes: with `labels` the class that
+        class_numbers: Meaning of a number in the place of a class name in recorded boxes: with `labels` the class that
             has it among its labels, with `coco` a row of the 80 names of COCO, from 0 (0 person, 2 car). A name is
             looked up in the labels either way.
         threads: Threads that run the network; fixed, so that results do not depend on the machine. One is most

@@ -21,10 +21,10 @@ class EvaluateConfig(SettingsModel):
         distances: Up to which distance of the centres a detection counts as right in the figures by distance. `scaled`:
             0.5, 1, 2 and 4 m times the length of the class (`classes.N.size_m`) over 4 m. `nuscenes`: as they are, with
             the ranges of nuScenes, and the figures carry its name.
-        ranges_m: Edges of the ranges from the origin of the site frame by which figures are told apart; null: 0, 10,
+        ranges_m: Edges of the ranges from the origin of the site frame by which figures are grouped; null: 0, 10,
             20, 40 and 80 m, times the length of the first class over 4 m.
         region: Corners x, y in the site frame of the part that is evaluated; null: everywhere.
-        max_range_m: What is farther from the origin of the site frame is not evaluated; null: no limit.
+        max_range_m: Largest distance from the origin of the site frame that is evaluated; null: no limit.
         min_lidar_points: An object with fewer lidar points and with fewer pixels than `min_image_pixels` is neither a
             miss nor an error. Truth without such counts is evaluated in any case.
         min_image_pixels: See `min_lidar_points`; also of one image, for the 2D boxes of its camera.

@@ -10,7 +10,7 @@ from pipeline.core.errors import ConfigError
 from pipeline.core.settings.bounded_yaml import parse_yaml, read_yaml
 from pipeline.core.settings.bundled import settings_file
 from pipeline.core.settings.config import Config
-from pipeline.core.settings.validation.check import checked
+from pipeline.core.settings.validation import checked
 
 __all__ = ["dump_config", "load_config", "set_values"]
 

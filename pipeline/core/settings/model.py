@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from pipeline.core.settings.validation.wording import Noun
+from pipeline.core.settings.validation import Noun
 
 __all__ = [
     "Corners",
@@ -36,7 +36,7 @@ class SettingsModel(BaseModel):
     """A section of the settings: immutable, rejects unknown keys and numbers that are not finite.
 
     Attributes:
-        GONE: What to do instead, by the name of a setting that earlier versions had.
+        GONE: Advice by the name of a setting that earlier versions had.
     """
 
     GONE: ClassVar[Mapping[str, str]] = {}

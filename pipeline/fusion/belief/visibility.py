@@ -45,7 +45,7 @@ OPEN_CELLS = 1.0
 """Cells that are taken to be free beside those that are measured, so that a single point hides nothing wholly."""
 
 NEAR_M = 0.01
-"""What is not so far ahead of a camera is not in its image."""
+"""Points nearer to the plane of a camera, or behind it, are not in its image."""
 
 _TABLE, _BLOCK = (f"Array(float32, {dimensions}, 'C', True)" for dimensions in (2, 3))
 _POINTS = "Array(float32, 2, 'A', True)"

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Rows, select_rows
+from pipeline.core.arrays import F64, I64, Table
 from pipeline.core.detections import Boxes3D
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.fusion.cameras.sightings import Noise, Observed, Sightings, observe
@@ -79,7 +79,7 @@ class SizePriors(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Placements:
+class Placements(Table):
     """Where P objects stand, for each of the H `HEADINGS`.
 
     Attributes:
@@ -91,10 +91,6 @@ class Placements:
     xy: F64
     covariances: F64
     log_weights: F64
-
-    def select(self, rows: Rows) -> "Placements":
-        """The given rows (mask or indices), in that order."""
-        return select_rows(self, rows)
 
     @classmethod
     def empty(cls) -> "Placements":

@@ -1,6 +1,6 @@
-"""The 2D boxes of all cameras of a frame as one table, and what they say of objects that stand upright.
+"""The 2D boxes of all cameras of a frame as one table, with the directions of their edges and how well they are known.
 
-That is the directions of their edges from the camera, lens distortion taken off, and how well each of them is known.
+Directions are from the camera, without lens distortion; objects are taken to stand upright.
 """
 
 from collections.abc import Mapping
@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, Rows, select_rows
+from pipeline.core.arrays import F64, I64, Bools, Table
 from pipeline.core.camera import BORDER_PX
 from pipeline.core.detections import Boxes2D
 from pipeline.core.geometry.boxes import wrap_angle
@@ -46,7 +46,7 @@ _AROUND = np.array([[0, 0], [0.5, 0], [1, 0], [1, 0.5], [1, 1], [0.5, 1], [0, 1]
 
 
 @dataclass(frozen=True, eq=False)
-class Sightings:
+class Sightings(Table):
     """P 2D boxes, camera after camera, and in each by falling score, then by class and place.
 
     Attributes:
@@ -74,23 +74,16 @@ class Sightings:
     origin: F64
     rays: F64
 
-    def __len__(self) -> int:
-        return len(self.scores)
-
-    def select(self, rows: Rows) -> "Sightings":
-        """The given rows (mask or indices), in that order."""
-        return select_rows(self, rows)
-
 
 class Noise(NamedTuple):
-    """Standard deviations of what a placement rests on.
+    """Standard deviations of the inputs of a placement.
 
     Attributes:
-        pixel_px: Of an edge of a 2D box.
+        pixel_px: An edge of a 2D box.
         outline: The same, as a share of the box's size, the root of its area; both add up.
-        ground_m: Of the height of the ground.
-        ground_slope: Of its slope between camera and object, rise over run.
-        bearing_rad: Of the direction in which a camera looks, about the vertical.
+        ground_m: Height of the ground.
+        ground_slope: Slope of the ground between camera and object, rise over run.
+        bearing_rad: Direction of a camera about the vertical.
     """
 
     pixel_px: float

@@ -1,6 +1,6 @@
-"""What the other pairs say of an object and of a camera, for each camera that sees the object.
+"""Evidence of the other pairs about an object and about a camera, for each camera that sees the object.
 
-With the pairs of all cameras at hand, the place and the class of each 3D box are known better: for each camera they are
+With the pairs of all cameras, the place and the class of each 3D box are known better: for each camera they are
 computed from the box and the 2D boxes of all *other* cameras, so that no pair speaks for itself. A 2D box that
 contradicts the others then fits worse than before. The place is a weighted least-squares step in x, y and yaw; pairs
 that fit badly weigh little (the weights of the t distribution). In the same way the other pairs of a camera say how
@@ -21,12 +21,12 @@ __all__ = [
     "BoxBelief",
     "MatchedPairs",
     "Others",
+    "agreed_with_others",
+    "before_matching",
     "common_shifts",
     "feature_jacobian",
     "prior_covariances",
     "spread",
-    "what_box_says",
-    "what_others_say",
 ]
 
 UNKNOWN_SHARE, UNKNOWN_YAW = 0.1, 0.2
@@ -40,7 +40,7 @@ _MIN = np.diag([MIN_M, MIN_M, MIN_RAD]) ** 2
 
 @dataclass(frozen=True, eq=False)
 class BoxBelief:
-    """What is known of N boxes before the cameras are asked.
+    """Place and class of N boxes before the cameras are asked.
 
     Attributes:
         covariances: (N, 3, 3) float64 of x, y, yaw, regular.
@@ -84,7 +84,7 @@ class MatchedPairs(NamedTuple):
 
 
 class Others(NamedTuple):
-    """For each of P boxes in an image, what the box and the other cameras say of it.
+    """Place and class of each of P boxes in an image, by the box itself and the other cameras.
 
     Attributes:
         shifts: (P, 3) float64, to be added to x, y (metres) and yaw (radians) of the box.
@@ -122,13 +122,13 @@ def spread(covariances: F64, jacobians: F64) -> F64:
     return np.asarray((jacobians @ covariances * jacobians).sum(2))
 
 
-def what_box_says(boxes: BoxBelief, seen_rows: I64) -> Others:
-    """As `what_others_say`, before anything is matched."""
+def before_matching(boxes: BoxBelief, seen_rows: I64) -> Others:
+    """As `agreed_with_others`, before anything is matched."""
     log_classes = _log_given(boxes.log_classes, boxes.confusion)
     return Others(np.zeros((len(seen_rows), 3)), boxes.covariances[seen_rows], log_classes[seen_rows])
 
 
-def what_others_say(boxes: BoxBelief, seen_rows: I64, pairs: MatchedPairs) -> Others:
+def agreed_with_others(boxes: BoxBelief, seen_rows: I64, pairs: MatchedPairs) -> Others:
     """For each box in an image, its place and class by itself and by the pairs of the other cameras.
 
     Args:
@@ -151,7 +151,7 @@ def what_others_say(boxes: BoxBelief, seen_rows: I64, pairs: MatchedPairs) -> Ot
 def common_shifts(
     seen_cameras: I64, prior: F64, matched: I64, away_px: F64, variances: F64, squared: F64
 ) -> tuple[F64, F64]:
-    """The shift that each pair has to expect, by the other pairs of its camera.
+    """The shift that the other pairs of its camera predict for each pair.
 
     A mean with the weights of the t distribution, of which the calibration's own uncertainty is a part with mean 0. No
     pair speaks for itself: from each, its own share is taken off.
@@ -182,7 +182,7 @@ def _sums_of_others(own: F64, matched: I64, groups: I64) -> F64:
     """(P, ...) for each rectangle, the sum over the pairs of its group but its own one.
 
     Args:
-        own: (T, ...) what each pair adds.
+        own: (T, ...) contribution of each pair.
         matched: (T,) row of the rectangle of each pair, each at most once.
         groups: (P,) group of each rectangle.
     """

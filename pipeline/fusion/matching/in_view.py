@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64, Bools, Indices, first_of_runs
+from pipeline.core.arrays import F32, F64, I64, Bools, Indices, Table, first_of_runs
 from pipeline.core.camera import NEAR_M
 from pipeline.core.detections import Boxes3D
 from pipeline.core.errors import FrameError
@@ -27,7 +27,7 @@ MAX_COVERS = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class InView:
+class InView(Table):
     """The P pairs of a camera and a box of which it sees some part, ordered by camera, then by box.
 
     Attributes:
@@ -44,9 +44,6 @@ class InView:
     xyxy: F32
     jacobian: F64
     ranges_m: F64
-
-    def __len__(self) -> int:
-        return len(self.rows)
 
 
 def project_into_views(boxes: Boxes3D, views: Sequence[CameraSensor], arrays: CameraArrays) -> InView:

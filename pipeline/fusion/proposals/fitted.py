@@ -18,9 +18,15 @@ from pipeline.fusion.cameras.merging import mean_places
 from pipeline.fusion.cameras.placing import Placements
 from pipeline.fusion.cameras.sightings import Sightings
 from pipeline.fusion.projection import project_edges
-from pipeline.fusion.proposals.frustums import FrustumPoints, heading_of, points_in_frustums
+from pipeline.fusion.proposals.frustums import (
+    MAX_OFF,
+    Expected,
+    FrustumPoints,
+    choose_segments,
+    heading_of,
+    points_in_frustums,
+)
 from pipeline.fusion.proposals.parting import share_points
-from pipeline.fusion.proposals.segments import MAX_OFF, Expected, choose_segments
 
 __all__ = ["FittedObjects", "ObjectFitter"]
 

@@ -1,4 +1,4 @@
-"""What is known of a box before the images are asked: means and covariances of its place, heading, size and speed."""
+"""Prior of a box before the images are used: means and covariances of its place, heading, size and speed."""
 
 from typing import NamedTuple
 

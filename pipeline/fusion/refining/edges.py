@@ -1,4 +1,4 @@
-"""What the images say of the place of 3D boxes: the edges of the 2D boxes that are matched with them.
+"""The edges of the 2D boxes that are matched with 3D boxes, as measurements of their place.
 
 Where something other than the object moves an edge, it errs by more. The border of an image moves edges that it does
 not cut: the 2D box of a bus that reaches below the image ends on the left where its side leaves the image, not at its
@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, Rows, select_rows
+from pipeline.core.arrays import F64, I64, Bools, Table
 from pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses
 from pipeline.core.geometry.box_edges import BOX_EDGES
 from pipeline.core.geometry.boxes import box_corners
@@ -34,7 +34,7 @@ MEDIAN_SPREAD = 1.2533
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MeasuredEdges:
+class MeasuredEdges(Table):
     """P pairs of a 3D box and a 2D box, sorted by the 3D box.
 
     Attributes:
@@ -54,13 +54,6 @@ class MeasuredEdges:
     sigma_px: F64
     hidden_px: F64
     later_s: F64
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def select(self, rows: Rows) -> "MeasuredEdges":
-        """The given pairs (mask or indices), in that order."""
-        return select_rows(self, rows)
 
 
 def measured_edges(
@@ -100,9 +93,9 @@ def measured_edges(
 
 
 def moved_by_borders(boxes: Boxes3D, rows: I64, cameras: CameraArrays) -> F64:
-    """(P, 4) how far left, top, right and bottom of what an image shows are inside of those of the whole box, pixels.
+    """(P, 4) how far left, top, right and bottom of a box in an image are inside of those of the whole box, pixels.
 
-    Of left and right, as far as the upper and the lower border move them, and the other way round. Where nothing of a
+    Left and right are moved by the upper and lower border of the image, top and bottom by its sides. Where nothing of a
     box is in the image, that is all of its extent. Lines between corners are taken for straight.
 
     Args:
@@ -135,8 +128,8 @@ def doubted_edges(
 ) -> MeasuredEdges:
     """The edges with further noise where something other than the box moves them.
 
-    That is where the border of the image cuts it, where a part of the object is hidden and the 2D box ends clearly
-    inside of where the box does, and where all 2D boxes of a camera are shifted alike.
+    Those are edges that the border of the image cuts, edges clearly inside of the box's where a part of the object is
+    hidden, and all edges of a camera whose 2D boxes are shifted alike.
 
     Args:
         edges: P pairs.

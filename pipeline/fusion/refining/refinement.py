@@ -10,23 +10,27 @@ first average. The mean of the distribution errs less than its largest value, an
 fit alike.
 
 Residuals are weighed by a Cauchy distribution (iteratively reweighted), so that a wrong 2D box does little harm.
+
+A rider of whom the lidars see little more than the shoulders may sit along the points or across them. The images tell:
+a box of unknown heading is fitted once more from the heading at right angles, and the likelier fit is taken.
 """
 
+from dataclasses import replace
 from typing import NamedTuple, Self
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools, Indices, first_of_runs
+from pipeline.core.arrays import F64, I64, Bools, Indices, first_of_runs
 from pipeline.core.detections import Boxes3D
-from pipeline.core.geometry.boxes import rotations_2d
+from pipeline.core.geometry.boxes import rotations_2d, wrap_angle
 from pipeline.fusion.projection import Outline, project_edges
-from pipeline.fusion.refining.box_prior import BoxPrior
+from pipeline.fusion.refining.box_prior import MAX_YAW_RAD, SQUARE, BoxPrior
 from pipeline.fusion.refining.edges import MeasuredEdges
 
-__all__ = ["RefinedBoxes", "predicted_edges", "refine_boxes"]
+__all__ = ["RefinedBoxes", "better_turned", "predicted_edges", "refine_boxes", "with_turned"]
 
 YAWS, SPAN = 5, 2.5
-"""How many headings are tried at once, and how many standard deviations they reach to both sides."""
+"""Number of headings that are tried at once, and their reach to both sides, standard deviations."""
 
 CAUCHY = 3.0
 """Residuals of so many standard deviations weigh half."""
@@ -39,6 +43,15 @@ GATE = 16.27
 
 MIN_SIZE, MAX_SIZE = 0.5, 1.5
 """Bounds of a refined length and width, as shares of the prior's."""
+
+EITHER_YAW_RAD = np.pi / 2 / np.sqrt(12.0)
+"""Standard deviation of a heading of which it is known that it is no farther than an eighth of a turn away."""
+
+TURNED_SHARE = 0.3
+"""Share of the boxes of unknown heading that are turned by more than an eighth: 32 of 111 cyclists in three simulated
+recordings."""
+
+TURNED_COST = 2 * np.log(1 / TURNED_SHARE - 1)
 
 _OFFSETS = np.linspace(-SPAN, SPAN, YAWS)
 
@@ -218,7 +231,7 @@ def refine_boxes(boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline:
 
     Args:
         boxes: N boxes, each with at least one pair.
-        prior: What is known of them.
+        prior: Their prior.
         edges: P pairs, sorted by the box; their boxes are in view wholly.
         outline: Of the box of each pair.
     """
@@ -252,3 +265,61 @@ def refine_boxes(boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline:
         accepted,
         np.ascontiguousarray(costs[:, 1]),
     )
+
+
+def with_turned(boxes: Boxes3D, edges: MeasuredEdges) -> tuple[Boxes3D, MeasuredEdges, I64]:
+    """The boxes, and once more, turned, those with a 2D box that are longer than wide and of unknown heading.
+
+    Args:
+        boxes: N boxes.
+        edges: Their pairs.
+
+    Returns:
+        N + T boxes, the pairs of all of them, and (N + T,) the row of the given box that each stands for.
+    """
+    own = np.arange(len(boxes))
+    is_long = boxes.sizes[:, 0] > SQUARE * boxes.sizes[:, 1]
+    is_unknown = is_long & (boxes.covariances[:, 2, 2] > MAX_YAW_RAD**2)
+    if is_unknown.any():
+        is_unknown &= np.bincount(edges.rows, minlength=len(boxes)) > 0
+    unknown = np.flatnonzero(is_unknown)
+    if not len(unknown):
+        return boxes, edges, own
+    covariances = boxes.covariances.copy()
+    share = EITHER_YAW_RAD / np.sqrt(covariances[unknown, 2, 2])
+    covariances[unknown, 2] *= share[:, None]
+    covariances[unknown, :, 2] *= share[:, None]
+    either = replace(boxes, covariances=covariances)
+    turned = either.select(unknown)
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    turned = replace(
+        turned,
+        yaws=wrap_angle(turned.yaws + np.pi / 2),
+        covariances=quarter @ turned.covariances @ quarter.T,
+    )
+    again = np.flatnonzero(is_unknown[edges.rows])
+    number = len(boxes) + np.searchsorted(unknown, edges.rows[again])
+    rows = np.concatenate([edges.rows, number]).astype(np.int64)
+    edges = replace(edges.select(np.concatenate([np.arange(len(edges)), again])), rows=rows)
+    return either.joined(turned), edges, np.concatenate([own, unknown])
+
+
+def better_turned(objects: I64, found: RefinedBoxes, turned_of: I64) -> Bools:
+    """(M,) whether each fitted box is likelier than the other one that stands for the same box.
+
+    Of two that are equally likely it is the one that is not turned.
+
+    Args:
+        objects: (M,) row of each in what `with_turned` gives, rising.
+        found: The M fitted boxes.
+        turned_of: See there.
+    """
+    stands_for = turned_of[objects]
+    is_turned = stands_for != objects
+    if not is_turned.any():
+        return np.ones(len(objects), np.bool_)
+    costs = np.where(found.accepted, found.costs + TURNED_COST * is_turned, np.inf)
+    order = np.lexsort((objects, costs, stands_for))
+    better = np.zeros(len(objects), np.bool_)
+    better[order[first_of_runs(stands_for[order])]] = True
+    return better

@@ -84,10 +84,8 @@ class ApproximateTimePython(Generic[T]):
 def first_combination(newcomer_ns: int, candidates: Sequence[Sequence[int]], slop_ns: int) -> list[int] | None:
     """The first of `itertools.product(*candidates)` that spreads less than slop together with the newcomer.
 
-    A combination fits if a window [start, start + slop) contains all its stamps, so a stamp s allows the starts in
-    (s - slop, s]. First, the starts that leave at least one stamp to each of the topics from here on are computed, for
-    each topic. Then the first stamp whose starts overlap those of the later topics is the right one, and no choice is
-    ever revised: O(topics x (topics + queue size)) steps.
+    Chosen one after another, and none is revised: a stamp is taken only if the topics after it can still be completed,
+    that is if a span of slop around the stamps chosen so far has a stamp of each of them.
 
     Args:
         newcomer_ns: Stamp of the newest message, part of every combination.
@@ -99,39 +97,26 @@ def first_combination(newcomer_ns: int, candidates: Sequence[Sequence[int]], slo
     nearest_ns = [stamps_ns[0] for stamps_ns in candidates]
     if max([newcomer_ns, *nearest_ns]) - min([newcomer_ns, *nearest_ns]) < slop_ns:
         return nearest_ns
-
-    first_ns, last_ns = newcomer_ns - slop_ns + 1, newcomer_ns
-    later_starts = [[(first_ns, last_ns)] if first_ns <= last_ns else []]
-    for stamps_ns in reversed(candidates):
-        later_starts.append(_starts_that_reach(stamps_ns, newcomer_ns, slop_ns, later_starts[-1]))
-    if not later_starts.pop():
+    if not _can_be_completed(newcomer_ns, newcomer_ns, candidates, slop_ns):
         return None
-
-    chosen = []
-    for stamps_ns in candidates:
-        starts = later_starts.pop()
+    low_ns = high_ns = newcomer_ns
+    chosen: list[int] = []
+    for place, stamps_ns in enumerate(candidates):
+        later = candidates[place + 1 :]
         for stamp_ns in stamps_ns:
-            narrowed = max(first_ns, stamp_ns - slop_ns + 1), min(last_ns, stamp_ns)
-            if any(max(narrowed[0], low) <= min(narrowed[1], high) for low, high in starts):
-                first_ns, last_ns = narrowed
+            low, high = min(low_ns, stamp_ns), max(high_ns, stamp_ns)
+            if _can_be_completed(low, high, later, slop_ns):
+                low_ns, high_ns = low, high
                 chosen.append(stamp_ns)
                 break
     return chosen
 
 
-def _starts_that_reach(
-    stamps_ns: Sequence[int], newcomer_ns: int, slop_ns: int, starts: list[tuple[int, int]]
-) -> list[tuple[int, int]]:
-    """The part of `starts` (closed intervals) whose windows contain at least one of the stamps.
-
-    Every window contains the newcomer, so it misses the topic only if it starts after the last stamp before the
-    newcomer and ends before the first one after it.
-    """
-    before_ns = max((s for s in stamps_ns if s <= newcomer_ns), default=newcomer_ns - slop_ns)
-    after_ns = min((s for s in stamps_ns if s >= newcomer_ns), default=newcomer_ns + slop_ns)
-    gap_first, gap_last = before_ns + 1, after_ns - slop_ns
-    if gap_first > gap_last:
-        return starts
-    below = [(low, min(high, gap_first - 1)) for low, high in starts if low < gap_first]
-    above = [(max(low, gap_last + 1), high) for low, high in starts if high > gap_last]
-    return below + above
+def _can_be_completed(low_ns: int, high_ns: int, topics: Sequence[Sequence[int]], slop_ns: int) -> bool:
+    """Whether a span of less than slop holds both stamps and a stamp of each topic."""
+    starts = [low_ns, *(stamp_ns for stamps_ns in topics for stamp_ns in stamps_ns if stamp_ns < low_ns)]
+    return any(
+        high_ns < start_ns + slop_ns
+        and all(any(start_ns <= stamp_ns < start_ns + slop_ns for stamp_ns in stamps_ns) for stamps_ns in topics)
+        for start_ns in starts
+    )

@@ -1,4 +1,4 @@
-"""Which sensors' messages were missing from the frames, and when their topics were silent."""
+"""Counts of frames without a message of a topic, and the spans of time in which the topic was silent."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -32,7 +32,7 @@ class Silence(NamedTuple):
 
 
 class Absence(NamedTuple):
-    """What the frames of a run lack of one topic.
+    """The frames of a run without a message of one topic.
 
     Attributes:
         topic: The topic.
@@ -67,7 +67,7 @@ class Attendance:
             silences[-1] = silences[-1]._replace(end_ns=end_ns)
 
     def fall_silent(self, topic: str, heard_ns: int | None) -> None:
-        """Begin a span of silence, unless one has begun.
+        """Open a span of silence, unless one is open.
 
         Args:
             topic: The topic.
@@ -96,7 +96,7 @@ class Attendance:
         return found
 
     def absences(self, topics: Iterable[str]) -> tuple[Absence, ...]:
-        """What the frames so far lack, in the order of `topics`; those that were never missing have no entry."""
+        """Absences so far, in the order of `topics`; topics that were never missing have no entry."""
         return tuple(
             Absence(topic, self._frames[topic], tuple(s for s in self._silences.get(topic, ()) if s.frames))
             for topic in topics

@@ -1,10 +1,9 @@
-"""Stamps that can be trusted: offsets taken off, impossible ones dropped, and a new part wherever time jumps back.
+"""Correction of stamps: offsets are taken off, impossible stamps dropped, and a part ends where time jumps back.
 
 A message is judged by the stamp before it on its topic, and by its delay (log time minus stamp). One that goes back by
 more than a second, or is that much further ahead of the recorder than those before it, is held until the next message
 of its topic: if that one agrees with it, the clock was set, else it is an outlier. A message that is only recorded late
-is neither. A stamp or log time that no output could hold (before 1970, after January 2038) is no time at all: its
-message is bad, whatever the others say.
+is neither. A message whose stamp or log time no output could hold (before 1970, after January 2038) is bad in any case.
 """
 
 from collections import deque
@@ -49,14 +48,14 @@ class TimeJump(NamedTuple):
 
 @dataclass(slots=True)
 class _Clock:
-    """What is known of one topic.
+    """State of one topic.
 
     Attributes:
-        offset_ns: Taken off its stamps.
+        offset_ns: Offset that is taken off its stamps.
         part: Part of the recording that it has reached.
         last_ns: Corrected stamp of its last good message; None before the first.
         log_time_ns: Log time of its last message; None before the first.
-        delays_ns: Of its last good messages.
+        delays_ns: Delays of its last good messages.
         held: A message that the next one decides on.
         is_unstamped: Whether its stamps are all 0.
     """
@@ -86,8 +85,8 @@ class Clocks:
     """The clocks of the sensors over one pass through a recording.
 
     Args:
-        offsets_ns: Taken off the stamps, by topic; other topics have none.
-        on_drop: Called for each message whose stamp does not go with those around it.
+        offsets_ns: Offsets that are taken off the stamps, by topic; other topics have none.
+        on_drop: Called for each message whose stamp does not fit those around it.
         on_bad: Called for each message whose stamp or log time cannot be a time.
 
     Attributes:
@@ -143,7 +142,7 @@ class Clocks:
         yield from self._released()
 
     def _begin_part(self, jump: TimeJump) -> None:
-        """Begin a new part for all topics: the recorder's own time has jumped."""
+        """Start a part for all topics: the recorder's own time has jumped."""
         self._part += 1
         self.jumps.append(jump)
         for clock in self._clocks.values():

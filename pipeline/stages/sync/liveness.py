@@ -1,4 +1,4 @@
-"""Which topics are alive: those that a message was recorded of lately.
+"""Topics that are alive: a message of them was recorded lately.
 
 Judged by log time, not by stamps, so a sensor whose messages all arrive two seconds late is alive. A pause of the whole
 recording is no topic's silence: between two messages the clock here advances by half of `silent_after_ns` at most.
@@ -15,10 +15,10 @@ MAX_PERIODS = 2.5
 """A message is overdue after this many periods of its topic: one lost message makes two."""
 
 UNKNOWN_PERIOD = 4
-"""Times of `silent_after_ns` that the second message of a topic may take, as nothing is known of its period yet."""
+"""Multiple of `silent_after_ns` in which the second message of a topic may come: its period is not known yet."""
 
 STEPS = 5
-"""Steps between stamps that a topic's period is the median of."""
+"""Steps between stamps whose median is the period of a topic."""
 
 
 class Liveness:

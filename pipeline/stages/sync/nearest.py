@@ -19,10 +19,10 @@ T = TypeVar("T")
 class NearestPartners(Generic[R, T]):
     """For each reference item, its partners: by topic, the nearest item within slop.
 
-    Reference items are settled in order of their stamps, each once a later one is known and every awaited topic has
-    reached that one, or a queue is full. Each takes, per topic, the nearest item after those already taken; ties go to
-    the earlier stamp, then to the earlier arrival. An item that is nearest to the next later reference item, and nearer
-    to that one, is left to it.
+    Reference items are resolved in the order of their stamps, each as soon as a later one is known and every awaited
+    topic has reached that one, or a queue is full. Each takes, per topic, the nearest item after those already taken;
+    ties go to the earlier stamp, then to the earlier arrival. An item that is nearest to the next later reference item,
+    and nearer to that one, is left to it.
 
     Args:
         topics: Topic names, for the drop reasons. Methods take indices.
@@ -54,7 +54,7 @@ class NearestPartners(Generic[R, T]):
         self._queues: list[list[tuple[int, T]]] = [[] for _ in topics]
         self._newest_ns: list[int | None] = [None] * len(topics)
         self._taken_ns: list[int | None] = [None] * len(topics)
-        self._settled_ns: int | None = None
+        self._resolved_ns: int | None = None
         self._queue_size = queue_size
         self._max_references = max_references
         self._slop_ns = slop_ns
@@ -62,24 +62,24 @@ class NearestPartners(Generic[R, T]):
         self._on_reference_drop = on_reference_drop
 
     def add_reference(self, stamp_ns: int, item: R, complete: Collection[int] = ()) -> list[tuple[R, dict[int, T]]]:
-        """Add a reference item, and return those now settled with their partners by topic.
+        """Add a reference item, and return those now resolved with their partners by topic.
 
         Args:
             stamp_ns: Its stamp.
             item: The item.
             complete: Topics that it needs no partner of.
         """
-        if self._settled_ns is not None and stamp_ns < self._settled_ns:
+        if self._resolved_ns is not None and stamp_ns < self._resolved_ns:
             self._on_reference_drop(item, DropReason.TOO_LATE)
             return []
         insort(self._references, (stamp_ns, item, complete), key=lambda queued: queued[0])
-        settled = self._settle_certain()
+        resolved = self._resolve_certain()
         while len(self._references) > self._max_references:
-            settled += self._settle_next()
-        return settled
+            resolved += self._resolve_next()
+        return resolved
 
     def add(self, topic: int, stamp_ns: int, item: T) -> list[tuple[R, dict[int, T]]]:
-        """Add an item, and return the reference items now settled with their partners by topic."""
+        """Add an item, and return the reference items now resolved with their partners by topic."""
         if self._is_too_late(topic, stamp_ns):
             self._on_drop(item, DropReason.TOO_LATE)
             return []
@@ -89,15 +89,15 @@ class NearestPartners(Generic[R, T]):
         else:
             queue.append((stamp_ns, item))
         self._newest_ns[topic] = queue[-1][0]
-        settled = self._settle_certain() if len(self._references) > 1 else []
+        resolved = self._resolve_certain() if len(self._references) > 1 else []
         while len(queue) > self._queue_size:
-            settled += self._make_room(topic)
-        return settled
+            resolved += self._make_room(topic)
+        return resolved
 
     def wait_for(self, topics: Collection[int]) -> list[tuple[R, dict[int, T]]]:
-        """Wait for these topics from now on, and return the reference items settled thereby."""
+        """Wait for these topics from now on, and return the reference items resolved thereby."""
         self._awaited = tuple(topics)
-        return self._settle_certain()
+        return self._resolve_certain()
 
     def take_after(self, topic: int, stamp_ns: int | None) -> list[T]:
         """Remove and return the items of a topic with later stamps, or all of them, in order of their stamps."""
@@ -108,11 +108,11 @@ class NearestPartners(Generic[R, T]):
         return taken
 
     def flush(self) -> list[tuple[R, dict[int, T]]]:
-        """Settle the reference items that were still waiting."""
-        settled: list[tuple[R, dict[int, T]]] = []
+        """Resolve the reference items that were still waiting."""
+        resolved: list[tuple[R, dict[int, T]]] = []
         while self._references:
-            settled += self._settle_next()
-        return settled
+            resolved += self._resolve_next()
+        return resolved
 
     def close(self) -> None:
         """Report all items still held as dropped."""
@@ -123,17 +123,17 @@ class NearestPartners(Generic[R, T]):
             self._drop_first(topic, len(queue), DropReason.END)
 
     def _is_too_late(self, topic: int, stamp_ns: int) -> bool:
-        """Whether a later item of the topic is taken, or all reference items that it could reach are settled."""
-        taken_ns, settled_ns = self._taken_ns[topic], self._settled_ns
+        """Whether a later item of the topic is taken, or all reference items that it could reach are resolved."""
+        taken_ns, settled_ns = self._taken_ns[topic], self._resolved_ns
         if taken_ns is not None and stamp_ns < taken_ns:
             return True
         return settled_ns is not None and stamp_ns < settled_ns - self._slop_ns
 
-    def _settle_certain(self) -> list[tuple[R, dict[int, T]]]:
-        settled: list[tuple[R, dict[int, T]]] = []
+    def _resolve_certain(self) -> list[tuple[R, dict[int, T]]]:
+        resolved: list[tuple[R, dict[int, T]]] = []
         while self._next_is_certain():
-            settled += self._settle_next()
-        return settled
+            resolved += self._resolve_next()
+        return resolved
 
     def _next_is_certain(self) -> bool:
         """Whether a later reference item and all items that could be near the first are known."""
@@ -146,10 +146,10 @@ class NearestPartners(Generic[R, T]):
                 return False
         return True
 
-    def _settle_next(self) -> list[tuple[R, dict[int, T]]]:
+    def _resolve_next(self) -> list[tuple[R, dict[int, T]]]:
         """Remove the first reference item; with its partners, if it has all that are required."""
         stamp_ns, item, complete = self._references.pop(0)
-        self._settled_ns = stamp_ns
+        self._resolved_ns = stamp_ns
         rows: dict[int, int] = {}
         for topic, queue in enumerate(self._queues):
             row = self._partner(topic, stamp_ns) if queue and topic not in complete else None
@@ -188,14 +188,14 @@ class NearestPartners(Generic[R, T]):
         return next((later_ns for later_ns, _, _ in self._references if later_ns > stamp_ns), None)
 
     def _make_room(self, topic: int) -> list[tuple[R, dict[int, T]]]:
-        """Settle a reference item with the items known so far; without one, drop the topic's oldest item."""
+        """Resolve a reference item with the items known so far; without one, drop the topic's oldest item."""
         if not self._references:
             self._drop_first(topic, 1, DropReason.QUEUE_FULL)
             return []
         if self._queues[topic][0][0] < self._references[0][0] - self._slop_ns:
             self._drop_first(topic, 1, DropReason.NO_REFERENCE)
             return []
-        return self._settle_next()
+        return self._resolve_next()
 
     def _drop_unreachable(self) -> None:
         """Drop items too old for the next reference item and thus for all later ones."""
@@ -257,10 +257,10 @@ class Nearest(Generic[T]):
         """Report all messages still held as dropped."""
         self._partners.close()
 
-    def _sets(self, settled: Sequence[tuple[T, Mapping[int, T]]]) -> list[tuple[T, ...]]:
+    def _sets(self, resolved: Sequence[tuple[T, Mapping[int, T]]]) -> list[tuple[T, ...]]:
         return [
             tuple(item if topic == self._reference else partners[topic] for topic in range(self._topic_count))
-            for item, partners in settled
+            for item, partners in resolved
         ]
 
 

@@ -1,7 +1,7 @@
 """Sets of the messages of one moment, without those of the sensors that are silent.
 
 The policy runs over the required topics that are alive. All other topics join its sets, each with the message nearest
-to the reference message. What is required changes when a topic falls silent or comes back: the policy then begins anew
+to the reference message. When a topic falls silent or comes back, the required topics change: the policy then restarts
 with the messages that are in no set yet.
 """
 
@@ -44,7 +44,7 @@ class PartialSets:
     """Finds sets; every message ends up in one set or is reported as dropped.
 
     Args:
-        topics: All topics. If no required one is alive, the first of these that is takes over.
+        topics: All topics. If no required one is alive, the first of these that is alive takes its place.
         required: Topics that a set needs while they are alive.
         reference: Topic whose messages are the reference while it is alive and required; else it is the first required
             one that is alive.
@@ -154,8 +154,8 @@ class PartialSets:
             self._entering.discard(topic)
             return self._wait() + self._insert(topic, item)
         if topic not in self._place or topic in self._entering:
-            settled = self._partners.add(topic, stamp_ns, item)
-            return self._found(settled) if settled else []
+            resolved = self._partners.add(topic, stamp_ns, item)
+            return self._found(resolved) if resolved else []
         self._held[topic][item.number] = item
         sets = self._policy.add(self._place[topic], stamp_ns, item)
         return self._joined(sets) if sets else []
@@ -181,18 +181,18 @@ class PartialSets:
                 del self._held[topic][item.number]
             stamp_ns = items[place].message.stamp_ns
             self._last_ns = stamp_ns if self._last_ns is None else max(self._last_ns, stamp_ns)
-            # The reference item comes first: the core may be another one when the set is settled.
+            # The reference item comes first: the core may be another one when the set is resolved.
             ordered = (items[place], *items[:place], *items[place + 1 :])
             found += self._found(self._partners.add_reference(stamp_ns, ordered, self._core))
         return found
 
-    def _found(self, settled: Sequence[tuple[tuple[Item, ...], Mapping[int, Item]]]) -> list[FoundSet]:
+    def _found(self, resolved: Sequence[tuple[tuple[Item, ...], Mapping[int, Item]]]) -> list[FoundSet]:
         return [
             FoundSet(
                 items[0].message,
                 {self._index[item.message.channel.topic]: item.message for item in (*items, *partners.values())},
             )
-            for items, partners in settled
+            for items, partners in resolved
         ]
 
     def _choose_core(self, newcomer: RawMessage | None = None) -> list[FoundSet]:
@@ -213,7 +213,7 @@ class PartialSets:
                     place, until_ns = self._place[self._reference], newcomer.stamp_ns - self._half_period_ns()
                     sets = [items for items in sets if items[place].message.stamp_ns < until_ns]
                 found += self._joined(sets)
-            found += self._begin_anew(core)
+            found += self._restart(core)
         return found + self._wait()
 
     def _there(self) -> list[int]:
@@ -225,7 +225,7 @@ class PartialSets:
         awaited = [topic for topic in self._there() if topic not in self._place or topic in self._entering]
         return self._found(self._partners.wait_for(awaited))
 
-    def _begin_anew(self, core: tuple[int, ...]) -> list[FoundSet]:
+    def _restart(self, core: tuple[int, ...]) -> list[FoundSet]:
         """Make these topics the policy's, with the messages that are in no set yet."""
         items = [(item.number, topic, item) for topic, held in enumerate(self._held) for item in held.values()]
         for topic in set(core) - set(self._core):

@@ -1,7 +1,7 @@
-"""From a stream of undecoded messages to bundles of one moment, by the configured policy."""
+"""Bundles of the messages of one moment, from a stream of undecoded messages, by the configured policy."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -14,7 +14,7 @@ from pipeline.stages.sync.approximate_time_python import ApproximateTimePython
 from pipeline.stages.sync.attendance import Attendance
 from pipeline.stages.sync.liveness import Liveness
 from pipeline.stages.sync.nearest import Nearest
-from pipeline.stages.sync.partial_sets import PartialSets
+from pipeline.stages.sync.partial_sets import FoundSet, PartialSets
 from pipeline.stages.sync.policy import OnItemDrop, Policy
 
 __all__ = ["SyncStats", "synchronize"]
@@ -73,11 +73,10 @@ def synchronize(
         topics: Topics of the bundles, in this order.
         config: Policy and its parameters.
         reference: One of `topics`, whose message gives a bundle its stamp and log time while it is alive.
-        required: Topics that a bundle needs while they are alive; the others join it, as `PartialSets` says. None: as
-            in message_filters, every bundle has a message of each topic, and nothing is known of silence.
+        required: Topics that a bundle needs while they are alive; the others join it (`PartialSets`). None: every
+            bundle has a message of each topic, as in message_filters.
         on_drop: Called for each message that is in no bundle, in a fixed order.
-        flush: Whether to emit bundles that only the end of the recording makes certain; the live program in ROS does
-            not.
+        flush: Whether to emit bundles that only the end of the recording makes certain; ROS, being live, does not.
         stats: Updated as bundles are consumed; the first bundle's index is the number of its sets.
         max_waiting_bytes: Size of all messages that wait for one another; None for no limit.
 
@@ -104,12 +103,11 @@ def synchronize(
     stats = SyncStats() if stats is None else stats
     for topic in topics:
         stats.received.setdefault(topic, 0)
-    wanted = _counted(messages, stats.received, waiting)
+    finder: _FullSets | PartialSets
     if required is None:
-        policy = _policy(config, topics, topics.index(reference), drop)
-        sets = _full_sets(wanted, topics, policy, reference, flush)
+        finder = _FullSets(topics, _policy(config, topics, topics.index(reference), drop), reference)
     else:
-        partial = PartialSets(
+        finder = PartialSets(
             topics,
             required=required,
             reference=reference,
@@ -120,18 +118,13 @@ def synchronize(
             attendance=stats.attendance,
             on_drop=drop,
         )
-        sets = _partial_sets(wanted, partial, topics, flush)
+    sets = _sets(_counted(messages, stats.received, waiting), finder, flush)
     return _bundles(sets, topics, dropped_before, stats, waiting)
 
 
 @dataclass(slots=True)
 class _Waiting:
-    """The messages that are in no bundle yet.
-
-    Attributes:
-        max_bytes: What they may hold; None for no limit.
-        bytes: What they hold.
-    """
+    """Size of the messages that are in no bundle yet, and its limit; None for no limit."""
 
     max_bytes: int | None
     bytes: int = 0
@@ -160,59 +153,59 @@ def _counted(messages: Iterable[RawMessage], received: dict[str, int], waiting: 
             yield message
 
 
+class _FullSets:
+    """Sets of a policy, each with a message of every topic; used as `PartialSets`."""
+
+    def __init__(self, topics: Sequence[str], policy: Policy[RawMessage], reference: str) -> None:
+        self._place = {topic: index for index, topic in enumerate(topics)}
+        self._policy, self._reference = policy, self._place[reference]
+
+    def add(self, message: RawMessage) -> list[FoundSet]:
+        """Add the next message, and return the sets now certain."""
+        return self._found(self._policy.add(self._place[message.topic], message.stamp_ns, message))
+
+    def flush(self) -> list[FoundSet]:
+        """The sets that become certain because no more messages follow."""
+        return self._found(self._policy.flush())
+
+    def close(self) -> None:
+        """Report all messages still held as dropped."""
+        self._policy.close()
+
+    def _found(self, sets: Sequence[tuple[RawMessage, ...]]) -> list[FoundSet]:
+        return [FoundSet(messages[self._reference], dict(enumerate(messages))) for messages in sets]
+
+
+def _sets(messages: Iterable[RawMessage], finder: _FullSets | PartialSets, flush: bool) -> Iterator[FoundSet]:
+    for message in messages:
+        yield from finder.add(message)
+    if flush:
+        yield from finder.flush()
+    finder.close()
+
+
 def _bundles(
-    sets: Iterable[tuple[RawMessage, Mapping[str, RawMessage]]],
+    sets: Iterable[FoundSet],
     topics: Sequence[str],
     dropped_before: Counter[tuple[str, str]],
     stats: SyncStats,
     waiting: _Waiting,
 ) -> Iterator[SensorBundle]:
-    for reference, messages in sets:
+    for reference, by_topic in sets:
+        messages = {topic: by_topic[index] for index, topic in enumerate(topics) if index in by_topic}
         waiting.bytes -= sum(len(message.data) for message in messages.values())
         lacking = [topic for topic in topics if topic not in messages]
-        missing = stats.attendance.missing(lacking, reference.log_time_ns)
         bundle = SensorBundle(
             stats.sets,
             reference.stamp_ns,
             reference.log_time_ns,
             messages,
             dropped_before=dict(dropped_before),
-            missing=missing,
+            missing=stats.attendance.missing(lacking, reference.log_time_ns),
         )
         dropped_before.clear()
         stats.count(bundle)
         yield bundle
-
-
-def _full_sets(
-    messages: Iterable[RawMessage], topics: Sequence[str], policy: Policy[RawMessage], reference: str, flush: bool
-) -> Iterator[tuple[RawMessage, Mapping[str, RawMessage]]]:
-    """Reference message and messages by topic, of each set of the policy."""
-    place = {topic: index for index, topic in enumerate(topics)}
-    for message in messages:
-        for found in policy.add(place[message.topic], message.stamp_ns, message):
-            yield found[place[reference]], dict(zip(topics, found, strict=True))
-    if flush:
-        for found in policy.flush():
-            yield found[place[reference]], dict(zip(topics, found, strict=True))
-    policy.close()
-
-
-def _partial_sets(
-    messages: Iterable[RawMessage], partial: PartialSets, topics: Sequence[str], flush: bool
-) -> Iterator[tuple[RawMessage, Mapping[str, RawMessage]]]:
-    """Reference message and messages by topic, in the order of topics, of each set."""
-    for message in messages:
-        for found in partial.add(message):
-            yield found.reference, _in_order(found.by_topic, topics)
-    if flush:
-        for found in partial.flush():
-            yield found.reference, _in_order(found.by_topic, topics)
-    partial.close()
-
-
-def _in_order(by_topic: Mapping[int, RawMessage], topics: Sequence[str]) -> dict[str, RawMessage]:
-    return {topic: by_topic[index] for index, topic in enumerate(topics) if index in by_topic}
 
 
 def _policy(config: SyncConfig, topics: Sequence[str], reference: int, on_drop: OnItemDrop[T]) -> Policy[T]:

@@ -10,7 +10,7 @@ from bags.simulator.scenario.load import load_scenario, scenario_names
 from bags.simulator.scenario.scenario import Scenario
 from pipeline.core.errors import ConfigError
 from pipeline.core.geometry.transform import rotation_fault
-from pipeline.core.settings.validation.check import checked
+from pipeline.core.settings.validation import checked
 
 ROOT = Path(__file__).resolve().parents[3]
 LIDAR = {"topic": "/points", "frame_id": "lidar", "position_m": [0, 0, 1]}

@@ -5,7 +5,7 @@ from pipeline.core.errors import ConfigError
 from pipeline.core.settings.bundled import PRESETS
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.fuse import FuseConfig
-from pipeline.core.settings.validation.schema import key_places
+from pipeline.core.settings.validation import key_places
 
 KEYS = [key for key, _ in key_places(Config)]
 

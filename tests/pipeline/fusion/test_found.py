@@ -16,12 +16,6 @@ def test_ranked_camera_by_camera() -> None:
     assert found.class_ids.tolist() == [1, 0, 0, 2]
 
 
-def test_the_order_of_the_boxes_does_not_matter() -> None:
-    some, other = (FoundBoxes.of({"a": boxes2d(rows)}, ["a"]) for rows in (ONE, ONE[::-1]))
-    np.testing.assert_array_equal(some.xyxy, other.xyxy)
-    assert other.rows.tolist() == [1, 0, 2]
-
-
 def test_stamps_are_those_of_the_images() -> None:
     table = {
         "a": boxes2d(ONE),
@@ -35,8 +29,3 @@ def test_made_once_for_the_stages_of_a_frame() -> None:
     found = FoundBoxes.of(table, ("a", "b"))
     assert FoundBoxes.of({**table}, ["a", "b"]) is found
     assert FoundBoxes.of({"a": table["a"]}, ("a", "b")).cameras.tolist() == [0, 0, 0]
-
-
-def test_nothing() -> None:
-    for boxes in ({}, {"a": boxes2d([])}):
-        assert len(FoundBoxes.of(boxes, ("a", "b"))) == 0

@@ -17,7 +17,7 @@ from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.fuse import AssociateConfig
-from pipeline.stages.associate import Pairs, best_pairs, near_pairs
+from pipeline.stages.associate import Pairs, best_pairs
 
 Row = tuple[float, ...]
 
@@ -150,15 +150,10 @@ def test_the_better_class_wins_among_boxes_that_fit_alike() -> None:
     assert match(boxes3d([AHEAD]), rows) == [(0, 1)]
     assert match(boxes3d([AHEAD]), rows, any_class=1.0) == [(0, 0)]
     assert match(boxes3d([AHEAD]), rows[:1]) == [(0, 0)], "detectors err"
-
-
-def test_classes_of_like_size_are_confused() -> None:
     rows = [shown(AT[0], class_id=TRUCK), shown(AT[0], class_id=PEDESTRIAN, score=0.9)]
-    assert match(boxes3d([AHEAD]), rows) == [(0, 0)]
-
-
-def test_the_surer_of_two_like_boxes_wins() -> None:
-    assert match(boxes3d([AHEAD]), [shown(AT[0], score=0.3), shown(AT[0], shift=0.01, score=0.9)]) == [(0, 1)]
+    assert match(boxes3d([AHEAD]), rows) == [(0, 0)], "classes of like size are confused"
+    rows = [shown(AT[0], score=0.3), shown(AT[0], shift=0.01, score=0.9)]
+    assert match(boxes3d([AHEAD]), rows) == [(0, 1)], "the surer of two like boxes"
 
 
 def test_each_camera_confirms_on_its_own() -> None:
@@ -181,12 +176,6 @@ def test_each_camera_confirms_on_its_own() -> None:
     assert found["b"].pairs.tolist() == [[0, 1], [1, 0]]
     alone = associate(boxes, {"a": boxes2d([shown(first)]), "b": boxes2d([shown(second)])}, rig=rig)
     assert [alone[name].pairs.tolist() for name in "ab"] == [[[0, 0]], [[1, 0]]]
-
-
-def test_without_2d_boxes_there_are_projections_all_the_same() -> None:
-    found = associate(TWO, {})["cam"]
-    assert len(found) == 0
-    np.testing.assert_array_equal(found.projected_xyxy, AT)
 
 
 spots = st.tuples(st.integers(0, 4), st.integers(0, 1))
@@ -223,16 +212,6 @@ def test_order_of_boxes_does_not_matter(rows3: list[Any], rows2: list[Any], rand
 def all_pairs(worth: F64) -> Pairs:
     seen, found = (np.asarray(rows, np.int64) for rows in np.indices(worth.shape).reshape(2, -1))
     return Pairs(seen, found, np.zeros(worth.size))
-
-
-def test_near_pairs_are_of_one_image() -> None:
-    box = np.array([[0, 0, 10, 10]], np.float32)
-    seen, found = np.repeat(box, 3, 0), np.concatenate([box, box + 15, box])
-    cameras = np.array([0, 0, 2], np.int64)
-    pairs = near_pairs(seen, cameras, found, np.array([0, 0, 1], np.int64), min_giou=-0.3)
-    assert list(zip(pairs.seen, pairs.found, pairs.iou, strict=True)) == [(0, 0, 1.0), (1, 0, 1.0)]
-    farther = near_pairs(seen, cameras, found, np.array([0, 0, 1], np.int64), min_giou=-1)
-    assert farther.iou.tolist() == [1, 0, 1, 0]
 
 
 @given(

@@ -8,7 +8,7 @@ from detections import boxes2d, boxes3d
 from pipeline.core.arrays import F64
 from pipeline.core.detections import Boxes2D, Hypotheses, Matches
 from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
-from pipeline.stages.classify import OWN_LOG_ODDS, Classify, class_log_odds, confusion, vote_log_odds
+from pipeline.stages.classify import Classify, class_log_odds, confusion
 
 CAR, PEDESTRIAN, BICYCLE, TRUCK, BUS = range(5)
 SIZES = [prior.size_m for prior in ROAD_CLASSES]
@@ -93,35 +93,10 @@ def test_no_boxes() -> None:
 
 
 CAR, PEDESTRIAN, BICYCLE, TRUCK, BUS = range(5)
-TAKEN_FOR = confusion(ROAD_CLASSES)
 
 
 def by_size(size: tuple[float, float, float], own: int) -> F64:
     return class_log_odds(np.array([size]), np.array([own], np.int32), ROAD_CLASSES).reshape(-1)
-
-
-def by_vote(class_id: int, score: float) -> F64:
-    return vote_log_odds(np.array([class_id], np.int32), np.array([score]), TAKEN_FOR).reshape(-1)
-
-
-def test_what_is_of_a_size_is_confused() -> None:
-    np.testing.assert_allclose(TAKEN_FOR.sum(1), 1)
-    assert (TAKEN_FOR.argmax(1) == np.arange(5)).all()
-    assert TAKEN_FOR[TRUCK, BUS] > TAKEN_FOR[CAR, TRUCK] > TAKEN_FOR[CAR, BUS] > TAKEN_FOR[CAR, PEDESTRIAN]
-    assert TAKEN_FOR[PEDESTRIAN, BICYCLE] > 5 * TAKEN_FOR[PEDESTRIAN, CAR]
-
-
-def test_a_vote_says_more_with_a_higher_score_and_nothing_without() -> None:
-    assert by_vote(CAR, 0.9)[CAR] > by_vote(CAR, 0.5)[CAR]
-    np.testing.assert_allclose(by_vote(CAR, 0.0), by_vote(CAR, 0.0)[CAR])
-    assert np.isfinite(by_vote(CAR, 1.0)).all()
-
-
-def test_a_typical_box_is_of_its_class() -> None:
-    for own, prior in enumerate(ROAD_CLASSES):
-        odds = by_size(prior.size_m, own)
-        assert odds.argmax() == own
-        assert odds[own] == OWN_LOG_ODDS
 
 
 def test_measured_extents_count_and_completed_ones_are_no_longer_than_that() -> None:

@@ -130,13 +130,6 @@ def test_return_types_are_kept(first: list[int] | None, second: list[int] | None
     assert (None if return_type is None else return_type.tolist()) == expected
 
 
-def test_a_full_rotation_by_hand() -> None:
-    # The lidar looks left (yaw 90) from 2 m up: its x is the site's y, its y the site's -x.
-    stage = Combine(rig(a=pose((1, 0, 2), (0, 0, 90))), RAW)
-    combined = stage(frame(), {"a": sweep([[3, 0, 0], [0, 4, -2]])})
-    np.testing.assert_allclose(combined.cloud.xyz, np.array([[1, 3, 2], [-3, 0, 0]]), atol=1e-6)
-
-
 def test_missing_lidars_and_no_lidars() -> None:
     stage = Combine(rig(a=pose(), b=pose()), CombineConfig())
     one = stage(frame(), {"b": sweep([[1, 2, 3]])})

@@ -256,14 +256,35 @@ def test_images_show_the_heading_of_riders_of_whom_points_do_not(turned_deg: flo
     near = []
     for seed in range(4):
         rig, hypotheses, seen, truth = made_up(seed, size=(1.8, 0.6, 1.7), noise=(0.05, 0.05, 0.05))
-        boxes = hypotheses.boxes
-        covariances = boxes.covariances.copy()
-        covariances[:, 2, 2] = np.pi**2 / 12
-        unknown = replace(boxes, yaws=wrap_angle(truth.yaws + np.deg2rad(turned_deg)), covariances=covariances)
-        found = fitted(rig, replace(hypotheses, boxes=unknown), seen)
+        found = fitted(rig, replace(hypotheses, boxes=unsure_of_heading(hypotheses.boxes, truth, turned_deg)), seen)
         off = heading(errors(found, truth)) % np.pi
         near.append(np.minimum(off, np.pi - off) < np.deg2rad(20))
     assert np.mean(near) > 0.9
+
+
+def unsure_of_heading(boxes: Boxes3D, truth: Boxes3D, turned_deg: float) -> Boxes3D:
+    covariances = boxes.covariances.copy()
+    covariances[:, 2, 2] = np.pi**2 / 12
+    return replace(boxes, yaws=wrap_angle(truth.yaws + np.deg2rad(turned_deg)), covariances=covariances)
+
+
+@pytest.mark.parametrize(("length_m", "deviation", "turns"), [(1.8, 0.9, True), (1.8, 0.1, False), (0.6, 0.9, False)])
+def test_only_long_boxes_of_unknown_heading_are_turned(length_m: float, deviation: float, turns: bool) -> None:
+    """Beside others of known heading, and one without a 2D box."""
+    rig, hypotheses, seen, truth = made_up(0, size=(length_m, 0.6, 1.7), noise=(0.02, 0.02, 0.02))
+    boxes, rows = hypotheses.boxes, [2, 5, 7]
+    yaws, covariances = boxes.yaws.copy(), boxes.covariances.copy()
+    yaws[rows] = wrap_angle(truth.yaws[rows] + np.pi / 2)
+    covariances[rows, 2, 2] = deviation**2
+    unsure = replace(boxes, yaws=yaws, covariances=covariances)
+    matches = {name: one.pairs[:, 0] != 7 for name, one in hypotheses.matches.items()}
+    kept = {
+        name: replace(one, pairs=one.pairs[matches[name]], iou=one.iou[matches[name]])
+        for name, one in hypotheses.matches.items()
+    }
+    found = fitted(rig, replace(hypotheses, boxes=unsure, matches=kept), seen)
+    is_turned = np.abs(np.cos(found.yaws - unsure.yaws)) < 0.5
+    assert is_turned.tolist() == [turns and row in (2, 5) for row in range(8)]
 
 
 def test_no_boxes() -> None:

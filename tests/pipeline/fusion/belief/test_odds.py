@@ -114,8 +114,3 @@ def test_without_each_camera_in_turn(values: list[float], further: float) -> Non
     column, by = np.array(values)[:, None], FITTED._replace(further=further)
     expected = [joined(np.delete(column, row, 0), by)[0] for row in range(len(values))]
     assert joined_without_each(column, by)[:, 0].tolist() == pytest.approx(expected)
-
-
-def test_no_cameras() -> None:
-    assert joined_without_each(np.zeros((0, 3)), FITTED).shape == (0, 3)
-    assert joined(np.zeros((0, 3)), FITTED).tolist() == [0, 0, 0]

@@ -125,8 +125,3 @@ def test_an_axis_along_y_has_one_yaw() -> None:
     sure = Placements(np.zeros((1, 12, 2)), np.ones((1, 12, 2, 2)), weights)
     for off in (-1e-13, 0.0, 1e-13):
         assert moments(sure, np.array([[off, -9.0]])).yaw_rad[0] == pytest.approx(np.pi / 2)
-
-
-def test_nothing() -> None:
-    objects, known = merge_sightings(normal(np.zeros((0, 2)), 1.0), np.zeros(0, np.int64), np.zeros(0, np.int64))
-    assert len(objects) == len(known.xy) == len(moments(known, VIEW[:0]).xy) == 0

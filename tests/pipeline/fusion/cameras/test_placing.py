@@ -95,11 +95,6 @@ def test_width_tells_along_from_across(yaw: float, tolerance_deg: float) -> None
     assert np.sqrt(found.covariances[0, 2, 2]) > np.radians(4)
 
 
-def test_heading_of_a_round_object_is_unknown() -> None:
-    found = of_box(LOW, standing(PEDESTRIAN, 20.0, 0.0, 0.0), PEDESTRIAN)
-    assert np.sqrt(found.covariances[0, 2, 2]) > np.radians(40)
-
-
 def test_cut_box_is_placed_by_what_is_left_of_it() -> None:
     box = standing(CAR, 12.0, 7.4, 0.0)
     found = of_box(LOW, box, CAR)
@@ -136,8 +131,3 @@ def test_any_box_has_a_finite_place_and_a_sound_covariance(corners: list[tuple[f
     found = placed(MAST, rows)
     assert np.isfinite(found.xy).all()
     assert (np.linalg.eigvalsh(found.covariances) > 0).all()
-
-
-def test_spread_of_a_class_comes_from_its_largest_size() -> None:
-    assert PRIORS.std_m[CAR] == pytest.approx([1.6 / 3, 0.7 / 3, 0.25])
-    assert PRIORS.std_m[TRUCK, 2] == pytest.approx(0.4 * 8 / 3 / 8 * 3.2)  # vans are trucks, too

@@ -10,11 +10,9 @@ from lens_models import LENS_MODELS, lens
 from seen_boxes import camera_at, views_of
 
 from pipeline.core.arrays import F64
-from pipeline.core.detections import Boxes2D
 from pipeline.core.optics.lenses import Lenses
 from pipeline.fusion.cameras.sightings import Noise, Observed, observe, rays_of_pixels, see
 
-CAR = (12.0, 1.0, 0.75, 4.2, 1.75, 1.5, 0.3)
 CAMERA = camera_at("cam", (0.0, 0.0, 1.6))
 
 
@@ -49,13 +47,6 @@ def test_boxes_that_show_nothing_are_left_out() -> None:
     rows = [(-50, 10, -5, 90, 0.9, 0), (50, 10, 50, 90, 0.8, 0), (np.nan, 10, 50, 90, 0.7, 0), (5, 5, 9, 9, 0.6, 0)]
     found = see(views_of(CAMERA), {"cam": boxes2d(rows)})
     assert found.rows.tolist() == [3]
-
-
-def test_cameras_without_boxes_and_no_cameras() -> None:
-    for views, boxes in (({}, {}), (views_of(CAMERA), {}), (views_of(CAMERA), {"cam": Boxes2D.empty(1, "cam")})):
-        found = see(views, boxes)
-        assert len(found) == 0
-        assert found.rays.shape == (0, 8, 3)
 
 
 LEVEL = camera_at("level", (0.0, 0.0, 1.6))

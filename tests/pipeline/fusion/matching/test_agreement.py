@@ -10,15 +10,13 @@ from pipeline.core.settings.classes import ROAD_CLASSES
 from pipeline.fusion.matching.agreement import (
     BoxBelief,
     MatchedPairs,
+    agreed_with_others,
+    before_matching,
     common_shifts,
-    feature_jacobian,
     prior_covariances,
-    spread,
-    what_box_says,
-    what_others_say,
 )
 
-CAR, PEDESTRIAN, BICYCLE, TRUCK, BUS = range(5)
+CAR, PEDESTRIAN, _, TRUCK, BUS = range(5)
 CONFUSION = class_confusion(ROAD_CLASSES, 0.1)
 SEEN_ROWS = np.array([0, 1, 0, 0], np.int64)  # the first box in cameras 0, 1 and 2, the second in camera 0
 JACOBIANS = np.random.default_rng(3).normal(0, 20, (4, 4, 3))
@@ -40,7 +38,7 @@ def pairs(seen: list[int], class_ids: list[int], differences: F64) -> MatchedPai
 def test_each_camera_hears_the_others_only() -> None:
     random = np.random.default_rng(0)
     differences = random.normal(0, 3, (2, 4))
-    others = what_others_say(belief(), SEEN_ROWS, pairs([0, 2], [CAR, CAR], differences))
+    others = agreed_with_others(belief(), SEEN_ROWS, pairs([0, 2], [CAR, CAR], differences))
     # Of the third box in view: by numpy, from the pairs 0 and 2; of the first: from the pair 2 alone. Weight 1 at 4.
     for row, heard in ((0, [1]), (2, [0]), (3, [0, 1])):
         J = JACOBIANS[[0, 2]][heard].reshape(-1, 3)
@@ -53,9 +51,9 @@ def test_each_camera_hears_the_others_only() -> None:
 
 def test_classes_of_the_others_count() -> None:
     matched = pairs([0, 2], [BUS, PEDESTRIAN], np.zeros((2, 4)))
-    alone = what_box_says(belief(TRUCK), SEEN_ROWS)
+    alone = before_matching(belief(TRUCK), SEEN_ROWS)
     np.testing.assert_allclose(alone.log_classes[0] + np.log(5), class_ratios(CONFUSION)[TRUCK])
-    others = what_others_say(belief(TRUCK), SEEN_ROWS, matched)
+    others = agreed_with_others(belief(TRUCK), SEEN_ROWS, matched)
     assert others.log_classes[2, PEDESTRIAN] < alone.log_classes[2, PEDESTRIAN], (
         "the first camera says that it is a bus"
     )
@@ -66,7 +64,7 @@ def test_classes_of_the_others_count() -> None:
 
 def test_without_pairs_the_box_speaks_for_itself() -> None:
     nothing = pairs([], [], np.zeros((0, 4)))
-    others, alone = what_others_say(belief(), SEEN_ROWS, nothing), what_box_says(belief(), SEEN_ROWS)
+    others, alone = agreed_with_others(belief(), SEEN_ROWS, nothing), before_matching(belief(), SEEN_ROWS)
     np.testing.assert_allclose(others.covariances, alone.covariances)
     np.testing.assert_allclose(others.log_classes, alone.log_classes)
     assert not others.shifts.any()
@@ -80,17 +78,6 @@ def test_unknown_covariances_are_guessed_by_size() -> None:
     assert np.sqrt(found[0, 0, 0]) == pytest.approx(0.3, rel=1e-3)
     assert np.sqrt(found[2, 1, 1]) == pytest.approx(0.06, rel=1e-3)
     np.testing.assert_allclose(found[1], known[1], atol=1e-4 + 1e-12)
-
-
-def test_derivatives_and_spread_of_features() -> None:
-    xyxy = np.array([[100, 50, 140, 80]], np.float32)
-    edges = np.zeros((1, 4, 3))
-    edges[0, [0, 2], 0] = 8.0  # moved by x
-    edges[0, 2, 2] = 4.0  # widened by yaw
-    features = feature_jacobian(xyxy, edges)
-    np.testing.assert_allclose(features[0], np.array([[8, 0, 2], [0, 0, 0], [0, 0, 0.1], [0, 0, 0.0]]))
-    variances = spread(np.diag([0.25, 1.0, 0.01])[None], features)
-    np.testing.assert_allclose(variances, np.array([[16 + 0.04, 0, 1e-4, 0]]))
 
 
 CAMERAS = np.array([0, 0, 0, 1, 1], np.int64)

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 from detections import boxes2d, boxes3d
 from seen_boxes import camera_at, views_of
 
@@ -57,41 +58,30 @@ def test_points_go_to_the_frustum_whose_middle_is_nearest() -> None:
     assert len(share_points(found.select(np.zeros(0, np.int64)), owner)) == 0
 
 
-def parts(
-    iou: list[float], row: list[int], owner: list[int], *, cluster_ground_m2: float = 1.0
-) -> tuple[list[int], list[int]]:
+@pytest.mark.parametrize(
+    ("iou", "row", "owner", "ground_m2", "expected"),
+    [
+        pytest.param([0.7, 0.6], [0, 1], [0, 0], 1.0, ([0], [1]), id="room for two"),
+        pytest.param([0.7, 0.6], [0, 1], [0, 0], 0.5, ([], []), id="no room for two"),
+        pytest.param([0.3, 0.6], [0, 1], [0, 0], 1.0, ([], []), id="its own part is worse"),
+        pytest.param([0.6], [1], [0], 1.0, ([], []), id="its own part is missing"),
+        pytest.param([0.6], [0], [0], 1.0, ([], []), id="no other part"),
+        pytest.param([], [], [], 1.0, ([], []), id="nothing"),
+        pytest.param(
+            [0.7, 0.6, 0.8, 0.6, 0.6], [0, 1, 3, 4, 5], [0, 0, 3, 3, 3], 1.0, ([2], [3, 4]), id="which sees most"
+        ),
+        pytest.param([0.7, 0.6, 0.8, 0.6], [0, 1, 3, 4], [0, 0, 3, 3], 1.0, ([0], [1]), id="both see as much"),
+    ],
+)
+def test_which_camera_parts_a_cluster(
+    iou: list[float], row: list[int], owner: list[int], ground_m2: float, expected: tuple[list[int], list[int]]
+) -> None:
     """Parts of cluster 0 by 2D boxes 0 to 2 of one camera and 3 to 5 of another; 0 and 3 are matched with it."""
     partner = np.array([0, -1, -1, 0, -1, -1])
-    kept, other = choose_parts(
-        np.array(iou),
-        np.array(row, np.int64),
-        np.array(owner, np.int64),
-        np.full(len(iou), 0.36),
-        partner,
-        np.where(partner == 0, 0.5, 0.0),
-        np.array([cluster_ground_m2]),
-    )
-    return kept.tolist(), other.tolist()
-
-
-def test_cluster_with_room_for_two_is_parted() -> None:
-    assert parts([0.7, 0.6], [0, 1], [0, 0]) == ([0], [1])
-
-
-def test_cluster_is_left_whole_where_its_own_part_is_worse_or_missing() -> None:
-    assert parts([0.3, 0.6], [0, 1], [0, 0]) == ([], [])
-    assert parts([0.6], [1], [0]) == ([], [])
-    assert parts([0.6], [0], [0]) == ([], [])
-    assert parts([], [], []) == ([], [])
-
-
-def test_cluster_without_room_for_two_is_left_whole() -> None:
-    assert parts([0.7, 0.6], [0, 1], [0, 0], cluster_ground_m2=0.5) == ([], [])
-
-
-def test_camera_that_sees_most_parts_a_cluster() -> None:
-    assert parts([0.7, 0.6, 0.8, 0.6, 0.6], [0, 1, 3, 4, 5], [0, 0, 3, 3, 3]) == ([2], [3, 4])
-    assert parts([0.7, 0.6, 0.8, 0.6], [0, 1, 3, 4], [0, 0, 3, 3]) == ([0], [1])
+    rows, owners = np.array(row, np.int64), np.array(owner, np.int64)
+    taken = np.full(len(iou), 0.36), partner, np.where(partner == 0, 0.5, 0.0), np.array([ground_m2])
+    kept, other = choose_parts(np.array(iou), rows, owners, *taken)
+    assert (kept.tolist(), other.tolist()) == expected
 
 
 VIEWS = views_of(camera_at("a", (0.0, 0.0, 2.0)), camera_at("b", (0.0, 0.0, 2.0)))
@@ -126,9 +116,3 @@ def test_second_box_around_a_matched_object_is_a_duplicate() -> None:
     partner, _ = find_partners(sightings, {"a": matched((0, 0, 0.9)), "b": matched()}, ("a", "b"))
     duplicates = find_duplicates(sightings, partner)
     assert [(int(sightings.cameras[k]), int(sightings.rows[k])) for k in np.flatnonzero(duplicates)] == [(0, 1)]
-
-
-def test_nothing() -> None:
-    sightings = see(VIEWS, {})
-    partner, _ = find_partners(sightings, {"a": matched(), "b": matched()}, ("a", "b"))
-    assert len(partner) == len(find_duplicates(sightings, partner)) == 0

@@ -116,14 +116,6 @@ def test_what_cannot_be_a_time_is_bad_and_touches_nothing_else(time_ns: int, at:
         assert bad[0].detail.startswith("a: ")
 
 
-def test_every_topic_may_be_without_a_time() -> None:
-    bad: list[Drop] = []
-    clocks = Clocks({}, on_drop=unexpected, on_bad=bad.append)
-    lone = RawMessage(2**31 * S, 2**31 * S - 1, (0, 0), b"", CHANNELS["a"])
-    assert [list(part) for part in clocks.parts([lone])] == []
-    assert len(bad) == 1
-
-
 @pytest.mark.parametrize("log_s", [0.5, 2.0])
 def test_an_offset_does_not_take_a_stamp_before_1970(log_s: float) -> None:
     """Neither that of a message that was stamped in simulated time, nor that of one without a stamp."""

@@ -243,12 +243,6 @@ def test_the_last_incomplete_turn_is_no_frame() -> None:
     assert drops["/lidar0", DropReason.END] == 1
 
 
-def test_without_flush_the_last_frames_are_dropped() -> None:
-    bundles, drops, _ = run(recorded({}), flush=False)
-    assert len(bundles) < 30
-    assert drops[TOPICS[0], DropReason.END] == 30 - len(bundles)
-
-
 def test_patience_is_a_setting() -> None:
     messages = recorded({"/lidar1": apart_from(1, 2)})
     _, _, patient = run(messages, SyncConfig(silent_after_s=2, queue_size=30))

@@ -9,7 +9,7 @@ from wrong_values import mistakes, words_of_the_library
 from pipeline.core.errors import CalibrationError, ConfigError
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.model import Count, Positive, SettingsModel, Topic
-from pipeline.core.settings.validation.check import checked
+from pipeline.core.settings.validation import checked
 
 
 def message(model: type[SettingsModel], tree: dict[str, Any]) -> str:

@@ -1,1 +1,0 @@
-"""Settings checked against their models, with mistakes reported in plain words."""
