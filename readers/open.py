@@ -264,7 +264,7 @@ def _file_of_kind(source: Source, path: Path, content: Path, magic: bytes) -> Re
     if magic.startswith(ROSBAG1_MAGIC):
         from readers.files.rosbag1.rosbag1_file import Rosbag1File
 
-        return Rosbag1File(source, content)
+        return Rosbag1File(source, content.open("rb"))
     if not magic.startswith((MCAP_MAGIC, SQLITE_MAGIC)):
         from readers.files.pcap.packets import is_capture
         from readers.files.pcap.pcap_file import PcapFile
