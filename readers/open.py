@@ -360,7 +360,7 @@ def _whole_pages(content: Path, stack: ExitStack) -> Path:
     """A database, or a copy without its last page if it ends inside that: SQLite would read zeros for the rest."""
     with content.open("rb") as stream:
         pages = count_pages(stream)
-    if not pages.rest:
+    if not pages.rest or pages.whole >= pages.expected > 0:
         return content
     copy = stack.enter_context(temporary_folder()) / content.name
     shutil.copyfile(content, copy)
