@@ -264,7 +264,7 @@ def _file_of_kind(source: Source, path: Path, content: Path, magic: bytes) -> Re
     if magic.startswith(ROSBAG1_MAGIC):
         from readers.files.rosbag1.rosbag1_file import Rosbag1File
 
-        return Rosbag1File(source, content)
+        return Rosbag1File(source, content.open("rb"))
     if not magic.startswith((MCAP_MAGIC, SQLITE_MAGIC)):
         from readers.files.pcap.packets import is_capture
         from readers.files.pcap.pcap_file import PcapFile
@@ -360,7 +360,7 @@ def _whole_pages(content: Path, stack: ExitStack) -> Path:
     """A database, or a copy without its last page if it ends inside that: SQLite would read zeros for the rest."""
     with content.open("rb") as stream:
         pages = count_pages(stream)
-    if not pages.rest:
+    if not pages.rest or pages.whole >= pages.expected > 0:
         return content
     copy = stack.enter_context(temporary_folder()) / content.name
     shutil.copyfile(content, copy)

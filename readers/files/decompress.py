@@ -13,10 +13,9 @@ __all__ = [
     "compression_of",
     "decompressed",
     "unpack",
-    "unpack_lz4",
 ]
 
-PIECE = 1 << 18
+PIECE = 1 << 22
 MAX_AT_ONCE = 1 << 22
 """The libraries allocate this much before they know how much a piece unpacks to."""
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
@@ -56,33 +55,9 @@ def check_complete(unpacked: Unpacked, compression: str) -> None:
         raise EOFError(f"its {compression} data end early")
 
 
-def unpack_lz4(data: bytes, size: int, *, largest: int) -> bytes:
-    """The content of a whole lz4 frame, nearly three times as fast as with `unpack`.
-
-    Args:
-        data: The frame.
-        size: Its unpacked size according to the file: this much memory is allocated at once, and more if needed.
-        largest: Bytes that it may unpack to.
-
-    Raises:
-        ValueError: it unpacks to more.
-        EOFError: it ends early.
-        RuntimeError: it is damaged.
-    """
-    decompressor = LZ4FrameDecompressor()
-    parts: list[bytes] = [decompressor.decompress(data, min(size, largest) + 1)]
-    total = len(parts[0])
-    while not decompressor.eof:
-        if decompressor.needs_input:
-            raise EOFError("its lz4 data end early")
-        check_chunk_size(total, largest)
-        parts.append(decompressor.decompress(b"", MAX_AT_ONCE))
-        total += len(parts[-1])
-    check_chunk_size(total, largest)
-    return parts[0] if len(parts) == 1 else b"".join(parts)
-
-
-def unpack(stream: BinaryIO, position: int, end: int, compression: str, *, largest: int) -> Unpacked:
+def unpack(
+    stream: BinaryIO, position: int, end: int, compression: str, *, largest: int, size: int | None = None
+) -> Unpacked:
     """The content of the compressed data that begin at `position` and end before `end`.
 
     Args:
@@ -91,29 +66,31 @@ def unpack(stream: BinaryIO, position: int, end: int, compression: str, *, large
         end: Byte after the data.
         compression: `lz4` or `bz2`.
         largest: Bytes that they may unpack to.
+        size: Their unpacked size according to the file: this much memory is allocated at once, and more if needed.
 
     Raises:
         ValueError: they unpack to more.
         OSError: bz2 found damage.
         RuntimeError: lz4 found damage.
     """
-    decompressor: LZ4FrameDecompressor | BZ2Decompressor = (
-        LZ4FrameDecompressor() if compression == "lz4" else BZ2Decompressor()
-    )
+    decompressor: LZ4FrameDecompressor | BZ2Decompressor = BZ2Decompressor()
+    if compression == "lz4":
+        decompressor = LZ4FrameDecompressor()
     stream.seek(position)
     parts: list[bytes] = []
-    total = 0
+    total, expected = 0, min(size or 0, largest)
     while not decompressor.eof:
         piece = b""
         if decompressor.needs_input:
             piece = stream.read(min(PIECE, end - stream.tell()))
             if not piece:
                 break
-        parts.append(decompressor.decompress(piece, MAX_AT_ONCE))
+        at_once = expected - total + 1 if total <= expected and size else MAX_AT_ONCE
+        parts.append(decompressor.decompress(piece, at_once))
         total += len(parts[-1])
         check_chunk_size(total, largest)
     used = stream.tell() - position - len(decompressor.unused_data or b"")
-    return Unpacked(b"".join(parts), used, decompressor.eof)
+    return Unpacked(parts[0] if len(parts) == 1 else b"".join(parts), used, decompressor.eof)
 
 
 def decompressed(data: bytes | memoryview, encoding: str, *, announced: bool, largest: int) -> bytes | memoryview:

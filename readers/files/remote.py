@@ -73,6 +73,7 @@ class RemoteFile(io.BufferedIOBase):
     Attributes:
         path: The same, with the facts that the server gave.
         size: Size in bytes.
+        is_wanted_whole: Whether the whole file will be read: then each request fetches as much as possible.
 
     Raises:
         RecordingError: it cannot be reached, does not exist, has no known size, or an extra is not installed.
@@ -85,7 +86,7 @@ class RemoteFile(io.BufferedIOBase):
         self._pages: set[int] = set()
         self._end_of_last = 0  # page after the last one fetched
         self._run = 1  # pages fetched by the last miss
-        self._is_wanted_whole = False
+        self.is_wanted_whole = False
         self._limits = limits
         self._max_pages = MAX_REQUEST_PAGES  # fewer where the server is slow
         self._file: Any = None
@@ -139,10 +140,6 @@ class RemoteFile(io.BufferedIOBase):
         self._position += size
         return self._kept.read(size)
 
-    def fetch_ahead(self) -> None:
-        """Fetch as much as possible per request from now on, because the whole file will be read."""
-        self._is_wanted_whole = True
-
     def close(self) -> None:
         """Close the connection and remove the temporary file."""
         if not self.closed:
@@ -193,7 +190,7 @@ class RemoteFile(io.BufferedIOBase):
         if missing is None:
             return
         more = self._run * 2 if missing == self._end_of_last else 1
-        more = MAX_REQUEST_PAGES if self._is_wanted_whole else more
+        more = MAX_REQUEST_PAGES if self.is_wanted_whole else more
         self._run = min(max(more, stop - first), MAX_REQUEST_PAGES)
         stop = max(stop, min(missing + self._run, -(-self.size // PAGE_BYTES)))
         if (len(self._pages) + stop - missing) * PAGE_BYTES > MAX_KEPT_BYTES:
@@ -276,7 +273,7 @@ def warn_of_full_read(stream: BinaryIO, because: str) -> None:
     """Warn that the whole file will be fetched, and fetch it in large parts; does nothing for a local file."""
     file: object = stream
     if isinstance(file, RemoteFile):
-        file.fetch_ahead()
+        file.is_wanted_whole = True
         logger.warning("%s: %s: all of it is fetched, %.1f MB", file.path, because, file.size / 1e6)
 
 

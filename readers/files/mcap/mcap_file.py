@@ -67,9 +67,9 @@ class McapFile(ChunkedFile):
         return profile, scanned, True
 
     def _load(self, position: int) -> bytes:
-        if position == self._cut_chunk:
-            return load_chunk(self._stream, position, self._limits, is_cut=True)
-        return load_chunk(self._stream, position, self._limits, size=self._sizes[position])
+        is_cut = position == self._cut_chunk
+        size = None if is_cut else self._sizes[position]
+        return load_chunk(self._stream, position, self._limits, size=size, is_cut=is_cut)
 
     def _entries_in(self, position: int, records: bytes) -> list[Entry]:
         found = records_in(records, self._limits)

@@ -15,7 +15,7 @@ from mcap.opcode import Opcode
 from pipeline.core.settings.recording import LimitsConfig
 from readers.files.chunked import Entry
 from readers.files.container import read_exactly
-from readers.files.decompress import check_chunk_size, unpack, unpack_lz4
+from readers.files.decompress import check_chunk_size, check_complete, unpack
 
 __all__ = [
     "END_OF_TIME_NS",
@@ -148,12 +148,15 @@ def read_chunk_head(stream: BinaryIO) -> ChunkHead:
 
 
 def _unpacked(stream: BinaryIO, head: ChunkHead, largest: int) -> bytes:
+    if head.compression == "lz4":
+        end, size = head.position + head.size, head.uncompressed_size
+        unpacked = unpack(stream, head.position, end, "lz4", largest=largest, size=size)
+        check_complete(unpacked, "lz4")
+        return unpacked.data
     stream.seek(head.position)
     data = read_exactly(stream, head.size)
     if head.compression == "":
         return data
-    if head.compression == "lz4":
-        return unpack_lz4(data, head.uncompressed_size, largest=largest)
     if zstandard.frame_content_size(data) > head.uncompressed_size:
         raise ValueError(f"a chunk unpacks to more than the {head.uncompressed_size} bytes that it names")
     return zstandard.decompress(data, head.uncompressed_size)

@@ -6,14 +6,13 @@ every message of the bag in memory, and leaves messages of equal time in the ord
 
 import struct
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
 from pipeline.core.arrays import I64
 from readers.files.chunked import ChunkedFile, ChunkPlace, Entry
-from readers.files.container import Source, read_exactly
-from readers.files.decompress import check_chunk_size, check_complete, unpack, unpack_lz4
+from readers.files.container import read_exactly
+from readers.files.decompress import check_chunk_size, check_complete, unpack
 from readers.files.rosbag1.index import contents_of_index
 from readers.files.rosbag1.records import INDEX, MESSAGE, MESSAGE_BEGIN, UINT32, contents_of_chunk, read_record
 from readers.files.rosbag1.recovery import contents_of_scan
@@ -26,17 +25,9 @@ ENTRY = np.dtype([("sec", "<u4"), ("nanosec", "<u4"), ("offset", "<u4")])
 
 
 class Rosbag1File(ChunkedFile):
-    """One open .bag file; see `RecordingFile`.
-
-    Args:
-        source: The file.
-        content: Where its uncompressed content is.
-    """
+    """One open .bag file; see `RecordingFile`."""
 
     ros_version: RosVersion = "ROS 1"
-
-    def __init__(self, source: Source, content: Path) -> None:
-        super().__init__(source, content.open("rb"))
 
     def _describe(self) -> None:
         with self._losses.guard() as damage:
@@ -59,15 +50,12 @@ class Rosbag1File(ChunkedFile):
 
     def _load(self, position: int) -> bytes:
         data, largest = self._data[position], self._limits.max_chunk_bytes
-        end = data.position + data.size
-        if data.compression == "lz4" and not data.is_cut:
-            self._stream.seek(data.position)
-            return unpack_lz4(read_exactly(self._stream, data.size), data.unpacked_size, largest=largest)
         if data.compression == "none":
             check_chunk_size(data.size, largest)
             self._stream.seek(data.position)
             return read_exactly(self._stream, data.size)
-        unpacked = unpack(self._stream, data.position, end, data.compression, largest=largest)
+        end, size = data.position + data.size, data.unpacked_size
+        unpacked = unpack(self._stream, data.position, end, data.compression, largest=largest, size=size)
         if not data.is_cut:
             check_complete(unpacked, data.compression)
         return unpacked.data

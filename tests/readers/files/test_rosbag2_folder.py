@@ -41,6 +41,16 @@ def test_metadata_gives_files_order_and_release(tmp_path: Path, prefix: str) -> 
         assert [m.stamp_ns - T0 for m in recording.messages()] == [2, 0]
 
 
+def test_each_file_of_a_split_recording_has_its_count(tmp_path: Path) -> None:
+    folder = split_folder(tmp_path, 2)
+    counts = "".join(f"  - {{path: rec_{n}.db3, message_count: {count}}}\n" for n, count in enumerate((1, 3)))
+    text = "rosbag2_bagfile_information:\n  relative_file_paths: [rec_0.db3, rec_1.db3]\n  files:\n" + counts
+    for total, lost in ((4, [2]), (5, [])):  # counts that differ from their sum say nothing
+        (folder / "metadata.yaml").write_text(f"{text}  message_count: {total}\n")
+        with open_recording([folder]) as recording:
+            assert [loss.messages for loss in recording.losses] == lost
+
+
 def test_missing_parts_are_named(tmp_path: Path) -> None:
     folder = split_folder(tmp_path, 1)
     (folder / "metadata.yaml").write_text("rosbag2_bagfile_information: {relative_file_paths: [rec_0.db3, rec_7.db3]}")

@@ -33,7 +33,7 @@ def none_left(*_: Any, **__: Any) -> Any:
     ("kind", "place"),
     [
         ("mcap", "readers.files.mcap.records.zstandard.decompress"),
-        ("bag", "readers.files.rosbag1.rosbag1_file.unpack_lz4"),
+        ("bag", "readers.files.rosbag1.rosbag1_file.unpack"),
         ("sqlite", "readers.files.sqlite.sqlite_file.decompressed"),
     ],
 )

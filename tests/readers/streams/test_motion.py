@@ -8,6 +8,7 @@ from memory_recording import MemoryRecording
 from scipy.spatial.transform import Rotation, Slerp
 
 from pipeline.core.errors import ConfigError
+from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.recording import LimitsConfig
@@ -46,6 +47,18 @@ def source_of(*messages: RawMessage, **motion: Any) -> MotionSource | None:
     return find_motion_source(recording, found.rig, found.transforms, config)
 
 
+def moving_by(*messages: RawMessage, **motion: Any) -> MotionSource:
+    source = source_of(*messages, **motion)
+    assert source is not None
+    return source
+
+
+def window(buffer: MotionBuffer, stamp_ns: int) -> PoseSamples:
+    poses = buffer.window(stamp_ns)
+    assert poses is not None
+    return poses
+
+
 def run(source: MotionSource, *messages: RawMessage) -> tuple[MotionBuffer, list[RawMessage], list[Drop]]:
     drops: list[Drop] = []
     buffer = MotionBuffer(source, on_drop=drops.append)
@@ -56,11 +69,9 @@ def run(source: MotionSource, *messages: RawMessage) -> tuple[MotionBuffer, list
 
 
 def test_odometry_of_a_fixed_neighbour_is_taken_with_the_offset_between() -> None:
-    source = source_of(odom(0, child_frame_id="lidar"), odom(10, child_frame_id="lidar"))
-    assert source is not None
+    source = moving_by(odom(0, child_frame_id="lidar"), odom(10, child_frame_id="lidar"))
     buffer, _, _ = run(source, *(odom(i, child_frame_id="lidar") for i in range(10)))
-    poses = buffer.window(100 * MS)
-    assert poses is not None
+    poses = window(buffer, 100 * MS)
     np.testing.assert_allclose(poses.T_fixed_moving[0] @ [1, 0, 2, 1], [0, 0, 0, 1], atol=1e-12)
 
 
@@ -83,8 +94,7 @@ def test_motion_can_be_switched_off() -> None:
 
 
 def test_a_configured_topic_may_leave_its_frame_unnamed() -> None:
-    source = source_of(odom(0), odom(0, "/other", child_frame_id=""), topic="/other")
-    assert source is not None
+    source = moving_by(odom(0), odom(0, "/other", child_frame_id=""), topic="/other")
     assert source.topics == ("/other",)
     buffer, _, drops = run(source, *(odom(i, "/other", child_frame_id="") for i in range(5)))
     assert buffer.window(0) is not None
@@ -126,8 +136,7 @@ def test_tf_is_the_last_resort_up_to_odom() -> None:
     assert (source.topics, source.frame_id, source.fixed_frame_id) == (("/tf",), "base_link", "odom")
     buffer, forwarded, drops = run(source, *steps)
     assert (forwarded, drops) == ([], [])
-    poses = buffer.window(500 * MS)
-    assert poses is not None
+    poses = window(buffer, 500 * MS)
     at = int(np.searchsorted(poses.stamps_ns, 500 * MS))
     np.testing.assert_allclose(poses.T_fixed_moving[at][:3, 3], [5, 0, 0.5])
 
@@ -148,8 +157,7 @@ def test_two_moving_frames_are_joined_at_the_denser_ones_stamps() -> None:
         for i in range(30)
     ]
     buffer, _, _ = run(source, *coarse, *fine)
-    poses = buffer.window(250 * MS)
-    assert poses is not None
+    poses = window(buffer, 250 * MS)
     assert poses.stamps_ns.tolist() == list(range(0, 500 * MS, 30 * MS))
     judge = Slerp(np.arange(6) * 100.0 * MS, Rotation.concatenate(turns))(poses.stamps_ns.astype(float))
     np.testing.assert_allclose(poses.T_fixed_moving[:, :3, 3], judge.apply([1, 0, 0]), atol=1e-12)
@@ -165,8 +173,7 @@ def test_other_messages_pass_and_poses_lie_around_the_stamp() -> None:
     buffer, forwarded, drops = run(ODOM, *messages)
     assert [message.topic for message in forwarded] == ["/points"] * 3
     assert drops == []
-    poses = buffer.window(2000 * MS)
-    assert poses is not None
+    poses = window(buffer, 2000 * MS)
     assert (poses.frame_id, poses.fixed_frame_id) == ("base_link", "odom")
     assert (poses.stamps_ns[0], poses.stamps_ns[-1]) == (1480 * MS, 2520 * MS)  # half a second, and one more each side
     at = poses.stamps_ns.tolist().index(2000 * MS)
@@ -176,16 +183,14 @@ def test_other_messages_pass_and_poses_lie_around_the_stamp() -> None:
 
 def test_slow_odometry_still_brackets_the_stamp() -> None:
     buffer, _, _ = run(ODOM, *(odom(i) for i in range(0, 201, 100)))  # every 2 s
-    poses = buffer.window(3000 * MS)
-    assert poses is not None
+    poses = window(buffer, 3000 * MS)
     assert poses.stamps_ns.tolist() == [2000 * MS, 4000 * MS]
 
 
 def test_the_buffer_is_bounded() -> None:
     buffer, _, _ = run(ODOM, *(odom(i) for i in range(2000)))
     assert buffer.window(10_000 * MS) is None
-    newest = buffer.window(39_980 * MS)
-    assert newest is not None
+    newest = window(buffer, 39_980 * MS)
     assert len(newest) <= 52
 
 
@@ -193,9 +198,7 @@ def test_disorder_and_repeats_do_not_matter() -> None:
     messages = [odom(i) for i in range(50)]
     ordered, _, _ = run(ODOM, *messages)
     shuffled, _, _ = run(ODOM, *messages[::-1], *messages[10:20])
-    one, two = ordered.window(500 * MS), shuffled.window(500 * MS)
-    assert one is not None
-    assert two is not None
+    one, two = window(ordered, 500 * MS), window(shuffled, 500 * MS)
     np.testing.assert_array_equal(one.stamps_ns, two.stamps_ns)
     np.testing.assert_array_equal(one.T_fixed_moving, two.T_fixed_moving)
 
@@ -241,8 +244,7 @@ def test_a_new_parent_in_tf_is_counted_and_not_mixed_in() -> None:
     assert [(drop.reason, drop.detail) for drop in drops] == [
         ("its pose is unusable", "base_link in 'map', expected 'odom'")
     ]
-    poses = buffer.window(0)
-    assert poses is not None
+    poses = window(buffer, 0)
     assert poses.stamps_ns.tolist() == [0, 1, 2, 5]
 
 
@@ -255,15 +257,13 @@ def test_one_pose_far_ahead_is_counted_and_the_rest_is_used(kind: str) -> None:
         return tf(moved, at_ns=i * 20 * MS)
 
     messages = [pose(i, 10**6 if i == 20 else i) for i in range(50)]
-    source = source_of(*messages)
-    assert source is not None
+    source = moving_by(*messages)
     buffer, _, drops = run(source, *messages)
     assert [drop.reason for drop in drops] == ["its pose is unusable"]
     assert "far from all others" in drops[0].detail
-    window = buffer.window(25 * 20 * MS)
-    assert window is not None
-    assert window.stamps_ns[-1] == 49 * 20 * MS
-    assert len(window.stamps_ns) == 49
+    poses = window(buffer, 25 * 20 * MS)
+    assert poses.stamps_ns[-1] == 49 * 20 * MS
+    assert len(poses.stamps_ns) == 49
 
 
 @pytest.mark.parametrize("wrong_s", [-30, 10**6, 2**31])
@@ -280,25 +280,21 @@ def test_a_first_pose_far_off_does_not_cost_the_others(kind: str, wrong_s: int) 
         return message._replace(data=bytes(data))
 
     messages = [pose(i) for i in range(50)]
-    source = source_of(*messages)
-    assert source is not None
+    source = moving_by(*messages)
     buffer, _, drops = run(source, *messages)
     assert len(drops) == (wrong_s > 0)  # one far behind may be from before a pause
-    window = buffer.window(1000 * 10**9 + 25 * 20 * MS)
-    assert window is not None
-    assert window.stamps_ns[-1] == 1000 * 10**9 + 49 * 20 * MS
-    assert len(window.stamps_ns) >= 48
+    poses = window(buffer, 1000 * 10**9 + 25 * 20 * MS)
+    assert poses.stamps_ns[-1] == 1000 * 10**9 + 49 * 20 * MS
+    assert len(poses.stamps_ns) >= 48
 
 
 def test_poses_go_on_after_a_pause() -> None:
     messages = [odom(i) for i in (*range(20), *range(1000, 1020))]
-    source = source_of(*messages)
-    assert source is not None
+    source = moving_by(*messages)
     buffer, _, drops = run(source, *messages)
     assert not drops
-    window = buffer.window(1010 * 20 * MS)
-    assert window is not None
-    assert len(window.stamps_ns) == 20
+    poses = window(buffer, 1010 * 20 * MS)
+    assert len(poses.stamps_ns) == 20
 
 
 def test_a_larger_limit_of_a_message_reaches_the_motion() -> None:
