@@ -14,7 +14,6 @@ from pipeline.core.rig import Rig, TruthVehicle
 from pipeline.core.settings.load import dump_config
 from readers.results.result import Result, open_result
 from readers.rig.rig_file import rig_yaml
-from readers.truth.kitti import KittiTruth
 from readers.truth.odometry import OdometryTruth
 from readers.truth.open import open_truth
 from writers.mcap.writer import McapResultWriter
@@ -68,11 +67,3 @@ def test_odometry_of_some_vehicles_only(tmp_path: Path) -> None:
     rig = replace(RIG, truth={"car": CAR, "van": replace(CAR, topic="/van/odom")})
     with result(tmp_path, rig, (pose(0),)) as opened, pytest.raises(RecordingError, match=r"truth\.van of the rig"):
         open_truth(opened)
-
-
-def test_labels(tmp_path: Path) -> None:
-    (tmp_path / "0.txt").write_text(LABEL)
-    rig = replace(RIG, lidars=RIG.lidars[:1])
-    with result(tmp_path, rig) as opened, open_truth(opened, [tmp_path / "0.txt"]) as truth:
-        assert isinstance(truth.source, KittiTruth)
-        assert truth.poses == (opened.recording,)
