@@ -78,26 +78,14 @@ def _tree(text: str, path: Path, name: str) -> dict[str, Any]:
     return tree
 
 
-def _without(tree: Any, place: tuple[int | str, ...]) -> str:
-    """Take the value at a place out of a tree, or the deepest part of it that there is: its dotted key."""
-    path: list[int | str] = []
-    holders = []
-    for part in place:
-        is_there = (isinstance(tree, dict) and part in tree) or (
-            isinstance(tree, list) and isinstance(part, int) and part < len(tree)
-        )
-        if not is_there:
-            break
-        holders.append(tree)
-        path.append(part)
-        tree = tree[part]
-    while path and isinstance(holders[-1], list):  # an item of a list cannot have a default: the list is left out
-        holders.pop()
-        path.pop()
-    if not path:
-        return ""
-    del holders[-1][path[-1]]
-    return ".".join(map(str, path))
+def _without(tree: dict[str, Any], place: tuple[int | str, ...]) -> str:
+    """Take the setting at a place out of a tree, else the section that it is missing in: its dotted key."""
+    section, *keys = map(str, place) if place else ("",)
+    holder = tree.get(section)
+    if keys and isinstance(holder, dict) and keys[0] in holder:
+        del holder[keys[0]]
+        return f"{section}.{keys[0]}"
+    return section if tree.pop(section, None) is not None else ""
 
 
 def _lidar(name: str, entry: LidarEntry, site: str, path: Path) -> LidarSensor:

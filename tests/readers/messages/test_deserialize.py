@@ -2,7 +2,7 @@ from dataclasses import replace
 from typing import Literal
 
 import pytest
-from builders import channel, detection2d_array, odometry, raw, store_for
+from builders import detection2d_array, odometry, raw, store_for
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
@@ -91,13 +91,6 @@ def test_bytes_that_do_not_fit(size: int) -> None:
     message = state()
     with pytest.raises(MessageError, match=f"{size} bytes are not a valid nav_msgs/msg/Odometry"):
         deserialize(message._replace(data=message.data[:size]))
-
-
-def test_definitions_of_both_ros_versions() -> None:
-    for encoding in ("ros1", "cdr"):
-        known = channel("/odom", ODOMETRY, "ros1" if encoding == "ros1" else "cdr")
-        store = store_for("ros1" if encoding == "ros1" else "cdr")
-        assert typestore_for(known).fielddefs[ODOMETRY] == store.fielddefs[ODOMETRY]
 
 
 KNOWN = [

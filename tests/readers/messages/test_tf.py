@@ -21,20 +21,15 @@ def edge(parent: str, child: str, x: float = 0.0, **options: object) -> Fields:
     return transform_stamped(parent, child, stamp_ns=0, translation=(x, 0, 0), **options)  # type: ignore[arg-type]  # passed on
 
 
-def test_an_empty_recording_has_no_frames() -> None:
-    assert read_transforms(MemoryRecording([])).fixed.frames == frozenset()
-
-
 @pytest.mark.parametrize("encoding", ["ros1", "cdr"])
 def test_static_transforms_chain_and_slashes_go(encoding: str) -> None:
     messages = [tf("/tf_static", edge("/base", "/mast", 1.0), edge("mast", "lidar", 2.0), encoding=encoding)]
     found = read_transforms(MemoryRecording(messages))
     np.testing.assert_allclose(found.lookup("base", "lidar").translation, [3, 0, 0])
-
-
-def test_a_later_static_transform_replaces_an_earlier_one() -> None:
-    messages = [tf("/tf_static", edge("base", "lidar", 1.0)), tf("/tf_static", edge("base", "lidar", 2.0), at_s=9)]
-    np.testing.assert_allclose(read_transforms(MemoryRecording(messages)).lookup("base", "lidar").translation[0], 2)
+    later = tf("/tf_static", edge("mast", "lidar", 5.0), at_s=9, encoding=encoding)
+    found = read_transforms(MemoryRecording([*messages, later]))
+    np.testing.assert_allclose(found.lookup("base", "lidar").translation, [6, 0, 0])
+    assert read_transforms(MemoryRecording([])).fixed.frames == frozenset()
 
 
 def test_mountings_repeated_on_tf_are_fixed_and_moving_ones_are_not() -> None:
@@ -106,7 +101,6 @@ def test_of_a_window_tf_is_read_where_it_begins_and_where_the_recording_does(
     ("bad", "reason"),
     [
         (edge("base", "lidar", rotation_xyzw=(0, 0, 0, 0)), "not a unit quaternion"),
-        (edge("base", "lidar", rotation_xyzw=(0, 0, 0, 2)), "not a unit quaternion"),
         (edge("base", "lidar", rotation_xyzw=(0, 0, 0, float("nan"))), "not a unit quaternion"),
         (edge("base", "lidar", float("inf")), "finite"),
         (edge("lidar", "lidar"), "two different frames"),

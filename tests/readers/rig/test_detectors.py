@@ -154,26 +154,23 @@ def test_the_vehicle_is_the_site_if_there_is_one() -> None:
     assert (found.rig.site_frame, found.rig.lidars, topics(found)) == ("map", (), ["/detector/objects"])
 
 
+FOUND = r"found 3D boxes: /detector/objects .*--set detect3d\.method=recorded"
+
+
+@pytest.mark.parametrize(
+    ("messages", "rig", "sections", "reason"),
+    [
+        ([boxes(), boxes("/ground_truth/objects")], {}, {"detect3d": {}}, FOUND),
+        ([objects_message("autoware", 5, [Recorded((1, 2, 3))])], {}, {"detect3d": {}}, FOUND),
+        ([boxes("/gt"), boxes("/lidar/detections")], {}, {}, r"found neither; name one with topics\.boxes3d"),
+        ([MOUNT, boxes(frame="moon")], {}, {}, r"no lidar is usable .*frame 'moon'"),
+        ([MOUNT, cloud()], {"lidars": {}}, {}, "no lidar: name one"),
+    ],
+)
+def test_without_clouds(messages: list[RawMessage], rig: dict[str, Any], sections: dict[str, Any], reason: str) -> None:
+    with pytest.raises((CalibrationError, RecordingError), match=reason):
+        discover(messages, rig, **sections)
+
+
 def test_a_rig_file_without_lidars_goes_with_boxes() -> None:
     assert topics(discover([MOUNT, cloud(), boxes()], {"lidars": {}})) == ["/detector/objects"]
-    with pytest.raises(CalibrationError, match="no lidar: name one"):
-        discover([MOUNT, cloud()], {"lidars": {}})
-
-
-@pytest.mark.parametrize("format_", ["humble", "autoware"])
-def test_without_clouds_the_user_is_told_of_the_boxes(format_: Any) -> None:
-    message = objects_message(format_, 5, [Recorded((1, 2, 3))])
-    with pytest.raises(RecordingError, match=r"found 3D boxes: /detector/objects .*--set detect3d\.method=recorded"):
-        discover([message, boxes("/ground_truth/objects")], detect3d={})
-
-
-def test_without_clouds_and_without_boxes_that_may_be_used() -> None:
-    with pytest.raises(
-        RecordingError, match=r"neither truth nor lidcam's own, found neither; name one with topics\.box"
-    ):
-        discover([boxes("/ground_truth/objects"), boxes("/lidar/detections")])
-
-
-def test_without_clouds_and_with_boxes_in_no_known_frame() -> None:
-    with pytest.raises(CalibrationError, match=r"no lidar is usable .*frame 'moon'"):
-        discover([MOUNT, boxes(frame="moon")])

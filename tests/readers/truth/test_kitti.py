@@ -189,13 +189,15 @@ def test_malformed_labels(tmp_path: Path, files: list[str], problem: str) -> Non
     assert problem in str(caught.value)
 
 
-def test_files_of_both_benchmarks(tmp_path: Path) -> None:
-    truth = KittiTruth(folder(tmp_path, CAR, f"0 2 {CAR}"), rig(), Config())
-    with pytest.raises(RecordingError, match=r"000001\.txt: expected labels as in 000000\.txt, found the tracking"):
-        truth.at(0, frame=1)
-
-
-def test_calibration_is_needed(tmp_path: Path) -> None:
+def test_calibration_is_needed_and_all_files_are_of_one_benchmark(tmp_path: Path) -> None:
+    (tmp_path / "b" / "calib").mkdir(parents=True)
+    (tmp_path / "b" / "calib" / "7.txt").write_text(CALIB)
+    (tmp_path / "b" / "7.txt").write_text(CAR)
+    assert len(boxes_of(tmp_path / "b" / "7.txt")) == 1
+    (tmp_path / "b" / "8.txt").write_text(f"0 2 {CAR}")
+    (tmp_path / "b" / "calib" / "8.txt").write_text(CALIB)
+    with pytest.raises(RecordingError, match=r"8\.txt: expected labels as in 7\.txt, found the tracking"):
+        boxes_of(tmp_path / "b", frame=1)
     path = folder(tmp_path, CAR)
     (path / "calib" / "000000.txt").write_text("nothing")
     with pytest.raises(RecordingError, match=r"calib/000000\.txt: expected a calibration of KITTI"):
@@ -203,13 +205,6 @@ def test_calibration_is_needed(tmp_path: Path) -> None:
     (path / "calib" / "000000.txt").unlink()
     with pytest.raises(RecordingError, match=r"expected its calibration .*calib/000000\.txt, found no such file"):
         KittiTruth(path, rig(), Config()).at(0, frame=0)
-
-
-def test_calibration_beside_the_labels(tmp_path: Path) -> None:
-    (tmp_path / "calib").mkdir()
-    (tmp_path / "calib" / "7.txt").write_text(CALIB)
-    (tmp_path / "7.txt").write_text(CAR)
-    assert KittiTruth(tmp_path / "7.txt", rig(), Config()).at(0, frame=0) is not None
 
 
 def test_which_lidar_is_the_velodyne(tmp_path: Path) -> None:

@@ -1,12 +1,17 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from detections import forward_camera
+from evaluation_frames import truth_boxes
 from truth_messages import true_object, truth_message
 
+from pipeline.core.rig import CameraSensor
 from pipeline.core.settings.config import Config
-from pipeline.evaluation.evaluation_frame import UNKNOWN
+from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
 from readers.messages.vision.detections3d import decode_detections3d
 from readers.messages.vision.track_ids import track_ids
-from readers.truth.moment import Moment, TruthClasses, counted, moment_of, total
+from readers.truth.moment import Moment, TruthClasses, counted, moment_of, projected_truth, total
 
 CONFIG = Config()
 CLASSES = TruthClasses(CONFIG.class_id_of_label)
@@ -44,14 +49,9 @@ def test_numbers_that_the_settings_do_not_list_are_known_by_their_names() -> Non
     assert classes.ids(np.array(["4", "5", "2", "3", "van"])).tolist() == [0, 0, 1, UNKNOWN, 0]
 
 
-@pytest.mark.parametrize(
-    ("value", "count"), [(0.0, 0), (12.4, 12), (np.nan, UNKNOWN), (np.inf, UNKNOWN), (-5.0, UNKNOWN), (1e20, 2**31 - 1)]
-)
-def test_counts(value: float, count: int) -> None:
-    assert counted(np.array([value])).tolist() == [count]
-
-
-def test_total_of_the_sensors() -> None:
+def test_counts_and_the_total_of_the_sensors() -> None:
+    values = np.array([0.0, 12.4, np.nan, np.inf, -5.0, 1e20])
+    assert counted(values).tolist() == [0, 12, UNKNOWN, UNKNOWN, UNKNOWN, 2**31 - 1]
     counts = {"lidar_points/a": np.array([1.0, np.nan, np.nan]), "lidar_points/b": np.array([2.0, 3.0, np.nan])}
     assert total(counts, "lidar_points", 3).tolist() == [3, 3, UNKNOWN]
     assert total({**counts, "lidar_points": np.array([9.0, 9, 9])}, "lidar_points", 3).tolist() == [9, 9, 9]
@@ -63,3 +63,59 @@ def test_rows_are_selected_with_their_pixels() -> None:
     assert chosen.boxes.centers[:, 0].tolist() == [3, 1]
     assert chosen.camera_pixels["left"].tolist() == [3, 1]
     assert chosen.ignoring_all().boxes.is_ignored.tolist() == [True, True]
+
+
+# --- objects as a camera sees them
+
+CAMERA: CameraSensor = forward_camera("left")
+
+
+def boxes(*pixels: int) -> TruthBoxes3D:
+    """Four objects: two ahead of the camera, one beside its image, one behind it."""
+    places = [(10.0, 0), (20, 1), (5, 60), (-10, 0)]
+    found = truth_boxes(
+        [(x, y, 0, 2, 1, 1, 0) for x, y in places],
+        [1, 2, 3, 4],
+        class_ids=[0, 3, 0, 0],
+        labels=["car", "van", "car", "car"],
+        image_pixels=pixels or None,
+        is_ignored=[False, True, False, False],
+    )
+    return replace(found, stamp_ns=7)
+
+
+def test_objects_ahead_are_seen() -> None:
+    shown = projected_truth(boxes(), CAMERA, None)
+    assert shown.stamp_ns == 7
+    assert shown.track_ids.tolist() == [1, 2]
+    assert shown.labels.tolist() == ["car", "van"]
+    assert shown.class_ids.tolist() == [0, 3]
+    assert shown.image_pixels.tolist() == [UNKNOWN, UNKNOWN]
+    assert shown.is_ignored.tolist() == [False, True]
+
+
+def test_boxes_surround_the_projection() -> None:
+    shown = projected_truth(boxes(), CAMERA, None)
+    corners = np.array([[9.0, y, z] for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    pixels, _ = CAMERA.model.project(CAMERA.T_camera_site.apply(corners))
+    np.testing.assert_allclose(shown.xyxy[0], [*pixels.min(0), *pixels.max(0)], atol=1e-3)
+    assert projected_truth(boxes().select(np.zeros(4, np.bool_)), CAMERA, None).xyxy.shape == (0, 4)
+
+
+@pytest.mark.parametrize(
+    ("overall", "of_image", "ids", "pixels"),
+    [
+        ((5, 0, 5, 5), None, [1], [UNKNOWN]),
+        ((UNKNOWN, 0, 5, 5), None, [1], [UNKNOWN]),
+        ((5, 5, 5, 5), [0, 3, 3, 3], [2], [3]),
+        ((5, 5, 5, 5), [4, UNKNOWN, 3, 3], [1, 2], [4, UNKNOWN]),
+        ((5, 0, 5, 5), [4, UNKNOWN, 3, 3], [1], [4]),
+    ],
+)
+def test_hidden_objects_are_left_out(
+    overall: tuple[int, ...], of_image: list[int] | None, ids: list[int], pixels: list[int]
+) -> None:
+    counts = None if of_image is None else np.array(of_image, np.int32)
+    shown = projected_truth(boxes(*overall), CAMERA, counts)
+    assert shown.track_ids.tolist() == ids
+    assert shown.image_pixels.tolist() == pixels

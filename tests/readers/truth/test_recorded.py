@@ -145,11 +145,6 @@ def test_images_of_ros1() -> None:
     assert (found.labels.tolist(), found.track_ids.tolist(), found.image_pixels.tolist()) == (["van"], [12], [33])
 
 
-def test_images_after_the_last_objects() -> None:
-    source = truth([*messages(20), *(shown(number) for number in range(25))])
-    assert source.in_image("left", START_NS + 24 * STEP_NS, frame=0) is not None
-
-
 def test_images_do_not_fill_the_memory() -> None:
     many = [shown(0, stamp_ns=START_NS + 5 * S + number * 1000, log_s=-4) for number in range(1500)]
     source = truth([*messages(100), *many])

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from builders import odometry, raw, tf_message, transform_stamped
+from evaluation_frames import truth_boxes
 from memory_recording import MemoryRecording
 from scipy.spatial.transform import Rotation
 
@@ -10,7 +11,6 @@ from pipeline.core.messages import RawMessage
 from pipeline.core.rig import LidarSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import load_config
-from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
 from readers.truth.site import SitePoses, boxes_in_site
 
 S = 10**9
@@ -119,15 +119,10 @@ def test_a_chain_of_fixed_and_moving_frames() -> None:
 
 def states(until: int = 20) -> list[RawMessage]:
     found = []
-    for number in range(until):
-        stamp_ns, t = number * STEP_NS, number / 10
-        fields = odometry(
-            stamp_ns=stamp_ns,
-            frame_id="odom",
-            child_frame_id="base_link",
-            position=(10 * t, t * t, 0.2),
-            orientation_xyzw=turn(0.3 * t),
-        )
+    for stamp_ns in range(0, until * STEP_NS, STEP_NS):
+        frames, at = {"frame_id": "odom", "child_frame_id": "base_link"}, pose(stamp_ns)
+        where = {"position": tuple(at.translation), "orientation_xyzw": tuple(at.quaternion_xyzw)}
+        fields = odometry(stamp_ns=stamp_ns, **frames, **where)  # type: ignore[arg-type]  # as named
         found.append(raw("/odom", "nav_msgs/msg/Odometry", fields, stamp_ns))
     return found
 
@@ -180,21 +175,9 @@ def test_a_recording_that_is_played_twice() -> None:
 
 def test_boxes_in_the_site() -> None:
     T = transform("site", "odom", (10, 0, 1), 1.0)
-    boxes = TruthBoxes3D(
-        5,
-        "odom",
-        np.array([[1.0, 0, 0], [0, 2, 0]]),
-        np.ones((2, 3)),
-        np.array([0.25, 3.0]),
-        np.zeros(2, np.int32),
-        np.array(["car", "van"]),
-        np.array([1, 2]),
-        np.full(2, UNKNOWN, np.int32),
-        np.full(2, UNKNOWN, np.int32),
-        np.array([False, True]),
-    )
+    boxes = truth_boxes([(1, 0, 0, 1, 1, 1, 0.25), (0, 2, 0, 1, 1, 1, 3)], [1, 2], labels=["car", "van"])
     found = boxes_in_site(boxes, T)
-    assert (found.frame_id, found.stamp_ns) == ("site", 5)
+    assert (found.frame_id, found.stamp_ns) == ("site", boxes.stamp_ns)
     np.testing.assert_allclose(found.yaws, [1.25, 4.0 - 2 * np.pi])
     np.testing.assert_allclose(found.centers, T.apply(boxes.centers))
     assert found.labels.tolist() == ["car", "van"]

@@ -13,8 +13,10 @@ from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.settings.recording import LimitsConfig
+from pipeline.evaluation.evaluation_frame import UNKNOWN
 from readers.messages.deserialize import typestore_for
 from readers.messages.vision.detections3d import Detections3D, decode_detections3d
+from readers.messages.vision.track_ids import track_ids
 from writers.messages.detections import detections_3d
 
 STAMP_NS = 1_700_000_000_123_456_789
@@ -200,3 +202,22 @@ def test_more_boxes_than_a_message_may_hold() -> None:
     for most in (4, 9):
         with pytest.raises(MessageError, match="max_message_items"):
             decode_detections3d(raw, limits=LimitsConfig(max_message_items=most))
+
+
+# --- ids as numbers
+
+
+def test_numbers_are_themselves_and_names_have_numbers_of_their_own() -> None:
+    names = np.array(["7", "", "car1", "007", "car2", "car1", "999999999999999999", "9999999999999999999", "²", "-3"])
+    found = track_ids(names)
+    assert found.dtype == np.int64
+    assert found[[0, 1, 3, 6]].tolist() == [7, UNKNOWN, 7, 999999999999999999]
+    of_names = found[[2, 4, 7, 8, 9]]
+    assert (of_names >= 1 << 62).all()
+    assert len({*of_names.tolist()}) == 5
+    assert found[2] == found[5]
+    assert track_ids(names[[2]])[0] == found[2]  # whatever else was met before
+
+
+def test_no_ids() -> None:
+    assert track_ids(np.zeros(0, np.str_)).shape == (0,)

@@ -1,0 +1,155 @@
+"""Which truth is taken: labels, odometry that the rig calls truth, topics."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from builders import odometry, raw, write_mcap
+from frames import CONFIG, PERIOD_NS, PROVENANCE, RIG, START_NS, frame
+
+from pipeline.core.errors import RecordingError
+from pipeline.core.messages import RawMessage
+from pipeline.core.rig import Rig, TruthVehicle
+from pipeline.core.settings.load import dump_config
+from readers.results.result import Result, open_result
+from readers.rig.rig_file import rig_yaml
+from readers.truth.boxes import read_label_text
+from readers.truth.kitti import KittiTruth
+from readers.truth.odometry import OdometryTruth
+from readers.truth.open import open_labels, open_truth
+from readers.truth.openlabel import OpenLabelTruth
+from readers.truth.predecessor import PredecessorTruth
+from readers.truth.source import TruthSource
+from writers.mcap.writer import McapResultWriter
+from writers.outputs.transaction import OutputFile
+
+CAR = TruthVehicle("/car/odom", "car", (4, 2, 1.5), (0, 0, 0.75))
+LABEL = "Car 0.10 1 -1.57 500.0 150.0 600.0 220.0 1.50 1.80 4.20 2.0 1.6 20.0 -1.570796"
+
+
+def pose(k: int) -> RawMessage:
+    stamp_ns = START_NS + k * PERIOD_NS
+    fields = odometry(stamp_ns=stamp_ns, position=(k, 2, 0), frame_id=RIG.site_frame, child_frame_id="car")
+    return raw(CAR.topic, "nav_msgs/msg/Odometry", fields, stamp_ns)
+
+
+def result(folder: Path, rig: Rig, copied: tuple[RawMessage, ...] = ()) -> Result:
+    path = folder / "out.mcap"
+    provenance = replace(PROVENANCE, config_yaml=dump_config(CONFIG), rig_yaml=rig_yaml(rig))
+    one = frame(0)
+    with McapResultWriter(OutputFile(path, path), rig, CONFIG, provenance) as writer:
+        writer.write(replace(one, bundle=replace(one.bundle, copied=copied)))
+    return open_result(path)
+
+
+def test_odometry_that_was_copied_into_the_result(tmp_path: Path) -> None:
+    rig = replace(RIG, truth={"car": CAR})
+    with result(tmp_path, rig, (pose(0), pose(1))) as opened, open_truth(opened) as truth:
+        assert isinstance(truth.source, OdometryTruth)
+        found = truth.source.at(START_NS + PERIOD_NS // 2, frame=0)
+    assert found is not None
+    np.testing.assert_allclose(found.centers, [[0.5, 2, 0.75]])
+
+
+def test_odometry_of_another_recording(tmp_path: Path) -> None:
+    write_mcap(tmp_path / "drive.mcap", [pose(0), pose(1)])
+    with (
+        result(tmp_path, replace(RIG, truth={"car": CAR})) as opened,
+        open_truth(opened, [tmp_path / "drive.mcap"]) as truth,
+    ):
+        assert isinstance(truth.source, OdometryTruth)
+        assert truth.source.at(START_NS, frame=0) is not None
+
+
+def test_without_the_odometry_topics_count(tmp_path: Path) -> None:
+    with result(tmp_path, replace(RIG, truth={"car": CAR})) as opened, open_truth(opened) as truth:
+        assert truth.source is None
+        assert "expected truth" in truth.reason
+
+
+def test_odometry_of_some_vehicles_only(tmp_path: Path) -> None:
+    rig = replace(RIG, truth={"car": CAR, "van": replace(CAR, topic="/van/odom")})
+    with result(tmp_path, rig, (pose(0),)) as opened, pytest.raises(RecordingError, match=r"truth\.van of the rig"):
+        open_truth(opened)
+
+
+# --- label files, by their content
+
+ONE_LIDAR = replace(RIG, lidars=RIG.lidars[:1])
+OPENLABEL = json.dumps({"openlabel": {"frames": {"0": {}}}})
+BAGS = Path(__file__).parents[3] / "bags"
+
+
+def opened(path: Path) -> TruthSource | None:
+    return open_labels(path, ONE_LIDAR, CONFIG)
+
+
+@pytest.mark.parametrize(
+    ("files", "given", "kind"),
+    [
+        ({"a.txt": LABEL}, "a.txt", KittiTruth),
+        ({"label_2/000001.txt": LABEL}, "", KittiTruth),
+        ({"label_2/000001.txt": LABEL}, "label_2", KittiTruth),
+        ({"labels": OPENLABEL}, "labels", OpenLabelTruth),
+        ({"1.json": OPENLABEL, "2.json": OPENLABEL}, "", OpenLabelTruth),
+        ({"odom/30000.txt": "1 2 3", "pcd/0.txt": ""}, "", PredecessorTruth),
+    ],
+)
+def test_the_content_says_what_it_is(tmp_path: Path, files: dict[str, str], given: str, kind: type) -> None:
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    assert isinstance(opened(tmp_path / given), kind)
+
+
+def test_recordings_are_for_others_to_open(tmp_path: Path) -> None:
+    (tmp_path / "drive.db3").write_text("")
+    for path in (BAGS / "sandbox.bag", BAGS / "crossing.mcap", tmp_path):
+        assert opened(path) is None
+
+
+@pytest.mark.parametrize(
+    ("files", "given", "problem"),
+    [
+        ({}, "none", "none: no such file or folder; expected truth: a recording, a result, KITTI's labels"),
+        ({"a.txt": "hello"}, "a.txt", "found a file of another kind"),
+        ({"a.txt": ""}, "a.txt", "found a file of another kind"),
+        ({}, "", "found an empty folder"),
+        ({"a.png": "", "b.png": ""}, "", "found a folder with a.png, b.png"),
+    ],
+)
+def test_what_is_no_truth(tmp_path: Path, files: dict[str, str], given: str, problem: str) -> None:
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    with pytest.raises(RecordingError) as caught:
+        opened(tmp_path / given)
+    assert problem in str(caught.value)
+
+
+def test_a_file_that_cannot_be_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.txt").write_text(LABEL)
+
+    def refused(*_: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "open", refused)
+    for read in (opened, lambda path: read_label_text(path, 10)):
+        with pytest.raises(RecordingError, match=r"a\.txt: cannot be read: Permission denied"):
+            read(tmp_path / "a.txt")
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        (None, "no such file"),
+        (b"\xff\xfe", "expected labels as UTF-8 text, found other bytes at 0"),
+        (b"x" * 11, "expected labels of at most 0 MiB, found a larger file"),
+    ],
+)
+def test_labels_that_cannot_be_read(tmp_path: Path, content: bytes | None, problem: str) -> None:
+    if content is not None:
+        (tmp_path / "a.txt").write_bytes(content)
+    with pytest.raises(RecordingError, match=rf"a\.txt: {problem}"):
+        read_label_text(tmp_path / "a.txt", 10)
