@@ -117,9 +117,7 @@ class SceneSurvey:
         A rig that looks out of one place, as a vehicle's does, is seen from behind and what lies ahead of it is shown;
         sensors that stand around a scene are shown with all of it, from the side from which it fits best.
 
-        Args:
-            aspect: Width of the view divided by its height.
-            fov_y_deg: Vertical field of view.
+        The aspect is the width of the view divided by its height; the field of view is vertical.
         """
         sensors = self._sensors()
         center = sensors.mean(0)

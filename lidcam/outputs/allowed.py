@@ -48,10 +48,6 @@ RRD_STORE = re.compile(rb"\x12\x20[0-9a-f]{32}\x1a.\n" + re.escape(_NAME))
 def check_no_input(outputs: Sequence[Path], inputs: Iterable[Location]) -> None:
     """Check that no output is an input, by its name or by a link, a part of one, or what a killed run left.
 
-    Args:
-        outputs: Files and folders to write.
-        inputs: Files and folders that are read.
-
     Raises:
         OutputError: one is.
     """
@@ -150,12 +146,7 @@ SIMULATED = Replaceable(_is_simulated, "exists and is no simulated recording")
 
 
 def check_replaced(replaceable: Callable[[Path], Replaceable], *, overwrite: bool) -> Callable[[Path], None]:
-    """A check of old outputs, for `OutputTransaction`.
-
-    Args:
-        replaceable: Gives the files that may be replaced at a path.
-        overwrite: Replace other files, too.
-    """
+    """A check of old outputs, for `OutputTransaction`; with `overwrite` other files may be replaced, too."""
 
     def check(path: Path) -> None:
         with output_errors(path):

@@ -1,6 +1,6 @@
 """Choice of the topics of a recording that a run copies to its output."""
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable
 from fnmatch import fnmatchcase
 from pathlib import Path
 
@@ -38,7 +38,12 @@ def choose_copied(
         of_rig = {vehicle.topic for vehicle in rig.truth.values()}
         wanted = [info for info in recorded if info.topic in of_rig or is_truth(info.topic, info.msgtype)]
     else:
-        wanted, notes = _matching(recorded, patterns)
+        wanted = [info for info in recorded if any(fnmatchcase(info.topic, pattern) for pattern in patterns)]
+        notes = [
+            f"output.copy_topics: no topic with messages is called {pattern}"
+            for pattern in dict.fromkeys(patterns)
+            if not any(fnmatchcase(info.topic, pattern) for info in recorded)
+        ]
     drawn = {truth_scene_topic(topic) for topic in choose_drawn(recording, {info.topic for info in wanted})}
     if patterns is None:
         wanted = [info for info in wanted if info.topic not in drawn]  # the recording is a result: drawn anew
@@ -82,16 +87,6 @@ def truth_frames(
         if frame and frame not in known and found.transforms.are_joined(rig.site_frame, frame):
             frames[frame] = found.transforms.lookup(rig.site_frame, frame)
     return tuple(frames.values())
-
-
-def _matching(recorded: Sequence[TopicInfo], patterns: Sequence[str]) -> tuple[list[TopicInfo], list[str]]:
-    wanted = [info for info in recorded if any(fnmatchcase(info.topic, pattern) for pattern in patterns)]
-    notes = [
-        f"output.copy_topics: no topic with messages is called {pattern}"
-        for pattern in dict.fromkeys(patterns)
-        if not any(fnmatchcase(info.topic, pattern) for info in recorded)
-    ]
-    return wanted, notes
 
 
 def _problem(info: TopicInfo, reserved: frozenset[str]) -> str:

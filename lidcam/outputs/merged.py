@@ -37,12 +37,8 @@ def write_both(
 ) -> None:
     """Compare two results, and write them into one file with a layout beside it.
 
-    Args:
-        outputs: Locked, `path` and its layout among them.
-        path: The file.
-        results: A and B, of one site frame.
-        comparison: Takes in the frames.
-        pairs: The frames.
+    `path` and its layout are among the locked outputs. The results A and B have one site frame; the comparison takes in
+    the pairs of frames.
 
     Raises:
         OutputError: a file cannot be written.

@@ -67,13 +67,6 @@ def open_writers(
 ) -> list[ResultWriter]:
     """The writers of a job's outputs, open; they end with `stack`, before the outputs get their names.
 
-    Args:
-        job: The job, with its outputs and settings.
-        source: The recording, its sensors and the settings.
-        inputs: Its files.
-        outputs: Where they are written.
-        stack: Ends them.
-
     Raises:
         OutputError: an output cannot be written.
     """

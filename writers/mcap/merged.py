@@ -59,11 +59,8 @@ def write_merged(
 ) -> frozenset[str]:
     """Write two results to one new file.
 
-    Args:
-        output: The file to write.
-        sides: The results, of one site frame.
-        scenes: Log time and drawing of the differences, by rising log time; read along with the messages.
-        metadata: Says what was merged.
+    The results have one site frame. The scenes are log times and drawings of the differences, by rising log time; they
+    are read along with the messages.
 
     Returns:
         The topics that have messages.

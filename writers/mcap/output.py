@@ -109,14 +109,7 @@ class McapOutput:
         return self.add_channel(topic or channel.topic, channel.encoding, _schema(channel), metadata)
 
     def add_message(self, channel: int, log_time_ns: int, data: Buffer | Sequence[Buffer], sequence: int = 0) -> None:
-        """Add a message, published when it was logged.
-
-        Args:
-            channel: Its channel's id.
-            log_time_ns: When it was logged.
-            data: Its bytes, or parts of them that follow each other; they must not change any more.
-            sequence: Its number.
-        """
+        """Add a message, published when it was logged; its bytes, or parts of them, must not change any more."""
         parts = (data,) if isinstance(data, bytes | memoryview) else data
         self._chunk.add_message(channel, sequence, log_time_ns, parts)
         self._end_full_chunk()

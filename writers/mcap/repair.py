@@ -22,11 +22,8 @@ def write_repaired(
 ) -> int:
     """Write messages to a new MCAP file, in their order, with their log times.
 
-    Args:
-        output: The file to write.
-        channels: All channels in the order of the file's list, also those without messages.
-        messages: The messages.
-        lost: Losses, one metadata record each; read after the last message.
+    The channels are those of the file's list, in its order, also those without messages. Each loss becomes a metadata
+    record; the losses are read after the last message.
 
     Returns:
         Number of messages.

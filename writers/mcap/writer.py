@@ -78,11 +78,9 @@ class McapResultWriter:
     """Writes one run's frames to a file, which is complete when the block ends without error.
 
     Args:
-        output: The file to write.
-        rig: The rig of the run.
         config: The settings of the run; `output` selects topics and compression.
         provenance: Written as metadata and attachments.
-        layout: Where the layout that belongs to the file is written, if it is.
+        layout: File of the layout; None for no layout.
         frames: T_site_frame of frames that copied messages stand in.
     """
 

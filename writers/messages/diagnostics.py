@@ -21,13 +21,7 @@ _OK, _WARN = 0, 1  # DiagnosticStatus
 
 
 def diagnostics(result: FrameResult, rig: Rig, not_copied: Sequence[Drop]) -> Any:
-    """Synchronisation, points by step, objects by source, and dropped messages.
-
-    Args:
-        result: The frame.
-        rig: The rig of the run.
-        not_copied: Messages that the writer itself dropped.
-    """
+    """Synchronisation, points by step, objects by source, and dropped messages, those of the writer itself included."""
     drops = [*result.drops, *not_copied]
     statuses = [
         _synchronisation(result, rig),

@@ -82,15 +82,7 @@ def entities(
     metadata: Mapping[str, Sequence[str]],
     **primitives: Sequence[Sequence[Any]],
 ) -> list[Any]:
-    """foxglove_msgs/SceneEntity that stay until they are deleted.
-
-    Args:
-        ids: (N,).
-        stamp_ns: Their time.
-        frame_id: Their frame.
-        metadata: (N,) by key.
-        **primitives: (N,) lists by name.
-    """
+    """N foxglove_msgs/SceneEntity that stay until deleted, with metadata (N,) by key and N lists of each primitive."""
     pair = "foxglove_msgs/msg/KeyValuePair"
     return ROS2.rows(
         "foxglove_msgs/msg/SceneEntity",

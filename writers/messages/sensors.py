@@ -20,10 +20,7 @@ _COEFFICIENTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
 def static_transforms(rig: Rig, stamp_ns: int, others: Iterable[Transform] = ()) -> Any:
     """TFMessage from the site frame to every sensor's frame, each child once; the site frame itself needs none.
 
-    Args:
-        rig: The sensors.
-        stamp_ns: Stamp of the transforms.
-        others: T_site_frame of further frames.
+    `others` are T_site_frame of further frames.
     """
     edges = [lidar.T_site_lidar for lidar in rig.lidars]
     edges += [camera.T_camera_site.inverse() for camera in rig.cameras]

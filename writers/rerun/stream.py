@@ -28,12 +28,7 @@ STALL_S = 600.0
 
 
 class RerunStream:
-    """Writes what a Rerun recording logs to a file.
-
-    Args:
-        recording: The recording; all that it logs from now on is written.
-        file: Open for writing.
-        path: Name of the file in messages.
+    """Writes all that a Rerun recording logs from now on to an open file, which messages call `path`.
 
     Raises:
         OSError: no pipe can be made.

@@ -53,8 +53,6 @@ class RerunResultWriter:
     """Writes one run's frames to a file, which is complete when the block ends without error.
 
     Args:
-        output: The file to write.
-        rig: The rig of the run.
         config: The settings of the run; `output` selects images and clouds.
         provenance: Gives the recording id: equal for equal inputs and settings.
         decode_any_image: Decodes an image that is neither JPEG nor PNG; those are passed through.

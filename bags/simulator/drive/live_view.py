@@ -24,12 +24,7 @@ BOX_COLOR = (255, 170, 40)
 
 
 class LiveView:
-    """Shows recorded messages; lidars that record packets only are not shown.
-
-    Args:
-        simulation: Source of the messages.
-        stream: Stream to log to; None for a new one.
-    """
+    """Shows recorded messages, in a new stream unless one is given; lidars that record packets only are not shown."""
 
     def __init__(self, simulation: Simulation, stream: rr.RecordingStream | None = None) -> None:
         self._stream = rr.RecordingStream("lidcam_drive") if stream is None else stream

@@ -76,11 +76,8 @@ def recording_outputs(
 ) -> OutputTransaction:
     """The files of a recording, to be locked before it begins.
 
-    Args:
-        path: File, or folder for sqlite3.
-        format: Format of the recording.
-        check_old: Called with an existing file or folder that is to be replaced, as by `OutputTransaction`. A folder
-            with anything else than a ROS 2 recording is refused in any case.
+    `check_old` is called with an existing file or folder that is to be replaced, as by `OutputTransaction`. A folder
+    with anything else than a ROS 2 recording is refused in any case.
     """
 
     def check(old: Path) -> None:
@@ -98,12 +95,8 @@ def recording_file(
 ) -> Iterator[WriteMessage]:
     """Write a recording, which is complete when the block ends well.
 
-    Args:
-        outputs: Its files, see `recording_outputs`.
-        path: File, or folder for sqlite3.
-        format: Format of the recording.
-        rig_yaml: The true calibration as a rig file: an attachment of an MCAP, else `NAME.rig.yaml` beside the bag.
-        scenario_yaml: The scenario: an attachment of an MCAP, else `NAME.scenario.yaml` beside the bag.
+    The true calibration and the scenario are attachments of an MCAP, else `NAME.rig.yaml` and `NAME.scenario.yaml`
+    beside the bag.
 
     Raises:
         OutputError: it cannot be written.

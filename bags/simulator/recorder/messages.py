@@ -94,13 +94,7 @@ class MessageFactory(RosMessages):
         )
 
     def odometry(self, stamp_ns: int, pose: Transform, velocity: tuple[float, float, float]) -> Any:
-        """nav_msgs/Odometry without noise.
-
-        Args:
-            stamp_ns: True time.
-            pose: Pose of the child frame.
-            velocity: Along x and y of the child frame (m/s), and about its z (rad/s), as in the message's definition.
-        """
+        """nav_msgs/Odometry without noise; velocity along the child frame's x, y (m/s) and about its z (rad/s)."""
         along, across, turn = velocity
         twist = self.new(
             "geometry_msgs/msg/Twist", linear=self.vector(along, across, 0), angular=self.vector(0, 0, turn)

@@ -23,13 +23,9 @@ BODIES = {"model_car": model_car, "car": car, "van": van, "truck": truck, "bus":
 def build_mover(
     name: str, vehicle: VehicleScenario, trajectory: Trajectory, *, height: Callable[[F64], F64] | None = None
 ) -> Mover:
-    """The mover of a vehicle, cyclist or pedestrian.
+    """The mover of a vehicle, cyclist or pedestrian, whose name determines its appearance; its trajectory may grow.
 
-    Args:
-        name: Unique in the scenario; it also determines the looks of people.
-        vehicle: Settings with shape and colour.
-        trajectory: Path of its base frame; it may grow later.
-        height: Heights (N,) of the ground at positions (N, 2), for pedestrians, who step on kerbs; None if flat.
+    `height` gives heights (N,) of the ground at positions (N, 2), for pedestrians, who step on kerbs; None if flat.
     """
     shape = SHAPES[vehicle.shape]
     path: Trajectory | RaisedPath = trajectory

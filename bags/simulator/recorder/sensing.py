@@ -44,12 +44,7 @@ class _Camera:
 
 
 class Sensing:
-    """Some of a scenario's sensors.
-
-    Args:
-        stage: The world; its traffic must be advanced before they measure.
-        task: Names of the sensors, and the ROS version.
-    """
+    """Some of a scenario's sensors; the stage's traffic must be advanced before they measure."""
 
     def __init__(self, stage: Stage, task: SensingTask) -> None:
         self._stage, self._seed, names = stage, task.scenario.seed, task.names

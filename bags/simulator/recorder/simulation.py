@@ -22,12 +22,7 @@ __all__ = ["Simulation"]
 
 
 class Simulation:
-    """A running scenario; `bags.simulator.recorder.start.simulating` starts one.
-
-    Args:
-        task: The scenario, and the sensors of this process.
-        others: Processes with the other sensors.
-    """
+    """A running scenario; `bags.simulator.recorder.start.simulating` starts one, with processes for other sensors."""
 
     def __init__(self, task: SensingTask, others: Sequence[SensingProcess] = ()) -> None:
         self.scenario, self.ros_version = task.scenario, task.ros_version

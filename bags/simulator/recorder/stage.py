@@ -25,9 +25,7 @@ KEPT_NS = 1_000_000_000
 class Stage:
     """The world of a scenario in motion.
 
-    Args:
-        scenario: The scenario.
-        driven: Vehicles that wait at their start for `traffic.command`.
+    The vehicles in `driven` wait at their start for `traffic.command`.
 
     Attributes:
         scenario: The scenario.

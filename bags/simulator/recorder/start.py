@@ -24,13 +24,9 @@ def simulating(
     workers: int | None = None,
     driven: Collection[str] = (),
 ) -> Iterator["Simulation"]:
-    """A running simulation.
+    """A running simulation on so many worker processes, this one among them; None for one per core.
 
-    Args:
-        scenario: The scenario.
-        ros_version: ROS version of the messages.
-        workers: Number of processes that share the sensors, including this one; None for one per core.
-        driven: Vehicles that wait at their start for `Simulation.command`.
+    The vehicles in `driven` wait at their start for `Simulation.command`.
     """
     mine, *others = shared_out(scenario, os.cpu_count() or 1 if workers is None else workers)
     with ExitStack() as stack:

@@ -50,12 +50,7 @@ class States:
                     yield from self._commands(name, time_ns)
 
     def truth(self, time_ns: int, measured: Sequence[Measured]) -> Recorded:
-        """The ground truth at one time, recorded once all measurements of that time are complete.
-
-        Args:
-            time_ns: The time.
-            measured: Measurements, including all that span the time.
-        """
+        """The ground truth at one time, from measurements among which are all that span the time."""
         times_ns = [time_ns] * len(self._stage.scene.movers)
         return self._objects(TRUTH_TOPIC, time_ns, times_ns, measured, log_ns=time_ns + self._stage.longest_ns)
 
@@ -66,9 +61,7 @@ class States:
         So the times of points count from the beginning of the first lidar's sweep, and the other sweeps are shifted by
         whole turns until they begin within half a turn of it.
 
-        Args:
-            time_ns: The time; the traffic must have advanced further by twice the longest measurement.
-            measured: As for `truth`.
+        The traffic must have advanced beyond the time by twice the longest measurement.
         """
         count = len(self._stage.scene.movers)
         sweeps = [one for one in measured if one.sensor in self._lidars and one.from_ns <= time_ns < one.until_ns]

@@ -20,10 +20,7 @@ MIN_SHARE = 0.35
 def sky_light(scene: Scene, points: F32, normals: F32) -> F32:
     """Share (H, W) of skylight, at most 1, that the static world lets through to the surface of each pixel.
 
-    Args:
-        scene: The scene.
-        points: (H, W, 3) metres, slightly above the surface.
-        normals: (H, W, 3) normals of the surface; 0 where there is none.
+    The points (H, W, 3) lie slightly above the surface; its normals (H, W, 3) are 0 where there is none.
     """
     height, width, _ = points.shape
     rows, columns = np.arange(GRID_PX // 2, height, GRID_PX), np.arange(GRID_PX // 2, width, GRID_PX)

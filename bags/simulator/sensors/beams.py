@@ -55,10 +55,7 @@ class VelodynePattern:
     def encode(self, number: int, ranges_m: F64, reflectivity: U8) -> EncodedPackets:
         """The packets of a sweep, by a clock that started with the scenario; for a firing stride of 1.
 
-        Args:
-            number: Number of the sweep.
-            ranges_m: (F, L), or (F, L, 2) of the last and the strongest return; 0 is no return.
-            reflectivity: Like `ranges_m`.
+        The arrays are (F, L), or (F, L, 2) of the last and the strongest return; a range of 0 is no return.
         """
         return self._sensor.encode(self.packets(number).start, ranges_m, reflectivity)
 

@@ -51,19 +51,14 @@ class CameraImage:
 
 
 class Camera:
-    """One camera of a scenario.
+    """One camera of a scenario; its name seeds its random numbers, too.
 
     Attributes:
         name: Its name.
         model: Its true intrinsics.
 
     Args:
-        name: Its name, which also seeds its random numbers.
-        scenario: Its settings.
         body: Path of its body: x along the view, z up.
-        scene: The scene to render.
-        sun: The sun.
-        seed: Seed of the scenario.
     """
 
     def __init__(

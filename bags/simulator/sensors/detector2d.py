@@ -54,16 +54,8 @@ def detect(
 ) -> Detected:
     """The detections in an image.
 
-    Each mover has its own random numbers, whatever else the image shows: equal seeds, cameras and numbers give equal
-    boxes.
-
-    Args:
-        scenario: Settings of its errors.
-        image: The image.
-        class_names: Class of each mover of the scene (M).
-        name: Name of the camera.
-        number: Number of the image.
-        seed: Seed of the scenario.
+    Each mover has its own random numbers, whatever else the image shows: equal seeds, names of cameras and numbers of
+    images give equal boxes. There is a class name for each mover of the scene (M).
     """
     count = len(class_names)
     random = random_numbers(seed, name, "detector", number)

@@ -29,12 +29,8 @@ class Film:
     """The image sensor of a camera.
 
     Args:
-        name: Name of the camera.
-        width: Image width in pixels.
-        height: Image height in pixels.
         exposure: Factor on all light.
         noise: Standard deviation of pixel values (0 to 255).
-        seed: Seed of the scenario.
     """
 
     def __init__(self, name: str, width: int, height: int, *, exposure: float, noise: float, seed: int) -> None:

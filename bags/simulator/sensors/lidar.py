@@ -88,14 +88,11 @@ class Sweep:
 
 
 class Lidar:
-    """One lidar of a scenario.
+    """One lidar of a scenario; its name seeds its random numbers, too.
 
     Args:
-        name: Its name, which also seeds its random numbers.
         scenario: Its settings; clock offset, jitter, drops and failure are not applied here.
         path: Path of its body (x forward, y left, z up) in the world.
-        scene: The scene to cast at.
-        seed: Seed of the scenario.
     """
 
     def __init__(self, name: str, scenario: LidarScenario, path: Path, scene: Scene, seed: int) -> None:
@@ -279,12 +276,7 @@ class Lidar:
     def _light(self, beam: I64, rays: Rays, hits: Hits, weight: F64, span: Span) -> Reflected:
         """Light from the first surface of each ray, and from those behind it if it is glass.
 
-        Args:
-            beam: (K,) number of the beam of each ray.
-            rays: K rays.
-            hits: Their first hits.
-            weight: (K,) share of the beam's light.
-            span: Time span of the sweep.
+        Each of K rays has the number of its beam, its first hit, and its share of the beam's light.
         """
         passed_m = np.zeros(len(rays))
         layers = []

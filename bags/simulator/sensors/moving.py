@@ -303,16 +303,9 @@ def _edges(lens: Lens, views: Sequence[_View], linear: F32, owner: I16) -> I64:
 def _smoothed(
     scene: Scene, light: Light, lens: Lens, still: Still, views: Sequence[_View], pixels: I64, ground: F32
 ) -> F32:
-    """Light (E, 3) of pixels at the edges of movers, as the mean of four samples.
+    """Light (E, 3) of pixels (E,) at the edges of movers, as the mean of four samples.
 
-    Args:
-        scene: The scene.
-        light: Its light.
-        lens: Lens of the camera.
-        still: The view without movers.
-        views: The movers.
-        pixels: (E,) the pixels.
-        ground: (E, 3) their light without movers, but with the movers' shadows.
+    `ground` (E, 3) is their light without movers, but with the movers' shadows.
     """
     beside = np.concatenate([lens.directions_beside(pixels, offset) for offset in BESIDE_PX])
     origin, directions = still.pose.translation[0], turned(still.pose, beside)

@@ -77,14 +77,7 @@ class Timing:
     def measurement(
         self, number: int, *, begin_ns: int | None = None, end_ns: int | None = None, lasts_ns: int = 0
     ) -> Measurement:
-        """One measurement.
-
-        Args:
-            number: Its number.
-            begin_ns: Its start; None for the nominal one.
-            end_ns: Its end; None for `lasts_ns` after its start.
-            lasts_ns: Its duration.
-        """
+        """One measurement: from its nominal start unless another is given, to `lasts_ns` later unless its end is."""
         random = random_numbers(self.seed, self.name, "timing", number)
         jitter_ns, delay_ns, luck = random.standard_normal(), random.standard_normal(), random.random()
         # Measurements stay in order.

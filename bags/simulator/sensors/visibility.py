@@ -50,14 +50,7 @@ def visible_boxes(image: CameraImage) -> F64:
 
 
 def visibility(image: CameraImage, camera: Camera, movers: tuple[Mover, ...], time_ns: int) -> Visibility:
-    """Visibility of each mover in an image.
-
-    Args:
-        image: The image.
-        camera: The camera that took it.
-        movers: The movers of its scene (M).
-        time_ns: The middle of its exposure.
-    """
+    """Visibility of each of a scene's movers (M) in an image, whose exposure has its middle at `time_ns`."""
     whole, to_camera = image.alone_xyxy.copy(), camera.optical_pose(time_ns).inverse()
     for row in np.flatnonzero(image.alone_px):
         box = projected_box(camera.model, to_camera, movers[row].parts, time_ns)
@@ -74,13 +67,8 @@ def visibility(image: CameraImage, camera: Camera, movers: tuple[Mover, ...], ti
 def projected_box(model: CameraModel, to_camera: Poses, parts: tuple[Part, ...], time_ns: int) -> F64:
     """Left, top, right, bottom (4,) of the projected surface of some parts; NaN if all of it is behind the camera.
 
-    It is cut at `NEAR_M` before the camera, and one image width or height beyond the image.
-
-    Args:
-        model: The camera.
-        to_camera: From the world to its optical frame, a single one.
-        parts: The parts.
-        time_ns: The time.
+    It is cut at `NEAR_M` before the camera, and one image width or height beyond the image. `to_camera` is a single
+    transform from the world to the optical frame.
     """
     points = np.concatenate([_ahead(part, to_camera.apply(placed_vertices(part, time_ns))) for part in parts])
     if not len(points):
@@ -96,11 +84,9 @@ def projected_box(model: CameraModel, to_camera: Poses, parts: tuple[Part, ...],
 
 
 def _ahead(part: Part, vertices: F64) -> F64:
-    """Points (K, 3) around the surface of a part before the camera: its vertices, and where its edges are cut.
+    """Points (K, 3) around the surface of a part before the camera: its vertices, and the cuts through its edges.
 
-    Args:
-        part: The part.
-        vertices: (V, 3) its vertices in the optical frame.
+    The vertices (V, 3) are in the optical frame.
     """
     ahead = vertices[:, 2] >= NEAR_M
     if ahead.all():

@@ -71,12 +71,8 @@ class Follower:
     Args:
         order: Its place among all vehicles, which breaks ties.
         name: Name of the route.
-        route: The route.
         start_m: Start position of the base frame along the route.
-        speed_m_s: Cruising speed.
-        shape: Dimensions.
-        habits: Driving habits.
-        chassis: Chassis; None for a pedestrian.
+        chassis: None for a pedestrian.
     """
 
     def __init__(
@@ -128,14 +124,9 @@ class Follower:
         stretches: Sequence[Stretch],
         travellers: Mapping[str, Sequence[Traveller]],
     ) -> AckermannCommand:
-        """The command until the next decision.
+        """The command for some seconds, until the next decision.
 
-        Args:
-            state: Its state.
-            seconds: Time until it decides again.
-            others: All other vehicles and pedestrians.
-            stretches: Stretches that its route shares with other routes.
-            travellers: Travellers by route.
+        It depends on all other vehicles and pedestrians, on what its route shares with others, and on travellers there.
         """
         me, habits = self.traveller, self._habits
         horizon_m = self._horizon_m(state.speed_m_s)

@@ -77,7 +77,6 @@ class Traffic:
     A step that would bring a vehicle into another one or into an obstacle leaves it at rest where it is.
 
     Args:
-        scenario: The scenario.
         driven: Names of vehicles under remote control (`command`), whatever the scenario says. They begin at their
             `start` if the scenario gives one, and otherwise at the start on their route.
         static: The static world; None for that of the scenario.

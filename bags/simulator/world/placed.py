@@ -74,12 +74,7 @@ class PlacedPart:
         self.radius = float(np.linalg.norm(high - low)) / 2
 
     def cast(self, origin: F64, directions: F32) -> PartHits:
-        """The hits of rays from one point.
-
-        Args:
-            origin: (3,) in the world.
-            directions: (N, 3) unit vectors in the world.
-        """
+        """The hits of rays from one point (3,) along unit vectors (N, 3), all in the world."""
         rays = packed((origin - self._translation) @ self._rotation, _mapped(directions, self._rotation.T))
         answer = self._caster.cast_rays(self._tensor(rays), nthreads=threads_for(len(rays)))
         distance = answer["t_hit"].numpy()
@@ -88,14 +83,7 @@ class PlacedPart:
         return PartHits(rows, distance.take(rows), face, triangle)
 
     def surfaces(self, hits: PartHits, some: I64, origin: F64, directions: F32) -> PartSurfaces:
-        """The surfaces that some of the rays hit.
-
-        Args:
-            hits: Hits of all rays, from `cast`.
-            some: (K,) rows of `hits.rows`.
-            origin: (3,) origin of the rays in the world.
-            directions: (K, 3) directions of these rays in the world.
-        """
+        """The surfaces that some of the rays hit: rows (K,) of `hits.rows`, with directions (K, 3) in the world."""
         rays, distance = hits.rows.take(some), hits.distance.take(some)
         normal = _mapped(hits.face.take(rays, 0), self._rotation)
         turn = np.where(dotted(normal, directions) > 0, np.float32(-1), np.float32(1))

@@ -114,9 +114,7 @@ class Scene:
     def cast(self, rays: Rays, span: Span | None = None) -> Hits:
         """The first surface along each ray; of surfaces at the same distance the static one.
 
-        Args:
-            rays: N rays.
-            span: Time span of all rays; sharing one between casts saves sampling the paths again.
+        Sharing the time span of all rays between casts saves sampling the paths again.
         """
         columns = self._static_columns(rays)
         if len(rays):

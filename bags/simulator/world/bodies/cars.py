@@ -26,13 +26,8 @@ INTERIOR = Material("interior", (0.18, 0.17, 0.17), 0.15)
 def _passenger_car(name: str, color: Rgb, *, arch: float, mirror_half: float, inset: float, width: float) -> Mesh:
     """A hatchback that fills the box of its shape, rear wheels included.
 
-    Args:
-        name: Name of the shape.
-        color: Colour of the paint.
-        arch: Radius of the wheel arches.
-        mirror_half: Distance of the mirrors' outer ends from the middle plane.
-        inset: Half the width of the floor between the wheels.
-        width: Width of the body.
+    In metres: the radius of the wheel arches, the distance of the mirrors' outer ends from the middle plane, half the
+    width of the floor between the wheels, and the width of the body.
     """
     shape = SHAPES[name]
     body, half = paint(color), width / 2

@@ -102,12 +102,9 @@ def wheel(radius: float, width: float, tyre: Material, rim: Material, hub: Mater
 
 
 def panel(corners: npt.ArrayLike, material: Material, *, thickness: float = 0.008) -> Mesh:
-    """A thin plate on a face, sunk into it by half its thickness.
+    """A thin plate on a face, sunk into it by half its thickness (metres).
 
-    Args:
-        corners: (K, 3) convex outline on the face, counter-clockwise seen from outside.
-        material: Material of the plate.
-        thickness: In metres; half of it stands out.
+    Its corners (K, 3) are a convex outline on the face, counter-clockwise seen from outside.
     """
     face = np.asarray(corners, np.float64)
     normal = np.cross(face[1] - face[0], face[2] - face[0])

@@ -105,16 +105,10 @@ def house(
     roof: int | None = 0,
     ridge_along_x: bool = True,
 ) -> Mesh:
-    """A house between two corners on the ground.
+    """A house between two corners on the ground, of the least and the greatest x and y.
 
-    Args:
-        low: Least x and y.
-        high: Greatest x and y.
-        height: Height of the walls.
-        wall: Colour of the walls.
-        texture: Texture of the walls.
-        roof: Row of `ROOFS`; None for a flat roof with a parapet.
-        ridge_along_x: Whether the ridge of a pitched roof runs along x; otherwise along y.
+    Height, colour and texture are those of the walls. The roof is a row of `ROOFS`, or None for a flat one with a
+    parapet; the ridge of a pitched one runs along x or y.
     """
     size = np.subtract(high, low)
     middle = np.add(high, low) / 2
