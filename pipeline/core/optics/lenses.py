@@ -29,10 +29,10 @@ __all__ = ["BLOCK", "LENSES", "LIST", "TABLE", "Lenses", "lens_of", "pixel_of", 
 LIST = "Array(float64, 1, 'C', True)"
 TABLE = "Array(float64, 2, 'C', True)"
 BLOCK = "Array(float64, 3, 'C', True)"
-"""What compiled functions take: arrays of one, two and three dimensions, perhaps read-only."""
+"""Types of arrays with one, two and three dimensions, perhaps read-only."""
 
 LENSES = f"{BLOCK}, {TABLE}, Array(boolean, 1, 'C', True), {LIST}"
-"""Likewise: the fields of `Lenses`."""
+"""Types of the fields of `Lenses`."""
 
 _NEAR_M = 0.005
 """Half of `core.camera.NEAR_M`: a point less far ahead has no place in the image."""
