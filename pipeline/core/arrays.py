@@ -47,11 +47,6 @@ Indices = npt.NDArray[np.intp]
 Rows = Bools | Indices
 """Rows of an array, as a mask or as indices."""
 
-_DTYPES: dict[Any, np.dtype[Any]] = {
-    kind: np.dtype(kind)
-    for kind in (np.bool_, np.float32, np.float64, np.int16, np.int32, np.int64, np.uint8, np.uint16, np.uint32)
-}
-
 Record = TypeVar("Record", bound="DataclassInstance")
 
 
@@ -61,12 +56,8 @@ def check_array(name: str, array: Array, shape: tuple[int, ...], dtype: npt.DTyp
     Raises:
         ValueError: shape or dtype differ.
     """
-    wanted = _DTYPES.get(dtype)
-    if wanted is None:
-        wanted = np.dtype(dtype)
-    # Of equal types there is mostly one object, and to compare two takes longer.
-    if array.shape != shape or (array.dtype is not wanted and array.dtype != wanted):
-        raise ValueError(f"{name}: expected {wanted}{list(shape)}, got {array.dtype}{list(array.shape)}")
+    if array.shape != shape or array.dtype != dtype:
+        raise ValueError(f"{name}: expected {np.dtype(dtype)}{list(shape)}, got {array.dtype}{list(array.shape)}")
     array.setflags(write=False)
 
 

@@ -5,4 +5,4 @@ import logging
 __all__ = ["compile_log"]
 
 compile_log = logging.getLogger("pipeline.compiled")
-"""What is compiled because it was not kept, at level INFO: it may take a while, once."""
+"""At level INFO: a function is compiled because it was not kept. It may take a while, once."""

@@ -108,7 +108,7 @@ class CheckError(LidcamError):
     """A command went through, and its result is less than what was asked for.
 
     Attributes:
-        lines: What falls short, one line each.
+        lines: The shortcomings, one line each.
     """
 
     def __init__(self, *lines: str) -> None:
@@ -138,7 +138,7 @@ def short_memory_told(doing: str) -> Iterator[None]:
     """Turn what any library raises for want of memory into a `ShortMemoryError`.
 
     Args:
-        doing: What memory is wanted for, as in `read a.bag`.
+        doing: The action that needs memory, as in `read a.bag`.
 
     Raises:
         ShortMemoryError: memory could not be had.

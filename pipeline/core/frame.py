@@ -40,7 +40,7 @@ class SensorBundle:
         dropped_before: Number of messages dropped since the previous bundle, by (topic, reason).
         missing: Why there is no message, by synchronised topic without one.
         copied: Recorded messages that an output takes over as they are, in the order in which they were recorded.
-        truth: What those of them say that are truth, to be drawn.
+        truth: Recorded truth among them, to be drawn.
     """
 
     index: int
@@ -106,7 +106,7 @@ class FrameResult:
         detections: The detections before fusion.
         views: By camera name, for every camera of the rig: the camera as it stood when its image was taken, in the site
             frame at the frame's time.
-        hypotheses: What was weighed.
+        hypotheses: The weighed hypotheses.
         beliefs: (N,) float64, existence probability of each of them.
         fused: The fused objects, in the site frame.
         drops: Messages of the bundle that could not be used.

@@ -120,7 +120,7 @@ class Zone:
     Attributes:
         name: Zones `intersection` and `circle` fill the fields of these names in MsgLidCam.
         polygon_site: (K, 2) float64, corners x, y in the site frame, metres.
-        use: What it is for.
+        use: Its purpose.
     """
 
     name: str

@@ -14,7 +14,7 @@ from pipeline.core.arrays import F32, F64, I64, Bools
 from pipeline.core.clouds import Plane
 from pipeline.core.settings.combine import GroundConfig
 
-__all__ = ["PLAIN", "GroundPasses", "can_be_ground", "find_ground", "planes_through"]
+__all__ = ["PLAIN", "GroundPasses", "find_ground"]
 
 
 SAMPLE_POINTS = 6000
@@ -69,9 +69,9 @@ def find_ground(
     if len(lowest) < 3:
         return None
     rng = np.random.Generator(np.random.PCG64(config.seed))
-    planes = planes_through(reachable, lowest[rng.integers(len(lowest), size=(config.iterations, 3))])
+    planes = _planes_through(reachable, lowest[rng.integers(len(lowest), size=(config.iterations, 3))])
     limits = _limits(config, ground_height_m)
-    planes = planes[can_be_ground(planes, lidar_origins_site, limits)]
+    planes = planes[_can_be_ground(planes, lidar_origins_site, limits)]
     if not len(planes):
         return None
     for scored in (np.ascontiguousarray(sample[:, ::THINNING]), sample):
@@ -80,7 +80,7 @@ def find_ground(
     plane = planes[0]
     for cloud in [sample] * REFINEMENTS + [points]:
         refined = _least_squares(cloud, plane, layer_m, passes)
-        if refined is None or not can_be_ground(refined[None], lidar_origins_site, limits)[0]:
+        if refined is None or not _can_be_ground(refined[None], lidar_origins_site, limits)[0]:
             break
         plane = refined
     if not _is_a_floor(points, plane, layer_m, passes):
@@ -98,7 +98,7 @@ def _within_reach(points: F32, config: GroundConfig, ground_height_m: float | No
 
 
 def _limits(config: GroundConfig, ground_height_m: float | None) -> F64:
-    """(3,) what `can_be_ground` asks of planes: least z of the normal, expected height, its tolerance."""
+    """(3,) limits for `_can_be_ground`: least z of the normal, expected height, its tolerance."""
     level = np.cos(np.radians(config.max_tilt_deg))
     if ground_height_m is None:
         return np.array([level, 0.0, np.inf])
@@ -125,7 +125,7 @@ def _is_a_floor(points: F32, plane: F64, layer_m: np.float32, passes: "GroundPas
     return bool(np.linalg.eigvalsh(scatter[:2, :2])[0] >= float(layer_m) ** 2)
 
 
-def planes_through(points: F32, triples: I64) -> F64:
+def _planes_through(points: F32, triples: I64) -> F64:
     """(up to K, 4) planes through three points each, unit normal, upwards, and offset.
 
     There is none where a point was drawn twice or all three lie on a line.
@@ -144,7 +144,7 @@ def planes_through(points: F32, triples: I64) -> F64:
     return np.vstack([normals, -(normals * a[:, spanned]).sum(axis=0)]).T
 
 
-def can_be_ground(planes: F64, lidar_origins: F64, limits: F64) -> Bools:
+def _can_be_ground(planes: F64, lidar_origins: F64, limits: F64) -> Bools:
     """(K,) whether planes (K, 4) are level enough, below every lidar and at the expected height.
 
     Args:
@@ -161,7 +161,7 @@ def can_be_ground(planes: F64, lidar_origins: F64, limits: F64) -> Bools:
 
 
 class GroundPasses(NamedTuple):
-    """What is done with all points: `PLAIN` explains it, `ground_kernels.COMPILED` is the fast one."""
+    """The passes over all points: `PLAIN` explains them, `ground_kernels.COMPILED` has the fast ones."""
 
     lowest_of_cells: Callable[[F32, np.float32], I64]
     count_layers: Callable[[F32, F32, np.float32], tuple[I64, I64]]
@@ -190,7 +190,7 @@ def count_layers(points: F32, planes: F32, layer_m: np.float32) -> tuple[I64, I6
     Args:
         points: (3, N) metres, finite.
         planes: (K, 4) unit normal and offset.
-        layer_m: What is at most this far from a plane, on either side, is in its layer.
+        layer_m: Points at most this far from a plane, on either side, are in its layer.
     """
     heights = _heights(points, planes)
     edges = (-3 * layer_m, -layer_m, layer_m, 3 * layer_m)

@@ -1,4 +1,4 @@
-"""What finding the ground does with all points, and which points belong to it: one compiled pass each.
+"""Passes over all points that find the ground and the points on it; compiled.
 
 The passes of `pipeline.filters.ground`, where they are explained; sums run in the order of the points.
 """
@@ -17,7 +17,7 @@ MAX_CELL = 2.0**30
 """As in `ground`."""
 
 POINTS = "Array(float32, 2, 'C', True)"
-"""What compiled functions take: (3, N), perhaps read-only."""
+"""Type of points (3, N), perhaps read-only."""
 
 LIST, TABLE = "Array(float64, 1, 'C', True)", "Array(float64, 2, 'C', True)"
 """Likewise: (2,), and (H, W)."""

@@ -16,7 +16,7 @@ STEP_NS = 1_000_000
 """Poses are interpolated so often, points linearly between: within 13 um at 100 m while turning at 1 rad/s."""
 
 POINTS = "Array(float32, 2, 'C', True)"
-"""What compiled functions take: (N, 3), perhaps read-only."""
+"""Type of points (N, 3), perhaps read-only."""
 
 
 @compiled(f"boolean[::1]({POINTS}, float64, float64)")
@@ -85,16 +85,6 @@ def _moved_each(xyz: F32, since_ns: I64, matrices: F32) -> F32:
     return out
 
 
-@compiled(f"float32[:, ::1]({POINTS}, boolean[::1])")
 def coordinates(xyz: F32, kept: Bools) -> F32:
     """(3, K) the coordinates of those points (N, 3) that are kept (N,)."""
-    count = 0
-    for i in range(len(kept)):
-        count += 1 if kept[i] else 0
-    out = np.empty((3, count), np.float32)
-    count = 0
-    for i in range(len(kept)):
-        if kept[i]:
-            out[0, count], out[1, count], out[2, count] = xyz[i, 0], xyz[i, 1], xyz[i, 2]
-            count += 1
-    return out
+    return np.ascontiguousarray(xyz.T).compress(kept, axis=1)

@@ -59,7 +59,7 @@ REACH_OF_GAUSSIAN = 2.5
 """Smoothing looks at most this many standard deviations far."""
 
 POINTS = "Array(float32, 2, 'C', True)"
-"""What compiled functions take: points in columns, perhaps read-only."""
+"""Type of points in columns, perhaps read-only."""
 
 
 def find_relief(xyz_site: F32, lidar_origins_site: F64, plane: Plane, config: GroundConfig) -> Relief:
@@ -69,7 +69,7 @@ def find_relief(xyz_site: F32, lidar_origins_site: F64, plane: Plane, config: Gr
         xyz_site: (N, 3) points in the site frame, metres, finite; best as a row per coordinate in memory.
         lidar_origins_site: (L, 3) origins of the lidars in the site frame, metres.
         plane: The ground plane of the same points.
-        config: What belongs to the ground.
+        config: Limits of the ground.
     """
     cell_m = CELL_PER_DISTANCE * config.distance_m
     middle = lidar_origins_site[:, :2].mean(axis=0)

@@ -20,7 +20,7 @@ from pipeline.core.arrays import F64, Bools, Indices, Rows, Table, check_array
 from pipeline.core.geometry.box_edges import BOX_EDGES
 from pipeline.core.geometry.boxes import UNIT_CORNERS
 from pipeline.core.optics.lenses import Lenses
-from pipeline.core.optics.outline_kernels import outermost_points
+from pipeline.core.optics.outlines import outermost_points
 from pipeline.core.rig import CameraSensor
 
 __all__ = [

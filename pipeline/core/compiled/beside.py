@@ -19,10 +19,10 @@ from pipeline.core.compile_log import compile_log
 __all__ = ["Progress", "compiled_beside", "kernel_sources", "one_compiled", "serve"]
 
 Progress = Callable[[int, int], object]
-"""Told how many functions are compiled by now, and how many there are."""
+"""Called with the number of functions that are compiled by now, and the number of all."""
 
 MAX_PROCESSES = 8
-"""Each holds 200 MB and takes a second to begin; more of them than this save nothing."""
+"""Each holds 200 MB and takes a second to start; more of them than this save nothing."""
 
 _ROOT = Path(__file__).parents[3]
 _IMPORT = "from pipeline.core.compiled import "
@@ -31,11 +31,11 @@ _SERVE = "from pipeline.core.compiled.beside import serve; serve()"
 
 @dataclass
 class _FirstRun:
-    """What is known of compiling in this process."""
+    """State of compiling in this process."""
 
     wanted: int = 0
     progress: Progress | None = None
-    is_told: bool = False
+    is_logged: bool = False
     running: list[subprocess.Popen[bytes]] = field(default_factory=list)
 
 
@@ -68,8 +68,8 @@ def one_compiled(folder: Path | None) -> None:
     Args:
         folder: Where functions are kept; None: they are not, so that nobody can help.
     """
-    if not _first_run.is_told:
-        _first_run.is_told = True
+    if not _first_run.is_logged:
+        _first_run.is_logged = True
         compile_log.info("compiling for this processor, once: up to a minute")
     if folder is None:
         return

@@ -15,7 +15,7 @@ def edges_ahead(corners_camera: F64, near_m: float) -> tuple[F64, F64, Bools]:
 
     Args:
         corners_camera: (N, 8, 3) corners in the order of `box_corners`, metres in the optical frame.
-        near_m: What is nearer than this depth is cut away.
+        near_m: Parts nearer than this depth are cut away.
 
     Returns:
         (N, 12, 3) where each edge begins and (N, 12, 3) where it ends; (N, 12) whether anything of it is left.

@@ -78,7 +78,7 @@ class CompletedBoxes:
 
 @dataclass(frozen=True, eq=False)
 class Kinds:
-    """What clusters are compared with: K kinds of the classes, twice each, with the length along either axis.
+    """K kinds of the classes, with which clusters are compared, twice each, with the length along either axis.
 
     Attributes:
         class_ids: (2K,) int64, row of the priors.

@@ -6,8 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, Indices, Record, join_rows, select_rows
+from pipeline.core.arrays import F32, F64, I32, I64, U8, Bools, Indices, Record, join_rows, select_rows
 from pipeline.core.clouds import CombinedCloud, Plane
+from pipeline.core.compiled import compiled
+from pipeline.core.geometry.bilinear import between
 from pipeline.core.rig import Rig
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.detect import ClusterConfig
@@ -20,7 +22,6 @@ from pipeline.detectors.cluster.lshape import (
     quantiles_by_cluster,
     rectangles_along,
 )
-from pipeline.detectors.cluster.point_kernels import points_above_ground
 from pipeline.detectors.cluster.scores import box_covariances, box_scores
 from pipeline.detectors.protocols import Candidates3D
 
@@ -152,17 +153,17 @@ class BoxFitter:
             above_m: Points are left out that are no higher than this above the ground.
             below_m: Points are left out that are at least as high.
         """
-        count, place, position, lidar, link_m, time_ns = points_above_ground(
+        found = _points_above_ground(
             combined.detection_cloud.xyz,
             combined.detection_lidar_index,
             combined.detection_cloud.time_offset_ns,
             rows,
-            *ground_arrays(combined, self._ground_height_m),
+            *_ground_arrays(combined, self._ground_height_m),
             self._lidar_xyz,
             np.array([self._settings.distance_m, self._settings.distance_per_m]),
             np.array([above_m, below_m]),
         )
-        return AboveGround(place[:count], position[:count], lidar[:count], link_m[:count], time_ns[:count])
+        return AboveGround(*found)
 
     def thin(
         self,
@@ -247,14 +248,65 @@ class BoxFitter:
         )
 
 
-def ground_arrays(combined: CombinedCloud, level_m: float) -> tuple[F64, F64, F64]:
-    """The ground as `points_above_ground` takes it: its plane, its relief, and where the nodes of that are."""
+def _ground_arrays(combined: CombinedCloud, level_m: float) -> tuple[F64, F64, F64]:
+    """The ground as `_points_above_ground` takes it: its plane, its relief, and where the nodes of that are."""
     flat, relief = Plane(np.array([0.0, 0.0, 1.0]), -level_m), combined.relief
     plane = flat if combined.plane is None else combined.plane
     surface = np.append(plane.normal, plane.offset_m)
     if relief is None or combined.plane is None:
         return surface, np.zeros((2, 2)), np.array([0.0, 0.0, 1.0])
     return surface, relief.offsets_m, np.append(relief.origin_xy, relief.cell_m)
+
+
+@compiled(
+    "Tuple((int64[::1], float64[:, ::1], int64[::1], float64[::1], float64[::1]))"
+    "(Array(float32, 2, 'C', readonly=True), Array(uint8, 1, 'C', readonly=True), "
+    "Array(int32, 1, 'C', readonly=True), int64[::1], float64[::1], "
+    "Array(float64, 2, 'C', readonly=True), float64[::1], float64[:, ::1], float64[::1], float64[::1])"
+)
+def _points_above_ground(
+    xyz: F32,
+    lidar_index: U8,
+    time_ns: I32,
+    rows: I64,
+    plane: F64,
+    relief_m: F64,
+    grid: F64,
+    lidar_xyz: F64,
+    link: F64,
+    heights_m: F64,
+) -> tuple[I64, F64, I64, F64, F64]:
+    """The fields of `AboveGround`.
+
+    Args:
+        xyz: (N, 3) the cloud, metres in the site frame.
+        lidar_index: (N,) lidar of each point.
+        time_ns: (N,) its time, minus the cloud's stamp.
+        rows: (P,) the points to look at.
+        plane: (4,) normal and offset of the ground's plane.
+        relief_m: (H, W) see `Relief`.
+        grid: (3,) its origin, and the distance between its nodes.
+        lidar_xyz: (L, 3) of the lidars in the site frame.
+        link: (2,) link distance at a lidar, metres, and how much it grows for a metre of range.
+        heights_m: (2,) the points lie above the first and below the second.
+
+    """
+    count = len(rows)
+    place, lidar, link_m = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count)
+    position, when_ns = np.empty((count, 3)), np.empty(count)
+    kept = 0
+    for i in range(count):
+        x, y, z = np.float64(xyz[rows[i], 0]), np.float64(xyz[rows[i], 1]), np.float64(xyz[rows[i], 2])
+        relief = between(relief_m, (x - grid[0]) / grid[2], (y - grid[1]) / grid[2])
+        above = z - (-(x * plane[0] + y * plane[1] + plane[3]) / plane[2] + relief)
+        if heights_m[0] < above < heights_m[1]:
+            own = np.int64(lidar_index[rows[i]])
+            dx, dy, dz = x - lidar_xyz[own, 0], y - lidar_xyz[own, 1], z - lidar_xyz[own, 2]
+            place[kept], lidar[kept], when_ns[kept] = i, own, time_ns[rows[i]]
+            position[kept, 0], position[kept, 1], position[kept, 2] = x, y, above
+            link_m[kept] = link[0] + link[1] * np.sqrt(dx * dx + dy * dy + dz * dz)
+            kept += 1
+    return place[:kept], position[:kept], lidar[:kept], link_m[:kept], when_ns[:kept]
 
 
 def rows_of(starts: I64, count: int, is_wanted: Bools) -> tuple[Indices, I64]:

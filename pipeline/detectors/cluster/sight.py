@@ -18,7 +18,7 @@ SECTORS = int(2 * np.pi / SECTOR_RAD) + 2
 """Of a lidar, with room for rounding."""
 
 NEARER_SHARE = 0.97
-"""What hides is nearer than this share of the distance of what is hidden."""
+"""A point hides others only if it is nearer than this share of their distance."""
 
 HIDDEN_SHARE = 0.5
 """A cluster is hidden below if it is so in this share of its sectors."""
@@ -42,7 +42,7 @@ class Sight(NamedTuple):
 
     @classmethod
     def of(cls, position: F64, lidar: I64, origins: F64) -> "Sight":
-        """What the lidars see: points (N, 3) x, y and height above the ground, and the lidar (N,) of each."""
+        """From points (N, 3) x, y and height above the ground, and the lidar (N,) of each."""
         sector, distance_m, slope = _seen(position, lidar, origins)
         order = ascending(sector)
         starts = np.searchsorted(sector[order], np.arange(len(origins) * SECTORS + 1))
@@ -112,8 +112,8 @@ def _hidden_below(
         far_m: (P,) their distance from their lidar.
         lidar_height_m: (P,) height of that.
         starts: (C,) first point of each cluster.
-        from_m: What hides is met at least so high.
-        shares: What hides is nearer than the first of what is hidden; and a cluster is so in the second of its sectors.
+        from_m: Smallest height at which a hiding line of sight meets the cluster.
+        shares: `NEARER_SHARE` and `HIDDEN_SHARE`.
     """
     found, looked = np.empty(len(starts), np.bool_), np.full(len(first), -1, np.int64)
     for c in range(len(starts)):

@@ -44,7 +44,7 @@ def class_names(wanted: str, metadata: Mapping[str, str], class_count: int | Non
 
     Args:
         wanted: `coco`, `coco91`, a file, or empty: what the network's own file says, else COCO's if there are 80.
-        metadata: What the network's file says of itself; `names` holds names as Ultralytics writes them.
+        metadata: Metadata of the network's file; `names` holds names as Ultralytics writes them.
         class_count: Classes of the network; None if it does not say.
 
     Raises:

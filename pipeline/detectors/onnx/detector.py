@@ -28,7 +28,7 @@ __all__ = ["OnnxDetector2D"]
 logger = logging.getLogger(__name__)
 
 STRIDE_PX, MAX_STRIDE_PX = 32, 128
-"""What sizes are multiples of where the file says nothing, and at most."""
+"""Sizes are multiples of the first where the file says nothing, and of the second at most."""
 
 USUAL_PX: Size = (640, 640)
 """Height and width where the file says nothing."""
@@ -114,7 +114,7 @@ class OnnxDetector2D:
         return [join_tiles([next(found) for _ in its], its, min_score=self._settings.min_score) for its in tiles]
 
     def _tiles(self, image: U8) -> list[Tile]:
-        """What of an image the network is given at once: all of it, unless its size is fixed and none was asked for."""
+        """The parts of an image that are given one by one: all of it, unless the size is fixed by the network alone."""
         height_px, width_px = image.shape[:2]
         if self._fixed_px is None or self._settings.input != "auto":
             return [Tile(0, 0, width_px, height_px)]
@@ -255,7 +255,7 @@ class OnnxDetector2D:
 
 
 def _stride_px(metadata: dict[str, str]) -> int:
-    """What width and height are multiples of."""
+    """Width and height are multiples of it."""
     stride = metadata.get("stride", "")
     return min(max(int(stride), STRIDE_PX), MAX_STRIDE_PX) if stride.isdecimal() and len(stride) < 5 else STRIDE_PX
 

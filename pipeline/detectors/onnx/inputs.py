@@ -20,11 +20,11 @@ FLOATS: dict[str, type[np.floating[Any]]] = {"tensor(float)": np.float32, "tenso
 
 @dataclass(frozen=True, slots=True)
 class NetworkInputs:
-    """What a network takes.
+    """Inputs of a network.
 
     Attributes:
         images: Name of the input for images (N, 3, H, W).
-        dtype: What these are made of.
+        dtype: Type of its numbers.
         batch: N, None if free.
         height_px: H, None if free.
         width_px: W, None if free.
@@ -39,7 +39,7 @@ class NetworkInputs:
     sizes: str | None
 
     def feed(self, batch: F32) -> Mapping[str, Array]:
-        """What the network is given for images (N, 3, H, W): boxes are wanted in pixels of these."""
+        """The inputs for images (N, 3, H, W), by name: boxes are wanted in pixels of these."""
         fed: dict[str, Array] = {self.images: batch.astype(self.dtype, copy=False)}
         if self.sizes is not None:
             count, _, height_px, width_px = batch.shape
@@ -48,7 +48,7 @@ class NetworkInputs:
 
 
 def read_inputs(inputs: Sequence[Value]) -> NetworkInputs:
-    """What a network takes.
+    """The inputs of a network, recognised.
 
     Raises:
         ModelError: it takes no images, or something else with them.
@@ -93,7 +93,7 @@ def input_size(width_px: int, height_px: int, *, max_px: int, stride_px: int) ->
         width_px: Width of the image.
         height_px: Its height.
         max_px: Pixels of the input at most.
-        stride_px: What width and height are multiples of.
+        stride_px: Width and height are multiples of it.
     """
     cells = max(max_px // stride_px**2, 1)
     best, chosen = (-1.0, 0), (1, 1)

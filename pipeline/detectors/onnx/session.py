@@ -45,7 +45,7 @@ PROVIDERS: dict[Provider, str] = {
     "directml": "DmlExecutionProvider",
     "coreml": "CoreMLExecutionProvider",
 }
-"""What onnxruntime calls them."""
+"""Names in onnxruntime."""
 
 PACKAGES = {
     "cuda": "onnxruntime-gpu",
@@ -64,7 +64,7 @@ class OnnxSession:
     Attributes:
         inputs: Name, shape and type of each input.
         outputs: The same of each output.
-        metadata: What the file says of itself.
+        metadata: Metadata of the file.
     """
 
     def __init__(self, path: Path, *, threads: int, provider: Provider) -> None:
@@ -138,7 +138,7 @@ class OnnxSession:
         """The outputs for a batch of images.
 
         Args:
-            fed: What each input is given.
+            fed: Array of each input, by name.
             images: How many images that are.
 
         Raises:
@@ -187,8 +187,8 @@ def providers_for(provider: Provider, available: Sequence[str]) -> list[str]:
     """The providers for onnxruntime, the preferred one first; the processor runs what an accelerator has no kernel for.
 
     Args:
-        provider: What is wanted.
-        available: What the installed onnxruntime has.
+        provider: The wanted provider.
+        available: Providers of the installed onnxruntime.
 
     Raises:
         ModelError: it does not have it.
@@ -207,8 +207,8 @@ def check_runs_on(provider: Provider, used: Sequence[str]) -> None:
     """Whether a network that was loaded runs where it should: onnxruntime itself falls back to the processor.
 
     Args:
-        provider: What is wanted.
-        used: What onnxruntime says that the network runs on.
+        provider: The wanted provider.
+        used: Providers on which the network runs, as onnxruntime says.
 
     Raises:
         ModelError: it does not.

@@ -30,7 +30,7 @@ class Tile(NamedTuple):
     bottom: int
 
     def cut(self, image: U8) -> U8:
-        """What an image (H, W, 3) shows there."""
+        """This part of an image (H, W, 3)."""
         return np.ascontiguousarray(image[self.top : self.bottom, self.left : self.right])
 
 

@@ -13,22 +13,14 @@ from pipeline.core.arrays import F64, I64, Bools, Table
 from pipeline.core.camera import BORDER_PX
 from pipeline.core.detections import Boxes2D
 from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.optics import lens_kernels
-from pipeline.core.optics.lenses import Lenses
 from pipeline.core.rig import CameraSensor
 from pipeline.fusion.found import FoundBoxes, pairs_of_images
 from pipeline.fusion.projection import CameraArrays, camera_arrays
 
-__all__ = ["CUT_SHARE", "Noise", "Observed", "Sightings", "observe", "rays_of_pixels", "see"]
+__all__ = ["CUT_SHARE", "Noise", "Observed", "Sightings", "observe", "see"]
 
 MIN_PX = 0.5
 """A box that is narrower or lower shows nothing."""
-
-MAX_STEPS = 30
-"""Steps of Newton's method; a dozen are enough at 85 degrees from the axis of a fisheye lens."""
-
-NEAR_PX = 1e-4
-"""A ray is found when it is projected this near to its pixel."""
 
 CUT_SHARE = 10.0
 """Standard deviation of an edge that the border of the image has cut, as a share of the box: nothing is known of it."""
@@ -125,7 +117,7 @@ def see(views: Mapping[str, CameraSensor], boxes2d: Mapping[str, Boxes2D]) -> Si
     limits = cameras.limits
     xyxy = found.xyxy.astype(np.float64).clip(0, limits)
     around = xyxy[:, None, :2] + _AROUND * (xyxy[:, 2:] - xyxy[:, :2])[:, None]
-    rays, sound = rays_of_pixels(cameras.lenses, around)
+    rays, sound = cameras.lenses.rays_of_pixels(around)
     table = Sightings(
         found.cameras,
         found.rows,
@@ -140,23 +132,6 @@ def see(views: Mapping[str, CameraSensor], boxes2d: Mapping[str, Boxes2D]) -> Si
     )
     shown = np.isfinite(xyxy).all(1) & np.asarray(sound.all(1)) & (xyxy[:, 2:] - xyxy[:, :2] >= MIN_PX).all(1)
     return table if shown.all() else table.select(np.flatnonzero(shown))
-
-
-def rays_of_pixels(lenses: Lenses, pixels: F64) -> tuple[F64, Bools]:
-    """Directions from which the pixels of images are seen: the inverse of projection, lens distortion included.
-
-    By Newton's method from the ray of a lens without distortion. The lens bends a radius by a monotone function, so
-    that it converges wherever the lens model has an image of a ray.
-
-    Args:
-        lenses: P cameras.
-        pixels: (P, S, 2) of each camera; may lie outside its image.
-
-    Returns:
-        (P, S, 3) directions in the optical frames, of depth 1; and (P, S) whether there is such a ray. Where there is
-        none, the direction is the optical axis.
-    """
-    return lens_kernels.rays_of_pixels(np.ascontiguousarray(pixels), *lenses.arrays, MAX_STEPS, NEAR_PX)
 
 
 def observe(sightings: Sightings, noise: Noise) -> Observed:

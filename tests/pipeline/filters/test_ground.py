@@ -8,11 +8,10 @@ from helpers import shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bags.simulator.world.open3d_runtime import load_libusb
 from pipeline.core.arrays import F32, F64
 from pipeline.core.clouds import Plane
 from pipeline.core.settings.combine import GroundConfig
-from pipeline.filters.ground import PLAIN, can_be_ground, find_ground, planes_through
+from pipeline.filters.ground import find_ground
 from pipeline.filters.ground_kernels import COMPILED
 
 ORIGIN = np.zeros((1, 3))
@@ -71,21 +70,6 @@ def test_the_plane_is_pcls(scene: str) -> None:
     assert plane is not None
     assert tilt_deg(plane.normal, pcl["coefficients"][:3]) < 0.05
     assert plane.offset_m == pytest.approx(pcl["coefficients"][3], abs=0.01)
-
-
-@pytest.mark.parametrize("scene", ["s10k_0", "s30k_0"])
-def test_the_plane_is_open3ds(scene: str) -> None:
-    load_libusb()
-    import open3d
-
-    cloud, origins, _ = oracle_kept(scene)
-    open3d.utility.random.seed(0)
-    points = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(cloud.astype(np.float64)))
-    (a, b, c, d), _ = points.segment_plane(distance_threshold=0.05, ransac_n=3, num_iterations=1000)
-    plane = find_ground(cloud, origins, config=GroundConfig())
-    assert plane is not None
-    assert tilt_deg(plane.normal, np.sign(c) * np.array([a, b, c])) < 0.1
-    assert plane.offset_m == pytest.approx(np.sign(c) * d, abs=0.01)
 
 
 def test_a_street_is_found_and_stays_still_from_frame_to_frame() -> None:
@@ -210,40 +194,3 @@ def test_the_same_input_gives_the_same_bits_and_the_seed_only_the_last_of_them()
     assert first.normal.tobytes() == again.normal.tobytes()
     assert first.offset_m == again.offset_m
     assert tilt_deg(first.normal, other.normal) < 0.05
-
-
-def test_compiled_or_not_the_plane_is_the_same() -> None:
-    for cloud in (kitti(KITTI_SEQUENCE[0]), kitti(KITTI_OBJECT[0]), oracle_kept("s30k_0")[0]):
-        plain, compiled = (
-            find_ground(cloud, ORIGIN, config=GroundConfig(), passes=passes) for passes in (PLAIN, COMPILED)
-        )
-        assert plain is not None
-        assert compiled is not None
-        np.testing.assert_allclose(compiled.normal, plain.normal, rtol=0, atol=1e-12)
-        assert compiled.offset_m == pytest.approx(plain.offset_m, abs=1e-11)
-
-
-# --- planes that are tried
-
-
-def test_planes_go_through_three_points_unless_these_lie_on_a_line() -> None:
-    rng = np.random.default_rng(10)
-    xyz = np.vstack([rng.uniform(-20, 20, (20, 3)), [[1, 2, 3]] * 3]).T.astype(np.float32)
-    triples = np.vstack([[20, 21, 22], rng.integers(23, size=(200, 3))])
-    planes = planes_through(xyz, triples)
-    distinct = [len({*triple}) == 3 and sum(place >= 20 for place in triple) < 2 for triple in triples.tolist()]
-    assert len(planes) == sum(distinct)
-    np.testing.assert_allclose(np.linalg.norm(planes[:, :3], axis=1), 1)
-    assert (planes[:, 2] >= 0).all()
-    for corner in triples[distinct].T:
-        np.testing.assert_allclose((planes[:, :3].T * xyz[:, corner]).sum(0) + planes[:, 3], 0, atol=1e-9)
-
-
-def test_planes_that_can_be_ground() -> None:
-    level, tilted = [0.0, 0.0, 1.0, 2.0], [0.6, 0.0, 0.8, 2.0]
-    lidars, limits = np.array([[0.0, 0.0, 0.0], [3.0, 0.0, -1.5]]), np.array([0.9, -2.5, 0.5])
-    planes = np.array([level, tilted, [0, 0, 1, 1.4], [0, 0, 1, 3.1], [0, 0, -1, 2], [1, 0, 0, 5]])
-    assert can_be_ground(planes, lidars, limits).tolist() == [True, *[False] * 5]
-    anywhere = np.array([0.8, 0.0, np.inf])
-    assert can_be_ground(planes, lidars, anywhere).tolist() == [True, True, False, True, False, False]
-    assert can_be_ground(planes[:0], lidars, limits).tolist() == []

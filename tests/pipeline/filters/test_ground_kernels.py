@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from pipeline.core.arrays import F32
-from pipeline.core.clouds import Plane, Relief
+from pipeline.core.clouds import Relief
 from pipeline.filters.ground import PLAIN
 from pipeline.filters.ground_kernels import COMPILED, parted
 
@@ -125,11 +125,3 @@ def test_limits_of_the_relief_belong_to_the_ground() -> None:
     flat, grid = np.array([0, 0, 1, 0], np.float32), np.array([[-1.0, 0.5], [-1.0, 0.5]])  # from x = 0 to 10
     above = parted(xyz, np.ones(6, np.bool_), flat, 0.5, np.zeros(2), 10.0, grid)[2]
     assert above.tolist() == [1, 3]
-
-
-def test_a_point_is_on_the_plane_by_its_distance() -> None:
-    plane = Plane(np.array([0.0, 0.6, 0.8]), 1.0)
-    rounded = np.append(plane.normal, plane.offset_m).astype(np.float32)
-    xyz = np.array([[5, 0, 0], [0, -1, -0.5], [1, 1, 1]], np.float32)  # 1, 0 and 2.4 above it
-    for distance_m, on in ((1.0, [0, 1]), (0.5, [1])):
-        assert parted(xyz, np.ones(3, np.bool_), rounded, distance_m, *LEVEL)[1].tolist() == on

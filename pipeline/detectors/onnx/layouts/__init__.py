@@ -1,1 +1,1 @@
-"""What the outputs of networks in ONNX files mean: one module per family, and `recognition`, which tells them apart."""
+"""Layouts of the outputs of networks in ONNX files: one module per family; `recognition` chooses one."""

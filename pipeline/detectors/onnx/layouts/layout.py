@@ -1,4 +1,4 @@
-"""What all layouts have in common."""
+"""Parts that all layouts share."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ class Reader(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """What the inputs and outputs of a network mean.
+    """Meaning of the inputs and outputs of a network.
 
     Attributes:
         name: As in the settings (`detect2d.layout`).

@@ -41,7 +41,7 @@ KNOWN = (
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """What a network gave for blank images.
+    """Outputs of a network for blank images.
 
     Attributes:
         size_px: Height and width of its input.
@@ -60,7 +60,7 @@ def recognise(trial: Trial, wanted: NetworkLayout | None = None) -> Layout:
     """The layout of a network.
 
     Args:
-        trial: What it gave.
+        trial: Its outputs for blank images.
         wanted: The layout to take in place of the one that its outputs look like.
 
     Raises:
@@ -97,7 +97,7 @@ def recognise(trial: Trial, wanted: NetworkLayout | None = None) -> Layout:
 
 
 def _look(trial: Trial) -> NetworkLayout | None:
-    """What the outputs look like."""
+    """The layout that the outputs have by their shapes and numbers."""
     if trial.takes_sizes:
         return "dfine"
     if len(trial.outputs) == 2:

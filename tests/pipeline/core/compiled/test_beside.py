@@ -38,7 +38,7 @@ print(len(running), kept, first.first(1), last.last(2), [one.returncode for one 
 def test_all_modules_with_compiled_functions_are_known() -> None:
     paths = [path for path, _ in beside.kernel_sources()]
     assert paths == sorted(paths)
-    assert {"neighbor_search.py", "point_kernels.py"} < {path.name for path in paths}
+    assert {"neighbor_search.py", "relief.py"} < {path.name for path in paths}
     assert not [path for path in paths if path.parent.name == "compiled"]
 
 

@@ -145,17 +145,6 @@ def test_works_on_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert loaded(tmp_path).squares(np.array([1.0, 3.0])) == 10
 
 
-@pytest.mark.parametrize("arguments", [(np.array([1, 2]),), (np.zeros(4)[::2],), (np.zeros((1, 1)),), (1.0,), ()])
-def test_other_types_are_refused(tmp_path: Path, arguments: tuple[object, ...]) -> None:
-    with pytest.raises(TypeError):
-        loaded(tmp_path).squares(*arguments)
-
-
-def test_a_fault_of_the_function_is_raised() -> None:
-    with pytest.raises(numba.TypingError):
-        functions.compiled("float64(float64)")(lambda value: value.nothing)
-
-
 def test_plain_functions_for_a_debugger(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("numba.config.DISABLE_JIT", True)
     assert loaded(tmp_path).squares([1, 2, 2]) == 9

@@ -46,13 +46,6 @@ def assert_as_judged(first: BoxArrays, second: BoxArrays, within: float = TOLERA
     np.testing.assert_allclose(found.volume, expected.volume, rtol=0, atol=within)
 
 
-def test_random_pairs() -> None:
-    rng = np.random.default_rng(0)
-    first, second = random_boxes(rng, 10_000), random_boxes(rng, 10_000)
-    assert_as_judged(first, second)
-    assert 0.3 < (pair_ious(first, second).volume > 0).mean() < 0.9
-
-
 STEPS = st.integers(-3, 3).map(float)
 EXTENTS = st.sampled_from([0.01, 0.5, 1.0, 2.0, 3.0, 100.0])
 TURNS = st.sampled_from([0.0, np.pi / 2, -np.pi / 2, np.pi, -np.pi, np.pi / 4, 3 * np.pi, 0.3, 1e-9])
@@ -83,28 +76,6 @@ def test_any_two_boxes(first: Row, second: Row) -> None:
 
 
 CAR: Row = (10, 20, 1, 4, 2, 1.5, 0.3)
-
-
-@pytest.mark.parametrize(
-    ("second", "bev", "volume"),
-    [
-        pytest.param(CAR, 1, 1, id="itself"),
-        pytest.param((10, 20, 1, 4, 2, 1.5, 0.3 + np.pi), 1, 1, id="turned by half"),
-        pytest.param((10, 20, 1, 2, 4, 1.5, 0.3 - np.pi / 2), 1, 1, id="length and width swapped"),
-        pytest.param((10, 20, 1, 2, 1, 0.5, 0.3), 0.25, 1 / 12, id="inside"),
-        pytest.param((10, 20, 2, 4, 2, 1.5, 0.3), 1, 0.2, id="partly above"),
-        pytest.param((10, 20, 2.5, 4, 2, 1.5, 0.3), 1, 0, id="on top"),
-        pytest.param((10, 20, 7, 4, 2, 1.5, 0.3), 1, 0, id="far above"),
-        pytest.param((10 + 2 * np.cos(0.3), 20 + 2 * np.sin(0.3), 1, 4, 2, 1.5, 0.3), 1 / 3, 1 / 3, id="half ahead"),
-        pytest.param((10, 20, 1, 2, 4, 1.5, 0.3), 1 / 3, 1 / 3, id="crossed"),
-        pytest.param((11, 23, 1, 4, 2, 1.5, 0.3), 0, 0, id="beside"),
-        pytest.param((1e6, -1e6, 1, 4, 2, 1.5, 0.3), 0, 0, id="far away"),
-    ],
-)
-def test_known_pairs(second: Row, bev: float, volume: float) -> None:
-    found = pair_ious(boxes(CAR), boxes(second))
-    assert found.bev == pytest.approx(bev, abs=1e-12)
-    assert found.volume == pytest.approx(volume, abs=1e-12)
 
 
 @pytest.mark.parametrize(

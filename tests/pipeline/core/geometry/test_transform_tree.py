@@ -87,6 +87,8 @@ def test_a_static_edge_can_be_hung_elsewhere() -> None:
     tree.add_static(shift("b", "x", 2))
     assert tree.lookup("b", "x").translation[0] == 2
     assert tree.frames == {"b", "x"}
+    assert tree.is_static("x")
+    assert not tree.is_static("b")
 
 
 @pytest.mark.parametrize("edges", [[("a", "a")], [("a", "b"), ("b", "a")], [("a", "b"), ("b", "c"), ("c", "a")]])
@@ -98,18 +100,3 @@ def test_circles_are_told(edges: list[tuple[str, str]]) -> None:
         tree.lookup("elsewhere", "a")
     with pytest.raises(FrameError, match="circle"):
         tree.root("a")
-
-
-def test_what_a_tree_knows_of_frames() -> None:
-    tree = TransformTree()
-    tree.add_static(shift("base", "lidar", 1))
-    tree.add(0, shift("odom", "base", 1))
-    assert tree.frames == {"odom", "base", "lidar"}
-    assert (tree.parent("lidar"), tree.parent("base"), tree.parent("odom"), tree.parent("?")) == (
-        "base",
-        "odom",
-        None,
-        None,
-    )
-    assert tree.is_static("lidar")
-    assert not tree.is_static("base")

@@ -1,5 +1,3 @@
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -50,10 +48,3 @@ def test_no_cameras() -> None:
     pixels, valid = lenses.project(np.zeros((0, 8, 3)))
     assert (pixels.shape, valid.shape) == ((0, 8, 2), (0, 8))
     assert not lenses.bends
-
-
-@pytest.mark.parametrize("change", [{"K": np.zeros((2, 3, 2))}, {"equidistant": np.zeros(1)}])
-def test_shapes_are_checked(change: dict[str, Any]) -> None:
-    fields = {"K": np.zeros((1, 3, 3)), "coefficients": np.zeros((1, 8)), "equidistant": np.zeros(1, np.bool_)}
-    with pytest.raises(ValueError, match="expected"):
-        Lenses(**{**fields, "radius_limits": np.zeros(1), **change})

@@ -151,14 +151,3 @@ def test_lines_and_single_points() -> None:
     assert found[1] == pytest.approx(np.pi / 4)
     assert roundness.tolist() == pytest.approx([1, 0, 1], abs=1e-6)
     assert np.isfinite(found).all()
-
-
-@given(st.integers(0, 1000), st.integers(1, 5))
-def test_clusters_do_not_touch_each_other(seed: int, count: int) -> None:
-    random = np.random.default_rng(seed)
-    clusters = [random.normal(0, 1, (int(random.integers(1, 9)), 2)) for _ in range(count)]
-    starts = np.cumsum([0, *map(len, clusters)])[:-1]
-    together = np.array(principal_axes(np.concatenate(clusters), starts))
-    alone = np.concatenate([principal_axes(cluster, ONE) for cluster in clusters], axis=1)
-    np.testing.assert_allclose(np.cos(2 * together[0]), np.cos(2 * alone[0]), atol=1e-6)
-    np.testing.assert_allclose(together[1], alone[1], atol=1e-6)

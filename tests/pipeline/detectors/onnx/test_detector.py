@@ -150,30 +150,6 @@ def test_real_network_does_not_depend_on_threads() -> None:
             np.testing.assert_array_equal(other, expected)
 
 
-@pytest.mark.parametrize(
-    ("settings", "sizes"),
-    [
-        ({}, {(1, 3, 320, 960), (1, 3, 480, 640)}),
-        ({"max_input_px": 640 * 224}, {(1, 3, 224, 640), (1, 3, 320, 448)}),
-        ({"input": (320, 256)}, {(1, 3, 256, 320)}),
-    ],
-)
-def test_real_network_is_given_each_pictures_shape(
-    monkeypatch: pytest.MonkeyPatch, settings: dict[str, object], sizes: set[tuple[int, ...]]
-) -> None:
-    model = OnnxDetector2D(shared("weights/yolox_nano.onnx"), Detect2DConfig.model_validate(settings))
-    given: set[tuple[int, ...]] = set()
-    run: Callable[[OnnxSession, Mapping[str, Array], int], list[Array]] = OnnxSession.run
-
-    def watched(session: OnnxSession, fed: Mapping[str, Array], images: int) -> list[Array]:
-        given.add(fed["images"].shape)
-        return run(session, fed, images)
-
-    monkeypatch.setattr(OnnxSession, "run", watched)
-    assert len(model([image(375, 1242), image(480, 640), image(375, 1242)])) == 3
-    assert given == sizes
-
-
 @pytest.mark.parametrize("task", ["segment", "pose", "x" * 5000])
 def test_networks_for_other_tasks(tmp_path: Path, task: str) -> None:
     said = {"task": task, "names": "{0: 'person'}"}

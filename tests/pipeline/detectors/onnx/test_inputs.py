@@ -46,24 +46,6 @@ def test_other_inputs(inputs: list[Value]) -> None:
         read_inputs(inputs)
 
 
-@pytest.mark.parametrize(
-    ("image", "max_px", "expected"),
-    [
-        ((640, 480), 640 * 480, (640, 480)),
-        ((1242, 375), 640 * 480, (960, 320)),
-        ((1242, 375), 640 * 224, (640, 224)),
-        ((1600, 900), 640 * 480, (736, 416)),
-        ((320, 240), 640 * 480, (320, 256)),
-        ((1, 1), 640 * 480, (32, 32)),
-        ((1242, 375), 1, (32, 32)),
-        ((30_000, 10), 640 * 480, (9600, 32)),
-        ((10, 400_000), 640 * 480, (32, 9600)),
-    ],
-)
-def test_the_size_for_known_images(image: tuple[int, int], max_px: int, expected: tuple[int, int]) -> None:
-    assert input_size(*image, max_px=max_px, stride_px=32) == expected
-
-
 @given(st.integers(1, 2000), st.integers(1, 2000), st.integers(1, 60 * 32**2), st.sampled_from([32, 64]))
 def test_the_size_for_an_image_is_the_best_of_all(width: int, height: int, max_px: int, stride: int) -> None:
     cells = max(max_px // stride**2, 1)

@@ -68,8 +68,6 @@ def joined(left: list[Row], right: list[Row]) -> list[Row]:
 
 WHOLE: Row = (90, 10, 160, 40, 0.9, 0)
 PART: Row = (91, 10, 120, 40, 0.6, 0)
-WIDE_LEFT: Row = (40, 10, 120, 40, 0.6, 0)
-WIDE_RIGHT: Row = (80, 10, 150, 40, 0.6, 0)
 
 
 @pytest.mark.parametrize(

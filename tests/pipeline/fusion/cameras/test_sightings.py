@@ -11,7 +11,7 @@ from seen_boxes import camera_at, views_of
 
 from pipeline.core.arrays import F64
 from pipeline.core.optics.lenses import Lenses
-from pipeline.fusion.cameras.sightings import Noise, Observed, observe, rays_of_pixels, see
+from pipeline.fusion.cameras.sightings import Noise, Observed, observe, see
 
 CAMERA = camera_at("cam", (0.0, 0.0, 1.6))
 
@@ -106,7 +106,7 @@ def test_rays_are_projected_to_their_pixels(model: Any, distortion: Any, slopes:
     rays = np.concatenate([slopes, np.ones((1, 9, 1))], 2)
     pixels, valid = camera.project(rays)
     assert valid.all()
-    found, is_found = rays_of_pixels(camera, pixels)
+    found, is_found = camera.rays_of_pixels(pixels)
     assert is_found.all()
     np.testing.assert_allclose(found, rays, atol=2e-6)
 
@@ -117,7 +117,7 @@ def test_without_distortion_rays_are_those_of_the_camera_matrix(pixels: F64) -> 
     K = camera.K[:, None]
     y = (pixels[..., 1] - 0.5 - K[..., 1, 2]) / K[..., 1, 1]
     x = (pixels[..., 0] - 0.5 - K[..., 0, 2] - K[..., 0, 1] * y) / K[..., 0, 0]
-    found, is_found = rays_of_pixels(camera, pixels)
+    found, is_found = camera.rays_of_pixels(pixels)
     assert is_found.all()
     np.testing.assert_array_equal(found, np.stack([x, y, np.ones(x.shape)], -1))
 
@@ -126,7 +126,7 @@ def test_fisheye_far_from_the_axis() -> None:
     camera = Lenses.of([lens("equidistant", [-0.01, 0.02, -0.005, 0.001])])
     tangents = np.tan(np.radians([0.0, 30.0, 60.0, 80.0, 86.0]))
     rays = np.stack([tangents, np.zeros(5), np.ones(5)], 1)[None]
-    found, is_found = rays_of_pixels(camera, camera.project(rays)[0])
+    found, is_found = camera.rays_of_pixels(camera.project(rays)[0])
     assert is_found.all()
     np.testing.assert_allclose(found, rays, rtol=1e-4, atol=1e-6)
 
@@ -134,6 +134,6 @@ def test_fisheye_far_from_the_axis() -> None:
 def test_pixels_without_a_ray_get_the_axis() -> None:
     # r (1 - 0.3 r^2) is at most 0.70: nothing is seen further than that from the principal point.
     camera = Lenses.of([lens("plumb_bob", [-0.3])])
-    found, is_found = rays_of_pixels(camera, np.array([[[333.5, 251.5], [333.5 + 0.9 * 520, 251.5]]]))
+    found, is_found = camera.rays_of_pixels(np.array([[[333.5, 251.5], [333.5 + 0.9 * 520, 251.5]]]))
     assert is_found.tolist() == [[True, False]]
     assert found[0, 1].tolist() == [0.0, 0.0, 1.0]

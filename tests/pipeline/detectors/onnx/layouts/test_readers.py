@@ -215,20 +215,6 @@ def test_every_layout_is_read_as_directly(tmp_path: Path, case: Case, image_px: 
     assert found.labels.dtype == np.int64
 
 
-@pytest.mark.parametrize("batch", [1, 3, "batch"])
-@pytest.mark.parametrize("case", CASES.values(), ids=CASES)
-def test_batches_change_nothing(tmp_path: Path, case: Case, batch: int | str) -> None:
-    path = write_network(
-        tmp_path / "m.onnx", case.outputs, size_px=SIZE_PX, batch=batch, scaled=case.scaled, metadata={"names": NAMES}
-    )
-    model = load(path, input=(96, 64))
-    sizes = [(64, 96), (375, 1242), (480, 640), (375, 1242)]
-    for found, image_px in zip(model([picture(*size) for size in sizes]), sizes, strict=True):
-        (alone,) = model([picture(*image_px)])
-        for one, other in zip(found, alone, strict=True):
-            np.testing.assert_array_equal(one, other)
-
-
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 def test_half_precision(tmp_path: Path, case: Case) -> None:
     halved = {name: a if a.dtype == np.int64 else a.astype(np.float16) for name, a in case.outputs.items()}

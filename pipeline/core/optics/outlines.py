@@ -4,7 +4,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64, Bools, Indices
 from pipeline.core.compiled import compiled, inlined
-from pipeline.core.optics.lens_kernels import BLOCK, LENSES, LIST, TABLE, lens_of, pixel_of, slopes_of
+from pipeline.core.optics.lenses import BLOCK, LENSES, LIST, TABLE, lens_of, pixel_of, slopes_of
 
 __all__ = ["outermost_points"]
 

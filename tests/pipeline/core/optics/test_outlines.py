@@ -11,7 +11,7 @@ from pipeline.core.arrays import F64, Bools, Indices
 from pipeline.core.camera import CameraModel
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.optics.lenses import Lenses
-from pipeline.core.optics.outline_kernels import outermost_points
+from pipeline.core.optics.outlines import outermost_points
 
 MODELS = [lens(*model) for model in LENS_MODELS.values()]
 LENSES = Lenses.of(MODELS)

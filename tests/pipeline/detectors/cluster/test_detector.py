@@ -9,9 +9,9 @@ from lidar_scene import combined, rig
 from pipeline.core.arrays import F64
 from pipeline.core.clouds import CombinedCloud, Plane, Relief
 from pipeline.core.settings.config import Config
-from pipeline.detectors.cluster.detector import ClusterDetector
-from pipeline.detectors.cluster.fitting import ground_arrays
-from pipeline.detectors.cluster.point_kernels import extents, points_above_ground
+from pipeline.core.settings.detect import ClusterConfig
+from pipeline.detectors.cluster.detector import ClusterDetector, _extents
+from pipeline.detectors.cluster.fitting import BoxFitter
 
 LIDARS = np.array([[0.0, 0.0, 1.8], [3.0, -1.0, 2.0]])
 SLOPE = Plane(np.array([-0.1, 0.02, 1.0]) / np.sqrt(1.0104), 0.2)
@@ -31,10 +31,10 @@ def cloud(plane: Plane | None, relief: Relief | None) -> CombinedCloud:
 def test_points_above_ground(plane: Plane | None, relief: Relief | None, heights_m: tuple[float, float]) -> None:
     frame, rows = cloud(plane, relief), np.random.default_rng(1).permutation(2000)[:1500]
     points, lidars = frame.detection_cloud, frame.detection_lidar_index
-    times = np.arange(2000, dtype=np.int32) * 50_000
-    ground, link = ground_arrays(frame, 0.25), np.array([0.4, 0.01])
-    count, *found = points_above_ground(points.xyz, lidars, times, rows, *ground, LIDARS, link, np.array(heights_m))
-    place, position, lidar, link_m, time_ns = (column[:count] for column in found)
+    times = points.time_offset_ns
+    settings = ClusterConfig(distance_m=0.4, distance_per_m=0.01)
+    fitter = BoxFitter(replace(rig(*map(tuple, LIDARS)), ground_height_m=0.25), Config().classes, settings)
+    place, position, lidar, link_m, time_ns = fitter.above_ground(frame, rows, *heights_m)
     xyz = points.xyz[rows].astype(np.float64)
     height = xyz[:, 2] - frame.ground_m(xyz[:, :2], level_m=0.25)
     np.testing.assert_array_equal(place, np.flatnonzero((height > heights_m[0]) & (height < heights_m[1])))
@@ -51,7 +51,7 @@ def test_extents_of_clusters(count: int) -> None:
     rng = np.random.default_rng(count)
     cluster = rng.permutation(np.concatenate([np.arange(7), rng.integers(0, 7, count)]))
     position, weights = rng.normal(0, 5, (len(cluster), 3)), rng.integers(1, 5, len(cluster))
-    order, starts, total, low, high = extents(position, weights, cluster, 7)
+    order, starts, total, low, high = _extents(position, weights, cluster, 7)
     x, y, z = position.T
     places = np.stack([x, y, (x + y) * np.sqrt(0.5), (x - y) * np.sqrt(0.5), z], 1)
     for one in range(7):
