@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, Self, cast
+from typing import Any, Self, cast
 
 from pipeline.core.ending import undone_at_once
 from pipeline.core.errors import WorkerError
@@ -45,17 +45,7 @@ MIN_FRAMES = 5
 """Frames that a copy must have to be worth its start."""
 
 
-class Process(Protocol):
-    """The part of `subprocess.Popen` that is used."""
-
-    def wait(self, timeout: float | None = None) -> int:
-        """The exit code; raises `subprocess.TimeoutExpired`."""
-
-    def kill(self) -> None:
-        """End it at once."""
-
-
-def new_interpreter(_: socket.socket, theirs: socket.socket) -> Process:
+def new_interpreter(_: socket.socket, theirs: socket.socket) -> subprocess.Popen[bytes]:
     """Start a worker in an interpreter of its own, which imports libraries for a second.
 
     Raises:
@@ -112,11 +102,10 @@ class WorkerProcess:
         numbers: Numbers of the frames that it has, in order.
     """
 
-    def __init__(self, start: Callable[[socket.socket, socket.socket], Process] = new_interpreter) -> None:
-        """Start it.
-
-        Args:
-            start: Starts a process that serves the second socket; the first is the other end.
+    def __init__(
+        self, start: Callable[[socket.socket, socket.socket], "subprocess.Popen[bytes] | _Copy"] = new_interpreter
+    ) -> None:
+        """Start a process that serves the second of two connected sockets.
 
         Raises:
             WorkerError: there is no interpreter to start, or the system does not allow it.

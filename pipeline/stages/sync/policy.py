@@ -1,13 +1,12 @@
 """The protocol of synchronisation policies, and the reasons for which they drop messages."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import StrEnum
 from typing import Protocol, TypeVar
 
 __all__ = ["DropReason", "OnItemDrop", "Policy"]
 
 T = TypeVar("T")
-T_contra = TypeVar("T_contra", contravariant=True)
 
 
 class DropReason(StrEnum):
@@ -23,11 +22,8 @@ class DropReason(StrEnum):
     END = "no partner before the end of the recording"
 
 
-class OnItemDrop(Protocol[T_contra]):
-    """Callback for each dropped item."""
-
-    def __call__(self, item: T_contra, reason: str, /) -> None:
-        """Take note that `item` was dropped for `reason`."""
+OnItemDrop = Callable[[T, str], None]
+"""Called with each dropped item and the reason."""
 
 
 class Policy(Protocol[T]):

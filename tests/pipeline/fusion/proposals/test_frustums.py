@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 from detections import boxes2d
@@ -113,27 +115,27 @@ def rows(segments: Segments) -> list[list[int]]:
 OBJECT = wall(10.0, low=0.1, high=0.9)
 
 
-def test_what_is_not_where_the_object_should_be_is_not_it() -> None:
-    assert len(choose([wall(20.0, low=0.0, high=1.0)]).group) == 0
-    assert len(choose([wall(20.0, low=0.0, high=1.0)], std_m=4.0).group) == 1
+LINE = wall(10.0, low=0.1, high=0.9)[:40]
+"""Of a single beam."""
+
+FOUR = np.array([[10.0, 2.0 + 0.27 * k, 0.5 * k] for k in range(4)])
 
 
-def test_a_strip_of_the_box_is_not_its_object() -> None:
-    assert len(choose([wall(10.0, low=0.4, high=0.6)]).group) == 0
-
-
-def test_one_beam_is_enough_where_beams_are_far_apart() -> None:
-    line = wall(10.0, low=0.1, high=0.9)[:40]
-    assert np.ptp(line[:, 2]) == 0
-    assert len(choose([line]).group) == 0
-    assert len(choose([line], gap=0.3).group) == 1
-    assert len(choose([line[:5]], gap=0.3).group) == 0, "not as wide as the 2D box"
-
-
-def test_few_points_are_noise() -> None:
-    four = np.array([[10.0, 2.0 + 0.3 * k, 0.5 * k] for k in range(4)]) * [1, 3, 1]
-    dense = choose([four * [1, 0.3, 1] + [0, 2, 0]], min_points=5)
-    assert len(dense.group) == 0
+@pytest.mark.parametrize(
+    ("cloud", "count", "settings"),
+    [
+        pytest.param(OBJECT, 1, {}, id="an object"),
+        pytest.param(wall(20.0, low=0.0, high=1.0), 0, {}, id="not where it should be"),
+        pytest.param(wall(20.0, low=0.0, high=1.0), 1, {"std_m": 4.0}, id="nor known well"),
+        pytest.param(wall(10.0, low=0.4, high=0.6), 0, {}, id="a strip of the box"),
+        pytest.param(LINE, 0, {}, id="one beam"),
+        pytest.param(LINE, 1, {"gap": 0.3}, id="one beam where beams are far apart"),
+        pytest.param(LINE[:5], 0, {"gap": 0.3}, id="not as wide as the 2D box"),
+        pytest.param(FOUR, 0, {"min_points": 5}, id="few points are noise"),
+    ],
+)
+def test_which_segment_is_an_object(cloud: F64, count: int, settings: Any) -> None:
+    assert len(choose([cloud], **settings).group) == count
 
 
 def test_long_segments_end_where_the_class_does() -> None:
