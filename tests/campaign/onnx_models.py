@@ -296,8 +296,21 @@ def _another_file(path: Path, chance: Random) -> tuple[str, bool]:
 
 Make = Callable[[Path, Random], tuple[str, bool]]
 HOSTILE: tuple[Make, ...] = (
-    *(_sizes, _outside, _loop, _huge_constant, _tiles, _custom, _not_finite, _sizes, _deep, _many, _another_file),
-    *(_outside, _names, _odd_outputs, _huge_constant),
+    _sizes,
+    _outside,
+    _loop,
+    _huge_constant,
+    _tiles,
+    _custom,
+    _not_finite,
+    _sizes,
+    _deep,
+    _many,
+    _another_file,
+    _outside,
+    _names,
+    _odd_outputs,
+    _huge_constant,
 )
 
 if __name__ == "__main__":
