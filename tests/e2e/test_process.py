@@ -31,19 +31,10 @@ TOPICS = {
 }
 
 
-@pytest.fixture(scope="module")
-def whole(sandbox_result: tuple[Path, Run]) -> Path:
-    out, run = sandbox_result
-    assert "objects" in run.out
-    assert "frames" in run.out
-    assert out.with_suffix(".rrd").stat().st_size > 100_000
-    return out
-
-
 Process = Callable[..., Run]
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def process(lidcam: Lidcam, sandbox: Path, sandbox_config: Path) -> Process:
     """Process the sample with its settings and more options."""
 
@@ -53,6 +44,17 @@ def process(lidcam: Lidcam, sandbox: Path, sandbox_config: Path) -> Process:
         return done
 
     return run
+
+
+@pytest.fixture(scope="module")
+def whole(process: Process, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Output of the whole sample, with a Rerun recording beside it."""
+    out = tmp_path_factory.mktemp("whole") / "out.mcap"
+    run = process(out, "--rerun", out.with_suffix(".rrd"))
+    assert "objects" in run.out
+    assert "frames" in run.out
+    assert out.with_suffix(".rrd").stat().st_size > 100_000
+    return out
 
 
 @pytest.fixture(scope="module")
