@@ -236,7 +236,12 @@ def run_child(
         if during is not None:
             during(process)
         hung = threading.Event()
-        timer = threading.Timer(timeout_s, lambda: (hung.set(), os.kill(process.pid, signal.SIGKILL)))
+
+        def end() -> None:
+            hung.set()
+            os.kill(process.pid, signal.SIGKILL)
+
+        timer = threading.Timer(timeout_s, end)
         timer.daemon = True
         timer.start()
         _, status, usage = os.wait4(process.pid, 0)

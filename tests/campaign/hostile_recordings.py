@@ -309,8 +309,18 @@ def _written(hostile: Callable[[Random], Messages], chance: Random, folder: Path
 
 
 MESSAGES = (
-    *(clouds_of_many_points, clouds_that_wait, raw_images, compressed_images, videos, many_boxes, many_transforms),
-    *(tiny_messages, tiny_clouds, nested_json, chunks_of_zeros, poses_without_end),
+    clouds_of_many_points,
+    clouds_that_wait,
+    raw_images,
+    compressed_images,
+    videos,
+    many_boxes,
+    many_transforms,
+    tiny_messages,
+    tiny_clouds,
+    nested_json,
+    chunks_of_zeros,
+    poses_without_end,
 )
 CONTAINERS = (compressed_database, attachments_and_statistics, capture_of_many_lidars)
 HOSTILE: dict[str, Hostile] = {

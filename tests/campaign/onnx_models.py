@@ -14,7 +14,7 @@ from random import Random
 
 from common import Outcome, campaign, is_one_line, run_child  # isort: skip
 import numpy as np
-from onnx_files import FLOAT, _bytes, _int, _ints, _node, _tensor, _value, _varint_field, write_yolox
+from onnx_files import FLOAT, _bytes, _int, _ints, _node, _tensor, _value, _varint_field, write_model, write_yolox
 from onnx_networks import INT64, write_network
 
 from pipeline.core.arrays import Array
@@ -137,15 +137,15 @@ def _sizes(path: Path, chance: Random) -> tuple[str, bool]:
     other = chance.choice((side, 64))
     batch = chance.choice((1, 1, 0, -1, 4096, 1 << 31, "N"))
     count = batch if isinstance(batch, str) else batch % 2**64
-    _network(path, [], inputs=_value("images", (count, 3, side % 2**64, other % 2**64), FLOAT))
+    _network(path, [], _value("images", (count, 3, side % 2**64, other % 2**64), FLOAT))
     return f"an input of {batch} x {side} x {other}", side == other == 32  # where 84 x 85 is an output of YOLOv8
 
 
 def _network(
     path: Path,
     nodes: Sequence[bytes],
-    *,
     inputs: bytes = b"",
+    *,
     bias: bytes = b"",
     added: str = "bias",
     constants: Sequence[bytes] = (),
@@ -160,13 +160,10 @@ def _network(
     ]
     bias = bias or _tensor("bias", np.full(OUTPUT, 0.25, np.float32), FLOAT)
     zero = _tensor("zero", np.zeros((1, 1, 1), np.float32), FLOAT)
-    graph = b"".join(_bytes(1, node) for node in [*nodes, *main]) + _bytes(2, b"g")
-    graph += b"".join(_bytes(5, constant) for constant in (zero, bias, *constants))
-    graph += _bytes(11, inputs or _value("images", (1, 3, *SIZE_PX), FLOAT)) + _bytes(
-        12, _value("output0", OUTPUT, FLOAT)
-    )
-    imports = _bytes(8, _varint_field(2, 11)) + (_bytes(8, _bytes(1, domain) + _varint_field(2, 1)) if domain else b"")
-    path.write_bytes(_varint_field(1, 6) + imports + _bytes(7, graph))
+    shown = [inputs or _value("images", (1, 3, *SIZE_PX), FLOAT)]
+    write_model(path, [*nodes, *main], (zero, bias, *constants), shown, [_value("output0", OUTPUT, FLOAT)])
+    if domain:
+        path.write_bytes(path.read_bytes() + _bytes(8, _bytes(1, domain) + _varint_field(2, 1)))
 
 
 def _constant(name: str, values: Array) -> bytes:
@@ -299,8 +296,21 @@ def _another_file(path: Path, chance: Random) -> tuple[str, bool]:
 
 Make = Callable[[Path, Random], tuple[str, bool]]
 HOSTILE: tuple[Make, ...] = (
-    *(_sizes, _outside, _loop, _huge_constant, _tiles, _custom, _not_finite, _sizes, _deep, _many, _another_file),
-    *(_outside, _names, _odd_outputs, _huge_constant),
+    _sizes,
+    _outside,
+    _loop,
+    _huge_constant,
+    _tiles,
+    _custom,
+    _not_finite,
+    _sizes,
+    _deep,
+    _many,
+    _another_file,
+    _outside,
+    _names,
+    _odd_outputs,
+    _huge_constant,
 )
 
 if __name__ == "__main__":

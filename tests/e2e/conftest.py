@@ -69,14 +69,3 @@ def first_result(
     assert run.code == 0, run.err
     assert sum(map(len, fused_objects(path.with_name("out.mcap")).values())) >= 8
     return path.with_name("out.mcap")
-
-
-@pytest.fixture(scope="session")
-def sandbox_result(
-    lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path_factory: pytest.TempPathFactory
-) -> tuple[Path, Run]:
-    """What the whole sample becomes with its settings, with a Rerun recording beside it, and what is printed."""
-    out = tmp_path_factory.mktemp("whole") / "out.mcap"
-    run = lidcam("process", sandbox, out, "--config", sandbox_config, "--rerun", out.with_suffix(".rrd"))
-    assert run.code == 0, run.err
-    return out, run

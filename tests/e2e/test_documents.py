@@ -201,8 +201,8 @@ def test_commands_do_what_they_say(command: str, url: str, tmp_path: Path, monke
     elif words[0] == "python":
         run = shell(shlex.join([sys.executable, *words[1:]]), ROOT)
     else:
-        program, *arguments = shortened(words)
-        run = called(tmp_path, *arguments, program=program)
+        name, *arguments = shortened(words)
+        run = called(tmp_path, *arguments, program=name)
     assert run.code == (3 if command in INCOMPLETE else 0), f"{all_commands()[command]}: {command}\n{run.err}"
     assert run.out or "wrote" in run.err or ">" in words
 

@@ -53,12 +53,11 @@ def poses() -> Iterator[tuple[int, list[float], list[float]]]:
         yield stamp_ns, place[0].tolist(), heading.as_quat()[0].tolist()
 
 
-def as_odometry(topic: str = "/odom", frame_id: str = "odom", child: str = "base_link") -> list[RawMessage]:
+def as_odometry() -> list[RawMessage]:
     found = []
     for stamp_ns, place, xyzw in poses():
-        frames = {"frame_id": frame_id, "child_frame_id": child}
-        pose = odometry(stamp_ns=stamp_ns, position=place, orientation_xyzw=xyzw, **frames)
-        found.append(raw(topic, "nav_msgs/msg/Odometry", pose, stamp_ns, stamp_ns + LATE_NS, "ros1"))
+        pose = odometry(stamp_ns=stamp_ns, position=place, orientation_xyzw=xyzw)
+        found.append(raw("/odom", "nav_msgs/msg/Odometry", pose, stamp_ns, stamp_ns + LATE_NS, "ros1"))
     return found
 
 
@@ -149,11 +148,6 @@ def test_tf_tells_where_the_vehicle_was_at_each_frame(moved: Path) -> None:
     for _, message in messages_of(moved, "/diagnostics"):
         values = {pair.key: pair.value for status in message.status for pair in status.values}
         assert values["motion compensated"] == "lidar"
-
-
-def test_odometry_of_another_car_moves_nothing(process: Process) -> None:
-    out = process(as_odometry("/car1/base_pose_ground_truth", "map", "car1"))
-    assert "/tf" not in topics_of(out)
 
 
 def test_a_part_of_the_recording_gives_the_frames_of_the_whole(process: Process) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -30,9 +31,26 @@ TOPICS = {
 }
 
 
+Process = Callable[..., Run]
+
+
 @pytest.fixture(scope="module")
-def whole(sandbox_result: tuple[Path, Run]) -> Path:
-    out, run = sandbox_result
+def process(lidcam: Lidcam, sandbox: Path, sandbox_config: Path) -> Process:
+    """Process the sample with its settings and more options."""
+
+    def run(out: Path, *options: object) -> Run:
+        done = lidcam("process", sandbox, out, "--config", sandbox_config, *options)
+        assert done.code == 0, done.err
+        return done
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def whole(process: Process, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Output of the whole sample, with a Rerun recording beside it."""
+    out = tmp_path_factory.mktemp("whole") / "out.mcap"
+    run = process(out, "--rerun", out.with_suffix(".rrd"))
     assert "objects" in run.out
     assert "frames" in run.out
     assert out.with_suffix(".rrd").stat().st_size > 100_000
@@ -103,27 +121,6 @@ def test_stamps_rise_and_log_times_are_those_of_the_reference(whole: Path, sandb
     assert [reference[stamp_ns] for stamp_ns in stamps] == logged
 
 
-@pytest.fixture(scope="module")
-def second(
-    lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path_factory: pytest.TempPathFactory
-) -> tuple[Path, dict[str, Any]]:
-    """Output of one second of the sample, and what is told of it."""
-    out = tmp_path_factory.mktemp("second") / "out.mcap"
-    options = ("--config", sandbox_config, "--duration", "1", "--workers", "1", "--json")
-    run = lidcam("process", sandbox, out, *options)
-    assert run.code == 0, run.err
-    return out, json.loads(run.out)
-
-
-def test_same_bytes_with_any_name(
-    lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path, second: tuple[Path, dict[str, Any]]
-) -> None:
-    out = tmp_path / "other_name.mcap"
-    run = lidcam("process", sandbox, out, "--config", sandbox_config, "--duration", "1")
-    assert run.code == 0, run.err
-    assert out.read_bytes() == second[0].read_bytes()
-
-
 def test_same_objects_from_ros2(
     lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path, whole: Path
 ) -> None:
@@ -149,8 +146,11 @@ def test_same_objects_from_ros2(
     assert [*found.items()] == [*fused_objects(whole).items()][: len(found)]
 
 
-def test_json_summary(second: tuple[Path, dict[str, Any]]) -> None:
-    _, summary = second
+def test_json_summary_and_same_bytes_with_any_name(process: Process, tmp_path: Path) -> None:
+    out, other = tmp_path / "out.mcap", tmp_path / "other_name.mcap"
+    summary = json.loads(process(out, "--duration", "1", "--workers", "1", "--json").out)
+    process(other, "--duration", "1")
+    assert out.read_bytes() == other.read_bytes()
     assert summary["frames"] >= 8
     assert summary["box_source"] == "recorded"
     assert summary["timing"]["frames_per_second"] > 0
@@ -169,12 +169,9 @@ def test_json_summary(second: tuple[Path, dict[str, Any]]) -> None:
     assert summary["copied"] == dict.fromkeys(sorted(truth), 20)
 
 
-def test_truth_is_copied_around_the_window_with_names_for_numbers(
-    lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path
-) -> None:
-    out, given = tmp_path / "o.mcap", ("--config", sandbox_config, "--start", "0.5", "--duration", "0.5")
-    run = lidcam("process", sandbox, out, *given)
-    assert run.code == 0, run.err
+def test_truth_is_copied_around_the_window_with_names_for_numbers(process: Process, tmp_path: Path) -> None:
+    out, given = tmp_path / "o.mcap", ("--start", "0.5", "--duration", "0.5")
+    run = process(out, *given)
     assert re.search(r"copied +360 messages: /ground_truth/\* \(18 topics\)", run.out)
     truth = messages_of(out, "/ground_truth/objects")
     objects = truth[0][1].detections
@@ -187,39 +184,26 @@ def test_truth_is_copied_around_the_window_with_names_for_numbers(
     assert truth[0][0] < frames[0][0] < frames[-1][0] < truth[-1][0]
     with out.open("rb") as file:
         messages = [*make_reader(file).iter_messages(log_time_order=False)]
-    drawn, others = (
-        "/ground_truth/objects/scene",
-        [m.log_time for _, c, m in messages if not c.topic.endswith("/scene")],
-    )
-    assert others == sorted(others)
-    scenes = [message.log_time for _, channel, message in messages if channel.topic == drawn]
-    assert scenes == sorted(scenes)
+    others = [message.log_time for _, channel, message in messages if not channel.topic.endswith("/scene")]
+    scenes = [m.log_time for _, channel, m in messages if channel.topic == "/ground_truth/objects/scene"]
+    assert (others, scenes) == (sorted(others), sorted(scenes))
     assert {*scenes} <= {*others}  # each with a frame
-    run = lidcam("process", sandbox, tmp_path / "p.mcap", *given, "--copy-topics", "/car?/base_pose*")
-    assert run.code == 0, run.err
+    process(tmp_path / "p.mcap", *given, "--copy-topics", "/car?/base_pose*")
     assert {"/car1/base_pose_ground_truth", "/car2/base_pose_ground_truth"} <= set(topics_of(tmp_path / "p.mcap"))
     assert "/ground_truth/objects" not in topics_of(tmp_path / "p.mcap")
 
 
-def test_lidar_only_says_so_and_draws_its_boxes_over_the_images(
-    lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path
-) -> None:
-    out = tmp_path / "o.mcap"
-    options = ("--set", "detect2d.method=none", "--duration", "0.5")
-    run = lidcam("process", sandbox, out, "--config", sandbox_config, *options)
-    assert run.code == 0, run.err
-    assert "lidar-only" in run.out
+def test_lidar_only_says_so_and_draws_its_boxes_over_the_images(process: Process, tmp_path: Path) -> None:
+    out, options = tmp_path / "o.mcap", ("--set", "detect2d.method=none", "--duration", "0.5")
+    assert "lidar-only" in process(out, *options).out
     assert any(fused_objects(out).values())
     assert all(len(message.points) > 0 for _, message in messages_of(out, "/cam43/annotations"))
     assert not messages_of(out, "/cam43/detections"), "no detector has looked"
-    run = lidcam("process", sandbox, out, "--config", sandbox_config, *options, "--set", "output.images=false")
-    assert run.code == 0, run.err
+    process(out, *options, "--set", "output.images=false")
     assert not any("image" in topic for topic in topics_of(out))
 
 
-def test_printing_detections_and_matches(lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path) -> None:
-    options = ("--print-detections", "--print-matches", "--duration", "0.5")
-    run = lidcam("process", sandbox, tmp_path / "o.mcap", "--config", sandbox_config, *options)
-    assert run.code == 0, run.err
+def test_printing_detections_and_matches(process: Process, tmp_path: Path) -> None:
+    run = process(tmp_path / "o.mcap", "--print-detections", "--print-matches", "--duration", "0.5")
     assert "lidar detections" in run.out
     assert re.search(r"2D box \d+ \(car\) is (object|3D box) \d+", run.out)

@@ -1,11 +1,10 @@
 """The wheel, in an environment of its own, from another folder: what a user gets.
 
-`make demo` installs what the lock names by its hashes, and compiles what is compiled: both are taken over from there.
+`make demo` installs what the lock names by its hashes: that is taken over from there.
 """
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 import sysconfig
@@ -64,14 +63,6 @@ def link_what_the_lock_names(packages: Path, programs: Path) -> None:
                     link.symlink_to(str(package.locate_file(file if is_program else file.parts[0])))
 
 
-def take_over_kernels(packages: Path) -> None:
-    """What is compiled for these sources and this processor holds elsewhere, too."""
-    for kept in ROOT.glob("pipeline/**/__pycache__/*.code"):
-        folder = packages / kept.parent.relative_to(ROOT)
-        folder.mkdir(parents=True, exist_ok=True)  # also of sources that are no more: nothing looks there
-        shutil.copy(kept, folder)
-
-
 def test_wheel_runs_elsewhere(tmp_path: Path, sandbox: Path) -> None:
     # sdist first, wheel from it: a file that the sdist lacks is missing from the wheel, too
     run(sys.executable, "-m", "build", "--no-isolation", "--outdir", tmp_path / "dist", cwd=ROOT)
@@ -85,7 +76,6 @@ def test_wheel_runs_elsewhere(tmp_path: Path, sandbox: Path) -> None:
     link_what_the_lock_names(packages, python.parent)
     pip = (sys.executable, "-m", "pip", "--python", python, "--quiet", "--disable-pip-version-check")
     run(*pip, "install", "--no-index", wheel, cwd=elsewhere)  # the lock is complete
-    take_over_kernels(packages)
     names = ("lidcam", "pipeline", "readers", "writers", "bags")
     owners = f"from importlib.metadata import packages_distributions as p; print([p()[n] for n in {names}])"
     assert run(python, "-c", owners, cwd=elsewhere).strip() == str([["lidcam"]] * 5)

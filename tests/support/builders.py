@@ -286,9 +286,8 @@ def raw(
 
 def _build(store: Typestore, msgtype: str, message: Fields) -> Any:
     values = {name.lower(): value for name, value in message.items()}
-    arguments = {}
-    for name, (node, detail) in store.fielddefs[msgtype][1]:
-        arguments[name] = _field(store, node, detail, values.pop(name.lower(), None))
+    definition = store.fielddefs[msgtype][1]
+    arguments = {name: _field(store, *field, values.pop(name.lower(), None)) for name, field in definition}
     if values:
         raise KeyError(f"{msgtype} has no field {', '.join(values)}")
     return store.types[msgtype](**arguments)
@@ -310,11 +309,7 @@ def _field(store: Typestore, node: Nodetype, detail: Any, value: Any) -> Any:
 
 
 def _zero(base: str) -> str | bool | int | float:
-    if base in {"string", "wstring"}:
-        return ""
-    if base == "bool":
-        return False
-    return 0.0 if base.startswith("float") else 0
+    return {"string": "", "wstring": "", "bool": False}.get(base, 0.0 if base.startswith("float") else 0)
 
 
 # --- recordings
@@ -399,7 +394,6 @@ def write_mcap(
                 definition = b64decode(source.definition) if binary else source.definition.encode()
                 schema = writer.register_schema(name, source.definition_format, definition)
                 channels[source] = writer.register_channel(source.topic, source.encoding, schema)
-            writer.add_message(
-                channels[source], message.log_time_ns, bytes(message.data), message.log_time_ns, sequence
-            )
+            at_ns = message.log_time_ns
+            writer.add_message(channels[source], at_ns, bytes(message.data), at_ns, sequence)
         writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part

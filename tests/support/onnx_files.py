@@ -4,14 +4,14 @@ The network is a YOLOX in shape only: each output row is `bias + brightness * we
 mean of the input's channels, so that what comes out depends on what goes in and is known by hand.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from pipeline.core.arrays import Array
 
-__all__ = ["write_yolox"]
+__all__ = ["write_model", "write_yolox"]
 
 FLOAT, DOUBLE = 1, 11
 ATTRIBUTE_INT, ATTRIBUTE_INTS = 2, 7
@@ -47,14 +47,28 @@ def write_yolox(
         "weight": weight[None].astype(real),
         "bias": bias[None].astype(real),
     }
-    graph = (
-        b"".join(_bytes(1, node) for node in nodes)
-        + _bytes(2, b"yolox")
-        + b"".join(_bytes(5, _tensor(name, array, dtype)) for name, array in constants.items())
-        + _bytes(11, _value("images", (batch, channels, *size_px), dtype))
-        + b"".join(_bytes(12, _value(f"output{i}", (batch, *bias.shape), dtype)) for i in range(outputs))
-    )
-    path.write_bytes(_varint_field(1, 6) + _bytes(8, _varint_field(2, 11)) + _bytes(7, graph))
+    tensors = [_tensor(name, array, dtype) for name, array in constants.items()]
+    stated = [_value(f"output{i}", (batch, *bias.shape), dtype) for i in range(outputs)]
+    return write_model(path, nodes, tensors, [_value("images", (batch, channels, *size_px), dtype)], stated)
+
+
+def write_model(
+    path: Path,
+    nodes: Sequence[bytes],
+    constants: Sequence[bytes],
+    inputs: Sequence[bytes],
+    outputs: Sequence[bytes],
+    *,
+    metadata: Mapping[str, str] | None = None,
+    inner: Sequence[bytes] = (),
+) -> Path:
+    """Write a network of parts; `inner` states the shapes of values between its nodes."""
+    graph = b"".join(_bytes(1, node) for node in nodes) + _bytes(2, b"network")
+    for number, parts in ((5, constants), (11, inputs), (12, outputs), (13, inner)):
+        graph += b"".join(_bytes(number, part) for part in parts)
+    entries = [_bytes(1, key.encode()) + _bytes(2, value.encode()) for key, value in (metadata or {}).items()]
+    said = b"".join(_bytes(14, entry) for entry in entries)
+    path.write_bytes(_varint_field(1, 6) + _bytes(8, _varint_field(2, 11)) + _bytes(7, graph) + said)
     return path
 
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from onnx_files import FLOAT, _bytes, _int, _ints, _node, _tensor, _value, _varint_field
+from onnx_files import FLOAT, _int, _ints, _node, _tensor, _value, write_model
 
 from pipeline.core.arrays import Array
 
@@ -25,7 +25,6 @@ def write_network(
     *,
     size_px: Shape,
     batch: int | str = 1,
-    image_name: str = "images",
     dtype: int = FLOAT,
     weights: Mapping[str, Array] | None = None,
     scaled: Sequence[str] = (),
@@ -38,13 +37,12 @@ def write_network(
         outputs: Each without the dimension of the batch.
         size_px: Height and width that the file states; names are free dimensions.
         batch: The same for the dimension of the batch.
-        image_name: Name of the input for images.
         dtype: What the images are made of.
         weights: What is added to an output, times the mean of all channels and pixels.
         scaled: Outputs (K, 4) that are multiplied with the widths and heights of a second input.
         metadata: What the file says of itself.
     """
-    nodes = [_node("ReduceMean", [image_name], "mean", _ints("axes", [1, 2, 3]), _int("keepdims", 0))]
+    nodes = [_node("ReduceMean", ["images"], "mean", _ints("axes", [1, 2, 3]), _int("keepdims", 0))]
     nodes.append(_node("Cast", ["mean"], "brightness", _int("to", FLOAT)))
     constants = []
     for name, array in outputs.items():
@@ -61,7 +59,7 @@ def write_network(
             nodes.append(_node("Mul", [last, "scale"], f"{name}.scaled"))
             last = f"{name}.scaled"
         nodes.append(_node("Cast", [last], name, _int("to", KINDS[array.dtype])))
-    inputs = [_value(image_name, (batch, 3, *size_px), dtype)]
+    inputs = [_value("images", (batch, 3, *size_px), dtype)]
     if scaled:
         nodes[:0] = [
             _node("Cast", ["orig_target_sizes"], "sizes", _int("to", FLOAT)),
@@ -70,7 +68,7 @@ def write_network(
         ]
         inputs.append(_value("orig_target_sizes", (batch, 2), INT64))
     stated = [_value(name, (batch, *array.shape), KINDS[array.dtype]) for name, array in outputs.items()]
-    return _write(path, nodes, constants, inputs, stated, metadata)
+    return write_model(path, nodes, constants, inputs, stated, metadata=metadata)
 
 
 def write_convolutional(
@@ -102,23 +100,4 @@ def write_convolutional(
     nodes.append(_node("Transpose", ["joined"], "output", _ints("perm", [0, 2, 1])))
     cells = sum(int(size_px[0]) // stride * (int(size_px[1]) // stride) for stride in strides)
     inputs, outputs = [_value("images", (1, 3, *size_px), FLOAT)], [_value("output", (1, cells, columns), FLOAT)]
-    return _write(path, nodes, constants, inputs, outputs, None, inner)
-
-
-def _write(
-    path: Path,
-    nodes: Sequence[bytes],
-    constants: Sequence[bytes],
-    inputs: Sequence[bytes],
-    outputs: Sequence[bytes],
-    metadata: Mapping[str, str] | None,
-    inner: Sequence[bytes] = (),
-) -> Path:
-    graph = b"".join(_bytes(1, node) for node in nodes) + _bytes(2, b"network")
-    for number, parts in ((5, constants), (11, inputs), (12, outputs), (13, inner)):
-        graph += b"".join(_bytes(number, part) for part in parts)
-    said = b"".join(
-        _bytes(14, _bytes(1, key.encode()) + _bytes(2, value.encode())) for key, value in (metadata or {}).items()
-    )
-    path.write_bytes(_varint_field(1, 6) + _bytes(8, _varint_field(2, 11)) + _bytes(7, graph) + said)
-    return path
+    return write_model(path, nodes, constants, inputs, outputs, inner=inner)

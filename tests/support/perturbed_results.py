@@ -143,7 +143,7 @@ def followed(x: float, y: float, *, gate_m: float) -> Which:
 
 def of_class(name: str) -> Which:
     """All objects of a class."""
-    return lambda detections: [row for row, one in enumerate(detections) if _label(one) == name]
+    return lambda detections: [row for row, one in enumerate(detections) if one.results[0].hypothesis.class_id == name]
 
 
 def _all(detections: list[Any]) -> list[int]:
@@ -152,31 +152,26 @@ def _all(detections: list[Any]) -> list[int]:
 
 def dropped(which: Which = _all, frames: Collection[int] = ALWAYS) -> Change:
     """Objects are not found."""
-
-    def changed(frame: int, detections: list[Any]) -> list[Any]:
-        rows = _rows(which, frame, frames, detections)
-        return [one for row, one in enumerate(detections) if row not in rows]
-
-    return changed
+    return _of_rows(lambda found, rows: [one for row, one in enumerate(found) if row not in rows], which, frames)
 
 
 def doubled(which: Which = _all, frames: Collection[int] = ALWAYS, *, by_m: float = 0.0) -> Change:
     """Objects are found a second time, somewhat ahead of them."""
 
-    def changed(frame: int, detections: list[Any]) -> list[Any]:
-        copies = [deepcopy(detections[row]) for row in _rows(which, frame, frames, detections)]
+    def more(found: list[Any], rows: list[int]) -> list[Any]:
+        copies = [deepcopy(found[row]) for row in rows]
         for one in copies:
-            _center(one).position.x += by_m
-        return [*detections, *copies]
+            one.bbox.center.position.x += by_m
+        return [*found, *copies]
 
-    return changed
+    return _of_rows(more, which, frames)
 
 
 def shifted(by_m: Sequence[float], which: Which = _all, frames: Collection[int] = ALWAYS) -> Change:
     """Objects are found at another place; 2D boxes, by pixels, have two numbers."""
 
     def move(one: Any) -> None:
-        place = _center(one).position
+        place = one.bbox.center.position
         for axis, by in zip("xyz", by_m, strict=False):
             setattr(place, axis, getattr(place, axis) + by)
 
@@ -187,7 +182,7 @@ def turned(by_deg: float, which: Which = _all, frames: Collection[int] = ALWAYS)
     """Objects are found with another heading."""
 
     def turn(one: Any) -> None:
-        rotation = _center(one).orientation
+        rotation = one.bbox.center.orientation
         half = math.atan2(rotation.z, rotation.w) + math.radians(by_deg) / 2
         rotation.z, rotation.w = math.sin(half), math.cos(half)
 
@@ -227,28 +222,24 @@ def swapped_ids(first: str, second: str, frames: Collection[int] = ALWAYS) -> Ch
 
 
 def _each(change: Callable[[Any], None], which: Which, frames: Collection[int]) -> Change:
+    def changed(found: list[Any], rows: list[int]) -> list[Any]:
+        for row in rows:
+            change(found[row])
+        return found
+
+    return _of_rows(changed, which, frames)
+
+
+def _of_rows(change: Callable[[list[Any], list[int]], list[Any]], which: Which, frames: Collection[int]) -> Change:
+    """A change of some rows in some frames; they are looked for in every frame, so that an object can be followed."""
+
     def changed(frame: int, detections: list[Any]) -> list[Any]:
-        for row in _rows(which, frame, frames, detections):
-            change(detections[row])
-        return detections
+        rows = which(detections)
+        return change(detections, rows if frame in frames else [])
 
     return changed
 
 
-def _rows(which: Which, frame: int, frames: Collection[int], detections: list[Any]) -> list[int]:
-    """The rows in this frame; looked for in every frame, so that an object can be followed."""
-    rows = which(detections)
-    return rows if frame in frames else []
-
-
-def _label(detection: Any) -> str:
-    return str(detection.results[0].hypothesis.class_id)
-
-
-def _center(detection: Any) -> Any:
-    return detection.bbox.center
-
-
 def _xy(detection: Any) -> tuple[float, float]:
-    place = _center(detection).position
+    place = detection.bbox.center.position
     return place.x, place.y

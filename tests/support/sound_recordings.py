@@ -29,18 +29,15 @@ ODOMETRY, IMAGE, STAMP = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Image", "buil
 CHUNK_BYTES = {"drive": 5000, "shortest": 150}
 Length = Literal["drive", "shortest"]
 
-CHECKED = (
-    *("rosbag1-bz2", "mcap-none", "mcap-lz4", "mcap-zstd"),
-    *("mcap-no-summary", "mcap-no-message-index", "mcap-no-chunk-index"),
-)
+_CHECKED = "rosbag1-bz2 mcap-none mcap-lz4 mcap-zstd mcap-no-summary mcap-no-message-index mcap-no-chunk-index"
+_OTHERS = """
+rosbag1-none rosbag1-lz4 mcap-no-crc mcap-no-chunks mcap-no-chunks-no-crc sqlite sqlite-old sqlite-wal sqlite-zstd
+folder-sqlite folder-sqlite-message folder-sqlite-file folder-mcap pcap pcapng
+"""
+CHECKED = frozenset(_CHECKED.split())
 """Kinds in which a checksum covers every message."""
 
-KINDS = (
-    *CHECKED,
-    *("rosbag1-none", "rosbag1-lz4", "mcap-no-crc", "mcap-no-chunks", "mcap-no-chunks-no-crc"),
-    *("sqlite", "sqlite-old", "sqlite-wal", "sqlite-zstd"),
-    *("folder-sqlite", "folder-sqlite-message", "folder-sqlite-file", "folder-mcap", "pcap", "pcapng"),
-)
+KINDS = (*_CHECKED.split(), *_OTHERS.split())
 
 
 @dataclass(frozen=True, slots=True)

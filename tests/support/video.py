@@ -1,8 +1,7 @@
 """Videos for tests: images, PyAV's encoders, and the messages that recorders make of their packets."""
 
 import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any, Literal, NamedTuple
 
@@ -36,17 +35,11 @@ os.environ.setdefault("SVT_LOG", "0")  # or the encoder of AV1 tells of itself o
 T0 = 1_700_000_000_000_000_000
 PERIOD_NS = 100_000_000
 
+X265 = "bframes=0:scenecut=0:log-level=none:pools=none:frame-threads=1:repeat-headers=1"
 # Codec, encoder and its options by Foxglove's name: one packet per image, none out of order.
 CODECS: dict[str, tuple[str, str, dict[str, str]]] = {
     "h264": ("h264", "libx264", {"preset": "veryfast", "tune": "zerolatency", "sc_threshold": "0"}),
-    "h265": (
-        "hevc",
-        "libx265",
-        {
-            "preset": "ultrafast",
-            "x265-params": "bframes=0:scenecut=0:log-level=none:pools=none:frame-threads=1:repeat-headers=1",
-        },
-    ),
+    "h265": ("hevc", "libx265", {"preset": "ultrafast", "x265-params": X265}),
     "vp9": ("vp9", "libvpx-vp9", {"deadline": "realtime", "cpu-used": "8", "lag-in-frames": "0"}),
     "av1": ("av1", "libsvtav1", {"preset": "11", "crf": "20", "svtav1-params": "pred-struct=1"}),
     "vp8": ("vp8", "libvpx", {"deadline": "realtime", "cpu-used": "8", "lag-in-frames": "0"}),
@@ -85,24 +78,6 @@ def encode(images: Sequence[U8], kind: str = "h264", *, gop: int = 5, **options:
         gop: Images from one key frame to the next.
         options: Of the encoder, over those of `CODECS`; `_` for `-`.
     """
-    with _scheduled_as_before():
-        return _encoded(images, kind, gop, options)
-
-
-@contextmanager
-def _scheduled_as_before() -> Iterator[None]:
-    """For the superuser, the encoder of AV1 makes the thread that calls it one of real time: all else would starve."""
-    if not hasattr(os, "sched_setscheduler"):
-        yield
-        return
-    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
-    try:
-        yield
-    finally:
-        os.sched_setscheduler(0, policy, parameters)
-
-
-def _encoded(images: Sequence[U8], kind: str, gop: int, options: dict[str, str]) -> list[Packet]:
     _, encoder, defaults = CODECS[kind]
     context: Any = av.CodecContext.create(encoder, "w")
     context.height, context.width = images[0].shape[:2]
@@ -113,11 +88,14 @@ def _encoded(images: Sequence[U8], kind: str, gop: int, options: dict[str, str])
         context.bit_rate = 4_000_000
     context.options = defaults | {name.replace("_", "-"): value for name, value in options.items()}
     packets: list[Any] = []
+    # For the superuser, the encoder of AV1 makes the thread that calls it one of real time: all else would starve.
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
     for number, image in enumerate(images):
         frame = av.VideoFrame.from_ndarray(image, format="rgb24")
         frame.pts = number
         packets += context.encode(frame)
     packets += context.encode(None)
+    os.sched_setscheduler(0, policy, parameters)
     return [Packet(bytes(packet), packet.pts, packet.is_keyframe) for packet in packets]
 
 
