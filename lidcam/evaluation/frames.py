@@ -25,10 +25,6 @@ class EvaluationFrames:
     Args:
         result: The open result.
         truth: The truth, or that there is none.
-
-    Attributes:
-        compared: Number of frames with truth so far.
-        frames: Number of frames so far.
     """
 
     def __init__(self, result: Result, truth: OpenTruth) -> None:
@@ -36,7 +32,6 @@ class EvaluationFrames:
         self._poses = SitePoses(truth.poses, result.rig, result.config)
         self._cameras = {camera.name: camera for camera in result.rig.cameras}
         self._notes = Notes()
-        self.frames = self.compared = 0
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -53,13 +48,10 @@ class EvaluationFrames:
             RecordingError: a file cannot be read.
         """
         for frame in self._result.frames():
-            truth = self._truth_at(frame)
-            self.frames += 1
-            self.compared += truth is not None
             yield EvaluationFrame(
                 frame.index,
                 frame.stamp_ns,
-                truth,
+                self._truth_at(frame),
                 frame.sources,
                 {name: ImageBoxes(found, self._in_image(name, found, frame)) for name, found in frame.cameras.items()},
                 frame.skew_ns,
