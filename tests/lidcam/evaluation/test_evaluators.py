@@ -22,12 +22,6 @@ def fixed(figures: NamedFigures) -> list[str]:
     return [name for name in names if not name.startswith("mistakes.")]
 
 
-def test_frames_are_read_once() -> None:
-    frames = (frame_of(k, truth_boxes(rows_at([(5, 0)])), {"fused": source_boxes(rows_at([(5, 0)]))}) for k in range(3))
-    tree = measure(frames, evaluators_of(Config(), RIG))
-    assert tree["frames"] == 3
-
-
 def test_the_names_of_figures_do_not_depend_on_what_is_found() -> None:
     known = known_figures(Config(), RIG, ["lidar", "fused"])
     frames = [
