@@ -82,7 +82,7 @@ class EvaluationFrames:
         return replace(in_site, is_ignored=is_ignored)
 
     def _in_image(self, name: str, found: Boxes2D, frame: ResultFrame) -> TruthBoxes2D | None:
-        """What an image shows: as the truth says it, else its objects at the time of the image, projected."""
+        """True boxes of an image: those that the truth has, else its objects at the time of the image, projected."""
         if self._truth is None:
             return None
         shown = self._truth.in_image(name, found.stamp_ns, frame=frame.index)

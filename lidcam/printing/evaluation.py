@@ -1,4 +1,4 @@
-"""What `lidcam evaluate` prints: what it comes to in a sentence, then tables, then what to mind."""
+"""Printing of `lidcam evaluate`: a summary in a sentence or two, then tables, then requirements, notes and warnings."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
@@ -81,7 +81,7 @@ def _whole(tree: Tree) -> str:
 
 
 def _headline(tree: Tree) -> str:
-    """What the fusion adds, in a sentence; nothing where there are not two sources to compare."""
+    """The gain of fusion in a sentence; empty where there are not two sources to compare."""
     gains = tree["fusion_gain"].get(ALL, {})
     gain = gains.get(_gain_name(gains), {}) if gains else {}
     if gain.get("value") is None:
@@ -256,7 +256,7 @@ def _requirements_table(outcomes: Sequence[Outcome]) -> Table:
 
 
 def _detection_explained(sources: Tree) -> Iterator[str]:
-    """What the names above columns mean, and what counts as right."""
+    """Meanings of the names above columns, and the rule by which a box is right."""
     by_distance = _by_distance(sources)
     at = "as nuScenes has it." if by_distance == "nuscenes" else "at four that go with the length of the class:"
     yield (

@@ -1,4 +1,4 @@
-"""What fusion adds to the better single source."""
+"""Gain of fusion over the better single source."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -34,7 +34,7 @@ Samples = dict[str, F64]
 
 
 def fusion_gain(sources: Mapping[str, Source], figures: Mapping[str, Figures], resampling: Resampling) -> Figures:
-    """What `fused` adds to the better of the other sources, by class and figure, with an interval of 95 %.
+    """Gain of `fused` over the better of the other sources, by class and figure, with an interval of 95 %.
 
     `same_objects` has by how much `fused` places the objects better that each of the others found, too.
 

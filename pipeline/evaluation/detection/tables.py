@@ -1,4 +1,4 @@
-"""What is kept of all frames, one row for each true object and each detection, and which rows a figure is made of."""
+"""Tables of all frames, with one row for each true object and each detection, and the rows that make a figure."""
 
 from dataclasses import dataclass
 

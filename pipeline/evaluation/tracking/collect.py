@@ -27,7 +27,7 @@ BLOCK_FRAMES = 128
 
 
 class _Source:
-    """What was found by one source so far."""
+    """The boxes of one source so far."""
 
     def __init__(self, class_count: int) -> None:
         no_rows, no_values = np.zeros(0, np.intp), np.zeros(0)

@@ -1,4 +1,4 @@
-"""What counts as right, false, missed or ignored, and where."""
+"""Detections that are right, false or ignored, and missed objects, by place."""
 
 from typing import Any
 
