@@ -99,11 +99,6 @@ class Criteria:
         return range(first, first + len(DISTANCES_M))
 
     @property
-    def distances_name(self) -> str:
-        """Name of the figures by distance."""
-        return "nuscenes" if self.distances == "nuscenes" else "distance"
-
-    @property
     def error_columns(self) -> tuple[int, ...]:
         """Columns of the matches whose errors are kept: by `position`, and at 2 m in the figures by distance."""
         return tuple(dict.fromkeys((self.position_column, self.distance_columns[_POSITION])))

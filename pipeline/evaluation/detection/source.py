@@ -157,11 +157,11 @@ class Source:
         self, class_id: int | None, part: int | None, averages: _ClassAverages
     ) -> dict[str, Figures | float | int | None]:
         """The figures of a class in a part of the site; those of all classes have the means of the classes before."""
-        by_distance = self.site.criteria.distances_name
+        is_nuscenes = self.site.criteria.distances == "nuscenes"
+        by_distance = "nuscenes" if is_nuscenes else "distance"
         pooled = self._pooled(class_id, part)
         if class_id is None:
             overlaps, distances = (list(one.values()) for one in averages)
-            is_nuscenes = by_distance == "nuscenes"
             means = mean_nuscenes_figures(averages.distances) if is_nuscenes else mean_figures(distances)
             return {**pooled, **mean_figures(overlaps), by_distance: means}
         name = self.site.class_names[class_id]
