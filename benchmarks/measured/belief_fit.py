@@ -76,7 +76,7 @@ ROUNDS = 3
 
 @dataclass(frozen=True, eq=False)
 class WeighedFrame:
-    """What was weighed in one frame: with the cameras, and the lidars' boxes alone."""
+    """The boxes weighed in one frame: with the cameras, and the lidars' boxes alone."""
 
     boxes: Boxes3D
     lidar_count: int
@@ -188,7 +188,7 @@ def probabilities(run: Weighed, by: Coefficients) -> tuple[list[F64], list[F64],
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """What is known of boxes before a camera is asked, side by side."""
+    """The evidence about boxes before a camera is asked, side by side."""
 
     scores: F64
     frequencies: F64

@@ -1,4 +1,4 @@
-"""Which labelled objects a sensor or the fusion found, and what it found that is none."""
+"""Which labelled objects a sensor or the fusion found, and its false boxes."""
 
 from dataclasses import dataclass
 
@@ -38,7 +38,7 @@ class Count:
 def count_frame(
     frame: LabelledFrame, boxes: Boxes3D, class_names: tuple[str, ...], T_site_lidar: Transform
 ) -> dict[str, Count]:
-    """What was found of each class, by its label.
+    """Counts of each class, by its label.
 
     A box finds a label of its class within `GATE_M` on the ground, one the other. Boxes on objects that are not to be
     found (further away, of another vehicle's class), in parts of the image that nobody labelled, outside the image or
@@ -46,7 +46,7 @@ def count_frame(
 
     Args:
         frame: The frame.
-        boxes: What a source says of it, in the site frame.
+        boxes: Boxes of a source, in the site frame.
         class_names: The classes of the settings.
         T_site_lidar: Where the lidar stands.
     """

@@ -1,4 +1,4 @@
-"""Simulated recordings for measuring, and what lidcam makes of them: recorded once, processed and evaluated anew."""
+"""Simulated recordings for measuring, and the results of lidcam: recorded once, processed and evaluated anew."""
 
 import hashlib
 import json
@@ -29,9 +29,8 @@ class MeasuredRun:
         scenario: Its name.
         seconds: How long it is.
         recording: The simulated recording.
-        result: What `lidcam process` made of it with the settings that it chose itself.
-        processed: What `lidcam process --json` says.
-        figures: What `lidcam evaluate --json` says.
+        result: The result of `lidcam process` with the settings that it chose itself.
+        figures: The JSON of `lidcam evaluate`.
         when_measured: The same against where objects were at the time of their lidar points.
     """
 
@@ -39,7 +38,6 @@ class MeasuredRun:
     seconds: int
     recording: Path
     result: Path
-    processed: dict[str, Any]
     figures: dict[str, Any]
     when_measured: dict[str, Any]
 
@@ -58,11 +56,11 @@ def measured_run(scenario: str, folder: Path) -> MeasuredRun:
             old.unlink()
         _lidcam("simulate", scenario, recording, "--duration", SECONDS[scenario], *RECORDED)
     result = folder / f"{scenario}.mcap"
-    told = {name: folder / f"{scenario}.{name}.json" for name in ("processed", "figures", "when_measured")}
-    _lidcam("process", recording, result, "--overwrite", "--json-file", told["processed"], *WRITTEN)
-    _lidcam("evaluate", result, "--json-file", told["figures"])
-    _lidcam("evaluate", result, "--json-file", told["when_measured"], "--set", "evaluate.truth_time=points")
-    trees = {name: json.loads(path.read_bytes()) for name, path in told.items()}
+    files = {name: folder / f"{scenario}.{name}.json" for name in ("figures", "when_measured")}
+    _lidcam("process", recording, result, "--overwrite", *WRITTEN)
+    _lidcam("evaluate", result, "--json-file", files["figures"])
+    _lidcam("evaluate", result, "--json-file", files["when_measured"], "--set", "evaluate.truth_time=points")
+    trees = {name: json.loads(path.read_bytes()) for name, path in files.items()}
     return MeasuredRun(scenario, SECONDS[scenario], recording, result, **trees)
 
 

@@ -1,9 +1,9 @@
-"""What memory a run takes, by the length of the recording and the number of processes; writes docs/performance.md.
+"""Memory of a run, by the length of the recording and the number of processes; writes docs/performance.md.
 
     python benchmarks/measured/memory_table.py [--frames 15 1500] [--workers 1 2 4] [--print] [RECORDING.bag ...]
 
 A recording (`bags/sandbox.bag` without any) is played as often as its frames are wanted. Nothing is timed, so other
-programs may run meanwhile. Linux: what a page of memory costs is told by /proc.
+programs may run meanwhile. Linux: /proc says how much memory is used.
 """
 
 import argparse
@@ -58,9 +58,9 @@ def main() -> None:
     for recording in options.recordings:
         for frames in options.frames:
             for workers, peaks in _measured(recording, frames, options.workers):
-                told = str(peaks.frames), str(workers), str(peaks.processes)
+                counts = str(peaks.frames), str(workers), str(peaks.processes)
                 mib = f"{peaks.first_mib:.0f}", f"{peaks.all_mib:.0f}", f"{peaks.written / 2**20:.0f}"
-                rows.append([recording.stem, *told, *mib])
+                rows.append([recording.stem, *counts, *mib])
                 print(rows[-1], file=sys.stderr, flush=True)
     head = ["", "frames", "workers", "processes", "first process, MiB", "all, MiB", "written, MiB"]
     text = "\n".join(table(head, rows))
@@ -89,8 +89,8 @@ def _peaks(command: list[str], out: Path) -> Peaks:
     with tempfile.TemporaryFile("w+") as said:
         run = subprocess.Popen(command, stdout=said, cwd=ROOT)
         while run.poll() is None:
-            sizes_kib = [size for pid in _family(run.pid) if (size := _told_kib(f"{pid}/smaps_rollup", "Pss:"))]
-            first_kib = max(first_kib, _told_kib(f"{run.pid}/status", "VmHWM:"))
+            sizes_kib = [size for pid in _family(run.pid) if (size := _used_kib(f"{pid}/smaps_rollup", "Pss:"))]
+            first_kib = max(first_kib, _used_kib(f"{run.pid}/status", "VmHWM:"))
             all_kib, processes = max(all_kib, sum(sizes_kib)), max(processes, len(sizes_kib))
             time.sleep(STEP_S)
         said.seek(0)
@@ -109,8 +109,8 @@ def _family(pid: int) -> Iterator[int]:
                 yield from _family(int(child))
 
 
-def _told_kib(name: str, key: str) -> int:
-    """A figure that the system tells of a process; 0 of one that has ended."""
+def _used_kib(name: str, key: str) -> int:
+    """A figure of a process in /proc; 0 if it has ended."""
     with suppress(OSError):
         for line in Path("/proc", name).read_text(encoding="ascii").splitlines():
             if line.startswith(key):

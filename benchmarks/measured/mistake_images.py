@@ -43,8 +43,8 @@ class Look:
 
     Attributes:
         kind: `false` or `missed`.
-        mistake: What `lidcam evaluate` says of it.
-        name: What it is.
+        mistake: Its figures in `lidcam evaluate`.
+        name: Name of the object or thing.
         camera: The camera that shows it best; empty if none does.
         tile: (H, W, 3) uint8, what that camera saw, blue green red.
     """

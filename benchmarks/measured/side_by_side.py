@@ -22,7 +22,7 @@ PLACED: Mapping[str, Callable[[Tree], str]] = {
 """Columns of the two tables, and how each figure stands there."""
 
 GAINS = {"AP bev": "ap_bev_r40_50", "F1": "f1", "position": "errors.position_bev_m.mean"}
-"""What fusion is to be better in, by its name in the figures."""
+"""Figures in which fusion should be better, by their names in the JSON."""
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
@@ -35,7 +35,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
 
 
 def side_by_side(figures: Tree) -> Iterator[str]:
-    """What the sources find, and how well they place it: a row for each class, the sources beside one another."""
+    """Figures of detection and of placement: a row for each class, the sources beside one another."""
     sources: Tree = figures["sources"]
     for columns in (FOUND, PLACED):
         head = [f"{column}, {source}" for column in columns for source in sources]

@@ -1,4 +1,4 @@
-"""What stands where a result reports an object that is not there: names for its false detections."""
+"""Names for false detections: the things that stand where a result reports an object."""
 
 from collections import Counter
 from typing import Any
@@ -18,7 +18,7 @@ GROUNDS = ("crossing ground", "street ground", "paving", "table top", "room floo
 """Materials that lie below everything: named only where there is nothing else."""
 
 NOUNS = {"bark": "tree", "leaves": "tree", "needles": "conifer", "galvanised pole": "pole", "lamp": "lamp post"}
-"""What is made of a material whose name is not that of the thing."""
+"""Things made of a material that has another name."""
 
 STEPS = 9
 
@@ -42,7 +42,7 @@ class Surroundings:
         self._scene.add_triangles(self._tensor(vertices), self._tensor(triangles))
 
     def name(self, center: F64, size_m: F64, yaw: float) -> str:
-        """What fills most of a box: the thing with most of the surfaces that are nearest to points in the box.
+        """The thing that fills most of a box: that with most of the surfaces that are nearest to points in the box.
 
         Args:
             center: (3,) metres in the world.

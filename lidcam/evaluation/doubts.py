@@ -1,4 +1,4 @@
-"""What makes the figures of an evaluation doubtful, or empty, and what to try."""
+"""Reasons why the figures of an evaluation are doubtful or empty, and remedies."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -17,7 +17,7 @@ MAX_LABELS = 5
 
 
 def doubts(tree: Mapping[str, Any], *, has_truth: bool, lidars_detect: bool = True) -> tuple[RunWarning, ...]:
-    """What to mind about figures.
+    """Warnings about figures.
 
     Args:
         tree: The figures.
@@ -62,11 +62,11 @@ def _objects(counts: Mapping[str, Any]) -> Iterator[RunWarning]:
         )
     labels = sorted(counts["labels_without_class"].items(), key=lambda item: (-item[1], item[0]))
     if labels:
-        told = ", ".join(f"{label} ({count})" for label, count in labels[:MAX_LABELS])
+        listed = ", ".join(f"{label} ({count})" for label, count in labels[:MAX_LABELS])
         more = f" and {len(labels) - MAX_LABELS} more" if len(labels) > MAX_LABELS else ""
         yield RunWarning(
             "truth",
-            f"objects of no configured class are ignored: {told}{more}",
+            f"objects of no configured class are ignored: {listed}{more}",
             "add the words to classes.N.labels if they mean one of the classes",
         )
 

@@ -1,4 +1,4 @@
-"""All that is measured of the frames of a result, in one pass over them."""
+"""The evaluators of a result, and one pass of its frames through all of them."""
 
 from collections import deque
 from collections.abc import Iterable, Sequence
@@ -29,7 +29,7 @@ __all__ = ["evaluators_of", "known_figures", "measure", "timed"]
 
 
 def evaluators_of(config: Config, rig: Rig) -> tuple[Evaluator, ...]:
-    """What measures a result with these settings and of this rig, in the order of its sections."""
+    """The evaluators of a result with these settings and of this rig, in the order of the sections of its figures."""
     return (
         FrameCounts(config),
         DetectionEvaluation(config, rig.counted_zones),
@@ -55,7 +55,7 @@ def measure(frames: Iterable[EvaluationFrame], evaluators: Sequence[Evaluator]) 
 def known_figures(config: Config, rig: Rig, sources: Sequence[str]) -> NamedFigures:
     """The figures that a result of these sources will have, by their names: those of a frame without any object.
 
-    What is named by the words of the truth, and what needs track ids, is not among them.
+    Figures named by the words of the truth, and figures of tracks, are not among them.
     """
     none, no_ids = np.zeros(0, np.int32), np.zeros(0, np.int64)
     names, marks = np.zeros(0, np.str_), np.zeros(0, np.bool_)

@@ -47,13 +47,13 @@ class NamedFigures(Mapping[str, Figure]):
         return len(self._found)
 
     def unknown(self, name: str) -> str:
-        """What to say of a name that no figure has: the nearest ones, or those that are known beside it."""
+        """The message for an unknown name: with the nearest names, or the known sections."""
         is_short = not any(name.startswith(f"{first}.") for first in self.tree)
         known = [key.removeprefix(LEFT_OUT) if is_short else key for key in self._found]
         if under := [key.removeprefix(f"{name}.") for key in known if key.startswith(f"{name}.")]:
             return f"{name!r} names {len(under)} figures: expected one of them, such as {f'{name}.{under[0]}'!r}"
-        begun = [key for key in known if name and key.startswith(name)]
-        if nearest := begun[:MAX_NEAREST] or get_close_matches(name, known, n=MAX_NEAREST, cutoff=LIKENESS):
+        longer = [key for key in known if name and key.startswith(name)]
+        if nearest := longer[:MAX_NEAREST] or get_close_matches(name, known, n=MAX_NEAREST, cutoff=LIKENESS):
             return f"unknown figure {name!r}: did you mean {_either([repr(one) for one in nearest])}?"
         sections = dict.fromkeys(key.partition(".")[0] for key in self._found)
         return f"unknown figure {name!r}: known are those of {', '.join(sections)}"

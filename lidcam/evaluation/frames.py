@@ -24,10 +24,6 @@ class EvaluationFrames:
     Args:
         result: The open result.
         truth: The truth, or that there is none.
-
-    Attributes:
-        compared: Number of frames with truth so far.
-        frames: Number of frames so far.
     """
 
     def __init__(self, result: Result, truth: OpenTruth) -> None:
@@ -35,7 +31,6 @@ class EvaluationFrames:
         self._poses = SitePoses(truth.poses, result.rig, result.config)
         self._cameras = {camera.name: camera for camera in result.rig.cameras}
         self._notes = Notes()
-        self.frames = self.compared = 0
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -52,13 +47,10 @@ class EvaluationFrames:
             RecordingError: a file cannot be read.
         """
         for frame in self._result.frames():
-            truth = self._truth_at(frame)
-            self.frames += 1
-            self.compared += truth is not None
             yield EvaluationFrame(
                 frame.index,
                 frame.stamp_ns,
-                truth,
+                self._truth_at(frame),
                 frame.sources,
                 {name: ImageBoxes(found, self._in_image(name, found, frame)) for name, found in frame.cameras.items()},
                 frame.skew_ns,
@@ -89,7 +81,7 @@ class EvaluationFrames:
         return replace(in_site, is_ignored=is_ignored)
 
     def _in_image(self, name: str, found: Boxes2D, frame: ResultFrame) -> TruthBoxes2D | None:
-        """What an image shows: as the truth says it, else its objects at the time of the image, projected."""
+        """True boxes of an image: those that the truth has, else its objects at the time of the image, projected."""
         if self._truth is None:
             return None
         shown = self._truth.in_image(name, found.stamp_ns, frame=frame.index)

@@ -25,7 +25,7 @@ def print_comparison(
         out: Where to print.
         figures: Of the comparison.
         names: Of A and of B.
-        config: What counts as equal.
+        config: Tolerances within which objects are equal.
         lines: Differences that are listed.
     """
     show_line(out, f"A  {names[0]}")
@@ -74,31 +74,31 @@ def _print_differences(out: Console, differences: Mapping[str, Any], lines: int)
     title = "differences" if len(listed) == count else f"the first {len(listed)} of {count} differences"
     columns = ("class", "difference", "frames", "from s", "to s", "at")
     table = columns_table(title, "in", *columns, text_columns=("class", "difference", "at"))
-    for told in listed:
-        frames = f"{told['first_frame']}-{told['last_frame']}" if told["frames"] > 1 else str(told["first_frame"])
-        span = f"{told['first_s']:.3f}", f"{told['last_s']:.3f}"
-        table.add_row(_channel(told), told["class"], _what(told), frames, *span, _place(told["place"]))
+    for one in listed:
+        frames = f"{one['first_frame']}-{one['last_frame']}" if one["frames"] > 1 else str(one["first_frame"])
+        span = f"{one['first_s']:.3f}", f"{one['last_s']:.3f}"
+        table.add_row(_channel(one), one["class"], _what(one), frames, *span, _place(one["place"]))
     show_table(out, table)
     out.print()
     table = columns_table(
         "the largest of each kind", "kind", "by", "in", "class", "frame", "s", "at", text_columns=("in", "class", "at")
     )
-    for kind, told in differences["largest"].items():
-        where = _channel(told), told["class"], str(told["frame"]), f"{told['s']:.3f}", _place(told["place"])
-        table.add_row(kind, _amount(kind, told["amount"], is_image="camera" in told), *where)
+    for kind, one in differences["largest"].items():
+        where = _channel(one), one["class"], str(one["frame"]), f"{one['s']:.3f}", _place(one["place"])
+        table.add_row(kind, _amount(kind, one["amount"], is_image="camera" in one), *where)
     if differences["largest"]:
         show_table(out, table)
         out.print()
 
 
-def _what(told: Mapping[str, Any]) -> str:
+def _what(one: Mapping[str, Any]) -> str:
     """All that differs, and in how many of the frames if not in all of them."""
     parts = []
-    for kind, found in told["kinds"].items():
-        amount = told["new_class"] if kind == "relabelled" else ""
+    for kind, found in one["kinds"].items():
+        amount = one["new_class"] if kind == "relabelled" else ""
         if found["largest"] is not None:
-            amount = _amount(kind, found["largest"], is_image="camera" in told)
-        sometimes = f" in {found['frames']} frames" if found["frames"] < told["frames"] else ""
+            amount = _amount(kind, found["largest"], is_image="camera" in one)
+        sometimes = f" in {found['frames']} frames" if found["frames"] < one["frames"] else ""
         parts.append(f"{kind} {amount}".rstrip() + sometimes)
     return ", ".join(parts)
 
@@ -111,8 +111,8 @@ def _amount(kind: str, amount: float, *, is_image: bool) -> str:
     return f"{amount:.3f}{_UNITS.get(kind, '')}"
 
 
-def _channel(told: Mapping[str, Any]) -> str:
-    return str(told.get("source") or told["camera"])
+def _channel(one: Mapping[str, Any]) -> str:
+    return str(one.get("source") or one["camera"])
 
 
 def _place(place: Sequence[float]) -> str:

@@ -1,6 +1,6 @@
-"""What `lidcam evaluate` prints: what it comes to in a sentence, then tables, then what to mind."""
+"""Printing of `lidcam evaluate`: a summary in a sentence or two, then tables, then requirements, notes and warnings."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from rich.console import Console
@@ -22,6 +22,8 @@ MIN_BLOCKS = 10
 """From which on an interval is as wide as it should be."""
 
 Tree = Mapping[str, Any]
+Columns = Mapping[str, Callable[[Any], str]]
+"""The columns of a table, and how the cell of each is made of the figures of a class and source."""
 
 
 def print_evaluation(out: Console, evaluation: Evaluation) -> None:
@@ -79,7 +81,7 @@ def _whole(tree: Tree) -> str:
 
 
 def _headline(tree: Tree) -> str:
-    """What the fusion adds, in a sentence; nothing where there are not two sources to compare."""
+    """The gain of fusion in a sentence; empty where there are not two sources to compare."""
     gains = tree["fusion_gain"].get(ALL, {})
     gain = gains.get(_gain_name(gains), {}) if gains else {}
     if gain.get("value") is None:
@@ -134,23 +136,18 @@ _RESIDUALS = (
 
 
 def _found_table(sources: Tree) -> Table:
-    overlap = _overlap(sources)
-    columns = ("truth", "boxes", "recall", "prec.", "false", "AP bev", "AP 3D", "mAP")
-    table = columns_table("detection", "class", "source", *columns, text_columns=("source",))
-    for name, source, figures in _rows(sources):
-        table.add_row(
-            name,
-            source,
-            str(figures["truth"]),
-            str(figures["found"]),
-            share(figures["recall"]),
-            share(figures["precision"]),
-            number(figures["false_per_frame"], 2),
-            share(figures[f"ap_bev_r40_{overlap}"]),
-            share(figures[f"ap_3d_r40_{overlap}"]),
-            share(figures[_by_distance(sources)]["map"]),
-        )
-    return table
+    overlap, by_distance = _overlap(sources), _by_distance(sources)
+    columns: Columns = {
+        "truth": lambda one: str(one["truth"]),
+        "boxes": lambda one: str(one["found"]),
+        "recall": lambda one: share(one["recall"]),
+        "prec.": lambda one: share(one["precision"]),
+        "false": lambda one: number(one["false_per_frame"], 2),
+        "AP bev": lambda one: share(one[f"ap_bev_r40_{overlap}"]),
+        "AP 3D": lambda one: share(one[f"ap_3d_r40_{overlap}"]),
+        "mAP": lambda one: share(one[by_distance]["map"]),
+    }
+    return _source_table("detection", sources, columns)
 
 
 def _gain_table(gains: Tree) -> Table:
@@ -175,23 +172,17 @@ def _gain_table(gains: Tree) -> Table:
 
 
 def _errors_table(sources: Tree) -> Table:
-    columns = ("position", "95 %", "heading", "flips", "axis", "length", "width", "ECE")
-    table = columns_table(
-        "errors of right boxes (metres, degrees)", "class", "source", *columns, text_columns=("source",)
-    )
-    for name, source, figures in _rows(sources):
-        errors = figures["errors"]
-        table.add_row(
-            name,
-            source,
-            *(number(errors["position_bev_m"][key], 3) for key in ("mean", "p95")),
-            number(errors["heading_deg"]["mean"], 1),
-            percent(errors["flips"]),
-            number(errors["heading_mod_180_deg"]["mean"], 1),
-            *(signed(errors[key]["bias"], 2) for key in ("length_m", "width_m")),
-            share(figures["calibration"]["ece"]),
-        )
-    return table
+    columns: Columns = {
+        "position": lambda one: number(one["errors"]["position_bev_m"]["mean"], 3),
+        "95 %": lambda one: number(one["errors"]["position_bev_m"]["p95"], 3),
+        "heading": lambda one: number(one["errors"]["heading_deg"]["mean"], 1),
+        "flips": lambda one: percent(one["errors"]["flips"]),
+        "axis": lambda one: number(one["errors"]["heading_mod_180_deg"]["mean"], 1),
+        "length": lambda one: signed(one["errors"]["length_m"]["bias"], 2),
+        "width": lambda one: signed(one["errors"]["width_m"]["bias"], 2),
+        "ECE": lambda one: share(one["calibration"]["ece"]),
+    }
+    return _source_table("errors of right boxes (metres, degrees)", sources, columns)
 
 
 def _images_table(images: Tree) -> Table:
@@ -205,13 +196,17 @@ def _images_table(images: Tree) -> Table:
 
 
 def _tracking_table(tracking: Tree) -> Table:
-    columns = ("HOTA", "DetA", "AssA", "MOTA", "IDF1", "switches", "fragments", "flips")
-    table = columns_table("tracks", "class", "source", *columns, text_columns=("source",))
-    for name, source, figures in _rows(tracking, count="truth_tracks"):
-        shares = (figures[key] for key in ("hota", "det_a", "ass_a", "mota", "idf1"))
-        counts = (figures[key] for key in ("id_switches", "fragmentations", "heading_flips"))
-        table.add_row(name, source, *map(share, shares), *map(str, counts))
-    return table
+    columns: Columns = {
+        "HOTA": lambda one: share(one["hota"]),
+        "DetA": lambda one: share(one["det_a"]),
+        "AssA": lambda one: share(one["ass_a"]),
+        "MOTA": lambda one: share(one["mota"]),
+        "IDF1": lambda one: share(one["idf1"]),
+        "switches": lambda one: str(one["id_switches"]),
+        "fragments": lambda one: str(one["fragmentations"]),
+        "flips": lambda one: str(one["heading_flips"]),
+    }
+    return _source_table("tracks", tracking, columns, count="truth_tracks")
 
 
 def _chains_table(unlabelled: Tree) -> Table:
@@ -261,7 +256,7 @@ def _requirements_table(outcomes: Sequence[Outcome]) -> Table:
 
 
 def _detection_explained(sources: Tree) -> Iterator[str]:
-    """What the names above columns mean, and what counts as right."""
+    """Meanings of the names above columns, and the rule by which a box is right."""
     by_distance = _by_distance(sources)
     at = "as nuScenes has it." if by_distance == "nuscenes" else "at four that go with the length of the class:"
     yield (
@@ -294,8 +289,9 @@ def _distances(sources: Tree, by_distance: str) -> dict[str, str]:
     return found
 
 
-def _rows(sources: Tree, count: str = "truth") -> Iterator[tuple[str, str, Tree]]:
-    """Class, source and figures, of classes that the truth or a source has; the class is named once."""
+def _source_table(title: str, sources: Tree, columns: Columns, count: str = "truth") -> Table:
+    """A row for each class and source, of classes that the truth or a source has; the class is named once."""
+    table = columns_table(title, "class", "source", *columns, text_columns=("source",))
     names = next(iter(sources.values()))
     by_class = {name: {source: classes[name] for source, classes in sources.items()} for name in names}
     shown = {
@@ -303,11 +299,12 @@ def _rows(sources: Tree, count: str = "truth") -> Iterator[tuple[str, str, Tree]
         for name, figures in by_class.items()
         if any(one[count] or one.get("found") for one in figures.values())
     }
-    if ALL in shown and len(shown) == 2:  # what is said of the only class is said of all
-        del shown[ALL]
+    if len(shown) == 2:  # the figures of the only class are those of all
+        shown.pop(ALL, None)
     for name, figures in shown.items():
         for row, (source, one) in enumerate(figures.items()):
-            yield "" if row else name, source, one
+            table.add_row("" if row else name, source, *(cell(one) for cell in columns.values()))
+    return table
 
 
 def _gain_name(gains: Tree, beginning: str = "ap_bev_r40_") -> str:

@@ -34,7 +34,7 @@ def mistakes_table(source: str, kinds: Mapping[str, Any]) -> Table:
 
 
 def mistake_note(kind: str, mistake: Mapping[str, Any]) -> str:
-    """What stands there, or how much there is to see of what was missed."""
+    """The object at the place of a false detection, or the lidar points of a missed object."""
     if kind == "missed":
         points = mistake["lidar_points"]
         own = "" if mistake["label"] == mistake["class"] else f"{mistake['label']}, "

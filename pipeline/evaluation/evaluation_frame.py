@@ -1,4 +1,4 @@
-"""What is evaluated: the results of a frame beside the truth about it."""
+"""Records of evaluation: the results of a frame beside the truth about it."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -31,7 +31,7 @@ UNKNOWN = -1
 """In place of a class, an id or a count that is not known."""
 
 SOURCES = ("lidar", "cameras", "fused")
-"""Sources of 3D boxes in the order in which they are told: what is made of others comes last."""
+"""Sources of 3D boxes in the order of the figures: a source that is made of others comes last."""
 
 Figure: TypeAlias = float | int | str | bool | None
 """None: the figure is not defined, as a precision is without detections."""
@@ -131,7 +131,7 @@ class TruthBoxes2D:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceBoxes:
-    """What one source says about a frame.
+    """The objects of one source in a frame.
 
     Attributes:
         boxes: Its objects.
@@ -154,11 +154,11 @@ class SourceBoxes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageBoxes:
-    """What was found in one image, and what it shows.
+    """The 2D boxes found in one image, and the true ones.
 
     Attributes:
         found: The 2D boxes of the camera.
-        truth: What the image shows; None if that is not known.
+        truth: The true boxes; None if they are not known.
     """
 
     found: Boxes2D
@@ -173,7 +173,7 @@ class EvaluationFrame:
         index: Number of the frame, from 0.
         stamp_ns: Its time.
         truth: The objects at that time, in the frame of the results; None if the truth does not cover the time.
-        sources: What was found, by source: `lidar`, `fused`, and `cameras` where a run places objects by cameras alone.
+        sources: The objects found, by source: `lidar`, `fused`, and `cameras` where cameras alone place objects.
         images: By camera name; only cameras with an image or boxes in this frame.
         skew_ns: Largest minus smallest stamp of the messages that the frame is made of; None if not known.
     """

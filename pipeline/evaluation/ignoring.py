@@ -1,4 +1,4 @@
-"""What of a frame is evaluated, and what is neither a miss nor an error."""
+"""Rules for the objects of a frame that are evaluated; the others are neither misses nor errors."""
 
 import numpy as np
 

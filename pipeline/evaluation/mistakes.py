@@ -139,10 +139,10 @@ class Mistakes:
         """The worst mistakes of each kind, `MAX_LISTED` at most."""
         kinds: tuple[Kind, ...] = ("false", "missed")
         start_ns = self._start_ns or 0  # without frames there are no mistakes
-        told: Figures = {
+        listed: Figures = {
             kind: [mistake.figures(start_ns) for mistake in self.worst(kind, MAX_LISTED)] for kind in kinds
         }
-        return {"mistakes": {self._source: told}}
+        return {"mistakes": {self._source: listed}}
 
     def _false(
         self, frame: EvaluationFrame, boxes: Boxes3D, truth: TruthBoxes3D, matches: I32, at_place: Indices

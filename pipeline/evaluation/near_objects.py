@@ -40,10 +40,6 @@ class TrueObjects:
     def __len__(self) -> int:
         return len(self.frames)
 
-    def select(self, rows: Rows) -> "TrueObjects":
-        """The given rows (mask or indices), in that order."""
-        return select_rows(self, rows)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundObjects:
@@ -71,10 +67,6 @@ class FoundObjects:
 
     def __len__(self) -> int:
         return len(self.frames)
-
-    def select(self, rows: Rows) -> "FoundObjects":
-        """The given rows (mask or indices), in that order."""
-        return select_rows(self, rows)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -60,7 +60,7 @@ def nuscenes_ranges_m(config: Config) -> F64:
 
 
 def range_edges_m(config: Config) -> F64:
-    """(K,) where the K ranges from the origin begin by which figures are told apart, metres; the last has no end."""
+    """(K,) starts of the K ranges from the origin that have figures of their own, metres; the last has no end."""
     if config.evaluate.ranges_m is not None:
         return np.array(config.evaluate.ranges_m, np.float64)
     return np.array(DEFAULT_RANGES_M) * (config.classes[0].size_m[0] / REFERENCE_LENGTH_M)

@@ -287,7 +287,9 @@ def raw(
 def _build(store: Typestore, msgtype: str, message: Fields) -> Any:
     values = {name.lower(): value for name, value in message.items()}
     definition = store.fielddefs[msgtype][1]
-    arguments = {name: _field(store, *field, values.pop(name.lower(), None)) for name, field in definition}
+    arguments = {
+        name: _field(store, node, detail, values.pop(name.lower(), None)) for name, (node, detail) in definition
+    }
     if values:
         raise KeyError(f"{msgtype} has no field {', '.join(values)}")
     return store.types[msgtype](**arguments)
@@ -309,7 +311,9 @@ def _field(store: Typestore, node: Nodetype, detail: Any, value: Any) -> Any:
 
 
 def _zero(base: str) -> str | bool | int | float:
-    return {"string": "", "wstring": "", "bool": False}.get(base, 0.0 if base.startswith("float") else 0)
+    if base in {"string", "wstring"}:
+        return ""
+    return False if base == "bool" else 0.0 if base.startswith("float") else 0
 
 
 # --- recordings

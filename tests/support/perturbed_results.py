@@ -2,14 +2,12 @@
 
     perturbed(result, faulty, {"/fused/detections": turned(5)})
 
-A change gets the number of the frame, from 0, and the detections of its message, and gives those that are written;
-`in_turn` makes several of them one. Everything else in the file stays as it is. With the mcap library and rosbags: not
-with lidcam's own code.
+A change gets the number of the frame, from 0, and the detections of its message, and gives those that are written.
+Everything else in the file stays as it is. With the mcap library and rosbags: not with lidcam's own code.
 """
 
 import math
 from collections.abc import Callable, Collection, Container, Mapping, Sequence
-from copy import deepcopy
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -19,21 +17,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-__all__ = [
-    "Change",
-    "doubled",
-    "dropped",
-    "flipped",
-    "followed",
-    "in_turn",
-    "nearest_to",
-    "numbered",
-    "of_class",
-    "perturbed",
-    "shifted",
-    "swapped_ids",
-    "turned",
-]
+__all__ = ["Change", "dropped", "followed", "of_class", "perturbed", "shifted", "turned"]
 
 Change = Callable[[int, list[Any]], list[Any]]
 Which = Callable[[list[Any]], list[int]]
@@ -108,33 +92,13 @@ def _frames(path: Path) -> dict[int, int]:
     return {log_time: frame for frame, log_time in enumerate(times)}
 
 
-def in_turn(*changes: Change) -> Change:
-    """All of the changes, one after the other."""
-
-    def changed(frame: int, detections: list[Any]) -> list[Any]:
-        for change in changes:
-            detections = change(frame, detections)
-        return detections
-
-    return changed
-
-
-def nearest_to(x: float, y: float, *, within_m: float = math.inf) -> Which:
-    """The one object that is nearest to a place, if it is near enough."""
-
-    def rows(detections: list[Any]) -> list[int]:
-        far = [math.dist((x, y), _xy(one)) for one in detections]
-        return [far.index(min(far))] if far and min(far) <= within_m else []
-
-    return rows
-
-
 def followed(x: float, y: float, *, gate_m: float) -> Which:
     """The object that is at a place in the first frame, as long as it moves less than `gate_m` from frame to frame."""
     place = [x, y]
 
     def rows(detections: list[Any]) -> list[int]:
-        found = nearest_to(place[0], place[1], within_m=gate_m)(detections)
+        far = [math.dist(place, _xy(one)) for one in detections]
+        found = [far.index(min(far))] if far and min(far) <= gate_m else []
         place[:] = _xy(detections[found[0]]) if found else place
         return found
 
@@ -143,7 +107,7 @@ def followed(x: float, y: float, *, gate_m: float) -> Which:
 
 def of_class(name: str) -> Which:
     """All objects of a class."""
-    return lambda detections: [row for row, one in enumerate(detections) if one.results[0].hypothesis.class_id == name]
+    return lambda detections: [row for row, one in enumerate(detections) if _label(one) == name]
 
 
 def _all(detections: list[Any]) -> list[int]:
@@ -152,94 +116,53 @@ def _all(detections: list[Any]) -> list[int]:
 
 def dropped(which: Which = _all, frames: Collection[int] = ALWAYS) -> Change:
     """Objects are not found."""
-    return _of_rows(lambda found, rows: [one for row, one in enumerate(found) if row not in rows], which, frames)
+
+    def changed(frame: int, detections: list[Any]) -> list[Any]:
+        rows = which(detections)  # in every frame, so that an object can be followed
+        return [one for row, one in enumerate(detections) if row not in rows or frame not in frames]
+
+    return changed
 
 
-def doubled(which: Which = _all, frames: Collection[int] = ALWAYS, *, by_m: float = 0.0) -> Change:
-    """Objects are found a second time, somewhat ahead of them."""
-
-    def more(found: list[Any], rows: list[int]) -> list[Any]:
-        copies = [deepcopy(found[row]) for row in rows]
-        for one in copies:
-            one.bbox.center.position.x += by_m
-        return [*found, *copies]
-
-    return _of_rows(more, which, frames)
-
-
-def shifted(by_m: Sequence[float], which: Which = _all, frames: Collection[int] = ALWAYS) -> Change:
+def shifted(by_m: Sequence[float]) -> Change:
     """Objects are found at another place; 2D boxes, by pixels, have two numbers."""
 
     def move(one: Any) -> None:
-        place = one.bbox.center.position
+        place = _center(one).position
         for axis, by in zip("xyz", by_m, strict=False):
             setattr(place, axis, getattr(place, axis) + by)
 
-    return _each(move, which, frames)
+    return _each(move)
 
 
-def turned(by_deg: float, which: Which = _all, frames: Collection[int] = ALWAYS) -> Change:
+def turned(by_deg: float) -> Change:
     """Objects are found with another heading."""
 
     def turn(one: Any) -> None:
-        rotation = one.bbox.center.orientation
+        rotation = _center(one).orientation
         half = math.atan2(rotation.z, rotation.w) + math.radians(by_deg) / 2
         rotation.z, rotation.w = math.sin(half), math.cos(half)
 
-    return _each(turn, which, frames)
+    return _each(turn)
 
 
-def flipped(which: Which = _all, frames: Collection[int] = ALWAYS) -> Change:
-    """Front and rear are taken for each other."""
-    return turned(180, which, frames)
-
-
-def numbered(gate_m: float) -> Change:
-    """Objects get ids: the same as long as they move less than `gate_m` from frame to frame."""
-    last: dict[str, tuple[float, float]] = {}
-
+def _each(change: Callable[[Any], None]) -> Change:
     def changed(_: int, detections: list[Any]) -> list[Any]:
-        free = dict(last)
         for one in detections:
-            far = {id_: math.dist(place, _xy(one)) for id_, place in free.items()}
-            nearest = min(far, key=lambda id_: far[id_], default="")
-            one.id = nearest if nearest and far[nearest] <= gate_m else str(len(last) + 1)
-            free.pop(one.id, None)
-            last[one.id] = _xy(one)
+            change(one)
         return detections
 
     return changed
 
 
-def swapped_ids(first: str, second: str, frames: Collection[int] = ALWAYS) -> Change:
-    """Two objects go on under the ids of each other."""
-    names = {first: second, second: first}
-
-    def rename(one: Any) -> None:
-        one.id = names.get(one.id, one.id)
-
-    return _each(rename, _all, frames)
+def _label(detection: Any) -> str:
+    return str(detection.results[0].hypothesis.class_id)
 
 
-def _each(change: Callable[[Any], None], which: Which, frames: Collection[int]) -> Change:
-    def changed(found: list[Any], rows: list[int]) -> list[Any]:
-        for row in rows:
-            change(found[row])
-        return found
-
-    return _of_rows(changed, which, frames)
-
-
-def _of_rows(change: Callable[[list[Any], list[int]], list[Any]], which: Which, frames: Collection[int]) -> Change:
-    """A change of some rows in some frames; they are looked for in every frame, so that an object can be followed."""
-
-    def changed(frame: int, detections: list[Any]) -> list[Any]:
-        rows = which(detections)
-        return change(detections, rows if frame in frames else [])
-
-    return changed
+def _center(detection: Any) -> Any:
+    return detection.bbox.center
 
 
 def _xy(detection: Any) -> tuple[float, float]:
-    place = detection.bbox.center.position
+    place = _center(detection).position
     return place.x, place.y

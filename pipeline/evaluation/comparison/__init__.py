@@ -1,1 +1,1 @@
-"""What differs between two results."""
+"""Differences between two results."""

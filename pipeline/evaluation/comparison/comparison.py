@@ -49,7 +49,7 @@ class Compared(Generic[Boxes]):
     Attributes:
         first: Objects of A.
         second: Objects of B.
-        changes: What differs.
+        changes: Their differences.
     """
 
     first: Objects[Boxes]
@@ -63,8 +63,8 @@ class Comparison:
     Args:
         first: Classes of A.
         second: Classes of B.
-        config: What counts as equal.
-        channels: Sources and cameras, in the order in which they are told.
+        config: Tolerances within which objects are equal.
+        channels: Sources and cameras, in the order of the figures.
         allowed: Kinds of differences that may be.
     """
 
@@ -199,7 +199,7 @@ def _compared_2d(
 
 
 def _both(first: Found | None, second: Found | None) -> tuple[Found, Found] | None:
-    """What both frames say; what only one has, is empty in the other. None if neither says anything."""
+    """The boxes of both frames, empty for a frame that has none; None if neither frame has the source or camera."""
     if first is None:
         return None if second is None else (second.select(NO_ROWS), second)
     return first, first.select(NO_ROWS) if second is None else second

@@ -31,7 +31,7 @@ class Difference:
         reach: How far it can be from its place in the frame before.
         class_name: Its class, in A unless only B has it.
         new_class_name: Its class in B.
-        amounts: What differs, and by how much: see `Changes.amounts`; the score of an object that is lost or new.
+        amounts: Amount of each kind, as in `Changes.amounts`; the score of an object that is lost or new.
     """
 
     pair: int

@@ -41,7 +41,7 @@ PAIR_KINDS: tuple[Kind, ...] = KINDS[2:]
 """Those of an object that both results have."""
 
 CLASS_COST, LOOKS_COST, ID_GAIN = 0.1, 0.01, 0.1
-"""What another class, and the most different heading, size and score cost, and what the same id gains, as shares of the
+"""Costs of another class and of the most different heading, size and score, and gain of the same id, as shares of the
 gate: of objects in one place, those that look alike belong together."""
 
 ROUNDING, ROUNDING_PX = 1e-6, 1e-3
@@ -73,7 +73,7 @@ class Objects(Generic[Boxes]):
     """Objects of one source, or 2D boxes of one camera.
 
     Attributes:
-        boxes: What was found.
+        boxes: The boxes.
         track_ids: (N,) ids, or `UNKNOWN`.
         classes: (N,) rows of the names of both results.
         places: (N, 3) centres in metres, or (N, 2) in pixels.

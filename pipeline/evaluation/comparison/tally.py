@@ -17,7 +17,7 @@ class Tally:
     Args:
         class_names: Of both results.
         allowed: Kinds of differences that may be.
-        units: What of an object that both have is measured, and its unit, by kind.
+        units: Kinds that are measured of an object that both have, with their units.
     """
 
     def __init__(self, class_names: Sequence[str], allowed: Collection[Kind], units: dict[Kind, str]) -> None:

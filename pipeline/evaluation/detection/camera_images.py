@@ -129,7 +129,7 @@ def _matched(images: Sequence[ImageBoxes], truths: Sequence[TruthBoxes2D], evalu
 
     Args:
         images: The images.
-        truths: What each of them shows.
+        truths: The true boxes of each of them.
         evaluated: (T,) which objects of all images are.
     """
     xyxy = np.concatenate([image.found.xyxy for image in images]).astype(np.float64)

@@ -45,7 +45,7 @@ def count_figures(curve: Curve, ignored: int, truth_ignored: int) -> dict[str, f
     """Counts, precision and recall of all that is reported, and at the score of the best F1.
 
     Args:
-        curve: What is right and false.
+        curve: The detections that are right and false.
         ignored: Detections that are neither.
         truth_ignored: True objects that are not evaluated.
     """

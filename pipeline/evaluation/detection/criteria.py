@@ -23,7 +23,7 @@ class Criterion:
     """When a detection counts as right.
 
     Attributes:
-        measure: What is compared: the IoU seen from above or in 3D, which must reach the limit, or the distance of the
+        measure: The measure: the IoU seen from above or in 3D, which must reach the limit, or the distance of the
             centres seen from above, which must stay below it.
         limits: (C,) float64 by class: IoU, or metres.
     """
@@ -76,7 +76,7 @@ class Criteria:
 
     @property
     def position(self) -> Criterion:
-        """That of precision, recall and errors: 2 m, scaled."""
+        """The criterion of precision, recall and errors: 2 m, scaled."""
         return self.by_distance[_POSITION]
 
     def bev_column(self, iou: float) -> int:
@@ -97,11 +97,6 @@ class Criteria:
         """Columns of the matches from which figures by distance are made, for each of `DISTANCES_M`."""
         first = 2 * len(self.ious) + (len(DISTANCES_M) if self.distances == "nuscenes" else 0)
         return range(first, first + len(DISTANCES_M))
-
-    @property
-    def distances_name(self) -> str:
-        """Name of the figures by distance."""
-        return "nuscenes" if self.distances == "nuscenes" else "distance"
 
     @property
     def error_columns(self) -> tuple[int, ...]:

@@ -35,7 +35,7 @@ RECALLS = 40
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve:
-    """What is right and false from each score upwards; detections of equal score count together.
+    """Counts of right and false detections from each score upwards; detections of equal score count together.
 
     Attributes:
         scores: (P,) float64, falling.

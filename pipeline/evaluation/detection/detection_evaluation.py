@@ -24,7 +24,7 @@ class DetectionEvaluation:
 
     Args:
         config: Classes and settings of the evaluation.
-        zones: Parts of the site by which figures are told apart; an object belongs to the first that holds its centre.
+        zones: Parts of the site that have figures of their own; an object belongs to the first that holds its centre.
     """
 
     def __init__(self, config: Config, zones: Sequence[Zone]) -> None:

@@ -1,4 +1,4 @@
-"""What fusion adds to the better single source."""
+"""Gain of fusion over the better single source."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -34,7 +34,7 @@ Samples = dict[str, F64]
 
 
 def fusion_gain(sources: Mapping[str, Source], figures: Mapping[str, Figures], resampling: Resampling) -> Figures:
-    """What `fused` adds to the better of the other sources, by class and figure, with an interval of 95 %.
+    """Gain of `fused` over the better of the other sources, by class and figure, with an interval of 95 %.
 
     `same_objects` has by how much `fused` places the objects better that each of the others found, too.
 
@@ -60,9 +60,10 @@ def fusion_gain(sources: Mapping[str, Source], figures: Mapping[str, Figures], r
     for class_name, by_figure in samples[_FUSED].items():
         gain: dict[str, Any] = {"blocks": resampling.block_count}
         for name in by_figure:
-            values = {source: _value(figures[source], class_name, name) for source in sources}
+            values = {source: _named(figures[source][class_name], name) for source in sources}
             drawn = {source: samples[source][class_name][name] for source in sources} if has_interval else {}
-            _set(gain, name, _gain(values, drawn, singles, sign=-1 if name == _POSITION else 1))
+            gain[name] = _gain(values, drawn, singles, sign=-1 if name == _POSITION else 1)
+        gain["errors"] = {"position_bev_m": {"mean": gain.pop(_POSITION)}}
         class_id = None if class_name == ALL_CLASSES else sources[_FUSED].site.class_names.index(class_name)
         gain["same_objects"] = {
             name: _gain_on_same_objects(sources[_FUSED], sources[name], class_id, resampling, has_interval=has_interval)
@@ -146,19 +147,11 @@ def _mean(values: list[F64]) -> F64:
     return _ratio(np.where(defined, values, 0.0).sum(0), defined.sum(0).astype(np.float64))
 
 
-def _value(figures: Figures, class_name: str, name: str) -> float | None:
-    value: Any = figures[class_name]
+def _named(tree: Any, name: str) -> float | None:
     for part in name.split("."):
-        value = value[part]
-    found: float | None = value
+        tree = tree[part]
+    found: float | None = tree
     return found
-
-
-def _set(tree: dict[str, Any], name: str, value: object) -> None:
-    *branches, leaf = name.split(".")
-    for branch in branches:
-        tree = tree.setdefault(branch, {})
-    tree[leaf] = value
 
 
 def _gain_on_same_objects(

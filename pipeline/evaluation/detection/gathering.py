@@ -28,7 +28,7 @@ _MAX_PAIRS = 1 << 18
 class Gathering:
     """Matches the 3D boxes of frames with truth, some frames at a time, and keeps what the figures need.
 
-    The parts of the site by which figures are told apart are its ranges, and then its zones.
+    The parts of the site that have figures of their own are its ranges, and then its zones.
 
     Args:
         config: Classes and settings of the evaluation.

@@ -34,7 +34,7 @@ _POINTS = {"0": (0, 0), "1_5": (1, 5), "6_20": (6, 20), "21_50": (21, 50), "51_2
 
 
 class Part(NamedTuple):
-    """A part of the site by which figures are told apart; `extent` says how far a range reaches."""
+    """A part of the site that has figures of its own; `extent` says how far a range reaches."""
 
     kind: Literal["ranges", "zones"]
     name: str
@@ -43,7 +43,7 @@ class Part(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Site:
-    """What the figures of all sources share.
+    """The truth and the settings that the figures of all sources share.
 
     Attributes:
         class_names: By class id.
@@ -98,7 +98,7 @@ class Source:
     """The detections of one source, and their figures. A class of None stands for all classes, a part for all parts.
 
     Args:
-        site: What all sources share.
+        site: Truth and settings that all sources share.
         found: The detections.
     """
 
@@ -157,11 +157,11 @@ class Source:
         self, class_id: int | None, part: int | None, averages: _ClassAverages
     ) -> dict[str, Figures | float | int | None]:
         """The figures of a class in a part of the site; those of all classes have the means of the classes before."""
-        by_distance = self.site.criteria.distances_name
+        is_nuscenes = self.site.criteria.distances == "nuscenes"
+        by_distance = "nuscenes" if is_nuscenes else "distance"
         pooled = self._pooled(class_id, part)
         if class_id is None:
             overlaps, distances = (list(one.values()) for one in averages)
-            is_nuscenes = by_distance == "nuscenes"
             means = mean_nuscenes_figures(averages.distances) if is_nuscenes else mean_figures(distances)
             return {**pooled, **mean_figures(overlaps), by_distance: means}
         name = self.site.class_names[class_id]
@@ -231,7 +231,7 @@ class Source:
         ]
 
     def _confusion(self) -> Figures:
-        """What the detections of each class show, by the truth's own labels."""
+        """Counts of the objects that the detections of each class show, by the truth's own labels."""
         site, found = self.site, self.found
         matches = found.matches[:, site.criteria.position_column]
         shown = np.where(matches == FALSE, found.mistaken, matches)

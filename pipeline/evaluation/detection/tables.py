@@ -1,10 +1,10 @@
-"""What is kept of all frames, one row for each true object and each detection, and which rows a figure is made of."""
+"""Tables of all frames, with one row for each true object and each detection, and the rows that make a figure."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F32, I32, Bools, Indices, Rows, check_array, select_rows
+from pipeline.core.arrays import F32, I32, Bools, Indices, check_array, select_rows
 from pipeline.evaluation.evaluation_frame import Names
 
 __all__ = ["FALSE", "IGNORED", "FoundTable", "Labels", "Scored", "TruthTable", "scored"]
@@ -142,13 +142,9 @@ class Scored:
     def __len__(self) -> int:
         return len(self.rows)
 
-    def select(self, rows: Rows) -> "Scored":
-        """The given rows (mask or indices), in that order."""
-        return select_rows(self, rows)
-
     def within(self, part: int | None) -> "Scored":
         """Those of a part of the site (None: of all of it)."""
-        return self if part is None else self.select(self.parts[:, part])
+        return self if part is None else select_rows(self, self.parts[:, part])
 
 
 def scored(found: FoundTable, truth: TruthTable, rows: Indices, criterion: int) -> Scored:

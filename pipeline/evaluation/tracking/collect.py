@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, I64, Bools, Indices, first_of_runs
+from pipeline.core.arrays import F64, I32, I64, Bools, Indices, first_of_runs, select_rows
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.assignment import assign_nearest
 from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, in_order
@@ -27,7 +27,7 @@ BLOCK_FRAMES = 128
 
 
 class _Source:
-    """What was found by one source so far."""
+    """The boxes of one source so far."""
 
     def __init__(self, class_count: int) -> None:
         no_rows, no_values = np.zeros(0, np.intp), np.zeros(0)
@@ -88,7 +88,7 @@ class Collection:
         self._untracked_truth += int((~is_tracked).sum())
         is_counted = is_tracked & is_evaluated(boxes, self._config.evaluate)
         rows = _rows_in_order(truth.frames, boxes.class_ids, boxes.track_ids, no_scores, is_counted)
-        counted, ignored = truth.select(rows), truth.select(np.setdiff1d(np.arange(len(truth)), rows))
+        counted, ignored = select_rows(truth, rows), select_rows(truth, np.setdiff1d(np.arange(len(truth)), rows))
         for name in dict.fromkeys(name for frame in frames for name in frame.sources):
             source = self._sources.setdefault(name, _Source(len(self._config.classes)))
             self._add_found(
@@ -105,7 +105,7 @@ class Collection:
         class_ids, scores = found.boxes.class_ids, found.boxes.scores.astype(np.float64)
         rows = _rows_in_order(found.frames, class_ids, found.track_ids, scores, found.track_ids != UNKNOWN)
         source.without_track += np.bincount(np.delete(class_ids, rows), minlength=len(source.without_track))
-        found = found.select(rows)
+        found = select_rows(found, rows)
         class_ids, scores = found.boxes.class_ids, scores[rows]
         pairs = pairs_near(found, counted, self._scales)
         pairs = pairs.select(counted.boxes.class_ids[pairs.truth] == class_ids[pairs.found])
@@ -117,7 +117,7 @@ class Collection:
             close = pairs.select(pairs.distances_m < self._max_distances_m[class_ids[pairs.found]])
             kept[close.found[assign_nearest(close.truth, close.found, close.distances_m)]] = True
             pairs = pairs.among(np.ones(len(counted), np.bool_), kept)
-            found, class_ids, scores = found.select(kept), class_ids[kept], scores[kept]
+            found, class_ids, scores = select_rows(found, kept), class_ids[kept], scores[kept]
         source.found.append(TrackRows.of(found.frames, found.boxes, class_ids, found.track_ids, scores))
         rows_so_far = pairs.truth + self._truth_count, pairs.found + source.count
         source.pairs.append(Candidates(*rows_so_far, pairs.bev, pairs.volume, pairs.distances_m))

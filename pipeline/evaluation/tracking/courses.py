@@ -1,4 +1,4 @@
-"""What becomes of tracks over time: how long they are, how soon an object has one, and how often they turn around."""
+"""Courses of tracks over time: how long they are, how soon an object has one, and how often they turn around."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

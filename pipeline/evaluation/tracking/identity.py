@@ -15,7 +15,7 @@ __all__ = ["IdentityCounts", "count_identity", "identity_figures"]
 
 @dataclass(frozen=True, slots=True)
 class IdentityCounts:
-    """What remains if each true track may have one track found for all of its time.
+    """Counts of matches if each true track has at most one track found for all of its time.
 
     Attributes:
         truth: True objects in all frames.

@@ -1,1 +1,1 @@
-"""What can be said of results without truth: how steady objects are, how many there are, how sensors agree."""
+"""Figures of results without truth: how steady objects are, how many there are, how sensors agree."""

@@ -24,10 +24,10 @@ REACH_LENGTHS = 0.5
 """How far from where it is expected an object may be, in lengths of its class."""
 
 UNKNOWN_LENGTHS_PER_S, KNOWN_LENGTHS_PER_S = 5.0, 1.0
-"""What is added a second: while the object's velocity is not known (20 m/s for a car), and after that."""
+"""Lengths added per second: while the object's velocity is not known (20 m/s for a car), and after that."""
 
 OTHER_CLASS = 0.5
-"""What a change of class costs, in largest distances."""
+"""Cost of a change of class, in largest distances."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +69,7 @@ class Linker:
 
         Args:
             frame: Number of the frame; rises.
-            boxes: What was found in it.
+            boxes: The boxes of the frame.
             stamp_ns: Its time; where time goes back, all chains end.
         """
         ends = self._ends

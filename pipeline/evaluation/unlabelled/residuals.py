@@ -1,7 +1,5 @@
 """How well 3D boxes and the 2D boxes of a camera fit: projected, matched as the fusion does it, and compared."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from pipeline.core.arrays import F32, F64
@@ -19,25 +17,11 @@ from pipeline.core.rig import CameraSensor
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.assignment import assign_heaviest, pairs_of_equal
 from pipeline.evaluation.evaluation_frame import Figures
-from pipeline.evaluation.pieces import Pieces
 
 __all__ = ["Residuals"]
 
 BLOCK_FRAMES = 64
 """Frames are compared in blocks: projecting many boxes at once takes little longer than projecting one."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Fits:
-    """Matched pairs.
-
-    Attributes:
-        offsets_px: (K, 2) float64, centre of the 2D box minus that of the projected box.
-        ious: (K,) float64.
-    """
-
-    offsets_px: F64
-    ious: F64
 
 
 class Residuals:
@@ -52,7 +36,7 @@ class Residuals:
         self._camera, self._config = camera, config.associate
         self._class_ratios = class_ratios(class_confusion(config.classes, self._config.any_class))
         self._frames: list[tuple[Boxes3D, Boxes2D]] = []
-        self._fits = Pieces(_Fits(np.zeros((0, 2)), np.zeros(0)))
+        self._offsets_px, self._ious = [np.zeros((0, 2))], [np.zeros(0)]  # of matched pairs, 2D less projected box
         self._in_view = self._found = 0
 
     def add(self, boxes: Boxes3D, found: Boxes2D) -> None:
@@ -68,9 +52,9 @@ class Residuals:
     def figures(self) -> Figures:
         """Residuals in pixels of the camera; None where nothing is matched."""
         self._close_block()
-        fits = self._fits.table()
-        count = len(fits.ious)
-        u, v = fits.offsets_px.T
+        ious = np.concatenate(self._ious)
+        count = len(ious)
+        u, v = np.concatenate(self._offsets_px).T
         return {
             "matches": count,
             "boxes_3d_in_view": self._in_view,
@@ -80,7 +64,7 @@ class Residuals:
             "offset_u_p50_px": _percentile(u, 50),
             "offset_v_p50_px": _percentile(v, 50),
             "offset_u_abs_p90_px": _percentile(np.abs(u), 90),
-            "iou_p50": _percentile(fits.ious, 50),
+            "iou_p50": _percentile(ious, 50),
         }
 
     def _close_block(self) -> None:
@@ -115,7 +99,8 @@ class Residuals:
         first, second, iou, worth = first[allowed], second[allowed], iou[allowed], worth[allowed]
         chosen = assign_heaviest(first, second, worth)
         of_3d, of_2d = projected[first[chosen]].astype(np.float64), found[second[chosen]].astype(np.float64)
-        self._fits.append(_Fits((of_2d[:, :2] + of_2d[:, 2:] - of_3d[:, :2] - of_3d[:, 2:]) / 2, iou[chosen]))
+        self._offsets_px.append((of_2d[:, :2] + of_2d[:, 2:] - of_3d[:, :2] - of_3d[:, 2:]) / 2)
+        self._ious.append(iou[chosen])
         self._in_view += len(projected)
         self._found += len(found)
 

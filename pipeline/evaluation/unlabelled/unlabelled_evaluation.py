@@ -58,7 +58,7 @@ class UnlabelledEvaluation:
         some = len(skews_ms) > 0
         return {
             "unlabelled": {
-                name: self._sources[name].figures() | self._images(name) for name in in_order(self._sources)
+                name: {**self._sources[name].figures(), **self._images(name)} for name in in_order(self._sources)
             },
             "sync": {
                 "skew_mean_ms": float(skews_ms.mean()) if some else None,

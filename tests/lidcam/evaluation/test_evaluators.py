@@ -10,8 +10,9 @@ from evaluation_frames import frame_of, rows_at, source_boxes, truth_boxes
 
 from lidcam.evaluation.evaluators import evaluators_of, known_figures, measure, timed
 from lidcam.evaluation.figures import NamedFigures
+from lidcam.evaluation.requirement import Requirement
 from pipeline.core.settings.config import Config
-from pipeline.evaluation.evaluation_frame import SOURCES, EvaluationFrame, ImageBoxes
+from pipeline.evaluation.evaluation_frame import SOURCES, EvaluationFrame, Figures, ImageBoxes
 
 RIG, RIG_WITH_CAMERA = camera_rig(), camera_rig(forward_camera())
 
@@ -20,12 +21,6 @@ def fixed(figures: NamedFigures) -> list[str]:
     """The names that depend neither on the words of the truth nor on mistakes."""
     names = [name for name in figures if ".labels." not in name]
     return [name for name in names if not name.startswith("mistakes.")]
-
-
-def test_frames_are_read_once() -> None:
-    frames = (frame_of(k, truth_boxes(rows_at([(5, 0)])), {"fused": source_boxes(rows_at([(5, 0)]))}) for k in range(3))
-    tree = measure(frames, evaluators_of(Config(), RIG))
-    assert tree["frames"] == 3
 
 
 def test_the_names_of_figures_do_not_depend_on_what_is_found() -> None:
@@ -96,3 +91,23 @@ def test_whatever_comes_the_figures_are_numbers_or_null_and_the_same_again(seed:
         for _ in range(2)
     ]
     assert texts[0] == texts[1]
+
+
+class MeanLength:
+    """A throw-away evaluator, as docs/architecture.md says to add one."""
+
+    def __init__(self) -> None:
+        self.lengths_m: list[float] = []
+
+    def add(self, frame: EvaluationFrame) -> None:
+        self.lengths_m += frame.sources["fused"].boxes.sizes[:, 0].tolist()
+
+    def figures(self) -> Figures:
+        return {"sizes": {"length_mean_m": float(np.mean(self.lengths_m))}}
+
+
+def test_a_new_evaluator_has_figures_of_its_own() -> None:
+    frames = [frame_of(0, None, {"fused": source_boxes(rows_at([(5, 0)]))})]
+    figures = NamedFigures(measure(frames, (*evaluators_of(Config(), RIG), MeanLength())))
+    assert figures["sizes.length_mean_m"] == 4.0
+    assert not Requirement.parse("sizes.length_mean_m > 3").check(figures).failure

@@ -81,12 +81,6 @@ def test_one_class_is_not_said_twice() -> None:
     assert "\nnote: a note\n" in text
 
 
-def test_all_classes_are_said_where_there_are_two() -> None:
-    text = printed(frames(lidar=[CAR_AT], fused=[CAR_AT, VAN_AT], truth=[CAR_AT, VAN_AT]))
-    assert "\npedestrian" in text
-    assert "\nall " in text
-
-
 OVER = "lidar alone, seen from above"
 SHORT = "; the recording is too short to say how sure that is."
 
@@ -150,12 +144,6 @@ def test_without_truth() -> None:
     assert "Fusion" not in text
     assert "without truth: chains of one object\n" in text
     assert "\nfused             1.0       1" in text
-
-
-def test_nothing_found_and_nothing_there() -> None:
-    text = printed(frames(lidar=[], fused=[], truth=[]))
-    assert "\nFusion" not in text
-    assert "gain by fusion" not in text
 
 
 def test_tracks_are_printed_where_there_are_ids() -> None:

@@ -95,9 +95,7 @@ def test_objects_on_top_of_each_other_differ_in_nothing_from_themselves(rows: li
     [
         pytest.param((0.009, 0, 0, 0, 0, 0, 0), {}, set(), id="moved a little"),
         pytest.param((0.3, 0.4, 0, 0, 0, 0, 0), {}, {"moved"}, id="moved"),
-        pytest.param((0, 0, 0.02, 0, 0, 0, 0), {}, {"moved"}, id="lifted"),
         pytest.param((0, 0, 0, 0, 0, 0, np.radians(5)), {}, {"turned"}, id="turned"),
-        pytest.param((0, 0, 0, 0, 0, 0, np.pi), {}, {"turned"}, id="turned by half"),
         pytest.param((0, 0, 0, 0, 0, 0, 2 * np.pi), {}, set(), id="turned all the way"),
         pytest.param((0, 0, 0, 0, 0.2, 0, 0), {}, {"resized"}, id="wider"),
         pytest.param((0, 0, 0, 0, 0, 0, 0), {"class_ids": [BICYCLE, CAR]}, {"relabelled"}, id="relabelled"),
@@ -143,18 +141,6 @@ def test_what_is_told_of_an_object_that_differs_for_a_while() -> None:
     assert told["kinds"]["relabelled"] == {"frames": 2, "largest": None}
     assert tree["differences"]["largest"]["turned"]["frame"] == 6
     assert tree["sources"]["fused"]["car"]["turned"] == 5
-
-
-def test_object_that_is_missing_for_a_second() -> None:
-    run = run_of(20, objects(*CARS))
-    tree = figures(run, changed_in(run, range(5, 15), objects(CARS[0])))
-    (told,) = tree["differences"]["listed"]
-    assert (told["first_frame"], told["last_frame"], told["frames"]) == (5, 14, 10)
-    assert told["kinds"] == {"lost": {"frames": 10, "largest": 0.5}}
-    assert told["place"] == list(CARS[1][:3])
-    assert kinds_of(tree["sources"]["fused"]["car"]) == {"lost": 10}
-    back = figures(changed_in(run, range(5, 15), objects(CARS[0])), run)
-    assert kinds_of(back["sources"]["fused"]["car"]) == {"new": 10}
 
 
 def test_an_object_that_drives_is_one_difference_and_two_are_two() -> None:
@@ -302,9 +288,3 @@ def test_the_largest_of_each_kind_is_the_first_of_equal_ones() -> None:
         "place": [CARS[1][0] + 1, *CARS[1][1:3]],
         "amount": 1.0,
     }
-
-
-def test_nothing_to_compare() -> None:
-    tree = figures([], [])
-    assert frames_of(tree) == [0, 0, 0, 0]
-    assert compared([], []).not_allowed_percent(frames_may_differ=False) == {"frames": 0.0, "fused": 0.0, "cam": 0.0}

@@ -77,14 +77,6 @@ def test_images_without_truth_are_counted_and_not_evaluated() -> None:
     assert (tree["images"], tree["images_without_truth"], tree["precision"]) == (0, 1, None)
 
 
-def test_cameras_stand_in_order_and_apart() -> None:
-    shown = truth2d(BOX, [CAR])
-    frame = EvaluationFrame(0, 0, None, {}, {"b": image(BOX, [0.9], [CAR], shown), "a": image([], [], [], shown)})
-    tree = evaluated([frame], CONFIG)["images"]
-    assert {name: camera["car"]["recall"] for name, camera in tree.items()} == {"a": 0.0, "b": 1.0}
-    assert list(tree) == ["a", "b"]
-
-
 def test_boxes_without_extent_overlap_nothing() -> None:
     nothing = (150.0, 120.0, 150.0, 120.0)
     assert counts(figures(image(nothing, [0.9], [CAR], truth2d(nothing, [CAR])))["car"]) == {

@@ -160,16 +160,6 @@ def test_long_recordings_have_longer_blocks() -> None:
     assert (np.diff(drawn.blocks) >= 0).all()
 
 
-def test_gaps_hold_no_blocks() -> None:
-    drawn = Resampling.of(np.array([0, 10, 50_000_000_000], np.int64), 5)
-    assert drawn.blocks.tolist() == [0, 0, 1]
-
-
-def test_the_same_samples_every_time() -> None:
-    frames = drive(12, {"lidar": 0.4, "fused": 0.2})
-    assert evaluated(frames, CONFIG) == evaluated(frames, CONFIG)
-
-
 WHOLE = Resampling(np.zeros(50, np.int64), np.ones((1, 1)))
 
 

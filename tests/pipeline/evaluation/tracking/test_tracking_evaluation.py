@@ -2,7 +2,6 @@ from dataclasses import replace
 from math import pi
 from typing import Any
 
-import numpy as np
 import pytest
 from evaluation_frames import frame_of, source_boxes, truth_boxes
 from hypothesis import given, settings
@@ -77,16 +76,6 @@ def test_a_perfect_track() -> None:
     assert figures["distance"] == {"amota": 1, "amotp_m": 0}
 
 
-def test_only_sources_with_tracks_are_told_by_name() -> None:
-    frames = [
-        replace(frame, sources={"lidar": source_boxes([car(0)]), "cameras": frame.sources["fused"], **frame.sources})
-        for frame in followed(3)
-    ]
-    sources = tracking(frames)
-    assert list(sources) == ["cameras", "fused"]
-    assert sources["cameras"] == sources["fused"]
-
-
 def test_a_class_without_objects_has_figures_that_are_not_defined() -> None:
     figures = fused(followed(), name="bus")
     assert figures["match_distance_m"] == pytest.approx(2 * 11.5 / 4)
@@ -96,35 +85,15 @@ def test_a_class_without_objects_has_figures_that_are_not_defined() -> None:
     assert figures["misses"] == figures["false_positives"] == figures["truth_tracks"] == 0
 
 
-def test_names_are_those_of_nuscenes_only_with_its_distances() -> None:
-    config = Config(evaluate=EvaluateConfig(distances="nuscenes"))
-    assert "nuscenes" not in fused(followed())
-    figures = fused(followed(), config)
-    assert "distance" not in figures
-    assert set(figures["nuscenes"]) == {"amota", "amotp_m"}
-    assert fused(followed(), config, "pedestrian")["match_distance_m"] == 2
-
-
 def test_with_the_distances_of_nuscenes_its_ranges_hold_for_its_figures() -> None:
     config = Config(evaluate=EvaluateConfig(distances="nuscenes"))
     truth = truth_boxes([car(30), car(60), car(49)], [5, 1, 9])
     found = source_boxes([car(30), car(70), car(51)], [2, 3, 4], scores=[0.5, 0.5, 0.5])
     figures = fused([frame_of(0, truth, {"fused": found})], config)
+    assert "distance" not in figures
     assert errors(figures) == {"misses": 2, "false_positives": 2}
     # Two objects within 50 m, one found: the recalls up to 0.5 are reached, 18 of 40.
     assert figures["nuscenes"]["amota"] == pytest.approx(18 / 40)
-
-
-@pytest.mark.parametrize(
-    ("tracks", "expected"),
-    [
-        ((1, 1, 1, 1), {}),
-        ((1, 1, 2, 2), {"id_switches": 1}),
-        ((1, 2, 1, 2), {"id_switches": 3}),
-    ],
-)
-def test_switches(tracks: tuple[int, ...], expected: dict[str, int]) -> None:
-    assert errors(fused(followed(4, tracks=tracks))) == expected
 
 
 def test_a_gap_is_a_fragmentation_and_not_a_switch() -> None:
@@ -229,13 +198,6 @@ def test_boxes_without_a_track_of_their_own_are_counted() -> None:
     assert errors(figures) == {"false_positives": 1}
 
 
-def test_two_objects_with_one_track_are_one_object() -> None:
-    truth = truth_boxes([car(0), car(30)], [1, 1])
-    figures = fused([frame_of(0, truth, {"fused": source_boxes([car(0), car(30)], [1, 2])})])
-    assert errors(figures) == {}
-    assert figures["truth_tracks"] == 1
-
-
 def test_long_recordings_are_those_of_all_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     frames = followed(30, tracks=(3,) * 13 + (4,) * 17)
     frames[20] = replace(frames[20], sources={})
@@ -243,37 +205,6 @@ def test_long_recordings_are_those_of_all_blocks(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr("pipeline.evaluation.tracking.collect.BLOCK_FRAMES", 7)
     assert tracking(frames) == whole
     assert errors(whole["fused"]["car"]) == {"misses": 1, "fragmentations": 1, "id_switches": 1}
-
-
-def test_figures_may_be_asked_for_at_any_time() -> None:
-    evaluation = TrackingEvaluation(Config())
-    frames = followed(8)
-    for frame in frames:
-        evaluation.add(frame)
-        evaluation.figures()
-    assert evaluation.figures()["tracking"] == tracking(frames)
-
-
-def test_numbers_of_tracks_do_not_matter() -> None:
-    frames = followed(9, tracks=(3, 3, 3, 9, 9, 9, 3, 3, 3))
-    other = [
-        replace(frame, sources={"fused": replace(boxes, track_ids=np.int64(2**40) - boxes.track_ids)})
-        for frame in frames
-        for boxes in [frame.sources["fused"]]
-    ]
-    assert tracking(other) == tracking(frames)
-
-
-def test_a_source_that_begins_late_has_missed_what_was_there_before() -> None:
-    frames = followed(9)
-    late = [replace(frame, sources={} if k < 4 else frame.sources) for k, frame in enumerate(frames)]
-    assert errors(fused(late)) == {"misses": 4}
-
-
-def test_a_source_that_ends_early_has_missed_what_came_after(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pipeline.evaluation.tracking.collect.BLOCK_FRAMES", 3)
-    early = [replace(frame, sources={} if k > 4 else frame.sources) for k, frame in enumerate(followed(9))]
-    assert errors(fused(early)) == {"misses": 4}
 
 
 # Eighths are exact, so that no distance is rounded to the other side of a limit.

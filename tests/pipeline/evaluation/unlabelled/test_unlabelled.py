@@ -103,11 +103,6 @@ def test_chains_end_where_time_goes_back(tracks: list[int] | None, stamps_s: tup
     assert chains(frames)["chains"] == count
 
 
-def test_who_is_not_found_for_a_second_is_a_new_chain() -> None:
-    frames = [frame_of(k, None, {"fused": source_boxes([car(0)])}, stamp_ns=k * 1_100_000_000) for k in range(3)]
-    assert chains(frames)["chains"] == 3
-
-
 def test_tracks_go_before_places() -> None:
     boxes = [source_boxes([car(0), car(50), car(9)], [5, 6, -1]), source_boxes([car(50), car(0)], [5, 6])]
     assert chains(frames_of(*boxes))["chains"] == 2
