@@ -87,9 +87,6 @@ class Candidates:
     volume: F64
     distances_m: F64
 
-    def __len__(self) -> int:
-        return len(self.truth)
-
     def best_first(self, measure: Measure) -> Indices:
         """The pairs detection by detection, the best true object first, the earlier one of two equally good ones."""
         values = {"distance": self.distances_m, "bev": -self.bev, "volume": -self.volume}[measure]

@@ -100,9 +100,6 @@ class FoundTable:
         matches, flags = np.zeros((0, criteria), np.int32), np.zeros((0, parts), np.bool_)
         return cls(ids, ids, values, flags, values, matches, ids, np.zeros((0, *errors), np.float32))
 
-    def __len__(self) -> int:
-        return len(self.frames)
-
 
 class Labels:
     """Numbers of the truth's own names of classes, in the order in which they appear."""

@@ -34,6 +34,7 @@ FIGURES = NamedFigures(TREE)
 )
 def test_a_figure_by_its_name(name: str, figure: float | None) -> None:
     assert name in FIGURES
+    assert len(FIGURES) == 8
     assert FIGURES[name] == figure
     assert FIGURES.get(name, "none") == figure
 

@@ -146,6 +146,12 @@ def test_without_truth() -> None:
     assert "\nfused             1.0       1" in text
 
 
+def test_nothing_found_and_nothing_there() -> None:
+    text = printed(frames(lidar=[], fused=[], truth=[]))
+    assert "\nFusion" not in text
+    assert "gain by fusion" not in text
+
+
 def test_tracks_are_printed_where_there_are_ids() -> None:
     assert "\ntracks\n" not in printed(frames(lidar=[CAR_AT], fused=[CAR_AT], truth=[CAR_AT]))
     text = printed(frames(lidar=[CAR_AT], fused=[CAR_AT], truth=[CAR_AT], ids=True))
