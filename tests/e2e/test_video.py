@@ -17,7 +17,7 @@ from foxglove_messages import twin
 from results import Found, fused_objects, messages_of, topics_of
 from video import compressed_video, encode, ffmpeg_packet, psnr_db
 
-from lidcam.commands.process import Printed, run_process
+from lidcam.commands.process import run_process
 from lidcam.job import make_job
 from pipeline.core.errors import IncompleteError
 from pipeline.core.messages import RawMessage
@@ -259,7 +259,7 @@ def test_without_the_decoder(
     monkeypatch.setattr("readers.video.packets.find_spec", lambda _: None)
     out = tmp_path / "out.mcap"
     with caplog.at_level(logging.WARNING), pytest.raises(IncompleteError, match="is left out"):
-        run_process(make_job(film, out, config=sandbox_config), Printed(as_json=True))
+        run_process(make_job(film, out, config=sandbox_config), as_json=True)
     warnings = [record.getMessage() for record in caplog.records if "video" in record.getMessage()]
     assert len(warnings) == len(NUMBERS)
     assert all("pip install 'lidcam[video]'" in warning for warning in warnings)

@@ -5,7 +5,7 @@ import sys
 import pytest
 import typer
 
-from lidcam.cli import app, process_app
+from lidcam.commands import app, process_app
 from lidcam.program import run_program
 
 HOSTILE, SHOWN = "a\x1b]0;t\x07\x9b2J\nError: faked", "a\\x1b]0;t\\x07\\x9b2J\\nError: faked"

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.traced_processes
 BEGIN = """
 import os, signal, sys
 from pathlib import Path
-from lidcam.start.signals import end_at_signals
+from lidcam.__main__ import end_at_signals
 end_at_signals()
 from pipeline.core.ending import undone_at_once
 
