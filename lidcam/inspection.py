@@ -6,14 +6,13 @@ from typing import Any
 
 from lidcam.box_sources import BoxSource, box_source
 from lidcam.checks.calibration.check import check_first_clouds
-from lidcam.checks.empty import check_not_empty
+from lidcam.checks.files import check_not_empty
 from lidcam.checks.incomplete import damage_lines, left_out_lines
 from lidcam.checks.warning import RunWarning
 from lidcam.frames import TimeWindow
 from lidcam.job import RigSource, read_rig
 from lidcam.report import loss_records
-from lidcam.settings.choice import SettingsChoice, UsedSettings, used_record
-from lidcam.settings.settle import settle, with_zones
+from lidcam.settings.choice import SettingsChoice, UsedSettings, use_settings, used_record
 from pipeline.core.errors import CalibrationError, RecordingError, short_memory_told
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
@@ -128,8 +127,7 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
         problem = str(err)
     if found:
         motion = find_motion_source(recording, found.rig, found.transforms, config)
-        config, used = settle(choice, recording, found, moves=motion is not None)
-        found = with_zones(found, rig_file, config)
+        config, used, found = use_settings(choice, recording, found, rig_file, moves=motion is not None)
         draft = replace(draft, zones=found.rig.zones) if draft else None
     return Inspection(
         files=recording.paths,

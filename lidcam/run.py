@@ -14,15 +14,12 @@ from pathlib import Path
 
 from lidcam.box_sources import box_source, wanted_boxes
 from lidcam.build import build_graph
-from lidcam.checks.absent import absence_warnings, clocks_off
 from lidcam.checks.calibration.check import CalibrationCheck
 from lidcam.checks.class_numbers import class_number_warnings
-from lidcam.checks.clocks import clock_notes, jump_warnings
-from lidcam.checks.empty import check_not_empty
-from lidcam.checks.files import FileCheck
-from lidcam.checks.late import late_warnings
+from lidcam.checks.clocks import clock_notes, clocks_off, jump_warnings, late_warnings
+from lidcam.checks.files import FileCheck, check_not_empty
 from lidcam.checks.lidars import LidarCheck
-from lidcam.checks.missing import missing_sensors, silence_warnings
+from lidcam.checks.missing import absence_warnings, missing_sensors, silence_warnings
 from lidcam.checks.no_objects import ObjectCheck
 from lidcam.frames import (
     RunInput,
@@ -40,8 +37,8 @@ from lidcam.outputs.allowed import check_no_input
 from lidcam.outputs.copied import choose_copied, choose_drawn, truth_frames
 from lidcam.outputs.open import how_to_open, open_outputs, open_writers, written_files
 from lidcam.report import DropReport, FrameReport, InputReport, RunReport, SensorReport, TimingReport, UnusedTopic
-from lidcam.settings.lasting import settings_sha256
-from lidcam.settings.settle import settle, with_zones
+from lidcam.settings.choice import use_settings
+from lidcam.settings.effect import settings_sha256
 from lidcam.summary import DropTable, RunProgress, Tally
 from pipeline.core.errors import ConfigError, RecordingError, short_memory_told
 from pipeline.core.frame import FrameResult, SensorBundle
@@ -150,8 +147,7 @@ def _opened(job: Job) -> Iterator["Run"]:
         for sensor in found.sources:
             logger.info("%s: %s, calibration: %s %s", sensor.sensor, sensor.topic, sensor.intrinsics, sensor.extrinsics)
         motion = find_motion_source(recording, found.rig, found.transforms, job.config)
-        config, used = settle(job.choice, recording, found, moves=motion is not None)
-        found = with_zones(found, job.rig, config)
+        config, used, found = use_settings(job.settings, recording, found, job.rig, moves=motion is not None)
         logger.info("settings: %s", used)
         copied, notes = choose_copied(job.outputs, recording, found.rig, config)
         found = replace(found, notes=(*found.notes, *notes))

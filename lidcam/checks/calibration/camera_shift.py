@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidcam.checks.evenly_kept import EvenlyKept
+from lidcam.checks.calibration.evenly_kept import EvenlyKept
 from lidcam.checks.warning import RunWarning
 from pipeline.core.arrays import F64
 from pipeline.core.camera import BORDER_PX

@@ -1,7 +1,7 @@
 import pytest
 from frames import RIG
 
-from lidcam.checks.missing import MissingSensor, SilentSpan, missing_sensors, silence_warnings
+from lidcam.checks.missing import MissingSensor, SilentSpan, absence_warnings, missing_sensors, silence_warnings
 from pipeline.stages.sync.attendance import Absence, Silence
 
 S = 10**9
@@ -68,3 +68,22 @@ def test_sensors_that_fall_silent_together_share_a_warning() -> None:
         "of /cam3",
     ]
     assert silence_warnings([]) == []
+
+
+def absent(*names: str, frames: int = 20, of_frames: int = 20) -> list[MissingSensor]:
+    return [MissingSensor(name, f"/{name}", frames, of_frames, ()) for name in names]
+
+
+@pytest.mark.parametrize(
+    ("missing", "sensors"),
+    [
+        ([], []),
+        (absent("left", frames=19), []),
+        (absent("left", frames=9, of_frames=9), []),  # by chance, of a sensor at a low rate
+        (absent("left", "left (boxes)", "other (boxes)"), ["left", "other (boxes)"]),
+        ([MissingSensor("left", "/left/image", 20, 20, (SilentSpan(None, None, 20),))], []),  # said as silence
+        ([MissingSensor("left", "/left/image", 20, 20, (SilentSpan(1.0, None, 12),))], ["left"]),
+    ],
+)
+def test_sensors_that_no_frame_has_are_named(missing: list[MissingSensor], sensors: list[str]) -> None:
+    assert [warning.subject for warning in absence_warnings(missing)] == sensors

@@ -12,7 +12,7 @@ import lidcam
 from lidcam.checks.no_objects import ObjectCheck
 from lidcam.checks.warning import RunWarning
 from lidcam.settings.choice import AS_GIVEN, UsedSettings
-from lidcam.settings.measure import SceneSize
+from lidcam.settings.scene import SceneSize
 from pipeline.core.detections import Fused
 from pipeline.core.frame import FrameResult
 from pipeline.core.rig import RecordedDetector

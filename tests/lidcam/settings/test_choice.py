@@ -4,8 +4,8 @@ from pathlib import Path
 import pytest
 
 from lidcam.job import Job, make_job
-from lidcam.settings.choice import UsedSettings, choose_settings, judge, used_record
-from lidcam.settings.measure import SceneSize
+from lidcam.settings.choice import UsedSettings, choose_settings, used_record
+from lidcam.settings.scene import SceneSize, judge
 from pipeline.core.errors import ConfigError
 from pipeline.core.settings.bundled import PRESETS
 from pipeline.core.settings.config import Config
@@ -106,8 +106,8 @@ def test_single_settings_are_on_top_of_every_preset() -> None:
 def test_a_job_with_a_choice_can_be_pickled() -> None:
     job = make_job("a.bag", workers=1)
     assert pickle.loads(pickle.dumps(job)) == job
-    assert {*job.choice.by_preset} == {*PRESETS}
-    assert Job(()).choice.by_preset == {}
+    assert {*job.settings.by_preset} == {*PRESETS}
+    assert Job(()).settings.by_preset == {}
 
 
 def test_wrong_single_settings_are_told_before_the_recording_is_opened() -> None:

@@ -7,9 +7,8 @@ import pytest
 from builders import pointcloud2, raw
 from memory_recording import MemoryRecording
 
-from lidcam.settings.choice import UsedSettings, choose_settings
-from lidcam.settings.measure import MAX_MESSAGES, SceneSize, measure_scene
-from lidcam.settings.settle import settle
+from lidcam.settings.choice import UsedSettings, choose_settings, use_settings
+from lidcam.settings.scene import MAX_MESSAGES, SceneSize, measure_scene
 from pipeline.core.arrays import F32
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.geometry.transform_tree import TransformTree
@@ -143,23 +142,23 @@ def test_the_effort_is_bounded_where_no_cloud_can_be_decoded() -> None:
     assert recording.read == MAX_MESSAGES
 
 
-def settled(messages: list[RawMessage], config: Config | None) -> tuple[Config, UsedSettings, int]:
+def chosen(messages: list[RawMessage], config: Config | None) -> tuple[Config, UsedSettings, int]:
     recording = Counting(messages)
     found = Discovery(rig(0.3), (), (), (), RecordedTransforms(TransformTree()))
-    config, used = settle(choose_settings(config), recording, found, moves=False)
+    config, used, _ = use_settings(choose_settings(config), recording, found, None, moves=False)
     return config, used, recording.read
 
 
 def test_what_is_given_is_not_judged() -> None:
     given = Config()
-    assert settled([cloud("/0", floor(8, 4, 0.3))], given) == (given, UsedSettings("as given", "given"), 0)
+    assert chosen([cloud("/0", floor(8, 4, 0.3))], given) == (given, UsedSettings("as given", "given"), 0)
 
 
 def test_what_is_not_given_is_judged() -> None:
-    config, used, _ = settled([cloud("/0", floor(8, 4, 0.3))], None)
+    config, used, _ = chosen([cloud("/0", floor(8, 4, 0.3))], None)
     assert (used.name, used.how) == ("sandbox", "judged")
     assert config == choose_settings("sandbox").config
 
 
 def test_without_clouds_the_defaults_hold() -> None:
-    assert settled([], None) == (Config(), UsedSettings("defaults", "not judged"), 0)
+    assert chosen([], None) == (Config(), UsedSettings("defaults", "not judged"), 0)
