@@ -106,7 +106,7 @@ class RunResult:
     """A finished run.
 
     Attributes:
-        report: What was done: counts, drops, calibration, times.
+        report: Counts, drops, calibration, times.
         objects: The fused objects of all frames.
     """
 

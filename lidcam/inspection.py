@@ -52,7 +52,7 @@ class Inspection:
         sensors: Where the calibration of each sensor was found.
         faults: Sensors that would be left out, and why.
         notes: Remarks on topics and sensors.
-        warnings: What the first messages say against the calibration.
+        warnings: Reasons in the first messages to doubt the calibration.
         motion_topics: Where the motion of the site frame would come from; empty where it stands still.
         box_source: Where 2D boxes would come from.
         box_source_3d: Where the lidars' 3D boxes would come from: a name of `ENGINES`.
@@ -88,7 +88,7 @@ class Inspection:
 
 
 def inspect_recording(inputs: Sequence[Location], choice: SettingsChoice, rig: RigSource | None = None) -> Inspection:
-    """What is in a recording, and what lidcam would use of it.
+    """The contents of a recording, and what lidcam would use of them.
 
     Of a recording on a server only the beginning is looked at, so as not to fetch all of it.
 

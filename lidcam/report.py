@@ -40,7 +40,7 @@ class DropCount:
         topic: Their topic.
         reason: Why.
         count: How many.
-        example: What was found in the first of them; may be empty.
+        example: The finding in the first of them; may be empty.
         unit: Whether whole messages were dropped, or parts of messages that were used.
         is_defect: Whether the messages are at fault: they cannot be decoded, or their stamps are no times. The others
             were sound and not needed.
@@ -201,7 +201,7 @@ class RunReport:
         settings: Which settings were used, and why these.
         settings_sha256: Checksum of all of them that affect the result.
         notes: Remarks on topics and sensors.
-        warnings: What makes the result doubtful.
+        warnings: Reasons to doubt the result.
         outputs: Files that were written.
         how_to_open: How the outputs are opened, by the name of the viewer.
     """

@@ -83,7 +83,7 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunRepor
     """Process a recording to its end.
 
     Args:
-        job: What to process, and what to write.
+        job: The recording, the settings and the outputs.
         observer: Looks on.
 
     Raises:

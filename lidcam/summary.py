@@ -24,7 +24,7 @@ class DropTable:
     """Dropped messages by topic and reason; memory does not grow with their number.
 
     Attributes:
-        on_bad: What becomes of a message that cannot be decoded.
+        on_bad: Whether a message that cannot be decoded is skipped or ends the run.
         total: Number of dropped messages.
     """
 

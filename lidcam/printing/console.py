@@ -99,10 +99,10 @@ def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
         where = "with points of the lidars" if source == "both" else "placed by the cameras alone"
         out.print(f"  {name_of(row)}: proposed by 2D boxes, {where}")
     alone = sorted(set(range(hypotheses.lidar_count)) - matched)
-    told = [f"object {reported[row]}" for row in alone if row in reported]
+    names = [f"object {reported[row]}" for row in alone if row in reported]
     others = [str(row) for row in alone if row not in reported]
-    told += [f"3D box{'es' * (len(others) > 1)} {', '.join(others)} (not reported)"] if others else []
-    out.print(f"  seen by the lidars alone: {', '.join(told) or 'none'}")
+    names += [f"3D box{'es' * (len(others) > 1)} {', '.join(others)} (not reported)"] if others else []
+    out.print(f"  seen by the lidars alone: {', '.join(names) or 'none'}")
 
 
 def print_report(out: Console, report: RunReport) -> None:
@@ -160,7 +160,7 @@ def print_report(out: Console, report: RunReport) -> None:
 
 
 def _copied(report: RunReport) -> str:
-    """How many messages, and of which topics; those below one name are told as one."""
+    """How many messages, and of which topics; those below one name are counted as one."""
     below: dict[str, list[str]] = {}
     for topic in report.inputs.copied:
         below.setdefault("/".join(topic.split("/")[:2]), []).append(topic)

@@ -55,7 +55,7 @@ class UsedSettings:
     Attributes:
         name: A preset, a file, `defaults` or `as given`.
         how: `given`; `judged` from the recording; `not judged`, because its first clouds have no points.
-        size: What was judged by; None if nothing was.
+        size: The size that was judged by; None without judgement.
         moves: Whether the recording has odometry or tf of the site frame.
     """
 
