@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from signal import SIGHUP, SIGTERM
 
 import pytest
 
@@ -88,16 +89,15 @@ def run(code: str, kept: Path, number: signal.Signals, *, dispositions: int = si
     return done.returncode, done.stdout, done.stderr
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-@pytest.mark.parametrize("place", ["at rest", "while the interpreter ends"])
-def test_each_signal(place: str, number: signal.Signals, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("place", "number"),
+    [
+        *((place, signal.SIGINT) for place in PLACES),
+        *((place, number) for place in ("at rest", "while the interpreter ends") for number in (SIGTERM, SIGHUP)),
+    ],
+)
+def test_wherever_the_program_is(place: str, number: signal.Signals, tmp_path: Path) -> None:
     assert run(PLACES[place], tmp_path / "kept", number) == (128 + number, "", TOLD[number.name])
-    assert not (tmp_path / "kept").exists()
-
-
-@pytest.mark.parametrize("place", PLACES)
-def test_wherever_the_program_is(place: str, tmp_path: Path) -> None:
-    assert run(PLACES[place], tmp_path / "kept", signal.SIGINT) == (130, "", TOLD["SIGINT"])
     assert not (tmp_path / "kept").exists()
 
 

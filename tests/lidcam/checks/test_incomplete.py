@@ -7,7 +7,7 @@ import pytest
 from reports import changed
 
 import lidcam
-from lidcam.checks.incomplete import absent_lines, damage_lines, left_out_lines
+from lidcam.checks.incomplete import absent_lines, damage_lines
 from lidcam.checks.missing import MissingSensor, SilentSpan
 from lidcam.report import DropCount, RunReport
 from lidcam.summary import DropTable
@@ -44,12 +44,6 @@ def test_damage_counts_where_messages_may_be_lost(losses: list[Loss], lines: lis
     assert damage_lines(losses) == lines
 
 
-def test_sensors_that_are_left_out() -> None:
-    faults = [SensorFault("cam1", "/cam1/image", "no intrinsics"), SensorFault("cam2", "", "no topic is left")]
-    assert left_out_lines(faults) == ["cam1 (/cam1/image) is left out", "cam2 is left out"]
-    assert left_out_lines([]) == []
-
-
 def test_sensors_that_are_in_no_frame_and_not_those_that_pause() -> None:
     absent = MissingSensor("cam1", "/cam1", 20, 20, ())
     assert absent_lines([absent]) == ["cam1 is in none of the 20 frames"]
@@ -65,11 +59,12 @@ def test_a_report_says_what_is_missing(report: RunReport) -> None:
     found = changed(
         report,
         drops={"messages": drops},
-        sensors={"faults": (SensorFault("cam1", "/cam1/image", "x"),)},
+        sensors={"faults": (SensorFault("cam1", "/cam1/image", "x"), SensorFault("cam2", "", "no topic is left"))},
         inputs={"losses": (Loss(BAG, 0, "x", messages=2),)},
     )
     assert found.incomplete == (
         "cam1 (/cam1/image) is left out",
+        "cam2 is left out",
         "/a: 3 messages dropped: cannot be decoded",
         "drive.bag: damaged, 2 messages lost",
     )
