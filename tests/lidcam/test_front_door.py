@@ -39,12 +39,6 @@ def test_every_name_is_there_and_no_other() -> None:
         lidcam.nothing  # type: ignore[attr-defined]  # noqa: B018
 
 
-def test_importing_it_loads_nothing_heavy() -> None:
-    code = "import sys, lidcam; print(sorted({'numpy', 'cv2', 'rosbags', 'pydantic'} & set(sys.modules)))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "[]\n"
-
-
 def test_objects_are_those_of_the_file(run: lidcam.RunResult) -> None:
     output, _ = run.report.outputs
     recorded = fused_objects(output)
@@ -127,11 +121,6 @@ def test_inspection(run: lidcam.RunResult) -> None:
     assert [lidar.name for lidar in found.rig.lidars] == [lidar.name for lidar in run.report.sensors.rig.lidars]
     assert {topic.topic for topic in found.topics} >= set(run.report.inputs.messages_used)
     assert pickle.loads(pickle.dumps(found)).files == found.files
-
-
-def test_open_recording() -> None:
-    with lidcam.open_recording([SANDBOX]) as recording:
-        assert [message.topic for message in recording.messages(["/tf_static"])] == ["/tf_static"]
 
 
 def test_a_job_runs_in_another_process(run: lidcam.RunResult) -> None:

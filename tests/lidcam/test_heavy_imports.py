@@ -31,6 +31,11 @@ def test_help_imports_no_large_library(arguments: tuple[str, ...]) -> None:
     assert imported(*arguments) == set()
 
 
+def test_the_package_imports_nothing_before_it_is_used() -> None:
+    code = "import sys, lidcam; print(*sorted({'numpy', 'cv2', 'rosbags', 'pydantic'} & {*sys.modules}))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "\n"
+
+
 @pytest.mark.parametrize("recording", ["sandbox.bag", "crossing.mcap"])
 def test_inspect_imports_what_reads(recording: str) -> None:
     assert imported("inspect", str(BAGS / recording)) <= {"numpy", "rich", "rosbags"}

@@ -108,18 +108,6 @@ def test_what_is_ignored_stays_ignored(tmp_path: Path) -> None:
         assert run(code, tmp_path / "kept", number, dispositions=signal.SIG_IGN) == (0, "done\n", "")
 
 
-def test_while_files_get_their_names_it_waits(tmp_path: Path) -> None:
-    code = """
-from writers.outputs.signals import held_signals
-with undone_at_once(kept.unlink):
-    with held_signals():
-        os.kill(me, number)
-        print("first", flush=True)
-    print("second", flush=True)
-"""
-    assert run(code, tmp_path / "kept", signal.SIGTERM) == (143, "first\n", TOLD["SIGTERM"])
-
-
 @pytest.mark.parametrize("signals", [["SIGINT"] * 3, ["SIGTERM", "SIGHUP", "SIGINT"]])
 def test_further_signals_do_not_hinder_the_first(signals: list[str], tmp_path: Path) -> None:
     code = f"""
