@@ -81,8 +81,8 @@ def test_settings_on_top_of_a_config() -> None:
     assert (job.config.sync.slop_s, job.config.sync.queue_size, job.config.run.workers) == (0.05, 3, 1)
     assert job.config.detect2d.model == Path("x.onnx")
     assert job.config.combine == config.combine
-    with pytest.raises(lidcam.ConfigError, match="nothing"):
-        lidcam.make_job(SANDBOX, config=config, settings={"sync.nothing": 1})
+    with pytest.raises(lidcam.ConfigError, match=r"unknown key 'sync.slop': did you mean 'sync.slop_s'"):
+        lidcam.make_job("none.bag", config=config, settings={"sync.slop": 1})
 
 
 @pytest.mark.parametrize(

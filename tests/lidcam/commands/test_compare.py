@@ -17,11 +17,9 @@ from perturbed_results import (
     followed,
     in_turn,
     nearest_to,
-    numbered,
     of_class,
     perturbed,
     shifted,
-    swapped_ids,
     turned,
 )
 from results import fused_objects, messages_of, topics_of
@@ -140,19 +138,6 @@ def test_yaw_shifted_by_5_degrees(compare: Any, result: Path, faulty: Any) -> No
     assert "the first" not in allowed.out
 
 
-def test_a_class_lost(compare: Any, result: Path, faulty: Any) -> None:
-    other = faulty(dropped(of_class("bus")))
-    found = compare(result, other)
-    assert len(found.failures) == 1
-    assert any(line.split()[:4] == ["fused", "bus", "lost", "(score"] for line in found.out.splitlines())
-    counts = compare(result, other, as_json=True).tree["sources"]["fused"]
-    assert kinds_of(counts["bus"]) == kinds_of(counts["all"]) == {"lost": counts["bus"]["a"]}
-    assert counts["bus"]["a"] >= 14
-    assert (counts["bus"]["b"], counts["bus"]["different_percent"]) == (0, 100)
-    back = compare(other, result, as_json=True).tree["sources"]["fused"]
-    assert kinds_of(back["all"]) == {"new": counts["bus"]["a"]}
-
-
 def test_a_car_missing_for_a_second(compare: Any, result: Path, faulty: Any, car: tuple[float, float]) -> None:
     other = faulty(dropped(followed(*car, gate_m=2), range(2, 12)))
     (line,) = (line for line in compare(result, other).out.splitlines() if "2-11" in line)
@@ -177,15 +162,6 @@ def test_each_fault_has_its_kind(compare: Any, result: Path, faulty: Any, car: t
     assert kinds(shifted((0.1, 0, 0), frames=[5])) == {"moved": of_frame_5}
     assert kinds(doubled(nearest_to(*car), [6, 7])) == {"new": 2}
     assert kinds(dropped(nearest_to(*car), [0])) == {"lost": 1}
-
-
-def test_swapped_ids(compare: Any, result: Path, tmp_path: Path) -> None:
-    first = perturbed(result, tmp_path / "first.mcap", {FUSED: numbered(2)})
-    swap = in_turn(numbered(2), swapped_ids("1", "2", range(7, 14)))
-    second = perturbed(result, tmp_path / "second.mcap", {FUSED: swap})
-    tree = compare(first, second, as_json=True).tree
-    assert kinds_of(tree["sources"]["fused"]["all"]) == {"reidentified": 2}
-    assert "reidentified" in compare(first, second).out
 
 
 def test_2d_boxes(compare: Any, result: Path, faulty: Any) -> None:

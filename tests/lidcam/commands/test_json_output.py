@@ -38,17 +38,6 @@ def test_only_what_an_earlier_run_wrote_is_replaced(tmp_path: Path) -> None:
     assert json.loads(path.read_text())["a"] == 3
 
 
-def test_no_input_is_replaced(tmp_path: Path) -> None:
-    path = tmp_path / "a.json"
-    path.write_text("{}")
-    with (
-        pytest.raises(OutputError, match="is an input of this run"),
-        json_output(path, inputs=[path], overwrite=True),
-    ):
-        pass
-    assert path.read_text() == "{}"
-
-
 def test_a_command_that_fails_writes_none(tmp_path: Path) -> None:
     with (
         pytest.raises(LidcamError),
