@@ -20,11 +20,11 @@ from readers.location import Location, RemotePath
 from readers.open import open_recording
 from readers.recording import Loss, ReadOptions, Recording
 from readers.rig.calibration import SensorSource
-from readers.rig.discovery import Discovery, calibrated_rig
+from readers.rig.discovery import calibrated_rig
 from readers.rig.draft import RigDraft, draft_rig
 from readers.rig.search import find_sensors
 from readers.rig.sensor_topics import SensorFault
-from readers.streams.motion import MotionSource, find_motion_source
+from readers.streams.motion import find_motion_source
 from readers.streams.per_sensor import sensor_messages
 from readers.streams.survey import TopicSurvey, survey
 
@@ -111,43 +111,39 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
         CalibrationError: a rig file cannot be read, or does not fit.
         RecordingError: it is empty, or cannot be read to its end.
     """
-    rig_file = read_rig(rig)
+    rig_file, config = read_rig(rig), choice.config
     check_not_empty(recording)
-    topics = survey(recording, stop_ns=window.stop_ns, limits=choice.config.limits)
-    found: Discovery | None = None
+    inspection = Inspection(
+        files=recording.paths,
+        start_ns=recording.start_ns,
+        end_ns=recording.end_ns,
+        messages=recording.message_count,
+        topics=survey(recording, stop_ns=window.stop_ns, limits=config.limits),
+        losses=recording.losses,
+        stop_ns=window.stop_ns,
+    )
     draft: RigDraft | None = None
-    motion: MotionSource | None = None
-    config, used = choice.config, None
-    problem = ""
     try:
         sensors = find_sensors(recording, config, rig_file, start_ns=window.start_ns, stop_ns=window.stop_ns)
         draft = draft_rig(sensors)
         found = calibrated_rig(sensors)
     except (CalibrationError, RecordingError) as err:
-        problem = str(err)
-    if found:
-        motion = find_motion_source(recording, found.rig, found.transforms, config)
-        config, used, found = use_settings(choice, recording, found, rig_file, moves=motion is not None)
-        draft = replace(draft, zones=found.rig.zones) if draft else None
-    return Inspection(
-        files=recording.paths,
-        start_ns=recording.start_ns,
-        end_ns=recording.end_ns,
-        messages=recording.message_count,
-        topics=topics,
-        losses=recording.losses,
-        stop_ns=window.stop_ns,
-        problem=problem,
-        rig=found.rig if found else None,
-        draft=draft,
-        sensors=found.sources if found else (),
-        faults=found.faults if found else (),
-        notes=found.notes if found else (),
-        warnings=_warnings(recording, found.rig, config, window) if found else (),
+        return replace(inspection, losses=recording.losses, problem=str(err), draft=draft)
+    motion = find_motion_source(recording, found.rig, found.transforms, config)
+    config, used, found = use_settings(choice, recording, found, rig_file, moves=motion is not None)
+    return replace(
+        inspection,
+        rig=found.rig,
+        draft=replace(draft, zones=found.rig.zones) if draft else None,
+        sensors=found.sources,
+        faults=found.faults,
+        notes=found.notes,
+        warnings=_warnings(recording, found.rig, config, window),
         motion_topics=motion.topics if motion else (),
-        box_source=box_source(config, found.rig) if found else "none",
-        box_source_3d=config.detect3d.method if found else "none",
+        box_source=box_source(config, found.rig),
+        box_source_3d=config.detect3d.method,
         settings=used,
+        losses=recording.losses,
     )
 
 

@@ -11,7 +11,6 @@ import typer
 
 from lidcam.commands.options import (
     AsJson,
-    CompareConfigFile,
     JsonFile,
     Overwrite,
     Setting,
@@ -63,7 +62,10 @@ class AllowedDifference(StrEnum):
 def compare(
     first: Annotated[Path, typer.Argument(metavar="A.mcap", help="A result of process.")],
     second: Annotated[Path, typer.Argument(metavar="B.mcap", help="Another one, of the same recording or scene.")],
-    config_file: CompareConfigFile = None,
+    config_file: Annotated[
+        str | None,
+        typer.Option("--config", metavar="PRESET|FILE", help="Settings, of which `compare` counts: the tolerances."),
+    ] = None,
     settings: Setting = None,
     only: Annotated[
         list[str] | None,

@@ -7,8 +7,6 @@ import typer
 
 from lidcam.commands.options import (
     AsJson,
-    EvaluateConfigFile,
-    EvaluateRigFile,
     JsonFile,
     Overwrite,
     Require,
@@ -57,8 +55,19 @@ def evaluate(
         ),
     ] = "",
     requirements: Require = None,
-    rig_files: EvaluateRigFile = None,
-    config_file: EvaluateConfigFile = None,
+    rig_files: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--rig",
+            metavar="FILE",
+            help="A rig file, of which the zones and the vehicles of the truth count; sensors are those of the result. "
+            "May be repeated.",
+        ),
+    ] = None,
+    config_file: Annotated[
+        str | None,
+        typer.Option("--config", metavar="FILE", help="Take the section evaluate of these settings, not the result's."),
+    ] = None,
     settings: Setting = None,
     as_json: AsJson = False,
     json_file: JsonFile = None,

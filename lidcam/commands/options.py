@@ -17,10 +17,7 @@ from pipeline.core.errors import ConfigError
 __all__ = [
     "AllowedDifference",
     "AsJson",
-    "CompareConfigFile",
     "ConfigFile",
-    "EvaluateConfigFile",
-    "EvaluateRigFile",
     "Format",
     "JsonFile",
     "Overwrite",
@@ -132,10 +129,6 @@ ConfigFile = Annotated[
         help="Settings: sandbox, crossing, road, or a YAML file; without it, what suits the recording.",
     ),
 ]
-CompareConfigFile = Annotated[
-    str | None,
-    typer.Option("--config", metavar="PRESET|FILE", help="Settings, of which `compare` counts: the tolerances."),
-]
 Setting = Annotated[list[str] | None, typer.Option("--set", metavar="A.B=C", help="One setting; may be repeated.")]
 RigFile = Annotated[
     list[str] | None,
@@ -144,15 +137,6 @@ RigFile = Annotated[
         metavar="FILE",
         help="Sensors, calibration and zones: a rig file, a preset (original), or a calibration file of KITTI, Kalibr, "
         "Autoware or the predecessor system. May be repeated: later files add and replace. Without it, as recorded.",
-    ),
-]
-EvaluateRigFile = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--rig",
-        metavar="FILE",
-        help="A rig file, of which the zones and the vehicles of the truth count; sensors are those of the result. May "
-        "be repeated.",
     ),
 ]
 Overwrite = Annotated[
@@ -174,10 +158,6 @@ Require = Annotated[
         metavar='"FIGURE >= N"',
         help="Exit with 1 if a figure is not so; @FILE has one in a line. May be repeated.",
     ),
-]
-EvaluateConfigFile = Annotated[
-    str | None,
-    typer.Option("--config", metavar="FILE", help="Take the section evaluate of these settings, not the result's."),
 ]
 Scenario = Annotated[
     str,

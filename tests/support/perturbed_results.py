@@ -27,11 +27,9 @@ __all__ = [
     "followed",
     "in_turn",
     "nearest_to",
-    "numbered",
     "of_class",
     "perturbed",
     "shifted",
-    "swapped_ids",
     "turned",
 ]
 
@@ -197,33 +195,6 @@ def turned(by_deg: float, which: Which = _all, frames: Collection[int] = ALWAYS)
 def flipped(which: Which = _all, frames: Collection[int] = ALWAYS) -> Change:
     """Front and rear are taken for each other."""
     return turned(180, which, frames)
-
-
-def numbered(gate_m: float) -> Change:
-    """Objects get ids: the same as long as they move less than `gate_m` from frame to frame."""
-    last: dict[str, tuple[float, float]] = {}
-
-    def changed(_: int, detections: list[Any]) -> list[Any]:
-        free = dict(last)
-        for one in detections:
-            far = {id_: math.dist(place, _xy(one)) for id_, place in free.items()}
-            nearest = min(far, key=lambda id_: far[id_], default="")
-            one.id = nearest if nearest and far[nearest] <= gate_m else str(len(last) + 1)
-            free.pop(one.id, None)
-            last[one.id] = _xy(one)
-        return detections
-
-    return changed
-
-
-def swapped_ids(first: str, second: str, frames: Collection[int] = ALWAYS) -> Change:
-    """Two objects go on under the ids of each other."""
-    names = {first: second, second: first}
-
-    def rename(one: Any) -> None:
-        one.id = names.get(one.id, one.id)
-
-    return _each(rename, _all, frames)
 
 
 def _each(change: Callable[[Any], None], which: Which, frames: Collection[int]) -> Change:
