@@ -4,7 +4,6 @@ import inspect
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from enum import StrEnum
 from functools import wraps
 from pathlib import Path
 from typing import Annotated, Literal
@@ -15,7 +14,6 @@ from lidcam.printing.log import Verbosity, configure_logging
 from pipeline.core.errors import ConfigError
 
 __all__ = [
-    "AllowedDifference",
     "AsJson",
     "ConfigFile",
     "Format",
@@ -40,20 +38,6 @@ logger = logging.getLogger(__name__)
 
 MAX_SECONDS = 1e9
 """Thirty years: longer than any recording, and well within 64 bits of nanoseconds."""
-
-
-class AllowedDifference(StrEnum):
-    """Kinds of differences between two results that may be allowed, and frames of one result alone."""
-
-    LOST = "lost"
-    NEW = "new"
-    MOVED = "moved"
-    TURNED = "turned"
-    RESIZED = "resized"
-    RELABELLED = "relabelled"
-    RESCORED = "rescored"
-    REIDENTIFIED = "reidentified"
-    FRAMES = "frames"
 
 
 def seconds(value: float | None) -> float | None:
