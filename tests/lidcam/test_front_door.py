@@ -188,10 +188,17 @@ def test_examples_of_the_documents_run(page: Path, tmp_path: Path, short_drive: 
 
 
 def test_several_outputs_by_their_endings(tmp_path: Path) -> None:
+    layout = tmp_path / "out.foxglove.json"
     outputs = [tmp_path / "out.mcap", tmp_path / "out.rrd"]
     run = lidcam.process(SANDBOX, outputs, config=CONFIG, duration_s=0.2)
-    assert run.report.outputs == (*outputs, tmp_path / "out.foxglove.json")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.foxglove.json", "out.mcap", "out.rrd"]
+    assert run.report.outputs == (*outputs, layout)
+    assert sorted(tmp_path.iterdir()) == [layout, *outputs]
+    layout.unlink()
+    layout.mkdir()
+    with pytest.raises(lidcam.OutputError, match=r"out\.foxglove\.json: .* found a folder"):
+        lidcam.process(SANDBOX, outputs, config=CONFIG)
+    without = lidcam.process(SANDBOX, outputs[0], config=CONFIG, settings={"output.layout": False}, duration_s=0.2)
+    assert without.report.outputs == (outputs[0],)
 
 
 @pytest.mark.parametrize(
@@ -209,13 +216,3 @@ def test_outputs_that_cannot_be(
     monkeypatch.chdir(tmp_path)
     with pytest.raises(lidcam.OutputError, match=fault):
         lidcam.process(SANDBOX, names, config=CONFIG)
-
-
-def test_a_folder_where_the_layout_would_be(tmp_path: Path) -> None:
-    (tmp_path / "out.foxglove.json").mkdir()
-    with pytest.raises(lidcam.OutputError, match=r"out\.foxglove\.json: .* found a folder"):
-        lidcam.process(SANDBOX, tmp_path / "out.mcap", config=CONFIG)
-    without = lidcam.process(
-        SANDBOX, tmp_path / "out.mcap", config=CONFIG, settings={"output.layout": False}, duration_s=0.2
-    )
-    assert without.report.outputs == (tmp_path / "out.mcap",)

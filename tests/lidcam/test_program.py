@@ -33,11 +33,7 @@ def noted() -> RecordingError:
     ("error", "code", "told"),
     [
         (noted(), 1, "lidcam: error: drive.bag: expected a recording, found none (while looking for lidars)\n"),
-        (
-            OSError(errno.ENOSPC, "No space left on device"),
-            1,
-            "lidcam: error: standard output: No space left on device\n",
-        ),
+        (OSError(errno.ENOSPC, "No space left"), 1, "lidcam: error: standard output: No space left\n"),
         (OSError(errno.EIO, "Input/output error"), 1, "lidcam: error: standard output: Input/output error\n"),
         (OSError(errno.ENOSPC, "No space left", "a.mcap"), 1, "lidcam: error: a.mcap: No space left\n"),
         (CheckError("--strict: a"), 1, "lidcam: error: --strict: a\n"),

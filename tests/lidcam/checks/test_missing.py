@@ -29,14 +29,6 @@ def test_what_is_said(silences: list[tuple[float | None, float | None]], alive: 
     assert str(MissingSensor("cam", "/cam", alive + 3 * len(spans), 30, spans)) == text
 
 
-def test_a_camera_and_its_boxes_that_are_silent_are_one_warning() -> None:
-    span = (SilentSpan(1.0, None, 3),)
-    both = [MissingSensor(name, f"/{name}", 3, 9, span) for name in ("cam", "cam (boxes)", "other (boxes)")]
-    boxes_alone = [MissingSensor("cam", "/cam", 3, 9, ()), both[1]]
-    assert [warning.subject for warning in silence_warnings(both)] == ["cam, other (boxes)"]
-    assert [warning.subject for warning in silence_warnings(boxes_alone)] == ["cam (boxes)"]
-
-
 def test_absences_become_sensors_and_silences_warnings() -> None:
     absences = [
         Absence("/lidar2", 5, (Silence(START_NS + S, None, 5),)),
@@ -68,6 +60,8 @@ def test_sensors_that_fall_silent_together_share_a_warning() -> None:
         "of /cam3",
     ]
     assert silence_warnings([]) == []
+    boxes_alone = [MissingSensor("cam2", "/cam2", 3, 9, ()), missing[2]]
+    assert [warning.subject for warning in silence_warnings(boxes_alone)] == ["cam2 (boxes)"]
 
 
 def absent(*names: str, frames: int = 20, of_frames: int = 20) -> list[MissingSensor]:
