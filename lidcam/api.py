@@ -106,7 +106,7 @@ class RunResult:
     """A finished run.
 
     Attributes:
-        report: What was done: counts, drops, calibration, times.
+        report: Counts, drops, calibration, times.
         objects: The fused objects of all frames.
     """
 
@@ -122,17 +122,6 @@ class RunResult:
     def drops(self) -> tuple[DropCount, ...]:
         """Messages that were not used, by topic and reason."""
         return self.report.drops.messages
-
-
-class _Watcher(ObjectCollector):
-    def __init__(self, on_frame: Callable[[FrameResult], None] | None) -> None:
-        super().__init__()
-        self._on_frame = on_frame
-
-    def frame(self, result: FrameResult) -> None:
-        super().frame(result)
-        if self._on_frame is not None:
-            self._on_frame(result)
 
 
 def process(
@@ -154,9 +143,9 @@ def process(
     Raises:
         LidcamError: the input, the calibration, the settings or an output is at fault; no output is left behind.
     """
-    watcher = _Watcher(on_frame)
-    report = process_recording(make_job(recording, output, **options), watcher)
-    return RunResult(report, watcher.objects)
+    collector = ObjectCollector(on_frame)
+    report = process_recording(make_job(recording, output, **options), collector)
+    return RunResult(report, collector.objects)
 
 
 def iter_frames(
@@ -201,14 +190,14 @@ def evaluate(
         result: The .mcap file that a run wrote.
         truth: A recording with topics of truth, or labels; several add up. Without it, what was copied into the result.
         truth_topic: The topic of the truth, whatever it is called; without it, the one that is truth by its name.
-        requirements: What is required of the figures, `["fused.car.recall >= 0.8"]`; `Evaluation.failures` says what
-            is not met.
+        requirements: Limits that the figures must meet, `["fused.car.recall >= 0.8"]`; `Evaluation.failures` lists
+            those that are not met.
         rig: Rig files, of which the zones and the vehicles of the truth count, in place of those of the result.
         config: A preset or a YAML file whose section `evaluate` counts, in place of the result's.
         settings: Single settings on top, of the sections that an evaluation reads: `{"evaluate.max_range_m": 40}`.
 
     Raises:
-        RequirementError: a requirement is none, or names a figure that there cannot be.
+        RequirementError: a requirement cannot be read, or names a figure that there cannot be.
         LidcamError: the result, the truth, the rig or the settings are at fault.
     """
     return evaluate_result(

@@ -5,21 +5,23 @@ from typing import Any, Literal
 
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes2D, Boxes3D
-from pipeline.core.errors import ModelError
+from pipeline.core.errors import ModelError, RecordingError
 from pipeline.core.frame import Decoded, SensorBundle
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.graph import Graph, Node
+from readers.recording import Recording
+from readers.rig.sensor_topics import BOXES, IMAGE
 from readers.streams.decoders import ImageDecoder, OnBadMessage, RecordedBoxes
 
-__all__ = ["BoxSource", "add_boxes2d", "add_boxes3d", "box_source", "wanted_boxes"]
+__all__ = ["BoxSource", "add_boxes2d", "add_boxes3d", "box_source", "check_box_source"]
 
 BoxSource = Literal["onnx", "recorded", "none"]
 
 
 def box_source(config: Config, rig: Rig) -> BoxSource:
     """Where 2D boxes come from; `none` where no camera of the rig has them."""
-    wanted = wanted_boxes(config, rig)
+    wanted = _wanted_boxes(config, rig)
     found = {
         "onnx": any(camera.topic for camera in rig.cameras),
         "recorded": any(camera.boxes_topic for camera in rig.cameras),
@@ -28,13 +30,26 @@ def box_source(config: Config, rig: Rig) -> BoxSource:
     return wanted if found[wanted] else "none"
 
 
-def wanted_boxes(config: Config, rig: Rig) -> BoxSource:
-    """Where 2D boxes should come from: as set; `auto`: the model if one is given, else recorded boxes, else none."""
-    if config.detect2d.method != "auto":
-        return config.detect2d.method
-    if config.detect2d.model is not None:
-        return "onnx"
-    return "recorded" if any(camera.boxes_topic for camera in rig.cameras) else "none"
+def check_box_source(config: Config, recording: Recording, rig: Rig) -> None:
+    """Check that the 2D boxes that are wanted can come from the recording.
+
+    Cameras that were recorded and cannot be used are faults of the rig, and the run goes on without them.
+
+    Raises:
+        RecordingError: no message of the recording has them.
+    """
+    wanted = _wanted_boxes(config, rig)
+    if wanted == "none":
+        return
+    expected, needed, remedy = {
+        "onnx": ("images for the 2D network", IMAGE, "leave out --model-2d"),
+        "recorded": ("recorded 2D boxes", BOXES, "set detect2d.method to auto"),
+    }[wanted]
+    if not any(info.msgtype in needed and info.message_count for info in recording.topics):
+        raise RecordingError(
+            f"{', '.join(map(str, recording.paths))}: expected {expected} ({' or '.join(sorted(needed))}), found no "
+            f"such topic with messages; {remedy} to go by the lidars alone"
+        )
 
 
 def add_boxes3d(
@@ -60,7 +75,7 @@ def add_boxes2d(
     Raises:
         ModelError: the network cannot be loaded.
     """
-    source = wanted_boxes(config, rig)
+    source = _wanted_boxes(config, rig)
     if source == "none":
         nothing = graph.add("no 2D boxes", _no_boxes2d, graph.frame, timed=False)
         return nothing, nothing
@@ -76,6 +91,15 @@ def add_boxes2d(
     detector = OnnxDetector2D(config.detect2d.model, config.detect2d)
     detect2d = Detect2D(rig, config.class_id_of_label, config.detect2d, detector)
     return images, graph.add("detect 2D", detect2d, images)
+
+
+def _wanted_boxes(config: Config, rig: Rig) -> BoxSource:
+    """Where 2D boxes should come from: as set; `auto`: the model if one is given, else recorded boxes, else none."""
+    if config.detect2d.method != "auto":
+        return config.detect2d.method
+    if config.detect2d.model is not None:
+        return "onnx"
+    return "recorded" if any(camera.boxes_topic for camera in rig.cameras) else "none"
 
 
 def _no_boxes2d(_: SensorBundle) -> Decoded[Boxes2D]:

@@ -26,10 +26,12 @@ __all__ = [
     "bundles",
     "decoded_topics",
     "expected_frames",
+    "no_frames",
     "reference_topic",
     "required_topics",
     "sensor_clocks",
     "synchronized_topics",
+    "time_window",
 ]
 
 
@@ -39,6 +41,25 @@ class TimeWindow:
 
     start_ns: int | None = None
     stop_ns: int | None = None
+
+
+def time_window(recording: Recording, start_s: float, duration_s: float | None) -> TimeWindow:
+    """The part of a recording that is to be processed.
+
+    Args:
+        recording: The recording.
+        start_s: Seconds to skip.
+        duration_s: Seconds to process; None: to the end.
+
+    Raises:
+        ConfigError: it starts after the end of the recording.
+    """
+    start_ns = recording.start_ns + round(start_s * 1e9)
+    if start_ns > recording.end_ns:
+        seconds = (recording.end_ns - recording.start_ns) / 1e9
+        raise ConfigError(f"start at {start_s:g} s: the recording is only {seconds:.3f} s long")
+    stop_ns = None if duration_s is None else start_ns + round(duration_s * 1e9)
+    return TimeWindow(start_ns if start_s else None, stop_ns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,6 +239,26 @@ def reference_topic(config: Config, rig: Rig) -> str:
     if reference not in topics:
         raise ConfigError(f"sync.reference: {reference!r} is not among the topics in use: {', '.join(topics)}")
     return reference
+
+
+def no_frames(source: RunInput, drops: DropTable) -> str:
+    """Why a run has no frames, and what to try."""
+    config, rig = source.config, source.rig
+    topics, required = synchronized_topics(config, rig), required_topics(config, rig)
+    needed = topics if required is None else required or topics[:1]
+    paths = ", ".join(str(path) for path in source.recording.paths)
+    if source.window != TimeWindow() and not any(drops.count(topic) for topic in topics):
+        return (
+            f"{paths}: expected messages of {', '.join(needed)} in the part given by start and duration, found none in "
+            "it; take a longer part"
+        )
+    found = ", ".join(f"{topic} {drops.count(topic)}" for topic in topics)
+    every = "topic" if required is None else f"required topic ({', '.join(needed)})"
+    return (
+        f"{paths}: no moment has a message of every {every}; "
+        f"messages by topic: {found}; require fewer with --set sync.required=[{needed[0]}], or widen "
+        "sync.max_interval_s"
+    )
 
 
 def _with_motion(found: Iterator[SensorBundle], motion: MotionBuffer) -> Iterator[SensorBundle]:

@@ -1,19 +1,18 @@
 """The contents of a recording, and what lidcam would use of them."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from lidcam.box_sources import BoxSource, box_source
 from lidcam.checks.calibration.check import check_first_clouds
-from lidcam.checks.empty import check_not_empty
+from lidcam.checks.files import check_not_empty
 from lidcam.checks.incomplete import damage_lines, left_out_lines
 from lidcam.checks.warning import RunWarning
 from lidcam.frames import TimeWindow
 from lidcam.job import RigSource, read_rig
 from lidcam.report import loss_records
-from lidcam.settings.choice import SettingsChoice, UsedSettings, used_record
-from lidcam.settings.settle import settle, with_zones
+from lidcam.settings.choice import SettingsChoice, UsedSettings, use_settings, used_record
 from pipeline.core.errors import CalibrationError, RecordingError, short_memory_told
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
@@ -21,11 +20,11 @@ from readers.location import Location, RemotePath
 from readers.open import open_recording
 from readers.recording import Loss, ReadOptions, Recording
 from readers.rig.calibration import SensorSource
-from readers.rig.discovery import Discovery, calibrated_rig
+from readers.rig.discovery import calibrated_rig
 from readers.rig.draft import draft_yaml
 from readers.rig.search import FoundSensors, find_sensors
 from readers.rig.sensor_topics import SensorFault
-from readers.streams.motion import MotionSource, find_motion_source
+from readers.streams.motion import find_motion_source
 from readers.streams.per_sensor import sensor_messages
 from readers.streams.survey import TopicSurvey, survey
 
@@ -53,7 +52,7 @@ class Inspection:
         sensors: Where the calibration of each sensor was found.
         faults: Sensors that would be left out, and why.
         notes: Remarks on topics and sensors.
-        warnings: What the first messages say against the calibration.
+        warnings: Reasons in the first messages to doubt the calibration.
         motion_topics: Where the motion of the site frame would come from; empty where it stands still.
         box_source: Where 2D boxes would come from.
         box_source_3d: Where the lidars' 3D boxes would come from: a name of `ENGINES`.
@@ -89,7 +88,7 @@ class Inspection:
 
 
 def inspect_recording(inputs: Sequence[Location], choice: SettingsChoice, rig: RigSource | None = None) -> Inspection:
-    """What is in a recording, and what lidcam would use of it.
+    """The contents of a recording, and what lidcam would use of them.
 
     Of a recording on a server only the beginning is looked at, so as not to fetch all of it.
 
@@ -112,42 +111,39 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
         CalibrationError: a rig file cannot be read, or does not fit.
         RecordingError: it is empty, or cannot be read to its end.
     """
-    rig_file = read_rig(rig)
+    rig_file, config = read_rig(rig), choice.config
     check_not_empty(recording)
-    topics = survey(recording, stop_ns=window.stop_ns, limits=choice.config.limits)
-    found: Discovery | None = None
-    sensors: FoundSensors | None = None
-    motion: MotionSource | None = None
-    config, used = choice.config, None
-    problem = ""
-    try:
-        sensors = find_sensors(recording, config, rig_file, start_ns=window.start_ns, stop_ns=window.stop_ns)
-        found = calibrated_rig(sensors)
-    except (CalibrationError, RecordingError) as err:
-        problem = str(err)
-    if found:
-        motion = find_motion_source(recording, found.rig, found.transforms, config)
-        config, used = settle(choice, recording, found, moves=motion is not None)
-        found = with_zones(found, rig_file, config)
-    return Inspection(
+    inspection = Inspection(
         files=recording.paths,
         start_ns=recording.start_ns,
         end_ns=recording.end_ns,
         messages=recording.message_count,
-        topics=topics,
+        topics=survey(recording, stop_ns=window.stop_ns, limits=config.limits),
         losses=recording.losses,
         stop_ns=window.stop_ns,
-        problem=problem,
-        rig=found.rig if found else None,
-        draft=draft_yaml(sensors, found.rig.zones if found else sensors.zones) if sensors else "",
-        sensors=found.sources if found else (),
-        faults=found.faults if found else (),
-        notes=found.notes if found else (),
-        warnings=_warnings(recording, found.rig, config, window) if found else (),
+    )
+    sensors: FoundSensors | None = None
+    try:
+        sensors = find_sensors(recording, config, rig_file, start_ns=window.start_ns, stop_ns=window.stop_ns)
+        found = calibrated_rig(sensors)
+    except (CalibrationError, RecordingError) as err:
+        draft = draft_yaml(sensors, sensors.zones) if sensors else ""
+        return replace(inspection, losses=recording.losses, problem=str(err), draft=draft)
+    motion = find_motion_source(recording, found.rig, found.transforms, config)
+    config, used, found = use_settings(choice, recording, found, rig_file, moves=motion is not None)
+    return replace(
+        inspection,
+        rig=found.rig,
+        draft=draft_yaml(sensors, found.rig.zones),
+        sensors=found.sources,
+        faults=found.faults,
+        notes=found.notes,
+        warnings=_warnings(recording, found.rig, config, window),
         motion_topics=motion.topics if motion else (),
-        box_source=box_source(config, found.rig) if found else "none",
-        box_source_3d=config.detect3d.method if found else "none",
+        box_source=box_source(config, found.rig),
+        box_source_3d=config.detect3d.method,
         settings=used,
+        losses=recording.losses,
     )
 
 

@@ -1,15 +1,15 @@
 """A run as a value: everything it needs to know, nothing open. It can be pickled, and run in another process."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import inf
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TypedDict, get_args
 
-from lidcam.presets.rigs import rig_path
-from lidcam.settings.choice import GIVEN, SettingsChoice, choose_settings
-from pipeline.core.errors import ConfigError, OutputError
+from lidcam.settings.choice import SettingsChoice, choose_settings
+from pipeline.core.errors import CalibrationError, ConfigError, OutputError
+from pipeline.core.settings.bundled import bundled, preset_or_file
 from pipeline.core.settings.config import Config
 from readers.location import Location, RemotePath, location
 from readers.rig.merge import merge_rigs
@@ -30,7 +30,7 @@ __all__ = [
     "read_rig",
 ]
 
-DEFAULT_CONFIG = Config()
+DEFAULT_SETTINGS = SettingsChoice(Config())
 
 FilePath = str | PathLike[str]
 PathOrUrl = FilePath | RemotePath
@@ -46,9 +46,7 @@ class Job:
     Attributes:
         inputs: A recording, or all parts of a split one in order.
         outputs: Files to write; what each is, its name says (`lidcam.outputs.kinds.OUTPUTS`).
-        config: Settings; where the recording decides, those that it is opened with.
-        settings_name: Where they come from: a preset, a file, `defaults` or `as given`.
-        by_preset: Settings of each preset, among which the recording decides; empty: `config` holds.
+        settings: The settings, or those among which the recording decides.
         rig: Sensors and calibration, of all rig files together; what it leaves out, and all of it without one, is found
             in the recording.
         start_s: Seconds of the recording to skip.
@@ -60,9 +58,7 @@ class Job:
 
     inputs: tuple[Location, ...]
     outputs: tuple[Path, ...] = ()
-    config: Config = DEFAULT_CONFIG
-    settings_name: str = GIVEN
-    by_preset: Mapping[str, Config] = field(default_factory=dict)
+    settings: SettingsChoice = DEFAULT_SETTINGS
     rig: RigFile | None = None
     start_s: float = 0.0
     duration_s: float | None = None
@@ -84,9 +80,9 @@ class Job:
             raise ConfigError(f"on_bad_message: expected skip or fail, found {self.on_bad_message!r}")
 
     @property
-    def choice(self) -> SettingsChoice:
-        """The settings, or those among which the recording decides."""
-        return SettingsChoice(self.config, self.settings_name, self.by_preset)
+    def config(self) -> Config:
+        """The settings; where the recording decides, those that it is opened with."""
+        return self.settings.config
 
 
 class JobOptions(TypedDict, total=False):
@@ -155,9 +151,7 @@ def make_job(
     return Job(
         inputs=locations(recording),
         outputs=tuple(path for path in outputs if isinstance(path, Path)),
-        config=choice.config,
-        settings_name=choice.name,
-        by_preset=choice.by_preset,
+        settings=choice,
         rig=read_rig(rig),
         start_s=start_s,
         duration_s=duration_s,
@@ -191,11 +185,12 @@ def read_rig(rig: RigSource | None) -> RigFile | None:
         CalibrationError: one cannot be read, its content does not fit, or two contradict each other.
     """
     given = [] if rig is None else [rig] if isinstance(rig, RigFile | str | PathLike) else [*rig]
+    presets = {path.stem: path for path in sorted(bundled("rigs").glob("*.yaml"))}
     loaded = []
     for number, one in enumerate(given, 1):
         if isinstance(one, RigFile):
             loaded.append((f"rig {number}", one))
         else:
-            path = rig_path(one)
+            path = preset_or_file(one, presets, "a rig file", CalibrationError)
             loaded.append((str(path), load_rig(path)))
     return merge_rigs(loaded) if loaded else None

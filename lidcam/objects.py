@@ -1,6 +1,6 @@
 """The fused objects of a run as one table of arrays, for notebooks."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -10,13 +10,29 @@ import numpy as np
 from lidcam.frames import RunInput
 from lidcam.run import RunObserver
 from pipeline.core.arrays import F32, F64, I32, I64, U8, Array, Rows, check_array, select_rows
-from pipeline.core.detections import source_names
+from pipeline.core.detections import Fused, source_names
 from pipeline.core.frame import FrameResult
 
 __all__ = ["ObjectCollector", "Objects"]
 
 MAX_SHOWN = 10
 """Rows that the text form shows."""
+
+ARRAYS: dict[str, tuple[tuple[int, ...], type[np.generic]]] = {
+    "frames": ((), np.int64),
+    "stamps_ns": ((), np.int64),
+    "class_ids": ((), np.int32),
+    "scores": ((), np.float32),
+    "centers": ((3,), np.float64),
+    "sizes": ((3,), np.float64),
+    "yaws": ((), np.float64),
+    "point_counts": ((), np.int32),
+    "matched": ((), np.int32),
+    "covariances": ((3, 3), np.float64),
+    "sources": ((), np.uint8),
+    "measured_ns": ((), np.int64),
+}
+"""Shape of a row, and dtype, of the columns of `Objects`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,19 +72,8 @@ class Objects:
     measured_ns: I64
 
     def __post_init__(self) -> None:
-        n = len(self.scores)
-        check_array("frames", self.frames, (n,), np.int64)
-        check_array("stamps_ns", self.stamps_ns, (n,), np.int64)
-        check_array("class_ids", self.class_ids, (n,), np.int32)
-        check_array("scores", self.scores, (n,), np.float32)
-        check_array("centers", self.centers, (n, 3), np.float64)
-        check_array("sizes", self.sizes, (n, 3), np.float64)
-        check_array("yaws", self.yaws, (n,), np.float64)
-        check_array("point_counts", self.point_counts, (n,), np.int32)
-        check_array("matched", self.matched, (n,), np.int32)
-        check_array("covariances", self.covariances, (n, 3, 3), np.float64)
-        check_array("sources", self.sources, (n,), np.uint8)
-        check_array("measured_ns", self.measured_ns, (n,), np.int64)
+        for name, (shape, dtype) in ARRAYS.items():
+            check_array(name, getattr(self, name), (len(self.scores), *shape), dtype)
 
     def __len__(self) -> int:
         return len(self.scores)
@@ -144,42 +149,37 @@ class Objects:
 class ObjectCollector(RunObserver):
     """Gathers the objects of a run; memory grows with their number, by about 250 bytes each."""
 
-    def __init__(self) -> None:
+    def __init__(self, on_frame: Callable[[FrameResult], None] | None = None) -> None:
+        """Gather objects; `on_frame` is called with each frame."""
         self._class_names: tuple[str, ...] = ()
-        self._results: list[tuple[int, int, Any]] = []
+        self._results: list[tuple[int, int, Fused]] = []
+        self._on_frame = on_frame
 
     def opened(self, source: RunInput) -> None:
-        """Learn the names of the classes."""
+        """Take over the names of the classes."""
         self._class_names = source.config.object_names
 
     def frame(self, result: FrameResult) -> None:
-        """Keep the objects of one frame."""
+        """Take over the objects of one frame."""
         self._results.append((result.bundle.index, result.bundle.stamp_ns, result.fused))
+        if self._on_frame is not None:
+            self._on_frame(result)
 
     @property
     def objects(self) -> Objects:
         """The objects of the frames so far."""
         boxes = [fused.objects for _, _, fused in self._results]
-        counts = [len(box) for box in boxes]
-
-        def joined(name: str, empty: Array) -> Any:
-            return np.concatenate([empty, *(getattr(box, name) for box in boxes)])
-
+        columns: dict[str, list[Any]] = {
+            "frames": [np.full(len(fused.objects), index) for index, _, fused in self._results],
+            "stamps_ns": [np.full(len(fused.objects), stamp_ns) for _, stamp_ns, fused in self._results],
+            "matched": [fused.matched for _, _, fused in self._results],
+        }
+        columns |= {name: [getattr(box, name) for box in boxes] for name in ARRAYS if name not in columns}
+        empty = {name: np.zeros((0, *shape), dtype) for name, (shape, dtype) in ARRAYS.items()}
         return Objects(
-            frame_id=boxes[0].frame_id if boxes else "",
-            class_names=self._class_names,
-            frames=np.repeat(np.array([index for index, _, _ in self._results], np.int64), counts),
-            stamps_ns=np.repeat(np.array([stamp_ns for _, stamp_ns, _ in self._results], np.int64), counts),
-            class_ids=joined("class_ids", np.zeros(0, np.int32)),
-            scores=joined("scores", np.zeros(0, np.float32)),
-            centers=joined("centers", np.zeros((0, 3))),
-            sizes=joined("sizes", np.zeros((0, 3))),
-            yaws=joined("yaws", np.zeros(0)),
-            point_counts=joined("point_counts", np.zeros(0, np.int32)),
-            matched=np.concatenate([np.zeros(0, np.int32), *(fused.matched for _, _, fused in self._results)]),
-            covariances=joined("covariances", np.zeros((0, 3, 3))),
-            sources=joined("sources", np.zeros(0, np.uint8)),
-            measured_ns=joined("measured_ns", np.zeros(0, np.int64)),
+            boxes[0].frame_id if boxes else "",
+            self._class_names,
+            **{name: np.concatenate([empty[name], *columns[name]]) for name in ARRAYS},
         )
 
 

@@ -3,7 +3,7 @@
 Exit codes: 0 done, and nothing that was asked for is missing; 1 failed, with one line on stderr: nothing was written,
 or checks failed, with a line each, and the outputs are there; 2 wrong usage; 3 done, the outputs are complete, but part
 of the recording could not be used: the last line on stderr says what; 128 + N ended by signal N, see
-`lidcam.start.signals`; anything else is a bug and shows its traceback. Results go to stdout, progress and log to
+`lidcam.__main__`; anything else is a bug and shows its traceback. Results go to stdout, progress and log to
 stderr.
 """
 
@@ -12,13 +12,14 @@ import io
 import logging
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from typing import NoReturn
 
 from typer.exceptions import TyperException
 
 from lidcam.commands.verdict import FAILED, INCOMPLETE
+from lidcam.printing.escaping import visible, visible_lines
 from lidcam.printing.log import configure_logging, verdict_log
-from lidcam.printing.usage import print_usage_error
 from pipeline.core.errors import CheckError, IncompleteError, LidcamError, short_memory_told
 from pipeline.core.text import one_line
 
@@ -53,7 +54,7 @@ def run_program(program: Callable[..., object], name: str) -> None:
         notes = "".join(f" ({note})" for note in getattr(err, "__notes__", ()))
         _fail(one_line(err) + notes)
     except TyperException as err:
-        print_usage_error(err)
+        _print_usage_error(err)
         sys.exit(err.exit_code)
     except Exception:
         logger.debug("a bug", exc_info=True)  # for the log file: the interpreter prints the traceback
@@ -66,3 +67,14 @@ def _fail(*lines: str) -> NoReturn:
     for line in lines:
         logger.error("%s", line)
     sys.exit(FAILED)
+
+
+def _print_usage_error(error: TyperException) -> None:
+    """Print the usage of a command and what is wrong with its arguments, which are quoted and made visible."""
+    message = error.format_message()
+    if not message.startswith("Usage: "):  # the whole help, where a command without arguments prints that
+        vars(error)["format_message"] = lambda: visible(message)
+    text = io.StringIO()
+    error.show(text)  # type: ignore[attr-defined]  # of all that Typer raises
+    with suppress(OSError):  # nobody reads it
+        sys.stderr.write(visible_lines(text.getvalue()))

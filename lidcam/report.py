@@ -1,6 +1,6 @@
 """The report of a run: what it read, made, dropped and found, in groups."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -12,9 +12,10 @@ from lidcam.checks.warning import RunWarning
 from lidcam.settings.choice import UsedSettings
 from pipeline.core.rig import Rig
 from readers.input_file import InputFile
-from readers.recording import Loss
+from readers.messages.tf import TF_TYPES
+from readers.recording import Loss, Recording
 from readers.rig.calibration import SensorSource
-from readers.rig.sensor_topics import SensorFault
+from readers.rig.sensor_topics import CAMERA_INFO, SensorFault
 
 __all__ = [
     "DropCount",
@@ -27,6 +28,7 @@ __all__ = [
     "UnusedTopic",
     "loss_records",
     "report_tree",
+    "unused_topics",
 ]
 
 
@@ -38,7 +40,7 @@ class DropCount:
         topic: Their topic.
         reason: Why.
         count: How many.
-        example: What was found in the first of them; may be empty.
+        example: The finding in the first of them; may be empty.
         unit: Whether whole messages were dropped, or parts of messages that were used.
         is_defect: Whether the messages are at fault: they cannot be decoded, or their stamps are no times. The others
             were sound and not needed.
@@ -70,6 +72,15 @@ class UnusedTopic:
     topic: str
     message_count: int
     problem: str
+
+
+def unused_topics(recording: Recording, used: Collection[str]) -> tuple[UnusedTopic, ...]:
+    """The topics with messages that were not used, calibration and transforms aside."""
+    return tuple(
+        UnusedTopic(info.topic, info.message_count, info.unreadable)
+        for info in recording.topics
+        if info.message_count and info.topic not in used and info.msgtype not in CAMERA_INFO | TF_TYPES
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +201,7 @@ class RunReport:
         settings: Which settings were used, and why these.
         settings_sha256: Checksum of all of them that affect the result.
         notes: Remarks on topics and sensors.
-        warnings: What makes the result doubtful.
+        warnings: Reasons to doubt the result.
         outputs: Files that were written.
         how_to_open: How the outputs are opened, by the name of the viewer.
     """

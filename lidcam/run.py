@@ -12,38 +12,36 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from lidcam.box_sources import box_source, wanted_boxes
+from lidcam.box_sources import box_source, check_box_source
 from lidcam.build import build_graph
-from lidcam.checks.absent import absence_warnings, clocks_off
 from lidcam.checks.calibration.check import CalibrationCheck
 from lidcam.checks.class_numbers import class_number_warnings
-from lidcam.checks.clocks import clock_notes, jump_warnings
-from lidcam.checks.empty import check_not_empty
-from lidcam.checks.files import FileCheck
-from lidcam.checks.late import late_warnings
+from lidcam.checks.clocks import clock_notes, clocks_off, jump_warnings, late_warnings
+from lidcam.checks.files import FileCheck, check_not_empty
 from lidcam.checks.lidars import LidarCheck
-from lidcam.checks.missing import missing_sensors, silence_warnings
+from lidcam.checks.missing import MissingSensor, absence_warnings, missing_sensors, silence_warnings
 from lidcam.checks.no_objects import ObjectCheck
+from lidcam.checks.warning import RunWarning
 from lidcam.frames import (
     RunInput,
-    TimeWindow,
     bundles,
     decoded_topics,
     expected_frames,
+    no_frames,
     reference_topic,
-    required_topics,
     sensor_clocks,
     synchronized_topics,
+    time_window,
 )
 from lidcam.job import Job
 from lidcam.outputs.allowed import check_no_input
 from lidcam.outputs.copied import choose_copied, choose_drawn, truth_frames
 from lidcam.outputs.open import how_to_open, open_outputs, open_writers, written_files
-from lidcam.report import DropReport, FrameReport, InputReport, RunReport, SensorReport, TimingReport, UnusedTopic
-from lidcam.settings.lasting import settings_sha256
-from lidcam.settings.settle import settle, with_zones
+from lidcam.report import InputReport, RunReport, SensorReport, TimingReport, unused_topics
+from lidcam.settings.choice import use_settings
+from lidcam.settings.effect import settings_sha256
 from lidcam.summary import DropTable, RunProgress, Tally
-from pipeline.core.errors import ConfigError, RecordingError, short_memory_told
+from pipeline.core.errors import RecordingError, short_memory_told
 from pipeline.core.frame import FrameResult, SensorBundle
 from pipeline.graph import Node
 from pipeline.parallel.cores import usable_cores
@@ -51,11 +49,10 @@ from pipeline.parallel.process import WorkerProcess, copied_workers
 from pipeline.parallel.run import Limits, run_parallel
 from pipeline.stages.sync.synchronize import SyncStats
 from readers.input_file import InputFile, InputFiles
-from readers.messages.tf import TF_TYPES
 from readers.open import open_recording
 from readers.recording import ReadOptions, Recording
 from readers.rig.discovery import Discovery, discover_rig
-from readers.rig.sensor_topics import BOXES, CAMERA_INFO, CLOUD, IMAGE
+from readers.rig.sensor_topics import CLOUD
 from readers.streams.motion import find_motion_source
 from readers.streams.per_sensor import sensor_messages
 from writers.base import ResultWriter
@@ -85,7 +82,7 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunRepor
     """Process a recording to its end.
 
     Args:
-        job: What to process, and what to write.
+        job: The recording, the settings and the outputs.
         observer: Looks on.
 
     Raises:
@@ -125,14 +122,11 @@ def opened(job: Job) -> Iterator["Run"]:
     Raises:
         LidcamError: the input, the calibration, the settings or an output is at fault.
     """
-    with short_memory_told(f"process {', '.join(map(str, job.inputs))}"), _opened(job) as run:
-        yield run
-
-
-@contextmanager
-def _opened(job: Job) -> Iterator["Run"]:
     options = ReadOptions("as_needed" if job.on_bad_message == "skip" else "none", job.config.limits)
-    with sensor_messages(open_recording(job.inputs, options), limits=options.limits) as recording:
+    with (
+        short_memory_told(f"process {', '.join(map(str, job.inputs))}"),
+        sensor_messages(open_recording(job.inputs, options), limits=options.limits) as recording,
+    ):
         names = ", ".join(map(str, recording.paths))
         seconds = (recording.end_ns - recording.start_ns) / 1e9
         logger.info(
@@ -142,15 +136,14 @@ def _opened(job: Job) -> Iterator["Run"]:
             logger.warning("%s is damaged or was not closed: what can still be read is read", path)
         check_not_empty(recording)
         check_no_input(written_files(job), recording.paths)
-        window = _window(recording, job)
+        window = time_window(recording, job.start_s, job.duration_s)
         found = discover_rig(recording, job.config, job.rig, start_ns=window.start_ns, stop_ns=window.stop_ns)
         for fault in found.faults:
             logger.warning("%s is left out: %s", fault.sensor, fault.reason)
         for sensor in found.sources:
             logger.info("%s: %s, calibration: %s %s", sensor.sensor, sensor.topic, sensor.intrinsics, sensor.extrinsics)
         motion = find_motion_source(recording, found.rig, found.transforms, job.config)
-        config, used = settle(job.choice, recording, found, moves=motion is not None)
-        found = with_zones(found, job.rig, config)
+        config, used, found = use_settings(job.settings, recording, found, job.rig, moves=motion is not None)
         logger.info("settings: %s", used)
         copied, notes = choose_copied(job.outputs, recording, found.rig, config)
         found = replace(found, notes=(*found.notes, *notes))
@@ -192,7 +185,7 @@ class Run:
         reference_topic(source.config, source.rig)
         self._make_graph = partial(build_graph, source.config, source.rig, on_bad=drops.on_bad)
         self._graph, self._result = self._make_graph()
-        _check_box_source(source)
+        check_box_source(source.config, source.recording, source.rig)
         self._workers = source.config.run.workers or usable_cores()
         self._processes: Sequence[WorkerProcess] = ()
         self._seconds = time.perf_counter() - started  # loading a network belongs to a run
@@ -238,7 +231,7 @@ class Run:
                 yield frame
         self._seconds += time.perf_counter() - started
         if self._tally.frames == 0:
-            raise RecordingError(_no_frames(self.source, self._drops))
+            raise RecordingError(no_frames(self.source, self._drops))
 
     def _results(self, result: Node[FrameResult], found: Iterator[SensorBundle]) -> Generator[FrameResult, None, None]:
         config, rig, workers = self.source.config, self.source.rig, self._workers
@@ -277,35 +270,17 @@ class Run:
         motion_topics = source.motion.topics if source.motion else ()
         used = {*tally.messages, *(drop.topic for drop in drops), *motion_topics, *source.copied}
         absences = self._stats.attendance.absences(synchronized_topics(source.config, source.rig))
-        start_ns = source.recording.start_ns
-        missing = missing_sensors(absences, source.rig, of_frames=self._stats.sets, start_ns=start_ns)
+        missing = missing_sensors(absences, source.rig, of_frames=self._stats.sets, start_ns=source.recording.start_ns)
         return RunReport(
             inputs=InputReport(
                 files=tuple(inputs),
                 messages_used=dict(sorted(tally.messages.items())),
                 copied={topic: tally.copied[topic] for topic in sorted(source.copied)},
-                unused_topics=_unused_topics(source.recording, used),
+                unused_topics=unused_topics(source.recording, used),
                 losses=source.recording.losses,
             ),
-            frames=FrameReport(
-                count=tally.frames,
-                objects=dict(sorted(tally.objects.items())),
-                sources=dict(tally.sources),
-                confirmed=tally.confirmed,
-                without_boxes=tally.frames_without_boxes,
-                without_boxes3d=tally.frames_without_boxes3d,
-                compensated=tally.compensated,
-                points=dict(tally.points),
-                skew_mean_ms=self._stats.skew_mean_ns / 1e6,
-                skew_max_ms=self._stats.skew_max_ns / 1e6,
-            ),
-            drops=DropReport(
-                messages=drops,
-                boxes=dict(sorted(tally.unused_boxes.items())),
-                boxes3d=dict(sorted(tally.unused_boxes3d.items())),
-                boxes_without_object=dict(sorted(tally.boxes_without_object.items())),
-                objects=dict(sorted(tally.objects_left_out.items())),
-            ),
+            frames=tally.frame_report(self._stats),
+            drops=tally.drop_report(drops),
             sensors=SensorReport(
                 rig=source.rig,
                 calibration=found.sources,
@@ -323,20 +298,24 @@ class Run:
             settings=source.settings,
             settings_sha256=settings_sha256(source.config),
             notes=(*found.notes, *clock_notes(self._clocks, source.rig.sensor_of_topic)),
-            warnings=(
-                *jump_warnings(self._clocks.jumps, start_ns=start_ns),
-                *silence_warnings(missing),
-                *(
-                    clocks_off(self._clocks.delays_ns, missing, source.rig)
-                    or late_warnings({(d.topic, d.reason): d.count for d in drops}, self._stats.received, source.rig)
-                    or absence_warnings(missing)
-                ),
-                *class_number_warnings(tally.unused_boxes, source.config, tally.unused_boxes3d),
-                *(warning for check in self._checks for warning in check.warnings),
-            ),
+            warnings=tuple(self._warnings(missing)),
             outputs=tuple(outputs),
             how_to_open=viewers or {},
         )
+
+    def _warnings(self, missing: Sequence[MissingSensor]) -> Iterator[RunWarning]:
+        rig, clocks, tally = self.source.rig, self._clocks, self._tally
+        yield from jump_warnings(clocks.jumps, start_ns=self.source.recording.start_ns)
+        yield from silence_warnings(missing)
+        drops = {(drop.topic, drop.reason): drop.count for drop in self._drops.rows}
+        yield from (
+            clocks_off(clocks.delays_ns, missing, rig)
+            or late_warnings(drops, self._stats.received, rig)
+            or absence_warnings(missing)
+        )
+        yield from class_number_warnings(tally.unused_boxes, self.source.config, tally.unused_boxes3d)
+        for check in self._checks:
+            yield from check.warnings
 
     def _count_early_drops(self) -> None:
         """Messages that were found bad while the rig was sought; those of the motion are met again."""
@@ -345,15 +324,6 @@ class Run:
             if drop.topic not in motion_topics:
                 for _ in range(count):
                     self._drops.add_bad(drop)
-
-
-def _window(recording: Recording, job: Job) -> TimeWindow:
-    start_ns = recording.start_ns + round(job.start_s * 1e9)
-    if start_ns > recording.end_ns:
-        seconds = (recording.end_ns - recording.start_ns) / 1e9
-        raise ConfigError(f"start at {job.start_s:g} s: the recording is only {seconds:.3f} s long")
-    stop_ns = None if job.duration_s is None else start_ns + round(job.duration_s * 1e9)
-    return TimeWindow(start_ns if job.start_s else None, stop_ns)
 
 
 def _input_files(source: RunInput, *, is_written: bool) -> InputFiles:
@@ -369,23 +339,6 @@ def _input_files(source: RunInput, *, is_written: bool) -> InputFiles:
 def _share(recording: Recording, log_time_ns: int) -> float:
     """How much of a recording was logged by then, 0 to 1."""
     return (log_time_ns - recording.start_ns) / max(recording.end_ns - recording.start_ns, 1)
-
-
-def _check_box_source(source: RunInput) -> None:
-    """Cameras that were recorded and cannot be used are faults of the rig, and the run goes on without them."""
-    wanted = wanted_boxes(source.config, source.rig)
-    if wanted == "none":
-        return
-    expected, needed, remedy = {
-        "onnx": ("images for the 2D network", IMAGE, "leave out --model-2d"),
-        "recorded": ("recorded 2D boxes", BOXES, "set detect2d.method to auto"),
-    }[wanted]
-    recording = source.recording
-    if not any(info.msgtype in needed and info.message_count for info in recording.topics):
-        raise RecordingError(
-            f"{', '.join(map(str, recording.paths))}: expected {expected} ({' or '.join(sorted(needed))}), found no "
-            f"such topic with messages; {remedy} to go by the lidars alone"
-        )
 
 
 def _memory_of(bundle: SensorBundle) -> int:
@@ -409,30 +362,3 @@ def _needed(bundle: SensorBundle, decoded: Collection[str]) -> SensorBundle:
 def _write(writer: ResultWriter, result: FrameResult) -> FrameResult:
     not_copied = writer.write(result)
     return replace(result, drops=result.drops + not_copied) if not_copied else result
-
-
-def _no_frames(source: RunInput, drops: DropTable) -> str:
-    config, rig = source.config, source.rig
-    topics, required = synchronized_topics(config, rig), required_topics(config, rig)
-    needed = topics if required is None else required or topics[:1]
-    paths = ", ".join(str(path) for path in source.recording.paths)
-    if source.window != TimeWindow() and not any(drops.count(topic) for topic in topics):
-        return (
-            f"{paths}: expected messages of {', '.join(needed)} in the part given by start and duration, found none in "
-            "it; take a longer part"
-        )
-    found = ", ".join(f"{topic} {drops.count(topic)}" for topic in topics)
-    every = "topic" if required is None else f"required topic ({', '.join(needed)})"
-    return (
-        f"{paths}: no moment has a message of every {every}; "
-        f"messages by topic: {found}; require fewer with --set sync.required=[{needed[0]}], or widen "
-        "sync.max_interval_s"
-    )
-
-
-def _unused_topics(recording: Recording, used: Collection[str]) -> tuple[UnusedTopic, ...]:
-    return tuple(
-        UnusedTopic(info.topic, info.message_count, info.unreadable)
-        for info in recording.topics
-        if info.message_count and info.topic not in used and info.msgtype not in CAMERA_INFO | TF_TYPES
-    )

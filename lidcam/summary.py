@@ -3,7 +3,7 @@
 from collections import Counter
 from dataclasses import dataclass
 
-from lidcam.report import DropCount
+from lidcam.report import DropCount, DropReport, FrameReport
 from pipeline.core.detections import Source, source_names
 from pipeline.core.errors import MessageError
 from pipeline.core.frame import FrameResult
@@ -11,14 +11,10 @@ from pipeline.core.geometry.polygons import first_polygon_with
 from pipeline.core.messages import Drop
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
+from pipeline.stages.sync.synchronize import SyncStats
 from readers.streams.decoders import OnBadMessage
 
-__all__ = [
-    "OUTSIDE_ZONES",
-    "DropTable",
-    "RunProgress",
-    "Tally",
-]
+__all__ = ["OUTSIDE_ZONES", "DropTable", "RunProgress", "Tally"]
 
 OUTSIDE_ZONES = "outside"
 """Name for the place of objects that no zone holds."""
@@ -28,7 +24,7 @@ class DropTable:
     """Dropped messages by topic and reason; memory does not grow with their number.
 
     Attributes:
-        on_bad: What becomes of a message that cannot be decoded.
+        on_bad: Whether a message that cannot be decoded is skipped or ends the run.
         total: Number of dropped messages.
     """
 
@@ -148,3 +144,28 @@ class Tally:
         self.copied.update(message.topic for message in frame.bundle.copied)
         unused = {(drop.topic, drop.stamp_ns) for drop in frame.drops if not drop.parts}
         self.messages.update(topic for topic, m in frame.bundle.messages.items() if (topic, m.stamp_ns) not in unused)
+
+    def frame_report(self, stats: SyncStats) -> FrameReport:
+        """The counts over the frames so far; `stats` has the spread of their stamps."""
+        return FrameReport(
+            count=self.frames,
+            objects=dict(sorted(self.objects.items())),
+            sources=dict(self.sources),
+            confirmed=self.confirmed,
+            without_boxes=self.frames_without_boxes,
+            without_boxes3d=self.frames_without_boxes3d,
+            compensated=self.compensated,
+            points=dict(self.points),
+            skew_mean_ms=stats.skew_mean_ns / 1e6,
+            skew_max_ms=stats.skew_max_ns / 1e6,
+        )
+
+    def drop_report(self, messages: tuple[DropCount, ...]) -> DropReport:
+        """The counts so far of what was not used or not reported, with the dropped messages."""
+        return DropReport(
+            messages=messages,
+            boxes=dict(sorted(self.unused_boxes.items())),
+            boxes3d=dict(sorted(self.unused_boxes3d.items())),
+            boxes_without_object=dict(sorted(self.boxes_without_object.items())),
+            objects=dict(sorted(self.objects_left_out.items())),
+        )

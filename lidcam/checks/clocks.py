@@ -1,11 +1,14 @@
-"""Notes and warnings about the clocks of sensors and recorder."""
+"""Notes and warnings about the clocks of sensors and recorder: they jump, are off, or are not read at all."""
 
 from collections.abc import Mapping, Sequence
 
+from lidcam.checks.missing import MissingSensor, never_used, with_camera
 from lidcam.checks.warning import RunWarning
+from pipeline.core.rig import Rig
 from pipeline.stages.sync.clocks import Clocks, TimeJump
+from pipeline.stages.sync.policy import DropReason
 
-__all__ = ["clock_notes", "jump_warnings"]
+__all__ = ["clock_notes", "clocks_off", "jump_warnings", "late_warnings"]
 
 MAX_JUMPS_NAMED = 5
 """Jumps with a warning of their own."""
@@ -13,10 +16,16 @@ MAX_JUMPS_NAMED = 5
 MAX_SENSORS_NAMED = 10
 """Sensors in one note."""
 
+AHEAD_NS, BEHIND_NS = 1_000_000_000, 10_000_000_000
+"""A clock that is this far ahead of, or behind, most others is off; messages may also be recorded some seconds late."""
+
+MIN_LATE_SHARE = 0.1
+"""Of a sensor's messages: single ones are late where a sensor begins, or where the recorder was busy."""
+
 
 def jump_warnings(jumps: Sequence[TimeJump], *, start_ns: int) -> list[RunWarning]:
     """One for each of the first jumps of time; `start_ns` is the log time at which the recording starts."""
-    warnings = [_warning(jump, start_ns) for jump in jumps[:MAX_JUMPS_NAMED]]
+    warnings = [_jump_warning(jump, start_ns) for jump in jumps[:MAX_JUMPS_NAMED]]
     if more := len(jumps) - len(warnings):
         remedy = "look at the clocks of the sensors with `lidcam inspect`"
         warnings.append(RunWarning("time", f"jumps back {more} times more", remedy))
@@ -33,7 +42,48 @@ def clock_notes(clocks: Clocks, sensors: Mapping[str, str]) -> list[str]:
     return [f"{listed}{more}: all stamps are 0, so the times at which the messages were recorded are used"]
 
 
-def _warning(jump: TimeJump, start_ns: int) -> RunWarning:
+def clocks_off(delays_ns: Mapping[str, int], missing: Sequence[MissingSensor], rig: Rig) -> list[RunWarning]:
+    """One for each clock that is off, if a sensor is in no frame at all.
+
+    Args:
+        delays_ns: Log time minus stamp of each topic's messages.
+        missing: Sensors that are missing from frames.
+        rig: Names the sensors, lidars first.
+    """
+    absent = never_used(missing)
+    if not absent:
+        return []
+    names = rig.sensor_of_topic
+    usual_ns = _usual_ns([delays_ns[topic] for topic in names if topic in delays_ns])
+    off_ns = {
+        names[topic]: usual_ns - delays_ns[topic]
+        for topic in names
+        if topic in delays_ns and not -AHEAD_NS <= delays_ns[topic] - usual_ns <= BEHIND_NS
+    }
+    return [_clock_warning(name, off_ns[name], len(absent)) for name in off_ns if not with_camera(name, off_ns)]
+
+
+def late_warnings(drops: Mapping[tuple[str, str], int], received: Mapping[str, int], rig: Rig) -> list[RunWarning]:
+    """One for each sensor of which many messages are late.
+
+    Args:
+        drops: Number of dropped messages by topic and reason.
+        received: Number of messages by topic.
+        rig: Names the sensors.
+    """
+    names = rig.sensor_of_topic
+    return [
+        RunWarning(
+            names[topic],
+            f"{count} of {received[topic]} messages came after their frames were complete",
+            "a larger sync.queue_size waits longer; if its clock is off, give its time_offset_ms in the rig file",
+        )
+        for (topic, reason), count in drops.items()
+        if reason == DropReason.TOO_LATE and count >= MIN_LATE_SHARE * received[topic]
+    ]
+
+
+def _jump_warning(jump: TimeJump, start_ns: int) -> RunWarning:
     where = f"by {jump.by_ns / 1e9:.1f} s at {(jump.at_ns - start_ns) / 1e9:.1f} s"
     if jump.kind == "log times":
         finding = f"log times jump back {where}: the parts before and after are processed one after the other"
@@ -41,3 +91,18 @@ def _warning(jump: TimeJump, start_ns: int) -> RunWarning:
     finding = f"stamps jump back {where}: no frame has messages of both sides"
     remedy = "if it was played in a loop, take one turn of it with --start and --duration"
     return RunWarning("time", finding, remedy)
+
+
+def _usual_ns(delays_ns: Sequence[int]) -> int:
+    """The delay that most of the others are close to; of several, the first."""
+    return max(delays_ns, key=lambda one: sum(abs(one - other) <= AHEAD_NS for other in delays_ns), default=0)
+
+
+def _clock_warning(name: str, off_ns: int, absent: int) -> RunWarning:
+    side = "after" if off_ns > 0 else "before"
+    topics = "1 topic is" if absent == 1 else f"{absent} topics are"
+    return RunWarning(
+        name,
+        f"its stamps lie {abs(off_ns) / 1e9:.1f} s {side} those of most sensors, so that {topics} in no frame",
+        f"set its clock, or give it about time_offset_ms: {round(off_ns / 1e6)} in a rig file (--rig)",
+    )

@@ -1,19 +1,32 @@
-"""Files that are two recordings rather than the parts of one."""
+"""Files without messages, and files that are two recordings rather than the parts of one."""
 
 from collections.abc import Sequence
 from itertools import islice
 
 from lidcam.checks.warning import RunWarning
+from pipeline.core.errors import RecordingError
 from pipeline.core.frame import FrameResult
 from readers.location import Location
+from readers.recording import Recording
 
-__all__ = ["FileCheck"]
+__all__ = ["FileCheck", "check_not_empty"]
 
 OVERLAP_NS = 1_000_000_000
 """Parts of one recording overlap by less: a recorder that changes files does not wait for the last messages."""
 
 MAX_NAMED = 3
 """Pairs of files with a warning of their own."""
+
+
+def check_not_empty(recording: Recording) -> None:
+    """Check that there is anything to read.
+
+    Raises:
+        RecordingError: there is not.
+    """
+    if recording.message_count == 0:
+        names = ", ".join(str(path) for path in recording.paths)
+        raise RecordingError(f"{names}: the recording has no messages; record it again, or check that it was closed")
 
 
 class FileCheck:

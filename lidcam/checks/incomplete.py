@@ -3,8 +3,7 @@
 from collections import defaultdict
 from collections.abc import Sequence
 
-from lidcam.checks.absent import absent_sensors
-from lidcam.checks.missing import MissingSensor
+from lidcam.checks.missing import MissingSensor, absent_sensors
 from readers.recording import Loss
 from readers.rig.sensor_topics import SensorFault
 

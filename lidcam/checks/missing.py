@@ -1,16 +1,28 @@
-"""Sensors whose messages are missing from frames, by span of time."""
+"""Sensors whose messages are missing from frames: silent for a span of time, or in no frame at all."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from lidcam.checks.warning import RunWarning
 from pipeline.core.rig import BOXES_SUFFIX, Rig
 from pipeline.stages.sync.attendance import Absence
 
-__all__ = ["MissingSensor", "SilentSpan", "missing_sensors", "silence_warnings"]
+__all__ = [
+    "MissingSensor",
+    "SilentSpan",
+    "absence_warnings",
+    "absent_sensors",
+    "missing_sensors",
+    "never_used",
+    "silence_warnings",
+    "with_camera",
+]
 
 MAX_SPANS_NAMED = 3
 """Spans of silence in the text about one sensor."""
+
+MIN_FRAMES = 10
+"""In fewer frames than these a sensor of a lower rate may be missing by chance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,3 +126,35 @@ def _silence_warning(finding: str, sensors: Sequence[MissingSensor]) -> RunWarni
         return RunWarning(sensor.sensor, f"{finding} it", remedy)
     names = ", ".join(sensor.sensor for sensor in sensors)
     return RunWarning(names, f"{finding} them", "check what they share: power, network, driver, or the recorder")
+
+
+def absent_sensors(missing: Sequence[MissingSensor]) -> list[MissingSensor]:
+    """Sensors that sent messages, none of which is in a frame, though there were frames enough.
+
+    A camera's boxes are named only without it.
+    """
+    absent = never_used(missing)
+    names = {sensor.sensor for sensor in absent}
+    return [sensor for sensor in absent if sensor.of_frames >= MIN_FRAMES and not with_camera(sensor.sensor, names)]
+
+
+def absence_warnings(missing: Sequence[MissingSensor]) -> list[RunWarning]:
+    """One for each sensor that sent messages, none of which is in a frame."""
+    return [
+        RunWarning(
+            sensor.sensor,
+            f"none of the {sensor.of_frames} frames has a message of it, though it was recorded",
+            "compare its stamps with those of the others, and see sync.slop_s and sync.max_interval_s",
+        )
+        for sensor in absent_sensors(missing)
+    ]
+
+
+def never_used(missing: Sequence[MissingSensor]) -> list[MissingSensor]:
+    """Sensors that sent messages, none of which is in a frame."""
+    return [sensor for sensor in missing if sensor.alive_frames and sensor.frames == sensor.of_frames]
+
+
+def with_camera(name: str, names: Collection[str]) -> bool:
+    """Whether a name is that of a camera's boxes, and the camera is named, too."""
+    return name.endswith(BOXES_SUFFIX) and name.removesuffix(BOXES_SUFFIX) in names

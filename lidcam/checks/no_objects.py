@@ -1,8 +1,8 @@
 """Runs without a single object: which step left nothing, and what to try."""
 
 from lidcam.checks.warning import RunWarning
-from lidcam.settings.choice import MODEL_EXTENT_M, UsedSettings, judge, scene_text
-from lidcam.settings.measure import measure_scene
+from lidcam.settings.choice import UsedSettings
+from lidcam.settings.scene import MODEL_EXTENT_M, judge, measure_scene, scene_text
 from pipeline.core.frame import FrameResult
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config

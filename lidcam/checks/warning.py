@@ -11,8 +11,8 @@ class RunWarning:
 
     Attributes:
         subject: Name of the sensor, the topic or the step.
-        finding: What was found.
-        remedy: What to try.
+        finding: The finding.
+        remedy: The remedy to try.
     """
 
     subject: str

@@ -1,1 +1,42 @@
-"""The work of the commands: one file each."""
+"""The command line: one file per command. Heavy imports stand in the functions that do the work, so help is instant."""
+
+import typer
+
+from lidcam.commands.compare import COMPARE_EXAMPLES, compare
+from lidcam.commands.config import config_app
+from lidcam.commands.demo import demo
+from lidcam.commands.drive import DRIVE_EXAMPLES, drive
+from lidcam.commands.evaluate import EVALUATE_EXAMPLES, evaluate
+from lidcam.commands.inspect import INSPECT_EXAMPLES, inspect
+from lidcam.commands.options import Version
+from lidcam.commands.process import PROCESS_EXAMPLES, process
+from lidcam.commands.simulate import SIMULATE_EXAMPLES, simulate
+
+__all__ = ["app", "process_app"]
+
+HELP_NAMES = {"help_option_names": ["-h", "--help"]}
+
+app = typer.Typer(
+    context_settings=HELP_NAMES,
+    help="Recorded lidar and camera topics in, fused objects out. No ROS installed.",
+    no_args_is_help=True,
+    rich_markup_mode=None,  # plain text: the same on a terminal, in a log and in a file
+    pretty_exceptions_enable=False,
+)
+process_app = typer.Typer(context_settings=HELP_NAMES, rich_markup_mode=None, pretty_exceptions_enable=False)
+
+# The help lists them in this order.
+app.command(epilog=PROCESS_EXAMPLES)(process)
+app.command(epilog=INSPECT_EXAMPLES)(inspect)
+app.command(epilog=EVALUATE_EXAMPLES)(evaluate)
+app.command(epilog=COMPARE_EXAMPLES)(compare)
+app.command()(demo)
+app.command(epilog=SIMULATE_EXAMPLES)(simulate)
+app.command(epilog=DRIVE_EXAMPLES)(drive)
+app.add_typer(config_app, name="config", help="The presets, and what the settings mean.")
+process_app.command(epilog=PROCESS_EXAMPLES)(process)
+
+
+@app.callback()
+def _common(_: Version = False) -> None:
+    pass

@@ -1,130 +1,218 @@
-"""The work of `lidcam compare`."""
+"""The command `lidcam compare`."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from enum import StrEnum
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import yaml
-from rich.console import Console
+import typer
 
-from lidcam.checks.incomplete import damage_lines
-from lidcam.commands.envelope import envelope
-from lidcam.commands.json_output import json_output
+from lidcam.commands.options import (
+    AsJson,
+    JsonFile,
+    Overwrite,
+    Setting,
+    ends_in,
+    with_log_options,
+)
 from lidcam.commands.verdict import Verdict
-from lidcam.outputs.allowed import MERGED, TEXT, check_no_input, check_replaced
-from lidcam.outputs.merged import write_both
-from lidcam.printing.comparison import print_comparison
-from lidcam.printing.folding import show_line
 from lidcam.printing.log import remark_log
-from lidcam.printing.progress import show_progress
-from lidcam.printing.terminal import console
 from pipeline.core.errors import LidcamError
-from pipeline.core.settings.compare import CompareConfig
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.comparison.comparison import Comparison
-from pipeline.evaluation.comparison.differences import Channel
-from pipeline.evaluation.comparison.frames import FramePair, paired_frames
-from pipeline.evaluation.comparison.object_changes import KINDS, Kind
-from readers.input_file import read_input_file
-from readers.results.result import Result, open_result
-from writers.foxglove.layout import layout_path
-from writers.outputs.transaction import OutputTransaction
 
-__all__ = ["FRAMES", "CompareOptions", "run_compare"]
+if TYPE_CHECKING:
+    from pipeline.core.settings.compare import CompareConfig
+    from pipeline.evaluation.comparison.comparison import Comparison
+    from pipeline.evaluation.comparison.frames import FramePair
+    from readers.results.result import Result
 
-FRAMES = "frames"
-"""Allowed beside the kinds of differences: frames that one result alone has."""
+__all__ = ["COMPARE_EXAMPLES", "AllowedDifference", "compare"]
+
+# \b keeps the lines of a paragraph as they are.
+COMPARE_EXAMPLES = """\b
+Exit codes: 0 equal within the tolerances, or as far as is allowed; 1 they
+differ more, or cannot be compared; 2 wrong usage; 3 equal, but a file is
+damaged.
+
+\b
+Examples:
+  lidcam compare golden.mcap new.mcap
+  lidcam compare golden.mcap new.mcap --only fused --max-different 1
+  lidcam compare golden.mcap new.mcap --set compare.yaw_deg=5 --allow rescored
+  lidcam compare golden.mcap new.mcap --merged both.mcap
+"""
 
 
-@dataclass(frozen=True, slots=True)
-class CompareOptions:
-    """Arguments of a comparison.
+class AllowedDifference(StrEnum):
+    """Kinds of differences between two results that may be allowed, and frames of one result alone."""
 
-    Attributes:
-        first: The result A.
-        second: The result B.
-        config: Settings, of which `compare` counts.
-        settings_name: Where they come from.
-        only: Sources and cameras that are compared; all if it is empty.
-        allowed: Kinds of differences that may be, and `frames`.
-        max_different_percent: Share of the objects of a source or camera, and of the frames, that may differ otherwise.
-        lines: Differences that are printed.
-        merged: MCAP to write, with both results in it.
-        as_json: Print JSON in place of the tables.
-        json_file: Where the JSON is written; None: nowhere.
-        overwrite: Replace what no earlier run wrote, too.
-        read_files: Files that were read for the settings.
+    LOST = "lost"
+    NEW = "new"
+    MOVED = "moved"
+    TURNED = "turned"
+    RESIZED = "resized"
+    RELABELLED = "relabelled"
+    RESCORED = "rescored"
+    REIDENTIFIED = "reidentified"
+    FRAMES = "frames"
+
+
+@with_log_options
+def compare(
+    first: Annotated[Path, typer.Argument(metavar="A.mcap", help="A result of process.")],
+    second: Annotated[Path, typer.Argument(metavar="B.mcap", help="Another one, of the same recording or scene.")],
+    config_file: Annotated[
+        str | None,
+        typer.Option("--config", metavar="PRESET|FILE", help="Settings, of which `compare` counts: the tolerances."),
+    ] = None,
+    settings: Setting = None,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--only",
+            metavar="NAME",
+            help="A source (fused, lidar, cameras) or camera; without it, all. May be repeated.",
+        ),
+    ] = None,
+    allow: Annotated[
+        list[AllowedDifference] | None,
+        typer.Option(
+            "--allow",
+            metavar="KIND",
+            help="What may differ, however much: lost, new, moved, turned, resized, relabelled, rescored, reidentified "
+            "(objects) or frames (of one result alone). May be repeated.",
+        ),
+    ] = None,
+    max_different: Annotated[
+        float,
+        typer.Option(
+            "--max-different",
+            min=0,
+            max=100,
+            metavar="PERCENT",
+            help="How many of the objects of a source or camera, and of the frames, may differ.",
+        ),
+    ] = 0.0,
+    lines: Annotated[int, typer.Option("--lines", min=0, metavar="N", help="Differences that are printed.")] = 10,
+    merged: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT.mcap",
+            callback=ends_in(".mcap"),
+            help="Also write both into one file, to look at them side by side.",
+        ),
+    ] = None,
+    as_json: AsJson = False,
+    json_file: JsonFile = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Show what differs between two results, object by object.
+
+    Objects that are lost, new, moved, turned, resized, relabelled, rescored, or go on under another id; B against A.
     """
+    from lidcam.checks.incomplete import damage_lines
+    from lidcam.commands.json_output import figures_document, json_output
+    from lidcam.job import read_files
+    from lidcam.outputs.allowed import MERGED, TEXT, check_no_input, check_replaced
+    from lidcam.outputs.merged import write_both
+    from lidcam.printing.comparison import print_comparison
+    from lidcam.printing.folding import show_line
+    from lidcam.printing.terminal import console, show_json
+    from lidcam.settings.effect import COMPARING, check_effect
+    from pipeline.core.settings.load import load_config
+    from readers.input_file import read_input_file
+    from readers.results.result import open_result
+    from writers.foxglove.layout import layout_path
+    from writers.outputs.transaction import OutputTransaction
 
-    first: Path
-    second: Path
-    config: Config
-    settings_name: str = "defaults"
-    only: tuple[str, ...] = ()
-    allowed: tuple[str, ...] = ()
-    max_different_percent: float = 0.0
-    lines: int = 10
-    merged: Path | None = None
-    as_json: bool = False
-    json_file: Path | None = None
-    overwrite: bool = False
-    read_files: tuple[Path, ...] = ()
-
-
-def run_compare(options: CompareOptions) -> None:
-    """Compare two results and print what differs.
-
-    Raises:
-        CheckError: more differs than may.
-        IncompleteError: it does not, but a result is damaged.
-        LidcamError: a result cannot be read, or the two cannot be compared.
-    """
-    inputs = options.first, options.second, *options.read_files
-    written = () if options.merged is None else (options.merged, layout_path(options.merged))
+    check_effect(settings or (), COMPARING)
+    config = load_config(config_file, settings or ()).compare
+    inputs = first, second, *read_files(config_file, None)
+    written = () if merged is None else (merged, layout_path(merged))
     check_no_input(written, inputs)
-    check_old = check_replaced(lambda path: MERGED if path == options.merged else TEXT, overwrite=options.overwrite)
+    check_old = check_replaced(lambda path: MERGED if path == merged else TEXT, overwrite=overwrite)
     with (
-        json_output(
-            options.json_file, is_printed=options.as_json, inputs=(*inputs, *written), overwrite=options.overwrite
-        ) as json,
+        json_output(json_file, inputs=(*inputs, *written), overwrite=overwrite) as write_json,
         OutputTransaction(written, check_old=check_old) as outputs,
     ):
-        with open_result(options.first) as first, open_result(options.second) as second, ExitStack() as stack:
-            _check_frames(first, second)
-            comparison = _comparison(first, second, options)
-            pairs = _pairs(first, second, options.config.compare, stack)
-            if options.merged is None:
+        with open_result(first) as one, open_result(second) as other, ExitStack() as stack:
+            comparison = _comparison(one, other, config, only or (), allow or ())
+            pairs = _pairs(one, other, config, stack)
+            if merged is None:
                 for pair in pairs:
                     comparison.add(pair)
             else:
-                write_both(outputs, options.merged, (first, second), comparison, pairs)
+                write_both(outputs, merged, (one, other), comparison, pairs)
             comparison.close()
-            losses = *first.recording.losses, *second.recording.losses
-            verdict = Verdict(_failures(comparison, options), damage_lines(losses))
-            notes = [*_recordings_note(first, second), *first.notes, *second.notes]
+            losses = *one.recording.losses, *other.recording.losses
+            notes = [*_recordings_note(one, other), *one.notes, *other.notes]
         figures = comparison.figures()
-        json.tree = _tree(figures, verdict, notes, options)
+        verdict = Verdict(_failures(comparison, allow or (), max_different), damage_lines(losses))
+        tolerances = config.model_dump(mode="json")
+        tree = figures_document(
+            "compare",
+            inputs=[read_input_file(path) for path in (first, second)],
+            settings={
+                "name": config_file or "defaults",
+                "sha256": _sha256(tolerances),
+                "compare": tolerances,
+                "only": only or [],
+                "allowed": [*(allow or ())],
+                "max_different_percent": max_different,
+            },
+            figures=figures,
+            verdict=verdict,
+            notes=notes,
+        )
+        write_json(tree)
     for path in written:
         remark_log.info("wrote %s", path)
     out = console()
-    json.show(out, lambda: _print(out, figures, verdict, notes, options))
+    if as_json:
+        show_json(out, tree)
+    else:
+        print_comparison(out, figures, [str(first), str(second)], config, lines=lines)
+        for note in notes:
+            show_line(out, f"note: {note}")
+        show_line(out, f"verdict: {'differs more than it may' if verdict.failures else _equal(figures)}")
     verdict.end()
 
 
-def _check_frames(first: Result, second: Result) -> None:
+def _comparison(
+    first: "Result",
+    second: "Result",
+    config: "CompareConfig",
+    only: Sequence[str],
+    allowed: Sequence[AllowedDifference],
+) -> "Comparison":
+    """A comparison of the sources and cameras that are asked for.
+
+    Raises:
+        LidcamError: the results are of two sites, or have no source or camera of such a name.
+    """
+    from pipeline.evaluation.comparison.comparison import Comparison
+    from pipeline.evaluation.comparison.differences import Channel
+    from pipeline.evaluation.comparison.object_changes import KINDS
+
     frames = first.rig.site_frame, second.rig.site_frame
     if frames[0] != frames[1]:
         raise LidcamError(
             f"{second.path}: expected objects in the frame of {first.path}, {frames[0]!r}, found {frames[1]!r}; "
             "compare results of one site"
         )
+    channels: list[Channel] = [("sources", name) for name in dict.fromkeys((*first.sources, *second.sources))]
+    channels += [("images", name) for name in dict.fromkeys((*first.cameras, *second.cameras))]
+    known = [name for _, name in channels]
+    if unknown := [name for name in only if name not in known]:
+        raise LidcamError(f"--only {unknown[0]}: expected one of {', '.join(known)}, which the results have")
+    chosen = [channel for channel in channels if not only or channel[1] in only]
+    kinds = [kind for kind in KINDS if kind in allowed]
+    return Comparison(first.config.classes, second.config.classes, config, chosen, kinds)
 
 
-def _recordings_note(first: Result, second: Result) -> Iterator[str]:
-    """That they may differ in everything; what one of them does not say of its recording does not count."""
+def _recordings_note(first: "Result", second: "Result") -> Iterator[str]:
+    """A note if the results are of two recordings; only facts that both results hold of theirs are compared."""
     names, checksums, sizes = (
         [
             [value for key, value in sorted(result.metadata.items()) if key.startswith("input.") and key.endswith(fact)]
@@ -137,22 +225,11 @@ def _recordings_note(first: Result, second: Result) -> Iterator[str]:
         yield f"A and B are results of different recordings: {', '.join(names[0])}, {', '.join(names[1])}"
 
 
-def _comparison(first: Result, second: Result, options: CompareOptions) -> Comparison:
-    channels: list[Channel] = [("sources", name) for name in dict.fromkeys((*first.sources, *second.sources))]
-    channels += [("images", name) for name in dict.fromkeys((*first.cameras, *second.cameras))]
-    known = [name for _, name in channels]
-    if unknown := [name for name in options.only if name not in known]:
-        raise LidcamError(f"--only {unknown[0]}: expected one of {', '.join(known)}, which the results have")
-    chosen = [channel for channel in channels if not options.only or channel[1] in options.only]
-    return Comparison(first.config.classes, second.config.classes, options.config.compare, chosen, _kinds(options))
-
-
-def _kinds(options: CompareOptions) -> list[Kind]:
-    return [kind for kind in KINDS if kind in options.allowed]
-
-
-def _pairs(first: Result, second: Result, config: CompareConfig, stack: ExitStack) -> Iterator[FramePair]:
+def _pairs(first: "Result", second: "Result", config: "CompareConfig", stack: ExitStack) -> Iterator["FramePair"]:
     """The frames of both, with progress."""
+    from lidcam.printing.progress import show_progress
+    from pipeline.evaluation.comparison.frames import paired_frames
+
     start_ns = min(first.recording.start_ns, second.recording.start_ns)
     end_ns = max(first.recording.end_ns, second.recording.end_ns)
     advance = stack.enter_context(show_progress((end_ns - start_ns) / 1e9))
@@ -163,43 +240,27 @@ def _pairs(first: Result, second: Result, config: CompareConfig, stack: ExitStac
         advance((log_time_ns - start_ns) / 1e9, f"{number + 1} frames")
 
 
-def _failures(comparison: Comparison, options: CompareOptions) -> tuple[str, ...]:
+def _failures(
+    comparison: "Comparison", allowed: Sequence[AllowedDifference], max_different_percent: float
+) -> tuple[str, ...]:
     """Lines about each source or camera that differs more than it may."""
-    found = comparison.not_allowed_percent(frames_may_differ=FRAMES in options.allowed)
-    but = f" but for what is {', '.join(kinds)}" if (kinds := _kinds(options)) else ""
+    frames = AllowedDifference.FRAMES
+    found = comparison.not_allowed_percent(frames_may_differ=frames in allowed)
+    kinds = [kind for kind in AllowedDifference if kind in allowed and kind != frames]
+    but = f" but for what is {', '.join(kinds)}" if kinds else ""
     return tuple(
-        f"{name}: expected at most {options.max_different_percent:g} % "
-        + ("in one result alone" if name == FRAMES else f"of the objects to differ{but}")
+        f"{name}: expected at most {max_different_percent:g} % "
+        + ("in one result alone" if name == frames else f"of the objects to differ{but}")
         + f", found {percent:.3g} %"
         for name, percent in found.items()
-        if percent > options.max_different_percent
+        if percent > max_different_percent
     )
 
 
-def _tree(
-    figures: Mapping[str, Any], verdict: Verdict, notes: Sequence[str], options: CompareOptions
-) -> dict[str, Any]:
-    tolerances = options.config.compare.model_dump(mode="json")
-    settings = {
-        "name": options.settings_name,
-        "sha256": sha256(yaml.safe_dump(tolerances).encode()).hexdigest(),
-        "compare": tolerances,
-        "only": [*options.only],
-        "allowed": [*options.allowed],
-        "max_different_percent": options.max_different_percent,
-    }
-    inputs = [read_input_file(path) for path in (options.first, options.second)]
-    return envelope("compare", inputs=inputs, settings=settings, figures=figures, verdict=verdict, notes=notes)
+def _sha256(tolerances: Mapping[str, Any]) -> str:
+    import yaml
 
-
-def _print(
-    out: Console, figures: Mapping[str, Any], verdict: Verdict, notes: Sequence[str], options: CompareOptions
-) -> None:
-    names = [str(path) for path in (options.first, options.second)]
-    print_comparison(out, figures, names, options.config.compare, lines=options.lines)
-    for note in notes:
-        show_line(out, f"note: {note}")
-    show_line(out, f"verdict: {'differs more than it may' if verdict.failures else _equal(figures)}")
+    return sha256(yaml.safe_dump(tolerances).encode()).hexdigest()
 
 
 def _equal(figures: Mapping[str, Any]) -> str:

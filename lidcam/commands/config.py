@@ -1,34 +1,62 @@
-"""The work of `lidcam config`: the presets, and explanations of settings."""
+"""The commands `lidcam config list`, `show` and `explain`."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict
+from typing import Annotated, Any
 
-from rich.text import Text
+import typer
 
+from lidcam.commands.options import AsJson, with_log_options
 from lidcam.printing.escaping import visible_lines
-from lidcam.printing.settings import print_explanation, print_presets
-from lidcam.printing.terminal import console, show_json
-from lidcam.settings.explain import explain, preset_summaries
-from pipeline.core.settings.bundled import settings_file
-from pipeline.core.settings.load import dump_config, load_config
 
-__all__ = ["run_explain", "run_list", "run_show"]
+__all__ = ["config_app"]
+
+# \b keeps the lines of a paragraph as they are.
+CONFIG_EXAMPLES = """\b
+Examples:
+  lidcam config list
+  lidcam config show sandbox
+  lidcam config show road > mine.yaml
+  lidcam config explain detect3d.cluster.distance_m
+  lidcam config explain combine
+"""
 
 
-def run_list(*, as_json: bool) -> None:
-    """Print the presets."""
+config_app = typer.Typer(
+    no_args_is_help=True, rich_markup_mode=None, pretty_exceptions_enable=False, epilog=CONFIG_EXAMPLES
+)
+
+
+@config_app.command("list")
+@with_log_options
+def config_list(as_json: AsJson = False) -> None:
+    """List the presets."""
+    from lidcam.printing.folding import show_line
+    from lidcam.printing.terminal import console, show_json
+    from lidcam.settings.explain import preset_summaries
+
     if as_json:
         show_json(console(), dict(preset_summaries()))
-    else:
-        print_presets(console(), preset_summaries())
+        return
+    _show_pairs("presets", preset_summaries())
+    show_line(console(), "Without --config the recording decides: see the line `settings` of its final table.")
 
 
-def run_show(name: str, *, changes: bool, as_json: bool) -> None:
-    """Print all settings of a preset or file as YAML; `changes`: its file as it is, which has only what differs.
+@config_app.command("show")
+@with_log_options
+def config_show(
+    name: Annotated[str, typer.Argument(metavar="PRESET|FILE", help="sandbox, crossing, road, or a YAML file.")],
+    changes: Annotated[bool, typer.Option("--changes", help="Only what differs from the defaults.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Print all settings of a preset or a file, as YAML to copy."""
+    from rich.text import Text
 
-    Raises:
-        ConfigError: there is no such preset or file, or its settings are wrong.
-    """
+    from lidcam.printing.terminal import console, show_json
+    from pipeline.core.settings.bundled import settings_file
+    from pipeline.core.settings.load import dump_config, load_config
+
     config = load_config(name)
     if as_json:
         show_json(console(), json.loads(config.model_dump_json()))
@@ -37,14 +65,46 @@ def run_show(name: str, *, changes: bool, as_json: bool) -> None:
     console().print(Text(visible_lines(text.replace("\r\n", "\n"))), end="", soft_wrap=True)
 
 
-def run_explain(key: str, *, as_json: bool) -> None:
-    """Print what a key means.
+@config_app.command("explain")
+@with_log_options
+def config_explain(
+    key: Annotated[str, typer.Argument(metavar="KEY", help="A setting or a section; without it, the sections.")] = "",
+    as_json: AsJson = False,
+) -> None:
+    """Explain a setting.
 
-    Raises:
-        ConfigError: there is no such key.
+    Its meaning, unit, allowed values, default, and its value in each preset.
     """
-    explanation = explain(key)
+    from lidcam.printing.folding import show_line
+    from lidcam.printing.terminal import console, show_json
+    from lidcam.settings.explain import explain
+
+    explanation, out = explain(key), console()
     if as_json:
-        show_json(console(), asdict(explanation))
-    else:
-        print_explanation(console(), explanation)
+        show_json(out, asdict(explanation))
+        return
+    show_line(out, explanation.key or "settings", "bold")
+    show_line(out, explanation.meaning)
+    out.print()
+    facts = {"unit": explanation.unit, "allowed": explanation.allowed}
+    if not explanation.keys and explanation.by_preset:
+        facts |= {"default": _text(explanation.default)}
+        facts |= {name: _text(value) for name, value in explanation.by_preset.items()}
+    _show_pairs("", {name: text for name, text in facts.items() if text})
+    _show_pairs("keys", explanation.keys)
+
+
+def _show_pairs(title: str, pairs: Mapping[str, str]) -> None:
+    """A table of names and texts, if there are any."""
+    from lidcam.printing.folding import show_table
+    from lidcam.printing.tables import pairs_table
+    from lidcam.printing.terminal import console
+
+    if pairs:
+        show_table(console(), pairs_table(title, pairs))
+
+
+def _text(value: Any) -> str:
+    from pipeline.core.settings.validation import found
+
+    return found(value) if isinstance(value, str | int | float | list | None) else json.dumps(value)

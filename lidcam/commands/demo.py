@@ -1,33 +1,37 @@
-"""The work of `lidcam demo`."""
+"""The command `lidcam demo`."""
 
 import filecmp
 import shutil
 import sys
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 import bags
+from lidcam.commands.options import Overwrite, with_log_options
 from lidcam.commands.process import run_process
-from lidcam.job import make_job
-from lidcam.outputs.allowed import SIMULATED, check_replaced
-from lidcam.printing.terminal import console
 from pipeline.core.errors import OutputError
-from writers.outputs.transaction import OutputTransaction
 
-__all__ = ["run_demo"]
+__all__ = ["demo"]
 
 SAMPLE = Path(bags.__file__).with_name("sandbox.bag")
 
 
-def run_demo(folder: Path, *, overwrite: bool = False) -> None:
-    """Process the sample recording into a folder, and say how to look at the result.
+@with_log_options
+def demo(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder for the recording and the outputs.")] = Path(
+        "lidcam-demo"
+    ),
+    overwrite: Overwrite = False,
+) -> None:
+    """Process the bundled sample recording.
 
-    Args:
-        folder: It is made if it does not exist.
-        overwrite: Replace files that are neither the sample nor results of earlier runs, too.
-
-    Raises:
-        LidcamError: the folder cannot be written.
+    The output goes to a folder; the last lines say how to open it.
     """
+    from lidcam.job import make_job
+    from lidcam.printing.terminal import console
+
     recording = folder / SAMPLE.name
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -45,6 +49,9 @@ def run_demo(folder: Path, *, overwrite: bool = False) -> None:
 
 
 def _copy_sample(path: Path, *, overwrite: bool) -> None:
+    from lidcam.outputs.allowed import SIMULATED, check_replaced
+    from writers.outputs.transaction import OutputTransaction
+
     if path.is_file() and filecmp.cmp(SAMPLE, path, shallow=False):
         return
     with OutputTransaction([path], check_old=check_replaced(lambda _: SIMULATED, overwrite=overwrite)) as outputs:

@@ -1,75 +1,107 @@
-"""The work of `lidcam drive`."""
+"""The command `lidcam drive`."""
 
 import contextlib
 import logging
 import sys
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from bags.simulator.drive.driving import Keyboard, ScriptedKeys, drive
-from bags.simulator.drive.terminal import terminal_keys
-from bags.simulator.vehicles.keys import RemoteControl, script_keys
-from lidcam.commands.scenario import ScenarioOptions, recording_to, scenario_of
+import typer
+
+from lidcam.commands.options import (
+    Format,
+    Overwrite,
+    RecordingOut,
+    Scenario,
+    Seed,
+    Setting,
+    duration,
+    with_log_options,
+)
+from lidcam.commands.simulate import check_simulator
 from lidcam.printing.escaping import visible
 from lidcam.printing.log import progress_log
-from lidcam.printing.terminal import console
 from pipeline.core.errors import ConfigError
 
 if TYPE_CHECKING:
+    from bags.simulator.drive.driving import Keyboard
     from bags.simulator.drive.live_view import LiveView
     from bags.simulator.recorder.simulation import Simulation
+    from bags.simulator.vehicles.keys import RemoteControl
 
-__all__ = ["DriveOptions", "run_drive"]
+__all__ = ["DRIVE_EXAMPLES", "drive"]
 
-
-@dataclass(frozen=True, slots=True)
-class DriveOptions(ScenarioOptions):
-    """The command line of `drive`.
-
-    Attributes:
-        keys: Keys to press one after the other; None: those of the terminal, or of standard input.
-        key_interval_s: Simulated seconds from one of `keys` to the next.
-        view: Show the simulation in the Rerun viewer.
-    """
-
-    keys: str | None = None
-    key_interval_s: float = 0.5
-    view: bool = False
+# \b keeps the lines of a paragraph as they are.
+DRIVE_EXAMPLES = """\b
+Keys: w forward, s back, a left, d right, x stop, 1 and 2 choose the car,
+o ends. A command holds until the next one.
+Examples:
+  lidcam drive sandbox out.bag --view
+  lidcam drive sandbox out.mcap --keys "wwadx2ww"
+"""
 
 
-def run_drive(options: DriveOptions) -> None:
-    """Let the user drive the cars of a scenario, record it, and say what was written.
+@with_log_options
+def drive(
+    scenario: Scenario,
+    output: RecordingOut,
+    format_: Format = None,
+    keys: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KEYS", help="Press these keys one after another, as fast as the simulation runs, and end."
+        ),
+    ] = None,
+    key_interval: Annotated[
+        float, typer.Option(min=0.01, max=60, metavar="S", help="Simulated seconds from one of --keys to the next.")
+    ] = 0.5,
+    view: Annotated[bool, typer.Option("--view", help="Show it in the Rerun viewer meanwhile.")] = False,
+    duration_s: Annotated[
+        float | None,
+        typer.Option("--duration", min=0, metavar="S", callback=duration, help="End after S simulated seconds."),
+    ] = None,
+    seed: Seed = None,
+    settings: Setting = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Drive the cars of a scenario from the keyboard, and record it."""
+    check_simulator()
+    from bags.simulator.drive.driving import drive as driven
+    from lidcam.commands.scenario import recording_to, scenario_of
 
-    Raises:
-        LidcamError: the scenario, the terminal or the output is at fault; no output is left behind.
-    """
-    scenario = scenario_of(options)
-    drivable = tuple(name for name, vehicle in scenario.vehicles.items() if vehicle.commands)
+    found = scenario_of(scenario, settings or (), duration_s=duration_s, seed=seed)
+    drivable = tuple(name for name, vehicle in found.vehicles.items() if vehicle.commands)
     if not drivable:
-        known = ", ".join(scenario.vehicles) or "none"
+        known = ", ".join(found.vehicles) or "none"
         raise ConfigError(
-            f"{options.scenario}: expected a vehicle with `commands: true` to drive, found none; "
+            f"{scenario}: expected a vehicle with `commands: true` to drive, found none; "
             f"--set vehicles.NAME.commands=true makes it one of {known}"
         )
     with contextlib.ExitStack() as resources:
-        keyboard: Keyboard
-        interval_ns = round(options.key_interval_s * 1e9)
-        if options.keys is not None:
-            keyboard = ScriptedKeys(_checked(options.keys, drivable), interval_ns)
-        elif sys.stdin.isatty():
-            keyboard = resources.enter_context(terminal_keys(sys.stdin.fileno()))
-        else:
-            keyboard = ScriptedKeys(_checked("".join(sys.stdin.read().split()), drivable), interval_ns)
-        simulation, recorder = resources.enter_context(recording_to(options, scenario, driven=drivable))
-        view = _viewer(simulation) if options.view else None
-        end_ns = None if options.duration_s is None else round(options.duration_s * 1e9)
+        keyboard = _keyboard(keys, key_interval, drivable, resources)
+        opened = recording_to(output, format_, found, read=scenario, overwrite=overwrite, driven=drivable)
+        simulation, recorder = resources.enter_context(opened)
+        viewer = _viewer(simulation) if view else None
+        end_ns = None if duration_s is None else round(duration_s * 1e9)
         status = resources.enter_context(contextlib.closing(_StatusLine()))
-        for recorded, control in drive(simulation, keyboard, drivable, end_ns=end_ns):
+        for recorded, control in driven(simulation, keyboard, drivable, end_ns=end_ns):
             recorder.add(recorded)
-            if view is not None:
-                view.show(recorded)
+            if viewer is not None:
+                viewer.show(recorded)
             status.show(simulation, control)
-    recorder.tell(options.output, simulation.now_ns)
+    recorder.report(output, simulation.now_ns)
+
+
+def _keyboard(
+    keys: str | None, interval_s: float, drivable: tuple[str, ...], resources: contextlib.ExitStack
+) -> "Keyboard":
+    """The keys that are given, else those of the terminal, else those on standard input."""
+    from bags.simulator.drive.driving import ScriptedKeys
+    from bags.simulator.drive.terminal import terminal_keys
+
+    if keys is None and sys.stdin.isatty():
+        return resources.enter_context(terminal_keys(sys.stdin.fileno()))
+    given = "".join(sys.stdin.read().split()) if keys is None else keys
+    return ScriptedKeys(_checked(given, drivable), round(interval_s * 1e9))
 
 
 def _checked(keys: str, drivable: tuple[str, ...]) -> str:
@@ -78,6 +110,8 @@ def _checked(keys: str, drivable: tuple[str, ...]) -> str:
     Raises:
         ConfigError: a key has no meaning.
     """
+    from bags.simulator.vehicles.keys import script_keys
+
     known = script_keys(drivable)
     if wrong := next((key for key in keys if key not in known), ""):
         raise ConfigError(f"keys: expected {' '.join(known)} (. waits), found {wrong!r} in {keys[:80]!r}")
@@ -88,10 +122,12 @@ class _StatusLine:
     """One line with the car that is driven and its state, on a terminal only."""
 
     def __init__(self) -> None:
+        from lidcam.printing.terminal import console
+
         self._console = console(stderr=True)
         self._shown = False
 
-    def show(self, simulation: "Simulation", control: RemoteControl) -> None:
+    def show(self, simulation: "Simulation", control: "RemoteControl") -> None:
         """Rewrite the line."""
         if not self._console.is_terminal or not progress_log.isEnabledFor(logging.INFO):
             return

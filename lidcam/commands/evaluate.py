@@ -1,67 +1,116 @@
-"""The work of `lidcam evaluate`."""
+"""The command `lidcam evaluate`."""
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
-from lidcam.commands.envelope import envelope
-from lidcam.commands.json_output import json_output
+import typer
+
+from lidcam.commands.options import (
+    AsJson,
+    JsonFile,
+    Overwrite,
+    Require,
+    Setting,
+    requirement_errors,
+    with_log_options,
+)
 from lidcam.commands.verdict import Verdict
-from lidcam.evaluation.evaluate import evaluate_result
-from lidcam.evaluation.evaluation import Evaluation, EvaluationJob
-from lidcam.printing.evaluation import print_evaluation
-from lidcam.printing.progress import show_progress
-from lidcam.printing.terminal import console
 
-__all__ = ["EvaluateOptions", "run_evaluate"]
+__all__ = ["EVALUATE_EXAMPLES", "evaluate"]
+
+# \b keeps the lines of a paragraph as they are.
+EVALUATE_EXAMPLES = """\b
+Exit codes: 0 done, and all requirements are met; 1 a requirement is not met,
+with a line each, or nothing could be evaluated; 2 wrong usage; 3 done, but
+part of the result is damaged.
+
+\b
+Examples:
+  lidcam evaluate out.mcap
+  lidcam evaluate out.mcap --truth drive.bag --json-file figures.json
+  lidcam evaluate out.mcap --require "fused.car.recall >= 0.8"
+  lidcam evaluate out.mcap --require @gate.txt
+  lidcam evaluate out.mcap --set evaluate.max_range_m=40
+"""
 
 
-@dataclass(frozen=True, slots=True)
-class EvaluateOptions:
-    """The command line of `evaluate`.
+@with_log_options
+def evaluate(
+    result: Annotated[Path, typer.Argument(metavar="RESULT.mcap", help="What `lidcam process` wrote.")],
+    truth: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PATH",
+            help="A recording with topics of truth, or labels; without it, what was copied into the result. May be "
+            "repeated.",
+        ),
+    ] = None,
+    truth_topic: Annotated[
+        str,
+        typer.Option(
+            metavar="TOPIC", help="The topic of the truth; without it, the one that is called so.", show_default=False
+        ),
+    ] = "",
+    requirements: Require = None,
+    rig_files: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--rig",
+            metavar="FILE",
+            help="A rig file, of which the zones and the vehicles of the truth count; sensors are those of the result. "
+            "May be repeated.",
+        ),
+    ] = None,
+    config_file: Annotated[
+        str | None,
+        typer.Option("--config", metavar="FILE", help="Take the section evaluate of these settings, not the result's."),
+    ] = None,
+    settings: Setting = None,
+    as_json: AsJson = False,
+    json_file: JsonFile = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Measure a result: against truth, and without it.
 
-    Attributes:
-        job: What to evaluate, and against what.
-        as_json: Print JSON in place of the tables.
-        json_file: Where the JSON is written; None: nowhere.
-        overwrite: Replace what no earlier run wrote, too.
-        read_files: Files that were read for the settings, the rig and the requirements.
+    Detection, calibration of scores, gain by fusion, tracks; by class, range
+    and zone.
     """
+    from lidcam.commands.json_output import figures_document, json_output
+    from lidcam.evaluation.evaluate import evaluate_result
+    from lidcam.evaluation.evaluation import make_evaluation_job
+    from lidcam.job import read_files
+    from lidcam.printing.evaluation import print_evaluation
+    from lidcam.printing.progress import show_progress
+    from lidcam.printing.terminal import console, show_json
 
-    job: EvaluationJob
-    as_json: bool = False
-    json_file: Path | None = None
-    overwrite: bool = False
-    read_files: tuple[Path, ...] = ()
-
-
-def run_evaluate(options: EvaluateOptions) -> None:
-    """Evaluate a result and print the figures.
-
-    Raises:
-        CheckError: a requirement is not met.
-        IncompleteError: part of the result or of the truth could not be used.
-        LidcamError: the result, the truth or the settings are at fault.
-    """
-    job = options.job
-    inputs = (job.result, *job.truth, *options.read_files)
-    with json_output(options.json_file, is_printed=options.as_json, inputs=inputs, overwrite=options.overwrite) as json:
-        evaluation = evaluate_result(job, show_progress)
-        verdict = Verdict(evaluation.failures, evaluation.incomplete)
-        json.tree = _tree(evaluation, verdict)
-    out = console()
-    json.show(out, lambda: print_evaluation(out, evaluation))
+    with requirement_errors():
+        job = make_evaluation_job(
+            result,
+            truth=truth or (),
+            truth_topic=truth_topic,
+            requirements=requirements or (),
+            rig=rig_files,
+            config=config_file,
+            settings=settings or (),
+        )
+        gates = [Path(one[1:]) for one in requirements or () if one.startswith("@")]
+        inputs = (job.result, *job.truth, *read_files(config_file, rig_files), *gates)
+        with json_output(json_file, inputs=inputs, overwrite=overwrite) as write_json:
+            evaluation = evaluate_result(job, show_progress)
+            verdict = Verdict(evaluation.failures, evaluation.incomplete)
+            tree = figures_document(
+                "evaluate",
+                inputs=evaluation.inputs,
+                settings={"name": evaluation.settings_name, "sha256": evaluation.settings_sha256},
+                truth=evaluation.truth.tree() if evaluation.truth else None,
+                figures=evaluation.tree(),
+                verdict=verdict,
+                warnings=evaluation.warnings,
+                notes=evaluation.notes,
+            )
+            write_json(tree)
+    if as_json:
+        show_json(console(), tree)
+    else:
+        print_evaluation(console(), evaluation)
     verdict.end()
-
-
-def _tree(evaluation: Evaluation, verdict: Verdict) -> dict[str, Any]:
-    return envelope(
-        "evaluate",
-        inputs=evaluation.inputs,
-        settings={"name": evaluation.settings_name, "sha256": evaluation.settings_sha256},
-        truth=evaluation.truth.tree() if evaluation.truth else None,
-        figures=evaluation.tree(),
-        verdict=verdict,
-        warnings=evaluation.warnings,
-        notes=evaluation.notes,
-    )

@@ -1,127 +1,154 @@
-"""The work of `lidcam inspect`."""
+"""The command `lidcam inspect`."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from lidcam.checks.incomplete import damage_lines
+import typer
+
+from lidcam.commands.options import (
+    AsJson,
+    ConfigFile,
+    Overwrite,
+    RigFile,
+    Setting,
+    ends_in,
+    with_log_options,
+)
 from lidcam.commands.verdict import Verdict, first_of
-from lidcam.frames import TimeWindow
-from lidcam.inspection import Inspection, inspect_open, inspect_recording, inspection_tree
-from lidcam.job import RigSource
-from lidcam.outputs.allowed import REPAIRED, TEXT, check_no_input, check_replaced
-from lidcam.printing.console import print_inspection
-from lidcam.printing.folding import show_line
 from lidcam.printing.log import remark_log
-from lidcam.printing.terminal import console, show_json
-from lidcam.report import loss_records
-from lidcam.settings.choice import SettingsChoice
-from readers.location import Location, location
-from readers.open import open_recording
-from readers.recording import ReadOptions, Recording, TopicInfo
-from readers.streams.per_sensor import sensor_messages
-from writers.mcap.repair import write_repaired
-from writers.outputs.errors import output_errors
-from writers.outputs.marks import marked_yaml
-from writers.outputs.transaction import OutputFile, OutputTransaction
+from readers.location import location
 
-__all__ = ["InspectOptions", "run_inspect"]
+if TYPE_CHECKING:
+    from lidcam.inspection import Inspection
+    from readers.recording import Recording, TopicInfo
+    from writers.outputs.transaction import OutputFile
+
+__all__ = ["INSPECT_EXAMPLES", "inspect"]
+
+# \b keeps the lines of a paragraph as they are.
+INSPECT_EXAMPLES = """\b
+Exit codes: 0 sound, and all sensors can be used; 3 messages are lost, or
+sensors would be left out; 1 nothing can be processed; 2 wrong usage. With
+--repair, 0 says that every message was copied.
+
+\b
+Examples:
+  lidcam inspect drive.bag
+  lidcam inspect drive.bag --write-rig rig.yaml
+  lidcam inspect bag_folder --json
+  lidcam inspect broken.bag --repair whole.mcap
+  lidcam inspect s3://bucket/drive.mcap
+"""
 
 
-@dataclass(frozen=True, slots=True)
-class InspectOptions:
-    """Arguments of an inspection.
+@with_log_options
+def inspect(
+    paths: Annotated[list[str], typer.Argument(metavar="IN [IN ...]", help="Recording (one, or parts of one).")],
+    config_file: ConfigFile = None,
+    settings: Setting = None,
+    rig_files: RigFile = None,
+    write_rig: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a starting rig (YAML).")] = None,
+    repair: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT.mcap",
+            callback=ends_in(".mcap"),
+            help="Write every message that can still be read to a clean MCAP.",
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
+    as_json: AsJson = False,
+) -> None:
+    """Show what is in a recording and what lidcam would use.
 
-    Attributes:
-        inputs: The recording.
-        settings: Settings, or those among which the recording decides.
-        rig: Rig files, if there are any, loaded or by their paths.
-        write_rig: Rig file to write.
-        repair: MCAP to write, with every message that can be read.
-        overwrite: Replace what no earlier run wrote, too.
-        as_json: Print JSON.
-        read_files: Files that were read for the settings and the rig.
+    Topics, types, rates, gaps, sensors, where their calibration comes from, and what is damaged.
     """
+    from lidcam.checks.incomplete import damage_lines
+    from lidcam.frames import TimeWindow
+    from lidcam.inspection import inspect_open, inspect_recording
+    from lidcam.job import read_files
+    from lidcam.outputs.allowed import REPAIRED, TEXT, check_no_input, check_replaced
+    from lidcam.settings.choice import choose_settings
+    from readers.open import open_recording
+    from readers.recording import ReadOptions
+    from readers.streams.per_sensor import sensor_messages
+    from writers.outputs.transaction import OutputTransaction
 
-    inputs: tuple[Location, ...]
-    settings: SettingsChoice
-    rig: RigSource | None = None
-    write_rig: Path | None = None
-    repair: Path | None = None
-    overwrite: bool = False
-    as_json: bool = False
-    read_files: tuple[Path, ...] = ()
-
-
-def run_inspect(options: InspectOptions) -> None:
-    """Print what is in a recording; write its rig, or what can be read of it, where that is asked for.
-
-    Raises:
-        CheckError: lidcam could not process it, and nothing was to be written.
-        IncompleteError: it is damaged, or sensors would be left out; where it was repaired, not all of it came over.
-        LidcamError: the recording or the settings are at fault, or an output cannot be written.
-    """
-    files = [file for file in (options.repair, options.write_rig) if file is not None]
-    check_no_input(files, (*options.inputs, *options.read_files))
+    inputs = tuple(map(location, paths))
+    choice = choose_settings(config_file, settings or ())
+    files = [file for file in (repair, write_rig) if file is not None]
+    check_no_input(files, (*inputs, *read_files(config_file, rig_files)))
+    check_old = check_replaced(lambda path: REPAIRED if path == repair else TEXT, overwrite=overwrite)
     remarks: list[str] = []
-    lost: list[str] = []
-    check_old = check_replaced(lambda path: REPAIRED if path == options.repair else TEXT, overwrite=options.overwrite)
+    verdict: Verdict | None = None
     with OutputTransaction(files, check_old=check_old) as outputs:
-        if options.repair is None:
-            inspection = inspect_recording(options.inputs, options.settings, options.rig)
+        if repair is None:
+            inspection = inspect_recording(inputs, choice, rig_files)
             check_no_input(files, inspection.files)
-            remarks += _write_rig(inspection, options, outputs)
         else:
+            limits = choice.config.limits
             with (
-                open_recording(options.inputs, ReadOptions("full_scan", options.settings.config.limits)) as recorded,
-                sensor_messages(recorded, limits=options.settings.config.limits) as recording,
+                open_recording(inputs, ReadOptions("full_scan", limits)) as recorded,
+                sensor_messages(recorded, limits=limits) as recording,
             ):
                 check_no_input(files, recording.paths)
-                inspection = inspect_open(recording, options.settings, options.rig, TimeWindow())
-                remarks += _write_rig(inspection, options, outputs)
-                remarks += _repair(recorded, outputs[options.repair])
+                inspection = inspect_open(recording, choice, rig_files, TimeWindow())
+                remarks += _repair(recorded, outputs[repair])
                 inspection = replace(inspection, losses=recorded.losses)
-                lost += [*damage_lines(recorded.losses), *_not_copied(recorded)]
+                verdict = Verdict((), (*damage_lines(recorded.losses), *_not_copied(recorded)))
+        if write_rig is not None:
+            if not inspection.draft:  # print what was found, and end without any output
+                problem = f"{write_rig}: no rig to write: {inspection.problem}"
+                _print(inspection, Verdict((problem,)), as_json=as_json, repaired=repair is not None)
+            _write_rig(inspection, outputs[write_rig])
+            remarks.insert(0, f"wrote {write_rig}")
     for remark in remarks:  # the files have their names now
         remark_log.info("%s", remark)
-    _report(inspection, _verdict(inspection, options) if options.repair is None else Verdict((), lost), options)
+    verdict = verdict or _verdict(inspection, needs_rig=write_rig is None)
+    _print(inspection, verdict, as_json=as_json, repaired=repair is not None)
 
 
-def _verdict(inspection: Inspection, options: InspectOptions) -> Verdict:
+def _verdict(inspection: "Inspection", *, needs_rig: bool) -> Verdict:
     """Of an inspection; one that wrote a rig to start from has not failed."""
     problem = f"lidcam could not process it: {inspection.problem}" if inspection.problem else ""
-    if problem and options.write_rig is None:
+    if problem and needs_rig:
         return Verdict((f"{', '.join(map(str, inspection.files))}: {problem}",))
     return Verdict((), (*([problem] * bool(problem)), *inspection.incomplete))
 
 
-def _report(inspection: Inspection, verdict: Verdict, options: InspectOptions) -> None:
+def _print(inspection: "Inspection", verdict: Verdict, *, as_json: bool, repaired: bool) -> None:
     """Print what was found, and end with the verdict."""
+    from lidcam.inspection import inspection_tree
+    from lidcam.printing.console import print_inspection
+    from lidcam.printing.folding import show_line
+    from lidcam.printing.terminal import console, show_json
+
     out = console()
-    if options.as_json:
+    if as_json:
         show_json(out, inspection_tree(inspection) | verdict.tree())
     else:
         print_inspection(out, inspection)
-        sound = "every message was copied" if options.repair else "sound, and all of its sensors can be used"
+        sound = "every message was copied" if repaired else "sound, and all of its sensors can be used"
         failed = "lidcam could not process it"  # the line before says why
         show_line(out, f"verdict: {failed if verdict.failures else first_of(verdict.incomplete) or sound}")
     verdict.end()
 
 
-def _write_rig(inspection: Inspection, options: InspectOptions, outputs: OutputTransaction) -> Iterator[str]:
-    """Write the rig that was asked for; without one, print what was found and end without any output."""
-    if options.write_rig is not None:
-        if not inspection.draft:
-            _report(inspection, Verdict((f"{options.write_rig}: no rig to write: {inspection.problem}",)), options)
-        else:
-            text = marked_yaml(inspection.draft)
-            with output_errors(options.write_rig):
-                outputs[options.write_rig].part.write_text(text, encoding="utf-8")
-            yield f"wrote {options.write_rig}"
+def _write_rig(inspection: "Inspection", output: "OutputFile") -> None:
+    """Write a rig to start from."""
+    from writers.outputs.errors import output_errors
+    from writers.outputs.marks import marked_yaml
+
+    with output_errors(output.path):
+        output.part.write_text(marked_yaml(inspection.draft), encoding="utf-8")
 
 
-def _repair(recording: Recording, output: OutputFile) -> Iterator[str]:
+def _repair(recording: "Recording", output: "OutputFile") -> Iterator[str]:
     """Write what can be read of a recording; name the topics that cannot be read."""
+    from lidcam.report import loss_records
+    from writers.mcap.repair import write_repaired
 
     def lost() -> Iterator[dict[str, str]]:
         for record in loss_records(recording.losses):
@@ -135,10 +162,10 @@ def _repair(recording: Recording, output: OutputFile) -> Iterator[str]:
         yield f"not copied: {info.topic}, {info.message_count} messages: {info.unreadable}"
 
 
-def _not_copied(recording: Recording) -> Iterator[str]:
+def _not_copied(recording: "Recording") -> Iterator[str]:
     for info in _unreadable(recording):
         yield f"{info.topic}: {info.message_count} messages not copied"
 
 
-def _unreadable(recording: Recording) -> list[TopicInfo]:
+def _unreadable(recording: "Recording") -> list["TopicInfo"]:
     return [info for info in recording.topics if info.unreadable and info.message_count]

@@ -1,67 +1,92 @@
-"""The JSON of a command: printed in place of the tables, written to a file, or both."""
+"""The JSON of a command: one document with the figures, printed in place of the tables, written to a file, or both."""
 
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
+from lidcam.checks.warning import RunWarning
+from lidcam.commands.verdict import Verdict
 from lidcam.outputs.allowed import TEXT, check_no_input, check_replaced
 from lidcam.printing.escaping import json_text
 from lidcam.printing.log import remark_log
-from lidcam.printing.terminal import show_json
+from readers.input_file import InputFile
 from readers.location import Location
 from writers.outputs.errors import output_errors
 from writers.outputs.marks import marked_json
 from writers.outputs.transaction import OutputTransaction
 
-__all__ = ["JsonOutput", "json_output"]
+__all__ = ["SCHEMA_NAME", "SCHEMA_VERSION", "figures_document", "json_output"]
+
+SCHEMA_NAME = "lidcam.figures"
+"""docs/figures.schema.json describes it."""
+
+SCHEMA_VERSION = 1
+"""Rises when a key gets another meaning or is taken away, not when one is added."""
 
 
-@dataclass(slots=True)
-class JsonOutput:
-    """Where the JSON goes.
+def figures_document(
+    command: str,
+    *,
+    inputs: Sequence[InputFile],
+    settings: Mapping[str, Any],
+    figures: Mapping[str, Any],
+    verdict: Verdict,
+    truth: Mapping[str, Any] | None = None,
+    warnings: Sequence[RunWarning] = (),
+    notes: Sequence[str] = (),
+) -> dict[str, Any]:
+    """The result of a command as one JSON document.
 
-    Attributes:
-        is_printed: Whether it is printed, and tables are not.
-        tree: What it says; set by the command.
+    Args:
+        command: Its name.
+        inputs: The files that it read, in the order in which they were named.
+        settings: At least their `name` and their `sha256`.
+        figures: Its figures, under keys of their own.
+        verdict: How it ends.
+        truth: Where the truth comes from; None without truth.
+        warnings: Why the figures may be doubtful.
+        notes: Remarks.
     """
-
-    is_printed: bool
-    tree: Any = None
-
-    def show(self, out: Console, print_tables: Callable[[], None]) -> None:
-        """Print the JSON, or else the tables."""
-        if self.is_printed:
-            show_json(out, self.tree)
-        else:
-            print_tables()
+    return {
+        "schema": {"name": SCHEMA_NAME, "version": SCHEMA_VERSION},
+        "lidcam_version": version("lidcam"),
+        "command": command,
+        "inputs": [file.tree() for file in inputs],
+        "settings": dict(settings),
+        "truth": None if truth is None else dict(truth),
+        **figures,
+        "warnings": [asdict(warning) for warning in warnings],
+        "notes": list(notes),
+        **verdict.tree(),
+    }
 
 
 @contextmanager
 def json_output(
-    file: Path | None, *, is_printed: bool, inputs: Iterable[Location], overwrite: bool
-) -> Generator[JsonOutput, None, None]:
-    """Write the file, if there is to be one, when the block has set the tree and ended.
+    file: Path | None, *, inputs: Iterable[Location], overwrite: bool
+) -> Generator[Callable[[Any], None], None, None]:
+    """A function that writes a document to the file; the file has its name when the block ends.
 
     Args:
         file: Where it is written; None: nowhere.
-        is_printed: Print it in place of the tables.
         inputs: Files and folders that are read, and other outputs: none may be the file.
-        overwrite: Replace what no earlier run wrote, too.
+        overwrite: Replace also what no earlier run wrote.
 
     Raises:
         OutputError: the file cannot be written, or must not be replaced.
     """
-    output = JsonOutput(is_printed)
     if file is None:
-        yield output
+        yield lambda _: None
         return
     check_no_input([file], inputs)
     with OutputTransaction([file], check_old=check_replaced(lambda _: TEXT, overwrite=overwrite)) as outputs:
-        yield output
-        with output_errors(file):
-            outputs[file].part.write_text(marked_json(f"{json_text(output.tree)}\n"), encoding="utf-8")
+
+        def write(tree: Any) -> None:
+            with output_errors(file):
+                outputs[file].part.write_text(marked_json(f"{json_text(tree)}\n"), encoding="utf-8")
+
+        yield write
     remark_log.info("wrote %s", file)

@@ -1,125 +1,281 @@
-"""The work of `lidcam process`."""
+"""The command `lidcam process`, which is also the program `lidcam-process`."""
 
-import gc
 import logging
-import time
+import os
 from collections.abc import Sequence
-from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from rich.console import Console
+import typer
 
-from lidcam.commands.envelope import envelope
-from lidcam.commands.json_output import json_output
-from lidcam.commands.strict import Strictness
+from lidcam.commands.options import (
+    AsJson,
+    ConfigFile,
+    JsonFile,
+    Overwrite,
+    Require,
+    RigFile,
+    Setting,
+    Version,
+    duration,
+    ends_in,
+    requirement_errors,
+    seconds,
+    with_log_options,
+)
+from lidcam.commands.strict import MAX_DROPPED_PERCENT, strict_failure
 from lidcam.commands.verdict import Verdict
-from lidcam.frames import RunInput
-from lidcam.job import Job
-from lidcam.printing.console import print_detections, print_matches, print_report
-from lidcam.printing.progress import Advance, show_progress
-from lidcam.printing.terminal import console
-from lidcam.report import RunReport, report_tree
-from lidcam.run import RunObserver, process_recording
-from lidcam.settings.choice import used_record
-from lidcam.summary import RunProgress
-from pipeline.core.frame import FrameResult
+from lidcam.compiling import compiled_together
+from pipeline.parallel.cores import THREADS_OF_LIBRARIES
+from readers.location import RemotePath, location
 
-if TYPE_CHECKING:  # evaluation is imported where a run is evaluated
+if TYPE_CHECKING:
     from lidcam.evaluation.evaluation import Evaluation
     from lidcam.evaluation.requirement import Requirement
+    from lidcam.job import Job
+    from lidcam.report import RunReport
 
-__all__ = ["Printed", "run_process"]
+__all__ = ["PROCESS_EXAMPLES", "process", "run_process"]
 
 logger = logging.getLogger(__name__)
 
-SOURCES = ("lidar", "fused")
-"""Of 3D boxes, in every result."""
+# \b keeps the lines of a paragraph as they are.
+PROCESS_EXAMPLES = """\b
+Exit codes: 0 done, and nothing is missing; 1 failed, nothing was written (or
+--strict or --require is not met, and the outputs are kept); 2 wrong usage;
+3 done, but part of the recording could not be used. The last lines on stderr
+say what.
+
+\b
+Examples:
+  lidcam-process drive.bag out.mcap --rerun out.rrd
+  lidcam-process bag_folder out.mcap --model-2d yolox_nano.onnx
+  lidcam-process drive.bag out.mcap --rig site.yaml --start 30 --duration 10
+  lidcam-process part_0.mcap part_1.mcap out.mcap --set sync.slop_s=0.05
+  lidcam-process https://host/drive.mcap out.mcap --start 30 --duration 10
+  lidcam-process drive.bag out.mcap --require "fused.car.recall > 0.8"
+"""
 
 
-@dataclass(frozen=True, slots=True)
-class Printed:
-    """Choice of what is printed.
+@with_log_options
+def process(
+    paths: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="IN [IN ...] OUT.mcap",
+            help="Recording (.bag, ROS 2 folder, .mcap, .db3, .pcap, or the URL of an .mcap), then output.",
+        ),
+    ],
+    config_file: ConfigFile = None,
+    settings: Setting = None,
+    rig_files: RigFile = None,
+    rerun: Annotated[
+        Path | None,
+        typer.Option(metavar="OUT.rrd", callback=ends_in(".rrd"), help="Also write a Rerun recording."),
+    ] = None,
+    model_2d: Annotated[
+        Path | None,
+        typer.Option("--model-2d", metavar="FILE.onnx", help="2D detector (ONNX)."),
+    ] = None,
+    start: Annotated[float, typer.Option(min=0, metavar="S", callback=seconds, help="Skip the first S seconds.")] = 0.0,
+    duration_s: Annotated[
+        float | None,
+        typer.Option(
+            "--duration", min=0, metavar="S", callback=duration, help="Process S seconds; without it, to the end."
+        ),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            metavar="N",
+            help="Processes that share the frames; without it, run.workers of the settings, else one per core. The "
+            "output is the same.",
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
+    on_bad_message: Annotated[
+        Literal["skip", "fail"],
+        typer.Option(help="What to do about a message that cannot be decoded, or a damaged file."),
+    ] = "skip",
+    copy_topics: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--copy-topics",
+            metavar="PATTERN",
+            help="Topics to copy to the output, as /map or '/ground_truth/*'; may be repeated. Without it, those of "
+            "the truth.",
+        ),
+    ] = None,
+    print_detections: Annotated[
+        bool, typer.Option("--print-detections", help="Print what each sensor and the fusion found, frame by frame.")
+    ] = False,
+    print_matches: Annotated[
+        bool, typer.Option("--print-matches", help="Print which 2D box is which object, frame by frame.")
+    ] = False,
+    as_json: AsJson = False,
+    json_file: JsonFile = None,
+    evaluate_: Annotated[
+        bool, typer.Option("--evaluate", help="Then measure the result, as `lidcam evaluate` does.")
+    ] = False,
+    requirements: Require = None,
+    strict: Annotated[
+        bool,
+        typer.Option(
+            "--strict",
+            help="Exit with 1 if a sensor was left out or fell silent, too much of a topic was dropped, or a file is "
+            "damaged; the outputs are kept.",
+        ),
+    ] = False,
+    max_dropped: Annotated[
+        float | None,
+        typer.Option(
+            "--max-dropped",
+            min=0,
+            max=100,
+            metavar="PERCENT",
+            help="How much of a topic, and of the frames of a sensor, may be missing with --strict.  [default: 5]",
+        ),
+    ] = None,
+    _: Version = False,
+) -> None:
+    """Turn a recording into fused objects (MCAP, Rerun)."""
+    if len(paths) < 2:
+        raise typer.BadParameter("expected at least one recording and the output", param_hint="IN OUT.mcap")
+    *inputs, output = map(location, paths)
+    if isinstance(output, RemotePath):
+        raise typer.BadParameter(f"the output is a local file, found {output}", param_hint="OUT.mcap")
+    if output.suffix != ".mcap":
+        raise typer.BadParameter(f"the output comes last and ends in .mcap, found {output}", param_hint="OUT.mcap")
+    if as_json and (print_detections or print_matches):
+        raise typer.BadParameter(
+            "prints one JSON document and nothing else: leave out --print-detections and --print-matches, or write it "
+            "to a file with --json-file FILE.json",
+            param_hint="--json",
+        )
+    if max_dropped is not None and not strict:
+        raise typer.BadParameter("counts only with --strict, which is missing", param_hint="--max-dropped")
+    if workers != 1:
+        # Processes already fill the cores; threads of libraries inside of one would only wait for each other.
+        # Read once, when the libraries are loaded.
+        for name in THREADS_OF_LIBRARIES:
+            os.environ.setdefault(name, "1")
+    from lidcam.job import make_job
 
-    Attributes:
-        detections: What the lidars saw, frame by frame.
-        matches: Which 2D box is which object, frame by frame.
-        as_json: Print JSON in place of the tables.
-        json_file: Where the JSON is written; None: nowhere.
-    """
+    with requirement_errors():
+        required: Sequence[Requirement] | None = () if evaluate_ else None
+        if requirements:
+            from lidcam.evaluation.requirement import read_requirements
 
-    detections: bool = False
-    matches: bool = False
-    as_json: bool = False
-    json_file: Path | None = None
+            required = read_requirements(requirements)
+        job = make_job(
+            inputs,
+            [output] if rerun is None else [output, rerun],
+            config=config_file,
+            settings=settings or (),
+            rig=rig_files,
+            model_2d=model_2d,
+            copy_topics=copy_topics or None,
+            workers=workers,
+            start_s=start,
+            duration_s=duration_s,
+            on_bad_message=on_bad_message,
+            overwrite=overwrite,
+        )
+        run_process(
+            job,
+            detections=print_detections,
+            matches=print_matches,
+            as_json=as_json,
+            json_file=json_file,
+            max_dropped_percent=(MAX_DROPPED_PERCENT if max_dropped is None else max_dropped) if strict else None,
+            requirements=required,
+        )
 
 
 def run_process(
-    job: Job,
-    printed: Printed = Printed(),
-    strictness: Strictness | None = None,
+    job: "Job",
+    *,
+    detections: bool = False,
+    matches: bool = False,
+    as_json: bool = False,
+    json_file: Path | None = None,
+    max_dropped_percent: float | None = None,
     requirements: "Sequence[Requirement] | None" = None,
 ) -> None:
     """Process a recording and print the final tables.
 
     Args:
-        job: What to process, and what to write.
-        printed: What is printed.
-        strictness: How much of the recording the run has to use; None: that does not matter.
-        requirements: What is required of the figures of the result, which is then evaluated; None: it is not.
+        job: The recording, the settings and the outputs.
+        detections: Print what each sensor and the fusion found, frame by frame.
+        matches: Print which 2D box is which object, frame by frame.
+        as_json: Print JSON in place of the tables.
+        json_file: Where the JSON is written; None: nowhere.
+        max_dropped_percent: Limit of `--strict`; None: not strict.
+        requirements: Limits that the figures of the result must meet; None: the result is not evaluated.
 
     Raises:
         RequirementError: a requirement names a figure that there cannot be; nothing is processed.
-        CheckError: the run used less of the recording than `strictness` asks for, or a requirement is not met; the
-            outputs stay.
+        CheckError: the run used less of the recording than it has to, or a requirement is not met; the outputs stay.
         IncompleteError: part of the recording could not be used; the outputs stay.
         LidcamError: the input, the calibration, the settings or an output is at fault; no output is left behind.
     """
+    with compiled_together(shown=True):
+        from lidcam.run import process_recording
+    from lidcam.commands.json_output import json_output
+    from lidcam.printing.console import print_report
+    from lidcam.printing.running import shown_run
+    from lidcam.printing.terminal import console, show_json
+
     out = console()
     others = (*job.inputs, *job.outputs, *job.read_files)
-    with json_output(printed.json_file, is_printed=printed.as_json, inputs=others, overwrite=job.overwrite) as json:
-        with ExitStack() as stack:
-            report = process_recording(job, _Terminal(printed, out, stack, requirements or ()))
+    with json_output(json_file, inputs=others, overwrite=job.overwrite) as write_json:
+        with shown_run(out, requirements or (), detections=detections, matches=matches) as observer:
+            report = process_recording(job, observer)
         evaluation = None if requirements is None else _evaluated(job, requirements)
-        failure = strictness.failure(report) if strictness else ""
+        failure = "" if max_dropped_percent is None else strict_failure(report, max_dropped_percent)
         failures = ((failure,) if failure else ()) + (evaluation.failures if evaluation else ())
         verdict = Verdict(failures, report.incomplete)
-        json.tree = _tree(report, evaluation, verdict)
+        tree = _tree(report, evaluation, verdict)
+        write_json(tree)
     for drop in report.drops.messages:
         logger.info("dropped: %s: %d messages: %s %s", drop.topic, drop.count, drop.reason, drop.example)
     for warning in report.warnings:
         logger.info("warning: %s", warning)
     rate_hz = report.timing.frames_per_second
     logger.info("done: %d frames, %.1f a second, written: %s", report.frames.count, rate_hz, report.outputs)
-    json.show(out, lambda: _print(out, report, evaluation))
+    if as_json:
+        show_json(out, tree)
+    else:
+        print_report(out, report)
+    if evaluation is not None and not as_json:
+        from lidcam.printing.evaluation import print_evaluation
+
+        out.print()
+        print_evaluation(out, evaluation)
     verdict.end()
 
 
-def _evaluated(job: Job, requirements: "Sequence[Requirement]") -> "Evaluation":
+def _evaluated(job: "Job", requirements: "Sequence[Requirement]") -> "Evaluation":
     from lidcam.evaluation.evaluate import evaluate_result
     from lidcam.evaluation.evaluation import EvaluationJob
+    from lidcam.printing.progress import show_progress
 
     (result,) = (path for path in job.outputs if path.suffix == ".mcap")
     return evaluate_result(EvaluationJob(result, requirements=tuple(requirements)), show_progress)
 
 
-def _print(out: Console, report: RunReport, evaluation: "Evaluation | None") -> None:
-    print_report(out, report)
-    if evaluation is not None:
-        from lidcam.printing.evaluation import print_evaluation
+def _tree(report: "RunReport", evaluation: "Evaluation | None", verdict: Verdict) -> dict[str, Any]:
+    from lidcam.commands.json_output import figures_document
+    from lidcam.report import report_tree
+    from lidcam.settings.choice import used_record
 
-        out.print()
-        print_evaluation(out, evaluation)
-
-
-def _tree(report: RunReport, evaluation: "Evaluation | None", verdict: Verdict) -> dict[str, Any]:
     figures = report_tree(report)
     if evaluation is not None:
         measured = evaluation.tree()
         both = {key: figures[key] | measured.get(key, {}) for key in ("sync", "timing")}
         figures = {**figures, **measured, **both}
-    return envelope(
+    return figures_document(
         "process",
         inputs=report.inputs.files,
         settings=used_record(report.settings) | {"sha256": report.settings_sha256},
@@ -129,44 +285,3 @@ def _tree(report: RunReport, evaluation: "Evaluation | None", verdict: Verdict) 
         warnings=(*report.warnings, *(evaluation.warnings if evaluation else ())),
         notes=(*report.notes, *(evaluation.notes if evaluation else ())),
     )
-
-
-class _Terminal(RunObserver):
-    """Shows progress, and frames where that is asked for."""
-
-    def __init__(self, printed: Printed, out: Console, stack: ExitStack, requirements: "Sequence[Requirement]") -> None:
-        self._printed, self._out, self._stack, self._requirements = printed, out, stack, requirements
-
-    def opened(self, source: RunInput) -> None:
-        gc.freeze()  # libraries and stages stay: looking for garbage among them takes 5 ms a frame
-        if self._requirements:
-            from lidcam.evaluation.evaluators import known_figures
-            from lidcam.evaluation.requirement import check_names
-
-            check_names(self._requirements, known_figures(source.config, source.rig, SOURCES))
-        recording, window = source.recording, source.window
-        self._config = source.config
-        self._start_ns = window.start_ns or recording.start_ns
-        stop_ns = min(window.stop_ns or recording.end_ns, recording.end_ns)
-        self._advance: Advance = _no_progress  # the frames show it on a terminal, where a bar would break into them
-        self._started_s = time.monotonic()
-        if not (self._out.is_terminal and (self._printed.detections or self._printed.matches)):
-            self._advance = self._stack.enter_context(show_progress((stop_ns - self._start_ns) / 1e9))
-
-    def frame(self, result: FrameResult) -> None:
-        self._done_s = (result.bundle.log_time_ns - self._start_ns) / 1e9
-        if self._printed.detections:
-            print_detections(self._out, result, self._config)
-        if self._printed.matches:
-            print_matches(self._out, result, self._config)
-
-    def advanced(self, progress: RunProgress) -> None:
-        rate_hz = progress.frames / max(time.monotonic() - self._started_s, 1e-3)
-        self._advance(
-            self._done_s,
-            f"{progress.frames} frames, {rate_hz:.1f} a second, {progress.objects} objects, {progress.drops} dropped",
-        )
-
-
-def _no_progress(done_s: float, facts: str = "") -> None:
-    pass

@@ -1,8 +1,7 @@
 """The recording of a scenario to a file, for `lidcam simulate` and `lidcam drive`."""
 
 import contextlib
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,41 +27,24 @@ from readers.rig.rig_file import rig_yaml
 if TYPE_CHECKING:
     from bags.simulator.recorder.simulation import Simulation
 
-__all__ = ["Recorder", "ScenarioOptions", "recording_to", "scenario_of"]
+__all__ = ["Recorder", "recording_to", "scenario_of"]
 
 
-@dataclass(frozen=True, slots=True)
-class ScenarioOptions:
-    """The scenario, and where it is recorded.
+def scenario_of(name: str, settings: Sequence[str], *, duration_s: float | None, seed: int | None) -> Scenario:
+    """A scenario.
 
-    Attributes:
-        scenario: Name of a scenario, or a YAML file.
-        output: The recording.
-        format: Its format; None: the ending of its name decides.
+    Args:
+        name: Of a bundled scenario, or a YAML file.
+        settings: Single values on top.
         duration_s: Seconds to record; None: the scenario's.
         seed: Seed of all noise; None: the scenario's.
-        overrides: Single values of the scenario.
-        overwrite: Replace what is no simulated recording, too.
-    """
-
-    scenario: str
-    output: Path
-    format: RecordingFormat | None = None
-    duration_s: float | None = None
-    seed: int | None = None
-    overrides: tuple[str, ...] = ()
-    overwrite: bool = False
-
-
-def scenario_of(options: ScenarioOptions) -> Scenario:
-    """The scenario with the seed and the duration that were asked for.
 
     Raises:
         ConfigError: there is no such scenario, or a value does not fit.
     """
-    scenario = load_scenario(options.scenario, options.overrides)
-    asked = {"seed": options.seed, "duration_s": options.duration_s}
-    return scenario.model_copy(update={key: value for key, value in asked.items() if value is not None})
+    scenario = load_scenario(name, tuple(settings))
+    given = {"seed": seed, "duration_s": duration_s}
+    return scenario.model_copy(update={key: value for key, value in given.items() if value is not None})
 
 
 class Recorder:
@@ -78,8 +60,8 @@ class Recorder:
             self._write(one, self._start_ns)
         self.messages += len(recorded)
 
-    def tell(self, output: Path, now_ns: int) -> None:
-        """Say what was written."""
+    def report(self, output: Path, now_ns: int) -> None:
+        """Log what was written."""
         files = [output] if output.is_file() else sorted(output.iterdir())
         size_mib = sum(file.stat().st_size for file in files) / 2**20
         remark_log.info("wrote %s: %d messages, %.1f s, %.1f MiB", output, self.messages, now_ns * 1e-9, size_mib)
@@ -87,28 +69,37 @@ class Recorder:
 
 @contextlib.contextmanager
 def recording_to(
-    options: ScenarioOptions, scenario: Scenario, *, workers: int | None = None, driven: tuple[str, ...] = ()
+    output: Path,
+    format_: RecordingFormat | None,
+    scenario: Scenario,
+    *,
+    read: str,
+    overwrite: bool,
+    workers: int | None = None,
+    driven: tuple[str, ...] = (),
 ) -> Iterator[tuple["Simulation", Recorder]]:
     """A simulation and the file that it is recorded to.
 
     Args:
-        options: Where it is recorded.
-        scenario: What is simulated.
+        output: The recording.
+        format_: Its format; None: the ending of its name decides.
+        scenario: The scenario.
+        read: The name that it was read from: the output may not replace that file.
+        overwrite: Replace also what is no simulated recording.
         workers: Sensors simulated at once; None: one per core.
         driven: Vehicles that wait at their start until they are driven.
 
     Raises:
         OutputError: the file cannot be written.
     """
-    format = format_of(options.output, options.format)
-    version = ros_version_of(format)
-    check_no_input(recording_names(options.output, format), [Path(options.scenario)])
-    check_old = check_replaced(lambda path: TEXT if path.suffix == ".yaml" else SIMULATED, overwrite=options.overwrite)
+    format = format_of(output, format_)
+    check_no_input(recording_names(output, format), [Path(read)])
+    check_old = check_replaced(lambda path: TEXT if path.suffix == ".yaml" else SIMULATED, overwrite=overwrite)
     text = yaml.safe_dump(scenario.model_dump(mode="json"), sort_keys=False, default_flow_style=None, width=100)
     with (
-        recording_outputs(options.output, format, check_old=check_old) as outputs,
-        simulating(scenario, ros_version=version, workers=workers, driven=driven) as simulation,
+        recording_outputs(output, format, check_old=check_old) as outputs,
+        simulating(scenario, ros_version=ros_version_of(format), workers=workers, driven=driven) as simulation,
     ):
         rig = rig_yaml(simulation.true_rig)
-        with recording_file(outputs, options.output, format, rig_yaml=rig, scenario_yaml=text) as write:
+        with recording_file(outputs, output, format, rig_yaml=rig, scenario_yaml=text) as write:
             yield simulation, Recorder(write, scenario.start_ns)

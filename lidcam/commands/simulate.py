@@ -1,36 +1,83 @@
-"""The work of `lidcam simulate`."""
+"""The command `lidcam simulate`."""
 
-from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import Annotated
 
-from lidcam.commands.scenario import ScenarioOptions, recording_to, scenario_of
-from lidcam.printing.progress import show_progress
+import typer
 
-__all__ = ["SimulateOptions", "run_simulate"]
+from lidcam.commands.options import (
+    Format,
+    Overwrite,
+    RecordingOut,
+    Scenario,
+    Seed,
+    Setting,
+    duration,
+    with_log_options,
+)
+from pipeline.core.errors import LidcamError
+
+__all__ = ["SIMULATE_EXAMPLES", "check_simulator", "simulate"]
+
+# \b keeps the lines of a paragraph as they are.
+SIMULATE_EXAMPLES = """\b
+Scenarios: sandbox, crossing, vehicle, or a YAML file of your own.
+Examples:
+  lidcam simulate sandbox out.bag --duration 10
+  lidcam simulate crossing out.mcap --seed 7
+  lidcam simulate my_crossing.yaml bag_folder --format sqlite3
+  lidcam simulate sandbox out.bag --set lidars.velodyne1.clock_offset_ms=20
+"""
 
 
-@dataclass(frozen=True, slots=True)
-class SimulateOptions(ScenarioOptions):
-    """The command line of `simulate`.
+@with_log_options
+def simulate(
+    scenario: Scenario,
+    output: RecordingOut,
+    format_: Format = None,
+    duration_s: Annotated[
+        float | None,
+        typer.Option(
+            "--duration", min=0, metavar="S", callback=duration, help="Seconds to record; without it, the scenario's."
+        ),
+    ] = None,
+    seed: Seed = None,
+    settings: Setting = None,
+    overwrite: Overwrite = False,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="Sensors simulated at once; the recording is the same. [default: cores]"),
+    ] = None,
+) -> None:
+    """Record a simulated scene.
 
-    Attributes:
-        workers: Sensors simulated at once; None: one per core.
+    Lidars, cameras, and the truth about what they see.
     """
+    check_simulator()
+    from lidcam.commands.scenario import recording_to, scenario_of
+    from lidcam.printing.progress import show_progress
 
-    workers: int | None = None
-
-
-def run_simulate(options: SimulateOptions) -> None:
-    """Record a scenario and say what was written.
-
-    Raises:
-        LidcamError: the scenario or the output is at fault; no output is left behind.
-    """
-    scenario = scenario_of(options)
+    found = scenario_of(scenario, settings or (), duration_s=duration_s, seed=seed)
     with (
-        recording_to(options, scenario, workers=options.workers) as (simulation, recorder),
-        show_progress(scenario.duration_s) as advance,
+        recording_to(output, format_, found, read=scenario, overwrite=overwrite, workers=workers) as opened,
+        show_progress(found.duration_s) as advance,
     ):
-        for recorded in simulation.run(scenario.duration_s):
+        simulation, recorder = opened
+        for recorded in simulation.run(found.duration_s):
             recorder.add(recorded)
             advance(simulation.now_ns * 1e-9, f"{recorder.messages} messages")
-    recorder.tell(options.output, simulation.now_ns)
+    recorder.report(output, simulation.now_ns)
+
+
+def check_simulator() -> None:
+    """Whether the extra `sim` is installed, and the libraries of the system that it needs.
+
+    Raises:
+        LidcamError: something is missing.
+    """
+    for package in ("open3d", "libusb_package"):
+        if find_spec(package) is None:
+            raise LidcamError(f"the simulator needs {package}, which is not installed: pip install 'lidcam[sim]'")
+    from bags.simulator.world.open3d_runtime import check_libraries
+
+    check_libraries()

@@ -25,7 +25,7 @@ class Verdict(NamedTuple):
 
     Attributes:
         failures: Why it failed, although its outputs are there, one line each; empty if it did not.
-        incomplete: What of the recording could not be used.
+        incomplete: Parts of the recording that could not be used, one line each.
     """
 
     failures: tuple[str, ...] = ()

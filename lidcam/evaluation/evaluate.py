@@ -13,7 +13,7 @@ from lidcam.evaluation.evaluators import evaluators_of, known_figures, measure, 
 from lidcam.evaluation.figures import NamedFigures
 from lidcam.evaluation.frames import EvaluationFrames
 from lidcam.evaluation.requirement import check_names
-from lidcam.settings.lasting import settings_sha256
+from lidcam.settings.effect import settings_sha256
 from pipeline.core.errors import RecordingError
 from pipeline.core.rig import Rig
 from pipeline.evaluation.evaluation_frame import EvaluationFrame

@@ -12,7 +12,7 @@ from lidcam.frames import RunInput
 from lidcam.job import Job
 from lidcam.outputs.allowed import TEXT, Replaceable, check_no_input, check_replaced
 from lidcam.outputs.kinds import OUTPUTS
-from lidcam.settings.lasting import lasting_settings
+from lidcam.settings.effect import lasting_settings
 from pipeline.core.errors import OutputError
 from readers.input_file import InputFiles, read_input_file
 from readers.rig.rig_file import rig_yaml

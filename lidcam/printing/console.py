@@ -99,10 +99,10 @@ def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
         where = "with points of the lidars" if source == "both" else "placed by the cameras alone"
         out.print(f"  {name_of(row)}: proposed by 2D boxes, {where}")
     alone = sorted(set(range(hypotheses.lidar_count)) - matched)
-    told = [f"object {reported[row]}" for row in alone if row in reported]
+    names = [f"object {reported[row]}" for row in alone if row in reported]
     others = [str(row) for row in alone if row not in reported]
-    told += [f"3D box{'es' * (len(others) > 1)} {', '.join(others)} (not reported)"] if others else []
-    out.print(f"  seen by the lidars alone: {', '.join(told) or 'none'}")
+    names += [f"3D box{'es' * (len(others) > 1)} {', '.join(others)} (not reported)"] if others else []
+    out.print(f"  seen by the lidars alone: {', '.join(names) or 'none'}")
 
 
 def print_report(out: Console, report: RunReport) -> None:
@@ -154,19 +154,17 @@ def print_report(out: Console, report: RunReport) -> None:
             f"{topic.topic} ({topic.message_count}: {topic.problem})" if topic.problem else topic.topic
             for topic in unused
         ]
-        more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
-        show_line(out, f"not used: {', '.join(names[:MAX_LISTED])}{more}")
+        show_line(out, f"not used: {_listed(names)}")
     _print_warnings(out, report.warnings)
 
 
 def _copied(report: RunReport) -> str:
-    """How many messages, and of which topics; those below one name are told as one."""
+    """How many messages, and of which topics; those below one name are counted as one."""
     below: dict[str, list[str]] = {}
     for topic in report.inputs.copied:
         below.setdefault("/".join(topic.split("/")[:2]), []).append(topic)
     names = [f"{name}/* ({len(topics)} topics)" if len(topics) > 1 else topics[0] for name, topics in below.items()]
-    more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
-    return f"{sum(report.inputs.copied.values())} messages: {', '.join(names[:MAX_LISTED])}{more}"
+    return f"{sum(report.inputs.copied.values())} messages: {_listed(names)}"
 
 
 def _boxes3d(report: RunReport) -> str:
@@ -176,10 +174,13 @@ def _boxes3d(report: RunReport) -> str:
 
 
 def _source_of_boxes3d(source: str, rig: Rig) -> str:
-    topics = [detector.topic for detector in rig.detectors]
-    more = f" and {len(topics) - MAX_LISTED} more" if len(topics) > MAX_LISTED else ""
     words = ENGINES[source].words
-    return f"{words} from {', '.join(topics[:MAX_LISTED])}{more}" if source == "recorded" else words
+    return f"{words} from {_listed([one.topic for one in rig.detectors])}" if source == "recorded" else words
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
+    return f"{', '.join(names[:MAX_LISTED])}{more}"
 
 
 def _confirmed(report: RunReport) -> str:

@@ -47,7 +47,7 @@ def configure_logging(verbosity: Verbosity = Verbosity.NORMAL, log_file: Path | 
     """Send the log of this program to stderr, and to a file; what was configured before is undone.
 
     Args:
-        verbosity: What stderr shows; a file gets everything.
+        verbosity: The level from which stderr shows it; a file gets everything.
         log_file: File to append to.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Progress of a command: a bar on a terminal, a line every ten seconds elsewhere."""
+"""Progress of a command: a bar on a terminal, a line every ten seconds elsewhere and in a log file."""
 
 import logging
 import time
@@ -7,7 +7,7 @@ from contextlib import ExitStack, contextmanager
 from typing import Protocol
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from lidcam.printing.escaping import visible
 from lidcam.printing.log import progress_log
@@ -18,6 +18,8 @@ __all__ = ["Advance", "show_compiling", "show_progress"]
 LINE_EVERY_S = 10.0
 """Wall time from one line to the next."""
 
+Clock = Callable[[], float]
+
 
 class Advance(Protocol):
     """To be called now and then."""
@@ -27,83 +29,60 @@ class Advance(Protocol):
 
 
 @contextmanager
-def show_progress(
-    total_s: float, *, err: Console | None = None, clock: Callable[[], float] = time.monotonic
-) -> Iterator[Advance]:
+def show_progress(total_s: float, *, err: Console | None = None, clock: Clock = time.monotonic) -> Iterator[Advance]:
     """Progress over recorded or simulated seconds.
-
-    On a terminal there is a bar, unless --quiet is given. Elsewhere, and in a log file, there is a line every ten
-    seconds.
 
     Args:
         total_s: Seconds that will be done in the end.
         err: Where the bar is drawn; None: stderr.
         clock: Seconds of wall time.
     """
-    err = err or console(stderr=True)
-    line = _Lines(total_s, clock)
-    if not err.is_terminal or not progress_log.isEnabledFor(logging.INFO):
-        yield line
-        return
-    columns = (
-        TextColumn("{task.completed:.1f} of {task.total:.1f} s", markup=False),
-        BarColumn(bar_width=None),
-        TextColumn("{task.description}", markup=False),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=err, transient=True) as progress:
-        task = progress.add_task("", total=total_s)
+    with _shown(err, clock) as show:
 
         def advance(done_s: float, facts: str = "") -> None:
-            progress.update(task, completed=done_s, description=visible(facts))
-            line(done_s, facts)
+            show(f"{done_s:.1f} of {total_s:.1f} s", done_s, total_s, facts)
 
         yield advance
 
 
 @contextmanager
 def show_compiling(
-    *, err: Console | None = None, clock: Callable[[], float] = time.monotonic
+    *, err: Console | None = None, clock: Clock = time.monotonic
 ) -> Iterator[Callable[[int, int], None]]:
-    """Progress of the first run on a machine: yields what is told how many functions of how many are compiled.
-
-    On a terminal there is a bar as soon as something is compiled, unless --quiet is given; elsewhere a line every ten
-    seconds.
+    """Progress of the first run on a machine: yields a function of the number of compiled functions and of all.
 
     Args:
         err: Where the bar is drawn; None: stderr.
         clock: Seconds of wall time.
     """
-    err = err or console(stderr=True)
-    last_s = clock()
-    with ExitStack() as stack:
-        bars: list[tuple[Progress, TaskID]] = []
+    with _shown(err, clock) as show:
+        yield lambda done, total: show(f"compiling: {done} of {total}", done, total, "")
 
-        def compiled(done: int, total: int) -> None:
+
+@contextmanager
+def _shown(err: Console | None, clock: Clock) -> Iterator[Callable[[str, float, float, str], None]]:
+    """A function that shows a text, the share that is done, and facts: the bar is drawn when it is first called."""
+    err = err or console(stderr=True)
+    has_bar = err.is_terminal and progress_log.isEnabledFor(logging.INFO)
+    last_s = clock()
+    columns = (
+        TextColumn("{task.fields[text]}", markup=False),
+        BarColumn(bar_width=None),
+        TextColumn("{task.description}", markup=False),
+        TimeRemainingColumn(),
+    )
+    with ExitStack() as stack:
+        bar = Progress(*columns, console=err, transient=True)
+
+        def show(text: str, done: float, total: float, facts: str) -> None:
             nonlocal last_s
-            if err.is_terminal and progress_log.isEnabledFor(logging.INFO):
-                if not bars:
-                    columns = TextColumn("compiling: {task.completed} of {task.total}"), BarColumn(bar_width=None)
-                    bar = stack.enter_context(Progress(*columns, console=err, transient=True))
-                    bars.append((bar, bar.add_task("", total=total)))
-                bar, task = bars[0]
-                bar.update(task, completed=done)
+            if has_bar:
+                if not bar.tasks:
+                    stack.enter_context(bar)
+                    bar.add_task("", text="")
+                bar.update(bar.tasks[0].id, completed=done, total=total, description=visible(facts), text=text)
             if clock() - last_s >= LINE_EVERY_S:
                 last_s = clock()
-                progress_log.info("compiling: %d of %d", done, total)
+                progress_log.info("%s%s", text, f", {facts}" if facts else "")
 
-        yield compiled
-
-
-class _Lines:
-    """Logs a line of progress when the last one is long ago."""
-
-    def __init__(self, total_s: float, clock: Callable[[], float]) -> None:
-        self._total_s, self._clock = total_s, clock
-        self._last_s = clock()
-
-    def __call__(self, done_s: float, facts: str = "") -> None:
-        now_s = self._clock()
-        if now_s - self._last_s >= LINE_EVERY_S:
-            self._last_s = now_s
-            progress_log.info("%.1f of %.1f s%s", done_s, self._total_s, f", {facts}" if facts else "")
+        yield show

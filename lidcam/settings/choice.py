@@ -1,39 +1,33 @@
 """Which settings a run takes: those that are given, else the preset that suits the recording."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
-from lidcam.settings.measure import SceneSize
+from lidcam.settings.scene import SceneSize, judge, measure_scene, scene_text
 from pipeline.core.settings.bundled import PRESETS
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import load_config
+from readers.recording import Recording
+from readers.rig.discovery import Discovery
+from readers.rig.schema import RigFile
+from readers.rig.search import zones_of
 
 __all__ = [
     "AS_GIVEN",
     "DEFAULTS",
     "GIVEN",
-    "MODEL_EXTENT_M",
     "SettingsChoice",
     "UsedSettings",
     "choose_settings",
-    "judge",
-    "scene_text",
+    "use_settings",
     "used_record",
 ]
 
 DEFAULTS = "defaults"
 GIVEN = "as given"
-
-MODEL_LIDAR_M = 1.0
-MODEL_EXTENT_M = 12.0
-"""A model site: lidars lower than this above its ground, and clouds no longer than this. A full-size vehicle carries
-its lidars higher, and even a low lidar sees further in a street."""
-
-MAST_LIDAR_M = 3.0
-"""Lidars higher than this that stand still are on masts; most vehicles are lower."""
 
 RIVALS = {"sandbox": "road", "road": "crossing", "crossing": "road"}
 """The preset that most likely fits where the judgement is wrong."""
@@ -61,7 +55,7 @@ class UsedSettings:
     Attributes:
         name: A preset, a file, `defaults` or `as given`.
         how: `given`; `judged` from the recording; `not judged`, because its first clouds have no points.
-        size: What was judged by; None if nothing was.
+        size: The size that was judged by; None without judgement.
         moves: Whether the recording has odometry or tf of the site frame.
     """
 
@@ -107,26 +101,33 @@ def choose_settings(
     return SettingsChoice(loaded(None), DEFAULTS, {name: loaded(name) for name in PRESETS})
 
 
-def judge(size: SceneSize, *, moves: bool) -> str:
-    """The preset that suits a scene of this size; `moves`: the site frame is known to move."""
-    height_m = size.lidar_height_m
-    if moves or height_m is None:
-        return "road"
-    if height_m < MODEL_LIDAR_M and size.extent_m[0] < MODEL_EXTENT_M:
-        return "sandbox"
-    return "crossing" if height_m > MAST_LIDAR_M else "road"
+def use_settings(
+    choice: SettingsChoice, recording: Recording, found: Discovery, rig_file: RigFile | None, *, moves: bool
+) -> tuple[Config, UsedSettings, Discovery]:
+    """The settings of an open recording: as given, or judged from its first clouds.
 
+    Args:
+        choice: The given settings, or those to choose from.
+        recording: Its beginning is read where there is a choice, whatever part of it is processed.
+        found: Its sensors.
+        rig_file: Its zones come before those of the settings.
+        moves: Whether the site frame is known to move.
 
-def scene_text(size: SceneSize, *, moves: bool) -> str:
-    """The size of a scene in words."""
-    length_m, width_m = size.extent_m
-    digits = 1 if length_m < 10 else 0
-    seen = [f"clouds of {length_m:.{digits}f} x {width_m:.{digits}f} m"]
-    if size.lidar_height_m is None:
-        seen.append("no ground found")
-    else:
-        seen.append(f"lidars {size.lidar_height_m:.1f} m above the ground")
-    return ", ".join([*seen, "moving"] if moves else seen)
+    Returns:
+        The settings, why these, and the sensors with the zones.
+
+    Raises:
+        RecordingError: as of `measure_scene`.
+    """
+    config, used = choice.config, UsedSettings(choice.name, "given")
+    if choice.by_preset:
+        size = measure_scene(recording, found.rig, choice.config)
+        if size is None:
+            used = UsedSettings(choice.name, "not judged")
+        else:
+            preset = judge(size, moves=moves)
+            config, used = choice.by_preset[preset], UsedSettings(preset, "judged", size, moves)
+    return config, used, replace(found, rig=replace(found.rig, zones=zones_of(rig_file, config)))
 
 
 def used_record(used: UsedSettings) -> dict[str, Any]:

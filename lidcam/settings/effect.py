@@ -1,11 +1,15 @@
-"""Whether settings change anything where a result is looked at, and nothing is made anew."""
+"""The settings that affect a result, an evaluation or a comparison."""
 
 from collections.abc import Sequence
+from hashlib import sha256
 
 from pipeline.core.errors import ConfigError
+from pipeline.core.settings.compare import CompareConfig
 from pipeline.core.settings.config import Config
+from pipeline.core.settings.load import dump_config
+from pipeline.core.settings.run import RunConfig
 
-__all__ = ["COMPARING", "EVALUATING", "check_effect"]
+__all__ = ["COMPARING", "EVALUATING", "check_effect", "lasting_settings", "settings_sha256"]
 
 EVALUATING = ("evaluate", "classes", "associate", "combine", "limits")
 """The sections that an evaluation reads: of `associate` for 2D boxes without truth, of `combine` for odometry."""
@@ -15,7 +19,7 @@ COMPARING = ("compare",)
 
 
 def check_effect(settings: Sequence[str], sections: Sequence[str]) -> None:
-    """Whether each setting is one that is read; a section that no settings have is left to those who read it.
+    """Check that each setting is read. A section that no settings have is left to those who read it.
 
     Args:
         settings: Single settings, `["evaluate.iou=[0.5]"]`.
@@ -32,3 +36,13 @@ def check_effect(settings: Sequence[str], sections: Sequence[str]) -> None:
                 f"settings: {key}: expected a setting of {', '.join(sections)}, found one that changes nothing in a "
                 "result that is there; give it to `lidcam process`"
             )
+
+
+def lasting_settings(config: Config) -> str:
+    """All settings that affect a result, as YAML: how it is run or compared with another one does not."""
+    return dump_config(config.model_copy(update={"run": RunConfig(), "compare": CompareConfig()}))
+
+
+def settings_sha256(config: Config) -> str:
+    """Checksum of all settings that affect a result, the same as in the metadata of an output (`config.sha256`)."""
+    return sha256(lasting_settings(config).encode()).hexdigest()

@@ -37,9 +37,9 @@ class Explanation:
 
     Attributes:
         key: The key, with `*` for the elements of a list or mapping; empty for all settings.
-        meaning: What it does.
+        meaning: Its meaning.
         unit: Unit of its value; empty where it has none.
-        allowed: What its value may be; empty for a section.
+        allowed: Its allowed values; empty for a section.
         default: Its default, as plain values; None where every element of a list has its own.
         by_preset: Its value in each preset; empty where `default` is None.
         keys: Of a section: the keys in it, with their meaning.

@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 from builders import write_rosbag1
 from captures import capture_of, ethernet, ip_packet, pcap
+from logging_state import kept_logging
 from results import fused_objects, messages_of, topics_of
 from velodyne import START_NS, packet_stream, random_packets
 
-from lidcam.commands.inspect import InspectOptions, run_inspect
-from lidcam.commands.process import Printed, run_process
+from lidcam.commands.inspect import inspect
+from lidcam.commands.process import run_process
 from lidcam.job import make_job
-from lidcam.settings.choice import SettingsChoice
 from pipeline.core.errors import CalibrationError, ConfigError, IncompleteError, MessageError, RecordingError
-from pipeline.core.settings.config import Config
 
 PAYLOAD, STAMPS_NS = random_packets("VLP-16", packets=170, start=0)
 LEFT, RIGHT = "/velodyne_10_0_0_1/packets", "/velodyne_10_0_0_2/packets"
@@ -42,7 +41,7 @@ def captures(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def processed(capsys: pytest.CaptureFixture[str], *inputs: Path, out: Path, **options: Any) -> Any:
     """The final table of `lidcam process`, called here: to start a program takes longer."""
     with suppress(IncompleteError):
-        run_process(make_job(inputs, out, **{"settings": FAST, **options}), Printed(as_json=True))
+        run_process(make_job(inputs, out, **{"settings": FAST, **options}), as_json=True)
     return json.loads(capsys.readouterr().out)
 
 
@@ -54,7 +53,8 @@ def test_one_lidar_needs_nothing_else(captures: Path, capsys: pytest.CaptureFixt
     sweeps = messages_of(out, "/point_cloud_combined")
     assert [cloud.header.frame_id for _, cloud in sweeps] == ["velodyne_10_0_0_1"] * 3
     assert next(iter(fused_objects(out))) == START_NS
-    run_inspect(InspectOptions((captures / "one.pcap",), SettingsChoice(Config()), as_json=True))
+    with kept_logging():
+        inspect([str(captures / "one.pcap")], as_json=True)
     topics = {topic["topic"]: topic for topic in json.loads(capsys.readouterr().out)["topics"]}
     assert (topics[LEFT]["msgtype"], topics[LEFT]["count"]) == ("velodyne_msgs/msg/VelodyneScan", 3)
     assert "GPS" in topics["/other_traffic/position"]["problem"]
@@ -66,8 +66,8 @@ def test_a_cut_capture_is_read_and_written_as_an_mcap(
     captures: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     whole, out = tmp_path / "whole.mcap", tmp_path / "out.mcap"
-    with pytest.raises(IncompleteError, match="damaged, 1 message lost"):
-        run_inspect(InspectOptions((captures / "cut.pcap",), SettingsChoice(Config()), repair=whole))
+    with kept_logging(), pytest.raises(IncompleteError, match="damaged, 1 message lost"):
+        inspect([str(captures / "cut.pcap")], repair=whole)
     assert "a packet is cut off: expected 1248 bytes, found 1241" in capsys.readouterr().out
     assert topics_of(whole) == {LEFT: ("velodyne_msgs/msg/VelodynePacket", 169)}
     found = messages_of(whole, LEFT)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-SANDBOX = Path(__file__).resolve().parents[2] / "bags/sandbox.bag"
-SEEN = ("cv2", "numba", "numpy", "onnxruntime", "open3d", "pandas", "rerun", "rosbags", "scipy")
+BAGS = Path(__file__).resolve().parents[2] / "bags"
+SEEN = ("cv2", "numba", "numpy", "onnxruntime", "open3d", "pandas", "rerun", "rich", "rosbags", "scipy")
 PROGRAM = f"""
 import sys
 sys.argv[0] = "lidcam"
@@ -27,14 +27,24 @@ def imported(*arguments: str) -> set[str]:
 
 
 @pytest.mark.parametrize("arguments", [("--help",), ("process", "--help"), ("--version",)])
-def test_help_imports_no_library_of_numbers(arguments: tuple[str, ...]) -> None:
+def test_help_imports_no_large_library(arguments: tuple[str, ...]) -> None:
     assert imported(*arguments) == set()
 
 
-def test_inspect_imports_what_reads() -> None:
-    assert imported("inspect", str(SANDBOX)) <= {"numpy", "rosbags"}
+def test_the_package_imports_nothing_before_it_is_used() -> None:
+    code = "import sys, lidcam; print(*sorted({'numpy', 'cv2', 'rosbags', 'pydantic'} & {*sys.modules}))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "\n"
+
+
+@pytest.mark.parametrize("recording", ["sandbox.bag", "crossing.mcap"])
+def test_inspect_imports_what_reads(recording: str) -> None:
+    assert imported("inspect", str(BAGS / recording)) <= {"numpy", "rich", "rosbags"}
+
+
+def test_config_compiles_nothing() -> None:
+    assert "numba" not in imported("config", "show", "sandbox")
 
 
 def test_process_imports_no_viewer_and_no_network(tmp_path: Path) -> None:
-    run = ("process", str(SANDBOX), str(tmp_path / "out.mcap"), "--duration", "0.1", "--workers", "1")
+    run = ("process", str(BAGS / "sandbox.bag"), str(tmp_path / "out.mcap"), "--duration", "0.1", "--workers", "1")
     assert not imported(*run) & {"onnxruntime", "open3d", "pandas", "rerun"}

@@ -1,4 +1,4 @@
-"""What becomes of errors: one line and an exit code, or a traceback."""
+"""Errors become one line and an exit code, or keep their traceback; wrong usage quotes what was given."""
 
 import errno
 import logging
@@ -6,10 +6,14 @@ import sys
 from collections.abc import Iterator
 
 import pytest
+import typer
 from logging_state import kept_logging
 
+from lidcam.commands import app, process_app
 from lidcam.program import run_program
 from pipeline.core.errors import CheckError, IncompleteError, RecordingError
+
+HOSTILE, SHOWN = "a\x1b]0;t\x07\x9b2J\nError: faked", "a\\x1b]0;t\\x07\\x9b2J\\nError: faked"
 
 
 @pytest.fixture(autouse=True)
@@ -29,11 +33,7 @@ def noted() -> RecordingError:
     ("error", "code", "told"),
     [
         (noted(), 1, "lidcam: error: drive.bag: expected a recording, found none (while looking for lidars)\n"),
-        (
-            OSError(errno.ENOSPC, "No space left on device"),
-            1,
-            "lidcam: error: standard output: No space left on device\n",
-        ),
+        (OSError(errno.ENOSPC, "No space left"), 1, "lidcam: error: standard output: No space left\n"),
         (OSError(errno.EIO, "Input/output error"), 1, "lidcam: error: standard output: Input/output error\n"),
         (OSError(errno.ENOSPC, "No space left", "a.mcap"), 1, "lidcam: error: a.mcap: No space left\n"),
         (CheckError("--strict: a"), 1, "lidcam: error: --strict: a\n"),
@@ -67,3 +67,70 @@ def test_bugs_keep_their_traceback(error: Exception, capsys: pytest.CaptureFixtu
         run_program(program, "lidcam")
     assert [record.exc_info[1] for record in records if record.exc_info] == [error]
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("program", "arguments", "told"),
+    [
+        (app, [HOSTILE], "No such command"),
+        (app, ["inspect", f"--{HOSTILE}"], "No such option"),
+        (app, ["process", "a.bag", f"{HOSTILE}.txt"], f"ends in .mcap, found {SHOWN}.txt"),
+        (process_app, ["a.bag", "b.mcap", "--workers", HOSTILE], "--workers"),
+        (process_app, ["a.bag", "b.mcap", "--on-bad-message", HOSTILE], "--on-bad-message"),
+        (app, ["config", "show", "road", HOSTILE], "unexpected extra argument"),
+    ],
+)
+def test_wrong_usage(
+    program: typer.Typer,
+    arguments: list[str],
+    told: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["lidcam", *arguments])
+    with pytest.raises(SystemExit) as end:
+        run_program(program, "lidcam")
+    assert end.value.code == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    usage, hint, blank, error, rest = err.split("\n")
+    assert usage.startswith("Usage: lidcam")
+    assert hint.startswith("Try 'lidcam")
+    assert (blank, rest) == ("", "")
+    assert error.startswith("Error: ")
+    assert told in error
+    assert err.replace("\n", "").isprintable()
+
+
+@pytest.mark.parametrize("arguments", [[], ["config"]])
+def test_without_arguments_the_whole_help_is_told(
+    arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["lidcam", *arguments])
+    with pytest.raises(SystemExit) as end:
+        run_program(app, "lidcam")
+    assert end.value.code == 2
+    assert len(capsys.readouterr().err.splitlines()) > 8
+
+
+def test_ctrl_c_is_130() -> None:
+    program = typer.Typer()
+
+    @program.command()
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(SystemExit) as end:
+        run_program(program, "lidcam")
+    assert end.value.code == 130
+
+
+def test_letters_that_a_terminal_does_not_know_end_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    program = typer.Typer()
+
+    @program.command()
+    def speaks() -> None:
+        typer.echo("\u00e9\udcff")
+
+    run_program(program, "lidcam")
+    assert capsys.readouterr().out == "\u00e9\\udcff\n"

@@ -88,6 +88,12 @@ def run(
     return pass_over.report(), frames
 
 
+def printed(report: RunReport) -> str:
+    out = Console(width=200, file=StringIO())
+    print_report(out, report)
+    return "\n".join(line.rstrip() for line in out.file.getvalue().splitlines())  # type: ignore[attr-defined]
+
+
 def drop_counts(report: RunReport) -> dict[tuple[str, str], int]:
     return {(drop.topic, drop.reason): drop.count for drop in report.drops.messages}
 
@@ -165,15 +171,24 @@ def test_no_set_at_all_names_the_messages_by_topic() -> None:
         run(periodic((FRONT, REAR)), config(required="all"))
 
 
-def test_a_part_without_messages_is_told() -> None:
-    between = TimeWindow(START_NS + 1, START_NS + 2)
-    with pytest.raises(RecordingError, match=r"expected messages of /front/points, .* found none in it; take a longer"):
-        run(periodic(), config(), window=between)
+@pytest.mark.parametrize("required", ["all", "lidars", [], [IMAGES]])
+@pytest.mark.parametrize("window", [TimeWindow(START_NS + 1, START_NS + 2), TimeWindow(START_NS + 10**12)])
+def test_a_part_without_messages_is_refused_with_one_line(required: object, window: TimeWindow) -> None:
+    with pytest.raises(RecordingError, match="given by start and duration, found none in it; take a longer"):
+        run(periodic(), config(required=required), window=window)
 
 
-def test_reference_that_is_not_in_use() -> None:
-    with pytest.raises(ConfigError, match="/nothing"):
-        run(periodic(), config(reference="/nothing"))
+@pytest.mark.parametrize(
+    ("sync", "fault"),
+    [
+        ({"reference": "/nothing"}, "sync.reference: '/nothing' is not among the topics in use: /front/points, "),
+        ({"required": ["/nothing"]}, "sync.required: /nothing is not among the topics in use: /front/points, "),
+        ({"required": [IMAGES], "reference": "/nothing"}, "sync.reference: '/nothing'"),
+    ],
+)
+def test_the_reference_and_required_topics_have_to_be_in_use(sync: dict[str, object], fault: str) -> None:
+    with pytest.raises(ConfigError, match=fault):
+        run(periodic(), config(**sync))
 
 
 def test_the_reference_gives_stamp_and_log_time() -> None:
@@ -204,9 +219,7 @@ def test_a_lidar_without_points_is_warned_of() -> None:
     report, _ = run(messages, config())
     assert [warning.subject for warning in report.warnings] == ["rear", "no objects"]
     assert report.warnings[0].finding == "6 messages without a single point in range"
-    with StringIO() as text:
-        print_report(Console(file=text), report)
-        assert "warning: rear: 6 messages without a single point in range; the lidar may be" in text.getvalue()
+    assert "warning: rear: 6 messages without a single point in range; the lidar may be" in printed(report)
 
 
 def test_a_lidar_with_a_clock_of_its_own_is_warned_of() -> None:
@@ -240,10 +253,8 @@ def test_a_run_without_lidars_from_a_time_on_goes_on() -> None:
 def test_what_is_missing_is_printed() -> None:
     messages = [m for m in periodic(count=20) if m.topic != IMAGES or m.stamp_ns % (2 * STEP_NS) == 0]
     summary, _ = run(messages, config())
-    out = Console(width=200, record=True, file=StringIO())
-    print_report(out, summary)
-    text = out.export_text()
-    assert re.search(r"missing from frames\nsensor +frames +when\ncam +10 +in 10 of 20 frames\n", text)
+    table = r"missing from frames\nsensor +frames +when\ncam +10 +in 10 of 20 frames\n"
+    assert re.search(table, printed(summary))
     assert [warning.subject for warning in summary.warnings] == ["no objects"]
 
 
@@ -260,9 +271,7 @@ def test_what_is_missing_is_printed() -> None:
 )
 def test_what_is_copied_is_told_in_a_line(copied: dict[str, int], told: str) -> None:
     report, _ = run(periodic(), config())
-    out = Console(width=200, record=True, file=StringIO())
-    print_report(out, changed(report, inputs={"copied": copied}))
-    assert told in [line.rstrip() for line in out.export_text().splitlines()]
+    assert told in printed(changed(report, inputs={"copied": copied})).splitlines()
 
 
 def test_2d_boxes_that_begin_no_object_are_told_by_reason() -> None:
@@ -272,23 +281,9 @@ def test_2d_boxes_that_begin_no_object_are_told_by_reason() -> None:
         hypotheses = replace(frames[0].hypotheses, boxes_without_object={"too vague": count})
         tally.add(replace(frames[0], hypotheses=hypotheses))
     told = changed(report, drops={"boxes_without_object": tally.boxes_without_object})
-    out = Console(width=200, record=True, file=StringIO())
-    print_report(out, told)
-    assert "  2D boxes without an object: 5, too vague" in out.export_text().splitlines()
+    assert "  2D boxes without an object: 5, too vague" in printed(told).splitlines()
     assert report_tree(told)["boxes_without_object"] == {"too vague": 5}
     assert report_tree(report)["boxes_without_object"] == {}
-
-
-@pytest.mark.parametrize(
-    ("sync", "fault"),
-    [
-        ({"required": ["/nothing"]}, "sync.required: /nothing is not among the topics in use: /front/points, "),
-        ({"required": [IMAGES], "reference": "/nothing"}, "sync.reference: '/nothing'"),
-    ],
-)
-def test_required_topics_have_to_be_in_use(sync: dict[str, object], fault: str) -> None:
-    with pytest.raises(ConfigError, match=fault):
-        run(periodic(), config(**sync))
 
 
 def test_the_first_required_topic_is_the_reference() -> None:
@@ -365,12 +360,6 @@ def test_a_camera_that_falls_silent_in_one_part_and_is_back_in_the_next_is_silen
     assert [str(sensor) for sensor in summary.sensors.missing] == [
         "silent from 1.9 s to 3.0 s, silent from 4.9 s to the end"
     ]
-
-
-@pytest.mark.parametrize("required", ["all", "lidars", [], [IMAGES]])
-def test_a_part_without_messages_is_refused_with_one_line(required: object) -> None:
-    with pytest.raises(RecordingError, match="in the part given by start and duration, found none in it"):
-        run(periodic(), config(required=required), window=TimeWindow(START_NS + 10**12))
 
 
 def test_a_sensor_recorded_too_late_to_be_waited_for_is_told() -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 from typer.main import get_command
 
-from lidcam.cli import app
+from lidcam.commands import app
 
 __all__ = ["ROOT", "commands_of_help", "commands_of_pages", "pages"]
 

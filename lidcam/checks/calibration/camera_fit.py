@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidcam.checks.evenly_kept import EvenlyKept
+from lidcam.checks.calibration.evenly_kept import EvenlyKept
 from lidcam.checks.warning import RunWarning
 from pipeline.core.arrays import F32, F64, I64
 from pipeline.core.detections import Boxes3D

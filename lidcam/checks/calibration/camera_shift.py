@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidcam.checks.evenly_kept import EvenlyKept
+from lidcam.checks.calibration.evenly_kept import EvenlyKept
 from lidcam.checks.warning import RunWarning
 from pipeline.core.arrays import F64
 from pipeline.core.camera import BORDER_PX
@@ -28,8 +28,8 @@ MIN_FRAMES, MIN_APART = 5, 0.5
 of their size: the box of a single parked car may be off for other reasons."""
 
 MIN_RAD, MIN_SHARE = np.radians(1.0), 0.07
-"""A step is told if it is larger than this angle, and than this share of the size of the objects: boxes of lidars are
-completed to the size of a class, and those of a detector have habits, too."""
+"""A step is reported if it is larger than this angle, and than this share of the size of the objects: boxes of lidars
+are completed to the size of a class, and those of a detector have habits, too."""
 
 MIN_SHARE_OF_FRAMES = 0.75
 """Share of the frames in which the step is half as large, to the same side."""
@@ -100,20 +100,20 @@ def _warning(camera: CameraSensor, seen: list[_Seen]) -> RunWarning | None:
     if (np.ptp((xyxy[:, :2] + xyxy[:, 2:]) / 2, axis=0) < MIN_APART * size_px).all():
         return None
     focal_px = np.diag(camera.model.K)[:2]
-    least_px = np.maximum(MIN_RAD * focal_px, MIN_SHARE * size_px)
+    min_px = np.maximum(MIN_RAD * focal_px, MIN_SHARE * size_px)
     error_px = 1.2533 * 1.4826 * np.median(np.abs(steps_px - step_px), axis=0) / np.sqrt(len(seen))
-    frames = (steps_px * np.sign(step_px) > least_px / 2).sum(0)
-    told = (np.abs(step_px) > np.maximum(least_px, SURE * error_px)) & (frames >= MIN_SHARE_OF_FRAMES * len(seen))
-    if not told.any():
+    frames = (steps_px * np.sign(step_px) > min_px / 2).sum(0)
+    found = (np.abs(step_px) > np.maximum(min_px, SURE * error_px)) & (frames >= MIN_SHARE_OF_FRAMES * len(seen))
+    if not found.any():
         return None
     parts = [
         f"{abs(step_px[axis]):.0f} px ({np.degrees(abs(step_px[axis]) / focal_px[axis]):.1f} degrees) "
         f"{SIDES[axis][int(step_px[axis] > 0)]}"
-        for axis in np.flatnonzero(told)
+        for axis in np.flatnonzero(found)
     ]
     return RunWarning(
         camera.name,
-        f"its 2D boxes lie {' and '.join(parts)} the objects of the lidars, in {frames[told].min()} of the {len(seen)} "
-        "frames looked at",
+        f"its 2D boxes lie {' and '.join(parts)} the objects of the lidars, in {frames[found].min()} of the "
+        f"{len(seen)} frames looked at",
         "check its extrinsics, or see whether its clock is off (time_offset_ms in the rig file)",
     )

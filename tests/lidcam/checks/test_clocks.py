@@ -1,7 +1,12 @@
-import pytest
+"""Clocks that jump, clocks that most others contradict, and messages that come too late."""
 
-from lidcam.checks.clocks import MAX_JUMPS_NAMED, clock_notes, jump_warnings
+import pytest
+from frames import RIG
+
+from lidcam.checks.clocks import MAX_JUMPS_NAMED, clock_notes, clocks_off, jump_warnings, late_warnings
+from lidcam.checks.missing import MissingSensor
 from pipeline.stages.sync.clocks import Clocks, TimeJump
+from pipeline.stages.sync.policy import DropReason
 
 S = 10**9
 
@@ -34,3 +39,61 @@ def test_sensors_without_stamps_are_named() -> None:
     assert note.startswith("left, /odom: all stamps are 0")
     clocks.unstamped |= dict.fromkeys(map(str, range(9)))
     assert " and 1 more: " in clock_notes(clocks, {})[0]
+
+
+NEAR = {"/lidar1": S // 10, "/lidar2": S // 10, "/left/image": 0, "/right/image": S // 20}
+
+
+def absent(*names: str, frames: int = 20, of_frames: int = 20) -> list[MissingSensor]:
+    topics = {"lidar1": "/lidar1", "lidar2": "/lidar2", "left": "/left/image", "right": "/right/image"}
+    return [MissingSensor(name, topics.get(name, f"/{name}"), frames, of_frames, ()) for name in names]
+
+
+@pytest.mark.parametrize(
+    ("delays_ns", "missing", "sensors"),
+    [
+        ({}, [], []),
+        ({}, absent("left"), []),
+        (NEAR, absent("left"), []),  # near enough: not its clock
+        (NEAR | {"/left/image": -3600 * S}, [], []),  # of no consequence
+        (NEAR | {"/left/image": -3600 * S}, absent("right", frames=10), []),
+        (NEAR | {"/left/image": -3600 * S}, absent("left"), ["left"]),
+        (NEAR | {"/left/image": 3600 * S}, absent("left"), ["left"]),
+        (NEAR | {"/left/image": 5 * S}, absent("left"), []),  # recorded late
+        (NEAR | {"/lidar1": -5 * S}, absent("lidar2", "left", "right"), ["lidar1"]),  # the frames are of its time
+        ({"/lidar1": 0, "/left/image": -5 * S}, absent("left"), ["left"]),  # of two, the lidar is believed
+    ],
+)
+def test_the_clock_that_most_others_contradict_is_named(
+    delays_ns: dict[str, int], missing: list[MissingSensor], sensors: list[str]
+) -> None:
+    assert [warning.subject for warning in clocks_off(delays_ns, missing, RIG)] == sensors
+
+
+@pytest.mark.parametrize(
+    ("delay_s", "text"),
+    [
+        (-3599.9, "after those of most sensors, so that 1 topic is in no frame; set its clock, or give it about "),
+        (3600.1, "before those of most sensors, so that 1 topic is in no frame; set its clock, or give it about "),
+    ],
+)
+def test_the_offset_is_what_the_rig_file_takes_off(delay_s: float, text: str) -> None:
+    (warning,) = clocks_off(NEAR | {"/left/image": round(delay_s * S)}, absent("left"), RIG)
+    sign = "" if delay_s < 0 else "-"
+    assert str(warning) == (f"left: its stamps lie 3600.0 s {text}time_offset_ms: {sign}3600000 in a rig file (--rig)")
+
+
+@pytest.mark.parametrize(
+    ("drops", "sensors"),
+    [
+        ({}, []),
+        ({("/lidar2", DropReason.TOO_LATE): 10}, ["lidar2"]),
+        ({("/lidar2", DropReason.TOO_LATE): 9}, []),
+        ({("/lidar2", DropReason.LEFT_OUT): 90}, []),
+        ({("/left/image", DropReason.TOO_LATE): 90, ("/odom", "cannot be decoded"): 3}, ["left"]),
+    ],
+)
+def test_sensors_that_are_mostly_late_are_named(drops: dict[tuple[str, str], int], sensors: list[str]) -> None:
+    warnings = late_warnings(drops, {"/lidar2": 100, "/left/image": 100}, RIG)
+    assert [warning.subject for warning in warnings] == sensors
+    assert all("sync.queue_size" in warning.remedy for warning in warnings)

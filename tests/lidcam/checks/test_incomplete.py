@@ -7,7 +7,7 @@ import pytest
 from reports import changed
 
 import lidcam
-from lidcam.checks.incomplete import absent_lines, damage_lines, left_out_lines
+from lidcam.checks.incomplete import absent_lines, damage_lines
 from lidcam.checks.missing import MissingSensor, SilentSpan
 from lidcam.report import DropCount, RunReport
 from lidcam.summary import DropTable
@@ -44,12 +44,6 @@ def test_damage_counts_where_messages_may_be_lost(losses: list[Loss], lines: lis
     assert damage_lines(losses) == lines
 
 
-def test_sensors_that_are_left_out() -> None:
-    faults = [SensorFault("cam1", "/cam1/image", "no intrinsics"), SensorFault("cam2", "", "no topic is left")]
-    assert left_out_lines(faults) == ["cam1 (/cam1/image) is left out", "cam2 is left out"]
-    assert left_out_lines([]) == []
-
-
 def test_sensors_that_are_in_no_frame_and_not_those_that_pause() -> None:
     absent = MissingSensor("cam1", "/cam1", 20, 20, ())
     assert absent_lines([absent]) == ["cam1 is in none of the 20 frames"]
@@ -65,11 +59,12 @@ def test_a_report_says_what_is_missing(report: RunReport) -> None:
     found = changed(
         report,
         drops={"messages": drops},
-        sensors={"faults": (SensorFault("cam1", "/cam1/image", "x"),)},
+        sensors={"faults": (SensorFault("cam1", "/cam1/image", "x"), SensorFault("cam2", "", "no topic is left"))},
         inputs={"losses": (Loss(BAG, 0, "x", messages=2),)},
     )
     assert found.incomplete == (
         "cam1 (/cam1/image) is left out",
+        "cam2 is left out",
         "/a: 3 messages dropped: cannot be decoded",
         "drive.bag: damaged, 2 messages lost",
     )
@@ -80,10 +75,7 @@ def test_drops_tell_defects_from_messages_that_were_not_needed() -> None:
     table.add(Drop("/a", 1, "too late"))
     table.add_defect(Drop("/a", 2, "its stamp is 0"))
     table.add_bad(Drop("/a", 3, "cannot be decoded"))
-    assert [(row.reason, row.is_defect) for row in table.rows] == [
-        ("cannot be decoded", True),
-        ("its stamp is 0", True),
-        ("too late", False),
-    ]
+    defects = {row.reason: row.is_defect for row in table.rows}
+    assert defects == {"cannot be decoded": True, "its stamp is 0": True, "too late": False}
     with pytest.raises(MessageError, match="/a: cannot be decoded"):
         DropTable("fail").add_bad(Drop("/a", 3, "cannot be decoded"))

@@ -1,7 +1,7 @@
 import pytest
 from frames import RIG
 
-from lidcam.checks.missing import MissingSensor, SilentSpan, missing_sensors, silence_warnings
+from lidcam.checks.missing import MissingSensor, SilentSpan, absence_warnings, missing_sensors, silence_warnings
 from pipeline.stages.sync.attendance import Absence, Silence
 
 S = 10**9
@@ -27,14 +27,6 @@ START_NS = 1_700_000_000 * S
 def test_what_is_said(silences: list[tuple[float | None, float | None]], alive: int, text: str) -> None:
     spans = tuple(SilentSpan(start_s, end_s, 3) for start_s, end_s in silences)
     assert str(MissingSensor("cam", "/cam", alive + 3 * len(spans), 30, spans)) == text
-
-
-def test_a_camera_and_its_boxes_that_are_silent_are_one_warning() -> None:
-    span = (SilentSpan(1.0, None, 3),)
-    both = [MissingSensor(name, f"/{name}", 3, 9, span) for name in ("cam", "cam (boxes)", "other (boxes)")]
-    boxes_alone = [MissingSensor("cam", "/cam", 3, 9, ()), both[1]]
-    assert [warning.subject for warning in silence_warnings(both)] == ["cam, other (boxes)"]
-    assert [warning.subject for warning in silence_warnings(boxes_alone)] == ["cam (boxes)"]
 
 
 def test_absences_become_sensors_and_silences_warnings() -> None:
@@ -68,3 +60,24 @@ def test_sensors_that_fall_silent_together_share_a_warning() -> None:
         "of /cam3",
     ]
     assert silence_warnings([]) == []
+    boxes_alone = [MissingSensor("cam2", "/cam2", 3, 9, ()), missing[2]]
+    assert [warning.subject for warning in silence_warnings(boxes_alone)] == ["cam2 (boxes)"]
+
+
+def absent(*names: str, frames: int = 20, of_frames: int = 20) -> list[MissingSensor]:
+    return [MissingSensor(name, f"/{name}", frames, of_frames, ()) for name in names]
+
+
+@pytest.mark.parametrize(
+    ("missing", "sensors"),
+    [
+        ([], []),
+        (absent("left", frames=19), []),
+        (absent("left", frames=9, of_frames=9), []),  # by chance, of a sensor at a low rate
+        (absent("left", "left (boxes)", "other (boxes)"), ["left", "other (boxes)"]),
+        ([MissingSensor("left", "/left/image", 20, 20, (SilentSpan(None, None, 20),))], []),  # said as silence
+        ([MissingSensor("left", "/left/image", 20, 20, (SilentSpan(1.0, None, 12),))], ["left"]),
+    ],
+)
+def test_sensors_that_no_frame_has_are_named(missing: list[MissingSensor], sensors: list[str]) -> None:
+    assert [warning.subject for warning in absence_warnings(missing)] == sensors

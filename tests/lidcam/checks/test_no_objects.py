@@ -12,7 +12,7 @@ import lidcam
 from lidcam.checks.no_objects import ObjectCheck
 from lidcam.checks.warning import RunWarning
 from lidcam.settings.choice import AS_GIVEN, UsedSettings
-from lidcam.settings.measure import SceneSize
+from lidcam.settings.scene import SceneSize
 from pipeline.core.detections import Fused
 from pipeline.core.frame import FrameResult
 from pipeline.core.rig import RecordedDetector
@@ -71,14 +71,8 @@ def flat(count: int) -> FrameResult:
     """A frame in which the ground takes every point."""
     result = frame()
     none = result.detections.lidar.select(np.zeros(0, np.intp))
-    counts = {
-        "input": count,
-        "nan": 0,
-        "range": 0,
-        "outliers": min(count, 1),
-        "ground": count - min(count, 1),
-        "left": 0,
-    }
+    outliers = min(count, 1)
+    counts = {"input": count, "nan": 0, "range": 0, "outliers": outliers, "ground": count - outliers, "left": 0}
     return replace(
         result,
         combined=replace(
@@ -127,36 +121,42 @@ def test_a_small_scene_without_a_ground_may_be_a_model(extent_m: tuple[float, fl
     assert warning.remedy == f"{remedy}a smaller combine.ground.distance_m than 0.2 may help"
 
 
-def of_detector(**changed: object) -> tuple[str, str]:
-    """Finding and remedy for a frame of a recorded detector without lidars."""
+BELIEVED = frame().hypotheses
+MESSAGES = {"/objects": next(iter(frame().bundle.messages.values()))}
+
+
+@pytest.mark.parametrize(
+    ("changes", "finding", "remedy"),
+    [
+        ({}, "it has no message of /objects", "see sync.slop_s and topics.boxes3d"),
+        (
+            {"bundle": replace(frame().bundle, messages=MESSAGES), "combined": flat(1).combined},
+            "the messages of /objects have no boxes",
+            "see that detector, or topics.boxes3d",
+        ),
+        (
+            {"unused_boxes3d": {"class '7' is not configured": 3}},
+            "its recorded 3D boxes are not used: 3, class '7' is not configured",
+            "see detect3d.min_score, the labels of classes, and detect3d.recorded.class_numbers",
+        ),
+        (
+            {"hypotheses": BELIEVED, "beliefs": np.full(len(BELIEVED.boxes), 0.25)},
+            f"the most probable of its {len(BELIEVED.boxes)} boxes has a probability of 0.25, less than "
+            "fuse.min_score, 0.5",
+            "a smaller fuse.min_score shows them",
+        ),
+    ],
+    ids=["no message", "no boxes", "not used", "not believed"],
+)
+def test_recorded_boxes_that_become_no_objects(changes: dict[str, object], finding: str, remedy: str) -> None:
+    """Of a recorded detector without lidars."""
     rig = replace(RIG, lidars=(), detectors=(RecordedDetector("objects", "/objects", "site", {}),))
     config = Config.model_validate({"detect3d": {"method": "recorded"}})
     check = ObjectCheck(MemoryRecording([]), rig, config, AS_GIVEN, moves=False)
     check.add(flat(0))
-    check.add(replace(flat(0), **changed))  # type: ignore[arg-type]  # fields of a frame
+    check.add(replace(flat(0), **changes))  # type: ignore[arg-type]  # fields of a frame
     (warning,) = check.warnings
-    return warning.finding.partition(": ")[2], warning.remedy
-
-
-def test_recorded_boxes_that_are_not_there() -> None:
-    assert of_detector() == ("it has no message of /objects", "see sync.slop_s and topics.boxes3d")
-    bundle = replace(flat(0).bundle, messages={"/objects": next(iter(frame().bundle.messages.values()))})
-    finding, _ = of_detector(bundle=bundle, combined=replace(flat(1).combined))
-    assert finding == "the messages of /objects have no boxes"
-
-
-def test_recorded_boxes_that_are_not_used() -> None:
-    finding, remedy = of_detector(unused_boxes3d={"class '7' is not configured": 3})
-    assert finding == "its recorded 3D boxes are not used: 3, class '7' is not configured"
-    assert "detect3d.recorded.class_numbers" in remedy
-
-
-def test_recorded_boxes_that_are_not_believed() -> None:
-    hypotheses = frame().hypotheses
-    beliefs = np.full(len(hypotheses.boxes), 0.25)
-    finding, remedy = of_detector(hypotheses=hypotheses, beliefs=beliefs)
-    assert finding.endswith("has a probability of 0.25, less than fuse.min_score, 0.5")
-    assert remedy == "a smaller fuse.min_score shows them"
+    assert (warning.finding.partition(": ")[2], warning.remedy) == (finding, remedy)
 
 
 def test_objects_that_no_zone_lets_be_reported() -> None:

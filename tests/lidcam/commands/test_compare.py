@@ -7,19 +7,19 @@ from typing import Any, NamedTuple
 
 import jsonschema
 import pytest
+from logging_state import kept_logging
 from perturbed_results import Change, dropped, followed, of_class, perturbed, shifted, turned
 from results import fused_objects, messages_of, topics_of
 
 import lidcam
-from lidcam.commands.compare import FRAMES, CompareOptions, run_compare
-from lidcam.options import AllowedDifference
+from lidcam.commands.compare import AllowedDifference
+from lidcam.commands.compare import compare as run_compare
 from pipeline.core.errors import CheckError, IncompleteError, LidcamError, OutputError, RecordingError
-from pipeline.core.settings.load import load_config
 from pipeline.evaluation.comparison.object_changes import KINDS
 
 ROOT = Path(__file__).parents[3]
 FUSED = "/fused/detections"
-SCHEMA = json.loads((ROOT / "docs/figures.schema.json").read_text(encoding="utf-8"))
+SCHEMA = jsonschema.Draft202012Validator(json.loads((ROOT / "docs/figures.schema.json").read_text(encoding="utf-8")))
 
 
 class Outcome(NamedTuple):
@@ -30,7 +30,10 @@ class Outcome(NamedTuple):
 
     @property
     def tree(self) -> Any:
-        return json.loads(self.out)
+        """The JSON, which is as the schema says."""
+        found = json.loads(self.out)
+        SCHEMA.validate(found)
+        return found
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +63,8 @@ def compare(capsys: pytest.CaptureFixture[str]) -> Any:
     def compared(first: Path, second: Path, *settings: str, **options: Any) -> Outcome:
         failures: tuple[str, ...] = ()
         try:
-            run_compare(CompareOptions(first, second, load_config(None, settings), **options))
+            with kept_logging():
+                run_compare(first, second, settings=settings, **options)
         except CheckError as err:
             failures = err.lines
         return Outcome(capsys.readouterr().out, failures)
@@ -90,7 +94,7 @@ def test_a_result_and_itself(compare: Any, result: Path) -> None:
     counted = [line.split()[:2] for line in lines if line.startswith(("lidar", "fused", "cameras", "camera_"))]
     assert [row[1] for row in counted] == ["all"] * 7  # no class has anything to say
     tree = compare(result, result, as_json=True).tree
-    jsonschema.validate(tree, SCHEMA)
+    SCHEMA.validate(tree)
     assert (tree["command"], tree["exit_code"], tree["differences"]["count"]) == ("compare", 0, 0)
     assert [one["path"] for one in tree["inputs"]] == [str(result)] * 2
     channels = [*tree["sources"].values(), *tree["images"].values()]
@@ -111,14 +115,14 @@ def test_yaw_shifted_by_5_degrees(compare: Any, result: Path, faulty: Any) -> No
     assert ["fused", "car"] in counted
     assert found.out.splitlines()[-1] == "verdict: differs more than it may"
     tree = compare(result, other, as_json=True).tree
-    jsonschema.validate(tree, SCHEMA)
+    SCHEMA.validate(tree)
     sources = tree["sources"]
     assert kinds_of(sources["fused"]["all"]) == {"turned": sources["fused"]["all"]["a"]}
     assert sources["fused"]["all"]["largest_turned_deg"] == pytest.approx(5)
     assert not kinds_of(sources["lidar"]["all"])
     assert not compare(result, other, "compare.yaw_deg=5").failures
     assert not compare(result, other, only=("lidar",)).failures
-    allowed = compare(result, other, allowed=("turned",), lines=0)
+    allowed = compare(result, other, allow=("turned",), lines=0)
     assert not allowed.failures
     assert allowed.out.splitlines()[-1] == "verdict: differs no more than it may"
     assert "the first" not in allowed.out
@@ -135,8 +139,8 @@ def test_a_car_missing_for_a_second(compare: Any, result: Path, faulty: Any, car
     assert math.dist(only["place"][:2], car) < 2
     assert kinds_of(tree["sources"]["fused"]["all"]) == {"lost": 10}
     share = tree["sources"]["fused"]["all"]["different_percent"]
-    assert not compare(result, other, max_different_percent=share + 0.01).failures
-    assert compare(result, other, max_different_percent=share - 0.01).failures
+    assert not compare(result, other, max_different=share + 0.01).failures
+    assert compare(result, other, max_different=share - 0.01).failures
 
 
 def test_2d_boxes(compare: Any, result: Path, faulty: Any) -> None:
@@ -155,7 +159,7 @@ def test_frames_of_one_alone(compare: Any, result: Path, tmp_path: Path) -> None
     found = compare(result, other)
     assert found.failures == ("frames: expected at most 0 % in one result alone, found 14.3 %",)
     assert "frames: 12 in both, 0 of them differ; 2 only in A, 0 only in B" in found.out
-    assert not compare(result, other, allowed=("frames",)).failures
+    assert not compare(result, other, allow=("frames",)).failures
 
 
 def test_both_in_one_file(compare: Any, sandbox: Path, tmp_path: Path) -> None:
@@ -194,9 +198,7 @@ def test_what_a_merged_file_must_not_replace(compare: Any, sandbox: Path, result
     assert taken.read_bytes() == b"mine"
     compare(sandbox, sandbox, merged=taken, overwrite=True, only=("cam11",))
     assert [len(scene.entities) for _, scene in messages_of(taken, "/compare/scene")] == [0, 0, 0]
-    both = CompareOptions(result, sandbox, load_config(), merged=tmp_path / "both.mcap")
-    with pytest.raises(CheckError):
-        run_compare(both)
+    assert compare(result, sandbox, merged=tmp_path / "both.mcap").failures
 
 
 def test_what_cannot_be_compared(compare: Any, result: Path) -> None:
@@ -220,12 +222,19 @@ def test_results_of_two_recordings_and_two_sites(compare: Any, result: Path, san
         compare(sandbox, other)
 
 
-def test_a_damaged_result_is_incomplete(result: Path, tmp_path: Path) -> None:
+def test_results_of_two_recordings_are_compared_with_a_remark(compare: Any, result: Path, sandbox: Path) -> None:
+    note = "note: A and B are results of different recordings: crossing.mcap, sandbox.bag"
+    assert note in compare(result, sandbox).out
+    part = compare(ROOT / "tests/golden/sandbox.mcap", sandbox)  # the result of a part of the same recording
+    assert "different recordings" not in part.out
+
+
+def test_a_damaged_result_is_incomplete(compare: Any, result: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(result.read_bytes()[: result.stat().st_size // 2])
     with pytest.raises(IncompleteError, match=r"cut.mcap: damaged, .* lost"):
-        run_compare(CompareOptions(cut, cut, load_config()))
+        compare(cut, cut)
 
 
 def test_every_kind_can_be_allowed() -> None:
-    assert [*AllowedDifference] == [*KINDS, FRAMES]
+    assert [*AllowedDifference] == [*KINDS, "frames"]

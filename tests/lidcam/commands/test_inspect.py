@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builders import odometry, pointcloud2, raw, write_rosbag1
+from logging_state import kept_logging
 
-from lidcam.commands.inspect import InspectOptions, run_inspect
-from lidcam.settings.choice import choose_settings
+from lidcam.commands.inspect import inspect
 from pipeline.core.errors import CheckError, IncompleteError
 
 STEP_NS = 100_000_000
@@ -28,8 +28,9 @@ def recording(path: Path, *lidars: str) -> Path:
     return path
 
 
-def options(path: Path, *settings: str, write_rig: Path | None = None, repair: Path | None = None) -> InspectOptions:
-    return InspectOptions((path,), choose_settings(None, settings), as_json=True, write_rig=write_rig, repair=repair)
+def inspected(path: Path, *settings: str, **outputs: Path) -> None:
+    with kept_logging():
+        inspect([str(path)], settings=settings, as_json=True, **outputs)
 
 
 def printed(capsys: pytest.CaptureFixture[str]) -> tuple[str, list[str], int]:
@@ -38,14 +39,14 @@ def printed(capsys: pytest.CaptureFixture[str]) -> tuple[str, list[str], int]:
 
 
 def test_sound(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run_inspect(options(recording(tmp_path / "a.bag", "top")))
+    inspected(recording(tmp_path / "a.bag", "top"))
     assert printed(capsys) == ("", [], 0)
 
 
 def test_nothing_can_be_processed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = recording(tmp_path / "a.bag", "top")
     with pytest.raises(CheckError, match="lidcam could not process it: ") as caught:
-        run_inspect(options(path, NOWHERE))
+        inspected(path, NOWHERE)
     failure, incomplete, code = printed(capsys)
     assert (failure, incomplete, code) == (str(caught.value), [], 1)
     assert failure.startswith(f"{path}: ")
@@ -54,7 +55,7 @@ def test_nothing_can_be_processed(tmp_path: Path, capsys: pytest.CaptureFixture[
 def test_a_rig_to_start_from_is_no_failure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, rig = recording(tmp_path / "a.bag", "top"), tmp_path / "rig.yaml"
     with pytest.raises(IncompleteError, match="lidcam could not process it: "):
-        run_inspect(options(path, NOWHERE, write_rig=rig))
+        inspected(path, NOWHERE, write_rig=rig)
     failure, (incomplete,), code = printed(capsys)
     assert (failure, code) == ("", 3)
     assert incomplete.startswith("lidcam could not process it: ")
@@ -64,12 +65,12 @@ def test_a_rig_to_start_from_is_no_failure(tmp_path: Path, capsys: pytest.Captur
 def test_without_sensors_there_is_no_rig(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, rig = recording(tmp_path / "a.bag"), tmp_path / "rig.yaml"
     with pytest.raises(CheckError, match="no rig to write: "):
-        run_inspect(options(path, write_rig=rig))
+        inspected(path, write_rig=rig)
     assert printed(capsys)[2] == 1
     assert not rig.exists()
 
 
 def test_a_repair_judges_the_copy_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run_inspect(options(recording(tmp_path / "a.bag"), repair=tmp_path / "whole.mcap"))
+    inspected(recording(tmp_path / "a.bag"), repair=tmp_path / "whole.mcap")
     assert printed(capsys) == ("", [], 0)
     assert (tmp_path / "whole.mcap").exists()

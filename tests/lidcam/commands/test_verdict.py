@@ -6,31 +6,23 @@ from lidcam.commands.verdict import Verdict, first_of
 from pipeline.core.errors import CheckError, IncompleteError
 
 
-def test_nothing_is_missing() -> None:
-    verdict = Verdict()
-    verdict.end()
-    assert verdict.tree() == {"failure": "", "incomplete": [], "exit_code": 0}
-
-
 @pytest.mark.parametrize(
-    ("reasons", "line"),
+    ("verdict", "failure", "code", "error", "line"),
     [
-        (["a"], "a"),
-        (["a", "b", "c", "d"], "a; b; c; d"),
-        (["a", "b", "c", "d", "e", "f"], "a; b; c; d; and 2 more"),
+        (Verdict(), "", 0, None, ""),
+        (Verdict((), ["a"]), "", 3, IncompleteError, "a"),
+        (Verdict((), [*"abcd"]), "", 3, IncompleteError, "a; b; c; d"),
+        (Verdict((), [*"abcdef"]), "", 3, IncompleteError, "a; b; c; d; and 2 more"),
+        (Verdict(("it failed", "twice"), ["a"]), "it failed; twice", 1, CheckError, "it failed; twice"),
     ],
 )
-def test_something_is_missing(reasons: list[str], line: str) -> None:
-    verdict = Verdict(incomplete=reasons)
-    assert verdict.tree() == {"failure": "", "incomplete": reasons, "exit_code": 3}
-    assert first_of(reasons) == line
-    with pytest.raises(IncompleteError, match=f"^{line}$"):
+def test_the_exit_code_and_the_line(
+    verdict: Verdict, failure: str, code: int, error: type[Exception] | None, line: str
+) -> None:
+    assert verdict.tree() == {"failure": failure, "incomplete": [*verdict.incomplete], "exit_code": code}
+    if error is None:
         verdict.end()
-
-
-def test_a_failure_counts_more() -> None:
-    verdict = Verdict(("it failed", "twice"), ["a"])
-    assert verdict.tree() == {"failure": "it failed; twice", "incomplete": ["a"], "exit_code": 1}
-    with pytest.raises(CheckError, match=r"^it failed; twice$") as raised:
+        return
+    assert failure or first_of(verdict.incomplete) == line
+    with pytest.raises(error, match=f"^{line}$"):
         verdict.end()
-    assert raised.value.lines == ("it failed", "twice")

@@ -10,13 +10,14 @@ import builders
 import numpy as np
 import pytest
 from frames import CONFIG, COVARIANCE, PERIOD_NS, PROVENANCE, RIG, START_NS, frame
+from logging_state import kept_logging
 from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 from small_scenario import write_small_scenario
 from truth_messages import true_object, truth_message, visible_message
 
 from lidcam import process
-from lidcam.commands.simulate import SimulateOptions, run_simulate
+from lidcam.commands.simulate import simulate
 from lidcam.evaluation.frames import EvaluationFrames
 from pipeline.core.detections import Source
 from pipeline.core.errors import FrameError
@@ -206,7 +207,8 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
         cameras__front__position_m=[0.25, 0.0, 0.3],
         cameras__front__rpy_deg=[0, 10, 0],
     )
-    run_simulate(SimulateOptions(str(scenario), folder / "ego.mcap", duration_s=1.0, workers=1))
+    with kept_logging():
+        simulate(str(scenario), folder / "ego.mcap", duration_s=1.0, workers=1)
     process(folder / "ego.mcap", folder / "out.mcap", config="sandbox")
     return folder / "ego.mcap", folder / "out.mcap"
 

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builders import pointcloud2, raw, write_mcap, write_rosbag1, write_rosbag2
+from logging_state import kept_logging
 from mcap.writer import Writer
 
 import lidcam
 from bags.simulator.recorder.files import RecordingFormat, recording_file, recording_outputs, ros_version_of
 from bags.simulator.recorder.messages import MessageFactory
-from lidcam.commands.inspect import InspectOptions, run_inspect
+from lidcam.commands.inspect import inspect as run_inspect
 from lidcam.outputs.allowed import MERGED, REPAIRED, SIMULATED, TEXT, check_no_input, check_replaced
 from lidcam.outputs.kinds import OUTPUTS
-from lidcam.settings.choice import choose_settings
 from pipeline.core.errors import OutputError
 from pipeline.core.messages import RawMessage
 from writers.outputs.marks import is_unchanged_text, marked_json, marked_yaml
@@ -65,7 +65,8 @@ def simulate(path: Path, format: RecordingFormat, *, overwrite: bool = False) ->
 
 
 def inspect(recording: Path, **options: object) -> None:
-    run_inspect(InspectOptions((recording,), choose_settings(None), **options))  # type: ignore[arg-type]
+    with kept_logging():
+        run_inspect([str(recording)], **options)
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.text import Text
 
 from lidcam.printing.escaping import json_text, visible, visible_lines
-from lidcam.printing.folding import Folded, folded_lines, show_line, show_table
+from lidcam.printing.folding import show_line, show_table
 from lidcam.printing.log import configure_logging, remark_log, verdict_log
 from lidcam.printing.tables import drops_table, objects_table, pairs_table
 from lidcam.printing.terminal import console, show_json
@@ -89,12 +89,6 @@ def test_widths_are_those_of_what_is_shown() -> None:
     rows = file.getvalue().splitlines()[2:]
     assert rows[0].startswith("\\x1b[2J")
     assert len({cell_len(row) for row in rows}) == 1
-
-
-@given(st.text(st.sampled_from("宽a/ é"), max_size=60), st.integers(8, 40))
-def test_folded_lines_are_no_wider_than_the_terminal(text: str, width: int) -> None:
-    assert all(cell_len(line) <= width for line in folded_lines(text, width))
-    assert Folded(text).__rich_measure__(console(), console().options).maximum <= max(cell_len(text), 1)
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Tables and remarks: as wide as they are in pipes, folded on terminals."""
+"""Text is printed as it is; tables and remarks are as wide as they are in pipes, and folded on terminals."""
 
 import io
 import re
@@ -6,10 +6,12 @@ import re
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rich.cells import cell_len
 from rich.console import Console
 
 from lidcam.printing.folding import folded_lines, show_line, show_table
 from lidcam.printing.tables import drops_table, objects_table, pairs_table
+from lidcam.printing.terminal import console
 from lidcam.report import DropCount
 
 TOPIC = "/car1/left_front_wheel_velocity_controller/command"
@@ -47,10 +49,10 @@ def test_folds_after_blanks_and_marks(text: str, width: int, lines: list[str]) -
     assert list(folded_lines(text, width)) == lines
 
 
-@given(st.text(st.sampled_from("ab/_ .:"), max_size=60), st.integers(6, 40))
+@given(st.text(st.sampled_from("ab宽é/_ .:"), max_size=60), st.integers(6, 40))
 def test_no_letter_is_lost_and_no_line_too_long(text: str, width: int) -> None:
     lines = list(folded_lines(text, width))
-    assert all(len(line) <= width for line in lines)
+    assert all(cell_len(line) <= width for line in lines)
     assert "".join("".join(lines).split()) == "".join(text.split())
 
 
@@ -72,21 +74,15 @@ def test_a_table_in_a_pipe_has_one_line_a_row() -> None:
     assert printed(out)[2] == f"{TOPIC}    12        3  {REASON}"
 
 
-def test_a_terminal_that_is_too_narrow_gets_whole_numbers() -> None:
-    out = terminal(10)
-    show_table(out, objects_table({("car", "north_crossing"): 123_456}, ["north_crossing", "south_crossing"], 1))
+@pytest.mark.parametrize(("width", "zones"), [(10, 2), (80, 4)])
+def test_names_of_zones_are_folded_and_numbers_stay_whole(width: int, zones: int) -> None:
+    names = [f"north_east_crossing_{number}" for number in range(zones)]
+    out = terminal(width)
+    show_table(out, objects_table({("pedestrian", names[0]): 123_456}, names, 1))
     lines = printed(out)
     assert any("123456" in line for line in lines)
-    assert "".join(line[-30:] for line in lines).count("…") == 0
-
-
-def test_names_of_many_zones_are_folded() -> None:
-    zones = [f"north_east_crossing_{number}" for number in range(4)]
-    out = terminal(80)
-    show_table(out, objects_table({("pedestrian", zones[0]): 12_345}, zones, 1))
-    lines = printed(out)
-    assert all(len(line) <= 80 for line in lines)
-    assert any("12345" in line for line in lines)
+    assert not any("…" in line for line in lines)
+    assert width < 80 or max(map(len, lines)) <= width
 
 
 def test_values_without_header() -> None:
@@ -108,3 +104,9 @@ def test_right_aligned_names_have_no_indent() -> None:
     first, second, _ = printed(out)
     assert first.endswith("abcdefgh_")
     assert len(first) == second.rindex("abcdefgh_") + len("abcdefgh_")
+
+
+def test_text_is_printed_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    line = "/topic[bold] :smile: " + 30 * "long "
+    console().print(line)
+    assert capsys.readouterr().out == line + "\n"

@@ -28,7 +28,11 @@ def tell_everything() -> None:
     logging.getLogger("library").warning("warning of a library")
     progress_log.info("progress")
     remark_log.info("wrote out.bag")
+    verdict_log.warning("incomplete: %s; exit code 3", "/points")
 
+
+LAST = "lidcam: incomplete: /points; exit code 3"
+"""Always shown."""
 
 NORMAL = [
     "lidcam: warning",
@@ -36,6 +40,7 @@ NORMAL = [
     "lidcam: warning of a library",
     "lidcam: progress",
     "wrote out.bag",
+    LAST,
 ]
 
 
@@ -44,7 +49,7 @@ NORMAL = [
     [
         (Verbosity.NORMAL, False, NORMAL),
         (Verbosity.NORMAL, True, [line for line in NORMAL if "progress" not in line]),  # there a bar is drawn
-        (Verbosity.QUIET, False, ["lidcam: error: error"]),
+        (Verbosity.QUIET, False, ["lidcam: error: error", LAST]),
         (Verbosity.VERBOSE, True, ["readers.open: debug", "lidcam: info", *NORMAL]),
     ],
 )
@@ -77,7 +82,11 @@ def test_a_log_file_gets_everything_with_times(tmp_path: Path, verbosity: Verbos
     expected = ["DEBUG   readers.open: debug", "INFO    lidcam.run: info", "WARNING lidcam.run: warning"]
     expected += ["ERROR   lidcam.program: error", "WARNING library: warning of a library"]
     expected += [] if quiet else ["INFO    lidcam.progress: progress"]
-    assert [time_of.sub("", line) for line in lines] == [*expected, "INFO    lidcam.remarks: wrote out.bag"]
+    assert [time_of.sub("", line) for line in lines] == [
+        *expected,
+        "INFO    lidcam.remarks: wrote out.bag",
+        "WARNING lidcam.verdict: incomplete: /points; exit code 3",
+    ]
 
 
 def test_the_traceback_of_a_bug_is_in_the_file_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -106,12 +115,3 @@ def test_a_reader_of_stderr_that_left_ends_nothing(monkeypatch: pytest.MonkeyPat
     configure_logging()
     monkeypatch.setattr(sys, "stderr", Closed())
     remark_log.info("wrote out.bag")
-
-
-@pytest.mark.parametrize("verbosity", list(Verbosity))
-def test_why_a_command_does_not_end_with_0_is_always_told(
-    verbosity: Verbosity, capsys: pytest.CaptureFixture[str]
-) -> None:
-    configure_logging(verbosity)
-    verdict_log.warning("incomplete: %s; exit code 3", "/points")
-    assert capsys.readouterr().err == "lidcam: incomplete: /points; exit code 3\n"

@@ -24,16 +24,20 @@ def test_objects_by_zone() -> None:
     ]
 
 
-@pytest.mark.parametrize(("frames", "mean"), [(1, "3.0"), (20, "0.1"), (0, "3.0")])
-def test_without_zones_there_are_no_columns_of_them(frames: int, mean: str) -> None:
-    found = text(objects_table({("car", ""): 3}, [], frames))
-    assert found[0].split() == ["class", "all", "a", "frame"]
-    assert found[1].split() == ["car", "3", mean]
-
-
-def test_no_objects() -> None:
-    assert text(objects_table({}, [], 5))[1].split() == ["none", "0", "0.0"]
-    assert text(objects_table({}, ["a"], 5))[1].split() == ["none", "0", "0", "0", "0.0"]
+@pytest.mark.parametrize(
+    ("objects", "zones", "frames", "row"),
+    [
+        ({("car", ""): 3}, [], 1, ["car", "3", "3.0"]),
+        ({("car", ""): 3}, [], 20, ["car", "3", "0.1"]),
+        ({("car", ""): 3}, [], 0, ["car", "3", "3.0"]),
+        ({}, [], 5, ["none", "0", "0.0"]),
+        ({}, ["a"], 5, ["none", "0", "0", "0", "0.0"]),
+    ],
+)
+def test_few_objects(objects: dict[tuple[str, str], int], zones: list[str], frames: int, row: list[str]) -> None:
+    header, found = text(objects_table(objects, zones, frames))
+    assert header.split() == ["class", *zones, *["outside"] * bool(zones), "all", "a", "frame"]
+    assert found.split() == row
 
 
 def test_sensors_with_a_time_offset_have_a_column_of_it() -> None:
@@ -46,34 +50,19 @@ def test_sensors_with_a_time_offset_have_a_column_of_it() -> None:
 
 
 def test_missing_sensors() -> None:
+    """A camera and its boxes are one row if they agree."""
     silent = MissingSensor("cam11", "/image_11", 20, 30, (SilentSpan(1.0, None, 20),))
-    slow = MissingSensor("cam3", "/image_3", 15, 30, ())
-    assert text(missing_table([silent, slow])) == [
+    names = {"a": 7, "b": 7, "a (boxes)": 7, "b (boxes)": 9, "c (boxes)": 7}
+    slow = [MissingSensor(name, f"/{name}", frames, 30, ()) for name, frames in names.items()]
+    assert text(missing_table([silent, *slow])) == [
         "missing from frames",
-        "sensor  frames  when",
-        "cam11       20  silent from 1.0 s to the end",
-        "cam3        15  in 15 of 30 frames",
+        "sensor           frames  when",
+        "cam11                20  silent from 1.0 s to the end",
+        "a and its boxes       7  in 7 of 30 frames",
+        "b                     7  in 7 of 30 frames",
+        "b (boxes)             9  in 9 of 30 frames",
+        "c (boxes)             7  in 7 of 30 frames",
     ]
-
-
-def test_a_camera_and_its_boxes_are_one_row_if_they_agree() -> None:
-    def missing(sensor: str, frames: int) -> MissingSensor:
-        return MissingSensor(sensor, f"/{sensor}", frames, 30, ())
-
-    found = [
-        missing("a", 7),
-        missing("b", 7),
-        missing("a (boxes)", 7),
-        missing("b (boxes)", 9),
-        missing("c (boxes)", 7),
-    ]
-    assert [row.split("  ")[0] for row in text(missing_table(found))[2:]] == [
-        "a and its boxes",
-        "b",
-        "b (boxes)",
-        "c (boxes)",
-    ]
-    assert text(missing_table([]))[2:] == []
 
 
 def test_stages_that_take_no_time_are_not_in_the_table() -> None:

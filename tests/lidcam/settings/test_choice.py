@@ -1,12 +1,9 @@
-import pickle
 from pathlib import Path
 
 import pytest
 
-from lidcam.job import Job, make_job
-from lidcam.settings.choice import UsedSettings, choose_settings, judge, used_record
-from lidcam.settings.measure import SceneSize
-from pipeline.core.errors import ConfigError
+from lidcam.settings.choice import UsedSettings, choose_settings, used_record
+from lidcam.settings.scene import SceneSize, judge
 from pipeline.core.settings.bundled import PRESETS
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import load_config
@@ -101,15 +98,3 @@ def test_single_settings_are_on_top_of_every_preset() -> None:
     for config in (choice.config, *choice.by_preset.values()):
         assert (config.fuse.min_score, config.run.workers) == (0.9, 3)
     assert choice.by_preset["sandbox"].class_names == ("car",)
-
-
-def test_a_job_with_a_choice_can_be_pickled() -> None:
-    job = make_job("a.bag", workers=1)
-    assert pickle.loads(pickle.dumps(job)) == job
-    assert {*job.choice.by_preset} == {*PRESETS}
-    assert Job(()).choice.by_preset == {}
-
-
-def test_wrong_single_settings_are_told_before_the_recording_is_opened() -> None:
-    with pytest.raises(ConfigError, match=r"unknown key 'fuse.min_scor': did you mean 'fuse.min_score'"):
-        make_job("none.bag", settings=["fuse.min_scor=1"])

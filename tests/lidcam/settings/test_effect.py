@@ -1,7 +1,8 @@
 import pytest
 
-from lidcam.settings.effect import COMPARING, EVALUATING, check_effect
+from lidcam.settings.effect import COMPARING, EVALUATING, check_effect, settings_sha256
 from pipeline.core.errors import ConfigError
+from pipeline.core.settings.load import load_config
 
 
 @pytest.mark.parametrize(
@@ -23,3 +24,9 @@ def test_settings_that_change_nothing(text: str) -> None:
         ConfigError, match=f"settings: {text.partition('=')[0].strip()}: expected a setting of evaluate"
     ):
         check_effect(["evaluate.max_range_m=5", text], EVALUATING)
+
+
+def test_how_it_is_run_does_not_change_the_checksum_of_settings() -> None:
+    base = settings_sha256(load_config("sandbox"))
+    assert settings_sha256(load_config("sandbox", {"run.workers": 1})) == base
+    assert settings_sha256(load_config("sandbox", {"fuse.min_score": 0.123})) != base

@@ -1,6 +1,6 @@
 import pytest
 
-from lidcam.settings.explain import UNITS, explain, preset_summaries
+from lidcam.settings.explain import explain, preset_summaries
 from pipeline.core.errors import ConfigError
 from pipeline.core.settings.bundled import PRESETS
 from pipeline.core.settings.config import Config
@@ -28,16 +28,13 @@ def test_a_setting() -> None:
 
 
 def test_a_section_names_its_keys() -> None:
-    found = explain("fuse")
-    assert found.meaning == "Fusion of matched boxes."
-    assert {*found.keys} == {*FuseConfig.model_fields}
-    assert found.keys["min_score"].startswith("Objects that are less probable are not reported.")
-
-
-def test_all_settings() -> None:
-    found = explain()
-    assert {*found.keys} == {*Config.model_fields}
-    assert found.keys["sync"] == "Finding the messages of one moment."
+    assert explain("fuse").meaning == "Fusion of matched boxes."
+    assert {*explain("fuse").keys} == {*FuseConfig.model_fields}
+    assert explain("fuse").keys["min_score"].startswith("Objects that are less probable are not reported.")
+    assert {*explain().keys} == {*Config.model_fields}
+    assert explain().keys["sync"] == "Finding the messages of one moment."
+    inherited = explain("velodyne.calibration")
+    assert inherited.meaning.startswith("YAML file of ROS's velodyne driver")
 
 
 @pytest.mark.parametrize(
@@ -56,32 +53,24 @@ def test_elements_of_lists_and_mappings(key: str, full: str) -> None:
     assert (found.key, found.default, found.by_preset) == (full, None, {})
 
 
-def test_what_a_class_inherits_is_explained() -> None:
-    assert explain("velodyne.calibration").meaning.startswith("YAML file of ROS's velodyne driver")
+def test_unknown_keys() -> None:
+    with pytest.raises(ConfigError, match=r"did you mean 'detect3d.cluster.distance_m'\?"):
+        explain("detect3d.cluster.distance")
+    with pytest.raises(ConfigError, match=r"unknown key 'fuse.min_score.x'"):
+        explain("fuse.min_score.x")
 
 
 @pytest.mark.parametrize(
-    ("key", "told"),
+    ("key", "unit"),
     [
-        ("detect3d.cluster.distance", "did you mean 'detect3d.cluster.distance_m'?"),
-        ("fuse.min_score.x", "unknown key 'fuse.min_score.x'"),
-        ("", None),
+        ("detect3d.cluster.distance_per_m", "per metre"),
+        ("detect3d.cluster.points_per_sr", "per steradian"),
+        ("combine.ground.max_tilt_deg", "degrees"),
+        ("run.workers", ""),
     ],
 )
-def test_unknown_keys(key: str, told: str | None) -> None:
-    if told is None:
-        assert explain(key).key == ""
-        return
-    with pytest.raises(ConfigError) as caught:
-        explain(key)
-    assert told in str(caught.value)
-
-
-def test_units_are_of_the_longest_ending() -> None:
-    assert explain("detect3d.cluster.distance_per_m").unit == UNITS["per_m"]
-    assert explain("detect3d.cluster.points_per_sr").unit == "per steradian"
-    assert explain("combine.ground.max_tilt_deg").unit == "degrees"
-    assert explain("run.workers").unit == ""
+def test_units_are_of_the_longest_ending(key: str, unit: str) -> None:
+    assert explain(key).unit == unit
 
 
 def test_presets_are_summed_up_in_a_sentence() -> None:

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from logging_state import kept_logging
 from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 from small_scenario import SMALL, write_small_scenario
 
 from bags.simulator.scenario.traffic import controller_topics
-from lidcam.commands.simulate import SimulateOptions, run_simulate
+from lidcam.commands.simulate import simulate as record
 from pipeline.core.arrays import F64
 from pipeline.core.ros.typestores import message_types
 
@@ -25,7 +26,8 @@ Simulate = Callable[..., Path]
 def simulated(path: Path, *, duration: float = 1.0, seed: int | None = None, workers: int = 1, **changes: Any) -> Path:
     """The small scenario with changes, recorded by one process: another one takes longer to start than to record."""
     scenario = write_small_scenario(path.with_name("small.yaml"), **changes)
-    run_simulate(SimulateOptions(str(scenario), path, duration_s=duration, seed=seed, workers=workers))
+    with kept_logging():
+        record(str(scenario), path, duration_s=duration, seed=seed, workers=workers)
     return path
 
 

@@ -9,7 +9,7 @@ from detections import boxes3d, forward_camera
 from frames import RIG, frame
 from scipy.spatial.transform import Rotation
 
-from lidcam.checks.calibration.camera_fit import MAX_FRAMES, CameraFit
+from lidcam.checks.calibration.camera_fit import CameraFit
 from pipeline.core.arrays import F64
 from pipeline.core.detections import Boxes2D, Detections
 from pipeline.core.frame import FrameResult
@@ -131,28 +131,18 @@ def test_boxes_that_are_too_wide_are_no_mistake_of_calibration(share: float) -> 
     assert warned(rig(TRUE), [widened(result) for result in FRAMES]) == []
 
 
-@pytest.mark.parametrize("frames", [[], FRAMES[:4], [seen(n, TRUE, objects=1) for n in range(6)]])
+BOXLESS = [replace(one, detections=Detections(one.detections.lidar, {})) for one in FRAMES]
+
+
+@pytest.mark.parametrize(
+    "frames",
+    [
+        [],
+        FRAMES[:4],
+        [seen(number, TRUE, objects=1) for number in range(6)],
+        [seen(number, TRUE, objects=0) for number in range(20)] + BOXLESS,
+    ],
+    ids=["no frames", "few frames", "few boxes", "no objects, no boxes"],
+)
 def test_too_few_boxes_say_nothing(frames: list[FrameResult]) -> None:
     assert warned(rig(turned(TRUE, "x", 90)), frames) == []
-
-
-def test_frames_without_objects_or_without_boxes_do_not_count() -> None:
-    empty = [seen(number, TRUE, objects=0) for number in range(20)]
-    boxless = [replace(one, detections=Detections(one.detections.lidar, {})) for one in FRAMES]
-    assert warned(rig(turned(TRUE, "x", 90)), empty + boxless) == []
-
-
-def test_of_a_long_run_frames_of_all_of_it_are_kept() -> None:
-    check = CameraFit(rig(TRUE))
-    good, bad = (
-        [seen(number, TRUE) for number in range(100)],
-        [seen(number, turned(TRUE, "x", 90)) for number in range(100)],
-    )
-    for result in good:
-        check.add(result)
-    assert len(check._samples) <= MAX_FRAMES
-    assert check.warnings() == ((), ())
-    for _ in range(20):
-        for result in bad:
-            check.add(result)
-    assert MAX_FRAMES / 2 <= len(check._samples) <= MAX_FRAMES

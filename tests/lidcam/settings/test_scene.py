@@ -7,9 +7,8 @@ import pytest
 from builders import pointcloud2, raw
 from memory_recording import MemoryRecording
 
-from lidcam.settings.choice import UsedSettings, choose_settings
-from lidcam.settings.measure import MAX_MESSAGES, SceneSize, measure_scene
-from lidcam.settings.settle import settle
+from lidcam.settings.choice import choose_settings, use_settings
+from lidcam.settings.scene import MAX_MESSAGES, SceneSize, measure_scene
 from pipeline.core.arrays import F32
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.geometry.transform_tree import TransformTree
@@ -60,40 +59,33 @@ def cloud(topic: str, xyz: F32, number: int = 0, *, late_ns: int = 0) -> RawMess
     return raw(topic, "sensor_msgs/msg/PointCloud2", pointcloud2(xyz, stamp_ns=stamp_ns), stamp_ns)
 
 
-def measured(messages: Sequence[RawMessage], of: Rig) -> SceneSize | None:
-    return measure_scene(MemoryRecording(messages), of, Config())
+def measured(messages: Sequence[RawMessage], of: Rig) -> SceneSize:
+    found = measure_scene(MemoryRecording(messages), of, Config())
+    assert found is not None
+    return found
 
 
 @pytest.mark.parametrize(("length_m", "width_m", "height_m"), [(8, 4, 0.3), (80, 60, 1.8), (60, 100, 6.5)])
 def test_extent_and_height(length_m: float, width_m: float, height_m: float) -> None:
     found = measured([cloud("/0", floor(length_m, width_m, height_m))], rig(height_m + 2))
-    assert found is not None
     assert found.extent_m == pytest.approx((0.9 * max(length_m, width_m), 0.9 * min(length_m, width_m)), rel=0.05)
     assert found.lidar_height_m == pytest.approx(height_m, abs=0.02 + 0.01 * height_m)
 
 
 def test_the_height_is_the_median_of_the_lidars() -> None:
     messages = [cloud(f"/{n}", floor(40, 40, h)) for n, h in enumerate((0.5, 5.0, 6.0))]
-    found = measured(messages, rig(0.5, 5.0, 6.0))
-    assert found is not None
-    assert found.lidar_height_m == pytest.approx(5.0, abs=0.05)
+    assert measured(messages, rig(0.5, 5.0, 6.0)).lidar_height_m == pytest.approx(5.0, abs=0.05)
 
 
 def test_a_ground_that_the_rig_knows_is_not_sought() -> None:
     wall = np.array([[1, y, z] for y in range(9) for z in range(9)], np.float32)
-    unknown = measured([cloud("/0", wall)], rig(2.0))
-    assert unknown is not None
-    assert unknown.lidar_height_m is None
-    found = measured([cloud("/0", wall)], rig(2.0, ground_height_m=-1.5))
-    assert found is not None
-    assert found.lidar_height_m == 3.5
+    assert measured([cloud("/0", wall)], rig(2.0)).lidar_height_m is None
+    assert measured([cloud("/0", wall)], rig(2.0, ground_height_m=-1.5)).lidar_height_m == 3.5
 
 
 def test_beams_without_a_return_are_not_points() -> None:
     xyz = np.concatenate([floor(8, 4, 0.3), np.zeros((60_000, 3), np.float32)])
-    found = measured([cloud("/0", xyz)], rig(0.3))
-    assert found is not None
-    assert found.extent_m[0] > 7
+    assert measured([cloud("/0", xyz)], rig(0.3)).extent_m[0] > 7
 
 
 @pytest.mark.parametrize(
@@ -107,34 +99,25 @@ def test_beams_without_a_return_are_not_points() -> None:
     ids=["no message", "no points", "no returns", "another topic"],
 )
 def test_nothing_to_measure(messages: list[RawMessage]) -> None:
-    assert measured(messages, rig(1.0)) is None
+    assert measure_scene(MemoryRecording(messages), rig(1.0), Config()) is None
 
 
 def broken(message: RawMessage) -> RawMessage:
     return message._replace(data=bytes(message.data)[:-5])
 
 
-def test_only_the_first_clouds_are_read() -> None:
+@pytest.mark.parametrize(("late", "read"), [([], 3), (range(50, 60), 23)], ids=["first clouds", "a late lidar"])
+def test_no_more_is_read_than_is_needed_and_no_lidar_is_waited_for_long(late: Sequence[int], read: int) -> None:
     xyz = floor(8, 4, 0.3)
-    recording = Counting([cloud("/0", xyz, n) for n in range(30)])
-    assert measure_scene(recording, rig(0.3), Config()) is not None
-    assert recording.read == 3
-
-
-def test_a_lidar_that_begins_late_is_not_waited_for_long() -> None:
-    xyz = floor(8, 4, 0.3)
-    messages = [cloud("/0", xyz, n) for n in range(60)] + [cloud("/1", xyz, n) for n in range(50, 60)]
-    recording = Counting(messages)
-    assert measure_scene(recording, rig(0.3, 0.3), Config()) is not None
-    assert recording.read < 25
+    recording = Counting([cloud("/0", xyz, n) for n in range(60)] + [cloud("/1", xyz, n) for n in late])
+    assert measure_scene(recording, rig(*[0.3] * (1 + bool(late))), Config()) is not None
+    assert recording.read == read
 
 
 def test_a_first_cloud_that_is_broken_or_empty_is_passed_over() -> None:
     good = floor(8, 4, 0.3)
     messages = [broken(cloud("/0", good)), cloud("/0", np.zeros((0, 3), np.float32), 1), cloud("/0", good, 2)]
-    found = measured(messages, rig(0.3))
-    assert found is not None
-    assert found.extent_m[0] > 7
+    assert measured(messages, rig(0.3)).extent_m[0] > 7
 
 
 def test_the_effort_is_bounded_where_no_cloud_can_be_decoded() -> None:
@@ -143,23 +126,22 @@ def test_the_effort_is_bounded_where_no_cloud_can_be_decoded() -> None:
     assert recording.read == MAX_MESSAGES
 
 
-def settled(messages: list[RawMessage], config: Config | None) -> tuple[Config, UsedSettings, int]:
+FLOOR = [cloud("/0", floor(8, 4, 0.3))]
+
+
+@pytest.mark.parametrize(
+    ("messages", "given", "config", "name", "how", "read"),
+    [
+        (FLOOR, Config(), Config(), "as given", "given", 0),
+        (FLOOR, None, choose_settings("sandbox").config, "sandbox", "judged", 1),
+        ([], None, Config(), "defaults", "not judged", 0),
+    ],
+    ids=["given", "not given", "without clouds"],
+)
+def test_what_is_not_given_is_judged(
+    messages: list[RawMessage], given: Config | None, config: Config, name: str, how: str, read: int
+) -> None:
     recording = Counting(messages)
     found = Discovery(rig(0.3), (), (), (), RecordedTransforms(TransformTree()))
-    config, used = settle(choose_settings(config), recording, found, moves=False)
-    return config, used, recording.read
-
-
-def test_what_is_given_is_not_judged() -> None:
-    given = Config()
-    assert settled([cloud("/0", floor(8, 4, 0.3))], given) == (given, UsedSettings("as given", "given"), 0)
-
-
-def test_what_is_not_given_is_judged() -> None:
-    config, used, _ = settled([cloud("/0", floor(8, 4, 0.3))], None)
-    assert (used.name, used.how) == ("sandbox", "judged")
-    assert config == choose_settings("sandbox").config
-
-
-def test_without_clouds_the_defaults_hold() -> None:
-    assert settled([], None) == (Config(), UsedSettings("defaults", "not judged"), 0)
+    chosen, used, _ = use_settings(choose_settings(given), recording, found, None, moves=False)
+    assert (chosen, used.name, used.how, recording.read) == (config, name, how, read)

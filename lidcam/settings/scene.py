@@ -1,4 +1,4 @@
-"""How large the scene of a recording is, measured in the first clouds of its lidars."""
+"""The size of the scene of a recording, measured in the first clouds of its lidars, and the preset that suits it."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from pipeline.filters.ground import find_ground
 from readers.recording import Recording
 from readers.streams.decoders import CloudDecoder
 
-__all__ = ["SceneSize", "measure_scene"]
+__all__ = ["MODEL_EXTENT_M", "SceneSize", "judge", "measure_scene", "scene_text"]
 
 CLOUDS = 3
 """Clouds that are taken of each lidar: the first sweep may be a part of one."""
@@ -35,6 +35,14 @@ LAYER_M = (0.02, 0.2)
 
 MAX_TILT_DEG = 30.0
 """Largest tilt of the ground: the site frame may be that of a lidar that looks down."""
+
+MODEL_LIDAR_M = 1.0
+MODEL_EXTENT_M = 12.0
+"""A model site: lidars lower than this above its ground, and clouds no longer than this. A full-size vehicle carries
+its lidars higher, and even a low lidar sees further in a street."""
+
+MAST_LIDAR_M = 3.0
+"""Lidars higher than this that stand still are on masts; most vehicles are lower."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +74,28 @@ def measure_scene(recording: Recording, rig: Rig, config: Config) -> SceneSize |
     width_m, length_m = sorted((high - low).tolist())
     heights_m = _heights_m(xyz_site, rig, layer_m=LAYER_SHARE * float(np.hypot(width_m, length_m)))
     return SceneSize((length_m, width_m), None if heights_m is None else float(np.median(heights_m)))
+
+
+def judge(size: SceneSize, *, moves: bool) -> str:
+    """The preset that suits a scene of this size; `moves`: the site frame is known to move."""
+    height_m = size.lidar_height_m
+    if moves or height_m is None:
+        return "road"
+    if height_m < MODEL_LIDAR_M and size.extent_m[0] < MODEL_EXTENT_M:
+        return "sandbox"
+    return "crossing" if height_m > MAST_LIDAR_M else "road"
+
+
+def scene_text(size: SceneSize, *, moves: bool) -> str:
+    """The size of a scene in words."""
+    length_m, width_m = size.extent_m
+    digits = 1 if length_m < 10 else 0
+    seen = [f"clouds of {length_m:.{digits}f} x {width_m:.{digits}f} m"]
+    if size.lidar_height_m is None:
+        seen.append("no ground found")
+    else:
+        seen.append(f"lidars {size.lidar_height_m:.1f} m above the ground")
+    return ", ".join([*seen, "moving"] if moves else seen)
 
 
 def _first_points(recording: Recording, rig: Rig, config: Config) -> F32:

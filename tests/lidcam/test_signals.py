@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from signal import SIGHUP, SIGTERM
 
 import pytest
 
@@ -13,7 +14,7 @@ pytestmark = pytest.mark.traced_processes
 BEGIN = """
 import os, signal, sys
 from pathlib import Path
-from lidcam.start.signals import end_at_signals
+from lidcam.__main__ import end_at_signals
 end_at_signals()
 from pipeline.core.ending import undone_at_once
 
@@ -65,6 +66,40 @@ with undone_at_once(kept.unlink):
         except BaseException:
             os._exit(3)
 """,
+    "while other signals come": """
+def undo():
+    for other in (number, signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        os.kill(me, other)
+    kept.unlink()
+
+with undone_at_once(undo):
+    os.kill(me, number)
+    while True:
+        pass
+""",
+    "while something cannot be undone": """
+def fail():
+    raise OSError
+
+with undone_at_once(kept.unlink), undone_at_once(fail):
+    os.kill(me, number)
+    while True:
+        pass
+""",
+}
+CLOSED = {
+    "closed": "os.close(2)",
+    "closed by the caller": "sys.__stderr__ = None",
+    "full": """
+told, tell = os.pipe()
+os.dup2(tell, 2)
+os.set_blocking(2, False)
+try:
+    while True:
+        os.write(2, bytes(4096))
+except BlockingIOError:
+    os.set_blocking(2, True)
+""",
 }
 TOLD = {"SIGINT": "lidcam: interrupted\n", "SIGTERM": "lidcam: terminated\n"}
 TOLD["SIGHUP"] = "lidcam: ended: its terminal was closed\n"
@@ -88,16 +123,15 @@ def run(code: str, kept: Path, number: signal.Signals, *, dispositions: int = si
     return done.returncode, done.stdout, done.stderr
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-@pytest.mark.parametrize("place", ["at rest", "while the interpreter ends"])
-def test_each_signal(place: str, number: signal.Signals, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("place", "number"),
+    [
+        *((place, signal.SIGINT) for place in PLACES),
+        *((place, number) for place in ("at rest", "while the interpreter ends") for number in (SIGTERM, SIGHUP)),
+    ],
+)
+def test_wherever_the_program_is(place: str, number: signal.Signals, tmp_path: Path) -> None:
     assert run(PLACES[place], tmp_path / "kept", number) == (128 + number, "", TOLD[number.name])
-    assert not (tmp_path / "kept").exists()
-
-
-@pytest.mark.parametrize("place", PLACES)
-def test_wherever_the_program_is(place: str, tmp_path: Path) -> None:
-    assert run(PLACES[place], tmp_path / "kept", signal.SIGINT) == (130, "", TOLD["SIGINT"])
     assert not (tmp_path / "kept").exists()
 
 
@@ -108,58 +142,9 @@ def test_what_is_ignored_stays_ignored(tmp_path: Path) -> None:
         assert run(code, tmp_path / "kept", number, dispositions=signal.SIG_IGN) == (0, "done\n", "")
 
 
-@pytest.mark.parametrize("signals", [["SIGINT"] * 3, ["SIGTERM", "SIGHUP", "SIGINT"]])
-def test_further_signals_do_not_hinder_the_first(signals: list[str], tmp_path: Path) -> None:
-    code = f"""
-def undo():
-    for other in {signals[1:]}:
-        os.kill(me, getattr(signal, other))
-    kept.unlink()
-
-with undone_at_once(undo):
-    os.kill(me, signal.{signals[0]})
-    while True:
-        pass
-"""
-    number = signal.Signals[signals[0]]
-    assert run(code, tmp_path / "kept", number) == (128 + number, "", TOLD[number.name])
-    assert not (tmp_path / "kept").exists()
-
-
-@pytest.mark.parametrize("closed", ["os.close(2)", "sys.__stderr__ = None", "fill()"])
+@pytest.mark.parametrize("closed", CLOSED)
 def test_nobody_reads_what_it_says(closed: str, tmp_path: Path) -> None:
-    code = f"""
-def fill():
-    told, tell = os.pipe()
-    os.dup2(tell, 2)
-    os.set_blocking(2, False)
-    try:
-        while True:
-            os.write(2, bytes(4096))
-    except BlockingIOError:
-        os.set_blocking(2, True)
-
-{closed}
-with undone_at_once(kept.unlink):
-    os.kill(me, number)
-    while True:
-        pass
-"""
-    assert run(code, tmp_path / "kept", signal.SIGTERM) == (143, "", "")
-    assert not (tmp_path / "kept").exists()
-
-
-def test_what_cannot_be_undone_hinders_nothing(tmp_path: Path) -> None:
-    code = """
-def fail():
-    raise OSError
-
-with undone_at_once(kept.unlink), undone_at_once(fail):
-    os.kill(me, number)
-    while True:
-        pass
-"""
-    assert run(code, tmp_path / "kept", signal.SIGTERM) == (143, "", TOLD["SIGTERM"])
+    assert run(CLOSED[closed] + PLACES["at rest"], tmp_path / "kept", signal.SIGTERM) == (143, "", "")
     assert not (tmp_path / "kept").exists()
 
 

@@ -8,8 +8,8 @@ from builders import image, pointcloud2, raw
 from memory_recording import MemoryRecording
 
 from lidcam.job import make_job, read_rig
-from lidcam.presets.rigs import preset_rigs, rig_path
 from pipeline.core.errors import CalibrationError
+from pipeline.core.settings.bundled import bundled
 from pipeline.core.settings.config import Config
 from readers.rig.discovery import discover_rig
 from readers.rig.schema import RigFile
@@ -17,22 +17,17 @@ from readers.rig.schema import RigFile
 CAMERAS = (11, 12, 13, 14, 41, 42, 43, 44)
 
 
-def test_every_preset_is_a_rig() -> None:
-    assert "original" in preset_rigs()
-    for name in preset_rigs():
-        assert isinstance(read_rig(name), RigFile)
-
-
 def test_rigs_by_name_and_by_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert rig_path("original") == preset_rigs()["original"]
+    for path in bundled("rigs").glob("*.yaml"):
+        assert read_rig(path.stem) == read_rig(path) != RigFile()
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine").touch()
-    assert rig_path("mine") == Path("mine")
+    assert read_rig("mine") == RigFile()
     for name in ("orginal", "orginal.yaml", "rigs/original"):
         with pytest.raises(
             CalibrationError, match=rf"^{name}: expected a preset \(.*original.*did you mean 'original'\?"
         ):
-            rig_path(name)
+            read_rig(name)
 
 
 def test_several_rigs_of_a_job_are_one(tmp_path: Path) -> None:

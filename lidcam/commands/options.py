@@ -2,8 +2,8 @@
 
 import inspect
 import logging
-from collections.abc import Callable
-from enum import StrEnum
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
 from typing import Annotated, Literal
@@ -11,14 +11,11 @@ from typing import Annotated, Literal
 import typer
 
 from lidcam.printing.log import Verbosity, configure_logging
+from pipeline.core.errors import ConfigError
 
 __all__ = [
-    "AllowedDifference",
     "AsJson",
-    "CompareConfigFile",
     "ConfigFile",
-    "EvaluateConfigFile",
-    "EvaluateRigFile",
     "Format",
     "JsonFile",
     "Overwrite",
@@ -29,6 +26,9 @@ __all__ = [
     "Seed",
     "Setting",
     "Version",
+    "duration",
+    "ends_in",
+    "requirement_errors",
     "seconds",
     "with_log_options",
 ]
@@ -36,25 +36,8 @@ __all__ = [
 logger = logging.getLogger(__name__)
 
 
-LOG_SUFFIXES = (".log", ".txt")
-"""Endings of the name of a log file."""
-
 MAX_SECONDS = 1e9
 """Thirty years: longer than any recording, and well within 64 bits of nanoseconds."""
-
-
-class AllowedDifference(StrEnum):
-    """Kinds of differences between two results that may be allowed, and frames of one result alone."""
-
-    LOST = "lost"
-    NEW = "new"
-    MOVED = "moved"
-    TURNED = "turned"
-    RESIZED = "resized"
-    RELABELLED = "relabelled"
-    RESCORED = "rescored"
-    REIDENTIFIED = "reidentified"
-    FRAMES = "frames"
 
 
 def seconds(value: float | None) -> float | None:
@@ -68,24 +51,51 @@ def seconds(value: float | None) -> float | None:
     return value
 
 
+def duration(value: float | None) -> float | None:
+    """Refuse times that no recording lasts.
+
+    Raises:
+        typer.BadParameter: the value is 0, too large or not a number.
+    """
+    if value == 0:
+        raise typer.BadParameter("expected more than 0 seconds")
+    return seconds(value)
+
+
+def ends_in(*endings: str) -> Callable[[Path | None], Path | None]:
+    """A check of an option: its file has a name with one of these endings."""
+
+    def check(value: Path | None) -> Path | None:
+        if value is not None and value.suffix not in endings:
+            raise typer.BadParameter(f"expected a name that ends in {' or '.join(endings)}, found {value}")
+        return value
+
+    return check
+
+
+@contextmanager
+def requirement_errors() -> Iterator[None]:
+    """Turn requirements that cannot be read, or name no figure, into wrong usage.
+
+    Raises:
+        typer.BadParameter: there is one.
+    """
+    try:
+        yield
+    except ConfigError as err:
+        from lidcam.evaluation.requirement import RequirementError  # mostly nothing is required
+
+        if not isinstance(err, RequirementError):
+            raise
+        raise typer.BadParameter(str(err), param_hint="--require") from err
+
+
 def _version(wanted: bool) -> None:
     if wanted:
         from importlib.metadata import version  # it takes a fifth of what --help does
 
         typer.echo(f"lidcam {version('lidcam')}")
         raise typer.Exit
-
-
-def _log_file(value: Path | None) -> Path | None:
-    if value is not None and value.suffix not in LOG_SUFFIXES:  # lines are appended: to no recording by mistake
-        raise typer.BadParameter(f"expected a name that ends in {' or '.join(LOG_SUFFIXES)}, found {value}")
-    return value
-
-
-def _json_file(value: Path | None) -> Path | None:
-    if value is not None and value.suffix != ".json":
-        raise typer.BadParameter(f"expected a name that ends in .json, found {value}")
-    return value
 
 
 def _scenarios(incomplete: str) -> list[str]:
@@ -103,10 +113,6 @@ ConfigFile = Annotated[
         help="Settings: sandbox, crossing, road, or a YAML file; without it, what suits the recording.",
     ),
 ]
-CompareConfigFile = Annotated[
-    str | None,
-    typer.Option("--config", metavar="PRESET|FILE", help="Settings, of which `compare` counts: the tolerances."),
-]
 Setting = Annotated[list[str] | None, typer.Option("--set", metavar="A.B=C", help="One setting; may be repeated.")]
 RigFile = Annotated[
     list[str] | None,
@@ -115,15 +121,6 @@ RigFile = Annotated[
         metavar="FILE",
         help="Sensors, calibration and zones: a rig file, a preset (original), or a calibration file of KITTI, Kalibr, "
         "Autoware or the predecessor system. May be repeated: later files add and replace. Without it, as recorded.",
-    ),
-]
-EvaluateRigFile = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--rig",
-        metavar="FILE",
-        help="A rig file, of which the zones and the vehicles of the truth count; sensors are those of the result. May "
-        "be repeated.",
     ),
 ]
 Overwrite = Annotated[
@@ -136,7 +133,7 @@ Overwrite = Annotated[
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON, in place of tables.")]
 JsonFile = Annotated[
     Path | None,
-    typer.Option("--json-file", metavar="FILE.json", callback=_json_file, help="Write the result as JSON, too."),
+    typer.Option("--json-file", metavar="FILE.json", callback=ends_in(".json"), help="Write the result as JSON, too."),
 ]
 Require = Annotated[
     list[str] | None,
@@ -145,10 +142,6 @@ Require = Annotated[
         metavar='"FIGURE >= N"',
         help="Exit with 1 if a figure is not so; @FILE has one in a line. May be repeated.",
     ),
-]
-EvaluateConfigFile = Annotated[
-    str | None,
-    typer.Option("--config", metavar="FILE", help="Take the section evaluate of these settings, not the result's."),
 ]
 Scenario = Annotated[
     str,
@@ -163,7 +156,10 @@ Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log what is done
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Only errors and the result.")]
 LogFile = Annotated[
     Path | None,
-    typer.Option("--log-file", metavar="FILE", callback=_log_file, help="Append the whole log, with times (UTC)."),
+    # Lines are appended: to no recording by mistake.
+    typer.Option(
+        "--log-file", metavar="FILE", callback=ends_in(".log", ".txt"), help="Append the whole log, with times (UTC)."
+    ),
 ]
 Seed = Annotated[int | None, typer.Option(min=0, metavar="N", help="Seed of the noise, instead of the scenario's.")]
 

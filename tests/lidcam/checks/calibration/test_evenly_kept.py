@@ -2,7 +2,7 @@
 
 import pytest
 
-from lidcam.checks.evenly_kept import EvenlyKept
+from lidcam.checks.calibration.evenly_kept import EvenlyKept
 
 
 @pytest.mark.parametrize(

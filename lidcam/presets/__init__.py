@@ -1,1 +1,0 @@
-"""Settings and rigs that travel with lidcam, by name."""

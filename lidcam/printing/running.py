@@ -1,0 +1,84 @@
+"""A run on the screen: its progress, and its frames where that is asked for."""
+
+import gc
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+
+from lidcam.frames import RunInput
+from lidcam.printing.console import print_detections, print_matches
+from lidcam.printing.progress import Advance, show_progress
+from lidcam.run import RunObserver
+from lidcam.summary import RunProgress
+from pipeline.core.frame import FrameResult
+
+if TYPE_CHECKING:
+    from lidcam.evaluation.requirement import Requirement
+
+__all__ = ["shown_run"]
+
+SOURCES = ("lidar", "fused")
+"""Of 3D boxes, in every result."""
+
+
+@contextmanager
+def shown_run(
+    out: Console, requirements: "Sequence[Requirement]" = (), *, detections: bool = False, matches: bool = False
+) -> Iterator[RunObserver]:
+    """An observer that shows a run.
+
+    Args:
+        out: Where frames are printed.
+        requirements: Checked when the recording is open.
+        detections: Print what each sensor and the fusion found, frame by frame.
+        matches: Print which 2D box is which object, frame by frame.
+
+    Raises:
+        RequirementError: a requirement names a figure that there cannot be.
+    """
+    with ExitStack() as stack:
+        yield _ShownRun(out, stack, requirements, detections=detections, matches=matches)
+
+
+class _ShownRun(RunObserver):
+    def __init__(
+        self, out: Console, stack: ExitStack, requirements: "Sequence[Requirement]", *, detections: bool, matches: bool
+    ) -> None:
+        self._out, self._stack, self._requirements = out, stack, requirements
+        self._detections, self._matches = detections, matches
+        self._advance: Advance | None = None
+
+    def opened(self, source: RunInput) -> None:
+        gc.freeze()  # libraries and stages stay: looking for garbage among them takes 5 ms a frame
+        if self._requirements:
+            from lidcam.evaluation.evaluators import known_figures
+            from lidcam.evaluation.requirement import check_names
+
+            check_names(self._requirements, known_figures(source.config, source.rig, SOURCES))
+        recording, window = source.recording, source.window
+        self._config = source.config
+        self._start_ns = window.start_ns or recording.start_ns
+        stop_ns = min(window.stop_ns or recording.end_ns, recording.end_ns)
+        self._started_s = time.monotonic()
+        # On a terminal, printed frames show the progress, and a bar would break into them.
+        if not (self._out.is_terminal and (self._detections or self._matches)):
+            self._advance = self._stack.enter_context(show_progress((stop_ns - self._start_ns) / 1e9))
+
+    def frame(self, result: FrameResult) -> None:
+        self._done_s = (result.bundle.log_time_ns - self._start_ns) / 1e9
+        if self._detections:
+            print_detections(self._out, result, self._config)
+        if self._matches:
+            print_matches(self._out, result, self._config)
+
+    def advanced(self, progress: RunProgress) -> None:
+        if self._advance is None:
+            return
+        rate_hz = progress.frames / max(time.monotonic() - self._started_s, 1e-3)
+        self._advance(
+            self._done_s,
+            f"{progress.frames} frames, {rate_hz:.1f} a second, {progress.objects} objects, {progress.drops} dropped",
+        )

@@ -1,1 +1,0 @@
-"""The first things that the programs do, before anything heavy is imported."""
