@@ -14,7 +14,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from pipeline.core.arrays import F32, F64, I64, Bools, Indices, Table, first_of_runs
 from pipeline.core.association import (
@@ -29,6 +28,7 @@ from pipeline.core.geometry.boxes import pair_overlaps_xyxy
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.fuse import AssociateConfig
+from pipeline.fusion.assignment import assign
 from pipeline.fusion.found import FoundBoxes, pairs_of_images
 from pipeline.fusion.matching.agreement import (
     BoxBelief,
@@ -230,7 +230,7 @@ def best_pairs(pairs: Pairs, worth: F64, seen_cameras: I64) -> Bools:
         table = np.zeros((len(rows), len(columns)))
         table[row, column] = worth[own]
         is_best = np.zeros(table.shape, np.bool_)
-        is_best[linear_sum_assignment(table, maximize=True)] = True
+        is_best[assign(-table)] = True
         taken[own] = is_best[row, column]
     return taken
 

@@ -12,11 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from pipeline.core.arrays import F64, I32, Bools, Indices, join_rows, select_rows
 from pipeline.core.detections import Boxes3D
 from pipeline.core.settings.classes import ClassPrior
+from pipeline.fusion.assignment import assign
 from pipeline.fusion.belief.odds import Coefficients, joined_without_each, probability
 from pipeline.fusion.belief.visibility import Visibility
 
@@ -191,6 +191,6 @@ class Memory:
         ratio = np.abs(np.log(boxes.sizes[:, None] / said.sizes)).max(2)
         same_class = boxes.class_ids[:, None] == said.class_ids
         fits = (apart_m <= gate_m) & (ratio <= np.log(MAX_SIZE_RATIO)) & same_class
-        rows, of = linear_sum_assignment(np.where(fits, apart_m / np.maximum(gate_m, NEAR_M), NEVER))
+        rows, of = assign(np.where(fits, apart_m / np.maximum(gate_m, NEAR_M), NEVER))
         is_one = fits[rows, of]
         return rows[is_one], of[is_one]

@@ -10,10 +10,10 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from pipeline.core.arrays import F64, I64, Indices, first_of_runs
 from pipeline.core.geometry.boxes import wrap_angle
+from pipeline.fusion.assignment import assign
 from pipeline.fusion.cameras.placing import HEADINGS, Placements
 
 __all__ = ["Moments", "mean_places", "merge_sightings", "moments"]
@@ -100,7 +100,7 @@ def merge_sightings(placements: Placements, cameras: I64, class_ids: I64) -> tup
         objects, own = np.flatnonzero(is_first[:start]), np.arange(start, end)
         worth = _worth(known_xy[objects], known_spread[objects], mean_xy[own], spread[own])
         worth[class_ids[objects][:, None] != class_ids[own]] = 0.0
-        row, column = linear_sum_assignment(worth, maximize=True)
+        row, column = assign(-worth)
         is_one = worth[row, column] > 0
         rows, new_rows = objects[row[is_one]], own[column[is_one]]
         if len(rows):
