@@ -55,7 +55,7 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     propose = Propose(rig, fitter, config.detect3d.cluster, config.classes)
     proposed = graph.add("propose", propose, combined, lidar, matches, placed)
     hypotheses = graph.add("associate all", partial(_hypotheses, associate), lidar, matches, proposed, boxes2d, views)
-    # What it is, where it is, and whether it is there.
+    # Class, place and existence.
     hypotheses = graph.add("classify", Classify(config.classes), hypotheses, boxes2d)
     hypotheses = graph.add("reshape", Reshape(fitter, config.detect3d, config.classes), combined, hypotheses, lidar)
     hypotheses = graph.add("refine", Refine(rig, config.fuse), hypotheses, boxes2d, views)

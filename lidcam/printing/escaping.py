@@ -1,8 +1,8 @@
 """Text from outside, made fit for a terminal: everything that is printed passes through here.
 
 Names of topics, frames and files, and texts of errors, may hold anything: sequences that set the clipboard or title,
-line ends that fake lines, marks that turn the direction of writing. What is not printable is shown as its escape
-sequence, and a URL without its secrets. Libraries and outputs keep the names as they are.
+line ends that fake lines, marks that turn the direction of writing. Unprintable characters are shown as their
+escape sequences, and a URL without its secrets. Libraries and outputs keep the names as they are.
 """
 
 import json

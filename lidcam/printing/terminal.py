@@ -32,7 +32,7 @@ class _Console(Console):
 
     def on_broken_pipe(self) -> None:
         self.quiet = True
-        # What is still in the buffers goes nowhere, and neither does what is printed by other means.
+        # Buffered text goes nowhere, and neither does text that is printed by other means.
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, self.file.fileno())
         os.close(nowhere)

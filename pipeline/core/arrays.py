@@ -64,7 +64,7 @@ def check_array(name: str, array: Array, shape: tuple[int, ...], dtype: npt.DTyp
 def select_rows(record: Record, rows: Rows) -> Record:
     """A record of parallel arrays with the given rows of each array, and of each record in it that has rows itself.
 
-    Other fields are unchanged. What was checked when the record was made is not checked again, and read-only arrays
+    Other fields are unchanged. Fields are not checked again, and read-only arrays
     stay so.
     """
     kind = type(record)

@@ -174,7 +174,7 @@ def parted(
     for row in range(offsets_m.shape[0]):
         for column in range(offsets_m.shape[1]):
             lowest, highest = min(lowest, offsets_m[row, column]), max(highest, offsets_m[row, column])
-    # What is beyond is not on the ground wherever it is; a bit more, for what is rounded below.
+    # Points beyond it are not on the ground anywhere; a bit more, to allow for rounding below.
     reach_m = distance_m + 1e-9 * (distance_m - lowest + highest)
     below_m, above_m, plane_reach_m = lowest - reach_m, highest + reach_m, np.float32(distance_m)
     for i in range(len(xyz)):

@@ -1,7 +1,7 @@
 """Objects on their way between processes: pickled, with large arrays and messages beside the pickle.
 
 What is large is written to the socket from where it lies, and read to where it stays: no copies but those of the
-system (PEP 574). What is small is pickled, so that who keeps a small array does not keep a large buffer with it.
+system (PEP 574). Small arrays are pickled, so that keeping one does not keep a large buffer.
 """
 
 import io

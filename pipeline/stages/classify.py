@@ -29,7 +29,7 @@ SHORT_LIMIT = 3.0
 
 SHORT_WEIGHTS = np.array([0.15, 0.15, 0.9])
 COMPLETED_WEIGHTS = np.array([0.15, 0.15, 0.2])
-"""Weight of missing length, width and height: sides are often hidden, tops seldom. What was completed may be larger."""
+"""Weight of missing length, width and height: sides are often hidden, tops seldom. A completed side may be larger."""
 
 LONG_LIMIT = 4.0
 """A measured extent that no object of the class has counts at most so many standard deviations."""

@@ -65,7 +65,7 @@ class WorkFolder:
             raise
 
     def close(self) -> None:
-        """Remove the folder, and release the lock. What the system refuses to remove stays."""
+        """Remove the folder, and release the lock. Files that the system refuses to remove stay."""
         shutil.rmtree(self.path, ignore_errors=True)
         if self._lock is not None:
             os.close(self._lock)

@@ -48,7 +48,7 @@ class SensingProcess:
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs,), daemon=True)
         resource_tracker.ensure_running()  # else it is started with the process, and unblocks signals
-        # A terminal sends Ctrl-C to all processes; only the parent may act on it. What is blocked stays so in the
+        # A terminal sends Ctrl-C to all processes; only the parent may act on it. A blocked signal stays so in the
         # process, and comes to the parent a little later.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, FROM_TERMINALS)
         try:

@@ -13,7 +13,7 @@ class ClassPrior(SettingsModel):
         size_m: Typical length, width, height, metres.
         max_size_m: Largest length, width, height; a larger box is not of this class.
         kinds_m: Typical length, width, height of other kinds of the class that are far from `size_m`, as vans are among
-            trucks. What they may measure is in proportion to it as `max_size_m` is to `size_m`.
+            trucks. Their largest size is in proportion to it as `max_size_m` is to `size_m`.
         frequency: How common the class is, relative to the others; decides between classes that fit equally well.
         labels: Names that detectors use for it, in small or capital letters: by default those of COCO, KITTI and
             nuScenes, but for what is of no class, as KITTI's Tram and Misc. Also numbers, for recorded boxes that have

@@ -1,7 +1,7 @@
 """From frames to tables of tracks.
 
-Frames are kept until a block of them is full. What of a block counts is then decided for all of its frames at once, and
-only what the figures need is kept: a few numbers a box, and the pairs that are near each other.
+Frames are kept until a block of them is full. The boxes of a block that count are then chosen for all of its frames at
+once, and only what the figures need is kept: a few numbers a box, and the pairs that are near each other.
 """
 
 from collections.abc import Iterator
@@ -113,7 +113,7 @@ class Collection:
         beside = pairs_near(found, ignored, self._scales)
         kept[beside.found[beside.distances_m < self._max_distances_m[class_ids[beside.found]]]] = False
         if not kept.all():
-            # What is matched counts, also if it lies outside or beside something that is ignored.
+            # A matched box counts, also if it lies outside or beside something that is ignored.
             close = pairs.select(pairs.distances_m < self._max_distances_m[class_ids[pairs.found]])
             kept[close.found[assign_nearest(close.truth, close.found, close.distances_m)]] = True
             pairs = pairs.among(np.ones(len(counted), np.bool_), kept)

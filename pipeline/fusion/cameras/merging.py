@@ -93,7 +93,7 @@ def merge_sightings(placements: Placements, cameras: I64, class_ids: I64) -> tup
     """
     count = len(cameras)
     mean_xy, spread = mean_places(placements)
-    # What the cameras so far say of the object of each sighting stands in the row of its first one.
+    # The row of an object's first sighting holds what the cameras so far say of it.
     known, known_xy, known_spread = placements.copy(), mean_xy.copy(), spread.copy()
     first, is_first = np.arange(count), np.ones(count, np.bool_)
     for start, end in itertools.pairwise([*first_of_runs(cameras).nonzero()[0].tolist(), count]):
