@@ -264,12 +264,6 @@ def test_the_largest_of_each_kind_is_the_first_of_equal_ones() -> None:
     moved = objects(CARS[0], (CARS[1][0] + 1, *CARS[1][1:]))
     second = changed_in(changed_in(run, range(1, 2), moved), range(4, 5), moved)
     tree = figures(run, second)
-    assert tree["differences"]["largest"]["moved"] == {
-        "source": "fused",
-        "class": "car",
-        "frame": 1,
-        "s": 0.1,
-        "stamp_ns": 1_100_000_000,
-        "place": [CARS[1][0] + 1, *CARS[1][1:3]],
-        "amount": 1.0,
-    }
+    what = {"source": "fused", "class": "car", "place": [CARS[1][0] + 1, *CARS[1][1:3]], "amount": 1.0}
+    when = {"frame": 1, "s": 0.1, "stamp_ns": 1_100_000_000}
+    assert tree["differences"]["largest"]["moved"] == {**what, **when}
