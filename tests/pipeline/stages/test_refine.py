@@ -160,7 +160,7 @@ def fitted(rig: Rig, hypotheses: Hypotheses, seen: Mapping[str, Boxes2D], **sett
 
 
 def test_boxes_come_nearer_to_the_truth_and_say_how_near() -> None:
-    before, after, squared = [], [], []
+    before, after, squared = [], [], list[float]()
     for seed in range(12):
         rig, hypotheses, seen, truth = made_up(seed)
         found = fitted(rig, hypotheses, seen)

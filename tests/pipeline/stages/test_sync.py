@@ -2,7 +2,7 @@ import itertools
 import json
 import random
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
 from typing import Any, Literal
 
@@ -48,7 +48,7 @@ def make_policy(
     return Nearest(topics, reference=0, queue_size=queue_size, slop_ns=slop_ns, on_drop=on_drop)
 
 
-def found_live(policy: Policy[Item], arrivals: Iterable[Arrival]) -> list[list[tuple[Item, ...]]]:
+def found_live(policy: Policy[Item], arrivals: Iterable[Arrival]) -> list[Sequence[tuple[Item, ...]]]:
     """The sets that each arrival brings about."""
     return [policy.add(topic, stamp_ns, (topic, stamp_ns, n)) for n, (topic, stamp_ns) in enumerate(arrivals)]
 

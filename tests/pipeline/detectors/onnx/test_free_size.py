@@ -126,9 +126,11 @@ def test_weights_in_other_files(tmp_path: Path, location: str) -> None:
         fed = {"images": np.zeros((1, 3, 32, 32), np.float32)}
         assert float(changed.run(fed, 1)[0][0, -1, 0]) == 0.25
     else:
-        for load in (lambda: OnnxSession(path, threads=1, provider="cpu"), lambda: loaded.with_free_size("images")):
-            with pytest.raises(ModelError, match="expected an ONNX file that onnxruntime can load"):
-                load()
+        fault = "expected an ONNX file that onnxruntime can load"
+        with pytest.raises(ModelError, match=fault):
+            OnnxSession(path, threads=1, provider="cpu")
+        with pytest.raises(ModelError, match=fault):
+            loaded.with_free_size("images")
 
 
 def graph_of(model: bytes) -> tuple[bytes, bytes]:
