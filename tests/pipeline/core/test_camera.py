@@ -1,3 +1,4 @@
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -9,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from pipeline.core.arrays import F64
-from pipeline.core.camera import CameraModel, DistortionModel
+from pipeline.core.camera import CameraModel
 from pipeline.core.errors import CalibrationError
 from pipeline.core.geometry.boxes import box_corners
 
@@ -30,24 +31,28 @@ def camera(model: Any = "plumb_bob", distortion: Any = (), **changes: Any) -> Ca
     return CameraModel(**{**fields, "distortion": np.array(distortion, np.float64), **changes})
 
 
-def opencv(points: F64, model: str, distortion: list[float]) -> F64:
+LENSES = [camera(*model) for model in MODELS]
+lenses = pytest.mark.parametrize("lens", LENSES, ids=NAMES)
+
+
+def opencv(points: F64, lens: CameraModel) -> F64:
     """Pixels counted from the centre of the top left pixel."""
     zero = np.zeros(3)
-    if model == "equidistant":
-        return np.asarray(cv2.fisheye.projectPoints(points[:, None], zero, zero, K, np.array(distortion))[0][:, 0])
-    return np.asarray(cv2.projectPoints(points, zero, zero, K, np.array(distortion))[0][:, 0])
+    if lens.model == "equidistant":
+        return np.asarray(cv2.fisheye.projectPoints(points[:, None], zero, zero, K, lens.distortion)[0][:, 0])
+    return np.asarray(cv2.projectPoints(points, zero, zero, K, lens.distortion)[0][:, 0])
 
 
 # --- points
 
 
-@pytest.mark.parametrize(("model", "distortion"), MODELS, ids=NAMES)
+@lenses
 @given(points=arrays(np.float64, (6, 3), elements=st.floats(-0.6, 0.6)))
-def test_projection_is_opencvs_plus_half_a_pixel(model: Any, distortion: list[float], points: F64) -> None:
+def test_projection_is_opencvs_plus_half_a_pixel(lens: CameraModel, points: F64) -> None:
     points = points * [4, 3, 1] + [0, 0, 6]
-    pixels, valid = camera(model, distortion).project(points)
+    pixels, valid = lens.project(points)
     assert valid.all()
-    np.testing.assert_allclose(pixels - 0.5, opencv(points, model, distortion), atol=1e-6)
+    np.testing.assert_allclose(pixels - 0.5, opencv(points, lens), atol=1e-6)
 
 
 def test_the_optical_axis_meets_the_principal_point_from_the_pixels_corner() -> None:
@@ -62,12 +67,10 @@ def test_shapes(shape: tuple[int, ...]) -> None:
     assert pixels.dtype == np.float64
 
 
-@pytest.mark.parametrize(("model", "distortion"), MODELS, ids=NAMES)
+@lenses
 @pytest.mark.parametrize("point", [[0, 0, 0], [1, 1, 0], [0, 0, -3], [1, 1, 1e-300]])
-def test_points_behind_or_at_the_camera_are_not_in_view(
-    model: Any, distortion: list[float], point: list[float]
-) -> None:
-    pixels, valid = camera(model, distortion).project(np.array(point, np.float64))
+def test_points_behind_or_at_the_camera_are_not_in_view(lens: CameraModel, point: list[float]) -> None:
+    pixels, valid = lens.project(np.array(point, np.float64))
     assert not valid
     assert np.isfinite(pixels).all()
 
@@ -122,11 +125,8 @@ def boxes(rng: np.random.Generator, n: int, *, nearest_m: float) -> F64:
     return np.asarray(box_corners(centers, sizes, rng.uniform(-3, 3, n)) @ OPTICAL.T)
 
 
-@pytest.mark.parametrize(("model", "distortion"), MODELS, ids=NAMES)
-def test_boxes_hold_all_that_the_image_shows_and_no_more_where_all_is_shown(
-    model: Any, distortion: list[float]
-) -> None:
-    lens = camera(model, distortion)
+@lenses
+def test_boxes_hold_all_that_the_image_shows_and_no_more_where_all_is_shown(lens: CameraModel) -> None:
     corners = boxes(np.random.default_rng(3), 80, nearest_m=4.0)
     found = lens.project_boxes(corners)
     judged = [dense_bounds(lens, box) for box in corners]
@@ -163,10 +163,10 @@ def test_a_box_that_reaches_behind_the_camera_is_cut_at_its_plane() -> None:
 @pytest.mark.parametrize(
     "center", [[-10.0, 0, 0], [10.0, 30, 0], [10.0, 0, 30], [10.0, 0, -30], [-0.5, 0, 0]], ids=["behind", *"luda"]
 )
-@pytest.mark.parametrize(("model", "distortion"), MODELS, ids=NAMES)
-def test_boxes_out_of_view_are_nan(center: list[float], model: Any, distortion: list[float]) -> None:
+@lenses
+def test_boxes_out_of_view_are_nan(center: list[float], lens: CameraModel) -> None:
     corners = box_corners(np.array([center]), np.array([[0.9, 0.9, 0.9]]), np.zeros(1)) @ OPTICAL.T
-    assert np.isnan(camera(model, distortion).project_boxes(corners)).all()
+    assert np.isnan(lens.project_boxes(corners)).all()
 
 
 def test_no_boxes() -> None:
@@ -178,14 +178,14 @@ def test_no_boxes() -> None:
     arrays(np.float64, (3, 3), elements=st.floats(-20, 20)),
     st.tuples(*[st.floats(0.1, 30)] * 3),
     st.floats(-3.1, 3.1),
-    st.sampled_from(MODELS),
+    st.sampled_from(LENSES),
 )
 def test_rectangles_are_never_inverted_nor_outside(
-    centers: F64, size: tuple[float, ...], yaw: float, lens: tuple[Any, list[float]]
+    centers: F64, size: tuple[float, ...], yaw: float, lens: CameraModel
 ) -> None:
     turned = Rotation.from_euler("xyz", [0.2, 0.1, 0.0]).apply
     corners = turned(box_corners(centers, np.tile(size, (3, 1)), np.full(3, yaw)).reshape(-1, 3)).reshape(3, 8, 3)
-    found = camera(*lens).project_boxes(corners @ OPTICAL.T)
+    found = lens.project_boxes(corners @ OPTICAL.T)
     seen = found[np.isfinite(found).all(1)]
     assert np.isnan(found[~np.isfinite(found).all(1)]).all()
     assert (seen >= 0).all()
@@ -222,13 +222,10 @@ def test_zeros_beyond_the_models_coefficients_do_no_harm() -> None:
     assert camera("plumb_bob", np.zeros(12)).project(np.array([1.0, 0, 2]))[1]
 
 
-@pytest.mark.parametrize(("kind", "distortion"), MODELS, ids=NAMES)
+@lenses
 @pytest.mark.parametrize("focal_px", [150.0, 400.0, 1500.0])
-def test_all_that_an_image_shows_lies_in_the_cone_of_its_view(
-    kind: DistortionModel, distortion: list[float], focal_px: float
-) -> None:
-    K = np.array([[focal_px, 3.0, 300.0], [0, focal_px * 1.1, 260.0], [0, 0, 1]])
-    model = CameraModel("cam", 640, 480, K, kind, np.array(distortion))
+def test_all_that_an_image_shows_lies_in_the_cone_of_its_view(lens: CameraModel, focal_px: float) -> None:
+    model = replace(lens, K=np.array([[focal_px, 3.0, 300.0], [0, focal_px * 1.1, 260.0], [0, 0, 1]]))
     angles = np.stack(np.meshgrid(np.linspace(0, 1.5, 150), np.linspace(-np.pi, np.pi, 60)), -1).reshape(-1, 2)
     aside, around = angles.T
     rays = np.stack([np.sin(aside) * np.cos(around), np.sin(aside) * np.sin(around), np.cos(aside)], 1)

@@ -48,9 +48,8 @@ def test_no_rider(rows: tuple[Row, ...]) -> None:
 
 
 def test_from_behind_the_rider_is_the_wider() -> None:
-    assert joined((100, 40, 140, 130, 0.7, PEDESTRIAN), (110, 90, 130, 150, 0.4, BICYCLE)) == [
-        (100, 40, 140, 150, 0.7, BICYCLE)
-    ]
+    found = joined((100, 40, 140, 130, 0.7, PEDESTRIAN), (110, 90, 130, 150, 0.4, BICYCLE))
+    assert found == [(100, 40, 140, 150, 0.7, BICYCLE)]
 
 
 def test_one_rider_on_one_bicycle() -> None:

@@ -33,16 +33,17 @@ def wall(rng: np.random.Generator, count: int, *, x: float = 8.0, z: tuple[float
     return np.column_stack([rng.normal(x, 0.02, count), rng.uniform(-20, 20, count), rng.uniform(*z, count)])
 
 
+def height_m(plane: Plane | None) -> float:
+    """At the origin."""
+    assert plane is not None
+    return float(plane.height_m(np.zeros(2)))
+
+
 def ground_of(points: F64, **options: Any) -> Plane | None:
     height = options.pop("ground_height_m", None)
     origins = options.pop("origins", ORIGIN)
-    return find_ground(
-        points.astype(np.float32),
-        origins,
-        config=GroundConfig(**options),
-        ground_height_m=height,
-        passes=COMPILED,
-    )
+    config = GroundConfig(**options)
+    return find_ground(points.astype(np.float32), origins, config=config, ground_height_m=height, passes=COMPILED)
 
 
 def kitti(path: str) -> F32:
@@ -74,8 +75,7 @@ def test_the_plane_is_pcls(scene: str) -> None:
 
 def test_a_street_is_found_and_stays_still_from_frame_to_frame() -> None:
     planes = [find_ground(kitti(path), ORIGIN, config=GroundConfig()) for path in KITTI_SEQUENCE]
-    heights = [float(plane.height_m(np.zeros(2))) for plane in planes if plane]
-    assert len(heights) == len(KITTI_SEQUENCE)
+    heights = [height_m(plane) for plane in planes]
     assert all(abs(height + 1.73) < 0.05 for height in heights)  # the velodyne's height on KITTI's car
     assert np.abs(np.diff(heights)).max() < 0.01
     normals = [plane.normal for plane in planes if plane]
@@ -87,7 +87,7 @@ def test_a_street_is_found_and_stays_still_from_frame_to_frame() -> None:
 def test_other_streets(path: str) -> None:
     plane = find_ground(kitti(path), ORIGIN, config=GroundConfig(), ground_height_m=-1.73)
     assert plane is not None
-    assert float(plane.height_m(np.zeros(2))) == pytest.approx(-1.73, abs=0.08)
+    assert height_m(plane) == pytest.approx(-1.73, abs=0.08)
     assert tilt_deg(plane.normal, [0, 0, 1]) < 3
 
 
@@ -100,32 +100,26 @@ def test_a_floor_among_walls_with_more_points() -> None:
     plane = ground_of(points)
     assert plane is not None
     assert tilt_deg(plane.normal, [0, 0, 1]) < 0.3
-    assert float(plane.height_m(np.zeros(2))) == pytest.approx(-1.7, abs=0.02)
+    assert height_m(plane) == pytest.approx(-1.7, abs=0.02)
 
 
 def test_car_roofs_do_not_lift_the_ground() -> None:
     rng = np.random.default_rng(1)
     roofs = np.column_stack([rng.uniform(3, 9, (8_000, 2)), rng.normal(-0.2, 0.02, 8_000)])
-    plane = ground_of(np.concatenate([floor(rng, 10_000), roofs]))
-    assert plane is not None
-    assert float(plane.height_m(np.zeros(2))) == pytest.approx(-1.7, abs=0.01)
+    assert height_m(ground_of(np.concatenate([floor(rng, 10_000), roofs]))) == pytest.approx(-1.7, abs=0.01)
 
 
 def test_the_rigs_height_decides_between_two_floors() -> None:
     rng = np.random.default_rng(2)
     points = np.concatenate([floor(rng, 20_000, z=-5.0), floor(rng, 8_000, z=-1.7, half_m=10)])
-    plane = ground_of(points, ground_height_m=-1.6)
-    assert plane is not None
-    assert float(plane.height_m(np.zeros(2))) == pytest.approx(-1.7, abs=0.01)
+    assert height_m(ground_of(points, ground_height_m=-1.6)) == pytest.approx(-1.7, abs=0.01)
     assert ground_of(points, ground_height_m=-3.0) is None
 
 
 def test_the_ground_is_below_every_lidar() -> None:
     rng = np.random.default_rng(3)
     points = np.concatenate([floor(rng, 20_000, z=2.0), floor(rng, 5_000, z=-1.7)])  # a ceiling has more points
-    plane = ground_of(points)
-    assert plane is not None
-    assert plane.offset_m == pytest.approx(1.7, abs=0.01)
+    assert height_m(ground_of(points)) == pytest.approx(-1.7, abs=0.01)
     below = np.array([[0, 0, 0.0], [5, 5, -2.0]])
     assert ground_of(points, origins=below) is None
 
@@ -164,12 +158,7 @@ def test_no_ground(points: F64) -> None:
 
 
 @settings(deadline=None, max_examples=30)
-@given(
-    roll=st.floats(-8, 8),
-    pitch=st.floats(-8, 8),
-    depth_m=st.floats(1, 8),
-    seed=st.integers(0, 5),
-)
+@given(roll=st.floats(-8, 8), pitch=st.floats(-8, 8), depth_m=st.floats(1, 8), seed=st.integers(0, 5))
 def test_a_tilted_floor_with_clutter_is_recovered(roll: float, pitch: float, depth_m: float, seed: int) -> None:
     rng = np.random.default_rng(9)
     points = floor(rng, 4_000, z=0.0)
@@ -182,7 +171,7 @@ def test_a_tilted_floor_with_clutter_is_recovered(roll: float, pitch: float, dep
     assert plane is not None
     assert np.linalg.norm(plane.normal) == pytest.approx(1)
     assert tilt_deg(plane.normal, [-slope[0], -slope[1], 1]) < 0.1
-    assert float(plane.height_m(np.zeros(2))) == pytest.approx(-depth_m, abs=0.01)
+    assert height_m(plane) == pytest.approx(-depth_m, abs=0.01)
 
 
 def test_the_same_input_gives_the_same_bits_and_the_seed_only_the_last_of_them() -> None:

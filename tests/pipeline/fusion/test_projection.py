@@ -130,12 +130,9 @@ def test_people_are_round() -> None:
 
 
 def test_buses_have_sharper_corners_than_cars() -> None:
-    cut = [one[1] / 2 - np.abs(found[found[:, 0] == one[0] / 2][:, 1]).max() for one, found in pairs(CAR, BUS)]
+    found = {one[0]: points([one], rounding=0.25)[0] for one in (CAR, BUS)}
+    cut = [width / 2 - np.abs(found[x][found[x][:, 0] == x / 2][:, 1]).max() for x, width, _ in (CAR, BUS)]
     assert cut[1] / BUS[1] == pytest.approx(0.4 * cut[0] / CAR[1])
-
-
-def pairs(*sizes: list[float]) -> list[tuple[list[float], F64]]:
-    return [(one, points([one], rounding=0.25)[0]) for one in sizes]
 
 
 def test_who_rides_is_broad_in_the_middle_and_has_thin_wheels_and_one_head() -> None:

@@ -1,4 +1,5 @@
 import threading
+from typing import Any
 
 import pytest
 
@@ -7,6 +8,17 @@ from pipeline.parallel.background import Background
 
 def failing() -> None:
     raise OSError(28, "No space left on device")
+
+
+def open_when_called(gate: threading.Event, owner: Any, method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a gate open as soon as somebody calls a method, and not before."""
+    called = getattr(owner, method)
+
+    def opening(*args: object) -> object:
+        gate.set()
+        return called(*args)
+
+    monkeypatch.setattr(owner, method, opening)
 
 
 @pytest.mark.parametrize("count", [0, 1, 50])
@@ -24,19 +36,12 @@ def test_jobs_are_done_in_order_on_another_thread(count: int) -> None:
     assert done == [(number, False) for number in range(count)]
 
 
-def test_no_more_waits_than_the_limit_but_for_one_heavy_job() -> None:
-    background, gate, is_added = Background(weight=10, name="test"), threading.Event(), threading.Event()
+def test_no_more_waits_than_the_limit_but_for_one_heavy_job(monkeypatch: pytest.MonkeyPatch) -> None:
+    background, gate = Background(weight=10, name="test"), threading.Event()
     background.add(gate.wait, weight=100)  # heavier than the limit, and taken
-
-    def add_one() -> None:
-        background.add(lambda: None, weight=1)
-        is_added.set()
-
-    adding = threading.Thread(target=add_one)
-    adding.start()
-    assert not is_added.wait(0.05)
-    gate.set()
-    adding.join()
+    open_when_called(gate, background._changed, "wait", monkeypatch)
+    background.add(lambda: None, weight=1)
+    assert gate.is_set(), "it has waited"
     background.finish()
     background.close()
 
@@ -54,7 +59,7 @@ def test_an_error_ends_the_work_and_is_raised_by_what_comes_next() -> None:
     assert done == []
 
 
-def test_an_error_wakes_who_waits_for_room() -> None:
+def test_an_error_wakes_who_waits_for_room(monkeypatch: pytest.MonkeyPatch) -> None:
     background, gate = Background(weight=1, name="test"), threading.Event()
 
     def fail_later() -> None:
@@ -62,13 +67,13 @@ def test_an_error_wakes_who_waits_for_room() -> None:
         failing()
 
     background.add(fail_later, weight=1)
-    threading.Timer(0.02, gate.set).start()
+    open_when_called(gate, background._changed, "wait", monkeypatch)
     with pytest.raises(OSError, match="No space left"):
         background.add(lambda: None, weight=1)
     background.close()
 
 
-def test_closing_waits_for_the_job_in_work_and_drops_the_rest() -> None:
+def test_closing_waits_for_the_job_in_work_and_drops_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     background, gate, done = Background(weight=10, name="test"), threading.Event(), []
     begun = threading.Event()
 
@@ -80,7 +85,7 @@ def test_closing_waits_for_the_job_in_work_and_drops_the_rest() -> None:
     background.add(first, weight=1)
     background.add(lambda: done.append(2), weight=1)
     begun.wait()
-    threading.Timer(0.02, gate.set).start()
+    open_when_called(gate, background._thread, "join", monkeypatch)
     background.close()
     assert done == [1]
     background.close()  # does nothing more

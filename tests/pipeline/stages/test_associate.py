@@ -70,24 +70,14 @@ def test_projection_is_that_of_opencv_with_distortion() -> None:
 @pytest.mark.parametrize(
     ("boxes", "rows", "expected"),
     [
-        (boxes3d([]), [], []),
-        (boxes3d([]), [shown(AT[0])], []),
-        (TWO, [], []),
-        (TWO, [shown(AT[1]), shown(AT[0])], [(0, 1), (1, 0)]),
-        (TWO, [shown(AT[1])], [(1, 0)]),
-        (TWO, [shown(AT[0]), shown(AT[0], shift=0.1)], [(0, 0)]),
-        (boxes3d([AHEAD, (10.2, *AHEAD[1:])]), [shown(AT[0])], [(0, 0)]),
-        (boxes3d([BEHIND, AHEAD]), [shown(AT[0])], [(1, 0)]),
-    ],
-    ids=[
-        "nothing",
-        "no 3D boxes",
-        "no 2D boxes",
-        "each to its own",
-        "one is missed",
-        "the better of two 2D boxes",
-        "the better of two 3D boxes",
-        "behind the camera",
+        pytest.param(boxes3d([]), [], [], id="nothing"),
+        pytest.param(boxes3d([]), [shown(AT[0])], [], id="no 3D boxes"),
+        pytest.param(TWO, [], [], id="no 2D boxes"),
+        pytest.param(TWO, [shown(AT[1]), shown(AT[0])], [(0, 1), (1, 0)], id="each to its own"),
+        pytest.param(TWO, [shown(AT[1])], [(1, 0)], id="one is missed"),
+        pytest.param(TWO, [shown(AT[0]), shown(AT[0], shift=0.1)], [(0, 0)], id="the better of two 2D boxes"),
+        pytest.param(boxes3d([AHEAD, (10.2, *AHEAD[1:])]), [shown(AT[0])], [(0, 0)], id="the better of two 3D boxes"),
+        pytest.param(boxes3d([BEHIND, AHEAD]), [shown(AT[0])], [(1, 0)], id="behind the camera"),
     ],
 )
 def test_standing_cases(boxes: Boxes3D, rows: list[Row], expected: list[tuple[int, int]]) -> None:
@@ -163,14 +153,8 @@ def test_each_camera_confirms_on_its_own() -> None:
     rig = camera_rig(forward_camera("a"), forward_camera("b"))
     boxes = boxes3d([AHEAD, (10.0, -0.8, 0.0, 4.0, 2.0, 1.5, 0.0)])
     first, second = projection(boxes)
-    found = associate(
-        boxes,
-        {
-            "b": boxes2d([shown(second, shift=-0.02), shown(first)]),
-            "a": boxes2d([shown(first, shift=-0.3)]),
-        },
-        rig=rig,
-    )
+    seen = {"b": boxes2d([shown(second, shift=-0.02), shown(first)]), "a": boxes2d([shown(first, shift=-0.3)])}
+    found = associate(boxes, seen, rig=rig)
     assert [*found] == ["a", "b"], "in the order of the rig"
     assert found["a"].pairs.tolist() == [[0, 0]]
     assert found["b"].pairs.tolist() == [[0, 1], [1, 0]]

@@ -26,6 +26,7 @@ BEHIND = (-20.0, 0.0, 0.0, 4.0, 1.8, 1.5, 0.0)
 POINTS = combined(np.zeros((0, 3)))
 FRAME = SensorBundle(0, 1, 1, {})
 NOTHING = {"cam": boxes2d([])}
+SEEN = {"cam": boxes2d([(280, 220, 360, 260, 0.8, 0)])}
 
 
 def hypotheses(boxes: Boxes3D, *pairs: tuple[int, int], lidar_count: int | None = None) -> Hypotheses:
@@ -51,7 +52,7 @@ def test_what_a_camera_confirms_what_nobody_looks_at_and_what_it_does_not_confir
     boxes = boxes3d([CAR, CAR, BEHIND], scores=[0.2] * 3)
     boxes = replace(boxes, point_counts=np.full(3, 50, np.int32))
     found = hypotheses(boxes, (0, 0))
-    confirmed, doubted, unseen = believed(found, {"cam": boxes2d([(280, 220, 360, 260, 0.8, 0)])})
+    confirmed, doubted, unseen = believed(found, SEEN)
     assert confirmed > 0.8
     assert doubted < unseen < confirmed
     without = believed(found, {})
@@ -85,7 +86,7 @@ def test_scores_of_another_detector_are_taken_as_they_are(
 def test_what_a_2d_box_proposes_needs_it() -> None:
     boxes = boxes3d([CAR, CAR], scores=[0.5, 0.5])
     found = hypotheses(boxes, (1, 0), lidar_count=0)
-    alone, matched = believed(found, {"cam": boxes2d([(280, 220, 360, 260, 0.8, 0)])})
+    alone, matched = believed(found, SEEN)
     assert alone < 0.3 < matched
 
 
@@ -96,7 +97,6 @@ def test_no_hypotheses_and_no_cameras() -> None:
 
 
 def test_what_a_camera_said_counts_while_it_does_not_look_and_never_when_it_does() -> None:
-    seen = {"cam": boxes2d([(280, 220, 360, 260, 0.8, 0)])}
     car = boxes3d([CAR], scores=[0.2])
     (alone,) = believed(hypotheses(car), {})
 
@@ -108,23 +108,22 @@ def test_what_a_camera_said_counts_while_it_does_not_look_and_never_when_it_does
             beliefs = believe(found, seen_in(found, seen), at(at_s))
         return float(beliefs[0])
 
-    soon, later = (after(seen, (0, 0), gap_s=gap_s, then={}) for gap_s in (0.1, 0.5))
+    soon, later = (after(SEEN, (0, 0), gap_s=gap_s, then={}) for gap_s in (0.1, 0.5))
     assert alone < later < soon
-    assert after(seen, (0, 0), gap_s=1.2, then={}) == pytest.approx(alone)
+    assert after(SEEN, (0, 0), gap_s=1.2, then={}) == pytest.approx(alone)
     assert after(NOTHING, gap_s=0.1, then={}) < alone, "what it did not say is remembered, too"
-    assert after(seen, (0, 0), gap_s=0.1, then=NOTHING) < alone, "silence has the last word"
+    assert after(SEEN, (0, 0), gap_s=0.1, then=NOTHING) < alone, "silence has the last word"
 
 
 @pytest.mark.parametrize(("moves", "reaches"), [(True, True), (False, False)])
 def test_on_a_rig_that_moves_an_object_is_sought_where_it_is_now(moves: bool, reaches: bool) -> None:
-    seen = {"cam": boxes2d([(280, 220, 360, 260, 0.8, 0)])}
     ahead = (CAR[0] - 10.0, *CAR[1:])
     poses = np.tile(np.eye(4), (2, 1, 1))
     poses[1, 0, 3] = 10.0 * moves
     motion = PoseSamples("site", "odom", np.array([0, 200_000_000], np.int64), poses)
     believe = believe_of(RIG)
     there = hypotheses(boxes3d([CAR], scores=[0.2]), (0, 0))
-    believe(there, seen_in(there, seen), at(0.0))
+    believe(there, seen_in(there, SEEN), at(0.0))
     nearer = hypotheses(boxes3d([ahead], scores=[0.2]))
     (p,) = believe(nearer, seen_in(nearer, {}), replace(at(0.2), motion=motion))
     assert (p > believed(nearer, {})[0]) == reaches

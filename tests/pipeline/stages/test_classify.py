@@ -40,32 +40,18 @@ def classified(size: tuple[float, float, float], own: int, votes: Sequence[Vote]
 @pytest.mark.parametrize(
     ("size", "own", "votes", "class_id"),
     [
-        (SIZES[CAR], CAR, [], CAR),
-        (SIZES[CAR], CAR, [(0.9, CAR)], CAR),
-        (SALOON, CAR, [(0.9, BUS)], CAR),
-        (SALOON, CAR, [(0.9, BUS), (0.9, BUS), (0.9, BUS)], BUS),
-        (VAN, CAR, [(0.9, TRUCK)], TRUCK),
-        (SIZES[CAR], CAR, [(0.8, TRUCK)], TRUCK),
-        (VAN, CAR, [(0.9, CAR)], CAR),
-        (SIZES[PEDESTRIAN], PEDESTRIAN, [(0.6, BICYCLE)], BICYCLE),
-        (SIZES[BICYCLE], BICYCLE, [(0.8, PEDESTRIAN)], PEDESTRIAN),
-        (SIZES[TRUCK], TRUCK, [(0.9, BUS)], BUS),
-        ((9.0, 2.6, 3.3), TRUCK, [(0.9, CAR)], TRUCK),
-        (SIZES[CAR], CAR, [(0.0, PEDESTRIAN)], CAR),
-    ],
-    ids=[
-        "no camera",
-        "agreed",
-        "one vote makes a car no bus",
-        "three do",
-        "a van is a truck if a camera says so",
-        "and so is what was completed",
-        "and a car if it does not",
-        "a rider",
-        "no rider",
-        "what looks alike goes by the camera",
-        "what is too large for a car is none",
-        "a vote of no score",
+        pytest.param(SIZES[CAR], CAR, [], CAR, id="no camera"),
+        pytest.param(SIZES[CAR], CAR, [(0.9, CAR)], CAR, id="agreed"),
+        pytest.param(SALOON, CAR, [(0.9, BUS)], CAR, id="one vote makes a car no bus"),
+        pytest.param(SALOON, CAR, [(0.9, BUS), (0.9, BUS), (0.9, BUS)], BUS, id="three do"),
+        pytest.param(VAN, CAR, [(0.9, TRUCK)], TRUCK, id="a van is a truck if a camera says so"),
+        pytest.param(SIZES[CAR], CAR, [(0.8, TRUCK)], TRUCK, id="and so is what was completed"),
+        pytest.param(VAN, CAR, [(0.9, CAR)], CAR, id="and a car if it does not"),
+        pytest.param(SIZES[PEDESTRIAN], PEDESTRIAN, [(0.6, BICYCLE)], BICYCLE, id="a rider"),
+        pytest.param(SIZES[BICYCLE], BICYCLE, [(0.8, PEDESTRIAN)], PEDESTRIAN, id="no rider"),
+        pytest.param(SIZES[TRUCK], TRUCK, [(0.9, BUS)], BUS, id="what looks alike goes by the camera"),
+        pytest.param((9.0, 2.6, 3.3), TRUCK, [(0.9, CAR)], TRUCK, id="what is too large for a car is none"),
+        pytest.param(SIZES[CAR], CAR, [(0.0, PEDESTRIAN)], CAR, id="a vote of no score"),
     ],
 )
 def test_class(size: tuple[float, float, float], own: int, votes: list[Vote], class_id: int) -> None:
@@ -90,9 +76,6 @@ def test_only_the_class_changes_and_the_input_is_left_as_it_was() -> None:
 def test_no_boxes() -> None:
     given = Hypotheses(boxes3d([]), {"cam": matches(boxes=0)}, 0)
     assert len(Classify(ROAD_CLASSES)(given, {"cam": seen(0.5, CAR)}).boxes) == 0
-
-
-CAR, PEDESTRIAN, BICYCLE, TRUCK, BUS = range(5)
 
 
 def by_size(size: tuple[float, float, float], own: int) -> F64:

@@ -14,7 +14,6 @@ from pipeline.core.arrays import U8
 from pipeline.core.errors import ConfigError
 from pipeline.core.geometry.boxes import iou_xyxy
 from pipeline.core.images import Image
-from pipeline.core.rig import Rig
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.detect import Detect2DConfig
@@ -43,57 +42,42 @@ def image(name: str = "cam", *, height: int = 100, width: int = 200) -> Image:
     return Image(7, f"{name}_optical", np.zeros((height, width, 3), np.uint8))
 
 
-def stage_of(rig: Rig, config: Config, detector: Detector2D) -> Detect2D:
+def stage_of(detector: Detector2D, config: Config | None = None, *cameras: str) -> Detect2D:
+    rig, config = camera_rig(*map(forward_camera, cameras or ("cam",))), config or Config()
     return Detect2D(rig, config.class_id_of_label, config.detect2d, detector)
 
 
 def detect(rows: Sequence[Row], **settings: float) -> list[tuple[list[float], float, str]]:
     config = Config(detect2d=Detect2DConfig.model_validate(settings))
-    stage = stage_of(camera_rig(forward_camera()), config, Proposals(rows))
-    found = stage({"cam": image()})["cam"]
+    found = stage_of(Proposals(rows), config)({"cam": image()})["cam"]
     names = [config.class_names[i] for i in found.class_ids]
     return list(zip(found.xyxy.tolist(), [round(float(s), 3) for s in found.scores], names, strict=True))
 
 
 CAR: Row = (10, 10, 50, 40, 0.9, "car")
+FOUND = [10, 10, 50, 40], 0.9, "car"
+BICYCLE: Row = (10, 10, 50, 40, 0.6, "bicycle")
+MOTORCYCLE: Row = (10, 10, 50, 40, 0.7, "motorcycle")
+BEHIND: Row = (10, 10, 33, 40, 0.6, "person")
 
 
 @pytest.mark.parametrize(
     ("rows", "expected"),
     [
-        ([], []),
-        ([CAR], [([10, 10, 50, 40], 0.9, "car")]),
-        ([(10, 10, 50, 40, 0.29, "car")], []),
-        ([(10, 10, 50, 40, 0.5, "car")], [([10, 10, 50, 40], 0.5, "car")]),
-        ([(10, 10, 50, 40, 0.9, "kite")], []),
-        ([(10, 10, 50, 40, 0.8, "motorcycle")], [([10, 10, 50, 40], 0.8, "bicycle")]),
-        ([(-20, -5, 30, 130, 0.9, "car")], [([0, 0, 30, 100], 0.9, "car")]),
-        ([(210, 10, 250, 40, 0.9, "car"), (-9, 10, 0, 40, 0.9, "car")], []),
-        ([(20, 10, 20, 40, 0.9, "car"), (30, 10, 20, 40, 0.9, "car")], []),
-        ([(11, 10, 50, 40, 0.6, "car"), CAR], [([10, 10, 50, 40], 0.9, "car")]),
-        ([(11, 10, 50, 40, 0.6, "person"), CAR], [([10, 10, 50, 40], 0.9, "car")]),
-        (
-            [(10, 10, 33, 40, 0.6, "person"), CAR],
-            [([10, 10, 50, 40], 0.9, "car"), ([10, 10, 33, 40], 0.6, "pedestrian")],
-        ),
-        ([(10, 10, 50, 40, 0.6, "bicycle"), (10, 10, 50, 40, 0.7, "motorcycle")], [([10, 10, 50, 40], 0.7, "bicycle")]),
-        ([CAR, (100, 10, 150, 40, 0.95, "car")], [([100, 10, 150, 40], 0.95, "car"), ([10, 10, 50, 40], 0.9, "car")]),
-    ],
-    ids=[
-        "none",
-        "one",
-        "below the least score",
-        "another score",
-        "a label of no class",
-        "a second label of a class",
-        "beyond the image: clipped",
-        "outside of the image: gone",
-        "empty or inverted: gone",
-        "two on one car: the better one",
-        "two classes on one place: the better one",
-        "two classes, one behind the other: both",
-        "two labels of one class on one place: the better one",
-        "falling score",
+        pytest.param([], [], id="none"),
+        pytest.param([CAR], [FOUND], id="one"),
+        pytest.param([(10, 10, 50, 40, 0.29, "car")], [], id="below the least score"),
+        pytest.param([(10, 10, 50, 40, 0.5, "car")], [([10, 10, 50, 40], 0.5, "car")], id="another score"),
+        pytest.param([(10, 10, 50, 40, 0.9, "kite")], [], id="a label of no class"),
+        pytest.param([MOTORCYCLE], [([10, 10, 50, 40], 0.7, "bicycle")], id="a second label of a class"),
+        pytest.param([(-20, -5, 30, 130, 0.9, "car")], [([0, 0, 30, 100], 0.9, "car")], id="beyond the image: clipped"),
+        pytest.param([(210, 10, 250, 40, 0.9, "car"), (-9, 10, 0, 40, 0.9, "car")], [], id="outside of it: gone"),
+        pytest.param([(20, 10, 20, 40, 0.9, "car"), (30, 10, 20, 40, 0.9, "car")], [], id="empty or inverted: gone"),
+        pytest.param([(11, 10, 50, 40, 0.6, "car"), CAR], [FOUND], id="two on one car: the better one"),
+        pytest.param([(11, 10, 50, 40, 0.6, "person"), CAR], [FOUND], id="two classes on one place: the better one"),
+        pytest.param([BEHIND, CAR], [FOUND, ([10, 10, 33, 40], 0.6, "pedestrian")], id="one behind the other: both"),
+        pytest.param([BICYCLE, MOTORCYCLE], [([10, 10, 50, 40], 0.7, "bicycle")], id="two labels: the better one"),
+        pytest.param([CAR, (0, 50, 9, 60, 0.95, "car")], [([0, 50, 9, 60], 0.95, "car"), FOUND], id="falling score"),
     ],
 )
 def test_proposals_to_boxes(rows: list[Row], expected: list[tuple[list[float], float, str]]) -> None:
@@ -112,25 +96,19 @@ def test_proposals_to_boxes(rows: list[Row], expected: list[tuple[list[float], f
     ],
 )
 def test_names_of_kitti_and_nuscenes(label: str, expected: str | None) -> None:
-    config = Config()
-    stage = stage_of(camera_rig(forward_camera()), config, Proposals([(10, 10, 50, 40, 0.9, label)], ("car", label)))
-    found = [config.class_names[row] for row in stage({"cam": image()})["cam"].class_ids]
+    stage = stage_of(Proposals([(10, 10, 50, 40, 0.9, label)], ("car", label)))
+    found = [Config().class_names[row] for row in stage({"cam": image()})["cam"].class_ids]
     assert found == ([] if expected is None else [expected])
 
 
 def test_a_rider_and_the_bicycle_are_one() -> None:
     rows: list[Row] = [(20, 10, 40, 60, 0.8, "person"), (10, 40, 50, 70, 0.6, "bicycle"), CAR]
-    assert detect(rows) == [
-        ([10, 10, 50, 40], 0.9, "car"),
-        ([10, 10, 50, 70], 0.8, "bicycle"),
-    ]
+    assert detect(rows) == [FOUND, ([10, 10, 50, 70], 0.8, "bicycle")]
 
 
 def test_networks_that_know_cyclists_are_believed() -> None:
-    labels = ("person", "bicycle", "cyclist")
     rows: list[Row] = [(20, 10, 40, 60, 0.8, "person"), (10, 40, 50, 70, 0.6, "bicycle")]
-    stage = stage_of(camera_rig(forward_camera()), Config(), Proposals(rows, labels))
-    assert len(stage({"cam": image()})["cam"]) == 2
+    assert len(stage_of(Proposals(rows, ("person", "bicycle", "cyclist")))({"cam": image()})["cam"]) == 2
 
 
 def test_equal_scores_keep_the_order_of_the_network() -> None:
@@ -144,8 +122,7 @@ def test_two_classes_on_one_place_may_stay() -> None:
 
 
 def test_cameras_in_the_order_of_the_rig_and_none_without_an_image() -> None:
-    rig = camera_rig(*(forward_camera(name) for name in ("a", "b", "c")))
-    stage = stage_of(rig, Config(), Proposals([CAR]))
+    stage = stage_of(Proposals([CAR]), None, "a", "b", "c")
     assert stage({}) == {}
     found = stage({"c": image("c"), "a": image("a", width=30)})
     assert [*found] == ["a", "c"]
@@ -156,7 +133,7 @@ def test_cameras_in_the_order_of_the_rig_and_none_without_an_image() -> None:
 def test_classes_that_the_detector_cannot_find_are_an_error() -> None:
     config = Config(classes=(ClassPrior(name="tram", size_m=(30, 3, 4), max_size_m=(60, 4, 5)),))
     with pytest.raises(ConfigError, match=r"person, kite, car.*found tram"):
-        stage_of(camera_rig(forward_camera()), config, Proposals([]))
+        stage_of(Proposals([]), config)
 
 
 whole = st.integers(0, 12)
@@ -189,8 +166,7 @@ def test_cars_of_a_real_image() -> None:
     bgr = cv2.imread(str(shared("data/kitti_object_8/000008.png")))
     assert bgr is not None
     image = Image(0, "cam", np.ascontiguousarray(bgr[..., ::-1]))
-    stage = stage_of(camera_rig(forward_camera()), config, OnnxDetector2D(weights, config.detect2d))
-    found = stage({"cam": image})["cam"]
+    found = stage_of(OnnxDetector2D(weights, config.detect2d))({"cam": image})["cam"]
     cars = found.select(found.class_ids == config.class_names.index("car"))
     label_file = json.loads(shared("data/kitti_object_8/info_from_pkl.json").read_text())
     labelled = [i["bbox"] for i in label_file["data_list"][0]["instances"] if i["bbox_label"] == 2]

@@ -11,11 +11,13 @@ from lidar_scene import combined, rig, scan
 from seen_boxes import Box, camera_at, seen_by, views_of
 
 from pipeline.core.arrays import F64
+from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes2D, Boxes3D, Source
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.stages import propose as propose_stage
 from pipeline.stages.detect3d import Detect3D
+from pipeline.stages.propose import Proposed
 
 CONFIG = Config()
 CAR, PEDESTRIAN, BICYCLE = 0, 1, 2
@@ -35,22 +37,24 @@ def cloud_of(*boxes: Box) -> F64:
     return points[points[:, 2] > 0.2]
 
 
+def proposed(sensors: Rig, frame: CombinedCloud, lidar: Boxes3D, boxes2d: Mapping[str, Boxes2D]) -> Proposed:
+    views = views_of(*sensors.cameras)
+    placed, matches = place_of(sensors)(frame, boxes2d, views), associate_of(sensors)(lidar, boxes2d, views)
+    return propose_of(sensors)(frame, lidar, matches, placed)
+
+
 def propose(
     points: F64, lidar: Boxes3D | None, boxes2d: Mapping[str, Boxes2D], *cameras: CameraSensor
 ) -> tuple[Boxes3D, Boxes3D]:
     """The lidar's boxes, by default those that are found in the points; and all hypotheses."""
-    sensors, frame, views = with_cameras(*cameras), combined(points), views_of(*cameras)
+    sensors, frame = with_cameras(*cameras), combined(points)
     lidar = Detect3D(sensors, CONFIG)(frame) if lidar is None else lidar
-    matches = associate_of(sensors)(lidar, boxes2d, views)
-    placed = place_of(sensors)(frame, boxes2d, views)
-    return lidar, propose_of(sensors)(frame, lidar, matches, placed).boxes
+    return lidar, proposed(sensors, frame, lidar, boxes2d).boxes
 
 
 def left_out(boxes: Boxes2D) -> Mapping[str, int]:
     """What is left out of the 2D boxes of one camera, without points."""
-    sensors, frame, views, found = with_cameras(CAMERA), combined(np.zeros((0, 3))), views_of(CAMERA), {"cam": boxes}
-    matches = associate_of(sensors)(nothing(), found, views)
-    return propose_of(sensors)(frame, nothing(), matches, place_of(sensors)(frame, found, views)).left_out
+    return proposed(with_cameras(CAMERA), combined(np.zeros((0, 3))), nothing(), {"cam": boxes}).left_out
 
 
 def nothing() -> Boxes3D:
@@ -185,8 +189,5 @@ def test_no_cameras_no_points_no_lidars(with_boxes: bool) -> None:
     boxes = {"cam": seen_by(CAMERA, [CAR_BOX], [CAR])} if with_boxes else {}
     _, found = propose(np.zeros((0, 3)), nothing(), boxes, CAMERA)
     assert found.sources.tolist() == [Source.CAMERA] * with_boxes
-    only = camera_rig(CAMERA)
-    views, frame = views_of(CAMERA), combined(np.zeros((0, 3)))
-    matches = associate_of(only)(nothing(), boxes, views)
-    found = propose_of(only)(frame, nothing(), matches, place_of(only)(frame, boxes, views)).boxes
+    found = proposed(camera_rig(CAMERA), combined(np.zeros((0, 3))), nothing(), boxes).boxes
     assert found.sources.tolist() == [Source.CAMERA] * with_boxes

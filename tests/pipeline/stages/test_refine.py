@@ -10,7 +10,7 @@ from fusion_stages import associate_of
 from scipy.stats import chi2
 from seen_boxes import edges_in_view
 
-from pipeline.core.arrays import F64
+from pipeline.core.arrays import F64, Bools
 from pipeline.core.camera import CameraModel
 from pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Matches, Source
 from pipeline.core.geometry.boxes import wrap_angle
@@ -82,9 +82,18 @@ def test_covariances_of_the_scenes_are_honest() -> None:
     for scene in scenes:
         if scene.judged.any():
             found = refined(rig, scene, {"pixel_sigma_px": scene.pixel_noise_px})
-            error = errors(found, scene.truth)
-            squared.extend(np.einsum("ni,nij,nj->n", error, np.linalg.inv(found.covariances), error)[scene.judged])
-    low, high = (float(chi2.ppf(share, 3 * len(squared))) / len(squared) for share in (0.025, 0.975))
+            squared.extend(squared_distances(found, scene.truth)[scene.judged])
+    assert_honest(squared, 0.025)
+
+
+def squared_distances(found: Boxes3D, truth: Boxes3D) -> F64:
+    """(N,) errors in units of what the covariances say, squared."""
+    error = errors(found, truth)
+    return np.asarray(np.einsum("ni,nij,nj->n", error, np.linalg.inv(found.covariances), error))
+
+
+def assert_honest(squared: list[float], tail: float) -> None:
+    low, high = (float(chi2.ppf(share, 3 * len(squared))) / len(squared) for share in (tail, 1 - tail))
     assert low <= float(np.mean(squared)) <= high
 
 
@@ -151,19 +160,17 @@ def fitted(rig: Rig, hypotheses: Hypotheses, seen: Mapping[str, Boxes2D], **sett
 
 
 def test_boxes_come_nearer_to_the_truth_and_say_how_near() -> None:
-    before, after, squared = [], [], []
+    before, after, squared = [], [], list[float]()
     for seed in range(12):
         rig, hypotheses, seen, truth = made_up(seed)
         found = fitted(rig, hypotheses, seen)
-        error = errors(found, truth)
         before.append(errors(hypotheses.boxes, truth))
-        after.append(error)
-        squared.extend(np.einsum("ni,nij,nj->n", error, np.linalg.inv(found.covariances), error))
+        after.append(errors(found, truth))
+        squared.extend(squared_distances(found, truth))
     first, last = np.concatenate(before), np.concatenate(after)
     assert place(last).mean() < 0.4 * place(first).mean()
     assert heading(last).mean() < 0.6 * heading(first).mean()
-    low, high = (float(chi2.ppf(share, 3 * len(squared))) / len(squared) for share in (0.005, 0.995))
-    assert low <= float(np.mean(squared)) <= high
+    assert_honest(squared, 0.005)
 
 
 def test_a_camera_that_looks_aside_does_no_harm() -> None:
@@ -194,9 +201,14 @@ def test_what_the_border_of_an_image_cuts_keeps_its_length() -> None:
     assert found.sizes[0, 0] == pytest.approx(7.0, abs=0.1)
 
 
+def with_pairs(matches: Matches, rows: Bools) -> Matches:
+    """The same with some of the pairs."""
+    return replace(matches, pairs=matches.pairs[rows], iou=matches.iou[rows])
+
+
 def test_what_is_not_matched_stays() -> None:
     rig, hypotheses, seen, _ = made_up(3)
-    alone = {name: replace_pairs(matches) for name, matches in hypotheses.matches.items()}
+    alone = {name: with_pairs(one, np.zeros(len(one.pairs), np.bool_)) for name, one in hypotheses.matches.items()}
     same = replace(hypotheses, matches=alone)
     assert fitted(rig, same, seen) is same.boxes
     assert fitted(rig, hypotheses, {}) is hypotheses.boxes
@@ -277,24 +289,12 @@ def test_only_long_boxes_of_unknown_heading_are_turned(length_m: float, deviatio
     yaws[rows] = wrap_angle(truth.yaws[rows] + np.pi / 2)
     covariances[rows, 2, 2] = deviation**2
     unsure = replace(boxes, yaws=yaws, covariances=covariances)
-    matches = {name: one.pairs[:, 0] != 7 for name, one in hypotheses.matches.items()}
-    kept = {
-        name: replace(one, pairs=one.pairs[matches[name]], iou=one.iou[matches[name]])
-        for name, one in hypotheses.matches.items()
-    }
+    kept = {name: with_pairs(one, one.pairs[:, 0] != 7) for name, one in hypotheses.matches.items()}
     found = fitted(rig, replace(hypotheses, boxes=unsure, matches=kept), seen)
     is_turned = np.abs(np.cos(found.yaws - unsure.yaws)) < 0.5
     assert is_turned.tolist() == [turns and row in (2, 5) for row in range(8)]
 
 
 def test_no_boxes() -> None:
-    rig, hypotheses, seen, _ = made_up(9)
-    none = hypotheses.boxes.select(np.zeros(0, np.intp))
-    nothing = np.zeros(0, np.float32)
-    empty = Matches(np.zeros((0, 2), np.int64), nothing, np.zeros((0, 4), np.float32), nothing)
-    assert len(fitted(rig, Hypotheses(none, dict.fromkeys(hypotheses.matches, empty), 0), seen)) == 0
-
-
-def replace_pairs(matches: Matches) -> Matches:
-    """The same without pairs."""
-    return replace(matches, pairs=np.zeros((0, 2), np.int64), iou=np.zeros(0, np.float32))
+    rig, hypotheses, seen, _ = made_up(9, count=0)
+    assert len(fitted(rig, hypotheses, seen)) == 0

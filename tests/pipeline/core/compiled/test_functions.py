@@ -3,7 +3,7 @@
 import ast
 import importlib.util
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -115,13 +115,12 @@ def a_file(folder: Path) -> None:
 
 @pytest.mark.parametrize("planted", [writable_by_others, a_link, a_file])
 def test_a_place_of_others_is_not_used(
-    tmp_path: Path, home: Path, caplog: pytest.LogCaptureFixture, planted: object
+    tmp_path: Path, home: Path, caplog: pytest.LogCaptureFixture, planted: Callable[[Path], None]
 ) -> None:
     folder = cache_folder()
     assert folder is not None
     folder.rmdir()
     home.rmdir()
-    assert callable(planted)
     planted(folder)
     cache_folder.cache_clear()
     assert cache_folder() is None

@@ -11,6 +11,14 @@ from pipeline.core.geometry.transform_tree import TransformTree
 SECOND = 10**9
 
 
+def driving(*stamped: tuple[int, float], window_ns: int = 30 * SECOND) -> TransformTree:
+    """A base that is so far along x of odom (metres) at times (seconds)."""
+    tree = TransformTree(window_ns)
+    for second, x_m in stamped:
+        tree.add(second * SECOND, shift("odom", "base", x_m))
+    return tree
+
+
 def test_an_empty_tree_joins_a_frame_only_with_itself() -> None:
     tree = TransformTree()
     np.testing.assert_array_equal(tree.lookup("a", "a").matrix, np.eye(4))
@@ -31,9 +39,7 @@ def test_frames_are_joined_over_their_common_ancestor(left: Transform, right: Tr
 
 
 def test_stamped_edges_are_interpolated_and_not_carried_beyond_their_ends() -> None:
-    tree = TransformTree()
-    for second in (0, 1, 2):
-        tree.add(second * SECOND, shift("odom", "base", float(second) ** 2))
+    tree = driving((0, 0), (1, 1), (2, 4))
     assert tree.lookup("odom", "base", SECOND // 2).translation[0] == 0.5
     assert tree.lookup("odom", "base", 2 * SECOND).translation[0] == 4
     assert tree.lookup("odom", "base").translation[0] == 4
@@ -44,23 +50,17 @@ def test_stamped_edges_are_interpolated_and_not_carried_beyond_their_ends() -> N
 
 @given(st.permutations(range(6)))
 def test_the_order_of_arrival_does_not_matter(order: list[int]) -> None:
-    tree = TransformTree()
-    for second in order:
-        tree.add(second * SECOND, shift("odom", "base", float(second)))
+    tree = driving(*((second, second) for second in order))
     np.testing.assert_allclose(tree.lookup("odom", "base", round(2.5 * SECOND)).translation[0], 2.5)
 
 
 def test_an_equal_stamp_replaces() -> None:
-    tree = TransformTree()
-    tree.add(0, shift("odom", "base", 1))
-    tree.add(0, shift("odom", "base", 2))
+    tree = driving((0, 1), (0, 2))
     assert tree.lookup("odom", "base", 0).translation[0] == 2
 
 
 def test_only_the_window_is_kept() -> None:
-    tree = TransformTree(window_ns=2 * SECOND)
-    for second in range(10):
-        tree.add(second * SECOND, shift("odom", "base", second))
+    tree = driving(*((second, second) for second in range(10)), window_ns=2 * SECOND)
     assert tree.lookup("odom", "base", 7 * SECOND).translation[0] == 7
     with pytest.raises(FrameError, match="known from 7000000000"):
         tree.lookup("odom", "base", 6 * SECOND)
@@ -70,8 +70,7 @@ def test_only_the_window_is_kept() -> None:
 
 
 def test_a_new_parent_ends_the_old_motion_and_late_words_of_the_old_one_are_not_heard() -> None:
-    tree = TransformTree()
-    tree.add(0, shift("odom", "base", 1))
+    tree = driving((0, 1))
     tree.add(2 * SECOND, shift("map", "base", 2))
     assert tree.parent("base") == "map"
     tree.add(SECOND, shift("odom", "base", 3))

@@ -1,6 +1,5 @@
 """YAML that stands for more than it says."""
 
-import time
 from pathlib import Path
 
 import pytest
@@ -33,15 +32,14 @@ MERGES = "a: &a {x: 1}\n" + "\n".join(
         ("a: " + "b" * (1 << 20), "more than 1 MiB"),
     ],
 )
-def test_one_line_in_a_short_time(tmp_path: Path, text: str, fault: str) -> None:
+def test_what_stands_for_too_much_is_refused_in_one_line(tmp_path: Path, text: str, fault: str) -> None:
+    """At the bound that the error names: without it, some of these would take years."""
     path = tmp_path / "a.yaml"
     path.write_text(text)
-    started = time.monotonic()
     with pytest.raises(ConfigError, match=rf"a\.yaml: not YAML: .*{fault}"):
         read_yaml(path)
     with pytest.raises(ConfigError, match=r"a\.yaml: not YAML"):
         load_rig(path)
-    assert time.monotonic() - started < 10
 
 
 def test_aliases_and_merges_in_measure() -> None:

@@ -19,11 +19,14 @@ def complete(
     top_m: float = 1.5,
     angle: float = 0.0,
     lidars: tuple[tuple[float, float], ...] = ((0.0, 0.0),),
+    kinds: Kinds = KINDS,
+    given: I64 | None = None,
 ) -> CompletedBoxes:
-    """One cluster, seen in equal parts by all lidars."""
-    rectangle = Rectangles(np.array([angle]), np.array([low]), np.array([high]), np.zeros(1))
-    share = np.full((1, len(lidars)), 1 / len(lidars))
-    return complete_boxes(rectangle, np.array([top_m]), share, np.array(lidars), KINDS)
+    """Clusters in one place (one for each class that is given), seen in equal parts by all lidars."""
+    n = 1 if given is None else len(given)
+    rectangles = Rectangles(np.full(n, angle), np.tile(low, (n, 1)), np.tile(high, (n, 1)), np.zeros(n))
+    share = np.full((n, len(lidars)), 1 / len(lidars))
+    return complete_boxes(rectangles, np.full(n, top_m), share, np.array(lidars), kinds, given)
 
 
 def test_rear_of_a_car_grows_forward() -> None:
@@ -57,9 +60,7 @@ def test_length_along_the_second_axis_turns_the_yaw() -> None:
 
 
 def test_rider_is_in_the_middle_of_a_cyclist() -> None:
-    rectangle = Rectangles(np.zeros(1), np.array([[10.0, -0.25]]), np.array([[10.6, 0.25]]), np.zeros(1))
-    one = np.ones((1, 1))
-    box = complete_boxes(rectangle, np.array([1.7]), one, np.zeros((1, 2)), KINDS, np.array([BICYCLE]))
+    box = complete((10.0, -0.25), (10.6, 0.25), top_m=1.7, given=np.array([BICYCLE]))
     assert box.class_ids.tolist() == [BICYCLE]
     assert box.center_xy[0] == pytest.approx([10.3, 0.0])
     assert box.sizes[0, :2] == pytest.approx(PRIORS[BICYCLE].size_m[:2])  # whatever was seen of it
@@ -87,10 +88,7 @@ def test_a_pedestrian_grows_half_as_far_away_from_the_lidar_as_a_car() -> None:
 
 
 def test_a_given_class_is_kept_whatever_the_size_and_minus_one_is_chosen() -> None:
-    low, high = np.tile([[10.0, -0.85]], (3, 1)), np.tile([[14.0, 0.85]], (3, 1))
-    rectangles = Rectangles(np.zeros(3), low, high, np.zeros(3))
-    given = np.array([PEDESTRIAN, -1, TRUCK])
-    boxes = complete_boxes(rectangles, np.full(3, 1.5), np.ones((3, 1)), np.zeros((1, 2)), KINDS, given)
+    boxes = complete((10.0, -0.85), (14.0, 0.85), given=np.array([PEDESTRIAN, -1, TRUCK]))
     assert boxes.class_ids.tolist() == [PEDESTRIAN, CAR, TRUCK]
     assert boxes.misfit[0] > boxes.misfit[2] > boxes.misfit[1]
 
@@ -137,8 +135,7 @@ def test_low_part_of_a_car_gets_the_height_of_the_prior() -> None:
 def test_rear_of_a_van_grows_to_a_van_and_that_of_a_lorry_to_a_lorry(given: I64 | None) -> None:
     """Both are trucks."""
     for width, top_m, length in ((2.0, 2.4, PRIORS[TRUCK].kinds_m[0][0]), (2.5, 3.3, PRIORS[TRUCK].size_m[0])):
-        rear = Rectangles(np.zeros(1), np.array([[10.0, -width / 2]]), np.array([[10.3, width / 2]]), np.zeros(1))
-        box = complete_boxes(rear, np.array([top_m]), np.ones((1, 1)), np.zeros((1, 2)), KINDS, given)
+        box = complete((10.0, -width / 2), (10.3, width / 2), top_m=top_m, given=given)
         assert box.class_ids.tolist() == [TRUCK]
         assert box.sizes[0] == pytest.approx([length, width, top_m])
         assert box.center_xy[0, 0] == pytest.approx(10 + length / 2)
@@ -146,7 +143,5 @@ def test_rear_of_a_van_grows_to_a_van_and_that_of_a_lorry_to_a_lorry(given: I64 
 
 def test_rarer_class_loses_a_tie() -> None:
     twin = PRIORS[PEDESTRIAN].model_copy(update={"name": "twin", "frequency": 1.0})
-    rectangle = Rectangles(np.zeros(1), np.array([[10.0, -0.3]]), np.array([[10.6, 0.3]]), np.zeros(1))
-    kinds = Kinds.of((PRIORS[PEDESTRIAN], twin))
-    box = complete_boxes(rectangle, np.array([1.75]), np.ones((1, 1)), np.zeros((1, 2)), kinds)
+    box = complete((10.0, -0.3), (10.6, 0.3), top_m=1.75, kinds=Kinds.of((PRIORS[PEDESTRIAN], twin)))
     assert box.class_ids.tolist() == [1]

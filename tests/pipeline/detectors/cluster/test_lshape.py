@@ -5,12 +5,7 @@ from hypothesis import strategies as st
 
 from pipeline.core.arrays import F64, I64
 from pipeline.core.geometry.boxes import rotations_2d
-from pipeline.detectors.cluster.lshape import (
-    fit_rectangles,
-    principal_axes,
-    quantiles_by_cluster,
-    rectangles_along,
-)
+from pipeline.detectors.cluster.lshape import fit_rectangles, principal_axes, quantiles_by_cluster, rectangles_along
 
 ONE = np.array([0])
 
@@ -33,7 +28,7 @@ def off_deg(found: float, true: float) -> float:
 @given(angle=st.floats(-4.0, 4.0))
 @settings(max_examples=40, deadline=None, derandomize=True)
 def test_corner_at_any_heading(angle: float) -> None:
-    rectangles = fit_rectangles(corner(angle), np.array([0]))
+    rectangles = fit_rectangles(corner(angle), ONE)
     assert off_deg(rectangles.angle_rad[0], angle) <= 1.0
     assert 0 <= rectangles.angle_rad[0] < np.pi / 2
     assert sorted((rectangles.high - rectangles.low)[0]) == pytest.approx([1.7, 4.0], abs=0.1)
@@ -41,7 +36,7 @@ def test_corner_at_any_heading(angle: float) -> None:
 
 
 def test_middle_of_the_rectangle_in_the_frame_of_the_points() -> None:
-    rectangles = fit_rectangles(corner(0.3), np.array([0]))
+    rectangles = fit_rectangles(corner(0.3), ONE)
     middle = (rectangles.low + rectangles.high)[0] / 2 @ rectangles.axes[0]
     true = np.array([5.0, 3.0]) + np.array([[2.0, 0.85]]) @ [[np.cos(0.3), np.sin(0.3)], [-np.sin(0.3), np.cos(0.3)]]
     assert middle == pytest.approx(true[0], abs=0.05)
@@ -49,7 +44,7 @@ def test_middle_of_the_rectangle_in_the_frame_of_the_points() -> None:
 
 def test_stray_points_do_not_turn_it() -> None:
     stray = np.array([[4.0, 2.5], [9.5, 3.0]])
-    rectangles = fit_rectangles(np.concatenate([corner(0.0), stray]), np.array([0]))
+    rectangles = fit_rectangles(np.concatenate([corner(0.0), stray]), ONE)
     assert off_deg(rectangles.angle_rad[0], 0.0) <= 1.0
 
 
@@ -57,7 +52,7 @@ def test_many_clusters_are_fitted_as_each_alone() -> None:
     clusters = [corner(angle) for angle in (0.1, 0.7, 1.4)]
     starts = np.array([0, 120, 240])
     together = fit_rectangles(np.concatenate(clusters), starts)
-    alone = [fit_rectangles(cluster, np.array([0])) for cluster in clusters]
+    alone = [fit_rectangles(cluster, ONE) for cluster in clusters]
     for name in ("angle_rad", "low", "high", "residual_m"):
         np.testing.assert_allclose(getattr(together, name), np.concatenate([getattr(one, name) for one in alone]))
 
@@ -71,7 +66,7 @@ def test_many_clusters_are_fitted_as_each_alone() -> None:
     ],
 )
 def test_shapes_without_area(xy: F64) -> None:
-    rectangles = fit_rectangles(xy, np.array([0]))
+    rectangles = fit_rectangles(xy, ONE)
     extent = np.sort(rectangles.high - rectangles.low)[0]
     assert extent == pytest.approx([0.0, np.linalg.norm(np.ptp(xy, axis=0))], abs=0.02)
 

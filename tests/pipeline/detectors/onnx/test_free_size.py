@@ -25,9 +25,7 @@ def tabular(path: Path) -> Path:
     return write_yolox(path, np.full((126, 85), 0.5, np.float32), size_px=(64, 96))
 
 
-def sizes_given(
-    monkeypatch: pytest.MonkeyPatch, path: Path, shapes: list[tuple[int, int]], **settings: object
-) -> list[tuple[int, ...]]:
+def sizes_given(path: Path, *shapes: tuple[int, int], **settings: object) -> list[tuple[int, ...]]:
     """Heights and widths that a network is given for images (height, width)."""
     model = OnnxDetector2D(path, Detect2DConfig.model_validate(settings))
     given: list[tuple[int, ...]] = []
@@ -37,28 +35,24 @@ def sizes_given(
         given.append(fed["images"].shape[2:])
         return run(one, fed, images)
 
-    monkeypatch.setattr(OnnxSession, "run", watched)
-    model([np.zeros((*shape, 3), np.uint8) for shape in shapes])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(OnnxSession, "run", watched)
+        model([np.zeros((*shape, 3), np.uint8) for shape in shapes])
     return given
 
 
-def test_a_fixed_network_of_convolutions_takes_each_pictures_shape(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_fixed_network_of_convolutions_takes_each_pictures_shape(tmp_path: Path) -> None:
     path = convolutional(tmp_path / "m.onnx")
-    given = sizes_given(monkeypatch, path, [(375, 1242), (480, 640), (376, 1242), (10, 10)])
+    given = sizes_given(path, (375, 1242), (480, 640), (376, 1242), (10, 10))
     assert given == [(320, 960), (320, 960), (480, 640), (32, 32)]
-    monkeypatch.undo()
-    assert sizes_given(monkeypatch, path, [(375, 1242), (480, 640)], input=(320, 224)) == [(224, 320)] * 2
-    monkeypatch.undo()
-    assert sizes_given(monkeypatch, path, [(375, 1242)], input=(96, 64)) == [(64, 96)]
+    assert sizes_given(path, (375, 1242), (480, 640), input=(320, 224)) == [(224, 320)] * 2
+    assert sizes_given(path, (375, 1242), input=(96, 64)) == [(64, 96)]
 
 
-def test_a_network_with_tables_keeps_its_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_network_with_tables_keeps_its_size(tmp_path: Path) -> None:
     path = tabular(tmp_path / "m.onnx")
-    assert sizes_given(monkeypatch, path, [(64, 96), (100, 150)]) == [(64, 96)] * 2
-    monkeypatch.undo()
-    assert sizes_given(monkeypatch, path, [(375, 1242)]) == [(64, 96)] * 3, "in tiles"
+    assert sizes_given(path, (64, 96), (100, 150)) == [(64, 96)] * 2
+    assert sizes_given(path, (375, 1242)) == [(64, 96)] * 3, "in tiles"
     with pytest.raises(ModelError, match=r"detect2d\.input: the network does not take 128 x 64 px, its own .* 96 x 64"):
         OnnxDetector2D(path, Detect2DConfig(input=(128, 64)))
 
@@ -71,26 +65,25 @@ def test_sizes_are_multiples_of_the_stride(tmp_path: Path) -> None:
         OnnxDetector2D(path, Detect2DConfig(input=(1 << 16, 1 << 16)))
 
 
-def test_a_network_for_one_size_by_its_kind_keeps_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_network_for_one_size_by_its_kind_keeps_it(tmp_path: Path) -> None:
     outputs = {"output0": np.full((300, 84), 0.5, np.float32)}
     path = write_network(tmp_path / "m.onnx", outputs, size_px=(64, 96), batch="N")
-    assert sizes_given(monkeypatch, path, [(100, 150)]) == [(64, 96)]
-    monkeypatch.undo()
+    assert sizes_given(path, (100, 150)) == [(64, 96)]
     path = write_network(tmp_path / "m.onnx", outputs, size_px=("height", "width"), batch="N")
-    assert sizes_given(monkeypatch, path, [(375, 1242)]) == [(320, 960)]
+    assert sizes_given(path, (375, 1242)) == [(320, 960)]
 
 
-def test_what_the_file_says_of_its_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_the_file_says_of_its_size(tmp_path: Path) -> None:
     outputs = {"output0": np.full((84, 126), 0.5, np.float32)}
     said = {"imgsz": "[64, 96]", "stride": "32"}
     path = write_network(tmp_path / "m.onnx", outputs, size_px=("height", "width"), batch="N", metadata=said)
-    assert sizes_given(monkeypatch, path, [(100, 150)]) == [(64, 96)], "a table for this size is in it"
+    assert sizes_given(path, (100, 150)) == [(64, 96)], "a table for this size is in it"
 
 
 def test_a_large_file_is_not_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = convolutional(tmp_path / "m.onnx")
     monkeypatch.setattr(session, "MAX_CHANGED_BYTES", 1000)
-    assert sizes_given(monkeypatch, path, [(100, 150)]) == [(64, 96)]
+    assert sizes_given(path, (100, 150)) == [(64, 96)]
 
 
 @pytest.mark.parametrize("data", [b"", b"\x3a\xff", b"this is no network", b"\x3a\x00"])
@@ -133,9 +126,10 @@ def test_weights_in_other_files(tmp_path: Path, location: str) -> None:
         fed = {"images": np.zeros((1, 3, 32, 32), np.float32)}
         assert float(changed.run(fed, 1)[0][0, -1, 0]) == 0.25
     else:
-        with pytest.raises(ModelError, match="expected an ONNX file that onnxruntime can load"):
+        fault = "expected an ONNX file that onnxruntime can load"
+        with pytest.raises(ModelError, match=fault):
             OnnxSession(path, threads=1, provider="cpu")
-        with pytest.raises(ModelError, match="expected an ONNX file that onnxruntime can load"):
+        with pytest.raises(ModelError, match=fault):
             loaded.with_free_size("images")
 
 

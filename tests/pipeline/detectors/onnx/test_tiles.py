@@ -68,35 +68,22 @@ def joined(left: list[Row], right: list[Row]) -> list[Row]:
 
 WHOLE: Row = (90, 10, 160, 40, 0.9, 0)
 PART: Row = (91, 10, 120, 40, 0.6, 0)
+WIDE: Row = (40, 10, 120, 40, 0.6, 0)
+SURE: Row = (90, 10, 110, 40, 0.3, 0)
 
 
 @pytest.mark.parametrize(
     ("left", "right", "expected"),
     [
-        ([], [], []),
-        ([(10, 10, 40, 40, 0.9, 0)], [WHOLE], [(10, 10, 40, 40, 0.9, 0), WHOLE]),
-        ([PART], [WHOLE], [WHOLE]),
-        ([PART], [], [PART]),
-        ([(91, 10, 120, 40, 0.6, 1)], [WHOLE], [(91, 10, 120, 40, 0.6, 1), WHOLE]),
-        ([PART, WHOLE], [], [PART, WHOLE]),
-        ([(91, 10, 110, 40, 0.6, 0)], [WHOLE], [(91, 10, 110, 40, 0.6, 0), WHOLE]),
-        (
-            [(40, 10, 120, 40, 0.6, 0)],
-            [(80, 10, 150, 40, 0.6, 0)],
-            [(40, 10, 120, 40, 0.6, 0), (80, 10, 150, 40, 0.6, 0)],
-        ),
-        ([(90, 10, 110, 40, 0.29, 0)], [(90, 10, 110, 40, 0.3, 0)], [(90, 10, 110, 40, 0.3, 0)]),
-    ],
-    ids=[
-        "none",
-        "one in each",
-        "cut at a seam",
-        "cut, and not seen in the other tile",
-        "another class",
-        "of the same tile",
-        "not at the seam",
-        "too wide for either",
-        "below the least score",
+        pytest.param([], [], [], id="none"),
+        pytest.param([(10, 10, 40, 40, 0.9, 0)], [WHOLE], [(10, 10, 40, 40, 0.9, 0), WHOLE], id="one in each"),
+        pytest.param([PART], [WHOLE], [WHOLE], id="cut at a seam"),
+        pytest.param([PART], [], [PART], id="cut, and not seen in the other tile"),
+        pytest.param([(91, 10, 120, 40, 0.6, 1)], [WHOLE], [(91, 10, 120, 40, 0.6, 1), WHOLE], id="another class"),
+        pytest.param([PART, WHOLE], [], [PART, WHOLE], id="of the same tile"),
+        pytest.param([(91, 10, 110, 40, 0.6, 0)], [WHOLE], [(91, 10, 110, 40, 0.6, 0), WHOLE], id="not at the seam"),
+        pytest.param([WIDE], [(80, 10, 150, 40, 0.6, 0)], [WIDE, (80, 10, 150, 40, 0.6, 0)], id="too wide for either"),
+        pytest.param([(90, 10, 110, 40, 0.29, 0)], [SURE], [SURE], id="below the least score"),
     ],
 )
 def test_what_tiles_show(left: list[Row], right: list[Row], expected: list[Row]) -> None:

@@ -46,6 +46,10 @@ def kinds_of(counts: dict[str, Any]) -> dict[str, int]:
     return {kind: counts[kind] for kind in KINDS if counts[kind]}
 
 
+def fused_kinds(first: list[Frame], second: list[Frame], config: CompareConfig = DEFAULTS) -> dict[str, int]:
+    return kinds_of(figures(first, second, config)["sources"]["fused"]["all"])
+
+
 def frames_of(tree: dict[str, Any]) -> list[int]:
     return [tree[name] for name in ("frames", "frames_different", "frames_only_in_a", "frames_only_in_b")]
 
@@ -127,14 +131,8 @@ def test_what_is_told_of_an_object_that_differs_for_a_while() -> None:
     second = changed_in(changed_in(run, range(3, 6), turned), range(6, 8), more)
     tree = figures(run, second)
     (told,) = tree["differences"]["listed"]
-    assert {key: told[key] for key in ("source", "class", "new_class", "frames", "first_frame", "last_frame")} == {
-        "source": "fused",
-        "class": "car",
-        "new_class": "bicycle",
-        "frames": 5,
-        "first_frame": 3,
-        "last_frame": 7,
-    }
+    assert (told["source"], told["class"], told["new_class"]) == ("fused", "car", "bicycle")
+    assert (told["frames"], told["first_frame"], told["last_frame"]) == (5, 3, 7)
     assert (told["first_s"], told["last_s"], told["first_stamp_ns"]) == (0.3, 0.7, 1_300_000_000)
     assert told["place"] == list(CARS[1][:3])
     assert told["kinds"]["turned"] == {"frames": 5, "largest": pytest.approx(7)}
@@ -158,11 +156,8 @@ def test_a_difference_that_goes_away_and_comes_back_is_two() -> None:
     second = changed_in(changed_in(run, range(1, 3), without), range(3, 5), objects())
     second = changed_in(second, range(7, 8), without)
     told = figures(run, second)["differences"]["listed"]
-    assert [(one["place"][0], one["first_frame"], one["frames"]) for one in told] == [
-        (-10, 1, 4),
-        (10, 3, 2),
-        (-10, 7, 1),
-    ]
+    places = [(one["place"][0], one["first_frame"], one["frames"]) for one in told]
+    assert places == [(-10, 1, 4), (10, 3, 2), (-10, 7, 1)]
 
 
 def test_a_difference_ends_where_a_frame_is_missing() -> None:
@@ -176,26 +171,16 @@ def test_a_difference_ends_where_a_frame_is_missing() -> None:
 
 def test_the_nearest_partners_for_all_together_and_nobody_moves_to_make_room() -> None:
     row = [(x, 0.0, 0.8, 4.2, 1.8, 1.5, 0.0) for x in (0.0, 3.0, 6.0)]
-    tree = figures(run_of(1, objects(row[0], row[1])), run_of(1, objects(row[1], row[2])))
-    assert kinds_of(tree["sources"]["fused"]["all"]) == {"lost": 1, "new": 1}
+    assert fused_kinds(run_of(1, objects(*row[:2])), run_of(1, objects(*row[1:]))) == {"lost": 1, "new": 1}
 
 
 def test_gates_are_those_of_the_longer_class() -> None:
     at: Row = (0, 0, 0.8, 0.6, 0.6, 1.7, 0)
     near: Row = (0.7, 0, 0.8, 0.6, 0.6, 1.7, 0)
-    walkers = objects(at, class_ids=[PEDESTRIAN]), objects(near, class_ids=[PEDESTRIAN])
-    assert kinds_of(figures(run_of(1, walkers[0]), run_of(1, walkers[1]))["sources"]["fused"]["all"]) == {
-        "lost": 1,
-        "new": 1,
-    }
-    wide = CompareConfig(gate=2)
-    assert kinds_of(figures(run_of(1, walkers[0]), run_of(1, walkers[1]), wide)["sources"]["fused"]["all"]) == {
-        "moved": 1
-    }
-    assert kinds_of(figures(run_of(1, walkers[0]), run_of(1, objects(near)))["sources"]["fused"]["all"]) == {
-        "moved": 1,
-        "relabelled": 1,
-    }
+    first, second = (run_of(1, objects(row, class_ids=[PEDESTRIAN])) for row in (at, near))
+    assert fused_kinds(first, second) == {"lost": 1, "new": 1}
+    assert fused_kinds(first, second, CompareConfig(gate=2)) == {"moved": 1}
+    assert fused_kinds(first, run_of(1, objects(near))) == {"moved": 1, "relabelled": 1}
 
 
 def test_tracks_that_swap_their_ids_are_told_once() -> None:
@@ -205,7 +190,7 @@ def test_tracks_that_swap_their_ids_are_told_once() -> None:
     assert kinds_of(tree["sources"]["fused"]["all"]) == {"reidentified": 2}
     assert [told["first_frame"] for told in tree["differences"]["listed"]] == [3, 3]
     renamed = run_of(6, objects(*CARS, ids=[7, 9]))
-    assert not kinds_of(figures(run, renamed)["sources"]["fused"]["all"]), "other ids for the same tracks are no change"
+    assert not fused_kinds(run, renamed), "other ids for the same tracks are no change"
 
 
 def test_boxes_of_images() -> None:
@@ -279,12 +264,6 @@ def test_the_largest_of_each_kind_is_the_first_of_equal_ones() -> None:
     moved = objects(CARS[0], (CARS[1][0] + 1, *CARS[1][1:]))
     second = changed_in(changed_in(run, range(1, 2), moved), range(4, 5), moved)
     tree = figures(run, second)
-    assert tree["differences"]["largest"]["moved"] == {
-        "source": "fused",
-        "class": "car",
-        "frame": 1,
-        "s": 0.1,
-        "stamp_ns": 1_100_000_000,
-        "place": [CARS[1][0] + 1, *CARS[1][1:3]],
-        "amount": 1.0,
-    }
+    what = {"source": "fused", "class": "car", "place": [CARS[1][0] + 1, *CARS[1][1:3]], "amount": 1.0}
+    when = {"frame": 1, "s": 0.1, "stamp_ns": 1_100_000_000}
+    assert tree["differences"]["largest"]["moved"] == {**what, **when}

@@ -60,29 +60,26 @@ def test_each_true_object_is_found_once() -> None:
     assert (both["best_f1"], both["best_f1_score"]) == (1.0, pytest.approx(0.9))
 
 
-@pytest.mark.parametrize(("offset_m", "right"), [(1.99, 1), (2.01, 0)])
-def test_two_metres_for_a_class_of_four(offset_m: float, right: int) -> None:
-    assert figures(truth((10, 0)), found((10 + offset_m, 0, 0.9)))["car"]["right"] == right
-
-
-@pytest.mark.parametrize(("offset_m", "right"), [(3.99, 1), (4.01, 0)])
-def test_four_metres_for_a_class_of_eight(offset_m: float, right: int) -> None:
-    tree = figures(truth((10, 0), class_ids=[VAN]), found((10 + offset_m, 0, 0.9), class_ids=[VAN]))["van"]
+@pytest.mark.parametrize(("class_id", "max_m"), [(CAR, 2), (VAN, 4)])
+@pytest.mark.parametrize(("beyond_m", "right"), [(-0.01, 1), (0.01, 0)])
+def test_half_the_length_of_its_class_may_lie_between(class_id: int, max_m: float, beyond_m: float, right: int) -> None:
+    boxes = found((10 + max_m + beyond_m, 0, 0.9), class_ids=[class_id])
+    tree = figures(truth((10, 0), class_ids=[class_id]), boxes)[CLASSES[class_id].name]
     assert tree["right"] == right
-    assert [row["distance_m"] for row in tree["distance"]["thresholds"]] == [1.0, 2.0, 4.0, 8.0]
+    assert [row["distance_m"] for row in tree["distance"]["thresholds"]] == [max_m * k for k in (0.25, 0.5, 1, 2)]
     assert (tree["distance"]["ap_2"] > 0) == bool(right)
 
 
-IGNORED: list[dict[str, Any]] = [
-    {"is_ignored": [True]},
-    {"class_ids": [UNKNOWN]},
-    {"lidar_points": [0], "image_pixels": [0]},
-    {"lidar_points": [0]},
-    {"image_pixels": [0]},
-]
-
-
-@pytest.mark.parametrize("columns", IGNORED)
+@pytest.mark.parametrize(
+    "columns",
+    [
+        {"is_ignored": [True]},
+        {"class_ids": [UNKNOWN]},
+        {"lidar_points": [0], "image_pixels": [0]},
+        {"lidar_points": [0]},
+        {"image_pixels": [0]},
+    ],
+)
 @pytest.mark.parametrize("class_id", [CAR, VAN])
 def test_what_is_ignored_is_neither_missed_nor_an_error(columns: dict[str, Any], class_id: int) -> None:
     boxes = found((10.5, 0, 0.9), (9.5, 0.3, 0.8), class_ids=[class_id, class_id])
@@ -213,11 +210,8 @@ def test_recall_by_label_and_by_lidar_points() -> None:
             "car": {"truth": 2, "right": 2, "recall": 1.0},
             "taxi": {"truth": 1, "right": 0, "recall": 0.0},
         }
-        assert {bin: part["truth"] for bin, part in tree[name]["points"].items() if part["truth"]} == {
-            "1_5": 1,
-            "6_20": 1,
-            "over_200": 1,
-        }
+        points = {bin: part["truth"] for bin, part in tree[name]["points"].items() if part["truth"]}
+        assert points == {"1_5": 1, "6_20": 1, "over_200": 1}
         assert tree[name]["points"]["1_5"]["recall"] == 0.0
         assert tree[name]["points"]["0"]["recall"] is None
     assert tree["van"]["labels"] == {}

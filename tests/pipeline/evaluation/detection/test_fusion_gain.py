@@ -17,14 +17,7 @@ from pipeline.evaluation.evaluation_frame import EvaluationFrame
 SAMPLES = 100
 CLASSES = tuple(ClassPrior(name=name, size_m=(4.0, 2.0, 1.5), max_size_m=(9.0, 9.0, 9.0)) for name in ("car", "bus"))
 CONFIG = Config(classes=CLASSES, evaluate=EvaluateConfig(bootstrap=SAMPLES, ranges_m=(0, 100), iou=(0.5,)))
-FIGURES = (
-    "ap_bev_r40_50",
-    "ap_3d_r40_50",
-    "precision",
-    "recall",
-    "f1",
-    "errors.position_bev_m.mean",
-)
+FIGURES = ("ap_bev_r40_50", "ap_3d_r40_50", "precision", "recall", "f1", "errors.position_bev_m.mean")
 SOURCES = ("fused", "lidar")
 PERIOD_NS = 250_000_000
 

@@ -14,6 +14,8 @@ from pipeline.evaluation.tracking.tracking_evaluation import TrackingEvaluation
 
 APART = {"perfect", "nothing_found", "barely_found", *(name for name in CASES if name.startswith("separated"))}
 
+ERRORS = ("id_switches", "false_positives", "misses", "fragmentations")
+COUNTS = (*ERRORS, "mostly_tracked", "partly_tracked", "mostly_lost")
 SIZE = (LENGTH_M, WIDTH_M, 1.5)
 TOLERANCE = 1e-9
 
@@ -81,18 +83,9 @@ def test_identity_is_that_of_trackeval_and_motmetrics(name: str) -> None:
 @pytest.mark.parametrize("name", sorted(CASES.keys() - TIES))
 def test_clear_is_that_of_motmetrics(name: str) -> None:
     ours, theirs = figures_of(name), said("motmetrics")[name]
-    names = {
-        "mota": "mota",
-        "motp_m": "motp",
-        "id_switches": "num_switches",
-        "false_positives": "num_false_positives",
-        "misses": "num_misses",
-        "fragmentations": "num_fragmentations",
-        "mostly_tracked": "mostly_tracked",
-        "partly_tracked": "partially_tracked",
-        "mostly_lost": "mostly_lost",
-    }
-    for figure, key in names.items():
+    keys: tuple[str, ...] = ("num_switches", "num_false_positives", "num_misses", "num_fragmentations")
+    keys += ("mostly_tracked", "partially_tracked", "mostly_lost", "mota", "motp")
+    for figure, key in zip((*COUNTS, "mota", "motp_m"), keys, strict=True):
         assert ours[figure] == pytest.approx(theirs[key], abs=TOLERANCE), figure
 
 
@@ -101,16 +94,8 @@ def test_clear_is_that_of_trackeval_where_objects_are_apart(name: str) -> None:
     """Elsewhere TrackEval differs: an object keeps its track, and its losses count, from one frame to the next only."""
     ours, theirs = figures_of(name), said("trackeval")[name]["clear"]
     assert (ours["mota"] or 0) == pytest.approx(theirs["MOTA"], abs=TOLERANCE)
-    names = {
-        "id_switches": "IDSW",
-        "false_positives": "CLR_FP",
-        "misses": "CLR_FN",
-        "fragmentations": "Frag",
-        "mostly_tracked": "MT",
-        "partly_tracked": "PT",
-        "mostly_lost": "ML",
-    }
-    assert {figure: ours[figure] for figure in names} == {figure: theirs[key] for figure, key in names.items()}
+    keys = ("IDSW", "CLR_FP", "CLR_FN", "Frag", "MT", "PT", "ML")
+    assert [ours[figure] for figure in COUNTS] == [theirs[key] for key in keys]
     distance_m = 2 * 2.0 * (theirs["CLR_TP"] - theirs["MOTP_sum"])
     assert (ours["motp_m"] or 0) * theirs["CLR_TP"] == pytest.approx(distance_m, abs=TOLERANCE)
 

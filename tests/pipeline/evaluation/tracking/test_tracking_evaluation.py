@@ -33,6 +33,11 @@ def followed(frames: int = 10, *, yaws: tuple[float, ...] = (), tracks: tuple[in
     ]
 
 
+def silent(frames: list[EvaluationFrame], *rows: int) -> list[EvaluationFrame]:
+    """The same without a source in some frames."""
+    return [replace(frame, sources={}) if row in rows else frame for row, frame in enumerate(frames)]
+
+
 def tracking(frames: list[EvaluationFrame], config: Config | None = None) -> dict[str, Any]:
     evaluation = TrackingEvaluation(config or Config())
     for frame in frames:
@@ -97,18 +102,13 @@ def test_with_the_distances_of_nuscenes_its_ranges_hold_for_its_figures() -> Non
 
 
 def test_a_gap_is_a_fragmentation_and_not_a_switch() -> None:
-    frames = followed(6)
+    frames = silent(followed(6), 3, 5)
     frames[2] = replace(frames[2], sources={"fused": source_boxes([])})
-    frames[3] = replace(frames[3], sources={})
-    frames[5] = replace(frames[5], sources={})
     assert errors(fused(frames)) == {"misses": 3, "fragmentations": 1}
 
 
 def test_an_object_is_first_found_after_a_while() -> None:
-    frames = followed(6)
-    frames[0] = replace(frames[0], sources={})
-    frames[1] = replace(frames[1], sources={})
-    figures = fused(frames)
+    figures = fused(silent(followed(6), 0, 1))
     assert figures["first_match_s_mean"] == pytest.approx(0.2)
     assert errors(figures) == {"misses": 2}
 
@@ -125,9 +125,8 @@ def test_flips_are_turns_that_the_object_does_not_make() -> None:
 
 def test_a_turn_from_one_object_to_another_is_no_flip() -> None:
     two = truth_boxes([car(0), car(0, 9, pi)], [1, 2])
-    frames = [frame_of(0, two, {"fused": source_boxes([car(0)], [5])})]
-    frames += [frame_of(1, two, {"fused": source_boxes([car(0, 9, pi)], [5])})]
-    assert fused(frames)["heading_flips"] == 0
+    found = [source_boxes([row], [5]) for row in (car(0), car(0, 9, pi))]
+    assert fused([frame_of(k, two, {"fused": one}) for k, one in enumerate(found)])["heading_flips"] == 0
 
 
 def test_classes_are_kept_apart_and_their_counts_summed() -> None:
@@ -199,8 +198,7 @@ def test_boxes_without_a_track_of_their_own_are_counted() -> None:
 
 
 def test_long_recordings_are_those_of_all_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
-    frames = followed(30, tracks=(3,) * 13 + (4,) * 17)
-    frames[20] = replace(frames[20], sources={})
+    frames = silent(followed(30, tracks=(3,) * 13 + (4,) * 17), 20)
     whole = tracking(frames)
     monkeypatch.setattr("pipeline.evaluation.tracking.collect.BLOCK_FRAMES", 7)
     assert tracking(frames) == whole

@@ -51,14 +51,8 @@ def driving(count: int, *missing: int) -> list[SourceBoxes]:
 
 def test_nothing_at_all() -> None:
     assert figures([]) == {"unlabelled": {}, "sync": {"skew_mean_ms": None, "skew_max_ms": None}}
-    assert chains(frames_of(source_boxes([]), source_boxes([]))) == {
-        "chains": 0,
-        "seconds_mean": None,
-        "flickers": 0,
-        "missing_share": None,
-        "class_changes": 0,
-        "heading_flips": 0,
-    }
+    none = {"chains": 0, "flickers": 0, "class_changes": 0, "heading_flips": 0}
+    assert chains(frames_of(source_boxes([]), source_boxes([]))) == none | {"seconds_mean": None, "missing_share": None}
 
 
 @pytest.mark.parametrize(
@@ -75,15 +69,9 @@ def test_who_vanishes_for_a_while_flickers(
         assert found["seconds_mean"] == pytest.approx(1.9)
 
 
-@pytest.mark.parametrize(
-    ("second", "count"),
-    [
-        pytest.param(car(3.9), 1, id="as far as a car may drive that nobody has seen before"),
-        pytest.param(car(4.1), 2, id="farther"),
-    ],
-)
-def test_no_road_user_jumps(second: list[float], count: int) -> None:
-    assert chains(frames_of(source_boxes([car(0)]), source_boxes([second])))["chains"] == count
+@pytest.mark.parametrize(("x", "count"), [(3.9, 1), (4.1, 2)])  # a car that nobody has seen before drives up to 4 m
+def test_no_road_user_jumps(x: float, count: int) -> None:
+    assert chains(frames_of(source_boxes([car(0)]), source_boxes([car(x)])))["chains"] == count
 
 
 def test_cars_that_meet_go_on_as_they_were() -> None:

@@ -94,16 +94,8 @@ SURE, DOUBTFUL = 5.0, -1.0
 def views(camera: str, sizes_px: list[float], is_matched: list[bool], visible: float = 1.0) -> Visibility:
     shape = 1, len(sizes_px)
     zeros, yes = np.zeros(shape), np.ones(shape, np.bool_)
-    return Visibility(
-        (camera,),
-        yes,
-        np.array([sizes_px], np.float64),
-        np.full(shape, visible),
-        ~yes,
-        np.array([is_matched], np.bool_),
-        zeros,
-        zeros.copy(),
-    )
+    sizes, matched = np.array([sizes_px], np.float64), np.array([is_matched], np.bool_)
+    return Visibility((camera,), yes, sizes, np.full(shape, visible), ~yes, matched, zeros, zeros.copy())
 
 
 def plain(recall: RecallCounts, camera: str, size_px: float) -> float:

@@ -12,7 +12,7 @@ from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor
 from pipeline.fusion.belief.visibility import find_visibility, hidden_by_points
 
-VIEW = forward_camera()
+VIEW = forward_camera()  # 640 x 480 px, f = 500 px, seen along x
 CAR = (20.0, 0.0, 0.0, 4.0, 1.8, 1.5, 0.0)
 ASIDE = (20.0, 5.0, 0.0, 4.0, 1.8, 1.5, 0.0)
 BEHIND = (-20.0, 0.0, 0.0, 4.0, 1.8, 1.5, 0.0)
@@ -54,10 +54,9 @@ def test_a_match_with_its_score_and_its_overlap() -> None:
 
 
 def test_points_and_objects_in_front_hide() -> None:
-    y, z = np.meshgrid(np.linspace(-1, 1, 40), np.linspace(-1, 1, 40))
-    wall = combined(np.stack([np.full(y.size, 8.0), y.ravel(), z.ravel()], 1))
+    points = combined(wall(8.0, (-1, 1), (-1, 1)).astype(np.float64))
     boxes, empty = boxes3d([CAR, ASIDE]), {"cam": boxes2d([])}
-    behind_points = find_visibility(hypotheses(boxes), empty, {"cam": VIEW}, wall).visible
+    behind_points = find_visibility(hypotheses(boxes), empty, {"cam": VIEW}, points).visible
     assert behind_points[0, 0] < 0.2
     assert behind_points[0, 1] == 1
     behind_objects = find_visibility(hypotheses(boxes, hidden=0.75), empty, {"cam": VIEW}, NO_POINTS).visible
@@ -76,7 +75,6 @@ def test_no_hypotheses() -> None:
     assert seen.in_view.shape == (1, 0)
 
 
-VIEW = forward_camera()  # 640 x 480 px, f = 500 px, seen along x
 PLATE = (10.0, 0.0, 0.0, 0.1, 4.0, 4.0, 0.0)
 
 
@@ -92,27 +90,20 @@ def hidden(points: F32, *rows: tuple[float, ...], views: tuple[CameraSensor, ...
     return hidden_by_points(views, points, corners, cameras, objects)
 
 
+HALF = wall(5.0, (0.0, 1.0), (-1.0, 1.0))
+
+
 @pytest.mark.parametrize(
     ("points", "low", "high"),
     [
-        (np.zeros((0, 3), np.float32), 0.0, 0.0),
-        (wall(5.0), 0.95, 1.0),
-        (wall(15.0), 0.0, 0.0),
-        (wall(9.9), 0.0, 0.0),
-        (-wall(5.0), 0.0, 0.0),
-        (wall(5.0, (-10.0, -3.0)), 0.0, 0.0),
-        (np.concatenate([wall(5.0, (0.0, 1.0), (-1.0, 1.0)), wall(10.0)]), 0.4, 0.65),
-        (np.array([[5.0, 0, 0]], np.float32), 0.5, 0.5),
-    ],
-    ids=[
-        "nothing",
-        "in front",
-        "behind",
-        "on it",
-        "behind the camera",
-        "beside",
-        "half",
-        "one point does not hide all",
+        pytest.param(np.zeros((0, 3), np.float32), 0.0, 0.0, id="nothing"),
+        pytest.param(wall(5.0), 0.95, 1.0, id="in front"),
+        pytest.param(wall(15.0), 0.0, 0.0, id="behind"),
+        pytest.param(wall(9.9), 0.0, 0.0, id="on it"),
+        pytest.param(-wall(5.0), 0.0, 0.0, id="behind the camera"),
+        pytest.param(wall(5.0, (-10.0, -3.0)), 0.0, 0.0, id="beside"),
+        pytest.param(np.concatenate([HALF, wall(10.0)]), 0.4, 0.65, id="half"),
+        pytest.param(np.array([[5.0, 0, 0]], np.float32), 0.5, 0.5, id="one point does not hide all"),
     ],
 )
 def test_what_is_nearer_hides(points: F32, low: float, high: float) -> None:
@@ -135,12 +126,10 @@ def test_each_camera_has_its_own_view() -> None:
     turned = np.diag([-1.0, -1.0, 1.0, 1.0])
     backward = replace(VIEW, T_camera_site=Transform("cam", "site", VIEW.T_camera_site.matrix @ turned))
     behind = (-10.0, *PLATE[1:])
-    shares = hidden(wall(5.0), PLATE, behind, views=(VIEW, backward)).reshape(2, 2)
-    assert shares[0, 0] > 0.9
-    assert shares[1, 1] == 0
-    np.testing.assert_array_equal(
-        hidden(-wall(5.0), PLATE, behind, views=(VIEW, backward)).reshape(2, 2)[1, 1] > 0.9, True
-    )
+    ahead, back = (hidden(x * wall(5.0), PLATE, behind, views=(VIEW, backward)).reshape(2, 2) for x in (1, -1))
+    assert ahead[0, 0] > 0.9
+    assert ahead[1, 1] == 0
+    assert back[1, 1] > 0.9
 
 
 def test_many_points_are_looked_at_evenly() -> None:

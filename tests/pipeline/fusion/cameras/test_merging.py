@@ -28,9 +28,10 @@ def normal(xy: F64, std_m: float) -> Placements:
     return Placements(places, covariances.copy(), np.zeros(places.shape[:2]))
 
 
-def level(xy: F64) -> F64:
-    """The ground."""
-    return np.zeros(xy.shape[:-1])
+def placed(sightings: Sightings) -> Placements:
+    """On level ground."""
+    noise = Noise(1.5, 0.03, 0.05, 0.008, 0.002)
+    return place(sightings, SizePriors.of(ROAD_CLASSES), lambda xy: np.zeros(xy.shape[:-1]), noise)
 
 
 def merged(cars: list[tuple[float, float, float]], *cameras: CameraSensor) -> tuple[list[int], Moments]:
@@ -39,9 +40,7 @@ def merged(cars: list[tuple[float, float, float]], *cameras: CameraSensor) -> tu
     boxes = [(x, y, height / 2, length, width, height, yaw) for x, y, yaw in cars]
     found = {camera.name: seen_by(camera, boxes, [CAR] * len(boxes)) for camera in cameras}
     sightings = see(views_of(*cameras), found)
-    noise = Noise(1.5, 0.03, 0.05, 0.008, 0.002)
-    placements = place(sightings, SizePriors.of(ROAD_CLASSES), level, noise)
-    objects, known = merge_sightings(placements, sightings.cameras, sightings.class_ids)
+    objects, known = merge_sightings(placed(sightings), sightings.cameras, sightings.class_ids)
     return objects.tolist(), moments(known, np.zeros((len(known.xy), 2)))
 
 
@@ -91,8 +90,17 @@ def test_nearest_pairs_first_over_all_of_a_camera() -> None:
 def test_heading_of_nothing_known_is_uncertain_to_the_limit() -> None:
     found = moments(normal(np.zeros((1, 2)), 1.0), VIEW)
     assert np.sqrt(found.covariances[0, 2, 2]) > np.radians(50)
-    sure = Placements(np.zeros((1, 12, 2)), np.ones((1, 12, 2, 2)), np.where(np.arange(12) == 11, 0.0, -np.inf)[None])
-    assert np.isclose(moments(sure, VIEW).yaw_rad[0], HEADINGS[11] - np.pi)
+    assert np.isclose(moments(sure_of(11), VIEW).yaw_rad[0], HEADINGS[11] - np.pi)
+
+
+def sure_of(heading: int) -> Placements:
+    weights = np.where(np.arange(12) == heading, 0.0, -np.inf)[None]
+    return Placements(np.zeros((1, 12, 2)), np.ones((1, 12, 2, 2)), weights)
+
+
+def test_an_axis_along_y_has_one_yaw() -> None:
+    for off in (-1e-13, 0.0, 1e-13):
+        assert moments(sure_of(6), np.array([[off, -9.0]])).yaw_rad[0] == pytest.approx(np.pi / 2)
 
 
 ROUND, LONG = (0.6, 0.6, 1.75), (4.0, 1.7, 1.55)
@@ -107,21 +115,9 @@ def test_rounding_does_not_turn_an_object(
     found = {camera.name: seen_by(camera, [(x, y, size[2] / 2, *size, yaw)], [class_id])}
     sightings = see(views_of(camera), found)
     noise = 1 + 1e-12 * np.random.default_rng(seed).uniform(-1, 1, sightings.rays.shape)
-    yaws = [yaw_of(one) for one in (sightings, replace(sightings, rays=sightings.rays * noise))]
+    both = (placed(one) for one in (sightings, replace(sightings, rays=sightings.rays * noise)))
+    yaws = [float(moments(one, sightings.origin[:, :2]).yaw_rad[0]) for one in both]
     assert abs(wrap_angle(yaws[1] - yaws[0])) < np.radians(0.1)
     if class_id == PEDESTRIAN:
         view = np.arctan2(y - sightings.origin[0, 1], x - sightings.origin[0, 0])
         assert abs(np.sin(yaws[0] - view)) < 0.1, "whose heading nobody sees looks along the view"
-
-
-def yaw_of(sightings: Sightings) -> float:
-    noise = Noise(1.5, 0.03, 0.05, 0.008, 0.002)
-    placements = place(sightings, SizePriors.of(ROAD_CLASSES), level, noise)
-    return float(moments(placements, sightings.origin[:, :2]).yaw_rad[0])
-
-
-def test_an_axis_along_y_has_one_yaw() -> None:
-    weights = np.where(np.arange(12) == 6, 0.0, -np.inf)[None]
-    sure = Placements(np.zeros((1, 12, 2)), np.ones((1, 12, 2, 2)), weights)
-    for off in (-1e-13, 0.0, 1e-13):
-        assert moments(sure, np.array([[off, -9.0]])).yaw_rad[0] == pytest.approx(np.pi / 2)

@@ -113,11 +113,8 @@ def rows(segments: Segments) -> list[list[int]]:
 
 
 OBJECT = wall(10.0, low=0.1, high=0.9)
-
-
-LINE = wall(10.0, low=0.1, high=0.9)[:40]
+LINE = OBJECT[:40]
 """Of a single beam."""
-
 FOUR = np.array([[10.0, 2.0 + 0.27 * k, 0.5 * k] for k in range(4)])
 
 
@@ -141,9 +138,8 @@ def test_which_segment_is_an_object(cloud: F64, count: int, settings: Any) -> No
 def test_long_segments_end_where_the_class_does() -> None:
     x = np.arange(9.0, 30.0, 0.2)
     hedge = np.column_stack([x, 5 + 0 * x, np.tile([0.4, 0.9, 1.4], 35)[: len(x)]])
-    found = choose([np.concatenate([wall(9.0, low=0.1, high=0.9), hedge])])
     cloud = np.concatenate([wall(9.0, low=0.1, high=0.9), hedge])
-    assert cloud[found.points, 0].max() <= 9.0 + 5.0 + 1e-6
+    assert cloud[choose([cloud]).points, 0].max() <= 9.0 + 5.0 + 1e-6
 
 
 def test_each_frustum_has_its_own() -> None:

@@ -3,7 +3,7 @@
 import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Literal
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -17,11 +17,7 @@ from pipeline.stages.sync.policy import DropReason
 from pipeline.stages.sync.synchronize import SyncStats, synchronize
 
 MS = 1_000_000
-POLICIES: tuple[Literal["approximate_time", "approximate_time_python", "nearest"], ...] = (
-    "approximate_time",
-    "approximate_time_python",
-    "nearest",
-)
+policies = pytest.mark.parametrize("policy", ["approximate_time", "approximate_time_python", "nearest"])
 LIDARS = ("/lidar0", "/lidar1", "/lidar2")
 CAMERAS = tuple(f"/cam{number}" for number in range(8))
 TOPICS = LIDARS + CAMERAS
@@ -75,7 +71,6 @@ def run(
     topics: Sequence[str] = TOPICS,
     required: Sequence[str] = LIDARS,
     reference: str = LIDARS[0],
-    flush: bool = True,
 ) -> tuple[list[SensorBundle], Counter[tuple[str, str]], SyncStats]:
     drops: Counter[tuple[str, str]] = Counter()
 
@@ -84,19 +79,15 @@ def run(
 
     stats = SyncStats()
     found = synchronize(
-        messages,
-        topics,
-        config or SyncConfig(),
-        reference=reference,
-        required=required,
-        on_drop=on_drop,
-        flush=flush,
-        stats=stats,
+        messages, topics, config or SyncConfig(), reference=reference, required=required, on_drop=on_drop, stats=stats
     )
     return list(found), drops, stats
 
 
-def said(stats: SyncStats) -> dict[str, tuple[int, list[tuple[float | None, float | None]]]]:
+Absences = dict[str, tuple[int, list[tuple[float | None, float | None]]]]
+
+
+def said(stats: SyncStats) -> Absences:
     """Frames without, and spans of silence in seconds rounded to tenths, by topic."""
 
     def seconds(log_time_ns: int | None) -> float | None:
@@ -108,10 +99,6 @@ def said(stats: SyncStats) -> dict[str, tuple[int, list[tuple[float | None, floa
     }
 
 
-def all_but(alive: str) -> dict[str, Taken]:
-    return {topic: until(1) for topic in TOPICS if topic != alive}
-
-
 @pytest.mark.parametrize(
     ("name", "messages", "frames", "expected"),
     [
@@ -119,31 +106,18 @@ def all_but(alive: str) -> dict[str, Taken]:
         ("a camera dies", recorded({"/cam0": until(1)}), 30, {"/cam0": (20, [(0.9, None)])}),
         ("a camera begins late", recorded({"/cam0": since(1)}), 30, {"/cam0": (10, [(None, 1.0)])}),
         ("a camera at half the rate", recorded({}, period_ms={"/cam0": 200}), 30, {"/cam0": (15, [])}),
-        (
-            "a camera pauses for 3 s",
-            recorded({"/cam0": apart_from(1, 4)}, length_s=6),
-            60,
-            {"/cam0": (30, [(0.9, 4.0)])},
-        ),
+        ("a camera pauses", recorded({"/cam0": apart_from(1, 4)}, length_s=6), 60, {"/cam0": (30, [(0.9, 4.0)])}),
         ("a camera at 1 Hz", recorded({}, period_ms={"/cam0": 1000}), 30, {"/cam0": (27, [])}),
         ("a lidar dies", recorded({"/lidar1": until(1)}), 30, {"/lidar1": (20, [(1.0, None)])}),
         ("the reference dies", recorded({"/lidar0": until(1)}), 30, {"/lidar0": (19, [(1.1, None)])}),
         ("the reference pauses", recorded({"/lidar0": apart_from(1, 2)}), 30, {"/lidar0": (9, [(1.1, 2.0)])}),
         ("a lidar begins late", recorded({"/lidar1": since(1)}), 30, {"/lidar1": (10, [(None, 1.1)])}),
-        (
-            "cameras at half the rate",
-            recorded({}, period_ms=dict.fromkeys(CAMERAS, 200)),
-            30,
-            {camera: (15, []) for camera in CAMERAS},
-        ),
+        ("all at half rate", recorded({}, period_ms=dict.fromkeys(CAMERAS, 200)), 30, dict.fromkeys(CAMERAS, (15, []))),
+        ("all pause", recorded(dict.fromkeys(TOPICS, apart_from(0.95, 11)), length_s=12), 20, {}),
+        ("a lidar is silent at the end", recorded({"/lidar1": until(2.6)}), 30, {"/lidar1": (4, [(2.6, None)])}),
     ],
 )
-def test_every_frame_counts(
-    name: str,
-    messages: list[RawMessage],
-    frames: int,
-    expected: dict[str, tuple[int, list[tuple[float | None, float | None]]]],
-) -> None:
+def test_every_frame_counts(name: str, messages: list[RawMessage], frames: int, expected: Absences) -> None:
     bundles, drops, stats = run(messages)
     assert len(bundles) == frames, name
     assert said(stats) == expected
@@ -155,9 +129,10 @@ def test_every_frame_counts(
 
 
 @pytest.mark.parametrize("alive", ["/lidar1", "/cam0", "/cam5"])
-@pytest.mark.parametrize("policy", POLICIES)
-def test_one_sensor_left_makes_frames_of_its_own(alive: str, policy: Literal["nearest"]) -> None:
-    bundles, drops, stats = run(recorded(all_but(alive)), SyncConfig(policy=policy))
+@policies
+def test_one_sensor_left_makes_frames_of_its_own(alive: str, policy: Any) -> None:
+    taken = {topic: until(1) for topic in TOPICS if topic != alive}
+    bundles, drops, stats = run(recorded(taken), SyncConfig(policy=policy))
     assert len(bundles) == 30
     assert not drops
     assert alive not in said(stats)
@@ -174,8 +149,8 @@ def test_the_next_lidar_is_the_reference_then_a_camera_until_the_first_is_back()
     assert len(bundles) == 40
 
 
-@pytest.mark.parametrize("policy", POLICIES)
-def test_what_a_frame_lacks_is_told_by_reason(policy: Literal["nearest"]) -> None:
+@policies
+def test_what_a_frame_lacks_is_told_by_reason(policy: Any) -> None:
     messages = recorded({"/cam0": until(1), "/cam1": lambda stamp_s: not 1.45 < stamp_s < 1.55})
     bundles, _, _ = run(messages, SyncConfig(policy=policy))
     assert bundles[5].missing == {}
@@ -222,20 +197,6 @@ def test_a_fast_lidar_beside_one_that_has_not_begun_keeps_its_frames() -> None:
     assert all("/lidar1" in b.messages for b in bundles if 500 * MS < b.stamp_ns < 2900 * MS)
 
 
-def test_a_pause_of_the_whole_recording_is_no_silence() -> None:
-    messages = recorded(dict.fromkeys(TOPICS, apart_from(0.95, 11)), length_s=12)
-    bundles, drops, stats = run(messages)
-    assert len(bundles) == 20
-    assert said(stats) == {}
-    assert not drops
-
-
-def test_a_topic_silent_at_the_end_is_not_waited_for() -> None:
-    bundles, drops, _ = run(recorded({"/lidar1": until(2.6)}))  # less than silent_after_s before the end
-    assert len(bundles) == 30
-    assert not drops
-
-
 def test_the_last_incomplete_turn_is_no_frame() -> None:
     messages = recorded({"/lidar1": until(2.85), "/lidar2": until(2.85)})
     bundles, drops, _ = run(messages)
@@ -251,14 +212,14 @@ def test_patience_is_a_setting() -> None:
     assert said(default) == {"/lidar1": (10, [(1.0, 2.1)])}
 
 
-@pytest.mark.parametrize("policy", POLICIES)
+@policies
 @given(
     arrivals=st.lists(st.tuples(st.integers(0, 3), st.integers(0, 300), st.integers(0, 100)), max_size=50),
     queue_size=st.integers(1, 4),
 )
 @settings(max_examples=200)
 def test_every_message_is_used_once_or_dropped_once_and_frames_are_in_order(
-    policy: Literal["nearest"], arrivals: list[tuple[int, int, int]], queue_size: int
+    policy: Any, arrivals: list[tuple[int, int, int]], queue_size: int
 ) -> None:
     messages = [
         message(TOPICS[topic], 10 * stamp, 10 * (stamp + late), position)

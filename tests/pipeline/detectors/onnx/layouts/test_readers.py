@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -177,14 +177,16 @@ def load(path: Path, **settings: object) -> OnnxDetector2D:
     return OnnxDetector2D(path, Detect2DConfig.model_validate({"min_score": 0.0, **settings}))
 
 
+def written(folder: Path, outputs: Mapping[str, Array], **options: Any) -> Path:
+    return write_network(folder / "m.onnx", outputs, size_px=SIZE_PX, metadata={"names": NAMES}, **options)
+
+
 @pytest.mark.parametrize("min_score", [0.3, 0.5, 1.0])
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 def test_what_scores_enough_is_the_same_where_the_rest_may_be_left_out(
     tmp_path: Path, case: Case, min_score: float
 ) -> None:
-    path = write_network(
-        tmp_path / "m.onnx", case.outputs, size_px=SIZE_PX, scaled=case.scaled, metadata={"names": NAMES}
-    )
+    path = written(tmp_path, case.outputs, scaled=case.scaled)
     (every,) = load(path, input=(96, 64))([picture(375, 1242)])
     (some,) = load(path, input=(96, 64), min_score=min_score)([picture(375, 1242)])
     expected, found = every.scores >= min_score, some.scores >= min_score
@@ -200,10 +202,7 @@ def picture(height: int, width: int) -> U8:
 @pytest.mark.parametrize("image_px", [(64, 96), (375, 1242), (480, 640), (600, 100), (10, 12)])
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 def test_every_layout_is_read_as_directly(tmp_path: Path, case: Case, image_px: tuple[int, int]) -> None:
-    path = write_network(
-        tmp_path / "m.onnx", case.outputs, size_px=SIZE_PX, scaled=case.scaled, metadata={"names": NAMES}
-    )
-    model = load(path, input=(96, 64))
+    model = load(written(tmp_path, case.outputs, scaled=case.scaled), input=(96, 64))
     assert model.labels == ("car", "driver's mate", "dog", "tram")
     (found,) = model([picture(*image_px)])
     expected_xyxy, expected_scores, expected_labels = read_directly(case, image_px)
@@ -218,10 +217,7 @@ def test_every_layout_is_read_as_directly(tmp_path: Path, case: Case, image_px: 
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 def test_half_precision(tmp_path: Path, case: Case) -> None:
     halved = {name: a if a.dtype == np.int64 else a.astype(np.float16) for name, a in case.outputs.items()}
-    path = write_network(
-        tmp_path / "m.onnx", halved, size_px=SIZE_PX, dtype=FLOAT16, scaled=case.scaled, metadata={"names": NAMES}
-    )
-    (found,) = load(path)([picture(*SIZE_PX)])
+    (found,) = load(written(tmp_path, halved, dtype=FLOAT16, scaled=case.scaled))([picture(*SIZE_PX)])
     expected_xyxy, expected_scores, _ = read_directly(case, SIZE_PX)
     np.testing.assert_allclose(found.xyxy, expected_xyxy, atol=0.2)
     np.testing.assert_allclose(found.scores, expected_scores, atol=2e-3)
@@ -235,42 +231,33 @@ def test_networks_other_than_yolox_see_white_as_1(tmp_path: Path, layout: str) -
     array[scored], weight[scored] = 0, 1
     if layout == "yolov5":
         array[:, 4], weight[:, 4] = 1, 0
-    path = write_network(
-        tmp_path / "m.onnx",
-        {"output0": array.astype(np.float32)},
-        weights={"output0": weight},
-        size_px=SIZE_PX,
-        metadata={"names": NAMES},
-    )
+    path = written(tmp_path, {"output0": array.astype(np.float32)}, weights={"output0": weight})
     (found,) = load(path)([np.full((*SIZE_PX, 3), 51, np.uint8)])
     np.testing.assert_allclose(found.scores, 0.2, rtol=1e-4)
 
 
-def test_a_class_without_a_name(tmp_path: Path) -> None:
-    outputs = {"output0": np.array([[1, 2, 30, 40, 0.5, 9]], np.float32)}
-    path = write_network(tmp_path / "m.onnx", outputs, size_px=SIZE_PX, metadata={"names": NAMES})
-    with pytest.raises(ModelError, match=r"finds the class 9, and there are names for 4: set detect2d\.names"):
+@pytest.mark.parametrize(
+    ("label", "fault"),
+    [
+        (9, r"finds the class 9, and there are names for 4: set detect2d\.names"),
+        *((label, "expected numbers of classes, found") for label in (-1, 0.5, 3e9)),
+    ],
+)
+def test_what_is_no_class(tmp_path: Path, label: float, fault: str) -> None:
+    path = written(tmp_path, {"output0": np.array([[1, 2, 30, 40, 0.5, label]], np.float32)})
+    with pytest.raises(ModelError, match=fault):
         load(path)([picture(*SIZE_PX)])
 
 
-@pytest.mark.parametrize("label", [-1, 0.5, 3e9])
-def test_what_is_no_number_of_a_class(tmp_path: Path, label: float) -> None:
-    outputs = {"output0": np.array([[1, 2, 30, 40, 0.5, label]], np.float32)}
-    path = write_network(tmp_path / "m.onnx", outputs, size_px=SIZE_PX, metadata={"names": NAMES})
-    with pytest.raises(ModelError, match="expected numbers of classes, found"):
-        load(path)
-
-
 def test_numbers_that_are_too_large(tmp_path: Path) -> None:
-    outputs = {"output0": np.full((8, CELLS), 3e38, np.float32)}
-    path = write_network(tmp_path / "m.onnx", outputs, size_px=SIZE_PX, metadata={"names": NAMES})
+    path = written(tmp_path, {"output0": np.full((8, CELLS), 3e38, np.float32)})
     assert len(load(path)([picture(*SIZE_PX)])) == 1
 
 
 def test_rows_without_a_score_are_filling(tmp_path: Path) -> None:
-    outputs = {"output0": np.array([[0, 0, 0, 0, 0, -1]] * 5, np.float32)}
-    path = write_network(tmp_path / "m.onnx", outputs, size_px=SIZE_PX, metadata={"names": NAMES})
-    (found,) = load(path)([picture(*SIZE_PX)])
+    (found,) = load(written(tmp_path, {"output0": np.array([[0, 0, 0, 0, 0, -1]] * 5, np.float32)}))(
+        [picture(*SIZE_PX)]
+    )
     assert len(found.scores) == 0
 
 
