@@ -71,10 +71,7 @@ def test_a_sensors_body_is_turned_about_the_axes_of_what_carries_it() -> None:
         ({"lidars": {"top": LIDAR | {"mounted_on": "car"}}}, "top.mounted_on: expected the ego vehicle or nothing"),
         ({"lidars": {"a": LIDAR, "b": LIDAR}}, "lidars.b: '/points' is also a topic of lidars.a"),
         ({"cameras": {"a": CAMERA | {"frame_id": "site"}}}, "cameras.a: 'site' is also a frame of the simulator"),
-        (
-            {"cameras": {"a": CAMERA | {"distortion": [0.1] * 6}}},
-            "expected at most 5 coefficients for plumb_bob, found 6",
-        ),
+        ({"cameras": {"a": CAMERA | {"distortion": [0.1] * 6}}}, "at most 5 coefficients for plumb_bob, found 6"),
         ({"lidars": {"a": LIDAR | {"elevation_deg": [3, -25]}}}, "expected the lower one first"),
         ({"lidars": {"a": LIDAR | {"output": "packets"}}}, "expected a Velodyne model and a packets_topic for packets"),
         (

@@ -1,9 +1,10 @@
-"""Files that ask for more than they are worth: one clear line, a bounded amount of memory and time."""
+"""Files that ask for more than they are worth: one clear line, and a bounded amount of memory."""
 
 import sqlite3
 import tracemalloc
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,7 +19,7 @@ from memory_recording import MemoryRecording
 
 from pipeline.core.errors import FrameError, LidcamError, MessageError, RecordingError
 from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.settings.recording import LimitsConfig
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.files.damage import Losses
 from readers.messages.deserialize import definition_problem, deserialize
 from readers.messages.tf import read_transforms
@@ -49,12 +50,7 @@ def states(count: int, encoding: Encoding = "cdr", *, frame_id: str = "odom") ->
     ]
 
 
-def read(
-    path: Path,
-    limits: LimitsConfig = LimitsConfig(),  # noqa: B008
-    *,
-    thorough: bool = False,
-) -> tuple[list[int], list[str]]:
+def read(path: Path, limits: LimitsConfig = DEFAULT_LIMITS, *, thorough: bool = False) -> tuple[list[int], list[str]]:
     """Log times that are read, and what was lost."""
     with open_recording([path], ReadOptions("full_scan" if thorough else "as_needed", limits)) as recording:
         times = [message.log_time_ns for message in recording.messages()]
@@ -142,15 +138,10 @@ def test_more_messages_than_memory_holds(tmp_path: Path) -> None:
 
 
 def test_too_many_topics(tmp_path: Path) -> None:
-    messages = [m._replace(channel=Channel(f"/{i}", *_type(m))) for i, m in enumerate(states(30))]
+    messages = [m._replace(channel=replace(m.channel, topic=f"/{i}")) for i, m in enumerate(states(30))]
     write_mcap(tmp_path / "a.mcap", messages)
     with pytest.raises(RecordingError, match=r"a\.mcap: 30 topics, expected at most 20: raise limits\.max_topics"):
         open_recording([tmp_path / "a.mcap"], ReadOptions(limits=LimitsConfig(max_topics=20)))
-
-
-def _type(message: RawMessage) -> tuple[str, Any, str, Any]:
-    channel = message.channel
-    return channel.msgtype, channel.encoding, channel.definition, channel.definition_format
 
 
 def test_losses_are_added_up() -> None:
@@ -167,26 +158,32 @@ def test_losses_are_added_up() -> None:
 # --- MCAP files written by hand
 
 
-def mcap(data: Sequence[Any], summary: Sequence[Any]) -> bytes:
+MAGIC = b"\x89MCAP0\r\n"
+
+
+def bytes_of(*records: Any) -> bytes:
     builder: Any = RecordBuilder()
-    magic = b"\x89MCAP0\r\n"
-    Header("ros2", "by hand").write(builder)
-    for record in [*data, DataEnd(0)]:
+    for record in records:
         record.write(builder)
-    front = magic + bytes(builder.end())
-    for record in summary:
-        record.write(builder)
-    Footer(summary_start=len(front), summary_offset_start=0, summary_crc=0).write(builder)
-    return front + bytes(builder.end()) + magic
+    return bytes(builder.end())
 
 
+def mcap(data: Sequence[Any], summary: Sequence[Any]) -> bytes:
+    front = MAGIC + bytes_of(HEADER, *data, DataEnd(0))
+    footer = Footer(summary_start=len(front), summary_offset_start=0, summary_crc=0)
+    return front + bytes_of(*summary, footer) + MAGIC
+
+
+HEADER = Header("ros2", "by hand")
 SCHEMA = Schema(data=b"string data", encoding="ros2msg", id=1, name="std_msgs/msg/String")
 CHANNEL = McapChannel(id=1, message_encoding="cdr", metadata={}, schema_id=1, topic="/a")
 TEXT = serialize("std_msgs/msg/String", {"data": "a"})
+FIRST_CHUNK = len(MAGIC + bytes_of(HEADER, SCHEMA, CHANNEL))
+"""Where it begins, behind the schema and the channel."""
 
 
-def statistics(messages: int, chunks: int, end: int = 9) -> Statistics:
-    return Statistics(0, 1, {1: messages}, chunks, messages, end, 0, 0, 1)
+def statistics(messages: int, chunks: int) -> Statistics:
+    return Statistics(0, 1, {1: messages}, chunks, messages, 9, 0, 0, 1)
 
 
 def text_at(log_time_ns: int) -> Message:
@@ -194,10 +191,7 @@ def text_at(log_time_ns: int) -> Message:
 
 
 def records(*times: int) -> bytes:
-    builder: Any = RecordBuilder()
-    for log_time in times:
-        text_at(log_time).write(builder)
-    return bytes(builder.end())
+    return bytes_of(*map(text_at, times))
 
 
 def chunk(content: bytes, *, compression: str = "", packed: bytes | None = None, claimed: int | None = None) -> Chunk:
@@ -207,16 +201,6 @@ def chunk(content: bytes, *, compression: str = "", packed: bytes | None = None,
 
 def index(position: int, size: int) -> ChunkIndex:
     return ChunkIndex(size, position, "", 0, 9, 1, {1: 0}, 0, 0)
-
-
-HEAD_BYTES = len(mcap([], [])) - 9 - 4 - 29 - 8
-"""Where the first record behind the header begins."""
-
-
-def size_of(record: Any) -> int:
-    builder: Any = RecordBuilder()
-    record.write(builder)
-    return len(builder.end())
 
 
 class _Private:
@@ -252,8 +236,8 @@ def test_a_chunk_that_unpacks_to_more_than_it_says(tmp_path: Path, compression: 
     big = bytes(64 * MIB)
     packed = zstandard.compress(big) if compression == "zstd" else lz4.frame.compress(big)
     first, bomb = chunk(records(1)), chunk(b"", compression=compression, packed=packed, claimed=100)
-    at = HEAD_BYTES + size_of(SCHEMA) + size_of(CHANNEL)
-    places = [index(at, size_of(first)), index(at + size_of(first), size_of(bomb))]
+    size = len(bytes_of(first))
+    places = [index(FIRST_CHUNK, size), index(FIRST_CHUNK + size, len(bytes_of(bomb)))]
     path = tmp_path / "a.mcap"
     path.write_bytes(mcap([SCHEMA, CHANNEL, first, bomb], [SCHEMA, CHANNEL, *places, statistics(2, 2)]))
     for thorough in (False, True):
@@ -265,9 +249,8 @@ def test_a_chunk_that_unpacks_to_more_than_it_says(tmp_path: Path, compression: 
 
 def test_an_index_that_names_a_chunk_again_and_again(tmp_path: Path) -> None:
     only = chunk(records(*range(10)))
-    at = HEAD_BYTES + size_of(SCHEMA) + size_of(CHANNEL)
     path = tmp_path / "a.mcap"
-    again = [index(at, size_of(only))] * 1000
+    again = [index(FIRST_CHUNK, len(bytes_of(only)))] * 1000
     path.write_bytes(mcap([SCHEMA, CHANNEL, only], [SCHEMA, CHANNEL, *again, statistics(10_000, 1000)]))
     times, losses = read(path)
     assert times == [*range(10)]

@@ -20,7 +20,7 @@ from readers.files.temporary import temporary_folder
 with temporary_folder() as folder:
     (folder / "unpacked.bag").touch()
     print(folder, flush=True)
-    time.sleep(60)
+    time.sleep(3600)  # until it is killed
 """
 
 

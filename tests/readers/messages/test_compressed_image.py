@@ -211,11 +211,8 @@ def tiff(**changes: int) -> bytes:
     (fields,) = struct.unpack_from("<H", data, directory)
     for name, value in changes.items():
         tag = TIFF_TAGS[name.removesuffix("_count").replace("_", " ")]
-        [at] = [
-            at
-            for at in range(directory + 2, directory + 2 + 12 * fields, 12)
-            if data[at : at + 2] == tag.to_bytes(2, "little")
-        ]
+        places = range(directory + 2, directory + 2 + 12 * fields, 12)
+        [at] = [at for at in places if data[at : at + 2] == tag.to_bytes(2, "little")]
         if name.endswith("_count"):
             struct.pack_into("<I", data, at + 4, value)
         else:

@@ -99,26 +99,25 @@ KNOWN = [
 OTHER = [("ros1", "0" * 32), ("cdr", "RIHS01_" + "0" * 64)]
 
 
+def digested(encoding: Encoding, digest: str) -> tuple[RawMessage, RawMessage]:
+    """A message with a digest and its definition, and the same without the definition."""
+    message = raw("/odom", ODOMETRY, odometry(stamp_ns=5), 5, encoding=encoding)
+    channel = replace(message.channel, digest=digest)
+    return message._replace(channel=channel), message._replace(channel=replace(channel, definition=""))
+
+
 @pytest.mark.parametrize(("encoding", "digest"), [*KNOWN, ("ros1", "*"), ("cdr", "")])
 def test_without_a_definition_the_known_type_has_to_be_the_recorded_one(encoding: Encoding, digest: str) -> None:
-    message = raw("/odom", ODOMETRY, odometry(stamp_ns=5), 5, encoding=encoding)
-    bare = message._replace(channel=replace(message.channel, definition="", digest=digest))
+    _, bare = digested(encoding, digest)
     assert deserialize(bare).child_frame_id == "base_link"
 
 
 @pytest.mark.parametrize(("encoding", "digest"), OTHER)
-def test_another_digest_and_no_definition(encoding: Encoding, digest: str) -> None:
-    message = raw("/odom", ODOMETRY, odometry(stamp_ns=5), 5, encoding=encoding)
-    bare = message._replace(channel=replace(message.channel, definition="", digest=digest))
+def test_a_definition_goes_before_a_digest_and_bytes_that_do_not_fit_name_both(encoding: Encoding, digest: str) -> None:
+    message, bare = digested(encoding, digest)
+    assert deserialize(message).child_frame_id == "base_link"
     with pytest.raises(MessageError, match=f"no definition of {ODOMETRY}, .* not the recorded {digest}"):
         deserialize(bare)
-
-
-@pytest.mark.parametrize(("encoding", "digest"), OTHER)
-def test_a_definition_goes_before_a_digest_and_bytes_that_do_not_fit_name_both(encoding: Encoding, digest: str) -> None:
-    message = raw("/odom", ODOMETRY, odometry(stamp_ns=5), 5, encoding=encoding)
-    message = message._replace(channel=replace(message.channel, digest=digest))
-    assert deserialize(message).child_frame_id == "base_link"
     with pytest.raises(MessageError, match=f"the recorded definition is .* not the recorded {digest}"):
         deserialize(message._replace(data=message.data[:100]))
 

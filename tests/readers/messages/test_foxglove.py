@@ -53,9 +53,8 @@ def cloud(count: int = 100, dtype: type[Any] = np.float32) -> RawMessage:
 def image_message(encoding: str = "rgb8") -> RawMessage:
     pixels = np.random.default_rng(6).integers(0, 256, (48, 64, 3), np.uint8)
     pixels = pixels if encoding == "rgb8" else pixels[..., 0]
-    return raw(
-        "/image", "sensor_msgs/msg/Image", image(pixels, stamp_ns=STAMP, encoding=encoding, row_padding=8), STAMP
-    )
+    fields = image(pixels, stamp_ns=STAMP, encoding=encoding, row_padding=8)
+    return raw("/image", "sensor_msgs/msg/Image", fields, STAMP)
 
 
 def compressed(kind: str) -> RawMessage:
@@ -158,38 +157,23 @@ def test_stamps_are_exact(encoding: Encoding, stamp_ns: int) -> None:
     assert (found.stamp_ns, found.problem) == (stamp_ns, "")
     stamp = deserialize(found).header.stamp
     assert stamp.sec * 10**9 + stamp.nanosec == stamp_ns
-
-
-@both
-def test_without_a_timestamp_the_log_time_counts(encoding: Encoding) -> None:
-    assert to_ros(foxglove_raw("/image", "foxglove.CompressedImage", {}, LOGGED, encoding)).stamp_ns == LOGGED
+    without = to_ros(foxglove_raw("/image", "foxglove.CompressedImage", {}, LOGGED, encoding))
+    assert without.stamp_ns == LOGGED
 
 
 XYZ = [{"name": n, "offset": 4 * i, "type": 7} for i, n in enumerate("xyz")]
-TURNED = {"orientation": {"z": 1.0}}
+TWO_POINTS = {"point_stride": 12, "fields": XYZ, "pose": {"orientation": {"z": 1.0}}, "data": bytes(24)}
 
 
 @both
 @pytest.mark.parametrize(
     ("schema", "fields", "says"),
     [
-        (
-            "PointCloud",
-            {"point_stride": 12, "fields": XYZ, "data": bytes(30)},
-            "30 bytes of data are not whole points of 12",
-        ),
+        ("PointCloud", {**TWO_POINTS, "data": bytes(30)}, "30 bytes of data are not whole points of 12"),
         ("PointCloud", {"point_stride": 4, "fields": [{"name": "x", "type": 9}], "data": bytes(4)}, "has type 9"),
-        ("PointCloud", {"point_stride": 12, "fields": XYZ[:2], "pose": TURNED, "data": bytes(24)}, "fields x, y and z"),
-        (
-            "PointCloud",
-            {"point_stride": 12, "fields": [{**f, "type": 6} for f in XYZ], "pose": TURNED, "data": bytes(24)},
-            "expected float",
-        ),
-        (
-            "PointCloud",
-            {"point_stride": 12, "pose": {"orientation": {"w": float("nan")}}, "data": bytes(12)},
-            "quaternion",
-        ),
+        ("PointCloud", {**TWO_POINTS, "fields": XYZ[:2]}, "fields x, y and z"),
+        ("PointCloud", {**TWO_POINTS, "fields": [{**f, "type": 6} for f in XYZ]}, "expected float"),
+        ("PointCloud", {**TWO_POINTS, "pose": {"orientation": {"w": float("nan")}}}, "quaternion"),
         ("CameraCalibration", {"K": [1.0, 2.0]}, "K has 2 numbers, expected 9"),
         ("CompressedImage", {"timestamp": 2**31 * 10**9}, "error"),
     ],
@@ -251,7 +235,7 @@ def test_more_values_than_a_message_may_hold(encoding: Encoding) -> None:
         _read_fields(message, limits=LimitsConfig(max_message_items=99))
 
 
-@pytest.mark.parametrize("encoding", ["protobuf", "json"])
+@both
 def test_points_and_pixels_are_no_values(encoding: Encoding) -> None:
     limits = LimitsConfig(max_message_items=200)
     for message in (cloud(5000), image_message()):
@@ -265,12 +249,9 @@ def test_a_small_message_that_would_be_large_once_it_is_read() -> None:
     kind: Any = _message_class(calibration.channel)
     fields = kind.DESCRIPTOR.fields_by_name
     packed = bytes([fields["D"].number << 3 | 2]) + b"\x80\x80\x40" + bytes(1 << 20)
-    messages = [
-        template._replace(data=b"\x0a\x00" * 3_000_000),  # empty transforms
-        calibration._replace(data=packed),
-    ]
+    empty_transforms = template._replace(data=b"\x0a\x00" * 3_000_000)
     tracemalloc.start()
-    for message in messages:
+    for message in (empty_transforms, calibration._replace(data=packed)):
         with pytest.raises(MessageError, match=r"limits\.max_message_items"):
             _read_fields(message)
     peak = tracemalloc.get_traced_memory()[1]

@@ -43,9 +43,8 @@ def test_data_at_any_address(lead: int) -> None:
 
 @pytest.mark.parametrize("encoding", ["ros1", "cdr"])
 def test_plain_cloud(encoding: builders.Encoding) -> None:
-    cloud = decode_pointcloud2(
-        message(builders.pointcloud2(XYZ, stamp_ns=STAMP_NS, frame_id="/velodyne"), encoding=encoding)
-    )
+    fields = builders.pointcloud2(XYZ, stamp_ns=STAMP_NS, frame_id="/velodyne")
+    cloud = decode_pointcloud2(message(fields, encoding))
     np.testing.assert_array_equal(cloud.xyz, XYZ)
     assert (cloud.stamp_ns, cloud.frame_id, cloud.nan_dropped, cloud.has_time) == (STAMP_NS, "velodyne", 0, False)
     assert not cloud.intensity.any()
@@ -188,11 +187,8 @@ def test_ring_out_of_range_is_clipped_and_intensity_goes_before_reflectivity() -
         ({"fields": []}, r"expected the fields x, y and z, found none"),
         ({"fields": [{"name": "x", "datatype": 7}, {"name": "range", "datatype": 7}]}, r"found x, range"),
         ({"fields": [{"name": name, "datatype": 42} for name in "xyz"]}, r"datatype 42, expected 1 to 11"),
-        (
-            {"fields": [{"name": name, "datatype": 7, "offset": 2**32 - 1} for name in "xyz"]},
-            r"ends at byte 4294967299",
-        ),
-        ({"fields": [{"name": name, "datatype": 7, "count": 2**32 - 1} for name in "xyz"]}, r"of a point of 12 bytes"),
+        ({"fields": [{"name": x, "datatype": 7, "offset": 2**32 - 1} for x in "xyz"]}, r"ends at byte 4294967299"),
+        ({"fields": [{"name": x, "datatype": 7, "count": 2**32 - 1} for x in "xyz"]}, r"of a point of 12 bytes"),
     ],
 )
 def test_contradictions_are_named(changes: dict[str, Any], match: str) -> None:

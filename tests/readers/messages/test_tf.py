@@ -123,10 +123,7 @@ def test_an_undecodable_message_is_counted() -> None:
 
 def test_more_frames_than_transforms_may_name() -> None:
     links = [transform_stamped("base", f"f{i}", stamp_ns=1) for i in range(5)]
-    messages = [
-        raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message([link]), i)
-        for i, link in enumerate([*links, links[0]], 1)
-    ]
+    messages = [tf("/tf_static", link, at_s=i) for i, link in enumerate([*links, links[0]], 1)]
     found = read_transforms(MemoryRecording(messages), limits=LimitsConfig(max_frames=3))
     assert {frame for frame in found.fixed.frames if frame != "base"} == {"f0", "f1", "f2"}
     ((drop, count),) = found.drops

@@ -45,16 +45,14 @@ def hypothesis(number: int, score: float) -> Any:
 
 def boxes_3d(*hypotheses: list[Any]) -> Any:
     header = ROS1.header(STAMP_NS, "map")
+    center, size = ROS1.pose((4, 5, 6), (0, 0, 0.6, 0.8)), ROS1.vector(4.5, 1.8, 1.5)
+    box = ROS1.new("vision_msgs/msg/BoundingBox3D", center=center, size=size)
     detections = [
         ROS1.new(
             "vision_msgs/msg/Detection3D",
             header=header,
             results=results,
-            bbox=ROS1.new(
-                "vision_msgs/msg/BoundingBox3D",
-                center=ROS1.pose((4, 5, 6), (0, 0, 0.6, 0.8)),
-                size=ROS1.vector(4.5, 1.8, 1.5),
-            ),
+            bbox=box,
             source_cloud=ROS1.cloud(STAMP_NS, "map", {"x": np.empty(0, np.float32)}),
         )
         for results in hypotheses
@@ -76,9 +74,8 @@ def test_cdr_without_definition_gets_that_of_its_release() -> None:
 
 
 def test_names_of_fields_and_types_that_ros2_changed() -> None:
-    info = ROS1.camera_info(
-        STAMP_NS, "cam", width=4, height=3, distortion_model="plumb_bob", d=np.arange(5.0), k=np.arange(9.0)
-    )
+    lens: dict[str, Any] = {"distortion_model": "plumb_bob", "d": np.arange(5.0), "k": np.arange(9.0)}
+    info = ROS1.camera_info(STAMP_NS, "cam", width=4, height=3, **lens)
     found = read(to_ros2(ros1("/info", info)))
     np.testing.assert_array_equal(found.d, np.arange(5.0))
     np.testing.assert_array_equal(found.k, np.arange(9.0))
@@ -150,17 +147,8 @@ def test_types_of_nobody_else_keep_their_own_definition() -> None:
 
 
 def test_truth_of_ros1_gets_names_and_the_instance_as_id() -> None:
-    results = [
-        (1, 1.0),
-        (-1, 55.0),
-        (-2, 70.0),
-        (-3, 4.0),
-        (-1002, 5.0),
-        (-2001, 6.0),
-        (-4, 0.25),
-        (-5, 0.5),
-        (-9, 1.0),
-    ]
+    results = [(1, 1.0), (-1, 55.0), (-2, 70.0), (-3, 4.0), (-1002, 5.0), (-2001, 6.0)]
+    results += [(-4, 0.25), (-5, 0.5), (-9, 1.0)]
     found = read(to_ros2(ros1("/truth", boxes_3d([hypothesis(*one) for one in results], [])), NAME_OF))
     first, second = found.detections
     assert {one.hypothesis.class_id: one.hypothesis.score for one in first.results} == {

@@ -135,8 +135,7 @@ def test_settings_of_other_versions(tmp_path: Path) -> None:
     tree["associate"]["min_giou"] = "a lot"
     tree["classes"][0]["colour"] = "red"
     del tree["classes"][1]["size_m"]
-    result = open_result(written(tmp_path / "old.mcap", [frame()], config_yaml=yaml.safe_dump(tree)))
-    with result:
+    with open_result(written(tmp_path / "old.mcap", [frame()], config_yaml=yaml.safe_dump(tree))) as result:
         assert result.config == CONFIG
         assert len(result.notes) == 1
         for part in ("old.mcap is of lidcam 1.2.3", "telepathy", "fuse.magic", "associate.min_giou", "classes"):
@@ -237,16 +236,15 @@ def test_what_is_a_result(path: Path, tmp_path: Path) -> None:
 
 def test_message_that_cannot_be_decoded(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with open_result(path) as result:
-        messages = list(result.recording.messages(["/fused/detections", "/diagnostics", "/left/detections"]))
-        broken = [
-            one._replace(data=bytes(one.data)[:40]) if one.log_time_ns < START_NS + 9 else one for one in messages
-        ]
+        broken = list(result.recording.messages(["/fused/detections", "/diagnostics", "/left/detections"]))
+        for row, one in enumerate(broken):
+            if one.log_time_ns < START_NS + 9:
+                broken[row] = one._replace(data=bytes(one.data)[:40])
         monkeypatch.setattr(result.recording, "messages", lambda topics: [m for m in broken if m.topic in topics])
         found = list(result.frames())
         assert len(result.notes) == 3
-        assert all(
-            re.search(r"messages of /\S+ that are not used: 1, the first: /\S+: 40 bytes", n) for n in result.notes
-        )
+        told = re.compile(r"messages of /\S+ that are not used: 1, the first: /\S+: 40 bytes")
+        assert all(map(told.search, result.notes))
     assert [[*one.sources] for one in found] == [[], ["fused"], ["fused"]]
     assert [[*one.cameras] for one in found] == [[], ["left"], ["left"]]
     assert (found[0].skew_ns, found[1].skew_ns is None) == (None, False)

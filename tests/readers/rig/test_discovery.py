@@ -5,13 +5,7 @@ import cv2
 import numpy as np
 import pytest
 import velodyne
-from builders import (
-    Fields,
-    header,
-    raw,
-    tf_message,
-    transform_stamped,
-)
+from builders import Fields, header, raw, tf_message, transform_stamped
 from memory_recording import MemoryRecording
 from rig_messages import K, boxes_2d, cloud, image_message, info, reasons, static
 
@@ -25,13 +19,9 @@ OPTICAL = (-0.5, 0.5, -0.5, 0.5)  # REP 103: optical axes in a body frame
 
 
 def compressed(topic: str, frame: str) -> RawMessage:
-    data = cv2.imencode(".png", np.zeros((48, 64), np.uint8))[1]
-    return raw(
-        topic,
-        "sensor_msgs/msg/CompressedImage",
-        {"header": header(5, frame), "format": "png", "data": data.reshape(-1)},
-        5,
-    )
+    data = cv2.imencode(".png", np.zeros((48, 64), np.uint8))[1].reshape(-1)
+    fields = {"header": header(5, frame), "format": "png", "data": data}
+    return raw(topic, "sensor_msgs/msg/CompressedImage", fields, 5)
 
 
 def camera_edge(parent: str, child: str) -> Fields:
@@ -65,22 +55,20 @@ def test_the_site_of_one_lidar(edges: list[Any], frame: str, site: str, position
     np.testing.assert_allclose(lidar.T_site_lidar.translation, position)
 
 
+A, B, C = (cloud(f"/{name}_points", name) for name in "abc")
+
+
 def test_several_lidars_hang_on_one_root() -> None:
-    found = discover(
-        [
-            static(("site", "a", (1, 0, 0)), ("site", "mast", (0, 2, 0)), ("mast", "b", (0, 0, 3))),
-            cloud("/b_points", "b"),
-            cloud("/a_points", "a"),
-        ]
-    )
+    edges = [("site", "a", (1, 0, 0)), ("site", "mast", (0, 2, 0)), ("mast", "b", (0, 0, 3))]
+    found = discover([static(*edges), B, A])
     assert found.rig.site_frame == "site"
     assert [lidar.name for lidar in found.rig.lidars] == ["a", "b"]
     np.testing.assert_allclose(found.rig.lidars[1].T_site_lidar.translation, [0, 2, 3])
 
 
 def test_the_site_frame_can_be_configured() -> None:
-    messages = [static(("map", "base_link", (9, 0, 0)), ("base_link", "a", (1, 0, 0))), cloud("/a_points", "a")]
-    found = discover(messages, rig={"site_frame": "map"})
+    edges = static(("map", "base_link", (9, 0, 0)), ("base_link", "a", (1, 0, 0)))
+    found = discover([edges, A], rig={"site_frame": "map"})
     np.testing.assert_allclose(found.rig.lidars[0].T_site_lidar.translation, [10, 0, 0])
 
 
@@ -89,7 +77,6 @@ def moving(i: int) -> RawMessage:
     return raw("/tf", "tf2_msgs/msg/TFMessage", tf_message([edge]), i)
 
 
-A, B, C = (cloud(f"/{name}_points", name) for name in "abc")
 CUT = A._replace(data=bytes(A.data)[:30])
 
 
@@ -184,15 +171,14 @@ def test_several_lidars_without_any_pose_need_a_rig_file() -> None:
 
 
 def test_packets_of_an_unknown_model_are_a_fault_with_a_remedy() -> None:
+    messages = [packets("/velodyne_packets", "velodyne", "VLP-32A")]
     with pytest.raises(CalibrationError, match=r"found VLP-32A or VLP-32B; set velodyne\.model"):
-        discover([packets("/velodyne_packets", "velodyne", "VLP-32A")])
-    config = Config.model_validate({"velodyne": {"model": "VLP-32A"}})
-    recording = MemoryRecording([packets("/velodyne_packets", "velodyne", "VLP-32A")])
-    assert len(discover_rig(recording, config).rig.lidars) == 1
+        discover(messages)
+    assert len(discover(messages, velodyne={"model": "VLP-32A"}).rig.lidars) == 1
 
 
 def test_topics_are_left_out_by_pattern_or_chosen() -> None:
-    messages = [static(("s", "a", (0, 0, 0)), ("s", "b", (0, 0, 0))), cloud("/a_points", "a"), cloud("/b_points", "b")]
+    messages = [static(("s", "a", (0, 0, 0)), ("s", "b", (0, 0, 0))), A, B]
     assert [lidar.name for lidar in discover(messages, topics={"exclude": ["/b*"]}).rig.lidars] == ["a"]
     chosen = discover(messages, topics={"lidars": ["/b_points", "/c_points"]})
     assert [lidar.name for lidar in chosen.rig.lidars] == ["b"]
@@ -219,33 +205,17 @@ def test_a_camera_needs_camera_info_and_a_transform() -> None:
 
 
 @pytest.mark.parametrize(
-    ("messages", "edges", "reason"),
+    ("calibration", "edges", "reason"),
     [
-        ([image_message("/c/image_raw", "cam")], ["cam"], "no CameraInfo"),
-        (
-            [image_message("/c/image_raw", "cam"), info("/c/camera_info", "cam")],
-            [],
-            "no transform joins frame 'velo' with 'cam'",
-        ),
-        (
-            [image_message("/c/image_raw", "cam"), info("/c/camera_info", "cam", K=np.zeros((3, 3)))],
-            ["cam"],
-            "uncalibrated",
-        ),
-        (
-            [image_message("/c/image_raw", "cam"), info("/c/camera_info", "cam", K=K * [[1e6], [1], [1]])],
-            ["cam"],
-            "focal",
-        ),
-        (
-            [image_message("/c/image_raw", "cam", size=(32, 24)), info("/c/camera_info", "cam")],
-            ["cam"],
-            "32 x 24 px, but",
-        ),
+        ([], ["cam"], "no CameraInfo"),
+        ([info("/c/camera_info", "cam")], [], "no transform joins frame 'velo' with 'cam'"),
+        ([info("/c/camera_info", "cam", K=np.zeros((3, 3)))], ["cam"], "uncalibrated"),
+        ([info("/c/camera_info", "cam", K=K * [[1e6], [1], [1]])], ["cam"], "focal"),
+        ([info("/c/camera_info", "cam", width_px=32, height_px=24)], ["cam"], "64 x 48 px, but"),
     ],
 )
-def test_camera_faults_leave_a_rig_of_lidars(messages: list[RawMessage], edges: list[str], reason: str) -> None:
-    found = rig_with(*messages, edges=edges)
+def test_camera_faults_leave_a_rig_of_lidars(calibration: list[RawMessage], edges: list[str], reason: str) -> None:
+    found = rig_with(image_message("/c/image_raw", "cam"), *calibration, edges=edges)
     assert found.rig.cameras == ()
     assert reason in reasons(found)["c"]
 
@@ -320,18 +290,16 @@ def test_one_camera(messages: list[RawMessage], name: str) -> None:
 
 
 def test_boxes_alone_make_a_camera() -> None:
-    found = rig_with(
-        boxes_2d("/cam11/detections", "cam"), info("/cam11/camera_info", "cam"), boxes_2d("/other/detections", "")
-    )
+    boxes = boxes_2d("/cam11/detections", "cam"), boxes_2d("/other/detections", "")
+    found = rig_with(*boxes, info("/cam11/camera_info", "cam"))
     assert [(c.name, c.topic, c.boxes_topic) for c in found.rig.cameras] == [("cam11", "", "/cam11/detections")]
     assert any("/other/detections" in note for note in found.notes)
 
 
 def test_rectified_images_are_projected_in_the_rectified_frame() -> None:
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-    found = rig_with(
-        image_message("/c/image_rect", "cam"), info("/c/camera_info", "cam", R=turn, distortion=(0.1, 0, 0, 0, 0))
-    )
+    calibration = info("/c/camera_info", "cam", R=turn, distortion=(0.1, 0, 0, 0, 0))
+    found = rig_with(image_message("/c/image_rect", "cam"), calibration)
     camera = found.rig.cameras[0]
     assert camera.T_camera_site.dst == camera.model.frame_id == "cam_rectified"
     assert not camera.model.distortion.any()
@@ -340,12 +308,6 @@ def test_rectified_images_are_projected_in_the_rectified_frame() -> None:
 
 
 def test_a_camera_never_takes_a_lidars_name() -> None:
-    found = discover(
-        [
-            static(camera_edge("front", "cam")),
-            cloud("/front/points", "front"),
-            image_message("/front/image_raw", "cam"),
-            info("/front/camera_info", "cam"),
-        ]
-    )
+    camera = image_message("/front/image_raw", "cam"), info("/front/camera_info", "cam")
+    found = discover([static(camera_edge("front", "cam")), cloud("/front/points", "front"), *camera])
     assert (found.rig.lidars[0].name, found.rig.cameras[0].name) == ("front", "front_camera")

@@ -67,10 +67,13 @@ STEREO = [image_message(f"/cam{n}/image_raw", size=KALIBRS_PX) for n in (0, 1)]
 IN_VIEW = np.array([[0.3, -0.2, 2.0], [-0.4, 0.1, 1.5], [0.0, 0.3, 4.0]])
 
 
-def camchain(tmp_path: Path, *cameras: dict[str, Any]) -> Path:
-    path = tmp_path / "results.yaml"
-    path.write_text(yaml.safe_dump({f"cam{number}": camera for number, camera in enumerate(cameras)}))
+def written(path: Path, tree: dict[str, Any]) -> Path:
+    path.write_text(yaml.safe_dump(tree))
     return path
+
+
+def camchain(tmp_path: Path, *cameras: dict[str, Any]) -> Path:
+    return written(tmp_path / "results.yaml", {f"cam{number}": camera for number, camera in enumerate(cameras)})
 
 
 def rigid(rows: Any) -> F64:
@@ -86,10 +89,8 @@ def matrix_of(intrinsics: Any) -> F64:
 
 
 def test_kalibrs_example(tmp_path: Path) -> None:
-    lidar_in_imu = (0.1, -0.2, 0.3)
-    found = found_with(
-        camchain(tmp_path, CAM0, CAM1), [cloud(frame="velo"), static(("imu", "velo", lidar_in_imu)), *STEREO]
-    )
+    messages = [cloud(frame="velo"), static(("imu", "velo", (0.1, -0.2, 0.3))), *STEREO]
+    found = found_with(camchain(tmp_path, CAM0, CAM1), messages)
     assert found.faults == ()
     assert found.rig.site_frame == "imu"
     T_cam0_imu = rigid(CAM0["T_cam_imu"])
@@ -160,22 +161,15 @@ def test_mistakes_in_a_camchain(tmp_path: Path, changed: dict[str, Any], reason:
 
 # --- Autoware
 
-SENSORS = {
-    "base_link": {"sensor_kit_base_link": {"x": 0.9, "y": 0, "z": 2, "roll": -0.001, "pitch": 0.015, "yaw": -0.036}}
-}
-KIT = {
-    "sensor_kit_base_link": {
-        "camera0/camera_link": {
-            "x": 0.10731,
-            "y": 0.56343,
-            "z": -0.27697,
-            "roll": -0.025,
-            "pitch": 0.315,
-            "yaw": 1.035,
-        },
-        "velodyne_top": {"x": 0.0, "y": 0.0, "z": 0.5, "roll": 0.0, "pitch": 0.0, "yaw": 1.575},
-    }
-}
+
+def pose(*values: float) -> dict[str, float]:
+    return dict(zip(("x", "y", "z", "roll", "pitch", "yaw"), values, strict=True))
+
+
+SENSORS = {"base_link": {"sensor_kit_base_link": pose(0.9, 0, 2, -0.001, 0.015, -0.036)}}
+VELODYNE = pose(0, 0, 0.5, 0, 0, 1.575)
+LINK = pose(0.10731, 0.56343, -0.27697, -0.025, 0.315, 1.035)
+KIT = {"sensor_kit_base_link": {"camera0/camera_link": LINK, "velodyne_top": VELODYNE}}
 
 
 def urdf(pose: dict[str, float]) -> F64:
@@ -189,38 +183,27 @@ def urdf(pose: dict[str, float]) -> F64:
 
 
 def test_autowares_files_lead_to_the_sensors(tmp_path: Path) -> None:
-    path = tmp_path / "both.yaml"
-    path.write_text(yaml.safe_dump(SENSORS | KIT))
-    K = {"K": [500, 0, 376, 0, 500, 240, 0, 0, 1]}
-    rig = load_rig(path).model_copy(update={"cameras": None})
+    rig = load_rig(written(tmp_path / "both.yaml", SENSORS | KIT)).model_copy(update={"cameras": None})
     assert rig.cameras is None
-    frame = "camera0/camera_optical_link"
-    camera = load_rig(_written(tmp_path / "k.yaml", {"cameras": {"camera0": K}}))
+    K = {"K": [500, 0, 376, 0, 500, 240, 0, 0, 1]}
+    camera = load_rig(written(tmp_path / "k.yaml", {"cameras": {"camera0": K}}))
     both = rig.model_copy(update={"cameras": camera.cameras})
-    found = discover_rig(
-        MemoryRecording([cloud(frame="velodyne_top"), image_message("/camera0/image", frame, size=KALIBRS_PX)]),
-        Config(),
-        both,
-    )
+    images = image_message("/camera0/image", "camera0/camera_optical_link", size=KALIBRS_PX)
+    found = discover_rig(MemoryRecording([cloud(frame="velodyne_top"), images]), Config(), both)
     assert found.faults == ()
     assert found.rig.site_frame == "base_link"
     kit = urdf(SENSORS["base_link"]["sensor_kit_base_link"])
-    T_base_lidar = kit @ urdf(KIT["sensor_kit_base_link"]["velodyne_top"])
+    T_base_lidar = kit @ urdf(VELODYNE)
     np.testing.assert_allclose(found.rig.lidars[0].T_site_lidar.matrix, T_base_lidar, atol=1e-12)
-    link = kit @ urdf(KIT["sensor_kit_base_link"]["camera0/camera_link"])
+    link = kit @ urdf(LINK)
     T_site_camera = found.rig.cameras[0].T_camera_site.inverse().matrix
     np.testing.assert_allclose(T_site_camera[:3, 2], link[:3, 0], atol=1e-12)  # z of the optical frame is forward
     np.testing.assert_allclose(T_site_camera[:3, 1], -link[:3, 2], atol=1e-12)  # y is down
     np.testing.assert_allclose(T_site_camera[:3, 3], link[:3, 3], atol=1e-12)
 
 
-def _written(path: Path, tree: dict[str, Any]) -> Path:
-    path.write_text(yaml.safe_dump(tree))
-    return path
-
-
 def test_the_files_stand_in_place_of_the_recorded_transforms(tmp_path: Path) -> None:
-    path = _written(tmp_path / "kit.yaml", {"base_link": {"velodyne_top": KIT["sensor_kit_base_link"]["velodyne_top"]}})
+    path = written(tmp_path / "kit.yaml", {"base_link": {"velodyne_top": VELODYNE}})
     recorded = [cloud(frame="velodyne_top"), static(("base_link", "velodyne_top", (9, 9, 9)))]
     found = found_with(path, recorded)
     np.testing.assert_allclose(found.rig.lidars[0].T_site_lidar.translation, [0, 0, 0.5])
@@ -229,11 +212,8 @@ def test_the_files_stand_in_place_of_the_recorded_transforms(tmp_path: Path) -> 
     assert both.sources[0].extrinsics == "rig file and tf: base_link <- scan"
     np.testing.assert_allclose(both.rig.lidars[0].T_site_lidar.translation, [0, 0, 1.5])
     optical = "camera0/camera_link", "camera0/camera_optical_link"  # as recorded, not as derived from the file
-    kept = found_with(_written(path, KIT), [cloud(frame="velodyne_top"), static((*optical, (7, 0, 0)))])
+    kept = found_with(written(path, KIT), [cloud(frame="velodyne_top"), static((*optical, (7, 0, 0)))])
     np.testing.assert_allclose(kept.transforms.fixed.lookup(*optical).translation, [7, 0, 0])
-
-
-POSE = dict.fromkeys(("x", "y", "z", "roll", "pitch", "yaw"), 0)
 
 
 @pytest.mark.parametrize(
@@ -243,10 +223,10 @@ POSE = dict.fromkeys(("x", "y", "z", "roll", "pitch", "yaw"), 0)
         ({"base_link": {"a": 3}}, "unknown key"),
         ({"base_link": {}}, "unknown key"),
         ({"base_link": KIT["sensor_kit_base_link"], "more": 3}, "unknown key"),
-        ({"base_link": {"a": POSE | {"z": "high"}}}, r"base_link\.a: expected 1 x 6 numbers"),
-        ({"b": {"a": POSE}, "c": {"a": POSE}}, "a has two parents"),
+        ({"base_link": {"a": VELODYNE | {"z": "high"}}}, r"base_link\.a: expected 1 x 6 numbers"),
+        ({"b": {"a": VELODYNE}, "c": {"a": VELODYNE}}, "a has two parents"),
     ],
 )
 def test_mistakes_in_autowares_files(tmp_path: Path, tree: dict[str, Any], reason: str) -> None:
     with pytest.raises(CalibrationError, match=reason):
-        load_rig(_written(tmp_path / "kit.yaml", tree))
+        load_rig(written(tmp_path / "kit.yaml", tree))

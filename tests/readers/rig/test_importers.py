@@ -24,13 +24,16 @@ C2P = [[504.78216005824515, 0, 320.5, 0], [0, 504.78216005824515, 240.5, 0], [0,
 W2C_BODY = [[0, 1, 0, -0.371], [-1, 0, 0, -0.143], [0, 0, 1, -0.393], [0, 0, 0, 1]]
 W2C_11 = [[1, 0, 0, 0.143], [0, 0, -1, 0.393], [0, 1, 0, -0.371], [0, 0, 0, 1]]
 W2C_12 = [[1, 0, 0, 0.1], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 1]]  # two zero rows, as published
-IN_SITE = Config.model_validate({"rig": {"site_frame": "site"}})
 POINTS = np.array([[-0.1, 1.4, 0.1], [0.3, 2.0, 0.0], [-0.6, 1.7, 0.2]])
 
 
 def pixels_of(found: Discovery, name: str, points: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     camera = next(camera for camera in found.rig.cameras if camera.name == name)
     return camera.model.project(camera.T_camera_site.apply(points))[0] - 0.5
+
+
+def images(*topics: str, size: tuple[int, int] = (640, 480)) -> list[RawMessage]:
+    return [image_message(topic, size=size) for topic in topics]
 
 
 def found_in(path: Path, messages: list[RawMessage], site: str = "") -> Discovery:
@@ -51,21 +54,13 @@ def test_geometry_yaml(tmp_path: Path, nested: bool, axes: np.ndarray[Any, Any])
         "camera_11": {"w2c": w2c.tolist() if nested else flat(w2c), "c2p": c2p.tolist() if nested else flat(c2p)},
     }
     (tmp_path / "geometry.yaml").write_text(yaml.safe_dump({"cameras": cameras, "other": 1}))
-    recording = MemoryRecording(
-        [
-            cloud("/velodyne_points", "site"),
-            image_message("/image_raw_11", size=(640, 480)),
-            image_message("/image_raw_12", size=(640, 480)),
-        ]
-    )
-    found = discover_rig(recording, IN_SITE, load_rig(tmp_path / "geometry.yaml"))
+    messages = [cloud("/velodyne_points", "site"), *images("/image_raw_11", "/image_raw_12")]
+    found = found_in(tmp_path / "geometry.yaml", messages, "site")
     assert [(c.name, c.topic, c.model.width_px) for c in found.rig.cameras] == [("camera_11", "/image_raw_11", 640)]
     assert [(f.sensor, f.topic) for f in found.faults] == [("camera_12", "/image_raw_12")]
     assert "singular" in found.faults[0].reason
-    homogeneous = np.c_[POINTS, np.ones(3)] @ (np.array(C2P) @ W2C_11).T
-    np.testing.assert_allclose(
-        pixels_of(found, "camera_11", POINTS), homogeneous[:, :2] / homogeneous[:, 2:], atol=1e-9
-    )
+    judge = np.c_[POINTS, np.ones(3)] @ (np.array(C2P) @ W2C_11).T
+    np.testing.assert_allclose(pixels_of(found, "camera_11", POINTS), judge[:, :2] / judge[:, 2:], atol=1e-9)
 
 
 def calib_row(number: float, w2c: Any = W2C_BODY, c2p: Any = C2P) -> list[float]:
@@ -76,11 +71,7 @@ def test_calib_txt_and_geometry_yaml_say_the_same(tmp_path: Path) -> None:
     np.savetxt(tmp_path / "anything.txt", [calib_row(11), calib_row(41)])
     camera = {"width": 640, "height": 480, "xyzrpy": [0] * 6, "w2c": W2C_11, "c2p": C2P, "R": [36, 0, 0, 36]}
     (tmp_path / "geometry.yaml").write_text(yaml.safe_dump({"poles": {}, "cameras": {"camera_11": camera}}))
-    messages = [
-        cloud(frame="world"),
-        image_message("/image_raw_11", size=(640, 480)),
-        image_message("/image_raw_41", size=(640, 480)),
-    ]
+    messages = [cloud(frame="world"), *images("/image_raw_11", "/image_raw_41")]
     of_text = found_in(tmp_path / "anything.txt", messages, "world")
     of_yaml = found_in(tmp_path / "geometry.yaml", messages, "world")
     assert [(camera.name, camera.topic) for camera in of_text.rig.cameras] == [
@@ -98,27 +89,23 @@ def test_the_world_of_the_predecessor_has_no_name(tmp_path: Path, name: str) -> 
     np.savetxt(tmp_path / "calib.txt", [calib_row(11)])
     cameras = {"cameras": {11: {"w2c": W2C_11, "c2p": C2P}}}
     (tmp_path / "geometry.yaml").write_text(yaml.safe_dump(cameras))
-    images = image_message("/image_raw_11", size=(640, 480))
-    lidars = [cloud(f"/velodyne{n}_points", f"velodyne{n}") for n in (1, 2, 3)]
+    messages = [*images("/image_raw_11"), *(cloud(f"/velodyne{n}_points", f"velodyne{n}") for n in (1, 2, 3))]
     with pytest.raises(CalibrationError) as caught:
-        found_in(tmp_path / name, [*lidars, images])
+        found_in(tmp_path / name, messages)
     assert str(caught.value) == (
         "the rig file gives the pose of cam11 in a frame that it does not name, so where the lidars (velodyne1, "
         "velodyne2, velodyne3) are in it is unknown: give a second --rig with `site_frame: NAME` and "
         "`lidars: {velodyne1: {translation_m: [x, y, z], rpy_deg: [r, p, y]}, ...}`"
     )
-    joined = [*lidars, images, static(*(("site", f"velodyne{n}", (n, 0, 0)) for n in (1, 2, 3)))]
+    joined = [*messages, static(*(("site", f"velodyne{n}", (n, 0, 0)) for n in (1, 2, 3)))]
     with pytest.raises(CalibrationError, match=r"; or, if that frame is 'site' .* --set rig\.site_frame=site$"):
         found_in(tmp_path / name, joined)
     assert len(found_in(tmp_path / name, joined, "site").rig.lidars) == 3
 
 
 ROW = " ".join(["1"] * 29)
-P2, R0, TR = (
-    "P2: 1 0 0 0 0 1 0 0 0 0 1 0\n",
-    "R0_rect: 1 0 0 0 1 0 0 0 1\n",
-    "Tr_velo_to_cam: 1 0 0 0 0 1 0 0 0 0 1 0\n",
-)
+P2, R0 = "P2: 1 0 0 0 0 1 0 0 0 0 1 0\n", "R0_rect: 1 0 0 0 1 0 0 0 1\n"
+TR = P2.replace("P2", "Tr_velo_to_cam")
 
 
 @pytest.mark.parametrize(
@@ -151,9 +138,13 @@ def test_mistakes_are_told_in_one_line(tmp_path: Path, content: Any, reason: str
 )
 def test_a_singular_projection_is_a_fault(tmp_path: Path, content: str) -> None:
     (tmp_path / "calib").write_text(content)
-    messages = [cloud("/points", "site"), image_message("/image_raw_11", size=(640, 480))]
+    messages = [cloud("/points", "site"), *images("/image_raw_11")]
     found = found_in(tmp_path / "calib", messages, "" if "P2" in content else "site")
     assert "singular" in found.faults[0].reason
+
+
+VELODYNE = cloud("/velodyne_points", "velodyne")
+KITTI_PX = (1242, 375)
 
 
 def kitti_object_8(tmp_path: Path) -> tuple[Path, dict[str, Any]]:
@@ -170,15 +161,10 @@ def kitti_object_8(tmp_path: Path) -> tuple[Path, dict[str, Any]]:
 def test_kitti_object(tmp_path: Path) -> None:
     path, scene = kitti_object_8(tmp_path)
     points = np.fromfile(shared("data/kitti_object_8/000008.bin"), np.float32).reshape(-1, 4)[:, :3].astype(np.float64)
-    one = discover_rig(
-        MemoryRecording([cloud("/velodyne_points", "velodyne"), image_message("/camera/image_raw", size=(1242, 375))]),
-        Config(),
-        load_rig(path),
-    )
+    one = found_in(path, [VELODYNE, *images("/camera/image_raw", size=KITTI_PX)])
     assert [(c.name, c.topic) for c in one.rig.cameras] == [("cam2", "/camera/image_raw")]
     assert "cam2: has no topic in the rig file; by order it is /camera/image_raw" in one.notes
-    four = [image_message(f"/kitti/image_{n}", size=(1242, 375)) for n in range(4)]
-    found = discover_rig(MemoryRecording([cloud("/velodyne_points", "velodyne"), *four]), Config(), load_rig(path))
+    found = found_in(path, [VELODYNE, *images(*(f"/kitti/image_{n}" for n in range(4)), size=KITTI_PX)])
     assert {c.name: c.topic for c in found.rig.cameras} == {f"cam{n}": f"/kitti/image_{n}" for n in range(4)}
     for number in range(4):
         judge = np.c_[points, np.ones(len(points))] @ np.array(scene["images"][f"CAM{number}"]["lidar2img"]).T
@@ -188,11 +174,7 @@ def test_kitti_object(tmp_path: Path) -> None:
 @pytest.mark.parametrize("file", ["kitti_raw_sequence/calib_2011_09_26.txt", "kitti_object/training/calib/000001.txt"])
 def test_kitti_files_as_they_are(file: str) -> None:
     path = shared(f"data/{file}")
-    found = discover_rig(
-        MemoryRecording([cloud("/velodyne_points", "velodyne"), image_message("/camera/image_raw", size=(1242, 375))]),
-        Config(),
-        load_rig(path),
-    )
+    found = found_in(path, [VELODYNE, *images("/camera/image_raw", size=KITTI_PX)])
     rows = {
         line.split(":")[0]: np.array(line.split()[1:], float)
         for line in path.read_text().splitlines()

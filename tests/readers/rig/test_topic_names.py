@@ -74,20 +74,9 @@ def test_pairing_prefers_the_place_then_the_frame_then_the_beginning() -> None:
     assert order[-1][0] == 0
 
 
-@pytest.mark.parametrize(
-    ("topic", "expected"),
-    [
-        ("/camera/depth/image_raw", False),
-        ("/mask", False),
-        ("/cam/image_raw/compressedDepth", False),
-        ("/cam/image", True),
-    ],
-)
-def test_depth_and_masks_are_no_images(topic: str, expected: bool) -> None:
-    assert is_measured_image(topic) is expected
-
-
-def test_rectified_and_transport() -> None:
+def test_measured_and_rectified_images_and_transport() -> None:
+    assert is_measured_image("/cam/image")
+    assert not any(map(is_measured_image, ("/camera/depth/image_raw", "/mask", "/cam/image_raw/compressedDepth")))
     assert is_rectified("/cam/image_rect_color/compressed")
     assert not is_rectified("/rect/image_raw")
     assert transport_free("/cam/image/compressed") == "/cam/image"

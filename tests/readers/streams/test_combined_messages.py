@@ -8,7 +8,7 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 import pytest
-from builders import header, image, odometry, pointcloud2, raw
+from builders import header, image, odometry, raw
 from combined_messages import CAMERAS, combined
 from memory_recording import MemoryRecording
 
@@ -28,30 +28,12 @@ both = pytest.mark.parametrize("encoding", ["ros1", "cdr"])
 def images(encoding: Encoding, count: int, first_ns: int = T0) -> list[RawMessage]:
     rng = np.random.default_rng(first_ns % 1000 + count)
     sizes = rng.integers(3, 30, (count, 2))  # odd sizes shift what follows: CDR has to align it
-    return [
-        raw(
-            f"/cam{i}",
-            "sensor_msgs/msg/Image",
-            image(rng.integers(0, 256, (h, w, 3), np.uint8), stamp_ns=first_ns + i, frame_id="f" * (i + 1)),
-            first_ns + i,
-            encoding=encoding,
-        )
+    bodies = [
+        image(rng.integers(0, 256, (h, w, 3), np.uint8), stamp_ns=first_ns + i, frame_id="f" * (i + 1))
         for i, (h, w) in enumerate(sizes.tolist())
     ]
-
-
-def clouds(encoding: Encoding, count: int) -> list[RawMessage]:
-    rng = np.random.default_rng(9)
-    return [
-        raw(
-            f"/lidar{i}",
-            "sensor_msgs/msg/PointCloud2",
-            pointcloud2(rng.normal(size=(7 + i, 3)), stamp_ns=T0 + i, point_padding=i, frame_id=f"lidar{i}"),
-            T0 + i,
-            encoding=encoding,
-        )
-        for i in range(count)
-    ]
+    msgtype = "sensor_msgs/msg/Image"
+    return [raw(f"/cam{i}", msgtype, body, first_ns + i, encoding=encoding) for i, body in enumerate(bodies)]
 
 
 def opened(*messages: RawMessage) -> Recording:
@@ -115,11 +97,8 @@ def test_only_what_is_asked_for_is_read_and_taken_apart(encoding: Encoding) -> N
 
 @both
 def test_lists_of_changing_length(encoding: Encoding) -> None:
-    messages = [
-        combined("/c", CAMERAS, images(encoding, count, T0 + i), LOGGED + i, encoding)
-        for i, count in enumerate([0, 2, 1, 3])
-    ]
-    recording = opened(*messages)
+    films = [images(encoding, count, T0 + i) for i, count in enumerate([0, 2, 1, 3])]
+    recording = opened(*(combined("/c", CAMERAS, film, LOGGED + i, encoding) for i, film in enumerate(films)))
     counts = Counter(message.topic for message in recording.messages())
     assert counts == {"/c/camera_1": 3, "/c/camera_2": 2, "/c/camera_3": 1}
     assert [t.topic for t in recording.topics] == [*counts]

@@ -1,4 +1,5 @@
 from collections import deque
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from readers.rig.discovery import discover_rig
 from readers.streams.motion import MotionBuffer, MotionSource, find_motion_source
 
 MS = 1_000_000
+ODOMETRY = "nav_msgs/msg/Odometry"
 TFM = "tf2_msgs/msg/TFMessage"
 
 
@@ -24,7 +26,7 @@ def odom(i: int, topic: str = "/odom", **options: Any) -> RawMessage:
     turn = Rotation.from_euler("z", 0.01 * i).as_quat().tolist()
     stamp_ns = i * 20 * MS
     fields = odometry(stamp_ns=stamp_ns, position=(0.2 * i, 0, 0), orientation_xyzw=turn, **options)
-    return raw(topic, "nav_msgs/msg/Odometry", fields, stamp_ns)
+    return raw(topic, ODOMETRY, fields, stamp_ns)
 
 
 def tf(*transforms: Fields, at_ns: int = 0, topic: str = "/tf") -> RawMessage:
@@ -76,21 +78,18 @@ def test_odometry_of_a_fixed_neighbour_is_taken_with_the_offset_between() -> Non
 
 
 @pytest.mark.parametrize(
-    "messages",
+    ("messages", "settings"),
     [
-        [],
-        [odom(0, "/car1/base_pose_ground_truth", frame_id="map", child_frame_id="car1/base_link")],
-        [odom(0, frame_id="base_link", child_frame_id="car1")],  # where a car is in the scene
-        [odom(0, child_frame_id="")],
-        [odom(0)._replace(data=b"\0\1\0\0")],
+        ([], {}),
+        ([odom(0, "/car1/base_pose_ground_truth", frame_id="map", child_frame_id="car1/base_link")], {}),
+        ([odom(0, frame_id="base_link", child_frame_id="car1")], {}),  # where a car is in the scene
+        ([odom(0, child_frame_id="")], {}),
+        ([odom(0)._replace(data=b"\0\1\0\0")], {}),
+        ([odom(0)], {"enabled": False}),
     ],
 )
-def test_other_odometry_is_no_motion_of_the_rig(messages: list[RawMessage]) -> None:
-    assert source_of(*messages) is None
-
-
-def test_motion_can_be_switched_off() -> None:
-    assert source_of(odom(0), enabled=False) is None
+def test_there_is_no_motion_of_the_rig(messages: list[RawMessage], settings: dict[str, Any]) -> None:
+    assert source_of(*messages, **settings) is None
 
 
 def test_a_configured_topic_may_leave_its_frame_unnamed() -> None:
@@ -129,10 +128,7 @@ def test_tf_is_the_last_resort_up_to_odom() -> None:
         for i in range(50)
     ]
     between = tf(transform_stamped("footprint", "base_link", stamp_ns=0, translation=(0, 0, 0.5)), topic="/tf_static")
-    recording = MemoryRecording([MOUNT, between, cloud(), *steps])
-    found = discover_rig(recording, Config())
-    source = find_motion_source(recording, found.rig, found.transforms, Config())
-    assert source is not None
+    source = moving_by(between, *steps)
     assert (source.topics, source.frame_id, source.fixed_frame_id) == (("/tf",), "base_link", "odom")
     buffer, forwarded, drops = run(source, *steps)
     assert (forwarded, drops) == ([], [])
@@ -142,16 +138,13 @@ def test_tf_is_the_last_resort_up_to_odom() -> None:
 
 
 def test_two_moving_frames_are_joined_at_the_denser_ones_stamps() -> None:
-    links: tuple[Any, ...] = ("base_link", "footprint")
-    source = MotionSource(("/tf",), "base_link", "odom", links)
+    source = MotionSource(("/tf",), "base_link", "odom", ("base_link", "footprint"))
     turns = [Rotation.from_euler("z", 0.1 * i) for i in range(6)]
-    coarse = [
-        tf(
-            transform_stamped("odom", "footprint", stamp_ns=i * 100 * MS, rotation_xyzw=turn.as_quat().tolist()),
-            at_ns=i * 100 * MS,
-        )
+    turned = [
+        transform_stamped("odom", "footprint", stamp_ns=i * 100 * MS, rotation_xyzw=turn.as_quat().tolist())
         for i, turn in enumerate(turns)
     ]
+    coarse = [tf(one, at_ns=i * 100 * MS) for i, one in enumerate(turned)]
     fine = [
         tf(transform_stamped("footprint", "base_link", stamp_ns=i * 30 * MS, translation=(1, 0, 0)), at_ns=1)
         for i in range(30)
@@ -165,7 +158,7 @@ def test_two_moving_frames_are_joined_at_the_denser_ones_stamps() -> None:
 
 # --- the buffer
 
-ODOM = MotionSource(("/odom",), "base_link", "odom", ("base_link",))
+ODOM, TF = (MotionSource((topic,), "base_link", "odom", ("base_link",)) for topic in ("/odom", "/tf"))
 
 
 def test_other_messages_pass_and_poses_lie_around_the_stamp() -> None:
@@ -213,15 +206,9 @@ def test_fewer_than_two_poses_are_none(count: int) -> None:
     ("bad", "reason"),
     [
         (odom(3)._replace(data=b"\0\1\0\0abc"), "cannot be decoded"),
-        (
-            cloud()._replace(channel=cloud().channel.__class__("/odom", cloud().channel.msgtype, "cdr")),
-            "cannot be decoded",
-        ),
+        (cloud()._replace(channel=replace(cloud().channel, topic="/odom")), "cannot be decoded"),
         (odom(3, frame_id="map"), "its pose is unusable"),
-        (
-            raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=3, orientation_xyzw=(0, 0, 0, 0)), 3),
-            "cannot be decoded",
-        ),
+        (raw("/odom", ODOMETRY, odometry(stamp_ns=3, orientation_xyzw=(0, 0, 0, 0)), 3), "cannot be decoded"),
     ],
 )
 def test_bad_messages_are_counted_and_the_rest_is_used(bad: RawMessage, reason: str) -> None:
@@ -232,7 +219,6 @@ def test_bad_messages_are_counted_and_the_rest_is_used(bad: RawMessage, reason: 
 
 
 def test_a_new_parent_in_tf_is_counted_and_not_mixed_in() -> None:
-    source = MotionSource(("/tf",), "base_link", "odom", ("base_link",))
     good = [tf(transform_stamped("odom", "base_link", stamp_ns=i), at_ns=i) for i in range(3)]
     bad = tf(
         transform_stamped("map", "base_link", stamp_ns=3),
@@ -240,12 +226,9 @@ def test_a_new_parent_in_tf_is_counted_and_not_mixed_in() -> None:
         transform_stamped("odom", "base_link", stamp_ns=5),
         at_ns=3,
     )
-    buffer, _, drops = run(source, *good, bad)
-    assert [(drop.reason, drop.detail) for drop in drops] == [
-        ("its pose is unusable", "base_link in 'map', expected 'odom'")
-    ]
-    poses = window(buffer, 0)
-    assert poses.stamps_ns.tolist() == [0, 1, 2, 5]
+    buffer, _, (drop,) = run(TF, *good, bad)
+    assert (drop.reason, drop.detail) == ("its pose is unusable", "base_link in 'map', expected 'odom'")
+    assert window(buffer, 0).stamps_ns.tolist() == [0, 1, 2, 5]
 
 
 @pytest.mark.parametrize("kind", ["odometry", "tf"])
@@ -299,12 +282,9 @@ def test_poses_go_on_after_a_pause() -> None:
 
 def test_a_larger_limit_of_a_message_reaches_the_motion() -> None:
     others = [transform_stamped("base_link", f"f{i}", stamp_ns=0) for i in range(60)]
-    moves = [
-        tf(transform_stamped("odom", "base_link", stamp_ns=i * MS, translation=(i, 0, 0)), *others) for i in (1, 2)
-    ]
-    source = MotionSource(("/tf",), "base_link", "odom", ("base_link",))
+    moves = [tf(transform_stamped("odom", "base_link", stamp_ns=i * MS), *others) for i in (1, 2)]
     for most, dropped in ((20, 2), (1000, 0)):
         drops: list[Drop] = []
         limits = LimitsConfig(max_message_items=most)
-        deque(MotionBuffer(source, limits=limits, on_drop=drops.append).tap(moves), maxlen=0)
+        deque(MotionBuffer(TF, limits=limits, on_drop=drops.append).tap(moves), maxlen=0)
         assert len(drops) == dropped

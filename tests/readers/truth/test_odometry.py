@@ -58,11 +58,8 @@ def test_a_time_is_covered_if_all_vehicles_are_known() -> None:
     messages = [pose(CAR.topic, k) for k in range(2, 8)] + [pose(VAN.topic, k) for k in range(6)]
     source = truth(messages, {"car1": CAR, "van": VAN})
     found = [source.at(START_NS + k * STEP_NS, frame=k) for k in range(9)]
-    assert [None if one is None else one.labels.tolist() for one in found] == [
-        *[None] * 2,
-        *[["car", "van"]] * 4,
-        *[None] * 3,
-    ]
+    labels = [None if one is None else one.labels.tolist() for one in found]
+    assert labels == [*[None] * 2, *[["car", "van"]] * 4, *[None] * 3]
     assert found[3] is not None
     assert [Config().class_names[row] for row in found[3].class_ids.tolist()] == ["car", "truck"]
 
@@ -122,10 +119,7 @@ def test_messages_that_cannot_be_used_are_counted() -> None:
 @pytest.mark.parametrize(
     ("vehicle", "problem"),
     [
-        (
-            TruthVehicle("/none", "car", (1, 1, 1)),
-            "of the rig: expected nav_msgs/msg/Odometry on /none, found no such topic",
-        ),
+        (TruthVehicle("/none", "car", (1, 1, 1)), "expected nav_msgs/msg/Odometry on /none, found no such topic"),
         (TruthVehicle("/points", "car", (1, 1, 1)), "found sensor_msgs/msg/PointCloud2; recorded odometry: /car1/odom"),
         (TruthVehicle(CAR.topic, "tractor", (1, 1, 1)), "truth.own.class of the rig: expected a class of the settings"),
     ],

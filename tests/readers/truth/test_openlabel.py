@@ -12,7 +12,7 @@ from pipeline.core.errors import RecordingError
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
-from pipeline.evaluation.evaluation_frame import UNKNOWN
+from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
 from readers.truth.openlabel import OpenLabelTruth, is_openlabel
 
 START_S = 1_646_667_310
@@ -44,15 +44,21 @@ def frame(*boxes: Any, stamp: Any = None, uuids: str = "ab", **more: Any) -> dic
     return {"objects": objects, **({} if stamp is None else {"frame_properties": {"timestamp": stamp}})}
 
 
+def at(source: OpenLabelTruth, stamp_ns: int = 0, frame: int = 0) -> TruthBoxes3D:
+    found = source.at(stamp_ns, frame=frame)
+    assert found is not None
+    return found
+
+
 def truth(tmp_path: Path, content: Any) -> OpenLabelTruth:
     path = tmp_path / "labels.json"
     path.write_text(content if isinstance(content, str) else json.dumps(content))
     return OpenLabelTruth(path, rig(), Config())
 
 
-def boxes_in(tmp_path: Path, system: str | None, systems: dict[str, Any] | None) -> Any:
+def boxes_in(tmp_path: Path, system: str | None, systems: dict[str, Any] | None) -> TruthBoxes3D:
     more = {} if system is None else {"coordinate_system": system}
-    return truth(tmp_path, tree({"0": frame(BOX, **more)}, systems)).at(5, frame=0)
+    return at(truth(tmp_path, tree({"0": frame(BOX, **more)}, systems)), 5)
 
 
 @pytest.mark.parametrize(
@@ -64,11 +70,7 @@ def boxes_in(tmp_path: Path, system: str | None, systems: dict[str, Any] | None)
         ("south", None, [8, 21, 10]),
         ("cam_frame", {"cam_frame": {"type": "sensor", "parent": ""}}, [1, 2, 3]),
         (None, {"lidar_south": {"type": "sensor", "parent": "base"}}, [8, 21, 10]),
-        (
-            None,
-            {"base": {"type": "scene_cs", "parent": ""}, "south": {"type": "sensor", "parent": "base"}},
-            [8, 21, 10],
-        ),
+        (None, {"base": {"type": "scene_cs", "parent": ""}, "south": {"parent": "base"}}, [8, 21, 10]),
     ],
 )
 def test_boxes_stand_in_the_system_that_is_named(
@@ -87,13 +89,11 @@ def test_systems_are_joined_by_their_poses(tmp_path: Path) -> None:
     turn = Rotation.from_euler("z", 90, degrees=True)
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = turn.as_matrix(), (0, 0, 1)
+    pose = {"quaternion": turn.as_quat().tolist(), "translation": [5, 0, 0]}
     systems = {
         "world": {"type": "scene_cs", "parent": ""},
         "base": {"parent": "world", "pose_wrt_parent": {"matrix4x4": matrix.ravel().tolist()}},
-        "south": {
-            "parent": "base",
-            "pose_wrt_parent": {"quaternion": turn.as_quat().tolist(), "translation": [5, 0, 0]},
-        },
+        "south": {"parent": "base", "pose_wrt_parent": pose},
     }
     T_world_south = matrix @ Transform.from_quaternion("b", "s", [5, 0, 0], turn.as_quat()).matrix
     found = boxes_in(tmp_path, "world", systems)
@@ -113,11 +113,8 @@ def test_a_system_that_the_rig_does_not_know_is_left_to_the_recorded_transforms(
 
 
 def test_parents_that_go_round_in_a_circle(tmp_path: Path) -> None:
-    pose = {"quaternion": [0, 0, 0, 1]}
-    systems = {
-        "a": {"parent": "b", "pose_wrt_parent": pose},
-        "b": {"parent": "a", "pose_wrt_parent": pose},
-    }
+    pose = {"pose_wrt_parent": {"quaternion": [0, 0, 0, 1]}}
+    systems = {"a": {"parent": "b", **pose}, "b": {"parent": "a", **pose}}
     assert boxes_in(tmp_path, "a", systems).frame_id == "a"
 
 
@@ -133,16 +130,14 @@ def test_the_form_of_tum_traffic_and_a_plain_one(tmp_path: Path) -> None:
     image = {"name": "TRAILER_2", "type": "TRAILER", "bbox": [{"name": "shape2D", "val": [1, 2, 3, 4]}]}
     frames = {"0": {"objects": {"x": {"object_data": data}, "y": {"object_data": image}}}}
     source = truth(tmp_path, {"openlabel": {"frames": frames}})
-    found = source.at(0, frame=0)
-    assert found is not None
+    found = at(source)
     assert (found.labels.tolist(), found.lidar_points.tolist()) == (["CAR"], [35])
     assert Config().class_names[found.class_ids[0]] == "car"
     assert source.notes[-1].endswith("1 objects without a cuboid are not used")
     assert source.in_image("cam", 0, frame=0) is None
     plain = tree({"0": frame([1, 2, 3, 0, 0, 0.5, 4, 2, 1.5])})  # angles in place of a quaternion
     plain["openlabel"]["objects"]["a"] = "?"
-    found = truth(tmp_path, plain).at(0, frame=0)
-    assert found is not None
+    found = at(truth(tmp_path, plain))
     assert (found.yaws.tolist(), found.labels.tolist(), found.class_ids.tolist()) == ([0.5], [""], [UNKNOWN])
 
 
@@ -153,19 +148,12 @@ def moved(x: float) -> list[float]:
 @pytest.mark.parametrize("form", ["s", "text", "ms", "us", "ns"])
 def test_frames_with_timestamps_are_brought_to_the_time(tmp_path: Path, form: str) -> None:
     def stamp(k: int) -> Any:
-        at_ms = START_S * 1000 + 100 * k
-        return {
-            "s": at_ms / 1000,
-            "text": str(at_ms / 1000),
-            "ms": at_ms,
-            "us": at_ms * 1000,
-            "ns": str(at_ms * 10**6),
-        }[form]
+        ms = START_S * 1000 + 100 * k
+        return {"s": ms / 1000, "text": str(ms / 1000), "ms": ms, "us": ms * 1000, "ns": str(ms * 10**6)}[form]
 
     source = truth(tmp_path, tree({str(k): frame(moved(k), moved(-k), stamp=stamp(k)) for k in range(30)}))
     for k in (0.0, 3.0, 7.5, 22.25):
-        found = source.at(START_S * 10**9 + round(k * 1e8), frame=99)
-        assert found is not None
+        found = at(source, START_S * 10**9 + round(k * 1e8), 99)
         np.testing.assert_allclose(found.centers[:, 0], [k, -k], atol=1e-4)
         assert found.track_ids.tolist() == [0, 1]
     assert source.at((START_S + 60) * 10**9, frame=99) is None
@@ -184,15 +172,8 @@ def test_stamps_of_some_frames_only_and_stamps_that_step_back(tmp_path: Path) ->
 def test_frames_without_timestamps_have_numbers(tmp_path: Path) -> None:
     source = truth(tmp_path, tree({"10": frame(moved(10)), "2": frame(moved(2)), "3": {"objects": {}}}))
     found = [source.at(0, frame=k) for k in (0, 2, 2, 3, 4, 10, 11)]
-    assert [None if one is None else one.centers[:, 0].tolist() for one in found] == [
-        None,
-        [2.0],
-        [2.0],
-        [],
-        None,
-        [10.0],
-        None,
-    ]
+    places = [None if one is None else one.centers[:, 0].tolist() for one in found]
+    assert places == [None, [2], [2], [], None, [10], None]
     (note,) = source.notes
     assert note.endswith("no timestamps, matched with the frames of the result by their numbers")
 
@@ -202,9 +183,7 @@ def test_a_folder_of_files_is_a_sequence(tmp_path: Path) -> None:
         stamped = tree({"0": frame(moved(k), stamp=START_S + 0.1 * k, uuids="a")})
         (tmp_path / f"frame_{k}.json").write_text(json.dumps(stamped))
     source = OpenLabelTruth(tmp_path, rig(), Config())
-    found = source.at(START_S * 10**9 + 1_050_000_000, frame=0)
-    assert found is not None
-    np.testing.assert_allclose(found.centers[0, 0], 10.5, atol=1e-4)
+    np.testing.assert_allclose(at(source, START_S * 10**9 + 1_050_000_000).centers[0, 0], 10.5, atol=1e-4)
     for path in tmp_path.glob("*.json"):
         path.write_text(path.read_text().replace("timestamp", "other"))
     source = OpenLabelTruth(tmp_path, rig(), Config())
@@ -212,10 +191,8 @@ def test_a_folder_of_files_is_a_sequence(tmp_path: Path) -> None:
 
 
 def altered(*path: str, value: Any) -> dict[str, Any]:
-    whole = tree(
-        {"0": frame(BOX, stamp=START_S)}, {"south": {"parent": "", "pose_wrt_parent": {"quaternion": [0, 0, 0, 1]}}}
-    )
-    whole = deepcopy(whole)
+    systems = {"south": {"parent": "", "pose_wrt_parent": {"quaternion": [0, 0, 0, 1]}}}
+    whole = deepcopy(tree({"0": frame(BOX, stamp=START_S)}, systems))
     part: Any = whole["openlabel"]
     for key in path[:-1]:
         part = part[0] if key == "[]" else part[key]
@@ -240,10 +217,7 @@ POSE = ("coordinate_systems", "south", "pose_wrt_parent")
         (altered("frames", "0", value=[]), "frames.0: expected a section"),
         (altered("frames", "0", "frame_properties", "timestamp", value="today"), "expected a time since 1970"),
         (altered("frames", "0", "frame_properties", "timestamp", value=10**30), "after January 2038"),
-        (
-            altered(*CUBOID, "val", value=BOX[:-2]),
-            "val: expected 10 numbers (position, quaternion, size) or 9",
-        ),
+        (altered(*CUBOID, "val", value=BOX[:-2]), "val: expected 10 numbers (position, quaternion, size) or 9"),
         (altered(*CUBOID, "val", value="abc"), "cuboid.0.val: expected a list of numbers"),
         (altered(*CUBOID, "val", value=[float("nan")] * 10), "cuboid.0.val.0: expected a number above"),
         (altered(*CUBOID, "val", value=[*BOX[:3], 1, 1, 1, 1, *BOX[7:]]), "expected a quaternion of length 1, found 2"),

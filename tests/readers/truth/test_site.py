@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 from builders import odometry, raw, tf_message, transform_stamped
@@ -44,12 +46,8 @@ def pose(stamp_ns: int) -> Transform:
 
 
 def drive(until: int = 20, *, over: str = "odom") -> list[RawMessage]:
-    found = []
-    for number in range(until):
-        stamp_ns = number * STEP_NS
-        t = stamp_ns / 1e9
-        found.append(tf(stamp_ns, (over, "base_link", (10 * t, t * t, 0.2), 0.3 * t)))
-    return found
+    at = [(number * STEP_NS, number * STEP_NS / 1e9) for number in range(until)]
+    return [tf(stamp_ns, (over, "base_link", (10 * t, t * t, 0.2), 0.3 * t)) for stamp_ns, t in at]
 
 
 def poses(*recordings: list[RawMessage], config: Config | None = None) -> SitePoses:
@@ -99,21 +97,15 @@ def test_beyond_the_poses_and_in_a_gap() -> None:
 
 def test_a_chain_of_fixed_and_moving_frames() -> None:
     """map <- world (fixed) <- odom <- chassis (moving) <- base_link (fixed)."""
-    static = tf(
-        0,
+    fixed: Any = [
         ("map", "world", (0, 0, 7), 0),
         ("world", "odom", (0, 0, 1), 1.0),
         ("chassis", "base_link", (0.5, 0, 0), 0),
-        topic="/tf_static",
-    )
+    ]
+    map_world, world_odom, chassis_base = (transform(*edge) for edge in fixed)
     moving = [tf(n * STEP_NS, ("odom", "chassis", (float(n), 0, 0), 0)) for n in range(5)]
-    expected = (
-        transform("map", "world", (0, 0, 7), 0)
-        @ transform("world", "odom", (0, 0, 1), 1.0)
-        @ transform("odom", "chassis", (2, 0, 0), 0)
-        @ transform("chassis", "base_link", (0.5, 0, 0), 0)
-    )
-    found = T_site(poses([static, *moving]), "map", 2 * STEP_NS)
+    expected = map_world @ world_odom @ transform("odom", "chassis", (2, 0, 0), 0) @ chassis_base
+    found = T_site(poses([tf(0, *fixed, topic="/tf_static"), *moving]), "map", 2 * STEP_NS)
     np.testing.assert_allclose(found.matrix, expected.inverse().matrix, atol=1e-9)
 
 

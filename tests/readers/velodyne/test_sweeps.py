@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from memory_recording import MemoryRecording
 from velodyne import START_NS, packet_stream, random_packets, recorded_scans
 
-from pipeline.core.arrays import I64, U8
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
 from readers.messages.deserialize import deserialize
@@ -22,7 +21,6 @@ from readers.velodyne.packet import PACKET
 from readers.velodyne.scan import SCAN, parse_velodyne_scan
 from readers.velodyne.sweeps import PAUSE_NS
 
-U8, I64 = U8, I64
 TOPIC = "/velodyne_packets"
 MS = 1_000_000
 

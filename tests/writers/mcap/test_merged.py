@@ -88,12 +88,8 @@ def test_topics_and_frames_of_sensors_have_the_names_of_their_results(tmp_path: 
 
 def test_messages_stand_in_the_order_of_their_times_what_differs_last(tmp_path: Path) -> None:
     output = merged(tmp_path, [objects(1), objects(3)], [objects(2), objects(3)], scenes=[1, 3])
-    assert [time for topic in ("/a", "/b") for time, _ in messages_of(output, f"{topic}/fused/detections")] == [
-        1,
-        3,
-        2,
-        3,
-    ]
+    times = [[time for time, _ in messages_of(output, f"/{name}/fused/detections")] for name in "ab"]
+    assert times == [[1, 3], [2, 3]]
     assert [time for time, _ in messages_of(output, "/compare/scene")] == [1, 3]
 
 
@@ -107,9 +103,8 @@ def test_messages_stand_in_the_order_of_their_times_what_differs_last(tmp_path: 
 )
 def test_one_result_says_how_the_site_moves(tmp_path: Path, first: bool, second: bool, expected: int) -> None:
     moving = transforms("/tf", ("odom", "site"))
-    output = merged(
-        tmp_path, [moving, objects()] if first else [objects()], [moving, objects()] if second else [objects()]
-    )
+    one, other = ([moving, objects()] if moves else [objects()] for moves in (first, second))
+    output = merged(tmp_path, one, other)
     found = frames_of(output, "/tf") if "/tf" in topics_of(output) else []
     assert found == [[("odom", "site")]] * expected
 

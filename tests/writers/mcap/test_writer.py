@@ -60,6 +60,12 @@ def write(
             return [writer.write(result) for result in frames]
 
 
+def logged(path: Path) -> list[tuple[Any, Any, Any]]:
+    """Schema, channel and message of each message, in the order of the file."""
+    with path.open("rb") as file:
+        return list(make_reader(file).iter_messages(log_time_order=False))
+
+
 def stamp_of(message: Any) -> int:
     stamp = message.timestamp if hasattr(message, "timestamp") else message.header.stamp
     return int(stamp.sec * 10**9 + stamp.nanosec)
@@ -79,8 +85,7 @@ def test_topics_and_types(two_frames: Path) -> None:
 
 
 def test_log_time_is_that_of_the_reference_message(two_frames: Path) -> None:
-    with two_frames.open("rb") as file:
-        times = [(m.log_time, m.publish_time) for _, _, m in make_reader(file).iter_messages(log_time_order=False)]
+    times = [(m.log_time, m.publish_time) for _, _, m in logged(two_frames)]
     expected = [START_NS + 7] * (len(EACH_FRAME) + 2) + [START_NS + PERIOD_NS + 7] * (len(EACH_FRAME) + 1)
     assert times == [(time, time) for time in expected]
 
@@ -89,18 +94,13 @@ def test_log_time_is_that_of_the_reference_message(two_frames: Path) -> None:
 def test_stamps_are_the_frame_s_or_the_image_s(two_frames: Path, topic: str) -> None:
     shift_ns = {"left": 1_000_001, "right": -2_000_003}.get(topic.split("/")[1], 0)
     messages = [message for _, message in messages_of(two_frames, topic)]
-    if topic == "/fused/scene":
-        stamps = [stamp_of(message.entities[0]) for message in messages]
-    elif topic == "/fused/markers":
-        stamps = [stamp_of(message.markers[0]) for message in messages]
-    else:
-        stamps = [stamp_of(message) for message in messages]
-    assert stamps == [START_NS + shift_ns, START_NS + PERIOD_NS + shift_ns]
+    if part := {"/fused/scene": "entities", "/fused/markers": "markers"}.get(topic):
+        messages = [getattr(message, part)[0] for message in messages]
+    assert [stamp_of(message) for message in messages] == [START_NS + shift_ns, START_NS + PERIOD_NS + shift_ns]
 
 
 def test_static_transforms_come_first_and_reach_every_sensor(two_frames: Path) -> None:
-    with two_frames.open("rb") as file:
-        _, first, _ = next(iter(make_reader(file).iter_messages()))
+    _, first, _ = logged(two_frames)[0]
     assert first.topic == "/tf_static"
     assert yaml.safe_load(first.metadata["offered_qos_profiles"])[0]["durability"] == "transient_local"
     ((_, message),) = messages_of(two_frames, "/tf_static")
@@ -228,14 +228,8 @@ def with_messages(result: FrameResult, **messages: Any) -> FrameResult:
 
 def test_a_camera_without_image_or_boxes_is_left_out_of_the_frame(tmp_path: Path) -> None:
     bare = with_messages(frame(), **{"/left/image": None})
-    write(
-        tmp_path / "out.mcap",
-        [
-            replace(
-                bare, detections=replace(bare.detections, cameras={}), hypotheses=replace(bare.hypotheses, matches={})
-            )
-        ],
-    )
+    detections, hypotheses = replace(bare.detections, cameras={}), replace(bare.hypotheses, matches={})
+    write(tmp_path / "out.mcap", [replace(bare, detections=detections, hypotheses=hypotheses)])
     counts = {topic: count for topic, (_, count) in topics_of(tmp_path / "out.mcap").items()}
     assert [counts[f"/left/{leaf}"] for leaf in PER_CAMERA] == [0, 0, 0]
     assert [counts[f"/right/{leaf}"] for leaf in PER_CAMERA] == [1, 1, 0]
@@ -268,16 +262,12 @@ def test_a_broken_image_is_reported_and_the_rest_written(tmp_path: Path) -> None
     assert diagnostics.status[3].values[0].key == "/left/image"
 
 
-def names_in(folder: Path) -> list[str]:
-    return sorted(path.name for path in folder.iterdir())
-
-
 @pytest.mark.parametrize("name", ["lidar", "cameras"])
 def test_a_camera_named_like_an_output_is_refused(tmp_path: Path, name: str) -> None:
     rig = replace(RIG, cameras=(replace(RIG.cameras[0], name=name),))
     with pytest.raises(OutputError, match=f"two outputs are called /{name}/detections; rename the camera"):
         write(tmp_path / "out.mcap", [frame()], rig=rig)
-    assert names_in(tmp_path) == []
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("stamp_ns", [-1, 2**31 * 10**9])
@@ -285,7 +275,7 @@ def test_a_stamp_that_ros_cannot_hold_is_one_clear_line(tmp_path: Path, stamp_ns
     message = image_message("/left/image", START_NS, frame_id="left")._replace(stamp_ns=stamp_ns)
     with pytest.raises(OutputError, match=f"frame 0: a stamp does not fit a ROS 2 header, {stamp_ns} ns lies"):
         write(tmp_path / "out.mcap", [with_messages(frame(), **{"/left/image": message})])
-    assert names_in(tmp_path) == []
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_copied_messages_keep_bytes_definition_and_time(tmp_path: Path) -> None:
@@ -296,10 +286,8 @@ def test_copied_messages_keep_bytes_definition_and_time(tmp_path: Path) -> None:
     recorded.append(RawMessage(at_ns, at_ns, (0, 0), b"\x00\x01\x00\x00", idl))
     result = replace(result, bundle=replace(result.bundle, copied=tuple(recorded)))
     write(tmp_path / "out.mcap", [result])
-    with (tmp_path / "out.mcap").open("rb") as file:
-        reader = make_reader(file)
-        found = list(reader.iter_messages(log_time_order=False))
-        written = {(c.topic, m.log_time): (m.data, s.name, s.encoding, s.data) for s, c, m in found if s is not None}
+    found = logged(tmp_path / "out.mcap")
+    written = {(c.topic, m.log_time): (m.data, s.name, s.encoding, s.data) for s, c, m in found}
     for one in recorded:
         data, name, encoding, text = written[one.topic, one.log_time_ns]
         channel = one.channel
@@ -319,8 +307,7 @@ def test_truth_is_drawn_beside_its_messages(tmp_path: Path) -> None:
     truth = [TrueBoxes("/gt", stamp_ns + at, at_ns + at, "site", nothing, nothing, np.zeros(0), ()) for at in (-5, 5)]
     result = replace(result, bundle=replace(result.bundle, copied=tuple(copied), truth=tuple(truth)))
     write(tmp_path / "out.mcap", [result])
-    with (tmp_path / "out.mcap").open("rb") as file:
-        found = [(c.topic, m.log_time) for _, c, m in make_reader(file).iter_messages(log_time_order=False)]
+    found = [(c.topic, m.log_time) for _, c, m in logged(tmp_path / "out.mcap")]
     assert found[:2] == [("/gt", at_ns - 5), ("/tf_static", at_ns)]
     assert found[-3:] == [("/gt/scene", at_ns), ("/gt", at_ns + 5), ("/gt/scene", at_ns)]
     layout = json.loads(layout_path(tmp_path / "out.mcap").read_text())

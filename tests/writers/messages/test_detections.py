@@ -1,3 +1,4 @@
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -42,19 +43,7 @@ def many_boxes(draw: st.DrawFn) -> Boxes3D:
         scores=draw(st.lists(st.floats(0, 1, width=32), min_size=n, max_size=n)),
         class_ids=draw(st.lists(st.integers(0, len(NAMES) - 1), min_size=n, max_size=n)),
     )
-    return Boxes3D(
-        START_NS,
-        "site",
-        found.centers,
-        found.sizes,
-        found.yaws,
-        found.scores,
-        found.class_ids,
-        found.point_counts,
-        covariances,
-        found.sources,
-        found.measured_ns,
-    )
+    return replace(found, stamp_ns=START_NS, frame_id="site", covariances=covariances)
 
 
 def back(message: Any) -> Boxes3D:
@@ -111,14 +100,7 @@ SQUARE = np.array([[0.0, 0], [4, 0], [4, 4], [0, 4]])
 
 @pytest.mark.parametrize(
     ("y", "zone"),
-    [
-        (3.0, "intersection"),
-        (0.0, "intersection"),
-        (-0.0, "intersection"),
-        (-1e-9, "circle"),
-        (-50.0, "circle"),
-        (51.0, ""),
-    ],
+    [*((y, "intersection") for y in (3.0, 0.0, -0.0)), *((y, "circle") for y in (-1e-9, -50.0)), (51.0, "")],
 )
 def test_zones(y: float, zone: str) -> None:
     message = through_cdr(lidcam_objects(boxes3d([[1.5, y, 7, 4, 2, 1, 0.25]]), RIG.zones, stamp_ns=START_NS))

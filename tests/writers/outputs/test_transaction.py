@@ -65,32 +65,23 @@ def test_a_link_stays_and_its_file_is_replaced(tmp_path: Path) -> None:
     assert names_in(tmp_path) == ["file", "link"]
 
 
-def make_fifo(folder: Path) -> Path:
-    os.mkfifo(folder / "pipe")
-    return folder / "pipe"
-
-
-def make_link(folder: Path) -> Path:
-    (folder / "link").symlink_to("nowhere/file")
-    return folder / "link"
-
-
 @pytest.mark.parametrize(
-    ("make", "expected"),
+    ("name", "expected"),
     [
-        (lambda folder: folder / "no" / "out.mcap", "the folder .* does not exist; create it"),
-        (lambda folder: folder, "found a folder"),
-        (make_fifo, "expected the name of a file to write, found a device or a pipe"),
-        (make_link, "the folder .*nowhere does not exist"),
-        (lambda folder: folder / ("x" * 250), "cannot be written: File name too long"),
-        (lambda folder: folder / "a\0b", "expected the name of a file to write"),
-        (lambda _: Path("/proc/out.mcap"), "cannot be written"),
+        ("no/out.mcap", "the folder .* does not exist; create it"),
+        ("", "found a folder"),
+        ("pipe", "expected the name of a file to write, found a device or a pipe"),
+        ("link", "the folder .*nowhere does not exist"),
+        ("x" * 250, "cannot be written: File name too long"),
+        ("a\0b", "expected the name of a file to write"),
+        ("/proc/out.mcap", "cannot be written"),
     ],
     ids=["missing folder", "folder", "fifo", "broken link", "too long", "null", "/proc"],
 )
-def test_an_unusable_name_is_one_clear_line(tmp_path: Path, make: Callable[[Path], Path], expected: str) -> None:
-    path = make(tmp_path)
-    before = names_in(tmp_path)
+def test_an_unusable_name_is_one_clear_line(tmp_path: Path, name: str, expected: str) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to("nowhere/file")
+    path, before = tmp_path / name, names_in(tmp_path)
     with pytest.raises(OutputError, match=expected) as caught, OutputTransaction([tmp_path / "other.rrd", path]):
         pytest.fail("the block must not run")
     assert "\n" not in str(caught.value)
@@ -133,22 +124,20 @@ def test_old_outputs_may_have_to_stay(tmp_path: Path) -> None:
     def refuse(path: Path) -> None:
         raise OutputError(f"{path.name}: stays")
 
-    (tmp_path / "out.rrd").write_text("older")
-    with (
-        pytest.raises(OutputError, match=r"out\.rrd: stays"),
-        OutputTransaction([tmp_path / "out.mcap", tmp_path / "out.rrd"], check_old=refuse),
-    ):
+    mcap, rrd = tmp_path / "out.mcap", tmp_path / "out.rrd"
+    rrd.write_text("older")
+    with pytest.raises(OutputError, match=r"out\.rrd: stays"), OutputTransaction([mcap, rrd], check_old=refuse):
         pytest.fail("the block must not run")
     assert names_in(tmp_path) == ["out.rrd"]
 
     def meanwhile() -> None:
-        with OutputTransaction([tmp_path / "out.mcap"], check_old=refuse) as outputs:
-            outputs[tmp_path / "out.mcap"].part.write_text("new")
-            (tmp_path / "out.mcap").write_text("of someone else, meanwhile")
+        with OutputTransaction([mcap], check_old=refuse) as outputs:
+            outputs[mcap].part.write_text("new")
+            mcap.write_text("of someone else, meanwhile")
 
     with pytest.raises(OutputError, match=r"out\.mcap: stays"):
         meanwhile()
-    assert (tmp_path / "out.mcap").read_text() == "of someone else, meanwhile"
+    assert mcap.read_text() == "of someone else, meanwhile"
     assert names_in(tmp_path) == ["out.mcap", "out.rrd"]
 
 
@@ -285,8 +274,8 @@ def test_a_file_system_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyP
         raise OSError(37, "No locks available")
 
     monkeypatch.setattr("fcntl.flock", refuse)
-    with OutputTransaction([tmp_path / "out.mcap"]) as outputs:
-        outputs[tmp_path / "out.mcap"].part.write_text("last")
-        write([tmp_path / "out.mcap"], "first")
-    assert (tmp_path / "out.mcap").read_text() == "last"
-    assert names_in(tmp_path) == ["out.mcap"]
+    path = tmp_path / "out.mcap"
+    with OutputTransaction([path]) as outputs:
+        outputs[path].part.write_text("last")
+        write([path], "first")
+    assert (path.read_text(), names_in(tmp_path)) == ("last", ["out.mcap"])

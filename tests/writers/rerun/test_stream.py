@@ -2,7 +2,6 @@
 
 import errno
 import threading
-import time
 from collections.abc import Iterator
 from io import FileIO
 from pathlib import Path
@@ -23,18 +22,25 @@ from writers.outputs.transaction import OutputTransaction
 from writers.rerun.stream import RerunStream
 from writers.rerun.writer import RerunResultWriter
 
+WRITE_BYTES = 4000
+HANGING_S = 300.0
 
-class SlowDisk(FileIO):
-    """Takes a few kilobytes at a time, and its time; `left` bytes until it is full."""
+
+class Disk(FileIO):
+    """Takes a few kilobytes at a time, while it `goes_on`; `left` bytes until it is full."""
 
     left = 1 << 40
-    delay_s = 0.0
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, "w+b")
+        self.goes_on = threading.Event()
+        self.goes_on.set()
 
     def write(self, data: Any, /) -> int:
         if self.left <= 0:
             raise OSError(errno.ENOSPC, "No space left on device")
-        time.sleep(self.delay_s)
-        count = super().write(memoryview(data)[: min(4000, self.left)])
+        assert self.goes_on.wait(HANGING_S)
+        count = super().write(memoryview(data)[: min(WRITE_BYTES, self.left)])
         self.left -= count
         return count
 
@@ -57,13 +63,13 @@ def log(stream: rr.RecordingStream, rows: int) -> None:
 
 
 @pytest.fixture
-def disk(tmp_path: Path) -> Iterator[SlowDisk]:
-    with SlowDisk(tmp_path / "out.rrd", "w+b") as file:
+def disk(tmp_path: Path) -> Iterator[Disk]:
+    with Disk(tmp_path / "out.rrd") as file:
         yield file
 
 
 @pytest.mark.parametrize("rows", [0, 1, 50])
-def test_all_of_it_is_in_the_file(rows: int, disk: SlowDisk, tmp_path: Path) -> None:
+def test_all_of_it_is_in_the_file(rows: int, disk: Disk, tmp_path: Path) -> None:
     logged = recording()
     stream = RerunStream(logged, disk, tmp_path / "out.rrd")
     log(logged, rows)
@@ -74,7 +80,7 @@ def test_all_of_it_is_in_the_file(rows: int, disk: SlowDisk, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("left", [1, 100_000])
-def test_a_full_disk_is_an_error(left: int, disk: SlowDisk, tmp_path: Path) -> None:
+def test_a_full_disk_is_an_error(left: int, disk: Disk, tmp_path: Path) -> None:
     logged = recording()
     disk.left = left
     stream = RerunStream(logged, disk, tmp_path / "out.rrd")
@@ -86,7 +92,7 @@ def test_a_full_disk_is_an_error(left: int, disk: SlowDisk, tmp_path: Path) -> N
     assert not any(thread.name == "lidcam-rerun" for thread in threading.enumerate())
 
 
-def test_rerun_itself_does_not_go_on(disk: SlowDisk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rerun_itself_does_not_go_on(disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     logged = recording()
     stream = RerunStream(logged, disk, tmp_path / "out.rrd")
 
@@ -100,13 +106,21 @@ def test_rerun_itself_does_not_go_on(disk: SlowDisk, tmp_path: Path, monkeypatch
     stream.discard()
 
 
-def test_a_recording_that_is_given_up_ends_at_once(disk: SlowDisk, tmp_path: Path) -> None:
+def test_a_recording_that_is_given_up_ends_at_once(disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     logged = recording()
     stream = RerunStream(logged, disk, tmp_path / "out.rrd")
-    disk.delay_s = 0.01
+    disk.goes_on.clear()
+    before = disk.tell()
     log(logged, 200)
+    disconnect = logged.disconnect
+
+    def then_disconnect() -> None:
+        disk.goes_on.set()  # it was given up by now
+        disconnect()
+
+    monkeypatch.setattr(logged, "disconnect", then_disconnect)
     stream.discard()
-    assert (tmp_path / "out.rrd").stat().st_size < 200 * 2000 * 12 / 2  # the rest was not written
+    assert (tmp_path / "out.rrd").stat().st_size <= before + 2 * WRITE_BYTES  # the rest was not written
     assert not any(thread.name == "lidcam-rerun" for thread in threading.enumerate())
 
 

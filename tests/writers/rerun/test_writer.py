@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from frames import CONFIG, PROVENANCE, RIG, START_NS, frame
 
+from pipeline.core.arrays import F32
 from pipeline.core.clouds import CombinedCloud, PointCloud
 from pipeline.core.detections import Source
 from pipeline.core.errors import MessageError
@@ -55,7 +56,18 @@ def rerun(home: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str
     """Rerun's own command, with its settings in a folder of the test."""
     environment = {"HOME": str(home), "XDG_CONFIG_HOME": str(home), "XDG_DATA_HOME": str(home), "PATH": "/usr/bin:/bin"}
     command = [str(RERUN), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, env=environment, check=False, timeout=60)
+    return subprocess.run(command, capture_output=True, text=True, env=environment, check=False, timeout=300)
+
+
+def printed(home: Path, detail: str = "-v") -> str:
+    """Rerun's own list of what `out.rrd` in a folder holds."""
+    return rerun(home, "rrd", "print", detail, home / "out.rrd").stdout
+
+
+def cloud_of(xyz: F32) -> PointCloud:
+    """A cloud without intensities, rings and times."""
+    n = len(xyz)
+    return PointCloud(START_NS, "site", xyz, np.zeros(n, np.float32), np.zeros(n, np.uint16), np.zeros(n, np.int32))
 
 
 def entities(text: str) -> set[str]:
@@ -69,7 +81,7 @@ def test_rerun_reads_it(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["out.rrd"]
     checked = rerun(tmp_path, "rrd", "verify", path)
     assert checked.returncode == 0, checked.stderr
-    printed = rerun(tmp_path, "rrd", "print", "-v", path).stdout
+    text = printed(tmp_path)
     cameras = {
         f"/world/cameras/{name}{leaf}"
         for name in ("left", "right")
@@ -79,18 +91,18 @@ def test_rerun_reads_it(tmp_path: Path) -> None:
     others |= {"/world/placed", "/world/placed/uncertainty"}
     lidars = {"/world/lidars/lidar1", "/world/lidars/lidar2"}
     metrics = {"/metrics/objects", "/metrics/confirmed", "/metrics/skew_ms"}
-    assert entities(printed) == cameras | others | lidars | metrics
-    assert "log_time" not in printed
-    assert "log_tick" not in printed
+    assert entities(text) == cameras | others | lidars | metrics
+    assert "log_time" not in text
+    assert "log_tick" not in text
 
 
 def test_what_the_cameras_place_is_there_until_no_camera_looks(tmp_path: Path) -> None:
     sources = [Source.BOTH, Source.CAMERA, Source.LIDAR]
     write(tmp_path / "out.rrd", [frame(0, sources=sources), frame(1), frame(2)])
-    printed = rerun(tmp_path, "rrd", "print", "-vvv", tmp_path / "out.rrd").stdout
-    assert "/world/detections/cameras/uncertainty" in entities(printed)
+    text = printed(tmp_path, "-vvv")
+    assert "/world/detections/cameras/uncertainty" in entities(text)
     for told in ("both", "camera", "pedestrian 0.50 (1 cam, no lidar)", "lidcam.Objects:source"):
-        assert told in printed
+        assert told in text
     assert cleared(tmp_path) == {"/world/detections/cameras": 1}
 
 
@@ -105,11 +117,11 @@ def test_the_truth_that_is_nearest_is_drawn(tmp_path: Path, frame_id: str, drawn
         for at, label in ((-9, "premature"), (4, "nearest"), (9, "tardy"))
     )
     write(tmp_path / "out.rrd", [replace(one, bundle=replace(one.bundle, truth=truth))])
-    printed = rerun(tmp_path, "rrd", "print", "-vvv", tmp_path / "out.rrd").stdout
-    assert {path for path in entities(printed) if path.endswith("truth")} == ({drawn} if drawn else set())
-    assert ("nearest" in printed) == bool(drawn)
-    assert "premature" not in printed
-    assert "tardy" not in printed
+    text = printed(tmp_path, "-vvv")
+    assert {path for path in entities(text) if path.endswith("truth")} == ({drawn} if drawn else set())
+    assert ("nearest" in text) == bool(drawn)
+    assert "premature" not in text
+    assert "tardy" not in text
 
 
 def test_equal_results_give_equal_data(tmp_path: Path) -> None:
@@ -124,8 +136,7 @@ def test_equal_results_give_equal_data(tmp_path: Path) -> None:
 def test_large_clouds_are_thinned_evenly() -> None:
     n = 2 * MAX_POINTS
     xyz = np.random.default_rng(0).normal(0, 10, (n, 3)).astype(np.float32)
-    large = PointCloud(START_NS, "site", xyz, np.zeros(n, np.float32), np.zeros(n, np.uint16), np.zeros(n, np.int32))
-    combined = replace(frame().combined, cloud=large, lidar_index=np.zeros(n, np.uint8))
+    combined = replace(frame().combined, cloud=cloud_of(xyz), lidar_index=np.zeros(n, np.uint8))
     shown = cloud_points(combined, (0.0, 1.0)).positions
     assert shown is not None
     places = np.array(shown.as_arrow_array().to_pylist(), np.float32)
@@ -135,14 +146,7 @@ def test_large_clouds_are_thinned_evenly() -> None:
 
 def test_frames_without_anything_to_show(tmp_path: Path) -> None:
     result = frame(objects=0)
-    nothing = PointCloud(
-        START_NS,
-        "site",
-        np.zeros((0, 3), np.float32),
-        np.zeros(0, np.float32),
-        np.zeros(0, np.uint16),
-        np.zeros(0, np.int32),
-    )
+    nothing = cloud_of(np.zeros((0, 3), np.float32))
     combined = CombinedCloud(nothing, np.zeros(0, np.uint8), nothing, np.zeros(0, np.uint8), nothing, None, {})
     lidars = {topic: m for topic, m in result.bundle.messages.items() if "lidar" in topic}
     empty = replace(
@@ -176,26 +180,23 @@ def test_an_unreadable_image_is_reported(tmp_path: Path) -> None:
 def test_images_and_clouds_can_be_left_out(tmp_path: Path) -> None:
     config = Config.model_validate({"output": {"images": False, "clouds": False}})
     assert write(tmp_path / "out.rrd", [frame()], config=config, decode_any_image=unreadable) == [()]
-    assert "/world/cloud" not in entities(rerun(tmp_path, "rrd", "print", "-v", tmp_path / "out.rrd").stdout)
+    assert "/world/cloud" not in entities(printed(tmp_path))
 
 
 def cleared(tmp_path: Path) -> dict[str, int]:
     """How often each entity of `out.rrd` is cleared."""
-    printed = rerun(tmp_path, "rrd", "print", "-v", tmp_path / "out.rrd").stdout
-    found = re.findall(r"with (\d+) rows .* - (/[\w/]+) - data columns: .*@Clear:", printed)
+    found = re.findall(r"with (\d+) rows .* - (/[\w/]+) - data columns: .*@Clear:", printed(tmp_path))
     return {path: sum(int(rows) for rows, other in found if other == path) for _, path in found}
 
 
 def test_a_moving_rig_has_a_fixed_frame_and_a_way(tmp_path: Path) -> None:
     write(tmp_path / "out.rrd", [frame(index, motion=True) for index in range(3)])
-    found = entities(rerun(tmp_path, "rrd", "print", "-v", tmp_path / "out.rrd").stdout)
-    assert {"/world/fixed", "/world/fixed/way"} <= found
+    assert {"/world/fixed", "/world/fixed/way"} <= entities(printed(tmp_path))
 
 
 def test_the_image_of_a_slow_camera_stays_with_its_overlay(tmp_path: Path) -> None:
-    write(
-        tmp_path / "out.rrd", [frame(0), *(without_left(frame(row), Missing.NOT_NEAR) for row in (1, 2, 3)), frame(4)]
-    )
+    slow = [without_left(frame(row), Missing.NOT_NEAR) for row in (1, 2, 3)]
+    write(tmp_path / "out.rrd", [frame(0), *slow, frame(4)])
     assert cleared(tmp_path) == {}
 
 
@@ -211,15 +212,12 @@ def test_boxes_go_on_where_only_the_image_is_slow(tmp_path: Path) -> None:
     detections = replace(slow.detections, cameras=frame(1).detections.cameras)
     write(tmp_path / "out.rrd", [frame(0), replace(slow, detections=detections)])
     assert cleared(tmp_path) == {}
-    printed = rerun(tmp_path, "rrd", "print", "-v", tmp_path / "out.rrd").stdout
-    rows = [int(count) for count in re.findall(r"with (\d+) rows .* - /world/cameras/left/image - data", printed)]
-    assert sum(rows) == 1
+    assert rows_of(tmp_path, "/world/cameras/left/image") == 1
 
 
 def rows_of(tmp_path: Path, entity: str) -> int:
     """How often an entity was logged."""
-    printed = rerun(tmp_path, "rrd", "print", "-v", tmp_path / "out.rrd").stdout
-    return sum(map(int, re.findall(rf"with (\d+) rows .* - {entity} - data columns", printed)))
+    return sum(map(int, re.findall(rf"with (\d+) rows .* - {entity} - data columns", printed(tmp_path))))
 
 
 def test_that_nothing_is_drawn_is_logged_once(tmp_path: Path) -> None:
@@ -230,11 +228,10 @@ def test_that_nothing_is_drawn_is_logged_once(tmp_path: Path) -> None:
 
 
 def test_heights_have_colours_from_low_to_high() -> None:
-    combined = frame().combined
     xyz = np.zeros((6, 3), np.float32)
     xyz[:, 2] = [-5.0, 0.0, 0.25, 0.5, 1.0, 9.0]
-    cloud = PointCloud(START_NS, "site", xyz, np.zeros(6, np.float32), np.zeros(6, np.uint16), np.zeros(6, np.int32))
-    shown = cloud_points(replace(combined, cloud=cloud, lidar_index=np.zeros(6, np.uint8)), (0.0, 1.0))
+    combined = replace(frame().combined, cloud=cloud_of(xyz), lidar_index=np.zeros(6, np.uint8))
+    shown = cloud_points(combined, (0.0, 1.0))
     assert shown.colors is not None
     packed = np.array(shown.colors.as_arrow_array().to_pylist())
     rgb = np.stack([packed >> 24 & 255, packed >> 16 & 255, packed >> 8 & 255], -1)
@@ -263,22 +260,19 @@ def test_where_the_motion_is_not_known_the_way_is_hidden(tmp_path: Path) -> None
     assert motion is not None
     alone = replace(motion, stamps_ns=motion.stamps_ns[:1], T_fixed_moving=motion.T_fixed_moving[:1])
     write(tmp_path / "out.rrd", [frame(0, motion=True), replace(lost, bundle=replace(lost.bundle, motion=alone))])
-    printed = rerun(tmp_path, "rrd", "print", "-v", tmp_path / "out.rrd").stdout
-    assert re.search(r"/world/fixed - data columns: .*Transform3D:scale", printed)
-    steps = re.findall(r"with (\d+) rows .* - /world/fixed/way - data", printed)
-    assert sum(map(int, steps)) == 1
+    assert re.search(r"/world/fixed - data columns: .*Transform3D:scale", printed(tmp_path))
+    assert rows_of(tmp_path, "/world/fixed/way") == 1
 
 
 def test_an_image_that_was_dropped_is_not_shown(tmp_path: Path) -> None:
     dropped = Drop("/left/image", START_NS + 1_000_001, "cannot be decoded")
     write(tmp_path / "out.rrd", [frame(drops=(dropped,))])
-    printed = rerun(tmp_path, "rrd", "print", "-v", tmp_path / "out.rrd").stdout
-    assert "/world/cameras/left/image@EncodedImage:blob" not in printed
-    assert "/world/cameras/right/image@EncodedImage:blob" in printed
+    text = printed(tmp_path)
+    assert "/world/cameras/left/image@EncodedImage:blob" not in text
+    assert "/world/cameras/right/image@EncodedImage:blob" in text
 
 
 def test_the_eye_is_placed_once_in_a_long_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("writers.rerun.writer.MAX_WAITING_FRAMES", 5)
     write(tmp_path / "out.rrd", [frame(row) for row in range(SURVEYED_FRAMES + 2)])
-    printed = rerun(tmp_path, "rrd", "print", "-v", tmp_path / "out.rrd").stdout
-    assert len(re.findall(r"EyeControls3D:position", printed)) == 1
+    assert printed(tmp_path).count("EyeControls3D:position") == 1

@@ -1,21 +1,21 @@
 """Keys through a pseudo-terminal: read as pressed, and the terminal as it was before."""
 
-import fcntl
 import os
 import pty
+import select
 import signal
-import sys
 import termios
-import time
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
-from bags.simulator.drive.terminal import terminal_keys
+from bags.simulator.drive.driving import Pressed
+from bags.simulator.drive.terminal import TerminalKeys, terminal_keys
 from pipeline.core.ending import undo_all
 
 Terminal = tuple[int, int]  # what a user's hand holds, and the program's end
+HANGING_S = 300.0
 
 
 @pytest.fixture
@@ -29,10 +29,14 @@ def terminal() -> Iterator[Terminal]:
             continue
 
 
-def await_bytes(descriptor: int, count: int) -> None:
-    """Wait until so many bytes can be read: the system hands them over on its own time."""
-    while int.from_bytes(fcntl.ioctl(descriptor, termios.FIONREAD, bytes(4)), sys.byteorder) < count:
-        time.sleep(0.001)
+def read(keys: TerminalKeys, program: int, count: int) -> Pressed:
+    """Read until so many keys have come: the system hands them over on its own time."""
+    found = Pressed("", False)
+    while len(found.keys) < count:
+        assert select.select([program], [], [], HANGING_S)[0]
+        more = keys.pressed(1)
+        found = Pressed(found.keys + more.keys, more.ended)
+    return found
 
 
 def test_keys_come_without_enter_and_are_not_echoed(terminal: Terminal) -> None:
@@ -41,8 +45,7 @@ def test_keys_come_without_enter_and_are_not_echoed(terminal: Terminal) -> None:
         assert keys.pressed(0) == ("", False)
         os.write(hand, b"wa")
         os.write(hand, b"d")
-        await_bytes(program, 3)
-        assert keys.pressed(1) == ("wad", False)
+        assert read(keys, program, 3) == ("wad", False)
         assert keys.pressed(2) == ("", False)
         local = termios.tcgetattr(program)[3]
         assert not local & (termios.ECHO | termios.ICANON)
@@ -65,8 +68,7 @@ def test_ctrl_d_ends_the_input(terminal: Terminal) -> None:
     hand, program = terminal
     with terminal_keys(program) as keys:
         os.write(hand, b"w\x04")
-        await_bytes(program, 2)
-        found = keys.pressed(0)
+        found = read(keys, program, 2)
         assert found.ended
         assert found.keys.startswith("w")
 

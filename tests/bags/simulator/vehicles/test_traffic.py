@@ -55,12 +55,8 @@ def test_commands_are_known_as_they_were_given() -> None:
     cars.advance(2 * SECOND)
     cars.command("car1", STOP)
     cars.advance(3 * SECOND)
-    assert [cars.command_at("car1", time) for time in (0, SECOND - 1, SECOND, 2 * SECOND)] == [
-        STOP,
-        STOP,
-        FORWARD,
-        STOP,
-    ]
+    found = [cars.command_at("car1", time) for time in (0, SECOND - 1, SECOND, 2 * SECOND)]
+    assert found == [STOP, STOP, FORWARD, STOP]
 
 
 def test_whoever_is_driven_keeps_to_no_route_and_starts_where_it_is_set_down() -> None:
@@ -149,13 +145,13 @@ def entered_s(of: Traffic, name: str, seconds: float) -> float:
 
 @pytest.mark.parametrize("yields", ["along", "across"])
 def test_at_a_crossing_one_lets_pass_whom_its_route_yields_to(yields: str) -> None:
-    routes: dict[str, dict[str, Any]] = {"along": dict(ALONG), "across": dict(ACROSS)}
-    routes[yields] = routes[yields] | {"yields_to": ["across" if yields == "along" else "along"]}
-    # Whoever yields would even be there a little earlier.
-    ahead = {yields: 2.0}
-    cars = traffic({"a": route(ahead.get("along", 0.0)), "b": route(ahead.get("across", 0.0), name="across")}, routes)
-    times = {"along": entered_s(cars, "a", 15), "across": entered_s(cars, "b", 15)}
     first = "across" if yields == "along" else "along"
+    routes: dict[str, dict[str, Any]] = {"along": ALONG, "across": ACROSS}
+    routes[yields] = routes[yields] | {"yields_to": [first]}
+    # Whoever yields would even be there a little earlier.
+    a, b = (route(2.0 * (yields == name), name=name) for name in ("along", "across"))
+    cars = traffic({"a": a, "b": b}, routes)
+    times = {"along": entered_s(cars, "a", 15), "across": entered_s(cars, "b", 15)}
     assert times[first] == pytest.approx(5.6, abs=0.4)  # it did not brake
     assert times[yields] > times[first] + 1
     assert cars.blocked_steps("a") == cars.blocked_steps("b") == 0
@@ -195,16 +191,12 @@ def test_what_cannot_be_is_refused(vehicles: dict[str, Any], message: str) -> No
         traffic(vehicles, routes)
 
 
-@pytest.mark.parametrize(
-    ("driven", "message"),
-    [
-        ("b", "among a, walker, found 'b'"),
-        ("walker", "vehicles.walker: expected a vehicle to drive, found a pedestrian"),
-    ],
-)
-def test_who_cannot_be_driven(driven: str, message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        traffic({"a": {}, "walker": route(20, 1.4, shape="pedestrian")}, {"along": ALONG}, driven=(driven,))
+def test_who_cannot_be_driven() -> None:
+    vehicles = {"a": {}, "walker": route(20, 1.4, shape="pedestrian")}
+    with pytest.raises(ConfigError, match="among a, walker, found 'b'"):
+        traffic(vehicles, {"along": ALONG}, driven=("b",))
+    with pytest.raises(ConfigError, match=r"vehicles\.walker: expected a vehicle to drive, found a pedestrian"):
+        traffic(vehicles, {"along": ALONG}, driven=("walker",))
 
 
 # --- the scenarios that come with lidcam

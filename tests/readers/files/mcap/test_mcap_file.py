@@ -78,11 +78,8 @@ def test_topics_that_cannot_be_read_are_listed_with_the_reason(tmp_path: Path) -
         writer.start("", "tests")
         json_schema = writer.register_schema("Speed", "jsonschema", b"{}")
         proto = writer.register_schema("foxglove.SceneUpdate", "protobuf", b"\0")
-        for topic, encoding, schema in (
-            ("/speed", "json", json_schema),
-            ("/scene", "protobuf", proto),
-            ("/x", "cdr", 0),
-        ):
+        channels = ("/speed", "json", json_schema), ("/scene", "protobuf", proto), ("/x", "cdr", 0)
+        for topic, encoding, schema in channels:
             channel = writer.register_channel(topic, encoding, schema)
             writer.add_message(channel, 10, b"{}", 10)
         state = states([7])[0]

@@ -74,22 +74,10 @@ def test_clocks_of_interfaces(options: list[tuple[int, bytes]], ticks: int, time
 
 
 def test_blocks_of_every_kind() -> None:
-    content = b"".join(
-        (
-            section(),
-            interface(1),
-            interface(113, ()),
-            ng_packet(AT_NS // 1000, b"one", number=1),
-            block(5, b"statistics"),
-            block(0x0BAD, b"of the future"),
-            ng_packet(AT_NS, b"two", kind=2),
-            ng_packet(0, b"three", kind=3),
-            ng_packet(AT_NS, b"four", number=7),
-            section(">"),
-            interface(101, order=">"),
-            ng_packet(AT_NS, b"five", order=">"),
-        )
-    )
+    content = section() + interface(1) + interface(113, ()) + ng_packet(AT_NS // 1000, b"one", number=1)
+    content += block(5, b"statistics") + block(0x0BAD, b"of the future")
+    content += ng_packet(AT_NS, b"two", kind=2) + ng_packet(0, b"three", kind=3) + ng_packet(AT_NS, b"four", number=7)
+    content += section(">") + interface(101, order=">") + ng_packet(AT_NS, b"five", order=">")
     packets, losses = read(content)
     assert losses == []
     assert [(packet.time_ns, packet.link_type, packet.head[: packet.size]) for packet in packets] == [

@@ -113,8 +113,7 @@ def test_numbers_as_classes() -> None:
 
 
 def test_number_that_is_a_label() -> None:
-    body = {"detections": [detection(("2", 0.9))]}
-    raw = builders.raw("/boxes", MSGTYPE, body, STAMP_NS)
+    raw = builders.raw("/boxes", MSGTYPE, {"detections": [detection(("2", 0.9))]}, STAMP_NS)
     found = decode_detections2d(raw, {"2": 5, "car": 0}, class_names=("person", "bicycle", "car"))
     np.testing.assert_array_equal(found.boxes.class_ids, [5])
 
@@ -143,10 +142,7 @@ GALACTIC = {
     "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
     "vision_msgs/msg/ObjectHypothesisWithPose": ("ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose"),
 }
-NO_BOX = {
-    **FOXY,
-    "vision_msgs/msg/Detection2D": "std_msgs/Header header\nObjectHypothesisWithPose[] results",
-}
+NO_BOX = {**FOXY, "vision_msgs/msg/Detection2D": "std_msgs/Header header\nObjectHypothesisWithPose[] results"}
 
 
 def old_message(definitions: dict[str, str], encoding: builders.Encoding, detections: list[Fields]) -> RawMessage:
@@ -180,11 +176,8 @@ def test_negative_numbers_of_ros1_count_something() -> None:
     found = decode_detections2d(raw, {"1": 0})
     np.testing.assert_array_equal(found.boxes.class_ids, [0])
     np.testing.assert_array_equal(found.boxes.scores, [1.0])
-    assert {name: values.tolist() for name, values in found.counts.items()} == {
-        "image_pixels": [99.0],
-        "instance": [4.0],
-        "-77": [5.0],
-    }
+    counts = {name: values.tolist() for name, values in found.counts.items()}
+    assert counts == {"image_pixels": [99.0], "instance": [4.0], "-77": [5.0]}
 
 
 def test_unknown_layout() -> None:
@@ -195,7 +188,7 @@ def test_unknown_layout() -> None:
 
 def test_more_boxes_than_a_message_may_hold() -> None:
     body = builders.detection2d_array([[1, 1, 9, 9]] * 5, class_names=["car"] * 5, scores=[0.9] * 5, stamp_ns=1)
-    message = builders.raw("/boxes", "vision_msgs/msg/Detection2DArray", body, 1)
+    message = builders.raw("/boxes", MSGTYPE, body, 1)
     assert len(decode_detections2d(message, {"car": 0}, limits=LimitsConfig(max_boxes=5)).boxes) == 5
     with pytest.raises(MessageError, match=r"/boxes: 5 boxes, expected at most 4: raise limits.max_boxes"):
         decode_detections2d(message, {"car": 0}, limits=LimitsConfig(max_boxes=4))
