@@ -13,8 +13,6 @@ from tempfile import TemporaryDirectory
 from common import LIDCAM, Child, Outcome, campaign, run_child  # isort: skip
 from hostile_recordings import HOSTILE
 
-__all__ = ["main"]
-
 COUNT = 4 * len(HOSTILE)
 
 MAX_MIB = 1400

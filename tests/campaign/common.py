@@ -27,8 +27,6 @@ from pathlib import Path
 from random import Random
 from types import FrameType
 
-__all__ = ["LIDCAM", "CaseTimeoutError", "Child", "Outcome", "campaign", "is_one_line", "run_child", "time_limit"]
-
 ROOT = Path(__file__).resolve().parents[2]
 SEARCHED = [os.environ.get("CAMPAIGN_ROOT", str(ROOT)), str(ROOT / "tests" / "support"), str(ROOT / "tests" / "fuzz")]
 """`CAMPAIGN_ROOT` names another tree of lidcam to try, for instance an older one."""

@@ -14,8 +14,6 @@ from common import Outcome, campaign  # isort: skip  (puts the tests' folders on
 from damage_judge import judge_altered
 from sound_recordings import KINDS
 
-__all__ = ["main"]
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run it; the exit code."""

@@ -41,8 +41,6 @@ from video import encode
 
 from pipeline.core.messages import Channel, RawMessage
 
-__all__ = ["HOSTILE", "Hostile"]
-
 Hostile = Callable[[Random, Path], list[Path]]
 Messages = Iterator[RawMessage]
 

@@ -38,8 +38,6 @@ from lidcam.summary import RunProgress
 from pipeline.core.messages import RawMessage
 from readers.open import open_recording
 
-__all__ = ["main"]
-
 START_NS, STEP_NS = 1_700_000_000 * 10**9, 100_000_000
 VARIANTS = 20
 """Clouds and images differ from frame to frame, and repeat after so many."""

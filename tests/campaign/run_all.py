@@ -8,8 +8,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-__all__ = ["NAMES", "main"]
-
 FOLDER = Path(__file__).resolve().parent
 NAMES = ("bounds", "containers", "long_run", "onnx_models", "signals", "stamps")
 

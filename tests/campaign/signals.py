@@ -25,8 +25,6 @@ from random import Random
 from common import LIDCAM, Child, Outcome, campaign, is_one_line, run_child  # isort: skip
 from small_drive import small_inputs
 
-__all__ = ["main"]
-
 TIMEOUT_S = 120.0
 MAX_END_S = 2.0
 """From the signal to the end."""

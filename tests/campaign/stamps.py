@@ -26,9 +26,6 @@ from pipeline.core.errors import LidcamError
 from pipeline.core.frame import FrameResult
 from pipeline.core.messages import RawMessage
 
-__all__ = ["main"]
-
-
 Form = Literal["rosbag1", "mcap", "sqlite"]
 Motion = Literal["odometry", "tf"]
 FORMS: tuple[Form, ...] = ("rosbag1", "mcap", "sqlite")
@@ -202,13 +199,8 @@ def _fault(clean: _Run, found: _Run, before: RawMessage, after: RawMessage) -> s
         if found.accounted.get(topic, 0) != recorded:
             return "a message was neither used nor dropped"
     late = after.log_time_ns != before.log_time_ns  # one that was recorded late may be a frame of its own
-    if (
-        not late
-        and not START_NS - PLAUSIBLE_NS
-        <= min(found.stamps_ns)
-        <= max(found.stamps_ns)
-        <= END_OF_DRIVE_NS + PLAUSIBLE_NS
-    ):
+    first_ns, last_ns = START_NS - PLAUSIBLE_NS, END_OF_DRIVE_NS + PLAUSIBLE_NS
+    if not late and not first_ns <= min(found.stamps_ns) <= max(found.stamps_ns) <= last_ns:
         return "a frame with a wrong stamp"
     apart_ns = max(abs(_stamp_ns(after) - _stamp_ns(before)), abs(after.log_time_ns - before.log_time_ns))
     if apart_ns <= PLAUSIBLE_NS:

@@ -2,7 +2,7 @@ from itertools import islice
 from pathlib import Path
 
 import pytest
-from builders import write_rosbag1
+from builders import in_order, write_rosbag1
 from command import Lidcam, Run, called
 from results import fused_objects
 
@@ -41,12 +41,6 @@ def crossing() -> Path:
 
 
 @pytest.fixture(scope="session")
-def sandbox_config() -> Path:
-    """Its settings."""
-    return ROOT / "config" / "sandbox.yaml"
-
-
-@pytest.fixture(scope="session")
 def first_messages(sandbox: Path) -> dict[str, list[RawMessage]]:
     """The first messages of the sample by topic, as many of each sensor; without truth of the cars."""
     with open_recording([sandbox]) as recording:
@@ -58,14 +52,12 @@ def first_messages(sandbox: Path) -> dict[str, list[RawMessage]]:
 def first_result(
     first_messages: dict[str, list[RawMessage]],
     lidcam: Lidcam,
-    sandbox_config: Path,
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Path:
     """What they become with the sample's settings."""
     path = tmp_path_factory.mktemp("first") / "first.bag"
-    messages = [message for topic in first_messages.values() for message in topic]
-    write_rosbag1(path, sorted(messages, key=lambda message: (message.log_time_ns, message.topic)))
-    run = lidcam("process", path, path.with_name("out.mcap"), "--config", sandbox_config)
+    write_rosbag1(path, in_order(*first_messages.values()))
+    run = lidcam("process", path, path.with_name("out.mcap"), "--config", "sandbox")
     assert run.code == 0, run.err
     assert sum(map(len, fused_objects(path.with_name("out.mcap")).values())) >= 8
     return path.with_name("out.mcap")

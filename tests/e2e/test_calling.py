@@ -83,8 +83,7 @@ def test_verbose_and_a_log_file(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -
 
 
 @pytest.mark.parametrize(
-    "command",
-    ["", "process", "inspect", "evaluate", "simulate", "drive", "config", "config show"],
+    "command", ["", "process", "inspect", "evaluate", "simulate", "drive", "config", "config show"]
 )
 def test_help(lidcam: Lidcam, command: str) -> None:
     done = lidcam(*command.split(), "-h")
@@ -112,9 +111,9 @@ def test_a_path_is_a_file_even_if_a_preset_has_its_name(lidcam: Lidcam, sandbox:
     assert (done.code, done.error_line) == (1, line)
 
 
-def test_strict(lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path) -> None:
+def test_strict(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.mcap"
-    options = ("--config", sandbox_config, *PART, "--strict")
+    options = ("--config", "sandbox", *PART, "--strict")
     assert lidcam("process", sandbox, out, *options).code == 0
     cut = tmp_path / "cut.bag"
     cut.write_bytes(sandbox.read_bytes()[:3_000_000])
@@ -206,9 +205,7 @@ def test_outputs_on_a_full_disk_are_an_error_in_one_line(kib: int, tmp_path: Pat
     assert list(out.iterdir()) == []
 
 
-def test_a_rig_in_two_files_gives_the_same_bytes(
-    lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path
-) -> None:
+def test_a_rig_in_two_files_gives_the_same_bytes(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -> None:
     """As found in the recording, as `inspect` writes it, and with that in two files."""
     rig = tmp_path / "rig.yaml"
     assert lidcam("inspect", sandbox, "--write-rig", rig).code == 0
@@ -222,7 +219,7 @@ def test_a_rig_in_two_files_gives_the_same_bytes(
     parts = ("--rig", tmp_path / "poses.yaml", "--rig", tmp_path / "lenses.yaml")
     given = {"found": (), "one": ("--rig", rig), "two": parts}
     for name, rigs in given.items():
-        run = lidcam("process", sandbox, tmp_path / f"{name}.mcap", "--config", sandbox_config, *PART, *rigs)
+        run = lidcam("process", sandbox, tmp_path / f"{name}.mcap", "--config", "sandbox", *PART, *rigs)
         assert run.code == 0, run.err
     assert any(fused_objects(tmp_path / "one.mcap").values())
     assert fused_objects(tmp_path / "found.mcap") == fused_objects(tmp_path / "one.mcap")

@@ -1,17 +1,17 @@
 """The sample recording in other types of messages gives the same fused objects."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from builders import image, raw, write_mcap, write_rosbag1
+from builders import image, in_order, raw, write_mcap, write_rosbag1
 from combined_messages import CAMERAS, CLOUDS, combined
 from command import Lidcam
 from foxglove_messages import twin
-from results import Found, fused_objects, messages_of, topics_of
+from results import Found, fused_objects, messages_of, stamp_of, topics_of
 
 from pipeline.core.messages import RawMessage
 from readers.messages.deserialize import deserialize
@@ -26,10 +26,10 @@ Process = Callable[[Path], tuple[Objects, Path]]
 
 
 @pytest.fixture(scope="module")
-def process(lidcam: Lidcam, sandbox_config: Path) -> Process:
+def process(lidcam: Lidcam) -> Process:
     def run(recording: Path) -> tuple[Objects, Path]:
         out = recording.with_suffix(".out.mcap")
-        done = lidcam("process", recording, out, "--config", sandbox_config)
+        done = lidcam("process", recording, out, "--config", "sandbox")
         assert done.code == 0, done.err
         return fused_objects(out), out
 
@@ -39,10 +39,6 @@ def process(lidcam: Lidcam, sandbox_config: Path) -> Process:
 @pytest.fixture(scope="module")
 def expected(first_result: Path) -> tuple[Objects, Path]:
     return fused_objects(first_result), first_result
-
-
-def in_order(messages: Iterable[RawMessage]) -> list[RawMessage]:
-    return sorted(messages, key=lambda message: (message.log_time_ns, message.topic))
 
 
 def decompressed(message: RawMessage) -> RawMessage:
@@ -81,9 +77,9 @@ def test_combined_messages_of_the_original(
     assert topics_of(out)["/cam1/image"][0] == "sensor_msgs/msg/Image"
     images = [message for _, message in messages_of(out, "/cam8/image")]
     recorded = [decompressed(m) for m in first_messages[IMAGE_TOPICS[-1]]]
-    stamps = {(s.stamp_ns // 10**9, s.stamp_ns % 10**9): deserialize(s).data for s in recorded}
+    pixels = {message.stamp_ns: deserialize(message).data for message in recorded}
     assert len(images) == len(objects)
-    assert all(np.array_equal(p.data, stamps[p.header.stamp.sec, p.header.stamp.nanosec]) for p in images)
+    assert all(np.array_equal(one.data, pixels[stamp_of(one)]) for one in images)
 
 
 @pytest.mark.parametrize("encoding", ["protobuf", "json"])

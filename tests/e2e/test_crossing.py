@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import Lidcam
-from results import Found, fused_objects, messages_of
+from results import Found, fused_objects, messages_of, stamp_of
 
 ROOT = Path(__file__).resolve().parents[2]
 LABELS = {
@@ -26,8 +26,7 @@ def truth() -> Truth:
     """Class, x, y, lidar points and image pixels of what is there, by stamp."""
     found: Truth = {}
     for _, message in messages_of(ROOT / "bags" / "crossing.mcap", "/ground_truth/objects"):
-        stamp = message.header.stamp
-        found[stamp.sec * 10**9 + stamp.nanosec] = [
+        found[stamp_of(message)] = [
             (
                 thing.results[0].hypothesis.class_id,
                 thing.bbox.center.position.x,

@@ -12,9 +12,11 @@ from typing import Any
 
 import pytest
 import yaml
+from builders import in_order, write_rosbag1
 from command import Lidcam
 from document_commands import ROOT
-from rosbags.rosbag1 import Reader, Writer
+
+from pipeline.core.messages import RawMessage
 
 WORKFLOW = ROOT / "docs" / "workflow.yml"
 PART = ("--duration", "0.4")
@@ -60,23 +62,12 @@ def test_the_workflow_pins_what_it_uses() -> None:
     assert all(re.fullmatch(r"[\w-]+/[\w-]+@[0-9a-f]{40}", one) for one in used)
 
 
-def _write_beginning(source: Path, target: Path, *, seconds: float) -> None:
-    """The first part of a ROS 1 bag: enough for a few frames."""
-    with Reader(source) as bag, Writer(target) as short:
-        connections = {
-            one.id: short.add_connection(one.topic, one.msgtype, msgdef=one.msgdef.data, md5sum=one.digest)
-            for one in bag.connections
-        }
-        for connection, stamp_ns, data in bag.messages(stop=bag.start_time + round(seconds * 1e9)):
-            short.write(connections[connection.id], stamp_ns, data)
-
-
-def test_the_workflow_runs(sandbox: Path, sandbox_config: Path, tmp_path: Path) -> None:
+def test_the_workflow_runs(sandbox: Path, first_messages: dict[str, list[RawMessage]], tmp_path: Path) -> None:
     """All steps but the installation, in the shell that GitHub takes."""
     samples = tmp_path / "samples"
     samples.mkdir()
-    _write_beginning(sandbox, samples / "drive.bag", seconds=0.35)
-    shutil.copy(sandbox_config, samples / "site.yaml")
+    write_rosbag1(samples / "drive.bag", in_order(*first_messages.values()))
+    shutil.copy(ROOT / "config" / "sandbox.yaml", samples / "site.yaml")
     (samples / "gate.txt").write_text("fused.car.recall >= 0.5\n", encoding="utf-8")
     shutil.copy(sandbox.with_name(f"{sandbox.name}.rig.yaml"), samples / "rig.yaml")
     text = WORKFLOW.read_text(encoding="utf-8")

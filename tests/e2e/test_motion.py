@@ -2,13 +2,12 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from builders import odometry, pointcloud2, raw, tf_message, transform_stamped, write_rosbag1
+from builders import in_order, odometry, pointcloud2, raw, tf_message, transform_stamped, write_rosbag1
 from command import Lidcam
-from results import messages_of, topics_of
+from results import messages_of, stamp_of, topics_of
 from scipy.spatial.transform import Rotation
 
 from pipeline.core.arrays import F64, I64
@@ -78,8 +77,8 @@ def process(lidcam: Lidcam, tmp_path_factory: pytest.TempPathFactory) -> Process
         xyzw = MOUNT.as_quat().tolist()
         mount = transform_stamped("base_link", "lidar", stamp_ns=START_NS, translation=MOUNT_M, rotation_xyzw=xyzw)
         sweeps = [sweep(index, logged_after_ns) for index in range(FRAMES)]
-        messages = [raw("/tf_static", TF, tf_message([mount]), START_NS, encoding="ros1"), *sweeps, *motion]
-        write_rosbag1(folder / "a.bag", sorted(messages, key=lambda message: message.log_time_ns))
+        mounting = raw("/tf_static", TF, tf_message([mount]), START_NS, encoding="ros1")
+        write_rosbag1(folder / "a.bag", in_order([mounting], sweeps, motion))
         done = lidcam("process", folder / "a.bag", folder / "out.mcap", *ALL_POINTS, *options)
         assert done.code == 0, done.err
         return folder / "out.mcap"
@@ -93,16 +92,12 @@ def moved(request: pytest.FixtureRequest, process: Process) -> Path:
     return process(request.param())
 
 
-def stamp_of(header: Any) -> int:
-    return int(header.stamp.sec * 10**9 + header.stamp.nanosec)
-
-
 def clouds_of(path: Path) -> dict[int, F64]:
     """Points (N, 3) of the combined clouds by stamp."""
     found = {}
     for _, cloud in messages_of(path, "/point_cloud_combined"):
         columns = np.frombuffer(cloud.data, np.uint8).reshape(-1, cloud.point_step)[:, :12].copy().view(np.float32)
-        found[stamp_of(cloud.header)] = columns.astype(np.float64)
+        found[stamp_of(cloud)] = columns.astype(np.float64)
     return found
 
 
@@ -133,10 +128,10 @@ def test_without_compensation_the_wall_is_as_thick_as_the_way_driven(process: Pr
 
 def test_tf_tells_where_the_vehicle_was_at_each_frame(moved: Path) -> None:
     edges = [message.transforms[0] for _, message in messages_of(moved, "/tf")]
-    assert [stamp_of(edge.header) for edge in edges] == [START_NS + (k + 1) * SWEEP_NS for k in range(FRAMES)]
+    assert [stamp_of(edge) for edge in edges] == [START_NS + (k + 1) * SWEEP_NS for k in range(FRAMES)]
     for edge in edges:
         assert (edge.header.frame_id, edge.child_frame_id) == ("odom", "base_link")
-        place, heading = vehicle_at(np.array([stamp_of(edge.header)], np.int64))
+        place, heading = vehicle_at(np.array([stamp_of(edge)], np.int64))
         shift, turn = edge.transform.translation, edge.transform.rotation
         np.testing.assert_allclose([shift.x, shift.y, shift.z], place[0], atol=1e-3)
         off = heading[0].inv() * Rotation.from_quat([turn.x, turn.y, turn.z, turn.w])

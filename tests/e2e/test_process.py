@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from command import Lidcam, Run
 from mcap.reader import make_reader
-from results import fused_objects, messages_of, topics_of
+from results import fused_objects, messages_of, stamp_of, topics_of
 from rosbags.convert import convert
 from rosbags.highlevel import AnyReader
 
@@ -35,11 +35,11 @@ Process = Callable[..., Run]
 
 
 @pytest.fixture(scope="module")
-def process(lidcam: Lidcam, sandbox: Path, sandbox_config: Path) -> Process:
+def process(lidcam: Lidcam, sandbox: Path) -> Process:
     """Process the sample with its settings and more options."""
 
     def run(out: Path, *options: object) -> Run:
-        done = lidcam("process", sandbox, out, "--config", sandbox_config, *options)
+        done = lidcam("process", sandbox, out, "--config", "sandbox", *options)
         assert done.code == 0, done.err
         return done
 
@@ -66,9 +66,9 @@ def truth(sandbox: Path) -> dict[str, list[tuple[int, float, float, float]]]:
             wanted = [c for c in reader.connections if c.topic == f"/{car}/base_pose_ground_truth"]
             for connection, _, data in reader.messages(wanted):
                 message: Any = reader.deserialize(data, connection.msgtype)
-                stamp, pose = message.header.stamp, message.pose.pose
+                pose = message.pose.pose
                 yaw = 2 * np.arctan2(pose.orientation.z, pose.orientation.w)
-                poses.append((stamp.sec * 10**9 + stamp.nanosec, pose.position.x, pose.position.y, float(yaw)))
+                poses.append((stamp_of(message), pose.position.x, pose.position.y, float(yaw)))
     return found
 
 
@@ -89,9 +89,9 @@ def test_both_cars_are_found_and_confirmed(
 
 
 def test_zones_hold_one_car_each(whole: Path) -> None:
-    counts = [(m.num_intersection, m.num_circle) for _, m in messages_of(whole, "/lidar_camera_fused")]
-    assert all(i >= 1 for i, _ in counts[2:])
-    for _, message in messages_of(whole, "/lidar_camera_fused"):
+    messages = [message for _, message in messages_of(whole, "/lidar_camera_fused")]
+    assert all(message.num_intersection >= 1 for message in messages[2:])
+    for message in messages:
         assert message.num_intersection == len(message.objects_intersection)
         assert message.num_circle == len(message.objects_circle)
         assert all(o.pos_y >= 0 for o in message.objects_intersection)
@@ -103,9 +103,8 @@ def test_output_contract(whole: Path) -> None:
     assert {topic: topics[topic][0] for topic in TOPICS} == TOPICS
     frames = len(fused_objects(whole))
     assert {topics[t][1] for t in TOPICS if t != "/tf_static"} == {frames}
-    images = [m.header.stamp for _, m in messages_of(whole, "/cam43/image/compressed")]
-    infos = [m.header.stamp for _, m in messages_of(whole, "/cam43/camera_info")]
-    assert [(s.sec, s.nanosec) for s in images] == [(s.sec, s.nanosec) for s in infos]
+    images, infos = (messages_of(whole, f"/cam43/{name}") for name in ("image/compressed", "camera_info"))
+    assert [stamp_of(image) for _, image in images] == [stamp_of(info) for _, info in infos]
 
 
 def test_stamps_rise_and_log_times_are_those_of_the_reference(whole: Path, sandbox: Path) -> None:
@@ -117,13 +116,11 @@ def test_stamps_rise_and_log_times_are_those_of_the_reference(whole: Path, sandb
         wanted = [c for c in reader.connections if c.topic == "/velodyne1_points"]
         for connection, log_ns, data in reader.messages(wanted):
             message: Any = reader.deserialize(data, connection.msgtype)
-            reference[message.header.stamp.sec * 10**9 + message.header.stamp.nanosec] = log_ns
+            reference[stamp_of(message)] = log_ns
     assert [reference[stamp_ns] for stamp_ns in stamps] == logged
 
 
-def test_same_objects_from_ros2(
-    lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path, whole: Path
-) -> None:
+def test_same_objects_from_ros2(lidcam: Lidcam, sandbox: Path, tmp_path: Path, whole: Path) -> None:
     folder, out = tmp_path / "bag", tmp_path / "out.mcap"
     convert(  # rosbags' own conversion, not ours
         [sandbox],
@@ -139,7 +136,7 @@ def test_same_objects_from_ros2(
         exclude_msgtypes=(),
         include_msgtypes=(),
     )
-    run = lidcam("process", folder, out, "--config", sandbox_config, "--duration", "1")
+    run = lidcam("process", folder, out, "--config", "sandbox", "--duration", "1")
     assert run.code == 0, run.err
     found = fused_objects(out)
     assert len(found) >= 8

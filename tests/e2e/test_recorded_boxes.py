@@ -6,14 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from builders import odometry, raw, write_mcap, write_rosbag1
+from builders import in_order, odometry, raw, write_mcap, write_rosbag1
 from object_messages import Recorded, boxes_message, objects_message
+from reports import printed
 from results import Found, fused_objects, topics_of
 from rich.console import Console
 
 from lidcam.inspection import inspect_recording
 from lidcam.job import make_job
-from lidcam.printing.console import print_inspection, print_report
+from lidcam.printing.console import print_inspection
 from lidcam.report import RunReport, report_tree
 from lidcam.run import process_recording
 from lidcam.settings.choice import SettingsChoice
@@ -31,12 +32,6 @@ DETECTOR, LATE_NS = "/detector/objects", 70_000_000
 
 def process(recording: Path, out: Path, *settings: str, config: str | None = None, workers: int = 1) -> RunReport:
     return process_recording(make_job(recording, out, config=config, settings=settings, workers=workers))
-
-
-def printed(report: RunReport) -> str:
-    console = Console(record=True, width=200, force_terminal=False)
-    print_report(console, report)
-    return console.export_text()
 
 
 def given_back(result: Path) -> list[RawMessage]:
@@ -69,8 +64,7 @@ def of_sandbox(sandbox: Path, *, without: str = "no such topic") -> list[RawMess
 
 
 def write(path: Path, *parts: Iterable[RawMessage]) -> Path:
-    messages = sorted((message for part in parts for message in part), key=lambda message: message.log_time_ns)
-    write_rosbag1(path, messages)
+    write_rosbag1(path, in_order(*parts))
     return path
 
 
@@ -109,7 +103,7 @@ def test_lidcams_own_boxes_given_back_make_the_same_objects(clusters: Path, sand
         np.testing.assert_allclose(places(found[stamp_ns]), places(objects), atol=0.03)
     assert (report.frames.without_boxes3d, dict(report.drops.boxes3d)) == (0, {})
     assert report.inputs.messages_used[DETECTOR] == report.frames.count
-    assert re.search(rf"3D boxes +recorded from {DETECTOR}\s*$", printed(report), re.MULTILINE)
+    assert re.search(rf"3D boxes +recorded from {DETECTOR}$", printed(report), re.MULTILINE)
     assert report_tree(report)["boxes3d_topics"] == [DETECTOR]
 
 
@@ -171,7 +165,7 @@ def drive() -> list[RawMessage]:
         late = {"frame_id": "base_link", "log_time_ns": stamp_ns + 40_000_000}
         messages.append(objects_message("autoware", stamp_ns, seen, **late))
         messages.append(objects_message("humble", stamp_ns + 20_000_000, at_map, frame_id="map", topic="/other"))
-    return sorted(messages, key=lambda message: message.log_time_ns)
+    return in_order(messages)
 
 
 def test_two_detectors_on_a_vehicle_without_clouds(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 The clouds hold the points that the packets decode to, so that all results have to be equal to the last bit.
 """
 
-from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from builders import (
     Encoding,
     camera_info,
     detection2d_array,
+    in_order,
     pointcloud2,
     raw,
     tf_message,
@@ -147,10 +147,6 @@ class Scene:
 @pytest.fixture(scope="module")
 def scene() -> Scene:
     return Scene()
-
-
-def in_order(*messages: Iterable[RawMessage]) -> list[RawMessage]:
-    return sorted((m for part in messages for m in part), key=lambda m: m.log_time_ns)
 
 
 def objects(*inputs: Path, rig: Path | None = None) -> dict[int, list[Found]]:

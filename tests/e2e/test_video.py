@@ -7,9 +7,9 @@ from typing import Any
 
 import cv2
 import pytest
-from builders import header, write_mcap, write_rosbag1
+from builders import header, in_order, write_mcap, write_rosbag1
 from command import Lidcam
-from results import fused_objects, messages_of, topics_of
+from results import fused_objects, messages_of, stamp_of, topics_of
 from video import compressed_video, encode, ffmpeg_packet, psnr_db
 
 from pipeline.core.messages import RawMessage
@@ -44,18 +44,13 @@ def video(data: bytes, like: RawMessage, frame_id: str = "camera") -> RawMessage
     return compressed_video(data, like.stamp_ns, like.log_time_ns, topic=like.topic, encoding="ros1", frame_id=frame_id)
 
 
-def in_order(sensors: Sensors) -> list[RawMessage]:
-    messages = [message for topic in sensors.values() for message in topic]
-    return sorted(messages, key=lambda message: (message.log_time_ns, message.topic))
-
-
 Process = Callable[..., tuple[int, Any, str]]
 
 
 @pytest.fixture(scope="module")
-def process(lidcam: Lidcam, sandbox_config: Path) -> Process:
+def process(lidcam: Lidcam) -> Process:
     def run(path: Path, out: Path, *options: object) -> tuple[int, Any, str]:
-        done = lidcam("process", path, out, "--config", sandbox_config, "--json", *options)
+        done = lidcam("process", path, out, "--config", "sandbox", "--json", *options)
         return done.code, json.loads(done.out) if done.code in {0, 3} else None, done.err
 
     return run
@@ -64,7 +59,7 @@ def process(lidcam: Lidcam, sandbox_config: Path) -> Process:
 @pytest.fixture(scope="module")
 def film(filmed: Sensors, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("film") / "film.bag"
-    write_rosbag1(path, in_order(filmed))
+    write_rosbag1(path, in_order(*filmed.values()))
     return path
 
 
@@ -88,8 +83,7 @@ def images_of(out: Path) -> dict[int, Any]:
     found = {}
     for _, message in messages_of(out, OUTPUT_TOPICS[0]):
         assert (message.format, message.header.frame_id) == ("jpeg", "camera_11_optical")
-        stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-        found[stamp_ns] = cv2.imdecode(message.data, cv2.IMREAD_COLOR)
+        found[stamp_of(message)] = cv2.imdecode(message.data, cv2.IMREAD_COLOR)
     return found
 
 
@@ -121,7 +115,7 @@ def test_packets_of_ffmpeg(process: Process, filmed: Sensors, whole: Path, tmp_p
 
     path, out = tmp_path / "ffmpeg.mcap", tmp_path / "out.mcap"
     others = {topic: [other(message) for message in filmed[topic]] for topic in IMAGE_TOPICS}
-    write_mcap(path, in_order(filmed | others), "zstd", profile="")
+    write_mcap(path, in_order(*(filmed | others).values()), "zstd", profile="")
     code, _, err = process(path, out)
     assert code == 0, err
     for topic in ("/fused/detections", *OUTPUT_TOPICS):
@@ -133,7 +127,7 @@ def test_a_broken_packet(process: Process, filmed: Sensors, first_result: Path, 
     first = list(filmed[FIRST])
     first[1] = video(b"\0\0\0\1\x41" + b"nonsense" * 9, first[1])
     path, out = tmp_path / "broken.bag", tmp_path / "out.mcap"
-    write_rosbag1(path, in_order(filmed | {FIRST: first}))
+    write_rosbag1(path, in_order(*(filmed | {FIRST: first}).values()))
     code, report, err = process(path, out)
     assert code == 3, err
     drops = {drop["reason"]: drop["count"] for drop in report["drops"] if drop["topic"] == FIRST}

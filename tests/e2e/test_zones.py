@@ -4,11 +4,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from reports import printed
 from results import fused_objects, messages_of
-from rich.console import Console
 
 from lidcam.job import make_job
-from lidcam.printing.console import print_report
 from lidcam.report import RunReport, report_tree
 from lidcam.run import process_recording
 
@@ -44,9 +43,7 @@ def test_objects_that_are_not_reported_are_counted(
     assert dict(report.drops.objects) == {reason: left_out}
     assert report_tree(report)["objects_left_out"] == {reason: left_out}
     assert {zone for _, zone in report.frames.objects} == ({"south"} if in_south else {""})
-    console = Console(record=True, width=200, force_terminal=False)
-    print_report(console, report)
-    assert f"objects not reported: {left_out}, {reason}" in console.export_text()
+    assert f"objects not reported: {left_out}, {reason}" in printed(report)
     for topic in ("/lidar/detections", "/cameras/detections"):
         one, other = (messages_of(path, topic) for path in (plain[0], tmp_path / "out.mcap"))
         assert [len(message.detections) for _, message in one] == [len(message.detections) for _, message in other]

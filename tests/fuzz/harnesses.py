@@ -19,15 +19,7 @@ from typing import Any, Literal
 
 import numpy as np
 import yaml
-from builders import (
-    Fields,
-    image,
-    odometry,
-    pointcloud2,
-    raw,
-    tf_message,
-    transform_stamped,
-)
+from builders import Fields, image, odometry, pointcloud2, raw, tf_message, transform_stamped
 from combined_messages import CAMERAS, combined
 from foxglove_messages import SCHEMA_OF, foxglove_raw, twin
 from frames import PROVENANCE, frame
@@ -61,8 +53,6 @@ from readers.velodyne.calibration import read_velodyne_calibration
 from readers.velodyne.models import MODELS
 from writers.mcap.writer import McapResultWriter
 from writers.outputs.transaction import OutputFile
-
-__all__ = ["CORPUS", "HARNESSES", "inputs"]
 
 CORPUS = Path(__file__).parent / "corpus"
 MAX_MESSAGES = 3000

@@ -48,8 +48,6 @@ from readers.velodyne.decoder import VelodyneDecoders
 from readers.velodyne.models import MODELS
 from readers.video.decoder import VideoDecoder
 
-__all__ = ["ENCODINGS", "LIMITS", "MESSAGES", "T0", "Encoding", "Harness", "hold", "images", "info"]
-
 T0 = 1_700_000_000 * 10**9
 Encoding = Literal["ros1", "cdr"]
 ENCODINGS: tuple[Encoding, ...] = ("ros1", "cdr")

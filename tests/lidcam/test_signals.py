@@ -11,6 +11,9 @@ import pytest
 
 pytestmark = pytest.mark.traced_processes
 
+PATIENCE_S = 300.0
+"""A program that does not end for so long hangs."""
+
 BEGIN = """
 import os, signal, sys
 from pathlib import Path
@@ -21,21 +24,22 @@ from pipeline.core.ending import undone_at_once
 kept = Path(sys.argv[1])
 kept.touch()
 me, number = os.getpid(), signal.Signals(int(sys.argv[2]))
+
+def killed():
+    os.kill(me, number)
+    while True:
+        pass
 """
 
 PLACES = {
     "at rest": """
 with undone_at_once(kept.unlink):
-    os.kill(me, number)
-    while True:
-        pass
+    killed()
 """,
     "in a finaliser": """
 class Final:
     def __del__(self):
-        os.kill(me, number)
-        while True:
-            pass
+        killed()
 
 with undone_at_once(kept.unlink):
     Final()
@@ -48,9 +52,7 @@ undo = undone_at_once(kept.unlink)
 undo.__enter__()
 
 def last():
-    os.kill(me, number)
-    while True:
-        pass
+    killed()
 
 atexit.register(last)
 """,
@@ -60,9 +62,7 @@ with undone_at_once(kept.unlink):
         raise ValueError
     finally:
         try:
-            os.kill(me, number)
-            while True:
-                pass
+            killed()
         except BaseException:
             os._exit(3)
 """,
@@ -73,18 +73,14 @@ def undo():
     kept.unlink()
 
 with undone_at_once(undo):
-    os.kill(me, number)
-    while True:
-        pass
+    killed()
 """,
     "while something cannot be undone": """
 def fail():
     raise OSError
 
 with undone_at_once(kept.unlink), undone_at_once(fail):
-    os.kill(me, number)
-    while True:
-        pass
+    killed()
 """,
 }
 CLOSED = {
@@ -116,7 +112,7 @@ def run(code: str, kept: Path, number: signal.Signals, *, dispositions: int = si
         [sys.executable, "-c", BEGIN + code, str(kept), str(int(number))],
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=PATIENCE_S,
         check=False,
         preexec_fn=as_from_a_terminal,
     )
@@ -152,7 +148,7 @@ def test_on_a_terminal_the_line_takes_the_place_of_a_progress_bar(tmp_path: Path
     master, terminal = os.openpty()
     code = BEGIN + PLACES["at rest"]
     command = [sys.executable, "-c", code, str(tmp_path / "kept"), str(int(signal.SIGTERM))]
-    done = subprocess.run(command, stderr=terminal, timeout=30, check=False)
+    done = subprocess.run(command, stderr=terminal, timeout=PATIENCE_S, check=False)
     os.close(terminal)
     shown = os.read(master, 1000)
     os.close(master)

@@ -1,9 +1,9 @@
 """A disk slower than the stages: what waits for it is bounded, however long the recording is."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from threading import Event
-from typing import Any, ClassVar
+from threading import Condition, Event, current_thread
+from typing import ClassVar
 from weakref import WeakSet
 
 import numpy as np
@@ -17,6 +17,7 @@ from lidcam.run import RunObserver, process_recording
 from lidcam.summary import RunProgress
 from pipeline.core.frame import SensorBundle
 from pipeline.core.messages import RawMessage
+from pipeline.parallel.background import Background
 from writers.mcap.chunk import Chunk
 from writers.mcap.output import CHUNK_BYTES
 
@@ -24,6 +25,9 @@ FRAMES = 16
 IMAGE_PX = 480, 640, 3
 FRAME_BYTES = 480 * 640 * 3
 WAITING_BYTES = 4 << 20
+PATIENCE_S = 300.0
+"""A run that does nothing for so long hangs."""
+
 READ_AHEAD = 2
 """Frames that wait for the poses around them, and for messages to copy."""
 
@@ -41,24 +45,42 @@ def drive() -> Iterator[RawMessage]:
     return iter(sorted(messages, key=lambda message: message.log_time_ns))
 
 
-class SlowChunk(Chunk):
-    """A chunk that is not written before about as many wait as may, or all frames are done."""
-
-    there: ClassVar["WeakSet[SlowChunk]"] = WeakSet()
-    all_done: ClassVar[Event]
+class CountedChunk(Chunk):
+    there: ClassVar["WeakSet[CountedChunk]"] = WeakSet()
 
     def __init__(self) -> None:
         super().__init__()
         self.there.add(self)
 
-    def write(self, *args: Any) -> Any:
-        while held_bytes() < WAITING_BYTES - 2 * FRAME_BYTES and not self.all_done.wait(0.001):
-            pass
-        return super().write(*args)
+
+class Told(Condition):
+    """Tells when a thread other than that of the disk waits."""
+
+    def __init__(self, is_waited_for: Event) -> None:
+        super().__init__()
+        self._is_waited_for = is_waited_for
+
+    def wait(self, timeout: float | None = None) -> bool:
+        if current_thread().name != "lidcam-write":
+            self._is_waited_for.set()
+        return super().wait(timeout)
 
 
-def held_bytes() -> int:
-    return sum(chunk.size for chunk in [*SlowChunk.there])
+class SlowDisk(Background):
+    """Writes a chunk only when the run waits for one to be written."""
+
+    def __init__(self, weight: float, name: str) -> None:
+        super().__init__(weight, name)
+        self._is_waited_for = Event()
+        self._changed = Told(self._is_waited_for)
+
+    def add(self, job: Callable[[], object], weight: int) -> None:
+        def late() -> None:
+            assert self._is_waited_for.wait(PATIENCE_S)
+            self._is_waited_for.clear()
+            job()
+
+        super().add(late, weight)
 
 
 class Watch(RunObserver):
@@ -76,9 +98,7 @@ class Watch(RunObserver):
 
     def advanced(self, progress: RunProgress) -> None:
         self.ahead.append(self.read - progress.frames)
-        self.held.append(held_bytes())
-        if progress.frames == FRAMES:
-            SlowChunk.all_done.set()
+        self.held.append(sum(chunk.size for chunk in CountedChunk.there))
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -86,10 +106,10 @@ def test_no_more_waits_than_the_frames_in_work_and_some_chunks(
     workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     watch = Watch()
-    SlowChunk.all_done = Event()
     monkeypatch.setattr("pipeline.parallel.run.START_S", 0.0)
     monkeypatch.setattr("writers.mcap.output.WAITING_BYTES", WAITING_BYTES)
-    monkeypatch.setattr("writers.mcap.output.Chunk", SlowChunk)
+    monkeypatch.setattr("writers.mcap.output.Background", SlowDisk)
+    monkeypatch.setattr("writers.mcap.output.Chunk", CountedChunk)
     monkeypatch.setattr("lidcam.run.bundles", lambda *args: watch.reading(bundles(*args)))
     write_mcap(path := tmp_path / "drive.mcap", drive())
     process_recording(make_job(path, tmp_path / "out.mcap", workers=workers), watch)

@@ -28,26 +28,6 @@ from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.typestores import message_types
 from readers.messages.deserialize import typestore_for
 
-__all__ = [
-    "Fields",
-    "camera_info",
-    "channel",
-    "detection2d_array",
-    "header",
-    "image",
-    "odometry",
-    "pointcloud2",
-    "raw",
-    "serialize",
-    "store_for",
-    "tf_message",
-    "time",
-    "transform_stamped",
-    "write_mcap",
-    "write_rosbag1",
-    "write_rosbag2",
-]
-
 Fields = Mapping[str, Any]
 Encoding = Literal["ros1", "cdr"]
 
@@ -317,6 +297,11 @@ def _zero(base: str) -> str | bool | int | float:
 
 
 # --- recordings
+
+
+def in_order(*parts: Iterable[RawMessage]) -> list[RawMessage]:
+    """All messages by log time; those of one time by topic."""
+    return sorted(chain(*parts), key=lambda message: (message.log_time_ns, message.topic))
 
 
 def write_rosbag1(

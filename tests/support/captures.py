@@ -9,19 +9,6 @@ import dpkt
 
 from pipeline.core.arrays import I64, U8
 
-__all__ = [
-    "PCAP_FORMS",
-    "block",
-    "capture_of",
-    "datagram",
-    "ethernet",
-    "interface",
-    "ip_packet",
-    "ng_packet",
-    "pcap",
-    "section",
-]
-
 PCAP_FORMS = {
     "little, us": ("<", 0xA1B2C3D4, 1000),
     "big, us": (">", 0xA1B2C3D4, 1000),
@@ -34,16 +21,10 @@ PCAP_FORMS = {
 # --- packets
 
 
-def datagram(payload: bytes, port: int = 2368) -> Any:
-    """A UDP packet."""
-    udp = dpkt.udp.UDP(sport=port, dport=port, data=payload)
-    udp.ulen = len(udp)
-    return udp
-
-
 def ip_packet(payload: bytes, source: str = "192.168.1.201", port: int = 2368, **fields: Any) -> Any:
     """An IPv4 or IPv6 packet of UDP; `fields` go to its header."""
-    address, udp = ip_address(source), datagram(payload, port)
+    address, udp = ip_address(source), dpkt.udp.UDP(sport=port, dport=port, data=payload)
+    udp.ulen = len(udp)
     if address.version == 6:
         return dpkt.ip6.IP6(src=address.packed, dst=bytes(16), nxt=17, hlim=64, plen=len(udp), data=udp, **fields)
     packet = dpkt.ip.IP(src=address.packed, dst=b"\xff" * 4, p=17, data=udp, **fields)

@@ -10,8 +10,6 @@ from rosbags.typesys.store import Typestore
 from pipeline.core.messages import RawMessage
 from readers.messages.deserialize import deserialize
 
-__all__ = ["CAMERAS", "CLOUDS", "combined"]
-
 CAMERAS, CLOUDS = "msgs/msg/MsgCamera", "msgs/msg/ListPointCloud"
 DEFINITIONS = {
     CAMERAS: "Header header\nsensor_msgs/Image[] camera",

@@ -13,8 +13,6 @@ from logging_state import kept_logging
 
 from lidcam.__main__ import main, main_process
 
-__all__ = ["Lidcam", "Run", "called"]
-
 
 @dataclass(frozen=True)
 class Run:

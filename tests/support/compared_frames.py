@@ -9,8 +9,6 @@ from detections import boxes2d, boxes3d
 from pipeline.core.detections import Boxes2D
 from pipeline.evaluation.evaluation_frame import UNKNOWN, SourceBoxes
 
-__all__ = ["Frame", "Row", "objects", "run_of"]
-
 Row = tuple[float, float, float, float, float, float, float]
 
 

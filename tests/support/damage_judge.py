@@ -5,27 +5,23 @@ Nothing may be missing in silence, and nothing altered that a checksum covers.
 
 import resource
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from itertools import zip_longest
 from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
-from sound_recordings import KINDS, Seen, SoundRecording, read_all, sound_recording, write_files
+from sound_recordings import CHECKED, KINDS, Recovery, Seen, SoundRecording, read_all, sound_recording, write_files
 
 from pipeline.core.errors import LidcamError
-
-__all__ = ["Recovery", "Verdict", "judge", "judge_altered"]
-
-Recovery = Literal["none", "as_needed", "full_scan"]
 
 SECTOR = 512
 MAX_GROWTH_MIB = 400
 MAX_LINE_CHARACTERS = 5000
 
-ALL = frozenset({"payload", "log time", "definition", "name"})
+ALL = frozenset(Seen._fields)
 UNCHECKED = {
     **dict.fromkeys(("rosbag1-none", "rosbag1-lz4"), ALL),  # rosbags writes lz4 frames without a checksum
     "rosbag1-bz2": {"definition", "name"},  # those in the index at the end of the file
@@ -102,7 +98,7 @@ def judge(sound: SoundRecording, path: Path, recovery: Recovery) -> Verdict:
     if told:
         unknown = Counter(message.data for message in messages) - Counter(message.data for message in sound.messages)
         more = len(messages) > len(sound.messages)
-        altered = bool(unknown) and sound.checked
+        altered = bool(unknown) and sound.kind in CHECKED
         kind = " (messages twice or invented)" if more else " (among them altered ones)" if altered else ""
         return Verdict(f"different, told{kind}", is_fault=False, detail=f"{detail}; {reasons}")
     if difference == {"loss"} and sound.kind in NO_END and messages == sound.messages[: len(messages)]:
@@ -112,20 +108,12 @@ def judge(sound: SoundRecording, path: Path, recovery: Recovery) -> Verdict:
     return Verdict(f"SILENT: {text}", is_fault=True, detail=detail)
 
 
-PARTS: dict[str, Callable[[Seen], object]] = {
-    "name": lambda message: message.name,
-    "definition": lambda message: message.definition,
-    "log time": lambda message: message.log_time_ns,
-    "payload": lambda message: message.data,
-}
-
-
 def _difference(expected: Sequence[Seen], found: Sequence[Seen]) -> set[str]:
     """In what two recordings differ; `loss` where messages are missing."""
     if len(found) != len(expected):
         return {"loss" if len(found) < len(expected) else "more messages"}
-    differs = {name for name, part in PARTS.items() if Counter(map(part, expected)) != Counter(map(part, found))}
-    return differs or {"payload"}  # of each other
+    columns = zip(Seen._fields, zip(*expected, strict=True), zip(*found, strict=True), strict=True)
+    return {name for name, one, other in columns if Counter(one) != Counter(other)} or {"data"}  # of each other
 
 
 def _first(expected: Sequence[Seen], found: Sequence[Seen]) -> str:

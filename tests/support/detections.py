@@ -11,8 +11,6 @@ from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, Rig
 
-__all__ = ["boxes2d", "boxes3d", "camera_rig", "forward_camera"]
-
 # Optical axes (right, down, forward) of a camera that looks along the site's x axis.
 LOOK_FORWARD = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
 

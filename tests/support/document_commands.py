@@ -8,8 +8,6 @@ from typer.main import get_command
 
 from lidcam.commands import app
 
-__all__ = ["ROOT", "commands_of_help", "commands_of_pages", "pages"]
-
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = ("lidcam", "lidcam-process", "pip", "make", "rerun", "python", "python3", "apt-get")
 

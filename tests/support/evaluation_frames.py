@@ -8,8 +8,6 @@ from detections import boxes3d
 
 from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, ImageBoxes, SourceBoxes, TruthBoxes3D
 
-__all__ = ["frame_of", "rows_at", "source_boxes", "truth_boxes"]
-
 FRAME_NS = 100_000_000
 
 

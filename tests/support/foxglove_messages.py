@@ -9,7 +9,7 @@ import re
 from base64 import b64encode
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from google.protobuf import timestamp_pb2
@@ -18,8 +18,6 @@ from google.protobuf.message_factory import GetMessages
 
 from pipeline.core.messages import Channel, RawMessage
 from readers.messages.deserialize import deserialize
-
-__all__ = ["SCHEMA_OF", "foxglove_raw", "twin"]
 
 Encoding = Literal["protobuf", "json"]
 Fields = Mapping[str, Any]
@@ -59,21 +57,14 @@ message FrameTransforms { repeated foxglove.FrameTransform transforms = 1; }
 """Names, numbers and types as in the package foxglove-schemas-protobuf 0.4.0."""
 
 
-class Field(NamedTuple):
-    """One field of a schema."""
-
-    kind: str
-    number: int
-    is_list: bool
-
-
 SCHEMAS = {
     schema: {
-        name: Field(kind, int(number), bool(repeated))
+        name: (kind, int(number), bool(repeated))
         for repeated, kind, name, number in re.findall(r"(repeated )?([\w.]+) (\w+) = (\d+);", fields)
     }
     for schema, fields in re.findall(r"message (\w+) {([^}]*)}", PROTO)
 }
+"""Type, number, and whether it is a list, of each field by schema and name."""
 
 SCHEMA_OF = {
     "sensor_msgs/msg/PointCloud2": "foxglove.PointCloud",
@@ -95,13 +86,13 @@ def _descriptors() -> FileDescriptorSet:
     file = FileDescriptorProto(name="foxglove.proto", package="foxglove", syntax="proto3", dependency=[time.name])
     for schema, fields in SCHEMAS.items():
         message = file.message_type.add(name=schema)
-        for name, field in fields.items():
-            label = FieldDescriptorProto.LABEL_REPEATED if field.is_list else FieldDescriptorProto.LABEL_OPTIONAL
-            added = message.field.add(name=name, number=field.number, label=label)
-            if "." in field.kind:
-                added.type, added.type_name = FieldDescriptorProto.TYPE_MESSAGE, f".{field.kind}"
+        for name, (kind, number, is_list) in fields.items():
+            label = FieldDescriptorProto.LABEL_REPEATED if is_list else FieldDescriptorProto.LABEL_OPTIONAL
+            added = message.field.add(name=name, number=number, label=label)
+            if "." in kind:
+                added.type, added.type_name = FieldDescriptorProto.TYPE_MESSAGE, f".{kind}"
             else:
-                added.type = getattr(FieldDescriptorProto, f"TYPE_{field.kind.upper()}")
+                added.type = getattr(FieldDescriptorProto, f"TYPE_{kind.upper()}")
     return FileDescriptorSet(file=[file, time])  # a file before its dependency: the specification sets no order
 
 
@@ -127,11 +118,9 @@ def foxglove_raw(
     order: tuple[int, ...] = (0, 0),
 ) -> RawMessage:
     """An undecoded message as the MCAP reader yields it, with the log time as its stamp."""
-    data = (
-        json.dumps(_json(schema.removeprefix("foxglove."), fields)).encode()
-        if encoding == "json"
-        else bytes(_protobuf(schema, fields).SerializeToString())
-    )
+    written = _written(schema.removeprefix("foxglove."), fields, encoding)
+    is_json = encoding == "json"
+    data = json.dumps(written).encode() if is_json else bytes(_classes()[schema](**written).SerializeToString())
     return RawMessage(log_time_ns, log_time_ns, order, data, _channel(topic, schema, encoding))
 
 
@@ -144,44 +133,31 @@ def twin(message: RawMessage, encoding: Encoding) -> RawMessage:
     return foxglove_raw(message.topic, schema, fields, message.log_time_ns, encoding, order=message.order)
 
 
-def _protobuf(schema: str, fields: Fields) -> Any:
-    message = _classes()[schema]()
-    for name, value in fields.items():
-        kind, _, is_list = SCHEMAS[schema.removeprefix("foxglove.")][name]
-        if kind == TIME:
-            getattr(message, name).SetInParent()
-            message.timestamp.seconds, message.timestamp.nanos = divmod(value, 10**9)
-        elif is_list:
-            getattr(message, name).extend([_protobuf(kind, item) for item in value] if "." in kind else value)
-        elif "." in kind:
-            getattr(message, name).CopyFrom(_protobuf(kind, value))
-        else:
-            setattr(message, name, value)
-    return message
-
-
-def _json(schema: str, fields: Fields) -> dict[str, Any]:
+def _written(schema: str, fields: Fields, encoding: Encoding) -> dict[str, Any]:
+    """Fields as the encoding has them: times in two parts; in JSON, bytes as text."""
     found: dict[str, Any] = {}
     for name, value in fields.items():
         kind, _, is_list = SCHEMAS[schema][name]
         inner = kind.removeprefix("foxglove.")
         if kind == TIME:
-            found[name] = dict(zip(("sec", "nsec"), divmod(value, 10**9), strict=True))
-        elif kind == "bytes":
+            names = ("sec", "nsec") if encoding == "json" else ("seconds", "nanos")
+            found[name] = dict(zip(names, divmod(value, 10**9), strict=True))
+        elif kind == "bytes" and encoding == "json":
             found[name] = b64encode(value).decode()
         elif inner in SCHEMAS:
-            found[name] = [_json(inner, item) for item in value] if is_list else _json(inner, value)
+            items = [_written(inner, item, encoding) for item in (value if is_list else [value])]
+            found[name] = items if is_list else items[0]
         else:
             found[name] = [*value] if is_list else value
     return found
 
 
-def _time(header: Any) -> int:
-    return int(header.stamp.sec * 10**9 + header.stamp.nanosec)
+def _time(stamp: Any) -> int:
+    return int(stamp.sec * 10**9 + stamp.nanosec)
 
 
 def _labelled(message: Any) -> dict[str, Any]:
-    return {"timestamp": _time(message.header), "frame_id": message.header.frame_id}
+    return {"timestamp": _time(message.header.stamp), "frame_id": message.header.frame_id}
 
 
 def _image(message: Any, *names: str) -> dict[str, Any]:
@@ -203,7 +179,7 @@ _FIELDS: dict[str, Any] = {
     "foxglove.RawImage": lambda m: _image(m, "width", "height", "encoding", "step"),
     "foxglove.CompressedImage": lambda m: _image(m, "format"),
     "foxglove.CompressedVideo": lambda m: {
-        "timestamp": int(m.timestamp.sec * 10**9 + m.timestamp.nanosec),
+        "timestamp": _time(m.timestamp),
         "frame_id": m.frame_id,
         "data": m.data.tobytes(),
         "format": m.format,
@@ -218,7 +194,7 @@ _FIELDS: dict[str, Any] = {
     "foxglove.FrameTransforms": lambda m: {
         "transforms": [
             {
-                "timestamp": _time(t.header),
+                "timestamp": _time(t.header.stamp),
                 "parent_frame_id": t.header.frame_id,
                 "child_frame_id": t.child_frame_id,
                 "translation": _numbers(t.transform.translation, "xyz"),

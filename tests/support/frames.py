@@ -19,8 +19,6 @@ from pipeline.core.rig import LidarSensor, Rig, Zone
 from pipeline.core.settings.config import Config
 from writers.provenance import Provenance
 
-__all__ = ["CONFIG", "COVARIANCE", "PERIOD_NS", "PROVENANCE", "RIG", "START_NS", "frame", "image_message"]
-
 START_NS = 1_700_000_000_123_456_789
 PERIOD_NS = 100_000_000
 CONFIG = Config()
@@ -96,12 +94,9 @@ def frame(
     left = image_message("/left/image", stamp_ns + 1_000_001, frame_id="recorded", encoding="ros1", seed=index)
     right = image_message("/right/image", stamp_ns - 2_000_003, frame_id="right", compressed=True, seed=index)
     messages = {message.topic: message for message in (*lidar, left, right)}
-    samples = PoseSamples(
-        "site",
-        "odom",
-        np.array([stamp_ns - 10**8, stamp_ns + 10**8], np.int64),
-        np.stack([np.eye(4), _shifted(2.0 * (index + 1))]),
-    )
+    poses = np.stack([np.eye(4)] * 2)
+    poses[1, 0, 3] = 2.0 * (index + 1)
+    samples = PoseSamples("site", "odom", np.array([stamp_ns - 10**8, stamp_ns + 10**8], np.int64), poses)
     rows = [[10.0, 1.5, 0.1, 4.2, 1.8, 1.5, 0.3], [15, 0, 0, 0.6, 0.6, 1.7, np.pi], [9, -60, 0, 8, 2.5, 3, -1]]
     found = replace(
         boxes3d(rows[:objects], scores=[0.9, 0.5, 0.25][:objects], class_ids=[0, 1, 3][:objects]), stamp_ns=stamp_ns
@@ -125,12 +120,6 @@ def frame(
         Fused(found, np.arange(objects, dtype=np.int32)[::-1].copy(), np.arange(objects, dtype=np.int64)),
         drops,
     )
-
-
-def _shifted(x_m: float) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-    matrix = np.eye(4)
-    matrix[0, 3] = x_m
-    return matrix
 
 
 def _combined(stamp_ns: int, seed: int) -> CombinedCloud:

@@ -15,17 +15,13 @@ from pipeline.core.detections import Boxes2D, Boxes3D
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, Rig
 
-__all__ = ["FusionScene", "fusion_scenes", "scene_rig"]
-
 
 @dataclass(frozen=True)
 class FusionScene:
     """One scene.
 
     Attributes:
-        name: Of the scene.
         position_noise_m: Standard deviation of x and y of the lidar's boxes.
-        yaw_noise_rad: Of their yaw.
         pixel_noise_px: Of the edges of 2D boxes.
         lidar: Boxes as a lidar detector would give them, with the covariance that the noise makes.
         truth: The same without noise.
@@ -33,9 +29,7 @@ class FusionScene:
         judged: (N,) objects that the predecessor matched and did not call truncated.
     """
 
-    name: str
     position_noise_m: float
-    yaw_noise_rad: float
     pixel_noise_px: float
     lidar: Boxes3D
     truth: Boxes3D
@@ -72,9 +66,7 @@ def _scenes(oracle: Mapping[str, Any], rig: Rig) -> Iterator[FusionScene]:
         for (_, row, *_), truncated in zip(case["seed_match"], case["seed_truncated"], strict=True):
             judged[row] |= not truncated
         yield FusionScene(
-            case["name"],
             params["pos_noise"],
-            params["yaw_noise"],
             params["px_noise"],
             boxes3d(case["boxes3d"], scores=case["scores3d"], deviations=noise),
             boxes3d(case["gt_boxes3d"]),

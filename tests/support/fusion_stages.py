@@ -10,8 +10,6 @@ from pipeline.stages.place import Place
 from pipeline.stages.propose import Propose
 from pipeline.stages.reshape import Reshape
 
-__all__ = ["associate_of", "believe_of", "place_of", "propose_of", "reshape_of"]
-
 CONFIG = Config()
 
 

@@ -4,8 +4,6 @@ from pathlib import Path
 
 import pytest
 
-__all__ = ["shared"]
-
 
 def shared(path: str) -> Path:
     """A file of the `shared` folder that lies beside the checkout; skips the test where it is absent."""

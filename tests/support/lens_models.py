@@ -6,8 +6,6 @@ import numpy as np
 
 from pipeline.core.camera import CameraModel, DistortionModel
 
-__all__ = ["LENS_MODELS", "lens"]
-
 LENS_MODELS: dict[str, tuple[DistortionModel, list[float]]] = {
     "none": ("plumb_bob", []),
     "plumb_bob_4": ("plumb_bob", [-0.1192, 0.162, 0.00073985, 0.0014]),

@@ -14,8 +14,6 @@ from typing import Any
 
 import pytest
 
-__all__ = ["PROCESSES", "LessTracing", "untraced"]
-
 TRACED_EXAMPLES = 10
 """Of each property."""
 

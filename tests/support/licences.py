@@ -10,8 +10,6 @@ from pathlib import Path
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-__all__ = ["EXTRAS", "PYPROJECT", "closure", "licence_of", "page", "requirements_of"]
-
 ROOT = Path(__file__).resolve().parents[2]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 EXTRAS = ("video", "http", "s3", "sim", "train", "dev")

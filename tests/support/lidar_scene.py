@@ -7,8 +7,6 @@ from pipeline.core.clouds import CombinedCloud, Plane, PointCloud, Relief
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import LidarSensor, Rig
 
-__all__ = ["Box", "combined", "rig", "scan", "turned"]
-
 Box = tuple[float, float, float, float, float, float, float]
 """x, y, z of the centre, length, width, height, yaw."""
 

@@ -6,8 +6,6 @@ from contextlib import contextmanager
 
 from lidcam.printing.log import PACKAGES, progress_log, remark_log
 
-__all__ = ["kept_logging"]
-
 NAMES = (*PACKAGES, progress_log.name, remark_log.name)
 
 

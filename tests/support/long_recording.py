@@ -8,8 +8,6 @@ from builders import pointcloud2, raw, tf_message, transform_stamped, write_mcap
 
 from pipeline.core.messages import RawMessage
 
-__all__ = ["LENGTH_S", "MESSAGES", "SECOND_NS", "START_NS", "write_long_recording"]
-
 START_NS = 1_700_000_000 * 10**9
 SECOND_NS = 10**9
 LENGTH_S = 60

@@ -7,8 +7,6 @@ from pathlib import Path
 from pipeline.core.messages import RawMessage
 from readers.recording import Closing, Loss, TopicInfo, merge_topics
 
-__all__ = ["MemoryRecording"]
-
 
 class MemoryRecording(Closing):
     """The given messages as a `Recording`, in the order of (log time, place in `messages`)."""

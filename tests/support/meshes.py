@@ -4,8 +4,6 @@ import numpy as np
 
 from bags.simulator.world.meshes.mesh import Mesh
 
-__all__ = ["open_edges", "signed_volume"]
-
 
 def signed_volume(mesh: Mesh) -> float:
     """By the divergence theorem; positive where all triangles run counter-clockwise seen from outside."""

@@ -8,8 +8,6 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from pipeline.core.messages import RawMessage
 
-__all__ = ["message_of_layout"]
-
 
 def message_of_layout(
     msgtype: str,

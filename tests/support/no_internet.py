@@ -12,8 +12,6 @@ import struct
 import sys
 from collections.abc import Callable
 
-__all__ = ["KILLED", "NEEDS", "forbid_internet"]
-
 KILLED = -31
 """Return code of a child that was killed: SIGSYS."""
 

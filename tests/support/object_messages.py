@@ -13,8 +13,6 @@ from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.typestores import message_types
 from pipeline.core.ros.vision_numbers import CLASS_NUMBERS
 
-__all__ = ["FORMATS", "Format", "Recorded", "autoware_message", "autoware_object", "boxes_message", "objects_message"]
-
 Format = Literal["ros1", "foxy", "galactic", "humble", "autoware", "autoware_auto"]
 FORMATS: tuple[Format, ...] = ("ros1", "foxy", "galactic", "humble", "autoware", "autoware_auto")
 

@@ -11,8 +11,6 @@ import numpy as np
 
 from pipeline.core.arrays import Array
 
-__all__ = ["write_model", "write_yolox"]
-
 FLOAT, DOUBLE = 1, 11
 ATTRIBUTE_INT, ATTRIBUTE_INTS = 2, 7
 
@@ -25,12 +23,11 @@ def write_yolox(
     batch: int | str = 1,
     weight: Array | None = None,
     channel_weights: Sequence[float] = (1 / 3, 1 / 3, 1 / 3),
-    outputs: int = 1,
     dtype: int = FLOAT,
 ) -> Path:
     """Write a network with input (batch, channels, *size_px) and output (batch, *bias.shape).
 
-    `batch` is a number or the name of a free dimension; `outputs` repeats the output.
+    `batch` is a number or the name of a free dimension.
     """
     real = np.float64 if dtype == DOUBLE else np.float32
     weight = np.zeros_like(bias) if weight is None else weight
@@ -40,7 +37,7 @@ def write_yolox(
         _node("MatMul", ["means", "channel_weights"], "brightness"),
         _node("Unsqueeze", ["brightness"], "column", _ints("axes", [2])),
         _node("Mul", ["column", "weight"], "gain"),
-        *(_node("Add", ["gain", "bias"], f"output{i}") for i in range(outputs)),
+        _node("Add", ["gain", "bias"], "output0"),
     ]
     constants = {
         "channel_weights": np.array(channel_weights, real)[:, None],
@@ -48,7 +45,7 @@ def write_yolox(
         "bias": bias[None].astype(real),
     }
     tensors = [_tensor(name, array, dtype) for name, array in constants.items()]
-    stated = [_value(f"output{i}", (batch, *bias.shape), dtype) for i in range(outputs)]
+    stated = [_value("output0", (batch, *bias.shape), dtype)]
     return write_model(path, nodes, tensors, [_value("images", (batch, channels, *size_px), dtype)], stated)
 
 

@@ -12,8 +12,6 @@ from onnx_files import FLOAT, _int, _ints, _node, _tensor, _value, write_model
 
 from pipeline.core.arrays import Array
 
-__all__ = ["FLOAT16", "INT64", "write_convolutional", "write_network"]
-
 INT64, FLOAT16 = 7, 10
 KINDS = {np.dtype(np.float32): FLOAT, np.dtype(np.int64): INT64, np.dtype(np.float16): FLOAT16}
 Shape = Sequence[int | str]

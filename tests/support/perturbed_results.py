@@ -17,8 +17,6 @@ from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-__all__ = ["Change", "dropped", "followed", "of_class", "perturbed", "shifted", "turned"]
-
 Change = Callable[[int, list[Any]], list[Any]]
 Which = Callable[[list[Any]], list[int]]
 """Rows of the detections that a change is about."""

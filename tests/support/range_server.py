@@ -12,8 +12,6 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 from urllib.parse import urlsplit
 
-__all__ = ["RangeServer", "Request", "range_server"]
-
 
 @dataclass(frozen=True)
 class Request:

@@ -1,9 +1,29 @@
-"""Reports of runs that say something else."""
+"""Reports of runs: as they are printed, and with other values in them."""
 
 from dataclasses import replace
+from functools import cache
+from io import StringIO
+from pathlib import Path
 from typing import Any
 
+from rich.console import Console
+
+import lidcam
+from lidcam.printing.console import print_report
 from lidcam.report import RunReport
+
+
+@cache
+def sound_report() -> RunReport:
+    """Of a part of the sample, in which nothing is amiss."""
+    return lidcam.process(Path(__file__).resolve().parents[2] / "bags" / "sandbox.bag", duration_s=0.3).report
+
+
+def printed(report: RunReport) -> str:
+    """The tables and remarks, without blanks at the ends of lines."""
+    with StringIO() as out:
+        print_report(Console(width=200, file=out), report)
+        return "\n".join(line.rstrip() for line in out.getvalue().splitlines())
 
 
 def changed(report: RunReport, **groups: dict[str, Any]) -> RunReport:

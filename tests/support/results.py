@@ -8,8 +8,6 @@ import numpy as np
 from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-__all__ = ["Found", "fused_objects", "messages_of", "topics_of"]
-
 
 @dataclass(frozen=True)
 class Found:
@@ -48,23 +46,19 @@ def topics_of(path: Path) -> dict[str, tuple[str, int]]:
     return {c.topic: (summary.schemas[c.schema_id].name, counts.get(c.id, 0)) for c in summary.channels.values()}
 
 
+def stamp_of(message: Any) -> int:
+    """The stamp of its header in nanoseconds."""
+    return int(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
+
+
 def fused_objects(path: Path) -> dict[int, list[Found]]:
     """Fused objects by header stamp in nanoseconds."""
-    frames: dict[int, list[Found]] = {}
-    for _, message in messages_of(path, "/fused/detections"):
-        stamp = message.header.stamp
-        frames[stamp.sec * 10**9 + stamp.nanosec] = [
-            Found(
-                detection.results[0].hypothesis.class_id,
-                detection.results[0].hypothesis.score,
-                detection.bbox.center.position.x,
-                detection.bbox.center.position.y,
-                detection.bbox.center.position.z,
-                float(2 * np.arctan2(detection.bbox.center.orientation.z, detection.bbox.center.orientation.w)),
-                detection.bbox.size.x,
-                detection.bbox.size.y,
-                detection.bbox.size.z,
-            )
-            for detection in message.detections
-        ]
-    return frames
+    messages = messages_of(path, "/fused/detections")
+    return {stamp_of(message): [*map(_found, message.detections)] for _, message in messages}
+
+
+def _found(detection: Any) -> Found:
+    kind, size = detection.results[0].hypothesis, detection.bbox.size
+    place, turn = detection.bbox.center.position, detection.bbox.center.orientation
+    yaw = float(2 * np.arctan2(turn.z, turn.w))
+    return Found(kind.class_id, kind.score, place.x, place.y, place.z, yaw, size.x, size.y, size.z)

@@ -8,8 +8,6 @@ from builders import Fields, camera_info, detection2d_array, image, pointcloud2,
 from pipeline.core.messages import RawMessage
 from readers.rig.discovery import Discovery
 
-__all__ = ["boxes_2d", "cloud", "image_message", "info", "reasons", "static"]
-
 K = np.array([[500.0, 0, 32.0], [0, 500.0, 24.0], [0, 0, 1]])
 
 

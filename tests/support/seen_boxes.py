@@ -13,8 +13,6 @@ from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor
 from pipeline.fusion.projection import CameraArrays, ProjectedEdges, project_edges
 
-__all__ = ["Box", "camera_at", "edges_in_view", "seen_by", "views_of"]
-
 Box = tuple[float, float, float, float, float, float, float]
 """x, y, z of the centre, length, width, height, yaw."""
 

@@ -13,8 +13,6 @@ import numpy.typing as npt
 from pipeline.core.errors import MessageError
 from pipeline.graph import Graph, Node
 
-__all__ = ["Frame", "Seen", "frames", "make_graph", "make_nothing", "make_random"]
-
 POINTS = 30_000
 logger = logging.getLogger("pipeline.test")
 

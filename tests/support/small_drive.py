@@ -23,8 +23,6 @@ from small_scenario import write_small_scenario
 
 from pipeline.core.messages import RawMessage
 
-__all__ = ["CAMERA_K", "START_NS", "STEP_NS", "small_drive", "small_inputs"]
-
 START_NS = 1_700_000_000 * 10**9
 STEP_NS = 100_000_000
 CAMERA_K = np.array([[50.0, 0, 32], [0, 50, 24], [0, 0, 1]])

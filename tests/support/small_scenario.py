@@ -6,8 +6,6 @@ from typing import Any
 
 import yaml
 
-__all__ = ["SMALL", "small_scenario", "write_small_scenario"]
-
 SMALL: dict[str, Any] = {
     "world": "sandbox",
     "routes": {"along": {"points_m": [[-1.6, 1.85], [1.6, 1.85]]}},

@@ -14,21 +14,6 @@ from bags.simulator.world.scene import Scene
 from pipeline.core.arrays import F64, I64
 from pipeline.core.geometry.transform import Transform
 
-__all__ = [
-    "BLACK",
-    "GLASS",
-    "GREY",
-    "RETRO",
-    "WHITE",
-    "EvenPath",
-    "box_mover",
-    "fixed_at",
-    "random_rays",
-    "scene",
-    "wall",
-]
-
-
 WHITE = Material("white", (1.0, 1.0, 1.0), 1.0)
 GREY = Material("grey", (0.5, 0.5, 0.5), 0.25)
 BLACK = Material("black", (0.0, 0.0, 0.0), 0.01)

@@ -9,7 +9,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import zstandard
@@ -21,13 +21,12 @@ from pipeline.core.messages import RawMessage
 from readers.open import open_recording
 from readers.recording import Loss, ReadOptions
 
-__all__ = ["KINDS", "Length", "Seen", "SoundRecording", "read_all", "sound_recording", "write_files"]
-
 T0_NS = 1_700_000_000 * 10**9
 ODOMETRY, IMAGE, STAMP = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Image", "builtin_interfaces/msg/Time"
 
 CHUNK_BYTES = {"drive": 5000, "shortest": 150}
 Length = Literal["drive", "shortest"]
+Recovery = Literal["none", "as_needed", "full_scan"]
 
 _CHECKED = "rosbag1-bz2 mcap-none mcap-lz4 mcap-zstd mcap-no-summary mcap-no-message-index mcap-no-chunk-index"
 _OTHERS = """
@@ -40,16 +39,8 @@ CHECKED = frozenset(_CHECKED.split())
 KINDS = (*_CHECKED.split(), *_OTHERS.split())
 
 
-@dataclass(frozen=True, slots=True)
-class Seen:
-    """One message as it is read.
-
-    Attributes:
-        name: Topic and type.
-        definition: What decodes it.
-        log_time_ns: Time of recording.
-        data: Its bytes.
-    """
+class Seen(NamedTuple):
+    """One message as it is read; its name is its topic and its type."""
 
     name: tuple[str, str]
     definition: str
@@ -67,7 +58,6 @@ class SoundRecording:
         opened: Name of the file that is opened; empty for the folder.
         messages: In the order of reading.
         told: Reasons of losses that are told of the sound file: a write-ahead log that was left.
-        checked: Whether a checksum covers every message.
     """
 
     kind: str
@@ -75,7 +65,6 @@ class SoundRecording:
     opened: str
     messages: tuple[Seen, ...]
     told: frozenset[str]
-    checked: bool
 
 
 def sound_recording(kind: str, length: Length = "drive") -> SoundRecording:
@@ -89,7 +78,7 @@ def sound_recording(kind: str, length: Length = "drive") -> SoundRecording:
         opened = base.name if base.is_file() else ""
         messages, losses = read_all(root / opened, "as_needed")
     told = frozenset(loss.reason for loss in losses)
-    return SoundRecording(kind, files, opened, messages, told, kind in CHECKED)
+    return SoundRecording(kind, files, opened, messages, told)
 
 
 def write_files(folder: Path, recording: SoundRecording, files: Mapping[str, bytes]) -> Path:
@@ -99,9 +88,7 @@ def write_files(folder: Path, recording: SoundRecording, files: Mapping[str, byt
     return folder / recording.opened
 
 
-def read_all(
-    path: Path, recovery: Literal["none", "as_needed", "full_scan"]
-) -> tuple[tuple[Seen, ...], tuple[Loss, ...]]:
+def read_all(path: Path, recovery: Recovery) -> tuple[tuple[Seen, ...], tuple[Loss, ...]]:
     """All messages of a recording, and its losses; topics that are listed as unreadable count as such."""
     with open_recording([path], ReadOptions(recovery)) as recording:
         seen = tuple(
@@ -135,8 +122,7 @@ def _write(folder: Path, kind: str, length: Length) -> str:
     form, _, how = kind.partition("-")
     if form == "rosbag1":
         compression: Any = how
-        chunk_bytes = CHUNK_BYTES[length]
-        write_rosbag1(folder / "rec.bag", _messages("ros1", length), compression, chunk_bytes=chunk_bytes)
+        write_rosbag1(folder / "rec.bag", _messages("ros1", length), compression, chunk_bytes=CHUNK_BYTES[length])
         return "rec.bag"
     if form == "mcap":
         _write_mcap(folder / "rec.mcap", how, length)
@@ -154,19 +140,16 @@ def _write(folder: Path, kind: str, length: Length) -> str:
 
 def _write_mcap(path: Path, how: str, length: Length) -> None:
     compression: Any = how if how in {"none", "lz4", "zstd"} else "none"
+    parts_of_summary = "use_statistics", "use_summary_offsets", "repeat_channels", "repeat_schemas"
     every: dict[str, dict[str, Any]] = {
         "no-crc": {"enable_crcs": False},
-        "no-summary": dict.fromkeys(
-            ("use_statistics", "use_summary_offsets", "repeat_channels", "repeat_schemas"), False
-        )
-        | {"index_types": IndexType.NONE},
+        "no-summary": dict.fromkeys(parts_of_summary, False) | {"index_types": IndexType.NONE},
         "no-message-index": {"index_types": IndexType.CHUNK},
         "no-chunk-index": {"index_types": IndexType.MESSAGE},
         "no-chunks": {"use_chunking": False, "enable_data_crcs": True},
         "no-chunks-no-crc": {"use_chunking": False, "enable_crcs": False},
     }
-    options = every.get(how, {})
-    write_mcap(path, _messages("cdr", length), compression, chunk_bytes=CHUNK_BYTES[length], **options)
+    write_mcap(path, _messages("cdr", length), compression, chunk_bytes=CHUNK_BYTES[length], **every.get(how, {}))
 
 
 def _write_capture(folder: Path, form: str, length: Length) -> str:

@@ -11,8 +11,6 @@ from math import pi
 from random import Random
 from typing import NamedTuple
 
-__all__ = ["CASES", "LENGTH_M", "TIES", "TIES_OF_TRACKS", "WIDTH_M", "Found", "TrackCase", "True_"]
-
 LENGTH_M, WIDTH_M = 4.0, 2.0
 """Size of all boxes. Yaws are 0 or pi, so that overlaps are those of upright rectangles."""
 

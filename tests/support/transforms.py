@@ -5,8 +5,6 @@ from hypothesis import strategies as st
 
 from pipeline.core.geometry.transform import Transform
 
-__all__ = ["shift", "transforms", "vectors"]
-
 metres = st.floats(-1e3, 1e3)
 vectors = st.tuples(metres, metres, metres)
 quaternions = st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: np.linalg.norm(q) > 1e-2)

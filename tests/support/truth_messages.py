@@ -10,8 +10,6 @@ from pipeline.core.messages import RawMessage
 from pipeline.core.ros.typestores import message_types
 from pipeline.core.ros.vision_numbers import CLASS_NUMBERS, COUNT_NUMBERS
 
-__all__ = ["true_object", "truth_message", "visible_message"]
-
 DETECTIONS_3D = "vision_msgs/msg/Detection3DArray"
 
 

@@ -15,20 +15,6 @@ from pipeline.core.clouds import PointCloud
 from pipeline.core.messages import Channel, RawMessage
 from readers.velodyne.models import MODELS, LaserTable, VelodyneModel, built_in_table
 
-__all__ = [
-    "JUDGES",
-    "SCAN",
-    "START_NS",
-    "TOPIC",
-    "assert_as_judged",
-    "judged",
-    "packet_stream",
-    "random_packets",
-    "recorded_scans",
-    "scan",
-]
-
-
 SCAN = "velodyne_msgs/msg/VelodyneScan"
 TOPIC = "/velodyne_packets"
 START_NS = 1_000_000_000_000  # early, so that the judge's float64 seconds resolve a tenth of a nanosecond

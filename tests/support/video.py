@@ -14,21 +14,6 @@ from pipeline.core.arrays import U8
 from pipeline.core.messages import RawMessage
 from readers.messages.image import decode_any_image
 
-__all__ = [
-    "CODECS",
-    "PERIOD_NS",
-    "T0",
-    "Packet",
-    "compressed_video",
-    "encode",
-    "ffmpeg",
-    "ffmpeg_packet",
-    "foxglove",
-    "moving",
-    "pixels",
-    "psnr_db",
-]
-
 os.environ.setdefault("SVT_LOG", "0")  # or the encoder of AV1 tells of itself on stderr
 
 

@@ -11,8 +11,6 @@ from pydantic_core._pydantic_core import list_all_errors
 from pipeline.core.errors import LidcamError
 from pipeline.core.settings.validation import Place, key_places
 
-__all__ = ["mistakes", "words_of_the_library"]
-
 WRONG: tuple[Any, ...] = (
     None,
     True,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from frames import RIG, frame
+from frames import CONFIG, RIG, frame
 from memory_recording import MemoryRecording
 
 import lidcam
@@ -15,7 +15,7 @@ from lidcam.settings.choice import AS_GIVEN, UsedSettings
 from lidcam.settings.scene import SceneSize
 from pipeline.core.detections import Fused
 from pipeline.core.frame import FrameResult
-from pipeline.core.rig import RecordedDetector
+from pipeline.core.rig import RecordedDetector, Rig
 from pipeline.core.settings.config import Config
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -67,6 +67,15 @@ def test_the_step_that_left_nothing_is_named(
     assert warning.remedy == remedy
 
 
+def warnings_of(
+    *frames: FrameResult, rig: Rig = RIG, config: Config = CONFIG, used: UsedSettings = AS_GIVEN
+) -> tuple[RunWarning, ...]:
+    check = ObjectCheck(MemoryRecording([]), rig, config, used, moves=False)
+    for one in frames:
+        check.add(one)
+    return check.warnings
+
+
 def flat(count: int) -> FrameResult:
     """A frame in which the ground takes every point."""
     result = frame()
@@ -100,9 +109,7 @@ def flat(count: int) -> FrameResult:
     ],
 )
 def test_frames_without_points(count: int, finding: str, remedy: str) -> None:
-    check = ObjectCheck(MemoryRecording([]), RIG, Config(), AS_GIVEN, moves=False)
-    check.add(flat(count))
-    (warning,) = check.warnings
+    (warning,) = warnings_of(flat(count))
     assert (warning.finding, warning.remedy) == (f"frame 0 came closest: {finding}", remedy)
 
 
@@ -115,9 +122,7 @@ def test_frames_without_points(count: int, finding: str, remedy: str) -> None:
 )
 def test_a_small_scene_without_a_ground_may_be_a_model(extent_m: tuple[float, float], remedy: str) -> None:
     used = UsedSettings("road", "judged", SceneSize(extent_m, None))
-    check = ObjectCheck(MemoryRecording([]), RIG, Config(), used, moves=False)
-    check.add(flat(9))
-    (warning,) = check.warnings
+    (warning,) = warnings_of(flat(9), used=used)
     assert warning.remedy == f"{remedy}a smaller combine.ground.distance_m than 0.2 may help"
 
 
@@ -152,25 +157,21 @@ def test_recorded_boxes_that_become_no_objects(changes: dict[str, object], findi
     """Of a recorded detector without lidars."""
     rig = replace(RIG, lidars=(), detectors=(RecordedDetector("objects", "/objects", "site", {}),))
     config = Config.model_validate({"detect3d": {"method": "recorded"}})
-    check = ObjectCheck(MemoryRecording([]), rig, config, AS_GIVEN, moves=False)
-    check.add(flat(0))
-    check.add(replace(flat(0), **changes))  # type: ignore[arg-type]  # fields of a frame
-    (warning,) = check.warnings
+    other = replace(flat(0), **changes)  # type: ignore[arg-type]  # fields of a frame
+    (warning,) = warnings_of(flat(0), other, rig=rig, config=config)
     assert (warning.finding.partition(": ")[2], warning.remedy) == (finding, remedy)
 
 
 def test_objects_that_no_zone_lets_be_reported() -> None:
     result = flat(100)
-    check = ObjectCheck(MemoryRecording([]), RIG, Config(), AS_GIVEN, moves=False)
-    check.add(replace(result, fused=replace(result.fused, left_out={"in zone yard of use ignore": 2})))
-    check.add(result)
-    (warning,) = check.warnings
+    left_out = replace(result, fused=replace(result.fused, left_out={"in zone yard of use ignore": 2}))
+    (warning,) = warnings_of(left_out, result)
     assert warning.finding == "frame 0 came closest: its objects are not reported: 2 in zone yard of use ignore"
     assert warning.remedy == "see the zones of the rig file, or rig.zones"
 
 
 def test_without_frames_there_is_nothing_to_say() -> None:
-    assert ObjectCheck(MemoryRecording([]), RIG, Config(), AS_GIVEN, moves=False).warnings == ()
+    assert warnings_of() == ()
 
 
 def test_a_run_with_an_object_is_not_warned_of() -> None:

@@ -94,7 +94,6 @@ def test_a_result_and_itself(compare: Any, result: Path) -> None:
     counted = [line.split()[:2] for line in lines if line.startswith(("lidar", "fused", "cameras", "camera_"))]
     assert [row[1] for row in counted] == ["all"] * 7  # no class has anything to say
     tree = compare(result, result, as_json=True).tree
-    SCHEMA.validate(tree)
     assert (tree["command"], tree["exit_code"], tree["differences"]["count"]) == ("compare", 0, 0)
     assert [one["path"] for one in tree["inputs"]] == [str(result)] * 2
     channels = [*tree["sources"].values(), *tree["images"].values()]
@@ -115,7 +114,6 @@ def test_yaw_shifted_by_5_degrees(compare: Any, result: Path, faulty: Any) -> No
     assert ["fused", "car"] in counted
     assert found.out.splitlines()[-1] == "verdict: differs more than it may"
     tree = compare(result, other, as_json=True).tree
-    SCHEMA.validate(tree)
     sources = tree["sources"]
     assert kinds_of(sources["fused"]["all"]) == {"turned": sources["fused"]["all"]["a"]}
     assert sources["fused"]["all"]["largest_turned_deg"] == pytest.approx(5)
@@ -211,8 +209,8 @@ def test_what_cannot_be_compared(compare: Any, result: Path) -> None:
 def test_results_of_two_recordings_and_two_sites(compare: Any, result: Path, sandbox: Path, tmp_path: Path) -> None:
     found = compare(result, sandbox)
     assert "note: A and B are results of different recordings: crossing.mcap, sandbox.bag" in found.out
-    part = compare(ROOT / "tests/golden/sandbox.mcap", sandbox).out
-    assert "different recordings" not in part
+    whole = compare(ROOT / "tests/golden/sandbox.mcap", sandbox)  # `sandbox` is the result of a part of it
+    assert "different recordings" not in whole.out
 
     def moved(rig: str) -> str:
         return rig.replace("site_frame: site", "site_frame: hall")
@@ -220,13 +218,6 @@ def test_results_of_two_recordings_and_two_sites(compare: Any, result: Path, san
     other = perturbed(sandbox, tmp_path / "other.mcap", {}, texts={"rig.yaml": moved})
     with pytest.raises(LidcamError, match=r"other.mcap: expected objects in the frame of .*, 'site', found 'hall'"):
         compare(sandbox, other)
-
-
-def test_results_of_two_recordings_are_compared_with_a_remark(compare: Any, result: Path, sandbox: Path) -> None:
-    note = "note: A and B are results of different recordings: crossing.mcap, sandbox.bag"
-    assert note in compare(result, sandbox).out
-    part = compare(ROOT / "tests/golden/sandbox.mcap", sandbox)  # the result of a part of the same recording
-    assert "different recordings" not in part.out
 
 
 def test_a_damaged_result_is_incomplete(compare: Any, result: Path, tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from lidcam.job import make_job
 from pipeline.core.errors import CalibrationError, CheckError, ConfigError, IncompleteError, LidcamError, RecordingError
 
 SANDBOX = ROOT / "bags" / "sandbox.bag"
+SMALL = ["output.images=false", "output.clouds=false", "output.layout=false"]
 SCHEMA = json.loads((ROOT / "docs" / "figures.schema.json").read_text(encoding="utf-8"))
 
 
@@ -26,9 +27,8 @@ SCHEMA = json.loads((ROOT / "docs" / "figures.schema.json").read_text(encoding="
 def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Half a second of the sample, with its truth and without images and clouds."""
     path = tmp_path_factory.mktemp("result") / "out.mcap"
-    settings = ["output.images=false", "output.clouds=false", "output.layout=false"]
     with kept_logging():
-        run_process(make_job(SANDBOX, path, config="sandbox", settings=settings, duration_s=0.5, workers=1))
+        run_process(make_job(SANDBOX, path, config="sandbox", settings=SMALL, duration_s=0.5, workers=1))
     return path
 
 
@@ -148,7 +148,7 @@ def test_a_rig_file_without_anything_to_evaluate_by(result: Path, tmp_path: Path
 
 def test_without_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "out.mcap"
-    settings = ["output.images=false", "output.clouds=false", "output.layout=false", "output.copy_topics=[]"]
+    settings = [*SMALL, "output.copy_topics=[]"]
     run_process(make_job(SANDBOX, path, config="sandbox", settings=settings, duration_s=0.3, workers=1))
     capsys.readouterr()
     with pytest.raises(
@@ -194,8 +194,7 @@ def test_a_damaged_result_is_incomplete(result: Path, tmp_path: Path, capsys: py
 
 def test_process_and_evaluate_in_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, file = tmp_path / "out.mcap", tmp_path / "figures.json"
-    settings = ["output.images=false", "output.clouds=false"]
-    job = make_job(SANDBOX, path, config="sandbox", settings=settings, duration_s=0.3, workers=1)
+    job = make_job(SANDBOX, path, config="sandbox", settings=SMALL, duration_s=0.3, workers=1)
     required = read_requirements(["fused.car.recall > 0.1", "frames > 100"])
     with pytest.raises(CheckError, match=r"^frames: expected > 100, found 2$"):
         run_process(job, json_file=file, requirements=required)

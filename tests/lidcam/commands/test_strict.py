@@ -3,30 +3,22 @@
 from pathlib import Path
 
 import pytest
-from reports import changed
+from reports import changed, sound_report
 
-import lidcam
 from lidcam.checks.missing import MissingSensor, SilentSpan
 from lidcam.commands.strict import strict_failure
 from lidcam.report import DropCount, RunReport
 from readers.recording import Loss
 from readers.rig.sensor_topics import SensorFault
 
-ROOT = Path(__file__).resolve().parents[3]
+
+def with_drops(used: int, *drops: DropCount) -> RunReport:
+    return changed(sound_report(), inputs={"messages_used": {"/a": used}}, drops={"messages": drops})
 
 
-@pytest.fixture(scope="module")
-def report() -> RunReport:
-    return lidcam.process(ROOT / "bags" / "sandbox.bag", duration_s=0.3).report
-
-
-def with_drops(report: RunReport, used: int, *drops: DropCount) -> RunReport:
-    return changed(report, inputs={"messages_used": {"/a": used}}, drops={"messages": drops})
-
-
-def test_a_run_that_used_everything(report: RunReport) -> None:
-    assert not strict_failure(report)
-    assert not strict_failure(with_drops(report, 1, DropCount("/a", "packets", 900, "", "parts")))
+def test_a_run_that_used_everything() -> None:
+    assert not strict_failure(sound_report())
+    assert not strict_failure(with_drops(1, DropCount("/a", "packets", 900, "", "parts")))
 
 
 @pytest.mark.parametrize(
@@ -40,8 +32,8 @@ def test_a_run_that_used_everything(report: RunReport) -> None:
         (0, 1, 100.0, True),
     ],
 )
-def test_the_share_of_a_topic(report: RunReport, used: int, dropped: int, percent: float, passes: bool) -> None:
-    found = with_drops(report, used, DropCount("/a", "x", dropped - 1, ""), DropCount("/a", "y", 1, ""))
+def test_the_share_of_a_topic(used: int, dropped: int, percent: float, passes: bool) -> None:
+    found = with_drops(used, DropCount("/a", "x", dropped - 1, ""), DropCount("/a", "y", 1, ""))
     failure = strict_failure(found, percent)
     if passes:
         assert failure == ""
@@ -51,16 +43,16 @@ def test_the_share_of_a_topic(report: RunReport, used: int, dropped: int, percen
 
 
 @pytest.mark.parametrize(("frames", "passes"), [(2, True), (5, True), (6, False), (100, False)])
-def test_a_sensor_that_falls_silent(report: RunReport, frames: int, passes: bool) -> None:
+def test_a_sensor_that_falls_silent(frames: int, passes: bool) -> None:
     slow = MissingSensor("cam2", "/cam2", 50, 100, ())
     silent = MissingSensor("cam1", "/cam1", frames, 100, (SilentSpan(1.0, None, frames),))
-    found = changed(report, sensors={"missing": (slow, silent)})
+    found = changed(sound_report(), sensors={"missing": (slow, silent)})
     line = f"--strict: cam1: silent from 1.0 s to the end, {frames} of 100 frames lack it; the outputs are complete"
     assert strict_failure(found) == ("" if passes else line)
 
 
-def test_what_is_left_out_and_damaged(report: RunReport) -> None:
-    bag = Path("drive.bag")
+def test_what_is_left_out_and_damaged() -> None:
+    report, bag = sound_report(), Path("drive.bag")
     fault = SensorFault("cam1", "/cam1/image", "no intrinsics")
     left_out = "--strict: cam1 (/cam1/image) is left out: no intrinsics; the outputs are complete"
     assert strict_failure(changed(report, sensors={"faults": (fault,)})) == left_out

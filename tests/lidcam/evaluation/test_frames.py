@@ -26,7 +26,7 @@ from pipeline.core.geometry.boxes import iou_xyxy, wrap_angle
 from pipeline.core.messages import RawMessage
 from pipeline.core.ros.typestores import message_types
 from pipeline.core.settings.load import dump_config
-from pipeline.evaluation.evaluation_frame import EvaluationFrame, TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import EvaluationFrame, TruthBoxes2D, TruthBoxes3D
 from readers.messages.vision.detections3d import decode_detections3d
 from readers.messages.vision.track_ids import track_ids
 from readers.results.result import open_result
@@ -54,11 +54,23 @@ def truth_file(path: Path, raws: Sequence[RawMessage]) -> Path:
 
 
 def compared(
-    result: Path, *truth: Path, topic: str = "", settings: Sequence[str] = ()
+    result: Path, *truth: Path, settings: Sequence[str] = ()
 ) -> tuple[list[EvaluationFrame], EvaluationFrames]:
-    with open_result(result, settings) as opened, open_truth(opened, truth, topic=topic) as found:
+    with open_result(result, settings) as opened, open_truth(opened, truth) as found:
         frames = EvaluationFrames(opened, found)
         return [*frames], frames
+
+
+def truth_of(one: EvaluationFrame) -> TruthBoxes3D:
+    assert one.truth is not None
+    return one.truth
+
+
+def shown_in(one: EvaluationFrame, camera: str = "left") -> TruthBoxes2D:
+    """Truth of an image."""
+    truth = one.images[camera].truth
+    assert truth is not None
+    return truth
 
 
 def cars(*, frame_id: str = "site", every_ns: int = PERIOD_NS, count: int = 40) -> list[RawMessage]:
@@ -81,20 +93,17 @@ def test_truth_in_the_site_frame(tmp_path: Path) -> None:
     frames, of = compared(result, truth_file(tmp_path / "truth.mcap", cars()))
     assert [one.index for one in frames] == [0, 1, 2]
     for index, one in enumerate(frames):
-        assert one.truth is not None
-        assert (one.stamp_ns, one.truth.stamp_ns) == (START_NS + index * PERIOD_NS,) * 2
-        np.testing.assert_allclose(one.truth.centers[:, 0], [10 + index, -20, 30 + index], atol=1e-6)
+        assert (one.stamp_ns, truth_of(one).stamp_ns) == (START_NS + index * PERIOD_NS,) * 2
+        np.testing.assert_allclose(truth_of(one).centers[:, 0], [10 + index, -20, 30 + index], atol=1e-6)
         assert [*one.sources] == ["lidar", "fused"]
         assert one.skew_ns == 5_000_000
         assert [*one.images] == ["left", "right"]
-        left, right = one.images["left"], one.images["right"]
-        assert (len(left.found), len(right.found)) == (2, 0)
-        assert left.truth is not None
-        assert right.truth is not None
-        assert left.truth.labels.tolist() == ["car"]  # the van is hidden there, and one car is behind
-        assert left.truth.image_pixels.tolist() == [-1]
-        assert right.truth.labels.tolist() == ["car", "van"]
-        assert left.truth.stamp_ns == one.stamp_ns + 1_000_001
+        assert [len(image.found) for image in one.images.values()] == [2, 0]
+        left, right = shown_in(one, "left"), shown_in(one, "right")
+        assert left.labels.tolist() == ["car"]  # the van is hidden there, and one car is behind
+        assert left.image_pixels.tolist() == [-1]
+        assert right.labels.tolist() == ["car", "van"]
+        assert left.stamp_ns == one.stamp_ns + 1_000_001
     assert of.notes == ("truth: /ground_truth/objects of truth.mcap (by its name)",)
 
 
@@ -102,9 +111,7 @@ def test_boxes_of_images_that_were_recorded(tmp_path: Path) -> None:
     result = result_file(tmp_path / "out.mcap", [frame(0), frame(1)])
     shown = visible_message(START_NS + 1_000_001, [("car", (1, 2, 3, 4), "a", 9)], log_time_ns=START_NS + 5)
     frames, _ = compared(result, truth_file(tmp_path / "truth.mcap", [*cars(), shown]))
-    first, second = (one.images["left"].truth for one in frames)
-    assert first is not None
-    assert second is not None
+    first, second = map(shown_in, frames)
     assert first.xyxy.tolist() == [[1, 2, 3, 4]]
     assert first.image_pixels.tolist() == [9]
     assert second.labels.tolist() == ["car"]  # none was recorded for this one: projected
@@ -118,10 +125,9 @@ def test_truth_in_a_frame_that_the_site_moves_in(tmp_path: Path) -> None:
     ]
     frames, _ = compared(result, truth_file(tmp_path / "truth.mcap", still))
     for index, one in enumerate(frames):
-        assert one.truth is not None
-        assert one.truth.frame_id == "site"
-        np.testing.assert_allclose(one.truth.centers, [[10 - (index + 1), 3, 0]], atol=1e-6)
-        np.testing.assert_allclose(one.truth.yaws, [0.5])
+        assert truth_of(one).frame_id == "site"
+        np.testing.assert_allclose(truth_of(one).centers, [[10 - (index + 1), 3, 0]], atol=1e-6)
+        np.testing.assert_allclose(truth_of(one).yaws, [0.5])
 
 
 def test_frames_that_truth_does_not_cover(tmp_path: Path) -> None:
@@ -170,18 +176,9 @@ def test_truth_of_another_kind_is_projected_into_images(tmp_path: Path) -> None:
     with open_result(result_file(tmp_path / "out.mcap", [frame()])) as result:
         frames = EvaluationFrames(result, OpenTruth(Still(), "", ()))
         (one,) = frames
-    shown = one.images["left"].truth
-    assert shown is not None
+    shown = shown_in(one)
     assert (shown.stamp_ns, shown.labels.tolist()) == (START_NS + 1_000_001, ["car"])
     assert frames.notes == ("truth: a car", "it stands")
-
-
-def test_a_topic_that_is_asked_for(tmp_path: Path) -> None:
-    result = result_file(tmp_path / "out.mcap", [frame()])
-    other = [m._replace(channel=replace(m.channel, topic="/other/objects")) for m in cars()]
-    truth = truth_file(tmp_path / "truth.mcap", [*cars(), *other])
-    _, of = compared(result, truth, topic="/other/objects")
-    assert of.notes == ("truth: /other/objects of truth.mcap (as asked for)",)
 
 
 # --- simulated and sample recordings
@@ -241,29 +238,29 @@ def test_truth_in_odom_and_results_of_a_vehicle(truth_is: str, simulated: tuple[
     assert len(frames) == 10
     turned, near_m = [], []
     for one in frames:
-        assert one.truth is not None
-        assert one.truth.frame_id == "base_link"
+        truth = truth_of(one)
+        assert truth.frame_id == "base_link"
         near = int(stamps[np.abs(stamps - one.stamp_ns).argmin()])
         expected = np.linalg.inv(ego[near]) @ T_odom_parked
-        row = one.truth.track_ids.tolist().index(int(track_ids(np.array(["parked"]))[0]))
+        row = truth.track_ids.tolist().index(int(track_ids(np.array(["parked"]))[0]))
         tolerance_m = 1.5 * abs(near - one.stamp_ns) * 1e-9 + 1e-6  # at 1 m/s and while it turns
-        np.testing.assert_allclose(one.truth.centers[row], expected[:3, 3], atol=tolerance_m)
+        np.testing.assert_allclose(truth.centers[row], expected[:3, 3], atol=tolerance_m)
         heading = np.arctan2(expected[1, 0], expected[0, 0])
-        assert abs(wrap_angle(one.truth.yaws[row] - heading)) < 4 * tolerance_m
+        assert abs(wrap_angle(truth.yaws[row] - heading)) < 4 * tolerance_m
         turned.append(np.arctan2(ego[near][1, 0], ego[near][0, 0]))
         fused = one.sources["fused"].boxes.centers
-        off_m = np.linalg.norm(fused[:, :2] - one.truth.centers[row, :2], axis=1)
+        off_m = np.linalg.norm(fused[:, :2] - truth.centers[row, :2], axis=1)
         near_m.append(off_m.min(initial=np.inf))
     assert sum(off_m < 0.1 for off_m in near_m) >= 7  # a model car of 0.5 m
     assert turned[0] < -0.5
     assert np.ptp(turned) > 0.1
     images = [image for one in frames for image in one.images.values()]
-    shown = [image.truth for image in images if image.truth is not None]
-    assert [len(truth) for truth in shown] == [1] * 10
+    shown = [shown_in(one, camera) for one in frames for camera in one.images]
+    assert [len(boxes) for boxes in shown] == [1] * 10
     found = [image.found.xyxy for image in images]
     ious = [iou_xyxy(ours.xyxy, theirs).max(initial=0) for ours, theirs in zip(shown, found, strict=True)]
     assert np.median(ious) > 0.7
-    assert all((truth.image_pixels > 0).all() for truth in shown)  # as recorded for each image, not projected
+    assert all((boxes.image_pixels > 0).all() for boxes in shown)  # as recorded for each image, not projected
 
 
 def test_truth_when_the_lidars_measured_it(simulated: tuple[Path, Path]) -> None:
@@ -273,9 +270,7 @@ def test_truth_when_the_lidars_measured_it(simulated: tuple[Path, Path]) -> None
     measured, of = compared(result, settings=["evaluate.truth_time=points"])
     assert of.notes == ("truth: /ground_truth/objects_when_measured of out.mcap (by its name)",)
     for one, other in zip(at_stamp, measured, strict=True):
-        assert one.truth is not None
-        assert other.truth is not None
-        np.testing.assert_allclose(other.truth.centers, one.truth.centers, atol=1e-6)
+        np.testing.assert_allclose(truth_of(other).centers, truth_of(one).centers, atol=1e-6)
 
 
 def test_what_the_cameras_place_is_a_source_of_its_own(tmp_path: Path) -> None:
