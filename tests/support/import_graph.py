@@ -1,4 +1,4 @@
-"""Who imports whom, by folder: `python tests/support/import_graph.py [ROOT]` prints the figures.
+"""Who imports whom, by folder, and how many lines there are: `python tests/support/import_graph.py [ROOT]` prints it.
 
 A folder without folders in it is a room, and so is every file that lies beside folders: `readers/open.py` stands above
 the containers that it chooses from, `readers/recording.py` below them.
@@ -11,6 +11,18 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+
+__all__ = [
+    "FLOORS",
+    "ImportGraph",
+    "circles",
+    "module_name",
+    "our_imports",
+    "package_of",
+    "read_import_graph",
+    "room_of",
+    "sources",
+]
 
 FLOORS = {"lidcam": 4, "bags": 3, "readers": 2, "writers": 2, "pipeline": 1}
 """An import points down, or stays in its package; readers and writers do not know each other."""
@@ -128,6 +140,25 @@ def _reachable(start: str, arrows: Mapping[str, Iterable[str]]) -> Iterator[str]
                 yield name
 
 
+def lines_by_room(paths: Iterable[Path], base: Path) -> Counter[str]:
+    """Lines of files by the first two folders that they lie in below `base`, as `pipeline/core`."""
+    lines: Counter[str] = Counter()
+    for path in paths:
+        room = "/".join(path.relative_to(base).parts[:-1][:2])
+        lines[room] += len(path.read_text(encoding="utf-8").splitlines())
+    return lines
+
+
+def print_lines(root: Path) -> None:
+    """Lines of source beside those of tests, which mirror it and have rooms of their own."""
+    tests = root / "tests"
+    source, checks = lines_by_room(sources(root), root), lines_by_room(tests.rglob("*.py"), tests)
+    print("lines by room               source   tests")
+    print(f"  {'all':<24}{source.total():>8}{checks.total():>8}")
+    for room in sorted(source.keys() | checks.keys()):
+        print(f"  {room or 'tests':<24}{source[room]:>8}{checks[room]:>8}")
+
+
 def main() -> None:
     """Print the figures of a source tree."""
     root = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT
@@ -143,6 +174,7 @@ def main() -> None:
     print("files per folder")
     for folder, count in sorted(graph.files.items(), key=lambda item: (-item[1], item[0])):
         print(f"  {count:3} {folder}")
+    print_lines(root)
     for group in circles(arrows):
         print(f"circle: {', '.join(group)}")
     for module, imported in graph.upward:
