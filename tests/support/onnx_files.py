@@ -23,11 +23,12 @@ def write_yolox(
     batch: int | str = 1,
     weight: Array | None = None,
     channel_weights: Sequence[float] = (1 / 3, 1 / 3, 1 / 3),
+    outputs: int = 1,
     dtype: int = FLOAT,
 ) -> Path:
     """Write a network with input (batch, channels, *size_px) and output (batch, *bias.shape).
 
-    `batch` is a number or the name of a free dimension.
+    `batch` is a number or the name of a free dimension; `outputs` repeats the output.
     """
     real = np.float64 if dtype == DOUBLE else np.float32
     weight = np.zeros_like(bias) if weight is None else weight
@@ -37,7 +38,7 @@ def write_yolox(
         _node("MatMul", ["means", "channel_weights"], "brightness"),
         _node("Unsqueeze", ["brightness"], "column", _ints("axes", [2])),
         _node("Mul", ["column", "weight"], "gain"),
-        _node("Add", ["gain", "bias"], "output0"),
+        *(_node("Add", ["gain", "bias"], f"output{i}") for i in range(outputs)),
     ]
     constants = {
         "channel_weights": np.array(channel_weights, real)[:, None],
@@ -45,7 +46,7 @@ def write_yolox(
         "bias": bias[None].astype(real),
     }
     tensors = [_tensor(name, array, dtype) for name, array in constants.items()]
-    stated = [_value("output0", (batch, *bias.shape), dtype)]
+    stated = [_value(f"output{i}", (batch, *bias.shape), dtype) for i in range(outputs)]
     return write_model(path, nodes, tensors, [_value("images", (batch, channels, *size_px), dtype)], stated)
 
 
