@@ -100,15 +100,14 @@ class Relief:
     def offset_m(self, xy: npt.NDArray[np.floating[Any]]) -> F64:
         """Height of the ground above the plane at points `xy` (..., 2); bilinear, beyond the grid that of its edge."""
         height, width = self.offsets_m.shape
-        place = (np.asarray(xy, np.float64) - self.origin_xy) / self.cell_m
-        x = np.minimum(np.maximum(place[..., 0], 0.0), width - 1.0)
-        y = np.minimum(np.maximum(place[..., 1], 0.0), height - 1.0)
-        column, row = np.minimum(x.astype(np.int64), width - 2), np.minimum(y.astype(np.int64), height - 2)
-        x, y = x - column, y - row
-        values, first = self.offsets_m.ravel(), row * width + column
-        near = values.take(first) * (1 - x) + values.take(first + 1) * x
-        far = values.take(first + width) * (1 - x) + values.take(first + width + 1) * x
-        return np.asarray(near * (1 - y) + far * y)
+        last = np.array([width - 1, height - 1])
+        place = np.minimum(np.maximum((np.asarray(xy, np.float64) - self.origin_xy) / self.cell_m, 0.0), last)
+        node = np.minimum(place.astype(np.int64), last - 1)
+        share = place - node
+        x, y, first = share[..., 0], share[..., 1], node[..., 1] * width + node[..., 0]
+        a, b, c, d = self.offsets_m.ravel().take(np.add.outer([0, 1, width, width + 1], first))
+        left = 1 - x
+        return np.asarray((a * left + b * x) * (1 - y) + (c * left + d * x) * y)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

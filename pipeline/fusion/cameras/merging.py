@@ -96,8 +96,9 @@ def merge_sightings(placements: Placements, cameras: I64, class_ids: I64) -> tup
     # The row of an object's first sighting holds what the cameras so far say of it.
     known, known_xy, known_spread = placements.copy(), mean_xy.copy(), spread.copy()
     first, is_first = np.arange(count), np.ones(count, np.bool_)
-    for start, end in itertools.pairwise([*first_of_runs(cameras).nonzero()[0].tolist(), count]):
-        objects, own = np.flatnonzero(is_first[:start]), np.arange(start, end)
+    _, *starts = *first_of_runs(cameras).nonzero()[0].tolist(), count
+    for start, end in itertools.pairwise(starts):  # all of the first camera are new
+        objects, own = is_first[:start].nonzero()[0], np.arange(start, end)
         worth = _worth(known_xy[objects], known_spread[objects], mean_xy[own], spread[own])
         worth[class_ids[objects][:, None] != class_ids[own]] = 0.0
         row, column = assign(-worth)
@@ -134,7 +135,8 @@ def _combine(known: Placements, rows: Indices, new: Placements, new_rows: Indice
     """Combine known places, in place, with independent new ones, under each heading."""
     gap, covariances = new.xy[new_rows] - known.xy[rows], known.covariances[rows]
     inverse, determinant = _inverse(covariances + new.covariances[new_rows])
-    gain = covariances @ inverse
+    a, b, c = inverse
+    gain = covariances @ np.stack([a, b, b, c], -1).reshape(covariances.shape)
     known.xy[rows] += (gain * gap[..., None, :]).sum(-1)
     left = covariances - gain @ covariances
     known.covariances[rows] = (left + left.swapaxes(-1, -2)) / 2
@@ -142,14 +144,16 @@ def _combine(known: Placements, rows: Indices, new: Placements, new_rows: Indice
 
 
 def _inverse(matrices: F64) -> tuple[F64, F64]:
-    """(..., 2, 2) inverses of symmetric matrices, and (...) their determinants: LAPACK takes ten times as long."""
+    """Inverses of symmetric matrices (..., 2, 2), as (3, ...) for xx, xy and yy, and (...) their determinants.
+
+    LAPACK takes ten times as long.
+    """
     a, b, c = matrices[..., 0, 0], matrices[..., 0, 1], matrices[..., 1, 1]
     determinant = a * c - b * b
-    inverse = np.stack([c, -b, -b, a], -1).reshape(matrices.shape) / determinant[..., None, None]
-    return inverse, determinant
+    return np.array([c, -b, a]) / determinant, determinant
 
 
 def _squared(gap: F64, inverse: F64) -> F64:
-    """(...) squares of vectors (..., 2) by inverse covariances (..., 2, 2)."""
-    x, y = gap[..., 0], gap[..., 1]
-    return np.asarray(x * x * inverse[..., 0, 0] + 2 * x * y * inverse[..., 0, 1] + y * y * inverse[..., 1, 1])
+    """(...) squares of vectors (..., 2) by inverse covariances (3, ...), see `_inverse`."""
+    (x, y), (a, b, c) = (gap[..., 0], gap[..., 1]), inverse
+    return np.asarray(x * x * a + 2 * x * y * b + y * y * c)

@@ -45,7 +45,7 @@ SHAPE_STD = 0.2
 NEAREST_SHARE = 0.1
 """No part of an object is nearer to the camera than this share of the range of its centre."""
 
-FORWARD, LEFT = np.array([1.0, -1, -1, 1]), np.array([1.0, 1, -1, -1])
+FORWARD, LEFT = np.array([1.0, -1, -1, 1]).reshape(4, 1, 1), np.array([1.0, 1, -1, -1]).reshape(4, 1, 1)
 """The corners of an object seen from above, in halves of its length and width."""
 
 SIZE_STD_SHARE = 0.06
@@ -125,11 +125,11 @@ class _Shape(NamedTuple):
     """Extents of P objects in the frame of the ray to their centre, under each heading, metres.
 
     Attributes:
-        along: (P, H, 4) of the corners, from the centre away from the camera.
-        aside: (P, H, 4) of the same corners, to the left.
+        along: (4, P, H) of the corners, from the centre away from the camera.
+        aside: (4, P, H) of the same corners, to the left.
         depth: (P, H) from the centre to the nearest corner, along the ray.
-        depth_std: (P, H) standard deviation of `depth`.
-        across_std: (P, H) of the width as seen.
+        variances: (2, P, H) of where the lower and the upper edge are along the ray, m^2.
+        across_std: (P, H) standard deviation of the width as seen.
         height: (P, 1)
         height_std: (P, 1)
     """
@@ -137,7 +137,7 @@ class _Shape(NamedTuple):
     along: F64
     aside: F64
     depth: F64
-    depth_std: F64
+    variances: F64
     across_std: F64
     height: F64
     height_std: F64
@@ -148,12 +148,15 @@ class _Shape(NamedTuple):
         cos, sin = np.cos(turn), np.sin(turn)
         length, width, height = mean_m.T[..., None]
         length_std, width_std, height_std = std_m.T[..., None]
-        ahead, beside = (length / 2 * FORWARD)[:, None], (width / 2 * LEFT)[:, None]
+        ahead, beside = length / 2 * FORWARD, width / 2 * LEFT
+        depth = (length * np.abs(cos) + width * np.abs(sin)) / 2
+        by_depth = (SHAPE_STD * depth) ** 2
+        by_contact = (CONTACT_SHARE * (np.hypot(length_std * cos, width_std * sin) / 2)) ** 2
         return cls(
-            ahead * cos[..., None] - beside * sin[..., None],
-            ahead * sin[..., None] + beside * cos[..., None],
-            (length * np.abs(cos) + width * np.abs(sin)) / 2,
-            np.hypot(length_std * cos, width_std * sin) / 2,
+            ahead * cos - beside * sin,
+            ahead * sin + beside * cos,
+            depth,
+            np.array([by_depth + by_contact, by_depth]),
             np.hypot(length_std * sin, width_std * cos),
             height,
             height_std,
@@ -168,14 +171,16 @@ class _Fit(NamedTuple):
         information: (P, H) of that logarithm.
         squared: (P, H) squared error in standard deviations.
         variances: (P, H) product of the variances.
-        bearing: (P, H, 4) of the corners from the ray to the centre, radians.
+        left: (P, H) bearing of the leftmost corner from the ray to the centre, radians.
+        right: (P, H) of the rightmost corner.
     """
 
     step: F64
     information: F64
     squared: F64
     variances: F64
-    bearing: F64
+    left: F64
+    right: F64
 
 
 def place(sightings: Sightings, priors: SizePriors, ground_m: Callable[[F64], F64], noise: Noise) -> Placements:
@@ -217,44 +222,42 @@ def _fit(range_m: F64, first_m: F64, shape: _Shape, seen: Observed, rise_m: Call
         rise_m: Height of the ground above the camera at ranges (..., P, H).
         noise: Of the observations.
     """
-    nearest_m, depth = NEAREST_SHARE * range_m, shape.depth
-    contact_m = np.maximum(range_m - CONTACT_SHARE * depth, nearest_m)
-    contact_rise_m, center_rise_m = rise_m(np.stack([contact_m, range_m]))
-    top_m = center_rise_m + shape.height
-    roof_m = np.maximum(range_m - np.where(top_m > 0, ROOF_SHARE, -ROOF_SHARE) * depth, nearest_m)
-    lower, upper = contact_rise_m / contact_m, top_m / roof_m
+    # Lower edge and upper edge: where they are, how high above the camera, and their slopes as seen.
+    nearest_m, roof_share = NEAREST_SHARE * range_m, ROOF_SHARE * shape.depth
+    at_m = np.array([np.maximum(range_m - CONTACT_SHARE * shape.depth, nearest_m), range_m])
+    above_m = rise_m(at_m)
+    above_m[1] += shape.height
+    at_m[1] = np.maximum(range_m - np.where(above_m[1] > 0, roof_share, -roof_share), nearest_m)
+    edges = above_m / at_m
 
-    away_m = np.maximum(range_m[..., None] + shape.along, nearest_m[..., None])
+    away_m = np.maximum(range_m + shape.along, nearest_m)
     bearing = np.arctan2(shape.aside, away_m)
     turning = -shape.aside / (away_m * away_m + shape.aside * shape.aside)
-    leftmost, rightmost = (
-        np.take_along_axis(turning, outer[..., None], 2)[..., 0] for outer in (bearing.argmax(2), bearing.argmin(2))
-    )
-    width = bearing.max(2) - bearing.min(2)
+    leftmost, rightmost = bearing.argmax(0), bearing.argmin(0)
+    left, right = leftmost.choose(bearing), rightmost.choose(bearing)
 
-    # What lower edge, upper edge and width of the box differ by, and how that changes with the range's logarithm.
-    errors = seen.lower[:, None] - lower, seen.upper[:, None] - upper, seen.width[:, None] - width
-    slopes = -lower * range_m / contact_m, -upper * range_m / roof_m, (leftmost - rightmost) * range_m
+    # How lower edge, upper edge and width change with the range's logarithm, and what those of the box differ by.
+    terms = np.empty((3, 2, *range_m.shape))
+    terms[:2, 0] = -edges * range_m / at_m
+    terms[2, 0] = (leftmost.choose(turning) - rightmost.choose(turning)) * range_m
+    terms[0, 1], terms[1, 1] = seen.lower[:, None] - edges[0], seen.upper[:, None] - edges[1]
+    terms[2, 1] = seen.width[:, None] - (left - right)
 
-    left_std, upper_std, right_std, lower_std = seen.stds.T[..., None]
+    left_variance, upper_variance, right_variance, lower_variance = seen.stds.T[..., None] ** 2
     shared = noise.ground_slope**2 + (noise.ground_m / range_m) ** 2
-    by_depth, by_contact = (SHAPE_STD * depth) ** 2, (CONTACT_SHARE * shape.depth_std) ** 2
-    of_lower = shared + (lower / contact_m) ** 2 * (by_depth + by_contact) + lower_std**2
-    of_upper = shared + (upper / roof_m) ** 2 * by_depth + (shape.height_std / range_m) ** 2 + upper_std**2
-    of_width = (shape.across_std / range_m) ** 2 + left_std**2 + right_std**2
+    of_lower, of_upper = shared + (edges / at_m) ** 2 * shape.variances
+    of_lower, of_upper = of_lower + lower_variance, of_upper + (shape.height_std / range_m) ** 2 + upper_variance
+    of_width = (shape.across_std / range_m) ** 2 + left_variance + right_variance
     determinant = of_lower * of_upper - shared * shared
 
-    def product(first: tuple[F64, F64, F64], second: tuple[F64, F64, F64]) -> F64:
-        """By the inverse of the covariance of the three."""
-        (a, b, c), (d, e, f) = first, second
-        both = of_upper * a * d + of_lower * b * e - shared * (a * e + b * d)
-        return np.asarray(both / determinant + c * f / of_width)
-
+    # Slopes with slopes, slopes with errors and errors with errors, by the inverse of the covariance of the three.
+    (a, b, c), (d, e, f) = terms[:, [0, 0, 1]], terms[:, [0, 1, 1]]
+    both = of_upper * a * d + of_lower * b * e - shared * (a * e + b * d)
+    information, pull, squared = both / determinant + c * f / of_width
+    information += FIRST_STD**-2
     back = np.log(first_m / range_m) / FIRST_STD
-    information = product(slopes, slopes) + FIRST_STD**-2
-    step = (product(slopes, errors) + back / FIRST_STD) / information
-    squared = product(errors, errors) + back * back
-    return _Fit(step, information, squared, determinant * of_width * information, bearing)
+    step = (pull + back / FIRST_STD) / information
+    return _Fit(step, information, squared + back * back, determinant * of_width * information, left, right)
 
 
 def _laid_out(origin: F64, range_m: F64, fit: _Fit, shape: _Shape, seen: Observed, noise: Noise) -> tuple[F64, F64]:
@@ -264,8 +267,8 @@ def _laid_out(origin: F64, range_m: F64, fit: _Fit, shape: _Shape, seen: Observe
     """
     first, last = seen.stds[:, :1] ** 2, seen.stds[:, 2:3] ** 2
     share = last / (first + last)  # of the left side
-    by_left = seen.left[:, None] - fit.bearing.max(2)
-    by_right = (seen.left - seen.width)[:, None] - fit.bearing.min(2)
+    by_left = seen.left[:, None] - fit.left
+    by_right = (seen.left - seen.width)[:, None] - fit.right
     bearing = share * by_left + (1 - share) * by_right
     of_sides = share**2 * first + (1 - share) ** 2 * last
     by_size = (share - 0.5) * shape.across_std / range_m

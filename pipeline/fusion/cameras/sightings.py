@@ -153,6 +153,9 @@ def _hidden_edges(cameras: I64, xyxy: F64) -> Bools:
     """(P, 4) whether a nearer object, whose box reaches further down, may hide each edge of each box."""
     rows, others = pairs_of_images(cameras, cameras)
     is_nearer = xyxy[others, 3] > xyxy[rows, 3] + NEARER_SHARE * (xyxy[rows, 3] - xyxy[rows, 1])
+    hidden = np.zeros(xyxy.shape, np.bool_)
+    if not is_nearer.any():
+        return hidden
     rows, others = rows[is_nearer], others[is_nearer]
     left, top, right, bottom = xyxy[rows].T
     other_left, other_top, other_right, other_bottom = xyxy[others].T
@@ -160,7 +163,6 @@ def _hidden_edges(cameras: I64, xyxy: F64) -> Bools:
     is_beside = np.minimum(bottom, other_bottom) - np.maximum(top, other_top) >= HIDDEN_EDGE_SHARE * height
     is_below = np.minimum(right, other_right) - np.maximum(left, other_left) >= HIDDEN_EDGE_SHARE * width
     outer_left, outer_right = left - NEARER_SHARE * width, right + NEARER_SHARE * width
-    hidden = np.zeros(xyxy.shape, np.bool_)
     hidden[rows[is_beside & (other_left < outer_left) & (other_right > outer_left)], 0] = True
     hidden[rows[is_beside & (other_left < outer_right) & (other_right > outer_right)], 2] = True
     hidden[rows[is_below & (other_top < bottom)], 3] = True
