@@ -224,6 +224,8 @@ def best_pairs(pairs: Pairs, worth: F64, seen_cameras: I64) -> Bools:
     seen, found = pairs.seen[good], pairs.found[good]
     is_rival = (np.bincount(seen)[seen] > 1) | (np.bincount(found)[found] > 1)
     rivals = good[is_rival]
+    if not len(rivals):
+        return taken
     for own in np.split(rivals, np.flatnonzero(np.diff(seen_cameras[pairs.seen[rivals]])) + 1):
         rows, row = np.unique(pairs.seen[own], return_inverse=True)
         columns, column = np.unique(pairs.found[own], return_inverse=True)

@@ -130,16 +130,16 @@ def _intersections(first: F32, second: F32) -> F64:
 def _in_front(boxes: Boxes3D, seen: InView, positions_site: F64, front: Indices, back: Indices) -> Bools:
     """(Q,) whether a box stands between the camera and another one; by their distances where no line parts them."""
     cameras, rows, others = positions_site[seen.cameras[front], :2], seen.rows[front], seen.rows[back]
-    own_side, other_side = _parted(boxes, rows, others, cameras)
-    own_side_too, other_side_too = _parted(boxes, others, rows, cameras)
-    is_ahead, is_behind = own_side | other_side_too, other_side | own_side_too
+    both = np.concatenate([rows, others]), np.concatenate([others, rows]), np.concatenate([cameras, cameras])
+    own_side, other_side = (side.reshape(2, len(rows)) for side in _parted(boxes, *both))
+    is_ahead, is_behind = own_side[0] | other_side[1], other_side[0] | own_side[1]
     return np.where(is_ahead == is_behind, seen.ranges_m[front] < seen.ranges_m[back], is_ahead)
 
 
 def _parted(boxes: Boxes3D, rows: I64, others: I64, cameras: F64) -> tuple[Bools, Bools]:
     """(Q,) whether a side of a box parts it from another with the camera on its own side; (Q,) on the other's."""
     half, yaws = boxes.sizes[rows, :2] / 2, boxes.yaws[rows]
-    gap, camera = (_turned(place - boxes.centers[rows, :2], yaws) for place in (boxes.centers[others, :2], cameras))
+    gap, camera = _turned(np.array([boxes.centers[others, :2], cameras]) - boxes.centers[rows, :2], yaws)
     turn = boxes.yaws[others] - yaws
     cos, sin, other_half = np.abs(np.cos(turn)), np.abs(np.sin(turn)), boxes.sizes[others, :2] / 2
     reach = cos[:, None] * other_half + sin[:, None] * other_half[:, ::-1]
@@ -148,9 +148,9 @@ def _parted(boxes: Boxes3D, rows: I64, others: I64, cameras: F64) -> tuple[Bools
 
 
 def _turned(offsets: F64, yaws: F64) -> F64:
-    """(Q, 2) offsets along the length and the width of boxes."""
-    cos, sin, x, y = np.cos(yaws), np.sin(yaws), offsets[:, 0], offsets[:, 1]
-    return np.stack([x * cos + y * sin, y * cos - x * sin], 1)
+    """(..., Q, 2) offsets along the length and the width of Q boxes."""
+    cos, sin, x, y = np.cos(yaws), np.sin(yaws), offsets[..., 0], offsets[..., 1]
+    return np.stack([x * cos + y * sin, y * cos - x * sin], -1)
 
 
 def _uncovered(own: F64, covers: F64) -> tuple[F64, F64]:
@@ -158,10 +158,8 @@ def _uncovered(own: F64, covers: F64) -> tuple[F64, F64]:
 
     Between two places where a rectangle begins or ends, across or down, everything is either covered or free.
     """
-    x, y = (
-        np.sort(np.concatenate([own[:, axis::2], covers[..., axis], covers[..., axis + 2]], 1), axis=1)
-        for axis in (0, 1)
-    )
+    corners = np.concatenate([own[:, None], covers], 1).reshape(len(own), 2 + 2 * covers.shape[1], 2)
+    x, y = np.sort(corners.transpose(2, 0, 1))
     in_x = np.asarray((covers[..., :1] <= x[:, None, :-1]) & (x[:, None, 1:] <= covers[..., 2:3]))
     in_y = np.asarray((covers[..., 1:2] <= y[:, None, :-1]) & (y[:, None, 1:] <= covers[..., 3:]))
     area = np.diff(y)[:, :, None] * np.diff(x)[:, None, :]

@@ -47,14 +47,11 @@ def find_partners(sightings: Sightings, matches: Mapping[str, Matches], names: t
         names: Of the cameras, by their number.
     """
     partner, iou = np.full(len(sightings), -1, np.int64), np.zeros(len(sightings))
-    starts = sightings.cameras.searchsorted(np.arange(len(names) + 1)).tolist()
-    for name, start, end in zip(names, starts, starts[1:], strict=False):
-        own, rows = matches[name], sightings.rows[start:end]
-        pair = np.full(max(rows.max(initial=-1), own.pairs[:, 1].max(initial=-1)) + 1, -1)  # by 2D box
-        pair[own.pairs[:, 1]] = np.arange(len(own))
-        found = np.flatnonzero(pair[rows] >= 0)
-        partner[start + found] = own.pairs[pair[rows[found]], 0]
-        iou[start + found] = own.iou[pair[rows[found]]]
+    for camera in set(sightings.cameras.tolist()):
+        own = matches[names[camera]]
+        is_pair = (sightings.cameras == camera)[:, None] & (sightings.rows[:, None] == own.pairs[:, 1])
+        sighting, pair = is_pair.nonzero()
+        partner[sighting], iou[sighting] = own.pairs[pair, 0], own.iou[pair]
     return partner, iou
 
 

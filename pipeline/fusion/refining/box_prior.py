@@ -72,13 +72,15 @@ def known_covariances(boxes: Boxes3D, lidar_xy: F64) -> F64:
         boxes: N boxes.
         lidar_xy: (L, 2) positions of the lidars, metres; there may be none.
     """
+    is_known = (boxes.covariances != 0).any((1, 2))
+    if is_known.all():
+        return boxes.covariances
     length, width = boxes.sizes[:, :2].max(1), boxes.sizes[:, :2].min(1)
     away_m = np.linalg.norm(boxes.centers[:, None, :2] - lidar_xy, axis=2).min(1) if len(lidar_xy) else 0.0
     shows = ((length / width - 1) / (SQUARE - 1)).clip(0.0, 1.0)
     guess = np.zeros(boxes.covariances.shape)
     guess[:, 0, 0] = guess[:, 1, 1] = (UNKNOWN_SHARE * width + UNKNOWN_PER_M * away_m) ** 2
     guess[:, 2, 2] = (ANY_YAW_RAD + shows * (UNKNOWN_YAW_RAD - ANY_YAW_RAD)) ** 2
-    is_known = (boxes.covariances != 0).any((1, 2))
     return np.where(is_known[:, None, None], boxes.covariances, guess)
 
 

@@ -106,21 +106,23 @@ def moved_by_borders(boxes: Boxes3D, rows: I64, cameras: CameraArrays) -> F64:
     corners = box_corners(boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows])
     in_cameras = corners @ cameras.rotations.swapaxes(1, 2) + cameras.translations[:, None]
     pixels, _ = cameras.lenses.project(in_cameras)
-    moved = np.empty((len(rows), 4))
-    for axis in range(2):
-        along, other = pixels[..., axis], pixels[..., 1 - axis]
-        limit = cameras.image_sizes[:, 1 - axis, None]
-        (a, b), (c, d) = along[:, BOX_EDGES.T].swapaxes(0, 1), other[:, BOX_EDGES.T].swapaxes(0, 1)
-        places, is_left = [along], [(other >= 0) & (other <= limit)]
-        for border in (0.0, limit):
-            places.append(a + (b - a) * (border - c) / np.where(c == d, 1.0, d - c))
-            is_left.append((np.minimum(c, d) < border) & (border < np.maximum(c, d)))
-        place, left = np.concatenate(places, 1), np.concatenate(is_left, 1)
-        low, high = np.where(left, place, np.inf).min(1), np.where(left, place, -np.inf).max(1)
-        whole_low, whole_high = along.min(1), along.max(1)
-        moved[:, axis] = np.minimum(low, whole_high) - whole_low
-        moved[:, axis + 2] = whole_high - np.maximum(high, whole_low)
-    return moved.clip(0.0)
+    beyond = np.asarray((pixels < 0) | (pixels > cameras.image_sizes[:, None])).any((1, 2)).nonzero()[0]
+    moved = np.zeros((len(rows), 4))
+    if not len(beyond):
+        return moved
+    along, limit = pixels[beyond].transpose(2, 0, 1), cameras.image_sizes[beyond].T[::-1, :, None]
+    other = along[::-1]  # u and v, and v and u
+    (a, b), (c, d) = (np.moveaxis(values[..., BOX_EDGES.T], 2, 0) for values in (along, other))
+    places, is_left = [along], [(other >= 0) & (other <= limit)]
+    for border in (0.0, limit):
+        places.append(a + (b - a) * (border - c) / np.where(c == d, 1.0, d - c))
+        is_left.append((np.minimum(c, d) < border) & (border < np.maximum(c, d)))
+    place, left = np.concatenate(places, 2), np.concatenate(is_left, 2)
+    low, high = np.where(left, place, np.inf).min(2), np.where(left, place, -np.inf).max(2)
+    whole_low, whole_high = along.min(2), along.max(2)
+    inside = np.concatenate([np.minimum(low, whole_high) - whole_low, whole_high - np.maximum(high, whole_low)])
+    moved[beyond] = inside.T.clip(0.0)
+    return moved
 
 
 def doubted_edges(
@@ -162,12 +164,11 @@ def camera_shifts(camera_rows: I64, residuals_px: F64, variances_px2: F64, *, co
         count: Number of cameras.
     """
     shifts = np.zeros((count, 2))
-    for camera in range(count):
-        own = camera_rows == camera
-        if own.any():
-            shift, variance = _median(residuals_px[own]), _median(variances_px2[own])
-            is_sure = np.abs(shift) > SURE * MEDIAN_SPREAD * np.sqrt(variance / own.sum())
-            shifts[camera] = np.where(is_sure, shift, 0.0)
+    for camera in set(camera_rows.tolist()):
+        own = (camera_rows == camera).nonzero()[0]
+        shift, variance = _median(residuals_px[own]), _median(variances_px2[own])
+        is_sure = np.abs(shift) > SURE * MEDIAN_SPREAD * np.sqrt(variance / len(own))
+        shifts[camera] = np.where(is_sure, shift, 0.0)
     return shifts
 
 

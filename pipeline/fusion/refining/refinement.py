@@ -93,6 +93,8 @@ class _Problem(NamedTuple):
         outline: Of the box of each pair.
         turn: (N, 2, 2) from the axes of the boxes to those of the site.
         starts: (N,) first pair of each box.
+        near: (P, 1, 4) whether each edge is so near to the border of the image that it may be the border.
+        known: (N, 1, 6, 6) information of the prior over all states but the yaw.
     """
 
     boxes: Boxes3D
@@ -101,12 +103,16 @@ class _Problem(NamedTuple):
     outline: Outline
     turn: F64
     starts: Indices
+    near: Bools
+    known: F64
 
     @classmethod
     def of(cls, boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline: Outline) -> Self:
         """The problem, with what is the same in all steps."""
         starts = np.flatnonzero(first_of_runs(edges.rows))
-        return cls(boxes, prior, edges, outline, rotations_2d(boxes.yaws), starts)
+        near = np.minimum(edges.xyxy, edges.cameras.limits - edges.xyxy) < BORDER * edges.sigma_px
+        known = prior.information[:, None, _REST[:, None], _REST]
+        return cls(boxes, prior, edges, outline, rotations_2d(boxes.yaws), starts, near[:, None], known)
 
     def projected(self, states: F64) -> tuple[F64, F64]:
         """The edges of the boxes in given states, at the times of the images.
@@ -125,7 +131,7 @@ class _Problem(NamedTuple):
         moved = at_pairs[..., 5:] @ self.turn[rows].swapaxes(1, 2) * edges.later_s[:, None, None]
         centers[..., :2] += at_pairs[..., :2] + moved
         extent = sizes[..., :2]
-        sizes[..., :2] = (extent + at_pairs[..., 3:5]).clip(MIN_SIZE * extent, MAX_SIZE * extent)
+        sizes[..., :2] = np.minimum(np.maximum(extent + at_pairs[..., 3:5], MIN_SIZE * extent), MAX_SIZE * extent)
         yaws = boxes.yaws[rows, None] + at_pairs[..., _YAW]
         pairs = np.repeat(np.arange(len(rows)), states.shape[1])
         placed = centers.reshape(count, 3), sizes.reshape(count, 3), yaws.reshape(count)
@@ -148,8 +154,7 @@ class _Problem(NamedTuple):
         xyxy, jacobian = self.projected(states)
         edges = self.edges
         limits, sigma_px = edges.cameras.limits[:, None], edges.sigma_px[:, None]
-        near = np.minimum(edges.xyxy, edges.cameras.limits - edges.xyxy) < BORDER * edges.sigma_px
-        shown = np.where(near[:, None], xyxy.clip(0.0, limits), xyxy)
+        shown = np.where(self.near, np.minimum(np.maximum(xyxy, 0.0), limits), xyxy)
         residual = (edges.xyxy[:, None] - shown) / sigma_px
         squared = (residual / CAUCHY) ** 2
         weights = np.where(shown == xyxy, 1 / (1 + squared), 0.0)[..., None]
@@ -157,7 +162,7 @@ class _Problem(NamedTuple):
         slopes = np.concatenate([jacobian[..., [0, 1, 3, 4]], by_speed], 3) / sigma_px[..., None]
         weighed = (slopes * weights).swapaxes(2, 3)
         drawn_back = states @ self.prior.information
-        normal = np.add.reduceat(weighed @ slopes, self.starts) + self.prior.information[:, None, _REST[:, None], _REST]
+        normal = np.add.reduceat(weighed @ slopes, self.starts) + self.known
         right = np.add.reduceat((weighed @ residual[..., None])[..., 0], self.starts) - drawn_back[..., _REST]
         cost = np.add.reduceat(CAUCHY**2 * np.log1p(squared).sum(2), self.starts) + (drawn_back * states).sum(2)
         return normal, right, cost
