@@ -138,7 +138,9 @@ class Associate:
         taken = np.zeros(len(pairs), np.bool_)
         if not len(pairs):
             return taken
-        config, (hidden, rest) = self._config, hiding
+        is_first = first_of_runs(pairs.seen)
+        near, pairs = pairs.seen[is_first], replace(pairs, seen=np.cumsum(is_first) - 1)
+        config, seen, (hidden, rest) = self._config, seen.select(near), (each[near] for each in hiding)
         jacobians = feature_jacobian(seen.xyxy, seen.jacobian)
         noise = detector_variances(seen.xyxy, config)
         belief = BoxBelief(prior_covariances(boxes), np.log(self._confusion).T[boxes.class_ids], self._confusion)
@@ -161,7 +163,7 @@ class Associate:
             before, taken = taken, best_pairs(pairs, np.where(squared <= config.gate**2, worth, 0.0), seen.cameras)
             if (before == taken).all():
                 break
-            chosen = np.flatnonzero(taken)
+            chosen = taken.nonzero()[0]
             rows = pairs.seen[chosen]
             centers = off[chosen, :2], without_aim[chosen, :2]
             shifts, aims = common_shifts(seen.cameras, aim, rows, *centers, squared[chosen])
@@ -220,7 +222,7 @@ def best_pairs(pairs: Pairs, worth: F64, seen_cameras: I64) -> Bools:
         seen_cameras: (P,) camera of each projected 3D box, rising.
     """
     taken = np.asarray(worth > 0)
-    good = np.flatnonzero(taken)
+    good = taken.nonzero()[0]
     seen, found = pairs.seen[good], pairs.found[good]
     is_rival = (np.bincount(seen)[seen] > 1) | (np.bincount(found)[found] > 1)
     rivals = good[is_rival]

@@ -92,22 +92,21 @@ def merge_sightings(placements: Placements, cameras: I64, class_ids: I64) -> tup
         (P,) the object of each sighting, numbered in order of their first one; and the places of the objects.
     """
     count = len(cameras)
-    mean_xy, spread = mean_places(placements)
     # The row of an object's first sighting holds what the cameras so far say of it.
-    known, known_xy, known_spread = placements.copy(), mean_xy.copy(), spread.copy()
+    known, (mean_xy, spread) = placements.copy(), mean_places(placements)
     first, is_first = np.arange(count), np.ones(count, np.bool_)
     _, *starts = *first_of_runs(cameras).nonzero()[0].tolist(), count
     for start, end in itertools.pairwise(starts):  # all of the first camera are new
         objects, own = is_first[:start].nonzero()[0], np.arange(start, end)
-        worth = _worth(known_xy[objects], known_spread[objects], mean_xy[own], spread[own])
+        worth = _worth(mean_xy[objects], spread[objects], mean_xy[own], spread[own])
         worth[class_ids[objects][:, None] != class_ids[own]] = 0.0
         row, column = assign(-worth)
         is_one = worth[row, column] > 0
         rows, new_rows = objects[row[is_one]], own[column[is_one]]
         if len(rows):
             first[new_rows], is_first[new_rows] = rows, False
-            _combine(known, rows, placements, new_rows)
-            known_xy[rows], known_spread[rows] = mean_places(known.select(rows))
+            _combine(known, rows, new_rows)
+            mean_xy[rows], spread[rows] = mean_places(known.select(rows))
     return (np.cumsum(is_first) - 1)[first], known.select(is_first)
 
 
@@ -131,23 +130,20 @@ def _worth(first_xy: F64, first: F64, second_xy: F64, second: F64) -> F64:
     return np.maximum(GATE - _squared(gap, inverse), 0.0)
 
 
-def _combine(known: Placements, rows: Indices, new: Placements, new_rows: Indices) -> None:
-    """Combine known places, in place, with independent new ones, under each heading."""
-    gap, covariances = new.xy[new_rows] - known.xy[rows], known.covariances[rows]
-    inverse, determinant = _inverse(covariances + new.covariances[new_rows])
+def _combine(known: Placements, rows: Indices, new_rows: Indices) -> None:
+    """Combine places, in place, with independent other ones, under each heading."""
+    gap, covariances = known.xy[new_rows] - known.xy[rows], known.covariances[rows]
+    inverse, determinant = _inverse(covariances + known.covariances[new_rows])
     a, b, c = inverse
     gain = covariances @ np.stack([a, b, b, c], -1).reshape(covariances.shape)
     known.xy[rows] += (gain * gap[..., None, :]).sum(-1)
     left = covariances - gain @ covariances
     known.covariances[rows] = (left + left.swapaxes(-1, -2)) / 2
-    known.log_weights[rows] += new.log_weights[new_rows] - (_squared(gap, inverse) + np.log(determinant)) / 2
+    known.log_weights[rows] += known.log_weights[new_rows] - (_squared(gap, inverse) + np.log(determinant)) / 2
 
 
 def _inverse(matrices: F64) -> tuple[F64, F64]:
-    """Inverses of symmetric matrices (..., 2, 2), as (3, ...) for xx, xy and yy, and (...) their determinants.
-
-    LAPACK takes ten times as long.
-    """
+    """(3, ...) xx, xy, yy of the inverses of symmetric matrices (..., 2, 2), (...) their determinants; beats LAPACK."""
     a, b, c = matrices[..., 0, 0], matrices[..., 0, 1], matrices[..., 1, 1]
     determinant = a * c - b * b
     return np.array([c, -b, a]) / determinant, determinant

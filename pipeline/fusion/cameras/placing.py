@@ -205,7 +205,7 @@ def place(sightings: Sightings, priors: SizePriors, ground_m: Callable[[F64], F6
     range_m = first_m
     for _ in range(STEPS):
         step = _fit(range_m, first_m, shape, seen, rise_m, noise).step
-        range_m = range_m * np.exp(step.clip(-MAX_STEP, MAX_STEP))
+        range_m = range_m * np.exp(np.minimum(np.maximum(step, -MAX_STEP), MAX_STEP))
     fit = _fit(range_m, first_m, shape, seen, rise_m, noise)
     xy, covariances = _laid_out(sightings.origin, range_m, fit, shape, seen, noise)
     return Placements(xy, covariances, -(fit.squared + np.log(fit.variances)) / 2)
@@ -223,11 +223,11 @@ def _fit(range_m: F64, first_m: F64, shape: _Shape, seen: Observed, rise_m: Call
         noise: Of the observations.
     """
     # Lower edge and upper edge: where they are, how high above the camera, and their slopes as seen.
-    nearest_m, roof_share = NEAREST_SHARE * range_m, ROOF_SHARE * shape.depth
+    nearest_m, roof_m = NEAREST_SHARE * range_m, ROOF_SHARE * shape.depth
     at_m = np.array([np.maximum(range_m - CONTACT_SHARE * shape.depth, nearest_m), range_m])
     above_m = rise_m(at_m)
     above_m[1] += shape.height
-    at_m[1] = np.maximum(range_m - np.where(above_m[1] > 0, roof_share, -roof_share), nearest_m)
+    at_m[1] = np.maximum(range_m - np.where(above_m[1] > 0, roof_m, -roof_m), nearest_m)
     edges = above_m / at_m
 
     away_m = np.maximum(range_m + shape.along, nearest_m)
@@ -236,12 +236,12 @@ def _fit(range_m: F64, first_m: F64, shape: _Shape, seen: Observed, rise_m: Call
     leftmost, rightmost = bearing.argmax(0), bearing.argmin(0)
     left, right = leftmost.choose(bearing), rightmost.choose(bearing)
 
-    # How lower edge, upper edge and width change with the range's logarithm, and what those of the box differ by.
-    terms = np.empty((3, 2, *range_m.shape))
-    terms[:2, 0] = -edges * range_m / at_m
-    terms[2, 0] = (leftmost.choose(turning) - rightmost.choose(turning)) * range_m
-    terms[0, 1], terms[1, 1] = seen.lower[:, None] - edges[0], seen.upper[:, None] - edges[1]
-    terms[2, 1] = seen.width[:, None] - (left - right)
+    # How lower edge, upper edge and width change with the range's logarithm, what those of the box differ by; twice.
+    by_turn = leftmost.choose(turning) - rightmost.choose(turning)
+    terms = np.empty((3, 4, *range_m.shape))
+    terms[:2, :2], terms[2, :2] = (-edges * range_m / at_m)[:, None], by_turn * range_m
+    terms[0, 2:], terms[1, 2:] = seen.lower[:, None] - edges[0], seen.upper[:, None] - edges[1]
+    terms[2, 2:] = seen.width[:, None] - (left - right)
 
     left_variance, upper_variance, right_variance, lower_variance = seen.stds.T[..., None] ** 2
     shared = noise.ground_slope**2 + (noise.ground_m / range_m) ** 2
@@ -251,13 +251,12 @@ def _fit(range_m: F64, first_m: F64, shape: _Shape, seen: Observed, rise_m: Call
     determinant = of_lower * of_upper - shared * shared
 
     # Slopes with slopes, slopes with errors and errors with errors, by the inverse of the covariance of the three.
-    (a, b, c), (d, e, f) = terms[:, [0, 0, 1]], terms[:, [0, 1, 1]]
+    (a, b, c), (d, e, f) = terms[:, :3], terms[:, 1:]
     both = of_upper * a * d + of_lower * b * e - shared * (a * e + b * d)
     information, pull, squared = both / determinant + c * f / of_width
-    information += FIRST_STD**-2
-    back = np.log(first_m / range_m) / FIRST_STD
-    step = (pull + back / FIRST_STD) / information
-    return _Fit(step, information, squared + back * back, determinant * of_width * information, left, right)
+    information, back = information + FIRST_STD**-2, np.log(first_m / range_m) / FIRST_STD
+    step, variances = (pull + back / FIRST_STD) / information, determinant * of_width * information
+    return _Fit(step, information, squared + back * back, variances, left, right)
 
 
 def _laid_out(origin: F64, range_m: F64, fit: _Fit, shape: _Shape, seen: Observed, noise: Noise) -> tuple[F64, F64]:

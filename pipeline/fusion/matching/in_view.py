@@ -115,7 +115,7 @@ def hidden_parts(boxes: Boxes3D, seen: InView, positions_site: F64) -> tuple[F32
     counted = rank < MAX_COVERS
     hidden = back[is_first]
     own = seen.xyxy[hidden].astype(np.float64)
-    covers = np.tile(own[:, None, [0, 1, 0, 1]], (1, int(rank[counted].max()) + 1, 1))  # without extent, but for
+    covers = own[:, None, [0, 1, 0, 1]].repeat(int(rank[counted].max()) + 1, 1)  # without extent, but for
     covers[group[counted], rank[counted]] = shared[counted]
     share[hidden], rest[hidden] = _uncovered(own, covers)
     return share, rest
@@ -159,20 +159,19 @@ def _uncovered(own: F64, covers: F64) -> tuple[F64, F64]:
     Between two places where a rectangle begins or ends, across or down, everything is either covered or free.
     """
     corners = np.concatenate([own[:, None], covers], 1).reshape(len(own), 2 + 2 * covers.shape[1], 2)
-    x, y = np.sort(corners.transpose(2, 0, 1))
-    in_x = np.asarray((covers[..., :1] <= x[:, None, :-1]) & (x[:, None, 1:] <= covers[..., 2:3]))
-    in_y = np.asarray((covers[..., 1:2] <= y[:, None, :-1]) & (y[:, None, 1:] <= covers[..., 3:]))
-    area = np.diff(y)[:, :, None] * np.diff(x)[:, None, :]
+    ticks = np.sort(corners.transpose(2, 0, 1))  # (2, B, ...) across and down
+    begin, end = ticks[..., None, :-1], ticks[..., None, 1:]
+    low, high = (covers[..., side].transpose(2, 0, 1)[..., None] for side in (slice(2), slice(2, 4)))
+    in_x, in_y = np.asarray((low <= begin) & (end <= high))
+    x_steps, y_steps = ticks[..., 1:] - ticks[..., :-1]
+    area = y_steps[:, :, None] * x_steps[:, None, :]
     free = np.asarray((area > 0) & ~(in_y[..., None] & in_x[:, :, None]).any(1))
     left_px2 = (area * free).sum((1, 2))
-    around = [
-        np.where(free.any(1), x[:, :-1], np.inf).min(1),
-        np.where(free.any(2), y[:, :-1], np.inf).min(1),
-        np.where(free.any(1), x[:, 1:], -np.inf).max(1),
-        np.where(free.any(2), y[:, 1:], -np.inf).max(1),
-    ]
+    is_free = np.array([free.any(1), free.any(2)])
+    first = np.where(is_free, ticks[..., :-1], np.inf).min(2)
+    last = np.where(is_free, ticks[..., 1:], -np.inf).max(2)
     share = 1.0 - (left_px2 / (own[:, 2:] - own[:, :2]).prod(1)).clip(0.0, 1.0)
-    return share, np.where(np.asarray(free.any((1, 2)))[:, None], np.stack(around, 1), own)
+    return share, np.where(is_free[0].any(1)[:, None], np.concatenate([first, last]).T, own)
 
 
 def _cut_rectangles(corners: F64, cameras: CameraArrays) -> F32:

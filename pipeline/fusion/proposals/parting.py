@@ -58,7 +58,7 @@ def find_partners(sightings: Sightings, matches: Mapping[str, Matches], names: t
 def find_duplicates(sightings: Sightings, partner: I64) -> Bools:
     """(P,) whether each 2D box has no partner, but nearly covers one of the same image that has."""
     duplicates = np.zeros(len(sightings), np.bool_)
-    for camera in np.unique(sightings.cameras[partner < 0]):
+    for camera in set(sightings.cameras[partner < 0].tolist()):
         mine = np.flatnonzero((sightings.cameras == camera) & (partner < 0))
         others = np.flatnonzero((sightings.cameras == camera) & (partner >= 0))
         duplicates[mine] = (iou_xyxy(sightings.xyxy[mine], sightings.xyxy[others]) > DUPLICATE_IOU).any(1)

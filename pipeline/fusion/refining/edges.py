@@ -111,8 +111,8 @@ def moved_by_borders(boxes: Boxes3D, rows: I64, cameras: CameraArrays) -> F64:
     if not len(beyond):
         return moved
     along, limit = pixels[beyond].transpose(2, 0, 1), cameras.image_sizes[beyond].T[::-1, :, None]
-    other = along[::-1]  # u and v, and v and u
-    (a, b), (c, d) = (np.moveaxis(values[..., BOX_EDGES.T], 2, 0) for values in (along, other))
+    other, (start, end) = along[::-1], BOX_EDGES.T  # u and v, and v and u
+    a, b, c, d = along[..., start], along[..., end], other[..., start], other[..., end]
     places, is_left = [along], [(other >= 0) & (other <= limit)]
     for border in (0.0, limit):
         places.append(a + (b - a) * (border - c) / np.where(c == d, 1.0, d - c))
@@ -163,10 +163,10 @@ def camera_shifts(camera_rows: I64, residuals_px: F64, variances_px2: F64, *, co
         variances_px2: (P, 2) variances to expect of them.
         count: Number of cameras.
     """
-    shifts = np.zeros((count, 2))
+    shifts, both = np.zeros((count, 2)), np.concatenate([residuals_px, variances_px2], 1)
     for camera in set(camera_rows.tolist()):
         own = (camera_rows == camera).nonzero()[0]
-        shift, variance = _median(residuals_px[own]), _median(variances_px2[own])
+        shift, variance = _median(both[own]).reshape(2, 2)
         is_sure = np.abs(shift) > SURE * MEDIAN_SPREAD * np.sqrt(variance / len(own))
         shifts[camera] = np.where(is_sure, shift, 0.0)
     return shifts

@@ -92,6 +92,7 @@ class _Problem(NamedTuple):
         edges: Sorted by the box, of which each has some.
         outline: Of the box of each pair.
         turn: (N, 2, 2) from the axes of the boxes to those of the site.
+        turn_of_pair: (P, 2, 2) the same of the box of each pair.
         starts: (N,) first pair of each box.
         near: (P, 1, 4) whether each edge is so near to the border of the image that it may be the border.
         known: (N, 1, 6, 6) information of the prior over all states but the yaw.
@@ -102,6 +103,7 @@ class _Problem(NamedTuple):
     edges: MeasuredEdges
     outline: Outline
     turn: F64
+    turn_of_pair: F64
     starts: Indices
     near: Bools
     known: F64
@@ -109,10 +111,10 @@ class _Problem(NamedTuple):
     @classmethod
     def of(cls, boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline: Outline) -> Self:
         """The problem, with what is the same in all steps."""
-        starts = np.flatnonzero(first_of_runs(edges.rows))
+        turn, starts = rotations_2d(boxes.yaws), np.flatnonzero(first_of_runs(edges.rows))
         near = np.minimum(edges.xyxy, edges.cameras.limits - edges.xyxy) < BORDER * edges.sigma_px
         known = prior.information[:, None, _REST[:, None], _REST]
-        return cls(boxes, prior, edges, outline, rotations_2d(boxes.yaws), starts, near[:, None], known)
+        return cls(boxes, prior, edges, outline, turn, turn[edges.rows], starts, near[:, None], known)
 
     def projected(self, states: F64) -> tuple[F64, F64]:
         """The edges of the boxes in given states, at the times of the images.
@@ -124,19 +126,15 @@ class _Problem(NamedTuple):
             (P, K, 4) edges, pixels, and (P, K, 4, 7) their derivatives by `projection.PARAMETERS`.
         """
         boxes, edges, rows = self.boxes, self.edges, self.edges.rows
-        at_pairs, count = states[rows], len(rows) * states.shape[1]
-        centers, sizes = (
-            np.repeat(values[rows, None], states.shape[1], axis=1) for values in (boxes.centers, boxes.sizes)
-        )
-        moved = at_pairs[..., 5:] @ self.turn[rows].swapaxes(1, 2) * edges.later_s[:, None, None]
-        centers[..., :2] += at_pairs[..., :2] + moved
-        extent = sizes[..., :2]
-        sizes[..., :2] = np.minimum(np.maximum(extent + at_pairs[..., 3:5], MIN_SIZE * extent), MAX_SIZE * extent)
-        yaws = boxes.yaws[rows, None] + at_pairs[..., _YAW]
-        pairs = np.repeat(np.arange(len(rows)), states.shape[1])
-        placed = centers.reshape(count, 3), sizes.reshape(count, 3), yaws.reshape(count)
-        found = project_edges(*placed, edges.cameras, self.outline, rows=pairs)
-        return found.xyxy.reshape(*yaws.shape, 4), found.jacobian.reshape(*yaws.shape, 4, 7)
+        at_pairs, pairs = states[rows], np.arange(len(rows)).repeat(states.shape[1])
+        moved = at_pairs[..., 5:] @ self.turn_of_pair.swapaxes(1, 2) * edges.later_s[:, None, None]
+        centers, sizes, yaws = (values.take(rows[pairs], 0) for values in (boxes.centers, boxes.sizes, boxes.yaws))
+        centers[:, :2] += (at_pairs[..., :2] + moved).reshape(len(pairs), 2)
+        extent, more = sizes[:, :2], at_pairs[..., 3:5].reshape(len(pairs), 2)
+        sizes[:, :2] = np.minimum(np.maximum(extent + more, MIN_SIZE * extent), MAX_SIZE * extent)
+        yaws += at_pairs[..., _YAW].reshape(len(pairs))
+        found = project_edges(centers, sizes, yaws, edges.cameras, self.outline, rows=pairs)
+        return found.xyxy.reshape(*moved.shape[:2], 4), found.jacobian.reshape(*moved.shape[:2], 4, 7)
 
     def linearised(self, states: F64) -> tuple[F64, F64, F64]:
         """The linear systems of a Gauss-Newton step, at a given yaw, from each of the states that are tried.
@@ -158,7 +156,7 @@ class _Problem(NamedTuple):
         residual = (edges.xyxy[:, None] - shown) / sigma_px
         squared = (residual / CAUCHY) ** 2
         weights = np.where(shown == xyxy, 1 / (1 + squared), 0.0)[..., None]
-        by_speed = jacobian[..., :2] @ self.turn[edges.rows][:, None] * edges.later_s[:, None, None, None]
+        by_speed = jacobian[..., :2] @ self.turn_of_pair[:, None] * edges.later_s[:, None, None, None]
         slopes = np.concatenate([jacobian[..., [0, 1, 3, 4]], by_speed], 3) / sigma_px[..., None]
         weighed = (slopes * weights).swapaxes(2, 3)
         drawn_back = states @ self.prior.information
