@@ -145,7 +145,8 @@ class Associate:
         noise = detector_variances(seen.xyxy, config)
         belief = BoxBelief(prior_covariances(boxes), np.log(self._confusion).T[boxes.class_ids], self._confusion)
         others = before_matching(belief, seen.rows)
-        differences = _differences(seen, rest, found, pairs, noise + spread(others.covariances, jacobians))
+        by_box = noise + spread(others.covariances, jacobians)
+        differences = _differences(seen, rest, found, pairs, by_box)
         class_ids, always = found.class_ids[pairs.found], self._worth_anyway(hidden, found, pairs)
         area_px = arrays.image_sizes.prod(1)[seen.cameras[pairs.seen]]
         focal_px = arrays.lenses.K[:, [0, 1], [0, 1]][seen.cameras]
@@ -153,8 +154,7 @@ class Associate:
         shifts, aims = np.zeros_like(aim), aim
         for _ in range(ROUNDS):
             off = differences - (jacobians * others.shifts[:, None]).sum(2)[pairs.seen]
-            without_aim = (noise + spread(others.covariances, jacobians))[pairs.seen]
-            away, variances = off.copy(), without_aim.copy()
+            away, variances = off.copy(), by_box[pairs.seen]
             away[:, :2] -= shifts[pairs.seen]
             variances[:, :2] += aims[pairs.seen]
             squared = squared_distances(away, variances)
@@ -165,13 +165,14 @@ class Associate:
                 break
             chosen = taken.nonzero()[0]
             rows = pairs.seen[chosen]
-            centers = off[chosen, :2], without_aim[chosen, :2]
+            centers = off[chosen, :2], by_box[rows, :2]
             shifts, aims = common_shifts(seen.cameras, aim, rows, *centers, squared[chosen])
             errors, fit = noise[rows], differences[chosen]
             errors[:, :2] += aims[rows]
             fit[:, :2] -= shifts[rows]
             matched = MatchedPairs(rows, class_ids[chosen], fit, errors, squared[chosen], jacobians[rows])
             others = agreed_with_others(belief, seen.rows, matched)
+            by_box = noise + spread(others.covariances, jacobians)
         return taken
 
     def _worth_anyway(self, hidden: F32, found: FoundBoxes, pairs: Pairs) -> F64:

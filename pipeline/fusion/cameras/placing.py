@@ -171,8 +171,7 @@ class _Fit(NamedTuple):
         information: (P, H) of that logarithm.
         squared: (P, H) squared error in standard deviations.
         variances: (P, H) product of the variances.
-        left: (P, H) bearing of the leftmost corner from the ray to the centre, radians.
-        right: (P, H) of the rightmost corner.
+        left, right: (P, H) bearings of the outermost corners from the ray to the centre, radians.
     """
 
     step: F64

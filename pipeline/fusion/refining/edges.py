@@ -106,7 +106,7 @@ def moved_by_borders(boxes: Boxes3D, rows: I64, cameras: CameraArrays) -> F64:
     corners = box_corners(boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows])
     in_cameras = corners @ cameras.rotations.swapaxes(1, 2) + cameras.translations[:, None]
     pixels, _ = cameras.lenses.project(in_cameras)
-    beyond = np.asarray((pixels < 0) | (pixels > cameras.image_sizes[:, None])).any((1, 2)).nonzero()[0]
+    beyond = np.flatnonzero(((pixels < 0) | (pixels > cameras.image_sizes[:, None])).any((1, 2)))
     moved = np.zeros((len(rows), 4))
     if not len(beyond):
         return moved
