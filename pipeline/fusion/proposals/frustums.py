@@ -73,11 +73,11 @@ def points_in_frustums(xyz: F32, sightings: Sightings, nearest_m: F64, furthest_
     margin = SHRINK_SHARE * (high - low) * [1, 0]
     low, high = low + margin, high - margin
     rows, group = points_in_regions(xyz, _sides(sightings, low, high, nearest_m, furthest_m))
-    points, views = xyz[rows].astype(np.float64), sightings.views
-    ahead = (views.rotations[group] @ points[:, :, None])[..., 0] + views.translations[group]
-    share_x, share_y = ((ahead[:, :2] / ahead[:, 2:] - low[group]) / (high - low)[group]).T
-    along_m = ((points[:, :2] - sightings.origin[group, :2]) * heading_of(sightings)[group]).sum(1)
-    return FrustumPoints(rows, group, share_x, share_y, along_m)
+    points, views = xyz.take(rows, 0).astype(np.float64), sightings.views
+    ahead = (views.rotations.take(group, 0) @ points[:, :, None])[..., 0] + views.translations.take(group, 0)
+    share_x, share_y = ((ahead[:, :2] / ahead[:, 2:] - low.take(group, 0)) / (high - low).take(group, 0)).T
+    (x, y, _), (ahead_x, ahead_y) = (points - sightings.origin.take(group, 0)).T, heading_of(sightings).take(group, 0).T
+    return FrustumPoints(rows, group, share_x, share_y, x * ahead_x + y * ahead_y)
 
 
 def heading_of(sightings: Sightings) -> F64:
