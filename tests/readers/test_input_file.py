@@ -109,7 +109,12 @@ def appended(path: Path) -> None:
         file.write(b"more")
 
 
-CHANGES = {"replaced": replaced, "removed": Path.unlink, "appended": appended, "cut": lambda path: os.truncate(path, 7)}
+CHANGES: dict[str, Callable[[Path], object]] = {
+    "replaced": replaced,
+    "removed": Path.unlink,
+    "appended": appended,
+    "cut": lambda path: os.truncate(path, 7),
+}
 
 
 @pytest.mark.parametrize("with_checksums", [True, False])

@@ -239,7 +239,8 @@ def test_a_database_that_is_replaced_while_it_is_opened(tmp_path: Path, monkeypa
     def connect(*arguments: Any, **options: Any) -> sqlite3.Connection:
         path.with_name("copy").write_bytes(path.read_bytes())
         path.with_name("copy").replace(path)
-        return connect_as_before(*arguments, **options)
+        connection: sqlite3.Connection = connect_as_before(*arguments, **options)
+        return connection
 
     monkeypatch.setattr(sqlite3, "connect", connect)
     with pytest.raises(RecordingError, match=r"db3: it was replaced while it was opened; run it again"):
