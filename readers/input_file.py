@@ -6,7 +6,6 @@ from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing, suppress
 from hashlib import file_digest, sha256
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, BinaryIO, NamedTuple
 
 from pipeline.core.errors import RecordingError
@@ -20,8 +19,6 @@ END_BYTES = 1 << 16
 
 BLOCK_BYTES, STEP_BYTES = 1 << 20, 1 << 22
 """Bytes read at once for a checksum; fewer are not worth waking a thread."""
-
-NOTHING: Mapping[str, "InputFile"] = MappingProxyType({})
 
 
 class InputFile(NamedTuple):
@@ -108,11 +105,6 @@ class OpenedFile:
         self.unread = InputFile(str(path), path.name, self._state[0]) if self._state else InputFile.unread(path)
 
     @property
-    def is_local(self) -> bool:
-        """Whether it is a file on this machine."""
-        return self.stream is not None
-
-    @property
     def is_changed(self) -> bool:
         """Whether it was written to since it was opened."""
         return self.stream is not None and _state(self.stream) != self._state
@@ -145,16 +137,10 @@ class InputFiles:
         named: The other files; after `finish` it is known whether they were changed.
     """
 
-    def __init__(
-        self,
-        files: Sequence[OpenedFile],
-        named: Mapping[str, InputFile] = NOTHING,
-        *,
-        with_checksums: bool,
-    ) -> None:
+    def __init__(self, files: Sequence[OpenedFile], named: Mapping[str, InputFile], *, with_checksums: bool) -> None:
         self.unread, self.named = tuple(file.unread for file in files), named
         self._files, self._with_checksums = tuple(files), with_checksums
-        local = [file for file in files if file.is_local] if with_checksums else []
+        local = [file for file in files if file.stream] if with_checksums else []
         self._total = sum(file.unread.bytes or 0 for file in local)
         self._due = 0
         self._digests: dict[OpenedFile, str] = {}
@@ -204,7 +190,7 @@ class InputFiles:
     def _finished(self, file: OpenedFile) -> InputFile:
         if file.is_changed:
             return file.unread._replace(is_changed=True)
-        if file.is_local or not self._with_checksums:
+        if file.stream or not self._with_checksums:
             return file.unread._replace(sha256=self._digests.get(file))
         return read_input_file(file.path)  # of a folder the listing
 
@@ -240,7 +226,7 @@ def read_opened_files(files: Sequence[OpenedFile]) -> tuple[InputFile, ...]:
     Raises:
         RecordingError: one cannot be read.
     """
-    with closing(InputFiles(files, with_checksums=True)) as known:
+    with closing(InputFiles(files, {}, with_checksums=True)) as known:
         return known.finish()
 
 

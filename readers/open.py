@@ -137,9 +137,8 @@ class _FilesRecording(Closing):
         self._resources = resources
         self.paths = tuple(file.path for file in files)
         # Of a file on a server, facts are known now.
-        self.opened = tuple(
-            one if one.is_local else OpenedFile(path) for one, path in zip(originals, self.paths, strict=True)
-        )
+        known = zip(originals, self.paths, strict=True)
+        self.opened = tuple(one if one.stream else OpenedFile(path) for one, path in known)
         self.topics: tuple[TopicInfo, ...] = merge_topics(info for file in files for info in file.topics)
         self.message_count = sum(file.message_count for file in files)
         self.start_ns = min((file.start_ns for file in files if file.message_count), default=0)

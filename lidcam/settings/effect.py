@@ -4,14 +4,10 @@ from collections.abc import Sequence
 from hashlib import sha256
 from os.path import isfile
 from pathlib import Path
-from typing import TypeVar
 
 from pipeline.core.errors import ConfigError
-from pipeline.core.settings.compare import CompareConfig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import dump_config
-from pipeline.core.settings.recording import VelodyneLidarConfig
-from pipeline.core.settings.run import RunConfig
 from pipeline.core.text import visible
 
 __all__ = ["COMPARING", "EVALUATING", "check_effect", "lasting_settings", "named_files", "settings_sha256"]
@@ -21,8 +17,6 @@ EVALUATING = ("evaluate", "classes", "associate", "combine", "limits")
 
 COMPARING = ("compare",)
 """The section that a comparison reads."""
-
-LidarSettings = TypeVar("LidarSettings", bound=VelodyneLidarConfig)
 
 
 def check_effect(settings: Sequence[str], sections: Sequence[str]) -> None:
@@ -59,25 +53,12 @@ def lasting_settings(config: Config) -> str:
 
     How it is run or compared with another one does not, nor where the files lie that they name.
     """
-    detect2d, velodyne = config.detect2d, config.velodyne
-    model = detect2d.model and Path(_name(detect2d.model))
-    plain = {
-        "run": RunConfig(),
-        "compare": CompareConfig(),
-        "detect2d": detect2d.model_copy(update={"model": model, "names": _name(detect2d.names)}),
-        "velodyne": _plain(velodyne).model_copy(
-            update={"topics": {topic: _plain(lidar) for topic, lidar in velodyne.topics.items()}}
-        ),
-    }
-    return dump_config(config.model_copy(update=plain))
-
-
-def _plain(lidar: LidarSettings) -> LidarSettings:
-    return lidar.model_copy(update={"calibration": _name(lidar.calibration)})
-
-
-def _name(path: str | Path) -> str:
-    return visible(Path(path).name)
+    tree = config.model_dump() | {"run": {}, "compare": {}}
+    detect2d, velodyne = tree["detect2d"], tree["velodyne"]
+    for section in (detect2d, velodyne, *velodyne["topics"].values()):
+        for key in {"model", "names"} if section is detect2d else {"calibration"}:
+            section[key] = section[key] and visible(Path(section[key]).name)
+    return dump_config(Config.model_validate(tree))
 
 
 def settings_sha256(config: Config) -> str:

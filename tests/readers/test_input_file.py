@@ -83,7 +83,7 @@ def test_the_same_as_file_by_file(
     paths = [tmp_path / str(row) for row in range(len(sizes))]
     for path, size in zip(paths, sizes, strict=True):
         path.write_bytes(np.random.default_rng(size).bytes(size))
-    with closing(InputFiles(opened(paths), with_checksums=True)) as files:
+    with closing(InputFiles(opened(paths), {}, with_checksums=True)) as files:
         assert files.unread == tuple(map(InputFile.unread, paths))
         for share in shares:
             files.read_up_to(share)
@@ -95,7 +95,7 @@ def test_a_folder_and_a_file_on_a_server_among_them(tmp_path: Path, opened: Open
     paths: list[Location] = [tmp_path, RemotePath("https://host/drive.mcap", FACTS), tmp_path / "drive.bag"]
     files = opened(paths)
     assert read_opened_files(files) == tuple(map(read_input_file, paths))
-    with closing(InputFiles(files, with_checksums=False)) as known:
+    with closing(InputFiles(files, {}, with_checksums=False)) as known:
         assert known.finish() == tuple(map(InputFile.unread, paths))
 
 
@@ -128,7 +128,7 @@ def test_a_file_that_is_changed_meanwhile(
     for path in paths:
         path.write_bytes(bytes(STEP_BYTES))
     before = tuple(map(read_input_file if with_checksums else InputFile.unread, paths))
-    with closing(InputFiles(opened(paths), with_checksums=with_checksums)) as files:
+    with closing(InputFiles(opened(paths), {}, with_checksums=with_checksums)) as files:
         files.read_up_to(share)
         CHANGES[change](paths[1])
         first, second = files.finish()
@@ -182,7 +182,7 @@ def test_to_close_does_not_wait_for_all_that_is_due(
     path = tmp_path / "drive.bag"
     path.write_bytes(b"")
     os.truncate(path, 100 * STEP_BYTES)
-    with closing(InputFiles(opened([path]), with_checksums=True)) as files:
+    with closing(InputFiles(opened([path]), {}, with_checksums=True)) as files:
         digest = HeldDigest(files)
         monkeypatch.setattr(input_file, "sha256", lambda: digest)
         files.read_up_to(1.0)
@@ -197,7 +197,7 @@ def test_a_fingerprint_without_reading_all_of_it(tmp_path: Path, opened: Opened)
     def fingerprint(first: bytes, second: bytes) -> str:
         for path, text in zip(paths, (first, second), strict=True):
             path.write_bytes(text)
-        with closing(InputFiles(opened(paths), with_checksums=False)) as files:
+        with closing(InputFiles(opened(paths), {}, with_checksums=False)) as files:
             return files.fingerprint()
 
     plain = fingerprint(content, content)
