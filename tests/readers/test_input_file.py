@@ -111,7 +111,6 @@ def appended(path: Path) -> None:
 
 CHANGES: dict[str, Callable[[Path], object]] = {
     "replaced": replaced,
-    "removed": Path.unlink,
     "appended": appended,
     "cut": lambda path: os.truncate(path, 7),
 }
@@ -140,22 +139,6 @@ def test_a_file_that_is_changed_meanwhile(
             {"name": "second", "size": str(STEP_BYTES)},
             {"changed": "while it was read"},
         )
-
-
-@pytest.mark.parametrize(
-    ("change", "is_changed"),
-    [(os.utime, False), (lambda path: path.write_bytes(b"other"), True), (Path.unlink, True), (replaced, True)],
-)
-def test_a_file_that_the_settings_name(tmp_path: Path, change: Callable[[Path], object], is_changed: bool) -> None:
-    """It is read by its name, and again by processes that start later."""
-    path = tmp_path / "net.onnx"
-    path.write_bytes(b"network")
-    named = {"network": read_input_file(path)}
-    with closing(InputFiles((), named, with_checksums=True)) as files:
-        change(path)
-        files.finish()
-        assert (files.named == named) is not is_changed
-        assert files.named["network"].is_changed is is_changed
 
 
 class HeldDigest:
