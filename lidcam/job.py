@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TypedDict, get_args
 
 from lidcam.settings.choice import SettingsChoice, choose_settings
+from lidcam.settings.effect import named_files
 from pipeline.core.errors import CalibrationError, ConfigError, OutputError
 from pipeline.core.settings.bundled import bundled, preset_or_file
 from pipeline.core.settings.config import Config
@@ -157,7 +158,7 @@ def make_job(
         duration_s=duration_s,
         on_bad_message=on_bad_message,
         overwrite=overwrite,
-        read_files=read_files(config, rig, choice.config.detect2d.model, choice.config.detect2d.names),
+        read_files=read_files(config, rig, *named_files(choice.config).values()),
     )
 
 
@@ -171,11 +172,11 @@ def locations(recording: PathOrUrl | Sequence[PathOrUrl]) -> tuple[Location, ...
     return tuple(one if isinstance(one, RemotePath) else location(fspath(one)) for one in given)
 
 
-def read_files(config: Config | FilePath | None, rig: RigSource | None, *networks: FilePath | None) -> tuple[Path, ...]:
-    """The files among the settings, the rig files and the network of a run, with the names of its classes."""
+def read_files(config: Config | FilePath | None, rig: RigSource | None, *named: Path) -> tuple[Path, ...]:
+    """The files among the settings, the rig files, and the files that the settings name."""
     rigs = [rig] if rig is None or isinstance(rig, RigFile | str | PathLike) else rig
-    named = [Path(one) for one in (config, *rigs, *networks) if isinstance(one, str | PathLike)]
-    return tuple(path for path in named if path.is_file())
+    paths = [Path(one) for one in (config, *rigs, *named) if isinstance(one, str | PathLike)]
+    return tuple(path for path in paths if path.is_file())
 
 
 def read_rig(rig: RigSource | None) -> RigFile | None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from lidcam.box_sources import BoxSource
-from lidcam.checks.incomplete import absent_lines, damage_lines, left_out_lines
+from lidcam.checks.incomplete import absent_lines, changed_lines, damage_lines, left_out_lines
 from lidcam.checks.missing import MissingSensor
 from lidcam.checks.warning import RunWarning
 from lidcam.settings.choice import UsedSettings
@@ -89,6 +89,7 @@ class InputReport:
 
     Attributes:
         files: The files that were read.
+        changed: Files that were changed while they were read, those that the settings name among them.
         messages_used: Number of messages used, by topic.
         copied: Number of messages copied to the output, by topic.
         unused_topics: Topics with messages that the run did not look at.
@@ -96,6 +97,7 @@ class InputReport:
     """
 
     files: tuple[InputFile, ...]
+    changed: tuple[str, ...]
     messages_used: Mapping[str, int]
     copied: Mapping[str, int]
     unused_topics: tuple[UnusedTopic, ...]
@@ -223,7 +225,7 @@ class RunReport:
         """Reasons why part of the recording could not be used, one short line each; empty if nothing is missing.
 
         Sensors that were left out or are in no frame, messages that are at fault, messages lost to damage. Drops of
-        synchronisation and pauses of a sensor are not among them.
+        synchronisation and pauses of a sensor are not among them. A file that was changed while it was read is.
         """
         defects = (drop for drop in self.drops.messages if drop.is_defect)
         return (
@@ -231,6 +233,7 @@ class RunReport:
             *absent_lines(self.sensors.missing),
             *(f"{drop.topic}: {drop.amount} dropped: {drop.reason}" for drop in defects),
             *damage_lines(self.inputs.losses),
+            *changed_lines(self.inputs.changed),
         )
 
 

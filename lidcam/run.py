@@ -39,7 +39,7 @@ from lidcam.outputs.copied import choose_copied, choose_drawn, truth_frames
 from lidcam.outputs.open import how_to_open, open_outputs, open_writers, written_files
 from lidcam.report import InputReport, RunReport, SensorReport, TimingReport, unused_topics
 from lidcam.settings.choice import use_settings
-from lidcam.settings.effect import settings_sha256
+from lidcam.settings.effect import named_files, settings_sha256
 from lidcam.summary import DropTable, RunProgress, Tally
 from pipeline.core.errors import RecordingError, short_memory_told
 from pipeline.core.frame import FrameResult, SensorBundle
@@ -48,7 +48,7 @@ from pipeline.parallel.cores import usable_cores
 from pipeline.parallel.process import WorkerProcess, copied_workers
 from pipeline.parallel.run import Limits, run_parallel
 from pipeline.stages.sync.synchronize import SyncStats
-from readers.input_file import InputFile, InputFiles
+from readers.input_file import InputFile, InputFiles, read_input_file
 from readers.open import open_recording
 from readers.recording import ReadOptions, Recording
 from readers.rig.discovery import Discovery, discover_rig
@@ -90,10 +90,11 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunRepor
             is left behind.
     """
     observer = observer or RunObserver()
+    named = {key: read_input_file(path) for key, path in named_files(job.config).items()}
     with open_outputs(job) as outputs, opened(job) as run:
         with ExitStack() as stack:
             observer.opened(run.source)
-            inputs = stack.enter_context(closing(_input_files(run.source, is_written=bool(job.outputs))))
+            inputs = stack.enter_context(closing(_input_files(run.source, named, is_written=bool(job.outputs))))
             writers = open_writers(job, run.source, inputs, outputs, stack)
             # Closed before the writers are, also when the observer raises: then no stage is at work any more.
             frames = stack.enter_context(closing(run.frames(writers)))
@@ -102,7 +103,8 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunRepor
                 observer.frame(frame)
                 observer.advanced(run.progress)
             whole = inputs.finish()
-        return run.report(whole, written_files(job), how_to_open(job))
+        changed = [file.path for file in (*whole, *inputs.named.values()) if file.is_changed]
+        return run.report(whole, written_files(job), how_to_open(job), changed)
 
 
 def iter_frames(job: Job) -> Generator[FrameResult, None, None]:
@@ -258,6 +260,7 @@ class Run:
         inputs: Sequence[InputFile] = (),
         outputs: Sequence[Path] = (),
         viewers: Mapping[str, str] | None = None,
+        changed: Sequence[str] = (),
     ) -> RunReport:
         """The report so far.
 
@@ -265,6 +268,7 @@ class Run:
             inputs: The files that were read.
             outputs: The files that were written.
             viewers: How the outputs are opened, by the name of the viewer.
+            changed: Files that were changed while they were read.
         """
         source, found, tally, drops = self.source, self.found, self._tally, self._drops.rows
         motion_topics = source.motion.topics if source.motion else ()
@@ -274,6 +278,7 @@ class Run:
         return RunReport(
             inputs=InputReport(
                 files=tuple(inputs),
+                changed=tuple(changed),
                 messages_used=dict(sorted(tally.messages.items())),
                 copied={topic: tally.copied[topic] for topic in sorted(source.copied)},
                 unused_topics=unused_topics(source.recording, used),
@@ -326,14 +331,16 @@ class Run:
                     self._drops.add_bad(drop)
 
 
-def _input_files(source: RunInput, *, is_written: bool) -> InputFiles:
+def _input_files(source: RunInput, named: Mapping[str, InputFile], *, is_written: bool) -> InputFiles:
     """The files of the recording, with checksums if results say what they are of.
 
     Not of a part of a recording: to read the rest as well takes minutes where it is large.
     """
     recording, window = source.recording, source.window
     is_whole = window.start_ns is None and (window.stop_ns is None or window.stop_ns > recording.end_ns)
-    return InputFiles(recording.paths, with_checksums=is_written and is_whole)
+    if box_source(source.config, source.rig) != "onnx":
+        named = {key: file for key, file in named.items() if not key.startswith("network")}
+    return InputFiles(recording.opened, named, with_checksums=is_written and is_whole)
 
 
 def _share(recording: Recording, log_time_ns: int) -> float:

@@ -1,16 +1,18 @@
 """Inputs identified by size and checksum."""
 
 import math
-from collections.abc import Generator, Sequence
+import os
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import closing, suppress
 from hashlib import file_digest, sha256
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 from pipeline.core.errors import RecordingError
 from pipeline.parallel.background import Background
 from readers.location import Location, RemotePath
 
-__all__ = ["InputFile", "InputFiles", "read_input_file"]
+__all__ = ["InputFile", "InputFiles", "OpenedFile", "read_input_file", "read_opened_files"]
 
 END_BYTES = 1 << 16
 """Bytes read at the beginning and at the end of a file for a fingerprint: the first clouds or images, and the index."""
@@ -27,8 +29,10 @@ class InputFile(NamedTuple):
         name: Name of the file.
         bytes: Its size; None where nothing says it: of a folder, and where a server does not.
         sha256: Digest of its content, hexadecimal; of an evaluation folder, of the names and sizes of its files. None
-            where it was not read as a whole: of a file on a server, and where only a part was processed.
+            where it was not read as a whole: of a file on a server, and where only a part was processed; and where it
+            was changed while it was read.
         server: Facts that the server gives: `size`, `etag`, `last_modified`.
+        is_changed: Whether it was changed while it was read.
     """
 
     path: str
@@ -36,6 +40,7 @@ class InputFile(NamedTuple):
     bytes: int | None = None
     sha256: str | None = None
     server: tuple[tuple[str, str], ...] = ()
+    is_changed: bool = False
 
     @classmethod
     def unread(cls, path: Location) -> "InputFile":
@@ -53,6 +58,13 @@ class InputFile(NamedTuple):
         if "://" in self.path:
             return {"name": self.name, "url": self.path, **dict(self.server)}
         return {"name": self.name} | ({} if self.bytes is None else {"size": str(self.bytes)})
+
+    @property
+    def as_read(self) -> dict[str, str]:
+        """The rest of that record, known at the end of a run."""
+        if self.is_changed:
+            return {"changed": "while it was read"}
+        return {} if self.sha256 is None else {"sha256": self.sha256}
 
     def tree(self) -> dict[str, Any]:
         """As plain values, for JSON."""
@@ -78,6 +90,37 @@ def read_input_file(path: Location) -> InputFile:
         raise _unreadable(path, err) from err
 
 
+class OpenedFile:
+    """A file of a recording as it was opened: what takes its name later is another file.
+
+    Attributes:
+        path: Where it was.
+        stream: Its bytes, open as long as the recording; None of a folder and of a file on a server.
+        unread: Its name and its size, as it was opened.
+    """
+
+    def __init__(self, path: Location, stream: BinaryIO | None = None) -> None:
+        self.path, self.stream = path, stream
+        self._state = None if stream is None else _state(stream)
+        self.unread = InputFile(str(path), path.name, self._state[0]) if self._state else InputFile.unread(path)
+
+    @property
+    def is_changed(self) -> bool:
+        """Whether it was written to since it was opened."""
+        return self.stream is not None and _state(self.stream) != self._state
+
+    def read(self, at: int, size: int) -> bytes:
+        """Bytes of it, wherever others read it; fewer at its end.
+
+        Raises:
+            RecordingError: it cannot be read.
+        """
+        try:
+            return b"" if self.stream is None else os.pread(self.stream.fileno(), size, at)
+        except OSError as err:
+            raise _unreadable(self.path, err) from err
+
+
 class InputFiles:
     """The files of a recording, with checksums that a thread computes while the run makes frames.
 
@@ -85,34 +128,37 @@ class InputFiles:
     until all of the recording was read, and a disk delivers it once. To be closed.
 
     Args:
-        paths: The files, in the order in which they are read.
+        files: The files, in the order in which they are read.
+        named: Other files that a run reads, as they were before, by what they are.
         with_checksums: Whether they are read as a whole; if not, only their sizes are known.
 
     Attributes:
         unread: The files before they are read, with their sizes.
+        named: The other files; after `finish` it is known whether they were changed.
     """
 
-    def __init__(self, paths: Sequence[Location], *, with_checksums: bool) -> None:
-        self.unread = tuple(map(InputFile.unread, paths))
-        self._paths, self._with_checksums = tuple(paths), with_checksums
-        files = [path for path in paths if isinstance(path, Path) and path.is_file()] if with_checksums else []
-        self._total = sum(InputFile.unread(path).bytes or 0 for path in files)
+    def __init__(self, files: Sequence[OpenedFile], named: Mapping[str, InputFile], *, with_checksums: bool) -> None:
+        self.unread, self.named = tuple(file.unread for file in files), named
+        self._files, self._with_checksums = tuple(files), with_checksums
+        local = [file for file in files if file.stream] if with_checksums else []
+        self._total = sum(file.unread.bytes or 0 for file in local)
         self._due = 0
-        self._digests: dict[Location, InputFile] = {}
-        self._blocks = self._read(files)
+        self._digests: dict[OpenedFile, str] = {}
+        self._blocks = self._read(local)
         self._background = Background(math.inf, "lidcam-checksum")
         self._whole: tuple[InputFile, ...] | None = None
 
     def fingerprint(self) -> str:
-        """Hexadecimal; differs between recordings, and is known at once: of names, sizes, beginnings and ends.
+        """Hexadecimal; differs between inputs, and is known at once: of names, sizes, beginnings, ends, other files.
 
         Raises:
             RecordingError: a file cannot be read.
         """
         digest = sha256(repr([sorted(known.provenance.items()) for known in self.unread]).encode())
-        for path in self._paths:
-            if isinstance(path, Path) and path.is_file():
-                digest.update(_ends(path))
+        for file in self._files:
+            digest.update(file.read(0, END_BYTES))
+            digest.update(file.read(max((file.unread.bytes or 0) - END_BYTES, 0), END_BYTES))
+        digest.update("".join(file.sha256 or "" for file in self.named.values()).encode())
         return digest.hexdigest()
 
     def read_up_to(self, share: float) -> None:
@@ -126,21 +172,27 @@ class InputFiles:
             self._add(STEP_BYTES)
 
     def finish(self) -> tuple[InputFile, ...]:
-        """The files with their checksums, when all of them are read.
+        """The files as they were read, with their checksums; a file that was changed meanwhile has none.
 
         Raises:
             RecordingError: a file cannot be read.
         """
-        if not self._with_checksums:
-            return self.unread
         if self._whole is None:
             while self._due < self._total:
                 self._add(STEP_BYTES)
-            self._background.add(lambda: self._advance(math.inf), 0)
-            self._background.finish()
-            # Folders and files on servers take no time.
-            self._whole = tuple(self._digests.get(path) or read_input_file(path) for path in self._paths)
+            if self._with_checksums:
+                self._background.add(lambda: self._advance(math.inf), 0)
+                self._background.finish()
+            self._whole = tuple(map(self._finished, self._files))
+            self.named = {key: _compared(file) for key, file in self.named.items()}
         return self._whole
+
+    def _finished(self, file: OpenedFile) -> InputFile:
+        if file.is_changed:
+            return file.unread._replace(is_changed=True)
+        if file.stream or not self._with_checksums:
+            return file.unread._replace(sha256=self._digests.get(file))
+        return read_input_file(file.path)  # of a folder the listing
 
     def close(self) -> None:
         """End the thread, whether or not it is done, and close the files."""
@@ -157,34 +209,43 @@ class InputFiles:
         while size > 0 and (found := next(self._blocks, 0)):
             size -= found
 
-    def _read(self, paths: Sequence[Path]) -> Generator[int, None, None]:
-        """Reads one file after the other; the sizes of the blocks, as they are read."""
-        block = memoryview(bytearray(BLOCK_BYTES))
-        for path in paths:
-            digest, size = sha256(), 0
-            try:
-                with path.open("rb", buffering=0) as file:
-                    while found := file.readinto(block):
-                        digest.update(block[:found])
-                        size += found
-                        yield found
-            except OSError as err:
-                raise _unreadable(path, err) from err
-            self._digests[path] = InputFile(str(path), path.name, size, digest.hexdigest())
+    def _read(self, files: Sequence[OpenedFile]) -> Generator[int, None, None]:
+        """Reads one file after the other, each as far as it went when it was opened; the sizes of the blocks."""
+        for file in files:
+            digest, at, size = sha256(), 0, file.unread.bytes or 0
+            while block := file.read(at, min(BLOCK_BYTES, size - at)):
+                digest.update(block)
+                at += len(block)
+                yield len(block)
+            self._digests[file] = digest.hexdigest()
 
 
-def _unreadable(path: Path, err: OSError) -> RecordingError:
+def read_opened_files(files: Sequence[OpenedFile]) -> tuple[InputFile, ...]:
+    """The files of a recording as they were read, with their checksums.
+
+    Raises:
+        RecordingError: one cannot be read.
+    """
+    with closing(InputFiles(files, {}, with_checksums=True)) as known:
+        return known.finish()
+
+
+def _state(stream: BinaryIO) -> tuple[int, int]:
+    """Size, and time of the last change."""
+    status = os.fstat(stream.fileno())
+    return status.st_size, status.st_mtime_ns
+
+
+def _compared(before: InputFile) -> InputFile:
+    """A file that is read by its name, any number of times: changed unless it has the same content still."""
+    with suppress(RecordingError):
+        if read_input_file(Path(before.path)) == before:
+            return before
+    return before._replace(sha256=None, is_changed=True)
+
+
+def _unreadable(path: Location, err: OSError) -> RecordingError:
     return RecordingError(f"{path}: expected a file that can be read: {err.strerror or err}")
-
-
-def _ends(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            beginning = file.read(END_BYTES)
-            file.seek(max(path.stat().st_size - END_BYTES, 0))
-            return beginning + file.read(END_BYTES)
-    except OSError as err:
-        raise _unreadable(path, err) from err
 
 
 def _listing_sha256(folder: Path) -> str:

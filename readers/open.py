@@ -4,25 +4,23 @@ The readers of a format are imported by the first file of it.
 """
 
 import heapq
-import shutil
-import sqlite3
+import resource
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
 
-import zstandard
-
 from pipeline.core.errors import RecordingError
 from pipeline.core.messages import RawMessage
-from pipeline.core.settings.recording import LimitsConfig
 from readers.files.container import Source
+from readers.files.copies import completed, unpacked, whole_pages
 from readers.files.damage import DamageError, Losses, library_errors
 from readers.files.evaluation_folder import EvaluationFolder, is_evaluation_folder
 from readers.files.rosbag2_folder import contradiction, folder_metadata, recording_files, unlisted_files
-from readers.files.sqlite.pages import count_pages, journals_of, unapplied
-from readers.files.temporary import remove_abandoned, temporary_folder
+from readers.files.sqlite.pages import journals_of
+from readers.files.temporary import remove_abandoned
+from readers.input_file import OpenedFile
 from readers.location import Location, RemotePath
 from readers.recording import (
     DEFAULT_READ_OPTIONS,
@@ -42,9 +40,8 @@ ROSBAG1_MAGIC = b"#ROSBAG V2.0\n"
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 SQLITE_MAGIC = b"SQLite format 3\0"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-PIECE = 1 << 20
-DISK_RESERVE = 1 << 28
-"""Bytes of the temporary folder's disk that are left free."""
+DESCRIPTORS, OTHER_DESCRIPTORS = 3, 256
+"""Open at once for a file of a recording (a database that was unpacked), and for all else."""
 
 EXPECTED = (
     "a ROS 1 .bag (format 2.0), a ROS 2 .mcap or .db3 file, a ROS 2 bag folder, a .pcap or .pcapng capture, or an "
@@ -71,15 +68,17 @@ def open_recording(paths: Sequence[Location], options: ReadOptions = DEFAULT_REA
     with ExitStack() as stack:
         opened: list[RecordingFile] = []
         files, unlisted = _all_files(paths), _unlisted(paths, options)
+        _allow_open_files(len(files))
+        originals = [OpenedFile(path, _stream(path, stack)) for path in files]
         errors: list[DamageError] = []
-        for index, path in enumerate(files):
+        for index, original in enumerate(originals):
             try:
-                opened.append(_open_file(path, index, stack, options))
+                opened.append(_open_file(original, index, stack, options))
             except DamageError as err:  # also the last file of a killed recorder, to which it had not yet written
                 if options.recovery == "none":
                     raise
                 errors.append(err)
-                opened.append(_LostFile(path, err))
+                opened.append(_LostFile(original.path, err))
         if len(errors) == len(files):
             raise errors[0]
         of_ros = [file for file in opened if file.ros_version != "no ROS"]
@@ -89,7 +88,7 @@ def open_recording(paths: Sequence[Location], options: ReadOptions = DEFAULT_REA
                     f"expected the files of one recording, found {of_ros[0].ros_version} ({of_ros[0].path}) and "
                     f"{file.ros_version} ({file.path}); process them one by one"
                 )
-        recording = _FilesRecording(tuple(opened), stack.pop_all(), unlisted)
+        recording = _FilesRecording(tuple(opened), originals, stack.pop_all(), unlisted)
     if len(recording.topics) > options.limits.max_topics:
         recording.close()
         raise RecordingError(
@@ -126,11 +125,20 @@ class _LostFile:
 class _FilesRecording(Closing):
     """The files of one recording, merged by time; see `Recording`."""
 
-    def __init__(self, files: tuple[RecordingFile, ...], resources: ExitStack, unlisted: tuple[Loss, ...] = ()) -> None:
+    def __init__(
+        self,
+        files: tuple[RecordingFile, ...],
+        originals: Sequence[OpenedFile],
+        resources: ExitStack,
+        unlisted: tuple[Loss, ...] = (),
+    ) -> None:
         self._files = files
         self._unlisted = unlisted
         self._resources = resources
         self.paths = tuple(file.path for file in files)
+        # Of a file on a server, facts are known now.
+        known = zip(originals, self.paths, strict=True)
+        self.opened = tuple(one if one.stream else OpenedFile(path) for one, path in known)
         self.topics: tuple[TopicInfo, ...] = merge_topics(info for file in files for info in file.topics)
         self.message_count = sum(file.message_count for file in files)
         self.start_ns = min((file.start_ns for file in files if file.message_count), default=0)
@@ -176,6 +184,8 @@ def _all_files(paths: Sequence[Location]) -> list[Location]:
         with library_errors(path):
             if not path.exists():
                 raise RecordingError(f"{path}: no such file or folder; expected {EXPECTED}")
+            if not path.is_file() and not path.is_dir():  # a pipe would wait for a writer
+                raise RecordingError(f"{path}: neither a file nor a folder; expected {EXPECTED}")
             is_bag = path.is_dir() and not is_evaluation_folder(path)
             files += recording_files(path) if is_bag else (path,)
     seen: dict[object, Location] = {}
@@ -208,37 +218,55 @@ def _inode(file: Path) -> tuple[int, int]:
     return status.st_dev, status.st_ino
 
 
-def _open_file(path: Location, index: int, stack: ExitStack, options: ReadOptions) -> RecordingFile:
+def _allow_open_files(count: int) -> None:
+    """Raise the limit of open files as far as so many parts of a recording need it, and the system allows it."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = DESCRIPTORS * count + OTHER_DESCRIPTORS
+    if soft != resource.RLIM_INFINITY and soft < wanted:
+        most = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+
+
+def _stream(path: Location, stack: ExitStack) -> BinaryIO | None:
+    """The bytes of a local file: what a run reads of it and what it computes the checksum of."""
+    if isinstance(path, RemotePath) or path.is_dir():
+        return None
+    with library_errors(path):
+        return stack.enter_context(path.open("rb"))
+
+
+def _open_file(original: OpenedFile, index: int, stack: ExitStack, options: ReadOptions) -> RecordingFile:
     """Open one file; the stack closes it and removes temporary copies."""
+    path, stream = original.path, original.stream
     is_recovering = options.recovery != "none"
     if isinstance(path, RemotePath):
         from readers.files.mcap.mcap_file import McapFile
         from readers.files.remote import open_remote
 
-        path, stream = open_remote(path, options.limits)
-        stack.callback(stream.close)
+        path, remote = open_remote(path, options.limits)
+        stack.callback(remote.close)
         with library_errors(path, is_recovering=is_recovering):
-            _check_is_mcap(path, stream)
-            return McapFile(Source(path, index, options, Losses(path, options)), stream)
+            _check_is_mcap(path, remote)
+            return McapFile(Source(path, index, options, Losses(path, options)), remote)
     with library_errors(path, is_recovering=is_recovering):
-        if path.is_dir():
+        if stream is None:
             return EvaluationFolder(path, index, options.limits)
         content, losses = path, Losses(path, options)
-        magic = _first_bytes(path)
+        magic = _first_bytes(stream)
         if magic.startswith(ZSTD_MAGIC):
-            content = _unpacked(path, stack, losses, options.limits)
-            magic = _first_bytes(content)
+            content, stream = unpacked(path, stream, stack, losses, options.limits)
+            magic = _first_bytes(stream)
         elif magic.startswith(SQLITE_MAGIC) and (journals := journals_of(path)):
             if is_recovering:
-                content = _completed(path, journals, stack, losses)
+                content, stream = completed(path, stream, journals, stack, losses)
             elif journals[0].name.endswith("-wal"):
                 raise RecordingError(
                     f"{path}: the recorder did not close it, part of it is still in {journals[0].name}; "
                     f"`sqlite3 {path.name} 'PRAGMA wal_checkpoint'` in a copy of the folder completes it"
                 )
         if magic.startswith(SQLITE_MAGIC) and is_recovering:
-            content = _whole_pages(content, stack)
-        file = _file_of_kind(Source(path, index, options, losses), path, content, magic)
+            content, stream = whole_pages(content, stream, stack)
+        file = _file_of_kind(Source(path, index, options, losses), path, content, stream, magic)
         stack.callback(file.close)
         if not magic.startswith((MCAP_MAGIC, SQLITE_MAGIC)) or any(loss.messages != 0 for loss in file.losses):
             return file
@@ -250,8 +278,7 @@ def _open_file(path: Location, index: int, stack: ExitStack, options: ReadOption
 
 def _check_is_mcap(path: RemotePath, stream: BinaryIO) -> None:
     """Refuse the other formats on a server: their indexes cannot be fetched at once."""
-    magic = stream.read(64)
-    stream.seek(0)
+    magic = _first_bytes(stream)
     if not magic.startswith(MCAP_MAGIC):
         kinds = {ROSBAG1_MAGIC: "a ROS 1 bag", SQLITE_MAGIC: "an SQLite database", ZSTD_MAGIC: "a compressed file"}
         kind = next((kind for start, kind in kinds.items() if magic.startswith(start)), "another kind of file")
@@ -260,17 +287,17 @@ def _check_is_mcap(path: RemotePath, stream: BinaryIO) -> None:
         )
 
 
-def _file_of_kind(source: Source, path: Path, content: Path, magic: bytes) -> RecordingFile:
+def _file_of_kind(source: Source, path: Path, content: Path, stream: BinaryIO, magic: bytes) -> RecordingFile:
     if magic.startswith(ROSBAG1_MAGIC):
         from readers.files.rosbag1.rosbag1_file import Rosbag1File
 
-        return Rosbag1File(source, content.open("rb"))
+        return Rosbag1File(source, stream)
     if not magic.startswith((MCAP_MAGIC, SQLITE_MAGIC)):
         from readers.files.pcap.packets import is_capture
         from readers.files.pcap.pcap_file import PcapFile
 
         if is_capture(magic):
-            return PcapFile(source, content.open("rb"))
+            return PcapFile(source, stream)
         error = RecordingError if magic else DamageError
         raise error(f"{path}: expected {EXPECTED}, found {_describe(magic, path)}")
     metadata = folder_metadata(path.parent)
@@ -279,15 +306,16 @@ def _file_of_kind(source: Source, path: Path, content: Path, magic: bytes) -> Re
     if magic.startswith(MCAP_MAGIC):
         from readers.files.mcap.mcap_file import McapFile
 
-        return McapFile(source, content.open("rb"))
+        return McapFile(source, stream)
     from readers.files.sqlite.sqlite_file import SqliteFile
 
-    return SqliteFile(source, content)
+    return SqliteFile(source, stream, content)
 
 
-def _first_bytes(path: Path) -> bytes:
-    with path.open("rb") as stream:
-        return stream.read(64)
+def _first_bytes(stream: BinaryIO) -> bytes:
+    magic = stream.read(64)
+    stream.seek(0)
+    return magic
 
 
 def _describe(magic: bytes, path: Path) -> str:
@@ -302,68 +330,3 @@ def _describe(magic: bytes, path: Path) -> str:
         return f"other bytes than a {path.suffix} file begins with; it is damaged or something else"
     is_text = all(byte >= 32 or byte in b"\t\r\n" for byte in magic)
     return f"a {'text file' if is_text else 'file of another kind'}; name the recording itself"
-
-
-def _unpacked(path: Path, stack: ExitStack, losses: Losses, limits: LimitsConfig) -> Path:
-    """The content of a zstd-compressed file (rosbag2's compression mode `file`), as a file in a temporary folder.
-
-    Args:
-        path: The file.
-        stack: Removes the folder.
-        losses: Collects where the file is damaged; the content before is used.
-        limits: How much it may unpack to.
-
-    Raises:
-        RecordingError: it unpacks to more, or to more than the temporary folder has space for.
-    """
-    folder = stack.enter_context(temporary_folder())
-    unpacked = folder / path.with_suffix("").name
-    with path.open("rb") as packed, unpacked.open("wb") as stream:
-        with losses.guard() as damage:
-            content = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
-            left = min(limits.max_unpacked_bytes(path.stat().st_size), shutil.disk_usage(folder).free - DISK_RESERVE)
-            while piece := content.read(PIECE):
-                left -= len(piece)
-                if left < 0:
-                    raise RecordingError(
-                        f"{path}: unpacks to more than {stream.tell()} bytes: raise limits.max_unpacked_file_gib, "
-                        f"or free space in {folder.parent}"
-                    )
-                stream.write(piece)
-        if damage.error:
-            losses.note(stream.tell(), f"the file does not unpack further ({damage.reason})")
-    return unpacked
-
-
-def _completed(path: Path, journals: Sequence[Path], stack: ExitStack, losses: Losses) -> Path:
-    """A copy of a database that its recorder did not close, completed by SQLite from the journals."""
-    folder = stack.enter_context(temporary_folder())
-    copy = folder / path.name
-    for file in (path, *journals):
-        shutil.copyfile(file, folder / file.name)
-    names = ", ".join(journal.name for journal in journals)
-    with losses.guard() as damage, closing(sqlite3.connect(copy)) as database:
-        database.execute("SELECT count(*) FROM sqlite_master").fetchall()
-        ((_, applied, _),) = database.execute("PRAGMA wal_checkpoint(PASSIVE)")
-        database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
-        losses.note(0, f"the recorder did not close it; completed from {names} in a copy", messages=0)
-        for reason in filter(None, (unapplied(journal, folder, applied) for journal in journals)):
-            losses.note(0, reason)
-    if damage.error:
-        losses.note(0, f"the recorder did not close it, and {names} cannot be applied ({damage.reason})")
-    for journal in journals:
-        (folder / journal.name).unlink(missing_ok=True)
-    return copy
-
-
-def _whole_pages(content: Path, stack: ExitStack) -> Path:
-    """A database, or a copy without its last page if it ends inside that: SQLite would read zeros for the rest."""
-    with content.open("rb") as stream:
-        pages = count_pages(stream)
-    if not pages.rest or pages.whole >= pages.expected > 0:
-        return content
-    copy = stack.enter_context(temporary_folder()) / content.name
-    shutil.copyfile(content, copy)
-    with copy.open("r+b") as stream:
-        stream.truncate(pages.whole * pages.page_bytes)
-    return copy

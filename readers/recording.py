@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple, Protocol, Self
 from pipeline.core.errors import RecordingError
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from readers.input_file import OpenedFile
 from readers.location import Location
 
 __all__ = [
@@ -150,6 +151,10 @@ class Recording(_Contents, Protocol):
     @property
     def paths(self) -> tuple[Location, ...]:
         """Its files, in the order of `RawMessage.order[0]`."""
+
+    @property
+    def opened(self) -> tuple[OpenedFile, ...]:
+        """The same as they were opened, for their checksums."""
 
     def messages(
         self, topics: Collection[str] | None = None, *, start_ns: int | None = None, stop_ns: int | None = None

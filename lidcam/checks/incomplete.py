@@ -1,13 +1,13 @@
 """Short lines about the part of a recording that could not be used: why a command ends with exit code 3."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from lidcam.checks.missing import MissingSensor, absent_sensors
 from readers.recording import Loss
 from readers.rig.sensor_topics import SensorFault
 
-__all__ = ["absent_lines", "damage_lines", "left_out_lines"]
+__all__ = ["absent_lines", "changed_lines", "damage_lines", "left_out_lines"]
 
 
 def left_out_lines(faults: Sequence[SensorFault]) -> list[str]:
@@ -18,6 +18,11 @@ def left_out_lines(faults: Sequence[SensorFault]) -> list[str]:
 def absent_lines(missing: Sequence[MissingSensor]) -> list[str]:
     """One for each sensor that was recorded and is in no frame."""
     return [f"{sensor.sensor} is in none of the {sensor.of_frames} frames" for sensor in absent_sensors(missing)]
+
+
+def changed_lines(paths: Iterable[str]) -> list[str]:
+    """One for each file that was changed while it was read: nobody can say which content a result is of."""
+    return [f"{path}: changed while it was read; run it again when nothing writes to it" for path in paths]
 
 
 def damage_lines(losses: Sequence[Loss]) -> list[str]:

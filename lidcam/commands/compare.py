@@ -111,7 +111,7 @@ def compare(
 
     Objects that are lost, new, moved, turned, resized, relabelled, rescored, or go on under another id; B against A.
     """
-    from lidcam.checks.incomplete import damage_lines
+    from lidcam.checks.incomplete import changed_lines, damage_lines
     from lidcam.commands.json_output import figures_document, json_output
     from lidcam.job import read_files
     from lidcam.outputs.allowed import MERGED, TEXT, check_no_input, check_replaced
@@ -121,7 +121,7 @@ def compare(
     from lidcam.printing.terminal import console, show_json
     from lidcam.settings.effect import COMPARING, check_effect
     from pipeline.core.settings.load import load_config
-    from readers.input_file import read_input_file
+    from readers.input_file import read_opened_files
     from readers.results.result import open_result
     from writers.foxglove.layout import layout_path
     from writers.outputs.transaction import OutputTransaction
@@ -147,12 +147,14 @@ def compare(
             comparison.close()
             losses = *one.recording.losses, *other.recording.losses
             notes = [*_recordings_note(one, other), *one.notes, *other.notes]
+            files = read_opened_files((*one.recording.opened, *other.recording.opened))
         figures = comparison.figures()
-        verdict = Verdict(_failures(comparison, allow or (), max_different), damage_lines(losses))
+        changed = changed_lines(file.path for file in files if file.is_changed)
+        verdict = Verdict(_failures(comparison, allow or (), max_different), [*damage_lines(losses), *changed])
         tolerances = config.model_dump(mode="json")
         tree = figures_document(
             "compare",
-            inputs=[read_input_file(path) for path in (first, second)],
+            inputs=files,
             settings={
                 "name": config_file or "defaults",
                 "sha256": _sha256(tolerances),

@@ -1,12 +1,12 @@
 """An evaluation: open a result, find the truth, measure all frames in one pass. Nothing is printed here."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
-from lidcam.checks.incomplete import damage_lines
+from lidcam.checks.incomplete import changed_lines, damage_lines
 from lidcam.evaluation.doubts import doubts
 from lidcam.evaluation.evaluation import Evaluation, EvaluationJob, Truth
 from lidcam.evaluation.evaluators import evaluators_of, known_figures, measure, timed
@@ -17,7 +17,7 @@ from lidcam.settings.effect import settings_sha256
 from pipeline.core.errors import RecordingError
 from pipeline.core.rig import Rig
 from pipeline.evaluation.evaluation_frame import EvaluationFrame
-from readers.input_file import InputFile, read_input_file
+from readers.input_file import InputFile, read_input_file, read_opened_files
 from readers.location import Location
 from readers.results.result import Result, open_result
 from readers.rig.schema import RigFile
@@ -60,17 +60,19 @@ def evaluate_result(job: EvaluationJob, show: Progress = _not_shown) -> Evaluati
         if not tree["frames"]:
             raise RecordingError(f"{job.result}: expected a result with frames, found none")
         figures = NamedFigures({**tree, **timed(time.perf_counter() - started)})
-        truth = Truth((found.source.description,), tuple(map(_identity, files))) if found.source else None
+        inputs = read_opened_files(result.recording.opened)
+        truth = Truth((found.source.description,), files()) if found.source else None
+        changed = {file.path for file in (*inputs, *(truth.inputs if truth else ())) if file.is_changed}
         return Evaluation(
             figures=figures,
-            inputs=(read_input_file(job.result),),
+            inputs=inputs,
             settings_name=result.metadata.get("settings", ""),
             settings_sha256=settings_sha256(config),
             truth=truth,
             outcomes=tuple(requirement.check(figures) for requirement in job.requirements),
             warnings=doubts(tree, has_truth=truth is not None, lidars_detect=config.detect3d.method != "none"),
             notes=tuple(note for note in frames.notes if not (truth and note == f"truth: {truth.sources[0]}")),
-            incomplete=tuple(damage_lines(result.recording.losses)),
+            incomplete=(*damage_lines(result.recording.losses), *changed_lines(sorted(changed))),
         )
 
 
@@ -81,14 +83,15 @@ def _with_rig(result: Result, rig_file: RigFile) -> Rig:
     return replace(rig, truth=rig_file.vehicles or rig.truth, zones=zones)
 
 
-def _find_truth(job: EvaluationJob, result: Result, stack: ExitStack) -> tuple[OpenTruth, Sequence[Location]]:
-    """The truth, open until `stack` ends, and the files that it stands in."""
-    if job.truth:
-        found = stack.enter_context(open_truth(result, job.truth, topic=job.truth_topic))
-        paths = found.poses[0].paths
-        return found, job.truth if paths == result.recording.paths else paths  # labels are no recording
-    found = stack.enter_context(open_truth(result, topic=job.truth_topic))
-    return found, (job.result,)
+def _find_truth(
+    job: EvaluationJob, result: Result, stack: ExitStack
+) -> tuple[OpenTruth, Callable[[], tuple[InputFile, ...]]]:
+    """The truth, open until `stack` ends, and what gives the files that it stands in, when they were read."""
+    found = stack.enter_context(open_truth(result, job.truth, topic=job.truth_topic))
+    recording = found.poses[0] if job.truth else result.recording
+    if job.truth and recording.paths == result.recording.paths:  # labels are no recording
+        return found, lambda: tuple(map(_identity, job.truth))
+    return found, lambda: read_opened_files(recording.opened)
 
 
 def _identity(path: Location) -> InputFile:

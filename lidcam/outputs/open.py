@@ -1,20 +1,18 @@
 """The outputs of a run: checked before it begins, opened together, and named together when all of them are whole."""
 
-from collections.abc import Mapping
 from contextlib import ExitStack
 from functools import partial
 from importlib.metadata import version
 from itertools import chain
 from pathlib import Path
 
-from lidcam.box_sources import box_source
 from lidcam.frames import RunInput
 from lidcam.job import Job
 from lidcam.outputs.allowed import TEXT, Replaceable, check_no_input, check_replaced
 from lidcam.outputs.kinds import OUTPUTS
 from lidcam.settings.effect import lasting_settings
 from pipeline.core.errors import OutputError
-from readers.input_file import InputFiles, read_input_file
+from readers.input_file import InputFiles
 from readers.rig.rig_file import rig_yaml
 from writers.base import ResultWriter
 from writers.outputs.transaction import OutputTransaction
@@ -77,23 +75,23 @@ def open_writers(
 
 
 def _provenance(source: RunInput, inputs: InputFiles) -> Provenance:
+    named = {f"{key}.name": file.name for key, file in inputs.named.items()}
+    if "network" in inputs.named:
+        named["network.provider"] = source.config.detect2d.provider
     return Provenance(
         version=version("lidcam"),
         inputs=tuple(file.provenance for file in inputs.unread),
         fingerprint=inputs.fingerprint,
-        checksums=lambda: tuple(file.sha256 for file in inputs.finish()),
+        checksums=partial(_checksums, inputs),
         settings=str(source.settings),
         config_yaml=lasting_settings(source.config),
         rig_yaml=rig_yaml(source.rig),
         start_ns=source.recording.start_ns,
         boxes3d_topics=tuple(detector.topic for detector in source.rig.detectors),
-        network=_network(source),
+        named=named,
     )
 
 
-def _network(source: RunInput) -> Mapping[str, str]:
-    """Record of the 2D network in a result, if there is one."""
-    model = source.config.detect2d.model
-    if model is None or box_source(source.config, source.rig) != "onnx":
-        return {}
-    return {**read_input_file(model).provenance, "provider": source.config.detect2d.provider}
+def _checksums(inputs: InputFiles) -> dict[str, str]:
+    files = {f"input.{row}": file for row, file in enumerate(inputs.finish())} | dict(inputs.named)
+    return {f"{key}.{fact}": value for key, file in files.items() for fact, value in file.as_read.items()}

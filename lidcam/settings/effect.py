@@ -2,14 +2,15 @@
 
 from collections.abc import Sequence
 from hashlib import sha256
+from os.path import isfile
+from pathlib import Path
 
 from pipeline.core.errors import ConfigError
-from pipeline.core.settings.compare import CompareConfig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import dump_config
-from pipeline.core.settings.run import RunConfig
+from pipeline.core.text import visible
 
-__all__ = ["COMPARING", "EVALUATING", "check_effect", "lasting_settings", "settings_sha256"]
+__all__ = ["COMPARING", "EVALUATING", "check_effect", "lasting_settings", "named_files", "settings_sha256"]
 
 EVALUATING = ("evaluate", "classes", "associate", "combine", "limits")
 """The sections that an evaluation reads: of `associate` for 2D boxes without truth, of `combine` for odometry."""
@@ -38,9 +39,26 @@ def check_effect(settings: Sequence[str], sections: Sequence[str]) -> None:
             )
 
 
+def named_files(config: Config) -> dict[str, Path]:
+    """The files that settings name and that are there, by their names in the metadata of a result."""
+    lidars = {"velodyne": config.velodyne, **{f"velodyne.{key}": one for key, one in config.velodyne.topics.items()}}
+    named = {"network": config.detect2d.model, "network.names": config.detect2d.names}
+    named |= {f"{key}.calibration": one.calibration for key, one in lidars.items()}
+    # Path.is_file raises where one may not enter; whoever reads the file says so.
+    return {key: Path(name) for key, name in named.items() if name and isfile(name)}  # noqa: PTH113
+
+
 def lasting_settings(config: Config) -> str:
-    """All settings that affect a result, as YAML: how it is run or compared with another one does not."""
-    return dump_config(config.model_copy(update={"run": RunConfig(), "compare": CompareConfig()}))
+    """All settings that affect a result, as YAML.
+
+    How it is run or compared with another one does not, nor where the files lie that they name.
+    """
+    tree = config.model_dump() | {"run": {}, "compare": {}}
+    detect2d, velodyne = tree["detect2d"], tree["velodyne"]
+    for section in (detect2d, velodyne, *velodyne["topics"].values()):
+        for key in {"model", "names"} if section is detect2d else {"calibration"}:
+            section[key] = section[key] and visible(Path(section[key]).name)
+    return dump_config(Config.model_validate(tree))
 
 
 def settings_sha256(config: Config) -> str:

@@ -39,7 +39,7 @@ class Container(ABC):
 
     Args:
         source: The file.
-        stream: Its content, uncompressed; closed with it.
+        stream: Its content, uncompressed; closed with it, but not where it cannot be read.
     """
 
     def __init__(self, source: Source, stream: BinaryIO) -> None:
@@ -48,11 +48,7 @@ class Container(ABC):
         self._limits = source.options.limits
         self._losses = source.losses
         self._stream = stream
-        try:
-            self._describe()
-        except BaseException:
-            self.close()
-            raise
+        self._describe()
 
     @abstractmethod
     def _describe(self) -> None:

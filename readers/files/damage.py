@@ -159,7 +159,8 @@ def library_errors(
     except LIBRARY_ERRORS as err:
         where = f"{path}: {progress()}: " if progress else f"{path}: "
         if isinstance(err, OSError) and _is_of_system(err):
-            raise RecordingError(f"{where}cannot be read: {err.strerror}") from err
+            remedy = "; allow more with `ulimit -n`" if err.errno == errno.EMFILE else ""
+            raise RecordingError(f"{where}cannot be read: {err.strerror}{remedy}") from err
         remedy = (
             "nothing in it can be recovered, record or copy it again"
             if is_recovering

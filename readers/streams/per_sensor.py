@@ -10,7 +10,6 @@ from dataclasses import replace
 
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from readers.location import Location
 from readers.messages.foxglove import ROS_TYPES, ros_channel, to_ros
 from readers.recording import Closing, Loss, Recording, TopicInfo, merge_topics
 from readers.streams.combined_messages import Parts, find_combined, split
@@ -61,7 +60,7 @@ class _SensorMessages(Closing):
         self._closed = {channel: problem for channel in channels if (problem := _problem(channel))}
         self._packets = packets - self._closed.keys()
         self.changes_anything = bool(combined or self._foreign or self._closed or packets)
-        self.paths: tuple[Location, ...] = recording.paths
+        self.paths, self.opened = recording.paths, recording.opened
         self.start_ns, self.end_ns, self.message_count = recording.start_ns, recording.end_ns, recording.message_count
         self.topics = merge_topics(self._infos(recording.topics))
         self._whole = {info.topic: info.part_of for info in self.topics if info.part_of}

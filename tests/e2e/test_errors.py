@@ -1,6 +1,7 @@
 """Wrong input: one clear line, the right exit code, and no output left behind."""
 
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from onnx_files import write_yolox
 from small_drive import small_drive
 
 from pipeline.core.messages import RawMessage
+from readers.results.result import open_result
 
 
 def clouds() -> list[RawMessage]:
@@ -57,6 +59,22 @@ def test_bad_recording(lidcam: Lidcam, tmp_path: Path, case: str, command: str) 
     assert words in run.error_line
     assert str(recording) in run.error_line
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in"]
+
+
+def test_names_that_are_no_utf_8(lidcam: Lidcam, tmp_path: Path) -> None:
+    """They are read, and shown and recorded with their bytes escaped; onnxruntime alone cannot open one."""
+    folder = tmp_path / os.fsdecode(b"dr\xffives")
+    folder.mkdir()
+    drive, out = bag(folder / os.fsdecode(b"dr\xffive.bag"), clouds()), folder / os.fsdecode(b"o\xfeut.mcap")
+    model = write_yolox(tmp_path / "net.onnx", np.zeros((84, 85), np.float32), size_px=(64, 64))
+    model = model.rename(folder / os.fsdecode(b"n\xffet.onnx"))
+    run = lidcam("process", drive, out, "--rerun", out.with_suffix(".rrd"), "--json-file", folder / "run.json")
+    assert (run.code, "Traceback" in run.err) == (0, False), run.err
+    with open_result(out) as result:
+        assert result.metadata["input.0.name"] == r"dr\udcffive.bag"
+    assert lidcam("inspect", drive, "--json").code == lidcam("evaluate", out, "--json").code == 0
+    refused = lidcam("process", drive, tmp_path / "out.mcap", "--model-2d", model, "--set", "detect2d.method=onnx")
+    assert refused.error_line.endswith(r"n\udcffet.onnx: expected a path in UTF-8, as onnxruntime needs it; rename it")
 
 
 def test_no_camera_is_lidar_only(lidcam: Lidcam, tmp_path: Path) -> None:

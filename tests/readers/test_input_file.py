@@ -2,8 +2,8 @@
 
 import os
 import threading
-from collections.abc import Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing
 from hashlib import sha256
 from pathlib import Path
 
@@ -12,7 +12,16 @@ import pytest
 
 from pipeline.core.errors import RecordingError
 from readers import input_file
-from readers.input_file import BLOCK_BYTES, END_BYTES, STEP_BYTES, InputFile, InputFiles, read_input_file
+from readers.input_file import (
+    BLOCK_BYTES,
+    END_BYTES,
+    STEP_BYTES,
+    InputFile,
+    InputFiles,
+    OpenedFile,
+    read_input_file,
+    read_opened_files,
+)
 from readers.location import Location, RemotePath
 
 FACTS = (("size", "1234"), ("etag", '"x"'))
@@ -51,39 +60,85 @@ def test_a_file_that_is_gone(tmp_path: Path) -> None:
 # --- files of a run
 
 
-def known(paths: Sequence[Location], *, with_checksums: bool = True) -> tuple[InputFile, ...]:
-    with closing(InputFiles(paths, with_checksums=with_checksums)) as files:
-        return files.finish()
+@pytest.fixture
+def opened() -> Iterator[Callable[[Sequence[Location]], list[OpenedFile]]]:
+    """Opens files as a recording does."""
+    with ExitStack() as stack:
+        yield lambda paths: [
+            OpenedFile(
+                path, stack.enter_context(path.open("rb")) if isinstance(path, Path) and path.is_file() else None
+            )
+            for path in paths
+        ]
+
+
+Opened = Callable[[Sequence[Location]], list[OpenedFile]]
 
 
 @pytest.mark.parametrize("sizes", [(), (0,), (1,), (BLOCK_BYTES,), (STEP_BYTES + 1,), (0, STEP_BYTES, 3, 0, 7)])
 @pytest.mark.parametrize("shares", [(), (0.0, 0.3, 0.3, 0.2, 0.9), (1.0,), (-1.0, 7.0)])
-def test_the_same_as_file_by_file(tmp_path: Path, sizes: tuple[int, ...], shares: tuple[float, ...]) -> None:
+def test_the_same_as_file_by_file(
+    tmp_path: Path, sizes: tuple[int, ...], shares: tuple[float, ...], opened: Opened
+) -> None:
     paths = [tmp_path / str(row) for row in range(len(sizes))]
     for path, size in zip(paths, sizes, strict=True):
         path.write_bytes(np.random.default_rng(size).bytes(size))
-    with closing(InputFiles(paths, with_checksums=True)) as files:
+    with closing(InputFiles(opened(paths), {}, with_checksums=True)) as files:
         assert files.unread == tuple(map(InputFile.unread, paths))
         for share in shares:
             files.read_up_to(share)
         assert files.finish() == files.finish() == tuple(map(read_input_file, paths))
 
 
-def test_a_folder_and_a_file_on_a_server_among_them(tmp_path: Path) -> None:
+def test_a_folder_and_a_file_on_a_server_among_them(tmp_path: Path, opened: Opened) -> None:
     (tmp_path / "drive.bag").write_bytes(b"content")
     paths: list[Location] = [tmp_path, RemotePath("https://host/drive.mcap", FACTS), tmp_path / "drive.bag"]
-    assert known(paths) == tuple(map(read_input_file, paths))
-    assert known(paths, with_checksums=False) == tuple(map(InputFile.unread, paths))
+    files = opened(paths)
+    assert read_opened_files(files) == tuple(map(read_input_file, paths))
+    with closing(InputFiles(files, {}, with_checksums=False)) as known:
+        assert known.finish() == tuple(map(InputFile.unread, paths))
 
 
-def test_what_was_not_asked_for_is_read_at_the_end(tmp_path: Path) -> None:
+def replaced(path: Path) -> None:
+    (path.parent / "new").write_bytes(b"new")
+    (path.parent / "new").replace(path)
+
+
+def appended(path: Path) -> None:
+    with path.open("ab") as file:
+        file.write(b"more")
+
+
+CHANGES: dict[str, Callable[[Path], object]] = {
+    "replaced": replaced,
+    "appended": appended,
+    "cut": lambda path: os.truncate(path, 7),
+}
+
+
+@pytest.mark.parametrize("with_checksums", [True, False])
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_a_file_that_is_changed_meanwhile(
+    tmp_path: Path, change: str, share: float, with_checksums: bool, opened: Opened
+) -> None:
+    """Another file in its place does not matter, as the one that was opened is read; writing to it does."""
     paths = [tmp_path / "first", tmp_path / "second"]
     for path in paths:
         path.write_bytes(bytes(STEP_BYTES))
-    with closing(InputFiles(paths, with_checksums=True)) as files:
-        files.read_up_to(0.5)
-        paths[1].write_bytes(b"\1" * STEP_BYTES)
-        assert files.finish()[1].sha256 == sha256(b"\1" * STEP_BYTES).hexdigest()
+    before = tuple(map(read_input_file if with_checksums else InputFile.unread, paths))
+    with closing(InputFiles(opened(paths), {}, with_checksums=with_checksums)) as files:
+        files.read_up_to(share)
+        CHANGES[change](paths[1])
+        first, second = files.finish()
+    written = change in {"appended", "cut"}
+    assert first == before[0]
+    assert second == (before[1]._replace(sha256=None, is_changed=True) if written else before[1])
+    if written:
+        assert (second.provenance, second.as_read) == (
+            {"name": "second", "size": str(STEP_BYTES)},
+            {"changed": "while it was read"},
+        )
 
 
 class HeldDigest:
@@ -103,12 +158,14 @@ class HeldDigest:
         return ""
 
 
-def test_to_close_does_not_wait_for_all_that_is_due(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_to_close_does_not_wait_for_all_that_is_due(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, opened: Opened
+) -> None:
     """A sensor that begins late makes much of a recording due at once."""
     path = tmp_path / "drive.bag"
     path.write_bytes(b"")
     os.truncate(path, 100 * STEP_BYTES)
-    with closing(InputFiles([path], with_checksums=True)) as files:
+    with closing(InputFiles(opened([path]), {}, with_checksums=True)) as files:
         digest = HeldDigest(files)
         monkeypatch.setattr(input_file, "sha256", lambda: digest)
         files.read_up_to(1.0)
@@ -116,25 +173,14 @@ def test_to_close_does_not_wait_for_all_that_is_due(tmp_path: Path, monkeypatch:
     assert digest.blocks == STEP_BYTES // BLOCK_BYTES  # the step in work
 
 
-@pytest.mark.parametrize("share", [0.0, 1.0])
-def test_a_file_that_goes_while_it_is_read(tmp_path: Path, share: float) -> None:
-    path = tmp_path / "drive.bag"
-    path.write_bytes(bytes(STEP_BYTES))
-    with closing(InputFiles([path], with_checksums=True)) as files:
-        path.unlink()
-        files.read_up_to(share)
-        with pytest.raises(RecordingError, match=r"drive.bag: expected a file that can be read: No such file"):
-            files.finish()
-
-
-def test_a_fingerprint_without_reading_all_of_it(tmp_path: Path) -> None:
+def test_a_fingerprint_without_reading_all_of_it(tmp_path: Path, opened: Opened) -> None:
     paths = [tmp_path / "first", tmp_path / "second"]
     content = bytes(4 * END_BYTES)
 
     def fingerprint(first: bytes, second: bytes) -> str:
         for path, text in zip(paths, (first, second), strict=True):
             path.write_bytes(text)
-        with closing(InputFiles(paths, with_checksums=False)) as files:
+        with closing(InputFiles(opened(paths), {}, with_checksums=False)) as files:
             return files.fingerprint()
 
     plain = fingerprint(content, content)

@@ -29,7 +29,7 @@ PROVENANCE = Provenance(
     "1.2.3",
     ({"name": "a.bag", "size": "12"}, {"name": "b.mcap", "url": "https://host/b.mcap"}, {"name": "c.bag", "size": "0"}),
     lambda: "ff" * 32,
-    lambda: ("aa" * 32, None, "cc" * 32),
+    lambda: {"input.0.sha256": "aa" * 32, "input.2.sha256": "cc" * 32},
     "as given",
     "fuse: {}\n",
     "site_frame: site\n",

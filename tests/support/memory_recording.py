@@ -5,6 +5,7 @@ from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 
 from pipeline.core.messages import RawMessage
+from readers.input_file import OpenedFile
 from readers.recording import Closing, Loss, TopicInfo, merge_topics
 
 
@@ -12,6 +13,7 @@ class MemoryRecording(Closing):
     """The given messages as a `Recording`, in the order of (log time, place in `messages`)."""
 
     paths: tuple[Path, ...] = ()
+    opened: tuple[OpenedFile, ...] = ()
     losses: tuple[Loss, ...] = ()
 
     def __init__(self, messages: Iterable[RawMessage]) -> None:

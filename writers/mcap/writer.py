@@ -128,7 +128,7 @@ class McapResultWriter:
         with output_errors(self._path):
             if kind is None:
                 self._draw_truth(self._truth_times.rest())
-                if later := self._provenance.later_metadata():
+                if later := self._provenance.checksums():
                     self._file.add_metadata(INPUTS, later)
             self._resources.__exit__(kind, error, trace)
 

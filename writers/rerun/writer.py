@@ -23,6 +23,7 @@ from pipeline.core.images import Image
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
+from pipeline.core.text import visible
 from pipeline.core.true_boxes import TrueBoxes
 from writers.drawing import ObjectEdges, drawn_boxes_2d, object_edges, object_labels, placed_objects, strong_objects
 from writers.messages.images import COMPRESSED, read_image
@@ -98,7 +99,7 @@ class RerunResultWriter:
             self._stream = RerunStream(self._recording, file, self._output.path)
             resources.push(self._end)
             self._recording.send_recording_name(
-                ", ".join(known["name"] for known in self._provenance.inputs) or "lidcam"
+                visible(", ".join(known["name"] for known in self._provenance.inputs)) or "lidcam"
             )
             self._resources = resources.pop_all()
         return self

@@ -73,6 +73,8 @@ class OnnxSession:
         Raises:
             ModelError: the file does not exist, onnxruntime cannot load it, or it has no such provider.
         """
+        if not str(path).isascii() and os.fsencode(path).decode(errors="ignore") != str(path):
+            raise ModelError(f"{path}: expected a path in UTF-8, as onnxruntime needs it; rename it")
         try:
             if not path.is_file():
                 found = "a folder" if path.is_dir() else "no such file"

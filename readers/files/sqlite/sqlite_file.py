@@ -4,15 +4,17 @@ Read with Python's sqlite3, so that messages of equal time come in the order of 
 data, and an empty serialization format is accepted.
 """
 
+import os
 import sqlite3
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
 from rosbags.typesys.msg import normalize_msgtype
 
 from pipeline.core.arrays import I64
+from pipeline.core.errors import RecordingError
 from pipeline.core.messages import Channel, RawMessage
 from readers.files.container import Container, Source
 from readers.files.damage import LIBRARY_ERRORS
@@ -35,20 +37,31 @@ class SqliteFile(Container):
 
     Args:
         source: The file.
-        content: Where its uncompressed content is.
+        stream: Its uncompressed content.
+        content: Where that lies.
+
+    Raises:
+        RecordingError: another file has taken its place since it was opened.
     """
 
     ros_version: RosVersion = "ROS 2"
 
-    def __init__(self, source: Source, content: Path) -> None:
+    def __init__(self, source: Source, stream: BinaryIO, content: Path) -> None:
         # immutable: no lock and no journal, so that recordings on read-only media open too
         uri = f"{content.resolve().as_uri()}?mode=ro&immutable=1"
         self._database = sqlite3.connect(uri, uri=True, check_same_thread=False)
         self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, source.options.limits.max_message_bytes)
         self._database.text_factory = lambda text: text.decode(errors="replace")
-        super().__init__(source, content.open("rb"))
+        self._content = content
+        try:
+            super().__init__(source, stream)
+        except BaseException:
+            self._database.close()
+            raise
 
     def _describe(self) -> None:
+        if not os.path.samestat(self._content.stat(), os.fstat(self._stream.fileno())):
+            raise RecordingError(f"{self.path}: it was replaced while it was opened; run it again")
         distro = self._source.metadata.distro
         with self._losses.guard() as damage:
             self._check_size()
