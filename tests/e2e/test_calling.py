@@ -21,9 +21,7 @@ PART = ("--duration", "0.4")
 
 def shell(command: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
     variables = {**os.environ, **environment}
-    return subprocess.run(
-        ["bash", "-c", command], cwd=cwd, env=variables, capture_output=True, text=True, timeout=120, check=False
-    )
+    return subprocess.run(["bash", "-c", command], cwd=cwd, env=variables, capture_output=True, text=True, check=False)
 
 
 def frames_in(path: Path) -> int:
