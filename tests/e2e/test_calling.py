@@ -33,7 +33,6 @@ def frames_in(path: Path) -> int:
     [
         pytest.param("inspect {sandbox}", marks=pytest.mark.traced_processes),
         "process {sandbox} out.mcap --duration 0.4 --print-detections",
-        "process {sandbox} out.mcap --duration 0.4 --json",
         "process {sandbox} out.mcap --duration 0.4 --verbose 2>&1",
     ],
 )
@@ -48,7 +47,7 @@ def test_a_reader_that_leaves_does_not_end_the_run(command: str, sandbox: Path, 
 
 
 @pytest.mark.skipif(shutil.which("script") is None, reason="needs script of util-linux")
-@pytest.mark.parametrize(("option", "has_bar"), [("--json", True), ("--quiet", False), ("--print-matches", False)])
+@pytest.mark.parametrize(("option", "has_bar"), [("--json", True), ("--print-matches", False)])
 def test_a_bar_on_a_terminal(sandbox: Path, tmp_path: Path, option: str, has_bar: bool) -> None:
     command = f"{PROGRAM} process {sandbox} out.mcap {shlex.join(PART)} {option}"
     done = shell(f"script -qec '{command}' /dev/null", tmp_path, COLUMNS="100", TERM="xterm")

@@ -31,7 +31,7 @@ SIZES = st.sampled_from([0, 1, 100, BESIDE_BYTES - 1, BESIDE_BYTES, 300_000])
 
 
 @given(sizes=st.lists(SIZES, max_size=6), dtype=st.sampled_from(["u1", "<f8", ">i2"]), view=st.booleans())
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_values_arrive_as_they_were(
     pair: tuple[socket.socket, socket.socket], sizes: list[int], dtype: str, view: bool
 ) -> None:

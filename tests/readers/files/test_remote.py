@@ -12,7 +12,7 @@ from typing import Any
 import fsspec
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from long_recording import LENGTH_S, SECOND_NS, START_NS, write_long_recording
 from range_server import RangeServer, range_server
@@ -99,7 +99,6 @@ def test_what_a_full_cache_lets_go_is_fetched_again(
             assert [bytes(message.data) for message in mine] == [bytes(message.data) for message in its]
 
 
-@settings(max_examples=40, deadline=None)
 @given(
     size=st.integers(0, 3 * PAGE_BYTES),
     reads=st.lists(st.tuples(st.integers(0, 3 * PAGE_BYTES), st.integers(0, 2 * PAGE_BYTES)), max_size=8),

@@ -285,7 +285,7 @@ class NaivePython:
         return []
 
 
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(
     arrivals=st.lists(st.tuples(st.integers(0, 3), st.integers(0, 60)), max_size=60).map(lambda a: arrivals_ms(*a)),
     queue_size=st.integers(1, 5),
