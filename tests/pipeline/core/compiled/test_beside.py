@@ -42,10 +42,7 @@ def test_all_modules_with_compiled_functions_are_known() -> None:
     assert not [path for path in paths if path.parent.name == "compiled"]
 
 
-@pytest.mark.parametrize(
-    ("processes", "expected"),
-    [(1, "0 0 2 3 [] [(1, 2)]"), (2, "1 1 2 3 [0] [(1, 2)]"), (3, "2 1 2 3 [0, 0] [(1, 2)]")],
-)
+@pytest.mark.parametrize(("processes", "expected"), [(1, "0 0 2 3 [] [(1, 2)]"), (3, "2 1 2 3 [0, 0] [(1, 2)]")])
 def test_they_compile_from_the_last_and_end(tmp_path: Path, processes: int, expected: str) -> None:
     for name in ("first", "last"):
         (tmp_path / f"{name}.py").write_text(ONE.format(name=name), encoding="utf-8")
