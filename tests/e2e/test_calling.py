@@ -9,10 +9,9 @@ import sys
 from pathlib import Path
 
 import pytest
-import yaml
 from builders import write_mcap
 from command import Lidcam
-from results import fused_objects, topics_of
+from results import topics_of
 from small_drive import small_drive
 
 PROGRAM = Path(sys.executable).with_name("lidcam")
@@ -188,24 +187,3 @@ def test_outputs_on_a_full_disk_are_an_error_in_one_line(kib: int, tmp_path: Pat
     assert error.startswith(f"lidcam: error: {out}/out.")
     assert "cannot be written: File too large" in error
     assert list(out.iterdir()) == []
-
-
-def test_a_rig_in_two_files_gives_the_same_bytes(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -> None:
-    """As found in the recording, as `inspect` writes it, and with that in two files."""
-    rig = tmp_path / "rig.yaml"
-    assert lidcam("inspect", sandbox, "--write-rig", rig).code == 0
-    tree = yaml.safe_load(rig.read_text())
-    lenses = {
-        name: {key: camera.pop(key) for key in ("K", "distortion_model", "distortion")}
-        for name, camera in tree["cameras"].items()
-    }
-    (tmp_path / "poses.yaml").write_text(yaml.safe_dump(tree, sort_keys=False))
-    (tmp_path / "lenses.yaml").write_text(yaml.safe_dump({"cameras": lenses}, sort_keys=False))
-    parts = ("--rig", tmp_path / "poses.yaml", "--rig", tmp_path / "lenses.yaml")
-    given = {"found": (), "one": ("--rig", rig), "two": parts}
-    for name, rigs in given.items():
-        run = lidcam("process", sandbox, tmp_path / f"{name}.mcap", "--config", "sandbox", *PART, *rigs)
-        assert run.code == 0, run.err
-    assert any(fused_objects(tmp_path / "one.mcap").values())
-    assert fused_objects(tmp_path / "found.mcap") == fused_objects(tmp_path / "one.mcap")
-    assert (tmp_path / "one.mcap").read_bytes() == (tmp_path / "two.mcap").read_bytes()
