@@ -6,7 +6,7 @@ import pytest
 from hypothesis import settings
 from less_tracing import LessTracing
 
-settings.register_profile("lidcam", deadline=None)
+settings.register_profile("lidcam", deadline=None, max_examples=50)
 settings.load_profile("lidcam")
 
 

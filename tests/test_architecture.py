@@ -1,12 +1,22 @@
 """Who may import whom, and what library code may not do: read from the sources, so that no file can hide."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
-from import_graph import FLOORS, circles, module_name, our_imports, package_of, read_import_graph, room_of, sources
+from import_graph import (
+    FLOORS,
+    ImportGraph,
+    circles,
+    module_name,
+    our_imports,
+    package_of,
+    read_import_graph,
+    room_of,
+    sources,
+)
 
 ROOT = Path(__file__).resolve().parent.parent
-GRAPH = read_import_graph(ROOT)
 MAX_FILES = 16
 
 # Within its floor: what a room may import of the others. Rooms that are not named here may import all of their floor
@@ -29,7 +39,16 @@ def name_of(path: Path) -> str:
     return module_name(path, ROOT)
 
 
-TREES = {name_of(path): ast.parse(path.read_text(encoding="utf-8")) for path in SOURCES}
+@cache
+def graph() -> ImportGraph:
+    return read_import_graph(ROOT)
+
+
+@cache
+def trees() -> dict[str, ast.Module]:
+    return {name_of(path): ast.parse(path.read_text(encoding="utf-8")) for path in SOURCES}
+
+
 PACKAGES = {path.relative_to(ROOT).as_posix() for path in SOURCES if path.name == "__init__.py"}
 
 
@@ -38,16 +57,16 @@ def within(module: str, part: str) -> bool:
 
 
 def test_no_import_points_up() -> None:
-    assert not GRAPH.upward
+    assert not graph().upward
 
 
 def test_no_circles() -> None:
-    assert not circles(GRAPH.modules)
-    assert not circles(GRAPH.arrows)
+    assert not circles(graph().modules)
+    assert not circles(graph().arrows)
 
 
 def test_no_folder_is_a_heap() -> None:
-    assert {folder: count for folder, count in GRAPH.files.items() if count > MAX_FILES} == {}
+    assert {folder: count for folder, count in graph().files.items() if count > MAX_FILES} == {}
 
 
 def test_every_source_is_on_a_floor() -> None:
@@ -73,7 +92,7 @@ def _strays(path: Path, imported: str) -> bool:
 
 
 def test_library_code_neither_prints_nor_exits() -> None:
-    assert {name: found for name, tree in TREES.items() if name not in EXITS and (found := _edges(tree))} == {}
+    assert {name: found for name, tree in trees().items() if name not in EXITS and (found := _edges(tree))} == {}
 
 
 def _edges(tree: ast.Module) -> set[str]:
@@ -83,7 +102,7 @@ def _edges(tree: ast.Module) -> set[str]:
 
 def test_modules_say_what_they_offer_and_offer_it() -> None:
     """Every name in `__all__` is defined or imported at the top of its file."""
-    for name, tree in TREES.items():
+    for name, tree in trees().items():
         exported = _exported(tree)
         assert exported <= _defined(tree), name
         is_package = name.replace(".", "/") + "/__init__.py" in PACKAGES

@@ -9,14 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lidcam.commands.options import (
-    AsJson,
-    JsonFile,
-    Overwrite,
-    Setting,
-    ends_in,
-    with_log_options,
-)
+from lidcam.commands.options import AsJson, JsonFile, Overwrite, Setting, ends_in, with_log_options
 from lidcam.commands.verdict import Verdict
 from lidcam.printing.log import remark_log
 from pipeline.core.errors import LidcamError

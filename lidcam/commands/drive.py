@@ -7,16 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lidcam.commands.options import (
-    Format,
-    Overwrite,
-    RecordingOut,
-    Scenario,
-    Seed,
-    Setting,
-    duration,
-    with_log_options,
-)
+from lidcam.commands.options import Format, Overwrite, RecordingOut, Scenario, Seed, Setting, duration, with_log_options
 from lidcam.commands.simulate import check_simulator
 from lidcam.printing.escaping import visible
 from lidcam.printing.log import progress_log

@@ -5,15 +5,7 @@ from typing import Annotated
 
 import typer
 
-from lidcam.commands.options import (
-    AsJson,
-    JsonFile,
-    Overwrite,
-    Require,
-    Setting,
-    requirement_errors,
-    with_log_options,
-)
+from lidcam.commands.options import AsJson, JsonFile, Overwrite, Require, Setting, requirement_errors, with_log_options
 from lidcam.commands.verdict import Verdict
 
 __all__ = ["EVALUATE_EXAMPLES", "evaluate"]

@@ -7,15 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lidcam.commands.options import (
-    AsJson,
-    ConfigFile,
-    Overwrite,
-    RigFile,
-    Setting,
-    ends_in,
-    with_log_options,
-)
+from lidcam.commands.options import AsJson, ConfigFile, Overwrite, RigFile, Setting, ends_in, with_log_options
 from lidcam.commands.verdict import Verdict, first_of
 from lidcam.printing.log import remark_log
 from readers.location import location

@@ -5,16 +5,7 @@ from typing import Annotated
 
 import typer
 
-from lidcam.commands.options import (
-    Format,
-    Overwrite,
-    RecordingOut,
-    Scenario,
-    Seed,
-    Setting,
-    duration,
-    with_log_options,
-)
+from lidcam.commands.options import Format, Overwrite, RecordingOut, Scenario, Seed, Setting, duration, with_log_options
 from pipeline.core.errors import LidcamError
 
 __all__ = ["SIMULATE_EXAMPLES", "check_simulator", "simulate"]

@@ -9,10 +9,9 @@ import sys
 from pathlib import Path
 
 import pytest
-import yaml
 from builders import write_mcap
 from command import Lidcam
-from results import fused_objects, topics_of
+from results import topics_of
 from small_drive import small_drive
 
 PROGRAM = Path(sys.executable).with_name("lidcam")
@@ -21,9 +20,7 @@ PART = ("--duration", "0.4")
 
 def shell(command: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
     variables = {**os.environ, **environment}
-    return subprocess.run(
-        ["bash", "-c", command], cwd=cwd, env=variables, capture_output=True, text=True, timeout=120, check=False
-    )
+    return subprocess.run(["bash", "-c", command], cwd=cwd, env=variables, capture_output=True, text=True, check=False)
 
 
 def frames_in(path: Path) -> int:
@@ -35,7 +32,6 @@ def frames_in(path: Path) -> int:
     [
         pytest.param("inspect {sandbox}", marks=pytest.mark.traced_processes),
         "process {sandbox} out.mcap --duration 0.4 --print-detections",
-        "process {sandbox} out.mcap --duration 0.4 --json",
         "process {sandbox} out.mcap --duration 0.4 --verbose 2>&1",
     ],
 )
@@ -50,7 +46,7 @@ def test_a_reader_that_leaves_does_not_end_the_run(command: str, sandbox: Path, 
 
 
 @pytest.mark.skipif(shutil.which("script") is None, reason="needs script of util-linux")
-@pytest.mark.parametrize(("option", "has_bar"), [("--json", True), ("--quiet", False), ("--print-matches", False)])
+@pytest.mark.parametrize(("option", "has_bar"), [("--json", True), ("--print-matches", False)])
 def test_a_bar_on_a_terminal(sandbox: Path, tmp_path: Path, option: str, has_bar: bool) -> None:
     command = f"{PROGRAM} process {sandbox} out.mcap {shlex.join(PART)} {option}"
     done = shell(f"script -qec '{command}' /dev/null", tmp_path, COLUMNS="100", TERM="xterm")
@@ -113,11 +109,9 @@ def test_a_path_is_a_file_even_if_a_preset_has_its_name(lidcam: Lidcam, sandbox:
 
 def test_strict(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.mcap"
-    options = ("--config", "sandbox", *PART, "--strict")
-    assert lidcam("process", sandbox, out, *options).code == 0
     cut = tmp_path / "cut.bag"
     cut.write_bytes(sandbox.read_bytes()[:3_000_000])
-    run = lidcam("process", cut, out, *options)
+    run = lidcam("process", cut, out, "--config", "sandbox", *PART, "--strict")
     assert run.code == 1
     assert run.err.splitlines()[-1].startswith(f"lidcam: error: --strict: {cut}: 1 damaged part")
     assert "the outputs are complete" in run.err
@@ -174,16 +168,6 @@ def test_the_demo_prints_what_the_readme_shows(lidcam: Lidcam, tmp_path: Path) -
     assert f"inspect {tmp_path}/a/b/sandbox.bag" in shown
 
 
-def test_a_forgotten_output_does_not_cost_a_recording(lidcam: Lidcam, crossing: Path, tmp_path: Path) -> None:
-    for number in (0, 1):
-        (tmp_path / f"rec_{number}.mcap").write_bytes(crossing.read_bytes())
-    run = lidcam("process", *sorted(tmp_path.glob("rec_*.mcap")))
-    assert run.code == 1
-    assert "rec_1.mcap: exists and is no result of an earlier run" in run.error_line
-    assert (tmp_path / "rec_1.mcap").read_bytes() == crossing.read_bytes()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["rec_0.mcap", "rec_1.mcap"]
-
-
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_standard_output_on_a_full_disk_is_an_error_in_one_line(sandbox: Path, tmp_path: Path) -> None:
     done = shell(f"{PROGRAM} inspect {sandbox} > /dev/full", tmp_path)
@@ -203,24 +187,3 @@ def test_outputs_on_a_full_disk_are_an_error_in_one_line(kib: int, tmp_path: Pat
     assert error.startswith(f"lidcam: error: {out}/out.")
     assert "cannot be written: File too large" in error
     assert list(out.iterdir()) == []
-
-
-def test_a_rig_in_two_files_gives_the_same_bytes(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -> None:
-    """As found in the recording, as `inspect` writes it, and with that in two files."""
-    rig = tmp_path / "rig.yaml"
-    assert lidcam("inspect", sandbox, "--write-rig", rig).code == 0
-    tree = yaml.safe_load(rig.read_text())
-    lenses = {
-        name: {key: camera.pop(key) for key in ("K", "distortion_model", "distortion")}
-        for name, camera in tree["cameras"].items()
-    }
-    (tmp_path / "poses.yaml").write_text(yaml.safe_dump(tree, sort_keys=False))
-    (tmp_path / "lenses.yaml").write_text(yaml.safe_dump({"cameras": lenses}, sort_keys=False))
-    parts = ("--rig", tmp_path / "poses.yaml", "--rig", tmp_path / "lenses.yaml")
-    given = {"found": (), "one": ("--rig", rig), "two": parts}
-    for name, rigs in given.items():
-        run = lidcam("process", sandbox, tmp_path / f"{name}.mcap", "--config", "sandbox", *PART, *rigs)
-        assert run.code == 0, run.err
-    assert any(fused_objects(tmp_path / "one.mcap").values())
-    assert fused_objects(tmp_path / "found.mcap") == fused_objects(tmp_path / "one.mcap")
-    assert (tmp_path / "one.mcap").read_bytes() == (tmp_path / "two.mcap").read_bytes()

@@ -21,8 +21,6 @@ from small_scenario import write_small_scenario
 from pipeline.core.ros.typestores import message_types
 
 PROGRAM = Path(sys.executable).with_name("lidcam")
-PATIENCE_S = 300.0
-"""A program that shows nothing for so long hangs."""
 
 
 @dataclass
@@ -37,7 +35,6 @@ class Driver:
 
     def look(self) -> bool:
         """Read what is shown; false once nobody shows anything any more."""
-        assert select.select([self.hand], [], [], PATIENCE_S)[0], self.shown
         try:
             self.shown += os.read(self.hand, 4096)
         except OSError:  # the program has closed the terminal
@@ -51,9 +48,9 @@ class Driver:
 
     def press(self, key: str) -> None:
         """Press a key, and look on until the simulation has gone on with it."""
-        while select.select([self.hand], [], [], 0)[0]:  # what was shown before the key, which may be a while ago
-            assert self.look(), self.shown
         os.write(self.hand, key.encode())
+        while select.select([self.hand], [], [], 0)[0]:  # what was shown before the key
+            assert self.look(), self.shown
         begin_s = self.now_s()
         while self.now_s() < begin_s + 0.3:
             assert self.look(), self.shown

@@ -16,15 +16,6 @@ from pipeline.core.compiled.functions import cache_folder
 
 pytestmark = pytest.mark.skipif(bool(NEEDS), reason=NEEDS)
 
-MODULES = """
-import sys
-from lidcam.__main__ import main
-try:
-    main()
-finally:
-    print("onnxruntime" in sys.modules, file=sys.stderr)
-"""
-
 
 @pytest.fixture
 def home(tmp_path: Path) -> Path:
@@ -47,7 +38,6 @@ def watched(home: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
         capture_output=True,
         text=True,
         check=False,
-        timeout=120,
     )
 
 
@@ -65,21 +55,13 @@ def test_the_watch_sees_native_code_and_children(home: Path, code: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("command", "loads_onnxruntime"),
-    [
-        ("--help", False),
-        ("inspect BAG", False),
-        ("config list", False),
-        ("process BAG out.mcap --duration 0.3 --rerun out.rrd", False),
-        ("process BAG out.mcap --duration 0.3 --model-2d net.onnx", True),
-    ],
+    "command", ["--help", "inspect BAG", "process BAG out.mcap --duration 0.3 --rerun out.rrd --model-2d net.onnx"]
 )
-def test_nothing_is_let_out(sandbox: Path, home: Path, command: str, loads_onnxruntime: bool) -> None:
+def test_nothing_is_let_out(sandbox: Path, home: Path, command: str) -> None:
     write_yolox(home.parent / "net.onnx", np.zeros((84, 85), np.float32), size_px=(64, 64))
     arguments = [str(sandbox) if word == "BAG" else word for word in command.split()]
-    done = watched(home, "-c", MODULES, *arguments)
+    done = watched(home, "-m", "lidcam", *arguments)
     assert done.returncode == 0, done.stderr
-    assert done.stderr.splitlines()[-1] == str(loads_onnxruntime)
     assert list(home.iterdir()) == []
 
 

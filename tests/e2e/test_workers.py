@@ -30,8 +30,6 @@ pipeline.parallel.run.START_S = 0.0
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it in what it runs in the background
 main()
 """
-PATIENCE_S = 300.0
-"""A program that does nothing for so long hangs."""
 
 
 @pytest.fixture
@@ -53,9 +51,7 @@ def run(sandbox: Path, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 def wait_for(condition: Callable[[], object]) -> None:
-    until = time.monotonic() + PATIENCE_S
     while not condition():
-        assert time.monotonic() < until
         time.sleep(0.01)
 
 
@@ -63,6 +59,7 @@ def other_process(run: subprocess.Popen[str]) -> int:
     found: list[int] = []
 
     def is_there() -> bool:
+        assert run.poll() is None
         for pid in Path(f"/proc/{run.pid}/task/{run.pid}/children").read_text(encoding="ascii").split():
             with suppress(OSError):  # some library asks a short-lived program for the kind of the processor
                 if len([*Path(f"/proc/{pid}/task").iterdir()]) == 3:  # one works, one sends, one receives
@@ -90,7 +87,7 @@ def test_a_process_that_is_killed_ends_the_run_with_one_line(run: subprocess.Pop
     other = other_process(run)
     assert is_at_work(run)
     os.kill(other, signal.SIGKILL)
-    _, told = run.communicate(timeout=PATIENCE_S)
+    _, told = run.communicate()
     errors = [line for line in told.splitlines() if line.startswith("lidcam: error:")]
     assert errors == [
         "lidcam: error: a worker process was ended by SIGKILL, perhaps for lack of memory; end other programs, or set "
@@ -110,7 +107,7 @@ def test_a_signal_ends_all_processes_at_once(
     other = other_process(run)
     assert is_at_work(run)
     (os.killpg if to_group else os.kill)(run.pid, number)
-    _, told = run.communicate(timeout=PATIENCE_S)
+    _, told = run.communicate()
     assert told.splitlines()[-1] == f"lidcam: {line}"
     assert "Traceback" not in told
     assert (run.returncode, [*tmp_path.iterdir()]) == (128 + number, [])

@@ -4,10 +4,8 @@ import pickle
 import re
 import subprocess
 import sys
-from concurrent.futures import ProcessPoolExecutor
 from importlib import import_module
 from itertools import takewhile
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -121,18 +119,6 @@ def test_inspection(run: lidcam.RunResult) -> None:
     assert [lidar.name for lidar in found.rig.lidars] == [lidar.name for lidar in run.report.sensors.rig.lidars]
     assert {topic.topic for topic in found.topics} >= set(run.report.inputs.messages_used)
     assert pickle.loads(pickle.dumps(found)).files == found.files
-
-
-def test_a_job_runs_in_another_process(run: lidcam.RunResult) -> None:
-    job = lidcam.make_job(SANDBOX, config=CONFIG, duration_s=0.5, workers=1)
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        report = pool.submit(lidcam.process_recording, job).result()
-    assert report.frames.count == run.frames
-    assert report.frames.objects == run.report.frames.objects
-    assert report.drops.messages == run.drops
-    np.testing.assert_array_equal(
-        report.sensors.rig.lidars[0].T_site_lidar.matrix, run.report.sensors.rig.lidars[0].T_site_lidar.matrix
-    )
 
 
 @pytest.mark.parametrize("library", ["pandas", "polars", "pyarrow"])

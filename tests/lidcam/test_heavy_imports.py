@@ -36,9 +36,8 @@ def test_the_package_imports_nothing_before_it_is_used() -> None:
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "\n"
 
 
-@pytest.mark.parametrize("recording", ["sandbox.bag", "crossing.mcap"])
-def test_inspect_imports_what_reads(recording: str) -> None:
-    assert imported("inspect", str(BAGS / recording)) <= {"numpy", "rich", "rosbags"}
+def test_inspect_imports_what_reads() -> None:
+    assert imported("inspect", str(BAGS / "crossing.mcap")) <= {"numpy", "rich", "rosbags"}
 
 
 def test_config_compiles_nothing() -> None:

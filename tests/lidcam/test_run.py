@@ -109,7 +109,7 @@ def assert_all_accounted_for(summary: RunReport, messages: Sequence[RawMessage],
     ),
     st.integers(1, 3),
 )
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_every_message_is_used_or_dropped(
     policy: str, recorded: list[tuple[str, int, int, bool]], queue_size: int
 ) -> None:

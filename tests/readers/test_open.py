@@ -114,7 +114,7 @@ def test_a_recording_without_messages_opens(tmp_path: Path, kind: str) -> None:
         assert (recording.message_count, recording.start_ns, recording.end_ns, recording.topics) == (0, 0, 0, ())
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     offsets=st.lists(st.integers(0, 5), min_size=1, max_size=12),
     cuts=st.sets(st.integers(0, 12), max_size=3),

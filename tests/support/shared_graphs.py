@@ -72,15 +72,9 @@ def _die(frame: Frame) -> object:
     return None
 
 
-def _hang(frame: Frame) -> object:
-    if os.getpid() != frame.reader:
-        time.sleep(60)
-    return None
-
-
 DEEDS: dict[str, Callable[[Frame], object]] = {
     deed.__name__.removeprefix("_"): deed
-    for deed in (_message_error, _unsendable_error, _no_memory, _unsendable_output, _log, _die, _hang)
+    for deed in (_message_error, _unsendable_error, _no_memory, _unsendable_output, _log, _die)
 }
 
 

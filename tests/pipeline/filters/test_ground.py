@@ -157,7 +157,7 @@ def test_no_ground(points: F64) -> None:
 # --- properties
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(roll=st.floats(-8, 8), pitch=st.floats(-8, 8), depth_m=st.floats(1, 8), seed=st.integers(0, 5))
 def test_a_tilted_floor_with_clutter_is_recovered(roll: float, pitch: float, depth_m: float, seed: int) -> None:
     rng = np.random.default_rng(9)

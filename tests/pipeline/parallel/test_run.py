@@ -196,7 +196,7 @@ def test_no_interpreter_to_start(monkeypatch: pytest.MonkeyPatch, path: str, fau
 @ways
 def test_a_process_that_hangs_does_not_hold_up_the_end() -> None:
     before = children()
-    found = alone(partial(make_graph, "hang", 3))
+    found = alone(make_graph)
     next(found)
     (process,) = set(children()) - set(before)
     os.kill(int(process), signal.SIGSTOP)  # it neither answers nor ends

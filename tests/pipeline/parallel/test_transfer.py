@@ -31,7 +31,7 @@ SIZES = st.sampled_from([0, 1, 100, BESIDE_BYTES - 1, BESIDE_BYTES, 300_000])
 
 
 @given(sizes=st.lists(SIZES, max_size=6), dtype=st.sampled_from(["u1", "<f8", ">i2"]), view=st.booleans())
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_values_arrive_as_they_were(
     pair: tuple[socket.socket, socket.socket], sizes: list[int], dtype: str, view: bool
 ) -> None:
@@ -86,7 +86,7 @@ def test_a_frame_is_sent_without_waiting_for_the_other_end() -> None:
     with one, other:
         if one.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF) < HELD_BYTES:
             pytest.skip("the system holds less")
-        one.settimeout(120)
+        one.setblocking(False)  # to wait would be an error
         send(one, np.full(HELD_BYTES // 2, 7, np.uint8))
         found = receive(other)
     assert isinstance(found, np.ndarray)

@@ -303,7 +303,7 @@ def test_identity_extrinsics_and_no_filters_return_every_point(first: F32, secon
     assert_consistent(combined)
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(yaw_deg=st.floats(-180, 180), x=st.floats(-50, 50), y=st.floats(-50, 50), seed=st.integers(0, 3))
 def test_turning_the_rig_turns_the_result(yaw_deg: float, x: float, y: float, seed: int) -> None:
     turn = pose((x, y, 0), (0, 0, yaw_deg))

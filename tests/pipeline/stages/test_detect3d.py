@@ -105,7 +105,7 @@ def test_covariances_are_positive_definite_and_counts_are_those_of_the_cloud() -
     bearing=st.floats(-3.0, 3.0),
     range_m=st.floats(7.0, 18.0),
 )
-@settings(max_examples=15, deadline=None, derandomize=True)
+@settings(max_examples=15, derandomize=True)
 def test_turning_and_shifting_the_scene_turns_and_shifts_the_boxes(
     yaw: float, turn: float, shift: tuple[float, float], bearing: float, range_m: float
 ) -> None:

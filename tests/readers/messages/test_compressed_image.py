@@ -6,7 +6,7 @@ import builders
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.core.arrays import Array
@@ -131,7 +131,6 @@ def plain(width: int, height: int, suffix: str, *options: int, channels: int = 3
     return bytes(np.asarray(cv2.imencode(suffix, pixels, [*options])[1]).tobytes())
 
 
-@settings(deadline=None)
 @given(width=st.integers(1, 300), height=st.integers(1, 300), suffix=st.sampled_from(SUFFIXES[:5]))
 def test_the_size_is_that_of_the_decoded_image(width: int, height: int, suffix: str) -> None:
     data = plain(width, height, suffix)

@@ -3,7 +3,7 @@ from typing import Any
 import builders
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.core.arrays import Array
@@ -41,7 +41,6 @@ def changed(encoding: str = "rgb8", **changes: Any) -> RawMessage:
 # --- colour and grey
 
 
-@settings(max_examples=100, deadline=None)
 @given(st.sampled_from([*ORDERS, *GREYS]), SIDE, SIDE, st.integers(0, 7), st.booleans(), st.integers(0, 99))
 def test_values_as_numpy_reorders_them(
     encoding: str, height: int, width: int, row_padding: int, is_bigendian: bool, seed: int
@@ -192,7 +191,6 @@ def test_missing_padding_of_the_last_row_is_no_fault() -> None:
     np.testing.assert_array_equal(rgb[3, 5], data[-3:])
 
 
-@settings(max_examples=100, deadline=None)
 @given(
     st.sampled_from([*PACKED, *PLANAR]), st.integers(0, 9), st.integers(0, 9), st.integers(0, 80), st.integers(0, 400)
 )

@@ -5,7 +5,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from builders import POINT_FIELD_DATATYPES, Fields
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.core.arrays import Array
@@ -93,7 +93,6 @@ def layouts(draw: st.DrawFn) -> tuple[Fields, Array]:
     return body, table.reshape(-1)
 
 
-@settings(max_examples=150, deadline=None)
 @given(layouts())
 def test_any_layout_reads_as_numpy_reads_it(case: tuple[Fields, Array]) -> None:
     body, table = case

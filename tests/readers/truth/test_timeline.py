@@ -87,7 +87,7 @@ def test_one_lost_message_is_bridged_but_no_more() -> None:
     assert x_of(line.at(3 * PERIOD_NS - PERIOD_NS // 20)) == [3.0]
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(1, PERIOD_NS - 1), st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.permutations([1, 2, 3]))
 def test_interpolation_is_that_of_each_object(stamp_ns: int, yaw: float, turn: float, ids: list[int]) -> None:
     share = stamp_ns / PERIOD_NS

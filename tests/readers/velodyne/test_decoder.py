@@ -116,7 +116,7 @@ def same(one: PointCloud, other: PointCloud, rows: slice) -> None:
     )
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.sampled_from(["VLP-16", "HDL-32E", "VLP-32C"]), st.sampled_from([0x38, 0x39]), st.integers(1, 19))
 def test_cut_anywhere_the_parts_are_the_whole(name: str, mode: int, cut: int) -> None:
     payload, stamps_ns = random_packets(name, mode=mode, packets=20)

@@ -6,7 +6,7 @@ import builders
 import numpy as np
 import pytest
 from helpers import shared
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from memory_recording import MemoryRecording
 from velodyne import START_NS, packet_stream, random_packets, recorded_scans
@@ -213,7 +213,6 @@ def test_messages_wait_for_open_sweeps_only() -> None:
     assert taken == 6
 
 
-@settings(max_examples=100, deadline=None)
 @given(st.data())
 def test_any_stream_keeps_every_packet_and_message_in_order(data: st.DataObject) -> None:
     azimuths = data.draw(st.lists(st.integers(0, 36_100), max_size=40))

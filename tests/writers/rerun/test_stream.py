@@ -23,7 +23,6 @@ from writers.rerun.stream import RerunStream
 from writers.rerun.writer import RerunResultWriter
 
 WRITE_BYTES = 4000
-HANGING_S = 300.0
 
 
 class Disk(FileIO):
@@ -39,7 +38,7 @@ class Disk(FileIO):
     def write(self, data: Any, /) -> int:
         if self.left <= 0:
             raise OSError(errno.ENOSPC, "No space left on device")
-        assert self.goes_on.wait(HANGING_S)
+        self.goes_on.wait()
         count = super().write(memoryview(data)[: min(WRITE_BYTES, self.left)])
         self.left -= count
         return count

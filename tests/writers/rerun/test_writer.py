@@ -56,7 +56,7 @@ def rerun(home: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str
     """Rerun's own command, with its settings in a folder of the test."""
     environment = {"HOME": str(home), "XDG_CONFIG_HOME": str(home), "XDG_DATA_HOME": str(home), "PATH": "/usr/bin:/bin"}
     command = [str(RERUN), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, env=environment, check=False, timeout=300)
+    return subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
 
 
 def printed(home: Path, detail: str = "-v") -> str:

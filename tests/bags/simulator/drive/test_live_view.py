@@ -21,7 +21,7 @@ RIDING = {"mounted_on": "car2", "position_m": [0.0, 0.0, 0.4]}
 def printed(path: Path) -> str:
     environment = {"HOME": str(path.parent), "PATH": "/usr/bin:/bin"}
     command = [str(RERUN), "rrd", "print", "-v", str(path)]
-    return subprocess.run(command, capture_output=True, text=True, env=environment, check=True, timeout=300).stdout
+    return subprocess.run(command, capture_output=True, text=True, env=environment, check=True).stdout
 
 
 @pytest.mark.parametrize("version", [1, 2])

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from meshes import open_edges, signed_volume
 from scipy.sparse import coo_matrix
@@ -125,7 +125,6 @@ def test_every_part_is_closed_and_faces_outwards(name: str) -> None:
         assert signed_volume(part.mesh) > 0
 
 
-@settings(deadline=None)
 @given(steering=st.floats(-0.48, 0.48))
 def test_both_front_wheels_roll_about_one_centre(steering: float) -> None:
     shape = SHAPES["car"]

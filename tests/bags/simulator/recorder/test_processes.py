@@ -41,7 +41,7 @@ def test_without_sensors_there_is_one_worker_with_nothing_to_do() -> None:
 
 
 @pytest.mark.traced_processes
-def test_a_process_measures_what_this_one_would() -> None:
+def test_a_process_measures_what_this_one_would_and_ends() -> None:
     commands = {"car1": AckermannCommand(0.3, 0.1)}
     stage = Stage(task().scenario, driven=("car1",))
     sensing = Sensing(stage, task())
@@ -51,6 +51,8 @@ def test_a_process_measures_what_this_one_would() -> None:
     with SensingProcess(task()) as process:
         process.ask(UNTIL_NS, commands, start_limit_ns=UNTIL_NS)
         there = process.answer()
+    with pytest.raises(ProcessLookupError):
+        os.kill(process.pid, 0)  # it ends with its block
     assert len(here) == len(there) > 1
     for mine, its in zip(here, there, strict=True):
         np.testing.assert_array_equal(mine.hits, its.hits)
@@ -67,10 +69,13 @@ def test_its_errors_come_out() -> None:
             process.answer()
 
 
-def test_a_process_that_was_killed_is_told_of() -> None:
+def test_ctrl_c_and_a_closed_terminal_are_its_parents_business_and_that_it_was_killed_is_told() -> None:
     with SensingProcess(task()) as process:
+        os.kill(process.pid, signal.SIGINT)
+        os.kill(process.pid, signal.SIGHUP)
         process.ask(UNTIL_NS, {}, start_limit_ns=UNTIL_NS)
-        process.answer()
+        assert len(process.answer()) > 1
+        assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) & {signal.SIGINT, signal.SIGHUP} == set()
         os.kill(process.pid, signal.SIGKILL)
 
         def ask_again() -> None:
@@ -79,19 +84,3 @@ def test_a_process_that_was_killed_is_told_of() -> None:
 
         with pytest.raises(LidcamError, match="a simulation process died with exit code -9"):
             ask_again()
-
-
-def test_it_ends_with_its_block() -> None:
-    with SensingProcess(task()) as process:
-        os.kill(process.pid, 0)  # it is there
-    with pytest.raises(ProcessLookupError):
-        os.kill(process.pid, 0)
-
-
-def test_ctrl_c_and_a_closed_terminal_are_its_parents_business() -> None:
-    with SensingProcess(task()) as process:
-        os.kill(process.pid, signal.SIGINT)
-        os.kill(process.pid, signal.SIGHUP)
-        process.ask(UNTIL_NS, {}, start_limit_ns=UNTIL_NS)
-        assert len(process.answer()) > 1
-    assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) & {signal.SIGINT, signal.SIGHUP} == set()

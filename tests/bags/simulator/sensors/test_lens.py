@@ -1,3 +1,5 @@
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -14,10 +16,11 @@ LENSES: dict[str, tuple[DistortionModel, tuple[float, ...], float]] = {
 }
 
 
-def lens_model(name: str) -> CameraModel:
+@cache
+def lens_of(name: str) -> Lens:
     kind, distortion, focal = LENSES[name]
     matrix = np.array([[focal, 0, 322.1], [0, focal + 1.5, 238.7], [0, 0, 1.0]])
-    return CameraModel("optical", 640, 480, matrix, kind, np.array(distortion))
+    return Lens(CameraModel("optical", 640, 480, matrix, kind, np.array(distortion)))
 
 
 def pixel_centers() -> F64:
@@ -27,7 +30,7 @@ def pixel_centers() -> F64:
 
 @pytest.mark.parametrize("name", LENSES)
 def test_rays_come_back_to_their_pixels(name: str) -> None:
-    lens = Lens(lens_model(name))
+    lens = lens_of(name)
     pixels, valid = lens.model.project(3.7 * lens.directions[lens.covered])
     assert valid.all()
     assert np.abs(pixels - pixel_centers()[lens.covered]).max() < 0.01
@@ -37,7 +40,7 @@ def test_rays_come_back_to_their_pixels(name: str) -> None:
 
 @pytest.mark.parametrize("name", LENSES)
 def test_rays_beside_pixels_come_back_beside_them(name: str) -> None:
-    lens = Lens(lens_model(name))
+    lens = lens_of(name)
     inner = np.flatnonzero(lens.covered.reshape(480, 640)[2:-2, 2:-2].reshape(-1))
     inner = (inner // 636 + 2) * 640 + inner % 636 + 2
     around = np.stack([lens.covered[inner + step] for step in (-641, -640, -639, -1, 1, 639, 640, 641)]).all(0)
@@ -57,7 +60,7 @@ def test_pixels_outside_of_the_image_circle_are_not_covered() -> None:
 
 @pytest.mark.parametrize("name", LENSES)
 def test_window_holds_every_pixel_that_looks_into_a_hull(name: str) -> None:
-    lens = Lens(lens_model(name))
+    lens = lens_of(name)
     random = np.random.default_rng(5)
     for _ in range(15):
         middle = random.uniform([-3, -2, -1.0], [3, 2, 8.0])
@@ -77,7 +80,7 @@ def test_window_holds_every_pixel_that_looks_into_a_hull(name: str) -> None:
 
 @pytest.mark.parametrize("name", LENSES)
 def test_what_may_not_be_seen_is_not_in_the_image(name: str) -> None:
-    lens = Lens(lens_model(name))
+    lens = lens_of(name)
     random = np.random.default_rng(7)
     hidden = 0
     for _ in range(200):
@@ -92,7 +95,7 @@ def test_what_may_not_be_seen_is_not_in_the_image(name: str) -> None:
 
 
 def test_window_of_what_is_behind_is_empty() -> None:
-    lens = Lens(lens_model("none"))
+    lens = lens_of("none")
     assert lens.window(np.array([[0.0, 0, -1], [1, 0, -2]])) == (0, 0, 0, 0)
     left, _, right, _ = lens.window(np.array([[50.0, 0, 1], [60, 0, 2]]))
     assert right <= left

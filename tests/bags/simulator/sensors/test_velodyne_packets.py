@@ -31,7 +31,7 @@ def some_ranges(of: VelodyneSensor, packets: int, seed: int = 0) -> tuple[F64, U
     return ranges_m, rng.integers(0, 256, shape).astype(np.uint8)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     st.sampled_from(["VLP-16", "HDL-32E", "VLP-32C"]),
     st.sampled_from(["strongest", "last"]),

@@ -96,7 +96,7 @@ def test_what_is_hidden_altogether_has_a_whole_box_only() -> None:
 
 
 @pytest.mark.parametrize("lens", LENSES)
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(x=st.floats(2.5, 9.0), across=st.floats(-1.2, 1.2), height=st.floats(-1.0, 1.5))
 def test_truncation_is_the_share_of_the_box_outside(lens: str, x: float, across: float, height: float) -> None:
     size = (0.8, 1.0, 0.9)

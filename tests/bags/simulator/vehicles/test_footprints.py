@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
@@ -39,7 +39,6 @@ def room_in_both(one: Rectangle, other: Rectangle) -> float:
     return float(best.x[2])
 
 
-@settings(deadline=None)
 @given(RECTANGLE, RECTANGLE)
 def test_rectangles_overlap_where_there_is_room_in_both(one: Rectangle, other: Rectangle) -> None:
     room_m = room_in_both(one, other)

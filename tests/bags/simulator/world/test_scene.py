@@ -32,7 +32,7 @@ def one_by_one(world: Scene, rays: Rays) -> list[Hits]:
     return [world.cast(rays.select(np.array([row]))) for row in range(len(rays))]
 
 
-@settings(max_examples=10, deadline=None, derandomize=True)
+@settings(max_examples=10, derandomize=True)
 @given(st.integers(0, 1000))
 def test_a_box_that_moves_and_turns_is_where_it_is_at_the_time_of_each_ray(seed: int) -> None:
     size = (4.0, 2.0, 1.5)

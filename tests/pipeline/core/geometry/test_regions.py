@@ -10,7 +10,7 @@ from pipeline.core.geometry.regions import points_in_footprints
 
 
 @given(seed=st.integers(0, 10_000), points=st.integers(0, 300), boxes=st.integers(0, 6))
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(derandomize=True)
 def test_pairs_are_those_of_shapely(seed: int, points: int, boxes: int) -> None:
     rng = np.random.default_rng(seed)
     xyz, centers = rng.uniform(-6, 6, (points, 3)).astype(np.float32), rng.uniform(-5, 5, (boxes, 2))

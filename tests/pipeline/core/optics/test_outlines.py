@@ -43,7 +43,6 @@ def points_in_camera(box: F64, signs: F64, offsets: F64, turn: F64, move: F64) -
     return np.asarray((along @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]) + [x, y, z]) @ turn.T + move)
 
 
-@settings(max_examples=40)
 @given(st.integers(0, 2**31))
 def test_edges_are_those_around_all_points(seed: int) -> None:
     boxes, rows, signs, offsets, turns, moves = made_up(seed)
@@ -79,7 +78,6 @@ def test_one_outline_for_all(shared: bool) -> None:
         np.testing.assert_array_equal(found, same)
 
 
-@settings(max_examples=60)
 @given(st.integers(0, 2**31))
 def test_rectangles_of_boxes_are_those_of_each_camera(seed: int) -> None:
     random = np.random.default_rng(seed)

@@ -41,7 +41,7 @@ def test_clusters_of_a_few_points(points: F64, distance_m: list[float], expected
 
 
 @given(points=arrays(np.int64, st.tuples(st.integers(2, 40), st.just(3)), elements=st.integers(-6, 6)))
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(derandomize=True)
 def test_clusters_are_those_of_single_linkage(points: I64) -> None:
     # Whole numbers and a distance of 1.2 keep every point in a cell of its own, so that scipy judges the same problem.
     exact = points.astype(np.float64)
@@ -78,7 +78,7 @@ def test_absurd_places_and_distances(furthest_m: float) -> None:
 
 
 @given(seed=st.integers(0, 1000))
-@settings(max_examples=20, deadline=None, derandomize=True)
+@settings(max_examples=20, derandomize=True)
 def test_order_of_points_changes_nothing(seed: int) -> None:
     rng = np.random.default_rng(seed)
     points, distance = rng.uniform(-5, 5, (300, 3)), rng.uniform(0.2, 1.0, 300)

@@ -26,7 +26,7 @@ def off_deg(found: float, true: float) -> float:
 
 
 @given(angle=st.floats(-4.0, 4.0))
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(derandomize=True)
 def test_corner_at_any_heading(angle: float) -> None:
     rectangles = fit_rectangles(corner(angle), ONE)
     assert off_deg(rectangles.angle_rad[0], angle) <= 1.0

@@ -77,7 +77,7 @@ CLOSE = st.tuples(
 
 
 @given(rows=st.lists(CLOSE, max_size=8), seed=st.integers(0, 9))
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(derandomize=True)
 def test_objects_on_top_of_each_other_differ_in_nothing_from_themselves(rows: list[Row], seed: int) -> None:
     rng = np.random.default_rng(seed)
     found = objects(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from evaluation_scenes import boxes3d, evaluated, truth3d
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.core.geometry.rotated_iou import ious
@@ -86,7 +86,6 @@ def random_frames(seed: int, score_steps: int) -> list[EvaluationFrame]:
     return frames
 
 
-@settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), score_steps=st.sampled_from([4, 1000]))
 def test_equal_to_the_definition(seed: int, score_steps: int) -> None:
     frames = random_frames(seed, score_steps)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from evaluation_scenes import evaluated, image, truth2d
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.core.geometry.boxes import iou_xyxy
@@ -106,7 +106,6 @@ def plain_counts(shown: ImageBoxes, limit: float) -> tuple[int, int]:
     return right, false
 
 
-@settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_equal_to_matching_image_by_image(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -79,7 +79,7 @@ def leaves(tree: Any, left_out: tuple[str, ...] = (), beginning: str = "") -> di
     return found
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(seed=SEEDS)
 def test_the_order_in_a_frame_does_not_matter(seed: int) -> None:
     shown = frame(seed)
@@ -93,7 +93,7 @@ def test_the_order_in_a_frame_does_not_matter(seed: int) -> None:
     assert not changed_figures(figures(shown), figures(turned))
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(seed=SEEDS)
 def test_scores_matter_by_their_order_alone(seed: int) -> None:
     shown = frame(seed)
@@ -105,7 +105,7 @@ def test_scores_matter_by_their_order_alone(seed: int) -> None:
     assert {name for name in differing if name.rpartition(".")[2] not in of_scores} == set()
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(seed=SEEDS, count=st.integers(0, 3))
 def test_what_is_ignored_changes_only_counts_of_the_ignored(seed: int, count: int) -> None:
     shown = frame(seed)
@@ -128,7 +128,7 @@ def test_what_is_ignored_changes_only_counts_of_the_ignored(seed: int, count: in
     assert after["all"]["ignored"] == before["all"]["ignored"] + count
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(seed=SEEDS)
 def test_a_moved_site_keeps_errors_and_precision(seed: int) -> None:
     shown = frame(seed)

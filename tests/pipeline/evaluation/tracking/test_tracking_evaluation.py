@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 from evaluation_frames import frame_of, source_boxes, truth_boxes
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.core.settings.config import Config
@@ -214,7 +214,6 @@ OBJECTS = st.lists(
 )
 
 
-@settings(max_examples=40)
 @given(st.lists(OBJECTS, min_size=1, max_size=5), st.integers(-500, 500))
 def test_counts_add_up_wherever_the_site_lies(crowd: list[list[tuple[Any, ...]]], shift: int) -> None:
     def frames(shift: int) -> list[EvaluationFrame]:

@@ -217,7 +217,7 @@ def test_patience_is_a_setting() -> None:
     arrivals=st.lists(st.tuples(st.integers(0, 3), st.integers(0, 300), st.integers(0, 100)), max_size=50),
     queue_size=st.integers(1, 4),
 )
-@settings(max_examples=200)
+@settings(max_examples=100)
 def test_every_message_is_used_once_or_dropped_once_and_frames_are_in_order(
     policy: Any, arrivals: list[tuple[int, int, int]], queue_size: int
 ) -> None:

@@ -3,7 +3,7 @@ from typing import Any, Literal
 
 import pytest
 from builders import image, odometry, raw, write_mcap
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
@@ -21,7 +21,6 @@ def states(log_times_ns: list[int], topic: str = "/odom") -> list[RawMessage]:
     return [raw(topic, ODOMETRY, odometry(stamp_ns=T0 + i), T0 + i, log) for i, log in enumerate(log_times_ns)]
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     log_times=st.lists(st.integers(0, 20), max_size=40),
     chunk_bytes=st.sampled_from([1, 1500, 4000, 10**6]),

@@ -5,7 +5,7 @@ from typing import Any
 import builders
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.core.errors import MessageError
@@ -45,7 +45,6 @@ def message_of(names: list[str], parts: list[tuple[str, int, int]], numbers: int
     return RawMessage(0, 0, (0, 0), bytes(serialize(whole, "a/msg/A")), channel)
 
 
-@settings(deadline=None)
 @given(
     names=st.lists(st.text(max_size=5), max_size=4),
     parts=st.lists(st.tuples(st.text("ab", max_size=5), st.integers(0, 3), st.integers(0, 3)), max_size=4),
