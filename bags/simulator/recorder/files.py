@@ -112,7 +112,7 @@ def recording_file(
                 yield _mcap_writer(file)
             return
         for name, text in texts.items():
-            outputs[_beside(path, name)].part.write_text(marked_yaml(text), encoding="utf-8")
+            outputs[_beside(path, name)].write_text(marked_yaml(text))
         if format == "ros1":
             bag = Rosbag1Writer(part)
             bag.set_compression(Rosbag1Writer.CompressionFormat.LZ4)
