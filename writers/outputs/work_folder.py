@@ -122,7 +122,8 @@ class WorkFolder:
         for name in sorted(entry.name for entry in os.scandir(self._parent)):
             if name.startswith(folder_prefix(self._target)) and name != self.path.name:
                 try:
-                    self._remove_leftover(name)
+                    with suppress(FileNotFoundError):  # its run has just ended
+                        self._remove_leftover(name)
                 except BlockingIOError:
                     where = self.path.with_name(name)
                     raise OutputError(f"{shown}: is being written by another run, in {where}") from None
