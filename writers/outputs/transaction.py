@@ -3,13 +3,11 @@
 import os
 import stat
 from collections.abc import Callable, Collection, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from pipeline.core.ending import undone_at_once
 from pipeline.core.errors import OutputError
 from writers.outputs.errors import output_errors
 from writers.outputs.work_folder import WorkFolder
@@ -69,8 +67,6 @@ class OutputTransaction:
         self._paths, self._folders, self._check_old = tuple(paths), folders, check_old
         self._targets: dict[Path, Path] = {}
         self._work: dict[Path, WorkFolder] = {}
-        self._undoing = ExitStack()
-        self._is_committing = False
 
     def __enter__(self) -> Self:
         """Make the folders and lock them.
@@ -79,7 +75,6 @@ class OutputTransaction:
             OutputError: an output cannot be written, must not be replaced, or is being written by another run.
         """
         try:
-            self._undoing.enter_context(undone_at_once(self._undo))
             self._open()
         except BaseException:
             self._close()
@@ -97,7 +92,6 @@ class OutputTransaction:
         try:
             if kind is None and self._work:
                 self._sync()
-                self._is_committing = True
                 self._commit()
         finally:
             self._close()
@@ -136,16 +130,10 @@ class OutputTransaction:
             with output_errors(path):
                 self._work[path].give_name()
 
-    def _undo(self) -> None:
-        """Discard the outputs, unless they are getting their names: then an old folder may be in a work folder."""
-        if not self._is_committing:
-            self._close()
-
     def _close(self) -> None:
         for folder in self._work.values():
             folder.close()
         self._work.clear()
-        self._undoing.close()
 
 
 def _resolved(path: Path, *, is_folder: bool) -> Path:

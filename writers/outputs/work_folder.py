@@ -19,6 +19,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
+from pipeline.core.ending import undone_at_once
 from pipeline.core.errors import OutputError
 
 __all__ = ["WorkFolder", "folder_prefix"]
@@ -59,11 +60,11 @@ class WorkFolder:
         self.path = target.with_name(f"{folder_prefix(target)}{secrets.token_hex(4)}")
         self.part = self.path / target.name
         self._target, self._lock_name, self._old_name = target, f"{target.name}.lock", f"{target.name}.old"
-        with ExitStack() as held:
-            self._parent = held.enter_context(_opened(target.parent, FOLDER))
-            os.mkdir(self.path.name, 0o700, dir_fd=self._parent)
-            self._held = held.pop_all()
+        self._held = ExitStack()
+        self._parent = self._held.enter_context(_opened(target.parent, FOLDER))
         try:
+            self._held.enter_context(undone_at_once(self.close))
+            os.mkdir(self.path.name, 0o700, dir_fd=self._parent)
             self._folder = self._held.enter_context(_opened(self.path.name, FOLDER, self._parent))
             lock = self._held.enter_context(_opened(self._lock_name, LOCK | os.O_CREAT | os.O_EXCL, self._folder))
             with suppress(OSError):  # a file system without locks
@@ -92,24 +93,21 @@ class WorkFolder:
         """Put the output, if it was written, in the place of what stands there.
 
         Raises:
-            OSError: the system refuses; what stood there stays.
+            OSError: the system refuses; what stood there stays, or comes back at the end.
         """
-        name, is_folder = self.part.name, self._target.is_dir()
-        if not os.path.lexists(self.part):
-            return
-        if is_folder:  # no system replaces a folder that holds something
-            _move(self._parent, name, self._folder, self._old_name)
-        try:
+        name = self.part.name
+        if os.path.lexists(self.part):
+            if self._target.is_dir():  # no system replaces a folder that holds something
+                _move(self._parent, name, self._folder, self._old_name)
             _move(self._folder, name, self._parent, name)
-        except BaseException:
-            if is_folder:
-                _move(self._folder, self._old_name, self._parent, name)
-            raise
-        _sync_one(self._parent)
+            _sync_one(self._parent)
 
     def close(self) -> None:
         """Remove the folder, and release the lock. Files that the system refuses to remove stay."""
-        shutil.rmtree(self.path.name, ignore_errors=True, dir_fd=self._parent)
+        with suppress(OSError):
+            if (self.path / self._old_name).exists() and not os.path.lexists(self._target):
+                _move(self._folder, self._old_name, self._parent, self.part.name)  # nothing has taken its place
+            shutil.rmtree(self.path.name, ignore_errors=True, dir_fd=self._parent)
         self._held.close()
 
     def _remove_leftovers(self, shown: Path) -> None:

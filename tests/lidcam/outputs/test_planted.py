@@ -96,9 +96,9 @@ def from_clone(source: Path, target: Path) -> Path:
     return target
 
 
-def seen(folder: Path) -> dict[str, tuple[object, ...]]:
+def seen(folder: Path) -> dict[str, tuple[bytes, int, int, int]]:
     """All below a folder: content or target of a link, mode with the kind, owner, time of the last change."""
-    found: dict[str, tuple[object, ...]] = {}
+    found: dict[str, tuple[bytes, int, int, int]] = {}
     for path in sorted(folder.rglob("*")):
         status, content = path.lstat(), b""
         if stat.S_ISREG(status.st_mode):
@@ -155,9 +155,9 @@ def refusal(paths: list[Path]) -> str:
     return ""
 
 
-def is_of_a_run(before: dict[str, tuple[object, ...]]) -> bool:
+def is_of_a_run(before: dict[str, tuple[bytes, int, int, int]]) -> bool:
     """Whether a leftover is there that is empty, or has a lock and an output of plain files."""
-    kinds = {name: stat.S_IFMT(facts[1]) for name, facts in before.items()}  # type: ignore[call-overload]
+    kinds = {name: stat.S_IFMT(facts[1]) for name, facts in before.items()}
     is_folder = kinds.pop(LEFT, 0) == stat.S_IFDIR
     has_lock = not kinds or f"{LEFT}/out.mcap.lock" in kinds
     if kinds.get(f"{LEFT}/out.mcap") == stat.S_IFDIR:

@@ -163,7 +163,7 @@ def refuse_renames(monkeypatch: pytest.MonkeyPatch, of_name: str) -> None:
     rename = os.rename
 
     def refuse(name: str, to_name: str, *, src_dir_fd: int, dst_dir_fd: int) -> None:
-        if name == to_name == of_name:
+        if name == to_name == of_name:  # not the way back of NAME.old
             raise OSError(5, "Input/output error")
         rename(name, to_name, src_dir_fd=src_dir_fd, dst_dir_fd=dst_dir_fd)
 
@@ -251,9 +251,9 @@ sys.exit(done)
 """
 
 
-def killed(step: int, folder: Path) -> int:
+def killed(step: int, folder: Path, program: str = KILLED) -> int:
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    return subprocess.run([sys.executable, "-c", KILLED, str(step), str(folder)], env=environment).returncode
+    return subprocess.run([sys.executable, "-c", program, str(step), str(folder)], env=environment).returncode
 
 
 def test_a_run_killed_at_any_step_leaves_whole_files_and_the_next_one_cleans_up(tmp_path: Path) -> None:
@@ -270,12 +270,39 @@ def test_a_run_killed_at_any_step_leaves_whole_files_and_the_next_one_cleans_up(
         assert len(names_in(tmp_path)) == 3
 
 
-def test_what_ends_the_process_at_once_discards_the_outputs_until_they_get_their_names(tmp_path: Path) -> None:
-    with OutputTransaction([tmp_path / "out.mcap"]) as outputs:
-        outputs[tmp_path / "out.mcap"].part.write_text("half")
-        undo_all()
-        assert names_in(tmp_path) == []
-    assert names_in(tmp_path) == []
+ENDED = KILLED.replace("os.kill(os.getpid(), signal.SIGKILL)", "undo_all(), os._exit(130)").replace(
+    "import os, signal, sys", "import os, signal, sys\nfrom pipeline.core.ending import undo_all"
+)
+
+
+def test_what_ends_the_process_at_once_leaves_outputs_alone(tmp_path: Path) -> None:
+    """At any step, also between two renames: old ones or new ones, and nothing else."""
+    steps = killed(0, tmp_path, ENDED)
+    for step in range(1, steps + 1):
+        write(three(tmp_path), "older")
+        assert killed(step, tmp_path, ENDED) == 130
+        assert {*texts(three(tmp_path))} <= {"older", "new"}
+        assert len(names_in(tmp_path)) == 3
+
+
+def test_an_old_folder_is_back_when_the_process_ends_between_two_renames(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rename = os.rename
+
+    def ended(name: str, to_name: str, *, src_dir_fd: int, dst_dir_fd: int) -> None:
+        if to_name == "bag":
+            monkeypatch.setattr(os, "rename", rename)
+            undo_all()
+            raise KeyboardInterrupt
+        rename(name, to_name, src_dir_fd=src_dir_fd, dst_dir_fd=dst_dir_fd)
+
+    write_folder(tmp_path / "bag", "older")
+    monkeypatch.setattr(os, "rename", ended)
+    with pytest.raises(KeyboardInterrupt):
+        write_folder(tmp_path / "bag", "new")
+    assert (tmp_path / "bag" / "bag.db3").read_text() == "older"
+    assert names_in(tmp_path) == ["bag"]
 
 
 def test_a_file_system_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
