@@ -164,7 +164,8 @@ def _opened(name: str | Path, flags: int, folder: int | None = None) -> Iterator
     try:
         yield descriptor
     finally:
-        os.close(descriptor)
+        with suppress(OSError):  # nothing was written through it
+            os.close(descriptor)
 
 
 def _move(folder: int, name: str, to_folder: int, to_name: str) -> None:

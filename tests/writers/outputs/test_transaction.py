@@ -305,6 +305,18 @@ def test_an_old_folder_is_back_when_the_process_ends_between_two_renames(
     assert names_in(tmp_path) == ["bag"]
 
 
+def test_folders_that_fail_at_close_hide_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    close = os.close
+
+    def closed(descriptor: int) -> None:
+        close(descriptor)
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(os, "close", closed)
+    with pytest.raises(ValueError, match="first"):
+        write(three(tmp_path), "half", ValueError("first"))
+
+
 def test_a_file_system_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two runs may write one output: the last of them wins, and the file is whole."""
 
