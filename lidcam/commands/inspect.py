@@ -66,6 +66,7 @@ def inspect(
     from readers.open import open_recording
     from readers.recording import ReadOptions
     from readers.streams.per_sensor import sensor_messages
+    from writers.outputs.marks import marked_yaml
     from writers.outputs.transaction import OutputTransaction
 
     inputs = tuple(map(location, paths))
@@ -94,7 +95,7 @@ def inspect(
             if not inspection.draft:  # print what was found, and end without any output
                 problem = f"{write_rig}: no rig to write: {inspection.problem}"
                 _print(inspection, Verdict((problem,)), as_json=as_json, repaired=repair is not None)
-            _write_rig(inspection, outputs[write_rig])
+            outputs[write_rig].write_text(marked_yaml(inspection.draft))
             remarks.insert(0, f"wrote {write_rig}")
     for remark in remarks:  # the files have their names now
         remark_log.info("%s", remark)
@@ -126,15 +127,6 @@ def _print(inspection: "Inspection", verdict: Verdict, *, as_json: bool, repaire
         failed = "lidcam could not process it"  # the line before says why
         show_line(out, f"verdict: {failed if verdict.failures else first_of(verdict.incomplete) or sound}")
     verdict.end()
-
-
-def _write_rig(inspection: "Inspection", output: "OutputFile") -> None:
-    """Write a rig to start from."""
-    from writers.outputs.errors import output_errors
-    from writers.outputs.marks import marked_yaml
-
-    with output_errors(output.path):
-        output.part.write_text(marked_yaml(inspection.draft), encoding="utf-8")
 
 
 def _repair(recording: "Recording", output: "OutputFile") -> Iterator[str]:

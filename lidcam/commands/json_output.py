@@ -14,7 +14,6 @@ from lidcam.printing.escaping import json_text
 from lidcam.printing.log import remark_log
 from readers.input_file import InputFile
 from readers.location import Location
-from writers.outputs.errors import output_errors
 from writers.outputs.marks import marked_json
 from writers.outputs.transaction import OutputTransaction
 
@@ -85,8 +84,7 @@ def json_output(
     with OutputTransaction([file], check_old=check_replaced(lambda _: TEXT, overwrite=overwrite)) as outputs:
 
         def write(tree: Any) -> None:
-            with output_errors(file):
-                outputs[file].part.write_text(marked_json(f"{json_text(tree)}\n"), encoding="utf-8")
+            outputs[file].write_text(marked_json(f"{json_text(tree)}\n"))
 
         yield write
     remark_log.info("wrote %s", file)

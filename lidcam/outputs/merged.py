@@ -15,7 +15,6 @@ from writers.drawing import STRONG_SCORE
 from writers.foxglove.layout import foxglove_layout, layout_path
 from writers.mcap.merged import MergedSide, write_merged
 from writers.messages.compared import compared_scene, empty_scene
-from writers.outputs.errors import output_errors
 from writers.outputs.transaction import OutputTransaction
 from writers.viewpoint import SceneSurvey
 
@@ -48,10 +47,8 @@ def write_both(
     with ExitStack() as stack:
         sides = [_side(name, result, stack) for name, result in zip(NAMES, results, strict=True)]
         topics = write_merged(outputs[path], sides, _scenes(comparison, pairs, survey), _metadata(results))
-    layout = outputs[layout_path(path)]
     text = foxglove_layout(results[0].rig, survey, topics, [f"/{name}" for name in NAMES])
-    with output_errors(layout.path):
-        layout.part.write_text(text, encoding="utf-8")
+    outputs[layout_path(path)].write_text(text)
 
 
 def _side(name: str, result: Result, stack: ExitStack) -> MergedSide:

@@ -5,6 +5,8 @@ drawn, lines of progress. A log file gets everything, with times.
 """
 
 import logging
+import os
+import re
 import sys
 import time
 from contextlib import suppress
@@ -32,6 +34,9 @@ verdict_log = logging.getLogger("lidcam.verdict")
 """Why a command that has done its work does not end with 0: always shown, as the last line."""
 
 
+LOG_LINE = re.compile(rb"[-\d]{10}T[:\d]{8}\.\d{3}Z ")
+"""How each line of a log file begins."""
+
 _REMARKS = (remark_log.name, compile_log.name)
 
 
@@ -56,6 +61,7 @@ def configure_logging(verbosity: Verbosity = Verbosity.NORMAL, log_file: Path | 
     handlers: list[logging.Handler] = [_Stderr(verbosity)]
     if log_file is not None:
         try:
+            _check_log(log_file)
             file = logging.FileHandler(log_file, encoding="utf-8")
         except OSError as err:
             raise OutputError(f"{log_file}: expected a log file that can be written: {err.strerror}") from err
@@ -66,6 +72,23 @@ def configure_logging(verbosity: Verbosity = Verbosity.NORMAL, log_file: Path | 
     for name in PACKAGES:
         logging.getLogger(name).setLevel(logging.DEBUG if everything else logging.INFO)
     progress_log.setLevel(logging.ERROR if verbosity == Verbosity.QUIET else logging.NOTSET)
+
+
+def _check_log(path: Path) -> None:
+    """Check that a log can go on in a file: one that is new, empty, or a log; no link, which may lead anywhere.
+
+    Raises:
+        OutputError: it cannot.
+        OSError: it cannot be read.
+    """
+    if not os.path.lexists(path):
+        return
+    if path.is_symlink() or not path.is_file():
+        raise OutputError(f"{path}: expected a log file, found a link, a folder, a device or a pipe")
+    with path.open("rb") as file:
+        head = file.read(len("2026-01-01T00:00:00.000Z "))
+    if head and not LOG_LINE.fullmatch(head):
+        raise OutputError(f"{path}: expected a new file or an earlier log of lidcam, found another file")
 
 
 class _Stderr(logging.Handler):

@@ -186,8 +186,8 @@ def _files(folder: Path) -> dict[str, str]:
 
 
 def _processes(session: int) -> list[str]:
-    """Processes of a session; those that are about to end get a moment."""
-    for _ in range(50):
+    """Processes of a session that do not end: after a kill they see at their next step that their parent is gone."""
+    for _ in range(1000):
         found = []
         for stat in Path("/proc").glob("[0-9]*/stat"):
             with suppress(OSError):

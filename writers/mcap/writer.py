@@ -270,8 +270,7 @@ class McapResultWriter:
     def _written_layout(self, layout: OutputFile) -> Iterator[None]:
         """Writes the layout when the block ends well: it names only topics that the file has."""
         yield
-        with output_errors(layout.path):
-            layout.part.write_text(foxglove_layout(self._rig, self._survey, self._filled), encoding="utf-8")
+        layout.write_text(foxglove_layout(self._rig, self._survey, self._filled))
 
     def _attach(self) -> None:
         self._file.add_metadata(RESULT, self._provenance.metadata())

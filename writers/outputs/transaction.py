@@ -1,23 +1,25 @@
 """The outputs of one run: they get their names when all of them are whole and on the disk."""
 
-import errno
 import os
+import stat
 from collections.abc import Callable, Collection, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from pipeline.core.ending import undone_at_once
 from pipeline.core.errors import OutputError
 from writers.outputs.errors import output_errors
 from writers.outputs.work_folder import WorkFolder
 
 __all__ = ["OutputFile", "OutputTransaction"]
 
-CANNOT_SYNC = {errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP}
-"""Answers of file systems that have no fsync of a folder."""
+
+FOUND = {
+    stat.S_IFREG: "a file",
+    stat.S_IFDIR: "a folder",
+    stat.S_IFLNK: "a link; name what it points to, or choose another name",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +33,15 @@ class OutputFile:
 
     path: Path
     part: Path
+
+    def write_text(self, text: str) -> None:
+        """Write a text as the whole output.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        with output_errors(self.path), self.part.open("x", encoding="utf-8") as file:
+            file.write(text)
 
 
 class OutputTransaction:
@@ -56,8 +67,6 @@ class OutputTransaction:
         self._paths, self._folders, self._check_old = tuple(paths), folders, check_old
         self._targets: dict[Path, Path] = {}
         self._work: dict[Path, WorkFolder] = {}
-        self._undoing = ExitStack()
-        self._is_committing = False
 
     def __enter__(self) -> Self:
         """Make the folders and lock them.
@@ -66,7 +75,6 @@ class OutputTransaction:
             OutputError: an output cannot be written, must not be replaced, or is being written by another run.
         """
         try:
-            self._undoing.enter_context(undone_at_once(self._undo))
             self._open()
         except BaseException:
             self._close()
@@ -84,7 +92,6 @@ class OutputTransaction:
         try:
             if kind is None and self._work:
                 self._sync()
-                self._is_committing = True
                 self._commit()
         finally:
             self._close()
@@ -112,73 +119,41 @@ class OutputTransaction:
                 self._check_old(path)
 
     def _sync(self) -> None:
-        """Wait until the new outputs are on the disk, each with the permissions of what it replaces."""
         for path, target in self._targets.items():
             with output_errors(path):
-                part = self._work[path].part
-                if target.exists():
+                if os.path.lexists(target):
                     self._check_old(path)
-                    if part.exists():
-                        part.chmod(target.stat().st_mode & 0o777)
-                _sync(part.parent)
+                self._work[path].sync()
 
     def _commit(self) -> None:
         for path in reversed(self._paths):
-            target, work = self._targets[path], self._work[path]
-            if not os.path.lexists(work.part):
-                continue  # nothing was written
             with output_errors(path):
-                if target.is_dir():  # no system replaces a folder that holds something
-                    target.rename(work.path / "old")
-                work.part.replace(target)
-                _sync_one(target.parent)
-
-    def _undo(self) -> None:
-        """Discard the outputs, unless they are getting their names: then an old folder may be in a work folder."""
-        if not self._is_committing:
-            self._close()
+                self._work[path].give_name()
 
     def _close(self) -> None:
-        while self._work:
-            _, folder = self._work.popitem()
+        for folder in self._work.values():
             folder.close()
-        self._undoing.close()
+        self._work.clear()
 
 
 def _resolved(path: Path, *, is_folder: bool) -> Path:
-    """The output without links: a link stays, and the file that it points to is replaced.
+    """The output, in a folder without links.
 
     Raises:
-        OutputError: its folder is missing, or something other than a file (a folder) stands there.
+        OutputError: its folder is missing, or something other than a file (a folder) stands there. A link is neither:
+            it may come with a data set, and lead anywhere.
     """
     expected = f"{path}: expected the name of a {'folder' if is_folder else 'file'} to write"
     with output_errors(path):
         try:
-            target = path.resolve()
+            target = path.parent.resolve() / path.name
+            found = stat.S_IFMT(target.lstat().st_mode)
+        except (FileNotFoundError, NotADirectoryError):
+            if not target.parent.is_dir():
+                raise OutputError(f"{path}: the folder {target.parent} does not exist; create it first") from None
         except (ValueError, RuntimeError) as err:  # a null character; links in a circle
             raise OutputError(f"{expected}: {err}") from err
-        if not target.parent.is_dir():
-            raise OutputError(f"{path}: the folder {target.parent} does not exist; create it first")
-        if target.exists() and not (target.is_dir() if is_folder else target.is_file()):
-            found = "a folder" if target.is_dir() else "a file" if target.is_file() else "a device or a pipe"
-            raise OutputError(f"{expected}, found {found}")
+        else:
+            if found != (stat.S_IFDIR if is_folder else stat.S_IFREG):
+                raise OutputError(f"{expected}, found {FOUND.get(found, 'a device or a pipe')}")
     return target
-
-
-def _sync(path: Path) -> None:
-    """Wait until a file, or a folder with all that is in it, is on the disk."""
-    if path.is_dir() and not path.is_symlink():
-        for entry in path.iterdir():
-            _sync(entry)
-    _sync_one(path)
-
-
-def _sync_one(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
-    try:
-        os.fsync(descriptor)
-    except OSError as err:
-        if err.errno not in CANNOT_SYNC:
-            raise
-    finally:
-        os.close(descriptor)

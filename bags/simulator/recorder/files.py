@@ -112,7 +112,7 @@ def recording_file(
                 yield _mcap_writer(file)
             return
         for name, text in texts.items():
-            outputs[_beside(path, name)].part.write_text(marked_yaml(text), encoding="utf-8")
+            outputs[_beside(path, name)].write_text(marked_yaml(text))
         if format == "ros1":
             bag = Rosbag1Writer(part)
             bag.set_compression(Rosbag1Writer.CompressionFormat.LZ4)
@@ -131,14 +131,15 @@ def _beside(path: Path, name: str) -> Path:
 
 
 def _check_folder(path: Path) -> None:
-    """Whether a folder holds a ROS 2 recording and nothing else.
+    """Whether a folder holds the files of a ROS 2 recording and nothing else: no folders, which may hold anything.
 
     Raises:
         OutputError: it does not.
     """
-    names = {file.name for file in path.iterdir()}
-    others = [name for name in names - {"metadata.yaml"} if Path(name).suffix not in {".db3", ".mcap"}]
-    if "metadata.yaml" not in names or others:
+    files = list(path.iterdir())
+    is_known = all(file.name == "metadata.yaml" or file.suffix in {".db3", ".mcap"} for file in files)
+    is_plain = all(file.is_file() and not file.is_symlink() for file in files)
+    if path / "metadata.yaml" not in files or not (is_known and is_plain):
         raise OutputError(f"{path}: exists and holds something other than a ROS 2 recording; choose another name")
 
 

@@ -17,6 +17,7 @@ from bags.simulator.recorder.recorded import Measured, SensingTask
 from bags.simulator.scenario.scenario import Scenario
 from bags.simulator.scenario.sensors import CameraScenario, LidarScenario
 from bags.simulator.vehicles.ackermann import AckermannCommand
+from pipeline.core.ending import undone_at_once
 from pipeline.core.errors import LidcamError
 from readers.velodyne.models import MODELS
 
@@ -55,6 +56,8 @@ class SensingProcess:
             self._process.start()
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        self._undoing = contextlib.ExitStack()
+        self._undoing.enter_context(undone_at_once(self._process.kill))  # it may be in a step, or load libraries
         theirs.close()
         with contextlib.suppress(OSError):  # it has died, which the first request reports
             self._pipe.send(task)
@@ -70,6 +73,7 @@ class SensingProcess:
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
+        self._undoing.close()
 
     @property
     def pid(self) -> int:

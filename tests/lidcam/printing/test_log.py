@@ -71,11 +71,12 @@ def test_stderr(
 @pytest.mark.parametrize("verbosity", [Verbosity.NORMAL, Verbosity.QUIET])
 def test_a_log_file_gets_everything_with_times(tmp_path: Path, verbosity: Verbosity) -> None:
     file = tmp_path / "run.log"
-    file.write_text("what was there\n", encoding="utf-8")
+    before = "2026-01-01T00:00:00.000Z INFO    lidcam.run: of an earlier run"
+    file.write_text(f"{before}\nand more\n", encoding="utf-8")
     configure_logging(verbosity, file)
     tell_everything()
-    first, *lines = file.read_text(encoding="utf-8").splitlines()
-    assert first == "what was there"
+    first, _, *lines = file.read_text(encoding="utf-8").splitlines()
+    assert first == before
     time_of = re.compile(r"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z ")
     assert all(time_of.match(line) for line in lines)
     quiet = verbosity == Verbosity.QUIET
@@ -102,6 +103,15 @@ def test_the_traceback_of_a_bug_is_in_the_file_alone(tmp_path: Path, capsys: pyt
 def test_a_file_that_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="expected a log file that can be written: No such file or directory"):
         configure_logging(Verbosity.NORMAL, tmp_path / "missing" / "run.log")
+
+
+def test_no_other_file_is_appended_to(tmp_path: Path) -> None:
+    """One that the run reads was; links and pipes are in tests/lidcam/outputs/test_planted.py."""
+    file = tmp_path / "truth.txt"
+    file.write_text("0.1 1 2 3")
+    with pytest.raises(OutputError, match=r"truth\.txt: expected a new file or an earlier log of lidcam"):
+        configure_logging(Verbosity.NORMAL, file)
+    assert file.read_text() == "0.1 1 2 3"
 
 
 def test_a_reader_of_stderr_that_left_ends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

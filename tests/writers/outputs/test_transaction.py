@@ -3,7 +3,7 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -56,27 +56,18 @@ def test_a_failure_leaves_the_older_files_and_nothing_else(tmp_path: Path, error
     assert names_in(tmp_path) == ["out.mcap", "out.rrd"]
 
 
-def test_a_link_stays_and_its_file_is_replaced(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("older")
-    (tmp_path / "link").symlink_to("file")
-    write([tmp_path / "link"])
-    assert (tmp_path / "link").is_symlink()
-    assert (tmp_path / "file").read_text() == "whole"
-    assert names_in(tmp_path) == ["file", "link"]
-
-
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
         ("no/out.mcap", "the folder .* does not exist; create it"),
         ("", "found a folder"),
         ("pipe", "expected the name of a file to write, found a device or a pipe"),
-        ("link", "the folder .*nowhere does not exist"),
+        ("link", "found a link; name what it points to"),
         ("x" * 250, "cannot be written: File name too long"),
         ("a\0b", "expected the name of a file to write"),
         ("/proc/out.mcap", "cannot be written"),
     ],
-    ids=["missing folder", "folder", "fifo", "broken link", "too long", "null", "/proc"],
+    ids=["missing folder", "folder", "fifo", "link", "too long", "null", "/proc"],
 )
 def test_an_unusable_name_is_one_clear_line(tmp_path: Path, name: str, expected: str) -> None:
     os.mkfifo(tmp_path / "pipe")
@@ -98,11 +89,10 @@ def test_odd_names_are_names(tmp_path: Path, name: bytes) -> None:
 
 
 def test_one_file_by_two_names_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "out.rrd").symlink_to("out.mcap")
-    (tmp_path / "out.mcap").write_text("older")
-    with pytest.raises(OutputError, match=r"out\.rrd: is the same file as .*out\.mcap; choose another name"):
-        write([tmp_path / "out.mcap", tmp_path / "out.rrd"])
-    assert names_in(tmp_path) == ["out.mcap", "out.rrd"]
+    (tmp_path / "link").symlink_to(tmp_path)
+    with pytest.raises(OutputError, match=r"link/out\.mcap: is the same file as .*out\.mcap; choose another name"):
+        write([tmp_path / "out.mcap", tmp_path / "link" / "out.mcap"])
+    assert names_in(tmp_path) == ["link"]
 
 
 def test_a_second_run_with_an_output_is_refused(tmp_path: Path) -> None:
@@ -168,22 +158,70 @@ def test_a_folder_is_exchanged_as_a_whole(tmp_path: Path) -> None:
         OutputTransaction([beside], folders=[beside]).__enter__()
 
 
+def refuse_renames(monkeypatch: pytest.MonkeyPatch, of_name: str) -> None:
+    """Refuse what renames the output of a name out of a work folder."""
+    rename = os.rename
+
+    def refuse(name: str, to_name: str, *, src_dir_fd: int, dst_dir_fd: int) -> None:
+        if name == to_name == of_name:  # not the way back of NAME.old
+            raise OSError(5, "Input/output error")
+        rename(name, to_name, src_dir_fd=src_dir_fd, dst_dir_fd=dst_dir_fd)
+
+    monkeypatch.setattr(os, "rename", refuse)
+
+
 @pytest.mark.parametrize("refused", [0, 1, 2])
 def test_a_refused_rename_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: int) -> None:
     paths = three(tmp_path)
     write(paths, "older")
-    replace = Path.replace
-
-    def refuse(self: Path, target: Path) -> Path:
-        if target == paths[refused]:
-            raise OSError(5, "Input/output error")
-        return replace(self, target)
-
-    monkeypatch.setattr(Path, "replace", refuse)
+    refuse_renames(monkeypatch, paths[refused].name)
     with pytest.raises(OutputError, match=rf"{paths[refused].name}: cannot be written: Input/output error"):
         write(paths, "whole")
     assert texts(paths) == ["older"] * (refused + 1) + ["whole"] * (2 - refused)
     assert names_in(tmp_path) == sorted(path.name for path in paths)
+
+
+def write_folder(bag: Path, text: str) -> None:
+    with OutputTransaction([bag], folders=[bag]) as outputs:
+        outputs[bag].part.mkdir()
+        (outputs[bag].part / "bag.db3").write_text(text)
+
+
+@pytest.mark.parametrize("name", ["bag", "lock", "old"])
+def test_an_old_folder_is_back_when_the_new_one_is_refused_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    write_folder(tmp_path / name, "first")
+    write_folder(tmp_path / name, "older")
+    refuse_renames(monkeypatch, name)
+    with pytest.raises(OutputError, match=rf"{name}: cannot be written: Input/output error"):
+        write_folder(tmp_path / name, "new")
+    assert (tmp_path / name / "bag.db3").read_text() == "older"
+    assert names_in(tmp_path) == [name]
+
+
+@pytest.mark.parametrize(
+    ("kind", "expected"), [("link", "File exists"), ("folder", "its folder was replaced"), ("nothing", "No such file")]
+)
+def test_a_folder_that_is_replaced_meanwhile_gets_nothing(tmp_path: Path, kind: str, expected: str) -> None:
+    """Whoever may rename the output's folder could lead what is written elsewhere."""
+    path, home = tmp_path / "folder" / "out.mcap", tmp_path / "home"
+    path.parent.mkdir()
+    home.mkdir()
+
+    def replaced() -> None:
+        with OutputTransaction([path]) as outputs:
+            path.parent.rename(tmp_path / "moved")
+            part = outputs[path].part
+            if kind != "nothing":
+                part.parent.mkdir(parents=True)
+            if kind == "link":
+                part.symlink_to(home / "new")
+            outputs[path].write_text("whole")
+
+    with pytest.raises(OutputError, match=rf"out\.mcap: cannot be written: {expected}"):
+        replaced()
+    assert names_in(home) == names_in(tmp_path / "moved") == []
 
 
 KILLED = """
@@ -213,9 +251,9 @@ sys.exit(done)
 """
 
 
-def killed(step: int, folder: Path) -> int:
+def killed(step: int, folder: Path, program: str = KILLED) -> int:
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    return subprocess.run([sys.executable, "-c", KILLED, str(step), str(folder)], env=environment).returncode
+    return subprocess.run([sys.executable, "-c", program, str(step), str(folder)], env=environment).returncode
 
 
 def test_a_run_killed_at_any_step_leaves_whole_files_and_the_next_one_cleans_up(tmp_path: Path) -> None:
@@ -232,39 +270,51 @@ def test_a_run_killed_at_any_step_leaves_whole_files_and_the_next_one_cleans_up(
         assert len(names_in(tmp_path)) == 3
 
 
-def test_what_ends_the_process_at_once_discards_the_outputs_until_they_get_their_names(tmp_path: Path) -> None:
-    with OutputTransaction([tmp_path / "out.mcap"]) as outputs:
-        outputs[tmp_path / "out.mcap"].part.write_text("half")
-        undo_all()
-        assert names_in(tmp_path) == []
-    assert names_in(tmp_path) == []
+ENDED = KILLED.replace("os.kill(os.getpid(), signal.SIGKILL)", "undo_all(), os._exit(130)").replace(
+    "import os, signal, sys", "import os, signal, sys\nfrom pipeline.core.ending import undo_all"
+)
 
 
-def test_folders_that_lie_there(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """What killed runs have left is removed, nothing that a link points to, and nothing that only looks like it."""
-    home, left = tmp_path / "home", tmp_path / ".out.mcap.lidcam-left"
-    home.mkdir()
-    (home / "precious").write_text("mine")
-    (left / "bag").mkdir(parents=True)
-    (left / "bag" / "link").symlink_to(home)
-    (left / "lock").touch()
-    (tmp_path / ".out.mcap.lidcam-early").mkdir()  # killed before it had a lock
-    for name, make in PLANTS.items():
-        folder = tmp_path / f".out.mcap.lidcam-{name}"
-        folder.mkdir()
-        make(folder / "lock", home)
-    (tmp_path / ".out.mcap.lidcam-link").symlink_to(home)
-    write([tmp_path / "out.mcap"])
-    planted = [f".out.mcap.lidcam-{name}" for name in (*PLANTS, "link")]
-    assert names_in(tmp_path) == sorted([*planted, "home", "out.mcap"])
-    assert (home / "precious").read_text() == "mine"
-    assert len([record for record in caplog.records if "left as it is" in record.message]) == len(PLANTS)
+def test_what_ends_the_process_at_once_leaves_outputs_alone(tmp_path: Path) -> None:
+    """At any step, also between two renames: old ones or new ones, and nothing else."""
+    steps = killed(0, tmp_path, ENDED)
+    for step in range(1, steps + 1):
+        write(three(tmp_path), "older")
+        assert killed(step, tmp_path, ENDED) == 130
+        assert {*texts(three(tmp_path))} <= {"older", "new"}
+        assert len(names_in(tmp_path)) == 3
 
 
-PLANTS: dict[str, Callable[[Path, Path], object]] = {
-    "linked": lambda lock, home: lock.symlink_to(home / "precious"),
-    "folder": lambda lock, _: lock.mkdir(),
-}
+def test_an_old_folder_is_back_when_the_process_ends_between_two_renames(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rename = os.rename
+
+    def ended(name: str, to_name: str, *, src_dir_fd: int, dst_dir_fd: int) -> None:
+        if to_name == "bag":
+            monkeypatch.setattr(os, "rename", rename)
+            undo_all()
+            raise KeyboardInterrupt
+        rename(name, to_name, src_dir_fd=src_dir_fd, dst_dir_fd=dst_dir_fd)
+
+    write_folder(tmp_path / "bag", "older")
+    monkeypatch.setattr(os, "rename", ended)
+    with pytest.raises(KeyboardInterrupt):
+        write_folder(tmp_path / "bag", "new")
+    assert (tmp_path / "bag" / "bag.db3").read_text() == "older"
+    assert names_in(tmp_path) == ["bag"]
+
+
+def test_folders_that_fail_at_close_hide_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    close = os.close
+
+    def closed(descriptor: int) -> None:
+        close(descriptor)
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(os, "close", closed)
+    with pytest.raises(ValueError, match="first"):
+        write(three(tmp_path), "half", ValueError("first"))
 
 
 def test_a_file_system_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

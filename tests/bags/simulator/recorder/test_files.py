@@ -225,13 +225,17 @@ def test_the_true_calibration_goes_with_it(recording: Path) -> None:
 def test_a_folder_that_is_no_recording_is_kept(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "thesis.txt").write_text("mine")
+    (tmp_path / "b" / "b.db3").mkdir(parents=True)
+    (tmp_path / "b" / "metadata.yaml").touch()
+    with pytest.raises(OutputError, match="exists and holds something other than a ROS 2 recording"):
+        write_all(tmp_path / "b", "sqlite3")
     with pytest.raises(OutputError, match="exists and holds something other than a ROS 2 recording"):
         write_all(tmp_path / "a", "sqlite3")
     (tmp_path / "a" / "metadata.yaml").write_text("a recording, and more")
     with pytest.raises(OutputError, match="exists and holds something other than a ROS 2 recording"):
         write_all(tmp_path / "a", "sqlite3")
     assert (tmp_path / "a" / "thesis.txt").read_text() == "mine"
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["a"]
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["a", "b"]
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from bags.simulator.recorder.stage import Stage
 from bags.simulator.scenario.load import load_scenario
 from bags.simulator.scenario.scenario import Scenario
 from bags.simulator.vehicles.ackermann import AckermannCommand
+from pipeline.core.ending import undo_all
 from pipeline.core.errors import ConfigError, LidcamError
 
 UNTIL_NS = 150_000_000
@@ -84,3 +85,13 @@ def test_ctrl_c_and_a_closed_terminal_are_its_parents_business_and_that_it_was_k
 
         with pytest.raises(LidcamError, match="a simulation process died with exit code -9"):
             ask_again()
+
+
+def test_what_ends_the_parent_at_once_ends_it_at_once() -> None:
+    """It does not wait for its next request, which may be seconds away."""
+    with SensingProcess(task()) as process:
+        os.kill(process.pid, signal.SIGSTOP)
+        undo_all()
+        ended = os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
+        assert ended is not None
+        assert ended.si_status == signal.SIGKILL

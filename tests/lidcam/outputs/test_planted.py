@@ -1,0 +1,189 @@
+"""A data set may bring anything beside an output: nothing outside the output's folder changes, and nothing waits."""
+
+import os
+import shutil
+import stat
+import subprocess
+import tarfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from command import called
+
+from pipeline.core.errors import OutputError
+from writers.outputs.transaction import OutputTransaction
+
+SAMPLE = Path(__file__).resolve().parents[3] / "bags" / "sandbox.bag"
+
+
+def deep(path: Path, home: Path) -> None:
+    (path / "a" / "b").mkdir(parents=True)
+    (path / "a" / "link").symlink_to(home)
+
+
+def full(path: Path, _: Path) -> None:
+    path.mkdir()
+    (path / "file").write_text("planted")
+
+
+def foreign(path: Path, _: Path) -> None:
+    path.write_text("planted")
+    os.chown(path, 1000, 1000)
+
+
+KINDS: dict[str, Callable[[Path, Path], object]] = {
+    "nothing": lambda _path, _home: None,
+    "file": lambda path, _: path.write_text("planted"),
+    "hard link": lambda path, home: path.hardlink_to(home / "precious"),
+    "empty folder": lambda path, _: path.mkdir(),
+    "folder": full,
+    "deep folder": deep,
+    "link to a file": lambda path, home: path.symlink_to(home / "precious"),
+    "link to a folder": lambda path, home: path.symlink_to(home),
+    "link to nothing": lambda path, home: path.symlink_to(home / "new"),
+    "pipe": lambda path, _: os.mkfifo(path),
+    "socket": lambda path, _: os.mknod(path, stat.S_IFSOCK | 0o600),
+}
+if os.geteuid() == 0:
+    KINDS["device"] = lambda path, _: os.mknod(path, stat.S_IFCHR | 0o600, os.makedev(1, 3))
+    KINDS["of another user"] = foreign
+
+LEFT = ".out.mcap.lidcam-left"
+PLACES = ("out.mcap", "out.rrd", LEFT, f"{LEFT}/other", f"{LEFT}/out.mcap.old", ".out.mcap.lidcam/journal")
+PLAIN = {"nothing", "file", "hard link"}
+
+
+def plant_folders(folder: Path, home: Path) -> None:
+    """200 folders and more: each kind in each place, and each kind of a lock beside each kind of an output."""
+    for kind, plant in KINDS.items():
+        for place in PLACES:
+            path = folder / f"{kind} as {place.replace('/', ' ')}" / place
+            path.parent.mkdir(parents=True)
+            plant(path, home)
+            if path.parent.name == LEFT:
+                (path.parent / "out.mcap.lock").touch()
+            if path.name == "journal":  # as an earlier version left it
+                for name in ("lock", "new", "old"):
+                    plant(path.with_name(name), home)
+        for lock, plant_lock in KINDS.items():
+            left = folder / f"{lock} locks {kind}" / LEFT
+            left.mkdir(parents=True)
+            plant(left / "out.mcap", home)
+            plant_lock(left / "out.mcap.lock", home)
+
+
+def as_planted(source: Path, _: Path) -> Path:
+    return source
+
+
+def from_archive(source: Path, target: Path) -> Path:
+    """What tar brings: all but sockets, with owners if root unpacks it."""
+    with tarfile.open(target / "a.tar", "w") as archive:
+        archive.add(source, "ds")
+    with tarfile.open(target / "a.tar") as archive:
+        archive.extractall(target, filter="fully_trusted")  # as tar does
+    return target / "ds"
+
+
+def from_clone(source: Path, target: Path) -> Path:
+    """What git brings: files and links, in folders that are not empty."""
+    if shutil.which("git") is None:
+        pytest.skip("needs git")
+    author = ("-c", "user.name=a", "-c", "user.email=a@b", "-c", "commit.gpgsign=false")
+    for command in (("init", "-q"), ("add", "."), (*author, "commit", "-q", "-m", "a"), ("clone", "-q", ".", target)):
+        subprocess.run(["git", *command], cwd=source, check=True, stderr=subprocess.DEVNULL)
+    return target
+
+
+def seen(folder: Path) -> dict[str, tuple[bytes, int, int, int]]:
+    """All below a folder: content or target of a link, mode with the kind, owner, time of the last change."""
+    found: dict[str, tuple[bytes, int, int, int]] = {}
+    for path in sorted(folder.rglob("*")):
+        status, content = path.lstat(), b""
+        if stat.S_ISREG(status.st_mode):
+            content = path.read_bytes()
+        elif stat.S_ISLNK(status.st_mode):
+            content = os.fsencode(path.readlink())
+        found[str(path.relative_to(folder))] = (content, status.st_mode, status.st_uid, status.st_mtime_ns)
+    return found
+
+
+@pytest.fixture
+def home(tmp_path: Path) -> Path:
+    """A folder of the user, which is to stay as it is."""
+    home = tmp_path / "home"
+    (home / "inner").mkdir(parents=True)
+    (home / "precious").write_text("mine")
+    (home / "inner" / "out.mcap").write_text("mine, too")
+    return home
+
+
+@pytest.mark.parametrize("brought", [as_planted, from_archive, from_clone])
+def test_200_folders(
+    tmp_path: Path, home: Path, monkeypatch: pytest.MonkeyPatch, brought: Callable[[Path, Path], Path]
+) -> None:
+    monkeypatch.setattr(os, "fsync", lambda _: None)  # 500 times a disk's pause
+    (tmp_path / "planted").mkdir()
+    (tmp_path / "brought").mkdir()
+    plant_folders(tmp_path / "planted", home)
+    data_set = brought(tmp_path / "planted", tmp_path / "brought")
+    at_home = seen(home)
+    folders = sorted(path for path in data_set.iterdir() if path.name != ".git")
+    assert len(folders) >= (200 if brought is as_planted else 100)
+    for folder in folders:
+        paths, before = [folder / "out.mcap", folder / "out.rrd"], seen(folder)
+        if error := refusal(paths):
+            assert folder.name.endswith(("as out.mcap", "as out.rrd")), error
+            assert "\n" not in error
+            assert seen(folder) == before
+        else:
+            assert [path.read_text() for path in paths] == ["whole"] * 2
+            stays = {} if is_of_a_run(before) else {name: facts for name, facts in before.items() if name[0] == "."}
+            assert {name: facts for name, facts in seen(folder).items() if name[0] == "."} == stays, folder.name
+        assert seen(home) == at_home, folder.name
+
+
+def refusal(paths: list[Path]) -> str:
+    """Write outputs; the error, if any."""
+    try:
+        with OutputTransaction(paths) as outputs:
+            for path in paths:
+                outputs[path].write_text("whole")
+    except OutputError as err:
+        return str(err)
+    return ""
+
+
+def is_of_a_run(before: dict[str, tuple[bytes, int, int, int]]) -> bool:
+    """Whether a leftover is there that is empty, or has a lock and an output of plain files."""
+    kinds = {name: stat.S_IFMT(facts[1]) for name, facts in before.items()}
+    is_folder = kinds.pop(LEFT, 0) == stat.S_IFDIR
+    has_lock = not kinds or f"{LEFT}/out.mcap.lock" in kinds
+    if kinds.get(f"{LEFT}/out.mcap") == stat.S_IFDIR:
+        del kinds[f"{LEFT}/out.mcap"]
+    is_mine = all(facts[2] == os.geteuid() for facts in before.values())
+    return is_folder and has_lock and is_mine and {*kinds.values()} <= {stat.S_IFREG}
+
+
+def test_a_command_names_what_it_leaves_in_one_line(tmp_path: Path, home: Path) -> None:
+    for kind, plant in KINDS.items():
+        plant(tmp_path / f".rig.yaml.lidcam-{kind}", home)
+    before = seen(home)
+    run = called(tmp_path, "inspect", SAMPLE, "--write-rig", "rig.yaml")
+    assert run.code == 0
+    assert (tmp_path / "rig.yaml").is_file()
+    [line] = [line for line in run.err.splitlines() if "left as it is" in line]
+    assert f"{len(KINDS) - 3} more of such names" in line
+    assert seen(home) == before
+
+
+@pytest.mark.parametrize("kind", sorted({*KINDS} - PLAIN - {"of another user"}))
+def test_a_command_refuses_anything_but_a_file_in_one_line(tmp_path: Path, home: Path, kind: str) -> None:
+    for name in ("rig.yaml", "run.log"):
+        KINDS[kind](tmp_path / name, home)
+    before = seen(tmp_path)
+    for options in (("--write-rig", "rig.yaml"), ("--log-file", "run.log")):
+        run = called(tmp_path, "inspect", SAMPLE, *options)
+        assert (run.code, "expected" in run.error_line) == (1, True)
+        assert seen(tmp_path) == before
