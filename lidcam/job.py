@@ -1,5 +1,6 @@
 """A run as a value: everything it needs to know, nothing open. It can be pickled, and run in another process."""
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
@@ -175,7 +176,7 @@ def read_files(config: Config | FilePath | None, rig: RigSource | None, *network
     """The files among the settings, the rig files and the network of a run, with the names of its classes."""
     rigs = [rig] if rig is None or isinstance(rig, RigFile | str | PathLike) else rig
     named = [Path(one) for one in (config, *rigs, *networks) if isinstance(one, str | PathLike)]
-    return tuple(path for path in named if path.is_file())
+    return tuple(path for path in named if os.access(path, os.R_OK) and path.is_file())
 
 
 def read_rig(rig: RigSource | None) -> RigFile | None:

@@ -46,6 +46,7 @@ class Everything(SettingsModel):
 
 
 SIZE = {"size_m": [1, 1, 1]}
+SIZES = "expected 0, or a number of 1e-09 to 1e+09 in size, found "
 
 
 @pytest.mark.parametrize(
@@ -57,6 +58,14 @@ SIZE = {"size_m": [1, 1, 1]}
         ({"whole": None}, "whole: expected a whole number of 1 or more, found null"),
         ({"number": 90}, "number: expected a number above 0 and below 90, found 90"),
         ({"number": float("inf")}, "number: expected a finite number, found .inf"),
+        ({"number": 1e-300}, f"number: {SIZES}1.0e-300"),
+        ({"low": -1e300}, f"low: {SIZES}-1.0e+300"),
+        (
+            {"whole": 10**5000},
+            "whole: expected 0, or a number of 1e-09 to 1e+09 in size, found a number of thousands of digits",
+        ),
+        ({"flag": 10**5000}, "flag: expected true or false, found a number of thousands of digits"),
+        ({"rows": [[1, 1e10]]}, f"rows: {SIZES}10000000000.0"),
         ({"low": 6}, "low: expected a number of 5 or less, found 6"),
         ({"optional": "x"}, "optional: expected a number above 0 or null, found 'x'"),
         ({"path": 3}, "path: expected the path of a file or null, found 3"),
