@@ -8,8 +8,9 @@ from wrong_values import mistakes, words_of_the_library
 
 from pipeline.core.errors import CalibrationError, ConfigError
 from pipeline.core.settings.config import Config
+from pipeline.core.settings.load import set_values
 from pipeline.core.settings.model import Count, Positive, SettingsModel, Topic
-from pipeline.core.settings.validation import checked
+from pipeline.core.settings.validation import checked, key_places
 
 
 def message(model: type[SettingsModel], tree: dict[str, Any]) -> str:
@@ -144,3 +145,16 @@ def test_no_word_of_the_library_whatever_is_wrong() -> None:
     assert not words_of_the_library(told)
     elsewhere = [(key, text) for key, text in told if key not in text and not re.search("unknown|finite|missing", text)]
     assert not elsewhere
+
+
+NUMBERS = [key for key, place in key_places(Config) if {int, float} & {one.annotation for one in place.members}]
+
+
+@pytest.mark.parametrize("number", [1e300, -1e300, float("nan"), float("inf"), 10**5000, -(10**5000)], ids=range(6))
+def test_no_setting_takes_a_number_that_cannot_be_reckoned_with(number: float) -> None:
+    keys = [key for key in NUMBERS if "*" not in key]
+    assert len(keys) > 70
+    for key in keys:
+        tree: dict[str, Any] = {}
+        set_values(tree, {key: number})
+        assert message(Config, tree).startswith(f"{key}: expected ")
