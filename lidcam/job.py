@@ -1,5 +1,6 @@
 """A run as a value: everything it needs to know, nothing open. It can be pickled, and run in another process."""
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
@@ -176,7 +177,7 @@ def read_files(config: Config | FilePath | None, rig: RigSource | None, *named: 
     """The files among the settings, the rig files, and the files that the settings name."""
     rigs = [rig] if rig is None or isinstance(rig, RigFile | str | PathLike) else rig
     paths = [Path(one) for one in (config, *rigs, *named) if isinstance(one, str | PathLike)]
-    return tuple(path for path in paths if path.is_file())
+    return tuple(path for path in paths if os.access(path, os.R_OK) and path.is_file())
 
 
 def read_rig(rig: RigSource | None) -> RigFile | None:

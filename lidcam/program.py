@@ -30,6 +30,9 @@ logger = logging.getLogger(__name__)
 NO_PLACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 """Why a disk, or what stdout leads to, takes no more."""
 
+FORBIDDEN = {errno.EACCES, errno.EPERM, errno.EROFS}
+"""Why this user may not do what was asked with a file."""
+
 
 def run_program(program: Callable[..., object], name: str) -> None:
     """Run a program with the arguments of the command line; known errors become one line and an exit code."""
@@ -41,7 +44,9 @@ def run_program(program: Callable[..., object], name: str) -> None:
         with short_memory_told("go on"):
             code = program(sys.argv[1:], prog_name=name, standalone_mode=False)
     except OSError as err:
-        if err.errno not in NO_PLACE:
+        if err.errno == errno.ENOENT and err.filename is None:
+            _fail("the folder that this was started in is gone: change to another one")
+        if err.errno not in NO_PLACE and (err.errno not in FORBIDDEN or err.filename is None):
             logger.debug("a bug", exc_info=True)
             raise
         _fail(f"{err.filename or 'standard output'}: {err.strerror}")

@@ -15,6 +15,7 @@ from writers.mcap.writer import McapResultWriter
 from writers.outputs.marks import RESULT
 from writers.outputs.transaction import OutputTransaction
 from writers.provenance import Provenance
+from writers.rerun.environment import without_rerun_variables
 
 __all__ = ["OUTPUTS", "OutputKind"]
 
@@ -54,7 +55,8 @@ def _open_mcap(_: Path, beside: tuple[Path, ...]) -> str:
 
 
 def _rrd(path: Path, outputs: OutputTransaction, source: RunInput, provenance: Provenance) -> ResultWriter:
-    from writers.rerun.writer import RerunResultWriter  # loads Rerun, which takes half a second
+    with without_rerun_variables():
+        from writers.rerun.writer import RerunResultWriter  # loads Rerun, which takes half a second
 
     decode = partial(decode_any_image, limits=source.config.limits)
     return RerunResultWriter(outputs[path], source.rig, source.config, provenance, decode_any_image=decode)

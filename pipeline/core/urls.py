@@ -8,7 +8,9 @@ MORE = "?..."
 """In place of a query or a fragment."""
 
 _URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):(/+)(.*)", re.DOTALL)
-_STARTS = re.compile(r"(?<![^\s'\"(=,\[])(?=[A-Za-z][A-Za-z0-9+.-]+:/)")
+_STARTS = re.compile(
+    r"(?<![^\s'\"(=,\[])(?=[A-Za-z][A-Za-z0-9+.-]+:/)|(?<=/)(?=(?:https?|ftps?|s3|gs|gcs|abfss?|az):/)", re.IGNORECASE
+)
 _PART = re.compile(r"((?:.*@)?\S*?)(['\")\]]*[:,;]?(?:\s.*)?)", re.DOTALL)
 
 

@@ -344,6 +344,9 @@ def _calibration(labels: Path) -> KittiCalibration:
     found = kitti_calibration(read_label_text(place), place)
     if found is None:
         raise RecordingError(f"{place}: expected a calibration of KITTI with R0_rect and Tr_velo_to_cam")
+    rotation = found.T_rect_velo[:3, :3]
+    if not np.allclose(rotation @ rotation.T, np.eye(3), atol=0.01):
+        raise RecordingError(f"{place}: expected rotations in R0_rect and Tr_velo_to_cam, found matrices that are none")
     return found
 
 

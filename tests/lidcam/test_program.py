@@ -15,6 +15,8 @@ from pipeline.core.errors import CheckError, IncompleteError, RecordingError
 
 HOSTILE, SHOWN = "a\x1b]0;t\x07\x9b2J\nError: faked", "a\\x1b]0;t\\x07\\x9b2J\\nError: faked"
 
+GONE = "the folder that this was started in is gone"
+
 
 @pytest.fixture(autouse=True)
 def as_it_was(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
@@ -36,6 +38,8 @@ def noted() -> RecordingError:
         (OSError(errno.ENOSPC, "No space left"), 1, "lidcam: error: standard output: No space left\n"),
         (OSError(errno.EIO, "Input/output error"), 1, "lidcam: error: standard output: Input/output error\n"),
         (OSError(errno.ENOSPC, "No space left", "a.mcap"), 1, "lidcam: error: a.mcap: No space left\n"),
+        (PermissionError(errno.EACCES, "Permission denied", "a/b"), 1, "lidcam: error: a/b: Permission denied\n"),
+        (FileNotFoundError(errno.ENOENT, "No such file"), 1, f"lidcam: error: {GONE}: change to another one\n"),
         (CheckError("--strict: a"), 1, "lidcam: error: --strict: a\n"),
         (IncompleteError("a; b"), 3, "lidcam: incomplete: a; b; exit code 3\n"),
     ],

@@ -33,6 +33,7 @@ from writers.palette import CAMERA_ONLY, MATCHED, class_color
 from writers.provenance import Provenance
 from writers.rerun import archetypes
 from writers.rerun.blueprint import FIXED, PLACED, WAY, blueprint, camera_path, place_eye
+from writers.rerun.environment import without_rerun_variables
 from writers.rerun.stream import RerunStream
 from writers.truth_times import FrameTime, TruthTimes
 from writers.viewpoint import SceneSurvey
@@ -88,6 +89,7 @@ class RerunResultWriter:
     def __enter__(self) -> Self:
         with ExitStack() as resources, output_errors(self._output.path):
             file = resources.enter_context(self._output.part.open("xb", buffering=0))
+            resources.enter_context(without_rerun_variables())
             self._recording = rr.RecordingStream(
                 "lidcam",
                 recording_id=self._provenance.recording_id,

@@ -56,7 +56,7 @@ class GroundConfig(SettingsModel):
     """
 
     enabled: bool = True
-    distance_m: Positive = 0.2
+    distance_m: Annotated[float, Field(gt=0, le=1000)] = 0.2
     relief: bool = True
     max_tilt_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0
     height_tolerance_m: Positive = 0.5

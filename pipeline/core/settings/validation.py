@@ -256,6 +256,8 @@ def found(value: object) -> str:
             dumped = yaml.safe_dump(plain, default_flow_style=True, width=10**6, allow_unicode=True)
         except yaml.YAMLError:  # not from a file: a value of Python
             dumped = repr(plain)
+        except ValueError:  # more digits than Python prints
+            dumped = "a number of thousands of digits"
         text = dumped.removesuffix("\n").removesuffix("\n...")
     return text if len(text) <= MAX_FOUND else f"{text[:MAX_FOUND]}..."
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64
 from pipeline.core.errors import CalibrationError
+from pipeline.core.settings.model import MAX_NUMBER
 from readers.rig.importers.matrices import camera_entry, flat, shaped
 from readers.rig.schema import LidarEntry, RigFile
 
@@ -76,7 +77,7 @@ def kitti_calibration(text: str, path: Path) -> KittiCalibration | None:
     """The content of a KITTI file; None if the text has another form. Arguments and errors as of `import_kitti`."""
     if not _KITTI_LINE.search(text):
         return None
-    values = _kitti_values(text)
+    values = _kitti_values(text, path)
     if "R" in values and "T" in values:
         values |= _kitti_file(path.with_name("calib_cam_to_cam.txt"))
     elif "P_rect_00" in values or "P_rect_02" in values:
@@ -108,12 +109,12 @@ def kitti_calibration(text: str, path: Path) -> KittiCalibration | None:
 
 def _kitti_file(path: Path) -> dict[str, list[float]]:
     try:
-        return _kitti_values(path.read_text(encoding="utf-8"))
+        return _kitti_values(path.read_text(encoding="utf-8"), path)
     except (OSError, UnicodeDecodeError) as err:
         raise CalibrationError(f"{path}: cannot be read as KITTI calibration: {err}") from err
 
 
-def _kitti_values(text: str) -> dict[str, list[float]]:
+def _kitti_values(text: str, path: Path) -> dict[str, list[float]]:
     """Numbers by name; lines of words (a date, a comment) are skipped."""
     values = {}
     for line in text.splitlines():
@@ -124,6 +125,8 @@ def _kitti_values(text: str) -> dict[str, list[float]]:
             values[name.strip()] = [float(word) for word in words.split()]
         except ValueError:
             continue
+        if not all(abs(value) <= MAX_NUMBER for value in values[name.strip()]):
+            raise CalibrationError(f"{path}: {name.strip()}: expected numbers of {MAX_NUMBER:g} or less in size")
     return values
 
 

@@ -22,6 +22,9 @@ from pipeline.core.urls import shown_url, without_secrets
         ("https://ada:s3 cret@host/a: no", "https://host/a: no"),
         ("https://ada:s3cret:/s3cret@host/a: no", "https://...: no"),
         ("https://a:s3cret@h/x, https://b:s3cret@h/y?s3cret", "https://h/x, https://h/y?..."),
+        ("./https://ada:s3cret@host/a?s3cret: no", "./https://host/a?...: no"),
+        ("/home/me/https:/ada:s3cret@host/a: no", "/home/me/https:/host/a: no"),
+        ("unknown key '/tmp/https://ada:s3cret@127'", "unknown key '/tmp/https://127'"),
         ("detect2d.names=https://ada:s3cret@host/a", "detect2d.names=https://host/a"),
     ],
 )

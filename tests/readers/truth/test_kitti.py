@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.core.camera import CameraModel
-from pipeline.core.errors import RecordingError
+from pipeline.core.errors import CalibrationError, RecordingError
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
@@ -194,6 +194,16 @@ def test_calibration_is_needed_and_all_files_are_of_one_benchmark(tmp_path: Path
     (path / "calib" / "000000.txt").unlink()
     with pytest.raises(RecordingError, match=r"expected its calibration .*calib/000000\.txt, found no such file"):
         KittiTruth(path, rig(), Config()).at(0, frame=0)
+
+
+@pytest.mark.parametrize(
+    ("number", "problem"), [("nan", "expected numbers of 1e"), ("1e300", "expected numbers of 1e"), ("0", "rotations")]
+)
+def test_a_calibration_that_is_none(tmp_path: Path, number: str, problem: str) -> None:
+    calib = "".join(f"{name}: {' '.join([number] * 12)}\n" for name in ("P2", "Tr_velo_to_cam"))
+    path = folder(tmp_path, CAR, calib=f"{calib}R0_rect: {' '.join([number] * 9)}\n")
+    with pytest.raises((RecordingError, CalibrationError), match=rf"000000\.txt.*{problem}"):
+        boxes_of(path)
 
 
 def test_which_lidar_is_the_velodyne(tmp_path: Path) -> None:

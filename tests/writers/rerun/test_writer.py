@@ -124,9 +124,12 @@ def test_the_truth_that_is_nearest_is_drawn(tmp_path: Path, frame_id: str, drawn
     assert "tardy" not in text
 
 
-def test_equal_results_give_equal_data(tmp_path: Path) -> None:
+def test_equal_results_give_equal_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(tmp_path / "one.rrd", [frame(0)])
-    write(tmp_path / "two.rrd", [frame(0)])
+    with monkeypatch.context() as patch:
+        patch.setenv("RERUN", "off")
+        patch.setenv("RERUN_FLUSH_NUM_BYTES", "no number")
+        write(tmp_path / "two.rrd", [frame(0)])
     write(tmp_path / "other.rrd", [frame(0, objects=2)])
     assert rerun(tmp_path, "rrd", "compare", "--unordered", tmp_path / "one.rrd", tmp_path / "two.rrd").returncode == 0
     different = rerun(tmp_path, "rrd", "compare", "--unordered", tmp_path / "one.rrd", tmp_path / "other.rrd")

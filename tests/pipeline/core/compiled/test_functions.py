@@ -3,6 +3,7 @@
 import ast
 import importlib.util
 import logging
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
@@ -113,7 +114,27 @@ def a_file(folder: Path) -> None:
     folder.parent.touch()
 
 
-@pytest.mark.parametrize("planted", [writable_by_others, a_link, a_file])
+def a_link_within(folder: Path) -> None:
+    folder.mkdir(parents=True, mode=0o700)
+    (folder / "sums").symlink_to(folder.parent)
+
+
+def writable_above(folder: Path) -> None:
+    folder.mkdir(parents=True, mode=0o700)
+    folder.parent.chmod(0o775)
+
+
+def a_link_to_a_writable_one(folder: Path) -> None:
+    elsewhere = folder.parent.parent / "elsewhere"
+    elsewhere.mkdir()
+    elsewhere.chmod(0o777)
+    (folder.parent).symlink_to(elsewhere)
+
+
+PLANTED = [writable_by_others, a_link, a_file, a_link_within, writable_above, a_link_to_a_writable_one]
+
+
+@pytest.mark.parametrize("planted", PLANTED)
 def test_a_place_of_others_is_not_used(
     tmp_path: Path, home: Path, caplog: pytest.LogCaptureFixture, planted: Callable[[Path], None]
 ) -> None:
@@ -131,9 +152,52 @@ def test_a_place_of_others_is_not_used(
     assert not list((tmp_path / "elsewhere").glob("*"))
 
 
-def test_a_folder_of_another_user_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("os.geteuid", lambda: 12345)
+@pytest.mark.parametrize("of_another", ["", "kernels-*", "kernels-*/x.nbi"])
+def test_what_another_user_owns_is_not_used(home: Path, monkeypatch: pytest.MonkeyPatch, of_another: str) -> None:
+    folder = cache_folder()
+    assert folder is not None
+    (folder / "x.nbi").touch()
+    (theirs,) = home.glob(of_another) if of_another else [home]
+    monkeypatch.setattr(Path, "lstat", lambda path: owned(path, 12345 if path == theirs else os.geteuid()))
+    cache_folder.cache_clear()
     assert cache_folder() is None
+
+
+def owned(path: Path, user: int) -> os.stat_result:
+    found = path.stat(follow_symlinks=False)
+    return os.stat_result((*found[:4], user, *found[5:]))
+
+
+def test_the_folder_is_the_users_alone_whatever_the_umask(tmp_path: Path, home: Path) -> None:
+    before = os.umask(0)
+    try:
+        loaded(tmp_path)
+    finally:
+        os.umask(before)
+    assert [path.stat().st_mode & 0o777 for path in (home, *home.iterdir())] == [0o700, 0o700]
+    cache_folder.cache_clear()
+    assert hits(loaded(tmp_path)) == 1
+
+
+def test_nothing_is_kept_elsewhere(tmp_path: Path) -> None:
+    loaded(tmp_path)
+    folder = cache_folder()
+    assert folder is not None
+    (kept,) = folder.iterdir()
+    kept.rename(tmp_path / "kept")
+    kept.touch()  # numba cannot write there
+    assert loaded(tmp_path).squares(np.array([1.0, 3.0])) == 10
+    assert not list((tmp_path / "__pycache__").glob("*.nb*"))
+
+
+@pytest.mark.parametrize("ending", ["nbi", "nbc"])
+def test_a_file_that_was_cut_short_is_made_anew(tmp_path: Path, home: Path, ending: str) -> None:
+    loaded(tmp_path)
+    for path in home.rglob(f"*.{ending}"):
+        path.write_bytes(b"")
+    assert loaded(tmp_path).squares(np.array([1.0, 3.0])) == 10
+    loaded(tmp_path)
+    assert hits(loaded(tmp_path)) == 1
 
 
 def test_works_on_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,8 +8,9 @@ from wrong_values import mistakes, words_of_the_library
 
 from pipeline.core.errors import CalibrationError, ConfigError
 from pipeline.core.settings.config import Config
+from pipeline.core.settings.load import set_values
 from pipeline.core.settings.model import Count, Positive, SettingsModel, Topic
-from pipeline.core.settings.validation import checked
+from pipeline.core.settings.validation import checked, key_places
 
 
 def message(model: type[SettingsModel], tree: dict[str, Any]) -> str:
@@ -46,6 +47,7 @@ class Everything(SettingsModel):
 
 
 SIZE = {"size_m": [1, 1, 1]}
+SIZES = "expected 0, or a number of 1e-09 to 1e+09 in size, found "
 
 
 @pytest.mark.parametrize(
@@ -57,6 +59,14 @@ SIZE = {"size_m": [1, 1, 1]}
         ({"whole": None}, "whole: expected a whole number of 1 or more, found null"),
         ({"number": 90}, "number: expected a number above 0 and below 90, found 90"),
         ({"number": float("inf")}, "number: expected a finite number, found .inf"),
+        ({"number": 1e-300}, f"number: {SIZES}1.0e-300"),
+        ({"low": -1e300}, f"low: {SIZES}-1.0e+300"),
+        (
+            {"whole": 10**5000},
+            "whole: expected 0, or a number of 1e-09 to 1e+09 in size, found a number of thousands of digits",
+        ),
+        ({"flag": 10**5000}, "flag: expected true or false, found a number of thousands of digits"),
+        ({"rows": [[1, 1e10]]}, f"rows: {SIZES}10000000000.0"),
         ({"low": 6}, "low: expected a number of 5 or less, found 6"),
         ({"optional": "x"}, "optional: expected a number above 0 or null, found 'x'"),
         ({"path": 3}, "path: expected the path of a file or null, found 3"),
@@ -135,3 +145,16 @@ def test_no_word_of_the_library_whatever_is_wrong() -> None:
     assert not words_of_the_library(told)
     elsewhere = [(key, text) for key, text in told if key not in text and not re.search("unknown|finite|missing", text)]
     assert not elsewhere
+
+
+NUMBERS = [key for key, place in key_places(Config) if {int, float} & {one.annotation for one in place.members}]
+
+
+@pytest.mark.parametrize("number", [1e300, -1e300, float("nan"), float("inf"), 10**5000, -(10**5000)], ids=range(6))
+def test_no_setting_takes_a_number_that_cannot_be_reckoned_with(number: float) -> None:
+    keys = [key for key in NUMBERS if "*" not in key]
+    assert len(keys) > 70
+    for key in keys:
+        tree: dict[str, Any] = {}
+        set_values(tree, {key: number})
+        assert message(Config, tree).startswith(f"{key}: expected ")
