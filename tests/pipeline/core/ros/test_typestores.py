@@ -36,7 +36,7 @@ def test_a_schema_holds_all_that_it_depends_on(name: str) -> None:
 def test_our_copies_equal_the_published_definitions() -> None:
     blocks = re.split(r"={80}\nMSG: (.+)\n", shared("reference/msgdefs/all_msgs.txt").read_text())[1:]
     published = dict(zip(blocks[::2], blocks[1::2], strict=True))
-    store = message_types(2)
+    store = release_types(RELEASES[2])
     ours = {name for name in store.fielddefs if name.startswith(("foxglove_msgs/", "vision_msgs/"))}
     assert ours
     for name in ours:
