@@ -64,7 +64,7 @@ def _shown(err: Console | None, clock: Clock) -> Iterator[Callable[[str, float, 
     """A function that shows a text, the share that is done, and facts: the bar is drawn when it is first called."""
     err = err or console(stderr=True)
     has_bar = err.is_terminal and progress_log.isEnabledFor(logging.INFO)
-    last_s = clock()
+    last_s, last_line = clock(), ""
     columns = (
         TextColumn("{task.fields[text]}", markup=False),
         BarColumn(bar_width=None),
@@ -75,14 +75,15 @@ def _shown(err: Console | None, clock: Clock) -> Iterator[Callable[[str, float, 
         bar = Progress(*columns, console=err, transient=True)
 
         def show(text: str, done: float, total: float, facts: str) -> None:
-            nonlocal last_s
+            nonlocal last_s, last_line
             if has_bar:
                 if not bar.tasks:
                     stack.enter_context(bar)
                     bar.add_task("", text="")
                 bar.update(bar.tasks[0].id, completed=done, total=total, description=visible(facts), text=text)
-            if clock() - last_s >= LINE_EVERY_S:
-                last_s = clock()
-                progress_log.info("%s%s", text, f", {facts}" if facts else "")
+            line = f"{text}, {facts}" if facts else text
+            if clock() - last_s >= LINE_EVERY_S and line != last_line:
+                last_s, last_line = clock(), line
+                progress_log.info("%s", line)
 
         yield show

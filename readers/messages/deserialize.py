@@ -19,7 +19,7 @@ from rosbags.typesys.store import Typestore
 
 from pipeline.core.errors import MessageError, is_short_memory
 from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.ros.typestores import message_types, release_types
+from pipeline.core.ros.typestores import known_type, known_types
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from pipeline.core.text import one_line
 from readers.messages.boundary.size_limits import count_items, size_fault
@@ -121,25 +121,25 @@ def _typestore(channel: Channel) -> Typestore | str:
     try:
         recorded = _recorded_types(channel)
         release = _release(channel)
+        store = known_types(release)
         types: Typesdict = {}
         wanted = [channel.msgtype]
         while wanted:
             name = wanted.pop()
             if name in types:
                 continue
-            found = recorded.get(name) or release.fielddefs.get(name)
+            found = recorded.get(name) or known_type(name, release)
             if found is None:
                 return f"the recording has no definition of {name}" + _needed_by(name, channel)
             types[name] = found
             wanted += type_parts(found[1])
         if fault := size_fault(channel.msgtype, types):
             return f"the recorded definition of {channel.msgtype} is unusable: {fault}"
-        is_known = channel.msgtype in TYPES and channel.msgtype in release.fielddefs
-        if is_known and (other := _other_layout(channel.msgtype, types, release.fielddefs)):
+        is_known = channel.msgtype in TYPES and channel.msgtype in store.fielddefs
+        if is_known and (other := _other_layout(channel.msgtype, types, store.fielddefs)):
             return f"the recorded definition of {channel.msgtype} is not ROS's: {other} has other fields"
-        if all(types[name] == release.fielddefs.get(name) for name in types):
-            store = release  # so that what reads a header is made once for all channels
-        else:
+        # Where they are equal, what reads a header is made once for all channels.
+        if any(types[name] != store.fielddefs.get(name) for name in types):
             store = get_typestore(Stores.EMPTY)
             store.register(types)
         if not channel.definition.strip() and (other := _other_digest(channel, store)):
@@ -184,12 +184,12 @@ def _doubt(channel: Channel) -> str:
     return f"the recorded definition is {other}" if other else ""
 
 
-def _release(channel: Channel) -> Typestore:
-    """The types of the ROS release that a recording names, else of Noetic or Humble."""
+def _release(channel: Channel) -> Stores:
+    """The ROS release that a recording names, else Noetic or Humble."""
     if channel.encoding == "ros1":
-        return message_types(1)
+        return Stores.ROS1_NOETIC
     named = f"ros2_{channel.distro.lower()}"
-    return release_types(next((release for release in Stores if release.value == named), Stores.ROS2_HUMBLE))
+    return next((release for release in Stores if release.value == named), Stores.ROS2_HUMBLE)
 
 
 def _recorded_types(channel: Channel) -> Typesdict:

@@ -21,7 +21,7 @@ from rosbags.typesys.store import Typestore
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.messages import ROS2
-from pipeline.core.ros.typestores import message_types
+from pipeline.core.ros.typestores import known_type
 from pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER, COUNT_NUMBERS, count_of
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
@@ -123,7 +123,7 @@ def _in_ros2(channel: Channel) -> tuple[Typestore, Channel, bool]:
 
     Also whether recorded messages can be written as they are: the type has no other name, and all fields are recorded.
     """
-    recorded, humble = typestore_for(channel).fielddefs, message_types(2).fielddefs
+    recorded = typestore_for(channel).fielddefs
     msgtype = RENAMED.get(channel.msgtype, channel.msgtype)
     types: Typesdict = {}
     wanted = [(channel.msgtype, msgtype)]
@@ -131,7 +131,8 @@ def _in_ros2(channel: Channel) -> tuple[Typestore, Channel, bool]:
         name, renamed = wanted.pop()
         if renamed in types:
             continue
-        types[renamed] = humble[renamed] if _holds(humble, renamed, recorded[name]) else recorded[name]
+        humble = known_type(renamed)
+        types[renamed] = humble if _holds(humble, renamed, recorded[name]) else recorded[name]
         wanted += [(part, part) for part in type_parts(types[renamed][1])]
     store = get_typestore(Stores.EMPTY)
     store.register({name: definition for name, definition in types.items() if name not in store.fielddefs})
@@ -145,13 +146,11 @@ def _in_ros2(channel: Channel) -> tuple[Typestore, Channel, bool]:
     return store, in_ros2, fits
 
 
-def _holds(humble: Typesdict, name: str, recorded: Any) -> bool:
+def _holds(humble: Any, name: str, recorded: Any) -> bool:
     """Whether Humble's definition of a type has every field of the recorded one; the case of names may differ."""
-    if name not in humble:
-        return False
-    if name == HEADER:
-        return True
-    fields = {field.lower(): kind for field, kind in humble[name][1]}
+    if humble is None or name == HEADER:
+        return humble is not None
+    fields = {field.lower(): kind for field, kind in humble[1]}
     return all(fields.get(field.lower()) == kind for field, kind in recorded[1])
 
 

@@ -46,6 +46,9 @@ __all__ = ["McapResultWriter", "reserved_topics"]
 _LATER = ("/tf", PLACED, PLACED_SCENE)
 """Added with their first message, like images, whose type is known from their first message."""
 
+_STAMP_END = 12
+"""Bytes of CDR's encapsulation and of the stamp that a header begins with."""
+
 _NOT_COPIED = "the image cannot be copied"
 
 
@@ -101,7 +104,7 @@ class McapResultWriter:
         self._resources = ExitStack()
         self._channels: dict[str, int] = {}
         self._copied: dict[Channel, int] = {}
-        self._camera_infos: dict[str, Any] = {}  # of the first frame: only their stamps change
+        self._camera_infos: dict[str, memoryview] = {}  # behind the stamps, which alone change
         self._filled: set[str] = set()
         self._messages = 0
         self._survey = SceneSurvey(rig)
@@ -204,10 +207,9 @@ class McapResultWriter:
             topic = f"{prefix}/image/compressed" if msgtype == COMPRESSED else f"{prefix}/image"
             self._put_bytes(topic, msgtype, cdr, log_time_ns)
         if camera.name not in self._camera_infos:
-            self._camera_infos[camera.name] = camera_info(camera, stamp_ns)
-        info = self._camera_infos[camera.name]
-        info.header.stamp = ROS2.time(stamp_ns)
-        self._put(f"{prefix}/camera_info", info, log_time_ns)
+            self._camera_infos[camera.name] = ROS2.serialize(camera_info(camera, stamp_ns))[_STAMP_END:]
+        info = b"".join((ROS2.serialize(ROS2.time(stamp_ns)), self._camera_infos[camera.name]))
+        self._put_bytes(f"{prefix}/camera_info", "sensor_msgs/msg/CameraInfo", info, log_time_ns)
         annotations = image_annotations(result, camera, edges, names, stamp_ns=stamp_ns)
         self._put(f"{prefix}/annotations", annotations, log_time_ns)
         if view.boxes is not None:

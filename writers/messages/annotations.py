@@ -54,11 +54,12 @@ def _objects(result: FrameResult, edges: ObjectEdges, line_px: float, time: Any)
     segments, of_piece = edges
     if not len(of_piece):
         return []
-    rows, pieces = np.unique(of_piece, return_counts=True)  # the pieces come object after object
+    pieces = np.bincount(of_piece)  # they come object after object
+    rows = np.flatnonzero(pieces)
     alphas = np.where(strong_objects(result), 1.0, _FAINT_ALPHA)
     rgba = np.concatenate([object_colors(result), alphas[:, None]], 1)
     shares = np.where(placed_objects(result), 0.5, 1.0)
-    return _lines(_LINE_LIST, segments.reshape(-1, 2), 2 * pieces, rgba[rows], line_px * shares[rows], time)
+    return _lines(_LINE_LIST, segments.reshape(-1, 2), 2 * pieces[rows], rgba[rows], line_px * shares[rows], time)
 
 
 def _rectangles(boxes: DrawnBoxes2D, line_px: float, time: Any) -> list[Any]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from functools import cache, cached_property
-from itertools import repeat
+from itertools import repeat, starmap
 from typing import Any
 
 import numpy as np
@@ -53,20 +53,15 @@ class RosMessages:
             LookupError: there is no such field.
             ValueError: a column has more or fewer values.
         """
-        fields = self._types.fielddefs[msgtype][1]
-        if unknown := columns.keys() - {name for name, _ in fields}:
-            raise LookupError(f"{msgtype} has no {', '.join(sorted(unknown))}")
-        if not count and not any(len(column) for column in columns.values() if isinstance(column, list | np.ndarray)):
-            return []
-        empty = self._empty_fields(msgtype)
-        each = [_values(columns[name], count) if name in columns else repeat(empty[name], count) for name, _ in fields]
-        new = self._types.types[msgtype]
-        return [new(*row) for row in zip(*each, strict=True)]
+        empty = self._empty_fields(msgtype).items()
+        each = [_values(columns.pop(name), count) if name in columns else repeat(zero, count) for name, zero in empty]
+        if columns:
+            raise LookupError(f"{msgtype} has no {', '.join(sorted(columns))}")
+        return list(starmap(self._types.types[msgtype], zip(*each, strict=True)))
 
     def rows_of_numbers(self, msgtype: str, numbers: Array) -> list[Any]:
         """Messages of K numbers and nothing else, as points are, from an array (N, K)."""
-        new = self._types.types[msgtype]
-        return [new(*row) for row in numbers.tolist()]
+        return list(starmap(self._types.types[msgtype], numbers.tolist()))
 
     def _empty_fields(self, msgtype: str) -> Mapping[str, Any]:
         """The values of fields that are left out: of numbers 0, of lists none; all messages share them."""

@@ -14,6 +14,7 @@ from rosbags.typesys.store import Typestore
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.messages import RosMessages
+from pipeline.core.ros.typestores import release_types
 from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
 from readers.messages.to_ros2 import RENAMED, class_name_of_number, name_of_number, to_ros2
 
@@ -33,9 +34,9 @@ def read(message: RawMessage) -> Any:
 
 
 def ros1(topic: str, message: Any) -> RawMessage:
-    msgtype = message.__msgtype__
-    recorded = Channel(topic, msgtype, "ros1", ROS1.definition(msgtype), "ros1msg")
-    return RawMessage(STAMP_NS, STAMP_NS + 5, (0, 7), bytes(ROS1.serialize(message)), recorded)
+    msgtype, store = message.__msgtype__, release_types(Stores.ROS1_NOETIC)
+    recorded = Channel(topic, msgtype, "ros1", store.generate_msgdef(msgtype)[0], "ros1msg")
+    return RawMessage(STAMP_NS, STAMP_NS + 5, (0, 7), bytes(store.serialize_ros1(message, msgtype)), recorded)
 
 
 def hypothesis(number: int, score: float) -> Any:

@@ -2,10 +2,11 @@ import re
 
 import pytest
 from helpers import shared
+from named_types import RELEASES, file_of, named_types
 from rosbags.typesys import Stores, get_typestore
 
 from pipeline.core.ros.messages import ROS2
-from pipeline.core.ros.typestores import extra_types, message_types
+from pipeline.core.ros.typestores import RosVersion, extra_types, message_types, release_types
 
 TYPES = (
     "foxglove_msgs/msg/ImageAnnotations",
@@ -35,7 +36,7 @@ def test_a_schema_holds_all_that_it_depends_on(name: str) -> None:
 def test_our_copies_equal_the_published_definitions() -> None:
     blocks = re.split(r"={80}\nMSG: (.+)\n", shared("reference/msgdefs/all_msgs.txt").read_text())[1:]
     published = dict(zip(blocks[::2], blocks[1::2], strict=True))
-    store = message_types(2)
+    store = release_types(RELEASES[2])
     ours = {name for name in store.fielddefs if name.startswith(("foxglove_msgs/", "vision_msgs/"))}
     assert ours
     for name in ours:
@@ -65,3 +66,10 @@ def test_definitions_of_ros_1_have_the_genuine_sums(name: str) -> None:
 def test_no_definition_is_kept_that_rosbags_brings() -> None:
     assert not {*extra_types(1)} & {*get_typestore(Stores.ROS1_NOETIC).fielddefs}
     assert not {*extra_types(2)} & {*get_typestore(Stores.ROS2_HUMBLE).fielddefs}
+
+
+@pytest.mark.parametrize("version", RELEASES)
+def test_named_types_are_kept_as_rosbags_has_them(version: RosVersion) -> None:
+    assert file_of(version).read_text() == named_types(version), "run python tests/support/named_types.py"
+    kept, known = message_types(version).fielddefs, release_types(RELEASES[version]).fielddefs
+    assert kept == {name: known[name] for name in kept}
