@@ -1,4 +1,5 @@
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -20,7 +21,7 @@ def test_the_whole_text(tmp_path: Path, text: str) -> None:
 @pytest.mark.parametrize(
     ("make", "problem"),
     [
-        (lambda path: None, "expected a rig file, found no such file"),
+        (lambda _: None, "expected a rig file, found no such file"),
         (lambda path: path.write_bytes(b"x\xff"), "expected a rig file as UTF-8 text, found other bytes at 1"),
         (lambda path: path.write_bytes(b"x" * 11), "cannot be read as a rig file: expected at most .* found a larger"),
         (lambda path: path.mkdir(), "cannot be read as a rig file: Is a directory"),
@@ -28,8 +29,8 @@ def test_the_whole_text(tmp_path: Path, text: str) -> None:
         (lambda path: path.symlink_to("/dev/zero"), "expected a regular file, found a FIFO or a device"),
     ],
 )
-def test_what_is_no_small_text(tmp_path: Path, make: object, problem: str) -> None:
-    make(tmp_path / "a")  # type: ignore[operator]
+def test_what_is_no_small_text(tmp_path: Path, make: Callable[[Path], object], problem: str) -> None:
+    make(tmp_path / "a")
     with pytest.raises(CalibrationError, match=rf"/a: .*{problem}") as caught:
         read(tmp_path / "a")
     assert "\n" not in str(caught.value)
