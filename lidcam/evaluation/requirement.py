@@ -10,6 +10,7 @@ from typing import Any
 
 from lidcam.evaluation.figures import LABELS, NamedFigures
 from pipeline.core.errors import ConfigError
+from pipeline.core.small_files import read_small_text
 from pipeline.evaluation.evaluation_frame import Figure
 
 __all__ = ["EXAMPLE", "Outcome", "Requirement", "RequirementError", "check_names", "read_requirements"]
@@ -27,6 +28,9 @@ OPERATORS: Mapping[str, Callable[[float, float], bool]] = {
 
 TRACKING = "tracking."
 """How the names of figures begin that only results with track ids have."""
+
+MAX_REQUIREMENT_BYTES = 1 << 20
+"""Of a file with requirements: some twenty thousand of them."""
 
 _FORM = re.compile(r"(?P<name>[^\s<>=!][^<>=!]*?)\s*(?P<sign>[<>=!]+)\s*(?P<limit>[^\s<>=!]+)")
 
@@ -153,12 +157,7 @@ _REASONS = {"truth": "there is no truth of it", "found": "nothing of it was foun
 
 
 def _of_file(path: Path) -> list[Requirement]:
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except OSError as err:
-        raise RequirementError(f"{path}: expected a file with requirements: {err.strerror or err}") from err
-    except UnicodeDecodeError as err:
-        raise RequirementError(f"{path}: expected text with requirements, found binary data") from err
+    lines = read_small_text(path, MAX_REQUIREMENT_BYTES, "requirements", RequirementError).splitlines()
     found = []
     for number, line in enumerate(lines, 1):
         if text := line.partition("#")[0].strip():

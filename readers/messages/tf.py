@@ -40,6 +40,9 @@ BEGINNING_NS = 2_000_000_000
 STILL = 1e-6
 """Largest change of a matrix entry (metres, or roughly radians) of a fixed frame."""
 
+MAX_TF_BYTES = 64 << 20
+"""Of /tf_static, and of what is probed of /tf: hours of a vehicle's fixed frames, sent ten times a second each."""
+
 NUMBERS = Struct("<7d")
 """Translation, and rotation x, y, z, w."""
 
@@ -159,7 +162,7 @@ def read_transforms(
         recording: Open recording.
         start_ns: Start of the window by log time; None is that of the recording.
         stop_ns: Its end (exclusive).
-        limits: How many frames the transforms may name; messages that name more are dropped.
+        limits: How many frames the transforms may name; messages of a topic that names more are dropped from there on.
     """
     static, dynamic = tf_topics(recording)
     fixed = TransformTree()
@@ -242,7 +245,15 @@ def _transforms(
     *,
     is_wanted: Callable[[str, str], bool] = lambda _parent, _child: True,
 ) -> Iterator[tuple[RawMessage, Transform | CalibrationError, str]]:
+    read_bytes, full = 0, set[str]()
     for message in messages:
+        read_bytes += len(message.data)
+        if read_bytes > MAX_TF_BYTES:
+            return
+        if message.topic in full:
+            first, count = drops[message.topic]
+            drops[message.topic] = first, count + 1
+            continue
         try:
             for _, transform, child in decode_transforms(message, limits=limits, is_wanted=is_wanted):
                 _add_frame(child, names, message.topic, limits)
@@ -251,6 +262,8 @@ def _transforms(
             drop = Drop(message.topic, message.stamp_ns, "cannot be decoded", str(err))
             first, count = drops.get(message.topic, (drop, 0))
             drops[message.topic] = first, count + 1
+            if len(names) >= limits.max_frames:  # to decode what follows takes minutes
+                full.add(message.topic)
 
 
 def _add_frame(child: str, names: set[str], topic: str, limits: LimitsConfig) -> None:

@@ -58,6 +58,8 @@ def read_records(path: Path) -> AttachedRecords:
             raise RecordingError(f"{path}: expected a result of lidcam, found no such file")
         if path.is_dir():
             raise RecordingError(f"{path}: expected a result of lidcam, an .mcap file, found a folder")
+        if not path.is_file():
+            raise RecordingError(f"{path}: expected a result of lidcam, an .mcap file, found a FIFO or a device")
         with path.open("rb") as stream:
             if stream.read(len(_MAGIC)) != _MAGIC:
                 raise RecordingError(

@@ -9,7 +9,8 @@ import yaml
 from pipeline.core.arrays import F64
 from pipeline.core.errors import CalibrationError
 from pipeline.core.rig import Rig, TruthVehicle, Zone
-from pipeline.core.settings.bounded_yaml import read_yaml
+from pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, yaml_mapping
+from pipeline.core.small_files import read_small_text
 from readers.rig.schema import RigFile, parse_rig
 
 __all__ = [
@@ -42,16 +43,11 @@ def load_rig(path: str | Path) -> RigFile:
     from readers.rig.importers.predecessor import import_calib_txt, import_geometry
 
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError as err:
-        raise CalibrationError(f"{path}: expected a rig file, found no such file") from err
-    except (OSError, UnicodeDecodeError) as err:
-        raise CalibrationError(f"{path}: cannot be read as a rig file: {err}") from err
+    text = read_small_text(path, MAX_YAML_BYTES, "a rig file", CalibrationError)
     for import_text in (import_calib_txt, import_kitti):
         if rig := import_text(text, path):
             return rig
-    tree = read_yaml(path)
+    tree = yaml_mapping(text, path)
     for import_tree in (import_geometry, import_kalibr, import_autoware):
         if rig := import_tree(tree, path):
             return rig

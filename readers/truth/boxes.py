@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.core.arrays import F64
-from pipeline.core.errors import RecordingError
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
 from readers.natural_order import natural_key
@@ -18,14 +17,10 @@ __all__ = [
     "Labelled2D",
     "class_ids_of_labels",
     "label_files",
-    "read_label_text",
     "truth_boxes_2d",
     "truth_boxes_3d",
     "yaw_of",
 ]
-
-MAX_LABEL_BYTES = 256 << 20
-"""About ten thousand frames of thirty objects as OpenLABEL has them."""
 
 MAX_OFF_UNIT = 0.01
 """How far from 1 the length of a quaternion may be."""
@@ -119,26 +114,6 @@ def yaw_of(pose: F64) -> float:
 def label_files(folder: Path, ending: str) -> list[Path]:
     """The files of a folder whose names end so, in the order of the numbers in their names."""
     return sorted(folder.glob(f"*.{ending}"), key=lambda path: natural_key(path.name))
-
-
-def read_label_text(path: Path, max_bytes: int = MAX_LABEL_BYTES) -> str:
-    """The text of a label file.
-
-    Raises:
-        RecordingError: it cannot be read, or is larger than `max_bytes`.
-    """
-    try:
-        with path.open("rb") as stream:
-            data = stream.read(max_bytes + 1)
-        if len(data) > max_bytes:
-            raise RecordingError(f"{path}: expected labels of at most {max_bytes >> 20} MiB, found a larger file")
-        return data.decode()
-    except FileNotFoundError as err:
-        raise RecordingError(f"{path}: no such file; expected labels") from err
-    except UnicodeDecodeError as err:
-        raise RecordingError(f"{path}: expected labels as UTF-8 text, found other bytes at {err.start}") from err
-    except OSError as err:
-        raise RecordingError(f"{path}: cannot be read: {err.strerror or err}") from err
 
 
 def _class_ids(labels: Iterable[str], class_ids: Mapping[str, int]) -> np.ndarray[tuple[int], np.dtype[np.int32]]:

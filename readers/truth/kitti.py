@@ -20,15 +20,17 @@ import numpy as np
 from pipeline.core.arrays import F64
 from pipeline.core.errors import RecordingError
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES
 from pipeline.core.settings.config import Config
+from pipeline.core.small_files import read_small_text
 from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
+from readers.messages.objects.found import check_boxes
 from readers.rig.importers.kitti import KittiCalibration, kitti_calibration
 from readers.truth.boxes import (
     Labelled,
     Labelled2D,
     class_ids_of_labels,
     label_files,
-    read_label_text,
     truth_boxes_2d,
     truth_boxes_3d,
 )
@@ -46,6 +48,9 @@ LEFT_COLOUR_CAMERA = 2
 
 MAX_REPROJECTION_PX = 2.0
 """How far a camera of the rig may be from the labelled one: nobody calibrates worse for labels."""
+
+MAX_LABEL_BYTES = 16 << 20
+"""Of one file; the largest of the tracking benchmark has about 1 MB."""
 
 MAX_ID = 2**53
 """Ids beyond this are none that a benchmark gives."""
@@ -213,11 +218,11 @@ class KittiTruth(TruthSource):
     def __init__(self, path: Path, rig: Rig, config: Config) -> None:
         folder = path / "label_2" if (path / "label_2").is_dir() else path
         self._files = _files_of(folder) if folder.is_dir() else [path]
-        self._rig, self._lidar = rig, _lidar_of(rig, path)
+        self._rig, self._lidar, self._limits = rig, _lidar_of(rig, path), config.limits
         self._level = config.evaluate.kitti_difficulty
         self._has_region = config.evaluate.region is not None
         self._class_ids = class_ids_of_labels(config.classes)
-        first = parse_kitti_labels(read_label_text(self._files[0]), self._files[0])
+        first = _labels_of(self._files[0])
         if first.is_tracking and len(self._files) > 1:
             raise RecordingError(
                 f"{path}: labels of the tracking benchmark, one file a sequence: name the file of the sequence"
@@ -279,13 +284,15 @@ class KittiTruth(TruthSource):
         if self._last is None or self._last[0] != frame:
             file = self._files[0 if self._tracked is not None else frame]
             calibration = _calibration(file) if self._last is None or self._tracked is None else self._last[2]
-            self._last = frame, self._read(file, frame), calibration
+            labels = self._read(file, frame)
+            check_boxes(labels, f"{file}: frame {frame}", self._limits)
+            self._last = frame, labels, calibration
         return self._last[1:]
 
     def _read(self, file: Path, frame: int) -> Sequence[KittiLabel]:
         if self._tracked is not None:
             return self._tracked.get(frame, ())
-        found = parse_kitti_labels(read_label_text(file), file)
+        found = _labels_of(file)
         if found.is_tracking:
             raise RecordingError(f"{file}: expected labels as in {self._files[0].name}, found the tracking benchmark's")
         return found.labels
@@ -325,6 +332,10 @@ def _lidar_of(rig: Rig, path: Path) -> LidarSensor:
     )
 
 
+def _labels_of(path: Path) -> KittiFile:
+    return parse_kitti_labels(read_small_text(path, MAX_LABEL_BYTES, "KITTI labels", RecordingError), path)
+
+
 def _by_frame(labels: Sequence[KittiLabel]) -> dict[int, list[KittiLabel]]:
     frames: dict[int, list[KittiLabel]] = {}
     for label in labels:
@@ -341,7 +352,7 @@ def _calibration(labels: Path) -> KittiCalibration:
             f"{labels}: KITTI's labels stand in the frame of a camera; expected its calibration {places[0]}, found no "
             "such file"
         )
-    found = kitti_calibration(read_label_text(place), place)
+    found = kitti_calibration(read_small_text(place, MAX_YAML_BYTES, "KITTI calibration", RecordingError), place)
     if found is None:
         raise RecordingError(f"{place}: expected a calibration of KITTI with R0_rect and Tr_velo_to_cam")
     rotation = found.T_rect_velo[:3, :3]

@@ -142,6 +142,8 @@ def open_labels(path: Path, rig: Rig, config: Config) -> TruthSource | None:
     try:
         if path.is_dir():
             return _of_folder(path, rig, config)
+        if path.exists() and not path.is_file():
+            raise RecordingError(f"{path}: expected truth: {_EXPECTED}, found a FIFO or a device")
         with path.open("rb") as stream:
             head = stream.read(_HEAD_BYTES)
     except FileNotFoundError as err:

@@ -4,6 +4,7 @@ Frames with timestamps are brought to the time that is asked for, others belong 
 """
 
 from collections.abc import Iterator, Mapping
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,10 @@ from pipeline.core.errors import RecordingError
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.evaluation_frame import TruthBoxes3D
-from readers.truth.boxes import Labelled, class_ids_of_labels, label_files, read_label_text, truth_boxes_3d
+from readers.messages.objects.found import check_boxes
+from readers.truth.boxes import Labelled, class_ids_of_labels, label_files, truth_boxes_3d
 from readers.truth.moment import STEP_BACK_NS, Moment
-from readers.truth.openlabel_text import Cuboid, OpenLabel, OpenLabelFrame, parse_openlabel
+from readers.truth.openlabel_text import Cuboid, OpenLabel, OpenLabelFrame, read_openlabel
 from readers.truth.source import TruthSource
 from readers.truth.timeline import Timeline
 
@@ -41,18 +43,18 @@ class OpenLabelTruth(TruthSource):
 
     def __init__(self, path: Path, rig: Rig, config: Config) -> None:
         self._files = label_files(path, "json") if path.is_dir() else [path]
-        self._rig, self._class_ids = rig, class_ids_of_labels(config.classes)
+        self._rig, self._class_ids, self._limits = rig, class_ids_of_labels(config.classes), config.limits
         self._tracks: dict[str, int] = {}
         self._known: Mapping[str, F64] = _frames_of(rig)
         self._without = 0
         self.description = f"OpenLABEL of {path}"
-        first = next(self._frames(), None)
+        frames = self._frames()
+        first = next(frames, None)
         if first is None:
             raise RecordingError(f"{path}: expected OpenLABEL with frames, found none")
         self._has_stamps = first[1].frame_properties.timestamp is not None
-        self._without = 0
+        self._left = chain((first,), frames)
         self._timeline, self._moments = Timeline(), self._stamped()
-        self._left = self._frames()
         self._current: tuple[int, OpenLabelFrame, OpenLabel] | None = None
 
     @property
@@ -82,8 +84,10 @@ class OpenLabelTruth(TruthSource):
         """Number, frame and file; in a folder frames are counted, in a file they have numbers."""
         count = 0
         for path in self._files:
-            file = parse_openlabel(read_label_text(path), path)
-            for number, frame in sorted(file.frames.items()):
+            file = read_openlabel(path)
+            for number in sorted(file.frames):
+                check_boxes(file.object_keys(number), f"{path}: frame {number}", self._limits)
+                frame = file.frame(number, path)
                 self._without += sum(not one.object_data.cuboid for one in frame.objects.values())
                 yield (number if len(self._files) == 1 else count), frame, file
                 count += 1
@@ -98,7 +102,7 @@ class OpenLabelTruth(TruthSource):
         return None if found is None else found.boxes
 
     def _stamped(self) -> Iterator[Moment]:
-        for number, frame, file in self._frames():
+        for number, frame, file in self._left:
             stamp_ns = frame.frame_properties.timestamp
             if stamp_ns is None:
                 raise RecordingError(f"{self.description}: frame {number} has no timestamp, others have")

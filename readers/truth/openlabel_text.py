@@ -17,10 +17,19 @@ from pipeline.core.errors import RecordingError
 from pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy
 from pipeline.core.messages import time_fault
 from pipeline.core.settings.validation import checked
+from pipeline.core.small_files import read_small_text
 from pipeline.evaluation.evaluation_frame import UNKNOWN
 from readers.truth.boxes import MAX_OFF_UNIT
 
-__all__ = ["Cuboid", "OpenLabel", "OpenLabelFrame", "parse_openlabel"]
+__all__ = ["Cuboid", "OpenLabel", "OpenLabelFrame", "read_openlabel"]
+
+MAX_OPENLABEL_BYTES = 64 << 20
+"""Of one file; of a longer sequence each frame is a file of its own."""
+
+MAX_OPENLABEL_VALUES = 6_000_000
+"""Of one file, some 100 bytes each in memory: ten thousand frames of thirty objects."""
+
+EXPECTED = "expected OpenLABEL 1.0"
 
 _SECONDS = ((10**17, 1), (10**14, 10**3), (10**11, 10**6), (0, 10**9))
 """Numbers from which times are ns, us, ms and s: no recording is from before 1973."""
@@ -34,9 +43,13 @@ def _rotation(values: Sequence[float]) -> F64:
     """
     if len(values) == 3:
         return matrix_of_rpy(values)
-    if not abs(math.hypot(*values) - 1) <= MAX_OFF_UNIT:
-        raise ValueError(f"expected a quaternion of length 1, found {math.hypot(*values):g}")
+    _check_unit(values)
     return matrix_of_quaternion(values)
+
+
+def _check_unit(quaternion: Sequence[float]) -> None:
+    if not abs(math.hypot(*quaternion) - 1) <= MAX_OFF_UNIT:
+        raise ValueError(f"expected a quaternion of length 1, found {math.hypot(*quaternion):g}")
 
 
 def _stamp_ns(value: Any) -> int | None:
@@ -90,7 +103,8 @@ class Cuboid(_Part):
     def _is_box(cls, val: list[float]) -> list[float]:
         if len(val) not in (9, 10):
             raise ValueError(f"expected 10 numbers (position, quaternion, size) or 9 (angles), found {len(val)}")
-        _rotation(val[3:-3])
+        if len(val) == 10:
+            _check_unit(val[3:7])
         if not min(val[-3:]) > 0:
             raise ValueError(f"expected a box with a volume, found {' x '.join(f'{size:g}' for size in val[-3:])} m")
         return val
@@ -170,12 +184,12 @@ class OpenLabel(_Part):
     """The content of a file.
 
     Attributes:
-        frames: By their numbers.
+        frames: By their numbers, as they stand in the file: `frame` checks one.
         objects: Properties of an object that are the same in all frames, by its key.
         coordinate_systems: By name, with their poses in those that they stand in.
     """
 
-    frames: dict[int, OpenLabelFrame]
+    frames: dict[int, Any]
     objects: dict[str, Any] = {}
     coordinate_systems: dict[str, _System] = {}
 
@@ -185,6 +199,20 @@ class OpenLabel(_Part):
         if other := [key for key in frames if not (key.isdecimal() and len(key) <= 15)] if type(frames) is dict else []:
             raise ValueError(f"expected numbers as keys, found {other[0]!r}")
         return frames
+
+    def object_keys(self, number: int) -> list[str]:
+        """The keys of the objects of a frame, which is not checked for it."""
+        objects = self.frames[number].get("objects") if isinstance(self.frames[number], dict) else None
+        return [*objects] if isinstance(objects, dict) else []
+
+    def frame(self, number: int, path: Path) -> OpenLabelFrame:
+        """A frame; `path` is named in errors.
+
+        Raises:
+            RecordingError: it has not the form of OpenLABEL; says which part.
+        """
+        tree = {"openlabel": {"frames": {str(number): self.frames[number]}}}
+        return checked(_CheckedFile, tree, f"{path}: {EXPECTED}", RecordingError).openlabel.frames[number]
 
     def label_of(self, uuid: str, data: _ObjectData) -> str:
         """The type of an object; empty without."""
@@ -196,18 +224,28 @@ class _File(_Part):
     openlabel: OpenLabel
 
 
-def parse_openlabel(text: str, path: Path) -> OpenLabel:
+class _CheckedFrames(_Part):
+    frames: dict[int, OpenLabelFrame]
+
+
+class _CheckedFile(_Part):
+    openlabel: _CheckedFrames
+
+
+def read_openlabel(path: Path) -> OpenLabel:
     """The content of an OpenLABEL file.
 
-    Args:
-        text: JSON.
-        path: Named in errors.
-
     Raises:
-        RecordingError: it is no JSON, or a part of it has not the form of OpenLABEL; says which.
+        RecordingError: it cannot be read, is too large, is no JSON, or a part of it has not the form of OpenLABEL.
     """
+    text = read_small_text(path, MAX_OPENLABEL_BYTES, "OpenLABEL", RecordingError)
+    if (count := sum(map(text.count, ",[{"))) > MAX_OPENLABEL_VALUES:
+        raise RecordingError(
+            f"{path}: expected OpenLABEL of at most {MAX_OPENLABEL_VALUES} values, found {count}: give a folder with a "
+            "file for each frame"
+        )
     try:
         tree = json.loads(text)
     except (ValueError, RecursionError) as err:
         raise RecordingError(f"{path}: expected OpenLABEL, found no JSON: {err}") from err
-    return checked(_File, tree, f"{path}: expected OpenLABEL 1.0", RecordingError).openlabel
+    return checked(_File, tree, f"{path}: {EXPECTED}", RecordingError).openlabel

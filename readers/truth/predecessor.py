@@ -7,6 +7,8 @@ quaternion, a whole box (x, y, z, length, width, height, yaw); 13 are a pose wit
 the site frame. The box of the car is that of the rig's section `truth`, else that of the system's model car.
 """
 
+import warnings
+from io import BytesIO, TextIOWrapper
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,7 @@ from pipeline.core.errors import RecordingError
 from pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy
 from pipeline.core.rig import Rig, TruthVehicle
 from pipeline.core.settings.config import Config
+from pipeline.core.small_files import read_small_text
 from pipeline.evaluation.evaluation_frame import TruthBoxes3D
 from readers.files.evaluation_folder import START_NS, STEP_NS
 from readers.truth.boxes import (
@@ -23,12 +26,14 @@ from readers.truth.boxes import (
     Labelled,
     class_ids_of_labels,
     label_files,
-    read_label_text,
     truth_boxes_3d,
 )
 from readers.truth.source import TruthSource
 
-__all__ = ["CAR", "PredecessorTruth", "parse_odometry_rows"]
+__all__ = ["CAR", "PredecessorTruth"]
+
+MAX_ODOMETRY_BYTES = 256 << 20
+"""More than an hour at 400 Hz."""
 
 CAR = TruthVehicle("", "car", (0.33, 0.22, 0.21))
 """The model car: about 1 to 14."""
@@ -53,7 +58,8 @@ class PredecessorTruth(TruthSource):
         files = label_files(path / "odom", "txt")
         if not files:
             raise RecordingError(f"{path / 'odom'}: expected the car's odometry (30000.txt), found no .txt file")
-        self._poses, self._sizes = parse_odometry_rows(read_label_text(files[-1]), files[-1])
+        self._rows = _read_rows(files[-1])
+        self._is_box = self._rows.shape[1] == 7 and not _are_quaternions(self._rows)
         self._rig, self._car = rig, next(iter(rig.truth.values()), CAR)
         self._class_ids = class_ids_of_labels(config.classes)
         self.description = f"the car's odometry in {files[-1]}"
@@ -62,89 +68,66 @@ class PredecessorTruth(TruthSource):
     def notes(self) -> tuple[str, ...]:
         """See `TruthSource`."""
         length, width, height = self._car.size_m
-        box = (
-            "with its box"
-            if self._sizes is not None
-            else f"a {self._car.label} of {length:g} x {width:g} x {height:g} m"
-        )
-        return (f"{self.description}: {len(self._poses)} rows, one for each frame, {box}; it has no stamps",)
+        box = "with its box" if self._is_box else f"a {self._car.label} of {length:g} x {width:g} x {height:g} m"
+        return (f"{self.description}: {len(self._rows)} rows, one for each frame, {box}; it has no stamps",)
 
     def at(self, stamp_ns: int, *, frame: int) -> TruthBoxes3D | None:
         """See `TruthSource`: the car in the site frame."""
         number = self._number(stamp_ns, frame)
-        if number >= len(self._poses):
+        if number >= len(self._rows):
             return None
-        pose = self._poses[number].copy()
+        row = self._rows[number]
+        pose = np.eye(4)
+        pose[:2, 3] = row[:2]
+        pose[2, 3] = row[2] if len(row) > 3 else CAR_CENTER_Z_M
+        has_yaw = self._is_box or len(row) < 7
+        pose[:3, :3] = matrix_of_rpy((0.0, 0.0, row[-1])) if has_yaw else matrix_of_quaternion(row[3:7])
         size_m = self._car.size_m
-        if self._sizes is None:
-            pose[:3, 3] += pose[:3, :3] @ np.array(self._car.offset_m)
-        else:
-            length, width, height = self._sizes[number].tolist()
+        if self._is_box:
+            length, width, height = row[3:6].tolist()
             size_m = length, width, height
+        else:
+            pose[:3, 3] += pose[:3, :3] @ np.array(self._car.offset_m)
         car = Labelled(self._car.label, pose, size_m, track_id=0)
         return truth_boxes_3d(stamp_ns, self._rig.site_frame, [car], self._class_ids)
 
     def _number(self, stamp_ns: int, frame: int) -> int:
         """The number of a frame: by its stamp, where the folder itself was processed, else by its place."""
         number, rest_ns = divmod(stamp_ns - START_NS + STEP_NS // 2, STEP_NS)
-        is_of_folder = 0 <= number < len(self._poses) and abs(rest_ns - STEP_NS // 2) <= 1
+        is_of_folder = 0 <= number < len(self._rows) and abs(rest_ns - STEP_NS // 2) <= 1
         return number if is_of_folder else frame
 
 
-def parse_odometry_rows(text: str, path: Path) -> tuple[F64, F64 | None]:
-    """The rows of an odometry file.
-
-    Args:
-        text: Its content.
-        path: Named in errors.
-
-    Returns:
-        (N, 4, 4) poses of the car in the site frame, and (N, 3) length, width, height if the rows are boxes.
+def _read_rows(path: Path) -> F64:
+    """(N, 3, 4, 7 or 13) the rows of an odometry file.
 
     Raises:
-        RecordingError: the text is no table of numbers, or has another number of columns.
+        RecordingError: it cannot be read, is no table of numbers, or has another number of columns.
     """
-    rows = _table(text, path)
-    columns = rows.shape[1]
-    poses = np.tile(np.eye(4), (len(rows), 1, 1))
-    poses[:, :2, 3] = rows[:, :2]
-    poses[:, 2, 3] = rows[:, 2] if columns > 3 else CAR_CENTER_Z_M
-    sizes: F64 | None = None
-    if columns in (7, 13) and _are_quaternions(rows[:, 3:7]):
-        poses[:, :3, :3] = matrix_of_quaternion(rows[:, 3:7])
-        return poses, None
-    if columns == 13:
-        raise RecordingError(f"{path}: expected a quaternion in columns 4 to 7 of 13, found other numbers")
-    if columns == 7:
-        sizes = rows[:, 3:6].copy()
-        if not (sizes > 0).all():
-            raise RecordingError(
-                f"{path}: expected a quaternion, or a size and a yaw, in columns 4 to 7, found neither"
-            )
-    poses[:, :3, :3] = [matrix_of_rpy((0.0, 0.0, yaw)) for yaw in rows[:, -1]]
-    return poses, sizes
-
-
-def _table(text: str, path: Path) -> F64:
-    lines = [line.replace(",", " ").split() for line in text.splitlines()]
-    words = [line for line in lines if line and not line[0].startswith("#")]
-    if not words:
+    data = read_small_text(path, MAX_ODOMETRY_BYTES, "the car's odometry", RecordingError).encode()
+    lines = (line.replace(",", " ") for line in TextIOWrapper(BytesIO(data), "utf-8"))
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of a file without rows
+            rows = np.loadtxt(lines, np.float64, ndmin=2)
+    except ValueError as err:
+        raise RecordingError(f"{path}: expected rows of numbers, the same in all: {err}") from err
+    count, columns = rows.shape
+    if not count:
         raise RecordingError(f"{path}: expected rows of numbers, found none")
-    columns = len(words[0])
-    if columns not in (3, 4, 7, 13) or any(len(line) != columns for line in words):
-        other = next((len(line) for line in words if len(line) != columns), columns)
+    if columns not in (3, 4, 7, 13):
         raise RecordingError(
             f"{path}: expected rows of 3 (x y yaw), 4 (x y z yaw), 7 (position and quaternion, or a box) or 13 columns "
-            f"(pose and velocities), found {other}"
+            f"(pose and velocities), found {columns}"
         )
-    try:
-        rows = np.array(words, np.float64)
-    except ValueError as err:
-        raise RecordingError(f"{path}: expected rows of numbers: {err}") from err
     if not np.isfinite(rows).all():
         raise RecordingError(f"{path}: row {int(np.argmin(np.isfinite(rows).all(1)))}: expected finite numbers")
+    if columns == 13 and not _are_quaternions(rows):
+        raise RecordingError(f"{path}: expected a quaternion in columns 4 to 7 of 13, found other numbers")
+    if columns == 7 and not _are_quaternions(rows) and not (rows[:, 3:6] > 0).all():
+        raise RecordingError(f"{path}: expected a quaternion, or a size and a yaw, in columns 4 to 7, found neither")
     return rows
 
 
-def _are_quaternions(values: F64) -> bool:
-    return bool((np.abs(np.linalg.norm(values, axis=1) - 1) <= MAX_OFF_UNIT).all())
+def _are_quaternions(rows: F64) -> bool:
+    return bool((np.abs(np.linalg.norm(rows[:, 3:7], axis=1) - 1) <= MAX_OFF_UNIT).all())

@@ -6,8 +6,9 @@ from typing import Any
 import yaml
 
 from pipeline.core.errors import ConfigError
+from pipeline.core.small_files import read_small_text
 
-__all__ = ["MAX_YAML_BYTES", "parse_yaml", "read_yaml"]
+__all__ = ["MAX_YAML_BYTES", "parse_yaml", "read_yaml", "yaml_mapping"]
 
 MAX_YAML_BYTES = 1 << 20
 MAX_YAML_BRACKETS = 30
@@ -79,11 +80,13 @@ def read_yaml(path: Path) -> dict[str, Any]:
     Raises:
         ConfigError: the file cannot be read, is not YAML, or is not a mapping.
     """
+    return yaml_mapping(read_small_text(path, MAX_YAML_BYTES, "a YAML file", ConfigError), path)
+
+
+def yaml_mapping(text: str, path: Path) -> dict[str, Any]:
+    """As `read_yaml`, of the text that was read from `path`."""
     try:
-        with path.open(encoding="utf-8") as stream:
-            tree = parse_yaml(stream.read(MAX_YAML_BYTES + 1))
-    except (OSError, UnicodeDecodeError) as err:
-        raise ConfigError(f"{path}: cannot be read: {err}") from err
+        tree = parse_yaml(text)
     except yaml.YAMLError as err:
         raise ConfigError(f"{path}: not YAML: {' '.join(str(err).split())}") from err
     if tree is None:

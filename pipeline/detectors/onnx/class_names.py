@@ -8,6 +8,7 @@ import yaml
 
 from pipeline.core.errors import ConfigError, ModelError
 from pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
+from pipeline.core.small_files import read_small_file
 
 __all__ = ["COCO91_LABELS", "COCO_LABELS", "class_names"]
 
@@ -80,26 +81,15 @@ def _file_names(path: Path) -> tuple[str, ...]:
         ConfigError: it cannot be read, or it holds none.
     """
     try:
-        with path.open("rb") as file:
-            text = file.read(MAX_YAML_BYTES + 1).decode()
-        found = parse_yaml(text) if path.suffix in {".yaml", ".yml", ".json"} else _lines(text)
+        text = read_small_file(path, MAX_YAML_BYTES).decode()
+        is_yaml = path.suffix in {".yaml", ".yml", ".json"}
+        found = parse_yaml(text) if is_yaml else [line.strip() for line in text.rstrip().splitlines()]
         if isinstance(found, dict):
             found = next((found[key] for key in ("names", "id2label") if key in found), found)
         return _listed(found)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as err:
         reason = err.strerror if isinstance(err, OSError) else "it holds none"
         raise ConfigError(f"detect2d.names: {path}: expected names of classes: {reason}") from err
-
-
-def _lines(text: str) -> list[str]:
-    """One name a line; a line between others may be empty.
-
-    Raises:
-        yaml.YAMLError: they are more than may be.
-    """
-    if len(text) > MAX_YAML_BYTES:
-        raise yaml.YAMLError("too long")
-    return [line.strip() for line in text.rstrip().splitlines()]
 
 
 def _listed(found: Any) -> tuple[str, ...]:

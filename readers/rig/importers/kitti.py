@@ -14,7 +14,9 @@ import numpy as np
 
 from pipeline.core.arrays import F64
 from pipeline.core.errors import CalibrationError
+from pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES
 from pipeline.core.settings.model import MAX_NUMBER
+from pipeline.core.small_files import read_small_text
 from readers.rig.importers.matrices import camera_entry, flat, shaped
 from readers.rig.schema import LidarEntry, RigFile
 
@@ -108,10 +110,7 @@ def kitti_calibration(text: str, path: Path) -> KittiCalibration | None:
 
 
 def _kitti_file(path: Path) -> dict[str, list[float]]:
-    try:
-        return _kitti_values(path.read_text(encoding="utf-8"), path)
-    except (OSError, UnicodeDecodeError) as err:
-        raise CalibrationError(f"{path}: cannot be read as KITTI calibration: {err}") from err
+    return _kitti_values(read_small_text(path, MAX_YAML_BYTES, "KITTI calibration", CalibrationError), path)
 
 
 def _kitti_values(text: str, path: Path) -> dict[str, list[float]]:

@@ -149,8 +149,8 @@ def test_a_file_of_requirements(tmp_path: Path) -> None:
         (b"", "gate.txt: expected at least one requirement, as 'fused.car.ap_bev_r40_50 >= 0.9', found none"),
         (b"# only\n# remarks\n", "found none"),
         (b"a > 1\nb = 2\n", "gate.txt, line 2: 'b = 2': expected one of"),
-        (b"\xff\xfe", "expected text with requirements, found binary data"),
-        (None, "gate.txt: expected a file with requirements: No such file or directory"),
+        (b"\xff\xfe", "expected requirements as UTF-8 text, found other bytes at 0"),
+        (None, "gate.txt: expected requirements, found no such file"),
     ],
 )
 def test_a_file_that_is_no_good(content: bytes | None, told: str, tmp_path: Path) -> None:

@@ -1,8 +1,11 @@
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 from builders import Fields, raw, tf_message, transform_stamped
 from memory_recording import MemoryRecording
 
+import readers.messages.tf as tf_module
 from pipeline.core.errors import FrameError
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import LimitsConfig
@@ -128,4 +131,19 @@ def test_more_frames_than_transforms_may_name() -> None:
     assert {frame for frame in found.fixed.frames if frame != "base"} == {"f0", "f1", "f2"}
     ((drop, count),) = found.drops
     assert drop.detail == "/tf_static: transforms of more than 3 coordinate frames: raise limits.max_frames"
-    assert count == 2
+    assert count == 3
+
+
+def test_what_follows_too_many_frames_is_not_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
+    decode = Mock(side_effect=tf_module.decode_transforms)
+    monkeypatch.setattr(tf_module, "decode_transforms", decode)
+    messages = [tf("/tf_static", edge("base", f"f{i}")) for i in range(1, 50)]
+    ((_, count),) = read_transforms(MemoryRecording(messages), limits=LimitsConfig(max_frames=3)).drops
+    assert (decode.call_count, count) == (4, 46)
+
+
+def test_transforms_are_read_up_to_a_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    messages = [tf("/tf_static", edge("base", f"f{i}")) for i in range(1, 5)]
+    monkeypatch.setattr(tf_module, "MAX_TF_BYTES", 2 * len(messages[0].data))
+    found = read_transforms(MemoryRecording(messages))
+    assert {frame for frame in found.fixed.frames if frame != "base"} == {"f1", "f2"}

@@ -10,6 +10,7 @@ from pipeline.core.errors import CalibrationError, RecordingError
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
+from pipeline.core.settings.load import load_config
 from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
 from readers.truth.kitti import KittiTruth, is_kitti_text
 
@@ -176,6 +177,13 @@ def test_malformed_labels(tmp_path: Path, files: list[str], problem: str) -> Non
     with pytest.raises(RecordingError) as caught:
         KittiTruth(folder(tmp_path, *files), rig(), Config())
     assert problem in str(caught.value)
+
+
+@pytest.mark.parametrize("text", [f"{CAR}\n" * 2, f"0 1 {CAR}\n" * 2])
+def test_more_boxes_in_a_frame_than_may_be(tmp_path: Path, text: str) -> None:
+    config = load_config(None, ["limits.max_boxes=1"])
+    with pytest.raises(RecordingError, match=r"000000\.txt: frame 0: 2 boxes, expected at most 1: raise limits\."):
+        boxes_of(folder(tmp_path, text), config=config)
 
 
 def test_calibration_is_needed_and_all_files_are_of_one_benchmark(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Which truth is taken: labels, odometry that the rig calls truth, topics."""
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,9 +14,9 @@ from pipeline.core.errors import RecordingError
 from pipeline.core.messages import RawMessage
 from pipeline.core.rig import Rig, TruthVehicle
 from pipeline.core.settings.load import dump_config
+from readers.results.attached_records import read_records
 from readers.results.result import Result, open_result
 from readers.rig.rig_file import rig_yaml
-from readers.truth.boxes import read_label_text
 from readers.truth.kitti import KittiTruth
 from readers.truth.odometry import OdometryTruth
 from readers.truth.open import open_labels, open_truth
@@ -128,6 +129,14 @@ def test_what_is_no_truth(tmp_path: Path, files: dict[str, str], given: str, pro
     assert problem in str(caught.value)
 
 
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(RecordingError, match=r"pipe: expected truth: .*found a FIFO or a device"):
+        opened(tmp_path / "pipe")
+    with pytest.raises(RecordingError, match=r"pipe: expected a result of lidcam.*found a FIFO or a device"):
+        read_records(tmp_path / "pipe")
+
+
 def test_a_file_that_cannot_be_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.txt").write_text(LABEL)
 
@@ -135,21 +144,5 @@ def test_a_file_that_cannot_be_opened(tmp_path: Path, monkeypatch: pytest.Monkey
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(Path, "open", refused)
-    for read in (opened, lambda path: read_label_text(path, 10)):
-        with pytest.raises(RecordingError, match=r"a\.txt: cannot be read: Permission denied"):
-            read(tmp_path / "a.txt")
-
-
-@pytest.mark.parametrize(
-    ("content", "problem"),
-    [
-        (None, "no such file"),
-        (b"\xff\xfe", "expected labels as UTF-8 text, found other bytes at 0"),
-        (b"x" * 11, "expected labels of at most 0 MiB, found a larger file"),
-    ],
-)
-def test_labels_that_cannot_be_read(tmp_path: Path, content: bytes | None, problem: str) -> None:
-    if content is not None:
-        (tmp_path / "a.txt").write_bytes(content)
-    with pytest.raises(RecordingError, match=rf"a\.txt: {problem}"):
-        read_label_text(tmp_path / "a.txt", 10)
+    with pytest.raises(RecordingError, match=r"a\.txt: cannot be read: Permission denied"):
+        opened(tmp_path / "a.txt")

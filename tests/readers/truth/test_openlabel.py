@@ -12,6 +12,7 @@ from pipeline.core.errors import RecordingError
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
+from pipeline.core.settings.load import load_config
 from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
 from readers.truth.openlabel import OpenLabelTruth, is_openlabel
 
@@ -238,3 +239,23 @@ def test_malformed_files(tmp_path: Path, content: Any, problem: str) -> None:
 @pytest.mark.parametrize(("head", "expected"), [(' \n{"openlabel"', True), ("[1]", False), ("", False)])
 def test_what_looks_like_openlabel(head: str, expected: bool) -> None:
     assert is_openlabel(head) is expected
+
+
+def test_more_boxes_in_a_frame_than_may_be(tmp_path: Path) -> None:
+    path = tmp_path / "labels.json"
+    path.write_text(json.dumps(tree({"0": frame(BOX, BOX)})))
+    with pytest.raises(RecordingError, match=r"labels\.json: frame 0: 2 boxes, expected at most 1: raise limits\."):
+        OpenLabelTruth(path, rig(), load_config(None, ["limits.max_boxes=1"]))
+
+
+def test_more_values_in_a_file_than_may_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("readers.truth.openlabel_text.MAX_OPENLABEL_VALUES", 20)
+    with pytest.raises(RecordingError, match=r"at most 20 values, found \d+: give a folder with a file for each frame"):
+        truth(tmp_path, tree({"0": frame(BOX, BOX)}))
+
+
+def test_only_frames_that_are_reached_are_checked(tmp_path: Path) -> None:
+    source = truth(tmp_path, tree({"0": frame(BOX), "1": frame([1, 2])}))
+    assert len(at(source)) == 1
+    with pytest.raises(RecordingError, match=r"frames\.1\.objects\.a\..*val: expected 10"):
+        source.at(0, frame=1)

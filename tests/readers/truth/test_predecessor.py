@@ -74,9 +74,9 @@ def test_frames_of_the_folder_are_known_by_their_stamps_and_others_by_their_plac
     ("text", "problem"),
     [
         ("", "expected rows of numbers, found none"),
-        ("1 2 3\n1 2\n", "expected rows of 3 .* found 2"),
+        ("1 2 3\n1 2\n", "expected rows of numbers, the same in all: the number of columns changed from 3 to 2"),
         ("1 2", "expected rows of 3 .* found 2"),
-        ("1 2 x", "expected rows of numbers: could not convert"),
+        ("1 2 x", "expected rows of numbers, .*: could not convert"),
         ("1 2 3\n1 2 nan", "row 1: expected finite numbers"),
         ("1 2 3 0 0 0 0", "expected a quaternion, or a size and a yaw, in columns 4 to 7, found neither"),
         ("1 2 3 1 1 1 1 0 0 0 0 0 0", "expected a quaternion in columns 4 to 7 of 13"),

@@ -98,7 +98,9 @@ def test_names_from_files(tmp_path: Path, name: str, text: str) -> None:
 def test_files_without_names(tmp_path: Path, name: str, data: bytes) -> None:
     path = tmp_path / name
     path.write_bytes(data)
-    with pytest.raises(ConfigError, match=r"detect2d\.names: .*expected names of classes: it holds none"):
+    with pytest.raises(
+        ConfigError, match=r"detect2d\.names: .*expected names of classes: (it holds none|expected at most 1)"
+    ):
         class_names(str(path), {}, 4)
 
 

@@ -1,0 +1,47 @@
+"""Files that are read as a whole: settings, rigs, labels, names, requirements."""
+
+import os
+from errno import EFBIG, EINVAL
+from pathlib import Path
+from stat import S_ISREG
+
+from pipeline.core.errors import LidcamError
+
+__all__ = ["read_small_file", "read_small_text"]
+
+
+def read_small_file(path: Path, max_bytes: int) -> bytes:
+    """The content of a regular file. Neither waits for a FIFO nor reads from a device that has no end.
+
+    Raises:
+        OSError: it cannot be opened, is no regular file, or is larger than `max_bytes`.
+    """
+    with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as stream:
+        if not S_ISREG(os.fstat(stream.fileno()).st_mode):
+            raise OSError(EINVAL, "expected a regular file, found a FIFO or a device", str(path))
+        data = stream.read(max_bytes + 1)
+    if len(data) > max_bytes:
+        raise OSError(EFBIG, f"expected at most {max_bytes / 2**20:g} MiB, found a larger file", str(path))
+    return data
+
+
+def read_small_text(path: Path, max_bytes: int, expected: str, error: type[LidcamError]) -> str:
+    """The text of a regular file.
+
+    Args:
+        path: The file.
+        max_bytes: Its largest size.
+        expected: What should stand in it, for messages: `a rig file`.
+        error: Class of the error that is raised.
+
+    Raises:
+        LidcamError: it cannot be read, is no regular file, is larger, or is not UTF-8; one line that names the file.
+    """
+    try:
+        return read_small_file(path, max_bytes).decode()
+    except FileNotFoundError as err:
+        raise error(f"{path}: expected {expected}, found no such file") from err
+    except UnicodeDecodeError as err:
+        raise error(f"{path}: expected {expected} as UTF-8 text, found other bytes at {err.start}") from err
+    except OSError as err:
+        raise error(f"{path}: cannot be read as {expected}: {err.strerror or err}") from err
