@@ -38,3 +38,4 @@ def named_types(ros_version: RosVersion) -> str:
 if __name__ == "__main__":
     for version in RELEASES:
         file_of(version).write_text(named_types(version))
+        print(f"wrote {file_of(version)}")

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator
 
 from pipeline.core.settings.validation import Noun, found
 
@@ -21,7 +21,17 @@ __all__ = [
 ]
 
 
-Positive = Annotated[float, Field(gt=0)]
+MIN_POSITIVE, MAX_NUMBER = 1e-9, 9e9
+"""Seconds beyond do not fit into 64 bits of nanoseconds, and what is divided by less overflows."""
+
+
+def _at_least_a_little(value: float) -> float:
+    if value < MIN_POSITIVE:
+        raise ValueError(f"expected a number of {MIN_POSITIVE:g} or more, found {found(value)}")
+    return value
+
+
+Positive = Annotated[float, Field(gt=0), AfterValidator(_at_least_a_little)]
 NotNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=1)]
@@ -32,12 +42,8 @@ Corners = Annotated[tuple[tuple[float, float], ...], Field(min_length=3)]
 Label = Annotated[str, Noun("a label", "labels", "car")]
 
 
-MIN_NUMBER, MAX_NUMBER = 1e-9, 1e9
-"""Sizes of numbers: seconds beyond do not fit into 64 bits of nanoseconds, and what is divided by less overflows."""
-
-
 class SettingsModel(BaseModel):
-    """A section of the settings: immutable, rejects unknown keys, and numbers that are too large or too near to 0.
+    """A section of the settings: immutable, rejects unknown keys and numbers that are too large.
 
     Attributes:
         GONE: Advice by the name of a setting that earlier versions had.
@@ -53,7 +59,6 @@ class SettingsModel(BaseModel):
         for number in value if isinstance(value, tuple) else (value,):
             if isinstance(number, tuple):
                 cls._number_is_usable(number)
-            elif isinstance(number, (int, float)) and number and not MIN_NUMBER <= abs(number) <= MAX_NUMBER:
-                limits = f"{MIN_NUMBER:g} to {MAX_NUMBER:g}"
-                raise ValueError(f"expected 0, or a number of {limits} in size, found {found(number)}")
+            elif isinstance(number, (int, float)) and not abs(number) <= MAX_NUMBER:
+                raise ValueError(f"expected a number of {MAX_NUMBER:g} or less in size, found {found(number)}")
         return value

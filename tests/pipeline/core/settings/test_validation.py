@@ -47,7 +47,7 @@ class Everything(SettingsModel):
 
 
 SIZE = {"size_m": [1, 1, 1]}
-SIZES = "expected 0, or a number of 1e-09 to 1e+09 in size, found "
+SIZES = "expected a number of 9e+09 or less in size, found "
 
 
 @pytest.mark.parametrize(
@@ -59,11 +59,11 @@ SIZES = "expected 0, or a number of 1e-09 to 1e+09 in size, found "
         ({"whole": None}, "whole: expected a whole number of 1 or more, found null"),
         ({"number": 90}, "number: expected a number above 0 and below 90, found 90"),
         ({"number": float("inf")}, "number: expected a finite number, found .inf"),
-        ({"number": 1e-300}, f"number: {SIZES}1.0e-300"),
+        ({"optional": 1e-300}, "optional: expected a number of 1e-09 or more, found 1.0e-300"),
         ({"low": -1e300}, f"low: {SIZES}-1.0e+300"),
         (
             {"whole": 10**5000},
-            "whole: expected 0, or a number of 1e-09 to 1e+09 in size, found a number of thousands of digits",
+            "whole: expected a number of 9e+09 or less in size, found a number of thousands of digits",
         ),
         ({"flag": 10**5000}, "flag: expected true or false, found a number of thousands of digits"),
         ({"rows": [[1, 1e10]]}, f"rows: {SIZES}10000000000.0"),
