@@ -125,11 +125,7 @@ class EvaluationFolder:
 
 
 def _cloud(content: bytes, stamp_ns: int) -> Any:
-    """The cloud of a text.
-
-    Raises:
-        ValueError: it is no table of four columns.
-    """
+    """The cloud of a text."""
     if content.strip():
         points = np.loadtxt(BytesIO(content), np.float32, ndmin=2, delimiter="," if b"," in content[:200] else None)
     else:

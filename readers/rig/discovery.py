@@ -155,12 +155,9 @@ def parents_first(sensors: Sequence[Assigned]) -> list[Assigned]:
 
 
 def _check_site_is_named(found: FoundSensors) -> None:
-    """Whether poses of the rig file refer to a frame that has a name.
+    """Refuse poses of the rig file in a frame without a name.
 
     Without it, the poses of other sensors in that frame are unknown, and any site frame would move them against it.
-
-    Raises:
-        CalibrationError: they do not.
     """
     if found.is_site_named or not found.lidars:  # without a lidar there is a worse fault to report
         return

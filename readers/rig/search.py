@@ -157,11 +157,7 @@ def zones_of(rig_file: RigFile | None, config: Config) -> tuple[Zone, ...]:
 
 
 def _with_rig(recorded: RecordedTransforms, rig_file: RigFile) -> tuple[RecordedTransforms, frozenset[str]]:
-    """The recorded transforms, in whose place those of the rig file stand, and the child frames of the latter.
-
-    Raises:
-        CalibrationError: a pose is not valid.
-    """
+    """The recorded transforms, in whose place those of the rig file stand, and the child frames of the latter."""
     tree, moving = recorded.fixed, recorded.moving
     given = _transforms(rig_file.transforms)
     for transform in given:

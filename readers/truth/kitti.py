@@ -161,11 +161,7 @@ def parse_kitti_labels(text: str, path: Path) -> KittiFile:
 
 
 def _label(words: Sequence[str]) -> KittiLabel:
-    """The label of a line.
-
-    Raises:
-        ValueError: the line is none; says what was found in place of it.
-    """
+    """The label of a line; a ValueError says what was found in its place."""
     frame, track_id = 0, UNKNOWN
     if len(words) == _TRACKING_COLUMNS:
         frame, track_id, words = _whole(words[0]), int(words[1]), words[2:]

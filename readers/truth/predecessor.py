@@ -99,11 +99,7 @@ class PredecessorTruth(TruthSource):
 
 
 def _read_rows(path: Path) -> F64:
-    """(N, 3, 4, 7 or 13) the rows of an odometry file.
-
-    Raises:
-        RecordingError: it cannot be read, is no table of numbers, or has another number of columns.
-    """
+    """(N, 3, 4, 7 or 13) the rows of an odometry file."""
     data = read_small_text(path, MAX_ODOMETRY_BYTES, "the car's odometry", RecordingError).encode()
     lines = (line.replace(",", " ") for line in TextIOWrapper(BytesIO(data), "utf-8"))
     try:

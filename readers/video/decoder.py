@@ -147,11 +147,7 @@ def _open(codec: str, max_pixels: int) -> Any:
 
 
 def _image(frame: Any, stamp_ns: int, frame_id: str) -> bytes:
-    """A frame as sensor_msgs/CompressedImage.
-
-    Raises:
-        ValueError: the frame has more rows or columns than a JPEG can have.
-    """
+    """A frame as sensor_msgs/CompressedImage."""
     bgr = frame.to_ndarray(format="bgr24")
     done, jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     if not done:
