@@ -61,9 +61,7 @@ class FoundSensors(NamedTuple):
         site: The site frame.
         is_site_named: Whether the settings or the rig name the site frame.
         zones: The zones of the rig file or the settings.
-        of_lidars: Faults and notes.
-        of_cameras: Faults and notes.
-        of_detectors: Faults and notes.
+        of_lidars: Faults and notes; so are `of_cameras` and `of_detectors`.
     """
 
     recording: Recording
