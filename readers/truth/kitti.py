@@ -26,14 +26,7 @@ from pipeline.core.small_files import read_small_text
 from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
 from readers.messages.objects.found import check_boxes
 from readers.rig.importers.kitti import KittiCalibration, kitti_calibration
-from readers.truth.boxes import (
-    Labelled,
-    Labelled2D,
-    class_ids_of_labels,
-    label_files,
-    truth_boxes_2d,
-    truth_boxes_3d,
-)
+from readers.truth.boxes import Labelled, Labelled2D, class_ids_of_labels, label_files, truth_boxes_2d, truth_boxes_3d
 from readers.truth.source import TruthSource
 
 __all__ = ["KittiFile", "KittiLabel", "KittiTruth", "is_kitti_text", "parse_kitti_labels"]

@@ -21,13 +21,7 @@ from pipeline.core.settings.config import Config
 from pipeline.core.small_files import read_small_text
 from pipeline.evaluation.evaluation_frame import TruthBoxes3D
 from readers.files.evaluation_folder import START_NS, STEP_NS
-from readers.truth.boxes import (
-    MAX_OFF_UNIT,
-    Labelled,
-    class_ids_of_labels,
-    label_files,
-    truth_boxes_3d,
-)
+from readers.truth.boxes import MAX_OFF_UNIT, Labelled, class_ids_of_labels, label_files, truth_boxes_3d
 from readers.truth.source import TruthSource
 
 __all__ = ["CAR", "PredecessorTruth"]

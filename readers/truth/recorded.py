@@ -21,16 +21,7 @@ from readers.messages.vision.track_ids import track_ids
 from readers.notes import Notes
 from readers.recording import Recording
 from readers.truth.boxes import class_ids_of_labels
-from readers.truth.moment import (
-    INSTANCE,
-    STEP_BACK_NS,
-    Moment,
-    class_ids_of,
-    class_names_of,
-    counted,
-    moment_of,
-    total,
-)
+from readers.truth.moment import INSTANCE, STEP_BACK_NS, Moment, class_ids_of, class_names_of, counted, moment_of, total
 from readers.truth.source import TruthSource
 from readers.truth.timeline import Timeline
 from readers.truth.topics import TruthTopics

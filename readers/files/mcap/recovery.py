@@ -13,14 +13,7 @@ from pipeline.core.settings.recording import LimitsConfig
 from readers.files.chunked import ChunkPlace, Entry
 from readers.files.container import read_exactly
 from readers.files.damage import LIBRARY_ERRORS, Losses
-from readers.files.mcap.index import (
-    MAGIC_BYTES,
-    Contents,
-    checksum_of,
-    end_of_records,
-    is_summary_sound,
-    summary_start,
-)
+from readers.files.mcap.index import MAGIC_BYTES, Contents, checksum_of, end_of_records, is_summary_sound, summary_start
 from readers.files.mcap.records import (
     MESSAGE_HEAD,
     OPCODES,

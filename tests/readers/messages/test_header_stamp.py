@@ -2,15 +2,7 @@ import struct
 from typing import Any, Literal
 
 import pytest
-from builders import (
-    channel,
-    header,
-    odometry,
-    raw,
-    store_for,
-    tf_message,
-    transform_stamped,
-)
+from builders import channel, header, odometry, raw, store_for, tf_message, transform_stamped
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -38,10 +30,9 @@ def test_types_with_a_header(msgtype: str, encoding: Literal["ros1", "cdr"]) -> 
     message = raw("/t", msgtype, WITH_HEADER[msgtype], STAMP, encoding=encoding)
     assert peek_stamp_ns(message.channel, message.data) == STAMP
     assert peek_stamp_ns(message.channel, memoryview(message.data)) == STAMP
-    for size in range(16 if encoding == "ros1" else 12):
-        if size < 12:
-            assert peek_stamp_ns(message.channel, message.data[:size]) is None
-            assert stamp_or_log_time(message.channel, message.data[:size], 7) == 7
+    for size in range(12):
+        assert peek_stamp_ns(message.channel, message.data[:size]) is None
+        assert stamp_or_log_time(message.channel, message.data[:size], 7) == 7
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
