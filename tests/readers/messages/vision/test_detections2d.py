@@ -8,7 +8,6 @@ from builders import Fields
 from message_layouts import message_of_layout
 
 from pipeline.core.messages import RawMessage
-from pipeline.core.settings.config import Config
 from readers.messages.vision.detections2d import Detections2D, decode_detections2d
 
 STAMP_NS = 1_700_000_000_123_456_789
@@ -49,12 +48,6 @@ def test_best_hypothesis_counts() -> None:
         detection(("car", math.nan), ("person", 0.1)),
     )
     np.testing.assert_array_equal(found.boxes.class_ids, [1, 0, 1])
-
-
-def test_labels_of_the_configuration() -> None:
-    body = {"detections": [detection(("Motorcycle", 0.5)), detection((" PERSON ", 0.5))]}
-    found = decode_detections2d(builders.raw("/boxes", MSGTYPE, body, STAMP_NS), Config().class_id_of_label)
-    assert [Config().class_names[class_id] for class_id in found.boxes.class_ids] == ["bicycle", "pedestrian"]
 
 
 def test_ids_counts_and_other_classes() -> None:
