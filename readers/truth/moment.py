@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, Rows
+from pipeline.core.arrays import F64, I32, I64, Rows
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.rig import CameraSensor
 from pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER, IMAGE_PIXELS, LIDAR_POINTS
@@ -14,22 +14,19 @@ from readers.messages.vision.detections3d import Detections3D
 from readers.messages.vision.track_ids import track_ids
 
 __all__ = [
-    "INSTANCE",
     "STEP_BACK_NS",
     "Moment",
     "class_ids_of",
     "class_names_of",
     "counted",
     "moment_of",
+    "object_ids",
     "projected_truth",
     "total",
 ]
 
 STEP_BACK_NS = 2_000_000_000
 """How far stamps that truth is asked for may step back: the images of a frame lie before and after its stamp."""
-
-INSTANCE = "instance"
-"""Name of the count that stands for an id in ROS 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,9 +73,6 @@ def class_names_of(labels: Names) -> Names:
 def moment_of(found: Detections3D, class_ids: Mapping[str, int]) -> Moment:
     """The objects of a message; `class_ids` are those of `class_ids_of_labels`."""
     counts = found.counts
-    ids = track_ids(found.ids)
-    if INSTANCE in counts:
-        ids = np.where(ids == UNKNOWN, counted(counts[INSTANCE]), ids).astype(np.int64)
     pixels = f"{IMAGE_PIXELS}/"
     return Moment(
         TruthBoxes3D(
@@ -89,13 +83,21 @@ def moment_of(found: Detections3D, class_ids: Mapping[str, int]) -> Moment:
             found.yaws,
             class_ids_of(found.labels, class_ids),
             class_names_of(found.labels),
-            ids,
+            object_ids(found.ids, counts),
             total(counts, LIDAR_POINTS, len(found)),
             total(counts, IMAGE_PIXELS, len(found)),
             np.zeros(len(found), np.bool_),
         ),
         {name.removeprefix(pixels): counted(counts[name]) for name in sorted(counts) if name.startswith(pixels)},
     )
+
+
+def object_ids(ids: Names, counts: Mapping[str, F64]) -> I64:
+    """(N,) int64, ids as numbers, in ROS 1 the count `instance`; `UNKNOWN` where there is neither."""
+    found = track_ids(ids)
+    if "instance" in counts:
+        found = np.where(found == UNKNOWN, counted(counts["instance"]), found).astype(np.int64)
+    return found
 
 
 def counted(values: F64) -> I32:

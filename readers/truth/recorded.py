@@ -17,11 +17,10 @@ from pipeline.core.settings.config import Config
 from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
 from readers.messages.vision.detections2d import decode_detections2d
 from readers.messages.vision.detections3d import decode_detections3d
-from readers.messages.vision.track_ids import track_ids
 from readers.notes import Notes
 from readers.recording import Recording
 from readers.truth.boxes import class_ids_of_labels
-from readers.truth.moment import INSTANCE, STEP_BACK_NS, Moment, class_ids_of, class_names_of, counted, moment_of, total
+from readers.truth.moment import STEP_BACK_NS, Moment, class_ids_of, class_names_of, moment_of, object_ids, total
 from readers.truth.source import TruthSource
 from readers.truth.timeline import Timeline
 from readers.truth.topics import TruthTopics
@@ -143,15 +142,13 @@ class RecordedTruth(TruthSource):
         if images is None:
             self._notes.add(f"images of {message.topic}, a camera that the result does not have")
             return
-        ids, n = track_ids(found.ids), len(found.boxes)
-        if INSTANCE in found.counts:
-            ids = np.where(ids == UNKNOWN, counted(found.counts[INSTANCE]), ids).astype(np.int64)
+        n = len(found.boxes)
         shown = TruthBoxes2D(
             message.stamp_ns,
             found.boxes.xyxy,
             class_ids_of(found.labels, self._class_ids),
             class_names_of(found.labels),
-            ids,
+            object_ids(found.ids, found.counts),
             total(found.counts, IMAGE_PIXELS, n),
             np.zeros(n, np.bool_),
         )
