@@ -46,7 +46,7 @@ MAX_LABEL_BYTES = 16 << 20
 """Of one file; the largest of the tracking benchmark has about 1 MB."""
 
 MAX_ID = 2**53
-"""Ids beyond this are none that a benchmark gives."""
+"""No benchmark gives larger ids."""
 
 _COLUMNS, _TRACKING_COLUMNS = 15, 17
 
@@ -334,5 +334,5 @@ def _calibration(labels: Path) -> KittiCalibration:
         raise RecordingError(f"{place}: expected a calibration of KITTI with R0_rect and Tr_velo_to_cam")
     rotation = found.T_rect_velo[:3, :3]
     if not np.allclose(rotation @ rotation.T, np.eye(3), atol=0.01):
-        raise RecordingError(f"{place}: expected rotations in R0_rect and Tr_velo_to_cam, found matrices that are none")
+        raise RecordingError(f"{place}: expected rotations in R0_rect and Tr_velo_to_cam, found other matrices")
     return found
