@@ -42,6 +42,11 @@ def test_the_unforeseen_is_one_line_with_its_cause(error: Exception) -> None:
     assert caught.value.__cause__ is error
 
 
+def test_of_a_method() -> None:
+    with pytest.raises(MessageError, match=r"/t: .*ZeroDivisionError"):
+        Decoders().decode(MESSAGE, by=0)
+
+
 @pytest.mark.parametrize("error", [MessageError("/t: known"), ConfigError("a setting"), MemoryError()])
 def test_what_is_known_passes(error: Exception) -> None:
     with pytest.raises(type(error)) as caught:
