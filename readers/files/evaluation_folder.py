@@ -65,7 +65,8 @@ class EvaluationFolder:
         clouds = _numbers(path / "pcd", ".txt")
         if not clouds:
             raise RecordingError(f"{path}: expected clouds pcd/0.txt, pcd/1.txt, ..., found none")
-        images = {number: _cameras(path / "img" / str(number)) for number in _numbers(path / "img", "")}
+        rows = frozenset(range(len(CAMERAS)))
+        images = {number: _numbers(path / "img" / str(number), ".jpg") & rows for number in _numbers(path / "img", "")}
         self._frames = sorted({*clouds, *images})
         self._clouds, self._images = clouds, images
         self._channels = {CLOUD_TOPIC: _channel(CLOUD_TOPIC, _CLOUD)}
@@ -125,11 +126,7 @@ class EvaluationFolder:
 
 
 def _cloud(content: bytes, stamp_ns: int) -> Any:
-    """The cloud of a text.
-
-    Raises:
-        ValueError: it is no table of four columns.
-    """
+    """The cloud of a text."""
     if content.strip():
         points = np.loadtxt(BytesIO(content), np.float32, ndmin=2, delimiter="," if b"," in content[:200] else None)
     else:
@@ -154,8 +151,3 @@ def _numbers(folder: Path, suffix: str) -> frozenset[int]:
         return frozenset()
     stems = (path.name.removesuffix(suffix) for path in folder.iterdir() if path.name.endswith(suffix))
     return frozenset(int(stem) for stem in stems if stem.isdecimal() and str(int(stem)) == stem and len(stem) < 10)
-
-
-def _cameras(folder: Path) -> frozenset[int]:
-    """Rows of the cameras whose images are in a folder."""
-    return frozenset(number for number in _numbers(folder, ".jpg") if number < len(CAMERAS))

@@ -149,12 +149,7 @@ class RemoteFile(io.BufferedIOBase):
         super().close()
 
     def _open(self) -> None:
-        """Ask the server for the facts about the file, and open it.
-
-        Raises:
-            RecordingError: the protocol is unknown, what it needs is not installed, or it is a folder.
-            Exception: of the libraries below.
-        """
+        """Ask the server for the facts about the file, and open it."""
         is_web = self.path.protocol in {"http", "https"}
         system = _file_system(self.path, self._limits.max_request_s)
         if is_web:
@@ -234,11 +229,7 @@ class RemoteFile(io.BufferedIOBase):
         return self._attempt(f"the connection was lost at byte {start}", once)
 
     def _attempt(self, failed: str, action: Callable[[], T]) -> T:
-        """The result of `action`, tried again after network errors that may be temporary.
-
-        Raises:
-            RecordingError: it failed.
-        """
+        """The result of `action`, tried again after network errors that may be temporary."""
         end_s = time.monotonic() + self._limits.max_request_s
         for attempt, delay_s in enumerate((*RETRY_DELAYS_S, None), 1):
             try:
@@ -278,11 +269,7 @@ def warn_of_full_read(stream: BinaryIO, because: str) -> None:
 
 
 def _file_system(path: RemotePath, max_request_s: float) -> Any:
-    """The file system with which fsspec reads a protocol.
-
-    Raises:
-        RecordingError: the protocol is unknown, or what it needs is not installed.
-    """
+    """The file system with which fsspec reads a protocol."""
     try:
         import fsspec
 

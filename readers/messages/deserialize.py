@@ -130,7 +130,8 @@ def _typestore(channel: Channel) -> Typestore | str:
                 continue
             found = recorded.get(name) or known_type(name, release)
             if found is None:
-                return f"the recording has no definition of {name}" + _needed_by(name, channel)
+                needed = "" if name == channel.msgtype else f", which {channel.msgtype} needs"
+                return f"the recording has no definition of {name}{needed}"
             types[name] = found
             wanted += type_parts(found[1])
         if fault := size_fault(channel.msgtype, types):
@@ -213,7 +214,3 @@ def type_parts(fields: Iterable[Any]) -> Iterator[str]:
             node, detail = detail[0]
         if node == Nodetype.NAME:
             yield detail
-
-
-def _needed_by(name: str, channel: Channel) -> str:
-    return "" if name == channel.msgtype else f", which {channel.msgtype} needs"

@@ -3,15 +3,6 @@
 Sources: docs.foxglove.dev/docs/sdk/schemas (foxglove-sdk, schemas/), where in JSON bytes are base64 and a time is
 `{"sec": ..., "nsec": ...}`; mcap.dev/spec/registry: a protobuf schema is a FileDescriptorSet, its name is the message's
 full name. Unset fields have proto3's defaults; without a timestamp the stamp is the log time.
-
-| Foxglove | ROS 2 |
-| --- | --- |
-| foxglove.PointCloud | sensor_msgs/PointCloud2, its points moved by `pose` |
-| foxglove.RawImage | sensor_msgs/Image |
-| foxglove.CompressedImage | sensor_msgs/CompressedImage |
-| foxglove.CompressedVideo | foxglove_msgs/CompressedVideo |
-| foxglove.CameraCalibration | sensor_msgs/CameraInfo |
-| foxglove.FrameTransform, foxglove.FrameTransforms | tf2_msgs/TFMessage |
 """
 
 import base64
@@ -31,17 +22,6 @@ from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from pipeline.core.text import one_line
 
 __all__ = ["ROS_TYPES", "ros_channel", "to_ros"]
-
-ROS_TYPES = {
-    "foxglove.PointCloud": "sensor_msgs/msg/PointCloud2",
-    "foxglove.RawImage": "sensor_msgs/msg/Image",
-    "foxglove.CompressedImage": "sensor_msgs/msg/CompressedImage",
-    "foxglove.CompressedVideo": "foxglove_msgs/msg/CompressedVideo",
-    "foxglove.CameraCalibration": "sensor_msgs/msg/CameraInfo",
-    "foxglove.FrameTransform": "tf2_msgs/msg/TFMessage",
-    "foxglove.FrameTransforms": "tf2_msgs/msg/TFMessage",
-}
-"""ROS 2 type by schema."""
 
 Fields = dict[str, Any]
 
@@ -71,7 +51,7 @@ def to_ros(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Raw
     try:
         fields = _read_fields(message, limits=limits)
         stamp_ns = _time_ns(fields["timestamp"]) if "timestamp" in fields else message.log_time_ns
-        data = ROS2.serialize(_CONVERSIONS[source.msgtype](fields, stamp_ns))
+        data = ROS2.serialize(_SCHEMAS[source.msgtype][1](fields, stamp_ns))
     except Exception as err:  # JSON values of any type, and errors of protobuf and rosbags
         if is_short_memory(err):
             raise
@@ -205,26 +185,25 @@ def _numbers(fields: Fields, names: str) -> list[float]:
     return [float(fields.get(name, 0.0)) for name in names]
 
 
-_CONVERSIONS: dict[str, Callable[[Fields, int], Any]] = {
-    "foxglove.PointCloud": _point_cloud,
-    "foxglove.RawImage": _raw_image,
-    "foxglove.CompressedImage": _compressed_image,
-    "foxglove.CompressedVideo": _compressed_video,
-    "foxglove.CameraCalibration": _camera_calibration,
-    "foxglove.FrameTransform": _frame_transform,
-    "foxglove.FrameTransforms": _frame_transforms,
+_SCHEMAS: dict[str, tuple[str, Callable[[Fields, int], Any]]] = {
+    "foxglove.PointCloud": ("sensor_msgs/msg/PointCloud2", _point_cloud),
+    "foxglove.RawImage": ("sensor_msgs/msg/Image", _raw_image),
+    "foxglove.CompressedImage": ("sensor_msgs/msg/CompressedImage", _compressed_image),
+    "foxglove.CompressedVideo": ("foxglove_msgs/msg/CompressedVideo", _compressed_video),
+    "foxglove.CameraCalibration": ("sensor_msgs/msg/CameraInfo", _camera_calibration),
+    "foxglove.FrameTransform": ("tf2_msgs/msg/TFMessage", _frame_transform),
+    "foxglove.FrameTransforms": ("tf2_msgs/msg/TFMessage", _frame_transforms),
 }
+"""ROS 2 type by schema, and its conversion from fields and the stamp; a cloud's points are moved by its `pose`."""
+
+ROS_TYPES = {schema: msgtype for schema, (msgtype, _) in _SCHEMAS.items()}
 
 
 # --- protobuf and JSON as nested mappings of plain values by field name
 
 
 def _read_fields(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Fields:
-    """The fields that are set, by name: messages as mappings, lists as lists; for bytes see `_payload`.
-
-    Raises:
-        MessageError: the schema cannot be used, the bytes do not fit it, or they hold more values than `limits` allow.
-    """
+    """The fields that are set, by name: messages as mappings, lists as lists; for bytes see `_payload`."""
     if message.channel.encoding == "json":
         text = bytes(message.data)
         _check_items(sum(map(text.count, JSON_ITEMS)), message.topic, limits)
@@ -287,11 +266,7 @@ def _varint(data: memoryview, at: int) -> tuple[int, int]:
 
 
 def _payload(value: bytes | str) -> bytes:
-    """A field of bytes; in JSON it is base64.
-
-    Raises:
-        ValueError: it is not valid base64.
-    """
+    """A field of bytes; in JSON it is base64."""
     return base64.b64decode(value, validate=True) if isinstance(value, str) else value
 
 

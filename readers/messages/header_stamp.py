@@ -9,7 +9,7 @@ from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel
 from readers.messages.deserialize import typestore_for
 
-__all__ = ["peek_stamp_ns", "stamp_or_log_time"]
+__all__ = ["stamp_or_log_time"]
 
 HEADER = "std_msgs/msg/Header"
 TIMESTAMP = "timestamp", "builtin_interfaces/msg/Time"
@@ -20,25 +20,19 @@ ROS1_STAMP = struct.Struct("<II")
 CDR_STAMP = struct.Struct(">iI"), struct.Struct("<iI")  # by the lowest bit of the encapsulation's second byte
 
 
-def peek_stamp_ns(channel: Channel, data: bytes | memoryview) -> int | None:
-    """Stamp of the std_msgs/Header that the message starts with, in nanoseconds.
+def stamp_or_log_time(channel: Channel, data: bytes | memoryview, log_time_ns: int) -> int:
+    """`RawMessage.stamp_ns`: the stamp of the std_msgs/Header that a message starts with, else its log time.
 
-    None where the type does not start with a header, its definition cannot be used, or the data are too short. The
-    last two fail again, and are counted, when the message is decoded. None also for protobuf and JSON, whose stamps
-    `foxglove.to_ros` reads.
+    The log time stands where the type does not start with a header, its definition cannot be used, or the data are too
+    short; the last two fail again, and are counted, when the message is decoded. Also for protobuf and JSON, whose
+    stamps `foxglove.to_ros` reads.
     """
     place = _place_of_stamp(channel)
     if place is None or len(data) < place + STAMP_BYTES:
-        return None
+        return log_time_ns
     layout = ROS1_STAMP if channel.encoding == "ros1" else CDR_STAMP[data[1] & 1]
     sec, nanosec = layout.unpack_from(data, place)
     return int(sec) * 10**9 + int(nanosec)
-
-
-def stamp_or_log_time(channel: Channel, data: bytes | memoryview, log_time_ns: int) -> int:
-    """`RawMessage.stamp_ns`: the header stamp, or the log time where `peek_stamp_ns` finds none."""
-    stamp_ns = peek_stamp_ns(channel, data)
-    return log_time_ns if stamp_ns is None else stamp_ns
 
 
 @lru_cache(maxsize=1024)

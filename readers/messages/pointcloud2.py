@@ -91,11 +91,7 @@ def decode_pointcloud2(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LI
 
 
 def _columns(cloud: Any, height: int, width: int, topic: str) -> dict[str, Array]:
-    """Views (height, width) into the data, one for each field with a known meaning, by name in lower case.
-
-    Raises:
-        MessageError: the layout is inconsistent, or x, y or z is missing.
-    """
+    """Views (height, width) into the data, one for each field with a known meaning, by name in lower case."""
     if height * width == 0:  # empty clouds often come without any fields
         return {axis: np.zeros((0, 0), np.float32) for axis in "xyz"}
     fields = {

@@ -155,13 +155,7 @@ def _holds(humble: Any, name: str, recorded: Any) -> bool:
 
 
 def _vision_message(recorded: Any, msgtype: str, name_of: Callable[[int], str]) -> Any:
-    """A Detection2DArray or Detection3DArray of ROS 2 from one of ROS 1.
-
-    Args:
-        recorded: The message of ROS 1.
-        msgtype: Its type, one of `VISION_ARRAYS`.
-        name_of: `name_of_number` of some classes.
-    """
+    """A Detection2DArray or Detection3DArray of ROS 2 from one of ROS 1."""
     convert: Callable[[Any], Any] = _box_3d if msgtype == _BOXES_3D else _box_2d
     element = msgtype.removesuffix("Array")
     detections = []

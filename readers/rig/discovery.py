@@ -107,8 +107,12 @@ def calibrated_rig(found: FoundSensors) -> Discovery:
     used = [lidar.topic for lidar in lidar_sensors.values()]
     apart = [lidar.topic for lidar in found.lidars if found.named.get(lidar.name) == "" and lidar.topic not in used]
     if apart and all(sources[name].extrinsics == OWN_SITE for name in lidar_sensors):
-        raise CalibrationError(_no_poses(found.recording, used + apart))
-
+        topics = used + apart
+        raise CalibrationError(
+            f"{', '.join(str(path) for path in found.recording.paths)}: found {len(topics)} lidars "
+            f"({', '.join(topics)}) without poses: give their poses in a rig file (--rig), or take one of them "
+            f"(--set topics.lidars=[{topics[0]}])"
+        )
     rig = Rig(
         found.site,
         tuple(lidar_sensors[lidar.name] for lidar in found.lidars if lidar.name in lidar_sensors),
@@ -118,7 +122,10 @@ def calibrated_rig(found: FoundSensors) -> Discovery:
         found.rig_file.vehicles,
     )
     of_boxes = Findings([*found.of_detectors.faults], [*found.of_detectors.notes])
-    rig, of_detectors = _with_detectors(found, rig, of_boxes)
+    detectors, of_detectors = calibrated_detectors(
+        found.detectors, rig, found.recording, found.transforms, found.config, found.first, of_boxes
+    )
+    rig = replace(rig, detectors=detectors)
     if not rig.lidars and not rig.detectors:
         raise CalibrationError(_no_lidar([*of_lidars.faults, *of_boxes.faults], found.site))
     found_ones = of_lidars, of_boxes, of_cameras
@@ -135,14 +142,6 @@ def calibrated_rig(found: FoundSensors) -> Discovery:
     )
 
 
-def _with_detectors(found: FoundSensors, rig: Rig, findings: Findings) -> tuple[Rig, tuple[SensorSource, ...]]:
-    """The rig with the recorded 3D detectors, and where the frames of their boxes are known from."""
-    detectors, sources = calibrated_detectors(
-        found.detectors, rig, found.recording, found.transforms, found.config, found.first, findings
-    )
-    return replace(rig, detectors=detectors), sources
-
-
 def parents_first(sensors: Sequence[Assigned]) -> list[Assigned]:
     """Sensors in an order in which those that a pose refers to come before it; those of a circle come last."""
     waiting, ordered = [*sensors], list[Assigned]()
@@ -155,12 +154,9 @@ def parents_first(sensors: Sequence[Assigned]) -> list[Assigned]:
 
 
 def _check_site_is_named(found: FoundSensors) -> None:
-    """Whether poses of the rig file refer to a frame that has a name.
+    """Refuse poses of the rig file in a frame without a name.
 
     Without it, the poses of other sensors in that frame are unknown, and any site frame would move them against it.
-
-    Raises:
-        CalibrationError: they do not.
     """
     if found.is_site_named or not found.lidars:  # without a lidar there is a worse fault to report
         return
@@ -172,14 +168,6 @@ def _check_site_is_named(found: FoundSensors) -> None:
         )
     if cameras:
         raise CalibrationError(_no_site_frame(found, cameras))
-
-
-def _no_poses(recording: Recording, topics: Sequence[str]) -> str:
-    return (
-        f"{', '.join(str(path) for path in recording.paths)}: found {len(topics)} lidars ({', '.join(topics)}) "
-        "without poses: give their poses in a rig file (--rig), or take one of them "
-        f"(--set topics.lidars=[{topics[0]}])"
-    )
 
 
 def _no_lidar(faults: Sequence[SensorFault], site: str) -> str:

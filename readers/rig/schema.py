@@ -8,7 +8,7 @@ until somebody gives it.
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
@@ -57,11 +57,15 @@ POSE = ("translation_m", "rotation_xyzw", "rpy_deg")
 class Pose(_Model):
     """The pose of a frame in another, as translation and rotation.
 
+    Of each of the `alternatives` one form may be given, whose keys go together; the last are those of extrinsics.
+
     Attributes:
         translation_m: Position of its origin.
         rotation_xyzw: Orientation as a unit quaternion.
         rpy_deg: Orientation as roll about x, then pitch about y, then yaw about z of the other frame (REP 103).
     """
+
+    alternatives: ClassVar[tuple[tuple[tuple[str, ...], ...], ...]] = ((("rotation_xyzw",), ("rpy_deg",)),)
 
     translation_m: Three | None = None
     rotation_xyzw: tuple[float, float, float, float] | None = None
@@ -90,15 +94,12 @@ class Pose(_Model):
         return matrix
 
     @model_validator(mode="after")
-    def _one_rotation(self) -> "Pose":
-        self._at_most_one(("rotation_xyzw",), ("rpy_deg",))
+    def _one_form(self) -> Self:
+        for forms in self.alternatives:
+            found = [keys[0] for form in forms if (keys := [key for key in form if key in self.given])]
+            if len(found) > 1:
+                raise ValueError(f"extrinsics are given twice, as {' and '.join(found)}: keep one")
         return self
-
-    def _at_most_one(self, *forms: tuple[str, ...]) -> None:
-        """Refuse extrinsics in two forms; a form is a tuple of keys that go together."""
-        found = [keys[0] for form in forms if (keys := [key for key in form if key in self.given])]
-        if len(found) > 1:
-            raise ValueError(f"extrinsics are given twice, as {' and '.join(found)}: keep one")
 
 
 class _Sensor(Pose):
@@ -123,6 +124,11 @@ class _Sensor(Pose):
         """`time_offset_ms` in nanoseconds."""
         return round(self.time_offset_ms * 1e6)
 
+    @property
+    def has_pose(self) -> bool:
+        """Whether extrinsics are given, in any form."""
+        return any(not self.given.isdisjoint(form) for form in self.alternatives[-1])
+
 
 class LidarEntry(_Sensor):
     """One lidar of a rig file.
@@ -131,17 +137,9 @@ class LidarEntry(_Sensor):
         T_site_lidar: Extrinsics, 4 x 4.
     """
 
+    alternatives = (*Pose.alternatives, (("T_site_lidar",), POSE))
+
     T_site_lidar: Matrix44 | None = None
-
-    @property
-    def has_pose(self) -> bool:
-        """Whether extrinsics are given, in any form."""
-        return bool(self.given & {"T_site_lidar", *POSE})
-
-    @model_validator(mode="after")
-    def _one_form(self) -> "LidarEntry":
-        self._at_most_one(("T_site_lidar",), POSE)
-        return self
 
 
 class CameraEntry(_Sensor):
@@ -159,6 +157,12 @@ class CameraEntry(_Sensor):
         P: Site to pixel, 3 x 4, depth positive in front; replaces K and extrinsics.
     """
 
+    alternatives = (
+        *Pose.alternatives,
+        (("K",), ("P",)),
+        (("T_camera_site",), ("T_site_camera",), ("P",), POSE),
+    )
+
     boxes_topic: str = ""
     width_px: int | None = None
     height_px: int | None = None
@@ -169,15 +173,8 @@ class CameraEntry(_Sensor):
     T_site_camera: Matrix44 | None = None
     P: Matrix34 | None = None
 
-    @property
-    def has_pose(self) -> bool:
-        """Whether extrinsics are given, in any form."""
-        return bool(self.given & {"T_camera_site", "T_site_camera", "P", *POSE})
-
     @model_validator(mode="after")
-    def _one_form(self) -> "CameraEntry":
-        self._at_most_one(("T_camera_site",), ("T_site_camera",), ("P",), POSE)
-        self._at_most_one(("K",), ("P",))
+    def _has_lens(self) -> Self:
         if self.distortion and self.K is None and self.P is None and not {"K", "P"} & {*self.missing}:
             raise ValueError("distortion without K or P: give both or neither")
         return self

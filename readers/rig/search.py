@@ -61,9 +61,7 @@ class FoundSensors(NamedTuple):
         site: The site frame.
         is_site_named: Whether the settings or the rig name the site frame.
         zones: The zones of the rig file or the settings.
-        of_lidars: Faults and notes.
-        of_cameras: Faults and notes.
-        of_detectors: Faults and notes.
+        of_lidars: Faults and notes; so are `of_cameras` and `of_detectors`.
     """
 
     recording: Recording
@@ -157,11 +155,7 @@ def zones_of(rig_file: RigFile | None, config: Config) -> tuple[Zone, ...]:
 
 
 def _with_rig(recorded: RecordedTransforms, rig_file: RigFile) -> tuple[RecordedTransforms, frozenset[str]]:
-    """The recorded transforms, in whose place those of the rig file stand, and the child frames of the latter.
-
-    Raises:
-        CalibrationError: a pose is not valid.
-    """
+    """The recorded transforms, in whose place those of the rig file stand, and the child frames of the latter."""
     tree, moving = recorded.fixed, recorded.moving
     given = _transforms(rig_file.transforms)
     for transform in given:

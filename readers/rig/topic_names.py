@@ -89,7 +89,7 @@ def sensor_names(topics: Sequence[str], kind: str, *, taken: Iterable[str] = ())
     `/velodyne1_points` is `velodyne1`, `/image_raw_11` is `cam11`, `/camera/image_raw` is `camera`,
     `/sensing/lidar/left/points` beside `.../right/points` is `left`; a topic without a place is named by `kind`.
     """
-    parts = {topic: [_word(part) for part in _parts(topic)] or [kind] for topic in topics}
+    parts = {topic: [re.sub(r"\W", "_", p, flags=re.ASCII) for p in _parts(topic)] or [kind] for topic in topics}
     while len(parts) > 1 and all(len(p) > 1 for p in parts.values()) and len({p[0] for p in parts.values()}) == 1:
         parts = {topic: p[1:] for topic, p in parts.items()}
     short = "cam" if kind == "camera" else kind
@@ -102,7 +102,3 @@ def sensor_names(topics: Sequence[str], kind: str, *, taken: Iterable[str] = ())
         unique[topic] = next(candidate for candidate in candidates if candidate not in used)
         used.add(unique[topic])
     return unique
-
-
-def _word(part: str) -> str:
-    return re.sub(r"\W", "_", part, flags=re.ASCII)

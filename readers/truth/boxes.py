@@ -65,12 +65,8 @@ class Labelled2D:
 
 
 def class_ids_of_labels(classes: Sequence[ClassPrior]) -> dict[str, int]:
-    """Row of the classes by each name that they have, in lower case; of two with one name the first."""
-    rows: dict[str, int] = {}
-    for row, prior in enumerate(classes):
-        for name in (prior.name, *prior.labels):
-            rows.setdefault(name.strip().lower(), row)
-    return rows
+    """Row of the classes by each name that they have, in lower case; of two with one name the last, as in detection."""
+    return {name.strip().lower(): row for row, prior in enumerate(classes) for name in (prior.name, *prior.labels)}
 
 
 def truth_boxes_3d(

@@ -10,7 +10,7 @@ As in the benchmark, `Van` and `Person_sitting` are neither a miss nor an error,
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -26,14 +26,7 @@ from pipeline.core.small_files import read_small_text
 from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
 from readers.messages.objects.found import check_boxes
 from readers.rig.importers.kitti import KittiCalibration, kitti_calibration
-from readers.truth.boxes import (
-    Labelled,
-    Labelled2D,
-    class_ids_of_labels,
-    label_files,
-    truth_boxes_2d,
-    truth_boxes_3d,
-)
+from readers.truth.boxes import Labelled, Labelled2D, class_ids_of_labels, label_files, truth_boxes_2d, truth_boxes_3d
 from readers.truth.source import TruthSource
 
 __all__ = ["KittiFile", "KittiLabel", "KittiTruth", "is_kitti_text", "parse_kitti_labels"]
@@ -53,7 +46,7 @@ MAX_LABEL_BYTES = 16 << 20
 """Of one file; the largest of the tracking benchmark has about 1 MB."""
 
 MAX_ID = 2**53
-"""Ids beyond this are none that a benchmark gives."""
+"""No benchmark gives larger ids."""
 
 _COLUMNS, _TRACKING_COLUMNS = 15, 17
 
@@ -121,14 +114,11 @@ class KittiFile(NamedTuple):
 
 def is_kitti_text(text: str) -> bool:
     """Whether the first line of a text is a KITTI label."""
-    words = next((line.split() for line in text.splitlines() if line.strip()), [])
-    if len(words) not in (_COLUMNS, _TRACKING_COLUMNS):
-        return False
+    first = next((line for line in text.splitlines() if line.strip()), "")
     try:
-        _label(words)
-    except ValueError:
+        return bool(parse_kitti_labels(first, Path()).labels)
+    except RecordingError:
         return False
-    return True
 
 
 def parse_kitti_labels(text: str, path: Path) -> KittiFile:
@@ -161,14 +151,12 @@ def parse_kitti_labels(text: str, path: Path) -> KittiFile:
 
 
 def _label(words: Sequence[str]) -> KittiLabel:
-    """The label of a line.
-
-    Raises:
-        ValueError: the line is none; says what was found in place of it.
-    """
+    """The label of a line; a ValueError says what was found in its place."""
     frame, track_id = 0, UNKNOWN
     if len(words) == _TRACKING_COLUMNS:
-        frame, track_id, words = _whole(words[0]), int(words[1]), words[2:]
+        frame, track_id, words = int(words[0]), int(words[1]), words[2:]
+        if frame < 0:
+            raise ValueError(f"the frame {frame}")
         if abs(track_id) > MAX_ID:
             raise ValueError(f"the track {track_id}")
     label = words[0]
@@ -193,13 +181,6 @@ def _label(words: Sequence[str]) -> KittiLabel:
     )
 
 
-def _whole(word: str) -> int:
-    number = int(word)
-    if number < 0:
-        raise ValueError(f"the frame {number}")
-    return number
-
-
 class KittiTruth(TruthSource):
     """KITTI's labels as a source of truth; see `TruthSource`.
 
@@ -217,7 +198,9 @@ class KittiTruth(TruthSource):
 
     def __init__(self, path: Path, rig: Rig, config: Config) -> None:
         folder = path / "label_2" if (path / "label_2").is_dir() else path
-        self._files = _files_of(folder) if folder.is_dir() else [path]
+        self._files = label_files(folder, "txt") if folder.is_dir() else [path]
+        if not self._files:
+            raise RecordingError(f"{folder}: expected KITTI labels (000000.txt, ...), found none")
         self._rig, self._lidar, self._limits = rig, _lidar_of(rig, path), config.limits
         self._level = config.evaluate.kitti_difficulty
         self._has_region = config.evaluate.region is not None
@@ -315,13 +298,6 @@ class KittiTruth(TruthSource):
         return bool(np.linalg.norm(apart, axis=1).max() <= MAX_REPROJECTION_PX)
 
 
-def _files_of(folder: Path) -> list[Path]:
-    files = label_files(folder, "txt")
-    if not files:
-        raise RecordingError(f"{folder}: expected KITTI labels (000000.txt, ...), found none")
-    return files
-
-
 def _lidar_of(rig: Rig, path: Path) -> LidarSensor:
     named = [lidar for lidar in rig.lidars if "velo" in f"{lidar.name} {lidar.T_site_lidar.src}".lower()]
     for found in (rig.lidars, named):
@@ -345,7 +321,8 @@ def _by_frame(labels: Sequence[KittiLabel]) -> dict[int, list[KittiLabel]]:
 
 def _calibration(labels: Path) -> KittiCalibration:
     """The calibration that goes with a label file."""
-    places = list(_calibration_places(labels))
+    folder = labels.absolute().parent
+    places = folder.parent / "calib" / labels.name, folder / "calib" / labels.name
     place = next((place for place in places if place.is_file()), None)
     if place is None:
         raise RecordingError(
@@ -357,11 +334,5 @@ def _calibration(labels: Path) -> KittiCalibration:
         raise RecordingError(f"{place}: expected a calibration of KITTI with R0_rect and Tr_velo_to_cam")
     rotation = found.T_rect_velo[:3, :3]
     if not np.allclose(rotation @ rotation.T, np.eye(3), atol=0.01):
-        raise RecordingError(f"{place}: expected rotations in R0_rect and Tr_velo_to_cam, found matrices that are none")
+        raise RecordingError(f"{place}: expected rotations in R0_rect and Tr_velo_to_cam, found other matrices")
     return found
-
-
-def _calibration_places(labels: Path) -> Iterator[Path]:
-    folder = labels.absolute().parent
-    yield folder.parent / "calib" / labels.name
-    yield folder / "calib" / labels.name

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, Rows
+from pipeline.core.arrays import F64, I32, I64, Rows
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.rig import CameraSensor
 from pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER, IMAGE_PIXELS, LIDAR_POINTS
@@ -13,13 +13,20 @@ from pipeline.evaluation.evaluation_frame import UNKNOWN, Names, TruthBoxes2D, T
 from readers.messages.vision.detections3d import Detections3D
 from readers.messages.vision.track_ids import track_ids
 
-__all__ = ["INSTANCE", "STEP_BACK_NS", "Moment", "TruthClasses", "counted", "moment_of", "projected_truth", "total"]
+__all__ = [
+    "STEP_BACK_NS",
+    "Moment",
+    "class_ids_of",
+    "class_names_of",
+    "counted",
+    "moment_of",
+    "object_ids",
+    "projected_truth",
+    "total",
+]
 
 STEP_BACK_NS = 2_000_000_000
 """How far stamps that truth is asked for may step back: the images of a frame lie before and after its stamp."""
-
-INSTANCE = "instance"
-"""Name of the count that stands for an id in ROS 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,36 +56,23 @@ class Moment:
         return replace(self, boxes=replace(self.boxes, is_ignored=np.ones(len(self.boxes), np.bool_)))
 
 
-class TruthClasses:
-    """Classes of objects by the labels of the truth: names, or the numbers of ROS 1.
-
-    Args:
-        class_id_of_label: Row of the configured classes by each name and number that they go by.
-    """
-
-    def __init__(self, class_id_of_label: Mapping[str, int]) -> None:
-        self._ids = {label.strip().lower(): class_id for label, class_id in class_id_of_label.items()}
-
-    def ids(self, labels: Names) -> I32:
-        """(N,) int32, rows of the configured classes; `UNKNOWN` for a label of none of them."""
-        found = [
-            self._ids.get(label.lower(), self._ids.get(CLASS_OF_NUMBER.get(label, ""), UNKNOWN))
-            for label in labels.tolist()
-        ]
-        return np.array(found, np.int32)
-
-    @staticmethod
-    def names(labels: Names) -> Names:
-        """(N,) the labels, numbers of ROS 1 as the names that they stand for."""
-        return np.array([CLASS_OF_NUMBER.get(label, label) for label in labels.tolist()], np.str_)
+def class_ids_of(labels: Names, class_ids: Mapping[str, int]) -> I32:
+    """(N,) int32, rows of the configured classes, by name or number of ROS 1; `UNKNOWN` for a label of none."""
+    found = [
+        class_ids.get(label.lower(), class_ids.get(CLASS_OF_NUMBER.get(label, ""), UNKNOWN))
+        for label in labels.tolist()
+    ]
+    return np.array(found, np.int32)
 
 
-def moment_of(found: Detections3D, classes: TruthClasses) -> Moment:
-    """The objects of a message."""
+def class_names_of(labels: Names) -> Names:
+    """(N,) the labels, numbers of ROS 1 as the names that they stand for."""
+    return np.array([CLASS_OF_NUMBER.get(label, label) for label in labels.tolist()], np.str_)
+
+
+def moment_of(found: Detections3D, class_ids: Mapping[str, int]) -> Moment:
+    """The objects of a message; `class_ids` are those of `class_ids_of_labels`."""
     counts = found.counts
-    ids = track_ids(found.ids)
-    if INSTANCE in counts:
-        ids = np.where(ids == UNKNOWN, counted(counts[INSTANCE]), ids).astype(np.int64)
     pixels = f"{IMAGE_PIXELS}/"
     return Moment(
         TruthBoxes3D(
@@ -87,15 +81,23 @@ def moment_of(found: Detections3D, classes: TruthClasses) -> Moment:
             found.centers,
             found.sizes,
             found.yaws,
-            classes.ids(found.labels),
-            classes.names(found.labels),
-            ids,
+            class_ids_of(found.labels, class_ids),
+            class_names_of(found.labels),
+            object_ids(found.ids, counts),
             total(counts, LIDAR_POINTS, len(found)),
             total(counts, IMAGE_PIXELS, len(found)),
             np.zeros(len(found), np.bool_),
         ),
         {name.removeprefix(pixels): counted(counts[name]) for name in sorted(counts) if name.startswith(pixels)},
     )
+
+
+def object_ids(ids: Names, counts: Mapping[str, F64]) -> I64:
+    """(N,) int64, ids as numbers, in ROS 1 the count `instance`; `UNKNOWN` where there is neither."""
+    found = track_ids(ids)
+    if "instance" in counts:
+        found = np.where(found == UNKNOWN, counted(counts["instance"]), found).astype(np.int64)
+    return found
 
 
 def counted(values: F64) -> I32:

@@ -1,6 +1,6 @@
 """Truth from the odometry of vehicles whose boxes the rig file gives, as the predecessor system has it."""
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
@@ -15,6 +15,7 @@ from pipeline.core.settings.config import Config
 from pipeline.evaluation.evaluation_frame import TruthBoxes3D
 from readers.messages.odometry import ODOMETRY, decode_odometry
 from readers.messages.tf import RecordedTransforms
+from readers.notes import Notes
 from readers.recording import Recording
 from readers.truth.boxes import Labelled, class_ids_of_labels, truth_boxes_3d
 from readers.truth.moment import STEP_BACK_NS
@@ -116,17 +117,13 @@ class OdometryTruth(TruthSource):
             self._names.setdefault(vehicle.topic, []).append(name)
         self._tracks = {topic: _Track() for topic in self._names}
         self._messages: Iterator[RawMessage] | None = recording.messages(self._names)
-        self._unused: Counter[str] = Counter()
-        self._first: dict[str, str] = {}
+        self._notes = Notes()
         self.description = f"odometry {', '.join(self._names)} of {', '.join(path.name for path in recording.paths)}"
 
     @property
     def notes(self) -> tuple[str, ...]:
         """See `TruthSource`."""
-        return tuple(
-            f"{topic}: {count} messages of the truth are not used, the first: {self._first[topic]}"
-            for topic, count in self._unused.items()
-        )
+        return self._notes.lines()
 
     def at(self, stamp_ns: int, *, frame: int) -> TruthBoxes3D | None:
         """See `TruthSource`: the boxes in the frame that the vehicles move in."""
@@ -175,11 +172,8 @@ class OdometryTruth(TruthSource):
         try:
             pose = decode_odometry(message, limits=self._limits)
         except MessageError as err:
-            self._leave_out(message.topic, str(err))
-            return
-        if fault := self._tracks[message.topic].add(message.stamp_ns, pose.dst, pose.matrix):
-            self._leave_out(message.topic, fault)
-
-    def _leave_out(self, topic: str, why: str) -> None:
-        self._unused[topic] += 1
-        self._first.setdefault(topic, why)
+            fault = str(err)
+        else:
+            fault = self._tracks[message.topic].add(message.stamp_ns, pose.dst, pose.matrix)
+        if fault:
+            self._notes.add(f"messages of {message.topic} that are not used", fault)

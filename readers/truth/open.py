@@ -76,13 +76,10 @@ def open_truth(result: Result, paths: Sequence[Location] = (), *, topic: str = "
         if labels is not None:
             return OpenTruth(labels, "", (result.recording,))
     if not paths:
-        if odometry := _odometry(result.recording, result, topic):
-            return OpenTruth(odometry, "", (result.recording,))
-        found = find_truth_topics(result.recording, RESULT_TOPICS, topic, sources=_sources(result))
-        if isinstance(found, str):
-            return OpenTruth(None, f"{found}; give the recording that has it (--truth)", (result.recording,))
-        truth = RecordedTruth(result.recording, found, result.rig.cameras, result.config)
-        return OpenTruth(truth, "", (result.recording,))
+        source = _recorded(result.recording, RESULT_TOPICS, result, topic)
+        if isinstance(source, str):
+            return OpenTruth(None, f"{source}; give the recording that has it (--truth)", (result.recording,))
+        return OpenTruth(source, "", (result.recording,))
     results = RESULT_TOPICS if any(isinstance(path, Path) and is_result(path) for path in paths) else frozenset()
     recording = open_recording(paths, ReadOptions(limits=result.config.limits))
     try:
@@ -90,42 +87,25 @@ def open_truth(result: Result, paths: Sequence[Location] = (), *, topic: str = "
     except BaseException:
         recording.close()
         raise
+    if isinstance(source, str):
+        recording.close()
+        raise RecordingError(source)
     return OpenTruth(source, "", (recording, result.recording), (recording,))
 
 
-def _sources(result: Result) -> frozenset[str]:
-    """Topics of the recorded 3D boxes that a result was made from."""
-    return frozenset(text for key, text in result.metadata.items() if re.fullmatch(r"boxes3d\.\d+\.topic", key))
+def _recorded(recording: Recording, results: frozenset[str], result: Result, topic: str) -> TruthSource | str:
+    """The truth of a recording, or why it has none; `results` are topics that are no truth.
 
-
-def _odometry(recording: Recording, result: Result, topic: str) -> OdometryTruth | None:
-    """The vehicles that the rig calls truth, if the odometry of one was recorded, and no topic is asked for.
-
-    Raises:
-        ConfigError: one of them has no configured class.
-        RecordingError: the odometry of another one was not recorded.
+    It is the vehicles that the rig calls truth, if the odometry of one was recorded and no topic is asked for.
     """
     vehicles = result.rig.truth
     recorded = {info.topic for info in recording.topics if info.message_count}
-    if topic or not any(vehicle.topic in recorded for vehicle in vehicles.values()):
-        return None
-    transforms = read_transforms(recording, limits=result.config.limits)
-    return OdometryTruth(recording, vehicles, transforms, result.config)
-
-
-def _recorded(recording: Recording, results: frozenset[str], result: Result, topic: str) -> TruthSource:
-    """The truth of another recording.
-
-    Raises:
-        ConfigError: it does not have that topic.
-        RecordingError: it has no truth.
-    """
-    if odometry := _odometry(recording, result, topic):
-        return odometry
-    found = find_truth_topics(recording, results, topic, sources=_sources(result))
-    if isinstance(found, str):
-        raise RecordingError(found)
-    return RecordedTruth(recording, found, result.rig.cameras, result.config)
+    if not topic and any(vehicle.topic in recorded for vehicle in vehicles.values()):
+        transforms = read_transforms(recording, limits=result.config.limits)
+        return OdometryTruth(recording, vehicles, transforms, result.config)
+    sources = {text for key, text in result.metadata.items() if re.fullmatch(r"boxes3d\.\d+\.topic", key)}
+    found = find_truth_topics(recording, results, topic, sources=sources)
+    return found if isinstance(found, str) else RecordedTruth(recording, found, result.rig.cameras, result.config)
 
 
 def open_labels(path: Path, rig: Rig, config: Config) -> TruthSource | None:

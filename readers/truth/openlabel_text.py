@@ -36,11 +36,7 @@ _SECONDS = ((10**17, 1), (10**14, 10**3), (10**11, 10**6), (0, 10**9))
 
 
 def _rotation(values: Sequence[float]) -> F64:
-    """A quaternion x, y, z, w, or angles about x, y and z, of which that about x is applied first.
-
-    Raises:
-        ValueError: the quaternion is not of unit length.
-    """
+    """A quaternion x, y, z, w, or angles about x, y and z, of which that about x is applied first."""
     if len(values) == 3:
         return matrix_of_rpy(values)
     _check_unit(values)

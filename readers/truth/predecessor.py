@@ -21,13 +21,7 @@ from pipeline.core.settings.config import Config
 from pipeline.core.small_files import read_small_text
 from pipeline.evaluation.evaluation_frame import TruthBoxes3D
 from readers.files.evaluation_folder import START_NS, STEP_NS
-from readers.truth.boxes import (
-    MAX_OFF_UNIT,
-    Labelled,
-    class_ids_of_labels,
-    label_files,
-    truth_boxes_3d,
-)
+from readers.truth.boxes import MAX_OFF_UNIT, Labelled, class_ids_of_labels, label_files, truth_boxes_3d
 from readers.truth.source import TruthSource
 
 __all__ = ["CAR", "PredecessorTruth"]
@@ -99,11 +93,7 @@ class PredecessorTruth(TruthSource):
 
 
 def _read_rows(path: Path) -> F64:
-    """(N, 3, 4, 7 or 13) the rows of an odometry file.
-
-    Raises:
-        RecordingError: it cannot be read, is no table of numbers, or has another number of columns.
-    """
+    """(N, 3, 4, 7 or 13) the rows of an odometry file."""
     data = read_small_text(path, MAX_ODOMETRY_BYTES, "the car's odometry", RecordingError).encode()
     lines = (line.replace(",", " ") for line in TextIOWrapper(BytesIO(data), "utf-8"))
     try:

@@ -17,10 +17,10 @@ from pipeline.core.settings.config import Config
 from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
 from readers.messages.vision.detections2d import decode_detections2d
 from readers.messages.vision.detections3d import decode_detections3d
-from readers.messages.vision.track_ids import track_ids
 from readers.notes import Notes
 from readers.recording import Recording
-from readers.truth.moment import INSTANCE, STEP_BACK_NS, Moment, TruthClasses, counted, moment_of, total
+from readers.truth.boxes import class_ids_of_labels
+from readers.truth.moment import STEP_BACK_NS, Moment, class_ids_of, class_names_of, moment_of, object_ids, total
 from readers.truth.source import TruthSource
 from readers.truth.timeline import Timeline
 from readers.truth.topics import TruthTopics
@@ -51,7 +51,7 @@ class RecordedTruth(TruthSource):
         self, recording: Recording, topics: TruthTopics, cameras: Sequence[CameraSensor], config: Config
     ) -> None:
         self._topics, self._limits = topics, config.limits
-        self._class_id_of_label, self._classes = config.class_id_of_label, TruthClasses(config.class_id_of_label)
+        self._class_ids = class_ids_of_labels(config.classes)
         self._notes = Notes()
         self._wanted = topics.objects
         if config.evaluate.truth_time == "points":
@@ -128,7 +128,7 @@ class RecordedTruth(TruthSource):
             return
         for reason, count in found.unused.items():
             self._notes.add(f"{message.topic}: objects that are not used, {reason}", count=count)
-        moment = moment_of(found, self._classes)
+        moment = moment_of(found, self._class_ids)
         if message.topic == self._wanted:
             for label in moment.boxes.labels[moment.boxes.class_ids == UNKNOWN].tolist():
                 self._notes.add(f"{message.topic}: objects of class {label!r}, which is no class of the settings")
@@ -136,21 +136,19 @@ class RecordedTruth(TruthSource):
             self._held = message.topic, moment
 
     def _take_image(self, message: RawMessage) -> None:
-        found = decode_detections2d(message, self._class_id_of_label, other_class_id=UNKNOWN, limits=self._limits)
+        found = decode_detections2d(message, self._class_ids, other_class_id=UNKNOWN, limits=self._limits)
         name = message.topic.split("/")[-2]
         images = self._images.get(self._camera_of_frame.get(found.boxes.frame_id, name))
         if images is None:
             self._notes.add(f"images of {message.topic}, a camera that the result does not have")
             return
-        ids, n = track_ids(found.ids), len(found.boxes)
-        if INSTANCE in found.counts:
-            ids = np.where(ids == UNKNOWN, counted(found.counts[INSTANCE]), ids).astype(np.int64)
+        n = len(found.boxes)
         shown = TruthBoxes2D(
             message.stamp_ns,
             found.boxes.xyxy,
-            self._classes.ids(found.labels),
-            self._classes.names(found.labels),
-            ids,
+            class_ids_of(found.labels, self._class_ids),
+            class_names_of(found.labels),
+            object_ids(found.ids, found.counts),
             total(found.counts, IMAGE_PIXELS, n),
             np.zeros(n, np.bool_),
         )

@@ -6,13 +6,12 @@ Objects without ids stay where the nearest message has them. Messages are read a
 
 from bisect import bisect_left
 from collections import deque
-from dataclasses import fields, replace
+from dataclasses import replace
 from itertools import islice
-from typing import Any
 
 import numpy as np
 
-from pipeline.core.arrays import I32, Indices
+from pipeline.core.arrays import I32, Indices, join_rows
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
 from readers.truth.moment import STEP_BACK_NS, Moment
@@ -162,14 +161,9 @@ def _same(near: TruthBoxes3D, far: TruthBoxes3D) -> tuple[Indices, Indices]:
 
 def _joined(first: Moment, second: Moment) -> Moment:
     """The objects of two, one after the other."""
-    arrays: dict[str, Any] = {
-        name: np.concatenate([value, getattr(second.boxes, name)])
-        for name in (one.name for one in fields(first.boxes))
-        if isinstance(value := getattr(first.boxes, name), np.ndarray)
-    }
     cameras = sorted({*first.camera_pixels, *second.camera_pixels})
     pixels = {camera: np.concatenate([_pixels(first, camera), _pixels(second, camera)]) for camera in cameras}
-    return Moment(replace(first.boxes, **arrays), pixels)
+    return Moment(join_rows(first.boxes, second.boxes), pixels)
 
 
 def _pixels(moment: Moment, camera: str) -> I32:

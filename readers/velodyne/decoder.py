@@ -98,9 +98,7 @@ class VelodyneDecoder:
         if not len(packets):
             return _no_points(message.stamp_ns, packets.frame_id), tuple(drops)
         recorded = len(packets)
-        marked = _marked_packets(packets)
-        if marked is not None:
-            packets = packets.select(marked)
+        packets = packets.select(_marked_packets(packets))
         model = self._model_of(packets, message.topic)
         layout = _layout_of(packets, model)
         device_us = _device_us(packets)
@@ -108,8 +106,7 @@ class VelodyneDecoder:
             model = VLS128_FIRST_FIRMWARE
         beams = self._beams_of(model, layout)
         known = _known_packets(packets, beams, message.topic)
-        if known is not None:
-            packets, device_us = packets.select(known), device_us[known]
+        packets, device_us = packets.select(known), device_us[known]
         if foreign := recorded - len(packets):
             reason = f"packets with blocks that a {model.name} does not send"
             drops.append(_drop(message, reason, f"{foreign} of {recorded} packets of the scan", foreign))
@@ -148,19 +145,18 @@ class VelodyneDecoder:
 
     def _table(self, model: VelodyneModel) -> LaserTable:
         if model.name not in self._tables:
-            self._tables[model.name] = _read_table(self._calibration, model)
+            self._tables[model.name] = self._read_table(model)
         return self._tables[model.name]
 
-
-def _read_table(calibration: str, model: VelodyneModel) -> LaserTable:
-    if calibration:
-        return read_velodyne_calibration(Path(calibration), model)
-    if model.product is None:
-        raise ConfigError(
-            f"velodyne.model {model.name} needs velodyne.calibration, a file of ROS's velodyne driver: the lasers of "
-            "an HDL-64E differ from unit to unit"
-        )
-    return built_in_table(model.name)
+    def _read_table(self, model: VelodyneModel) -> LaserTable:
+        if self._calibration:
+            return read_velodyne_calibration(Path(self._calibration), model)
+        if model.product is None:
+            raise ConfigError(
+                f"velodyne.model {model.name} needs velodyne.calibration, a file of ROS's velodyne driver: the lasers "
+                "of an HDL-64E differ from unit to unit"
+            )
+        return built_in_table(model.name)
 
 
 def _names(models: list[VelodyneModel]) -> str:
@@ -183,14 +179,12 @@ def _layout_of(packets: VelodynePackets, model: VelodyneModel) -> Layout:
     return Layout(model.columns, model.banks, (RETURN_MODES.get(mode, UNKNOWN_RETURN),))
 
 
-def _known_packets(packets: VelodynePackets, beams: Beams, topic: str) -> Bools | None:
-    """Mask of the packets with blocks that are marked as this model marks them; None if all are."""
+def _known_packets(packets: VelodynePackets, beams: Beams, topic: str) -> Bools:
+    """Mask of the packets with blocks that are marked as this model marks them."""
     layout = beams.layout
     words = packets.fields["blocks"]["flag"]
     flags = np.stack([words[:, beams.blocks + layout.apart * echo] for echo in range(len(layout.returns))])
     expected = flags == beams.flags
-    if expected.all():
-        return None
     known = np.asarray(expected.all(axis=(0, 2, 3)))
     if not known.any():
         found = int(flags[~expected][0])
@@ -201,13 +195,13 @@ def _known_packets(packets: VelodynePackets, beams: Beams, topic: str) -> Bools 
     return known
 
 
-def _marked_packets(packets: VelodynePackets) -> Bools | None:
-    """Mask of the packets that begin with a block's flag; None if all or none do.
+def _marked_packets(packets: VelodynePackets) -> Bools:
+    """Mask of the packets that begin with a block's flag; all if none do.
 
     The others may hold anything in place of the model and the sensor's time.
     """
     marked = packets.fields["blocks"]["flag"][:, 0] == BLOCK_FLAGS[0]
-    return None if marked.all() or not marked.any() else np.asarray(marked)
+    return np.asarray(marked if marked.any() else ~marked)
 
 
 def _drop(message: RawMessage, reason: str, detail: str, parts: int) -> Drop:

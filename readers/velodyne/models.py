@@ -23,8 +23,7 @@ BLOCK_FLAGS = (0xEEFF, 0xDDFF, 0xCCFF, 0xBBFF)
 """First two bytes (little endian) of a block, by bank of lasers."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RangeCorrections:
+class RangeCorrections(NamedTuple):
     """Corrections to an HDL-64E's ranges and reflectivities, by laser id (manual 63-HDL64ES3, appendix E).
 
     Attributes:
@@ -47,18 +46,10 @@ class RangeCorrections:
     min_intensity: F64
     max_intensity: F64
 
-    def __post_init__(self) -> None:
-        for name in self.__slots__:
-            check_array(name, getattr(self, name), self.far_m.shape, np.float64)
-
     @property
     def any_set(self) -> bool:
         """Whether any value corrects anything."""
-        zero = (self.far_m, self.near_x_m, self.near_y_m, self.horizontal_offset_m, self.focal_distance)
-        return bool(
-            any(values.any() for values in (*zero, self.focal_slope, self.min_intensity))
-            or (self.max_intensity != 255).any()
-        )
+        return any(values.any() for values in self[:-1]) or bool((self.max_intensity != 255).any())
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -66,17 +66,17 @@ class VideoDecoder:
         try:
             packet = read_packet(message)
         except MessageError as err:
-            return [*self._end_of_stream(damaged=True), *self._blank(message, str(err), show)]
+            return [*self.flush(damaged=True), *self._blank(message, str(err), show)]
         done: list[RawMessage] = []
         if packet.codec != self._codec:
-            done += self._end_of_stream()
+            done += self.flush()
             self._codec = packet.codec
         if self._context is None:
             if not packet.is_key:
                 return [*done, *self._blank(message, self._waits, show)]
             self._context, self._gaps = _open(packet.codec, self._max_pixels), GapFinder()
         if packet.codec == "h264" and (gap := self._gaps.gap_before(packet.data.data, is_key=packet.is_key)):
-            return [*done, *self._end_of_stream(damaged=True), *self._blank(message, gap, show)]
+            return [*done, *self.flush(damaged=True), *self._blank(message, gap, show)]
         self._count += 1
         self._held[self._count] = (message, packet.frame_id) if show else None
         try:
@@ -85,15 +85,11 @@ class VideoDecoder:
             if is_short_memory(err):
                 raise
             held = self._held.pop(self._count, None)
-            done += self._end_of_stream(damaged=True)
+            done += self.flush(damaged=True)
             problem = f"{len(packet.data)} bytes are not valid {packet.codec} ({err.strerror})"
             return [*done, *self._blank(message, problem, held is not None)]
         limit = MAX_HELD if self._context.has_b_frames else 0
         return done + self._give_up(max(len(self._held) - limit, 0))
-
-    def flush(self) -> list[RawMessage]:
-        """The remaining messages, at the end of the recording."""
-        return self._end_of_stream()
 
     def _decode(self, packet: VideoPacket) -> list[RawMessage]:
         coded = av.Packet(packet.data.tobytes())
@@ -115,8 +111,8 @@ class VideoDecoder:
             return self._blank(message, f"a {frame.width} x {frame.height} px image cannot become a JPEG ({reason})")
         return [message._replace(data=data, channel=self._channel)]
 
-    def _end_of_stream(self, *, damaged: bool = False) -> list[RawMessage]:
-        """Close the decoder and return what it still holds; the next one begins with a key frame."""
+    def flush(self, *, damaged: bool = False) -> list[RawMessage]:
+        """Close the decoder at the end of a stream; returns the messages left. The next one begins with a key frame."""
         if self._context is None:
             return []
         try:
@@ -147,11 +143,7 @@ def _open(codec: str, max_pixels: int) -> Any:
 
 
 def _image(frame: Any, stamp_ns: int, frame_id: str) -> bytes:
-    """A frame as sensor_msgs/CompressedImage.
-
-    Raises:
-        ValueError: the frame has more rows or columns than a JPEG can have.
-    """
+    """A frame as sensor_msgs/CompressedImage."""
     bgr = frame.to_ndarray(format="bgr24")
     done, jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     if not done:

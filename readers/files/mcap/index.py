@@ -189,12 +189,7 @@ def summary_start(stream: BinaryIO, end: int) -> int | None:
 
 
 def _records(stream: BinaryIO, position: int) -> Iterator[Any]:
-    """The records from a position to the footer, those of other kinds left out.
-
-    Raises:
-        ValueError: an opcode is zero, which none may be.
-        EOFError: a record reaches beyond the file.
-    """
+    """The records from a position to the footer, those of other kinds left out."""
     opcode = 0
     while opcode != Opcode.FOOTER:
         stream.seek(position)

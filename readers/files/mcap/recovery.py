@@ -13,14 +13,7 @@ from pipeline.core.settings.recording import LimitsConfig
 from readers.files.chunked import ChunkPlace, Entry
 from readers.files.container import read_exactly
 from readers.files.damage import LIBRARY_ERRORS, Losses
-from readers.files.mcap.index import (
-    MAGIC_BYTES,
-    Contents,
-    checksum_of,
-    end_of_records,
-    is_summary_sound,
-    summary_start,
-)
+from readers.files.mcap.index import MAGIC_BYTES, Contents, checksum_of, end_of_records, is_summary_sound, summary_start
 from readers.files.mcap.records import (
     MESSAGE_HEAD,
     OPCODES,
@@ -256,11 +249,7 @@ class _Scan:
         contents.end_ns = max(contents.end_ns, entry.log_time_ns)
 
     def _take_records(self, chunk: bytes, position: int, size: int) -> None:
-        """Take all of a chunk of `size` bytes in the file, or nothing.
-
-        Raises:
-            Exception: its records do not fit it.
-        """
+        """Take all of a chunk of `size` bytes in the file, or nothing."""
         records = list(records_in(chunk, self._limits))
         entries = [entry_of(chunk, at, position, at, size) for opcode, at, size in records if opcode == Opcode.MESSAGE]
         for opcode, at, length in records:
@@ -274,11 +263,7 @@ class _Scan:
 
 
 def _register(contents: Contents, opcode: int, record: bytes) -> None:
-    """Add a schema or channel unless its id is known: the first ones are in chunks, which have a checksum.
-
-    Raises:
-        Exception: any that damage causes.
-    """
+    """Add a schema or channel unless its id is known: the first ones are in chunks, which have a checksum."""
     stream = ReadDataStream(BytesIO(record))
     if opcode == Opcode.SCHEMA:
         schema = Schema.read(stream)

@@ -1,4 +1,3 @@
-import shutil
 from pathlib import Path
 
 import cv2
@@ -127,10 +126,3 @@ def test_what_tells_it_from_others(tmp_path: Path) -> None:
     assert first == read_input_file(folder)
     (folder / "pcd" / "2.txt").write_text("1 2 3 4")
     assert read_input_file(folder).sha256 != first.sha256
-
-
-def test_clouds_alone(tmp_path: Path) -> None:
-    folder = write(tmp_path, rows=())
-    shutil.rmtree(folder / "img")
-    with open_recording([folder]) as recording:
-        assert [info.topic for info in recording.topics] == [CLOUD_TOPIC]

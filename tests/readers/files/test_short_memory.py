@@ -11,7 +11,6 @@ from builders import pointcloud2, raw, write_mcap, write_rosbag1, write_rosbag2
 from pipeline.core.errors import MessageError, ShortMemoryError
 from pipeline.core.messages import RawMessage
 from readers.messages.deserialize import deserialize
-from readers.messages.image import decode_compressed_image
 from readers.open import open_recording
 from readers.recording import ReadOptions
 
@@ -61,18 +60,6 @@ def test_of_a_message(monkeypatch: pytest.MonkeyPatch) -> None:
         deserialize(message)
     with pytest.raises(MessageError):
         deserialize(message._replace(problem="damaged"))
-
-
-def test_of_an_image(monkeypatch: pytest.MonkeyPatch) -> None:
-    import cv2
-    import numpy as np
-
-    data = cv2.imencode(".png", np.zeros((8, 8, 3), np.uint8))[1].reshape(-1)
-    message = raw("/image", "sensor_msgs/msg/CompressedImage", {"format": "png", "data": data}, 1)
-    assert decode_compressed_image(message).rgb.shape == (8, 8, 3)
-    monkeypatch.setattr("cv2.imdecode", none_left)
-    with pytest.raises(MemoryError):
-        decode_compressed_image(message)
 
 
 CHILD = """

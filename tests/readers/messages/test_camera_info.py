@@ -76,11 +76,8 @@ def test_rectified_images_use_p_and_r_without_distortion() -> None:
     coefficients = (-0.2, 0.05, 0.001, 0.0, 0.0)
     message = info(distortion=coefficients, R=turn, P=P, frame_id="left")
     model, T_rectified_camera = rectified_camera_model(message)
-    assert (T_rectified_camera.dst, T_rectified_camera.src, model.frame_id) == (
-        "left_rectified",
-        "left",
-        "left_rectified",
-    )
+    assert T_rectified_camera.dst == model.frame_id == "left_rectified"
+    assert T_rectified_camera.src == "left"
     pixels, _ = model.project(T_rectified_camera.apply(POINTS))
     distorted, _ = cv2.projectPoints(POINTS, np.zeros(3), np.zeros(3), K, np.array(coefficients))
     judge = cv2.undistortPoints(distorted, K, np.array(coefficients), R=turn, P=new_k)

@@ -66,12 +66,6 @@ def test_several_lidars_hang_on_one_root() -> None:
     np.testing.assert_allclose(found.rig.lidars[1].T_site_lidar.translation, [0, 2, 3])
 
 
-def test_the_site_frame_can_be_configured() -> None:
-    edges = static(("map", "base_link", (9, 0, 0)), ("base_link", "a", (1, 0, 0)))
-    found = discover([edges, A], rig={"site_frame": "map"})
-    np.testing.assert_allclose(found.rig.lidars[0].T_site_lidar.translation, [10, 0, 0])
-
-
 def moving(i: int) -> RawMessage:
     edge = transform_stamped("site", "a", stamp_ns=i, translation=(i, 0, 0))
     return raw("/tf", "tf2_msgs/msg/TFMessage", tf_message([edge]), i)

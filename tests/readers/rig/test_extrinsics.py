@@ -44,11 +44,6 @@ def test_projections_of_a_real_gantry(name: str) -> None:
     np.testing.assert_allclose(pixels - 0.5, judge[:, :2] / judge[:, 2:], atol=0.01)
 
 
-def test_mirrored_and_singular_projections_are_refused() -> None:
-    P = np.c_[np.diag([500.0, 500, 1]), [0, 0, 0]]
-    with pytest.raises(CalibrationError, match="mirrored"):
-        decompose_projection("P", -P)
-    with pytest.raises(CalibrationError, match="singular"):
-        decompose_projection("P", np.diag([500.0, 0, 1]) @ P)
+def test_projections_that_are_not_finite_are_refused() -> None:
     with pytest.raises(CalibrationError, match="not finite"):
         decompose_projection("P", np.full((3, 4), np.inf))

@@ -11,10 +11,11 @@ from pipeline.core.settings.config import Config
 from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
 from readers.messages.vision.detections3d import decode_detections3d
 from readers.messages.vision.track_ids import track_ids
-from readers.truth.moment import Moment, TruthClasses, counted, moment_of, projected_truth, total
+from readers.truth.boxes import class_ids_of_labels
+from readers.truth.moment import Moment, class_ids_of, counted, moment_of, projected_truth, total
 
 CONFIG = Config()
-CLASSES = TruthClasses(CONFIG.class_id_of_label)
+CLASSES = class_ids_of_labels(CONFIG.classes)
 NAMES = CONFIG.class_names
 STAMP_NS = 1_700_000_000_000_000_000
 
@@ -44,8 +45,8 @@ def test_objects_of_ros2() -> None:
 
 
 def test_numbers_that_the_settings_do_not_list_are_known_by_their_names() -> None:
-    classes = TruthClasses({"Truck": 0, "van": 0, "2": 1})
-    assert classes.ids(np.array(["4", "5", "2", "3", "van"])).tolist() == [0, 0, 1, UNKNOWN, 0]
+    labels = np.array(["4", "5", "2", "3", "van"])
+    assert class_ids_of(labels, {"truck": 0, "van": 0, "2": 1}).tolist() == [0, 0, 1, UNKNOWN, 0]
 
 
 def test_counts_and_the_total_of_the_sensors() -> None:

@@ -113,7 +113,7 @@ def test_messages_that_cannot_be_used_are_counted() -> None:
     source = truth(messages)
     assert source.at(START_NS + 3 * STEP_NS, frame=0) is not None
     (note,) = source.notes
-    assert note.startswith("/car1/odom: 3 messages of the truth are not used, the first: /car1/odom: 40 bytes")
+    assert note.startswith("messages of /car1/odom that are not used: 3, the first: /car1/odom: 40 bytes")
 
 
 @pytest.mark.parametrize(

@@ -68,12 +68,7 @@ def test_topics_that_lie_beside_the_objects() -> None:
 @pytest.mark.parametrize(
     ("topics", "results", "sources", "expected"),
     [
-        (
-            [],
-            RESULT_TOPICS,
-            [],
-            "a topic of vision_msgs/msg/Detection3DArray that is no result, or odometry",
-        ),
+        ([], RESULT_TOPICS, [], "a topic of vision_msgs/msg/Detection3DArray that is no result, or odometry"),
         (["/fused/detections", "/lidar/detections", "/cameras/detections"], RESULT_TOPICS, [], "found none"),
         (["/a/objects", "/b/objects"], RESULT_TOPICS, [], "/a/objects, /b/objects may be truth, none is called so: na"),
         (["/fused/detections"], (), [], "/fused/detections"),  # of another program

@@ -319,6 +319,3 @@ def test_settings_of_single_topics() -> None:
     with pytest.raises(MessageError, match=r"velodyne\.model says VLP-32C"):
         decoders["/some"](scan(payload, stamps_ns))
     assert decoders["/other"] is decoders["/other"]
-
-
-# --- any bytes

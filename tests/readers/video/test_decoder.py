@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from video import CODECS, PERIOD_NS, T0, Packet, encode, ffmpeg, ffmpeg_packet, foxglove, moving, pixels, psnr_db
+from video import CODECS, PERIOD_NS, T0, encode, ffmpeg, ffmpeg_packet, foxglove, moving, pixels, psnr_db
 
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import LimitsConfig
@@ -179,6 +179,3 @@ def test_the_settings_bound_the_size() -> None:
     for mpx, is_shown in ((0.1, True), (0.01, False)):
         decoder = VideoDecoder(messages[0].topic, limits=LimitsConfig(max_image_mpx=mpx))
         assert [not found.problem for message in messages for found in decoder.add(message)] == [is_shown] * 2
-
-
-FILMS: dict[str, list[Packet]] = {kind: encode(moving(4), kind, gop=2) for kind in CODECS}

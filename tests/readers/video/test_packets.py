@@ -1,5 +1,6 @@
 """Which codec a message's packet is of, and whether decoding can begin with it."""
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -9,7 +10,7 @@ from video import CODECS, T0, compressed_video, encode, ffmpeg, ffmpeg_packet, f
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
-from readers.messages.header_stamp import peek_stamp_ns
+from readers.messages.header_stamp import stamp_or_log_time
 from readers.video.packets import COMPRESSED_VIDEO, FFMPEG_PACKET, read_packet
 
 FOXGLOVE = ("h264", "h265", "vp9", "av1")
@@ -100,12 +101,8 @@ def test_stamps_are_peeked(encoding: Any, with_definition: bool) -> None:
         compressed_video(b"\1", T0 + 7, encoding=encoding),
         ffmpeg_packet(b"\1", T0 + 7, encoding=encoding),
     ):
-        known = (
-            message.channel
-            if with_definition
-            else message.channel.__class__(message.topic, message.channel.msgtype, message.channel.encoding)
-        )
-        assert peek_stamp_ns(known, message.data) == T0 + 7
+        known = message.channel if with_definition else replace(message.channel, definition="")
+        assert stamp_or_log_time(known, message.data, 7) == T0 + 7
         assert read_packet(message._replace(channel=known)).codec == "h264"
 
 

@@ -13,6 +13,10 @@ IPV6 = bytes(ip_packet(DATA, "fe80::7"))
 VLAN, SERVICE_VLAN = struct.pack(">HH", 5, 0x0800), struct.pack(">HHHH", 5, 0x8100, 6, 0x0800)
 
 
+def with_flags(flags: int) -> bytes:
+    return IPV4[:6] + struct.pack(">H", flags) + IPV4[8:]
+
+
 def found(packet: bytes, link_type: int = 1, captured: int | None = None) -> Udp | str:
     captured = len(packet) if captured is None else captured
     return find_udp(packet[: min(captured, 160)], captured, link_type)
@@ -28,6 +32,7 @@ def found(packet: bytes, link_type: int = 1, captured: int | None = None) -> Udp
         (bytes(dpkt.sll2.SLL2(ethtype=0x0800, data=IPV4)), 276),
         (IPV4, 101),
         (IPV4, 228),
+        (with_flags(0x4000), 101),  # not to be fragmented
         (b"\2\0\0\0" + IPV4, 0),
         (b"\0\0\0\2" + IPV4, 108),
         (bytes(ip_packet(DATA, hl=7, opts=bytes(8))), 101),
@@ -39,10 +44,6 @@ def test_ipv4_on_every_link(packet: bytes, link_type: int) -> None:
     assert isinstance(udp, Udp)
     assert (udp.source, udp.port) == (bytes([192, 168, 1, 201]), 2368)
     assert packet[udp.data_at : udp.data_at + udp.size] == DATA
-
-
-def with_flags(flags: int) -> bytes:
-    return IPV4[:6] + struct.pack(">H", flags) + IPV4[8:]
 
 
 @pytest.mark.parametrize(
@@ -62,10 +63,6 @@ def with_flags(flags: int) -> bytes:
 )
 def test_what_is_no_udp_packet_is_named(packet: bytes, link_type: int, kind: str) -> None:
     assert found(packet, link_type) == kind
-
-
-def test_not_to_be_fragmented_is_no_fragment() -> None:
-    assert isinstance(found(with_flags(0x4000), 101), Udp)
 
 
 def test_cut_anywhere() -> None:

@@ -7,10 +7,7 @@ import pytest
 from builders import Fields
 from message_layouts import message_of_layout
 
-from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.recording import LimitsConfig
 from readers.messages.vision.detections2d import Detections2D, decode_detections2d
 
 STAMP_NS = 1_700_000_000_123_456_789
@@ -51,12 +48,6 @@ def test_best_hypothesis_counts() -> None:
         detection(("car", math.nan), ("person", 0.1)),
     )
     np.testing.assert_array_equal(found.boxes.class_ids, [1, 0, 1])
-
-
-def test_labels_of_the_configuration() -> None:
-    body = {"detections": [detection(("Motorcycle", 0.5)), detection((" PERSON ", 0.5))]}
-    found = decode_detections2d(builders.raw("/boxes", MSGTYPE, body, STAMP_NS), Config().class_id_of_label)
-    assert [Config().class_names[class_id] for class_id in found.boxes.class_ids] == ["bicycle", "pedestrian"]
 
 
 def test_ids_counts_and_other_classes() -> None:
@@ -142,7 +133,6 @@ GALACTIC = {
     "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
     "vision_msgs/msg/ObjectHypothesisWithPose": ("ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose"),
 }
-NO_BOX = {**FOXY, "vision_msgs/msg/Detection2D": "std_msgs/Header header\nObjectHypothesisWithPose[] results"}
 
 
 def old_message(definitions: dict[str, str], encoding: builders.Encoding, detections: list[Fields]) -> RawMessage:
@@ -178,17 +168,3 @@ def test_negative_numbers_of_ros1_count_something() -> None:
     np.testing.assert_array_equal(found.boxes.scores, [1.0])
     counts = {name: values.tolist() for name, values in found.counts.items()}
     assert counts == {"image_pixels": [99.0], "instance": [4.0], "-77": [5.0]}
-
-
-def test_unknown_layout() -> None:
-    raw = old_message(NO_BOX, "cdr", [{"results": [{"id": "car", "score": 0.5}]}])
-    with pytest.raises(MessageError, match=r"/boxes: .*whose values cannot be used .*bbox"):
-        decode_detections2d(raw, CLASS_IDS)
-
-
-def test_more_boxes_than_a_message_may_hold() -> None:
-    body = builders.detection2d_array([[1, 1, 9, 9]] * 5, class_names=["car"] * 5, scores=[0.9] * 5, stamp_ns=1)
-    message = builders.raw("/boxes", MSGTYPE, body, 1)
-    assert len(decode_detections2d(message, {"car": 0}, limits=LimitsConfig(max_boxes=5)).boxes) == 5
-    with pytest.raises(MessageError, match=r"/boxes: 5 boxes, expected at most 4: raise limits.max_boxes"):
-        decode_detections2d(message, {"car": 0}, limits=LimitsConfig(max_boxes=4))

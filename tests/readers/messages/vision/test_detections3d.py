@@ -12,7 +12,6 @@ from pipeline.core.detections import Boxes3D
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.messages import ROS2
-from pipeline.core.settings.recording import LimitsConfig
 from pipeline.evaluation.evaluation_frame import UNKNOWN
 from readers.messages.deserialize import typestore_for
 from readers.messages.vision.detections3d import Detections3D, decode_detections3d
@@ -190,16 +189,6 @@ def test_fields_in_another_order(definitions: dict[str, str], name: str, little_
 def test_unknown_layout() -> None:
     with pytest.raises(MessageError, match=r"/objects: .*whose values cannot be used .*bbox"):
         decode_detections3d(of_layout(NO_BOX))
-
-
-def test_more_boxes_than_a_message_may_hold() -> None:
-    raw = message(*[detection(("car", 1))] * 5)
-    assert len(decode_detections3d(raw, limits=LimitsConfig(max_boxes=5))) == 5
-    with pytest.raises(MessageError, match=r"/objects: 5 boxes, expected at most 4: raise limits.max_boxes"):
-        decode_detections3d(raw, limits=LimitsConfig(max_boxes=4))
-    for most in (4, 9):
-        with pytest.raises(MessageError, match="max_message_items"):
-            decode_detections3d(raw, limits=LimitsConfig(max_message_items=most))
 
 
 # --- ids as numbers
