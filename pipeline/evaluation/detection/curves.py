@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import F32, F64, I64, Bools, check_array
+from pipeline.core.arrays import F32, F64, I64, Bools, Table, check_array
 
 __all__ = [
     "Curve",
@@ -34,7 +34,7 @@ RECALLS = 40
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Curve:
+class Curve(Table):
     """Counts of right and false detections from each score upwards; detections of equal score count together.
 
     Attributes:
@@ -54,9 +54,6 @@ class Curve:
         check_array("scores", self.scores, (n,), np.float64)
         check_array("right", self.right, (n,), np.int64)
         check_array("false", self.false, (n,), np.int64)
-
-    def __len__(self) -> int:
-        return len(self.scores)
 
     @property
     def precision(self) -> F64:
