@@ -6,7 +6,7 @@ import pytest
 import yaml
 from wrong_values import mistakes, words_of_the_library
 
-from bags.simulator.scenario.load import load_scenario, scenario_names
+from bags.simulator.scenario.load import load_scenario
 from bags.simulator.scenario.scenario import Scenario
 from pipeline.core.errors import ConfigError
 from pipeline.core.geometry.transform import rotation_fault
@@ -24,10 +24,6 @@ def tree(**changes: Any) -> dict[str, Any]:
 def written(path: Path, content: dict[str, Any]) -> str:
     path.write_text(yaml.safe_dump(content), encoding="utf-8")
     return str(path)
-
-
-def test_the_three_scenarios_come_with_lidcam() -> None:
-    assert scenario_names() == ["crossing", "sandbox", "vehicle"]
 
 
 @pytest.mark.parametrize("name", ["crossing", "sandbox", "vehicle"])
