@@ -19,15 +19,7 @@ _UNITS = {"moved": " m", "turned": " deg", "resized": " m"}
 def print_comparison(
     out: Console, figures: Mapping[str, Any], names: Sequence[str], config: CompareConfig, *, lines: int
 ) -> None:
-    """The tables of a comparison.
-
-    Args:
-        out: Where to print.
-        figures: Of the comparison.
-        names: Of A and of B.
-        config: Tolerances within which objects are equal.
-        lines: Differences that are listed.
-    """
+    """The tables of a comparison of two results with these names; so many differences are listed."""
     show_line(out, f"A  {names[0]}")
     show_line(out, f"B  {names[1]}")
     show_line(

@@ -93,12 +93,7 @@ def turned(rotation: F64, vectors: F64) -> F64:
 
 
 def upright_poses(positions: F64, yaws: F64) -> Poses:
-    """Poses of upright things.
-
-    Args:
-        positions: (N, 3) metres.
-        yaws: (N,) radians about +z.
-    """
+    """Poses of upright things at positions (N, 3), metres, turned by yaws (N,), radians about +z."""
     cos, sin, zero, one = np.cos(yaws), np.sin(yaws), np.zeros_like(yaws), np.ones_like(yaws)
     rotation = np.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one], -1).reshape(-1, 3, 3)
     return Poses(rotation, np.asarray(positions, np.float64))

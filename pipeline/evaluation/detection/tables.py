@@ -139,14 +139,7 @@ class Scored(Table):
 
 
 def scored(found: FoundTable, truth: TruthTable, rows: Indices, criterion: int) -> Scored:
-    """The detections that count under a criterion.
-
-    Args:
-        found: All detections.
-        truth: All true objects.
-        rows: Detections by falling score.
-        criterion: Column of the matches.
-    """
+    """Those of the detections `rows`, by falling score, that count under a criterion (a column of the matches)."""
     matches = found.matches[rows, criterion]
     rows, matches = rows[matches != IGNORED], matches[matches != IGNORED]
     is_right = matches != FALSE

@@ -6,6 +6,7 @@ import pytest
 import yaml
 from wrong_values import mistakes, words_of_the_library
 
+from bags.simulator.recorder.true_rig import true_rig
 from bags.simulator.scenario.load import load_scenario
 from bags.simulator.scenario.scenario import Scenario
 from pipeline.core.errors import ConfigError
@@ -103,3 +104,10 @@ def test_mistakes_are_not_told_in_a_library_s_words() -> None:
     told = mistakes(Scenario, lambda tree: checked(Scenario, tree, "file"))
     assert len(told) > 500
     assert not words_of_the_library(told)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "zones"), [("sandbox", ["intersection", "circle"]), ("crossing", []), ("vehicle", [])]
+)
+def test_only_the_sandbox_has_the_zones_of_the_predecessor_system(scenario: str, zones: list[str]) -> None:
+    assert [zone.name for zone in true_rig(load_scenario(scenario)).zones] == zones
