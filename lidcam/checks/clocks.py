@@ -45,10 +45,7 @@ def clock_notes(clocks: Clocks, sensors: Mapping[str, str]) -> list[str]:
 def clocks_off(delays_ns: Mapping[str, int], missing: Sequence[MissingSensor], rig: Rig) -> list[RunWarning]:
     """One for each clock that is off, if a sensor is in no frame at all.
 
-    Args:
-        delays_ns: Log time minus stamp of each topic's messages.
-        missing: Sensors that are missing from frames.
-        rig: Names the sensors, lidars first.
+    `delays_ns` is the log time minus the stamp of each topic's messages; the rig names the sensors, lidars first.
     """
     absent = never_used(missing)
     if not absent:
@@ -64,13 +61,7 @@ def clocks_off(delays_ns: Mapping[str, int], missing: Sequence[MissingSensor], r
 
 
 def late_warnings(drops: Mapping[tuple[str, str], int], received: Mapping[str, int], rig: Rig) -> list[RunWarning]:
-    """One for each sensor of which many messages are late.
-
-    Args:
-        drops: Number of dropped messages by topic and reason.
-        received: Number of messages by topic.
-        rig: Names the sensors.
-    """
+    """One for each sensor of which many messages are late: dropped by topic and reason, received by topic."""
     names = rig.sensor_of_topic
     return [
         RunWarning(

@@ -30,11 +30,7 @@ def check_not_empty(recording: Recording) -> None:
 
 
 class FileCheck:
-    """Looks for topics whose messages come from several files by turns.
-
-    Args:
-        paths: Files of the recording, in the order of `RawMessage.order[0]`.
-    """
+    """Looks for topics whose messages come by turns from several files, in the order of `RawMessage.order[0]`."""
 
     def __init__(self, paths: Sequence[Location]) -> None:
         self._paths = paths

@@ -83,14 +83,7 @@ class MissingSensor:
 
 
 def missing_sensors(absences: Sequence[Absence], rig: Rig, *, of_frames: int, start_ns: int) -> list[MissingSensor]:
-    """The absences of a run by sensor.
-
-    Args:
-        absences: By topic of the rig.
-        rig: Names the sensors.
-        of_frames: Number of frames.
-        start_ns: Log time of the start of the recording.
-    """
+    """The absences in so many frames by sensor; `start_ns` is the log time at which the recording starts."""
 
     def seconds(log_time_ns: int | None) -> float | None:
         return None if log_time_ns is None else (log_time_ns - start_ns) / 1e9

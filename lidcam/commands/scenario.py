@@ -100,6 +100,8 @@ def recording_to(
         recording_outputs(output, format, check_old=check_old) as outputs,
         simulating(scenario, ros_version=ros_version_of(format), workers=workers, driven=driven) as simulation,
     ):
-        rig = rig_yaml(simulation.true_rig)
+        from bags.simulator.recorder.true_rig import true_rig  # OpenCV, which a simulation has loaded by now
+
+        rig = rig_yaml(true_rig(scenario))
         with recording_file(outputs, output, format, rig_yaml=rig, scenario_yaml=text) as write:
             yield simulation, Recorder(write, scenario.start_ns)

@@ -17,13 +17,7 @@ MAX_LABELS = 5
 
 
 def doubts(tree: Mapping[str, Any], *, has_truth: bool, lidars_detect: bool = True) -> tuple[RunWarning, ...]:
-    """Warnings about figures.
-
-    Args:
-        tree: The figures.
-        has_truth: Whether there is truth, at whatever time.
-        lidars_detect: Whether the run was to find anything with the lidars.
-    """
+    """Warnings about a tree of figures; none without truth. `lidars_detect`: the run was to detect with the lidars."""
     if not has_truth:
         return ()
     return (

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from lidcam.evaluation.counts import FrameCounts
-from lidcam.evaluation.figures import NamedFigures, merged
+from lidcam.evaluation.figures import NamedFigures
 from pipeline.core.detections import Boxes2D, Boxes3D
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
@@ -15,7 +15,6 @@ from pipeline.evaluation.detection.detection_evaluation import DetectionEvaluati
 from pipeline.evaluation.evaluation_frame import (
     EvaluationFrame,
     Evaluator,
-    Figures,
     ImageBoxes,
     SourceBoxes,
     TruthBoxes2D,
@@ -46,10 +45,10 @@ def measure(frames: Iterable[EvaluationFrame], evaluators: Sequence[Evaluator]) 
     for frame in frames:
         for evaluator in waiting:
             evaluator.add(frame)
-    trees: list[Figures] = []
+    figures: dict[str, Any] = {}
     while waiting:  # what one has kept is freed before the next one makes its figures
-        trees.append(waiting.popleft().figures())
-    return merged(trees)
+        figures |= waiting.popleft().figures()
+    return figures
 
 
 def known_figures(config: Config, rig: Rig, sources: Sequence[str]) -> NamedFigures:

@@ -6,7 +6,7 @@ from typing import Any
 
 from pipeline.evaluation.evaluation_frame import Figure, Figures
 
-__all__ = ["LABELS", "NamedFigures", "merged"]
+__all__ = ["LABELS", "NamedFigures"]
 
 LEFT_OUT = "sources."
 """The beginning of a name that may be left out: `fused.car.recall` is `sources.fused.car.recall`."""
@@ -68,20 +68,6 @@ class NamedFigures(Mapping[str, Figure]):
 
     def _key(self, name: str) -> str | None:
         return next((key for key in (name, LEFT_OUT + name) if key in self._found), None)
-
-
-def merged(trees: Sequence[Figures]) -> dict[str, Any]:
-    """Trees of figures as one, in their order.
-
-    Raises:
-        ValueError: two have a section of the same name.
-    """
-    found: dict[str, Any] = {}
-    for tree in trees:
-        if twice := sorted(found.keys() & tree.keys()):
-            raise ValueError(f"figures: expected sections of different names, found {', '.join(twice)} twice")
-        found |= tree
-    return found
 
 
 def _flat(node: Figures, beginning: str) -> Iterator[tuple[str, Figure]]:

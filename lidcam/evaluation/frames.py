@@ -19,12 +19,7 @@ NO_POSE = "frames without truth, because where the site frame was at their time 
 
 
 class EvaluationFrames:
-    """A result beside the truth.
-
-    Args:
-        result: The open result.
-        truth: The truth, or that there is none.
-    """
+    """An open result beside the truth, or without any."""
 
     def __init__(self, result: Result, truth: OpenTruth) -> None:
         self._result, self._truth, self._reason = result, truth.source, truth.reason

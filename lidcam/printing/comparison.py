@@ -6,7 +6,7 @@ from typing import Any
 from rich.console import Console
 
 from lidcam.printing.folding import show_line, show_table
-from lidcam.printing.tables import columns_table
+from lidcam.printing.tables import ColumnsTable
 from pipeline.core.settings.compare import CompareConfig
 from pipeline.evaluation.comparison.object_changes import KINDS
 
@@ -19,15 +19,7 @@ _UNITS = {"moved": " m", "turned": " deg", "resized": " m"}
 def print_comparison(
     out: Console, figures: Mapping[str, Any], names: Sequence[str], config: CompareConfig, *, lines: int
 ) -> None:
-    """The tables of a comparison.
-
-    Args:
-        out: Where to print.
-        figures: Of the comparison.
-        names: Of A and of B.
-        config: Tolerances within which objects are equal.
-        lines: Differences that are listed.
-    """
+    """The tables of a comparison of two results with these names; so many differences are listed."""
     show_line(out, f"A  {names[0]}")
     show_line(out, f"B  {names[1]}")
     show_line(
@@ -51,7 +43,7 @@ def print_comparison(
 def _print_counts(out: Console, title: str, first: str, channels: Mapping[str, Any]) -> None:
     """The objects by source or camera, and by class where something differs; kinds that do not occur have no column."""
     kinds = [kind for kind in KINDS if any(counts[ALL][kind] for counts in channels.values())]
-    table = columns_table(title, first, "class", "A", "B", "equal", *kinds, text_columns=("class",))
+    table = ColumnsTable(title, first, "class", "A", "B", "equal", *kinds, text_columns=("class",))
     for name, by_class in channels.items():
         for class_name, row in _shown(by_class).items():
             counts = [row["a"], row["b"], row["equal"], *(row[kind] or "" for kind in kinds)]
@@ -73,14 +65,14 @@ def _print_differences(out: Console, differences: Mapping[str, Any], lines: int)
         return
     title = "differences" if len(listed) == count else f"the first {len(listed)} of {count} differences"
     columns = ("class", "difference", "frames", "from s", "to s", "at")
-    table = columns_table(title, "in", *columns, text_columns=("class", "difference", "at"))
+    table = ColumnsTable(title, "in", *columns, text_columns=("class", "difference", "at"))
     for one in listed:
         frames = f"{one['first_frame']}-{one['last_frame']}" if one["frames"] > 1 else str(one["first_frame"])
         span = f"{one['first_s']:.3f}", f"{one['last_s']:.3f}"
         table.add_row(_channel(one), one["class"], _what(one), frames, *span, _place(one["place"]))
     show_table(out, table)
     out.print()
-    table = columns_table(
+    table = ColumnsTable(
         "the largest of each kind", "kind", "by", "in", "class", "frame", "s", "at", text_columns=("in", "class", "at")
     )
     for kind, one in differences["largest"].items():

@@ -11,7 +11,7 @@ from lidcam.evaluation.requirement import Outcome
 from lidcam.printing.folding import show_line, show_table
 from lidcam.printing.mistakes import mistakes_table
 from lidcam.printing.numbers import NONE, number, percent, share, signed
-from lidcam.printing.tables import columns_table
+from lidcam.printing.tables import ColumnsTable
 
 __all__ = ["print_evaluation"]
 
@@ -152,9 +152,7 @@ def _found_table(sources: Tree) -> Table:
 
 def _gain_table(gains: Tree) -> Table:
     columns = ("AP bev", "from", "to", "AP 3D", "prec.", "recall", "position")
-    table = columns_table(
-        "gain by fusion, with its interval of 95 %", "class", "over", *columns, text_columns=("over",)
-    )
+    table = ColumnsTable("gain by fusion, with its interval of 95 %", "class", "over", *columns, text_columns=("over",))
     shown = {name: one for name, one in gains.items() if one[_gain_name(one)]["value"] is not None}
     if len(shown) == 2:
         shown.pop(ALL, None)
@@ -187,7 +185,7 @@ def _errors_table(sources: Tree) -> Table:
 
 def _images_table(images: Tree) -> Table:
     overlap = _overlap(images, "ap_2d_r40_")
-    table = columns_table("2D boxes of all classes", "camera", "truth", "recall", "precision", f"AP 2D {overlap}")
+    table = ColumnsTable("2D boxes of all classes", "camera", "truth", "recall", "precision", f"AP 2D {overlap}")
     for camera, classes in images.items():
         figures = classes[ALL]
         shares = (figures["recall"], figures["precision"], figures[f"ap_2d_r40_{overlap}"])
@@ -211,7 +209,7 @@ def _tracking_table(tracking: Tree) -> Table:
 
 def _chains_table(unlabelled: Tree) -> Table:
     columns = ("objects/frame", "chains", "seconds", "missing", "flickers", "relabelled", "flips")
-    table = columns_table("without truth: chains of one object", "source", *columns)
+    table = ColumnsTable("without truth: chains of one object", "source", *columns)
     for source, figures in unlabelled.items():
         chains = figures["chains"]
         table.add_row(
@@ -233,7 +231,7 @@ def _residuals(unlabelled: Tree) -> Tree:
 
 def _residuals_table(residuals: Tree) -> Table:
     columns = ("matches", "alone 3D", "alone 2D", "right", "down", "off", "IoU")
-    table = columns_table("projected 3D boxes against 2D boxes (pixels)", "camera", *columns)
+    table = ColumnsTable("projected 3D boxes against 2D boxes (pixels)", "camera", *columns)
     for camera, figures in residuals.items():
         table.add_row(
             camera,
@@ -247,7 +245,7 @@ def _residuals_table(residuals: Tree) -> Table:
 
 
 def _requirements_table(outcomes: Sequence[Outcome]) -> Table:
-    table = columns_table("required", "figure", "expected", "found", "", text_columns=("",))
+    table = ColumnsTable("required", "figure", "expected", "found", "", text_columns=("",))
     for outcome in outcomes:
         asked = outcome.requirement
         found = NONE if outcome.found is None else f"{outcome.found:.4g}"
@@ -291,7 +289,7 @@ def _distances(sources: Tree, by_distance: str) -> dict[str, str]:
 
 def _source_table(title: str, sources: Tree, columns: Columns, count: str = "truth") -> Table:
     """A row for each class and source, of classes that the truth or a source has; the class is named once."""
-    table = columns_table(title, "class", "source", *columns, text_columns=("source",))
+    table = ColumnsTable(title, "class", "source", *columns, text_columns=("source",))
     names = next(iter(sources.values()))
     by_class = {name: {source: classes[name] for source, classes in sources.items()} for name in names}
     shown = {

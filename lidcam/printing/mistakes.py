@@ -5,7 +5,7 @@ from typing import Any
 
 from rich.table import Table
 
-from lidcam.printing.tables import columns_table
+from lidcam.printing.tables import ColumnsTable
 
 __all__ = ["mistake_note", "mistakes_table"]
 
@@ -24,7 +24,7 @@ CAUSES = {
 def mistakes_table(source: str, kinds: Mapping[str, Any]) -> Table:
     """The worst mistakes of one source: what, in how many frames, when and where it is worst."""
     title = f"worst errors of {source}: where to look, and when (s from the first frame)"
-    table = columns_table(title, "error", "class", "frames", "at s", "x m", "y m", "", text_columns=("class", ""))
+    table = ColumnsTable(title, "error", "class", "frames", "at s", "x m", "y m", "", text_columns=("class", ""))
     for kind, mistakes in kinds.items():
         for one in mistakes[:MAX_PRINTED]:
             place = (f"{one[axis]:.1f}" for axis in ("x_m", "y_m"))

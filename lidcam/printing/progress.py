@@ -30,13 +30,7 @@ class Advance(Protocol):
 
 @contextmanager
 def show_progress(total_s: float, *, err: Console | None = None, clock: Clock = time.monotonic) -> Iterator[Advance]:
-    """Progress over recorded or simulated seconds.
-
-    Args:
-        total_s: Seconds that will be done in the end.
-        err: Where the bar is drawn; None: stderr.
-        clock: Seconds of wall time.
-    """
+    """Progress over so many recorded or simulated seconds; the bar is drawn on stderr if no console is given."""
     with _shown(err, clock) as show:
 
         def advance(done_s: float, facts: str = "") -> None:
@@ -49,12 +43,7 @@ def show_progress(total_s: float, *, err: Console | None = None, clock: Clock = 
 def show_compiling(
     *, err: Console | None = None, clock: Clock = time.monotonic
 ) -> Iterator[Callable[[int, int], None]]:
-    """Progress of the first run on a machine: yields a function of the number of compiled functions and of all.
-
-    Args:
-        err: Where the bar is drawn; None: stderr.
-        clock: Seconds of wall time.
-    """
+    """Progress of the first run on a machine: yields a function of the number of compiled functions and of all."""
     with _shown(err, clock) as show:
         yield lambda done, total: show(f"compiling: {done} of {total}", done, total, "")
 

@@ -30,11 +30,8 @@ def shown_run(
 ) -> Iterator[RunObserver]:
     """An observer that shows a run.
 
-    Args:
-        out: Where frames are printed.
-        requirements: Checked when the recording is open.
-        detections: Print what each sensor and the fusion found, frame by frame.
-        matches: Print which 2D box is which object, frame by frame.
+    The requirements are checked when the recording is open. `detections` prints what each sensor and the fusion found,
+    `matches` which 2D box is which object, both frame by frame.
 
     Raises:
         RequirementError: a requirement names a figure that there cannot be.

@@ -17,7 +17,7 @@ from readers.rig.calibration import SensorSource
 from readers.streams.survey import TopicSurvey
 
 __all__ = [
-    "columns_table",
+    "ColumnsTable",
     "drops_table",
     "losses_table",
     "missing_table",
@@ -36,7 +36,7 @@ def objects_table(objects: Mapping[tuple[str, str], int], zones: Sequence[str], 
     Without a title, which would be broken to the width of its columns.
     """
     places = [*zones, OUTSIDE_ZONES] if zones else []
-    table = columns_table("", "class", *places, "all", "a frame")
+    table = ColumnsTable("", "class", *places, "all", "a frame")
     classes = sorted({name for name, _ in objects})
     for name in classes:
         count = sum(found for (known, _), found in objects.items() if known == name)
@@ -49,7 +49,7 @@ def objects_table(objects: Mapping[tuple[str, str], int], zones: Sequence[str], 
 
 def drops_table(used: Mapping[str, int], drops: Sequence[DropCount]) -> Table:
     """Messages by topic: how many were used, how many were dropped and why."""
-    table = columns_table("messages", "topic", "used", "dropped", "reason", text_columns=("topic", "reason"))
+    table = ColumnsTable("messages", "topic", "used", "dropped", "reason", text_columns=("topic", "reason"))
     for topic in sorted({*used, *(drop.topic for drop in drops)}):
         reasons = [(drop.reason, drop.count) for drop in drops if drop.topic == topic]
         total = str(used.get(topic, 0))
@@ -60,7 +60,7 @@ def drops_table(used: Mapping[str, int], drops: Sequence[DropCount]) -> Table:
 
 def losses_table(losses: Sequence[Mapping[str, Any]]) -> Table:
     """Damaged parts of the files: where, how much, how many messages, and why."""
-    table = columns_table("damage", "file", "from byte", "bytes", "messages lost", "reason", text_columns=("reason",))
+    table = ColumnsTable("damage", "file", "from byte", "bytes", "messages lost", "reason", text_columns=("reason",))
     for loss in losses:
         size, messages = ("unknown" if loss[key] is None else str(loss[key]) for key in ("size", "messages"))
         table.add_row(loss["file"], str(loss["position"]), size, messages, loss["reason"])
@@ -69,7 +69,7 @@ def losses_table(losses: Sequence[Mapping[str, Any]]) -> Table:
 
 def missing_table(sensors: Sequence[MissingSensor]) -> Table:
     """Sensors missing from frames: from how many, and when. A camera and its boxes share a row where they agree."""
-    table = columns_table("missing from frames", "sensor", "frames", "when", text_columns=("when",))
+    table = ColumnsTable("missing from frames", "sensor", "frames", "when", text_columns=("when",))
     cells = {sensor.sensor: (str(sensor.frames), str(sensor)) for sensor in sensors}
     for name, row in cells.items():
         if cells.get(f"{name}{BOXES_SUFFIX}") == row:
@@ -81,7 +81,7 @@ def missing_table(sensors: Sequence[MissingSensor]) -> Table:
 
 def stages_table(seconds: Mapping[str, float], frames: int) -> Table:
     """Milliseconds a frame in each stage; without those that would be shown as 0.0."""
-    table = columns_table("time", "stage", "ms a frame")
+    table = ColumnsTable("time", "stage", "ms a frame")
     for name, spent in seconds.items():
         if (milliseconds := f"{1e3 * spent / max(frames, 1):.1f}") != "0.0":
             table.add_row(name, milliseconds)
@@ -90,7 +90,7 @@ def stages_table(seconds: Mapping[str, float], frames: int) -> Table:
 
 def points_table(points: Mapping[str, int], frames: int) -> Table:
     """Lidar points a frame by step of the combination."""
-    table = columns_table("points", "step", "points a frame")
+    table = ColumnsTable("points", "step", "points a frame")
     for step, count in points.items():
         table.add_row(step, f"{count / max(frames, 1):.0f}")
     return table
@@ -108,7 +108,7 @@ def pairs_table(title: str, pairs: Mapping[str, Any]) -> Table:
 def topics_table(topics: Sequence[TopicSurvey]) -> Table:
     """The topics of a recording, one per row."""
     columns = ("type", "count", "Hz", "gaps", "longest", "delay", "")
-    table = columns_table("topics", "topic", *columns, text_columns=("type", ""))
+    table = ColumnsTable("topics", "topic", *columns, text_columns=("type", ""))
     for topic in topics:
         remarks = [topic.problem] if topic.problem else []
         if topic.backwards:
@@ -130,15 +130,18 @@ def sensors_table(sensors: Sequence[SensorSource]) -> Table:
     """The sensors that are used, and where their calibration comes from."""
     columns = ("sensor", "topic", "frame_id", "intrinsics", "extrinsics")
     is_shifted = any(sensor.time_offset_ms for sensor in sensors)
-    table = columns_table("sensors", *columns, *["time offset"] * is_shifted, text_columns=columns)
+    table = ColumnsTable("sensors", *columns, *["time offset"] * is_shifted, text_columns=columns)
     for sensor in sensors:
         offset = f"{sensor.time_offset_ms:g} ms" if sensor.time_offset_ms else ""
         table.add_row(*(getattr(sensor, column) for column in columns), *[offset] * is_shifted)
     return table
 
 
-class _Table(Table):
-    """A table with a title. Texts, and names above columns, are folded where they must be; numbers never are."""
+class ColumnsTable(Table):
+    """A table of texts (the first column, and `text_columns`) and numbers, with a title.
+
+    Texts, and names above columns, are folded where they must be; numbers never are.
+    """
 
     def __init__(self, title: str, first: str, *columns: str, text_columns: tuple[str, ...] = ()) -> None:
         super().__init__(
@@ -150,6 +153,7 @@ class _Table(Table):
     def add_row(
         self, *renderables: RenderableType | None, style: StyleType | None = None, end_section: bool = False
     ) -> None:
+        """Add the cells of a row."""
         cells = list(renderables)
         for n, (cell, column) in enumerate(zip(cells, self.columns, strict=False)):
             if isinstance(cell, str):
@@ -158,8 +162,3 @@ class _Table(Table):
                 else:
                     column.min_width = max(column.min_width or 0, cell_len(cell))
         super().add_row(*cells, style=style, end_section=end_section)
-
-
-def columns_table(title: str, first: str, *columns: str, text_columns: tuple[str, ...] = ()) -> Table:
-    """A table of names (the first column, and `text_columns`) and numbers."""
-    return _Table(title, first, *columns, text_columns=text_columns)

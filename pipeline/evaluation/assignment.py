@@ -2,6 +2,7 @@
 
 Candidates are pairs of rows. Rows of different frames never share a pair, so the pairs of a whole recording fall into
 many small components. Most are a single pair, which needs no decision; only the others are solved one by one.
+Pairs (P,) are given as `first` and `second`, the row of each on the one side and on the other.
 """
 
 from collections.abc import Iterator
@@ -28,15 +29,7 @@ def is_alone(first: I64, second: I64) -> Bools:
 
 
 def conflicts(first: I64, second: I64) -> Iterator[Indices]:
-    """The pairs of each component, in the order of the component's first pair.
-
-    Args:
-        first: (P,) row of the one side.
-        second: (P,) row of the other.
-
-    Yields:
-        Rows of the pairs, rising.
-    """
+    """Rows of the pairs of each component, rising, in the order of the component's first pair."""
     if not len(first):
         return
     from scipy.sparse import coo_array  # a fifth of a second: behind the imports of the programs
@@ -57,11 +50,7 @@ def conflicts(first: I64, second: I64) -> Iterator[Indices]:
 def dense_assignment(first: I64, second: I64, costs: F64, missing: float) -> Bools:
     """Which of the pairs (P,) of one component are part of the assignment of smallest cost.
 
-    Args:
-        first: (P,) row of the one side.
-        second: (P,) row of the other.
-        costs: (P,) of each pair.
-        missing: Cost of two rows that are not a pair; they are assigned to nothing.
+    Two rows that are not a pair cost `missing`, and are assigned to nothing.
     """
     from scipy.optimize import linear_sum_assignment  # a third of a second: behind the imports of the programs
 
@@ -78,30 +67,12 @@ def dense_assignment(first: I64, second: I64, costs: F64, missing: float) -> Boo
 
 
 def assign_nearest(first: I64, second: I64, distances: F64) -> Bools:
-    """As many pairs as possible, of these sets the one with the smallest sum of distances.
-
-    Args:
-        first: (P,) row of the one side; each is part of one pair at most.
-        second: (P,) row of the other; likewise.
-        distances: (P,), not negative.
-
-    Returns:
-        (P,) bool.
-    """
+    """Which pairs (P,) are chosen: as many as possible, each row once, at the smallest sum of distances (P,) >= 0."""
     return _assign(first, second, distances, far_cost(distances))
 
 
 def assign_heaviest(first: I64, second: I64, weights: F64) -> Bools:
-    """The pairs with the largest sum of weights, of which each row is part of one at most.
-
-    Args:
-        first: (P,) row of the one side.
-        second: (P,) row of the other.
-        weights: (P,), positive.
-
-    Returns:
-        (P,) bool.
-    """
+    """Which pairs (P,) are chosen: each row once at most, with the largest sum of weights (P,) > 0."""
     return _assign(first, second, -weights, 0.0)
 
 
@@ -120,15 +91,7 @@ def _assign(first: I64, second: I64, costs: F64, missing: float) -> Bools:
 
 
 def pairs_of_equal(first: I32 | I64, second: I32 | I64) -> tuple[Indices, Indices]:
-    """All pairs of rows with equal values, by rising `first`, then `second`.
-
-    Args:
-        first: (N,) rising.
-        second: (M,) rising.
-
-    Returns:
-        (P,) rows of `first` and (P,) rows of `second`.
-    """
+    """Rows (P,) of `first` (N,) and of `second` (M,) with equal values, all pairs in their order; both arrays rise."""
     start, end = np.searchsorted(second, first, "left"), np.searchsorted(second, first, "right")
     counts = end - start
     rows = np.repeat(np.arange(len(first)), counts)

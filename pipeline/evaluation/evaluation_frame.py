@@ -7,7 +7,7 @@ from typing import Protocol, TypeAlias, Union
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import F32, F64, I32, I64, Bools, Rows, check_array, select_rows
+from pipeline.core.arrays import F32, F64, I32, I64, Bools, Rows, Table, check_array, select_rows
 from pipeline.core.detections import Boxes2D, Boxes3D
 
 __all__ = [
@@ -130,7 +130,7 @@ class TruthBoxes2D:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SourceBoxes:
+class SourceBoxes(Table):
     """The objects of one source in a frame.
 
     Attributes:
@@ -143,13 +143,6 @@ class SourceBoxes:
 
     def __post_init__(self) -> None:
         check_array("track_ids", self.track_ids, (len(self.boxes),), np.int64)
-
-    def __len__(self) -> int:
-        return len(self.boxes)
-
-    def select(self, rows: Rows) -> "SourceBoxes":
-        """The given rows (mask or indices), in that order."""
-        return SourceBoxes(self.boxes.select(rows), self.track_ids[rows])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -196,8 +189,6 @@ class Evaluator(Protocol):
 
     def add(self, frame: EvaluationFrame) -> None:
         """Take in one frame."""
-        ...
 
     def figures(self) -> Figures:
         """The figures of all frames so far."""
-        ...

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, I64, Bools, Indices, Rows, join_rows, select_rows
+from pipeline.core.arrays import F64, I32, I64, Bools, Indices, Table, join_rows
 from pipeline.core.detections import Boxes3D
 from pipeline.core.geometry.rotated_iou import BoxArrays, OrientedBoxes, pair_ious
 from pipeline.evaluation.assignment import pairs_of_equal
@@ -21,7 +21,7 @@ Measure = Literal["bev", "volume", "distance"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TrueObjects:
+class TrueObjects(Table):
     """True objects of some frames, frame by frame.
 
     Attributes:
@@ -37,12 +37,9 @@ class TrueObjects:
         """The objects of at least one frame; the frames are numbered from `first_frame`."""
         return cls(_frames(list(map(len, truths)), first_frame), join_rows(*truths))
 
-    def __len__(self) -> int:
-        return len(self.frames)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FoundObjects:
+class FoundObjects(Table):
     """Detections of one source in some frames, frame by frame.
 
     Attributes:
@@ -65,12 +62,9 @@ class FoundObjects:
             np.concatenate([np.zeros(0, np.int64), *(source.track_ids for source in given)]),
         )
 
-    def __len__(self) -> int:
-        return len(self.frames)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Candidates:
+class Candidates(Table):
     """Pairs of a true object and a detection of the same frame that may belong together.
 
     Attributes:
@@ -91,10 +85,6 @@ class Candidates:
         """The pairs detection by detection, the best true object first, the earlier one of two equally good ones."""
         values = {"distance": self.distances_m, "bev": -self.bev, "volume": -self.volume}[measure]
         return np.lexsort((self.truth, values, self.found))
-
-    def select(self, rows: Rows) -> "Candidates":
-        """The given pairs (mask or indices), in that order."""
-        return select_rows(self, rows)
 
     def among(self, truth: Bools, found: Bools) -> "Candidates":
         """The pairs of true objects (T,) and detections (N,) that are kept, with rows counted among these alone."""

@@ -28,15 +28,12 @@ class Keyboard(Protocol):
 
     def pressed(self, now_ns: int) -> Pressed:
         """The keys to apply now; each is returned once."""
-        ...
 
     def next_ns(self, now_ns: int) -> int:
         """When to ask again; later than now."""
-        ...
 
     def wait(self, until_ns: int) -> None:
         """Let real time catch up with the simulation if keys come in real time."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,21 +2,58 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 
-from bags.simulator.recorder.hypotheses import Hypothesis, counted
 from bags.simulator.recorder.recorded import Recorded
 from pipeline.core.arrays import I64, U8
 from pipeline.core.camera import CameraModel
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.ros.messages import RosMessages
+from pipeline.core.ros.vision_numbers import (
+    CLASS_NUMBERS,
+    COUNT_NUMBERS,
+    IMAGE_PIXELS,
+    LIDAR_POINTS,
+    OF_CAMERA,
+    OF_LIDAR,
+)
 
-__all__ = ["MessageFactory", "TrueObject", "ViewedObject"]
+__all__ = ["Hypothesis", "MessageFactory", "TrueObject", "ViewedObject", "class_of", "counted", "counted_by"]
 
 NO_POSE = (0.0, 0.0, 0.0)
+FIRST_NUMBERS = {LIDAR_POINTS: OF_LIDAR, IMAGE_PIXELS: OF_CAMERA}
+
+
+class Hypothesis(NamedTuple):
+    """A hypothesis of a detection: the object's class, or a count or share, which has a negative number.
+
+    Attributes:
+        name: `class_id` in ROS 2.
+        number: `id` in ROS 1.
+        score: Its score, or a count or share.
+    """
+
+    name: str
+    number: int
+    score: float
+
+
+def class_of(name: str, score: float = 1.0) -> Hypothesis:
+    """The class of an object, a key of `CLASS_NUMBERS`."""
+    return Hypothesis(name, CLASS_NUMBERS[name], score)
+
+
+def counted(name: str, value: float) -> Hypothesis:
+    """A count or share of an object, by its name in `COUNT_NUMBERS`."""
+    return Hypothesis(name, COUNT_NUMBERS[name], float(value))
+
+
+def counted_by(name: str, count: int, sensor: str, row: int) -> Hypothesis:
+    """A count of one lidar or camera, given by its name and its row among them."""
+    return Hypothesis(f"{name}/{sensor}", FIRST_NUMBERS[name] - row, float(count))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -111,11 +111,7 @@ class SensingProcess:
 
 
 def _serve(pipe: Connection) -> None:
-    """The main loop of a process: answer requests until the pipe closes.
-
-    Args:
-        pipe: The task comes in, then requests; measurements and errors go out.
-    """
+    """The main loop of a process: the task comes in, then requests; measurements and errors go out until it closes."""
     try:
         from bags.simulator.recorder.sensing import Sensing  # Open3D, which this module does without
         from bags.simulator.recorder.stage import Stage

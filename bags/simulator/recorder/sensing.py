@@ -1,22 +1,23 @@
 """Running sensors: their measurements up to a time, as messages."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from bags.simulator.recorder.messages import MessageFactory
+from bags.simulator.recorder.messages import MessageFactory, ViewedObject, class_of, counted
 from bags.simulator.recorder.recorded import Measured, Recorded, SensingTask
 from bags.simulator.recorder.stage import Stage
-from bags.simulator.recorder.viewed import detected_objects, visible_objects, whole_objects
 from bags.simulator.scenario.scenario import camera_truth_topics
 from bags.simulator.scenario.sensors import CameraScenario, LidarScenario
 from bags.simulator.sensors.camera import Camera, CameraImage
-from bags.simulator.sensors.detector2d import detect
+from bags.simulator.sensors.detector2d import NO_MOVER, Detected, detect
 from bags.simulator.sensors.lidar import Lidar, Sweep
 from bags.simulator.sensors.timing import Measurement, Timing
-from bags.simulator.sensors.visibility import visibility
-from pipeline.core.arrays import Array
+from bags.simulator.sensors.visibility import Visibility, visibility
+from bags.simulator.world.mover import Mover
+from pipeline.core.arrays import F64, Array
+from pipeline.core.ros.vision_numbers import IMAGE_PIXELS
 
 __all__ = ["Sensing"]
 
@@ -110,12 +111,12 @@ class Sensing:
         if settings.detector is not None:
             classes = [mover.class_name for mover in movers]
             found = detect(settings.detector, image, classes, name=name, number=measurement.number, seed=self._seed)
-            boxes = make.detections_2d(stamp_ns, model.frame_id, detected_objects(found, movers))
+            boxes = make.detections_2d(stamp_ns, model.frame_id, _detected_objects(found, movers))
             late_ns = log_ns + round(settings.detector.delay_ms * 1e6)
             yield make.recorded(late_ns, settings.detector.topic, stamp_ns, boxes)
         if self._stage.scenario.recording.truth_rate_hz:
             shown = visibility(image, camera.device, movers, measurement.begin_ns)
-            truths = visible_objects(shown, movers), whole_objects(shown, movers)
+            truths = _visible_objects(shown, movers), _whole_objects(shown, movers)
             for topic, objects in zip(camera_truth_topics(name), truths, strict=True):
                 truth = make.detections_2d(stamp_ns, model.frame_id, objects)
                 yield make.recorded(log_ns, topic, stamp_ns, truth)
@@ -149,3 +150,39 @@ def _cloud_fields(sweep: Sweep) -> dict[str, Array]:
         "time": sweep.time_offset_s,
     }
     return fields if sweep.return_type is None else fields | {"return_type": sweep.return_type}
+
+
+def _detected_objects(found: Detected, movers: Sequence[Mover]) -> list[ViewedObject]:
+    """Boxes of the simulated detector in an image of a scene with these movers."""
+    return [
+        ViewedObject("" if row == NO_MOVER else movers[row].name, row, _box(xyxy), (class_of(class_name, score),))
+        for xyxy, score, class_name, row in zip(
+            found.xyxy, found.scores.tolist(), found.class_names, found.movers.tolist(), strict=True
+        )
+    ]
+
+
+def _visible_objects(shown: Visibility, movers: Sequence[Mover]) -> list[ViewedObject]:
+    """The movers that an image shows."""
+    hidden, outside = shown.occlusion.tolist(), shown.truncation.tolist()
+    return [
+        _viewed(row, shown, shown.visible_xyxy, movers, occlusion=hidden[row], truncation=outside[row])
+        for row in np.flatnonzero(shown.visible_px).tolist()
+    ]
+
+
+def _whole_objects(shown: Visibility, movers: Sequence[Mover]) -> list[ViewedObject]:
+    """The movers that an image would show if nothing hid them."""
+    rows = np.flatnonzero(np.isfinite(shown.truncation)).tolist()
+    return [_viewed(row, shown, shown.whole_xyxy, movers) for row in rows]
+
+
+def _viewed(row: int, shown: Visibility, boxes: F64, movers: Sequence[Mover], **shares: float) -> ViewedObject:
+    mover, pixels = movers[row], counted(IMAGE_PIXELS, int(shown.visible_px[row]))
+    hypotheses = (class_of(mover.class_name), pixels, *(counted(name, share) for name, share in shares.items()))
+    return ViewedObject(mover.name, row, _box(boxes[row]), hypotheses)
+
+
+def _box(xyxy: F64) -> tuple[float, float, float, float]:
+    left, top, right, bottom = xyxy.tolist()
+    return left, top, right, bottom

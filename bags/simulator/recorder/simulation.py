@@ -13,10 +13,9 @@ from bags.simulator.recorder.recorded import STEP_NS, Measured, Recorded, Sensin
 from bags.simulator.recorder.sensing import Sensing
 from bags.simulator.recorder.stage import Stage
 from bags.simulator.recorder.states import States, moments
-from bags.simulator.recorder.true_rig import recorded_extrinsics, true_rig
+from bags.simulator.recorder.true_rig import recorded_extrinsics
 from bags.simulator.vehicles.ackermann import AckermannCommand
 from bags.simulator.vehicles.trajectory import State
-from pipeline.core.rig import Rig
 
 __all__ = ["Simulation"]
 
@@ -43,11 +42,6 @@ class Simulation:
     def now_ns(self) -> int:
         """Simulated time."""
         return max(self._now_ns, 0)
-
-    @property
-    def true_rig(self) -> Rig:
-        """The true calibration."""
-        return true_rig(self.scenario)
 
     def state(self, vehicle: str) -> State:
         """The current state of a vehicle."""

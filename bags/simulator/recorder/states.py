@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from bags.simulator.recorder.hypotheses import Hypothesis, class_of, counted, counted_by
-from bags.simulator.recorder.messages import MessageFactory, TrueObject
+from bags.simulator.recorder.messages import Hypothesis, MessageFactory, TrueObject, class_of, counted, counted_by
 from bags.simulator.recorder.recorded import Measured, Recorded
 from bags.simulator.recorder.stage import Stage
 from bags.simulator.scenario.scenario import EGO_FRAME

@@ -9,7 +9,7 @@ from bags.simulator.scenario.sensors import Detector2DScenario
 from bags.simulator.sensors.camera import CameraImage
 from bags.simulator.sensors.timing import random_numbers
 from bags.simulator.sensors.visibility import visible_boxes
-from pipeline.core.arrays import F64, I64
+from pipeline.core.arrays import F64, I64, Table
 
 __all__ = ["NO_MOVER", "Detected", "detect"]
 
@@ -24,7 +24,7 @@ FALSE_HEIGHT = (0.05, 0.30)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Detected:
+class Detected(Table):
     """Detections in one image, those of movers first, in the order of the movers.
 
     Attributes:
@@ -38,9 +38,6 @@ class Detected:
     scores: F64
     class_names: tuple[str, ...]
     movers: I64
-
-    def __len__(self) -> int:
-        return len(self.class_names)
 
 
 def detect(

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from bags.simulator.world.meshes.mesh import Material
 from bags.simulator.world.rays import STATIC, Hits
 from bags.simulator.world.surfaces.textures import surface_reflectivity
-from pipeline.core.arrays import F64, I64, Bools
+from pipeline.core.arrays import F64, I64, Table
 
 __all__ = ["NO_ECHO", "Echoes", "Optics", "Reflected", "distinct_echoes", "intensity", "returned_share"]
 
@@ -93,7 +93,7 @@ class Echoes:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reflected:
+class Reflected(Table):
     """Light reflected by K surfaces.
 
     Attributes:
@@ -107,10 +107,6 @@ class Reflected:
     range_m: F64
     share: F64
     mover: I64
-
-    def select(self, rows: I64 | Bools) -> "Reflected":
-        """The light of these rows."""
-        return Reflected(self.beam[rows], self.range_m[rows], self.share[rows], self.mover[rows])
 
 
 def distinct_echoes(

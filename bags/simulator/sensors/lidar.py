@@ -21,7 +21,7 @@ from bags.simulator.world.placed import dotted
 from bags.simulator.world.rays import Hits, Rays
 from bags.simulator.world.scene import Scene
 from bags.simulator.world.span import Span
-from pipeline.core.arrays import F32, F64, I64, U8, U16
+from pipeline.core.arrays import F32, F64, I64, U8, U16, join_rows
 
 __all__ = ["Lidar", "Sweep"]
 
@@ -203,8 +203,8 @@ class Lidar:
         some = distinct_echoes(
             self._light(
                 beam,
-                Rays.together([rays.select(mixed), rim_rays]),
-                Hits.together([hits.select(mixed), rim_hits]),
+                join_rows(rays.select(mixed), rim_rays),
+                join_rows(hits.select(mixed), rim_hits),
                 weight * speckle[mixed][beam],
                 span,
             ),
@@ -292,7 +292,7 @@ class Lidar:
             hits = self._scene.cast(rays, span)
             beam, passed_m, weight = beam[on], passed_m[on] + onward_m, left[on]
         beams, ranges_m, weights, seen, cosines = zip(*layers, strict=True)
-        together = Hits.together(seen)
+        together = join_rows(*seen)
         share = np.concatenate(weights) * self._optics.share(together, np.concatenate(cosines))
         return Reflected(np.concatenate(beams), np.concatenate(ranges_m), share, together.mover)
 

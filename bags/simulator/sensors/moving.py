@@ -94,15 +94,7 @@ class _Samples:
 
 
 class _Found(NamedTuple):
-    """The hits of rays on one part.
-
-    Attributes:
-        mover: Row of its mover.
-        part: The part.
-        seen: (K,) rows of the rays that had hit nothing nearer before.
-        hits: All hits on the part.
-        nearer: (K,) rows of `hits` for these rays.
-    """
+    """The hits of rays on a part of a mover; `seen` (K,) are rays that had hit nothing nearer, `nearer` their rows."""
 
     mover: int
     part: PlacedPart

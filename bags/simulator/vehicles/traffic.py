@@ -9,10 +9,9 @@ from bags.simulator.scenario.scenario import Scenario, listed
 from bags.simulator.scenario.traffic import VehicleScenario
 from bags.simulator.vehicles.ackermann import Ackermann, AckermannCommand
 from bags.simulator.vehicles.followers import Follower, Seen
-from bags.simulator.vehicles.footprints import Rectangle, footprint, overlap
+from bags.simulator.vehicles.footprints import Obstacles, Rectangle, footprint, obstacles_of, overlap
 from bags.simulator.vehicles.habits import HABITS, chassis_of
 from bags.simulator.vehicles.keys import commands_of_keys
-from bags.simulator.vehicles.obstacles import Obstacles, obstacles_of
 from bags.simulator.vehicles.right_of_way import Stretch, Traveller, shared_stretches
 from bags.simulator.vehicles.routes import Route
 from bags.simulator.vehicles.trajectory import State, Trajectory

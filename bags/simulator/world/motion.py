@@ -5,7 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, check_array
+from pipeline.core.arrays import F64, I64, Table, check_array
 from pipeline.core.geometry.transform import Transform
 
 __all__ = ["T_BODY_OPTICAL", "FixedPath", "MountedPath", "Path", "Poses", "turned", "upright_poses"]
@@ -15,7 +15,7 @@ T_BODY_OPTICAL = Transform("body", "optical", np.array([[0.0, 0, 1, 0], [-1, 0, 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Poses:
+class Poses(Table):
     """N rigid transforms from the frame of a thing to the world.
 
     Attributes:
@@ -30,9 +30,6 @@ class Poses:
         n = len(self.translation)
         check_array("rotation", self.rotation, (n, 3, 3), np.float64)
         check_array("translation", self.translation, (n, 3), np.float64)
-
-    def __len__(self) -> int:
-        return len(self.translation)
 
     def __matmul__(self, other: "Poses") -> "Poses":
         """Composition, `other` first; a single pose on either side applies to all of the other."""
@@ -53,7 +50,6 @@ class Path(Protocol):
 
     def poses(self, times_ns: I64) -> Poses:
         """Poses (N) at times (N,) in nanoseconds since the start of the scenario."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,12 +93,7 @@ def turned(rotation: F64, vectors: F64) -> F64:
 
 
 def upright_poses(positions: F64, yaws: F64) -> Poses:
-    """Poses of upright things.
-
-    Args:
-        positions: (N, 3) metres.
-        yaws: (N,) radians about +z.
-    """
+    """Poses of upright things at positions (N, 3), metres, turned by yaws (N,), radians about +z."""
     cos, sin, zero, one = np.cos(yaws), np.sin(yaws), np.zeros_like(yaws), np.ones_like(yaws)
     rotation = np.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one], -1).reshape(-1, 3, 3)
     return Poses(rotation, np.asarray(positions, np.float64))

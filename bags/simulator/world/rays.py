@@ -1,12 +1,10 @@
 """Rays and what they hit, as parallel arrays."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64, Bools, check_array
+from pipeline.core.arrays import F32, F64, I64, Table, check_array
 
 __all__ = ["NO_MATERIAL", "STATIC", "Hits", "Rays", "Surfaces"]
 
@@ -16,28 +14,8 @@ NO_MATERIAL = -1
 """Material row of a miss."""
 
 
-class _Rows:
-    """A record of arrays with one row per ray."""
-
-    __slots__: tuple[str, ...] = ()
-
-    def __len__(self) -> int:
-        return len(getattr(self, self.__slots__[0]))
-
-    def select(self, rows: Bools | I64) -> Self:
-        """The record of these rows."""
-        # Taking by index is several times as fast as by mask.
-        indices = np.flatnonzero(rows) if rows.dtype == np.bool_ else np.asarray(rows, np.int64)
-        return type(self)(*(getattr(self, name).take(indices, 0) for name in self.__slots__))
-
-    @classmethod
-    def together(cls, parts: Sequence[Self]) -> Self:
-        """All parts, concatenated."""
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in cls.__slots__))
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class Rays(_Rows):
+class Rays(Table):
     """Rays in the world frame.
 
     Attributes:
@@ -58,7 +36,7 @@ class Rays(_Rows):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Hits(_Rows):
+class Hits(Table):
     """The first surface along each of N rays.
 
     Attributes:

@@ -62,11 +62,7 @@ class Span:
 class _Samples(NamedTuple):
     """A path sampled over a span; holding on to the path keeps its id from being reused.
 
-    Attributes:
-        path: The path.
-        poses: K poses.
-        columns: (K, 12) rotation and translation.
-        changes: (K - 1, 12) from each sample to the next.
+    Its K poses, also as columns (K, 12), and the change (K - 1, 12) from each to the next.
     """
 
     path: Path

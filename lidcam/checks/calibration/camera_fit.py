@@ -140,14 +140,9 @@ def _turned(camera: CameraSensor) -> Iterator[_Pose]:
 
 
 class _Pairs(NamedTuple):
-    """The boxes of one camera in several frames.
+    """The corners (N, 8, 3) of the objects of several frames, and a camera's 2D boxes (M, 4), clipped to the image.
 
-    Attributes:
-        camera: The camera.
-        corners_site: (N, 8, 3) corners of the objects of all frames.
-        boxes: (M, 4) 2D boxes of all frames, clipped to the image.
-        rows3d: (K,) object of each pair of an object and a 2D box of the same frame, ordered by the latter.
-        rows2d: (K,) its 2D box.
+    The rows (K,) are of all pairs of an object and a 2D box of the same frame, ordered by the latter.
     """
 
     camera: CameraSensor

@@ -25,6 +25,3 @@ class EvenlyKept(Generic[T]):
 
     def __iter__(self) -> Iterator[T]:
         return iter(self._items)
-
-    def __len__(self) -> int:
-        return len(self._items)

@@ -22,13 +22,7 @@ FAR = 3.0
 
 
 def inverted_lidars(rig: Rig, config: CombineConfig, clouds: Mapping[str, PointCloud]) -> tuple[RunWarning, ...]:
-    """Warnings of lidars whose extrinsics look inverted.
-
-    Args:
-        rig: The sensors.
-        config: Limits of range, and how ground is found.
-        clouds: Of one frame, by lidar name, each in the frame of its lidar.
-    """
+    """Warnings of lidars whose extrinsics look inverted, from a cloud of each by name, in the frame of its lidar."""
     lidars = [lidar for lidar in rig.lidars if lidar.name in clouds]
     if len(lidars) < 2 and rig.ground_height_m is None:
         return ()

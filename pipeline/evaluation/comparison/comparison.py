@@ -58,14 +58,9 @@ class Compared(Generic[Boxes]):
 
 
 class Comparison:
-    """Takes in frame after frame; its memory does not grow with their number.
+    """Takes in frame after frame of results with the classes of A and B; its memory does not grow with their number.
 
-    Args:
-        first: Classes of A.
-        second: Classes of B.
-        config: Tolerances within which objects are equal.
-        channels: Sources and cameras, in the order of the figures.
-        allowed: Kinds of differences that may be.
+    The channels are in the order of the figures; the kinds of differences in `allowed` may be.
     """
 
     def __init__(
@@ -127,8 +122,7 @@ class Comparison:
     def not_allowed_percent(self, *, frames_may_differ: bool) -> dict[str, float]:
         """Share of the objects that differ in what is not allowed to, by source or camera.
 
-        Args:
-            frames_may_differ: Otherwise `frames` has the share of the frames that one result alone has.
+        `frames` has the share of the frames that one result alone has, unless they may differ.
         """
         found = {one.channel[1]: one.tally.not_allowed_percent for one in self._channels}
         alone = 0 if frames_may_differ else self._frames["frames_only_in_a"] + self._frames["frames_only_in_b"]

@@ -137,27 +137,14 @@ def _seconds(difference: Difference, start_ns: int) -> float:
 
 
 class Episodes:
-    """Joins the differences of one channel; an episode ends with the first frame that has no part of it.
-
-    Args:
-        channel: The source or camera.
-        row: Its place among all.
-    """
+    """Joins the differences of one channel; an episode ends with the first frame that has no part of it."""
 
     def __init__(self, channel: Channel, row: int) -> None:
         self._channel, self._row = channel, row
         self._open: list[Episode] = []
 
     def add(self, differences: Sequence[Difference], *, is_next: bool) -> list[Episode]:
-        """Take in a frame.
-
-        Args:
-            differences: Of the frame.
-            is_next: Whether it follows the frame before it.
-
-        Returns:
-            The episodes that are over.
-        """
+        """Take in the differences of a frame, which may follow the one before; returns episodes that are over."""
         known, taken = self._open if is_next else [], set[int]()
         going_on: list[Episode] = []
         for presence in ("lost", "new", "moved"):
@@ -192,9 +179,6 @@ class Listing:
     """Keeps the earliest episodes and counts all.
 
     Of those that begin in the same frame, sources come before cameras, and what comes first in the results.
-
-    Args:
-        max_kept: Number of episodes that are kept.
     """
 
     def __init__(self, max_kept: int) -> None:

@@ -16,27 +16,22 @@ class ComparedFrame(Protocol):
     @property
     def index(self) -> int:
         """Its number, from 0."""
-        ...
 
     @property
     def stamp_ns(self) -> int:
         """Its time."""
-        ...
 
     @property
     def log_time_ns(self) -> int:
         """Log time of its messages."""
-        ...
 
     @property
     def sources(self) -> Mapping[str, SourceBoxes]:
         """3D boxes by source."""
-        ...
 
     @property
     def cameras(self) -> Mapping[str, Boxes2D]:
         """2D boxes by camera."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -144,9 +144,7 @@ class Tracks:
     def are_broken(self, first: I64, second: I64) -> Bools:
         """(M,) whether an object of A and B goes on under an id that was another object's before; takes in the pairs.
 
-        Args:
-            first: (M,) ids in A of the objects that both have; `UNKNOWN` where it has none.
-            second: (M,) their ids in B.
+        They are the ids (M,) in A and in B of the objects that both have, `UNKNOWN` where one has none.
         """
         pairs = list(zip(first.tolist(), second.tolist(), strict=True))
         broken = [

@@ -12,13 +12,7 @@ __all__ = ["Tally"]
 
 
 class Tally:
-    """Counts the objects of one channel.
-
-    Args:
-        class_names: Of both results.
-        allowed: Kinds of differences that may be.
-        units: Kinds that are measured of an object that both have, with their units.
-    """
+    """Counts the objects of one channel; `units` has the kinds that are measured of objects that both results have."""
 
     def __init__(self, class_names: Sequence[str], allowed: Collection[Kind], units: dict[Kind, str]) -> None:
         self.class_names, self._units = tuple(class_names), units
@@ -28,12 +22,9 @@ class Tally:
         self._largest = np.zeros((len(self.class_names), len(PAIR_KINDS)))
 
     def add(self, changes: Changes, first_classes: Indices, second_classes: Indices) -> None:
-        """Take in a frame.
+        """Take in a frame, with the class of each object of A and B: a row of the names.
 
-        Args:
-            changes: Of the frame.
-            first_classes: Class of each object of A, as a row of the names; an object that both have counts with it.
-            second_classes: Of B.
+        An object that both have counts with its class in A.
         """
         paired, lost, new = first_classes[changes.first], first_classes[changes.lost], second_classes[changes.new]
         changed = changes.is_changed.any(1)

@@ -1,4 +1,8 @@
-"""The average precisions of a class, and of all classes."""
+"""The average precisions of a class, and of all classes.
+
+Those of a class come from the detections that count, by column of the criterion, from all detections of the source
+(`found`), and from the number of its true objects in a part of the site (`count`).
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -51,15 +55,7 @@ def overlap_name(iou: float) -> str:
 def overlap_figures(
     criteria: Criteria, by_criterion: Callable[[int], Scored], found: FoundTable, truth: TruthTable, count: int
 ) -> Averages:
-    """Average precision at each IoU, seen from above and in 3D, and orientation similarity.
-
-    Args:
-        criteria: The criteria.
-        by_criterion: The detections that count, by column of the criterion.
-        found: All detections of the source.
-        truth: All true objects.
-        count: True objects of the class in this part of the site.
-    """
+    """Average precision at each IoU, seen from above and in 3D, and orientation similarity."""
     figures: Averages = {}
     for view, column_of in (("bev", criteria.bev_column), ("3d", criteria.volume_column)):
         for iou in criteria.ious:
@@ -89,12 +85,7 @@ def distance_figures(
 ) -> Averages:
     """Average precision by distance, and errors, with distances scaled to the class.
 
-    Args:
-        criteria: The criteria.
-        by_criterion: The detections that count, by column of the criterion.
-        found: All detections of the source.
-        count: True objects of the class in this part of the site.
-        scale: Factor of the distances, by which an error of position is also divided in the score.
+    In the score, the error of position is divided by the same scale.
     """
     if not count:
         return dict.fromkeys(("map", *_AP_NAMES, "translation_m", "scale", "orientation_deg", "score"))
@@ -119,15 +110,7 @@ def detection_score(mean_ap: float, errors: Sequence[float]) -> float:
 def nuscenes_figures(
     criteria: Criteria, by_criterion: Mapping[int, Scored], found: FoundTable, count: int, class_name: str
 ) -> Averages:
-    """The figures of a class as nuScenes's devkit has them; None for a class that nuScenes does not have.
-
-    Args:
-        criteria: The criteria, unscaled.
-        by_criterion: The detections that count, by column of the criterion.
-        found: All detections of the source.
-        count: True objects of the class.
-        class_name: Name of the class.
-    """
+    """The figures of a class as nuScenes's devkit has them; None for a class that nuScenes does not have."""
     names = ("map", *_AP_NAMES, "ate", "ase", "aoe")
     if class_name not in NUSCENES_RANGES_M:
         return dict.fromkeys(names)
@@ -164,9 +147,6 @@ def mean_nuscenes_figures(classes: dict[str, Averages]) -> Averages:
 
     As in its devkit, a class without true objects and one that is not detected have a precision of 0 and errors of 1,
     and so have the errors of velocity and attribute, which lidcam does not have: its score stays at or below 0.8.
-
-    Args:
-        classes: The figures by name of the class.
     """
     nothing: Averages = {**dict.fromkeys(("map", *_AP_NAMES), 0.0), **dict.fromkeys(("ate", "ase", "aoe"), 1.0)}
     ten = [classes.get(name, {**nothing, "aoe": None if name == "traffic_cone" else 1.0}) for name in NUSCENES_RANGES_M]

@@ -44,10 +44,7 @@ def operating_point(curve: Curve, row: int | None) -> dict[str, float | None]:
 def count_figures(curve: Curve, ignored: int, truth_ignored: int) -> dict[str, float | int | None]:
     """Counts, precision and recall of all that is reported, and at the score of the best F1.
 
-    Args:
-        curve: The detections that are right and false.
-        ignored: Detections that are neither.
-        truth_ignored: True objects that are not evaluated.
+    Of detections, `ignored` are neither right nor false; of true objects, `truth_ignored` are not evaluated.
     """
     right, false = (int(counts[-1]) if len(curve) else 0 for counts in (curve.right, curve.false))
     best = operating_point(curve, best_row(curve))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import F32, F64, I64, Bools, check_array
+from pipeline.core.arrays import F32, F64, I64, Bools, Table, check_array
 
 __all__ = [
     "Curve",
@@ -34,7 +34,7 @@ RECALLS = 40
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Curve:
+class Curve(Table):
     """Counts of right and false detections from each score upwards; detections of equal score count together.
 
     Attributes:
@@ -55,9 +55,6 @@ class Curve:
         check_array("right", self.right, (n,), np.int64)
         check_array("false", self.false, (n,), np.int64)
 
-    def __len__(self) -> int:
-        return len(self.scores)
-
     @property
     def precision(self) -> F64:
         """(P,) share of right ones among the detections."""
@@ -65,13 +62,7 @@ class Curve:
 
 
 def curve_of(scores: F32, is_right: Bools, truth: int) -> Curve:
-    """The curve of detections.
-
-    Args:
-        scores: (N,) falling.
-        is_right: (N,) which of them show an object.
-        truth: True objects.
-    """
+    """The curve of detections (N,) by falling score, with whether each is right, and of so many true objects."""
     last = last_of_equals(scores)
     right = np.cumsum(is_right, dtype=np.int64)[last]
     return Curve(scores[last].astype(np.float64), right, last + 1 - right, truth)
@@ -125,12 +116,7 @@ def interpolated_ap(recall: F64, precision: F64) -> float:
 
 
 def points_of(is_right: Bools, truth: int) -> tuple[F64, F64]:
-    """Recall and precision (N,) after each detection, by falling score.
-
-    Args:
-        is_right: (N,) by falling score.
-        truth: True objects, at least one.
-    """
+    """Recall and precision (N,) after each detection, by falling score; `truth` is not 0."""
     right = np.cumsum(is_right)
     return right / truth, right / np.arange(1, len(right) + 1)
 

@@ -28,13 +28,7 @@ class Column(IntEnum):
 
 
 def errors_of_pairs(found: Boxes3D, truth: TruthBoxes3D, rows: Indices, columns: Indices | I32) -> F64:
-    """Errors of detections that show true objects, detection minus truth.
-
-    Args:
-        found: The detections.
-        truth: The true objects.
-        rows: (P,) detections.
-        columns: (P,) the object that each of them shows.
+    """Errors of the detections `rows` (P,), which show the true objects `columns` (P,): detection minus truth.
 
     Returns:
         (P, 8): along and across the object's heading, up, length, width, height (metres), yaw (radians, in (-pi, pi]),

@@ -43,11 +43,6 @@ def fusion_gain(sources: Mapping[str, Source], figures: Mapping[str, Figures], r
     the bootstrap (Efron and Tibshirani, An introduction to the bootstrap, 1993, chapter 13), in which both are measured
     on the same samples.
 
-    Args:
-        sources: All sources.
-        figures: The figures of each.
-        resampling: Samples of the recording.
-
     Returns:
         By class; nothing without fused objects or without another source.
     """

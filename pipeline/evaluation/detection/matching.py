@@ -110,13 +110,8 @@ def match_other_classes(
 ) -> I32:
     """Matches of false detections with missed objects: the place is right and the class is not.
 
-    Args:
-        pairs: Pairs that may belong together.
-        position: Up to which distance, by the class of the true object.
-        matches: (N,) by `position`.
-        found: N detections.
-        truth: T true objects.
-        is_evaluated: (T,) of the true objects.
+    The arguments are those of `match_criteria`; `matches` (N,) are those by `position`, which here has the limit of the
+    true object's class.
 
     Returns:
         (N,) int32, row of the true object, or `FALSE`.

@@ -45,12 +45,7 @@ class Resampling:
 
     @classmethod
     def of(cls, stamps_ns: I64, samples: int) -> "Resampling":
-        """Draw samples of a recording; the same ones whenever it is called.
-
-        Args:
-            stamps_ns: (F,) time of each frame, at least one.
-            samples: How many to draw.
-        """
+        """Draw so many samples of the frames at times (F,), at least one; the same ones whenever it is called."""
         since_ns = stamps_ns - stamps_ns.min()
         length_ns = max(_BLOCK_NS, -(-(int(since_ns.max()) + 1) // _MAX_BLOCKS))
         _, blocks = np.unique(since_ns // length_ns, return_inverse=True)
@@ -96,12 +91,7 @@ class Resampling:
 def sampled_ap(resampling: Resampling, frames: I32, scores: F32, is_right: Bools, truth_frames: I32) -> F64:
     """(S,) average precision by overlap at 40 recalls of each sample; NaN without true objects.
 
-    Args:
-        resampling: The samples.
-        frames: (N,) frame of each detection that counts, by falling score.
-        scores: (N,) falling.
-        is_right: (N,) which of them show an object.
-        truth_frames: (T,) frame of each true object.
+    Of the detections (N,) that count, by falling score, and of true objects (T,) by their frames.
     """
     last = last_of_equals(scores)
     # precision is highest where a right detection has just come in

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F32, I32, Bools, Indices, check_array, select_rows
+from pipeline.core.arrays import F32, I32, Bools, Indices, Table, check_array
 from pipeline.evaluation.evaluation_frame import Names
 
 __all__ = ["FALSE", "IGNORED", "FoundTable", "Labels", "Scored", "TruthTable", "scored"]
@@ -17,7 +17,7 @@ IGNORED = -2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TruthTable:
+class TruthTable(Table):
     """The true objects of all frames.
 
     Attributes:
@@ -54,9 +54,6 @@ class TruthTable:
         """No objects of a site of so many parts."""
         ids, flags = np.zeros(0, np.int32), np.zeros(0, np.bool_)
         return cls(ids, ids, ids, np.zeros((0, parts), np.bool_), ids, np.zeros(0, np.float32), flags, flags)
-
-    def __len__(self) -> int:
-        return len(self.frames)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,7 +116,7 @@ class Labels:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scored:
+class Scored(Table):
     """Detections that count, by falling score.
 
     Attributes:
@@ -136,23 +133,13 @@ class Scored:
     is_right: Bools
     parts: Bools
 
-    def __len__(self) -> int:
-        return len(self.rows)
-
     def within(self, part: int | None) -> "Scored":
         """Those of a part of the site (None: of all of it)."""
-        return self if part is None else select_rows(self, self.parts[:, part])
+        return self if part is None else self.select(self.parts[:, part])
 
 
 def scored(found: FoundTable, truth: TruthTable, rows: Indices, criterion: int) -> Scored:
-    """The detections that count under a criterion.
-
-    Args:
-        found: All detections.
-        truth: All true objects.
-        rows: Detections by falling score.
-        criterion: Column of the matches.
-    """
+    """Those of the detections `rows`, by falling score, that count under a criterion (a column of the matches)."""
     matches = found.matches[rows, criterion]
     rows, matches = rows[matches != IGNORED], matches[matches != IGNORED]
     is_right = matches != FALSE

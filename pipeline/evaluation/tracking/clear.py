@@ -56,12 +56,7 @@ class ClearCounts:
 
 
 def match_clear(table: TrackTable, kept: Bools) -> Matches:
-    """Match the objects of each frame, in the order of time.
-
-    Args:
-        table: The class.
-        kept: (M,) the boxes found that take part.
-    """
+    """Match the objects of each frame, in the order of time, with those of the boxes found (M,) that are kept."""
     pairs = np.flatnonzero((table.pairs.distances_m < table.max_distance_m) & kept[table.pairs.found])
     first, second = table.pairs.truth[pairs], table.pairs.found[pairs]
     chosen = is_alone(first, second)

@@ -52,11 +52,7 @@ def count_hota(table: TrackTable, similarity: F64) -> HotaCounts:
     """The counts of one class.
 
     The pairs of a frame are chosen once, for all thresholds: the assignment with the largest sum of the similarity of
-    the boxes times that of their tracks.
-
-    Args:
-        table: The class.
-        similarity: (P,) of each candidate, in [0, 1].
+    the boxes times that of their tracks. `similarity` (P,) is in [0, 1].
     """
     near = np.flatnonzero(similarity > 0)
     first, second, similarity = table.pairs.truth[near], table.pairs.found[near], similarity[near]

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, I64, Rows, check_array, select_rows
+from pipeline.core.arrays import F64, I32, I64, Rows, Table, check_array
 from pipeline.core.geometry.rotated_iou import OrientedBoxes
 from pipeline.evaluation.near_objects import Candidates
 
@@ -12,7 +12,7 @@ __all__ = ["TrackRows", "TrackTable"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TrackRows:
+class TrackRows(Table):
     """True objects or boxes found, by frame, then class, then track. A track is in a frame and class at most once.
 
     Attributes:
@@ -51,9 +51,6 @@ class TrackRows:
         ids, values = np.zeros(0, np.int32), np.zeros(0)
         return cls(ids, ids, np.zeros(0, np.int64), values, values, values)
 
-    def __len__(self) -> int:
-        return len(self.frames)
-
     @property
     def track_count(self) -> int:
         """Number of tracks, where these are numbered from 0."""
@@ -61,7 +58,7 @@ class TrackRows:
 
     def numbered(self, rows: Rows) -> "TrackRows":
         """Some of the rows (mask or indices), with tracks numbered from 0 in the order of their ids."""
-        kept = select_rows(self, rows)
+        kept = self.select(rows)
         return replace(kept, tracks=np.unique(kept.tracks, return_inverse=True)[1].astype(np.int64))
 
 

@@ -52,11 +52,7 @@ class _Ends:
 
 
 class Linker:
-    """Gives the boxes of one source chains, frame by frame.
-
-    Args:
-        lengths_m: (C,) length of each class.
-    """
+    """Gives the boxes of one source chains, frame by frame; `lengths_m` (C,) are those of the classes."""
 
     def __init__(self, lengths_m: F64) -> None:
         self._lengths_m = lengths_m
@@ -65,13 +61,7 @@ class Linker:
         self._ends = _Ends(none, none, none, place, place, none)
 
     def link(self, frame: int, boxes: Boxes3D, stamp_ns: int) -> I64:
-        """The chain of each box, (N,).
-
-        Args:
-            frame: Number of the frame; rises.
-            boxes: The boxes of the frame.
-            stamp_ns: Its time; where time goes back, all chains end.
-        """
+        """The chain of each box (N,) of a frame; frames rise, and where time goes back all chains end."""
         ends = self._ends
         passed_s = (stamp_ns - ends.stamps_ns) / 1e9
         going_on = (passed_s > 0) & (passed_s <= MAX_GAP_S) & (frame - ends.frames <= MAX_GAP_FRAMES + 1)

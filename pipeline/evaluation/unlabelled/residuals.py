@@ -25,12 +25,7 @@ BLOCK_FRAMES = 64
 
 
 class Residuals:
-    """The 3D boxes of one source and the 2D boxes of one camera.
-
-    Args:
-        camera: The camera.
-        config: Classes, and how boxes are matched (`associate`).
-    """
+    """The 3D boxes of one source and the 2D boxes of one camera, matched as the settings `associate` say."""
 
     def __init__(self, camera: CameraSensor, config: Config) -> None:
         self._camera, self._config = camera, config.associate

@@ -6,7 +6,8 @@ import pytest
 import yaml
 from wrong_values import mistakes, words_of_the_library
 
-from bags.simulator.scenario.load import load_scenario, scenario_names
+from bags.simulator.recorder.true_rig import true_rig
+from bags.simulator.scenario.load import load_scenario
 from bags.simulator.scenario.scenario import Scenario
 from pipeline.core.errors import ConfigError
 from pipeline.core.geometry.transform import rotation_fault
@@ -24,10 +25,6 @@ def tree(**changes: Any) -> dict[str, Any]:
 def written(path: Path, content: dict[str, Any]) -> str:
     path.write_text(yaml.safe_dump(content), encoding="utf-8")
     return str(path)
-
-
-def test_the_three_scenarios_come_with_lidcam() -> None:
-    assert scenario_names() == ["crossing", "sandbox", "vehicle"]
 
 
 @pytest.mark.parametrize("name", ["crossing", "sandbox", "vehicle"])
@@ -107,3 +104,10 @@ def test_mistakes_are_not_told_in_a_library_s_words() -> None:
     told = mistakes(Scenario, lambda tree: checked(Scenario, tree, "file"))
     assert len(told) > 500
     assert not words_of_the_library(told)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "zones"), [("sandbox", ["intersection", "circle"]), ("crossing", []), ("vehicle", [])]
+)
+def test_only_the_sandbox_has_the_zones_of_the_predecessor_system(scenario: str, zones: list[str]) -> None:
+    assert [zone.name for zone in true_rig(load_scenario(scenario)).zones] == zones

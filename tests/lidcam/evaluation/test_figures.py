@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidcam.evaluation.figures import NamedFigures, merged
+from lidcam.evaluation.figures import NamedFigures
 
 TREE: dict[str, Any] = {
     "sources": {
@@ -73,12 +73,6 @@ def test_an_unknown_name_is_answered_with_the_nearest(name: str, told: str) -> N
 )
 def test_a_count_beside_or_above_a_figure(name: str, count: str, figure: float | None) -> None:
     assert FIGURES.nearest_count(name, count) == figure
-
-
-def test_trees_are_merged_in_their_order() -> None:
-    assert [*merged([{"b": 1}, {}, {"a": 2}])] == ["b", "a"]
-    with pytest.raises(ValueError, match="found a, b twice"):
-        merged([{"a": 1, "b": 2}, {"b": {}, "a": 3}])
 
 
 NAMES = st.text("abc_0", min_size=1, max_size=4)

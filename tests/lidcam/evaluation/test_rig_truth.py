@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 import lidcam
 from lidcam.evaluation.frames import EvaluationFrames
@@ -18,23 +17,18 @@ TRUTH = {
 }
 
 
-@pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("rig_truth") / "out.mcap"
+def test_it_agrees_with_the_simulators_objects(tmp_path: Path) -> None:
+    out = tmp_path / "out.mcap"
     rig = parse_rig({"truth": TRUTH}, Path("rig.yaml"))
     settings = {"output.images": False, "output.clouds": False, "output.layout": False}
     report = lidcam.process(
         ROOT / "bags" / "sandbox.bag", out, config="sandbox", rig=rig, settings=settings, start_s=0.5, duration_s=0.6
     ).report
     assert {*report.inputs.copied} >= {"/ground_truth/objects", *(entry["topic"] for entry in TRUTH.values())}
-    return out
-
-
-def test_it_agrees_with_the_simulators_objects(result: Path) -> None:
     with (
-        open_result(result) as opened,
+        open_result(out) as opened,
         open_truth(opened) as of_odometry,
-        open_result(result) as again,
+        open_result(out) as again,
         open_truth(again, topic="/ground_truth/objects") as of_topic,
     ):
         assert {*opened.rig.truth} == {*TRUTH}

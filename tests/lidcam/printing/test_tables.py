@@ -4,6 +4,7 @@ import pytest
 from rich.console import Console, RenderableType
 
 from lidcam.checks.missing import MissingSensor, SilentSpan
+from lidcam.printing.numbers import number, percent, share, signed
 from lidcam.printing.tables import missing_table, objects_table, sensors_table, stages_table
 from readers.rig.calibration import SensorSource
 
@@ -69,3 +70,20 @@ def test_stages_that_take_no_time_are_not_in_the_table() -> None:
     found = text(stages_table({"combine": 0.02, "no 2D boxes": 0.0001, "write": 0.0006}, 10))
     assert [line.split()[0] for line in found[2:]] == ["combine", "write"]
     assert [line.split()[-1] for line in found[2:]] == ["2.0", "0.1"]
+
+
+@pytest.mark.parametrize(
+    ("value", "plain", "with_sign", "in_percent"),
+    [
+        (None, "-", "-", "-"),
+        (0.0, "0.00", "+0.00", "0 %"),
+        (-0.001, "0.00", "+0.00", "0 %"),
+        (-0.006, "-0.01", "-0.01", "-1 %"),
+        (1.234, "1.23", "+1.23", "123 %"),
+    ],
+)
+def test_zero_has_no_minus_and_what_is_not_defined_is_a_dash(
+    value: float | None, plain: str, with_sign: str, in_percent: str
+) -> None:
+    assert (number(value, 2), share(value), signed(value, 2)) == (plain, plain, with_sign)
+    assert percent(value) == in_percent

@@ -59,10 +59,3 @@ def test_components_share_no_row_and_come_in_order(edges: Edges) -> None:
     for one, other in combinations(parts, 2):
         assert not set(first[one]) & set(first[other])
         assert not set(second[one]) & set(second[other])
-
-
-def test_a_third_box_frees_no_better_pair() -> None:
-    """More pairs are better than nearer ones, however much nearer."""
-    first, second = np.array([0, 0, 1]), np.array([0, 1, 0])
-    assert assign_nearest(first, second, np.array([0.0, 2.0, 2.0])).tolist() == [False, True, True]
-    assert assign_heaviest(first, second, np.array([3.0, 1.0, 1.0])).tolist() == [True, False, False]

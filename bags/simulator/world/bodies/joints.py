@@ -35,11 +35,9 @@ class Carrier(Protocol):
 
     def states(self, times_ns: I64) -> F64:
         """(N, 6) columns as the fields of `bags.simulator.vehicles.trajectory.State`, at times (N,)."""
-        ...
 
     def poses(self, times_ns: I64) -> Poses:
         """Poses (N) of the base frame at times (N,)."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

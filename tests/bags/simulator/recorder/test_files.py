@@ -19,8 +19,7 @@ from bags.simulator.recorder.files import (
     recording_outputs,
     ros_version_of,
 )
-from bags.simulator.recorder.hypotheses import class_of, counted, counted_by
-from bags.simulator.recorder.messages import MessageFactory, TrueObject, ViewedObject
+from bags.simulator.recorder.messages import MessageFactory, TrueObject, ViewedObject, class_of, counted, counted_by
 from pipeline.core.arrays import Array
 from pipeline.core.camera import CameraModel
 from pipeline.core.errors import OutputError

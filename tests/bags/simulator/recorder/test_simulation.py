@@ -210,12 +210,9 @@ def fields_of(cloud: Any) -> dict[str, F64]:
 
 
 def edges_of(detection: Any) -> list[float]:
-    center, x, y = getattr(detection.bbox.center, "position", detection.bbox.center), *size_of(detection)
+    box = detection.bbox
+    center, x, y = getattr(box.center, "position", box.center), box.size_x, box.size_y
     return [center.x - x / 2, center.y - y / 2, center.x + x / 2, center.y + y / 2]
-
-
-def size_of(detection: Any) -> tuple[float, float]:
-    return detection.bbox.size_x, detection.bbox.size_y
 
 
 @pytest.mark.parametrize("name", ["out.bag", "out.mcap"])

@@ -3,6 +3,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import small_worlds
+from small_worlds import EvenPath
 
 from bags.simulator.scenario.scenario import SunScenario
 from bags.simulator.scenario.sensors import CameraScenario
@@ -11,7 +13,7 @@ from bags.simulator.sensors.camera import Camera, CameraImage
 from bags.simulator.vehicles.trajectory import State, Trajectory
 from bags.simulator.world.meshes.mesh import Material, Mesh, box, merged, polygon
 from bags.simulator.world.motion import FixedPath, MountedPath, Path
-from bags.simulator.world.mover import Mover, Part, UprightBox
+from bags.simulator.world.mover import Mover
 from bags.simulator.world.scene import Scene
 from pipeline.core.arrays import F64
 from pipeline.core.geometry.transform import Transform
@@ -58,12 +60,8 @@ def box_mover(
     material: Material = PALE,
 ) -> Mover:
     x, y, yaw = start
-    path = Trajectory(0, State(x, y, yaw))
-    end = (x + 10 * speed_m_s * np.cos(yaw), y + 10 * speed_m_s * np.sin(yaw))
-    path.append(10**10, State(float(end[0]), float(end[1]), yaw))
-    center = (0.0, 0.0, size[2] / 2)
-    body = UprightBox(center, size)
-    return Mover(name, "car", path, center, size, (Part(box(center, size, material), path),), body)
+    velocity_m_s = float(speed_m_s * np.cos(yaw)), float(speed_m_s * np.sin(yaw)), 0.0
+    return small_worlds.box_mover(name, EvenPath((x, y, 0.0), velocity_m_s, yaw), size, material)
 
 
 def brightness(image: CameraImage) -> F64:

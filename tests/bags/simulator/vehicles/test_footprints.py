@@ -6,8 +6,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from bags.simulator.vehicles.footprints import Rectangle, discs_of, footprint, overlap
-from bags.simulator.vehicles.obstacles import Obstacles, obstacles_of
+from bags.simulator.vehicles.footprints import Obstacles, Rectangle, discs_of, footprint, obstacles_of, overlap
 from bags.simulator.vehicles.trajectory import State
 from bags.simulator.world.bodies.dimensions import SHAPES
 from bags.simulator.world.meshes.materials import METAL

@@ -124,10 +124,3 @@ def test_small_curves(is_right: list[bool], truth: int, expected: float | None) 
     scores = np.linspace(0.9, 0.1, len(is_right)).astype(np.float32)
     curve = curve_of(scores, np.array(is_right, np.bool_), truth)
     assert average_precision(curve.right, curve.precision, truth) == pytest.approx(expected)
-
-
-def test_equal_scores_count_together() -> None:
-    scores = np.array([0.5, 0.5, 0.5], np.float32)
-    for is_right in ([True, False, False], [False, False, True]):
-        curve = curve_of(scores, np.array(is_right), 1)
-        assert (curve.right.tolist(), curve.false.tolist()) == ([1], [2])

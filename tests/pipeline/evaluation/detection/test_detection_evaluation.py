@@ -181,15 +181,6 @@ def test_ranges_hold_everything_once_and_matches_count_where_the_object_is() -> 
     assert (tree["40_80"]["from_m"], tree["40_80"]["to_m"], tree["over_80"]["to_m"]) == (40.0, 80.0, None)
 
 
-def test_ranges_of_a_model_site() -> None:
-    small = (ClassPrior(name="car", size_m=(0.33, 0.22, 0.21), max_size_m=(0.4, 0.3, 0.3)),)
-    frame = EvaluationFrame(0, 0, truth((0.3, 0)), {"lidar": found()})
-    tree = evaluated([frame], Config(classes=small))["sources"]["lidar"]["car"]
-    assert list(tree["ranges"]) == ["0_0p825", "0p825_1p65", "1p65_3p3", "3p3_6p6", "over_6p6"]
-    given = Config(classes=small, evaluate=EvaluateConfig(ranges_m=(1, 5)))
-    assert list(evaluated([frame], given)["sources"]["lidar"]["car"]["ranges"]) == ["1_5", "over_5"]
-
-
 def test_zones() -> None:
     zones = [
         Zone("north", np.array([[-99.0, 0.0], [99.0, 0.0], [99.0, 99.0], [-99.0, 99.0]])),

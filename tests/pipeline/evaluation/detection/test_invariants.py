@@ -8,10 +8,10 @@ from evaluation_scenes import boxes3d, evaluated, truth3d
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.core.detections import Boxes3D
+from pipeline.core.arrays import join_rows
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.evaluation_frame import EvaluationFrame, SourceBoxes, TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import EvaluationFrame, SourceBoxes
 
 CONFIG = Config(evaluate=EvaluateConfig(bootstrap=100, ranges_m=(0, 1000)))
 SEEDS = st.integers(0, 2**32 - 1)
@@ -41,16 +41,6 @@ def figures(shown: EvaluationFrame) -> Any:
 def with_boxes(shown: EvaluationFrame, **columns: Any) -> EvaluationFrame:
     boxes = replace(shown.sources["lidar"].boxes, **columns)
     return replace(shown, sources={"lidar": SourceBoxes(boxes, np.full(len(boxes), -1, np.int64))})
-
-
-def joined(first: Any, second: Any) -> Any:
-    """Two records of the same kind, one after the other."""
-    arrays = {
-        name: np.concatenate([getattr(first, name), getattr(second, name)])
-        for name in type(first).__dataclass_fields__
-        if isinstance(getattr(first, name), np.ndarray)
-    }
-    return replace(first, **arrays)
 
 
 def changed_figures(before: Any, after: Any, tolerance: float = 1e-9) -> set[str]:
@@ -116,11 +106,9 @@ def test_what_is_ignored_changes_only_counts_of_the_ignored(seed: int, count: in
     there = boxes3d(
         np.repeat(place, count, 0), np.tile(SIZE_M, (count, 1)), np.zeros(count), np.ones(count), [0] * count
     )
-    together: TruthBoxes3D = joined(truth, ignored)
-    all_boxes: Boxes3D = joined(boxes, there.boxes)
-    changed = replace(
-        shown, truth=together, sources={"lidar": SourceBoxes(all_boxes, np.full(len(all_boxes), -1, np.int64))}
-    )
+    all_boxes = join_rows(boxes, there.boxes)
+    found = {"lidar": SourceBoxes(all_boxes, np.full(len(all_boxes), -1, np.int64))}
+    changed = replace(shown, truth=join_rows(truth, ignored), sources=found)
     of_ignored = ("truth_ignored", "found", "ignored")
     before, after = figures(shown), figures(changed)
     assert leaves(after, of_ignored) == leaves(before, of_ignored)

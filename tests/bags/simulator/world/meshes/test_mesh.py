@@ -3,9 +3,18 @@ import pytest
 from meshes import open_edges, signed_volume
 from small_worlds import BLACK, GREY, WHITE
 
+from bags.simulator.world.bodies.hulls import Hull, both_sides
+from bags.simulator.world.meshes.lofts import ellipses, limb, loft, panel, torus
 from bags.simulator.world.meshes.mesh import box, cylinder, merged, polygon, prism, sphere
 
 SQUARE = [[1, 1], [-1, 1], [-1, -1], [1, -1]]
+PLAIN_HULL = Hull(((0.0, 1.0, 2.0), (4.0, 1.0, 2.0)), ((0.5, 1.0), (1.0, 1.0), (2.0, 1.0)), 0.5, (), 0.0, 0.0)
+ARCHED_HULL = Hull(((0.0, 1.0, 2.0), (4.0, 1.0, 2.0)), ((0.5, 1.0), (1.0, 1.0), (2.0, 1.0)), 0.5, (1.0, 3.0), 0.4, 0.5)
+
+
+def rings(*heights: float) -> list[np.ndarray[tuple[int, int], np.dtype[np.float64]]]:
+    return [np.c_[SQUARE, np.full(4, height)] for height in heights]
+
 
 BODIES = {
     "box": (box((1, 2, 3), (4, 2, 1), GREY, yaw=0.7), 8.0, 1e-9),
@@ -13,6 +22,15 @@ BODIES = {
     "cylinder": (cylinder((0, 0, 0), (0, 3, 4), 1.0, GREY, sides=64), 5 * np.pi, 0.01),
     "cone": (cylinder((1, 1, 0), (1, 1, 3), 1.0, GREY, sides=64, taper=1e-6), np.pi, 0.01),
     "sphere": (sphere((5, 5, 5), 1.0, GREY, sides=64), 4 / 3 * np.pi, 0.01),
+    "loft": (loft(rings(0, 1, 3), GREY), 12.0, 1e-9),
+    "loft, downwards": (loft(rings(3, 0), GREY), 12.0, 1e-9),
+    "ellipses": (ellipses([(0, 0, 0, 2, 1), (3, 0, 0, 2, 1)], GREY, sides=64), 6 * np.pi, 0.01),
+    "limb": (limb([(0, 0, 0), (0, 0, 2), (0, 2, 2)], (1, 1, 1), GREY, sides=64), 4 * np.pi, 0.01),
+    "torus": (torus((1, 2, 3), 3.0, 2.0, GREY, sides=64, around=64), 2 * np.pi**2 * 2, 0.01),
+    "panel": (panel([[0, 0, 0], [2, 0, 0], [2, 3, 0], [0, 3, 0]], GREY, thickness=0.5), 3.0, 1e-9),
+    "hull": (PLAIN_HULL.mesh(GREY, below=BLACK), 4 * 2 * 1.5, 1e-9),
+    "hull with arches": (ARCHED_HULL.mesh(GREY, below=BLACK), 12.0 - 2 * 2 * np.pi * 0.4**2 / 2, 0.01),
+    "both sides": (both_sides(box((0, 3, 0), (1, 1, 1), GREY)), 2.0, 1e-9),
 }
 
 
@@ -47,3 +65,24 @@ def test_merged_meshes_keep_their_materials() -> None:
 def test_polygon_shows_to_the_side_that_sees_it_counter_clockwise() -> None:
     a, b, c = polygon([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], WHITE).vertices[:3]
     assert np.cross(b - a, c - a).tolist() == [0, 0, 1]
+
+
+def test_a_loft_knows_the_material_of_each_face() -> None:
+    mesh = loft(
+        rings(0, 1, 2), GREY, where=lambda ring, side: WHITE if (ring, side) == (1, 0) else GREY, ends=(BLACK, BLACK)
+    )
+    white = mesh.materials == mesh.palette.index(WHITE)
+    corners = mesh.vertices[mesh.triangles[white]]
+    assert white.sum() == 2
+    assert corners[..., 2].min() == 1
+    np.testing.assert_array_equal(corners[..., 1], 1)
+    assert (mesh.materials == mesh.palette.index(BLACK)).sum() == 4
+
+
+def test_a_panel_on_a_hull_lies_on_its_side() -> None:
+    for side in (-1, 1):
+        mesh = PLAIN_HULL.side_panel([(1, 0.6), (2, 0.6), (2, 0.9), (1, 0.9)], side, WHITE, thickness=0.02)
+        low, high = mesh.bounds
+        np.testing.assert_allclose(sorted(abs(v) for v in (low[1], high[1])), [0.99, 1.01])
+        assert np.sign(low[1]) == side
+        assert signed_volume(mesh) > 0
