@@ -10,7 +10,7 @@ from pipeline.core.urls import MORE, shown_url
 
 __all__ = ["Location", "RemotePath", "location"]
 
-URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://(.*)", re.DOTALL)
+URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://(.*)", re.DOTALL)
 
 
 @dataclass(frozen=True, slots=True, repr=False)

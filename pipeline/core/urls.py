@@ -7,9 +7,11 @@ __all__ = ["MORE", "shown_url", "without_secrets"]
 MORE = "?..."
 """In place of a query or a fragment."""
 
-_URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):(/+)(.*)", re.DOTALL)
+_URL = re.compile(r"([A-Za-z](?:[A-Za-z0-9+.-]+(?=:/)|(?=:(?://|.*@)))):(/+)(.*)", re.DOTALL)
 _STARTS = re.compile(
-    r"(?<![^\s'\"(=,\[])(?=[A-Za-z][A-Za-z0-9+.-]+:/)|(?<=/)(?=(?:https?|ftps?|s3|gs|gcs|abfss?|az):/)", re.IGNORECASE
+    r"(?<![^\s'\"(=,\[])(?=[A-Za-z][A-Za-z0-9+.-]*:/)"
+    r"|(?<=/)(?=(?:https?|ftps?|s3|gs|gcs|abfss?|az):/|[A-Za-z][A-Za-z0-9+.-]*:/\S*@)",
+    re.IGNORECASE,
 )
 _PART = re.compile(r"((?:.*@)?\S*?)(['\")\]]*[:,;]?(?:\s.*)?)", re.DOTALL)
 

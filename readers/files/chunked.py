@@ -18,7 +18,7 @@ from pipeline.core.errors import RecordingError, is_short_memory
 from pipeline.core.messages import Channel, RawMessage
 from readers.files.container import Container, read_exactly
 from readers.files.damage import LIBRARY_ERRORS
-from readers.files.decompress import decompressed
+from readers.files.decompress import check_file_size, decompressed
 from readers.files.passes import JUMP_NS, pass_starts
 from readers.location import RemotePath
 from readers.messages.header_stamp import stamp_or_log_time
@@ -84,6 +84,7 @@ class ChunkedFile(Container):
         self._bad_chunks: set[int] = set()
         self._last_read: tuple[int, list[Entry]] = (-1, [])  # the first chunk is asked for each topic's first message
         self._cache = ChunkCache()
+        self._unpacked = 0  # bytes in this reading
         self._pass_places = self._find_passes()
 
     @abstractmethod
@@ -103,6 +104,7 @@ class ChunkedFile(Container):
     ) -> Iterator[RawMessage]:
         """See `RecordingFile`."""
         wanted = {id_ for id_, channel in self._channels.items() if topics is None or channel.topic in topics}
+        self._unpacked = 0
         start, stop = start_ns or 0, 2**64 if stop_ns is None else stop_ns
         for begin, end in pairwise([(-1, 0), *self._pass_places, (2**64, 0)]):
             yield from self._messages_of(wanted, start, stop, begin, end)
@@ -211,7 +213,13 @@ class ChunkedFile(Container):
 
     def _records_of(self, position: int) -> bytes:
         self._check_open()
-        return self._cache.get(position, lambda: self._load(position))
+        return self._cache.get(position, lambda: self._counted(position))
+
+    def _counted(self, position: int) -> bytes:
+        records = self._load(position)
+        self._unpacked += len(records)
+        check_file_size(self.path, self._unpacked, self._stream.seek(0, 2), self._limits)
+        return records
 
     def _find_passes(self) -> list[FilePlace]:
         """The first place of each pass of the recorder's clock but the first; mostly none.

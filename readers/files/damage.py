@@ -91,7 +91,7 @@ class Losses:
     """
 
     def __init__(self, path: Location, options: ReadOptions = DEFAULT_READ_OPTIONS) -> None:
-        self._path = path
+        self.path = path
         self._is_recovering = options.recovery != "none"
         self._max_listed = options.limits.max_losses_listed
         self._listed: dict[tuple[int, str], Loss] = {}
@@ -123,7 +123,7 @@ class Losses:
         key = (position, reason)
         if key in self._listed:
             return
-        loss = Loss(self._path, position, reason, size, messages)
+        loss = Loss(self.path, position, reason, size, messages)
         if len(self._listed) < self._max_listed:
             self._listed[key] = loss
         elif hash(key) not in self._others and len(self._others) < MAX_OTHERS:

@@ -6,10 +6,15 @@ from typing import BinaryIO, NamedTuple
 import zstandard
 from lz4.frame import LZ4FrameDecompressor
 
+from pipeline.core.errors import RecordingError
+from pipeline.core.settings.recording import LimitsConfig
+from readers.location import Location
+
 __all__ = [
     "Unpacked",
     "check_chunk_size",
     "check_complete",
+    "check_file_size",
     "compression_of",
     "decompressed",
     "unpack",
@@ -43,6 +48,20 @@ def check_chunk_size(size: int, largest: int) -> None:
     """
     if size > largest:
         raise ValueError(f"a chunk unpacks to more than {largest} bytes, see limits.max_chunk_mib")
+
+
+def check_file_size(path: Location, unpacked: int, packed: int, limits: LimitsConfig) -> None:
+    """Refuse a file of `packed` bytes whose chunks unpacked to so many in one reading, some of them again and again.
+
+    Raises:
+        RecordingError: these are too many.
+    """
+    largest = limits.max_unpacked_bytes(packed)
+    if unpacked > largest:
+        raise RecordingError(
+            f"{path}: chunks of {packed} bytes unpack to more than {largest}, or overlap in time too often: "
+            "rewrite it in the order of time, or raise limits.max_unpacked_file_gib"
+        )
 
 
 def check_complete(unpacked: Unpacked, compression: str) -> None:

@@ -40,7 +40,7 @@ REQUEST_SHARE = 0.2
 HEADERS = {"Accept-Encoding": "identity"}
 
 EXTRAS = {"http": "http", "https": "http", "s3": "s3", "s3a": "s3"}
-"""Extra of lidcam that installs what a protocol needs."""
+"""The protocols that are read, and the extra of lidcam that installs what each needs."""
 
 REMEDY = "download it, and read the copy"
 NO_RANGES = f"its server does not give parts of a file (range requests); {REMEDY}"
@@ -269,7 +269,13 @@ def warn_of_full_read(stream: BinaryIO, because: str) -> None:
 
 
 def _file_system(path: RemotePath, max_request_s: float) -> Any:
-    """The file system with which fsspec reads a protocol."""
+    """The file system with which fsspec reads a protocol.
+
+    Raises:
+        RecordingError: the protocol is unknown, or what it needs is not installed.
+    """
+    if path.protocol not in EXTRAS:
+        raise RecordingError(f"{path}: lidcam reads https://, http:// and s3://, found {path.protocol}://")
     try:
         import fsspec
 
@@ -282,17 +288,12 @@ def _file_system(path: RemotePath, max_request_s: float) -> Any:
             options["client_kwargs"] = {"timeout": timeout, "trust_env": True, "auto_decompress": False}  # HTTPS_PROXY
             options["headers"] = HEADERS
             options["encoded"] = path.url.isascii() and " " not in path.url  # a signed URL must not change
-        elif path.protocol in {"s3", "s3a"}:
+        else:
             options["use_listings_cache"] = False
         kind = fsspec.get_filesystem_class(path.protocol)
     except ImportError:
-        if extra := EXTRAS.get(path.protocol):
-            remedy = f"install it with `pip install 'lidcam[{extra}]'`"
-        else:
-            remedy = f"install what fsspec needs for it, or {REMEDY}"
+        remedy = f"install it with `pip install 'lidcam[{EXTRAS[path.protocol]}]'`"
         raise RecordingError(f"{path}: reading {path.protocol}:// is not installed; {remedy}") from None
-    except ValueError as err:
-        raise RecordingError(f"{path}: lidcam reads https://, http:// and s3://, found {path.protocol}://") from err
     return kind(skip_instance_cache=True, **options)
 
 

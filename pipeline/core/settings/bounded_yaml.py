@@ -19,12 +19,15 @@ MAX_YAML_VALUES = 100_000
 
 
 class _Loader(yaml.SafeLoader):
-    depth = 0
+    depth = values = 0
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         if self.depth == MAX_YAML_DEPTH:
             raise yaml.YAMLError("nested too deeply")
+        if self.values == MAX_YAML_VALUES:  # before the rest is read
+            raise yaml.YAMLError(f"more than {MAX_YAML_VALUES} values")
         self.depth += 1
+        self.values += 1
         node: yaml.Node | None = super().compose_node(parent, index)
         self.depth -= 1
         return node

@@ -105,8 +105,8 @@ class LimitsConfig(SettingsModel):
     Anything beyond a limit is treated as damage, and the message names the setting to raise.
 
     Attributes:
-        max_unpacked_file_gib: Unpacked size of a compressed file; at least twenty times the size of the file is
-            allowed.
+        max_unpacked_file_gib: Unpacked size of a compressed file, and of the chunks of a file in one reading, each as
+            often as it is unpacked; at least twenty times the size of the file is allowed.
         max_chunk_mib: Unpacked size of a compressed chunk.
         max_message_mib: Unpacked size of a message.
         max_messages_per_chunk: Records in one chunk.

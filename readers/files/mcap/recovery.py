@@ -13,6 +13,7 @@ from pipeline.core.settings.recording import LimitsConfig
 from readers.files.chunked import ChunkPlace, Entry
 from readers.files.container import read_exactly
 from readers.files.damage import LIBRARY_ERRORS, Losses
+from readers.files.decompress import check_file_size
 from readers.files.mcap.index import MAGIC_BYTES, Contents, checksum_of, end_of_records, is_summary_sound, summary_start
 from readers.files.mcap.records import (
     MESSAGE_HEAD,
@@ -59,6 +60,7 @@ class _Scan:
         self.contents = Contents()
         self._stream = stream
         self._end = end
+        self._unpacked = 0  # bytes so far
         self._losses = losses
         self._limits = limits
         self._listed: Counter[int] = Counter()  # messages by chunk, according to the indexes after each
@@ -217,6 +219,8 @@ class _Scan:
             else:
                 self._last_chunk = record.start
                 chunk = load_chunk(self._stream, record.start, self._limits)
+                self._unpacked += len(chunk)
+                check_file_size(self._losses.path, self._unpacked, self._end, self._limits)
                 self._take_records(chunk, record.start, record.end - record.start)
         except LIBRARY_ERRORS as err:
             reason = f"a {Opcode(record.opcode).name.lower()} that cannot be read ({self._losses.reason(err)})"

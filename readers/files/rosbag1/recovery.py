@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.core.settings.recording import LimitsConfig
 from readers.files.chunked import ChunkPlace
 from readers.files.damage import Losses
-from readers.files.decompress import check_complete, compression_of, unpack
+from readers.files.decompress import check_complete, check_file_size, compression_of, unpack
 from readers.files.rosbag1.index import ChunkData, Contents, channel_of
 from readers.files.rosbag1.records import (
     CHUNK,
@@ -70,6 +70,7 @@ class _Scan:
         self._gaps: defaultdict[int, list[tuple[int, int, str]]] = defaultdict(list)
         self._in_chunk = self._in_index = False
         self._index_position = 0
+        self._unpacked = 0  # bytes so far
         self._chunk_count = 0  # according to the header
 
     def run(self) -> None:
@@ -165,6 +166,8 @@ class _Scan:
         limit, largest = record.end if bounded else self._end, self._limits.max_chunk_bytes
         with self._losses.guard() as damage:
             unpacked = unpack(self._stream, record.data, limit, compression, largest=largest)
+            self._unpacked += len(unpacked.data)
+            check_file_size(self._losses.path, self._unpacked, self._end, self._limits)
             if not reaches_end:
                 check_complete(unpacked, compression)
             records = contents_of_chunk(unpacked.data, self._limits)

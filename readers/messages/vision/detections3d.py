@@ -30,6 +30,9 @@ __all__ = ["DETECTIONS_3D", "Detections3D", "decode_detected_boxes", "decode_det
 
 DETECTIONS_3D = "vision_msgs/msg/Detection3DArray"
 
+MAX_M = 1e15
+"""Numbers beyond this overflow in volumes and images; the bound of OpenLABEL files, too."""
+
 MIN_HEADING = 1e-3
 """Shortest projection of a box's length axis (of length 1) on the ground that still has a heading."""
 
@@ -125,7 +128,7 @@ def _detections(stamp_ns: int, rows: BoxRows) -> Detections3D:
         turn = x * x + y * y + z * z + w * w
         is_turned = np.isfinite(turn) & (turn > 0) & (np.hypot(along, across) > MIN_HEADING * turn)
         sizes = rows.boxes[:, 7:]
-        is_solid = np.isfinite(rows.boxes[:, :3]).all(1) & np.isfinite(sizes).all(1) & (sizes > 0).all(1)
+        is_solid = (np.abs(rows.boxes[:, :3]) <= MAX_M).all(1) & ((sizes > 0) & (sizes <= MAX_M)).all(1)
         yaws = np.arctan2(across, along)
     unused = Counter[str]()
     unused["box without a volume or not finite"] = int((~is_solid).sum())

@@ -123,6 +123,25 @@ def test_a_chunk_of_too_many_messages(tmp_path: Path, how: Literal["none", "zstd
         assert "limits.max_messages_per_chunk" in losses[0]
 
 
+@pytest.mark.parametrize("how", ["whole", "cut", "overlapping"])
+@pytest.mark.parametrize("kind", ["bag", "mcap"])
+def test_chunks_that_unpack_to_too_much(tmp_path: Path, kind: str, how: str) -> None:
+    path, takes_turns = tmp_path / "a", how == "overlapping"
+    messages = states(24, "ros1" if kind == "bag" else "cdr")
+    messages = [m._replace(data=bytes((3 if takes_turns else 1) * MIB)) for m in messages]
+    if takes_turns:  # two chunks, too large to be kept together, of which the messages take turns
+        messages = [m._replace(log_time_ns=1 + i % 12 * 2 + i // 12) for i, m in enumerate(messages)]
+    if kind == "bag":
+        write_rosbag1(path, messages, "bz2", chunk_bytes=(35 if takes_turns else 2) * MIB)
+    else:
+        write_mcap(path, messages, "zstd", chunk_bytes=(35 if takes_turns else 2) * MIB)
+    if how == "cut":
+        path.write_bytes(path.read_bytes()[:-1])
+    limits = LimitsConfig(max_unpacked_file_gib=(150 if takes_turns else 16) / 1024)
+    with pytest.raises(RecordingError, match=r"a: chunks of \d+ bytes unpack to more.* raise limits\.max_unpacked"):
+        read(path, limits)
+
+
 def test_more_messages_than_memory_holds(tmp_path: Path) -> None:
     few = LimitsConfig(max_messages_in_memory=30, max_positions_waiting=30)
     write_mcap(tmp_path / "loose.mcap", states(50), use_chunking=False)

@@ -205,7 +205,7 @@ def test_calibration_is_needed_and_all_files_are_of_one_benchmark(tmp_path: Path
 
 
 @pytest.mark.parametrize(
-    ("number", "problem"), [("nan", "expected numbers of 1e"), ("1e300", "expected numbers of 1e"), ("0", "rotations")]
+    ("number", "problem"), [("nan", "expected numbers of 9e"), ("1e300", "expected numbers of 9e"), ("0", "rotations")]
 )
 def test_a_calibration_that_is_none(tmp_path: Path, number: str, problem: str) -> None:
     calib = "".join(f"{name}: {' '.join([number] * 12)}\n" for name in ("P2", "Tr_velo_to_cam"))

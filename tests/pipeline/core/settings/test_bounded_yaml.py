@@ -22,6 +22,7 @@ MERGES = "a: &a {x: 1}\n" + "\n".join(
     ("text", "fault"),
     [
         (LAUGHS, "more than 100000 values"),
+        ("a: [" + "1," * 100_000 + "}", "more than 100000 values"),  # before the rest is read
         (MERGES, "more than 100000 values"),
         ("a: &a [*a]", "contains itself"),
         ("a: " + "[" * 10_000, "more than 30 nested brackets"),

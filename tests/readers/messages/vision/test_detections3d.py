@@ -126,13 +126,15 @@ def test_boxes_that_cannot_be_used_are_counted() -> None:
         detection(("car", 1), size=(4, -1, 2)),
         detection(("car", 1), size=(4, math.inf, 2)),
         detection(("car", 1), x=math.nan),
+        detection(("car", 1), x=1e300),
+        detection(("car", 1), size=(1e300, 1, 2)),
         detection(("car", 1), quaternion=(0, 0, 0, 0)),
         detection(("car", 1), quaternion=(0, 0, 0, math.nan)),
         detection(("car", 1), quaternion=(0, upright, 0, upright)),  # its length points up
         detection(("car", 1), quaternion=(0, 0, 1e300, 0)),
     )
     assert found.ids.tolist() == ["sound"]
-    assert dict(found.unused) == {"box without a heading": 4, "box without a volume or not finite": 4}
+    assert dict(found.unused) == {"box without a heading": 4, "box without a volume or not finite": 6}
 
 
 # --- older layouts
