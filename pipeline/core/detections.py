@@ -8,8 +8,22 @@ from typing import Self
 import numpy as np
 
 from pipeline.core.arrays import F32, F64, I32, I64, U8, Rows, check_array, join_rows, select_rows
+from pipeline.core.tracks import Tracks
 
-__all__ = ["Boxes2D", "Boxes3D", "Detections", "Fused", "Hypotheses", "Matches", "Source", "source_names"]
+__all__ = [
+    "NO_HYPOTHESIS",
+    "Boxes2D",
+    "Boxes3D",
+    "Detections",
+    "Fused",
+    "Hypotheses",
+    "Matches",
+    "Source",
+    "source_names",
+]
+
+NO_HYPOTHESIS = -1
+"""In place of a hypothesis's row, for an object that nothing in its frame shows."""
 
 
 class Source(IntEnum):
@@ -21,13 +35,15 @@ class Source(IntEnum):
     """2D boxes alone: placed by the ground and the size of the class."""
     BOTH = 2
     """Points and 2D boxes."""
+    PREDICTED = 3
+    """Nothing in this frame: where its track says that it is."""
 
 
 _SOURCE_NAMES = {source.value: source.name.lower() for source in Source}
 
 
 def source_names(sources: U8) -> list[str]:
-    """`lidar`, `camera` or `both` for each `Source` of an array (N,)."""
+    """`lidar`, `camera`, `both` or `predicted` for each `Source` of an array (N,)."""
     return [_SOURCE_NAMES[source] for source in sources.tolist()]
 
 
@@ -212,17 +228,21 @@ class Fused:
     """The fused objects of a frame.
 
     Attributes:
-        objects: The fused objects, in the order of the hypotheses.
+        objects: The fused objects, in the order of the hypotheses, or of the numbers of their tracks.
         matched: (N,) int32, number of cameras that matched each object.
-        rows: (N,) int64, row of `Hypotheses.boxes` that each object comes from.
+        rows: (N,) int64, row of `Hypotheses.boxes` that each object comes from; `NO_HYPOTHESIS` if it is predicted.
         left_out: Number of other objects by the reason why they are not reported.
+        tracks: The tracks of the objects, in their order; None where nothing is tracked.
     """
 
     objects: Boxes3D
     matched: I32
     rows: I64
     left_out: Mapping[str, int] = field(default_factory=dict)
+    tracks: Tracks | None = None
 
     def __post_init__(self) -> None:
         check_array("matched", self.matched, (len(self.objects),), np.int32)
         check_array("rows", self.rows, (len(self.objects),), np.int64)
+        if self.tracks is not None and len(self.tracks) != len(self.objects):
+            raise ValueError(f"tracks: expected {len(self.objects)}, one of each object, got {len(self.tracks)}")

@@ -18,6 +18,7 @@ from pipeline.core.settings.model import SettingsModel
 from pipeline.core.settings.recording import LimitsConfig, RigConfig, TopicsConfig, VelodyneConfig
 from pipeline.core.settings.run import OutputConfig, RunConfig
 from pipeline.core.settings.sync import SyncConfig
+from pipeline.core.settings.track import TrackConfig
 
 __all__ = ["ALL_CLASSES", "UNKNOWN_CLASS", "Config"]
 
@@ -44,6 +45,7 @@ class Config(SettingsModel):
     detect2d: Detect2DConfig = Detect2DConfig()
     associate: AssociateConfig = AssociateConfig()
     fuse: FuseConfig = FuseConfig()
+    track: TrackConfig = TrackConfig()
     evaluate: EvaluateConfig = EvaluateConfig()
     compare: CompareConfig = CompareConfig()
     output: OutputConfig = OutputConfig()

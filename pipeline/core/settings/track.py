@@ -1,0 +1,24 @@
+"""Settings of the tracks."""
+
+from typing import Literal
+
+from pipeline.core.settings.model import Positive, SettingsModel
+
+__all__ = ["TrackConfig"]
+
+
+class TrackConfig(SettingsModel):
+    """Tracks: which objects of different frames are one object, and how it moves.
+
+    Attributes:
+        mode: `offline` looks at the whole recording, the future of each frame too, before it says where an object is;
+            frames come late by up to `window_s`. `online` says it frame by frame, as a live system could. `none`: each
+            frame by itself, without numbers and speeds.
+        window_s: Offline, how much of the recording is solved at once. Frames wait that long, in a file in the folder
+            of the output; memory does not grow with it.
+        max_gap_s: An object that is not seen for longer begins a new track.
+    """
+
+    mode: Literal["offline", "online", "none"] = "none"
+    window_s: Positive = 60.0
+    max_gap_s: Positive = 3.0

@@ -1,0 +1,69 @@
+"""What the track of an object says of it in one frame, beyond its box."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from pipeline.core.arrays import F64, I64, Bools, Table, check_array
+
+__all__ = ["NO_TRACK", "Tracks"]
+
+NO_TRACK = 0
+"""In place of a track's number, for an object that belongs to no track."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracks(Table):
+    """The tracks of N objects of one frame, in the objects' order.
+
+    Attributes:
+        ids: (N,) int64, number of the track from 1, the same in all frames; `NO_TRACK` for an object without one.
+        velocities: (N, 2) float64, over the ground, along x and y of the site frame as it stands in this frame, m/s.
+        velocity_covariances: (N, 2, 2) float64 over them, (m/s)^2.
+        yaw_rates: (N,) float64, over the ground, rad/s, counter-clockwise.
+        yaw_rate_variances: (N,) float64, (rad/s)^2.
+        existence: (N,) float64 in [0, 1], probability that the track is an object of its class.
+        ages_s: (N,) float64, since the track was first seen.
+        fronts_known: (N,) bool, whether its motion has shown which end of the object is its front.
+    """
+
+    ids: I64
+    velocities: F64
+    velocity_covariances: F64
+    yaw_rates: F64
+    yaw_rate_variances: F64
+    existence: F64
+    ages_s: F64
+    fronts_known: Bools
+
+    def __post_init__(self) -> None:
+        n = len(self.ids)
+        check_array("ids", self.ids, (n,), np.int64)
+        check_array("velocities", self.velocities, (n, 2), np.float64)
+        check_array("velocity_covariances", self.velocity_covariances, (n, 2, 2), np.float64)
+        check_array("yaw_rates", self.yaw_rates, (n,), np.float64)
+        check_array("yaw_rate_variances", self.yaw_rate_variances, (n,), np.float64)
+        check_array("existence", self.existence, (n,), np.float64)
+        check_array("ages_s", self.ages_s, (n,), np.float64)
+        check_array("fronts_known", self.fronts_known, (n,), np.bool_)
+
+    @property
+    def speeds(self) -> F64:
+        """(N,) over the ground, m/s."""
+        return np.hypot(self.velocities[:, 0], self.velocities[:, 1])
+
+    @classmethod
+    def none(cls, count: int) -> Self:
+        """Objects that belong to no track: nothing is known of their motion."""
+        zeros = np.zeros(count)
+        return cls(
+            np.full(count, NO_TRACK, np.int64),
+            np.zeros((count, 2)),
+            np.zeros((count, 2, 2)),
+            zeros.copy(),
+            zeros.copy(),
+            zeros.copy(),
+            zeros,
+            np.zeros(count, np.bool_),
+        )

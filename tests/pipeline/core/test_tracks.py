@@ -1,0 +1,32 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.core.detections import Boxes3D, Fused
+from pipeline.core.tracks import NO_TRACK, Tracks
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_nothing_is_known_of_objects_without_tracks(count: int) -> None:
+    tracks = Tracks.none(count)
+    assert len(tracks) == count
+    assert len(tracks.select(np.arange(count)[:1])) == min(count, 1)
+    assert (tracks.ids == NO_TRACK).all()
+    assert not tracks.fronts_known.any()
+    assert tracks.speeds.tolist() == [0.0] * count
+
+
+def test_speeds_are_those_over_the_ground() -> None:
+    assert replace(Tracks.none(2), velocities=np.array([[3.0, -4.0], [0.0, 1.0]])).speeds.tolist() == [5.0, 1.0]
+
+
+def test_other_shapes_are_refused() -> None:
+    with pytest.raises(ValueError, match="velocities: expected float64"):
+        replace(Tracks.none(2), velocities=np.zeros((2, 3)))
+
+
+def test_each_object_has_one_track() -> None:
+    nothing = Boxes3D.empty(0, "site")
+    with pytest.raises(ValueError, match="tracks: expected 0"):
+        Fused(nothing, np.zeros(0, np.int32), np.zeros(0, np.int64), tracks=Tracks.none(1))
