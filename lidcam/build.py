@@ -28,6 +28,7 @@ from pipeline.stages.propose import Propose, Proposed
 from pipeline.stages.refine import Refine
 from pipeline.stages.reshape import Reshape
 from pipeline.stages.views import Views
+from pipeline.tracking.ends import find_ends
 from readers.streams.decoders import CloudDecoder, OnBadMessage
 
 __all__ = ["build_graph"]
@@ -70,9 +71,10 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     beliefs = graph.add("believe", believe, hypotheses, visibility, graph.frame, ordered=True)
     fused = graph.add("fuse", Fuse(config.fuse, class_count=len(config.classes)), hypotheses, beliefs)
     fused = graph.add("zones", partial(select_by_zones, zones=rig.zones), fused)
+    ends = graph.add("ends", find_ends if config.track.mode == "offline" else _no_ends, fused, combined)
     detections = graph.add("detections", _detections, lidar, boxes2d, placed, timed=False)
     unused = graph.add("unused", _Unused.of, clouds, recorded3d, camera_data, timed=False)
-    inputs = combined, detections, views, hypotheses, beliefs, fused, unused
+    inputs = combined, detections, views, hypotheses, beliefs, fused, ends, unused
     return graph, graph.add("collect", _collect, graph.frame, *inputs, timed=False)
 
 
@@ -93,6 +95,10 @@ def _hypotheses(
 
 def _detections(lidar: Boxes3D, boxes2d: Mapping[str, Boxes2D], placed: Placed) -> Detections:
     return Detections(lidar, boxes2d, placed.boxes if boxes2d else None)
+
+
+def _no_ends(_fused: Fused, _combined: CombinedCloud) -> None:
+    """Nobody asks for the ends of objects."""
 
 
 class _Unused(NamedTuple):
@@ -116,6 +122,7 @@ def _collect(
     hypotheses: Hypotheses,
     beliefs: F64,
     fused: Fused,
+    ends: F64 | None,
     unused: _Unused,
 ) -> FrameResult:
     return FrameResult(
@@ -126,6 +133,7 @@ def _collect(
         hypotheses=hypotheses,
         beliefs=beliefs,
         fused=fused,
+        ends=ends,
         drops=unused.drops,
         unused_boxes=unused.boxes,
         unused_boxes3d=unused.boxes3d,

@@ -41,13 +41,14 @@ from lidcam.report import InputReport, RunReport, SensorReport, TimingReport, un
 from lidcam.settings.choice import use_settings
 from lidcam.settings.effect import named_files, settings_sha256
 from lidcam.summary import DropTable, RunProgress, Tally
-from lidcam.tracks import make_tracker, tracked
+from lidcam.tracks import tracked
 from pipeline.core.errors import RecordingError, short_memory_told
 from pipeline.core.frame import FrameResult, SensorBundle
 from pipeline.parallel.cores import usable_cores
 from pipeline.parallel.process import WorkerProcess, copied_workers
 from pipeline.parallel.run import Limits, run_parallel
 from pipeline.stages.sync.synchronize import SyncStats
+from pipeline.tracking.trackers import object_tracker
 from readers.input_file import InputFile, InputFiles, read_input_file
 from readers.open import open_recording
 from readers.recording import ReadOptions, Recording
@@ -189,7 +190,7 @@ class Run:
         reference_topic(source.config, source.rig)
         self._make_graph = partial(build_graph, source.config, source.rig, on_bad=drops.on_bad)
         self._graph, self._result = self._make_graph()
-        self._tracker = make_tracker(source)
+        self._tracker = object_tracker(source.config, source.rig)
         check_box_source(source.config, source.recording, source.rig)
         self._workers = source.config.run.workers or usable_cores()
         self._processes: Sequence[WorkerProcess] = ()

@@ -14,14 +14,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Protocol, cast
 
-from lidcam.frames import RunInput
 from pipeline.core.detections import Fused
 from pipeline.core.errors import OutputError
 from pipeline.core.frame import FrameResult
 from pipeline.graph import Stamped
 from pipeline.parallel.transfer import dump, load
 
-__all__ = ["FrameTracker", "make_tracker", "tracked"]
+__all__ = ["FrameTracker", "tracked"]
 
 FILE_BYTES = 64 << 20
 """Size from which on a file gets no more frames: so much more than the frames that wait lies on the disk, at most."""
@@ -37,14 +36,6 @@ class FrameTracker(Protocol):
     def finish(self) -> list[Fused]:
         """The objects of all frames that are left, in order."""
         ...
-
-
-def make_tracker(source: RunInput) -> FrameTracker | None:
-    """The tracker that a run's settings ask for; None for `track.mode` `none`."""
-    mode = source.config.track.mode
-    if mode == "none":
-        return None
-    raise NotImplementedError(f"track.mode: {mode}")  # the trackers of pipeline.tracking are made here
 
 
 def tracked(

@@ -222,7 +222,7 @@ def recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def use(tracker: FrameTracker, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lidcam.run.make_tracker", lambda _: tracker)
+    monkeypatch.setattr("lidcam.run.object_tracker", lambda *_: tracker)
 
 
 def told(report: lidcam.RunReport) -> dict[str, Any]:
