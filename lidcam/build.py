@@ -1,6 +1,7 @@
 """How a bundle becomes a result: the stages of a frame; `lidcam.frames` says where bundles come from."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple, Self
 
@@ -71,11 +72,11 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     beliefs = graph.add("believe", believe, hypotheses, visibility, graph.frame, ordered=True)
     fused = graph.add("fuse", Fuse(config.fuse, class_count=len(config.classes)), hypotheses, beliefs)
     fused = graph.add("zones", partial(select_by_zones, zones=rig.zones), fused)
-    ends = graph.add("ends", find_ends if config.track.mode == "offline" else _no_ends, fused, combined)
     detections = graph.add("detections", _detections, lidar, boxes2d, placed, timed=False)
     unused = graph.add("unused", _Unused.of, clouds, recorded3d, camera_data, timed=False)
-    inputs = combined, detections, views, hypotheses, beliefs, fused, ends, unused
-    return graph, graph.add("collect", _collect, graph.frame, *inputs, timed=False)
+    inputs = combined, detections, views, hypotheses, beliefs, fused, unused
+    result = graph.add("collect", _collect, graph.frame, *inputs, timed=False)
+    return graph, graph.add("ends", _with_ends, result) if config.track.mode == "offline" else result
 
 
 def _hypotheses(
@@ -97,8 +98,8 @@ def _detections(lidar: Boxes3D, boxes2d: Mapping[str, Boxes2D], placed: Placed) 
     return Detections(lidar, boxes2d, placed.boxes if boxes2d else None)
 
 
-def _no_ends(_fused: Fused, _combined: CombinedCloud) -> None:
-    """Nobody asks for the ends of objects."""
+def _with_ends(result: FrameResult) -> FrameResult:
+    return replace(result, ends=find_ends(result.fused, result.combined))
 
 
 class _Unused(NamedTuple):
@@ -122,7 +123,6 @@ def _collect(
     hypotheses: Hypotheses,
     beliefs: F64,
     fused: Fused,
-    ends: F64 | None,
     unused: _Unused,
 ) -> FrameResult:
     return FrameResult(
@@ -133,7 +133,6 @@ def _collect(
         hypotheses=hypotheses,
         beliefs=beliefs,
         fused=fused,
-        ends=ends,
         drops=unused.drops,
         unused_boxes=unused.boxes,
         unused_boxes3d=unused.boxes3d,

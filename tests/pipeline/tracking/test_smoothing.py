@@ -46,12 +46,12 @@ def least_squares(xs: np.ndarray, are_seen: np.ndarray, stamps_s: np.ndarray, si
         step[:, 2 * k - 2 : 2 * k] = -np.array([[1, dt], [0, 1]])
         rows.append(np.linalg.inv(np.linalg.cholesky(spread)) @ step)
         right.append(np.zeros(2))
-    for k in np.flatnonzero(are_seen):
+    for k in np.flatnonzero(are_seen).tolist():
         row = np.zeros((1, 2 * n))
         row[0, 2 * k] = 1 / sigma_m
         rows.append(row)
         right.append(xs[k : k + 1] / sigma_m)
-    return np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0].reshape(n, 2)
+    return np.asarray(np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0]).reshape(n, 2)
 
 
 @pytest.mark.parametrize("missing", [[], [0, 3, 4, 5], [9]])
@@ -65,7 +65,7 @@ def test_it_is_the_least_squares_of_the_whole_track(missing: list[int]) -> None:
 
 
 def test_tracks_do_not_change_each_other() -> None:
-    stamps_s = np.arange(8) * 0.1
+    stamps_s = np.linspace(0.0, 0.7, 8)
     xs, seen = np.arange(6) * 0.2, np.ones(6, np.bool_)
     alone = smoothed(course([2], [7]), cells(xs, seen), stamps_s)
     both = smoothed(course([0, 2], [7, 7]), cells(np.concatenate([np.ones(8), xs]), np.ones(14, np.bool_)), stamps_s)
@@ -73,4 +73,4 @@ def test_tracks_do_not_change_each_other() -> None:
 
 
 def test_no_track_has_no_cells() -> None:
-    assert len(smoothed(course([], []), cells(np.zeros(0), np.zeros(0, np.bool_)), np.arange(3.0))) == 0
+    assert len(smoothed(course([], []), cells(np.zeros(0), np.zeros(0, np.bool_)), np.linspace(0.0, 1.0, 3))) == 0
