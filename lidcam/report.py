@@ -111,7 +111,8 @@ class FrameReport:
     Attributes:
         count: Number of frames.
         objects: Number of fused objects by (class name, zone name); the latter is empty where there are no zones.
-        sources: Number of fused objects by what their geometry comes from: `lidar`, `camera`, `both`.
+        sources: Number of fused objects by what their geometry comes from: `lidar`, `camera`, `both`, with
+            tracks also `predicted`.
         confirmed: Number of fused objects that at least one camera confirms.
         without_boxes: Number of frames for which no camera sent an image or boxes.
         without_boxes3d: Number of frames for which no recorded 3D detector sent boxes; 0 where none is used.

@@ -104,7 +104,8 @@ class Tally:
         self._zones = rig.counted_zones
         self._detectors = frozenset(detector.topic for detector in rig.detectors)
         self.frames = 0
-        self.sources = Counter({source.name.lower(): 0 for source in Source})
+        # Predicted ones are counted where there are any: without tracks there cannot be.
+        self.sources = Counter({source.name.lower(): 0 for source in Source if source != Source.PREDICTED})
         self.confirmed = 0
         self.frames_without_boxes = 0
         self.frames_without_boxes3d = 0

@@ -20,11 +20,12 @@ from lidcam.printing.tables import (
     topics_table,
 )
 from lidcam.report import RunReport, loss_records
-from pipeline.core.detections import Boxes3D, source_names
+from pipeline.core.detections import NO_HYPOTHESIS, Boxes3D, Fused, source_names
 from pipeline.core.frame import FrameResult
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.engines import ENGINES
+from pipeline.core.tracks import NO_TRACK
 from readers.recording import Loss
 from readers.rig.sensor_topics import SensorFault
 
@@ -44,7 +45,12 @@ _BOX_SOURCES = {
     "recorded": "as recorded",
     "none": "none: lidar-only; recorded 2D boxes, or --model-2d FILE.onnx, bring the cameras in",
 }
-_GEOMETRY = {"lidar": "of lidars alone", "camera": "of cameras alone", "both": "of both"}
+_GEOMETRY = {
+    "lidar": "of lidars alone",
+    "camera": "of cameras alone",
+    "both": "of both",
+    "predicted": "predicted by tracks",
+}
 _NO_MOTION = "none: no odometry or tf of the site frame, or switched off"
 
 
@@ -58,8 +64,20 @@ def print_detections(out: Console, frame: FrameResult, config: Config) -> None:
         deviations_m = np.sqrt(placed.covariances[:, [0, 1], [0, 1]].sum(1)).tolist()
         _print_boxes(out, placed, config, [f"+- {deviation_m:.2f} m" for deviation_m in deviations_m])
     out.print(f"  {len(fused.objects)} fused objects")
+    _print_boxes(out, fused.objects, config, _remarks(fused))
+
+
+def _remarks(fused: Fused) -> list[str]:
     columns = zip(source_names(fused.objects.sources), fused.rows.tolist(), fused.matched.tolist(), strict=True)
-    _print_boxes(out, fused.objects, config, [f"{name}, of row {row}, {cameras} cam" for name, row, cameras in columns])
+    seen = [
+        f"{name}{'' if row == NO_HYPOTHESIS else f', of row {row}'}, {cameras} cam" for name, row, cameras in columns
+    ]
+    if fused.tracks is None:
+        return seen
+    tracks = zip(seen, fused.tracks.ids.tolist(), fused.tracks.speeds.tolist(), strict=True)
+    return [
+        text if number == NO_TRACK else f"{text}, track {number}, {speed:.1f} m/s" for text, number, speed in tracks
+    ]
 
 
 def _print_boxes(out: Console, boxes: Boxes3D, config: Config, remarks: Sequence[str]) -> None:
