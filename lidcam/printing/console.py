@@ -9,12 +9,14 @@ from rich.console import Console
 from lidcam.checks.warning import RunWarning
 from lidcam.printing.folding import show_line, show_table
 from lidcam.printing.tables import (
+    changes_table,
     drops_table,
     losses_table,
     missing_table,
     objects_table,
     pairs_table,
     points_table,
+    road_users_table,
     sensors_table,
     stages_table,
     topics_table,
@@ -127,6 +129,12 @@ def print_report(out: Console, report: RunReport) -> None:
     """The final tables of a run."""
     inputs, frames, drops, sensors, timing = report.inputs, report.frames, report.drops, report.sensors, report.timing
     zones = [zone.name for zone in sensors.rig.counted_zones]
+    if users := report.road_users:
+        show_table(out, road_users_table(users, zones))
+        out.print()
+        if users.changes:
+            show_table(out, changes_table(users.changes))
+            out.print()
     show_line(out, f"objects, sum over {frames.count} frame{'s' * (frames.count != 1)}", "bold")
     show_table(out, objects_table(frames.objects, zones, frames.count))
     for reason, count in drops.objects.items():
