@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from tracked_frames import Seen, tracked_frame
 
 from lidcam.road_users import RoadUserCount, RoadUsers, RoadUserTally, ZoneChange
+from lidcam.summary import Tally
 from pipeline.core.rig import Rig, Zone
 
 SQUARE = np.array([[-10.0, 0.0], [10.0, 0.0], [10.0, 10.0], [-10.0, 10.0]])
@@ -37,6 +38,15 @@ def test_without_tracks_there_is_no_telling() -> None:
     assert tally.road_users is None
     tally.add(tracked_frame(1))
     assert tally.road_users == RoadUsers((), ())
+
+
+def test_a_run_counts_them_with_all_else() -> None:
+    tally = Tally(CONFIG, ZONED)
+    tally.add(tracked_frame(0, Seen(1, 0, NORTH, 3.0), Seen(0, 0, NORTH)))
+    assert tally.objects == {("car", "north"): 2}
+    users = tally.road_users.road_users
+    assert users is not None
+    assert users.counts[-1] == RoadUserCount("car", "", 1, 3.0, 3.0)
 
 
 def test_each_track_counts_once_and_in_each_zone_where_it_was() -> None:
@@ -102,8 +112,8 @@ seen_objects = st.builds(
 )
 
 
-@settings(max_examples=40, deadline=None)
-@given(st.lists(st.lists(seen_objects, max_size=8, unique_by=lambda one: one.track).map(tuple), max_size=12))
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.lists(seen_objects, max_size=8, unique_by=lambda one: one.track).map(tuple), max_size=8))
 def test_a_plain_count_agrees(frames: list[tuple[Seen, ...]]) -> None:
     """Track by track, by plain loops over all that was seen of each."""
     of_track: dict[int, list[Seen]] = defaultdict(list)

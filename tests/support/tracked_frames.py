@@ -1,11 +1,12 @@
 """Frames of small scenes with tracks: each object a car's size, moving along x."""
 
 from dataclasses import replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from detections import boxes3d
-from frames import frame
+from frames import PERIOD_NS, START_NS, frame
 
 from pipeline.core.detections import Fused
 from pipeline.core.frame import FrameResult
@@ -35,7 +36,13 @@ def tracked_frame(index: int, *seen: Seen, is_tracked: bool = True) -> FrameResu
         yaw_rates=np.full(count, 0.125),
         fronts_known=np.ones(count, np.bool_),
     )
-    empty = frame(index, objects=0)
-    boxes = replace(boxes, stamp_ns=empty.bundle.stamp_ns)
+    stamp_ns, empty = START_NS + index * PERIOD_NS, _empty()
+    boxes = replace(boxes, stamp_ns=stamp_ns)
     fused = Fused(boxes, np.ones(count, np.int32), np.arange(count), tracks=tracks if is_tracked else None)
-    return replace(empty, fused=fused)
+    return replace(empty, fused=fused, bundle=replace(empty.bundle, index=index, stamp_ns=stamp_ns))
+
+
+@cache
+def _empty() -> FrameResult:
+    """Made once: its images and clouds take a while."""
+    return frame(objects=0)
