@@ -14,7 +14,7 @@ from lidcam.evaluation.requirement import Requirement, RequirementError
 from lidcam.frames import RunInput
 from lidcam.inspection import Inspection, inspect_recording
 from lidcam.job import FilePath, Job, JobOptions, PathOrUrl, RigSource, Settings, locations, make_job
-from lidcam.objects import ObjectCollector, Objects
+from lidcam.objects import ObjectCollector
 from lidcam.report import DropCount, RunReport, UnusedTopic
 from lidcam.run import RunObserver, process_recording
 from lidcam.run import iter_frames as frames_of
@@ -42,6 +42,7 @@ from readers.recording import Loss, Recording
 from readers.rig.rig_file import load_rig
 from readers.rig.schema import RigFile
 from readers.rig.sensor_topics import SensorFault
+from writers.tables.objects import Objects
 
 __all__ = [
     "Boxes2D",
@@ -135,7 +136,8 @@ def process(
 
     Args:
         recording: Path or URL; several for a recording that was split, in their order.
-        output: File to write, or several: .mcap, .rrd (Rerun); None writes none.
+        output: File to write, or several: .mcap, .rrd (Rerun), .csv or .parquet (a table of the objects); None writes
+            none.
         on_frame: Called with each frame, in order, when its tracks are known.
         **options: `config`, `settings`, `rig`, `model_2d`, `workers`, `start_s`, `duration_s`, `on_bad_message`,
             `overwrite`, as `JobOptions` explains them.

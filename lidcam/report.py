@@ -9,6 +9,7 @@ from lidcam.box_sources import BoxSource
 from lidcam.checks.incomplete import absent_lines, changed_lines, damage_lines, left_out_lines
 from lidcam.checks.missing import MissingSensor
 from lidcam.checks.warning import RunWarning
+from lidcam.road_users import RoadUsers
 from lidcam.settings.choice import UsedSettings
 from pipeline.core.rig import Rig
 from readers.input_file import InputFile
@@ -111,7 +112,8 @@ class FrameReport:
     Attributes:
         count: Number of frames.
         objects: Number of fused objects by (class name, zone name); the latter is empty where there are no zones.
-        sources: Number of fused objects by what their geometry comes from: `lidar`, `camera`, `both`.
+        sources: Number of fused objects by what their geometry comes from: `lidar`, `camera`, `both`, with
+            tracks also `predicted`.
         confirmed: Number of fused objects that at least one camera confirms.
         without_boxes: Number of frames for which no camera sent an image or boxes.
         without_boxes3d: Number of frames for which no recorded 3D detector sent boxes; 0 where none is used.
@@ -206,6 +208,7 @@ class RunReport:
         warnings: Reasons to doubt the result.
         outputs: Files that were written.
         how_to_open: How the outputs are opened, by the name of the viewer.
+        road_users: Who was there, each track once; None where nothing is tracked.
     """
 
     inputs: InputReport
@@ -219,6 +222,7 @@ class RunReport:
     warnings: tuple[RunWarning, ...]
     outputs: tuple[Path, ...]
     how_to_open: Mapping[str, str]
+    road_users: RoadUsers | None = None
 
     @property
     def incomplete(self) -> tuple[str, ...]:
@@ -266,6 +270,7 @@ def report_tree(report: RunReport) -> dict[str, Any]:
         "box_source_3d": sensors.box_source_3d,
         "boxes3d_topics": [detector.topic for detector in sensors.rig.detectors],
         "motion": {"topics": list(sensors.motion_topics), "compensated_frames": frames.compensated},
+        "road_users": _road_users_tree(report.road_users),
         "objects": [{"class": c, "zone": z or None, "count": count} for (c, z), count in frames.objects.items()],
         "object_sources": dict(frames.sources),
         "confirmed": frames.confirmed,
@@ -284,4 +289,16 @@ def report_tree(report: RunReport) -> dict[str, Any]:
         "objects_left_out": dict(drops.objects),
         "faults": [asdict(fault) for fault in sensors.faults],
         "outputs": [str(path) for path in report.outputs],
+    }
+
+
+def _road_users_tree(users: RoadUsers | None) -> dict[str, Any] | None:
+    """`counts` by class and zone (null: all of the site), `changes` from zone to zone."""
+    if users is None:
+        return None
+    counts = [asdict(one) | {"zone": one.zone or None} for one in users.counts]
+    changes = [asdict(one) for one in users.changes]
+    return {
+        name: [{"class": row.pop("class_name"), **row} for row in rows]
+        for name, rows in (("counts", counts), ("changes", changes))
     }

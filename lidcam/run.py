@@ -331,6 +331,7 @@ class Run:
             warnings=tuple(self._warnings(missing)),
             outputs=tuple(outputs),
             how_to_open=viewers or {},
+            road_users=tally.road_users.road_users,
         )
 
     def _warnings(self, missing: Sequence[MissingSensor]) -> Iterator[RunWarning]:

@@ -4,20 +4,17 @@ from collections import Counter
 from dataclasses import dataclass
 
 from lidcam.report import DropCount, DropReport, FrameReport
+from lidcam.road_users import RoadUserTally
 from pipeline.core.detections import Source, source_names
 from pipeline.core.errors import MessageError
 from pipeline.core.frame import FrameResult
-from pipeline.core.geometry.polygons import first_polygon_with
 from pipeline.core.messages import Drop
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.stages.sync.synchronize import SyncStats
 from readers.streams.decoders import OnBadMessage
 
-__all__ = ["OUTSIDE_ZONES", "DropTable", "RunProgress", "Tally"]
-
-OUTSIDE_ZONES = "outside"
-"""Name for the place of objects that no zone holds."""
+__all__ = ["DropTable", "RunProgress", "Tally"]
 
 
 class DropTable:
@@ -103,10 +100,11 @@ class Tally:
 
     def __init__(self, config: Config, rig: Rig) -> None:
         self._class_names = config.object_names
-        self._zones = rig.counted_zones
+        self._rig, self._places = rig, rig.place_names
         self._detectors = frozenset(detector.topic for detector in rig.detectors)
         self.frames = 0
-        self.sources = Counter({source.name.lower(): 0 for source in Source})
+        # Predicted ones are counted where there are any: without tracks there cannot be.
+        self.sources = Counter({source.name.lower(): 0 for source in Source if source != Source.PREDICTED})
         self.confirmed = 0
         self.frames_without_boxes = 0
         self.frames_without_boxes3d = 0
@@ -119,21 +117,21 @@ class Tally:
         self.unused_boxes3d: Counter[str] = Counter()
         self.boxes_without_object: Counter[str] = Counter()
         self.objects_left_out: Counter[str] = Counter()
+        self.road_users = RoadUserTally(config, rig)
 
     def add(self, frame: FrameResult) -> None:
         """Count one frame."""
         objects = frame.fused.objects
         self.frames += 1
+        self.road_users.add(frame)
         self.compensated += bool(frame.combined.compensated)
         self.sources.update(source_names(objects.sources))
         self.confirmed += int((frame.fused.matched > 0).sum())
         self.frames_without_boxes += not frame.detections.cameras
         self.frames_without_boxes3d += bool(self._detectors) and self._detectors.isdisjoint(frame.bundle.messages)
-        rows = first_polygon_with([zone.polygon_site for zone in self._zones], objects.centers[:, :2])
-        outside = OUTSIDE_ZONES if self._zones else ""
-        for class_id, row in zip(objects.class_ids.tolist(), rows.tolist(), strict=True):
-            zone = self._zones[row].name if row >= 0 else outside
-            self.objects[self._class_names[class_id], zone] += 1
+        places = self._rig.place_rows(objects.centers).tolist()
+        for class_id, row in zip(objects.class_ids.tolist(), places, strict=True):
+            self.objects[self._class_names[class_id], self._places[row]] += 1
         for total, found in (
             (self.points, frame.combined.counts),
             (self.unused_boxes, frame.unused_boxes),

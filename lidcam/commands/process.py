@@ -48,7 +48,7 @@ say what.
 
 \b
 Examples:
-  lidcam-process drive.bag out.mcap --rerun out.rrd
+  lidcam-process drive.bag out.mcap --rerun out.rrd --objects out.csv
   lidcam-process bag_folder out.mcap --model-2d yolox_nano.onnx
   lidcam-process drive.bag out.mcap --rig site.yaml --start 30 --duration 10
   lidcam-process part_0.mcap part_1.mcap out.mcap --set sync.slop_s=0.05
@@ -72,6 +72,14 @@ def process(
     rerun: Annotated[
         Path | None,
         typer.Option(metavar="OUT.rrd", callback=ends_in(".rrd"), help="Also write a Rerun recording."),
+    ] = None,
+    objects: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT.csv|OUT.parquet",
+            callback=ends_in(".csv", ".parquet"),
+            help="Also write a table of the objects, one row per object and frame.",
+        ),
     ] = None,
     model_2d: Annotated[
         Path | None,
@@ -170,7 +178,7 @@ def process(
             required = read_requirements(requirements)
         job = make_job(
             inputs,
-            [output] if rerun is None else [output, rerun],
+            [output, *(path for path in (rerun, objects) if path is not None)],
             config=config_file,
             settings=settings or (),
             rig=rig_files,

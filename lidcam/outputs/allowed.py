@@ -22,6 +22,7 @@ from writers.outputs import marks
 from writers.outputs.errors import output_errors
 from writers.outputs.marks import is_unchanged_text
 from writers.outputs.work_folder import folder_prefix
+from writers.tables.writer import CSV_HEADER
 
 __all__ = [
     "MERGED",
@@ -31,7 +32,9 @@ __all__ = [
     "Replaceable",
     "check_no_input",
     "check_replaced",
+    "is_marked_csv",
     "is_marked_mcap",
+    "is_marked_parquet",
     "is_marked_rrd",
 ]
 
@@ -39,7 +42,7 @@ SQLITE_SUFFIXES = ("-journal", "-wal", "-shm")
 """Endings of files beside a database that are a part of it."""
 
 MAX_TEXT_BYTES = 16 << 20
-RRD_HEAD_BYTES = 1 << 12
+HEAD_BYTES = 1 << 12
 _NAME = bytes([len(marks.APPLICATION)]) + marks.APPLICATION.encode()
 RRD_STORE = re.compile(rb"\x12\x20[0-9a-f]{32}\x1a.\n" + re.escape(_NAME))
 """Recording id and application id in the first message of an .rrd, as protobuf."""
@@ -92,8 +95,27 @@ def is_marked_mcap(path: Path, mark: str) -> bool:
 
 def is_marked_rrd(path: Path) -> bool:
     """Whether a file is a Rerun recording of lidcam."""
-    head = _head(path, RRD_HEAD_BYTES)
+    head = _head(path, HEAD_BYTES)
     return head.startswith(b"RRF2") and RRD_STORE.search(head) is not None
+
+
+def is_marked_csv(path: Path) -> bool:
+    """Whether a file is a table of objects: its first line has exactly their columns, which is its only mark."""
+    return _head(path, HEAD_BYTES).startswith(CSV_HEADER.encode())
+
+
+def is_marked_parquet(path: Path) -> bool:
+    """Whether a file is a Parquet table of objects of lidcam that was closed: its metadata come last.
+
+    Read without pyarrow, which starts threads: a run forks its workers later.
+    """
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(size - MAX_TEXT_BYTES, 0))
+        tail = file.read()
+    return tail.endswith(b"PAR1") and marks.OBJECTS.encode() in tail[-8 - int.from_bytes(tail[-8:-4], "little") :]
 
 
 def _is_simulated(path: Path) -> bool:

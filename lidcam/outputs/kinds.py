@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from lidcam.frames import RunInput
-from lidcam.outputs.allowed import is_marked_mcap, is_marked_rrd
+from lidcam.outputs.allowed import is_marked_csv, is_marked_mcap, is_marked_parquet, is_marked_rrd
 from pipeline.core.settings.config import Config
 from readers.messages.image import decode_any_image
 from writers.base import ResultWriter
@@ -16,6 +16,7 @@ from writers.outputs.marks import RESULT
 from writers.outputs.transaction import OutputTransaction
 from writers.provenance import Provenance
 from writers.rerun.environment import without_rerun_variables
+from writers.tables.writer import CsvObjectsWriter, ParquetObjectsWriter
 
 __all__ = ["OUTPUTS", "OutputKind"]
 
@@ -62,8 +63,23 @@ def _rrd(path: Path, outputs: OutputTransaction, source: RunInput, provenance: P
     return RerunResultWriter(outputs[path], source.rig, source.config, provenance, decode_any_image=decode)
 
 
+def _csv(path: Path, outputs: OutputTransaction, source: RunInput, _: Provenance) -> ResultWriter:
+    return CsvObjectsWriter(outputs[path], source.rig, source.config.object_names)
+
+
+def _parquet(path: Path, outputs: OutputTransaction, source: RunInput, provenance: Provenance) -> ResultWriter:
+    return ParquetObjectsWriter(outputs[path], source.rig, source.config.object_names, provenance)
+
+
 OUTPUTS: dict[str, OutputKind] = {
     ".mcap": OutputKind(_mcap, partial(is_marked_mcap, mark=RESULT), "Foxglove", _open_mcap, _layout),
     ".rrd": OutputKind(_rrd, is_marked_rrd, "Rerun", lambda path, _: f"rerun {path}"),
+    ".csv": OutputKind(_csv, is_marked_csv, "CSV", lambda path, _: f"open {path} in a spreadsheet, or pandas.read_csv"),
+    ".parquet": OutputKind(
+        _parquet,
+        is_marked_parquet,
+        "Parquet",
+        lambda path, _: f"open {path} with pandas.read_parquet, polars or DuckDB",
+    ),
 }
 """By the ending of their names."""

@@ -9,22 +9,25 @@ from rich.console import Console
 from lidcam.checks.warning import RunWarning
 from lidcam.printing.folding import show_line, show_table
 from lidcam.printing.tables import (
+    changes_table,
     drops_table,
     losses_table,
     missing_table,
     objects_table,
     pairs_table,
     points_table,
+    road_users_table,
     sensors_table,
     stages_table,
     topics_table,
 )
 from lidcam.report import RunReport, loss_records
-from pipeline.core.detections import Boxes3D, source_names
+from pipeline.core.detections import NO_HYPOTHESIS, Boxes3D, Fused, source_names
 from pipeline.core.frame import FrameResult
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.engines import ENGINES
+from pipeline.core.tracks import NO_TRACK
 from readers.recording import Loss
 from readers.rig.sensor_topics import SensorFault
 
@@ -44,7 +47,12 @@ _BOX_SOURCES = {
     "recorded": "as recorded",
     "none": "none: lidar-only; recorded 2D boxes, or --model-2d FILE.onnx, bring the cameras in",
 }
-_GEOMETRY = {"lidar": "of lidars alone", "camera": "of cameras alone", "both": "of both"}
+_GEOMETRY = {
+    "lidar": "of lidars alone",
+    "camera": "of cameras alone",
+    "both": "of both",
+    "predicted": "predicted by tracks",
+}
 _NO_MOTION = "none: no odometry or tf of the site frame, or switched off"
 
 
@@ -58,8 +66,20 @@ def print_detections(out: Console, frame: FrameResult, config: Config) -> None:
         deviations_m = np.sqrt(placed.covariances[:, [0, 1], [0, 1]].sum(1)).tolist()
         _print_boxes(out, placed, config, [f"+- {deviation_m:.2f} m" for deviation_m in deviations_m])
     out.print(f"  {len(fused.objects)} fused objects")
+    _print_boxes(out, fused.objects, config, _remarks(fused))
+
+
+def _remarks(fused: Fused) -> list[str]:
     columns = zip(source_names(fused.objects.sources), fused.rows.tolist(), fused.matched.tolist(), strict=True)
-    _print_boxes(out, fused.objects, config, [f"{name}, of row {row}, {cameras} cam" for name, row, cameras in columns])
+    seen = [
+        f"{name}{'' if row == NO_HYPOTHESIS else f', of row {row}'}, {cameras} cam" for name, row, cameras in columns
+    ]
+    if fused.tracks is None:
+        return seen
+    tracks = zip(seen, fused.tracks.ids.tolist(), fused.tracks.speeds.tolist(), strict=True)
+    return [
+        text if number == NO_TRACK else f"{text}, track {number}, {speed:.1f} m/s" for text, number, speed in tracks
+    ]
 
 
 def _print_boxes(out: Console, boxes: Boxes3D, config: Config, remarks: Sequence[str]) -> None:
@@ -109,6 +129,12 @@ def print_report(out: Console, report: RunReport) -> None:
     """The final tables of a run."""
     inputs, frames, drops, sensors, timing = report.inputs, report.frames, report.drops, report.sensors, report.timing
     zones = [zone.name for zone in sensors.rig.counted_zones]
+    if users := report.road_users:
+        show_table(out, road_users_table(users, zones))
+        out.print()
+        if users.changes:
+            show_table(out, changes_table(users.changes))
+            out.print()
     show_line(out, f"objects, sum over {frames.count} frame{'s' * (frames.count != 1)}", "bold")
     show_table(out, objects_table(frames.objects, zones, frames.count))
     for reason, count in drops.objects.items():

@@ -11,19 +11,21 @@ from rich.table import Table
 from lidcam.checks.missing import MissingSensor
 from lidcam.printing.folding import Folded
 from lidcam.report import DropCount
-from lidcam.summary import OUTSIDE_ZONES
-from pipeline.core.rig import BOXES_SUFFIX
+from lidcam.road_users import RoadUsers, ZoneChange
+from pipeline.core.rig import BOXES_SUFFIX, OUTSIDE_ZONES
 from readers.rig.calibration import SensorSource
 from readers.streams.survey import TopicSurvey
 
 __all__ = [
     "ColumnsTable",
+    "changes_table",
     "drops_table",
     "losses_table",
     "missing_table",
     "objects_table",
     "pairs_table",
     "points_table",
+    "road_users_table",
     "sensors_table",
     "stages_table",
     "topics_table",
@@ -44,6 +46,29 @@ def objects_table(objects: Mapping[tuple[str, str], int], zones: Sequence[str], 
         table.add_row(name, *in_places, str(count), f"{count / max(frames, 1):.1f}")
     if not classes:
         table.add_row("none", *("0" for _ in places), "0", "0.0")
+    return table
+
+
+def road_users_table(users: RoadUsers, zones: Sequence[str]) -> Table:
+    """How many road users there were, and how fast, by class; with zones, by zone too, and in all of the site."""
+    text_columns = ("class", "zone") if zones else ("class",)
+    table = ColumnsTable("road users", *text_columns, "number", "mean m/s", "max m/s", text_columns=text_columns)
+    last = ""
+    for one in users.counts:
+        place = [one.zone or "all"] if zones else []
+        name, last = "" if one.class_name == last else one.class_name, one.class_name
+        table.add_row(name, *place, str(one.count), f"{one.speed_mean_m_s:.1f}", f"{one.speed_max_m_s:.1f}")
+    if not users.counts:
+        table.add_row("none", *[""] * bool(zones), "0")
+    return table
+
+
+def changes_table(changes: Sequence[ZoneChange]) -> Table:
+    """Which road users went from zone to zone."""
+    text_columns = ("class", "from", "to")
+    table = ColumnsTable("road users from zone to zone", *text_columns, "number", "mean m/s", text_columns=text_columns)
+    for one in changes:
+        table.add_row(one.class_name, one.from_zone, one.to_zone, str(one.count), f"{one.speed_mean_m_s:.1f}")
     return table
 
 

@@ -6,13 +6,15 @@ from typing import Literal
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, check_array
+from pipeline.core.arrays import F32, F64, I64, check_array
 from pipeline.core.camera import CameraModel
 from pipeline.core.errors import CalibrationError, FrameError
+from pipeline.core.geometry.polygons import first_polygon_with
 from pipeline.core.geometry.transform import Transform
 
 __all__ = [
     "BOXES_SUFFIX",
+    "OUTSIDE_ZONES",
     "CameraSensor",
     "LidarSensor",
     "RecordedDetector",
@@ -22,6 +24,9 @@ __all__ = [
     "ZoneUse",
     "default_zones",
 ]
+
+OUTSIDE_ZONES = "outside"
+"""Name for the place of objects that no zone holds."""
 
 BOXES_SUFFIX = " (boxes)"
 """Follows a camera's name where its recorded boxes are meant."""
@@ -190,6 +195,16 @@ class Rig:
     def counted_zones(self) -> tuple[Zone, ...]:
         """The zones in which objects are counted: an object belongs to the first one that contains its centre."""
         return tuple(zone for zone in self.zones if zone.use != "ignore")
+
+    @property
+    def place_names(self) -> tuple[str, ...]:
+        """Names of the counted zones and, last, of what is outside of them; of that an empty name without zones."""
+        names = tuple(zone.name for zone in self.counted_zones)
+        return (*names, OUTSIDE_ZONES if names else "")
+
+    def place_rows(self, centers: F64) -> I64:
+        """(N,) row of the counted zone that holds each centre (N, 3) in the site frame; -1, the last place, outside."""
+        return first_polygon_with([zone.polygon_site for zone in self.counted_zones], centers[:, :2])
 
     @property
     def sensor_of_topic(self) -> Mapping[str, str]:

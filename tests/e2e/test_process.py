@@ -1,5 +1,6 @@
 """The main job on the sample recording: the right objects, in every container, with the same bytes every time."""
 
+import csv
 import json
 import re
 from collections.abc import Callable
@@ -48,9 +49,9 @@ def process(lidcam: Lidcam, sandbox: Path) -> Process:
 
 @pytest.fixture(scope="module")
 def whole(process: Process, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Output of the whole sample, with a Rerun recording beside it."""
+    """Output of the whole sample, with a Rerun recording and a table of the objects beside it."""
     out = tmp_path_factory.mktemp("whole") / "out.mcap"
-    run = process(out, "--rerun", out.with_suffix(".rrd"))
+    run = process(out, "--rerun", out.with_suffix(".rrd"), "--objects", out.with_suffix(".csv"))
     assert "objects" in run.out
     assert "frames" in run.out
     assert out.with_suffix(".rrd").stat().st_size > 100_000
@@ -86,6 +87,14 @@ def test_both_cars_are_found_and_confirmed(
             errors += [nearest_m for nearest_m in sorted(distances_m)[:1] if nearest_m < 0.15]
         assert len(errors) >= 0.9 * len(frames), f"{car}: found in {len(errors)} of {len(frames)} frames"
         assert np.median(errors) < 0.08, car
+
+
+def test_the_table_has_the_objects_of_the_file(whole: Path) -> None:
+    with whole.with_suffix(".csv").open(encoding="utf-8", newline="") as file:
+        rows = [(int(row["stamp_ns"]), row["class"], float(row["x_m"])) for row in csv.DictReader(file)]
+    assert rows == [
+        (stamp_ns, one.label, one.x) for stamp_ns, objects in fused_objects(whole).items() for one in objects
+    ]
 
 
 def test_zones_hold_one_car_each(whole: Path) -> None:

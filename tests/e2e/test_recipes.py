@@ -90,10 +90,10 @@ OUTPUT = '''
 import csv
 
 
-class CsvWriter:
+class ToyWriter:
     """One line per object."""
 
-    name = "csv"
+    name = "toy"
 
     def __init__(self, path, outputs, source, provenance):
         self._part, self._classes = outputs[path].part, source.config.classes
@@ -123,18 +123,18 @@ def test_an_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "toy.py").write_text(OUTPUT, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     toy = import_module("toy")
-    row = OutputKind(toy.CsvWriter, toy.is_own, "Spreadsheet", lambda path, _: f"open {path.name}")
-    monkeypatch.setitem(OUTPUTS, ".csv", row)
-    csv, mcap = tmp_path / "out.csv", tmp_path / "out.mcap"
-    for outputs in ([csv, mcap], csv):  # the second time, it replaces its own result
+    row = OutputKind(toy.ToyWriter, toy.is_own, "Spreadsheet", lambda path, _: f"open {path.name}")
+    monkeypatch.setitem(OUTPUTS, ".toy", row)
+    table, mcap = tmp_path / "out.toy", tmp_path / "out.mcap"
+    for outputs in ([table, mcap], table):  # the second time, it replaces its own result
         done = lidcam.process(SANDBOX, outputs, config="sandbox", duration_s=0.3)
-        assert "Spreadsheet  open out.csv" in printed(done.report)
-        lines = csv.read_text(encoding="utf-8").splitlines()
+        assert "Spreadsheet  open out.toy" in printed(done.report)
+        lines = table.read_text(encoding="utf-8").splitlines()
         assert len(lines) - 1 == sum(map(len, fused_objects(mcap).values())) > 0
-    csv.write_text("mine", encoding="utf-8")
-    with pytest.raises(lidcam.OutputError, match=r"out\.csv: exists and is no result of an earlier run"):
-        lidcam.process(SANDBOX, csv, config="sandbox", duration_s=0.3)
-    assert csv.read_text(encoding="utf-8") == "mine"
+    table.write_text("mine", encoding="utf-8")
+    with pytest.raises(lidcam.OutputError, match=r"out\.toy: exists and is no result of an earlier run"):
+        lidcam.process(SANDBOX, table, config="sandbox", duration_s=0.3)
+    assert table.read_text(encoding="utf-8") == "mine"
 
 
 SPHERES = "toy_msgs/msg/Spheres"

@@ -190,7 +190,7 @@ def test_several_outputs_by_their_endings(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("names", "fault"),
     [
-        (["out.txt"], "expected a name that ends in .mcap or .rrd"),
+        (["out.txt"], "expected a name that ends in .mcap or .rrd or .csv or .parquet"),
         (["a.mcap", "./a.mcap"], "expected one output of a kind, found a.mcap, too"),
         ("s3://bucket/a.mcap", "expected the name of a local file"),
         (["missing/a.mcap"], "the folder .* does not exist"),

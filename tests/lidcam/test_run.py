@@ -15,6 +15,7 @@ from reports import changed, printed
 
 from lidcam.frames import RunInput, TimeWindow, synchronized_topics
 from lidcam.report import RunReport, report_tree
+from lidcam.road_users import RoadUserCount, RoadUsers, ZoneChange
 from lidcam.run import Run
 from lidcam.summary import DropTable, Tally
 from pipeline.core.camera import CameraModel
@@ -270,6 +271,24 @@ def test_2d_boxes_that_begin_no_object_are_told_by_reason() -> None:
     assert "  2D boxes without an object: 5, too vague" in printed(told).splitlines()
     assert report_tree(told)["boxes_without_object"] == {"too vague": 5}
     assert report_tree(report)["boxes_without_object"] == {}
+
+
+def test_road_users_begin_the_tables_where_there_are_tracks() -> None:
+    report, _ = run(periodic(), config())
+    assert report.road_users is None
+    assert report_tree(report)["road_users"] is None
+    counts = (RoadUserCount("car", "north", 2, 2.0, 4.0), RoadUserCount("car", "", 2, 2.5, 4.0))
+    told = replace(report, road_users=RoadUsers(counts, (ZoneChange("car", "north", "south", 1, 6.0),)))
+    begin, rest = printed(told).removesuffix(printed(report)), printed(report)
+    assert printed(told) == begin + rest
+    assert [line.split()[:2] for line in begin.splitlines() if line][::3] == [["road", "users"], ["road", "users"]]
+    assert report_tree(told)["road_users"] == {
+        "counts": [
+            {"class": "car", "zone": "north", "count": 2, "speed_mean_m_s": 2.0, "speed_max_m_s": 4.0},
+            {"class": "car", "zone": None, "count": 2, "speed_mean_m_s": 2.5, "speed_max_m_s": 4.0},
+        ],
+        "changes": [{"class": "car", "from_zone": "north", "to_zone": "south", "count": 1, "speed_mean_m_s": 6.0}],
+    }
 
 
 def test_the_first_required_topic_is_the_reference() -> None:

@@ -13,6 +13,7 @@ __all__ = [
     "INPUTS",
     "LIBRARY",
     "MERGED",
+    "OBJECTS",
     "REPAIRED",
     "RESULT",
     "SIMULATED",
@@ -36,6 +37,9 @@ INPUTS = "lidcam.inputs"
 
 APPLICATION = "lidcam"
 """Application of an .rrd."""
+
+OBJECTS = "lidcam.objects"
+"""Key in the metadata of a Parquet table of objects."""
 
 BAG_CALLER = "/lidcam_simulator"
 """The node that publishes all topics of a simulated ROS 1 bag."""

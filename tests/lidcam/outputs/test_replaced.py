@@ -24,6 +24,8 @@ from writers.outputs.marks import is_unchanged_text, marked_json, marked_yaml
 OWN = {
     "mcap": OUTPUTS[".mcap"].is_result,
     "rrd": OUTPUTS[".rrd"].is_result,
+    "csv": OUTPUTS[".csv"].is_result,
+    "parquet": OUTPUTS[".parquet"].is_result,
     "repaired": REPAIRED.is_own,
     "merged": MERGED.is_own,
     "simulated": SIMULATED.is_own,
@@ -69,7 +71,8 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     recorded(folder / "rec.mcap")
     write_rosbag1(folder / "rec.bag", [raw("/a", "std_msgs/msg/String", {"data": "x"}, 1, encoding="ros1")])
     write_rosbag2(folder / "rec", clouds())
-    lidcam.process(folder / "rec.mcap", [folder / "out.mcap", folder / "out.rrd"])
+    outputs = [folder / f"out.{kind}" for kind in ("mcap", "rrd", "csv", "parquet")]
+    lidcam.process(folder / "rec.mcap", outputs)
     inspect(folder / "rec.mcap", repair=folder / "repaired.mcap", write_rig=folder / "rig.yaml")
     for name, format in (("sim.bag", "ros1"), ("sim", "sqlite3"), ("sim.mcap", "mcap")):
         simulate(folder / name, format)  # type: ignore[arg-type]
@@ -81,6 +84,8 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     [
         ("out.mcap", "mcap"),
         ("out.rrd", "rrd"),
+        ("out.csv", "csv"),
+        ("out.parquet", "parquet"),
         ("out.foxglove.json", "text"),
         ("repaired.mcap", "repaired"),
         ("rig.yaml", "text"),
@@ -98,7 +103,9 @@ def test_the_content_says_what_lidcam_made(results: Path, name: str, made: str |
     assert recognised(results / name) == ([] if made is None else [made])
 
 
-@pytest.mark.parametrize("name", ["out.mcap", "repaired.mcap", "sim.bag", "sim.mcap", "rig.yaml", "out.foxglove.json"])
+@pytest.mark.parametrize(
+    "name", ["out.mcap", "out.parquet", "repaired.mcap", "sim.bag", "sim.mcap", "rig.yaml", "out.foxglove.json"]
+)
 def test_what_is_cut_or_changed_is_not_lidcam_s(results: Path, tmp_path: Path, name: str) -> None:
     content = (results / name).read_bytes()
     path = tmp_path / name
@@ -155,7 +162,7 @@ def folder_of(results: Path, folder: Path) -> Path:
 
 def test_results_are_replaced_and_an_edited_layout_is_not(results: Path, tmp_path: Path) -> None:
     files = folder_of(results, tmp_path)
-    outputs = [files / "out.mcap", files / "out.rrd"]
+    outputs = [files / f"out.{kind}" for kind in ("mcap", "rrd", "csv", "parquet")]
     lidcam.process(files / "rec.mcap", outputs, start_s=0.1)
     with (files / "out.foxglove.json").open("a") as file:
         file.write("\n")

@@ -4,8 +4,17 @@ import pytest
 from rich.console import Console, RenderableType
 
 from lidcam.checks.missing import MissingSensor, SilentSpan
+from lidcam.printing.folding import show_table
 from lidcam.printing.numbers import number, percent, share, signed
-from lidcam.printing.tables import missing_table, objects_table, sensors_table, stages_table
+from lidcam.printing.tables import (
+    changes_table,
+    missing_table,
+    objects_table,
+    road_users_table,
+    sensors_table,
+    stages_table,
+)
+from lidcam.road_users import RoadUserCount, RoadUsers, ZoneChange
 from readers.rig.calibration import SensorSource
 
 OBJECTS = {("car", "north"): 6, ("car", "outside"): 1, ("bus", "south"): 3}
@@ -39,6 +48,57 @@ def test_few_objects(objects: dict[tuple[str, str], int], zones: list[str], fram
     header, found = text(objects_table(objects, zones, frames))
     assert header.split() == ["class", *zones, *["outside"] * bool(zones), "all", "a", "frame"]
     assert found.split() == row
+
+
+USERS = RoadUsers(
+    (
+        RoadUserCount("car", "north", 12, 8.25, 13.94),
+        RoadUserCount("car", "outside", 1, 0.0, 0.04),
+        RoadUserCount("car", "", 12, 8.0, 13.94),
+        RoadUserCount("pedestrian", "", 3, 1.31, 2.0),
+    ),
+    (ZoneChange("car", "north", "south", 7, 9.06),),
+)
+
+
+def test_road_users_by_zone() -> None:
+    assert text(road_users_table(USERS, ["north", "south"])) == [
+        "road users",
+        "class       zone     number  mean m/s  max m/s",
+        "car         north        12       8.2     13.9",
+        "            outside       1       0.0      0.0",
+        "            all          12       8.0     13.9",
+        "pedestrian  all           3       1.3      2.0",
+    ]
+    assert text(changes_table(USERS.changes)) == [
+        "road users from zone to zone",
+        "class  from   to     number  mean m/s",
+        "car    north  south       7       9.1",
+    ]
+
+
+def test_road_users_without_zones() -> None:
+    users = RoadUsers(USERS.counts[2:], ())
+    assert text(road_users_table(users, []))[1:] == [
+        "class       number  mean m/s  max m/s",
+        "car             12       8.0     13.9",
+        "pedestrian       3       1.3      2.0",
+    ]
+    for zones in ([], ["north"]):
+        assert text(road_users_table(RoadUsers((), ()), zones))[2].split() == ["none", "0"]
+
+
+@pytest.mark.parametrize("zone", ["a", "roundabout_entry_north_east", "the crossing of the two main roads"])
+def test_road_users_fit_a_terminal(zone: str) -> None:
+    counts = tuple(RoadUserCount("motorcyclist", name, 123_456, 12.3, 45.6) for name in (zone, "outside", ""))
+    changes = (ZoneChange("motorcyclist", zone, zone, 123_456, 12.3),)
+    out = Console(file=StringIO(), width=80, force_terminal=True, color_system=None)
+    show_table(out, road_users_table(RoadUsers(counts, changes), [zone]))
+    show_table(out, changes_table(changes))
+    assert isinstance(out.file, StringIO)
+    lines = out.file.getvalue().splitlines()
+    assert max(map(len, lines)) <= 80
+    assert sum("123456" in line for line in lines) == 4
 
 
 def test_sensors_with_a_time_offset_have_a_column_of_it() -> None:

@@ -1,0 +1,147 @@
+"""Road users of a run: how many there were, how fast, and who went from zone to zone. Each track counts once."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pipeline.core.arrays import F64, Array
+from pipeline.core.frame import FrameResult
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
+from pipeline.core.tracks import NO_TRACK
+
+__all__ = ["RoadUserCount", "RoadUserTally", "RoadUsers", "ZoneChange"]
+
+
+@dataclass(frozen=True, slots=True)
+class RoadUserCount:
+    """The road users of one class in one zone, or in all of the site.
+
+    Attributes:
+        class_name: Their class.
+        zone: The zone, `outside` of all zones, or empty: the site.
+        count: How many were there for a frame or more.
+        speed_mean_m_s: Mean over the road users of the mean speed of each while it was there.
+        speed_max_m_s: The highest speed of one of them in one frame.
+    """
+
+    class_name: str
+    zone: str
+    count: int
+    speed_mean_m_s: float
+    speed_max_m_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class ZoneChange:
+    """The road users of one class that were first in one zone and last in another; outside is no zone.
+
+    Attributes:
+        class_name: Their class.
+        from_zone: The first zone in which each was.
+        to_zone: The last.
+        count: How many went so.
+        speed_mean_m_s: Mean over them of the mean speed of each in all frames.
+    """
+
+    class_name: str
+    from_zone: str
+    to_zone: str
+    count: int
+    speed_mean_m_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class RoadUsers:
+    """The road users of a run.
+
+    Attributes:
+        counts: By class, of each zone where there were any, then of the site.
+        changes: By class, by the zone they came from, by the zone they went to.
+    """
+
+    counts: tuple[RoadUserCount, ...]
+    changes: tuple[ZoneChange, ...]
+
+
+class RoadUserTally:
+    """Counts road users while a run goes on; memory grows with their number alone, by about 200 bytes each.
+
+    What is of no class (`unknown`) is no road user. A track counts as the class that it has in most frames; of equally
+    many, the first of the settings.
+    """
+
+    def __init__(self, config: Config, rig: Rig) -> None:
+        self._class_names, self._rig = config.class_names, rig
+        *zones, outside = rig.place_names
+        self._places = [outside, *zones]
+        per_class, per_place = (len(config.class_names),), (len(self._places),)
+        columns: list[Any] = [
+            ("class_frames", np.int32, per_class),
+            ("frames", np.int32, per_place),
+            ("speed_sums", np.float64, per_place),
+            ("speed_max", np.float64, per_place),
+            ("first_zone", np.int32),  # rows of the places; 0, outside, until a zone was seen
+            ("last_zone", np.int32),
+        ]
+        self._tracks = np.zeros(64, columns)
+        self._rows: dict[int, int] = {}  # by number of the track
+        self._is_tracked = False
+
+    def add(self, frame: FrameResult) -> None:
+        """Count one frame; frames come in order."""
+        objects, tracks = frame.fused.objects, frame.fused.tracks
+        if tracks is None:
+            return
+        self._is_tracked = True
+        users = ((tracks.ids != NO_TRACK) & (objects.class_ids < len(self._class_names))).nonzero()[0]
+        rows = np.array(
+            [self._rows.setdefault(track, len(self._rows)) for track in tracks.ids[users].tolist()], np.int64
+        )
+        while len(self._tracks) < len(self._rows):
+            self._tracks = np.concatenate([self._tracks, np.zeros_like(self._tracks)])
+        found, speeds, places = self._tracks, tracks.speeds[users], 1 + self._rig.place_rows(objects.centers[users])
+        found["class_frames"][rows, objects.class_ids[users]] += 1
+        found["frames"][rows, places] += 1
+        found["speed_sums"][rows, places] += speeds
+        found["speed_max"][rows, places] = np.maximum(found["speed_max"][rows, places], speeds)
+        first, last = found["first_zone"][rows], found["last_zone"][rows]
+        found["first_zone"][rows] = np.where(first == 0, places, first)
+        found["last_zone"][rows] = np.where(places == 0, last, places)
+
+    @property
+    def road_users(self) -> RoadUsers | None:
+        """The road users so far; None where nothing is tracked."""
+        if not self._is_tracked:
+            return None
+        known = self._tracks[: len(self._rows)]
+        classes = known["class_frames"].argmax(1)
+        by_class = [(name, known[classes == row]) for row, name in enumerate(self._class_names)]
+        return RoadUsers(
+            tuple(count for name, found in by_class for count in self._counts(name, found)),
+            tuple(change for name, found in by_class for change in self._changes(name, found)),
+        )
+
+    def _counts(self, class_name: str, found: Array) -> Iterator[RoadUserCount]:
+        places = [*range(1, len(self._places)), 0] if len(self._places) > 1 else []
+        columns = [(self._places[row], [row]) for row in places] + [("", [*range(len(self._places))])]
+        for zone, rows in columns:
+            frames = found["frames"][:, rows].sum(1)
+            here = frames > 0
+            if here.any():
+                means, highest = _mean_speeds(found[here], rows), found["speed_max"][here][:, rows].max()
+                yield RoadUserCount(class_name, zone, int(here.sum()), float(means.mean()), float(highest))
+
+    def _changes(self, class_name: str, found: Array) -> Iterator[ZoneChange]:
+        ways = np.stack([found["first_zone"], found["last_zone"]], 1)
+        for way in np.unique(ways[ways[:, 0] != ways[:, 1]], axis=0):
+            means = _mean_speeds(found[(ways == way).all(1)], [*range(len(self._places))])
+            yield ZoneChange(class_name, *(self._places[row] for row in way), len(means), float(means.mean()))
+
+
+def _mean_speeds(found: Array, places: list[int]) -> F64:
+    """(N,) the mean speed of each track in these places, where each was for a frame or more."""
+    means: F64 = found["speed_sums"][:, places].sum(1) / found["frames"][:, places].sum(1)
+    return means

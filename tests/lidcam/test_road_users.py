@@ -1,0 +1,147 @@
+"""Road users: each track once, whatever it does from frame to frame."""
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from frames import CONFIG, RIG
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tracked_frames import Seen, tracked_frame
+
+from lidcam.road_users import RoadUserCount, RoadUsers, RoadUserTally, ZoneChange
+from lidcam.summary import Tally
+from pipeline.core.rig import Rig, Zone
+
+SQUARE = np.array([[-10.0, 0.0], [10.0, 0.0], [10.0, 10.0], [-10.0, 10.0]])
+ZONED = replace(RIG, zones=(Zone("north", SQUARE), Zone("south", SQUARE * [1, -1]), Zone("off", SQUARE * 3, "ignore")))
+NORTH, SOUTH, OUTSIDE = 5.0, -5.0, 50.0
+"""y of a place in the middle of each."""
+CAR, BUS = CONFIG.class_id_of_label["car"], CONFIG.class_id_of_label["bus"]
+UNKNOWN = len(CONFIG.class_names)
+
+
+def users_of(frames: Iterable[tuple[Seen, ...]], rig: Rig = ZONED) -> RoadUsers:
+    tally = RoadUserTally(CONFIG, rig)
+    for index, seen in enumerate(frames):
+        tally.add(tracked_frame(index, *seen))
+    assert tally.road_users is not None
+    return tally.road_users
+
+
+def test_without_tracks_there_is_no_telling() -> None:
+    tally = RoadUserTally(CONFIG, ZONED)
+    assert tally.road_users is None
+    tally.add(tracked_frame(0, Seen(0, 0, NORTH), is_tracked=False))
+    assert tally.road_users is None
+    tally.add(tracked_frame(1))
+    assert tally.road_users == RoadUsers((), ())
+
+
+def test_a_run_counts_them_with_all_else() -> None:
+    tally = Tally(CONFIG, ZONED)
+    tally.add(tracked_frame(0, Seen(1, 0, NORTH, 3.0), Seen(0, 0, NORTH)))
+    assert tally.objects == {("car", "north"): 2}
+    users = tally.road_users.road_users
+    assert users is not None
+    assert users.counts[-1] == RoadUserCount("car", "", 1, 3.0, 3.0)
+
+
+def test_each_track_counts_once_and_in_each_zone_where_it_was() -> None:
+    """One car crosses at 4 and 6 m/s, and goes on outside; one stands in the north, for longer."""
+    frames: list[tuple[Seen, ...]] = [
+        (Seen(1, 0, NORTH, 4.0), Seen(2, 1, NORTH)),
+        (Seen(1, 0, SOUTH, 6.0), Seen(2, 1, NORTH)),
+        (Seen(1, 0, OUTSIDE, 8.0), Seen(2, 1, NORTH)),
+        (Seen(2, 1, NORTH),),
+    ]
+    assert users_of(frames) == RoadUsers(
+        (
+            RoadUserCount("car", "north", 2, 2.0, 4.0),
+            RoadUserCount("car", "south", 1, 6.0, 6.0),
+            RoadUserCount("car", "outside", 1, 8.0, 8.0),
+            RoadUserCount("car", "", 2, 3.0, 8.0),
+        ),
+        (ZoneChange("car", "north", "south", 1, 6.0),),
+    )
+    without_zones = users_of(frames, replace(ZONED, zones=()))
+    assert without_zones == RoadUsers((RoadUserCount("car", "", 2, 3.0, 8.0),), ())
+
+
+@pytest.mark.parametrize(
+    ("way", "went"),
+    [
+        ([NORTH], None),
+        ([NORTH, SOUTH], ("north", "south")),
+        ([SOUTH, OUTSIDE, NORTH], ("south", "north")),
+        ([OUTSIDE, NORTH, SOUTH, OUTSIDE], ("north", "south")),
+        ([NORTH, SOUTH, NORTH], None),
+        ([NORTH, OUTSIDE], None),
+        ([OUTSIDE, SOUTH], None),
+        ([OUTSIDE], None),
+    ],
+)
+def test_a_track_went_from_its_first_zone_to_its_last(way: list[float], went: tuple[str, str] | None) -> None:
+    changes = users_of([(Seen(7, 0, y),) for y in way]).changes
+    assert [(one.from_zone, one.to_zone, one.count) for one in changes] == ([] if went is None else [(*went, 1)])
+
+
+@pytest.mark.parametrize(
+    ("classes", "counted"), [([BUS, CAR, CAR], "car"), ([CAR, BUS, BUS], "bus"), ([BUS, CAR], min(CAR, BUS))]
+)
+def test_a_track_has_the_class_of_most_frames(classes: list[int], counted: str | int) -> None:
+    counts = users_of([(Seen(3, 0, NORTH, 2.0, class_id),) for class_id in classes], replace(ZONED, zones=())).counts
+    name = counted if isinstance(counted, str) else CONFIG.class_names[counted]
+    assert [(one.class_name, one.count) for one in counts] == [(name, 1)]
+
+
+def test_what_is_of_no_class_or_no_track_is_no_road_user() -> None:
+    frames = [(Seen(0, 0, NORTH, 1.0), Seen(0, 3, NORTH, 1.0, UNKNOWN), Seen(5, 3, NORTH, 1.0, UNKNOWN))]
+    assert users_of(frames) == RoadUsers((), ())
+
+
+seen_objects = st.builds(
+    Seen,
+    st.integers(0, 150),
+    st.just(0.0),
+    st.sampled_from([NORTH, SOUTH, OUTSIDE]),
+    st.integers(0, 20).map(float),
+    st.sampled_from([CAR, BUS]),
+)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.lists(seen_objects, max_size=8, unique_by=lambda one: one.track).map(tuple), max_size=8))
+def test_a_plain_count_agrees(frames: list[tuple[Seen, ...]]) -> None:
+    """Track by track, by plain loops over all that was seen of each."""
+    of_track: dict[int, list[Seen]] = defaultdict(list)
+    for seen in frames:
+        for one in seen:
+            if one.track:
+                of_track[one.track].append(one)
+    means, went = defaultdict(list), Counter[tuple[str, float, float]]()
+    for track in of_track.values():
+        votes = Counter(one.class_id for one in track)
+        name = CONFIG.class_names[min(votes, key=lambda class_id: (-votes[class_id], class_id))]
+        for place in (NORTH, SOUTH, OUTSIDE, None):
+            speeds = [one.speed_m_s for one in track if place in (one.y, None)]
+            if speeds:
+                means[name, place].append((sum(speeds) / len(speeds), max(speeds)))
+        zones = [one.y for one in track if one.y != OUTSIDE]
+        if zones and zones[0] != zones[-1]:
+            went[name, zones[0], zones[-1]] += 1
+    tally = RoadUserTally(CONFIG, ZONED)
+    for index, seen in enumerate(frames):
+        tally.add(tracked_frame(index, *seen))
+    users = tally.road_users or RoadUsers((), ())
+    places = {"north": NORTH, "south": SOUTH, "outside": OUTSIDE, "": None}
+    found = {(one.class_name, places[one.zone]): one for one in users.counts}
+    assert found.keys() == means.keys()
+    for key, one in found.items():
+        assert one.count == len(means[key])
+        assert one.speed_mean_m_s == pytest.approx(np.mean([mean for mean, _ in means[key]]))
+        assert one.speed_max_m_s == max(highest for _, highest in means[key])
+    changes = {(one.class_name, places[one.from_zone], places[one.to_zone]): one.count for one in users.changes}
+    assert changes == went

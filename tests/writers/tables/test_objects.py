@@ -1,0 +1,61 @@
+"""The record of objects: what its rows say of tracks and zones."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from frames import CONFIG, RIG, frame
+from tracked_frames import Seen, tracked_frame
+
+from pipeline.core.arrays import join_rows
+from pipeline.core.frame import FrameResult
+from pipeline.core.rig import Rig
+from writers.tables.objects import Objects
+
+NAMES = CONFIG.object_names
+MOTION = ("speed_m_s", "vx_m_s", "vy_m_s", "yaw_rate_rad_s", "existence", "age_s")
+
+
+def objects_of(*frames: FrameResult, rig: Rig = RIG) -> Objects:
+    return join_rows(Objects.empty(rig, NAMES), *(Objects.of_frame(one, rig, NAMES) for one in frames))
+
+
+def test_objects_of_tracks() -> None:
+    objects = objects_of(tracked_frame(3, Seen(4, 1, 2, -2.5), Seen(0, 1, -2, 7.0)), tracked_frame(5, Seen(4, 1, -90)))
+    columns = objects.columns
+    assert columns["frame"].tolist() == [3, 3, 5]
+    assert columns["track"].tolist() == [4, 0, 4]
+    assert columns["zone"].tolist() == ["intersection", "circle", "outside"]
+    first = {name: columns[name][0].item() for name in MOTION}
+    assert first == {
+        "speed_m_s": 2.5,
+        "vx_m_s": -2.5,
+        "vy_m_s": 0.0,
+        "yaw_rate_rad_s": 0.125,
+        "existence": 0.75,
+        "age_s": 0.3,
+    }
+    assert all(np.isnan(columns[name][1]) for name in MOTION)  # it belongs to no track
+    assert columns["front_known"].tolist() == [True] * 3
+    assert objects.speeds[2] == 0.0
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_objects_without_tracks(count: int) -> None:
+    columns = objects_of(frame(objects=count), rig=replace(RIG, zones=())).columns
+    assert {len(column) for column in columns.values()} == {count}
+    assert columns["track"].tolist() == [0] * count
+    assert not columns["front_known"].any()
+    assert columns["zone"].tolist() == [""] * count
+    assert all(np.isnan(columns[name]).all() for name in MOTION)
+
+
+def test_columns_have_the_same_types_however_many_objects_there_are() -> None:
+    none, some = objects_of().to_arrow(), objects_of(tracked_frame(0, Seen(1, 2, 3))).to_arrow()
+    assert none.schema == some.schema
+    assert (none.num_rows, some.num_rows) == (0, 1)
+
+
+def test_arrays_of_other_shapes_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"velocities: expected float64\[1, 2\]"):
+        replace(objects_of(tracked_frame(0, Seen(1, 2, 3))), velocities=np.zeros((1, 3)))

@@ -1,0 +1,1 @@
+"""Tables of the fused objects: CSV and Parquet."""

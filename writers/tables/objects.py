@@ -1,0 +1,232 @@
+"""The fused objects as a table: the record, and the columns that it has in every library and file."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any, Self
+
+import numpy as np
+
+from pipeline.core.arrays import F32, F64, I32, I64, U8, Array, Bools, Rows, check_array, select_rows
+from pipeline.core.detections import source_names
+from pipeline.core.frame import FrameResult
+from pipeline.core.rig import Rig
+from pipeline.core.tracks import NO_TRACK, Tracks
+
+__all__ = ["Objects"]
+
+MAX_SHOWN = 10
+"""Rows that the text form shows."""
+
+ARRAYS: dict[str, tuple[tuple[int, ...], type[np.generic]]] = {
+    "frames": ((), np.int64),
+    "stamps_ns": ((), np.int64),
+    "class_ids": ((), np.int32),
+    "zones": ((), np.int64),
+    "scores": ((), np.float32),
+    "centers": ((3,), np.float64),
+    "sizes": ((3,), np.float64),
+    "yaws": ((), np.float64),
+    "point_counts": ((), np.int32),
+    "matched": ((), np.int32),
+    "covariances": ((3, 3), np.float64),
+    "sources": ((), np.uint8),
+    "measured_ns": ((), np.int64),
+    "tracks": ((), np.int64),
+    "velocities": ((2,), np.float64),
+    "yaw_rates": ((), np.float64),
+    "existence": ((), np.float64),
+    "ages_s": ((), np.float64),
+    "fronts_known": ((), np.bool_),
+}
+"""Shape of a row, and dtype, of the arrays of `Objects`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Objects:
+    """N fused objects, one row per object and frame, in the order of the frames.
+
+    Where an object belongs to no track, `velocities`, `yaw_rates`, `existence` and `ages_s` are NaN: 0 would say that
+    it stands.
+
+    Attributes:
+        frame_id: The site frame, in which the objects are given.
+        class_names: Name by class id.
+        zone_names: Name by zone; the last is that of what is outside of all zones, empty where there are none.
+        frames: (N,) int64, index of the frame.
+        stamps_ns: (N,) int64, time of the frame.
+        class_ids: (N,) int32, index into `class_names`.
+        zones: (N,) int64, index into `zone_names` of the first zone that holds the centre; -1 outside.
+        scores: (N,) float32 in [0, 1].
+        centers: (N, 3) float64, box centre x, y, z in metres.
+        sizes: (N, 3) float64, length, width, height in metres.
+        yaws: (N,) float64, radians about +z in (-pi, pi].
+        point_counts: (N,) int32, lidar points in the object.
+        matched: (N,) int32, number of cameras that confirm it.
+        covariances: (N, 3, 3) float64 over x, y and yaw.
+        sources: (N,) uint8, the `Source` of each object's geometry.
+        measured_ns: (N,) int64, when the object was there: mean time of its points or images.
+        tracks: (N,) int64, number of its track from 1, the same in all frames; 0 where it belongs to none.
+        velocities: (N, 2) float64, over the ground, along x and y of the site frame, m/s.
+        yaw_rates: (N,) float64, over the ground, rad/s, counter-clockwise.
+        existence: (N,) float64 in [0, 1], probability that the track is an object of its class.
+        ages_s: (N,) float64, since the track was first seen.
+        fronts_known: (N,) bool, whether its motion has shown which end is its front.
+    """
+
+    frame_id: str
+    class_names: tuple[str, ...]
+    zone_names: tuple[str, ...]
+    frames: I64
+    stamps_ns: I64
+    class_ids: I32
+    zones: I64
+    scores: F32
+    centers: F64
+    sizes: F64
+    yaws: F64
+    point_counts: I32
+    matched: I32
+    covariances: F64
+    sources: U8
+    measured_ns: I64
+    tracks: I64
+    velocities: F64
+    yaw_rates: F64
+    existence: F64
+    ages_s: F64
+    fronts_known: Bools
+
+    def __post_init__(self) -> None:
+        for name, (shape, dtype) in ARRAYS.items():
+            check_array(name, getattr(self, name), (len(self.scores), *shape), dtype)
+
+    @classmethod
+    def empty(cls, rig: Rig, class_names: tuple[str, ...]) -> Self:
+        """No objects."""
+        arrays = {name: np.zeros((0, *shape), dtype) for name, (shape, dtype) in ARRAYS.items()}
+        return cls(rig.site_frame, class_names, rig.place_names, **arrays)  # type: ignore[arg-type]  # by ARRAYS
+
+    @classmethod
+    def of_frame(cls, result: FrameResult, rig: Rig, class_names: tuple[str, ...]) -> Self:
+        """The objects of one frame."""
+        fused, boxes, count = result.fused, result.fused.objects, len(result.fused.objects)
+        tracks = Tracks.none(count) if fused.tracks is None else fused.tracks
+        unknown = np.where(tracks.ids == NO_TRACK, np.nan, 0.0)
+        return cls(
+            frame_id=boxes.frame_id,
+            class_names=class_names,
+            zone_names=rig.place_names,
+            frames=np.full(count, result.bundle.index, np.int64),
+            stamps_ns=np.full(count, result.bundle.stamp_ns, np.int64),
+            class_ids=boxes.class_ids,
+            zones=rig.place_rows(boxes.centers),
+            scores=boxes.scores,
+            centers=boxes.centers,
+            sizes=boxes.sizes,
+            yaws=boxes.yaws,
+            point_counts=boxes.point_counts,
+            matched=fused.matched,
+            covariances=boxes.covariances,
+            sources=boxes.sources,
+            measured_ns=boxes.measured_ns,
+            tracks=tracks.ids,
+            velocities=tracks.velocities + unknown[:, None],
+            yaw_rates=tracks.yaw_rates + unknown,
+            existence=tracks.existence + unknown,
+            ages_s=tracks.ages_s + unknown,
+            fronts_known=tracks.fronts_known,
+        )
+
+    def __len__(self) -> int:
+        return len(self.scores)
+
+    def select(self, rows: Rows) -> "Objects":
+        """The given rows (mask or indices), in that order."""
+        return select_rows(self, rows)
+
+    @property
+    def speeds(self) -> F64:
+        """(N,) over the ground, m/s; NaN where an object belongs to no track."""
+        return np.hypot(self.velocities[:, 0], self.velocities[:, 1])
+
+    @property
+    def columns(self) -> Mapping[str, Array]:
+        """The table by columns, each (N,): frame, stamp_ns, track, class, x_m and so on, with units in their names.
+
+        `source` is what the geometry comes from: `lidar`, `camera`, `both` or `predicted`. Of an object without track
+        the columns of motion are NaN.
+        """
+        x, y, z = self.centers.T
+        length, width, height = self.sizes.T
+        vx, vy = self.velocities.T
+        return {
+            "frame": self.frames,
+            "stamp_ns": self.stamps_ns,
+            "track": self.tracks,
+            "class": np.array(self.class_names, np.str_)[self.class_ids],
+            "zone": np.array(self.zone_names, np.str_)[self.zones],
+            "score": self.scores,
+            "x_m": x,
+            "y_m": y,
+            "z_m": z,
+            "length_m": length,
+            "width_m": width,
+            "height_m": height,
+            "yaw_rad": self.yaws,
+            "speed_m_s": self.speeds,
+            "vx_m_s": vx,
+            "vy_m_s": vy,
+            "yaw_rate_rad_s": self.yaw_rates,
+            "existence": self.existence,
+            "age_s": self.ages_s,
+            "front_known": self.fronts_known,
+            "points": self.point_counts,
+            "cameras": self.matched,
+            "source": np.array(source_names(self.sources), np.str_),
+            "measured_ns": self.measured_ns,
+        }
+
+    def to_pandas(self) -> Any:
+        """The columns as a pandas.DataFrame.
+
+        Raises:
+            ImportError: pandas is not installed.
+        """
+        return _library("pandas").DataFrame(dict(self.columns))
+
+    def to_polars(self) -> Any:
+        """The columns as a polars.DataFrame.
+
+        Raises:
+            ImportError: polars is not installed.
+        """
+        return _library("polars").DataFrame(dict(self.columns))
+
+    def to_arrow(self) -> Any:
+        """The columns as a pyarrow.Table."""
+        return _library("pyarrow").table(dict(self.columns))
+
+    def __repr__(self) -> str:
+        head = f"{len(self)} objects, site frame {self.frame_id!r}"
+        if not len(self):
+            return head
+        shown = {name: column[:MAX_SHOWN] for name, column in self.columns.items()}
+        texts = [[name, *(_text(value) for value in column)] for name, column in shown.items()]
+        widths = [max(map(len, column)) for column in texts]
+        lines = [
+            "  ".join(text.rjust(w) for text, w in zip(row, widths, strict=True)) for row in zip(*texts, strict=True)
+        ]
+        more = [f"... {len(self) - MAX_SHOWN} more"] if len(self) > MAX_SHOWN else []
+        return "\n".join([head, *lines, *more])
+
+
+def _library(name: str) -> Any:
+    try:
+        return import_module(name)
+    except ImportError as err:
+        raise ImportError(f"this table needs {name}, which is not installed: pip install {name}") from err
+
+
+def _text(value: Any) -> str:
+    return f"{value:.3f}" if isinstance(value, float | np.floating) else str(value)

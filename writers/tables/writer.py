@@ -1,0 +1,137 @@
+"""Writes the fused objects of a run as one table, CSV or Parquet: one row per object and frame.
+
+Both have the columns of `Objects.columns`. Equal results give equal bytes; those of a Parquet file depend on the
+version of pyarrow, too.
+"""
+
+import csv
+import json
+from abc import ABC, abstractmethod
+from contextlib import ExitStack, suppress
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from pipeline.core.arrays import Array, join_rows
+from pipeline.core.frame import FrameResult
+from pipeline.core.messages import Drop
+from pipeline.core.rig import Rig
+from writers.outputs.errors import output_errors
+from writers.outputs.marks import OBJECTS
+from writers.outputs.transaction import OutputFile
+from writers.provenance import Provenance
+from writers.tables.objects import Objects
+
+__all__ = ["CSV_HEADER", "CsvObjectsWriter", "ParquetObjectsWriter"]
+
+CSV_HEADER = ",".join(Objects.empty(Rig("", (), (), ()), ()).columns) + "\n"
+"""First line of a CSV table, by which it is known."""
+
+GROUP_ROWS = 1 << 16
+"""Rows of a row group: about 15 MB of them wait in memory."""
+
+
+class _ObjectsWriter(ABC):
+    """What the writers have in common; a `writers.base.ResultWriter`."""
+
+    name: str
+
+    def __init__(self, output: OutputFile, rig: Rig, class_names: tuple[str, ...]) -> None:
+        self._output, self._rig, self._class_names = output, rig, class_names
+        self._resources = ExitStack()
+
+    def __enter__(self) -> Self:
+        with output_errors(self._output.path), ExitStack() as resources:
+            self._open(resources)
+            self._resources = resources.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is not None:
+            with suppress(OSError):  # what is written is discarded
+                self._resources.close()
+            return
+        with output_errors(self._output.path), self._resources:
+            self._finish()
+
+    def write(self, result: FrameResult) -> tuple[Drop, ...]:
+        """Write the objects of one frame; nothing of it can be unfit."""
+        with output_errors(self._output.path):
+            self._add(Objects.of_frame(result, self._rig, self._class_names))
+        return ()
+
+    @abstractmethod
+    def _open(self, resources: ExitStack) -> None: ...
+
+    @abstractmethod
+    def _add(self, objects: Objects) -> None: ...
+
+    @abstractmethod
+    def _finish(self) -> None: ...
+
+
+class CsvObjectsWriter(_ObjectsWriter):
+    """Writes CSV in UTF-8: numbers as short as they can be without loss, `true` and `false`, nothing for NaN."""
+
+    name = "csv"
+
+    def _open(self, resources: ExitStack) -> None:
+        file = resources.enter_context(self._output.part.open("x", encoding="utf-8", newline=""))
+        file.write(CSV_HEADER)
+        self._csv = csv.writer(file, lineterminator="\n")
+
+    def _add(self, objects: Objects) -> None:
+        self._csv.writerows(zip(*map(_texts, objects.columns.values()), strict=True))
+
+    def _finish(self) -> None:
+        """Nothing waits."""
+
+
+class ParquetObjectsWriter(_ObjectsWriter):
+    """Writes Parquet in row groups.
+
+    Its metadata have under `lidcam.objects`, as JSON, the site frame and where the result comes from
+    (`Provenance.metadata`).
+    """
+
+    name = "parquet"
+
+    def __init__(self, output: OutputFile, rig: Rig, class_names: tuple[str, ...], provenance: Provenance) -> None:
+        super().__init__(output, rig, class_names)
+        self._origin = json.dumps({"site_frame": rig.site_frame} | provenance.metadata())
+        self._waiting: list[Objects] = []
+        self._waiting_rows = 0
+
+    def _open(self, resources: ExitStack) -> None:
+        from pyarrow import parquet  # takes a quarter of a second, and starts threads
+
+        self._schema = (
+            Objects.empty(self._rig, self._class_names).to_arrow().schema.with_metadata({OBJECTS: self._origin})
+        )
+        file = resources.enter_context(self._output.part.open("xb"))
+        self._parquet = resources.enter_context(parquet.ParquetWriter(file, self._schema, compression="zstd"))
+
+    def _add(self, objects: Objects) -> None:
+        if not len(objects):
+            return
+        self._waiting.append(objects)
+        self._waiting_rows += len(objects)
+        if self._waiting_rows >= GROUP_ROWS:
+            self._finish()
+
+    def _finish(self) -> None:
+        if self._waiting:
+            table = join_rows(*self._waiting).to_arrow()
+            self._parquet.write_table(table.cast(self._schema))
+            self._waiting, self._waiting_rows = [], 0
+
+
+def _texts(column: Array) -> list[Any]:
+    if column.dtype == np.bool_:
+        return ["true" if value else "false" for value in column.tolist()]
+    if column.dtype.kind == "f":
+        return ["" if text == "nan" else text for text in column.astype(np.str_).tolist()]
+    return column.tolist()
