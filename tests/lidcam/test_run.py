@@ -281,7 +281,7 @@ def test_road_users_begin_the_tables_where_there_are_tracks() -> None:
     told = replace(report, road_users=RoadUsers(counts, (ZoneChange("car", "north", "south", 1, 6.0),)))
     begin, rest = printed(told).removesuffix(printed(report)), printed(report)
     assert printed(told) == begin + rest
-    assert [line.split()[:2] for line in begin.splitlines() if line][::3] == [["road", "users"], ["road", "users"]]
+    assert [line.split()[:2] for line in begin.splitlines() if line][::4] == [["road", "users"], ["road", "users"]]
     assert report_tree(told)["road_users"] == {
         "counts": [
             {"class": "car", "zone": "north", "count": 2, "speed_mean_m_s": 2.0, "speed_max_m_s": 4.0},
