@@ -32,7 +32,7 @@ def through_cdr(message: Any) -> Any:
 @pytest.mark.parametrize("objects", [0, 1, 3])
 def test_a_scene_starts_with_the_deletion_of_the_one_before(objects: int) -> None:
     result = frame(objects=objects)
-    scene = through_cdr(scene_update(result, NAMES))
+    scene = through_cdr(scene_update(result, NAMES, ()))
     assert [(d.type, d.id) for d in scene.deletions] == [(scene.deletions[0].ALL, "")]
     assert len({entity.id for entity in scene.entities}) == objects
     for row, entity in enumerate(scene.entities):
@@ -48,7 +48,7 @@ def test_a_scene_starts_with_the_deletion_of_the_one_before(objects: int) -> Non
 
 
 def test_confirmed_objects_are_denser_and_say_by_how_many_cameras() -> None:
-    entities = through_cdr(scene_update(frame(), NAMES)).entities  # confirmed by 2, 1 and 0 cameras
+    entities = through_cdr(scene_update(frame(), NAMES, ())).entities  # confirmed by 2, 1 and 0 cameras
     alphas = [entity.cubes[0].color.a for entity in entities]
     assert alphas[0] == alphas[1] > alphas[2] > 0
     thickness = [entity.lines[0].thickness for entity in entities]
@@ -62,7 +62,7 @@ MIXED = (Source.BOTH, Source.CAMERA, Source.LIDAR)
 
 def test_what_the_cameras_alone_place_is_thinner_and_says_how_sure_its_place_is() -> None:
     result = frame(sources=MIXED)
-    both, placed, faint = through_cdr(scene_update(result, NAMES)).entities
+    both, placed, faint = through_cdr(scene_update(result, NAMES, ())).entities
     assert both.cubes[0].color.a > placed.cubes[0].color.a > faint.cubes[0].color.a
     assert [len(entity.lines) for entity in (both, placed, faint)] == [1, 2, 1]
     assert both.lines[0].thickness > placed.lines[0].thickness == placed.lines[1].thickness
@@ -76,7 +76,7 @@ def test_what_the_cameras_alone_place_is_thinner_and_says_how_sure_its_place_is(
 
 def test_viewers_say_what_the_geometry_of_an_object_comes_from() -> None:
     result = frame(sources=MIXED)
-    entities = through_cdr(scene_update(result, NAMES)).entities
+    entities = through_cdr(scene_update(result, NAMES, ())).entities
     told = [{pair.key: pair.value for pair in entity.metadata} for entity in entities]
     assert [one["source"] for one in told] == ["both", "camera", "lidar"]
     assert [one["cameras"] for one in told] == ["2", "1", "0"]
@@ -87,7 +87,7 @@ def test_viewers_say_what_the_geometry_of_an_object_comes_from() -> None:
 
 def test_arrows_leave_the_front_of_the_boxes() -> None:
     result = frame()
-    for row, entity in enumerate(through_cdr(scene_update(result, NAMES)).entities):
+    for row, entity in enumerate(through_cdr(scene_update(result, NAMES, ())).entities):
         ((arrow,), (cube,), (edges,)) = entity.arrows, entity.cubes, entity.lines
         assert arrow.pose == cube.pose == edges.pose
         length = result.fused.objects.sizes[row, 0]
