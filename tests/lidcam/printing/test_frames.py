@@ -4,7 +4,7 @@ import io
 from dataclasses import replace
 
 import numpy as np
-from frames import CONFIG, RIG, frame
+from frames import CONFIG, RIG, frame, tracks_of
 from rich.console import Console
 
 from lidcam.printing.console import print_detections, print_matches
@@ -12,7 +12,7 @@ from lidcam.summary import Tally
 from pipeline.core.detections import Fused, Matches, Source
 from pipeline.core.frame import FrameResult
 
-BOTH, CAMERA, LIDAR = Source.BOTH, Source.CAMERA, Source.LIDAR
+BOTH, CAMERA, LIDAR, PREDICTED = Source.BOTH, Source.CAMERA, Source.LIDAR, Source.PREDICTED
 
 
 def printed(result: FrameResult) -> str:
@@ -70,10 +70,26 @@ def test_what_is_not_reported_is_no_object() -> None:
 
 def test_objects_are_counted_by_source() -> None:
     tally = Tally(CONFIG, RIG)
-    assert tally.sources == {"lidar": 0, "camera": 0, "both": 0}
+    assert tally.sources == {"lidar": 0, "camera": 0, "both": 0, "predicted": 0}
     tally.add(frame(sources=[LIDAR, BOTH, CAMERA]))
     tally.add(frame())
-    assert tally.sources == {"lidar": 4, "camera": 1, "both": 1}
+    assert tally.sources == {"lidar": 4, "camera": 1, "both": 1, "predicted": 0}
+
+
+def test_tracks_are_printed_with_their_objects() -> None:
+    result = frame(sources=[LIDAR, LIDAR, PREDICTED], tracks=tracks_of([12, 0, 7], [[3.0, 4.0], [0, 0], [0.0, 0.5]]))
+    text = printed(result)
+    for remark in (
+        "  track 12, 5.0 m/s, 1.2 s old, lidar, of row 0, 2 cam\n",
+        "  lidar, of row 1, 1 cam\n",
+        "  track 7, 0.5 m/s, 1.2 s old, predicted\n",
+    ):
+        assert remark in text
+    assert "  left: 2D box 0 (car) is object 0 (track 12), IoU 0.62\n" in text
+    assert text.splitlines()[-2:] == [
+        "  seen by the lidars alone: object 1",
+        "  seen by nothing, but predicted by their tracks: object 2 (track 7)",
+    ]
 
 
 def _matched_last(result: FrameResult) -> dict[str, Matches]:
