@@ -99,7 +99,7 @@ def object_colors(result: FrameResult) -> F64:
 
 
 def object_labels(result: FrameResult, class_names: Sequence[str]) -> list[str]:
-    """The text beside each fused object: `car #12 4.3 m/s` of a track, `car 0.82 (2 cam)` without one.
+    """The text beside each fused object: `car #12, 4.3 m/s` of a track, `car 0.82 (2 cam)` without one.
 
     Both say what is missing: `no lidar` where the cameras alone place the object, `predicted` where nothing shows it.
     """
@@ -128,7 +128,7 @@ def _names(result: FrameResult, class_names: Sequence[str]) -> list[str]:
 
 
 def _speed(speed_m_s: float) -> str:
-    return f" {speed_m_s:.1f} m/s" if speed_m_s >= STANDING_M_S else ""
+    return f", {speed_m_s:.1f} m/s" if speed_m_s >= STANDING_M_S else ""
 
 
 def object_edges(result: FrameResult, cameras: Iterable[str]) -> dict[str, ObjectEdges]:

@@ -111,11 +111,14 @@ def test_labels_of_tracks_are_number_and_speed() -> None:
     sure = frame(tracks=TRACKS)
     objects = replace(sure.fused.objects, scores=np.full(3, 0.9, np.float32))
     result = replace(sure, fused=replace(sure.fused, objects=objects))
-    assert object_labels(result, NAMES) == ["car #12 5.0 m/s", "pedestrian 0.90 (1 cam)", "truck #7"]
+    assert object_labels(result, NAMES) == ["car #12, 5.0 m/s", "pedestrian 0.90 (1 cam)", "truck #7"]
     markers = through_cdr(marker_array(result, NAMES)).markers
     assert [marker.text for marker in markers[2::2]] == object_labels(result, NAMES)
     texts = [text.text for text in annotations(result).texts]
-    assert texts == ["car #12 5.0 m/s", "pedestrian 0.50"]  # of the object that it is matched with, and of the detector
+    assert texts == [
+        "car #12, 5.0 m/s",
+        "pedestrian 0.50",
+    ]  # of the object that it is matched with, and of the detector
 
 
 def test_a_predicted_object_is_thinner_and_fainter() -> None:

@@ -111,7 +111,7 @@ def test_tracks_have_trails_and_those_that_are_predicted_a_path_of_their_own(tmp
     write(tmp_path / "out.rrd", [frame(index, sources=sources, tracks=tracks) for index in range(2)])
     text = printed(tmp_path, "-vvv")
     assert {"/world/predicted", "/world/predicted/uncertainty", "/world/trails"} <= entities(text)
-    for told in ("car #12 2.0 m/s", "pedestrian #7 2.0 m/s (predicted)", "lidcam.Objects:track"):
+    for told in ("car #12, 2.0 m/s", "pedestrian #7, 2.0 m/s (predicted)", "lidcam.Objects:track"):
         assert told in text
     assert rows_of(tmp_path, "/world/trails") == 1  # there is none in the first frame
 
