@@ -118,7 +118,7 @@ def test_labels_of_tracks_are_number_and_speed() -> None:
     assert texts == [
         "car #12, 5.0 m/s",
         "pedestrian 0.50",
-    ]  # of the object that it is matched with, and of the detector
+    ]  # the matched object's, and the detector's
 
 
 def test_a_predicted_object_is_thinner_and_fainter() -> None:
