@@ -7,8 +7,7 @@ stands now.
 import numpy as np
 
 from pipeline.core.arrays import F64
-from pipeline.core.frame import FrameResult
-from pipeline.core.own_motion import own_motion
+from pipeline.core.frame import FrameResult, own_motion
 from pipeline.core.settings.combine import MotionConfig
 from pipeline.core.tracks import NO_TRACK
 from writers.drawing import track_numbers

@@ -13,8 +13,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64, Bools
 from pipeline.core.detections import Hypotheses
-from pipeline.core.frame import SensorBundle
-from pipeline.core.own_motion import own_motion
+from pipeline.core.frame import SensorBundle, own_motion
 from pipeline.core.rig import Rig
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.combine import MotionConfig
