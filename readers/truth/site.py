@@ -37,6 +37,8 @@ class SitePoses:
     def __init__(self, recordings: Sequence[Recording], rig: Rig, config: Config) -> None:
         self._recordings, self._rig, self._config = recordings, rig, config
         self._ways: dict[str, Transform | _Motion | str] = {}
+        self._own_motion: _Motion | None = None
+        self._is_searched = False
 
     def T_site_frame(self, frame_id: str, stamp_ns: int) -> Transform | None:
         """The transform from a frame to the site frame at a time; None if the motion is not known at that time.
@@ -52,6 +54,28 @@ class SitePoses:
         if isinstance(way, str):
             raise FrameError(way)
         return way if isinstance(way, Transform) else way.at(stamp_ns)
+
+    def T_fixed_site(self, stamp_ns: int) -> Transform | None:
+        """Where the site frame is in a frame that does not move; None if its motion is not known at that time.
+
+        A site whose motion nobody recorded stands still, as for `lidcam process`. Times rise, apart from steps back as
+        of `TruthSource`.
+        """
+        if not self._is_searched:
+            self._is_searched = True
+            self._own_motion = next(filter(None, map(self._motion_of_site, self._recordings)), None)
+        if self._own_motion is None:
+            return Transform.identity(self._rig.site_frame, self._rig.site_frame)
+        T_site_fixed = self._own_motion.at(stamp_ns)
+        return None if T_site_fixed is None else T_site_fixed.inverse()
+
+    def _motion_of_site(self, recording: Recording) -> "_Motion | None":
+        transforms = read_transforms(recording, limits=self._config.limits)
+        source = _find_source(recording, self._rig, transforms, self._config)
+        if source is None:
+            return None
+        fixed = source.fixed_frame_id
+        return _Motion(recording, source, Transform.identity(fixed, fixed), self._config.limits)
 
     def _way(self, frame_id: str) -> "Transform | _Motion | str":
         site = self._rig.site_frame
@@ -93,13 +117,17 @@ def _motion_in(
     if transforms.are_joined(frame_id, frame):
         source = MotionSource(tuple(tf_topics(recording)[1]), rig.site_frame, frame, tuple(links))
         return _Motion(recording, source, transforms.lookup(frame_id, frame), config.limits)
-    try:
-        found = find_motion_source(recording, rig, transforms, config)
-    except LidcamError:  # odometry that is configured and was not recorded here
-        return None
+    found = _find_source(recording, rig, transforms, config)
     if found is None or not transforms.are_joined(frame_id, found.fixed_frame_id):
         return None
     return _Motion(recording, found, transforms.lookup(frame_id, found.fixed_frame_id), config.limits)
+
+
+def _find_source(recording: Recording, rig: Rig, transforms: RecordedTransforms, config: Config) -> MotionSource | None:
+    try:
+        return find_motion_source(recording, rig, transforms, config)
+    except LidcamError:  # odometry that is configured and was not recorded here
+        return None
 
 
 class _Motion:
