@@ -126,10 +126,10 @@ _ERRORS = (
     "is right.",
 )
 _MOTION = (
-    "speed, yaw rate: errors over the ground, in the root of the mean square. turned: headings off by more than 90 "
-    "degrees of what moves. NEES: squared error over what the covariance lets expect, 2 in the mean. in 95 %: boxes "
-    "that it holds as it should; pred.: of those that were predicted. false: tracks that mostly match nothing, and "
-    "their mean length.",
+    "speed, yaw/s: errors over the ground, in the root of the mean square. flips: headings off by more than 90 degrees "
+    "of what moves. NEES: squared error over what the covariance lets expect, 2 in the mean. in 95 %: boxes that it "
+    "holds as it should; pred.: of those that were predicted. false, lasting: tracks that mostly match nothing, and "
+    "for how many seconds.",
 )
 _CHAINS = (
     "chain: boxes that are linked from frame to frame as one object. seconds: its mean length. missing: of the frames "
@@ -222,13 +222,13 @@ def _motion_table(sources: Tree, tracking: Tree) -> Table:
     }
     columns: Columns = {
         "speed": lambda one: number(one["errors"]["velocity_m_s"]["rmse"], 2),
-        "yaw rate": lambda one: number(one["errors"]["yaw_rate_deg_s"]["rmse"], 1),
-        "turned": lambda one: percent(one["errors"]["flips_moving"]),
+        "yaw/s": lambda one: number(one["errors"]["yaw_rate_deg_s"]["rmse"], 1),
+        "flips": lambda one: percent(one["errors"]["flips_moving"]),
         "NEES": lambda one: number(one["errors"]["nees"]["mean"], 1),
         "in 95 %": lambda one: percent(one["errors"]["nees"]["inside_95"]),
         "pred.": lambda one: percent(one["predicted"]["nees"]["inside_95"]),
         "false": lambda one: str(one["false_tracks"]),
-        "seconds": lambda one: number(one["false_track_s_mean"], 1),
+        "lasting": lambda one: number(one["false_track_s_mean"], 1),
     }
     return _source_table("motion and trust of tracks (m/s, degrees/s)", by_source, columns, count="truth_tracks")
 
