@@ -20,7 +20,7 @@ from pipeline.core.settings.load import load_config
 from pipeline.core.settings.recording import LimitsConfig
 from pipeline.evaluation.evaluation_frame import SOURCES, UNKNOWN, Motion, SourceBoxes
 from readers.messages.diagnostics import decode_diagnostics
-from readers.messages.tracks import TRACKS, decode_tracks
+from readers.messages.objects.tracks import TRACKS, decode_tracks
 from readers.messages.vision.detections2d import DETECTIONS_2D, decode_detections2d
 from readers.messages.vision.detections3d import DETECTIONS_3D, Detections3D, decode_detections3d
 from readers.messages.vision.track_ids import track_ids

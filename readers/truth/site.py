@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -37,8 +38,6 @@ class SitePoses:
     def __init__(self, recordings: Sequence[Recording], rig: Rig, config: Config) -> None:
         self._recordings, self._rig, self._config = recordings, rig, config
         self._ways: dict[str, Transform | _Motion | str] = {}
-        self._own_motion: _Motion | None = None
-        self._is_searched = False
 
     def T_site_frame(self, frame_id: str, stamp_ns: int) -> Transform | None:
         """The transform from a frame to the site frame at a time; None if the motion is not known at that time.
@@ -61,13 +60,14 @@ class SitePoses:
         A site whose motion nobody recorded stands still, as for `lidcam process`. Times rise, apart from steps back as
         of `TruthSource`.
         """
-        if not self._is_searched:
-            self._is_searched = True
-            self._own_motion = next(filter(None, map(self._motion_of_site, self._recordings)), None)
         if self._own_motion is None:
             return Transform.identity(self._rig.site_frame, self._rig.site_frame)
         T_site_fixed = self._own_motion.at(stamp_ns)
         return None if T_site_fixed is None else T_site_fixed.inverse()
+
+    @cached_property
+    def _own_motion(self) -> "_Motion | None":
+        return next(filter(None, map(self._motion_of_site, self._recordings)), None)
 
     def _motion_of_site(self, recording: Recording) -> "_Motion | None":
         transforms = read_transforms(recording, limits=self._config.limits)

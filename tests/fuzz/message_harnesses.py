@@ -38,11 +38,11 @@ from readers.messages.camera_info import camera_model, rectified_camera_model
 from readers.messages.deserialize import definition_problem, deserialize, typestore_for
 from readers.messages.diagnostics import decode_diagnostics
 from readers.messages.image import decode_any_image
+from readers.messages.objects.tracks import decode_tracks
 from readers.messages.odometry import decode_odometry
 from readers.messages.pointcloud2 import decode_pointcloud2
 from readers.messages.tf import decode_transforms, read_transforms
 from readers.messages.to_ros2 import to_ros2
-from readers.messages.tracks import decode_tracks
 from readers.messages.vision.detections2d import decode_detections2d
 from readers.messages.vision.detections3d import decode_detections3d
 from readers.streams.recorded3d import RecordedBoxes3D

@@ -10,7 +10,7 @@ from track_messages import track, track_array
 
 from pipeline.core.errors import MessageError
 from pipeline.core.settings.recording import LimitsConfig
-from readers.messages.tracks import decode_tracks
+from readers.messages.objects.tracks import decode_tracks
 
 STAMP_NS = 1_700_000_000_123_456_789
 
