@@ -138,7 +138,8 @@ class RoadUserTally:
         ways = np.stack([found["first_zone"], found["last_zone"]], 1)
         for way in np.unique(ways[ways[:, 0] != ways[:, 1]], axis=0):
             means = _mean_speeds(found[(ways == way).all(1)], [*range(len(self._places))])
-            yield ZoneChange(class_name, *(self._places[row] for row in way), len(means), float(means.mean()))
+            first, last = (self._places[row] for row in way.tolist())
+            yield ZoneChange(class_name, first, last, len(means), float(means.mean()))
 
 
 def _mean_speeds(found: Array, places: list[int]) -> F64:

@@ -5,12 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, Bools, Indices
+from pipeline.core.arrays import F32, F64, I64, Bools, Indices
 from pipeline.core.camera import CameraModel
-from pipeline.core.detections import Boxes2D, Boxes3D, Matches, Source
+from pipeline.core.detections import NO_HYPOTHESIS, Boxes2D, Boxes3D, Matches, Source, source_names
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.optics.drawn_edges import draw_edges
+from pipeline.core.tracks import NO_TRACK
 from writers.palette import CAMERA_ONLY, MATCHED, Rgb, class_color
 
 __all__ = [
@@ -19,25 +20,36 @@ __all__ = [
     "STRONG_SCORE",
     "DrawnBoxes2D",
     "ObjectEdges",
+    "arrow_lengths",
     "drawn_boxes_2d",
     "ground_ellipses",
     "labels_in_the_clear",
     "object_colors",
     "object_edges",
     "object_labels",
-    "placed_objects",
+    "predicted_objects",
     "strong_objects",
+    "thin_objects",
+    "track_numbers",
 ]
 
 ObjectEdges = tuple[F32, Indices]
 
 ARROW_SHARE = 0.75
-"""Length of an object's arrow, as a share of the object's: from its centre to a quarter beyond its front."""
+"""Length of the arrow of an object that stands, as a share of the object's: from its centre to a quarter beyond it."""
+
+ARROW_S = 1.0
+"""The arrow of an object that moves reaches as much farther as it moves ahead in this time."""
 
 STRONG_SCORE = 0.5
 FAINTEST = 0.4
 """Brightness of an object of score 0, as a share of its colour."""
 
+STANDING_M_S = 0.05
+"""Below this no speed is written."""
+
+PREDICTED_SHARE = 0.65
+"""Brightness of an object that is predicted, as a share of that of one that is seen."""
 
 ELLIPSE_CORNERS = 48
 """Corners of the polygon that is drawn as an ellipse."""
@@ -51,38 +63,72 @@ def strong_objects(result: FrameResult) -> Bools:
     return np.asarray((result.fused.matched > 0) | (result.fused.objects.scores >= STRONG_SCORE))
 
 
-def placed_objects(result: FrameResult) -> Bools:
-    """(N,) which fused objects the cameras alone place: they are drawn thinner, and with how sure their place is."""
-    return np.asarray(result.fused.objects.sources == Source.CAMERA)
+def track_numbers(result: FrameResult) -> I64:
+    """(N,) number of the track of each fused object; `NO_TRACK` of one without."""
+    tracks = result.fused.tracks
+    return np.full(len(result.fused.objects), NO_TRACK, np.int64) if tracks is None else tracks.ids
+
+
+def predicted_objects(result: FrameResult) -> Bools:
+    """(N,) which fused objects nothing in the frame shows: they are where their tracks say."""
+    return np.asarray(result.fused.objects.sources == Source.PREDICTED)
+
+
+def thin_objects(result: FrameResult) -> Bools:
+    """(N,) which fused objects no lidar shows: they are drawn thinner, and with how sure their place is."""
+    return np.asarray((result.fused.objects.sources == Source.CAMERA) | predicted_objects(result))
+
+
+def arrow_lengths(result: FrameResult) -> F64:
+    """(N,) lengths of the arrows along the headings, metres; 0 of a track whose motion has not shown its front."""
+    objects, tracks = result.fused.objects, result.fused.tracks
+    lengths = ARROW_SHARE * objects.sizes[:, 0]
+    if tracks is None:
+        return lengths
+    ahead = tracks.velocities[:, 0] * np.cos(objects.yaws) + tracks.velocities[:, 1] * np.sin(objects.yaws)
+    return np.where(tracks.fronts_known, lengths + ARROW_S * np.maximum(ahead, 0.0), 0.0)
 
 
 def object_colors(result: FrameResult) -> F64:
-    """(N, 3) red, green, blue in [0, 1] of each fused object: its class's, darker the lower its score."""
+    """(N, 3) red, green, blue in [0, 1] of each fused object: its class's, darker where unsure or predicted."""
     objects = result.fused.objects
     colors = np.array([class_color(class_id) for class_id in objects.class_ids.tolist()]).reshape(-1, 3)
     brightness = FAINTEST + (1 - FAINTEST) * np.where(strong_objects(result), 1.0, objects.scores)
+    brightness *= np.where(predicted_objects(result), PREDICTED_SHARE, 1.0)
     return colors * brightness[:, None]
 
 
 def object_labels(result: FrameResult, class_names: Sequence[str]) -> list[str]:
-    """The text beside each fused object: class, score, how many cameras confirm it, whether no lidar saw it."""
-    objects = result.fused.objects
-    columns = zip(
-        objects.class_ids.tolist(),
-        objects.scores.tolist(),
-        result.fused.matched.tolist(),
-        placed_objects(result).tolist(),
-        strict=True,
-    )
+    """The text beside each fused object: `car #12, 4.3 m/s` of a track, `car 0.82 (2 cam)` without one.
+
+    Both say what is missing: `no lidar` where the cameras alone place the object, `predicted` where nothing shows it.
+    """
+    names, sources = _names(result, class_names), source_names(result.fused.objects.sources)
+    columns = zip(names, track_numbers(result).tolist(), result.fused.matched.tolist(), sources, strict=True)
+    return [name + _remark(source, cameras if number == NO_TRACK else 0) for name, number, cameras, source in columns]
+
+
+def _remark(source: str, cameras: int) -> str:
+    missing = {"camera": ["no lidar"], "predicted": ["predicted"]}.get(source, [])
+    parts = [f"{cameras} cam"] * (cameras > 0) + missing
+    return f" ({', '.join(parts)})" if parts else ""
+
+
+def _names(result: FrameResult, class_names: Sequence[str]) -> list[str]:
+    """Class, number and speed of each object that has a track; class and score of the others."""
+    objects, tracks = result.fused.objects, result.fused.tracks
+    names, scores = [class_names[class_id] for class_id in objects.class_ids.tolist()], objects.scores.tolist()
+    if tracks is None:
+        return [f"{name} {score:.2f}" for name, score in zip(names, scores, strict=True)]
+    columns = zip(names, scores, tracks.ids.tolist(), tracks.speeds.tolist(), strict=True)
     return [
-        f"{class_names[class_id]} {score:.2f}" + _witnesses(cameras, is_placed=is_placed)
-        for class_id, score, cameras, is_placed in columns
+        f"{name} {score:.2f}" if number == NO_TRACK else f"{name} #{number}{_speed(speed_m_s)}"
+        for name, score, number, speed_m_s in columns
     ]
 
 
-def _witnesses(cameras: int, *, is_placed: bool) -> str:
-    parts = [f"{cameras} cam"] * (cameras > 0) + ["no lidar"] * is_placed
-    return f" ({', '.join(parts)})" if parts else ""
+def _speed(speed_m_s: float) -> str:
+    return f", {speed_m_s:.1f} m/s" if speed_m_s >= STANDING_M_S else ""
 
 
 def object_edges(result: FrameResult, cameras: Iterable[str]) -> dict[str, ObjectEdges]:
@@ -135,7 +181,7 @@ class DrawnBoxes2D(NamedTuple):
     Attributes:
         xyxy: (N, 4) float32, left, top, right, bottom in pixels.
         colors: N colours: that of matched boxes, or of boxes of the camera alone.
-        labels: Class and score: the object's where the box belongs to one, else the detector's.
+        labels: Class and score, or track and speed: the object's where the box belongs to one, else the detector's.
     """
 
     xyxy: F32
@@ -148,16 +194,15 @@ def drawn_boxes_2d(result: FrameResult, camera: str, class_names: Sequence[str])
     boxes: Boxes2D | None = result.detections.cameras.get(camera)
     if boxes is None:
         return DrawnBoxes2D(np.zeros((0, 4), np.float32), (), ())
-    objects = result.fused.objects
-    object_of_row = {row: index for index, row in enumerate(result.fused.rows.tolist())}
+    names = _names(result, class_names)
+    object_of_row = {row: index for index, row in enumerate(result.fused.rows.tolist()) if row != NO_HYPOTHESIS}
     matches: Matches | None = result.matches.get(camera)
     pairs = matches.pairs.tolist() if matches is not None else []
     object_of_box = {row2d: object_of_row[row3d] for row3d, row2d in pairs if row3d in object_of_row}
     labels = []
     for row, (class_id, score) in enumerate(zip(boxes.class_ids.tolist(), boxes.scores.tolist(), strict=True)):
-        if (index := object_of_box.get(row)) is not None:
-            class_id, score = int(objects.class_ids[index]), float(objects.scores[index])
-        labels.append(f"{class_names[class_id]} {score:.2f}")
+        index = object_of_box.get(row)
+        labels.append(names[index] if index is not None else f"{class_names[class_id]} {score:.2f}")
     colors = [MATCHED if row in object_of_box else CAMERA_ONLY for row in range(len(boxes))]
     return DrawnBoxes2D(boxes.xyxy, colors, labels)
 

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from readers.results.result import open_result
+
 ROOT = Path(__file__).resolve().parents[2]
 
 SECONDS = {"sandbox": 20, "crossing": 10, "vehicle": 10}
@@ -16,6 +18,9 @@ SECONDS = {"sandbox": 20, "crossing": 10, "vehicle": 10}
 
 RECORDED = ("--set", "cameras.*.jpeg_quality=40")
 """Images are looked at and not measured."""
+
+MODES = ("none", "online", "offline")
+"""Of tracks: frames by themselves, frame by frame, and with the future of each frame."""
 
 WRITTEN = ("--set", "output.images=false", "--set", "output.clouds=false")
 """Boxes alone are evaluated."""
@@ -32,6 +37,7 @@ class MeasuredRun:
         result: The result of `lidcam process` with the settings that it chose itself.
         figures: The JSON of `lidcam evaluate`.
         when_measured: The same against where objects were at the time of their lidar points.
+        by_mode: Results with each of `MODES` of tracks.
     """
 
     scenario: str
@@ -40,6 +46,7 @@ class MeasuredRun:
     result: Path
     figures: dict[str, Any]
     when_measured: dict[str, Any]
+    by_mode: dict[str, Path]
 
 
 def measured_run(scenario: str, folder: Path) -> MeasuredRun:
@@ -61,7 +68,18 @@ def measured_run(scenario: str, folder: Path) -> MeasuredRun:
     _lidcam("evaluate", result, "--json-file", files["figures"])
     _lidcam("evaluate", result, "--json-file", files["when_measured"], "--set", "evaluate.truth_time=points")
     trees = {name: json.loads(path.read_bytes()) for name, path in files.items()}
-    return MeasuredRun(scenario, SECONDS[scenario], recording, result, **trees)
+    return MeasuredRun(scenario, SECONDS[scenario], recording, result, **trees, by_mode=_by_mode(recording, result))
+
+
+def _by_mode(recording: Path, result: Path) -> dict[str, Path]:
+    """Results by their mode of tracks; that of `result` is its own."""
+    with open_result(result) as opened:
+        own = opened.config.track.mode
+    found = {mode: result if mode == own else result.with_suffix(f".{mode}.mcap") for mode in MODES}
+    for mode, path in found.items():
+        if mode != own:
+            _lidcam("process", recording, path, "--overwrite", *WRITTEN, "--set", f"track.mode={mode}")
+    return found
 
 
 def _origin(scenario: str) -> str:

@@ -15,6 +15,7 @@ from typing import Any
 from measured_runs import ROOT, SECONDS, MeasuredRun, measured_run
 from mistake_images import KINDS, Look, looks, write_images
 from side_by_side import by_class, side_by_side, table, verdicts
+from tracks_table import measured_tracks, tracks_table
 
 from lidcam.printing.numbers import NONE, number, percent, share, signed
 
@@ -40,6 +41,12 @@ with a simulated 2D detector: they show what changes from one version to the nex
 - *better*, *worse*, *open*: where the interval of 95 %, from resampled blocks of frames, lies above zero, below it, or
   on both sides. A gain is positive where fusion is better, of the position too. *position* compares means, which are
   those of what each found; *found by lidar, too* compares the objects that both found, one by one.
+- *Tracks*: *unfiltered* are the fused objects of each frame by itself. *nearest neighbour* numbers them, *AB3DMOT*
+  (Weng et al., IROS 2020, stated anew) filters them. *online* and *offline* are lidcam's own (`track.mode`).
+  *position*, *yaw* (a turn by 180 degrees counted as right) and *speed* are roots of the mean square, in metres,
+  degrees and m/s; *flips, moving* are those of what moves; *in 95 %*: boxes whose error in x and y lies where their
+  covariance says with 95 %; *false tracks* mostly match nothing; *switches*: objects that another track takes over;
+  *fragments*: times that an object is lost and found again.
 """
 
 
@@ -87,6 +94,9 @@ def section(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
     if cameras := _cameras(figures):
         yield "2D boxes of all classes against what the images show:\n"
         yield from table(["camera", "truth", "AP 2D", "recall", "precision", "false an image"], cameras)
+    yield "Tracks:\n"
+    own = {mode: path for mode, path in run.by_mode.items() if mode != "none"}
+    yield from tracks_table(measured_tracks(run.by_mode["none"], own), [*own])
     if shown:
         yield from _mistakes(run, shown)
 

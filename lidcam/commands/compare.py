@@ -15,7 +15,7 @@ from lidcam.printing.log import remark_log
 from pipeline.core.errors import LidcamError
 
 if TYPE_CHECKING:
-    from pipeline.core.settings.compare import CompareConfig
+    from pipeline.core.settings.evaluate import CompareConfig
     from pipeline.evaluation.comparison.comparison import Comparison
     from pipeline.evaluation.comparison.frames import FramePair
     from readers.results.result import Result

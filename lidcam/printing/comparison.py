@@ -7,7 +7,7 @@ from rich.console import Console
 
 from lidcam.printing.folding import show_line, show_table
 from lidcam.printing.tables import ColumnsTable
-from pipeline.core.settings.compare import CompareConfig
+from pipeline.core.settings.evaluate import CompareConfig
 from pipeline.evaluation.comparison.object_changes import KINDS
 
 __all__ = ["print_comparison"]

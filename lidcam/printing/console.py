@@ -27,7 +27,7 @@ from pipeline.core.frame import FrameResult
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.engines import ENGINES
-from pipeline.core.tracks import NO_TRACK
+from pipeline.core.tracks import NO_TRACK, Tracks
 from readers.recording import Loss
 from readers.rig.sensor_topics import SensorFault
 
@@ -66,19 +66,21 @@ def print_detections(out: Console, frame: FrameResult, config: Config) -> None:
         deviations_m = np.sqrt(placed.covariances[:, [0, 1], [0, 1]].sum(1)).tolist()
         _print_boxes(out, placed, config, [f"+- {deviation_m:.2f} m" for deviation_m in deviations_m])
     out.print(f"  {len(fused.objects)} fused objects")
-    _print_boxes(out, fused.objects, config, _remarks(fused))
-
-
-def _remarks(fused: Fused) -> list[str]:
     columns = zip(source_names(fused.objects.sources), fused.rows.tolist(), fused.matched.tolist(), strict=True)
-    seen = [
-        f"{name}{'' if row == NO_HYPOTHESIS else f', of row {row}'}, {cameras} cam" for name, row, cameras in columns
+    origins = [
+        name if row == NO_HYPOTHESIS else f"{name}, of row {row}, {cameras} cam" for name, row, cameras in columns
     ]
-    if fused.tracks is None:
-        return seen
-    tracks = zip(seen, fused.tracks.ids.tolist(), fused.tracks.speeds.tolist(), strict=True)
+    remarks = [", ".join(filter(None, pair)) for pair in zip(_told_of_tracks(fused), origins, strict=True)]
+    _print_boxes(out, fused.objects, config, remarks)
+
+
+def _told_of_tracks(fused: Fused) -> list[str]:
+    """Number, speed and age of the track of each object; empty of one without."""
+    tracks = Tracks.none(len(fused.objects)) if fused.tracks is None else fused.tracks
+    columns = zip(tracks.ids.tolist(), tracks.speeds.tolist(), tracks.ages_s.tolist(), strict=True)
     return [
-        text if number == NO_TRACK else f"{text}, track {number}, {speed:.1f} m/s" for text, number, speed in tracks
+        f"track {number}, {speed_m_s:.1f} m/s, {age_s:.1f} s old" if number != NO_TRACK else ""
+        for number, speed_m_s, age_s in columns
     ]
 
 
@@ -98,10 +100,18 @@ def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
     Objects have their row among the fused ones. A 3D box that is not reported has its row in what was weighed: the
     lidars' detections, then those that 2D boxes propose.
     """
-    hypotheses, reported = frame.hypotheses, {row: number for number, row in enumerate(frame.fused.rows.tolist())}
+    hypotheses, fused = frame.hypotheses, frame.fused
+    names = [f"object {row}" for row in range(len(fused.objects))]
+    if fused.tracks is not None:
+        numbers = fused.tracks.ids.tolist()
+        names = [
+            f"{name} (track {number})" if number != NO_TRACK else name
+            for name, number in zip(names, numbers, strict=True)
+        ]
+    reported = {row: name for row, name in zip(fused.rows.tolist(), names, strict=True) if row != NO_HYPOTHESIS}
 
     def name_of(row: int) -> str:
-        return f"object {reported[row]}" if row in reported else f"3D box {row} (not reported)"
+        return reported.get(row, f"3D box {row} (not reported)")
 
     out.print(f"frame {frame.bundle.index}  stamp {frame.bundle.stamp_ns} ns  matches")
     matched: set[int] = set()
@@ -119,10 +129,13 @@ def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
         where = "with points of the lidars" if source == "both" else "placed by the cameras alone"
         out.print(f"  {name_of(row)}: proposed by 2D boxes, {where}")
     alone = sorted(set(range(hypotheses.lidar_count)) - matched)
-    names = [f"object {reported[row]}" for row in alone if row in reported]
+    listed = [reported[row] for row in alone if row in reported]
     others = [str(row) for row in alone if row not in reported]
-    names += [f"3D box{'es' * (len(others) > 1)} {', '.join(others)} (not reported)"] if others else []
-    out.print(f"  seen by the lidars alone: {', '.join(names) or 'none'}")
+    listed += [f"3D box{'es' * (len(others) > 1)} {', '.join(others)} (not reported)"] if others else []
+    out.print(f"  seen by the lidars alone: {', '.join(listed) or 'none'}")
+    predicted = [name for name, row in zip(names, fused.rows.tolist(), strict=True) if row == NO_HYPOTHESIS]
+    if predicted:
+        out.print(f"  seen by nothing, but predicted by their tracks: {', '.join(predicted)}")
 
 
 def print_report(out: Console, report: RunReport) -> None:
@@ -167,7 +180,9 @@ def print_report(out: Console, report: RunReport) -> None:
         "3D boxes": _boxes3d(report),
         "2D boxes": _BOX_SOURCES[sensors.box_source],
         "confirmed": _confirmed(report),
-        "geometry": ", ".join(f"{count} {_GEOMETRY[source]}" for source, count in frames.sources.items()),
+        "geometry": ", ".join(
+            f"{count} {_GEOMETRY[source]}" for source, count in frames.sources.items() if count or source != "predicted"
+        ),
         **({"copied": _copied(report)} if inputs.copied else {}),
         "settings": str(report.settings),
         "written": ", ".join(map(str, report.outputs)),

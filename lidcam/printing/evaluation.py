@@ -110,6 +110,7 @@ def _tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
         yield _images_table({name: tree["images"][name] for name in images}), ()
     if tree["frames_with_truth"] and tree["tracking"]:
         yield _tracking_table(tree["tracking"]), ()
+        yield _motion_table(sources, tree["tracking"]), _MOTION
     for source, kinds in tree["mistakes"].items():
         if any(kinds.values()):
             yield mistakes_table(source, kinds), ()
@@ -123,6 +124,12 @@ _ERRORS = (
     "where front and rear are exchanged; each adds up to 180 degrees to the mean. axis: the heading if front and rear "
     "are not told apart. length, width: by how much too long and too wide. ECE: how far scores are from the share that "
     "is right.",
+)
+_MOTION = (
+    "speed, yaw/s: errors over the ground, in the root of the mean square. flips: headings off by more than 90 degrees "
+    "of what moves. NEES: squared error over what the covariance lets expect, 2 in the mean. in 95 %: boxes that it "
+    "holds as it should; pred.: of those that were predicted. false, lasting: tracks that mostly match nothing, and "
+    "for how many seconds.",
 )
 _CHAINS = (
     "chain: boxes that are linked from frame to frame as one object. seconds: its mean length. missing: of the frames "
@@ -205,6 +212,25 @@ def _tracking_table(tracking: Tree) -> Table:
         "flips": lambda one: str(one["heading_flips"]),
     }
     return _source_table("tracks", tracking, columns, count="truth_tracks")
+
+
+def _motion_table(sources: Tree, tracking: Tree) -> Table:
+    """What tracks say beyond places: velocity, covariance, and how many are of nothing."""
+    by_source = {
+        source: {name: {**sources[source][name], **one} for name, one in classes.items()}
+        for source, classes in tracking.items()
+    }
+    columns: Columns = {
+        "speed": lambda one: number(one["errors"]["velocity_m_s"]["rmse"], 2),
+        "yaw/s": lambda one: number(one["errors"]["yaw_rate_deg_s"]["rmse"], 1),
+        "flips": lambda one: percent(one["errors"]["flips_moving"]),
+        "NEES": lambda one: number(one["errors"]["nees"]["mean"], 1),
+        "in 95 %": lambda one: percent(one["errors"]["nees"]["inside_95"]),
+        "pred.": lambda one: percent(one["predicted"]["nees"]["inside_95"]),
+        "false": lambda one: str(one["false_tracks"]),
+        "lasting": lambda one: number(one["false_track_s_mean"], 1),
+    }
+    return _source_table("motion and trust of tracks (m/s, degrees/s)", by_source, columns, count="truth_tracks")
 
 
 def _chains_table(unlabelled: Tree) -> Table:

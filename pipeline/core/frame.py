@@ -5,16 +5,20 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TypeVar
 
+import numpy as np
+
 from pipeline.core.arrays import F64
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Detections, Fused, Hypotheses, Matches
 from pipeline.core.errors import FrameError
 from pipeline.core.geometry.pose_samples import PoseSamples
+from pipeline.core.geometry.poses import interpolate_poses
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.rig import CameraSensor
+from pipeline.core.settings.combine import MotionConfig
 from pipeline.core.true_boxes import TrueBoxes
 
-__all__ = ["Decoded", "FrameResult", "Missing", "SensorBundle"]
+__all__ = ["Decoded", "FrameResult", "Missing", "SensorBundle", "own_motion"]
 
 T = TypeVar("T")
 
@@ -132,3 +136,24 @@ class FrameResult:
     def matches(self) -> Mapping[str, Matches]:
         """By camera name, for every camera of the rig; rows refer to `hypotheses.boxes`."""
         return self.hypotheses.matches
+
+
+def own_motion(bundle: SensorBundle, since_ns: int, site_frame: str, config: MotionConfig) -> F64 | None:
+    """(4, 4) from the site frame at `since_ns` to that at the time of a bundle; None where it moves and how is unknown.
+
+    Without odometry, or where motion is switched off, the site frame stands still.
+
+    Raises:
+        FrameError: the motion is that of a frame other than the site frame.
+    """
+    motion = bundle.motion_of(site_frame) if config.enabled else None
+    if motion is None:
+        return np.eye(4)
+    earlier_ns, later_ns = sorted((since_ns, bundle.stamp_ns))
+    if not motion.covers(
+        earlier_ns, later_ns, max_extrapolation_s=config.max_extrapolation_s, max_gap_s=config.max_gap_s
+    ):
+        return None
+    wanted_ns = np.array([since_ns, bundle.stamp_ns], np.int64)
+    then, now = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, wanted_ns)
+    return np.asarray(np.linalg.inv(now) @ then)

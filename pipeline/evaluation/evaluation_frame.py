@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, TypeAlias, Union
+from typing import Protocol, Self, TypeAlias, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,7 @@ __all__ = [
     "Figure",
     "Figures",
     "ImageBoxes",
+    "Motion",
     "Names",
     "SourceBoxes",
     "TruthBoxes2D",
@@ -130,19 +131,50 @@ class TruthBoxes2D:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Motion(Table):
+    """What the tracks of N objects say of their motion.
+
+    Attributes:
+        velocities: (N, 2) float64, over the ground, along x and y of the site frame, m/s; NaN where it is not known.
+        yaw_rates: (N,) float64, over the ground, rad/s, counter-clockwise; NaN where it is not known.
+        is_predicted: (N,) bool, whether nothing of the object was seen in this frame.
+    """
+
+    velocities: F64
+    yaw_rates: F64
+    is_predicted: Bools
+
+    def __post_init__(self) -> None:
+        n = len(self.velocities)
+        check_array("velocities", self.velocities, (n, 2), np.float64)
+        check_array("yaw_rates", self.yaw_rates, (n,), np.float64)
+        check_array("is_predicted", self.is_predicted, (n,), np.bool_)
+
+    @classmethod
+    def unknown(cls, count: int) -> Self:
+        """Objects whose motion nobody told."""
+        return cls(np.full((count, 2), np.nan), np.full(count, np.nan), np.zeros(count, np.bool_))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class SourceBoxes(Table):
     """The objects of one source in a frame.
 
     Attributes:
         boxes: Its objects.
         track_ids: (N,) int64, the same for the same object in all frames; `UNKNOWN` where the result has none.
+        motion: Their motion; None if the source says nothing of it.
     """
 
     boxes: Boxes3D
     track_ids: I64
+    motion: Motion | None = None
 
     def __post_init__(self) -> None:
-        check_array("track_ids", self.track_ids, (len(self.boxes),), np.int64)
+        n = len(self.boxes)
+        check_array("track_ids", self.track_ids, (n,), np.int64)
+        if self.motion is not None and len(self.motion) != n:
+            raise ValueError(f"motion: expected that of {n} objects, got {len(self.motion)}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,6 +201,8 @@ class EvaluationFrame:
         sources: The objects found, by source: `lidar`, `fused`, and `cameras` where cameras alone place objects.
         images: By camera name; only cameras with an image or boxes in this frame.
         skew_ns: Largest minus smallest stamp of the messages that the frame is made of; None if not known.
+        T_fixed_site: (4, 4) float64, where the site frame stands on the ground, in a frame that does not move; None if
+            it is not known.
     """
 
     index: int
@@ -177,6 +211,7 @@ class EvaluationFrame:
     sources: Mapping[str, SourceBoxes]
     images: Mapping[str, ImageBoxes] = field(default_factory=dict)
     skew_ns: int | None = None
+    T_fixed_site: F64 | None = field(default_factory=lambda: np.eye(4))
 
 
 def in_order(sources: Iterable[str]) -> list[str]:

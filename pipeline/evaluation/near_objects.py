@@ -10,7 +10,7 @@ from pipeline.core.arrays import F64, I32, I64, Bools, Indices, Table, join_rows
 from pipeline.core.detections import Boxes3D
 from pipeline.core.geometry.rotated_iou import BoxArrays, OrientedBoxes, pair_ious
 from pipeline.evaluation.assignment import pairs_of_equal
-from pipeline.evaluation.evaluation_frame import SourceBoxes, TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import Motion, SourceBoxes, TruthBoxes3D
 
 __all__ = ["NEAR_M", "Candidates", "FoundObjects", "Measure", "TrueObjects", "pairs_near"]
 
@@ -46,11 +46,13 @@ class FoundObjects(Table):
         frames: (N,) int32, number of the evaluated frame, rising.
         boxes: The detections; their stamp and frame of reference mean nothing.
         track_ids: (N,) int64, or `UNKNOWN`.
+        motion: What their tracks say of their motion.
     """
 
     frames: I32
     boxes: Boxes3D
     track_ids: I64
+    motion: Motion
 
     @classmethod
     def of(cls, sources: Sequence[SourceBoxes | None], first_frame: int) -> "FoundObjects":
@@ -60,6 +62,7 @@ class FoundObjects(Table):
             _frames([0 if source is None else len(source) for source in sources], first_frame),
             join_rows(Boxes3D.empty(0, ""), *(source.boxes for source in given)),
             np.concatenate([np.zeros(0, np.int64), *(source.track_ids for source in given)]),
+            join_rows(Motion.unknown(0), *(source.motion or Motion.unknown(len(source)) for source in given)),
         )
 
 

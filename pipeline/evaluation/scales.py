@@ -17,6 +17,7 @@ __all__ = [
     "range_edges_m",
     "range_names",
     "range_rows",
+    "rows_of_ranges",
 ]
 
 REFERENCE_LENGTH_M = 4.0
@@ -82,7 +83,11 @@ def range_rows(centers: F64, edges_m: F64) -> I64:
     Returns:
         (N,) row of the range, which holds its nearer edge and not its farther; -1 before the first.
     """
-    ranges_m = np.hypot(centers[:, 0], centers[:, 1])
+    return rows_of_ranges(np.hypot(centers[:, 0], centers[:, 1]), edges_m)
+
+
+def rows_of_ranges(ranges_m: F64, edges_m: F64) -> I64:
+    """As `range_rows`, from the distances (N,) along the ground themselves."""
     return (np.searchsorted(edges_m, ranges_m, side="right") - 1).astype(np.int64)
 
 

@@ -13,8 +13,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64, Bools
 from pipeline.core.detections import Hypotheses
-from pipeline.core.frame import SensorBundle
-from pipeline.core.geometry.poses import interpolate_poses
+from pipeline.core.frame import SensorBundle, own_motion
 from pipeline.core.rig import Rig
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.combine import MotionConfig
@@ -81,7 +80,9 @@ class Believe:
         self._recall.learn(visibility, before, evidence, FITTED)
         boxes, said = hypotheses.boxes, joined(evidence, FITTED)
         is_seen, has_absent = self._looking(hypotheses, visibility)
-        self._memory.age((bundle.stamp_ns - self._last_ns) / 1e9, self._own_motion(bundle))
+        self._memory.age(
+            (bundle.stamp_ns - self._last_ns) / 1e9, own_motion(bundle, self._last_ns, self._site_frame, self._motion)
+        )
         self._last_ns = bundle.stamp_ns
         recalled = self._memory.recalled(boxes, ~is_seen & has_absent)
         self._memory.remember(boxes, is_seen, said, all_look=len(visibility.cameras) == len(self._cameras))
@@ -105,20 +106,3 @@ class Believe:
         ]
         is_seen, has_absent = np.concatenate([nobody, visibility.in_view]), np.concatenate([nobody, *absent])
         return np.asarray(is_seen.any(0)), np.asarray(has_absent.any(0))
-
-    def _own_motion(self, bundle: SensorBundle) -> F64 | None:
-        """(4, 4) from the site frame at the last frame to that now; None where it moves and how is unknown."""
-        motion = bundle.motion_of(self._site_frame) if self._motion.enabled else None
-        if motion is None:
-            return np.eye(4)
-        earlier_ns, later_ns = sorted((self._last_ns, bundle.stamp_ns))
-        if not motion.covers(
-            earlier_ns,
-            later_ns,
-            max_extrapolation_s=self._motion.max_extrapolation_s,
-            max_gap_s=self._motion.max_gap_s,
-        ):
-            return None
-        wanted_ns = np.array([self._last_ns, bundle.stamp_ns], np.int64)
-        then, now = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, wanted_ns)
-        return np.asarray(np.linalg.inv(now) @ then)

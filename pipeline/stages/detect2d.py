@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.core.arrays import Indices
 from pipeline.core.detections import Boxes2D
 from pipeline.core.errors import ConfigError
-from pipeline.core.images import Image
+from pipeline.core.optics.images import Image
 from pipeline.core.rig import Rig
 from pipeline.core.settings.detect import Detect2DConfig
 from pipeline.detectors.protocols import Candidates2D, Detector2D

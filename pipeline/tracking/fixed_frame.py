@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools, Indices, join_rows
+from pipeline.core.arrays import F64, join_rows
 from pipeline.core.detections import NO_HYPOTHESIS, Boxes3D, Fused, Source
 from pipeline.core.frame import FrameResult, SensorBundle
 from pipeline.core.geometry.poses import interpolate_poses
@@ -64,7 +64,6 @@ class SightingsOf:
             chosen.class_ids.astype(np.int64),
             are_reported[rows],
             frame.hypotheses.matched[rows],
-            _in_view(frame, rows),
             chosen.point_counts,
             chosen.sources,
             sides,
@@ -99,14 +98,6 @@ def _seen_from(boxes: Boxes3D, lidars: F64) -> tuple[F64, F64]:
     # The length is seen from the side, the width from the front or the back.
     faces = (weights * np.abs(along[..., ::-1]) / distances).max(1)
     return sides, np.maximum(faces, 1e-9)
-
-
-def _in_view(frame: FrameResult, rows: Indices) -> Bools:
-    in_view = np.zeros(len(frame.hypotheses.boxes), np.bool_)
-    for name in frame.detections.cameras:
-        matches = frame.matches[name]
-        in_view |= np.isfinite(matches.projected_xyxy[:, 0]) & (matches.hidden < 0.5)
-    return in_view[rows]
 
 
 def with_tracks(fused: Fused, seen: FrameSightings, rows: TrackRows, zones: Sequence[Zone]) -> Fused:

@@ -26,10 +26,12 @@ __all__ = ["OfflineTracker"]
 OVERLAP_BEYOND_GAP_S = 2.0
 """Windows overlap by the longest gap and so much more."""
 
-DOUBT_FRAMES, DOUBT_LOG_ODDS, MISS_LOG_ODDS = 3, -2.0, -1.0
-"""Each track begins with so many frames that speak against it, and so does each frame in which it is not seen."""
+MISS_LOG_ODDS = -1.0
+"""What a frame says of a track that is not seen in it, between its first and its last sighting."""
 
-FEWEST_SIGHTINGS = 2
+DOUBT_LOG_ODDS, DOUBT_S = -2.0, 0.25
+"""What the frames say that are so near to its first and its last sighting, and do not show it yet, or any more. Where
+there are none, in a recording of one frame or of frames far apart, nothing speaks against it."""
 
 HEIGHT_FRAMES = 5
 """Heights are means over so many frames before and after."""
@@ -94,7 +96,7 @@ class OfflineTracker:
 
     def _associated(self) -> I64:
         """(N,) track of each sighting, frame by frame; -1 for none, and for what a frame does not report by itself."""
-        tracker = OnlineTracker(self._priors, 0.0)
+        tracker = OnlineTracker(self._priors, least_existence=0.0, max_gap_s=self._max_gap_s)
         ids: list[I64] = []
         for frame in self._frames:
             reported = np.flatnonzero(frame.sightings.are_reported)
@@ -102,9 +104,7 @@ class OfflineTracker:
             of_frame = np.full(len(frame.sightings), -1, np.int64)
             of_frame[reported] = np.where(tracker.ids_of_sightings > 0, tracker.ids_of_sightings, -1)
             ids.append(of_frame)
-        labels = np.concatenate(ids)
-        counts = np.bincount(labels[labels >= 0], minlength=1)
-        return np.where((labels >= 0) & (counts[labels] >= FEWEST_SIGHTINGS), labels, -1)
+        return np.concatenate(ids)
 
     def _over_gaps(self, scene: Scene) -> Callable[[Estimates], I64]:
         return partial(joined_over_gaps, stamps_s=scene.stamps_s, priors=self._priors, max_gap_s=self._max_gap_s)
@@ -114,7 +114,11 @@ class OfflineTracker:
         tracks, count = estimates.courses.cell_tracks, len(estimates)
         total = known.log_odds + np.bincount(tracks, _evidence(scene, estimates), count)
         frames = known.counts + np.bincount(tracks, minlength=count)
-        return (total + DOUBT_FRAMES * DOUBT_LOG_ODDS) / (frames + DOUBT_FRAMES)
+        stamps_s, courses = scene.stamps_s, estimates.courses
+        begins = np.searchsorted(stamps_s, stamps_s[courses.firsts] - DOUBT_S)
+        ends = np.searchsorted(stamps_s, stamps_s[courses.lasts] + DOUBT_S, side="right") - 1
+        doubts = np.where(known.ids > 0, 0, courses.firsts - begins) + ends - courses.lasts
+        return (total + doubts * DOUBT_LOG_ODDS) / (frames + doubts)
 
     def _known_of(self, scene: Scene, estimates: Estimates) -> Known:
         """What is known of each track: that of the known track with which it has most sightings in common."""

@@ -48,6 +48,9 @@ SAME_CLASS, OTHER_CLASS = 0.9, 0.02
 LOST_S, LOST_NEW_S, NEW_HITS = 1.0, 0.3, 3
 """A track ends after so long without a sighting; after the second time if it has fewer sightings than this."""
 
+SHARED_ERROR = 0.5
+"""Share of the variance of a measurement that all measurements of a track have in common, so that it stays."""
+
 EVIDENCE_SHARE = 0.5
 """Share of the evidence of one frame that counts: frames are not independent."""
 
@@ -58,7 +61,7 @@ FEWEST_SEEN, MOST_SEEN = 0.1, 0.8
 """Bounds of the share of frames in which a track is taken to be seen; a miss speaks against it the more, the larger."""
 
 COASTING_S = 0.3
-"""How long a track is reported without a sighting."""
+"""How long a track of `NEW_HITS` sightings and more is reported without another one."""
 
 NEAR_SHARE = 0.4
 """No track begins nearer to another than this share of the length of its class."""
@@ -86,6 +89,7 @@ class _Live(Table):
     heights_m: F64
     rear_m: F64
     fronts_known: Bools
+    shared: F64
 
     @property
     def motions(self) -> Motions:
@@ -107,8 +111,12 @@ class OnlineTracker:
         ids_of_sightings: (N,) track of each sighting of the last frame; 0 for none.
     """
 
-    def __init__(self, priors: Priors, least_existence: float) -> None:
-        """Track; what exists less probably than `least_existence` is not reported."""
+    def __init__(self, priors: Priors, *, least_existence: float, max_gap_s: float) -> None:
+        """Track; what exists less probably than `least_existence` is not reported.
+
+        Where frames are more than `max_gap_s` apart, all tracks are new.
+        """
+        self._max_gap_s = max_gap_s
         self._priors, self._least = priors, float(logit(np.array(least_existence)))
         self._live, self._next_id = _none(len(priors)), 1
         self._start_ns: int | None = None
@@ -129,6 +137,7 @@ class OnlineTracker:
             self._start_ns = frame.stamp_ns
         now_s = (frame.stamp_ns - self._start_ns) / 1e9
         after_s, self._now_s = now_s - self._now_s, now_s
+        self._live = self._live.select(now_s - self._live.seen_s <= self._max_gap_s)
         self._predict(after_s)
         sightings = frame.sightings
         boxes, noise = measured(sightings, self._priors, JUMP_SHARE)
@@ -207,6 +216,8 @@ class OnlineTracker:
         sums[tracks] += weight[:, None] * sightings.sizes[rows]
         weights[tracks] += weight
         heights_m[tracks] = sightings.heights_m[rows]
+        shared = live.shared.copy()
+        shared[tracks] = SHARED_ERROR * noise[rows, :2, :2]
         self._live = replace(
             live,
             states=states,
@@ -219,6 +230,7 @@ class OnlineTracker:
             size_sums=sums,
             size_weights=weights,
             heights_m=heights_m,
+            shared=shared,
         )
 
     def _settle_fronts(self) -> None:
@@ -292,6 +304,7 @@ class OnlineTracker:
             sightings.heights_m[rows],
             np.zeros(n),
             np.zeros(n, np.bool_),
+            SHARED_ERROR * noise[rows, :2, :2],
         )
         self._next_id += n
         track_of = track_of.copy()
@@ -303,6 +316,7 @@ class OnlineTracker:
         live = self._live
         centers = at_centers(live.motions, live.rear_m)
         centers.states[:, HEADING] = wrapped(centers.states[:, HEADING])
+        centers.covariances[:, :2, :2] += live.shared
         rows = TrackRows(
             live.ids,
             centers.states,
@@ -315,7 +329,8 @@ class OnlineTracker:
             live.fronts_known,
             seen,
         )
-        return rows.select((live.log_odds >= self._least) & (self._now_s - live.seen_s <= COASTING_S + 1e-6))
+        coasts_s = np.where(live.hits >= NEW_HITS, COASTING_S + 1e-6, 0.0)
+        return rows.select((live.log_odds >= self._least) & (self._now_s - live.seen_s <= coasts_s))
 
 
 def _none(class_count: int) -> _Live:
@@ -336,4 +351,5 @@ def _none(class_count: int) -> _Live:
         zeros,
         zeros,
         np.zeros(0, np.bool_),
+        np.zeros((0, 2, 2)),
     )

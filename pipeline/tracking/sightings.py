@@ -25,7 +25,6 @@ class Sightings(Table):
         class_ids: (N,) int64.
         are_reported: (N,) bool, whether the frame by itself reports it.
         matched: (N,) int32, number of cameras that matched it.
-        in_view: (N,) bool, whether a camera that looked in this frame has it in view.
         point_counts: (N,) int32.
         sources: (N,) uint8.
         sides: (N, 2) float64 in [-1, 1], where along its length and its width the lidars are: 1 beyond its front, or
@@ -45,7 +44,6 @@ class Sightings(Table):
     class_ids: I64
     are_reported: Bools
     matched: I32
-    in_view: Bools
     point_counts: I32
     sources: U8
     sides: F64

@@ -60,10 +60,10 @@ def object_tracker(config: Config, rig: Rig) -> ObjectTracker | None:
     mode, priors, least = config.track.mode, Priors.of_classes(config.classes), config.fuse.min_score
     if mode == "none":
         return None
+    window_s, max_gap_s = config.track.window_s, config.track.max_gap_s
     tracker: Tracker
     if mode == "online":
-        tracker = OnlineTracker(priors, least)
+        tracker = OnlineTracker(priors, least_existence=least, max_gap_s=max_gap_s)
     else:
-        window_s, max_gap_s = config.track.window_s, config.track.max_gap_s
         tracker = OfflineTracker(priors, least_existence=least, window_s=window_s, max_gap_s=max_gap_s)
     return ObjectTracker(tracker, rig, len(config.classes))

@@ -6,8 +6,8 @@ import numpy as np
 
 from pipeline.core.arrays import U8
 from pipeline.core.errors import MessageError, is_short_memory
-from pipeline.core.images import Image
 from pipeline.core.messages import RawMessage
+from pipeline.core.optics.images import Image
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from pipeline.core.text import one_line
 from readers.messages.boundary.decoding import decoder

@@ -11,7 +11,9 @@ from pipeline.core.messages import RawMessage
 
 __all__ = ["TYPES", "Kind", "MessageType", "decode_as", "types_of"]
 
-Kind = Literal["cloud", "image", "camera info", "2D boxes", "3D boxes", "odometry", "transforms", "diagnostics"]
+Kind = Literal[
+    "cloud", "image", "camera info", "2D boxes", "3D boxes", "odometry", "transforms", "diagnostics", "tracks"
+]
 
 
 class MessageType(NamedTuple):
@@ -52,6 +54,7 @@ TYPES: dict[str, MessageType] = {
     "diagnostic_msgs/msg/DiagnosticArray": MessageType(
         "diagnostics", "readers.messages.diagnostics:decode_diagnostics"
     ),
+    "lidcam_msgs/msg/TrackArray": MessageType("tracks", "readers.messages.objects.tracks:decode_tracks"),
 }
 """By name as rosbags writes it. Decoders of one kind take and return the same: a cloud's as `decode_pointcloud2`, an
 image's as `decode_image`, one of 3D boxes as `decode_detected_objects`."""

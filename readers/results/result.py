@@ -1,12 +1,12 @@
 """A result of lidcam, frame by frame.
 
 The messages of a frame have one log time and stand together, the fused objects first (see `McapResultWriter`). Only
-the topics of boxes and `/diagnostics` are read.
+the topics of boxes, `/tracks` and `/diagnostics` are read.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +18,9 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.config import UNKNOWN_CLASS, Config
 from pipeline.core.settings.load import load_config
 from pipeline.core.settings.recording import LimitsConfig
-from pipeline.evaluation.evaluation_frame import SOURCES, UNKNOWN, SourceBoxes
+from pipeline.evaluation.evaluation_frame import SOURCES, UNKNOWN, Motion, SourceBoxes
 from readers.messages.diagnostics import decode_diagnostics
+from readers.messages.objects.tracks import TRACKS, decode_tracks
 from readers.messages.vision.detections2d import DETECTIONS_2D, decode_detections2d
 from readers.messages.vision.detections3d import DETECTIONS_3D, Detections3D, decode_detections3d
 from readers.messages.vision.track_ids import track_ids
@@ -36,6 +37,9 @@ SOURCE_TOPICS = {source: f"/{source}/detections" for source in SOURCES}
 
 RESULT_TOPICS = frozenset(SOURCE_TOPICS.values())
 """Topics of 3D boxes that are results, not truth."""
+
+TRACKS_TOPIC = "/tracks"
+"""Topic of what the tracks of the fused objects say of their motion."""
 
 DIAGNOSTICS, SYNCHRONISATION = "/diagnostics", "lidcam: synchronisation"
 """Topic of the counts of each frame, and the status that has the skew."""
@@ -90,6 +94,9 @@ class Result(Closing):
         self._class_ids = {name: class_id for class_id, name in enumerate(config.class_names)}
         recorded = {info.topic for info in recording.topics if info.msgtype in {DETECTIONS_2D, DETECTIONS_3D}}
         self.sources = tuple(source for source, topic in SOURCE_TOPICS.items() if topic in recorded)
+        self._tracks_topics = [
+            info.topic for info in recording.topics if info.topic == TRACKS_TOPIC and info.msgtype == TRACKS
+        ]
         self.cameras = tuple(camera.name for camera in rig.cameras if _boxes_topic(camera.name) in recorded)
 
     @property
@@ -100,7 +107,8 @@ class Result(Closing):
 
     def frames(self) -> Iterator[ResultFrame]:
         """The frames, in the order in which they were written."""
-        topics = [SOURCE_TOPICS[source] for source in self.sources] + [*map(_boxes_topic, self.cameras), DIAGNOSTICS]
+        boxes = [SOURCE_TOPICS[source] for source in self.sources] + [*map(_boxes_topic, self.cameras)]
+        topics = [*boxes, *self._tracks_topics, DIAGNOSTICS]
         messages: dict[str, RawMessage] = {}
         log_time_ns = index = 0
         for message in self.recording.messages(topics):
@@ -125,6 +133,9 @@ class Result(Closing):
             if message is not None:
                 with self._counting(message):
                     sources[source] = self._source(decode_detections3d(message, limits=limits))
+        if TRACKS_TOPIC in messages and "fused" in sources:
+            with self._counting(messages[TRACKS_TOPIC]):
+                sources["fused"] = self._with_motion(sources["fused"], messages[TRACKS_TOPIC])
         for camera in self.cameras:
             message = messages.get(_boxes_topic(camera))
             if message is not None:
@@ -169,6 +180,19 @@ class Result(Closing):
         )
         source = SourceBoxes(boxes, track_ids(found.ids))
         return source if is_known.all() else source.select(is_known)
+
+    def _with_motion(self, source: SourceBoxes, message: RawMessage) -> SourceBoxes:
+        """The objects with the motion of the tracks that have their ids; that of the others is not known."""
+        found = decode_tracks(message, limits=self.config.limits)
+        for reason, count in found.unused.items():
+            self._unused.add(f"tracks that are not used, {reason}", count=count)
+        at, rows = np.nonzero(source.track_ids[:, None] == found.tracks.ids)
+        n = len(source)
+        velocities, yaw_rates = np.full((n, 2), np.nan), np.full(n, np.nan)
+        is_predicted = np.zeros(n, np.bool_)
+        velocities[at], yaw_rates[at] = found.tracks.velocities[rows], found.tracks.yaw_rates[rows]
+        is_predicted[at] = found.is_predicted[rows]
+        return replace(source, motion=Motion(velocities, yaw_rates, is_predicted))
 
     def _boxes(self, message: RawMessage, limits: LimitsConfig) -> Boxes2D:
         found = decode_detections2d(message, self._class_ids, limits=limits)

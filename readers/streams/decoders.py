@@ -9,8 +9,8 @@ from pipeline.core.clouds import PointCloud
 from pipeline.core.detections import Boxes2D
 from pipeline.core.errors import MessageError
 from pipeline.core.frame import Decoded, SensorBundle
-from pipeline.core.images import Image
 from pipeline.core.messages import Drop, RawMessage
+from pipeline.core.optics.images import Image
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.onnx.class_names import COCO_LABELS

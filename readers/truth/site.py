@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -53,6 +54,29 @@ class SitePoses:
             raise FrameError(way)
         return way if isinstance(way, Transform) else way.at(stamp_ns)
 
+    def T_fixed_site(self, stamp_ns: int) -> Transform | None:
+        """Where the site frame is in a frame that does not move; None if its motion is not known at that time.
+
+        A site whose motion nobody recorded stands still, as for `lidcam process`. Times rise, apart from steps back as
+        of `TruthSource`.
+        """
+        if self._own_motion is None:
+            return Transform.identity(self._rig.site_frame, self._rig.site_frame)
+        T_site_fixed = self._own_motion.at(stamp_ns)
+        return None if T_site_fixed is None else T_site_fixed.inverse()
+
+    @cached_property
+    def _own_motion(self) -> "_Motion | None":
+        return next(filter(None, map(self._motion_of_site, self._recordings)), None)
+
+    def _motion_of_site(self, recording: Recording) -> "_Motion | None":
+        transforms = read_transforms(recording, limits=self._config.limits)
+        source = _find_source(recording, self._rig, transforms, self._config)
+        if source is None:
+            return None
+        fixed = source.fixed_frame_id
+        return _Motion(recording, source, Transform.identity(fixed, fixed), self._config.limits)
+
     def _way(self, frame_id: str) -> "Transform | _Motion | str":
         site = self._rig.site_frame
         if frame_id in ("", site):
@@ -93,13 +117,17 @@ def _motion_in(
     if transforms.are_joined(frame_id, frame):
         source = MotionSource(tuple(tf_topics(recording)[1]), rig.site_frame, frame, tuple(links))
         return _Motion(recording, source, transforms.lookup(frame_id, frame), config.limits)
-    try:
-        found = find_motion_source(recording, rig, transforms, config)
-    except LidcamError:  # odometry that is configured and was not recorded here
-        return None
+    found = _find_source(recording, rig, transforms, config)
     if found is None or not transforms.are_joined(frame_id, found.fixed_frame_id):
         return None
     return _Motion(recording, found, transforms.lookup(frame_id, found.fixed_frame_id), config.limits)
+
+
+def _find_source(recording: Recording, rig: Rig, transforms: RecordedTransforms, config: Config) -> MotionSource | None:
+    try:
+        return find_motion_source(recording, rig, transforms, config)
+    except LidcamError:  # odometry that is configured and was not recorded here
+        return None
 
 
 class _Motion:

@@ -158,7 +158,7 @@ def test_completion_is_installed_for_the_shell(tmp_path: Path) -> None:
 def test_the_demo_prints_what_the_readme_shows(lidcam: Lidcam, tmp_path: Path) -> None:
     readme = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
     table = readme.split("and prints what it found:\n\n```\n")[1].split("...\n```")[0]
-    assert table.startswith("objects")
+    assert table.startswith("road users")
     run = lidcam("demo", tmp_path / "a" / "b", "-q")
     assert (run.code, run.err) == (0, "")
     assert frames_in(tmp_path / "a" / "b" / "sandbox.mcap") == 20
@@ -175,15 +175,21 @@ def test_standard_output_on_a_full_disk_is_an_error_in_one_line(sandbox: Path, t
     assert done.stderr == "lidcam: error: standard output: No space left on device\n"
 
 
-@pytest.mark.parametrize("kib", [10, 50])
-def test_outputs_on_a_full_disk_are_an_error_in_one_line(kib: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("kib", "mode"), [(10, "none"), (50, "none"), (50, "offline")])
+def test_outputs_on_a_full_disk_are_an_error_in_one_line(kib: int, mode: str, tmp_path: Path) -> None:
     """The size of a file is limited; coverage would write files, too."""
     write_mcap(tmp_path / "drive.mcap", small_drive("cdr", frames=30))
     (out := tmp_path / "out").mkdir()
-    line = f"ulimit -f {kib}; exec {PROGRAM} process drive.mcap {out}/out.mcap --rerun {out}/out.rrd"
+    outputs = f"{out}/out.mcap --rerun {out}/out.rrd"
+    line = f"ulimit -f {kib}; exec {PROGRAM} process drive.mcap {outputs} --set track.mode={mode}"
     done = shell(f"unset ${{!COVERAGE*}}; {line}", tmp_path)
     assert done.returncode == 1
     (error,) = [line for line in done.stderr.splitlines() if " frames, " not in line]
-    assert error.startswith(f"lidcam: error: {out}/out.")
-    assert "cannot be written: File too large" in error
+    if mode == "none":
+        assert error.startswith(f"lidcam: error: {out}/out.")
+        assert "cannot be written: File too large" in error
+    else:
+        assert error.startswith(
+            f"lidcam: error: {out}: frames that wait for their tracks cannot be kept there: File too "
+        )
     assert list(out.iterdir()) == []

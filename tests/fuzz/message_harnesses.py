@@ -22,6 +22,7 @@ from builders import (
 )
 from memory_recording import MemoryRecording
 from object_messages import Recorded, autoware_message, autoware_object
+from track_messages import track, track_array
 from video import CODECS, compressed_video, encode, ffmpeg_packet, moving
 
 from pipeline.core.errors import LidcamError
@@ -37,6 +38,7 @@ from readers.messages.camera_info import camera_model, rectified_camera_model
 from readers.messages.deserialize import definition_problem, deserialize, typestore_for
 from readers.messages.diagnostics import decode_diagnostics
 from readers.messages.image import decode_any_image
+from readers.messages.objects.tracks import decode_tracks
 from readers.messages.odometry import decode_odometry
 from readers.messages.pointcloud2 import decode_pointcloud2
 from readers.messages.tf import decode_transforms, read_transforms
@@ -324,6 +326,14 @@ def _status() -> Fields:
     return {"status": [{"name": "a", "values": [{"key": "skew_ms", "value": "1.5"}]}]}
 
 
+def _tracks(data: bytes) -> None:
+    hold(partial(decode_tracks, limits=LIMITS), track_array([], stamp_ns=T0)._replace(data=data))
+
+
+def _track_seeds() -> list[bytes]:
+    return [bytes(track_array(tracks, stamp_ns=T0).data) for tracks in ([], [track(1), track(2, (1.0, 2.0), 3.0)])]
+
+
 MESSAGES: dict[str, Harness] = {
     "pointcloud2": _of_messages(CLOUD, partial(decode_pointcloud2, limits=LIMITS), _clouds),
     "image": _of_messages(IMAGE, partial(decode_any_image, limits=LIMITS), images),
@@ -338,6 +348,7 @@ MESSAGES: dict[str, Harness] = {
     "detections3d": Harness(_objects, _object_seeds),
     "detected_objects": Harness(_detected_objects, _detected_seeds),
     "diagnostics": _of_messages(STATUS, partial(decode_diagnostics, limits=LIMITS), lambda: [_status()]),
+    "tracks": Harness(_tracks, _track_seeds),
     "velodyne_scan": _of_messages(SCAN, lambda m: VelodyneDecoders(Config().velodyne)[m.topic](m), _scans),
     "video": Harness(_video, _video_seeds),
     "definition": Harness(_definition, _definition_seeds),

@@ -137,11 +137,11 @@ def test_a_plain_count_agrees(frames: list[tuple[Seen, ...]]) -> None:
         tally.add(tracked_frame(index, *seen))
     users = tally.road_users or RoadUsers((), ())
     places = {"north": NORTH, "south": SOUTH, "outside": OUTSIDE, "": None}
-    found = {(one.class_name, places[one.zone]): one for one in users.counts}
+    found = {(count.class_name, places[count.zone]): count for count in users.counts}
     assert found.keys() == means.keys()
-    for key, one in found.items():
-        assert one.count == len(means[key])
-        assert one.speed_mean_m_s == pytest.approx(np.mean([mean for mean, _ in means[key]]))
-        assert one.speed_max_m_s == max(highest for _, highest in means[key])
+    for key, count in found.items():
+        assert count.count == len(means[key])
+        assert count.speed_mean_m_s == pytest.approx(np.mean([mean for mean, _ in means[key]]))
+        assert count.speed_max_m_s == max(highest for _, highest in means[key])
     changes = {(one.class_name, places[one.from_zone], places[one.to_zone]): one.count for one in users.changes}
     assert changes == went

@@ -221,7 +221,7 @@ def recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
-def use(tracker: FrameTracker, monkeypatch: pytest.MonkeyPatch) -> None:
+def use(tracker: FrameTracker | None, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidcam.run.object_tracker", lambda *_: tracker)
 
 
@@ -244,8 +244,7 @@ def test_same_outputs_with_and_without_a_delay_for_any_workers(
     written = []
     for number, (tracker, workers) in enumerate(((None, 1), (Silent(4), 1), (Silent(3, 3), 2), (Silent(NEVER), 2))):
         (folder := recording.parent / f"{number}").mkdir()
-        if tracker is not None:
-            use(tracker, monkeypatch)
+        use(tracker, monkeypatch)
         report = lidcam.process(recording, [folder / "out.mcap", folder / "out.rrd"], workers=workers).report
         stages = report.timing.stage_seconds
         assert list(stages)[-3:] == (["track"] if tracker else [list(stages)[-3]]) + ["write mcap", "write rerun"]

@@ -5,11 +5,12 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 from builders import header, image, raw
 from detections import boxes3d, forward_camera
 
 from pipeline.core.clouds import CombinedCloud, Plane, PointCloud
-from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Hypotheses, Matches, Source
+from pipeline.core.detections import NO_HYPOTHESIS, Boxes2D, Boxes3D, Detections, Fused, Hypotheses, Matches, Source
 from pipeline.core.frame import FrameResult, SensorBundle
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.geometry.pose_samples import PoseSamples
@@ -17,6 +18,7 @@ from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import Channel, Drop, RawMessage
 from pipeline.core.rig import LidarSensor, Rig, Zone
 from pipeline.core.settings.config import Config
+from pipeline.core.tracks import Tracks
 from writers.provenance import Provenance
 
 START_NS = 1_700_000_000_123_456_789
@@ -81,10 +83,12 @@ def frame(
     objects: int = 3,
     motion: bool = False,
     sources: Sequence[Source] | None = None,
+    tracks: Tracks | None = None,
 ) -> FrameResult:
     """Frame `index` of a run: `left` has an Image in ROS 1 bytes, `right` a CompressedImage in CDR, stamps differ.
 
-    With `sources`, one for each object, those of `Source.CAMERA` are also what the cameras place.
+    With `sources`, one for each object, those of `Source.CAMERA` are also what the cameras place, and those of
+    `Source.PREDICTED`, which come last, are no hypotheses. `tracks` are those of the objects.
     """
     stamp_ns = START_NS + index * PERIOD_NS
     lidar = [
@@ -97,30 +101,51 @@ def frame(
     poses = np.stack([np.eye(4)] * 2)
     poses[1, 0, 3] = 2.0 * (index + 1)
     samples = PoseSamples("site", "odom", np.array([stamp_ns - 10**8, stamp_ns + 10**8], np.int64), poses)
-    rows = [[10.0, 1.5, 0.1, 4.2, 1.8, 1.5, 0.3], [15, 0, 0, 0.6, 0.6, 1.7, np.pi], [9, -60, 0, 8, 2.5, 3, -1]]
+    table = [[10.0, 1.5, 0.1, 4.2, 1.8, 1.5, 0.3], [15, 0, 0, 0.6, 0.6, 1.7, np.pi], [9, -60, 0, 8, 2.5, 3, -1]]
     found = replace(
-        boxes3d(rows[:objects], scores=[0.9, 0.5, 0.25][:objects], class_ids=[0, 1, 3][:objects]),
+        boxes3d(table[:objects], scores=[0.9, 0.5, 0.25][:objects], class_ids=[0, 1, 3][:objects]),
         stamp_ns=stamp_ns,
         measured_ns=np.full(objects, stamp_ns),
     )
-    placed = None
+    placed, rows = None, np.arange(objects, dtype=np.int64)
     if sources is not None:
         found = replace(found, sources=np.array(sources, np.uint8), covariances=np.tile(COVARIANCE, (objects, 1, 1)))
         placed = found.select(found.sources == Source.CAMERA)
+        rows[found.sources == Source.PREDICTED] = NO_HYPOTHESIS
+    seen = found.select(rows != NO_HYPOTHESIS)
     boxes = {"left": _boxes2d(left.stamp_ns, "left"), "right": Boxes2D.empty(right.stamp_ns, "right")}
     return FrameResult(
         SensorBundle(index, stamp_ns, stamp_ns + 7, messages, samples if motion else None),
         _combined(stamp_ns, index),
-        Detections(found if placed is None else found.select(found.sources != Source.CAMERA), boxes, placed),
+        Detections(seen.select(seen.sources != Source.CAMERA), boxes, placed),
         {camera.name: camera for camera in RIG.cameras},
         Hypotheses(
-            found,
-            {camera.name: _matches(row == 0 and objects > 0, found, row) for row, camera in enumerate(RIG.cameras)},
-            objects if placed is None else objects - len(placed),
+            seen,
+            {camera.name: _matches(row == 0 and objects > 0, seen, row) for row, camera in enumerate(RIG.cameras)},
+            len(seen) if placed is None else len(seen) - len(placed),
         ),
-        found.scores.astype(np.float64),
-        Fused(found, np.arange(objects, dtype=np.int32)[::-1].copy(), np.arange(objects, dtype=np.int64)),
+        seen.scores.astype(np.float64),
+        Fused(found, np.arange(objects, dtype=np.int32)[::-1].copy(), rows, tracks=tracks),
         drops,
+    )
+
+
+def tracks_of(
+    numbers: Sequence[int],
+    velocities: npt.ArrayLike = (0.0, 0.0),
+    fronts_known: bool | Sequence[bool] = (False,),
+) -> Tracks:
+    """Tracks of these numbers, of existence 0.75 and 1.25 s old; 0 belongs to none."""
+    n = len(numbers)
+    return Tracks(
+        np.array(numbers, np.int64),
+        np.array(np.broadcast_to(velocities, (n, 2)), np.float64),
+        np.tile(np.array([[0.25, 0.125], [0.125, 0.5]]), (n, 1, 1)),
+        np.full(n, 0.5),
+        np.full(n, 0.0625),
+        np.full(n, 0.75),
+        np.full(n, 1.25),
+        np.array(np.broadcast_to(fronts_known, n), np.bool_),
     )
 
 

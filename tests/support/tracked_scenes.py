@@ -65,7 +65,6 @@ def frame(rows: Sequence[tuple[F64, Mover, int]], index: int, later_s: float = 0
         np.array([row[2] for row in rows], np.int64).reshape(n),
         beliefs >= 0.5,
         np.ones(n, np.int32),
-        np.ones(n, np.bool_),
         np.full(n, 50, np.int32),
         np.full(n, 2, np.uint8),
         np.zeros((n, 2)),

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from detections import forward_camera
-from frames import CONFIG, COVARIANCE, RIG, START_NS, frame
+from frames import CONFIG, COVARIANCE, RIG, START_NS, frame, tracks_of
 
 from pipeline.core.detections import Fused, Source
 from pipeline.core.frame import FrameResult, Missing
@@ -16,11 +16,12 @@ from pipeline.core.messages import Drop
 from pipeline.core.optics.drawn_edges import draw_edges
 from pipeline.core.rig import CameraSensor
 from pipeline.core.ros.messages import ROS2
-from writers.drawing import object_edges
+from writers.drawing import ARROW_SHARE, object_edges, object_labels
 from writers.messages.annotations import image_annotations
 from writers.messages.diagnostics import diagnostics
 from writers.messages.scene import marker_array, scene_update
 from writers.palette import CAMERA_ONLY, MATCHED, class_color
+from writers.trails import Trails
 
 NAMES = CONFIG.class_names
 
@@ -29,10 +30,16 @@ def through_cdr(message: Any) -> Any:
     return ROS2.deserialize(ROS2.serialize(message), message.__msgtype__)
 
 
+def scene_of(*results: FrameResult) -> Any:
+    """The scene of the last of some frames."""
+    trails = Trails("site", CONFIG.combine.motion)
+    return [through_cdr(scene_update(result, NAMES, trails.add(result))) for result in results][-1]
+
+
 @pytest.mark.parametrize("objects", [0, 1, 3])
 def test_a_scene_starts_with_the_deletion_of_the_one_before(objects: int) -> None:
     result = frame(objects=objects)
-    scene = through_cdr(scene_update(result, NAMES))
+    scene = scene_of(result)
     assert [(d.type, d.id) for d in scene.deletions] == [(scene.deletions[0].ALL, "")]
     assert len({entity.id for entity in scene.entities}) == objects
     for row, entity in enumerate(scene.entities):
@@ -48,7 +55,7 @@ def test_a_scene_starts_with_the_deletion_of_the_one_before(objects: int) -> Non
 
 
 def test_confirmed_objects_are_denser_and_say_by_how_many_cameras() -> None:
-    entities = through_cdr(scene_update(frame(), NAMES)).entities  # confirmed by 2, 1 and 0 cameras
+    entities = scene_of(frame()).entities  # confirmed by 2, 1 and 0 cameras
     alphas = [entity.cubes[0].color.a for entity in entities]
     assert alphas[0] == alphas[1] > alphas[2] > 0
     thickness = [entity.lines[0].thickness for entity in entities]
@@ -62,7 +69,7 @@ MIXED = (Source.BOTH, Source.CAMERA, Source.LIDAR)
 
 def test_what_the_cameras_alone_place_is_thinner_and_says_how_sure_its_place_is() -> None:
     result = frame(sources=MIXED)
-    both, placed, faint = through_cdr(scene_update(result, NAMES)).entities
+    both, placed, faint = scene_of(result).entities
     assert both.cubes[0].color.a > placed.cubes[0].color.a > faint.cubes[0].color.a
     assert [len(entity.lines) for entity in (both, placed, faint)] == [1, 2, 1]
     assert both.lines[0].thickness > placed.lines[0].thickness == placed.lines[1].thickness
@@ -76,7 +83,7 @@ def test_what_the_cameras_alone_place_is_thinner_and_says_how_sure_its_place_is(
 
 def test_viewers_say_what_the_geometry_of_an_object_comes_from() -> None:
     result = frame(sources=MIXED)
-    entities = through_cdr(scene_update(result, NAMES)).entities
+    entities = scene_of(result).entities
     told = [{pair.key: pair.value for pair in entity.metadata} for entity in entities]
     assert [one["source"] for one in told] == ["both", "camera", "lidar"]
     assert [one["cameras"] for one in told] == ["2", "1", "0"]
@@ -85,9 +92,77 @@ def test_viewers_say_what_the_geometry_of_an_object_comes_from() -> None:
     assert [marker.id for marker in markers[1::2]] == [0, 1, 2]
 
 
+PREDICTED = (Source.BOTH, Source.LIDAR, Source.PREDICTED)
+TRACKS = tracks_of([12, 0, 7], [[3.0, 4.0], [0.0, 0.0], [0.01, -0.02]])
+
+
+def test_a_track_is_the_same_entity_in_all_scenes_and_says_what_it_is() -> None:
+    scene = scene_of(frame(tracks=TRACKS))
+    assert [entity.id for entity in scene.entities] == ["track-12", "object-1", "track-7"]
+    told = [{pair.key: pair.value for pair in entity.metadata} for entity in scene.entities]
+    of_track = {key: value for key, value in told[0].items() if key in {"track", "speed_m_s", "existence", "age_s"}}
+    assert of_track == {"track": "12", "speed_m_s": "5.00", "existence": "0.7500", "age_s": "1.25"}
+    assert {told[1][key] for key in of_track} == {""}
+    untracked = scene_of(frame()).entities
+    assert "track" not in {pair.key for pair in untracked[0].metadata}
+
+
+def test_labels_of_tracks_are_number_and_speed() -> None:
+    sure = frame(tracks=TRACKS)
+    objects = replace(sure.fused.objects, scores=np.full(3, 0.9, np.float32))
+    result = replace(sure, fused=replace(sure.fused, objects=objects))
+    assert object_labels(result, NAMES) == ["car #12, 5.0 m/s", "pedestrian 0.90 (1 cam)", "truck #7"]
+    markers = through_cdr(marker_array(result, NAMES)).markers
+    assert [marker.text for marker in markers[2::2]] == object_labels(result, NAMES)
+    texts = [text.text for text in annotations(result).texts]
+    assert texts == [
+        "car #12, 5.0 m/s",
+        "pedestrian 0.50",
+    ]  # the matched object's, and the detector's
+
+
+def test_a_predicted_object_is_thinner_and_fainter() -> None:
+    result = frame(sources=PREDICTED, tracks=TRACKS)
+    sure = replace(result.fused.objects, scores=np.full(3, 0.9, np.float32))
+    result = replace(result, fused=replace(result.fused, objects=sure))
+    both, _, predicted = scene_of(result).entities
+    assert both.cubes[0].color.a > predicted.cubes[0].color.a > 0
+    assert both.lines[0].thickness > predicted.lines[0].thickness == predicted.lines[1].thickness
+    assert max(rgb(predicted.lines[0].color)) < max(class_color(3))
+    assert [text.text for text in predicted.texts] == ["truck #7 (predicted)"]
+    markers = through_cdr(marker_array(result, NAMES)).markers
+    assert [(marker.ns, marker.id) for marker in markers[1::2]] == [
+        ("objects/both", 12),
+        ("objects/lidar", -2),
+        ("objects/predicted", 7),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("along_m_s", "is_known", "beyond_m"), [(0.0, True, 0.0), (6.0, True, 6.0), (-6.0, True, 0.0), (6.0, False, None)]
+)
+def test_arrows_of_tracks_reach_as_far_as_they_move(along_m_s: float, is_known: bool, beyond_m: float | None) -> None:
+    yaw = frame().fused.objects.yaws[0]
+    tracks = tracks_of([1], [[along_m_s * np.cos(yaw), along_m_s * np.sin(yaw)]], [is_known])
+    result = frame(objects=1, tracks=tracks)
+    found = [arrow.shaft_length + arrow.head_length for arrow in scene_of(result).entities[0].arrows]
+    standing_m = ARROW_SHARE * result.fused.objects.sizes[0, 0]
+    assert found == ([] if beyond_m is None else [pytest.approx(standing_m + beyond_m)])
+
+
+def test_the_trail_of_a_track_is_a_line_in_its_colour() -> None:
+    first, second = frame(0, tracks=TRACKS), frame(1, tracks=TRACKS)
+    moved = replace(second.fused.objects, centers=second.fused.objects.centers + np.array([1.0, 0.0, 0.0]))
+    one, other, _ = scene_of(first, replace(second, fused=replace(second.fused, objects=moved))).entities
+    assert [line.type for line in one.lines] == [one.lines[0].LINE_LIST, one.lines[0].LINE_STRIP]
+    assert [(point.x, point.y, point.z) for point in one.lines[1].points] == [(10, 1.5, -0.65), (11, 1.5, -0.65)]
+    assert rgb(one.lines[1].color) == class_color(0)
+    assert len(other.lines) == 1
+
+
 def test_arrows_leave_the_front_of_the_boxes() -> None:
     result = frame()
-    for row, entity in enumerate(through_cdr(scene_update(result, NAMES)).entities):
+    for row, entity in enumerate(scene_of(result).entities):
         ((arrow,), (cube,), (edges,)) = entity.arrows, entity.cubes, entity.lines
         assert arrow.pose == cube.pose == edges.pose
         length = result.fused.objects.sizes[row, 0]
@@ -191,6 +266,15 @@ def test_diagnostics() -> None:
         ("/left/image", "too late"),
     ]
     assert [status.level for status in message.status] == [0, 0, 0, 1]
+
+
+def test_diagnostics_count_tracks() -> None:
+    found = [
+        {pair.key: pair.value for pair in through_cdr(diagnostics(result, RIG, ())).status[2].values}
+        for result in (frame(sources=PREDICTED, tracks=TRACKS), frame())
+    ]
+    assert (found[0]["tracks"], found[0]["predicted"]) == ("2", "1")
+    assert not {"tracks", "predicted"} & found[1].keys()
 
 
 @pytest.mark.parametrize(("why", "level"), [(Missing.NOT_NEAR, 0), (Missing.SILENT, 1)])

@@ -23,12 +23,12 @@ from pipeline.core.ros.qos import LATCHED_YAML
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.run import OutputConfig
 from pipeline.core.true_boxes import TrueBoxes
-from writers.drawing import ObjectEdges, object_edges
+from writers.drawing import ObjectEdges, object_edges, track_numbers
 from writers.foxglove.layout import foxglove_layout
 from writers.mcap.chunk import Buffer
 from writers.mcap.output import McapOutput, mcap_file
 from writers.messages.annotations import image_annotations
-from writers.messages.detections import detections_2d, detections_3d, lidcam_objects
+from writers.messages.detections import detections_2d, detections_3d, lidcam_objects, track_array
 from writers.messages.diagnostics import diagnostics
 from writers.messages.edge_scenes import PLACED, PLACED_SCENE, placed_scene, truth_scene, truth_scene_topic
 from writers.messages.images import COMPRESSED, image_cdr
@@ -38,12 +38,16 @@ from writers.outputs.errors import output_errors
 from writers.outputs.marks import INPUTS, RESULT
 from writers.outputs.transaction import OutputFile
 from writers.provenance import Provenance
+from writers.trails import Trails
 from writers.truth_times import FrameTime, TruthTimes
 from writers.viewpoint import SceneSurvey
 
 __all__ = ["McapResultWriter", "reserved_topics"]
 
-_LATER = ("/tf", PLACED, PLACED_SCENE)
+TRACKS = "/tracks"
+"""Topic of the tracks; it has a message in each frame where objects are tracked."""
+
+_LATER = ("/tf", TRACKS, PLACED, PLACED_SCENE)
 """Added with their first message, like images, whose type is known from their first message."""
 
 _STAMP_END = 12
@@ -109,6 +113,7 @@ class McapResultWriter:
         self._messages = 0
         self._survey = SceneSurvey(rig)
         self._truth_times = TruthTimes()
+        self._trails = Trails(rig.site_frame, config.combine.motion)
         self._file: McapOutput
 
     def __enter__(self) -> Self:
@@ -181,10 +186,14 @@ class McapResultWriter:
 
     def _site_messages(self, result: FrameResult) -> Iterator[tuple[str, Any]]:
         names, stamp_ns, objects = self._config.object_names, result.bundle.stamp_ns, result.fused.objects
+        tracks, trails = result.fused.tracks, self._trails.add(result)
         counted = objects.select(objects.class_ids < len(self._config.classes))
         yield "/lidar_camera_fused", lidcam_objects(counted, self._rig.counted_zones, stamp_ns=stamp_ns)
-        yield "/fused/detections", detections_3d(objects, names, stamp_ns=stamp_ns)
-        yield "/fused/scene", scene_update(result, names)
+        numbers = track_numbers(result)
+        yield "/fused/detections", detections_3d(objects, names, stamp_ns=stamp_ns, track_numbers=numbers)
+        if tracks is not None:
+            yield TRACKS, track_array(objects, tracks, names, stamp_ns=stamp_ns)
+        yield "/fused/scene", scene_update(result, names, trails)
         yield "/fused/markers", marker_array(result, names)
         yield "/lidar/detections", detections_3d(result.detections.lidar, names, stamp_ns=stamp_ns)
         if (placed := result.detections.placed) is not None:

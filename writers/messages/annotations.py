@@ -15,8 +15,9 @@ from writers.drawing import (
     drawn_boxes_2d,
     labels_in_the_clear,
     object_colors,
-    placed_objects,
+    predicted_objects,
     strong_objects,
+    thin_objects,
 )
 from writers.messages.parts import colors, opaque, split
 
@@ -38,9 +39,9 @@ def image_annotations(
 ) -> Any:
     """The fused objects as the lens of a camera bends them, and its 2D boxes.
 
-    An object has the colour of its class, and a thinner line if the cameras alone place it. A 2D box is green if it
-    belongs to an object and amber if not; its label is the object's class and score, else the detector's. A label that
-    would cover that of a larger box is left out.
+    An object has the colour of its class, and a thinner line if no lidar shows it. A 2D box is green if it belongs to
+    an object and amber if not; its label is the object's class with track and speed, or with the score if it has no
+    track, else the detector's. A label that would cover that of a larger box is left out.
     Every stamp is the image's: viewers pair by equality.
     """
     boxes, time = drawn_boxes_2d(result, camera.name, class_names), ROS2.time(stamp_ns)
@@ -56,9 +57,9 @@ def _objects(result: FrameResult, edges: ObjectEdges, line_px: float, time: Any)
         return []
     pieces = np.bincount(of_piece)  # they come object after object
     rows = np.flatnonzero(pieces)
-    alphas = np.where(strong_objects(result), 1.0, _FAINT_ALPHA)
+    alphas = np.where(strong_objects(result) & ~predicted_objects(result), 1.0, _FAINT_ALPHA)
     rgba = np.concatenate([object_colors(result), alphas[:, None]], 1)
-    shares = np.where(placed_objects(result), 0.5, 1.0)
+    shares = np.where(thin_objects(result), 0.5, 1.0)
     return _lines(_LINE_LIST, segments.reshape(-1, 2), 2 * pieces[rows], rgba[rows], line_px * shares[rows], time)
 
 

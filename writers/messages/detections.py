@@ -1,38 +1,80 @@
-"""Objects as messages for programs: vision_msgs (branch ros2), and MsgLidCam of the predecessor system."""
+"""Objects as messages for programs: vision_msgs (branch ros2), lidcam's tracks, MsgLidCam of the predecessor system."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from pipeline.core.detections import Boxes2D, Boxes3D
+from pipeline.core.arrays import F64, I64
+from pipeline.core.detections import Boxes2D, Boxes3D, source_names
 from pipeline.core.geometry.polygons import first_polygon_with
 from pipeline.core.rig import Zone, default_zones
 from pipeline.core.ros.messages import ROS2
+from pipeline.core.tracks import NO_TRACK, Tracks
 from writers.messages.parts import box_poses, vectors
 
-__all__ = ["detections_2d", "detections_3d", "lidcam_objects"]
+__all__ = ["detections_2d", "detections_3d", "lidcam_objects", "track_array"]
 
-# Rows of a 6 x 6 covariance over x, y, z and the rotations about x, y, z that Boxes3D.covariances has.
+# Rows of a 6 x 6 covariance over x, y, z and the rotations about x, y, z that a covariance over x, y, yaw has.
 _X_Y_YAW = np.array([0, 1, 5])
 
 
-def detections_3d(boxes: Boxes3D, class_names: Sequence[str], *, stamp_ns: int) -> Any:
+def detections_3d(
+    boxes: Boxes3D, class_names: Sequence[str], *, stamp_ns: int, track_numbers: I64 | None = None
+) -> Any:
     """vision_msgs/Detection3DArray: class name, score, pose with the covariance of x, y and yaw, full size.
 
-    `id` is empty: nothing is tracked.
+    `id` is the number of the track (N,) of each box, empty where it is `NO_TRACK`; None: nothing is tracked.
     """
     n = len(boxes)
-    covariances = np.zeros((n, 6, 6))
-    covariances[:, _X_Y_YAW[:, None], _X_Y_YAW] = boxes.covariances
     poses, header = box_poses(boxes), ROS2.header(stamp_ns, boxes.frame_id)
-    with_covariance = ROS2.rows(
-        "geometry_msgs/msg/PoseWithCovariance", n, pose=poses, covariance=covariances.reshape(n, 36)
-    )
     box = ROS2.rows("vision_msgs/msg/BoundingBox3D", n, center=poses, size=vectors(boxes.sizes))
-    results = _results(boxes, class_names, with_covariance)
-    detections = ROS2.rows("vision_msgs/msg/Detection3D", n, header=header, results=results, bbox=box)
+    results = _results(boxes, class_names, _with_covariance(boxes, poses))
+    numbers = [NO_TRACK] * n if track_numbers is None else track_numbers.tolist()
+    ids = [str(number) if number != NO_TRACK else "" for number in numbers]
+    detections = ROS2.rows("vision_msgs/msg/Detection3D", n, header=header, results=results, bbox=box, id=ids)
     return ROS2.new("vision_msgs/msg/Detection3DArray", header, detections)
+
+
+def track_array(boxes: Boxes3D, tracks: Tracks, class_names: Sequence[str], *, stamp_ns: int) -> Any:
+    """lidcam_msgs/TrackArray of objects and their tracks, without those that belong to none."""
+    rows = np.flatnonzero(tracks.ids != NO_TRACK)
+    boxes, tracks, n = boxes.select(rows), tracks.select(rows), len(rows)
+    spins = np.zeros((n, 3))
+    spins[:, 2] = tracks.yaw_rates
+    twists = ROS2.rows(
+        "geometry_msgs/msg/Twist", n, linear=vectors(np.c_[tracks.velocities, np.zeros(n)]), angular=vectors(spins)
+    )
+    covariances = np.zeros((n, 3, 3))
+    covariances[:, :2, :2], covariances[:, 2, 2] = tracks.velocity_covariances, tracks.yaw_rate_variances
+    ages_ns = np.round(tracks.ages_s * 1e9).astype(np.int64)
+    found = ROS2.rows(
+        "lidcam_msgs/msg/Track",
+        n,
+        id=tracks.ids,
+        class_id=[class_names[class_id] for class_id in boxes.class_ids.tolist()],
+        existence=tracks.existence,
+        age=[ROS2.new("builtin_interfaces/msg/Duration", *divmod(age_ns, 10**9)) for age_ns in ages_ns.tolist()],
+        source=source_names(boxes.sources),
+        front_known=tracks.fronts_known,
+        pose=_with_covariance(boxes, box_poses(boxes)),
+        twist=ROS2.rows("geometry_msgs/msg/TwistWithCovariance", n, twist=twists, covariance=_six_by_six(covariances)),
+        size=vectors(boxes.sizes),
+    )
+    return ROS2.new("lidcam_msgs/msg/TrackArray", ROS2.header(stamp_ns, boxes.frame_id), found)
+
+
+def _with_covariance(boxes: Boxes3D, poses: list[Any]) -> list[Any]:
+    """geometry_msgs/PoseWithCovariance of each box."""
+    covariances = _six_by_six(boxes.covariances)
+    return ROS2.rows("geometry_msgs/msg/PoseWithCovariance", len(boxes), pose=poses, covariance=covariances)
+
+
+def _six_by_six(x_y_yaw: F64) -> F64:
+    """(N, 36) covariances as ROS has them, of those over x, y, yaw (N, 3, 3)."""
+    full = np.zeros((len(x_y_yaw), 6, 6))
+    full[:, _X_Y_YAW[:, None], _X_Y_YAW] = x_y_yaw
+    return full.reshape(-1, 36)
 
 
 def detections_2d(boxes: Boxes2D, class_names: Sequence[str], *, stamp_ns: int, frame_id: str) -> Any:

@@ -10,6 +10,7 @@ from pipeline.core.frame import FrameResult, Missing
 from pipeline.core.messages import Drop
 from pipeline.core.rig import Rig
 from pipeline.core.ros.messages import ROS2
+from pipeline.core.tracks import NO_TRACK
 
 __all__ = ["diagnostics"]
 
@@ -80,10 +81,14 @@ def _objects(result: FrameResult, rig: Rig) -> Values:
     matched = {camera.name: result.matches.get(camera.name, ()) for camera in rig.cameras}
     placed, begin_nothing = result.detections.placed, result.hypotheses.boxes_without_object
     sources = np.bincount(result.fused.objects.sources, minlength=len(Source))
+    tracked = []
+    if (tracks := result.fused.tracks) is not None:
+        tracked = [("tracks", str(int((tracks.ids != NO_TRACK).sum()))), ("predicted", str(sources[Source.PREDICTED]))]
     return [
         ("fused", str(len(result.fused.objects))),
         ("confirmed by cameras", str(int((result.fused.matched > 0).sum()))),
         *((f"fused from {name}", str(sources[source])) for source, name in _SOURCES.items()),
+        *tracked,
         ("detected lidar", str(len(result.detections.lidar))),
         *(() if placed is None else [("placed by cameras", str(len(placed)))]),
         ("proposed by cameras", str(len(result.hypotheses.boxes) - result.hypotheses.lidar_count)),

@@ -23,6 +23,7 @@ __all__ = [
     "places_as_poses",
     "points",
     "split",
+    "strips",
     "vectors",
     "whole_scene",
 ]
@@ -30,7 +31,7 @@ __all__ = [
 LABEL_PX = 13.0
 
 _EDGES = BOX_EDGES.reshape(-1).astype(np.uint32)
-_LINE_LOOP, _LINE_LIST = 1, 2  # LinePrimitive
+_LINE_STRIP, _LINE_LOOP, _LINE_LIST = 0, 1, 2  # LinePrimitive
 _DELETE_ALL_ENTITIES = 1  # SceneEntityDeletion.ALL
 
 
@@ -115,8 +116,15 @@ def ellipses(points: F64, rgba: F64, thickness_px: Any) -> list[Any]:
     return _lines(_LINE_LOOP, points, rgba, thickness_px)
 
 
-def _lines(kind: int, places: F64, rgba: F64, thickness_px: Any, poses: Any = None, **others: Any) -> list[Any]:
-    n, each, _ = places.shape
+def strips(paths: Sequence[F64], rgba: F64, thickness_px: Any) -> list[Any]:
+    """foxglove_msgs/LinePrimitive: open lines through points (K, 3) of the scene each."""
+    return _lines(_LINE_STRIP, paths, rgba, thickness_px)
+
+
+def _lines(
+    kind: int, places: Sequence[F64] | F64, rgba: F64, thickness_px: Any, poses: Any = None, **others: Any
+) -> list[Any]:
+    n = len(places)
     return ROS2.rows(
         "foxglove_msgs/msg/LinePrimitive",
         n,
@@ -124,7 +132,7 @@ def _lines(kind: int, places: F64, rgba: F64, thickness_px: Any, poses: Any = No
         type=kind,
         thickness=thickness_px,
         scale_invariant=True,
-        points=split(points(places.reshape(n * each, 3)), [each] * n),
+        points=split(points(np.concatenate([np.zeros((0, 3)), *places])), map(len, places)),
         color=colors(np.broadcast_to(rgba, (n, 4))),
         **others,
     )

@@ -14,7 +14,18 @@ from pipeline.core.detections import Boxes3D, source_names
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.boxes import UNIT_CORNERS
 from pipeline.core.ros.messages import ROS2
-from writers.drawing import ARROW_SHARE, ground_ellipses, object_colors, object_labels, placed_objects, strong_objects
+from pipeline.core.tracks import NO_TRACK
+from writers.drawing import (
+    ARROW_SHARE,
+    arrow_lengths,
+    ground_ellipses,
+    object_colors,
+    object_labels,
+    predicted_objects,
+    strong_objects,
+    thin_objects,
+    track_numbers,
+)
 from writers.messages.parts import (
     box_poses,
     colors,
@@ -25,6 +36,7 @@ from writers.messages.parts import (
     outlines,
     places_as_poses,
     split,
+    strips,
     vectors,
     whole_scene,
 )
@@ -35,56 +47,85 @@ LABEL_SHARE = 0.35
 """Height of a marker's letters as a share of the height of its box: fits a street and a 1:14 model of one."""
 
 
-ALPHA_STRONG, ALPHA_PLACED, ALPHA_FAINT = 0.5, 0.15, 0.1
+ALPHA_STRONG, ALPHA_PLACED, ALPHA_PREDICTED, ALPHA_FAINT, ALPHA_TRAIL = 0.5, 0.15, 0.08, 0.1, 0.7
 _EDGE_PX = 2.0
 _WHITE = (1.0, 1.0, 1.0, 1.0)
 _ADD, _DELETE_ALL, _CUBE, _TEXT_VIEW_FACING = 0, 3, 1, 9  # visualization_msgs/Marker
 _MARKER, _COLOR = "visualization_msgs/msg/Marker", "std_msgs/msg/ColorRGBA"
 
 
-def scene_update(result: FrameResult, class_names: Sequence[str]) -> Any:
-    """foxglove_msgs/SceneUpdate: a cube and an arrow per fused object, with a label unless it is faint.
+def scene_update(result: FrameResult, class_names: Sequence[str], trails: Sequence[F64]) -> Any:
+    """foxglove_msgs/SceneUpdate: a cube per fused object, an arrow to its front, and a label unless it is faint.
 
-    One that the cameras alone place has an ellipse of one standard deviation on the ground.
+    One that no lidar shows has an ellipse of one standard deviation on the ground, one with a track its trail. The id
+    of its entity is that of its track: `track-12`.
+
+    Args:
+        result: The frame.
+        class_names: Of the objects.
+        trails: Of each object, as `Trails` gives them.
     """
     objects, n = result.fused.objects, len(result.fused.objects)
-    strong, placed = strong_objects(result), placed_objects(result)
+    strong, thin, numbers = strong_objects(result), thin_objects(result), track_numbers(result).tolist()
     poses, rgba = box_poses(objects), _colors(result)
-    edge_colors, thickness_px = opaque(rgba[:, :3]), np.where(strong & ~placed, _EDGE_PX, _EDGE_PX / 2)
+    edge_colors, thickness_px = opaque(rgba[:, :3]), np.where(strong & ~thin, _EDGE_PX, _EDGE_PX / 2)
     metadata = {
         "class": [class_names[class_id] for class_id in objects.class_ids.tolist()],
         "score": [f"{score:.4f}" for score in objects.scores.tolist()],
         "source": source_names(objects.sources),
         "cameras": list(map(str, result.fused.matched.tolist())),
         "points": list(map(str, objects.point_counts.tolist())),
+        **_of_tracks(result),
     }
-    length, height = objects.sizes[:, 0], objects.sizes[:, 2]
+    height, lengths = objects.sizes[:, 2], arrow_lengths(result)
+    heads = 0.25 * ARROW_SHARE * objects.sizes[:, 0]
     arrows = ROS2.rows(
         "foxglove_msgs/msg/ArrowPrimitive",
         n,
         pose=poses,
-        shaft_length=0.75 * ARROW_SHARE * length,
+        shaft_length=lengths - heads,
         shaft_diameter=0.06 * height,
-        head_length=0.25 * ARROW_SHARE * length,
+        head_length=heads,
         head_diameter=0.15 * height,
         color=colors(np.where(strong[:, None], edge_colors, rgba)),
     )
     sizes = vectors(objects.sizes)
     cubes = ROS2.rows("foxglove_msgs/msg/CubePrimitive", n, pose=poses, size=sizes, color=colors(rgba))
     edges = outlines(UNIT_CORNERS / 2 * objects.sizes[:, None], edge_colors, thickness_px, poses=poses)
-    around = split(ellipses(ground_ellipses(objects)[placed], edge_colors[placed], thickness_px[placed]), placed)
+    around = split(ellipses(ground_ellipses(objects)[thin], edge_colors[thin], thickness_px[thin]), thin)
+    has_trail = np.array([len(trail) > 0 for trail in trails], np.bool_)
+    shown_trails = [trail for trail in trails if len(trail)]
+    behind = split(strips(shown_trails, rgba[has_trail] * [1, 1, 1, 0] + [0, 0, 0, ALPHA_TRAIL], _EDGE_PX), has_trail)
     texts = [text for text, shown in zip(object_labels(result, class_names), strong.tolist(), strict=True) if shown]
     drawn = entities(
-        [f"object-{row}" for row in range(n)],
+        [f"track-{number}" if number != NO_TRACK else f"object-{row}" for row, number in enumerate(numbers)],
         result.bundle.stamp_ns,
         objects.frame_id,
         metadata,
-        arrows=[[arrow] for arrow in arrows],
+        arrows=[[arrow] * (length > 0) for arrow, length in zip(arrows, lengths.tolist(), strict=True)],
         cubes=[[cube] for cube in cubes],
-        lines=[[edge, *ellipse] for edge, ellipse in zip(edges, around, strict=True)],
+        lines=[[edge, *ellipse, *trail] for edge, ellipse, trail in zip(edges, around, behind, strict=True)],
         texts=split(labels(texts, label_places(objects)[strong], np.array(_WHITE)), strong),
     )
     return whole_scene(result.bundle.stamp_ns, drawn)
+
+
+def _of_tracks(result: FrameResult) -> dict[str, list[str]]:
+    """What the tracks say of the objects, to be read in the viewer; empty texts of objects without one."""
+    tracks = result.fused.tracks
+    if tracks is None:
+        return {}
+    columns = {
+        "track": map(str, tracks.ids.tolist()),
+        "speed_m_s": (f"{speed_m_s:.2f}" for speed_m_s in tracks.speeds.tolist()),
+        "existence": (f"{existence:.4f}" for existence in tracks.existence.tolist()),
+        "age_s": (f"{age_s:.2f}" for age_s in tracks.ages_s.tolist()),
+    }
+    has_track = (tracks.ids != NO_TRACK).tolist()
+    return {
+        name: [text if shown else "" for text, shown in zip(texts, has_track, strict=True)]
+        for name, texts in columns.items()
+    }
 
 
 def label_places(boxes: Boxes3D) -> F64:
@@ -96,19 +137,23 @@ def label_places(boxes: Boxes3D) -> F64:
 
 def _colors(result: FrameResult) -> F64:
     """(N, 4) red, green, blue and opacity of each fused object."""
-    alpha_strong = np.where(placed_objects(result), ALPHA_PLACED, ALPHA_STRONG)
-    alphas = np.where(strong_objects(result), alpha_strong, ALPHA_FAINT)
+    alphas = np.where(thin_objects(result), ALPHA_PLACED, ALPHA_STRONG)
+    alphas[~strong_objects(result)] = ALPHA_FAINT
+    alphas[predicted_objects(result)] = ALPHA_PREDICTED
     return np.concatenate([object_colors(result), alphas[:, None]], 1)
 
 
 def marker_array(result: FrameResult, class_names: Sequence[str]) -> Any:
     """visualization_msgs/MarkerArray: DELETEALL, then for each fused object a cube and a label facing the viewer.
 
-    The namespace of a cube names the source of its geometry, `objects/lidar`, `objects/camera` or `objects/both`, so
-    that each of them can be hidden; ids are those of the objects.
+    The namespace of a cube names the source of its geometry, `objects/lidar`, `objects/camera`, `objects/both` or
+    `objects/predicted`, so that each of them can be hidden. Ids are the numbers of the tracks; where tracks are known,
+    an object without one has a negative id.
     """
     objects, n = result.fused.objects, len(result.fused.objects)
     header, white = ROS2.header(result.bundle.stamp_ns, objects.frame_id), ROS2.new(_COLOR, *_WHITE)
+    numbers, rows = track_numbers(result), np.arange(n)
+    ids = rows if result.fused.tracks is None else np.where(numbers != NO_TRACK, numbers, -1 - rows)
     unit, origin = ROS2.vector(1.0, 1.0, 1.0), ROS2.pose((0.0, 0.0, 0.0))
     delete = ROS2.rows(_MARKER, 1, header=header, type=_CUBE, action=_DELETE_ALL, pose=origin, scale=unit, color=white)
     letters = np.zeros((n, 3))
@@ -118,7 +163,7 @@ def marker_array(result: FrameResult, class_names: Sequence[str]) -> Any:
         n,
         header=header,
         ns=[f"objects/{source}" for source in source_names(objects.sources)],
-        id=np.arange(n),
+        id=ids,
         type=_CUBE,
         action=_ADD,
         pose=box_poses(objects),
@@ -130,7 +175,7 @@ def marker_array(result: FrameResult, class_names: Sequence[str]) -> Any:
         n,
         header=header,
         ns="labels",
-        id=np.arange(n),
+        id=ids,
         type=_TEXT_VIEW_FACING,
         action=_ADD,
         pose=places_as_poses(label_places(objects)),

@@ -1,7 +1,7 @@
 """Records of a frame as Rerun's archetypes."""
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import rerun as rr
@@ -13,14 +13,14 @@ from pipeline.core.frame import FrameResult
 from pipeline.core.rig import CameraSensor
 from pipeline.core.true_boxes import TrueBoxes
 from writers.drawing import (
-    ARROW_SHARE,
     DrawnBoxes2D,
     ObjectEdges,
+    arrow_lengths,
     ground_ellipses,
     labels_in_the_clear,
     object_colors,
-    placed_objects,
     strong_objects,
+    thin_objects,
 )
 from writers.palette import CAMERA_ONLY, TRUTH, Rgb
 
@@ -34,14 +34,15 @@ __all__ = [
     "height_range",
     "labels_2d",
     "object_ellipses",
-    "object_sources",
+    "object_facts",
     "objects_3d",
     "placed_boxes",
     "placed_ellipses",
+    "trails",
     "truth_boxes",
 ]
 
-Look = Literal["strong", "placed", "faint"]
+Look = Literal["strong", "thin", "faint"]
 
 MAX_POINTS = 100_000
 """Points logged per frame; larger clouds are thinned evenly to keep the viewer responsive."""
@@ -83,7 +84,7 @@ def objects_3d(result: FrameResult, labels: Sequence[str], rows: Bools, look: Lo
         result: The frame.
         labels: Labels of all objects.
         rows: (N,) which of them.
-        look: `strong`: filled and labelled; `placed` by the cameras alone: thin lines and a label; `faint`: thin lines.
+        look: `strong`: filled and labelled; `thin`: thin lines and a label; `faint`: thin lines.
     """
     objects = result.fused.objects.select(rows)
     return rr.Boxes3D(
@@ -98,11 +99,25 @@ def objects_3d(result: FrameResult, labels: Sequence[str], rows: Bools, look: Lo
     )
 
 
-def object_sources(result: FrameResult, rows: Bools) -> rr.DynamicArchetype:
-    """Sources of the geometry of some of the fused objects, to be read in the viewer."""
-    sources = rr.components.TextBatch(source_names(result.fused.objects.sources[rows]))
-    kind = "rerun.components.Text"
-    return rr.DynamicArchetype("lidcam.Objects").with_component_override("source", kind, sources.as_arrow_array())
+def object_facts(result: FrameResult, rows: Bools) -> rr.DynamicArchetype:
+    """Sources of the geometry of some of the fused objects, and what their tracks say, to be read in the viewer."""
+    tracks, sources = result.fused.tracks, source_names(result.fused.objects.sources[rows])
+    facts: dict[str, Any] = {"source": rr.components.TextBatch(sources)}
+    if tracks is not None:
+        chosen = tracks.select(rows)
+        facts |= {"track": chosen.ids, "speed_m_s": chosen.speeds}
+        facts |= {"existence": chosen.existence, "age_s": chosen.ages_s}
+    return rr.DynamicArchetype("lidcam.Objects", drop_untyped_nones=False, components=facts)
+
+
+def trails(result: FrameResult, paths: Sequence[F64]) -> rr.LineStrips3D:
+    """The trails of the fused objects that have one, in their colours."""
+    rows = [row for row, path in enumerate(paths) if len(path)]
+    return rr.LineStrips3D(
+        [paths[row] for row in rows],
+        colors=_bytes(object_colors(result)[rows]),
+        radii=rr.Radius.ui_points(1.0),
+    )
 
 
 def object_ellipses(result: FrameResult, rows: Bools) -> rr.LineStrips3D:
@@ -154,21 +169,23 @@ def _edges(boxes: Boxes3D | TrueBoxes, labels: Sequence[str], color: Rgb, radius
 
 
 def heading_arrows(result: FrameResult, rows: Bools) -> rr.Arrows3D:
-    """Arrows along the headings of some of the fused objects."""
+    """Arrows along the headings of some of the fused objects, where their fronts are known."""
+    lengths = arrow_lengths(result)
+    rows = rows & (lengths > 0)
     objects = result.fused.objects.select(rows)
     ahead = np.stack([np.cos(objects.yaws), np.sin(objects.yaws), np.zeros_like(objects.yaws)], -1)
     return rr.Arrows3D(
         origins=objects.centers,
-        vectors=ahead * objects.sizes[:, :1] * ARROW_SHARE,
+        vectors=ahead * lengths[rows, None],
         colors=_bytes(object_colors(result)[rows]),
         radii=objects.sizes[:, 2] * 0.03,
     )
 
 
 def edges_2d(result: FrameResult, edges: ObjectEdges) -> rr.LineStrips2D:
-    """The fused objects as the camera's lens bends them: thinner where faint, or placed by the cameras alone."""
+    """The fused objects as the camera's lens bends them: thinner where faint, or where no lidar shows them."""
     segments, rows = edges
-    is_thick = strong_objects(result) & ~placed_objects(result)
+    is_thick = strong_objects(result) & ~thin_objects(result)
     radii = np.where(is_thick, -1.0, -0.5)[rows]  # Rerun: a negative radius is in points of the screen
     return rr.LineStrips2D(segments, colors=_bytes(object_colors(result)[rows]), radii=radii, draw_order=20.0)
 

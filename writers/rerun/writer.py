@@ -19,13 +19,21 @@ from pipeline.core.errors import MessageError
 from pipeline.core.frame import FrameResult, Missing
 from pipeline.core.geometry.poses import interpolate_poses
 from pipeline.core.geometry.transform import Transform
-from pipeline.core.images import Image
 from pipeline.core.messages import Drop, RawMessage
+from pipeline.core.optics.images import Image
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.text import visible
 from pipeline.core.true_boxes import TrueBoxes
-from writers.drawing import ObjectEdges, drawn_boxes_2d, object_edges, object_labels, placed_objects, strong_objects
+from writers.drawing import (
+    ObjectEdges,
+    drawn_boxes_2d,
+    object_edges,
+    object_labels,
+    predicted_objects,
+    strong_objects,
+    thin_objects,
+)
 from writers.messages.images import COMPRESSED, read_image
 from writers.outputs.errors import output_errors
 from writers.outputs.transaction import OutputFile
@@ -35,6 +43,7 @@ from writers.rerun import archetypes
 from writers.rerun.blueprint import FIXED, PLACED, WAY, blueprint, camera_path, place_eye
 from writers.rerun.environment import without_rerun_variables
 from writers.rerun.stream import RerunStream
+from writers.trails import Trails
 from writers.truth_times import FrameTime, TruthTimes
 from writers.viewpoint import SceneSurvey
 
@@ -48,6 +57,7 @@ MAX_WAITING_BYTES, MAX_WAITING_FRAMES = 1 << 26, 1000
 POINT_BYTES = 16
 """Position and colour."""
 _WAY_COLOR = (225, 190, 90)
+_OF_TRACKS = ("world/predicted", "world/predicted/uncertainty", "world/trails")
 _MAGIC = {b"\xff\xd8\xff": "image/jpeg", b"\x89PN": "image/png"}
 
 
@@ -80,8 +90,9 @@ class RerunResultWriter:
         self._heights: tuple[float, float] | None = None
         self._last_place: list[float] | None = None
         self._shown: set[str] = set()
-        self._empty: set[str] = set()  # paths where nothing is drawn
+        self._empty = set(_OF_TRACKS)  # paths where nothing is drawn
         self._truth_times = TruthTimes()
+        self._trails = Trails(rig.site_frame, config.combine.motion)
         self._nearest_truth: tuple[FrameTime, TrueBoxes] | None = None
         self._fixed_frame_id: str | None = None
         self._frames = self._waiting_bytes = 0
@@ -230,20 +241,27 @@ class RerunResultWriter:
 
     def _log_objects(self, result: FrameResult) -> None:
         labels, log = object_labels(result, self._config.object_names), self._recording.log
-        strong, placed = strong_objects(result), placed_objects(result)
+        strong, predicted = strong_objects(result), predicted_objects(result)
+        seen, thin = strong & ~thin_objects(result), strong & thin_objects(result)
+        placed, predicted = thin & ~predicted, thin & predicted
         looks: tuple[tuple[str, Bools, archetypes.Look], ...] = (
-            ("world/objects", strong & ~placed, "strong"),
-            ("world/placed", strong & placed, "placed"),
+            ("world/objects", seen, "strong"),
+            ("world/placed", placed, "thin"),
+            ("world/predicted", predicted, "thin"),
             ("world/faint", ~strong, "faint"),
         )
         for path, rows, look in looks:
             if self._is_news(path, int(rows.sum())):
                 shown = archetypes.objects_3d(result, labels, rows, look)
-                log(path, shown, archetypes.object_sources(result, rows))
-        if self._is_news("world/objects/heading", int((strong & ~placed).sum())):
-            log("world/objects/heading", archetypes.heading_arrows(result, strong & ~placed))
-        if self._is_news("world/placed/uncertainty", int((strong & placed).sum())):
-            log("world/placed/uncertainty", archetypes.object_ellipses(result, strong & placed))
+                log(path, shown, archetypes.object_facts(result, rows))
+        if self._is_news("world/objects/heading", int(seen.sum())):
+            log("world/objects/heading", archetypes.heading_arrows(result, seen))
+        for path, rows in (("world/placed", placed), ("world/predicted", predicted)):
+            if self._is_news(f"{path}/uncertainty", int(rows.sum())):
+                log(f"{path}/uncertainty", archetypes.object_ellipses(result, rows))
+        paths = self._trails.add(result)
+        if self._is_news("world/trails", sum(len(path) > 0 for path in paths)):
+            log("world/trails", archetypes.trails(result, paths))
         if (found := result.detections.placed) is not None:
             if self._is_news(PLACED, len(found)):
                 log(PLACED, archetypes.placed_boxes(found, self._config.object_names))

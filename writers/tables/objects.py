@@ -105,7 +105,7 @@ class Objects:
     def empty(cls, rig: Rig, class_names: tuple[str, ...]) -> Self:
         """No objects."""
         arrays = {name: np.zeros((0, *shape), dtype) for name, (shape, dtype) in ARRAYS.items()}
-        return cls(rig.site_frame, class_names, rig.place_names, **arrays)  # type: ignore[arg-type]  # by ARRAYS
+        return cls(rig.site_frame, class_names, rig.place_names, **arrays)
 
     @classmethod
     def of_frame(cls, result: FrameResult, rig: Rig, class_names: tuple[str, ...]) -> Self:

@@ -134,4 +134,4 @@ def _texts(column: Array) -> list[Any]:
         return ["true" if value else "false" for value in column.tolist()]
     if column.dtype.kind == "f":
         return ["" if text == "nan" else text for text in column.astype(np.str_).tolist()]
-    return column.tolist()
+    return list(column.tolist())

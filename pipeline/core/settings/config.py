@@ -10,9 +10,8 @@ from pydantic import Field, model_validator
 
 from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
 from pipeline.core.settings.combine import CombineConfig
-from pipeline.core.settings.compare import CompareConfig
 from pipeline.core.settings.detect import Detect2DConfig, Detect3DConfig
-from pipeline.core.settings.evaluate import EvaluateConfig
+from pipeline.core.settings.evaluate import CompareConfig, EvaluateConfig
 from pipeline.core.settings.fuse import AssociateConfig, FuseConfig
 from pipeline.core.settings.model import SettingsModel
 from pipeline.core.settings.recording import LimitsConfig, RigConfig, TopicsConfig, VelodyneConfig

@@ -1,13 +1,13 @@
-"""Settings of evaluation."""
+"""Settings of evaluation, and of the comparison of two results."""
 
 from itertools import pairwise
 from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from pipeline.core.settings.model import Corners, Count, NotNegative, Positive, SettingsModel
+from pipeline.core.settings.model import Corners, Count, NotNegative, Positive, SettingsModel, Share
 
-__all__ = ["EvaluateConfig"]
+__all__ = ["CompareConfig", "EvaluateConfig"]
 
 IouThreshold = Annotated[float, Field(gt=0, le=1)]
 
@@ -53,3 +53,28 @@ class EvaluateConfig(SettingsModel):
         if edges is not None and any(first >= second for first, second in pairwise(edges)):
             raise ValueError(f"expected rising edges, found {', '.join(f'{edge:g}' for edge in edges)}")
         return edges
+
+
+class CompareConfig(SettingsModel):
+    """Comparison of two results: what still counts as equal, and what as the same object.
+
+    Attributes:
+        position_m: Farthest that the centre of an object may have moved.
+        yaw_deg: Largest turn; an object that points the other way has turned by 180 degrees.
+        size_m: Largest difference in length, width or height.
+        score: Largest difference of scores, of objects and of 2D boxes.
+        pixels: Farthest that an edge of a 2D box may have moved.
+        gate: Up to which distance two objects can be the same one, in lengths of the class (`classes.N.size_m`); beyond
+            it one is lost and the other new.
+        min_iou: Smallest IoU of two 2D boxes that can be the same one.
+        stamp_s: Largest difference of stamps of what can be the same frame.
+    """
+
+    position_m: NotNegative = 0.01
+    yaw_deg: Annotated[float, Field(ge=0, le=180)] = 0.5
+    size_m: NotNegative = 0.01
+    score: Share = 0.01
+    pixels: NotNegative = 1.0
+    gate: Positive = 1.0
+    min_iou: Share = 0.3
+    stamp_s: NotNegative = 0.01

@@ -19,6 +19,6 @@ class TrackConfig(SettingsModel):
         max_gap_s: An object that is not seen for longer begins a new track.
     """
 
-    mode: Literal["offline", "online", "none"] = "none"
+    mode: Literal["offline", "online", "none"] = "offline"
     window_s: Positive = 60.0
     max_gap_s: Positive = 3.0

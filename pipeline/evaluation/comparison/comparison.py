@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.core.detections import Boxes2D, Boxes3D
 from pipeline.core.settings.classes import ClassPrior
-from pipeline.core.settings.compare import CompareConfig
+from pipeline.core.settings.evaluate import CompareConfig
 from pipeline.evaluation.comparison.differences import Channel, Difference, Episodes, Listing
 from pipeline.evaluation.comparison.frames import ComparedFrame, FramePair
 from pipeline.evaluation.comparison.object_changes import (

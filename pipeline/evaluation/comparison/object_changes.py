@@ -10,7 +10,7 @@ from pipeline.core.arrays import F64, I64, Array, Bools, Indices, check_array
 from pipeline.core.detections import Boxes2D, Boxes3D
 from pipeline.core.geometry.boxes import iou_xyxy, wrap_angle
 from pipeline.core.settings.classes import ClassPrior
-from pipeline.core.settings.compare import CompareConfig
+from pipeline.core.settings.evaluate import CompareConfig
 from pipeline.evaluation.assignment import assign_heaviest
 from pipeline.evaluation.evaluation_frame import UNKNOWN, SourceBoxes
 

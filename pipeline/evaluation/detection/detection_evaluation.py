@@ -20,7 +20,7 @@ __all__ = ["DetectionEvaluation"]
 class DetectionEvaluation:
     """Compares the detections of every source with the truth.
 
-    Kept of a frame is a row of numbers for each box, about 100 bytes.
+    Kept of a frame is a row of numbers for each box, about 150 bytes.
 
     Args:
         config: Classes and settings of the evaluation.

@@ -5,13 +5,27 @@ from enum import IntEnum
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import F64, I32, Indices
+from pipeline.core.arrays import F64, I32, Bools, Indices
 from pipeline.core.detections import Boxes3D
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.evaluation.evaluation_frame import Figures, TruthBoxes3D
 from pipeline.evaluation.scales import is_flip
 
-__all__ = ["Column", "bird_eye_m", "error_figures", "errors_of_pairs"]
+__all__ = [
+    "CHI2_95",
+    "Column",
+    "bird_eye_m",
+    "error_figures",
+    "errors_of_pairs",
+    "motion_figures",
+    "nees_figures",
+    "spread",
+]
+
+
+MIN_VARIANCE, MAX_VARIANCE, MIN_RATIO = 1e-12, 1e12, 1e-10
+"""Least variance of an axis of a covariance that can be used, largest one, and least share of the one in the other:
+below is what rounding leaves, beyond overflows."""
 
 
 class Column(IntEnum):
@@ -25,14 +39,21 @@ class Column(IntEnum):
     HEIGHT = 5
     YAW = 6
     SCALE = 7
+    NEES = 8
+    NEES_YAW = 9
+
+
+CHI2_95 = {Column.NEES: 5.991464547107979, Column.NEES_YAW: 7.814727903251179}
+"""What 95 % of chi-square values of two and of three degrees of freedom stay below."""
 
 
 def errors_of_pairs(found: Boxes3D, truth: TruthBoxes3D, rows: Indices, columns: Indices | I32) -> F64:
     """Errors of the detections `rows` (P,), which show the true objects `columns` (P,): detection minus truth.
 
     Returns:
-        (P, 8): along and across the object's heading, up, length, width, height (metres), yaw (radians, in (-pi, pi]),
-        and 1 - IoU of the sizes alone, as if centre and yaw agreed.
+        (P, 10): along and across the object's heading, up, length, width, height (metres), yaw (radians, in (-pi, pi]),
+        1 - IoU of the sizes alone, as if centre and yaw agreed, and the squared errors over what the covariance of the
+        detection lets expect: of x and y, and of x, y and yaw modulo 180 degrees; NaN without a usable covariance.
     """
     gap_m = found.centers[rows] - truth.centers[columns]
     cos, sin = np.cos(truth.yaws[columns]), np.sin(truth.yaws[columns])
@@ -42,7 +63,27 @@ def errors_of_pairs(found: Boxes3D, truth: TruthBoxes3D, rows: Indices, columns:
     joined_m3 = sizes.prod(1) + true_sizes.prod(1) - shared_m3
     scale = 1 - np.divide(shared_m3, joined_m3, out=np.zeros(len(rows)), where=joined_m3 > 0)
     turn = wrap_angle(found.yaws[rows] - truth.yaws[columns])
-    return np.column_stack([along_m, across_m, gap_m[:, 2], sizes - true_sizes, turn, scale])
+    axis_turn = wrap_angle(2 * turn) / 2
+    covariances = found.covariances[rows]
+    nees = _normalised(gap_m[:, :2], covariances[:, :2, :2])
+    nees_yaw = _normalised(np.column_stack([gap_m[:, :2], axis_turn]), covariances)
+    return np.column_stack([along_m, across_m, gap_m[:, 2], sizes - true_sizes, turn, scale, nees, nees_yaw])
+
+
+def _normalised(errors: F64, covariances: F64) -> F64:
+    """(P,) normalised estimation error squared e' inv(P) e of errors (P, D); NaN where P is not positive definite.
+
+    Bar-Shalom, Li and Kirubarajan, Estimation with applications to tracking and navigation, 2001, 5.4.2.
+    """
+    found = np.full(len(errors), np.nan)
+    rows = np.flatnonzero((np.abs(covariances) < MAX_VARIANCE).all((1, 2)))
+    symmetric = (covariances[rows] + covariances[rows].swapaxes(1, 2)) / 2
+    values = np.linalg.eigvalsh(symmetric)
+    is_usable = values[:, 0] > np.maximum(MIN_VARIANCE, MIN_RATIO * values[:, -1])
+    rows, symmetric = rows[is_usable], symmetric[is_usable]
+    e = errors[rows, :, None]
+    found[rows] = (e * np.linalg.solve(symmetric, e)).sum((1, 2))
+    return found
 
 
 _SIGNED = {
@@ -72,7 +113,7 @@ def bias(errors: npt.NDArray[np.floating]) -> float | None:
 
 
 def error_figures(errors: npt.NDArray[np.floating]) -> Figures:
-    """The figures of the errors (N, 8) of detections that show an object.
+    """The figures of the errors (N, 10) of detections that show an object.
 
     A flip is a heading that is wrong by more than 90 degrees.
     """
@@ -82,8 +123,46 @@ def error_figures(errors: npt.NDArray[np.floating]) -> Figures:
         figures[name] = {"bias": bias(errors[:, column]), **spread(errors[:, column])}
     figures["heading_deg"] = spread(turns_deg)
     figures["heading_mod_180_deg"] = spread(np.minimum(turns_deg, 180 - turns_deg))
+    figures["nees"] = nees_figures(errors[:, Column.NEES], CHI2_95[Column.NEES])
+    figures["nees_yaw"] = nees_figures(errors[:, Column.NEES_YAW], CHI2_95[Column.NEES_YAW])
     figures["flips"] = float(is_flip(errors[:, Column.YAW]).mean()) if len(errors) else None
     return figures
+
+
+def nees_figures(nees: npt.NDArray[np.floating], limit: float) -> dict[str, float | int | None]:
+    """How many errors are normalised, their mean, and the share inside the band of 95 %; `nees` (N,) may hold NaN."""
+    known = nees[~np.isnan(nees)].astype(np.float64)
+    count = len(known)
+    if not count:
+        return {"count": 0, "mean": None, "inside_95": None}
+    return {"count": count, "mean": float(known.mean()), "inside_95": float((known <= limit).mean())}
+
+
+def motion_figures(
+    errors: npt.NDArray[np.floating], motion_errors: npt.NDArray[np.floating], moves: Bools, stands: Bools
+) -> dict[str, Figures | float | int | None]:
+    """The figures of the motion of detections that show an object.
+
+    Args:
+        errors: (N, 10) as of `errors_of_pairs`.
+        motion_errors: (N, 3) velocity along x and y of the ground in m/s, and yaw rate in rad/s, found minus true; NaN
+            where either is not known.
+        moves: (N,) whether the object moves in the recording.
+        stands: (N,) whether it stands.
+    """
+    velocities = motion_errors[~np.isnan(motion_errors[:, :2]).any(1), :2].astype(np.float64)
+    yaw_rates_deg_s = np.degrees(motion_errors[~np.isnan(motion_errors[:, 2]), 2].astype(np.float64))
+    is_flipped = is_flip(errors[:, Column.YAW])
+    return {
+        "velocity_m_s": {"count": len(velocities), **spread(np.hypot(velocities[:, 0], velocities[:, 1]))},
+        "yaw_rate_deg_s": {
+            "count": len(yaw_rates_deg_s),
+            "bias": bias(yaw_rates_deg_s),
+            **spread(yaw_rates_deg_s),
+        },
+        "flips_moving": float(is_flipped[moves].mean()) if moves.any() else None,
+        "flips_standing": float(is_flipped[stands].mean()) if stands.any() else None,
+    }
 
 
 def bird_eye_m(errors: npt.NDArray[np.floating]) -> F64:

@@ -17,6 +17,7 @@ from pipeline.evaluation.ignoring import is_counted, is_evaluated, is_within
 from pipeline.evaluation.near_objects import Candidates, FoundObjects, TrueObjects, pairs_near
 from pipeline.evaluation.pieces import Pieces
 from pipeline.evaluation.scales import nuscenes_ranges_m, range_edges_m, range_rows
+from pipeline.evaluation.true_motion import ground_poses, ground_turns
 
 __all__ = ["Gathering", "check_values"]
 
@@ -88,17 +89,18 @@ class Gathering:
         truth = TrueObjects.of([frame.truth for frame in frames if frame.truth is not None], first)
         true = truth.boxes
         check_values("truth", true.class_ids, range(UNKNOWN, self._class_count), true.centers, true.sizes, true.yaws)
-        table = self._truth_table(truth)
+        poses = [frame.T_fixed_site for frame in frames]
+        table = self._truth_table(truth, poses)
         for source, pieces in self._found.items():
             found = FoundObjects.of([frame.sources.get(source) for frame in frames], first)
             numbers = found.boxes.centers, found.boxes.sizes, found.boxes.scores
             check_values(source, found.boxes.class_ids, range(self._class_count), *numbers)
-            pieces.append(self._found_table(found, truth, table))
+            pieces.append(self._found_table(found, truth, table, poses))
         self._truth.append(table)
         self._truth_count += len(truth)
 
-    def _truth_table(self, truth: TrueObjects) -> TruthTable:
-        boxes = truth.boxes
+    def _truth_table(self, truth: TrueObjects, poses: Sequence[F64 | None]) -> TruthTable:
+        boxes, first = truth.boxes, len(self.stamps_ns) - len(poses)
         has_points = boxes.lidar_points != 0
         is_near = _ranges_m(boxes.centers) < np.append(self._nuscenes_m, 0.0)[boxes.class_ids]
         return TruthTable(
@@ -110,9 +112,13 @@ class Gathering:
             boxes.yaws.astype(np.float32),
             is_evaluated(boxes, self._settings),
             is_counted(boxes, self._settings) & has_points & is_near,
+            boxes.track_ids,
+            ground_poses(boxes.centers, boxes.yaws, truth.frames, poses, first),
         )
 
-    def _found_table(self, found: FoundObjects, truth: TrueObjects, table: TruthTable) -> FoundTable:
+    def _found_table(
+        self, found: FoundObjects, truth: TrueObjects, table: TruthTable, poses: Sequence[F64 | None]
+    ) -> FoundTable:
         pairs, criteria, boxes = pairs_near(found, truth, self._criteria.scales), self._criteria, found.boxes
         is_outside = ~is_within(boxes.centers, self._settings)
         matches = match_criteria(
@@ -138,6 +144,8 @@ class Gathering:
         for row, column in enumerate(criteria.error_columns):
             right = np.flatnonzero(matches[:, column] >= 0)
             errors[right, row] = errors_of_pairs(boxes, truth.boxes, right, matches[right, column])
+        first = len(self.stamps_ns) - len(poses)
+        velocities = ground_turns(found.motion.velocities, found.frames, poses, first)
         return FoundTable(
             found.frames,
             boxes.class_ids,
@@ -147,6 +155,8 @@ class Gathering:
             np.where(matches >= 0, matches + self._truth_count, matches).astype(np.int32),
             np.where(mistaken >= 0, mistaken + self._truth_count, FALSE).astype(np.int32),
             errors,
+            np.column_stack([velocities, found.motion.yaw_rates]).astype(np.float32),
+            found.motion.is_predicted,
         )
 
     def _nuscenes_matches(

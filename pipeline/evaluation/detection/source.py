@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import I32, Bools, Indices
+from pipeline.core.arrays import F64, I32, Bools, Indices
 from pipeline.core.rig import Zone
 from pipeline.core.settings.config import ALL_CLASSES, Config
 from pipeline.evaluation.detection.averages import (
@@ -21,12 +21,21 @@ from pipeline.evaluation.detection.averages import (
 from pipeline.evaluation.detection.counts import calibration_figures, count_figures
 from pipeline.evaluation.detection.criteria import DISTANCES_M, Criteria
 from pipeline.evaluation.detection.curves import Curve, curve_of, ratio
-from pipeline.evaluation.detection.errors import error_figures
+from pipeline.evaluation.detection.errors import (
+    CHI2_95,
+    Column,
+    bird_eye_m,
+    error_figures,
+    motion_figures,
+    nees_figures,
+    spread,
+)
 from pipeline.evaluation.detection.gathering import Gathering
 from pipeline.evaluation.detection.matching import by_falling_score
 from pipeline.evaluation.detection.tables import FALSE, IGNORED, FoundTable, Scored, TruthTable, scored
 from pipeline.evaluation.evaluation_frame import UNKNOWN, Figures
 from pipeline.evaluation.scales import range_edges_m, range_names
+from pipeline.evaluation.true_motion import has_moved, true_velocities
 
 __all__ = ["Part", "Site", "Source"]
 
@@ -53,6 +62,9 @@ class Site:
         parts: The parts of the site, in the order of the columns of the tables.
         frames: Frames that are evaluated.
         frames_without_truth: Frames that are not.
+        velocities: (T, 3) float64, of the true objects over the ground: see `true_velocities`.
+        moves: (T,) bool, which of them move in the recording.
+        stands: (T,) bool, which stand.
     """
 
     class_names: tuple[str, ...]
@@ -62,6 +74,9 @@ class Site:
     parts: tuple[Part, ...]
     frames: int
     frames_without_truth: int
+    velocities: F64
+    moves: Bools
+    stands: Bools
 
     @classmethod
     def of(cls, config: Config, zones: Sequence[Zone], gathering: Gathering) -> "Site":
@@ -72,14 +87,22 @@ class Site:
             Part("ranges", name, {"from_m": start_m, "to_m": end_m})
             for name, start_m, end_m in zip(range_names(edges_m), starts_m, ends_m, strict=True)
         )
+        truth = gathering.truth()
+        stamps_ns = np.array(gathering.stamps_ns, np.int64)
+        velocities = true_velocities(truth.frames, stamps_ns, truth.class_ids, truth.track_ids, truth.poses)
+        if config.evaluate.truth_time != "stamp":  # places at other times than the stamps make no velocity
+            velocities = np.full_like(velocities, np.nan)
+        lengths_m = np.array([one.size_m[0] for one in config.classes])
         return cls(
             config.class_names,
             Criteria.of(config),
-            gathering.truth(),
+            truth,
             gathering.labels.names,
             (*ranges, *(Part("zones", zone.name, {}) for zone in zones)),
             len(gathering.stamps_ns),
             gathering.frames_without_truth,
+            velocities,
+            *has_moved(truth.class_ids, truth.track_ids, truth.poses, lengths_m),
         )
 
     def count(self, is_counted: Bools, part: int | None) -> int:
@@ -200,7 +223,26 @@ class Source:
         return {
             **count_figures(curve, ignored, site.count(left_out, part)),
             "false_per_frame": ratio(int((~detections.is_right).sum()), site.frames),
-            "errors": error_figures(found.errors[detections.rows[detections.is_right], 0]),
+            "errors": self._errors(detections.select(detections.is_right)),
+            "predicted": self._predicted(detections),
+        }
+
+    def _errors(self, right: Scored) -> Figures:
+        site, errors, truth_rows = self.site, self.found.errors[right.rows, 0], right.truth_rows
+        motion_errors = self.found.velocities[right.rows] - site.velocities[truth_rows]
+        motion = motion_figures(errors, motion_errors, site.moves[truth_rows], site.stands[truth_rows])
+        return {**error_figures(errors), **motion}
+
+    def _predicted(self, detections: Scored) -> Figures:
+        """The figures of detections of which nothing was seen in their frame."""
+        predicted = detections.select(self.found.is_predicted[detections.rows])
+        errors = self.found.errors[predicted.rows[predicted.is_right], 0]
+        return {
+            "found": len(predicted),
+            "right": len(errors),
+            "precision": ratio(len(errors), len(predicted)),
+            "position_bev_m": spread(bird_eye_m(errors)),
+            "nees": nees_figures(errors[:, Column.NEES], CHI2_95[Column.NEES]),
         }
 
     def _recalls(self, class_id: int | None, detections: Scored) -> dict[str, Figures]:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F32, I32, Bools, Indices, Table, check_array
+from pipeline.core.arrays import F32, F64, I32, I64, Bools, Indices, Table, check_array
 from pipeline.evaluation.evaluation_frame import Names
 
 __all__ = ["FALSE", "IGNORED", "FoundTable", "Labels", "Scored", "TruthTable", "scored"]
@@ -29,6 +29,8 @@ class TruthTable(Table):
         yaws: (T,) float32.
         is_evaluated: (T,) bool; False for what is neither a miss nor an error.
         is_nuscenes: (T,) bool, evaluated in the figures that carry the name of nuScenes.
+        track_ids: (T,) int64, the same for the same object in all frames, or `UNKNOWN`.
+        poses: (T, 3) float64, x, y (metres) and yaw over the ground; NaN where not known.
     """
 
     frames: I32
@@ -39,6 +41,8 @@ class TruthTable(Table):
     yaws: F32
     is_evaluated: Bools
     is_nuscenes: Bools
+    track_ids: I64
+    poses: F64
 
     def __post_init__(self) -> None:
         n = len(self.frames)
@@ -48,12 +52,15 @@ class TruthTable(Table):
         check_array("yaws", self.yaws, (n,), np.float32)
         check_array("is_evaluated", self.is_evaluated, (n,), np.bool_)
         check_array("is_nuscenes", self.is_nuscenes, (n,), np.bool_)
+        check_array("track_ids", self.track_ids, (n,), np.int64)
+        check_array("poses", self.poses, (n, 3), np.float64)
 
     @classmethod
     def empty(cls, parts: int) -> "TruthTable":
         """No objects of a site of so many parts."""
         ids, flags = np.zeros(0, np.int32), np.zeros(0, np.bool_)
-        return cls(ids, ids, ids, np.zeros((0, parts), np.bool_), ids, np.zeros(0, np.float32), flags, flags)
+        in_parts, yaws = np.zeros((0, parts), np.bool_), np.zeros(0, np.float32)
+        return cls(ids, ids, ids, in_parts, ids, yaws, flags, flags, np.zeros(0, np.int64), np.zeros((0, 3)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +75,9 @@ class FoundTable:
         yaws: (N,) float32.
         matches: (N, K) int32 by criterion, row of the true object that the detection shows; or `FALSE`, `IGNORED`.
         mistaken: (N,) int32, row of the true object of another class that a false detection shows; or `FALSE`.
-        errors: (N, E, 8) float32, errors of the matches of E criteria by `Column`; NaN without a match.
+        errors: (N, E, 10) float32, errors of the matches of E criteria by `Column`; NaN without a match.
+        velocities: (N, 3) float32, along x and y of the ground in m/s, and yaw rate in rad/s; NaN where not known.
+        is_predicted: (N,) bool, whether nothing of the object was seen in this frame.
     """
 
     frames: I32
@@ -79,6 +88,8 @@ class FoundTable:
     matches: I32
     mistaken: I32
     errors: F32
+    velocities: F32
+    is_predicted: Bools
 
     def __post_init__(self) -> None:
         n = len(self.frames)
@@ -89,13 +100,17 @@ class FoundTable:
         check_array("yaws", self.yaws, (n,), np.float32)
         check_array("matches", self.matches, (n, self.matches.shape[-1]), np.int32)
         check_array("errors", self.errors, (n, *self.errors.shape[1:]), np.float32)
+        check_array("velocities", self.velocities, (n, 3), np.float32)
+        check_array("is_predicted", self.is_predicted, (n,), np.bool_)
 
     @classmethod
     def empty(cls, parts: int, criteria: int, errors: tuple[int, int]) -> "FoundTable":
-        """No detections; `errors` is the shape (E, 8) of the errors of one."""
+        """No detections; `errors` is the shape (E, 10) of the errors of one."""
         ids, values = np.zeros(0, np.int32), np.zeros(0, np.float32)
         matches, flags = np.zeros((0, criteria), np.int32), np.zeros((0, parts), np.bool_)
-        return cls(ids, ids, values, flags, values, matches, ids, np.zeros((0, *errors), np.float32))
+        velocities, marks = np.zeros((0, 3), np.float32), np.zeros(0, np.bool_)
+        of_errors = np.zeros((0, *errors), np.float32)
+        return cls(ids, ids, values, flags, values, matches, ids, of_errors, velocities, marks)
 
 
 class Labels:

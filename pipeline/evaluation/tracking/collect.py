@@ -17,6 +17,7 @@ from pipeline.evaluation.near_objects import Candidates, FoundObjects, TrueObjec
 from pipeline.evaluation.pieces import Pieces
 from pipeline.evaluation.scales import length_scales
 from pipeline.evaluation.tracking.table import TrackRows, TrackTable
+from pipeline.evaluation.true_motion import ground_poses
 
 __all__ = ["MAX_DISTANCE_M", "Collection"]
 
@@ -80,7 +81,7 @@ class Collection:
         frames, self._frames = self._frames, []
         if not frames:
             return
-        first = len(self._stamps_ns) - len(frames)
+        first, T_fixed_site = len(self._stamps_ns) - len(frames), [frame.T_fixed_site for frame in frames]
         truth = TrueObjects.of([frame.truth for frame in frames if frame.truth is not None], first)
         boxes, no_scores = truth.boxes, np.zeros(len(truth))
         is_tracked = boxes.track_ids != UNKNOWN  # an object whose track is not known cannot be followed
@@ -94,10 +95,9 @@ class Collection:
             self._add_found(
                 source, FoundObjects.of([frame.sources.get(name) for frame in frames], first), counted, ignored
             )
-        boxes = counted.boxes
-        self._truth.append(
-            TrackRows.of(counted.frames, boxes, boxes.class_ids, boxes.track_ids, no_scores[: len(counted)])
-        )
+        boxes, no_scores = counted.boxes, no_scores[: len(counted)]
+        poses = ground_poses(boxes.centers, boxes.yaws, counted.frames, T_fixed_site, first)
+        self._truth.append(TrackRows.of(counted.frames, boxes, boxes.class_ids, boxes.track_ids, no_scores, poses))
         self._truth_count += len(counted)
 
     def _add_found(self, source: _Source, found: FoundObjects, counted: TrueObjects, ignored: TrueObjects) -> None:
@@ -118,7 +118,8 @@ class Collection:
             kept[close.found[assign_nearest(close.truth, close.found, close.distances_m)]] = True
             pairs = pairs.among(np.ones(len(counted), np.bool_), kept)
             found, class_ids, scores = select_rows(found, kept), class_ids[kept], scores[kept]
-        source.found.append(TrackRows.of(found.frames, found.boxes, class_ids, found.track_ids, scores))
+        no_poses = np.full((len(found), 3), np.nan)  # only the truth says what moves
+        source.found.append(TrackRows.of(found.frames, found.boxes, class_ids, found.track_ids, scores, no_poses))
         rows_so_far = pairs.truth + self._truth_count, pairs.found + source.count
         source.pairs.append(Candidates(*rows_so_far, pairs.bev, pairs.volume, pairs.distances_m))
         source.count += len(found)
@@ -132,6 +133,7 @@ class Collection:
             found.numbered(is_found),
             source.pairs.table().among(is_true, is_found),
             float(self._max_distances_m[class_id]),
+            self._config.classes[class_id].size_m[0],
             int(source.without_track[class_id]),
         )
 

@@ -1,15 +1,19 @@
-"""Courses of tracks over time: how long they are, how soon an object has one, and how often they turn around."""
+"""Courses of tracks over time: how long they are, how soon an object has one, and how often they turn around.
+
+A track is false if more than half of its boxes match no object.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, I64, check_array, join_rows
+from pipeline.core.arrays import F64, I32, I64, Bools, Indices, check_array, join_rows
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.evaluation.scales import is_flip
 from pipeline.evaluation.tracking.clear import Matches
 from pipeline.evaluation.tracking.table import TrackTable
+from pipeline.evaluation.true_motion import has_moved
 
 __all__ = ["Courses", "course_figures", "follow", "total_courses"]
 
@@ -21,20 +25,27 @@ class Courses:
     Attributes:
         boxes: (H,) int64, boxes of each track found.
         durations_s: (H,) float64, from its first box to its last.
+        is_false: (H,) bool, whether it is false.
         delays_s: (T,) float64, from a true track's first frame to its first match; NaN if there is none.
         heading_flips: Turns of more than 90 degrees that an object did not make.
+        heading_flips_moving: Those of objects that move in the recording.
+        heading_flips_standing: Those of objects that stand.
         without_track: Boxes found that are part of no track.
     """
 
     boxes: I64
     durations_s: F64
+    is_false: Bools
     delays_s: F64
     heading_flips: int
+    heading_flips_moving: int
+    heading_flips_standing: int
     without_track: int
 
     def __post_init__(self) -> None:
         check_array("boxes", self.boxes, (len(self.durations_s),), np.int64)
         check_array("durations_s", self.durations_s, (len(self.durations_s),), np.float64)
+        check_array("is_false", self.is_false, (len(self.durations_s),), np.bool_)
         check_array("delays_s", self.delays_s, (len(self.delays_s),), np.float64)
 
 
@@ -47,25 +58,38 @@ def follow(table: TrackTable, matches: Matches) -> Courses:
     delays_s = np.full(len(start_ns), np.nan)
     matched_ns = table.stamps_ns[table.truth.frames[rows[earliest]]]
     delays_s[matched_tracks] = (matched_ns - start_ns[matched_tracks]) / 1e9
+    boxes = np.bincount(table.found.tracks).astype(np.int64)
+    matched = np.bincount(table.found.tracks[table.pairs.found[matches.pairs]], minlength=len(boxes))
+    flipped = _flipped(table, matches)
+    one_class = np.zeros(len(table.truth), np.int32)
+    moves, stands = has_moved(one_class, table.truth.tracks, table.truth.poses, np.array([table.length_m]))
     return Courses(
-        np.bincount(table.found.tracks).astype(np.int64),
+        boxes,
         (last_ns - first_ns) / 1e9,
+        2 * matched < boxes,
         delays_s,
-        _flips(table, matches),
+        len(flipped),
+        int(moves[flipped].sum()),
+        int(stands[flipped].sum()),
         table.without_track,
     )
 
 
 def total_courses(parts: Sequence[Courses]) -> Courses:
     """The tracks of all classes together."""
-    flips, without_track = sum(part.heading_flips for part in parts), sum(part.without_track for part in parts)
-    return replace(join_rows(*parts), heading_flips=flips, without_track=without_track)
+    return replace(
+        join_rows(*parts),
+        heading_flips=sum(part.heading_flips for part in parts),
+        heading_flips_moving=sum(part.heading_flips_moving for part in parts),
+        heading_flips_standing=sum(part.heading_flips_standing for part in parts),
+        without_track=sum(part.without_track for part in parts),
+    )
 
 
 def course_figures(courses: Courses) -> dict[str, float | int | None]:
     """Figures of the tracks; None where there are none."""
     matched = courses.delays_s[~np.isnan(courses.delays_s)]
-    some = len(courses.boxes) > 0
+    some, has_false = len(courses.boxes) > 0, bool(courses.is_false.any())
     return {
         "truth_tracks": len(courses.delays_s),
         "found_tracks": len(courses.boxes),
@@ -74,9 +98,14 @@ def course_figures(courses: Courses) -> dict[str, float | int | None]:
         "track_frames_median": float(np.median(courses.boxes)) if some else None,
         "track_s_mean": float(courses.durations_s.mean()) if some else None,
         "track_s_median": float(np.median(courses.durations_s)) if some else None,
+        "false_tracks": int(courses.is_false.sum()),
+        "false_track_frames_mean": float(courses.boxes[courses.is_false].mean()) if has_false else None,
+        "false_track_s_mean": float(courses.durations_s[courses.is_false].mean()) if has_false else None,
         "first_match_s_mean": float(matched.mean()) if len(matched) else None,
         "never_matched": len(courses.delays_s) - len(matched),
         "heading_flips": courses.heading_flips,
+        "heading_flips_moving": courses.heading_flips_moving,
+        "heading_flips_standing": courses.heading_flips_standing,
     }
 
 
@@ -87,12 +116,12 @@ def _spans(table: TrackTable, tracks: I64, frames: I32) -> tuple[I64, I64]:
     return table.stamps_ns[frames[first]], table.stamps_ns[frames[last]]
 
 
-def _flips(table: TrackTable, matches: Matches) -> int:
-    """Turns of more than 90 degrees of a track between two of its matches in a row that its object does not make."""
+def _flipped(table: TrackTable, matches: Matches) -> Indices:
+    """Rows of the truth where a track has turned by more than 90 degrees since its last match, but not its object."""
     truth, found = table.pairs.truth[matches.pairs], table.pairs.found[matches.pairs]
     order = np.lexsort((table.found.frames[found], table.found.tracks[found]))
     truth, found = truth[order], found[order]
     same = (np.diff(table.found.tracks[found]) == 0) & (np.diff(table.truth.tracks[truth]) == 0)
     turns_rad = wrap_angle(np.diff(table.found.yaws[found]))
     true_turns_rad = wrap_angle(np.diff(table.truth.yaws[truth]))
-    return int((same & is_flip(turns_rad) & ~is_flip(true_turns_rad)).sum())
+    return np.asarray(truth[1:][same & is_flip(turns_rad) & ~is_flip(true_turns_rad)])

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, I64, Rows, Table, check_array
+from pipeline.core.arrays import F64, I32, I64, Bools, Rows, Table, check_array
 from pipeline.core.geometry.rotated_iou import OrientedBoxes
 from pipeline.evaluation.near_objects import Candidates
 
@@ -22,6 +22,7 @@ class TrackRows(Table):
         yaws: (N,) float64.
         ranges_m: (N,) float64, from the origin, along the ground.
         scores: (N,) float64; 0 for a true object.
+        poses: (N, 3) float64, x, y (metres) and yaw over the ground; NaN where that is not known.
     """
 
     frames: I32
@@ -30,6 +31,7 @@ class TrackRows(Table):
     yaws: F64
     ranges_m: F64
     scores: F64
+    poses: F64
 
     def __post_init__(self) -> None:
         n = len(self.frames)
@@ -38,18 +40,19 @@ class TrackRows(Table):
         check_array("tracks", self.tracks, (n,), np.int64)
         for name in ("yaws", "ranges_m", "scores"):
             check_array(name, getattr(self, name), (n,), np.float64)
+        check_array("poses", self.poses, (n, 3), np.float64)
 
     @classmethod
-    def of(cls, frames: I32, boxes: OrientedBoxes, class_ids: I32, tracks: I64, scores: F64) -> "TrackRows":
+    def of(cls, frames: I32, boxes: OrientedBoxes, class_ids: I32, tracks: I64, scores: F64, poses: F64) -> "TrackRows":
         """The rows of boxes (N,)."""
         ranges_m = np.hypot(boxes.centers[:, 0], boxes.centers[:, 1])
-        return cls(frames, class_ids, tracks, boxes.yaws, ranges_m, scores)
+        return cls(frames, class_ids, tracks, boxes.yaws, ranges_m, scores, poses)
 
     @classmethod
     def empty(cls) -> "TrackRows":
         """No rows."""
         ids, values = np.zeros(0, np.int32), np.zeros(0)
-        return cls(ids, ids, np.zeros(0, np.int64), values, values, values)
+        return cls(ids, ids, np.zeros(0, np.int64), values, values, values, np.zeros((0, 3)))
 
     @property
     def track_count(self) -> int:
@@ -74,6 +77,7 @@ class TrackTable:
         found: M boxes found.
         pairs: Pairs of `truth` and `found` that are near enough to be one object, or overlap.
         max_distance_m: From this distance on a pair is no match.
+        length_m: Length of the class.
         without_track: Boxes found that have no track, or share it with another box of their frame; not in the table.
     """
 
@@ -82,10 +86,14 @@ class TrackTable:
     found: TrackRows
     pairs: Candidates
     max_distance_m: float
+    length_m: float
     without_track: int = 0
 
     def within(self, max_range_m: float) -> "TrackTable":
         """The part that lies nearer to the origin; the rest is gone, as where it was never looked for."""
-        truth, found = self.truth.ranges_m < max_range_m, self.found.ranges_m < max_range_m
+        return self.part(self.truth.ranges_m < max_range_m, self.found.ranges_m < max_range_m)
+
+    def part(self, truth: Bools, found: Bools) -> "TrackTable":
+        """The true objects (N,) and boxes (M,) that are kept."""
         pairs = self.pairs.among(truth, found)
         return replace(self, truth=self.truth.numbered(truth), found=self.found.numbered(found), pairs=pairs)

@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.evaluation_frame import EvaluationFrame, Figure, Figures
-from pipeline.evaluation.scales import nuscenes_ranges_m
+from pipeline.evaluation.scales import nuscenes_ranges_m, range_edges_m, range_names, rows_of_ranges
 from pipeline.evaluation.tracking.amota import amota_figures
 from pipeline.evaluation.tracking.clear import ClearCounts, clear_figures, count_clear, match_clear
 from pipeline.evaluation.tracking.collect import Collection
@@ -26,12 +26,14 @@ class TrackingEvaluation:
     """Tracks of every source that has any, by class and of all classes.
 
     An object is only compared with boxes of its own class. `all` sums what was counted by class, and has the means of
-    AMOTA and AMOTP over the classes with truth. With the distances of nuScenes, AMOTA and AMOTP also have its ranges.
+    AMOTA and AMOTP over the classes with truth. Ranges have HOTA, CLEAR MOT and IDF1 of their own. With the distances
+    of nuScenes, AMOTA and AMOTP also have its ranges.
     """
 
     def __init__(self, config: Config) -> None:
         self._config = config
         self._collection = Collection(config)
+        self._edges_m = range_edges_m(config)
 
     def add(self, frame: EvaluationFrame) -> None:
         """Take in one frame; one without truth plays no part."""
@@ -50,38 +52,75 @@ class TrackingEvaluation:
             group = "nuscenes"
             compared = [table.within(range_m) for table, range_m in zip(tables, ranges_m, strict=True)]
         averages = [amota_figures(table) for table in compared]
+        parts = [self._parts(table, count) for table, count in zip(tables, counts, strict=True)]
         by_class: dict[str, Figures] = {
             name: {
                 "match_distance_m": table.max_distance_m,
                 **_figures([count]),
                 group: average,
+                "ranges": self._ranges([[part] for part in of_class]),
             }
-            for name, table, count, average in zip(self._config.class_names, tables, counts, averages, strict=True)
+            for name, table, count, average, of_class in zip(
+                self._config.class_names, tables, counts, averages, parts, strict=True
+            )
         }
         mean = {name: _mean([average[name] for average in averages]) for name in averages[0]}
-        return {**by_class, "all": {"match_distance_m": None, **_figures(counts), group: mean}}
+        ranges = self._ranges(list(zip(*parts, strict=True)))
+        return {**by_class, "all": {"match_distance_m": None, **_figures(counts), group: mean, "ranges": ranges}}
+
+    def _parts(self, table: TrackTable, counts: "_Counts") -> list["_Sums"]:
+        """What is counted in each range; a box that is matched lies where its object does."""
+        matched = table.pairs.select(counts.matches.pairs)
+        ranges_m = table.found.ranges_m.copy()
+        ranges_m[matched.found] = table.truth.ranges_m[matched.truth]
+        true_rows = rows_of_ranges(table.truth.ranges_m, self._edges_m)
+        found_rows = rows_of_ranges(ranges_m, self._edges_m)
+        return [_Sums(table.part(true_rows == k, found_rows == k)) for k in range(len(self._edges_m))]
+
+    def _ranges(self, parts: Sequence[Sequence["_Sums"]]) -> Figures:
+        """The figures of each range, from the parts of some classes."""
+        edges = zip(
+            range_names(self._edges_m), self._edges_m.tolist(), [*self._edges_m[1:].tolist(), None], strict=True
+        )
+        return {
+            name: {"from_m": from_m, "to_m": to_m, **_sum_figures(of_classes)}
+            for (name, from_m, to_m), of_classes in zip(edges, parts, strict=True)
+        }
 
 
-class _Counts:
+class _Sums:
+    """What is counted in a part of the site, or in all of it."""
+
+    def __init__(self, table: TrackTable) -> None:
+        self.matches = match_clear(table, np.ones(len(table.found), np.bool_))
+        self.clear = count_clear(table, self.matches)
+        self.identity = count_identity(table)
+        self.hota = count_hota(table, similarity_of_distance(table))
+
+
+class _Counts(_Sums):
     """All that is counted in one class."""
 
     def __init__(self, table: TrackTable) -> None:
-        matches = match_clear(table, np.ones(len(table.found), np.bool_))
-        self.clear = count_clear(table, matches)
-        self.courses = follow(table, matches)
-        self.identity = count_identity(table)
-        self.hota = count_hota(table, similarity_of_distance(table))
+        super().__init__(table)
+        self.courses = follow(table, self.matches)
         self.hota_iou = count_hota(table, table.pairs.bev)
 
 
 def _figures(parts: Sequence[_Counts]) -> dict[str, Figure]:
     by_iou = hota_figures(_summed([part.hota_iou for part in parts]))
     return {
-        **hota_figures(_summed([part.hota for part in parts])),
+        **_sum_figures(parts),
         **{f"{name}_iou": value for name, value in by_iou.items()},
+        **course_figures(total_courses([part.courses for part in parts])),
+    }
+
+
+def _sum_figures(parts: Sequence[_Sums]) -> dict[str, Figure]:
+    return {
+        **hota_figures(_summed([part.hota for part in parts])),
         **clear_figures(_summed([part.clear for part in parts])),
         **identity_figures(_summed([part.identity for part in parts])),
-        **course_figures(total_courses([part.courses for part in parts])),
     }
 
 

@@ -199,7 +199,8 @@ def test_process_and_evaluate_in_one(tmp_path: Path, capsys: pytest.CaptureFixtu
     with pytest.raises(CheckError, match=r"^frames: expected > 100, found 2$"):
         run_process(job, json_file=file, requirements=required)
     out = capsys.readouterr().out
-    assert out.startswith("objects, sum over 2 frames")
+    assert out.startswith("road users")
+    assert "\nobjects, sum over 2 frames" in out
     assert "\n\nout.mcap: 2 of 2 frames have truth" in out
     tree = valid(file.read_text(encoding="utf-8"))
     assert (tree["command"], tree["exit_code"]) == ("process", 1)

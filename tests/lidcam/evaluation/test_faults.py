@@ -53,7 +53,8 @@ TABLE = {
     },
     "a heading is turned round": {
         *("aos_bev", "distance.orientation_deg", "distance.score", "errors.heading_deg", "errors.flips"),
-        *tracks("heading_flips"),
+        "errors.flips_moving",
+        *tracks("heading_flips", "heading_flips_moving"),
     },
     "all boxes are 10 cm off": {
         *("distance.translation_m", "distance.score", "errors.position_bev_m", "errors.along_m", "errors.across_m"),
@@ -66,6 +67,7 @@ TABLE = {
         *by_both("hota", "det_a", "det_pr"),
         *tracks("mota", "idf1", "idp", "precision", "false_positives", "found_tracks", "distance.amota"),
         *tracks("track_frames_mean", "track_s_mean"),
+        *tracks("false_tracks", "false_track_frames_mean", "false_track_s_mean"),
     },
     # thresholds of AMOTA are taken from the mean scores of tracks, which the swap changes
     "two ids are swapped": {

@@ -18,7 +18,7 @@ from lidcam.printing.evaluation import print_evaluation
 from lidcam.printing.terminal import console
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
-from pipeline.evaluation.evaluation_frame import EvaluationFrame
+from pipeline.evaluation.evaluation_frame import EvaluationFrame, Motion
 from readers.input_file import InputFile
 
 RIG = Rig("site", (), (), ())
@@ -157,6 +157,27 @@ def test_tracks_are_printed_where_there_are_ids() -> None:
     text = printed(frames(lidar=[CAR_AT], fused=[CAR_AT], truth=[CAR_AT], ids=True))
     assert "\ntracks\nclass  source  HOTA  DetA  AssA  MOTA  IDF1  switches  fragments  flips\n" in text
     assert "\ncar    lidar   1.00  1.00  1.00  1.00  1.00         0          0      0\n" in text
+
+
+def test_motion_and_trust_of_tracks() -> None:
+    """The fused car stands and is said to creep at 0.5 m/s; a false track lasts 1.9 s."""
+    found = frames(lidar=[CAR_AT], fused=[CAR_AT, (60.0, 0.0)], truth=[CAR_AT], ids=True)
+    told = []
+    for k, frame in enumerate(found):
+        fused = frame.sources["fused"]
+        motion = Motion(np.array([[0.3, 0.4], [0.0, 0.0]]), np.zeros(2), np.array([k == 3, False]))
+        told.append(replace(frame, sources={**frame.sources, "fused": replace(fused, motion=motion)}))
+    text = printed(told)
+    assert (
+        "\nmotion and trust of tracks (m/s, degrees/s)\n"
+        "class       source  speed  yaw/s  flips  NEES  in 95 %  pred.  false  lasting\n"
+        "car         lidar       -      -      -   0.0    100 %      -      0        -\n"
+        "            fused    0.50    0.0      -   0.0    100 %  100 %      0        -\n"
+        "pedestrian  lidar       -      -      -     -        -      -      0        -\n"
+        "            fused       -      -      -     -        -      -      1      1.9\n"
+        "all         lidar       -      -      -   0.0    100 %      -      0        -\n"
+        "            fused    0.50    0.0      -   0.0    100 %  100 %      1      1.9\n"
+    ) in text
 
 
 def test_other_settings_have_other_names() -> None:

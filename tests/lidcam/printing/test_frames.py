@@ -4,16 +4,15 @@ import io
 from dataclasses import replace
 
 import numpy as np
-from frames import CONFIG, RIG, frame
+from frames import CONFIG, RIG, frame, tracks_of
 from rich.console import Console
 
 from lidcam.printing.console import print_detections, print_matches
 from lidcam.summary import Tally
-from pipeline.core.detections import NO_HYPOTHESIS, Fused, Matches, Source
+from pipeline.core.detections import Fused, Matches, Source
 from pipeline.core.frame import FrameResult
-from pipeline.core.tracks import Tracks
 
-BOTH, CAMERA, LIDAR = Source.BOTH, Source.CAMERA, Source.LIDAR
+BOTH, CAMERA, LIDAR, PREDICTED = Source.BOTH, Source.CAMERA, Source.LIDAR, Source.PREDICTED
 
 
 def printed(result: FrameResult) -> str:
@@ -34,19 +33,6 @@ def test_every_source_is_printed() -> None:
     assert "+- 2.24 m" in text  # the root of the variances along x and y, 4 and 1
     for remark in ("lidar, of row 0, 2 cam", "both, of row 1, 1 cam", "camera, of row 2, 0 cam"):
         assert remark in text
-
-
-def test_tracks_are_printed() -> None:
-    result = frame(sources=[LIDAR, Source.PREDICTED, CAMERA])
-    rows = np.array([0, NO_HYPOTHESIS, 2])
-    tracks = replace(Tracks.none(3), ids=np.array([3, 7, 0]), velocities=np.array([[3.0, 4], [0, -0.25], [0, 0]]))
-    text = printed(replace(result, fused=replace(result.fused, rows=rows, tracks=tracks)))
-    found = [line.partition("yaw")[2].split(maxsplit=1)[1] for line in text.splitlines() if "yaw" in line]
-    assert found[-3:] == [
-        "lidar, of row 0, 2 cam, track 3, 5.0 m/s",
-        "predicted, 1 cam, track 7, 0.2 m/s",
-        "camera, of row 2, 0 cam",
-    ]
 
 
 def test_without_cameras_nothing_is_placed() -> None:
@@ -90,6 +76,24 @@ def test_objects_are_counted_by_source() -> None:
     assert tally.sources == {"lidar": 4, "camera": 1, "both": 1}
     tally.add(frame(sources=[LIDAR, Source.PREDICTED, CAMERA]))
     assert tally.sources == {"lidar": 5, "camera": 2, "both": 1, "predicted": 1}
+
+
+def test_tracks_are_printed_with_their_objects() -> None:
+    result = frame(
+        sources=[LIDAR, LIDAR, PREDICTED], tracks=tracks_of([12, 0, 7], [[3.0, 4.0], [0.0, 0.0], [0.0, 0.5]])
+    )
+    text = printed(result)
+    for remark in (
+        "  track 12, 5.0 m/s, 1.2 s old, lidar, of row 0, 2 cam\n",
+        "  lidar, of row 1, 1 cam\n",
+        "  track 7, 0.5 m/s, 1.2 s old, predicted\n",
+    ):
+        assert remark in text
+    assert "  left: 2D box 0 (car) is object 0 (track 12), IoU 0.62\n" in text
+    assert text.splitlines()[-2:] == [
+        "  seen by the lidars alone: object 1",
+        "  seen by nothing, but predicted by their tracks: object 2 (track 7)",
+    ]
 
 
 def _matched_last(result: FrameResult) -> dict[str, Matches]:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pipeline.core.arrays import U8
 from pipeline.core.errors import ConfigError
 from pipeline.core.geometry.boxes import iou_xyxy
-from pipeline.core.images import Image
+from pipeline.core.optics.images import Image
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.detect import Detect2DConfig

@@ -1,3 +1,6 @@
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tracked_scenes import (
@@ -29,9 +32,25 @@ def ids(rows: list[TrackRows]) -> list[list[int]]:
     return [row.ids.tolist() for row in rows]
 
 
-@pytest.mark.parametrize(("movers", "frames"), [([], 0), ([], 5), (CARS[:1], 1), (CARS[:1], 2)])
-def test_of_nothing_and_too_little_there_are_no_tracks(movers: list[Mover], frames: int) -> None:
-    assert ids(tracked(scene(movers, frames))) == [[]] * frames
+@pytest.mark.parametrize("frames", [0, 1, 5])
+def test_of_nothing_there_are_no_tracks(frames: int) -> None:
+    assert ids(tracked(scene([], frames))) == [[]] * frames
+
+
+@pytest.mark.parametrize("frames", [1, 2])
+def test_a_recording_of_few_frames_has_its_objects(frames: int) -> None:
+    assert ids(tracked(scene(CARS, frames))) == [[1, 2, 3]] * frames
+
+
+def test_frames_that_are_far_apart_have_their_objects() -> None:
+    frames = [replace(one, stamp_ns=one.stamp_ns + k * 10**10) for k, one in enumerate(scene(CARS, 5))]
+    assert ids(tracked(frames)) == [[3 * k + 1, 3 * k + 2, 3 * k + 3] for k in range(5)]
+
+
+@pytest.mark.parametrize(("frames", "count"), [([7], 0), ([7, 8], 0), (range(7, 12), 5)])
+def test_what_is_seen_for_a_moment_only_is_left_out(frames: Sequence[int], count: int) -> None:
+    rows = tracked(scene([Mover(straight(0, 0, 0, 0), belief=0.9, seen=lambda k: k in frames)], 20))
+    assert sum(map(len, rows)) == count
 
 
 def test_each_car_has_one_number_from_its_first_sighting_on() -> None:

@@ -9,7 +9,7 @@ from pipeline.tracking.sightings import FrameSightings
 
 
 def tracked(frames: list[FrameSightings]) -> list[TrackRows]:
-    tracker = OnlineTracker(PRIORS, 0.5)
+    tracker = OnlineTracker(PRIORS, least_existence=0.5, max_gap_s=3.0)
     return [rows for frame in frames for rows in tracker.add(frame)] + tracker.finish()
 
 

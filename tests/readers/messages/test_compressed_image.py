@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pipeline.core.arrays import Array
 from pipeline.core.errors import MessageError
-from pipeline.core.images import Image
+from pipeline.core.optics.images import Image
 from pipeline.core.settings.recording import LimitsConfig
 from readers.messages.image import decode_compressed_image
 from readers.messages.image_header import image_size

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from pipeline.core.arrays import Array
 from pipeline.core.errors import MessageError
-from pipeline.core.images import Image
 from pipeline.core.messages import RawMessage
+from pipeline.core.optics.images import Image
 from readers.messages.image import decode_any_image, decode_image
 from readers.messages.image_encodings import PACKED, PLANAR
 

@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import builders
 import numpy as np
@@ -12,15 +13,18 @@ from frames import CONFIG, PERIOD_NS, PROVENANCE, RIG, START_NS, frame
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
+from memory_recording import MemoryRecording
+from track_messages import track, track_array
 
 from pipeline.core.errors import CalibrationError, ConfigError, RecordingError
 from pipeline.core.frame import FrameResult
+from pipeline.core.messages import RawMessage
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import dump_config, load_config
 from pipeline.evaluation.evaluation_frame import UNKNOWN
 from readers.results.attached_records import is_result
-from readers.results.result import open_result
+from readers.results.result import Result, open_result
 from readers.rig.rig_file import rig_yaml
 from writers.mcap.writer import McapResultWriter
 from writers.outputs.marks import MERGED
@@ -76,6 +80,35 @@ def test_rig_settings_and_origin(path: Path) -> None:
         assert rig_yaml(result.rig) == rig_yaml(RIG)
         assert [camera.model.model for camera in result.rig.cameras] == ["plumb_bob", "plumb_bob"]
         assert [zone.name for zone in result.rig.zones] == ["intersection", "circle"]
+
+
+def test_motion_is_joined_by_the_ids_of_tracks() -> None:
+    def frame_at(stamp_ns: int, *tracks: dict[str, Any]) -> list[RawMessage]:
+        objects = detection3d_array(["7", "9", "", "8"], stamp_ns=stamp_ns)
+        return [objects, *([track_array(tracks, stamp_ns=stamp_ns)] if tracks else [])]
+
+    told = frame_at(1, track(8, (1, 2), 3, source="predicted"), track(7, (4, 5)), track(6, (9, 9)), track(0))
+    recording = MemoryRecording([*told, *frame_at(2)])
+    with Result(Path("out.mcap"), recording, {}, CONFIG, RIG, ()) as result:
+        first, second = (one.sources["fused"] for one in result.frames())
+        assert result.notes == ("out.mcap: tracks that are not used, track without a number: 1",)
+    motion = first.motion
+    assert motion is not None
+    np.testing.assert_array_equal(first.track_ids, [7, 9, UNKNOWN, 8])
+    np.testing.assert_array_equal(motion.velocities, [[4, 5], [np.nan] * 2, [np.nan] * 2, [1, 2]])
+    np.testing.assert_array_equal(motion.yaw_rates, [0, np.nan, np.nan, 3])
+    np.testing.assert_array_equal(motion.is_predicted, [False, False, False, True])
+    assert second.motion is None
+
+
+def detection3d_array(ids: list[str], *, stamp_ns: int) -> RawMessage:
+    box = {"center": {"orientation": {"w": 1.0}}, "size": {"x": 4.0, "y": 2.0, "z": 1.5}}
+    results = [{"hypothesis": {"class_id": "car", "score": 0.5}}]
+    body = {
+        "header": builders.header(stamp_ns, "site"),
+        "detections": [{"id": id_, "bbox": box, "results": results} for id_ in ids],
+    }
+    return builders.raw("/fused/detections", "vision_msgs/msg/Detection3DArray", body, stamp_ns)
 
 
 def test_frames_without_objects_and_with_one_log_time(tmp_path: Path) -> None:

@@ -165,6 +165,22 @@ def test_a_recording_that_is_played_twice() -> None:
     assert_pose(site, 9 * STEP_NS)
 
 
+def test_where_the_site_stands_on_the_ground() -> None:
+    for messages in (drive(), states()):
+        site = poses([], messages)
+        for stamp_ns in (0, 7 * STEP_NS, 19 * STEP_NS):
+            found = site.T_fixed_site(stamp_ns)
+            assert found is not None
+            np.testing.assert_allclose(found.matrix, pose(stamp_ns).matrix, atol=1e-9)
+        assert site.T_fixed_site(30 * STEP_NS) is None
+    wanted = load_config(settings=["combine.motion.topic=/odom"])
+    off = load_config(settings=["combine.motion.enabled=false"])
+    for still in (poses(), poses([]), poses([], config=wanted), poses(drive(), config=off)):
+        found = still.T_fixed_site(5)
+        assert found is not None
+        np.testing.assert_array_equal(found.matrix, np.eye(4))
+
+
 def test_boxes_in_the_site() -> None:
     T = transform("site", "odom", (10, 0, 1), 1.0)
     boxes = truth_boxes([(1, 0, 0, 1, 1, 1, 0.25), (0, 2, 0, 1, 1, 1, 3)], [1, 2], labels=["car", "van"])

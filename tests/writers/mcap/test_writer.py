@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from builders import odometry, raw
-from frames import CONFIG, COVARIANCE, PERIOD_NS, PROVENANCE, RIG, START_NS, frame, image_message
+from frames import CONFIG, COVARIANCE, PERIOD_NS, PROVENANCE, RIG, START_NS, frame, image_message, tracks_of
 from mcap.reader import make_reader
 from results import messages_of, topics_of
 from scipy.spatial.transform import Rotation
@@ -25,7 +25,7 @@ from pipeline.core.settings.config import Config
 from pipeline.core.true_boxes import TrueBoxes
 from writers.base import ResultWriter
 from writers.foxglove.layout import layout_path
-from writers.mcap.writer import McapResultWriter
+from writers.mcap.writer import McapResultWriter, reserved_topics
 from writers.outputs.transaction import OutputFile, OutputTransaction
 
 PER_CAMERA = {
@@ -190,6 +190,16 @@ def test_what_the_cameras_place_is_written_where_a_camera_looks(tmp_path: Path) 
     assert [len(message.entities) for message in scenes] == [2, 0]
     shown = json.loads(layout_path(tmp_path / "out.mcap").read_text())["configById"]["3D!scene"]["topics"]
     assert shown["/cameras/scene"]["visible"] is False
+
+
+def test_tracks_have_a_topic_in_every_frame_where_objects_are_tracked(tmp_path: Path) -> None:
+    write(tmp_path / "out.mcap", [frame(0, tracks=tracks_of([3, 0, 4])), frame(1, objects=0, tracks=tracks_of([]))])
+    written = [message for _, message in messages_of(tmp_path / "out.mcap", "/tracks")]
+    assert [[one.id for one in message.tracks] for message in written] == [[3, 4], []]
+    assert [stamp_of(message) for message in written] == [START_NS, START_NS + PERIOD_NS]
+    (_, boxes), _ = messages_of(tmp_path / "out.mcap", "/fused/detections")
+    assert [one.id for one in boxes.detections] == ["3", "", "4"]
+    assert "/tracks" in reserved_topics(RIG)
 
 
 def test_images_and_clouds_can_be_left_out(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from compared_frames import Row, objects
 
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.settings.classes import ROAD_CLASSES
-from pipeline.core.settings.compare import CompareConfig
+from pipeline.core.settings.evaluate import CompareConfig
 from pipeline.evaluation.comparison.object_changes import KnownClasses, Tracks, source_changes, source_objects
 from pipeline.evaluation.evaluation_frame import SourceBoxes
 from writers.messages.compared import compared_scene, empty_scene

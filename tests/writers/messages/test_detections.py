@@ -4,15 +4,20 @@ from typing import Any
 import numpy as np
 import pytest
 from detections import boxes2d, boxes3d
-from frames import CONFIG, RIG, START_NS
+from frames import CONFIG, RIG, START_NS, tracks_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.detections import Boxes3D
+from pipeline.core.detections import Boxes3D, Source
+from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.rig import Zone
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.typestores import message_types
-from writers.messages.detections import detections_2d, detections_3d, lidcam_objects
+from pipeline.core.tracks import Tracks
+from pipeline.evaluation.evaluation_frame import UNKNOWN
+from readers.messages.vision.detections3d import decode_detections3d
+from readers.messages.vision.track_ids import track_ids
+from writers.messages.detections import detections_2d, detections_3d, lidcam_objects, track_array
 
 NAMES = CONFIG.class_names
 
@@ -79,6 +84,50 @@ def test_boxes_come_back_from_a_detection_array(boxes: Boxes3D) -> None:
     np.testing.assert_allclose(np.exp(1j * found.yaws), np.exp(1j * boxes.yaws), atol=1e-12)
     assert all(detection.id == "" for detection in message.detections)
     assert all(detection.results[0].pose.pose == detection.bbox.center for detection in message.detections)
+
+
+def test_the_number_of_a_track_is_the_id_that_is_read_back() -> None:
+    message = detections_3d(
+        boxes3d([[0, 0, 0, 1, 1, 1, 0]] * 4), NAMES, stamp_ns=START_NS, track_numbers=np.array([12, 0, 1, 10**17])
+    )
+    kind = message.__msgtype__
+    channel = Channel("/fused/detections", kind, "cdr", ROS2.definition(kind), "ros2msg")
+    raw = RawMessage(START_NS, START_NS, (0, 0), bytes(ROS2.serialize(message)), channel)
+    assert track_ids(decode_detections3d(raw).ids).tolist() == [12, UNKNOWN, 1, 10**17]
+
+
+def test_tracks_say_how_objects_move_and_what_they_are() -> None:
+    boxes = replace(
+        boxes3d(np.array([[1, 2, 3, 4, 2, 1.5, 0.25], [0, 0, 0, 1, 1, 1, 0], [5, 6, 7, 8, 2.5, 3, -1]])), stamp_ns=1
+    )
+    boxes = replace(boxes, sources=np.array([Source.BOTH, Source.LIDAR, Source.PREDICTED], np.uint8))
+    tracks = tracks_of([12, 0, 7], [[3.0, 4.0], [0.0, 0.0], [-1.0, 0.5]], [True, False, False])
+    message = through_cdr(track_array(boxes, tracks, NAMES, stamp_ns=START_NS))
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == divmod(START_NS, 10**9)
+    assert message.header.frame_id == "site"
+    assert [(one.id, one.class_id, one.source, one.front_known) for one in message.tracks] == [
+        (12, NAMES[0], "both", True),
+        (7, NAMES[0], "predicted", False),
+    ]
+    for row, one in zip((0, 2), message.tracks, strict=True):
+        place, turn, moves = one.pose.pose.position, one.pose.pose.orientation, one.twist.twist
+        assert [place.x, place.y, place.z] == boxes.centers[row].tolist()
+        assert 2 * np.arctan2(turn.z, turn.w) == pytest.approx(boxes.yaws[row])
+        assert [one.size.x, one.size.y, one.size.z] == boxes.sizes[row].tolist()
+        assert [moves.linear.x, moves.linear.y] == tracks.velocities[row].tolist()
+        assert (moves.angular.z, one.existence, one.age.sec, one.age.nanosec) == (0.5, 0.75, 1, 250_000_000)
+        full = one.twist.covariance.reshape(6, 6)
+        expected = [[0.25, 0.125, 0], [0.125, 0.5, 0], [0, 0, 0.0625]]
+        np.testing.assert_array_equal(full[np.ix_([0, 1, 5], [0, 1, 5])], expected)
+        assert np.count_nonzero(full) == 5
+        np.testing.assert_array_equal(
+            one.pose.covariance.reshape(6, 6)[np.ix_([0, 1, 5], [0, 1, 5])], boxes.covariances[row]
+        )
+
+
+def test_no_tracks_is_a_message_without_any() -> None:
+    nothing = boxes3d([])
+    assert through_cdr(track_array(nothing, Tracks.none(0), NAMES, stamp_ns=1)).tracks == []
 
 
 @pytest.mark.parametrize("rows", [[], [[1, 2, 4, 10, 0.5, 0]], [[1, 2, 4, 10, 0.5, 0], [0, 0, 640, 480, 1, 4]]])

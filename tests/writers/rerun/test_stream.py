@@ -16,8 +16,8 @@ from rerun.chunk import RrdReader
 import writers.rerun.stream
 import writers.rerun.writer
 from pipeline.core.errors import OutputError
-from pipeline.core.images import Image
 from pipeline.core.messages import RawMessage
+from pipeline.core.optics.images import Image
 from writers.outputs.transaction import OutputTransaction
 from writers.rerun.stream import RerunStream
 from writers.rerun.writer import RerunResultWriter

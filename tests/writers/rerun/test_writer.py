@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from frames import CONFIG, PROVENANCE, RIG, START_NS, frame
+from frames import CONFIG, PROVENANCE, RIG, START_NS, frame, tracks_of
 
 from pipeline.core.arrays import F32
 from pipeline.core.clouds import CombinedCloud, PointCloud
 from pipeline.core.detections import Source
 from pipeline.core.errors import MessageError
 from pipeline.core.frame import FrameResult, Missing
-from pipeline.core.images import Image
 from pipeline.core.messages import Drop, RawMessage
+from pipeline.core.optics.images import Image
 from pipeline.core.settings.config import Config
 from pipeline.core.true_boxes import TrueBoxes
 from writers.base import ResultWriter
@@ -104,6 +104,16 @@ def test_what_the_cameras_place_is_there_until_no_camera_looks(tmp_path: Path) -
     for told in ("both", "camera", "pedestrian 0.50 (1 cam, no lidar)", "lidcam.Objects:source"):
         assert told in text
     assert cleared(tmp_path) == {"/world/detections/cameras": 1}
+
+
+def test_tracks_have_trails_and_those_that_are_predicted_a_path_of_their_own(tmp_path: Path) -> None:
+    sources, tracks = [Source.BOTH, Source.PREDICTED, Source.PREDICTED], tracks_of([12, 7, 3], (0.0, 2.0))
+    write(tmp_path / "out.rrd", [frame(index, sources=sources, tracks=tracks) for index in range(2)])
+    text = printed(tmp_path, "-vvv")
+    assert {"/world/predicted", "/world/predicted/uncertainty", "/world/trails"} <= entities(text)
+    for told in ("car #12, 2.0 m/s", "pedestrian #7, 2.0 m/s (predicted)", "lidcam.Objects:track"):
+        assert told in text
+    assert rows_of(tmp_path, "/world/trails") == 1  # there is none in the first frame
 
 
 @pytest.mark.parametrize(

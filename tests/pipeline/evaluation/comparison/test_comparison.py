@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
-from pipeline.core.settings.compare import CompareConfig
+from pipeline.core.settings.evaluate import CompareConfig
 from pipeline.evaluation.comparison import comparison as module
 from pipeline.evaluation.comparison.comparison import Comparison
 from pipeline.evaluation.comparison.differences import Channel

@@ -2,11 +2,13 @@ from dataclasses import replace
 from math import pi
 from typing import Any
 
+import numpy as np
 import pytest
 from evaluation_frames import frame_of, source_boxes, truth_boxes
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pipeline.core.arrays import F64
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.evaluate import EvaluateConfig
 from pipeline.evaluation.evaluation_frame import EvaluationFrame, TruthBoxes3D
@@ -127,6 +129,91 @@ def test_a_turn_from_one_object_to_another_is_no_flip() -> None:
     two = truth_boxes([car(0), car(0, 9, pi)], [1, 2])
     found = [source_boxes([row], [5]) for row in (car(0), car(0, 9, pi))]
     assert fused([frame_of(k, two, {"fused": one}) for k, one in enumerate(found)])["heading_flips"] == 0
+
+
+def test_flips_of_what_moves_and_of_what_stands() -> None:
+    moving = fused(followed(20, yaws=(0, pi) * 10))
+    assert (moving["heading_flips_moving"], moving["heading_flips_standing"]) == (19, 0)
+    standing = fused(followed(4, yaws=(0, pi) * 2))  # 1.5 m, less than its length
+    assert (standing["heading_flips_moving"], standing["heading_flips_standing"]) == (0, 3)
+    # Seen from a car beside it, it stands; over the ground it does not.
+    beside = [
+        replace(frame, truth=truth_boxes([car(0)], [7]), sources={"fused": source_boxes([car(0, yaw=k % 2 * pi)], [3])})
+        for k, frame in enumerate(followed(20))
+    ]
+    assert fused(beside)["heading_flips_standing"] == 19
+    driven = [replace(frame, T_fixed_site=translated(0.5 * k)) for k, frame in enumerate(beside)]
+    assert fused(driven)["heading_flips_moving"] == 19
+    unknown = [replace(frame, T_fixed_site=None) for frame in driven]
+    assert {fused(unknown)[f"heading_flips_{name}"] for name in ("moving", "standing")} == {0}
+
+
+def translated(x: float) -> F64:
+    matrix = np.eye(4)
+    matrix[0, 3] = x
+    return matrix
+
+
+def test_false_tracks_are_those_that_mostly_match_nothing() -> None:
+    """Track 1 is right, 2 is false in two of three frames, 3 in two of four, 4 in its only one."""
+    rows = [{1: 0.0, 2: 30.0, 3: 60.0}, {1: 0.0, 2: 90.0, 3: 60.0}, {1: 0.0, 2: 90.0, 3: 75.0, 4: 200.0}, {3: 75.0}]
+    frames = [
+        frame_of(
+            k,
+            truth_boxes([car(0), car(30), car(60)], [7, 8, 9]),
+            {"fused": source_boxes([car(x) for x in found.values()], [*found])},
+        )
+        for k, found in enumerate(rows)
+    ]
+    figures = fused(frames)
+    assert (figures["found_tracks"], figures["false_tracks"]) == (4, 2)
+    assert figures["false_track_frames_mean"] == pytest.approx((3 + 1) / 2)
+    assert figures["false_track_s_mean"] == pytest.approx(0.2 / 2)
+    assert fused(frames, name="all")["false_tracks"] == 2
+    none = fused(followed())
+    assert (none["false_tracks"], none["false_track_frames_mean"], none["false_track_s_mean"]) == (0, None, None)
+
+
+def test_each_range_has_figures_of_its_own() -> None:
+    """A car at the edge is found beyond it, and counts where it is; another one changes its track far away."""
+    config = Config(evaluate=EvaluateConfig(ranges_m=(0.0, 10.0, 40.0)))
+    frames = [
+        frame_of(
+            k,
+            truth_boxes([car(9.9), car(50)], [1, 2]),
+            {"fused": source_boxes([car(10.4), car(50), car(20)], [1, 2 + k % 2, 9])},
+        )
+        for k in range(4)
+    ]
+    for name in ("car", "all"):
+        figures = fused(frames, config, name)
+        near, middle, far = (figures["ranges"][part] for part in ("0_10", "10_40", "over_40"))
+        assert errors(figures) == {"false_positives": 4, "id_switches": 3}
+        assert errors_in(near) == {}
+        assert errors_in(middle) == {"false_positives": 4}
+        assert errors_in(far) == {"id_switches": 3}
+        assert (near["mota"], near["idf1"], near["motp_m"]) == (1, 1, pytest.approx(0.5))
+        assert (middle["mota"], middle["recall"], middle["hota"]) == (None, None, 0)
+        assert (far["idf1"], far["to_m"], far["from_m"]) == (0.5, None, 40)
+
+
+def errors_in(figures: dict[str, Any]) -> dict[str, int]:
+    return {name: figures[name] for name in ERRORS if figures.get(name)}
+
+
+def test_any_source_with_tracks_stands_beside_the_others() -> None:
+    frames = followed(6)
+    alone = fused(frames)
+    other = followed(6, tracks=(1, 1, 1, 2, 2, 2))
+    both = [
+        replace(frame, sources={"zebra": one.sources["fused"], **frame.sources, "lidar": source_boxes([car(0)])})
+        for frame, one in zip(frames, other, strict=True)
+    ]
+    tree = tracking(both)
+    assert [*tree] == ["fused", "zebra"]
+    assert tree["fused"]["car"] == alone
+    assert errors(tree["zebra"]["car"]) == {"id_switches": 1}
+    assert tree["zebra"]["car"] == fused(other)
 
 
 def test_classes_are_kept_apart_and_their_counts_summed() -> None:

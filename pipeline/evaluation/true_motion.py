@@ -1,0 +1,100 @@
+"""How true objects move over the ground, by the differences of their places."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pipeline.core.arrays import F64, I32, I64, Bools, Indices, first_of_runs
+from pipeline.core.geometry.boxes import wrap_angle
+from pipeline.evaluation.evaluation_frame import UNKNOWN
+
+__all__ = ["ground_poses", "ground_turns", "has_moved", "true_velocities"]
+
+MAX_SPAN_NS = 1_500_000_000
+"""From the frame before to the frame after: of labels at 2 Hz three in a row count, as in nuScenes."""
+
+
+def ground_poses(centers: F64, yaws: F64, frames: I32, T_fixed_site: Sequence[F64 | None], first_frame: int) -> F64:
+    """(N, 3) x and y in metres and heading in radians over the ground, in the fixed frame.
+
+    Args:
+        centers: (N, 3) in the site frame.
+        yaws: (N,) in the site frame.
+        frames: (N,) number of the frame of each object.
+        T_fixed_site: Of each frame, (4, 4) where the site frame is; None where that is not known: NaN comes of it.
+        first_frame: Number of the first of these frames.
+    """
+    poses = _matrices(T_fixed_site)[frames - first_frame]
+    places = np.einsum("nij,nj->ni", poses[:, :2, :3], centers) + poses[:, :2, 3]
+    return np.column_stack([places, yaws + np.arctan2(poses[:, 1, 0], poses[:, 0, 0])])
+
+
+def ground_turns(vectors: F64, frames: I32, T_fixed_site: Sequence[F64 | None], first_frame: int) -> F64:
+    """(N, 2) vectors along x and y of the site frame, as `ground_poses` in the fixed frame."""
+    poses = _matrices(T_fixed_site)[frames - first_frame]
+    yaws = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
+    x, y = vectors.T
+    return np.column_stack([x * np.cos(yaws) - y * np.sin(yaws), x * np.sin(yaws) + y * np.cos(yaws)])
+
+
+def true_velocities(frames: I32, stamps_ns: I64, class_ids: I32, tracks: I64, poses: F64) -> F64:
+    """Central differences of true poses.
+
+    Args:
+        frames: (T,) number of the frame of each object.
+        stamps_ns: (F,) time of each frame.
+        class_ids: (T,) class of each object.
+        tracks: (T,) the same for the same object in all frames, or `UNKNOWN`.
+        poses: (T, 3) of `ground_poses`.
+
+    Returns:
+        (T, 3) velocity along x and y of the fixed frame in m/s, and yaw rate in rad/s; NaN where the object has no
+        track, or is not known in the frame before or after, or these are more than `MAX_SPAN_NS` apart.
+    """
+    found = np.full((len(frames), 3), np.nan)
+    order = np.lexsort((frames, tracks, class_ids))
+    before, at, after = order[:-2], order[1:-1], order[2:]
+    is_known = tracks[at] != UNKNOWN
+    for other, step in ((before, -1), (after, 1)):
+        is_same = (tracks[other] == tracks[at]) & (class_ids[other] == class_ids[at])
+        is_known &= is_same & (frames[other] - frames[at] == step)
+    before, at, after = before[is_known], at[is_known], after[is_known]
+    span_ns = stamps_ns[frames[after]] - stamps_ns[frames[before]]
+    is_near = (span_ns > 0) & (span_ns <= MAX_SPAN_NS)
+    before, at, after, seconds = before[is_near], at[is_near], after[is_near], span_ns[is_near, None] / 1e9
+    moves = poses[after] - poses[before]
+    moves[:, 2] = wrap_angle(moves[:, 2])
+    found[at] = moves / seconds
+    return found
+
+
+def has_moved(class_ids: I32, tracks: I64, poses: F64, lengths_m: F64) -> tuple[Bools, Bools]:
+    """Which true objects are ever more than their class's length away from where they were, and which never.
+
+    Args:
+        class_ids: (T,) class of each object, or `UNKNOWN`.
+        tracks: (T,) the same for the same object in all frames, or `UNKNOWN`.
+        poses: (T, 3) of `ground_poses`.
+        lengths_m: (C,) by class.
+
+    Returns:
+        (T,) of all objects whether they move, and (T,) whether they stand; neither without class, track or place.
+    """
+    is_known = (tracks != UNKNOWN) & (class_ids != UNKNOWN) & np.isfinite(poses).all(1)
+    rows = np.flatnonzero(is_known)
+    order: Indices = rows[np.lexsort((tracks[rows], class_ids[rows]))]
+    moves = np.zeros(len(tracks), np.bool_)
+    if len(order):
+        starts = first_of_runs(tracks[order]) | first_of_runs(class_ids[order])
+        first = np.flatnonzero(starts)
+        places = poses[order, :2]
+        extents = np.maximum.reduceat(places, first) - np.minimum.reduceat(places, first)
+        is_far = np.hypot(extents[:, 0], extents[:, 1]) > lengths_m[class_ids[order[first]]]
+        moves[order] = is_far[np.cumsum(starts) - 1]
+    return moves, is_known & ~moves
+
+
+def _matrices(T_fixed_site: Sequence[F64 | None]) -> F64:
+    """(F, 4, 4), NaN where a pose is not known."""
+    unknown = np.full((4, 4), np.nan)
+    return np.array([unknown if pose is None else pose for pose in T_fixed_site]).reshape(-1, 4, 4)
