@@ -1,6 +1,7 @@
 """How a bundle becomes a result: the stages of a frame; `lidcam.frames` says where bundles come from."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple, Self
 
@@ -23,6 +24,7 @@ from pipeline.stages.believe import Believe
 from pipeline.stages.classify import Classify
 from pipeline.stages.combine import Combine
 from pipeline.stages.fuse import Fuse
+from pipeline.stages.odometry import FindOdometry
 from pipeline.stages.place import Place
 from pipeline.stages.propose import Propose, Proposed
 from pipeline.stages.refine import Refine
@@ -33,8 +35,16 @@ from readers.streams.decoders import CloudDecoder, OnBadMessage
 __all__ = ["build_graph"]
 
 
-def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Graph[SensorBundle], Node[FrameResult]]:
+def build_graph(
+    config: Config, rig: Rig, *, on_bad: OnBadMessage, has_motion: bool
+) -> tuple[Graph[SensorBundle], Node[FrameResult]]:
     """The stages from a bundle of undecoded messages to a frame's result.
+
+    Args:
+        config: Settings.
+        rig: The sensors.
+        on_bad: What to do with a message that cannot be decoded.
+        has_motion: Whether the motion of the site frame is recorded; else tracks take it from the clouds.
 
     Raises:
         ModelError: the 2D network cannot be loaded.
@@ -73,7 +83,10 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     detections = graph.add("detections", _detections, lidar, boxes2d, placed, timed=False)
     unused = graph.add("unused", _Unused.of, clouds, recorded3d, camera_data, timed=False)
     inputs = combined, detections, views, hypotheses, beliefs, fused, unused
-    return graph, graph.add("collect", _collect, graph.frame, *inputs, timed=False)
+    result = graph.add("collect", _collect, graph.frame, *inputs, timed=False)
+    if config.track.mode != "none" and config.track.odometry == "auto" and not has_motion and rig.lidars:
+        result = graph.add("odometry", partial(_with_odometry, FindOdometry()), result, ordered=True)
+    return graph, result
 
 
 def _hypotheses(
@@ -130,3 +143,7 @@ def _collect(
         unused_boxes=unused.boxes,
         unused_boxes3d=unused.boxes3d,
     )
+
+
+def _with_odometry(find: FindOdometry, result: FrameResult) -> FrameResult:
+    return replace(result, odometry=find(result.combined, result.bundle.stamp_ns))

@@ -185,7 +185,9 @@ class Run:
         )
         started = time.perf_counter()
         reference_topic(source.config, source.rig)
-        self._make_graph = partial(build_graph, source.config, source.rig, on_bad=drops.on_bad)
+        self._make_graph = partial(
+            build_graph, source.config, source.rig, on_bad=drops.on_bad, has_motion=source.motion is not None
+        )
         self._graph, self._result = self._make_graph()
         check_box_source(source.config, source.recording, source.rig)
         self._workers = source.config.run.workers or usable_cores()

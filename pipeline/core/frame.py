@@ -11,6 +11,7 @@ from pipeline.core.detections import Detections, Fused, Hypotheses, Matches
 from pipeline.core.errors import FrameError
 from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.messages import Drop, RawMessage
+from pipeline.core.odometry import OdometryPose
 from pipeline.core.rig import CameraSensor
 from pipeline.core.true_boxes import TrueBoxes
 
@@ -112,6 +113,8 @@ class FrameResult:
         drops: Messages of the bundle that could not be used.
         unused_boxes: Recorded 2D boxes that could not be used, by reason.
         unused_boxes3d: Recorded 3D boxes that could not be used, by reason.
+        odometry: Pose of the site frame as the clouds say; None where the rig stands where it stood at first, and where
+            this is not sought: with recorded motion, or without tracks.
     """
 
     bundle: SensorBundle
@@ -124,6 +127,7 @@ class FrameResult:
     drops: tuple[Drop, ...] = ()
     unused_boxes: Mapping[str, int] = field(default_factory=dict)
     unused_boxes3d: Mapping[str, int] = field(default_factory=dict)
+    odometry: OdometryPose | None = None
 
     @property
     def matches(self) -> Mapping[str, Matches]:
