@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["FindOdometry"]
 
 VOXELS_PER_EXTENT = 20
-"""The extent of a cloud, median distance of its points from their middle, in voxels: 0.3 m on a road, 8 cm in a model."""
+"""The extent of a cloud (median distance of its points from their middle) in voxels: 0.3 m on roads, 8 cm in models."""
 
 MIN_POINTS = 200
 """Voxels with fewer cannot be registered."""
