@@ -82,10 +82,10 @@ def test_a_moving_rig_is_followed(course: Callable[[int], F64], scale: float) ->
     assert poses[0] is None
     assert all(pose is not None and not pose.is_predicted for pose in poses[2:])
     assert (errors_m(poses, truth, scale)[2:] < 0.1 * scale).all()
-    assert poses[-1] is not None
-    turned = Rotation.from_matrix(poses[-1].T_fixed_site[:3, :3]).inv() * Rotation.from_matrix(
-        (np.linalg.inv(truth[0]) @ truth[-1])[:3, :3]
-    )
+    last = poses[-1]
+    assert last is not None
+    true = np.linalg.inv(truth[0]) @ truth[-1]
+    turned = Rotation.from_matrix(last.T_fixed_site[:3, :3]).inv() * Rotation.from_matrix(true[:3, :3])
     assert np.degrees(turned.magnitude()) < 0.5
 
 
