@@ -24,6 +24,7 @@ from pipeline.stages.believe import Believe
 from pipeline.stages.classify import Classify
 from pipeline.stages.combine import Combine
 from pipeline.stages.fuse import Fuse
+from pipeline.stages.odometry import FindOdometry
 from pipeline.stages.place import Place
 from pipeline.stages.propose import Propose, Proposed
 from pipeline.stages.refine import Refine
@@ -35,8 +36,16 @@ from readers.streams.decoders import CloudDecoder, OnBadMessage
 __all__ = ["build_graph"]
 
 
-def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Graph[SensorBundle], Node[FrameResult]]:
+def build_graph(
+    config: Config, rig: Rig, *, on_bad: OnBadMessage, has_motion: bool
+) -> tuple[Graph[SensorBundle], Node[FrameResult]]:
     """The stages from a bundle of undecoded messages to a frame's result.
+
+    Args:
+        config: Settings.
+        rig: The sensors.
+        on_bad: What to do with a message that cannot be decoded.
+        has_motion: Whether the motion of the site frame is recorded; else tracks take it from the clouds.
 
     Raises:
         ModelError: the 2D network cannot be loaded.
@@ -76,6 +85,8 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     unused = graph.add("unused", _Unused.of, clouds, recorded3d, camera_data, timed=False)
     inputs = combined, detections, views, hypotheses, beliefs, fused, unused
     result = graph.add("collect", _collect, graph.frame, *inputs, timed=False)
+    if config.track.mode != "none" and config.track.odometry == "auto" and not has_motion and rig.lidars:
+        result = graph.add("odometry", partial(_with_odometry, FindOdometry()), result, ordered=True)
     return graph, graph.add("ends", _with_ends, result) if config.track.mode == "offline" else result
 
 
@@ -137,3 +148,7 @@ def _collect(
         unused_boxes=unused.boxes,
         unused_boxes3d=unused.boxes3d,
     )
+
+
+def _with_odometry(find: FindOdometry, result: FrameResult) -> FrameResult:
+    return replace(result, odometry=find(result.combined, result.bundle.stamp_ns))

@@ -118,6 +118,8 @@ class FrameReport:
         without_boxes: Number of frames for which no camera sent an image or boxes.
         without_boxes3d: Number of frames for which no recorded 3D detector sent boxes; 0 where none is used.
         compensated: Number of frames with a cloud that was moved to the frame's time.
+        odometry: Number of frames whose pose comes from the clouds; 0 of a rig that stands still.
+        odometry_predicted: Number of those in which the cloud could not be registered.
         points: Lidar points by step of the combination, summed over the frames.
         skew_mean_ms: Mean spread of the stamps in a bundle.
         skew_max_ms: Largest spread.
@@ -130,6 +132,8 @@ class FrameReport:
     without_boxes: int
     without_boxes3d: int
     compensated: int
+    odometry: int
+    odometry_predicted: int
     points: Mapping[str, int]
     skew_mean_ms: float
     skew_max_ms: float
@@ -269,7 +273,12 @@ def report_tree(report: RunReport) -> dict[str, Any]:
         "box_source": sensors.box_source,
         "box_source_3d": sensors.box_source_3d,
         "boxes3d_topics": [detector.topic for detector in sensors.rig.detectors],
-        "motion": {"topics": list(sensors.motion_topics), "compensated_frames": frames.compensated},
+        "motion": {
+            "topics": list(sensors.motion_topics),
+            "compensated_frames": frames.compensated,
+            "frames_from_clouds": frames.odometry,
+            "frames_predicted": frames.odometry_predicted,
+        },
         "road_users": _road_users_tree(report.road_users),
         "objects": [{"class": c, "zone": z or None, "count": count} for (c, z), count in frames.objects.items()],
         "object_sources": dict(frames.sources),

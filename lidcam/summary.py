@@ -109,6 +109,8 @@ class Tally:
         self.frames_without_boxes = 0
         self.frames_without_boxes3d = 0
         self.compensated = 0
+        self.odometry = 0
+        self.odometry_predicted = 0
         self.objects: Counter[tuple[str, str]] = Counter()
         self.points: Counter[str] = Counter()
         self.messages: Counter[str] = Counter()
@@ -125,6 +127,8 @@ class Tally:
         self.frames += 1
         self.road_users.add(frame)
         self.compensated += bool(frame.combined.compensated)
+        self.odometry += frame.odometry is not None
+        self.odometry_predicted += frame.odometry is not None and frame.odometry.is_predicted
         self.sources.update(source_names(objects.sources))
         self.confirmed += int((frame.fused.matched > 0).sum())
         self.frames_without_boxes += not frame.detections.cameras
@@ -155,6 +159,8 @@ class Tally:
             without_boxes=self.frames_without_boxes,
             without_boxes3d=self.frames_without_boxes3d,
             compensated=self.compensated,
+            odometry=self.odometry,
+            odometry_predicted=self.odometry_predicted,
             points=dict(self.points),
             skew_mean_ms=stats.skew_mean_ns / 1e6,
             skew_max_ms=stats.skew_max_ns / 1e6,

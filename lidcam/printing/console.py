@@ -172,11 +172,10 @@ def print_report(out: Console, report: RunReport) -> None:
     out.print()
     show_table(out, points_table(frames.points, frames.count))
     out.print()
-    compensated = f"{frames.compensated} of {frames.count} frames compensated"
     facts = {
         "frames": f"{frames.count}, {timing.frames_per_second:.1f} a second",
         "sync skew": f"{frames.skew_mean_ms:.1f} ms mean, {frames.skew_max_ms:.1f} ms at most",
-        "motion": f"{compensated}, from {', '.join(sensors.motion_topics)}" if sensors.motion_topics else _NO_MOTION,
+        "motion": _motion(report),
         "3D boxes": _boxes3d(report),
         "2D boxes": _BOX_SOURCES[sensors.box_source],
         "confirmed": _confirmed(report),
@@ -206,6 +205,18 @@ def _copied(report: RunReport) -> str:
         below.setdefault("/".join(topic.split("/")[:2]), []).append(topic)
     names = [f"{name}/* ({len(topics)} topics)" if len(topics) > 1 else topics[0] for name, topics in below.items()]
     return f"{sum(report.inputs.copied.values())} messages: {_listed(names)}"
+
+
+def _motion(report: RunReport) -> str:
+    frames, topics = report.frames, report.sensors.motion_topics
+    if topics:
+        return f"{frames.compensated} of {frames.count} frames compensated, from {', '.join(topics)}"
+    if not frames.odometry:
+        return _NO_MOTION
+    found = f"of tracks alone, from the clouds (small_gicp), {frames.odometry} of {frames.count} frames"
+    if not frames.odometry_predicted:
+        return found
+    return f"{found}; {frames.odometry_predicted} could not be registered and carry on at the last velocity"
 
 
 def _boxes3d(report: RunReport) -> str:

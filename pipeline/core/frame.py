@@ -11,7 +11,7 @@ from pipeline.core.arrays import F64
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Detections, Fused, Hypotheses, Matches
 from pipeline.core.errors import FrameError
-from pipeline.core.geometry.pose_samples import PoseSamples
+from pipeline.core.geometry.pose_samples import OdometryPose, PoseSamples
 from pipeline.core.geometry.poses import interpolate_poses
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.rig import CameraSensor
@@ -118,6 +118,8 @@ class FrameResult:
         unused_boxes3d: Recorded 3D boxes that could not be used, by reason.
         ends: (N, 2, 3) float64, foremost and rearmost point of each object that the frame by itself reports: x and y in
             the site frame, and seconds after the frame's stamp; None where nobody asks for them.
+        odometry: Pose of the site frame as the clouds say; None where the rig stands where it stood at first, and where
+            this is not sought: with recorded motion, or without tracks.
     """
 
     bundle: SensorBundle
@@ -131,6 +133,7 @@ class FrameResult:
     unused_boxes: Mapping[str, int] = field(default_factory=dict)
     unused_boxes3d: Mapping[str, int] = field(default_factory=dict)
     ends: F64 | None = None
+    odometry: OdometryPose | None = None
 
     @property
     def matches(self) -> Mapping[str, Matches]:

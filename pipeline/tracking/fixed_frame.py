@@ -1,6 +1,6 @@
 """Between the frames of a run and tracks: sightings in the fixed frame, and tracks back in the site frame.
 
-The fixed frame is that of the odometry; without any, the site frame stands still and is the fixed frame.
+The fixed frame is that of the odometry, recorded or of the clouds; without any, it is the site frame, which stands still.
 """
 
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64, join_rows
 from pipeline.core.detections import NO_HYPOTHESIS, Boxes3D, Fused, Source
-from pipeline.core.frame import FrameResult, SensorBundle
+from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.poses import interpolate_poses
 from pipeline.core.rig import Rig, Zone
 from pipeline.core.tracks import Tracks
@@ -37,7 +37,7 @@ class SightingsOf:
     def __call__(self, frame: FrameResult) -> FrameSightings:
         """What a frame shows."""
         boxes, beliefs = frame.hypotheses.boxes, frame.beliefs
-        T_fixed_site = pose_of(frame.bundle, self._site_frame)
+        T_fixed_site = _pose(frame, self._site_frame)
         are_reported = np.zeros(len(boxes), np.bool_)
         reported = frame.fused.objects.class_ids < self._class_count
         are_reported[frame.fused.rows[reported]] = True
@@ -73,15 +73,16 @@ class SightingsOf:
         return FrameSightings(frame.bundle.stamp_ns, T_fixed_site, sightings)
 
 
-def pose_of(bundle: SensorBundle, site_frame: str) -> F64:
-    """(4, 4) T_fixed_site at the time of a frame."""
+def _pose(frame: FrameResult, site_frame: str) -> F64:
+    """(4, 4) T_fixed_site at the time of a frame: as recorded, else as the clouds say, else it stands still."""
+    bundle = frame.bundle
     motion = bundle.motion_of(site_frame)
-    if motion is None or not len(motion):
-        return np.eye(4)
-    if len(motion) == 1:
+    if motion is not None and len(motion) > 1:
+        wanted_ns = np.array([bundle.stamp_ns], np.int64)
+        return np.asarray(interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, wanted_ns)[0])
+    if motion is not None and len(motion):
         return np.asarray(motion.T_fixed_moving[0])
-    wanted_ns = np.array([bundle.stamp_ns], np.int64)
-    return np.asarray(interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, wanted_ns)[0])
+    return np.eye(4) if frame.odometry is None else frame.odometry.T_fixed_site
 
 
 def _seen_from(boxes: Boxes3D, lidars: F64) -> tuple[F64, F64]:

@@ -166,7 +166,8 @@ def test_json_summary_and_same_bytes_with_any_name(process: Process, tmp_path: P
     used, dropped = summary["messages_used"], summary["drops"]
     assert set(used) >= {"/velodyne1_points", "/image_raw_11/compressed", "/detections_44"}
     assert all(drop["reason"] for drop in dropped)
-    assert summary["motion"] == {"topics": [], "compensated_frames": 0}
+    nothing = {"topics": [], "compensated_frames": 0, "frames_from_clouds": 0, "frames_predicted": 0}
+    assert summary["motion"] == nothing
     assert "/car1/base_pose_ground_truth" in summary["unused_topics"]
     assert not set(summary["unused_topics"]) & {*used, *summary["copied"]}
     truth = {f"/ground_truth/{name}" for name in ("objects", "objects_when_measured")}

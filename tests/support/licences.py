@@ -48,7 +48,7 @@ These are not permissive:
 - **opencv-python-headless** (installed with lidcam) holds FFmpeg under LGPL-2.1-or-later.
 - **libusb-package** (extra `sim`) holds libusb under LGPL-2.1-or-later.
 - **numpy**, **scipy** and **opencv-python-headless** hold libgfortran (GPL-3.0 with the runtime library exception) and
-  libquadmath (LGPL-2.1-or-later).
+  libquadmath (LGPL-2.1-or-later); **small-gicp** holds libgomp (GPL-3.0 with the same exception).
 - **certifi** (extra `sim`), **hypothesis** and **pathspec** (tests) are under MPL-2.0.
 - PyPI's build of **torch** for Linux (extra `train`) brings NVIDIA's libraries, which are proprietary; PyTorch's build
   for CPUs has none.

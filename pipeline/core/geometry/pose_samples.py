@@ -1,4 +1,4 @@
-"""Sampled poses of a moving frame."""
+"""Poses of a moving frame: as recorded, and as the clouds say."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64, I64, check_array
 
-__all__ = ["PoseSamples"]
+__all__ = ["OdometryPose", "PoseSamples"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,3 +47,19 @@ class PoseSamples:
         around_ns = self.stamps_ns[first : last + 1]
         ends_near = around_ns[0] - reach_ns <= earliest_ns and latest_ns <= around_ns[-1] + reach_ns
         return bool(ends_near and (np.diff(around_ns) <= round(max_gap_s * 1e9)).all())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OdometryPose:
+    """Pose of the site frame at a frame's stamp, from the clouds.
+
+    Attributes:
+        T_fixed_site: (4, 4) float64, in the frame that the site frame was in the first cloud; metres.
+        is_predicted: Whether the cloud could not be registered, so that this is the last motion carried on.
+    """
+
+    T_fixed_site: F64
+    is_predicted: bool
+
+    def __post_init__(self) -> None:
+        check_array("T_fixed_site", self.T_fixed_site, (4, 4), np.float64)

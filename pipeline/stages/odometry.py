@@ -1,0 +1,236 @@
+"""The motion of the rig from its clouds, where none is recorded: registered by small_gicp to key frames.
+
+Generalized ICP (Segal et al., "Generalized-ICP", RSS 2009). Each cloud is registered to the key frame before the last,
+which it has left by some voxels: the pattern of the beams stands still in the site frame, and between clouds that are
+nearer to each other than its gaps it pulls the registration towards no motion.
+
+Most rigs stand still. They are told by the clouds of the first second: a rig moves if the registered pose explains a
+cloud better than standing still does. Afterwards a thin sample of points is compared once a second.
+"""
+
+from enum import Enum, auto
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from pipeline.core.arrays import F64
+from pipeline.core.clouds import CombinedCloud
+from pipeline.core.geometry.pose_samples import OdometryPose
+
+if TYPE_CHECKING:
+    from small_gicp import KdTree, PointCloud, RegistrationResult
+
+__all__ = ["FindOdometry"]
+
+VOXELS_PER_EXTENT = 20
+"""The extent of a cloud (median distance of its points from their middle) in voxels: 0.3 m on roads, 8 cm in models."""
+
+MIN_POINTS = 200
+"""Voxels with fewer cannot be registered."""
+
+NEAR, FAR = 4, 16
+"""Largest distance of points that may correspond, in voxels: where the motion is about known, and where it is not."""
+
+KEY_DISTANCE = 4
+"""Distance between key frames, in voxels."""
+
+LEAST_MOTION = 1.0
+"""The rig moves if it has gone so far, in voxels, and ..."""
+
+BETTER = 1.1
+"""... if the cloud fits so much worse where the rig would have stood still ..."""
+
+TIMES = 2
+"""... in so many frames in a row."""
+
+LEAST_INLIERS = 0.3
+"""Registration has failed if a smaller share of the points has a counterpart, or ..."""
+
+LEAST_SHAPE = 0.008
+"""... if one direction is so much less fixed than the best: on bare ground any place is as good as the next."""
+
+WORSE, WORSE_BY = 1.5, 0.02
+"""A standing rig is looked at again if its cloud fits so much worse than a second after it was found to stand."""
+
+SAMPLE = 3000
+"""Points of a cloud that are compared while the rig stands."""
+
+LOOK_NS = 1_000_000_000
+"""How long it takes to tell that a rig stands, and how often that is looked at again."""
+
+MAX_GAP_NS = 2_000_000_000
+"""After a longer gap, or where time jumps back, nothing is known of the velocity."""
+
+
+class _State(Enum):
+    UNKNOWN = auto()
+    STANDS = auto()
+    MOVES = auto()
+
+
+class _Scan(NamedTuple):
+    """A cloud, thinned, with normals and covariances, and where it was measured."""
+
+    T_fixed_site: F64
+    points: "PointCloud"
+    tree: "KdTree"
+
+
+class FindOdometry:
+    """Poses of the site frame from its clouds. Remembers, so frames must come in order.
+
+    All of it is done on one thread, so that the result is the same on any machine of a kind.
+    """
+
+    def __init__(self) -> None:
+        self._state, self._since_ns, self._times = _State.UNKNOWN, 0, 0
+        self._key: _Scan | None = None
+        self._next: _Scan | None = None
+        self._extent_m = self._voxel_m = 0.0
+        self._pose, self._step = np.eye(4), np.eye(4)
+        self._stamp_ns, self._step_ns = 0, 0  # of 0: the velocity is not known
+        self._usual: float | None = None
+
+    def __call__(self, combined: CombinedCloud, stamp_ns: int) -> OdometryPose | None:
+        """The pose at a frame; None as long as the rig has not moved, or has had no points.
+
+        Args:
+            combined: The points of the frame, with those of the ground.
+            stamp_ns: Its time.
+        """
+        if self._state is _State.STANDS and not self._is_disturbed(combined, stamp_ns):
+            return None
+        xyz = np.concatenate([combined.cloud.xyz, combined.ground_cloud.xyz])
+        if self._key is None:
+            self._begin(xyz, stamp_ns)
+            return None
+        guess = self._guess(stamp_ns)
+        scan, is_found = self._registered(xyz, guess)
+        pose = scan.T_fixed_site if scan is not None and is_found else guess
+        if self._state is _State.UNKNOWN and not self._has_moved(scan if is_found else None, stamp_ns):
+            return None
+        self._follow(pose, scan, stamp_ns, is_found=is_found)
+        return OdometryPose(pose.copy(), not is_found)
+
+    def _begin(self, xyz: Any, stamp_ns: int) -> None:
+        """Take the first cloud with points as the fixed frame."""
+        if len(xyz) < MIN_POINTS:
+            return
+        xy = xyz[:, :2].astype(np.float64)
+        self._extent_m = float(np.median(np.linalg.norm(xy - np.median(xy, axis=0), axis=1)))
+        self._voxel_m = self._extent_m / VOXELS_PER_EXTENT
+        scan = self._scan(xyz, np.eye(4)) if self._voxel_m > 0 else None
+        self._key = self._next = scan
+        self._since_ns = self._stamp_ns = stamp_ns
+
+    def _scan(self, xyz: Any, T_fixed_site: F64) -> _Scan | None:
+        from small_gicp import preprocess_points
+
+        points, tree = preprocess_points(xyz.astype(np.float64), self._voxel_m, num_neighbors=10, num_threads=1)
+        return _Scan(T_fixed_site, points, tree) if points.size() >= MIN_POINTS else None
+
+    def _guess(self, stamp_ns: int) -> F64:
+        """The pose if the velocity has not changed; the last one where it is not known."""
+        from scipy.spatial.transform import Rotation
+
+        gap_ns = stamp_ns - self._stamp_ns
+        if not 0 < gap_ns <= MAX_GAP_NS:
+            self._step_ns = 0
+        if not self._step_ns:
+            return self._pose
+        share, step = gap_ns / self._step_ns, np.eye(4)
+        step[:3, :3] = Rotation.from_rotvec(Rotation.from_matrix(self._step[:3, :3]).as_rotvec() * share).as_matrix()
+        step[:3, 3] = self._step[:3, 3] * share
+        return np.asarray(self._pose @ step)
+
+    def _registered(self, xyz: Any, guess: F64) -> tuple[_Scan | None, bool]:
+        """The cloud at the pose that fits best, and whether that is one to rely on; None of too few points."""
+        scan = self._scan(xyz, guess) if len(xyz) else None
+        assert self._key is not None
+        if scan is None:
+            return None, False
+        T_key_site = np.linalg.inv(self._key.T_fixed_site) @ guess
+        if not self._step_ns:
+            T_key_site = self._aligned(scan, T_key_site, FAR).T_target_source
+        found = self._aligned(scan, T_key_site, NEAR)
+        # Both rotation and translation are in it; translation comes last.
+        shape = np.linalg.eigvalsh(found.H[3:, 3:])
+        is_found = found.num_inliers >= LEAST_INLIERS * scan.points.size() and shape[0] >= LEAST_SHAPE * shape[-1]
+        return scan._replace(T_fixed_site=self._key.T_fixed_site @ found.T_target_source), bool(is_found)
+
+    def _aligned(self, scan: _Scan, T_key_site: F64, reach: float) -> "RegistrationResult":
+        from small_gicp import align
+
+        assert self._key is not None
+        return align(
+            self._key.points,
+            scan.points,
+            self._key.tree,
+            T_key_site,
+            max_correspondence_distance=reach * self._voxel_m,
+            max_iterations=30,
+            rotation_epsilon=1e-4,
+            translation_epsilon=1e-3 * self._voxel_m,
+            num_threads=1,
+        )
+
+    def _has_moved(self, scan: _Scan | None, stamp_ns: int) -> bool:
+        """Whether the rig has left the place where it stood so far; says so of single frames, too."""
+        has_moved = False
+        if scan is not None and self._gone_m(scan.T_fixed_site) > LEAST_MOTION * self._voxel_m:
+            xyz = scan.points.points()[:, :3]
+            has_moved = self._misfit(xyz, np.eye(4)) > BETTER * self._misfit(xyz, scan.T_fixed_site)
+        self._times = self._times + 1 if has_moved else 0
+        if has_moved:
+            self._state = _State.MOVES if self._times >= TIMES else self._state
+            return True
+        self._pose, self._stamp_ns, self._step_ns = np.eye(4), stamp_ns, 0
+        if stamp_ns - self._since_ns >= LOOK_NS:
+            self._state, self._since_ns, self._usual = _State.STANDS, stamp_ns, None
+            if scan is not None:
+                self._key = self._next = scan._replace(T_fixed_site=np.eye(4))
+        return False
+
+    def _is_disturbed(self, combined: CombinedCloud, stamp_ns: int) -> bool:
+        """Whether a standing rig has to be looked at again: its cloud fits the key frame worse than it did."""
+        if 0 <= stamp_ns - self._since_ns < LOOK_NS:
+            return False
+        self._since_ns = stamp_ns
+        sample = combined.cloud.xyz[:: len(combined.cloud) // SAMPLE + 1].astype(np.float64)
+        if not len(sample):
+            return False
+        misfit = self._misfit(sample, np.eye(4))
+        if self._usual is None:
+            self._usual = misfit
+        if misfit <= WORSE * self._usual + WORSE_BY:
+            return False
+        self._state, self._times, self._stamp_ns, self._step_ns = _State.UNKNOWN, 0, stamp_ns, 0
+        return True
+
+    def _misfit(self, xyz_site: F64, T_key_site: F64) -> float:
+        """Mean squared distance from the surfaces of the key frame, in voxels; one voxel at most."""
+        assert self._key is not None
+        xyz = xyz_site @ T_key_site[:3, :3].T + T_key_site[:3, 3]
+        rows, squared = self._key.tree.batch_knn_search(xyz, 1)
+        row, near = np.asarray(rows).ravel().astype(np.intp), np.asarray(squared).ravel() < (3 * self._voxel_m) ** 2
+        normals, points = self._key.points.normals()[row, :3], self._key.points.points()[row, :3]
+        off = np.abs(np.einsum("ij,ij->i", xyz - points, normals)) / self._voxel_m
+        return float(np.mean(np.where(near, np.minimum(off, 1.0), 1.0) ** 2))
+
+    def _gone_m(self, T: F64) -> float:
+        """How far a motion takes points at the edge of the scene."""
+        angle = np.arccos(np.clip((np.trace(T[:3, :3]) - 1) / 2, -1, 1))
+        return float(np.linalg.norm(T[:3, 3]) + angle * self._extent_m)
+
+    def _follow(self, pose: F64, scan: _Scan | None, stamp_ns: int, *, is_found: bool) -> None:
+        """Take a frame in: its velocity, and its cloud as a key frame where one is due."""
+        if is_found and 0 < stamp_ns - self._stamp_ns <= MAX_GAP_NS:
+            self._step, self._step_ns = np.linalg.inv(self._pose) @ pose, stamp_ns - self._stamp_ns
+        self._pose, self._stamp_ns = pose, stamp_ns
+        if scan is None or self._state is not _State.MOVES:
+            return
+        assert self._next is not None
+        if not is_found:  # what is seen from here on is not seen in the key frame
+            self._key = self._next = scan._replace(T_fixed_site=pose)
+        elif self._gone_m(np.linalg.inv(self._next.T_fixed_site) @ pose) >= KEY_DISTANCE * self._voxel_m:
+            self._key, self._next = self._next, scan
