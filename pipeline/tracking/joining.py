@@ -3,6 +3,7 @@
 import numpy as np
 
 from pipeline.core.arrays import F64, I64, Indices
+from pipeline.core.geometry.overlaps import OVERLAP_SHARE
 from pipeline.core.geometry.rotated_iou import BoxArrays, shared_ground
 from pipeline.fusion.assignment import assign
 from pipeline.tracking.estimates import Estimates
@@ -19,9 +20,6 @@ PLACE_SHARE = 0.05
 
 OTHER_CLASS_COST, GAP_COST = 4.0, 2.0
 """What it costs that the classes differ, and a second of gap."""
-
-SHARED_GROUND = 0.4
-"""Two tracks are one if in their common frames one has on average more than this share of its ground in the other."""
 
 
 def joined_over_gaps(estimates: Estimates, stamps_s: F64, priors: Priors, max_gap_s: float) -> I64:
@@ -85,7 +83,7 @@ def joined_in_place(estimates: Estimates) -> I64:
         overlaps = (courses.firsts <= courses.lasts[one]) & (courses.firsts[one] <= courses.lasts)
         near = overlaps & (low <= high[one]).all(1) & (low[one] <= high).all(1)
         for other in np.flatnonzero(near[:one]).tolist():
-            if _shared(estimates, one, other) > SHARED_GROUND:
+            if _shared(estimates, one, other) > OVERLAP_SHARE:
                 out[out == out[one]] = out[other]
     return out
 

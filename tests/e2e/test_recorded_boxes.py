@@ -73,7 +73,7 @@ def clusters(sandbox: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The result of the sample's beginning, by clusters."""
     folder = tmp_path_factory.mktemp("clusters")
     out = folder / "out.mcap"
-    process(write(folder / "in.bag", of_sandbox(sandbox)), out, *SMALL, config="sandbox")
+    process(write(folder / "in.bag", of_sandbox(sandbox)), out, *SMALL, "track.mode=none", config="sandbox")
     assert topics_of(out)["/lidar/detections"][1] >= 3
     return out
 
@@ -93,7 +93,7 @@ def same(one: dict[int, list[list[float]]], other: dict[int, list[list[float]]])
 
 def test_lidcams_own_boxes_given_back_make_the_same_objects(clusters: Path, sandbox: Path, tmp_path: Path) -> None:
     source = write(tmp_path / "in.bag", of_sandbox(sandbox), given_back(clusters))
-    report = process(source, tmp_path / "out.mcap", *RECORDED, config="sandbox")
+    report = process(source, tmp_path / "out.mcap", *RECORDED, "track.mode=none", config="sandbox")
     same(lidar_boxes(clusters), lidar_boxes(tmp_path / "out.mcap"))
     expected, found = fused_objects(clusters), fused_objects(tmp_path / "out.mcap")
     assert [*expected] == [*found]
