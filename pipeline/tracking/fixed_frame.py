@@ -1,6 +1,6 @@
 """Between the frames of a run and tracks: sightings in the fixed frame, and tracks back in the site frame.
 
-The fixed frame is that of the odometry, recorded or of the clouds; without any, it is the site frame, which stands still.
+The fixed frame is that of the odometry, recorded or of the clouds; without any it is the site frame, standing still.
 """
 
 from collections.abc import Sequence

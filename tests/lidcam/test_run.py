@@ -26,6 +26,7 @@ from pipeline.core.geometry.transform_tree import TransformTree
 from pipeline.core.messages import RawMessage
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
+from pipeline.core.settings.track import TrackConfig
 from readers.messages.tf import RecordedTransforms
 from readers.rig.discovery import Discovery
 from readers.streams.motion import MotionSource
@@ -274,7 +275,7 @@ def test_2d_boxes_that_begin_no_object_are_told_by_reason() -> None:
 
 
 def test_road_users_begin_the_tables_where_there_are_tracks() -> None:
-    report, _ = run(periodic(), config())
+    report, _ = run(periodic(), config().model_copy(update={"track": TrackConfig(mode="none")}))
     assert report.road_users is None
     assert report_tree(report)["road_users"] is None
     counts = (RoadUserCount("car", "north", 2, 2.0, 4.0), RoadUserCount("car", "", 2, 2.5, 4.0))
