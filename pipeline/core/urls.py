@@ -7,10 +7,14 @@ __all__ = ["MORE", "shown_url", "without_secrets"]
 MORE = "?..."
 """In place of a query or a fragment."""
 
-_URL = re.compile(r"([A-Za-z](?:[A-Za-z0-9+.-]+(?=:/)|(?=:(?://|.*@)))):(/+)(.*)", re.DOTALL)
+_NAME = r"[A-Za-z][A-Za-z0-9+.-]"
+_ANY_NAME = r"[^\s/:@'\"(=,\[]*"
+"""Of a protocol, also a mistyped one, which counts only if a user or a password may follow."""
+
+_URL = re.compile(rf"({_NAME}+(?=:/)|[A-Za-z](?=://)|{_ANY_NAME}(?=:/.*@)):(/+)(.*)", re.DOTALL)
 _STARTS = re.compile(
-    r"(?<![^\s'\"(=,\[])(?=[A-Za-z][A-Za-z0-9+.-]*:/)"
-    r"|(?<=/)(?=(?:https?|ftps?|s3|gs|gcs|abfss?|az):/|[A-Za-z][A-Za-z0-9+.-]*:/\S*@)",
+    rf"(?<![^\s'\"(=,\[])(?={_NAME}*:/|{_ANY_NAME}:(?:/\S*|//.*)@)"
+    rf"|(?<=/)(?=(?:https?|ftps?|s3|gs|gcs|abfss?|az):/|{_ANY_NAME}:/\S*@)",
     re.IGNORECASE,
 )
 _PART = re.compile(r"((?:.*@)?\S*?)(['\")\]]*[:,;]?(?:\s.*)?)", re.DOTALL)

@@ -15,10 +15,21 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
-import numba
-
 from pipeline.core.compile_log import compile_log
 from pipeline.core.compiled.beside import kernel_sources, one_compiled
+from pipeline.core.errors import ConfigError
+from pipeline.core.text import one_line
+
+SETTINGS_OF_NUMBA = Path(".numba_config.yaml")
+"""Which numba reads in the current folder as it is imported."""
+
+try:
+    import numba
+except Exception as err:
+    if not SETTINGS_OF_NUMBA.is_file():
+        raise
+    told = f"{SETTINGS_OF_NUMBA.absolute()}: expected settings of numba, found {one_line(err)}; mend or remove it"
+    raise ConfigError(told) from err
 
 __all__ = ["cache_folder", "compiled", "inlined"]
 

@@ -4,6 +4,8 @@ import ast
 import importlib.util
 import logging
 import os
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
@@ -211,6 +213,15 @@ def test_works_on_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 def test_plain_functions_for_a_debugger(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("numba.config.DISABLE_JIT", True)
     assert loaded(tmp_path).squares([1, 2, 2]) == 9
+
+
+@pytest.mark.parametrize("content", [b"{broken: [", b"- a list", b"1: a number", b"\xff"])
+def test_settings_of_numba_in_the_current_folder_that_cannot_be_read(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / ".numba_config.yaml").write_bytes(content)
+    env = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    command = [sys.executable, "-P", "-c", "import pipeline.core.compiled"]
+    done = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True, check=False)
+    assert f"ConfigError: {tmp_path}/.numba_config.yaml: expected settings of numba, found " in done.stderr
 
 
 def test_no_product_is_fused_with_a_sum() -> None:
