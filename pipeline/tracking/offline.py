@@ -80,11 +80,14 @@ class OfflineTracker:
         estimates = estimated(scene, labels, self._priors)
         for join in (joined_in_place, self._over_gaps(scene), joined_in_place):
             merged = join(estimates)
-            if (merged != np.arange(len(merged))).any():
-                labels = _relabelled(scene, estimates, merged)
-                estimates = estimated(scene, labels, self._priors)
-        known = self._known_of(scene, estimates)
-        estimates = estimated(scene, estimates.labels(len(scene.frames)), self._priors, known)
+            if _any_joined(merged):
+                estimates = estimated(scene, _relabelled(scene, estimates, merged), self._priors)
+        estimates, known = self._refined(scene, estimates.labels(len(scene.frames)), estimates)
+        # With its whole length, one part of a long vehicle reaches into the other.
+        merged = joined_in_place(estimates)
+        if _any_joined(merged):
+            labels = _relabelled(scene, estimates, merged)
+            estimates, known = self._refined(scene, labels, estimated(scene, labels, self._priors))
         existence = self._existence(scene, estimates, known)
         kept = existence >= self._least
         new = kept & (known.ids == 0)
@@ -93,6 +96,11 @@ class OfflineTracker:
         rows = _rows(scene, estimates, known, probability(existence), kept)
         self._carry(scene, estimates, known, kept, until)
         return rows[given:until]
+
+    def _refined(self, scene: Scene, labels: I64, estimates: Estimates) -> tuple[Estimates, Known]:
+        """Tracks with all that is known of them, and with the lengths that their ends show."""
+        known = self._known_of(scene, estimates)
+        return estimated(scene, labels, self._priors, known), known
 
     def _associated(self) -> I64:
         """(N,) track of each sighting, frame by frame; -1 for none, and for what a frame does not report by itself."""
@@ -178,6 +186,10 @@ class OfflineTracker:
         self._known_ids = ids[scene.starts[keep_from] : scene.starts[until]]
         self._frames, self._given = self._frames[keep_from:], until - keep_from
         return keep_from
+
+
+def _any_joined(merged: I64) -> bool:
+    return len(np.unique(merged)) < len(merged)
 
 
 def _evidence(scene: Scene, estimates: Estimates) -> F64:
