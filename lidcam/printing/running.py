@@ -74,7 +74,8 @@ class _ShownRun(RunObserver):
         if self._advance is None:
             return
         rate_hz = progress.frames / max(time.monotonic() - self._started_s, 1e-3)
+        objects = f"{progress.objects} objects" if progress.objects else "no objects yet"  # offline, a window late
         self._advance(
             (progress.log_time_ns - self._start_ns) / 1e9,
-            f"{progress.frames} frames, {rate_hz:.1f} a second, {progress.objects} objects, {progress.drops} dropped",
+            f"{progress.frames} frames, {rate_hz:.1f} a second, {objects}, {progress.drops} dropped",
         )
