@@ -54,8 +54,8 @@ FLOORS = np.array([0.0015, 0.0015, 0.003, 0.02, 0.02, 0.02, 0.004])
 """What recordings without any error show (report in docs/rig.md): an error is not known better than so. Radians, shares
 of the size of the objects, seconds."""
 
-STEPS = 6
-"""Gauss-Newton steps; three are enough for two degrees."""
+STEPS = 4
+"""Gauss-Newton steps; three are enough for two degrees. Wrong matches are left out in the second half."""
 
 _SMALL = np.array([1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3, 1e-3])
 """Steps of numeric derivatives: radians, metres, seconds."""
@@ -196,16 +196,21 @@ class _Fit:
         away = np.linalg.solve(root, (self._pairs.xyxy - predicted)[..., None])[..., 0]
         return away, np.linalg.solve(root, slopes), valid
 
+    def _later(self, time_s: float) -> F64:
+        """(P, 4, 4) from the site at the frame's time to the site where the rig is so much later than the image."""
+        own = self._pairs.own_motion
+        if not time_s or not own.any():
+            return self._in_rig
+        back = np.tile(np.eye(4), (len(own), 1, 1))
+        back[:, :3, :3], back[:, :3, 3] = turned(-own[:, 3:] * time_s), -own[:, :3] * time_s
+        return np.asarray(back @ self._in_rig)
+
     def _predicted(self, values: F64) -> tuple[F64, F64, Bools]:
         """Edges (P, 4), their derivatives (P, 4, 7) by the boxes, and whether they are valid (P,), without habits."""
         pairs, later_s = self._pairs, self._pairs.later_s + values[6]
         centers = pairs.centers.copy()
         centers[:, :2] += pairs.velocities * later_s[:, None]
-        # Where the rig is that much later, the site lies further back.
-        back = np.tile(np.eye(4), (len(pairs), 1, 1))
-        back[:, :3, :3] = turned(-pairs.own_motion[:, 3:] * values[6])
-        back[:, :3, 3] = -pairs.own_motion[:, :3] * values[6]
-        T_camera_site = motion(values) @ self._of_rig @ back @ self._in_rig
+        T_camera_site = motion(values) @ self._of_rig @ self._later(float(values[6]))
         rotations, translations = T_camera_site[:, :3, :3].copy(), T_camera_site[:, :3, 3].copy()
         cameras = replace(self._cameras, rotations=rotations, translations=translations)
         return project_edges(centers, pairs.sizes, pairs.yaws + pairs.yaw_rates * later_s, cameras, self._outline)

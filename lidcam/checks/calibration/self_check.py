@@ -5,6 +5,7 @@ surfaces that it sees and another sees, too. An error is told if it is sure and 
 without any show a little of everything.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import combinations
@@ -30,7 +31,7 @@ from pipeline.core.tracks import NO_TRACK
 
 __all__ = ["SelfCheck"]
 
-MAX_FRAMES, MAX_CLOUDS = 400, 4
+MAX_FRAMES, MAX_CLOUDS = 400, 3
 """Frames of which the pairs of a camera are kept, and whose clouds are, spread over the run."""
 
 SURE = 4.0
@@ -86,15 +87,24 @@ class SelfCheck:
 
     @cached_property
     def lidars(self) -> tuple[LidarsJudged, ...]:
-        """What is said of each two lidars; to be asked when all frames are there."""
-        lidars, found = self._rig.lidars, []
+        """What is said of each two lidars; to be asked when all frames are there.
+
+        Of three lidars and more, the one that disagrees with several is the one that is wrong: it is the second.
+        """
+        lidars = range(len(self._rig.lidars))
         clouds = [_of_lidars(kept, len(lidars)) for kept in self._clouds] if len(lidars) > 1 else []
-        for first, second in combinations(range(len(lidars)), 2):
-            pairs = [(by_lidar[first], by_lidar[second]) for by_lidar in clouds]
-            error = lidar_error(pairs, lidars[second].T_site_lidar.translation)
-            wrong = np.zeros(6, np.bool_) if error is None else _told(error.values, error.sigmas, LEAST_LIDAR)
-            found.append(LidarsJudged(lidars[first], lidars[second], error, wrong))
-        return tuple(found)
+        found = {pair: self._lidars_judged(clouds, *pair) for pair in combinations(lidars, 2)}
+        wrong = [pair for pair, judged in found.items() if judged.wrong.any()]
+        for row in {*lidars}.intersection(*wrong) if len(wrong) > 1 else ():
+            for pair in [pair for pair in wrong if pair[0] == row]:
+                found[pair] = self._lidars_judged(clouds, pair[1], row)
+        return tuple(found.values())
+
+    def _lidars_judged(self, clouds: Sequence[Sequence[F64]], first: int, second: int) -> LidarsJudged:
+        lidars, frames = self._rig.lidars, [(by_lidar[first], by_lidar[second]) for by_lidar in clouds]
+        error = lidar_error(frames, lidars[second].T_site_lidar.translation)
+        wrong = np.zeros(6, np.bool_) if error is None else _told(error.values, error.sigmas, LEAST_LIDAR)
+        return LidarsJudged(lidars[first], lidars[second], error, wrong)
 
     @property
     def warnings(self) -> tuple[RunWarning, ...]:
