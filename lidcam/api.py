@@ -136,7 +136,7 @@ def process(
     Args:
         recording: Path or URL; several for a recording that was split, in their order.
         output: File to write, or several: .mcap, .rrd (Rerun); None writes none.
-        on_frame: Called with each frame, in order.
+        on_frame: Called with each frame, in order, when its tracks are known.
         **options: `config`, `settings`, `rig`, `model_2d`, `workers`, `start_s`, `duration_s`, `on_bad_message`,
             `overwrite`, as `JobOptions` explains them.
 
@@ -152,6 +152,8 @@ def iter_frames(
     recording: PathOrUrl | Sequence[PathOrUrl], **options: Unpack[JobOptions]
 ) -> Generator[FrameResult, None, None]:
     """The frames of a recording, one after another, without writing anything; options as of `process`.
+
+    With offline tracks (`track.mode`) the first frame comes when `track.window_s` of the recording are read.
 
     Raises:
         LidcamError: the input, the calibration or the settings are at fault.

@@ -1,6 +1,7 @@
 """How a bundle becomes a result: the stages of a frame; `lidcam.frames` says where bundles come from."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple, Self
 
@@ -28,6 +29,7 @@ from pipeline.stages.propose import Propose, Proposed
 from pipeline.stages.refine import Refine
 from pipeline.stages.reshape import Reshape
 from pipeline.stages.views import Views
+from pipeline.tracking.ends import find_ends
 from readers.streams.decoders import CloudDecoder, OnBadMessage
 
 __all__ = ["build_graph"]
@@ -73,7 +75,8 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     detections = graph.add("detections", _detections, lidar, boxes2d, placed, timed=False)
     unused = graph.add("unused", _Unused.of, clouds, recorded3d, camera_data, timed=False)
     inputs = combined, detections, views, hypotheses, beliefs, fused, unused
-    return graph, graph.add("collect", _collect, graph.frame, *inputs, timed=False)
+    result = graph.add("collect", _collect, graph.frame, *inputs, timed=False)
+    return graph, graph.add("ends", _with_ends, result) if config.track.mode == "offline" else result
 
 
 def _hypotheses(
@@ -93,6 +96,10 @@ def _hypotheses(
 
 def _detections(lidar: Boxes3D, boxes2d: Mapping[str, Boxes2D], placed: Placed) -> Detections:
     return Detections(lidar, boxes2d, placed.boxes if boxes2d else None)
+
+
+def _with_ends(result: FrameResult) -> FrameResult:
+    return replace(result, ends=find_ends(result.fused, result.combined))
 
 
 class _Unused(NamedTuple):

@@ -6,7 +6,7 @@ kept between runs.
 
 import logging
 import time
-from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
 from functools import partial
@@ -41,13 +41,14 @@ from lidcam.report import InputReport, RunReport, SensorReport, TimingReport, un
 from lidcam.settings.choice import use_settings
 from lidcam.settings.effect import named_files, settings_sha256
 from lidcam.summary import DropTable, RunProgress, Tally
+from lidcam.tracks import tracked
 from pipeline.core.errors import RecordingError, short_memory_told
 from pipeline.core.frame import FrameResult, SensorBundle
-from pipeline.graph import Node
 from pipeline.parallel.cores import usable_cores
 from pipeline.parallel.process import WorkerProcess, copied_workers
 from pipeline.parallel.run import Limits, run_parallel
 from pipeline.stages.sync.synchronize import SyncStats
+from pipeline.tracking.trackers import object_tracker
 from readers.input_file import InputFile, InputFiles, read_input_file
 from readers.open import open_recording
 from readers.recording import ReadOptions, Recording
@@ -72,10 +73,10 @@ class RunObserver:
         """The recording is open and its sensors are known."""
 
     def frame(self, result: FrameResult) -> None:
-        """A frame is complete and written; frames come in order."""
+        """A frame has its tracks and is written. Frames come in order; with offline tracks, up to a window late."""
 
     def advanced(self, progress: RunProgress) -> None:
-        """The run is so far now; called after each frame."""
+        """The run is so far now; called for each frame, when it and all that it completes are done or wait."""
 
 
 def process_recording(job: Job, observer: RunObserver | None = None) -> RunReport:
@@ -97,18 +98,19 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunRepor
             inputs = stack.enter_context(closing(_input_files(run.source, named, is_written=bool(job.outputs))))
             writers = open_writers(job, run.source, inputs, outputs, stack)
             # Closed before the writers are, also when the observer raises: then no stage is at work any more.
-            frames = stack.enter_context(closing(run.frames(writers)))
+            folder = job.outputs[0].parent if job.outputs else None
+            frames = stack.enter_context(closing(run.frames(writers, folder, partial(_tell, run, inputs, observer))))
             for frame in frames:
-                inputs.read_up_to(_share(run.source.recording, frame.bundle.log_time_ns))
                 observer.frame(frame)
-                observer.advanced(run.progress)
             whole = inputs.finish()
         changed = [file.path for file in (*whole, *inputs.named.values()) if file.is_changed]
         return run.report(whole, written_files(job), how_to_open(job), changed)
 
 
 def iter_frames(job: Job) -> Generator[FrameResult, None, None]:
-    """The frames of a recording, in order; closes the recording when it ends or is closed.
+    """The frames of a recording, in order, with their tracks; closes the recording when it ends or is closed.
+
+    With offline tracks the first frame comes when `track.window_s` of the recording are read.
 
     Raises:
         LidcamError: the input, the calibration or the settings are at fault.
@@ -176,6 +178,7 @@ class Run:
         """
         self.source, self.found = source, found
         self._drops, self._tally, self._stats = drops, Tally(source.config, source.rig), SyncStats()
+        self._passed, self._log_time_ns = 0, source.recording.start_ns
         self._clocks = sensor_clocks(source.rig, drops)
         self._checks = (
             FileCheck(source.recording.paths),
@@ -187,6 +190,7 @@ class Run:
         reference_topic(source.config, source.rig)
         self._make_graph = partial(build_graph, source.config, source.rig, on_bad=drops.on_bad)
         self._graph, self._result = self._make_graph()
+        self._tracker = object_tracker(source.config, source.rig)
         check_box_source(source.config, source.recording, source.rig)
         self._workers = source.config.run.workers or usable_cores()
         self._processes: Sequence[WorkerProcess] = ()
@@ -199,24 +203,36 @@ class Run:
         with copied_workers(graph, result, workers=self._workers, frames=frames) as self._processes:
             yield
 
-    def frames(self, writers: Sequence[ResultWriter] = ()) -> Generator[FrameResult, None, None]:
-        """The frames, in order, each written before it is yielded; to be read once.
+    def frames(
+        self,
+        writers: Sequence[ResultWriter] = (),
+        folder: Path | None = None,
+        passed: Callable[[], None] = lambda: None,
+    ) -> Generator[FrameResult, None, None]:
+        """The frames, in order, with their tracks, each written before it is yielded; to be read once.
 
         Args:
             writers: Get each frame before it is yielded.
+            folder: Where frames wait for their tracks; None for the system's temporary folder.
+            passed: Called for each frame that has passed the stages, when all frames that it completes were yielded.
 
         Raises:
             RecordingError: reading fails, or no messages belong together.
             MessageError: a message cannot be decoded and bad messages end the run.
+            OutputError: a frame cannot be written, or cannot be kept for its tracks.
             WorkerError: a process that shares the work cannot be started, or has died.
         """
-        started, result = time.perf_counter(), self._result
-        for writer in writers:
-            result = self._graph.add(f"write {writer.name}", partial(_write, writer), result, ordered=True)
+        started, graph = time.perf_counter(), self._graph
         self._count_early_drops()
-        found = bundles(self.source, self._drops, self._stats, self._clocks)
-        with closing(self._results(result, found)) as results:
-            for frame in results:
+        with ExitStack() as stack:
+            frames = stack.enter_context(closing(self._results(passed)))
+            if self._tracker is not None:
+                stage = partial(graph.stage, "track")
+                frames = stack.enter_context(closing(tracked(frames, self._tracker, folder, stage)))
+            for frame in frames:
+                for writer in writers:
+                    with graph.stage(f"write {writer.name}", frame.bundle):
+                        frame = _written(frame, writer)
                 self._tally.add(frame)
                 for check in self._checks:
                     check.add(frame)
@@ -235,13 +251,22 @@ class Run:
         if self._tally.frames == 0:
             raise RecordingError(no_frames(self.source, self._drops))
 
-    def _results(self, result: Node[FrameResult], found: Iterator[SensorBundle]) -> Generator[FrameResult, None, None]:
+    def _results(self, passed: Callable[[], None]) -> Generator[FrameResult, None, None]:
+        """What the stages make of the recording."""
+        with closing(self._stages()) as frames:
+            for frame in frames:
+                self._passed, self._log_time_ns = self._passed + 1, frame.bundle.log_time_ns
+                yield frame
+                passed()
+
+    def _stages(self) -> Generator[FrameResult, None, None]:
         config, rig, workers = self.source.config, self.source.rig, self._workers
+        found = bundles(self.source, self._drops, self._stats, self._clocks)
         if workers == 1:
-            return self._graph.run(result, found)
+            return self._graph.run(self._result, found)
         return run_parallel(
             self._graph,
-            result,
+            self._result,
             found,
             Limits(workers, config.run.window or 2 * workers + 1, _memory_of, config.limits.max_waiting_bytes),
             make_graph=self._make_graph,
@@ -253,7 +278,7 @@ class Run:
     @property
     def progress(self) -> RunProgress:
         """How far the run is."""
-        return RunProgress(self._tally.frames, self._tally.objects.total(), self._drops.total)
+        return RunProgress(self._passed, self._tally.objects.total(), self._drops.total, self._log_time_ns)
 
     def report(
         self,
@@ -366,6 +391,13 @@ def _needed(bundle: SensorBundle, decoded: Collection[str]) -> SensorBundle:
     return replace(bundle, messages=messages, copied=(), truth=())
 
 
-def _write(writer: ResultWriter, result: FrameResult) -> FrameResult:
+def _tell(run: Run, inputs: InputFiles, observer: RunObserver) -> None:
+    """One more frame has passed the stages."""
+    progress = run.progress
+    inputs.read_up_to(_share(run.source.recording, progress.log_time_ns))
+    observer.advanced(progress)
+
+
+def _written(result: FrameResult, writer: ResultWriter) -> FrameResult:
     not_copied = writer.write(result)
     return replace(result, drops=result.drops + not_copied) if not_copied else result

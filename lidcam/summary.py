@@ -86,14 +86,16 @@ class RunProgress:
     """How far a run is.
 
     Attributes:
-        frames: Number of frames so far.
-        objects: Number of fused objects in them.
+        frames: Number of frames that have passed the stages; with offline tracks the last ones wait to be written.
+        objects: Number of objects in those that are written.
         drops: Number of messages that were dropped. Reading is ahead of the frames, so this is no exact result.
+        log_time_ns: Log time of the newest frame; where the recording starts, before the first one.
     """
 
     frames: int
     objects: int
     drops: int
+    log_time_ns: int
 
 
 class Tally:

@@ -6,7 +6,8 @@ order.
 """
 
 import time
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, Protocol, TypedDict, TypeVar, Unpack, overload
 
@@ -140,6 +141,24 @@ class Graph(Generic[F]):
             self.seconds[name] = 0.0
         return node
 
+    @contextmanager
+    def stage(self, name: str, frame: Stamped, *, timed: bool = True) -> Iterator[None]:
+        """Count the time of the block as that of a stage, and name stage and frame in its errors.
+
+        For what is done with a frame after the graph, too.
+        """
+        start = time.perf_counter()
+        try:
+            yield
+        except Exception as err:
+            note = f"in stage {name}, frame {frame.index}, stamp {frame.stamp_ns} ns"
+            if not any(known.startswith("in stage") for known in getattr(err, "__notes__", ())):
+                err.add_note(note)
+            raise
+        finally:
+            if timed:
+                self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+
     def run(self, sink: Node[R], frames: Iterable[F]) -> Generator[R, None, None]:
         """The sink's value for each frame, in order, one stage after another."""
         for frame in frames:
@@ -156,7 +175,8 @@ class Graph(Generic[F]):
             values: Outputs by stage, with all that the stages read and do not give each other; theirs are added.
         """
         for node in nodes:
-            values[node] = self._call(node, frame, [values[one] for one in node.inputs])
+            with self.stage(node.name, frame, timed=node.timed):
+                values[node] = node.fn(*(values[one] for one in node.inputs))
 
     def parts(self, sink: Node[Any]) -> Parts:
         """The stages by whether they may see the frames in any order, for a run that yields the sink's values."""
@@ -167,16 +187,3 @@ class Graph(Generic[F]):
         ordered = [node for node in self.nodes if node not in free]
         wanted = {sink, *(one for node in ordered for one in node.inputs)}
         return Parts(tuple(free), tuple(node for node in free if node in wanted), tuple(ordered))
-
-    def _call(self, node: Node[Any], frame: F, args: list[Any]) -> Any:
-        start = time.perf_counter()
-        try:
-            return node.fn(*args)
-        except Exception as err:
-            note = f"in stage {node.name}, frame {frame.index}, stamp {frame.stamp_ns} ns"
-            if not any(known.startswith("in stage") for known in getattr(err, "__notes__", ())):
-                err.add_note(note)
-            raise
-        finally:
-            if node.timed:
-                self.seconds[node.name] += time.perf_counter() - start

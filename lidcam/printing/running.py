@@ -65,7 +65,6 @@ class _ShownRun(RunObserver):
             self._advance = self._stack.enter_context(show_progress((stop_ns - self._start_ns) / 1e9))
 
     def frame(self, result: FrameResult) -> None:
-        self._done_s = (result.bundle.log_time_ns - self._start_ns) / 1e9
         if self._detections:
             print_detections(self._out, result, self._config)
         if self._matches:
@@ -76,6 +75,6 @@ class _ShownRun(RunObserver):
             return
         rate_hz = progress.frames / max(time.monotonic() - self._started_s, 1e-3)
         self._advance(
-            self._done_s,
+            (progress.log_time_ns - self._start_ns) / 1e9,
             f"{progress.frames} frames, {rate_hz:.1f} a second, {progress.objects} objects, {progress.drops} dropped",
         )

@@ -52,6 +52,7 @@ def select_by_zones(fused: Fused, zones: Sequence[Zone]) -> Fused:
         matched=fused.matched[rows],
         rows=fused.rows[rows],
         left_out=left_out,
+        tracks=None if fused.tracks is None else fused.tracks.select(rows),
     )
 
 

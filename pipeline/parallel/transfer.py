@@ -1,19 +1,21 @@
-"""Objects on their way between processes: pickled, with large arrays and messages beside the pickle.
+"""Objects on their way between processes, or through a file: pickled, with large arrays and messages beside the pickle.
 
-What is large is written to the socket from where it lies, and read to where it stays: no copies but those of the
-system (PEP 574). Small arrays are pickled, so that keeping one does not keep a large buffer.
+What is large is written from where it lies, and read to where it stays: no copies but those of the system (PEP 574).
+Small arrays are pickled, so that keeping one does not keep a large buffer.
 """
 
 import io
+import os
 import pickle
 import socket
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-__all__ = ["arrived", "connected", "receive", "send"]
+__all__ = ["arrived", "connected", "dump", "load", "receive", "send"]
 
 BESIDE_BYTES = 1 << 14
 """From this size on, an array travels beside the pickle."""
@@ -22,6 +24,9 @@ MAX_PARTS = 512
 """Parts that are handed to the system at once; Linux takes 1024."""
 
 COUNT = struct.Struct("<Q")
+
+Fill = Callable[[memoryview], int | None]
+"""Reads into the beginning of a buffer, and says how many bytes."""
 
 HELD_BYTES = 1 << 22
 """Size of the system's buffer: a frame, so that the sender need not wait for a process that is at work on a stage. The
@@ -43,6 +48,41 @@ def send(connection: socket.socket, value: object) -> None:
         OSError: the other side is gone.
         Exception: whatever the object raises when it is pickled; then nothing was sent.
     """
+    _write_all(connection.sendmsg, _parts(value))
+
+
+def receive(connection: socket.socket) -> object:
+    """The next object that the other side sent.
+
+    Raises:
+        EOFError: the other side is gone.
+        OSError: the same.
+    """
+    return _value(lambda buffer: connection.recv_into(buffer, 0, socket.MSG_WAITALL))
+
+
+def dump(value: object, file: io.FileIO) -> None:
+    """Write an object at the place where a file stands.
+
+    Raises:
+        OSError: it cannot be written; a part of it may have been.
+        Exception: whatever the object raises when it is pickled; then nothing was written.
+    """
+    _write_all(partial(os.writev, file.fileno()), _parts(value))
+
+
+def load(file: io.FileIO) -> object:
+    """The object that `dump` wrote where a file stands. To be used for files that only this process can write.
+
+    Raises:
+        EOFError: the file ends before the object does.
+        OSError: it cannot be read.
+    """
+    return _value(file.readinto)
+
+
+def _parts(value: object) -> list[memoryview]:
+    """What there is to write of an object."""
     stream = io.BytesIO()
     large: list[memoryview] = []
 
@@ -56,20 +96,15 @@ def send(connection: socket.socket, value: object) -> None:
     _Pickler(stream, protocol=5, buffer_callback=is_pickled).dump(value)
     parts = [stream.getbuffer(), *large]
     sizes = struct.pack(f"<{1 + len(parts)}Q", len(parts), *(part.nbytes for part in parts))
-    _send_all(connection, [memoryview(sizes), *parts])
+    return [memoryview(sizes), *parts]
 
 
-def receive(connection: socket.socket) -> object:
-    """The next object that the other side sent.
-
-    Raises:
-        EOFError: the other side is gone.
-        OSError: the same.
-    """
-    (count,) = COUNT.unpack(_read(connection, COUNT.size))
-    sizes = struct.unpack(f"<{count}Q", _read(connection, COUNT.size * count))
-    stream, *large = (_read(connection, size) for size in sizes)
-    return pickle.loads(stream, buffers=large)  # noqa: S301  # of a process that this one has started, or its parent
+def _value(fill: Fill) -> object:
+    """The object of which `fill` reads the parts."""
+    (count,) = COUNT.unpack(_read(fill, COUNT.size))
+    sizes = struct.unpack(f"<{count}Q", _read(fill, COUNT.size * count))
+    stream, *large = (_read(fill, size) for size in sizes)
+    return pickle.loads(stream, buffers=large)  # noqa: S301  # of this process, one that it has started, or its parent
 
 
 def arrived(value: object) -> object:
@@ -94,22 +129,22 @@ def _read_only(buffer: bytes | bytearray | memoryview) -> memoryview:
     return memoryview(buffer).toreadonly()
 
 
-def _send_all(connection: socket.socket, parts: Sequence[memoryview]) -> None:
+def _write_all(write: Callable[[Sequence[memoryview]], int], parts: Sequence[memoryview]) -> None:
     left = [part for part in parts if part.nbytes]
     while left:
-        sent = connection.sendmsg(left[:MAX_PARTS])
-        while left and sent >= left[0].nbytes:
-            sent -= left.pop(0).nbytes
-        if sent:
-            left[0] = left[0].cast("B")[sent:]
+        written = write(left[:MAX_PARTS])
+        while left and written >= left[0].nbytes:
+            written -= left.pop(0).nbytes
+        if written:
+            left[0] = left[0].cast("B")[written:]
 
 
-def _read(connection: socket.socket, size: int) -> memoryview:
+def _read(fill: Fill, size: int) -> memoryview:
     buffer = np.empty(size, np.uint8).data  # unlike a bytearray, not filled with zeros first
     filled = 0
     while filled < size:
-        count = connection.recv_into(buffer[filled:], size - filled, socket.MSG_WAITALL)
+        count = fill(buffer[filled:])
         if not count:
-            raise EOFError("the process at the other end is gone")
+            raise EOFError("the process at the other end is gone, or the file ends")
         filled += count
     return buffer

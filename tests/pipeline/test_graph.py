@@ -96,6 +96,18 @@ def test_failing_stage_yields_earlier_frames_then_names_itself() -> None:
     assert caught.value.__notes__ == ["in stage boom, frame 7, stamp 7000 ns"]
 
 
+def test_what_is_done_behind_the_graph_is_timed_and_named_like_a_stage() -> None:
+    graph, sink = diamond()
+    for frame, _ in zip(frames(3), graph.run(sink, frames(3)), strict=True):
+        with graph.stage("behind", frame):
+            pass
+    assert list(graph.seconds) == ["start", "left", "right", "join", "behind"]
+    assert graph.seconds["behind"] > 0
+    with pytest.raises(Boom) as caught, graph.stage("behind", Frame(3, 3000)):
+        raise Boom
+    assert caught.value.__notes__ == ["in stage behind, frame 3, stamp 3000 ns"]
+
+
 def test_failing_source_yields_what_was_read() -> None:
     graph = Graph(Frame)
 

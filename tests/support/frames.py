@@ -99,7 +99,9 @@ def frame(
     samples = PoseSamples("site", "odom", np.array([stamp_ns - 10**8, stamp_ns + 10**8], np.int64), poses)
     rows = [[10.0, 1.5, 0.1, 4.2, 1.8, 1.5, 0.3], [15, 0, 0, 0.6, 0.6, 1.7, np.pi], [9, -60, 0, 8, 2.5, 3, -1]]
     found = replace(
-        boxes3d(rows[:objects], scores=[0.9, 0.5, 0.25][:objects], class_ids=[0, 1, 3][:objects]), stamp_ns=stamp_ns
+        boxes3d(rows[:objects], scores=[0.9, 0.5, 0.25][:objects], class_ids=[0, 1, 3][:objects]),
+        stamp_ns=stamp_ns,
+        measured_ns=np.full(objects, stamp_ns),
     )
     placed = None
     if sources is not None:

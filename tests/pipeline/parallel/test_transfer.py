@@ -1,4 +1,5 @@
 import socket
+import tempfile
 import threading
 from collections.abc import Iterator
 from typing import Any
@@ -8,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.parallel.transfer import BESIDE_BYTES, HELD_BYTES, MAX_PARTS, connected, receive, send
+from pipeline.parallel.transfer import BESIDE_BYTES, HELD_BYTES, MAX_PARTS, connected, dump, load, receive, send
 
 
 @pytest.fixture(scope="module")
@@ -27,6 +28,16 @@ def sent(value: object, pair: tuple[socket.socket, socket.socket]) -> Any:
         thread.join()
 
 
+def kept(value: object) -> Any:
+    """A value that was read from a file, where another one lies before it."""
+    with tempfile.TemporaryFile(buffering=0) as file:
+        dump("another", file)
+        at = file.tell()
+        dump(value, file)
+        file.seek(at)
+        return load(file)
+
+
 SIZES = st.sampled_from([0, 1, 100, BESIDE_BYTES - 1, BESIDE_BYTES, 300_000])
 
 
@@ -38,7 +49,13 @@ def test_values_arrive_as_they_were(
     arrays = [np.arange(size).astype(dtype) for size in sizes]
     messages = [memoryview(array.tobytes()) if view else array.tobytes() for array in arrays]
     columns = [np.stack([array, array], 1)[:, 1] for array in arrays]  # not contiguous
-    found = sent((arrays, messages, columns, arrays), pair)
+    for found in (sent(value := (arrays, messages, columns, arrays), pair), kept(value)):
+        _check(found, arrays, messages, columns, view=view)
+
+
+def _check(
+    found: Any, arrays: list[Any], messages: list[bytes | memoryview], columns: list[Any], *, view: bool
+) -> None:
     for array, message, column, one, text, strip in zip(arrays, messages, columns, *found[:3], strict=True):
         np.testing.assert_array_equal(one, array, strict=True)
         np.testing.assert_array_equal(strip, column, strict=True)
@@ -73,6 +90,16 @@ def test_the_other_end_dies_in_the_middle() -> None:
             other.send(b"\2" + bytes(7) + bytes(3))
         with pytest.raises(EOFError):
             receive(one)
+
+
+@pytest.mark.parametrize("size", [0, 1, 8, 30, 90_000])
+def test_a_file_that_ends_before_the_value(size: int) -> None:
+    with tempfile.TemporaryFile(buffering=0) as file:
+        dump(np.zeros(100_000, np.uint8), file)
+        file.truncate(size)
+        file.seek(0)
+        with pytest.raises(EOFError):
+            load(file)
 
 
 def test_what_cannot_be_pickled_leaves_nothing_behind(pair: tuple[socket.socket, socket.socket]) -> None:

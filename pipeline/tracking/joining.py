@@ -1,0 +1,118 @@
+"""Tracks that are one: over a gap in which nothing was seen, and in one place at one time."""
+
+import numpy as np
+
+from pipeline.core.arrays import F64, I64, Indices
+from pipeline.core.geometry.rotated_iou import BoxArrays, shared_ground
+from pipeline.fusion.assignment import assign
+from pipeline.tracking.estimates import Estimates
+from pipeline.tracking.motion import HEADING, SPEED, Motions, Priors, predicted
+
+__all__ = ["joined_in_place", "joined_over_gaps"]
+
+FARTHEST = 16.0
+"""Squared Mahalanobis distance of place and velocity, halfway, up to which two tracks may be one."""
+
+MOST_COST = 24.0
+PLACE_SHARE = 0.05
+"""Standard deviation of each place and velocity beyond what the tracks say, as a share of the length of the class."""
+
+OTHER_CLASS_COST, GAP_COST = 4.0, 2.0
+"""What it costs that the classes differ, and a second of gap."""
+
+SHARED_GROUND = 0.4
+"""Two tracks are one if in their common frames one has on average more than this share of its ground in the other."""
+
+
+def joined_over_gaps(estimates: Estimates, stamps_s: F64, priors: Priors, max_gap_s: float) -> I64:
+    """(T,) number of the track that each of T tracks belongs to; equal numbers are one track.
+
+    Both ends are predicted to the middle of the gap. Which ends belong together is one assignment over all tracks.
+    """
+    count, courses = len(estimates), estimates.courses
+    out = np.arange(count)
+    if count < 2:
+        return out
+    gaps_s = stamps_s[courses.firsts][None] - stamps_s[courses.lasts][:, None]
+    first, second = np.nonzero((gaps_s > 0) & (gaps_s <= max_gap_s))
+    gap_s = gaps_s[first, second]
+    ends = estimates.motions.select((courses.starts[1:] - 1)[first])
+    begins = estimates.motions.select(courses.starts[:-1][second])
+    of_class = priors.select(estimates.class_ids[first])
+    before, _ = predicted(ends, gap_s / 2, of_class.noise)
+    after, _ = predicted(begins, -gap_s / 2, of_class.noise)
+    (here, here_spread), (there, there_spread) = _velocities(before), _velocities(after)
+    away, spread = here - there, here_spread + there_spread
+    spread += np.eye(4) * ((PLACE_SHARE * of_class.lengths_m) ** 2)[:, None, None]
+    far = (away * np.linalg.solve(spread, away[..., None])[..., 0]).sum(1)
+    speeds = np.maximum(np.abs(ends.states[:, SPEED]), np.abs(begins.states[:, SPEED]))
+    speeds = np.maximum(speeds, 0.2 * of_class.lengths_m)
+    reachable = np.linalg.norm(away[:, :2], axis=1) <= of_class.lengths_m + 0.5 * gap_s * speeds
+    size = np.log(np.linalg.det(spread[:, :2, :2])) - 4 * np.log(0.1 * of_class.lengths_m)
+    differs = estimates.class_ids[first] != estimates.class_ids[second]
+    costs = far + OTHER_CLASS_COST * differs + GAP_COST * gap_s + size
+    matrix = np.zeros((count, count))
+    fits = (far <= FARTHEST) & reachable & (costs < MOST_COST)
+    matrix[first[fits], second[fits]] = costs[fits] - MOST_COST
+    rows, columns = assign(matrix)
+    paired = matrix[rows, columns] < 0
+    # Tracks stand in the order of their first sighting, so that the earlier one has its number already.
+    for row, column in sorted(
+        zip(rows[paired].tolist(), columns[paired].tolist(), strict=True), key=lambda pair: pair[1]
+    ):
+        out[column] = out[row]
+    return out
+
+
+def _velocities(motions: Motions) -> tuple[F64, F64]:
+    """(N, 4) x, y and velocity along both, and their covariances: the same for a heading that is turned round."""
+    states = motions.states
+    cos, sin, speeds = np.cos(states[:, HEADING]), np.sin(states[:, HEADING]), states[:, SPEED]
+    slopes = np.zeros((len(states), 4, 5))
+    slopes[:, 0, 0] = slopes[:, 1, 1] = 1.0
+    slopes[:, 2, HEADING], slopes[:, 2, SPEED] = -speeds * sin, cos
+    slopes[:, 3, HEADING], slopes[:, 3, SPEED] = speeds * cos, sin
+    places = np.column_stack([states[:, :2], speeds * cos, speeds * sin])
+    return places, slopes @ motions.covariances @ slopes.swapaxes(1, 2)
+
+
+def joined_in_place(estimates: Estimates) -> I64:
+    """(T,) as `joined_over_gaps`, of tracks on the same ground: one object with two classes, or in two parts."""
+    count, courses = len(estimates), estimates.courses
+    out = np.arange(count)
+    low, high = _reach(estimates)
+    for one in range(count):
+        overlaps = (courses.firsts <= courses.lasts[one]) & (courses.firsts[one] <= courses.lasts)
+        near = overlaps & (low <= high[one]).all(1) & (low[one] <= high).all(1)
+        for other in np.flatnonzero(near[:one]).tolist():
+            if _shared(estimates, one, other) > SHARED_GROUND:
+                out[out == out[one]] = out[other]
+    return out
+
+
+def _reach(estimates: Estimates) -> tuple[F64, F64]:
+    """(T, 2) lowest and highest x and y of each track, with half of its diagonal around."""
+    places, starts = estimates.motions.states[:, :2], estimates.courses.starts[:-1]
+    half = np.hypot(estimates.sizes[:, 0], estimates.sizes[:, 1])[:, None] / 2
+    if not len(starts):
+        return np.zeros((0, 2)), np.zeros((0, 2))
+    return np.minimum.reduceat(places, starts) - half, np.maximum.reduceat(places, starts) + half
+
+
+def _shared(estimates: Estimates, one: int, other: int) -> float:
+    """Mean share of ground of the smaller box in their common frames."""
+    courses = estimates.courses
+    first = max(courses.firsts[one], courses.firsts[other])
+    last = min(courses.lasts[one], courses.lasts[other])
+    boxes, ground_m2 = [], []
+    for track in (one, other):
+        start = courses.starts[track] + first - courses.firsts[track]
+        boxes.append(_boxes(estimates, track, np.arange(start, start + last - first + 1)))
+        ground_m2.append(estimates.sizes[track, 0] * estimates.sizes[track, 1])
+    return float(np.mean(shared_ground(*boxes)) / min(ground_m2))
+
+
+def _boxes(estimates: Estimates, track: int, cells: Indices) -> BoxArrays:
+    states = estimates.motions.states[cells]
+    centers = np.column_stack([states[:, :2], np.zeros(len(cells))])
+    return BoxArrays(centers, np.tile(estimates.sizes[track], (len(cells), 1)), states[:, HEADING])

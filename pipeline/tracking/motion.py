@@ -1,0 +1,208 @@
+"""How road users move: a coordinated turn of constant speed and yaw rate, for many tracks at once.
+
+A state (5) is x, y, heading, speed along the heading (negative: backwards) and yaw rate. Its place is that of the rear
+axle of a vehicle, which does not slip sideways: a turn about the centre of a box would be wrong by the slip angle, 7
+degrees in tight curves. A measurement (3) is x, y and yaw of a box, whose front is unknown: its yaw counts modulo 180
+degrees. It has its own covariance and its own time, up to 0.1 s beside the frame's.
+
+Source: Schubert et al., Comparison and evaluation of advanced motion models for vehicle tracking, FUSION 2008 (CTRV).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from pipeline.core.arrays import F64, Bools, Table
+from pipeline.core.settings.classes import ClassPrior
+
+__all__ = [
+    "HEADING",
+    "SPEED",
+    "STATE",
+    "TURN",
+    "Motions",
+    "Priors",
+    "at_centers",
+    "at_rear_axles",
+    "expected",
+    "innovations",
+    "predicted",
+    "updated",
+    "wrapped",
+]
+
+STATE, HEADING, SPEED, TURN = 5, 2, 3, 4
+"""Length of a state; place of the heading, the speed and the yaw rate in it."""
+
+REAR_SHARE = 0.28
+"""How far behind the centre the rear axle of a vehicle is, as a share of its length."""
+
+LONG_M = 4.0
+"""Vehicles beyond this length accelerate no faster than one of this length."""
+
+_IDENTITY = np.eye(STATE)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Priors(Table):
+    """What is known of the motion of each class, from its size alone: the same for a car of 1:14 and for a bus.
+
+    Attributes:
+        lengths_m: (C,) length of the class, metres.
+        units_m: (C,) length in which its motion is measured: limited, as long vehicles are no faster.
+        noise: (C, 4) densities of acceleration, yaw acceleration, place and heading.
+        speeds: (C,) standard deviation of the speed of what is seen for the first time, m/s.
+        have_axis: (C,) bool, whether the box shows the axis of the motion: not of people on foot.
+        are_solid: (C,) bool, whether points show its ends: not of thin wheels and limbs.
+    """
+
+    lengths_m: F64
+    units_m: F64
+    noise: F64
+    speeds: F64
+    have_axis: Bools
+    are_solid: Bools
+
+    @classmethod
+    def of_classes(cls, classes: Sequence[ClassPrior]) -> Self:
+        """The priors of classes, row by class id."""
+        sizes_m = np.array([prior.size_m for prior in classes])
+        lengths, widths, heights = sizes_m.T
+        walks = lengths < 1.5 * widths
+        # People accelerate as if they were three times as long.
+        units = np.where(walks, 3.0 * lengths, np.minimum(lengths, LONG_M))
+        noise = np.stack(
+            [(0.5 * units) ** 2, np.where(walks, 3.0, 5.0), (0.02 * units) ** 2, np.where(walks, 0.3, 0.01)], 1
+        )
+        return cls(lengths, units, noise, np.where(walks, 0.8, 2.5) * units, ~walks, ~walks & (heights < 2 * widths))
+
+    def rear_m(self, lengths_m: F64) -> F64:
+        """How far the rear axles of objects of these classes, whose rows this has, are behind their centres."""
+        return np.where(self.have_axis, REAR_SHARE * lengths_m, 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motions(Table):
+    """States of N tracks.
+
+    Attributes:
+        states: (N, 5).
+        covariances: (N, 5, 5).
+    """
+
+    states: F64
+    covariances: F64
+
+
+def wrapped(angles: F64) -> F64:
+    """Angles in (-pi, pi]."""
+    return np.asarray(np.pi - (np.pi - angles) % (2 * np.pi))
+
+
+def predicted(motions: Motions, after_s: F64 | float, noise: F64) -> tuple[Motions, F64]:
+    """Where tracks are some time later, and the derivatives (N, 5, 5) of that.
+
+    Args:
+        motions: N tracks.
+        after_s: (N,) seconds, or one number; may be negative.
+        noise: (N, 4) as in `Priors`.
+    """
+    after_s = np.broadcast_to(np.asarray(after_s, np.float64), (len(motions),))
+    states, slopes = _turned(motions.states, after_s)
+    covariances = slopes @ motions.covariances @ slopes.swapaxes(1, 2)
+    covariances += _process_noise(motions.states, np.abs(after_s), noise)
+    return Motions(states, covariances), slopes
+
+
+def expected(motions: Motions, later_s: F64, rear_m: F64) -> tuple[F64, F64]:
+    """Boxes (N, 3) expected some seconds (N,) after the states, and their derivatives (N, 3, 5) by the states."""
+    states, slopes = _turned(motions.states, later_s)
+    places, derivatives = states[:, :3].copy(), slopes[:, :3].copy()
+    cos, sin = np.cos(places[:, 2]), np.sin(places[:, 2])
+    places[:, 0] += rear_m * cos
+    places[:, 1] += rear_m * sin
+    derivatives[:, 0] -= (rear_m * sin)[:, None] * slopes[:, HEADING]
+    derivatives[:, 1] += (rear_m * cos)[:, None] * slopes[:, HEADING]
+    return places, derivatives
+
+
+def innovations(boxes: F64, expected_boxes: F64) -> F64:
+    """(N, 3) differences of boxes; yaws modulo 180 degrees, in (-pi/2, pi/2]."""
+    difference = boxes - expected_boxes
+    difference[:, 2] = np.pi / 2 - (np.pi / 2 - difference[:, 2]) % np.pi
+    return difference
+
+
+def updated(motions: Motions, difference: F64, derivatives: F64, noise: F64, robust: float = np.inf) -> Motions:
+    """Tracks after a measurement each (Kalman update in Joseph's form).
+
+    Args:
+        motions: N tracks.
+        difference: (N, M) measured minus expected.
+        derivatives: (N, M, 5) of what is expected by the states.
+        noise: (N, M, M) covariances of the measurements.
+        robust: Squared Mahalanobis distance beyond which a measurement counts less, as of a heavy-tailed distribution.
+    """
+    projected = motions.covariances @ derivatives.swapaxes(1, 2)
+    spread = derivatives @ projected + noise
+    if np.isfinite(robust):
+        far = (difference * np.linalg.solve(spread, difference[..., None])[..., 0]).sum(1) / robust
+        noise = noise * np.maximum(far, 1.0)[:, None, None]
+        spread = derivatives @ projected + noise
+    gains = np.linalg.solve(spread, projected.swapaxes(1, 2)).swapaxes(1, 2)
+    kept = _IDENTITY - gains @ derivatives
+    covariances = kept @ motions.covariances @ kept.swapaxes(1, 2) + gains @ noise @ gains.swapaxes(1, 2)
+    return Motions(motions.states + (gains @ difference[..., None])[..., 0], covariances)
+
+
+def at_centers(motions: Motions, rear_m: F64) -> Motions:
+    """The same tracks with the places of the centres of their boxes, `rear_m` (N,) before the rear axles."""
+    cos, sin = np.cos(motions.states[:, HEADING]), np.sin(motions.states[:, HEADING])
+    states = motions.states.copy()
+    states[:, 0] += rear_m * cos
+    states[:, 1] += rear_m * sin
+    slopes = np.tile(_IDENTITY, (len(states), 1, 1))
+    slopes[:, 0, HEADING], slopes[:, 1, HEADING] = -rear_m * sin, rear_m * cos
+    return Motions(states, slopes @ motions.covariances @ slopes.swapaxes(1, 2))
+
+
+def at_rear_axles(motions: Motions, rear_m: F64) -> Motions:
+    """The same tracks, whose places are those of centres, with the places of the rear axles."""
+    return at_centers(motions, -rear_m)
+
+
+def _turned(states: F64, after_s: F64) -> tuple[F64, F64]:
+    """States (N, 5) some seconds (N,) later and the derivatives (N, 5, 5); the heading halfway is that of the step."""
+    middle = states[:, HEADING] + states[:, TURN] * after_s / 2
+    cos, sin, speed = np.cos(middle), np.sin(middle), states[:, SPEED]
+    later = states.copy()
+    later[:, 0] += speed * cos * after_s
+    later[:, 1] += speed * sin * after_s
+    later[:, HEADING] += states[:, TURN] * after_s
+    slopes = np.tile(_IDENTITY, (len(states), 1, 1))
+    slopes[:, 0, HEADING], slopes[:, 1, HEADING] = -speed * sin * after_s, speed * cos * after_s
+    slopes[:, 0, SPEED], slopes[:, 1, SPEED] = cos * after_s, sin * after_s
+    slopes[:, :2, TURN] = slopes[:, :2, HEADING] * (after_s / 2)[:, None]
+    slopes[:, HEADING, TURN] = after_s
+    return later, slopes
+
+
+def _process_noise(states: F64, after_s: F64, noise: F64) -> F64:
+    """(N, 5, 5) of white acceleration along the heading, white yaw acceleration, and what the model leaves out."""
+    cos, sin = np.cos(states[:, HEADING]), np.sin(states[:, HEADING])
+    acceleration, turning, place, heading = noise.T
+    along = acceleration * after_s**3 / 3 + place * after_s
+    across = place * after_s
+    out = np.zeros((len(states), STATE, STATE))
+    out[:, 0, 0] = along * cos**2 + across * sin**2
+    out[:, 1, 1] = along * sin**2 + across * cos**2
+    out[:, 0, 1] = out[:, 1, 0] = (along - across) * cos * sin
+    out[:, 0, SPEED] = out[:, SPEED, 0] = acceleration * after_s**2 / 2 * cos
+    out[:, 1, SPEED] = out[:, SPEED, 1] = acceleration * after_s**2 / 2 * sin
+    out[:, SPEED, SPEED] = acceleration * after_s
+    out[:, HEADING, HEADING] = turning * after_s**3 / 3 + heading * after_s
+    out[:, HEADING, TURN] = out[:, TURN, HEADING] = turning * after_s**2 / 2
+    out[:, TURN, TURN] = turning * after_s
+    return out

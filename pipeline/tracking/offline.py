@@ -1,0 +1,243 @@
+"""Tracks that know the future: a recording is solved in windows, each with some seconds before and after it.
+
+Association comes first, over the whole window; then each track is estimated anew from its sightings. Tracks in one
+place are joined, and tracks over gaps. A track that is too improbable as a whole is left out: frames are not
+independent, so the mean of its log odds counts, not their sum.
+"""
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+
+from pipeline.core.arrays import F64, I64, Bools, first_of_runs
+from pipeline.fusion.belief.odds import logit, probability
+from pipeline.tracking.estimates import Estimates, Known, Scene, estimated
+from pipeline.tracking.joining import joined_in_place, joined_over_gaps
+from pipeline.tracking.motion import HEADING, Priors, wrapped
+from pipeline.tracking.online import OnlineTracker
+from pipeline.tracking.rows import NOT_SEEN, TrackRows
+from pipeline.tracking.sightings import FrameSightings
+
+__all__ = ["OfflineTracker"]
+
+OVERLAP_BEYOND_GAP_S = 2.0
+"""Windows overlap by the longest gap and so much more."""
+
+DOUBT_FRAMES, DOUBT_LOG_ODDS, MISS_LOG_ODDS = 3, -2.0, -1.0
+"""Each track begins with so many frames that speak against it, and so does each frame in which it is not seen."""
+
+FEWEST_SIGHTINGS = 2
+
+HEIGHT_FRAMES = 5
+"""Heights are means over so many frames before and after."""
+
+
+class OfflineTracker:
+    """Tracks of frames that come in order, given when they are settled."""
+
+    def __init__(self, priors: Priors, *, least_existence: float, window_s: float, max_gap_s: float) -> None:
+        """Track; what exists less probably than `least_existence` is left out."""
+        self._priors, self._least = priors, float(logit(np.array(least_existence)))
+        self._window_ns, self._max_gap_s = round(window_s * 1e9), max_gap_s
+        self._overlap_ns = round((max_gap_s + OVERLAP_BEYOND_GAP_S) * 1e9)
+        self._frames: list[FrameSightings] = []
+        self._given = 0  # frames at the front of them that were given already
+        self._next_id = 1
+        self._known = Known.nothing(0, len(priors))
+        self._known_ids = np.zeros(0, np.int64)  # track of each sighting of the frames that were given
+
+    def add(self, frame: FrameSightings) -> list[TrackRows]:
+        """Take in the next frame; the rows of the oldest frames that were not given yet, as far as they are settled."""
+        out = self.finish() if self._frames and frame.stamp_ns <= self._frames[-1].stamp_ns else []
+        self._frames.append(frame)
+        waiting_ns = frame.stamp_ns - self._frames[min(self._given, len(self._frames) - 1)].stamp_ns
+        if waiting_ns < self._window_ns + self._overlap_ns:
+            return out
+        stamps_ns = np.array([one.stamp_ns for one in self._frames])
+        return out + self._solved(int(np.searchsorted(stamps_ns, frame.stamp_ns - self._overlap_ns, side="right")))
+
+    def finish(self) -> list[TrackRows]:
+        """The rows of all frames that were not given yet; what follows has other tracks."""
+        out = self._solved(len(self._frames)) if self._given < len(self._frames) else []
+        self._frames, self._given, self._known_ids = [], 0, np.zeros(0, np.int64)
+        self._known = Known.nothing(0, len(self._priors))
+        return out
+
+    def _solved(self, until: int) -> list[TrackRows]:
+        """The rows of the frames from the first one that was not given to `until`."""
+        given = self._given
+        scene = Scene.of(self._frames)
+        labels = self._associated()
+        if (labels < 0).all():
+            self._keep(scene, np.zeros(len(labels), np.int64), until)
+            self._known = Known.nothing(0, len(self._priors))
+            return [TrackRows.none()] * (until - given)
+        estimates = estimated(scene, labels, self._priors)
+        for join in (joined_in_place, self._over_gaps(scene), joined_in_place):
+            merged = join(estimates)
+            if (merged != np.arange(len(merged))).any():
+                labels = _relabelled(scene, estimates, merged)
+                estimates = estimated(scene, labels, self._priors)
+        known = self._known_of(scene, estimates)
+        estimates = estimated(scene, estimates.labels(len(scene.frames)), self._priors, known)
+        existence = self._existence(scene, estimates, known)
+        kept = existence >= self._least
+        new = kept & (known.ids == 0)
+        known.ids[new] = np.arange(self._next_id, self._next_id + new.sum())
+        self._next_id += int(new.sum())
+        rows = _rows(scene, estimates, known, probability(existence), kept)
+        self._carry(scene, estimates, known, kept, until)
+        return rows[given:until]
+
+    def _associated(self) -> I64:
+        """(N,) track of each sighting, frame by frame; -1 for none, and for what a frame does not report by itself."""
+        tracker = OnlineTracker(self._priors, 0.0)
+        ids: list[I64] = []
+        for frame in self._frames:
+            reported = np.flatnonzero(frame.sightings.are_reported)
+            tracker.tracks(replace(frame, sightings=frame.sightings.select(reported)))
+            of_frame = np.full(len(frame.sightings), -1, np.int64)
+            of_frame[reported] = np.where(tracker.ids_of_sightings > 0, tracker.ids_of_sightings, -1)
+            ids.append(of_frame)
+        labels = np.concatenate(ids)
+        counts = np.bincount(labels[labels >= 0], minlength=1)
+        return np.where((labels >= 0) & (counts[labels] >= FEWEST_SIGHTINGS), labels, -1)
+
+    def _over_gaps(self, scene: Scene) -> Callable[[Estimates], I64]:
+        return partial(joined_over_gaps, stamps_s=scene.stamps_s, priors=self._priors, max_gap_s=self._max_gap_s)
+
+    def _existence(self, scene: Scene, estimates: Estimates, known: Known) -> F64:
+        """(T,) log odds of existence."""
+        tracks, count = estimates.courses.cell_tracks, len(estimates)
+        total = known.log_odds + np.bincount(tracks, _evidence(scene, estimates), count)
+        frames = known.counts + np.bincount(tracks, minlength=count)
+        return (total + DOUBT_FRAMES * DOUBT_LOG_ODDS) / (frames + DOUBT_FRAMES)
+
+    def _known_of(self, scene: Scene, estimates: Estimates) -> Known:
+        """What is known of each track: that of the known track with which it has most sightings in common."""
+        count = len(estimates)
+        known = Known.nothing(count, len(self._priors))
+        before = self._known_ids
+        now = estimates.labels(len(scene.frames))[: len(before)]
+        both = (before > 0) & (now >= 0)
+        pairs, common = np.unique(np.stack([now[both], before[both]], 1), axis=0, return_counts=True)
+        taken: set[int] = set()
+        row_of = {number: row for row, number in enumerate(self._known.ids.tolist())}
+        rows = np.full(count, -1)
+        for track, number in pairs[np.argsort(-common, kind="stable")].tolist():
+            if rows[track] < 0 and number not in taken and number in row_of:
+                taken.add(number)
+                rows[track] = row_of[number]
+        found = np.flatnonzero(rows >= 0)
+        for field in fields(Known):
+            getattr(known, field.name)[found] = getattr(self._known, field.name)[rows[found]]
+        return known
+
+    def _carry(self, scene: Scene, estimates: Estimates, known: Known, kept: Bools, until: int) -> None:
+        """Keep what the next window needs: the frames that it begins with, and what is known of their tracks."""
+        numbers, labels = np.where(kept, known.ids, 0), estimates.labels(len(scene.frames))
+        keep_from = self._keep(scene, np.where(labels >= 0, numbers[labels], 0), until)
+        courses = estimates.courses
+        tracks, frames = courses.cell_tracks, courses.cell_frames
+        is_older, count = frames < keep_from, len(estimates)
+        seen = np.flatnonzero(estimates.are_seen & is_older)
+        sightings = scene.sightings.select(estimates.sightings[seen])
+        votes = known.votes.copy()
+        np.add.at(votes, (tracks[seen], sightings.class_ids), sightings.beliefs)
+        evidence = np.where(is_older, _evidence(scene, estimates), 0.0)
+        begin = np.maximum(courses.firsts, keep_from)
+        at = np.minimum(courses.starts[:-1] + begin - courses.firsts, courses.starts[1:] - 1)
+        goes_on = np.flatnonzero(kept & (courses.lasts >= keep_from))
+        self._known = Known(
+            known.ids,
+            votes,
+            estimates.sizes,
+            np.where(estimates.fronts_known, estimates.motions.states[at, HEADING], np.nan),
+            known.log_odds + np.bincount(tracks, evidence, count),
+            known.counts + np.bincount(tracks[is_older], minlength=count),
+            np.where(known.firsts_ns >= 0, known.firsts_ns, scene.stamps_ns[courses.firsts]),
+        ).select(goes_on)
+
+    def _keep(self, scene: Scene, ids: I64, until: int) -> int:
+        """Forget the frames that the next window does not need; the first one that it does.
+
+        Args:
+            scene: The frames.
+            ids: (N,) number of the track of each sighting, 0 for none.
+            until: The first frame that is not settled.
+        """
+        last_ns = scene.stamps_ns[min(until, len(self._frames) - 1)]
+        keep_from = int(np.searchsorted(scene.stamps_ns, last_ns - self._overlap_ns))
+        self._known_ids = ids[scene.starts[keep_from] : scene.starts[until]]
+        self._frames, self._given = self._frames[keep_from:], until - keep_from
+        return keep_from
+
+
+def _evidence(scene: Scene, estimates: Estimates) -> F64:
+    """(N,) log odds of each cell: those of its sighting, or of a miss."""
+    out = np.full(len(estimates.are_seen), MISS_LOG_ODDS)
+    seen = estimates.are_seen
+    out[seen] = logit(scene.sightings.beliefs[estimates.sightings[seen]])
+    return out
+
+
+def _relabelled(scene: Scene, estimates: Estimates, merged: I64) -> I64:
+    """(N,) track of each sighting after some were joined; of two in one frame, that of the likelier class stays."""
+    votes = np.zeros_like(estimates.votes)
+    np.add.at(votes, merged, estimates.votes)
+    labels = estimates.labels(len(scene.frames))
+    rows = np.flatnonzero(labels >= 0)
+    tracks, sightings = merged[labels[rows]], scene.sightings.select(rows)
+    is_class = sightings.class_ids == votes[tracks].argmax(1)
+    order = np.lexsort((rows, -sightings.beliefs, ~is_class, scene.frames[rows], tracks))
+    key = tracks[order] * len(scene.stamps_s) + scene.frames[rows[order]]
+    chosen = order[first_of_runs(key)] if len(order) else order
+    out = np.full(len(scene.frames), -1, np.int64)
+    out[rows[chosen]] = tracks[chosen]
+    return out
+
+
+def _rows(scene: Scene, estimates: Estimates, known: Known, existence: F64, kept: Bools) -> list[TrackRows]:
+    """The rows of each frame."""
+    courses = estimates.courses
+    tracks, frames = courses.cell_tracks, courses.cell_frames
+    cells = np.flatnonzero(kept[tracks])
+    cells = cells[np.lexsort((known.ids[tracks[cells]], frames[cells]))]
+    tracks, frames = tracks[cells], frames[cells]
+    states = estimates.motions.states[cells]
+    states[:, HEADING] = wrapped(states[:, HEADING])
+    first_ns = np.where(known.firsts_ns >= 0, known.firsts_ns, scene.stamps_ns[courses.firsts])
+    sightings = estimates.sightings[cells]
+    rows = TrackRows(
+        known.ids[tracks],
+        states,
+        estimates.motions.covariances[cells],
+        _heights(scene, estimates)[cells],
+        estimates.sizes[tracks],
+        estimates.class_ids[tracks],
+        existence[tracks],
+        (scene.stamps_ns[frames] - first_ns[tracks]) / 1e9,
+        estimates.fronts_known[tracks],
+        np.where(sightings >= 0, sightings - scene.starts[frames], NOT_SEEN),
+    )
+    bounds = np.searchsorted(frames, np.arange(len(scene.stamps_s) + 1))
+    return [rows.select(np.arange(first, last)) for first, last in pairwise(bounds.tolist())]
+
+
+def _heights(scene: Scene, estimates: Estimates) -> F64:
+    """(N,) z of the centre of each cell: that of its underside over about a second, and half of the track's height."""
+    courses = estimates.courses
+    out = np.zeros(len(estimates.are_seen))
+    for track, (first, last) in enumerate(pairwise(courses.starts.tolist())):
+        seen = np.flatnonzero(estimates.are_seen[first:last])
+        sightings = scene.sightings.select(estimates.sightings[first + seen])
+        undersides = sightings.heights_m - sightings.sizes[:, 2] / 2
+        sums = np.concatenate([[0.0], np.cumsum(undersides)])
+        low = np.maximum(np.arange(len(seen)) - HEIGHT_FRAMES, 0)
+        high = np.minimum(np.arange(len(seen)) + HEIGHT_FRAMES + 1, len(seen))
+        means = (sums[high] - sums[low]) / (high - low)
+        out[first:last] = np.interp(np.arange(last - first), seen, means) + estimates.sizes[track, 2] / 2
+    return out

@@ -1,0 +1,69 @@
+"""The trackers of a run: frames in, their objects out, with tracks."""
+
+from collections import deque
+from typing import Protocol
+
+from pipeline.core.detections import Fused
+from pipeline.core.frame import FrameResult
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
+from pipeline.tracking.fixed_frame import SightingsOf, with_tracks
+from pipeline.tracking.motion import Priors
+from pipeline.tracking.offline import OfflineTracker
+from pipeline.tracking.online import OnlineTracker
+from pipeline.tracking.rows import TrackRows
+from pipeline.tracking.sightings import FrameSightings
+
+__all__ = ["ObjectTracker", "object_tracker"]
+
+
+class Tracker(Protocol):
+    """Finds the tracks in frames that come in order."""
+
+    def add(self, frame: FrameSightings) -> list[TrackRows]:
+        """Take in a frame; the rows of the oldest frames that were not given yet, as far as they are settled."""
+        ...
+
+    def finish(self) -> list[TrackRows]:
+        """The rows of all frames that were not given yet."""
+        ...
+
+
+class ObjectTracker:
+    """Replaces the objects of frames, which come in order, by those of their tracks."""
+
+    def __init__(self, tracker: Tracker, rig: Rig, class_count: int) -> None:
+        self._tracker, self._zones = tracker, rig.zones
+        self._sightings_of = SightingsOf(rig, class_count)
+        self._waiting: deque[tuple[Fused, FrameSightings]] = deque()
+
+    def add(self, frame: FrameResult) -> list[Fused]:
+        """Take in a frame; the objects of the oldest frames that were not given yet, as far as they are settled.
+
+        Raises:
+            FrameError: the motion is that of a frame other than the site frame.
+        """
+        seen = self._sightings_of(frame)
+        self._waiting.append((frame.fused, seen))
+        return self._given(self._tracker.add(seen))
+
+    def finish(self) -> list[Fused]:
+        """The objects of all frames that were not given yet."""
+        return self._given(self._tracker.finish())
+
+    def _given(self, settled: list[TrackRows]) -> list[Fused]:
+        return [with_tracks(*self._waiting.popleft(), rows, self._zones) for rows in settled]
+
+
+def object_tracker(config: Config, rig: Rig) -> ObjectTracker | None:
+    """The tracker that the settings ask for; None where nothing is to be tracked."""
+    mode, priors, least = config.track.mode, Priors.of_classes(config.classes), config.fuse.min_score
+    if mode == "none":
+        return None
+    tracker: Tracker
+    if mode == "online":
+        tracker = OnlineTracker(priors, least)
+    else:
+        window_s, max_gap_s = config.track.window_s, config.track.max_gap_s
+        tracker = OfflineTracker(priors, least_existence=least, window_s=window_s, max_gap_s=max_gap_s)
+    return ObjectTracker(tracker, rig, len(config.classes))

@@ -1,0 +1,76 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tracked_scenes import CAR, PRIORS, START_NS, Mover, scene, straight
+
+from pipeline.tracking.estimates import Known, Scene, estimated, quantiles
+from pipeline.tracking.motion import HEADING
+from pipeline.tracking.sightings import FrameSightings
+
+
+@given(
+    values=st.lists(st.floats(-5, 5), min_size=1, max_size=30),
+    share=st.sampled_from([0.5, 0.9, 1.0]),
+    seed=st.integers(0, 9),
+)
+def test_quantiles_are_those_of_repeated_values(values: list[float], share: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    groups, repeats = rng.integers(0, 3, len(values)), rng.integers(0, 4, len(values))
+    found = quantiles(np.array(values), repeats.astype(float), groups, 3, share)
+    for group in range(3):
+        repeated = np.repeat(np.array(values)[groups == group], repeats[groups == group])
+        if len(repeated):
+            assert found[group] == np.quantile(repeated, share, method="inverted_cdf")
+        else:
+            assert np.isnan(found[group])
+
+
+def one_track(frames: list[FrameSightings]) -> tuple[Scene, np.ndarray]:
+    whole = Scene.of(frames)
+    return whole, np.zeros(len(whole.frames), np.int64)
+
+
+def test_a_short_box_gets_the_length_with_the_side_that_was_seen_in_its_place() -> None:
+    frames = scene([Mover(straight(0, 0, 0, 0))], 20, noise_m=0.001)
+    whole, labels = one_track(frames)
+    # In half of the frames only the front 2 m were seen, by a lidar ahead: their middle is 1 m further ahead.
+    short = np.arange(20) % 5 < 2
+    whole.sightings.sizes[short, 0] = 2.0
+    whole.sightings.boxes[short, 0] += 1.0
+    whole.sightings.sides[:, 0] = 1.0
+    found = estimated(whole, labels, PRIORS)
+    assert found.sizes[0, 0] == 4.0
+    np.testing.assert_allclose(found.motions.states[:, 0], 0.0, atol=0.02)
+
+
+@pytest.mark.parametrize(("side", "length"), [(1.0, 4.6), (0.0, 4.0)])
+def test_the_length_is_how_far_apart_the_ends_are_where_a_lidar_looks_from_the_side(side: float, length: float) -> None:
+    whole, labels = one_track(scene([Mover(straight(0, 0, 0, 5.0))], 30, noise_m=0.01))
+    whole.sightings.faces[:] = [side + 1e-9, 1.0]
+    x = whole.sightings.boxes[:, 0]
+    whole.sightings.ends[:, 0] = np.column_stack([x + 2.2 + 0.2, np.zeros(30), np.full(30, 0.04)])
+    whole.sightings.ends[:, 1] = np.column_stack([x - 2.4, np.zeros(30), np.zeros(30)])
+    found = estimated(whole, labels, PRIORS, Known.nothing(1, len(PRIORS)))
+    assert found.sizes[0, 0] == pytest.approx(length, abs=0.03)
+
+
+def test_what_is_known_stays() -> None:
+    whole, labels = one_track(scene([Mover(straight(0, 0, 0, 0))], 20))
+    known = Known.nothing(1, len(PRIORS))
+    known.sizes[:], known.headings[:] = [4.4, 1.8, 1.5], np.pi
+    known.votes[0, CAR + 3] = 100.0
+    found = estimated(whole, labels, PRIORS, known)
+    assert found.sizes[0].tolist() == [4.4, 1.8, 1.5]
+    assert found.class_ids[0] == CAR + 3
+    assert found.fronts_known[0]
+    assert np.cos(found.motions.states[:, HEADING]).max() < -0.9
+
+
+def test_tracks_are_ordered_by_their_first_sighting() -> None:
+    whole = Scene.of(scene([Mover(straight(0, 0, 0, 0)), Mover(straight(9, 0, 0, 0))], 4))
+    labels = np.where(np.arange(8) % 2 == 0, 7, 3)
+    found = estimated(whole, labels, PRIORS)
+    assert found.motions.states[found.courses.starts[:-1], 0] == pytest.approx([0, 9], abs=0.3)
+    assert found.labels(8).tolist() == [0, 1] * 4
+    assert whole.stamps_ns[0] == START_NS

@@ -1,0 +1,149 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from frames import RIG, frame
+
+from pipeline.core.detections import NO_HYPOTHESIS, Fused, Source
+from pipeline.core.frame import FrameResult
+from pipeline.core.geometry.pose_samples import PoseSamples
+from pipeline.core.rig import Zone
+from pipeline.core.settings.load import load_config
+from pipeline.tracking.fixed_frame import NO_TRACK_REASON, SightingsOf, with_tracks
+from pipeline.tracking.motion import HEADING, SPEED
+from pipeline.tracking.rows import NOT_SEEN, TrackRows
+from pipeline.tracking.sightings import FrameSightings
+from pipeline.tracking.trackers import object_tracker
+
+CONFIG = load_config()
+CLASSES = len(CONFIG.classes)
+
+
+def result(*, moving: bool = False, count: int = 3) -> FrameResult:
+    """A frame; on a moving rig, that stands turned by 90 degrees at (10, 2, 1)."""
+    made = frame(objects=count)
+    if not moving:
+        return made
+    stamp_ns = made.bundle.stamp_ns
+    poses = np.tile(np.eye(4), (2, 1, 1))
+    poses[:, :2, :2] = [[0.0, -1.0], [1.0, 0.0]]
+    poses[:, :3, 3] = [[9.0, 2.0, 1.0], [11.0, 2.0, 1.0]]
+    motion = PoseSamples("site", "odom", np.array([stamp_ns - 10**8, stamp_ns + 10**8]), poses)
+    return replace(made, bundle=replace(made.bundle, motion=motion))
+
+
+def rows_of(seen: FrameSightings) -> TrackRows:
+    """A track at each sighting that is reported."""
+    rows = np.flatnonzero(seen.sightings.are_reported)
+    sightings, n = seen.sightings.select(rows), len(rows)
+    states = np.zeros((n, 5))
+    states[:, :3], states[:, SPEED] = sightings.boxes, 3.0
+    return TrackRows(
+        np.arange(1, n + 1),
+        states,
+        np.tile(np.eye(5), (n, 1, 1)),
+        sightings.heights_m,
+        sightings.sizes,
+        sightings.class_ids,
+        np.full(n, 0.9),
+        np.full(n, 1.5),
+        np.ones(n, np.bool_),
+        rows,
+    )
+
+
+def tracked(one: FrameResult, rows: TrackRows | None = None, zones: tuple[Zone, ...] = ()) -> Fused:
+    seen = SightingsOf(RIG, CLASSES)(one)
+    return with_tracks(one.fused, seen, rows_of(seen) if rows is None else rows, zones)
+
+
+@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_boxes_go_to_the_fixed_frame_and_back(moving: bool, count: int) -> None:
+    one = result(moving=moving, count=count)
+    found = tracked(one)
+    before = one.fused.objects
+    np.testing.assert_allclose(found.objects.centers, before.centers, atol=1e-9)
+    np.testing.assert_allclose(np.cos(found.objects.yaws - before.yaws), 1.0)
+    assert found.rows.tolist() == one.fused.rows.tolist()
+    assert found.tracks is not None
+    assert found.tracks.ids.tolist() == list(range(1, count + 1))
+
+
+def test_places_are_those_over_the_ground() -> None:
+    one = result(moving=True)
+    seen = SightingsOf(RIG, CLASSES)(one)
+    x, y, z = one.fused.objects.centers.T
+    np.testing.assert_allclose(seen.sightings.boxes[:, :2], np.column_stack([10 - y, 2 + x]), atol=1e-9)
+    np.testing.assert_allclose(seen.sightings.heights_m, z + 1)
+
+
+def test_velocities_are_along_the_axes_of_the_site() -> None:
+    one = result(moving=True)
+    found = tracked(one)
+    assert found.tracks is not None
+    yaws = found.objects.yaws
+    np.testing.assert_allclose(found.tracks.velocities, 3.0 * np.column_stack([np.cos(yaws), np.sin(yaws)]), atol=1e-9)
+    # Of heading and speed, both of variance 1: along the heading that of the speed, across it speed^2.
+    spread = np.linalg.eigvalsh(found.tracks.velocity_covariances)
+    np.testing.assert_allclose(spread, np.tile([1.0, 9.0], (len(yaws), 1)))
+
+
+def test_what_is_not_seen_is_predicted() -> None:
+    one = result()
+    rows = rows_of(SightingsOf(RIG, CLASSES)(one))
+    found = tracked(one, replace(rows, seen=np.where(rows.ids == 2, NOT_SEEN, rows.seen)))
+    assert found.rows[1] == NO_HYPOTHESIS
+    assert found.objects.sources[1] == Source.PREDICTED
+    assert (found.matched[1], found.objects.point_counts[1]) == (0, 0)
+    assert found.left_out == {NO_TRACK_REASON: 1}
+
+
+def test_what_has_no_track_is_counted() -> None:
+    one = result()
+    found = tracked(one, TrackRows.none())
+    assert len(found.objects) == 0
+    assert found.left_out == {NO_TRACK_REASON: 3}
+
+
+def test_objects_of_no_class_stand_behind_without_a_number() -> None:
+    one = result()
+    class_ids = one.fused.objects.class_ids.copy()
+    class_ids[0] = CLASSES
+    one = replace(one, fused=replace(one.fused, objects=replace(one.fused.objects, class_ids=class_ids)))
+    found = tracked(one)
+    assert found.tracks is not None
+    assert found.tracks.ids.tolist() == [1, 2, 0]
+    assert found.objects.class_ids[-1] == CLASSES
+    assert not found.left_out
+
+
+def test_zones_hold_for_tracks_too() -> None:
+    one = result()
+    around = np.array([[-500.0, -500.0], [500.0, -500.0], [500.0, 500.0], [-500.0, 500.0]])
+    found = tracked(one, zones=(Zone("roof", around, "ignore"),))
+    assert len(found.objects) == 0
+    assert found.tracks is not None
+    assert len(found.tracks) == 0
+
+
+def test_headings_stay_within_half_a_turn() -> None:
+    one = result(moving=True)
+    rows = rows_of(SightingsOf(RIG, CLASSES)(one))
+    rows.states[:, HEADING] += 2 * np.pi
+    assert np.abs(tracked(one, rows).objects.yaws).max() <= np.pi
+
+
+@pytest.mark.parametrize(("mode", "waits"), [("online", False), ("offline", True)])
+def test_every_frame_is_given_once(mode: str, waits: bool) -> None:
+    tracker = object_tracker(load_config(settings={"track.mode": mode}), RIG)
+    assert tracker is not None
+    given = [len(tracker.add(frame(index))) for index in range(4)]
+    assert given == ([0] * 4 if waits else [1] * 4)
+    left = tracker.finish()
+    assert len(left) == (4 if waits else 0)
+    assert all(fused.tracks is not None for fused in left)
+
+
+def test_without_tracks_there_is_no_tracker() -> None:
+    assert object_tracker(load_config(settings={"track.mode": "none"}), RIG) is None

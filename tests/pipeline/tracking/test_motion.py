@@ -1,0 +1,102 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.core.settings.classes import ROAD_CLASSES
+from pipeline.tracking.motion import (
+    Motions,
+    Priors,
+    at_centers,
+    at_rear_axles,
+    expected,
+    innovations,
+    predicted,
+    updated,
+    wrapped,
+)
+
+PRIORS = Priors.of_classes(ROAD_CLASSES)
+STATES = st.tuples(st.floats(-50, 50), st.floats(-50, 50), st.floats(-3, 3), st.floats(-20, 20), st.floats(-1, 1)).map(
+    lambda state: np.array([state])
+)
+SECONDS = st.floats(-0.5, 0.5)
+
+
+def motions(states: np.ndarray) -> Motions:
+    return Motions(states, np.tile(np.diag([0.1, 0.2, 0.05, 1.0, 0.1]), (len(states), 1, 1)))
+
+
+@pytest.mark.parametrize("count", [0, 1, 7])
+def test_any_number_of_tracks_is_predicted(count: int) -> None:
+    later, slopes = predicted(motions(np.ones((count, 5))), 0.1, np.tile(PRIORS.noise[0], (count, 1)))
+    assert later.states.shape == (count, 5)
+    assert slopes.shape == (count, 5, 5)
+
+
+@given(state=STATES, seconds=SECONDS)
+def test_derivatives_are_those_of_differences(state: np.ndarray, seconds: float) -> None:
+    _, slopes = predicted(motions(state), seconds, np.zeros((1, 4)))
+    step = 1e-6
+    ends = [
+        [
+            predicted(motions(state + sign * step * np.eye(5)[i]), seconds, np.zeros((1, 4)))[0].states[0]
+            for i in range(5)
+        ]
+        for sign in (1, -1)
+    ]
+    np.testing.assert_allclose(slopes[0], (np.array(ends[0]) - ends[1]).T / (2 * step), atol=1e-4)
+
+
+@given(state=STATES, seconds=SECONDS)
+def test_what_is_expected_has_its_derivatives(state: np.ndarray, seconds: float) -> None:
+    rear_m, later_s = np.array([1.1]), np.array([seconds])
+    _, slopes = expected(motions(state), later_s, rear_m)
+    step = 1e-6
+    ends = [
+        [expected(motions(state + sign * step * np.eye(5)[i]), later_s, rear_m)[0][0] for i in range(5)]
+        for sign in (1, -1)
+    ]
+    np.testing.assert_allclose(slopes[0], (np.array(ends[0]) - ends[1]).T / (2 * step), atol=1e-4)
+
+
+def test_small_steps_drive_a_circle() -> None:
+    speed, turn = 5.0, 0.5
+    now = motions(np.array([[0.0, 0.0, 0.0, speed, turn]]))
+    for _ in range(100):
+        now, _ = predicted(now, 0.05, np.zeros((1, 4)))
+    radius, angle = speed / turn, turn * 5.0
+    np.testing.assert_allclose(now.states[0, :2], [radius * np.sin(angle), radius * (1 - np.cos(angle))], atol=0.01)
+
+
+@given(state=STATES, rear_m=st.floats(-3, 3))
+def test_places_go_to_the_rear_axle_and_back(state: np.ndarray, rear_m: float) -> None:
+    there = at_rear_axles(motions(state), np.array([rear_m]))
+    back = at_centers(there, np.array([rear_m]))
+    np.testing.assert_allclose(back.states, state, atol=1e-9)
+    np.testing.assert_allclose(back.covariances, motions(state).covariances, atol=1e-9)
+
+
+def test_yaws_count_modulo_half_a_turn() -> None:
+    difference = innovations(np.array([[0.0, 0.0, 3.1]]), np.array([[0.0, 0.0, 0.0]]))
+    assert difference[0, 2] == pytest.approx(3.1 - np.pi)
+    assert wrapped(np.array([np.pi, -np.pi, 4.0])) == pytest.approx([np.pi, np.pi, 4.0 - 2 * np.pi])
+
+
+def test_a_measurement_beside_the_others_counts_less() -> None:
+    before, row = motions(np.zeros((1, 5))), np.eye(5)[None, :2]
+    noise, far = np.tile(np.eye(2) * 0.1, (1, 1, 1)), np.array([[10.0, 0.0]])
+    plain, robust = updated(before, far, row, noise), updated(before, far, row, noise, 9.0)
+    assert 0 < robust.states[0, 0] < plain.states[0, 0]
+    assert (
+        updated(before, far / 100, row, noise, 9.0).states[0, 0] == updated(before, far / 100, row, noise).states[0, 0]
+    )
+
+
+def test_priors_of_a_model_are_those_of_the_car_in_its_scale() -> None:
+    small = [prior.model_copy(update={"size_m": tuple(side / 14 for side in prior.size_m)}) for prior in ROAD_CLASSES]
+    of_small = Priors.of_classes(small)
+    np.testing.assert_allclose(of_small.speeds[0], PRIORS.speeds[0] / 14)
+    np.testing.assert_allclose(of_small.noise[0, [0, 2]], PRIORS.noise[0, [0, 2]] / 14**2)
+    assert of_small.have_axis.tolist() == PRIORS.have_axis.tolist() == [True, False, True, True, True]
+    assert PRIORS.are_solid.tolist() == [True, False, False, True, True]

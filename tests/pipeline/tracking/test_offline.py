@@ -1,0 +1,131 @@
+import numpy as np
+import pytest
+from tracked_scenes import (
+    BUS,
+    CAR,
+    PERIOD_S,
+    PRIORS,
+    TRUCK,
+    Mover,
+    circling,
+    scene,
+    straight,
+)
+
+from pipeline.tracking.motion import HEADING, REAR_SHARE, SPEED
+from pipeline.tracking.offline import OfflineTracker
+from pipeline.tracking.rows import NOT_SEEN, TrackRows
+from pipeline.tracking.sightings import FrameSightings
+
+CARS = [Mover(straight(-30, 0, 0, 8.0)), Mover(straight(30, 4, np.pi, 6.0)), Mover(straight(5, -8, 1.0, 0.0))]
+
+
+def tracked(frames: list[FrameSightings], window_s: float = 60.0) -> list[TrackRows]:
+    tracker = OfflineTracker(PRIORS, least_existence=0.5, window_s=window_s, max_gap_s=3.0)
+    return [rows for frame in frames for rows in tracker.add(frame)] + tracker.finish()
+
+
+def ids(rows: list[TrackRows]) -> list[list[int]]:
+    return [row.ids.tolist() for row in rows]
+
+
+@pytest.mark.parametrize(("movers", "frames"), [([], 0), ([], 5), (CARS[:1], 1), (CARS[:1], 2)])
+def test_of_nothing_and_too_little_there_are_no_tracks(movers: list[Mover], frames: int) -> None:
+    assert ids(tracked(scene(movers, frames))) == [[]] * frames
+
+
+def test_each_car_has_one_number_from_its_first_sighting_on() -> None:
+    assert ids(tracked(scene(CARS, 40))) == [[1, 2, 3]] * 40
+
+
+def test_the_smoothed_track_is_nearer_than_what_was_seen() -> None:
+    frames = scene(CARS, 60, noise_m=0.3)
+    rows = tracked(frames)
+    truth = np.array([[mover.place(k * PERIOD_S)[:2] for mover in CARS] for k in range(60)])
+    found = np.array([row.states[:, :2] for row in rows])
+    seen = np.array([one.sightings.boxes[:, :2] for one in frames])
+    assert np.linalg.norm(found - truth, axis=-1).mean() < 0.5 * np.linalg.norm(seen - truth, axis=-1).mean()
+
+
+def test_a_tight_curve_has_the_heading_of_the_vehicle_not_that_of_its_centre() -> None:
+    place = circling(6.0, 4.0, REAR_SHARE * 4.0)
+    rows = tracked(scene([Mover(place)], 60))
+    errors = [row.states[0, HEADING] - place(k * PERIOD_S)[2] for k, row in enumerate(rows)]
+    turned = np.abs((np.array(errors) + np.pi) % (2 * np.pi) - np.pi)
+    assert np.degrees(turned[5:-5]).max() < 2.0
+
+
+def test_the_front_is_where_it_goes_from_the_first_frame_on() -> None:
+    rows = tracked(scene([Mover(straight(0, 0, 0.3, 5.0), turned=lambda k: k % 4 != 3)], 40))
+    assert all(abs(row.states[0, HEADING] - 0.3) < 0.1 for row in rows)
+    assert all(row.fronts_known.all() for row in rows)
+    assert all(row.states[0, SPEED] > 0 for row in rows)
+
+
+def test_what_stands_has_one_pose_and_no_front() -> None:
+    rows = tracked(scene(CARS[2:], 40, noise_m=0.1))
+    places = np.array([row.states[0, :3] for row in rows])
+    assert np.ptp(places, axis=0).max() < 0.01
+    assert not any(row.fronts_known.any() for row in rows)
+
+
+def test_a_gap_is_filled_and_marked() -> None:
+    rows = tracked(scene([Mover(straight(0, 0, 0, 8.0), seen=lambda k: not 15 <= k < 40)], 60))
+    assert ids(rows) == [[1]] * 60
+    assert [row.seen[0] == NOT_SEEN for row in rows] == [15 <= k < 40 for k in range(60)]
+    assert rows[27].states[0, 0] == pytest.approx(8.0 * 27 * PERIOD_S, abs=0.5)
+    assert rows[27].covariances[0, 0, 0] > 2 * rows[5].covariances[0, 0, 0]
+
+
+def test_a_longer_gap_begins_another_track() -> None:
+    rows = tracked(scene([Mover(straight(0, 0, 0, 8.0), seen=lambda k: not 15 <= k < 50)], 70))
+    assert (ids(rows)[0], ids(rows)[30], ids(rows)[-1]) == ([1], [], [2])
+
+
+def test_two_classes_in_one_place_are_one_object() -> None:
+    big = straight(0, 0, 0, 0.5)
+    flickering = [
+        Mover(big, TRUCK, (9.0, 2.5, 3.0), seen=lambda k: k % 2 == 0),
+        Mover(big, BUS, (11.0, 2.5, 3.0), seen=lambda k: k % 2 == 1),
+        Mover(big, CAR, (5.0, 2.0, 2.0), belief=0.6, seen=lambda k: k % 8 == 0),
+    ]
+    rows = tracked(scene(flickering, 40))
+    assert ids(rows) == [[1]] * 40
+    assert len({int(row.class_ids[0]) for row in rows}) == 1
+    assert len({tuple(row.sizes[0]) for row in rows}) == 1
+
+
+def test_what_is_hardly_believed_and_rarely_seen_is_left_out() -> None:
+    rows = tracked(scene([*CARS[:1], Mover(straight(8, 9, 0, 0), belief=0.55, seen=lambda k: k % 3 == 0)], 40))
+    assert ids(rows) == [[1]] * 40
+
+
+def test_numbers_sizes_and_fronts_go_on_from_window_to_window() -> None:
+    frames = scene(CARS, 260)
+    rows, whole = tracked(frames, window_s=4.0), tracked(frames)
+    assert ids(rows) == [[1, 2, 3]] * 260
+    assert len({tuple(row.sizes.ravel()) for row in rows}) == 1
+    assert all(row.fronts_known.tolist() == [True, True, False] for row in rows)
+    assert rows[-1].ages_s == pytest.approx([259 * PERIOD_S] * 3)
+    away = [np.abs(one.states[:, :3] - other.states[:, :3]).max() for one, other in zip(rows, whole, strict=True)]
+    assert max(away) < 0.1
+
+
+def test_frames_are_given_a_window_late() -> None:
+    tracker = OfflineTracker(PRIORS, least_existence=0.5, window_s=4.0, max_gap_s=3.0)
+    given = [len(tracker.add(frame)) for frame in scene(CARS, 200)]
+    waiting = np.arange(1, 201) - np.cumsum(given)
+    assert waiting.max() * PERIOD_S <= 4.0 + 5.0 + PERIOD_S
+    assert sum(given) + len(tracker.finish()) == 200
+
+
+def test_after_a_jump_of_time_all_tracks_are_new() -> None:
+    frames = scene(CARS[:1], 30)
+    rows = tracked([*frames[15:], *frames[:15]])
+    assert ids(rows) == [[1]] * 15 + [[2]] * 15
+
+
+def test_it_is_the_same_every_time() -> None:
+    frames = scene(CARS, 100, noise_m=0.2)
+    for one, other in zip(tracked(frames, 3.0), tracked(frames, 3.0), strict=True):
+        np.testing.assert_array_equal(one.states, other.states)

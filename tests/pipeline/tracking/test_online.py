@@ -1,0 +1,68 @@
+import numpy as np
+import pytest
+from tracked_scenes import CAR, PEDESTRIAN, PERIOD_S, PRIORS, Mover, scene, straight
+
+from pipeline.tracking.motion import HEADING, SPEED
+from pipeline.tracking.online import OnlineTracker
+from pipeline.tracking.rows import NOT_SEEN, TrackRows
+from pipeline.tracking.sightings import FrameSightings
+
+
+def tracked(frames: list[FrameSightings]) -> list[TrackRows]:
+    tracker = OnlineTracker(PRIORS, 0.5)
+    return [rows for frame in frames for rows in tracker.add(frame)] + tracker.finish()
+
+
+@pytest.mark.parametrize("movers", [[], [Mover(straight(0, 0, 0, 0))]])
+def test_nothing_and_what_stands(movers: list[Mover]) -> None:
+    rows = tracked(scene(movers, 10))
+    assert [len(row) for row in rows] == [len(movers)] * 10
+
+
+def test_one_car_has_one_number_and_its_speed() -> None:
+    rows = tracked(scene([Mover(straight(-10, 3, 0.4, 8.0))], 30))
+    assert {number for row in rows for number in row.ids.tolist()} == {1}
+    last = rows[-1]
+    assert last.states[0, SPEED] == pytest.approx(8.0, abs=0.3)
+    assert last.states[0, HEADING] == pytest.approx(0.4, abs=0.05)
+    assert last.fronts_known.all()
+    assert last.ages_s == pytest.approx([29 * PERIOD_S])
+
+
+def test_boxes_that_are_turned_round_do_not_turn_the_track() -> None:
+    rows = tracked(scene([Mover(straight(0, 0, 0.0, 6.0), turned=lambda k: k % 3 != 2)], 30))
+    assert all(abs(row.states[0, HEADING]) < 0.2 for row in rows[10:])
+    assert all(row.states[0, SPEED] > 0 for row in rows[10:])
+
+
+def test_cars_that_pass_each_other_keep_their_numbers() -> None:
+    movers = [Mover(straight(-20, 0, 0, 10.0)), Mover(straight(20, 3.5, np.pi, 10.0))]
+    rows = tracked(scene(movers, 40))
+    for row in rows[5:]:
+        assert row.ids.tolist() == [1, 2]
+        assert row.states[0, 1] < row.states[1, 1]
+
+
+def test_a_pause_is_bridged_and_a_long_one_ends_the_track() -> None:
+    rows = tracked(scene([Mover(straight(0, 0, 0, 5.0), seen=lambda k: k not in (10, 11) and not 20 < k < 40)], 50))
+    assert rows[10].seen.tolist() == [NOT_SEEN]
+    assert rows[12].ids.tolist() == [1]
+    assert rows[30].ids.tolist() == []
+    assert rows[45].ids.tolist() == [2]
+
+
+def test_measurements_at_their_own_time_do_not_lag() -> None:
+    rows = tracked(scene([Mover(straight(0, 0, 0, 10.0))], 30, noise_m=0.01, later_s=0.05))
+    assert rows[-1].states[0, 0] == pytest.approx(10.0 * 29 * PERIOD_S, abs=0.15)
+
+
+def test_what_is_improbable_begins_no_track_but_carries_one_on() -> None:
+    car = straight(0, 0, 0, 4.0)
+    assert not any(len(row) for row in tracked(scene([Mover(car, belief=0.3)], 10)))
+    frames = scene([Mover(car)], 10) + scene([Mover(car, belief=0.3)], 14)[10:]
+    assert tracked(frames)[-1].ids.tolist() == [1]
+
+
+def test_the_class_is_one_belief_over_the_track() -> None:
+    rows = tracked(scene([Mover(straight(0, 0, 0, 1.0), classes=[CAR, CAR, PEDESTRIAN])], 12))
+    assert [row.class_ids.tolist() for row in rows[2:]] == [[CAR]] * 10
