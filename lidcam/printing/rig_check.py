@@ -22,7 +22,7 @@ NOT_JUDGED = "not judged"
 
 
 def print_check(out: Console, check: SelfCheck) -> None:
-    """Print what a check found; a `*` marks what is sure and large enough to be told."""
+    """Print what a check found; a `*` marks what is sure and large enough to be told, and stands alone then."""
     cameras = ColumnsTable("cameras against lidars", "camera", "pairs", "tracks", *map(_heading, VALUES))
     for camera, pairs, tracks, error, wrong in check.cameras:
         cells = [NOT_JUDGED] if error is None else _cells(error.values, error.sigmas, wrong)
@@ -77,7 +77,7 @@ def _cells(values: F64, sigmas: F64, wrong: Bools) -> list[str]:
     scaled = zip(values * SCALES[: len(values)], sigmas * SCALES[: len(values)], wrong, strict=True)
     digits = [2] * 6 + [0]
     return [
-        f"{value:+.{places}f}±{sigma:.{places}f}{'*' if is_told else ''}"
+        f"{value:+.{places}f}±{sigma:.{places}f}{'*' if is_told else ''}" if sigma else ""
         for places, (value, sigma, is_told) in zip(digits, scaled, strict=False)
     ]
 
@@ -86,6 +86,6 @@ def _tree(names: tuple[str, ...], values: F64, sigmas: F64, wrong: Bools) -> dic
     scales = SCALES[: len(names)]
     columns = np.round(values * scales, 6), np.round(sigmas * scales, 6), wrong
     return {
-        name: {"value": float(value), "sigma": float(sigma), "is_told": bool(is_told)}
+        name: {"value": float(value), "sigma": float(sigma), "is_told": bool(is_told)} if sigma else None
         for name, value, sigma, is_told in zip(names, *columns, strict=True)
     }

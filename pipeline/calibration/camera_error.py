@@ -51,11 +51,14 @@ HEIGHT_SHARE, GROUND_SHARE = 0.07, 0.02
 """Standard deviations of a box's height and of the z of its underside, as shares of its height."""
 
 FLOORS = np.array([0.0015, 0.0015, 0.003, 0.02, 0.02, 0.02, 0.004])
-"""What recordings without any error show (report in docs/rig.md): an error is not known better than so. Radians, shares
-of the size of the objects, seconds."""
+"""What recordings without any error show (docs/rig.md): an error is not known better than so. Radians, shares of the
+size of the objects, seconds."""
 
 STEPS = 4
 """Gauss-Newton steps; three are enough for two degrees. Wrong matches are left out in the second half."""
+
+FIXED = 1e12
+"""Information of a value that is zero."""
 
 _SMALL = np.array([1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3, 1e-3])
 """Steps of numeric derivatives: radians, metres, seconds."""
@@ -69,7 +72,7 @@ class CameraError:
         values: (7,) float64: rotation about x, y, z of its optical frame (radians), translation along them (metres):
             `motion(values) @ T_camera_site` is the pose that fits; and how much later than their stamps say its images
             were taken, seconds.
-        sigmas: (7,) float64, their standard deviations.
+        sigmas: (7,) float64, their standard deviations; 0 of what was not free.
         size_m: Geometric mean of length and width of its objects, their median.
         pairs: Number of pairs that were used.
         tracks: Number of tracks they are of.
@@ -87,7 +90,9 @@ class CameraError:
         return np.array([1.0, 1.0, 1.0, self.size_m, self.size_m, self.size_m, 1.0])
 
 
-def camera_error(pairs: TrackedPairs, camera: CameraSensor, lidar_xy: F64, config: FuseConfig) -> CameraError | None:
+def camera_error(
+    pairs: TrackedPairs, camera: CameraSensor, lidar_xy: F64, config: FuseConfig, free: Bools | None = None
+) -> CameraError | None:
     """The errors of a camera; None if there are too few pairs to judge it.
 
     Args:
@@ -95,10 +100,13 @@ def camera_error(pairs: TrackedPairs, camera: CameraSensor, lidar_xy: F64, confi
         camera: As it is calibrated.
         lidar_xy: (L, 2) positions of the lidars in the site frame, metres.
         config: Outline of objects, and how well boxes are known.
+        free: (7,) which values may differ from zero; None: all. What the others would take on belongs to these then.
     """
     if not _enough(pairs.tracks):
         return None
     fit = _Fit(pairs, camera, lidar_xy, config)
+    is_free = np.ones(7, np.bool_) if free is None else free
+    fit.prior[:7][~is_free] = FIXED
     values = np.zeros(10)
     for step in range(STEPS):
         away, slopes, valid = fit.whitened(values)
@@ -116,7 +124,9 @@ def camera_error(pairs: TrackedPairs, camera: CameraSensor, lidar_xy: F64, confi
     covariance = cluster_covariance(scores, np.stack([pairs.tracks, spans], 1)[used], normal, fit.prior)
     floors = FLOORS * np.array([1, 1, 1, fit.size_m, fit.size_m, fit.size_m, 1])
     sigmas = np.hypot(np.sqrt(np.diag(covariance)[:7]), floors)
-    return CameraError(values[:7], sigmas, fit.size_m, int(used.sum()), len(np.unique(pairs.tracks[used])))
+    return CameraError(
+        values[:7] * is_free, sigmas * is_free, fit.size_m, int(used.sum()), len(np.unique(pairs.tracks[used]))
+    )
 
 
 def _enough(tracks: I64) -> bool:

@@ -1,8 +1,9 @@
 """Errors of one lidar's pose against another's, by what both see: point to plane (Chen and Medioni, 1992).
 
-A point of the second lidar should lie in the plane of the points of the first that are near it. Unknown are a small rotation and translation of the second lidar. What
-the surfaces do not tell, such as the way along a wall, keeps its prior, and its standard deviation says so. Points on
-one surface err alike, so the covariance is that of clusters: all points of a cell in space.
+A point of the second lidar should lie in the plane of the points of the first that are near it. Unknown are a small
+rotation and translation of the second lidar. What the surfaces do not tell, such as the way along a wall, keeps its
+prior, and its standard deviation says so. Points on one surface err alike, so the covariance is that of clusters: all
+points of a cell in space.
 """
 
 from collections.abc import Sequence
@@ -103,8 +104,10 @@ def _known(found: F64, tilted: F64, weights: F64) -> F64:
 def _against(
     tree: object, others: F64, points: F64, ranges_m: F64, values: F64, origin: F64
 ) -> tuple[F64, F64, F64, I64]:
-    """Of the points on planes: how far away the planes are (K,), derivatives (K, 6), these for a normal tilted by a
-    standard deviation to either side (K, 2, 6), and cells (K, 3)."""
+    """The points on planes: how far away the planes are (K,), derivatives (K, 6), those of tilts, and cells (K, 3).
+
+    Those of tilts (K, 2, 6) are of what a standard deviation adds to the normal in either direction.
+    """
     arms = (points - origin) @ turned(values[:3]).T
     moved = arms + origin + values[3:]
     distances, rows = tree.query(moved, k=NEIGHBOURS)  # type: ignore[attr-defined]

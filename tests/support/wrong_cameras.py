@@ -93,9 +93,7 @@ def _seen(
     n = len(found)
     rows = np.arange(n)
     seen = replace(boxes2d(np.c_[xyxy[shown], np.full(n, 0.9), np.zeros(n)]), stamp_ns=image_ns)
-    matches = Matches(
-        np.stack([rows, rows], 1), np.full(n, 0.5, np.float32), seen.xyxy, np.zeros(n, np.float32)
-    )
+    matches = Matches(np.stack([rows, rows], 1), np.full(n, 0.5, np.float32), seen.xyxy, np.zeros(n, np.float32))
     tracked = replace(Tracks.none(n), ids=1 + np.flatnonzero(shown), velocities=velocities[shown])
     moved = np.eye(4)
     moved[0, 3] = -(image_m - ahead_m)

@@ -22,7 +22,7 @@ class CameraJudged(NamedTuple):
         camera: As it is calibrated.
         pairs: Number of pairs of boxes that there were.
         tracks: Number of tracks they are of.
-        error: Its error; None if there are too few pairs to judge it.
+        error: Its error, where something is told with nothing else wrong; None if there are too few pairs.
         wrong: (7,) which of its values are told.
     """
 

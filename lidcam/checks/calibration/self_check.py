@@ -73,17 +73,21 @@ class SelfCheck:
     @cached_property
     def cameras(self) -> tuple[CameraJudged, ...]:
         """What is said of each camera; to be asked when all frames are there."""
+        return tuple(self._camera_judged(camera) for camera in self._rig.cameras)
+
+    def _camera_judged(self, camera: CameraSensor) -> CameraJudged:
+        """Judge a camera; what is told of it is found once more with nothing else wrong: it has one cause."""
         lidar_xy = np.array([lidar.T_site_lidar.translation[:2] for lidar in self._rig.lidars]).reshape(-1, 2)
-        found = []
-        for camera in self._rig.cameras:
-            frames, error, wrong = [*self._pairs[camera.name]], None, np.zeros(7, np.bool_)
-            tracks = np.unique(np.concatenate([np.zeros(0, np.int64), *(pairs.tracks for pairs in frames)]))
-            if frames:
-                error = camera_error(join_rows(*frames), camera, lidar_xy, self._config.fuse)
-            if error is not None:
-                wrong = _told(error.values, error.sigmas, LEAST_CAMERA * error.units)
-            found.append(CameraJudged(camera, sum(map(len, frames)), len(tracks), error, wrong))
-        return tuple(found)
+        frames, fuse, wrong = [*self._pairs[camera.name]], self._config.fuse, np.zeros(7, np.bool_)
+        if not frames:
+            return CameraJudged(camera, 0, 0, None, wrong)
+        pairs = join_rows(*frames)
+        error = camera_error(pairs, camera, lidar_xy, fuse)
+        if error is not None:
+            wrong = _told(error.values, error.sigmas, LEAST_CAMERA * error.units)
+            if wrong.any():
+                error = camera_error(pairs, camera, lidar_xy, fuse, free=wrong) or error
+        return CameraJudged(camera, len(pairs), len(np.unique(pairs.tracks)), error, wrong)
 
     @cached_property
     def lidars(self) -> tuple[LidarsJudged, ...]:

@@ -1,4 +1,4 @@
-"""A wrong camera is named with what is wrong, and put right; a good one, and one of which too little was seen, is not."""
+"""A wrong camera is named with what is wrong, and put right; a good one is not, nor one of which little was seen."""
 
 from collections.abc import Sequence
 from dataclasses import replace
