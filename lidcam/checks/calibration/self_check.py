@@ -31,7 +31,7 @@ from pipeline.core.tracks import NO_TRACK
 
 __all__ = ["SelfCheck"]
 
-MAX_FRAMES, MAX_CLOUDS = 400, 3
+MAX_FRAMES, MAX_CLOUDS = 400, 2
 """Frames of which the pairs of a camera are kept, and whose clouds are, spread over the run."""
 
 SURE = 4.0
