@@ -104,7 +104,7 @@ def tracked_pairs(frame: FrameResult) -> Iterator[tuple[str, TrackedPairs]]:
                 chosen.sizes,
                 chosen.yaws,
                 chosen.covariances,
-                (found.stamp_ns - chosen.measured_ns) * 1e-9,
+                np.asarray((found.stamp_ns - chosen.measured_ns) * 1e-9, np.float64),
                 tracks.velocities[objects],
                 tracks.velocity_covariances[objects],
                 tracks.yaw_rates[objects],
