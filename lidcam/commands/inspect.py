@@ -1,6 +1,6 @@
 """The command `lidcam inspect`."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,11 +9,15 @@ import typer
 
 from lidcam.commands.options import AsJson, ConfigFile, Overwrite, RigFile, Setting, ends_in, with_log_options
 from lidcam.commands.verdict import Verdict, first_of
+from lidcam.compiling import compiled_together
 from lidcam.printing.log import remark_log
 from readers.location import location
 
 if TYPE_CHECKING:
+    from lidcam.checks.calibration.self_check import SelfCheck
     from lidcam.inspection import Inspection
+    from lidcam.settings.choice import SettingsChoice
+    from readers.location import Location
     from readers.recording import Recording, TopicInfo
     from writers.outputs.transaction import OutputFile
 
@@ -31,6 +35,7 @@ Examples:
   lidcam inspect drive.bag --write-rig rig.yaml
   lidcam inspect bag_folder --json
   lidcam inspect broken.bag --repair whole.mcap
+  lidcam inspect drive.bag --check --write-rig fixed.yaml
   lidcam inspect s3://bucket/drive.mcap
 """
 
@@ -50,6 +55,10 @@ def inspect(
             help="Write every message that can still be read to a clean MCAP.",
         ),
     ] = None,
+    check: Annotated[
+        bool,
+        typer.Option("--check", help="Process all of it to check poses and clocks; --write-rig writes them corrected."),
+    ] = False,
     overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
@@ -65,10 +74,13 @@ def inspect(
     from lidcam.settings.choice import choose_settings
     from readers.open import open_recording
     from readers.recording import ReadOptions
+    from readers.rig.rig_file import rig_yaml
     from readers.streams.per_sensor import sensor_messages
     from writers.outputs.marks import marked_yaml
     from writers.outputs.transaction import OutputTransaction
 
+    if check and repair is not None:
+        raise typer.BadParameter("not together with --repair: check the repaired recording", param_hint="--check")
     inputs = tuple(map(location, paths))
     choice = choose_settings(config_file, settings or ())
     files = [file for file in (repair, write_rig) if file is not None]
@@ -76,6 +88,7 @@ def inspect(
     check_old = check_replaced(lambda path: REPAIRED if path == repair else TEXT, overwrite=overwrite)
     remarks: list[str] = []
     verdict: Verdict | None = None
+    checked: SelfCheck | None = None
     with OutputTransaction(files, check_old=check_old) as outputs:
         if repair is None:
             inspection = inspect_recording(inputs, choice, rig_files)
@@ -91,7 +104,12 @@ def inspect(
                 remarks += _repair(recorded, outputs[repair])
                 inspection = replace(inspection, losses=recorded.losses)
                 verdict = Verdict((), (*damage_lines(recorded.losses), *_not_copied(recorded)))
-        if write_rig is not None:
+        if check and not inspection.problem:
+            checked = _checked(inputs, choice, rig_files)
+        if write_rig is not None and checked is not None:
+            outputs[write_rig].write_text(marked_yaml(rig_yaml(checked.corrected())))
+            remarks.insert(0, f"wrote {write_rig}: {len(checked.warnings)} corrections")
+        elif write_rig is not None:
             if not inspection.draft:  # print what was found, and end without any output
                 problem = f"{write_rig}: no rig to write: {inspection.problem}"
                 _print(inspection, Verdict((problem,)), as_json=as_json, repaired=repair is not None)
@@ -100,7 +118,7 @@ def inspect(
     for remark in remarks:  # the files have their names now
         remark_log.info("%s", remark)
     verdict = verdict or _verdict(inspection, needs_rig=write_rig is None)
-    _print(inspection, verdict, as_json=as_json, repaired=repair is not None)
+    _print(inspection, verdict, as_json=as_json, repaired=repair is not None, checked=checked)
 
 
 def _verdict(inspection: "Inspection", *, needs_rig: bool) -> Verdict:
@@ -111,18 +129,36 @@ def _verdict(inspection: "Inspection", *, needs_rig: bool) -> Verdict:
     return Verdict((), (*([problem] * bool(problem)), *inspection.incomplete))
 
 
-def _print(inspection: "Inspection", verdict: Verdict, *, as_json: bool, repaired: bool) -> None:
+def _checked(inputs: "Sequence[Location]", choice: "SettingsChoice", rig_files: "Sequence[Path] | None") -> "SelfCheck":
+    """The rig, judged by all of the recording."""
+    with compiled_together(shown=True):
+        from lidcam.rig_check import check_rig
+    from lidcam.job import Job, read_rig
+    from lidcam.printing.running import shown_run
+    from lidcam.printing.terminal import console
+
+    with shown_run(console()) as observer:
+        return check_rig(Job(tuple(inputs), settings=choice, rig=read_rig(rig_files)), observer)
+
+
+def _print(
+    inspection: "Inspection", verdict: Verdict, *, as_json: bool, repaired: bool, checked: "SelfCheck | None" = None
+) -> None:
     """Print what was found, and end with the verdict."""
     from lidcam.inspection import inspection_tree
     from lidcam.printing.console import print_inspection
     from lidcam.printing.folding import show_line
+    from lidcam.printing.rig_check import check_tree, print_check
     from lidcam.printing.terminal import console, show_json
 
     out = console()
     if as_json:
-        show_json(out, inspection_tree(inspection) | verdict.tree())
+        tree = inspection_tree(inspection) | verdict.tree()
+        show_json(out, tree if checked is None else tree | {"check": check_tree(checked)})
     else:
         print_inspection(out, inspection)
+        if checked is not None:
+            print_check(out, checked)
         sound = "every message was copied" if repaired else "sound, and all of its sensors can be used"
         failed = "lidcam could not process it"  # the line before says why
         show_line(out, f"verdict: {failed if verdict.failures else first_of(verdict.incomplete) or sound}")

@@ -125,6 +125,7 @@ class CombinedCloud:
         compensated: Names of the lidars whose points were motion-compensated to the frame's time.
         points_by_lidar: Number of points within range, by name of the lidar; of those with a message in the frame.
         relief: How the ground differs from the plane; None if that is not sought, or there is no plane.
+        ground_lidar_index: (G,) uint8, row of `Rig.lidars` that measured each point of the ground; None where unknown.
     """
 
     cloud: PointCloud
@@ -137,6 +138,7 @@ class CombinedCloud:
     compensated: tuple[str, ...] = ()
     points_by_lidar: Mapping[str, int] = field(default_factory=dict)
     relief: Relief | None = None
+    ground_lidar_index: U8 | None = None
 
     def __post_init__(self) -> None:
         check_array("lidar_index", self.lidar_index, (len(self.cloud),), np.uint8)

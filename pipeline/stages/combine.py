@@ -90,6 +90,7 @@ class Combine:
             tuple(compensated),
             points_by_lidar,
             ground.relief,
+            lidar_index.take(ground.on_plane),
         )
 
     def _ground_of(self, xyz_site: F32, kept: Bools) -> "_Ground":

@@ -9,6 +9,7 @@ from lidcam.checks.calibration.camera_fit import CameraFit
 from lidcam.checks.calibration.camera_points import CameraPoints
 from lidcam.checks.calibration.camera_shift import CameraShift
 from lidcam.checks.calibration.lidar_ground import inverted_lidars
+from lidcam.checks.calibration.self_check import SelfCheck
 from lidcam.checks.warning import RunWarning
 from pipeline.core.clouds import PointCloud
 from pipeline.core.frame import FrameResult, SensorBundle
@@ -29,6 +30,7 @@ class CalibrationCheck:
     def __init__(self, rig: Rig, config: Config) -> None:
         self._rig, self._config = rig, config
         self._fit, self._shift, self._points = CameraFit(rig), CameraShift(rig), CameraPoints(rig)
+        self._small = SelfCheck(rig, config)
         self._decode = CloudDecoder(rig, config, on_bad="skip")
         self._lidars = {lidar.topic for lidar in rig.lidars}
         self._clouds: dict[str, PointCloud] = {}  # the first of each lidar: one may begin late
@@ -46,19 +48,22 @@ class CalibrationCheck:
             self._points.add(combined.cloud.xyz, combined.ground_cloud.xyz)
             self._fit.add(frame)
             self._shift.add(frame)
+            self._small.add(frame)
 
     @property
     def warnings(self) -> tuple[RunWarning, ...]:
         """One for each sensor whose calibration cannot be right.
 
         Of cameras only where that of the lidars can: objects in the wrong place match no camera. Of several for a
-        camera the one that says most.
+        sensor the one that says most: the step in the image only where there are too few pairs for more.
         """
         if of_lidars := inverted_lidars(self._rig, self._config.combine, self._clouds):
             return of_lidars
         found: dict[str, RunWarning] = {}
         misfits, small_misfits = self._fit.warnings()
-        for warning in (*misfits, *self._shift.warnings, *small_misfits, *self._points.warnings):
+        judged = {camera.name for camera, _, _, error, _ in self._small.cameras if error is not None}
+        steps = (warning for warning in self._shift.warnings if warning.subject not in judged)
+        for warning in (*misfits, *self._small.warnings, *steps, *small_misfits, *self._points.warnings):
             found.setdefault(warning.subject, warning)
         return tuple(found.values())
 

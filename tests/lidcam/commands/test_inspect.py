@@ -2,14 +2,17 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import typer
 from builders import odometry, pointcloud2, raw, write_rosbag1
 from logging_state import kept_logging
 
 from lidcam.commands.inspect import inspect
 from pipeline.core.errors import CheckError, IncompleteError
+from readers.rig.rig_file import load_rig
 
 STEP_NS = 100_000_000
 NOWHERE = "rig.site_frame=nowhere"
@@ -28,9 +31,9 @@ def recording(path: Path, *lidars: str) -> Path:
     return path
 
 
-def inspected(path: Path, *settings: str, **outputs: Path) -> None:
+def inspected(path: Path, *settings: str, **options: Any) -> None:
     with kept_logging():
-        inspect([str(path)], settings=settings, as_json=True, **outputs)
+        inspect([str(path)], settings=settings, as_json=True, **options)
 
 
 def printed(capsys: pytest.CaptureFixture[str]) -> tuple[str, list[str], int]:
@@ -74,3 +77,29 @@ def test_a_repair_judges_the_copy_alone(tmp_path: Path, capsys: pytest.CaptureFi
     inspected(recording(tmp_path / "a.bag"), repair=tmp_path / "whole.mcap")
     assert printed(capsys) == ("", [], 0)
     assert (tmp_path / "whole.mcap").exists()
+
+
+def test_a_check_processes_the_recording_and_writes_the_rig_that_it_would_use(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, rig = recording(tmp_path / "a.bag", "top", "low"), tmp_path / "rig.yaml"
+    inspected(path, check=True, write_rig=rig, rig_files=[str(two_lidars(tmp_path))])
+    tree = json.loads(capsys.readouterr().out)
+    assert tree["check"] == {
+        "cameras": {},
+        "lidars": [{"lidar": "low", "against": "top", "points": 0, "errors": None}],
+        "warnings": [],
+    }
+    assert [*(load_rig(rig).lidars or {})] == ["top", "low"]
+
+
+def test_a_repair_is_not_checked(tmp_path: Path) -> None:
+    with pytest.raises(typer.BadParameter, match="not together with --repair"):
+        inspected(recording(tmp_path / "a.bag", "top"), check=True, repair=tmp_path / "whole.mcap")
+
+
+def two_lidars(folder: Path) -> Path:
+    path = folder / "given.yaml"
+    lidars = (f"  {name}: {{topic: /{name}, translation_m: [0, 0, {z}]}}\n" for name, z in (("top", 0), ("low", 1)))
+    path.write_text(f"site_frame: site\nlidars:\n{''.join(lidars)}")
+    return path

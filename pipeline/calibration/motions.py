@@ -1,0 +1,43 @@
+"""Small motions, and the covariance of what is fitted to many measurements that err alike in groups."""
+
+import numpy as np
+
+from pipeline.core.arrays import F64, I64
+
+__all__ = ["cluster_covariance", "motion", "turned"]
+
+
+def turned(vectors: F64) -> F64:
+    """(..., 3, 3) rotations by rotation vectors (..., 3), radians (Rodrigues)."""
+    angle = np.maximum(np.sqrt((vectors * vectors).sum(-1)), 1e-9)[..., None, None]
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    zero = np.zeros_like(x)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(*vectors.shape[:-1], 3, 3)
+    return np.asarray(np.eye(3) + np.sin(angle) / angle * cross + (1 - np.cos(angle)) / angle**2 * cross @ cross)
+
+
+def motion(values: F64) -> F64:
+    """(4, 4) the motion by a rotation vector (radians) and a translation (metres), the first six of `values`."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = turned(values[:3]), values[3:6]
+    return matrix
+
+
+def cluster_covariance(scores: F64, groups: I64, normal: F64, prior: F64) -> F64:
+    """(D, D) covariance of a weighted least-squares fit whose residuals are alike within groups.
+
+    The sandwich estimate of Liang and Zeger (Longitudinal data analysis using generalized linear models, Biometrika
+    73(1), 1986), with the usual factor for few groups.
+
+    Args:
+        scores: (N, D) weighted derivatives times residuals.
+        groups: (N, K) rows that are equal are of one group.
+        normal: (D, D) the normal matrix, prior included.
+        prior: (D,) its diagonal part that comes from the prior.
+    """
+    _, group = np.unique(groups, axis=0, return_inverse=True)
+    sums = np.zeros((group.max() + 1, scores.shape[1]))
+    np.add.at(sums, group.ravel(), scores)
+    spread = sums.T @ sums * (len(sums) / max(len(sums) - 1, 1)) + np.diag(prior)
+    inverse = np.linalg.inv(normal)
+    return np.asarray(inverse @ spread @ inverse)

@@ -1,0 +1,127 @@
+"""Boxes that lidars alone made, and the 2D boxes of a camera that are matched with them, kept for the end of a run.
+
+The boxes are those before refinement (`Detections.lidar`): refined ones already lie where the 2D boxes want them. What
+moves each to the time of the image is the motion of its track, which comes from many frames.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.core.arrays import F64, I64, Table, check_array
+from pipeline.core.camera import BORDER_PX
+from pipeline.core.frame import FrameResult
+from pipeline.core.geometry.pose_samples import PoseSamples
+from pipeline.core.geometry.poses import interpolate_poses
+from pipeline.core.tracks import NO_TRACK
+
+__all__ = ["TrackedPairs", "tracked_pairs"]
+
+MAX_HIDDEN = 0.3
+"""Pairs of which nearer objects hide more are left out, and those at the border of the image: edges err there."""
+
+STEP_NS = 50_000_000
+"""The rig's own speed at the time of an image is that between so long before and after it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackedPairs(Table):
+    """P pairs of a lidar's box and a 2D box of one camera.
+
+    Attributes:
+        xyxy: (P, 4) float64 left, top, right, bottom of the 2D box, pixels.
+        centers: (P, 3) float64 of the lidar's box, metres in the site frame at the frame's time.
+        sizes: (P, 3) float64 length, width, height, metres.
+        yaws: (P,) float64 radians.
+        covariances: (P, 3, 3) float64 of x, y, yaw; zeros where unknown.
+        later_s: (P,) float64, how much later than the box the image was measured.
+        velocities: (P, 2) float64 of the object over the ground, m/s along x and y of the site frame.
+        velocity_covariances: (P, 2, 2) float64.
+        yaw_rates: (P,) float64 of the object over the ground, rad/s.
+        T_camera_site: (P, 4, 4) float64, the camera where it took the image.
+        own_motion: (P, 6) float64 of the site frame at that time, along and about its axes, m/s and rad/s.
+        tracks: (P,) int64 number of the object's track.
+        stamps_ns: (P,) int64 time of the image.
+    """
+
+    xyxy: F64
+    centers: F64
+    sizes: F64
+    yaws: F64
+    covariances: F64
+    later_s: F64
+    velocities: F64
+    velocity_covariances: F64
+    yaw_rates: F64
+    T_camera_site: F64
+    own_motion: F64
+    tracks: I64
+    stamps_ns: I64
+
+    def __post_init__(self) -> None:
+        n = len(self.tracks)
+        check_array("xyxy", self.xyxy, (n, 4), np.float64)
+        check_array("centers", self.centers, (n, 3), np.float64)
+        check_array("sizes", self.sizes, (n, 3), np.float64)
+        check_array("T_camera_site", self.T_camera_site, (n, 4, 4), np.float64)
+        check_array("own_motion", self.own_motion, (n, 6), np.float64)
+        check_array("stamps_ns", self.stamps_ns, (n,), np.int64)
+
+
+def tracked_pairs(frame: FrameResult) -> Iterator[tuple[str, TrackedPairs]]:
+    """The pairs of each camera in one frame, by its name; only of cameras that have some.
+
+    Args:
+        frame: With tracks; without them there are no pairs.
+    """
+    fused, tracks, boxes = frame.fused, frame.fused.tracks, frame.detections.lidar
+    if tracks is None:
+        return
+    known = np.flatnonzero((fused.rows >= 0) & (fused.rows < len(boxes)) & (tracks.ids != NO_TRACK))
+    object_of = np.full(len(boxes), -1, np.int64)
+    object_of[fused.rows[known]] = known
+    for name, matches in frame.matches.items():
+        found = frame.detections.cameras.get(name)
+        if found is None or not len(matches):
+            continue
+        view = frame.views[name]
+        rows, rows2d = matches.pairs[matches.pairs[:, 0] < len(boxes)].T
+        xyxy = found.xyxy[rows2d].astype(np.float64)
+        limit_px = np.array([view.model.width_px, view.model.height_px]) - BORDER_PX
+        whole = (xyxy[:, :2] > BORDER_PX).all(1) & (xyxy[:, 2:] < limit_px).all(1)
+        used = whole & (object_of[rows] >= 0) & (matches.hidden[rows] <= MAX_HIDDEN)
+        if not used.any():
+            continue
+        rows, xyxy = rows[used], xyxy[used]
+        objects, chosen, n = object_of[rows], boxes.select(rows), len(rows)
+        motion = _own_motion(frame.bundle.motion, found.stamp_ns)
+        yield (
+            name,
+            TrackedPairs(
+                xyxy,
+                chosen.centers,
+                chosen.sizes,
+                chosen.yaws,
+                chosen.covariances,
+                np.asarray((found.stamp_ns - chosen.measured_ns) * 1e-9, np.float64),
+                tracks.velocities[objects],
+                tracks.velocity_covariances[objects],
+                tracks.yaw_rates[objects],
+                np.repeat(view.T_camera_site.matrix[None], n, 0),
+                np.repeat(motion[None], n, 0),
+                tracks.ids[objects],
+                np.full(n, found.stamp_ns, np.int64),
+            ),
+        )
+
+
+def _own_motion(motion: PoseSamples | None, stamp_ns: int) -> F64:
+    """(6,) of the site frame in itself, m/s and rad/s; zeros where nothing is known."""
+    if motion is None or len(motion) < 2:
+        return np.zeros(6)
+    around = np.array([stamp_ns - STEP_NS, stamp_ns + STEP_NS], np.int64)
+    before, after = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, around)
+    step = np.linalg.inv(before) @ after
+    turn = np.array([step[2, 1] - step[1, 2], step[0, 2] - step[2, 0], step[1, 0] - step[0, 1]]) / 2
+    return np.concatenate([step[:3, 3], turn]) / (2e-9 * STEP_NS)

@@ -1,0 +1,84 @@
+"""An error of a camera that is put in is found, within the confidence that is stated; too little says nothing."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from wrong_cameras import CAMERA, CUBOIDS, passing, without_tracks
+
+from pipeline.calibration.camera_error import MIN_PAIRS, CameraError, camera_error
+from pipeline.calibration.pairs import tracked_pairs
+from pipeline.core.arrays import join_rows
+from pipeline.core.frame import FrameResult
+
+LIDAR_XY = np.zeros((1, 2))
+DEGREE = np.pi / 180
+
+
+def judged(frames: Sequence[FrameResult]) -> CameraError | None:
+    found = [pairs for frame in frames for _, pairs in tracked_pairs(frame)]
+    return camera_error(join_rows(*found), CAMERA, LIDAR_XY, CUBOIDS) if found else None
+
+
+@pytest.mark.parametrize("speed_m_s", [0.0, 8.0], ids=["standing", "driving"])
+@pytest.mark.parametrize(
+    "values",
+    [
+        (0, 0, 0, 0, 0, 0, 0),
+        (0, DEGREE, 0, 0, 0, 0, 0),
+        (-2 * DEGREE, 0, DEGREE, 0, 0, 0, 0),
+        (0, 0, 0, 0.15, 0, 0, 0),
+        (0, 0, 0, 0, 0, 0, 0.06),
+        (0.01, -0.02, 0.01, 0.1, -0.1, 0.1, -0.04),
+    ],
+    ids=["none", "yaw", "pitch and roll", "aside", "late", "all"],
+)
+def test_without_noise_the_error_is_found_as_it_is(values: tuple[float, ...], speed_m_s: float) -> None:
+    found = judged(passing(values, noise=0.0, frames=25, speed_m_s=speed_m_s))
+    assert found is not None
+    # The prior draws a little towards none.
+    assert np.abs(found.values - values)[:3].max() < 0.05 * DEGREE
+    assert np.abs(found.values - values)[3:6].max() < 0.03
+    assert abs(found.values[6] - values[6]) < 1e-3
+
+
+@settings(max_examples=10, deadline=None)
+@given(
+    st.tuples(*[st.floats(-0.03, 0.03)] * 3, *[st.floats(-0.1, 0.1)] * 3, st.floats(-0.08, 0.08)),
+    st.integers(0, 2**31),
+    st.sampled_from([0.0, 6.0]),
+)
+def test_with_noise_it_is_within_the_confidence(values: tuple[float, ...], seed: int, speed_m_s: float) -> None:
+    found = judged(passing(values, seed=seed, tracks=12, speed_m_s=speed_m_s))
+    assert found is None or (np.abs(found.values - values) < 4.5 * found.sigmas).all()
+
+
+def test_wrong_matches_do_little_harm() -> None:
+    frames = passing((0, DEGREE, 0, 0, 0, 0, 0), seed=3)
+    for result in frames[::5]:
+        boxes = result.detections.cameras["cam"]
+        boxes.xyxy.flags.writeable = True
+        boxes.xyxy[:1] += 60
+    found = judged(frames)
+    assert found is not None
+    assert abs(found.values[1] - DEGREE) < 0.25 * DEGREE
+
+
+@pytest.mark.parametrize(
+    "frames",
+    [[], without_tracks(passing(frames=3)), passing(frames=3), passing(tracks=1, frames=90)],
+    ids=["nothing", "no tracks", "few pairs", "one track"],
+)
+def test_too_little_is_not_judged(frames: list[FrameResult]) -> None:
+    assert judged(frames) is None
+
+
+def test_what_was_used_is_counted() -> None:
+    frames = passing(seed=1)
+    found = judged(frames)
+    assert found is not None
+    assert MIN_PAIRS <= found.pairs <= sum(len(pairs) for frame in frames for _, pairs in tracked_pairs(frame))
+    assert 2 <= found.tracks <= 8
+    assert found.size_m == pytest.approx(np.sqrt(4.4 * 1.8))

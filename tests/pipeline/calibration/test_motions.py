@@ -1,0 +1,26 @@
+"""Rotations are those of scipy; the covariance of clusters is that of repeated experiments."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pipeline.calibration.motions import cluster_covariance, motion, turned
+
+
+def test_rotations_are_those_of_scipy() -> None:
+    vectors = np.random.default_rng(0).normal(0, 1, (20, 3))
+    vectors[0] = 0
+    np.testing.assert_allclose(turned(vectors), Rotation.from_rotvec(vectors).as_matrix(), atol=1e-8)
+    matrix = motion(np.arange(7.0))
+    np.testing.assert_allclose(matrix[:3, :3], Rotation.from_rotvec([0, 1, 2]).as_matrix(), atol=1e-12)
+    np.testing.assert_array_equal(matrix[:, 3], [3, 4, 5, 1])
+
+
+@pytest.mark.parametrize("alike", [1, 10])
+def test_errors_that_are_alike_count_once(alike: int) -> None:
+    """The mean of 400 values in groups with one error each: its variance is that of as many values as groups."""
+    random = np.random.default_rng(1)
+    groups = np.repeat(np.arange(400 // alike), alike)
+    away = random.normal(0, 1, 400 // alike)[groups]
+    found = cluster_covariance((away - away.mean())[:, None], groups[:, None], np.array([[400.0]]), np.zeros(1))
+    assert found[0, 0] == pytest.approx(alike / 400, rel=0.4)

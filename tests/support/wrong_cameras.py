@@ -1,0 +1,122 @@
+"""Frames of cars that pass a camera whose pose and clock are wrong by known amounts."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+from detections import boxes2d, boxes3d, forward_camera
+from frames import frame
+from scipy.spatial.transform import Rotation
+
+from pipeline.core.arrays import F64
+from pipeline.core.detections import Detections, Fused, Hypotheses, Matches
+from pipeline.core.frame import FrameResult
+from pipeline.core.geometry.boxes import box_corners
+from pipeline.core.geometry.pose_samples import PoseSamples
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.rig import CameraSensor
+from pipeline.core.settings.fuse import FuseConfig
+from pipeline.core.tracks import Tracks
+
+CUBOIDS = FuseConfig(corner_rounding=0.0, underside=0.0, cabin=0.0)
+"""Settings by which objects are the boxes that `passing` shows."""
+
+CAMERA = forward_camera("cam")
+CAR = (4.4, 1.8, 1.5)
+START_NS, PERIOD_NS = 10**18, 10**8
+EMPTY = frame()
+
+
+def passing(
+    values: npt.ArrayLike = (0,) * 7,
+    *,
+    tracks: int = 8,
+    frames: int = 40,
+    noise: float = 1.0,
+    seed: int = 0,
+    speed_m_s: float = 0.0,
+    camera: CameraSensor = CAMERA,
+) -> list[FrameResult]:
+    """Frames at 10 Hz in which lidars and a camera see cars drive to all sides.
+
+    Args:
+        values: As `CameraError.values`: how the true camera differs from `camera`.
+        tracks: Number of cars.
+        frames: Number of frames.
+        noise: 1 for errors of some pixels, 5 cm and 0.5 degrees; 0 for none.
+        seed: Of places, ways and errors.
+        speed_m_s: Of the rig, straight ahead.
+        camera: As it is calibrated.
+    """
+    random = np.random.default_rng(seed)
+    start = np.stack([random.uniform(10, 35, tracks), random.uniform(-8, 8, tracks)], 1)
+    yaws = random.uniform(-np.pi, np.pi, tracks)
+    velocities = random.uniform(2, 9, tracks)[:, None] * np.stack([np.cos(yaws), np.sin(yaws)], 1)
+    return [
+        _seen(np.asarray(values, np.float64), number, start, yaws, velocities, noise, random, speed_m_s, camera)
+        for number in range(frames)
+    ]
+
+
+def _seen(
+    values: F64,
+    number: int,
+    start: F64,
+    yaws: F64,
+    velocities: F64,
+    noise: float,
+    random: np.random.Generator,
+    speed_m_s: float,
+    camera: CameraSensor,
+) -> FrameResult:
+    stamp_ns = START_NS + number * PERIOD_NS
+    image_ns, measured_ns = stamp_ns + 12_000_000, stamp_ns + random.integers(-4, 4, len(start)) * 10_000_000
+    since_s = lambda when_ns: np.reshape((when_ns - START_NS) * 1e-9 - 2, (-1, 1))  # noqa: E731
+    # Where the rig is when the frame has its time, when the image says it was taken, and when it was.
+    ahead_m, image_m = speed_m_s * (number * 0.1 - 2), speed_m_s * (number * 0.1 - 2 + 0.012)
+    taken_m = image_m + speed_m_s * values[6]
+    on_ground = start + velocities * since_s(measured_ns)
+    true_xy = start + velocities * (since_s(image_ns) + values[6])
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = Rotation.from_rotvec(values[:3]).as_matrix(), values[3:6]
+    true = Transform("cam", "site", pose @ camera.T_camera_site.matrix)
+    sizes = np.tile(CAR, (len(start), 1))
+    corners = box_corners(np.c_[true_xy - [taken_m, 0], np.full(len(start), -0.8)], sizes, yaws)
+    xyxy = replace(camera, T_camera_site=true).project_boxes(corners, "site").astype(np.float64)
+    xyxy += noise * random.normal(0, 1.5, xyxy.shape)
+    shown = np.isfinite(xyxy).all(1)
+    xy = on_ground - [ahead_m, 0] + noise * random.normal(0, 0.05, start.shape)
+    turned = yaws + noise * random.normal(0, 0.01, len(yaws))
+    found = boxes3d(np.c_[xy, np.full(len(xy), -0.8), sizes, turned][shown], deviations=(0.07, 0.07, 0.02))
+    found = replace(found, stamp_ns=stamp_ns, measured_ns=np.asarray(measured_ns[shown], np.int64))
+    n = len(found)
+    rows = np.arange(n)
+    seen = replace(boxes2d(np.c_[xyxy[shown], np.full(n, 0.9), np.zeros(n)]), stamp_ns=image_ns)
+    matches = Matches(np.stack([rows, rows], 1), np.full(n, 0.5, np.float32), seen.xyxy, np.zeros(n, np.float32))
+    tracked = replace(Tracks.none(n), ids=1 + np.flatnonzero(shown), velocities=velocities[shown])
+    moved = np.eye(4)
+    moved[0, 3] = -(image_m - ahead_m)
+    view = replace(camera, T_camera_site=camera.T_camera_site @ Transform("site", "site", moved))
+    return replace(
+        EMPTY,
+        bundle=replace(EMPTY.bundle, index=number, stamp_ns=stamp_ns, motion=_motion(stamp_ns, speed_m_s)),
+        detections=Detections(found, {"cam": seen}),
+        views={"cam": view},
+        hypotheses=Hypotheses(found, {"cam": matches}, n),
+        fused=Fused(found, np.ones(n, np.int32), rows, tracks=tracked),
+    )
+
+
+def _motion(stamp_ns: int, speed_m_s: float) -> PoseSamples | None:
+    if not speed_m_s:
+        return None
+    around_ns = np.array([stamp_ns - 10**8, stamp_ns, stamp_ns + 10**8], np.int64)
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[:, 0, 3] = speed_m_s * (around_ns - START_NS) * 1e-9
+    return PoseSamples("site", "odom", around_ns, poses)
+
+
+def without_tracks(frames: Sequence[FrameResult]) -> list[FrameResult]:
+    """The same frames, of which nothing is tracked."""
+    return [replace(one, fused=replace(one.fused, tracks=None)) for one in frames]
