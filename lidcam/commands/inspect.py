@@ -129,7 +129,7 @@ def _verdict(inspection: "Inspection", *, needs_rig: bool) -> Verdict:
     return Verdict((), (*([problem] * bool(problem)), *inspection.incomplete))
 
 
-def _checked(inputs: "Sequence[Location]", choice: "SettingsChoice", rig_files: "Sequence[Path] | None") -> "SelfCheck":
+def _checked(inputs: "Sequence[Location]", choice: "SettingsChoice", rig_files: Sequence[str] | None) -> "SelfCheck":
     """The rig, judged by all of the recording."""
     with compiled_together(shown=True):
         from lidcam.rig_check import check_rig

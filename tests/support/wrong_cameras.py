@@ -9,7 +9,7 @@ from detections import boxes2d, boxes3d, forward_camera
 from frames import frame
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.arrays import F64
+from pipeline.core.arrays import F64, I64
 from pipeline.core.detections import Detections, Fused, Hypotheses, Matches
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.boxes import box_corners
@@ -72,12 +72,11 @@ def _seen(
 ) -> FrameResult:
     stamp_ns = START_NS + number * PERIOD_NS
     image_ns, measured_ns = stamp_ns + 12_000_000, stamp_ns + random.integers(-4, 4, len(start)) * 10_000_000
-    since_s = lambda when_ns: np.reshape((when_ns - START_NS) * 1e-9 - 2, (-1, 1))  # noqa: E731
     # Where the rig is when the frame has its time, when the image says it was taken, and when it was.
     ahead_m, image_m = speed_m_s * (number * 0.1 - 2), speed_m_s * (number * 0.1 - 2 + 0.012)
     taken_m = image_m + speed_m_s * values[6]
-    on_ground = start + velocities * since_s(measured_ns)
-    true_xy = start + velocities * (since_s(image_ns) + values[6])
+    on_ground = start + velocities * _since_s(measured_ns)
+    true_xy = start + velocities * (_since_s(np.array([image_ns])) + values[6])
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = Rotation.from_rotvec(values[:3]).as_matrix(), values[3:6]
     true = Transform("cam", "site", pose @ camera.T_camera_site.matrix)
@@ -120,3 +119,8 @@ def _motion(stamp_ns: int, speed_m_s: float) -> PoseSamples | None:
 def without_tracks(frames: Sequence[FrameResult]) -> list[FrameResult]:
     """The same frames, of which nothing is tracked."""
     return [replace(one, fused=replace(one.fused, tracks=None)) for one in frames]
+
+
+def _since_s(when_ns: I64) -> F64:
+    """(N, 1) seconds since the middle of the recording."""
+    return np.asarray((when_ns - START_NS) * 1e-9 - 2, np.float64).reshape(-1, 1)
