@@ -54,6 +54,7 @@ START_S = 0.5
 """The first velocity of a track is that of so long."""
 
 NO_AXIS_VARIANCE = 400.0
+"""Variance of the yaw of boxes that show no axis, rad^2: they say nothing of it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

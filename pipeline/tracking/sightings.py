@@ -75,6 +75,7 @@ UNKNOWN_SIGMA_SHARE, UNKNOWN_SIGMA_RAD = 0.05, 0.1
 """Standard deviations of boxes whose covariance is unknown: of the place as a share of the length, of the yaw."""
 
 YAW_SIGMA_RAD, NO_AXIS_VARIANCE = 0.03, 100.0
+"""What is added to the deviation of yaws; variance of those of boxes that show no axis: they say nothing."""
 
 
 def measured(sightings: Sightings, priors: Priors, jump_share: float) -> tuple[F64, F64]:
