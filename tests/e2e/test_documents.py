@@ -126,6 +126,7 @@ STAND_INS: dict[str, Callable[[Path], object]] = {
     "yolox_nano.onnx": network,
     "site.yaml": rig,
     "rig.yaml": rig,
+    "fixed.yaml": rig,
     "mine.yaml": lambda path: shutil.copy(ROOT / "config" / "road.yaml", path),
     "camchain.yaml": camchain,
     "sensors_calibration.yaml": calibration("base_link", "sensor_kit_base_link"),
