@@ -18,14 +18,14 @@ import lidcam.run
 import pipeline.parallel.run
 from lidcam.__main__ import main
 
-write = lidcam.run._write
+write = lidcam.run._written
 
 def held(*args):
     print("held", file=sys.stderr, flush=True)
     sys.stdin.read()  # until the test lets go
     return write(*args)
 
-lidcam.run._write = held
+lidcam.run._written = held
 pipeline.parallel.run.START_S = 0.0
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it in what it runs in the background
 main()
@@ -39,7 +39,17 @@ def run(sandbox: Path, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     It goes on once its standard input is closed: `communicate` does that.
     """
     out = tmp_path / "out.mcap"
-    arguments = ["process", sandbox, out, "--rerun", out.with_suffix(".rrd"), "--workers", "2"]
+    arguments = [
+        "process",
+        sandbox,
+        out,
+        "--rerun",
+        out.with_suffix(".rrd"),
+        "--workers",
+        "2",
+        "--set",
+        "track.mode=none",
+    ]
     command = [sys.executable, "-P", "-c", HELD, *map(str, arguments)]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdin=pipe, stderr=pipe, text=True, start_new_session=True) as process:
