@@ -148,16 +148,21 @@ def _print(
     from lidcam.inspection import inspection_tree
     from lidcam.printing.console import print_inspection
     from lidcam.printing.folding import show_line
-    from lidcam.printing.rig_check import check_tree, print_check
     from lidcam.printing.terminal import console, show_json
 
     out = console()
     if as_json:
         tree = inspection_tree(inspection) | verdict.tree()
-        show_json(out, tree if checked is None else tree | {"check": check_tree(checked)})
+        if checked is not None:
+            from lidcam.printing.rig_check import check_tree
+
+            tree |= {"check": check_tree(checked)}
+        show_json(out, tree)
     else:
         print_inspection(out, inspection)
         if checked is not None:
+            from lidcam.printing.rig_check import print_check
+
             print_check(out, checked)
         sound = "every message was copied" if repaired else "sound, and all of its sensors can be used"
         failed = "lidcam could not process it"  # the line before says why

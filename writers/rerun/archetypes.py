@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
+import pyarrow as pa
 import rerun as rr
 
 from pipeline.core.arrays import F32, F64, U8, Array, Bools
@@ -105,8 +106,9 @@ def object_facts(result: FrameResult, rows: Bools) -> rr.DynamicArchetype:
     facts: dict[str, Any] = {"source": rr.components.TextBatch(sources)}
     if tracks is not None:
         chosen = tracks.select(rows)
-        facts |= {"track": chosen.ids, "speed_m_s": chosen.speeds}
-        facts |= {"existence": chosen.existence, "age_s": chosen.ages_s}
+        columns = {"track": chosen.ids, "speed_m_s": chosen.speeds}
+        columns |= {"existence": chosen.existence, "age_s": chosen.ages_s}
+        facts |= {name: pa.array(column) for name, column in columns.items()}  # empty ones have their type, too
     return rr.DynamicArchetype("lidcam.Objects", drop_untyped_nones=False, components=facts)
 
 

@@ -9,7 +9,6 @@ from lidcam.checks.calibration.camera_fit import CameraFit
 from lidcam.checks.calibration.camera_points import CameraPoints
 from lidcam.checks.calibration.camera_shift import CameraShift
 from lidcam.checks.calibration.lidar_ground import inverted_lidars
-from lidcam.checks.calibration.self_check import SelfCheck
 from lidcam.checks.warning import RunWarning
 from pipeline.core.clouds import PointCloud
 from pipeline.core.frame import FrameResult, SensorBundle
@@ -28,6 +27,9 @@ class CalibrationCheck:
     """Looks at the poses of lidars and cameras over a run."""
 
     def __init__(self, rig: Rig, config: Config) -> None:
+        # Here: `lidcam inspect` looks at the first clouds alone, and need not import what is compiled.
+        from lidcam.checks.calibration.self_check import SelfCheck
+
         self._rig, self._config = rig, config
         self._fit, self._shift, self._points = CameraFit(rig), CameraShift(rig), CameraPoints(rig)
         self._small = SelfCheck(rig, config)
