@@ -77,7 +77,7 @@ def test_faults_are_named(change: Fields, reason: str) -> None:
 def test_fields_of_another_definition(changed: Fields) -> None:
     """The definition in the recording need not be ROS's."""
     sound = info()
-    known = {field.name: getattr(sound, field.name) for field in fields(sound)} | changed
+    known = {field.name: getattr(sound, field.name) for field in fields(sound)} | {**changed}
     other = SimpleNamespace(**{name: value for name, value in known.items() if value is not None})
     with pytest.raises(CalibrationError, match=r"CameraInfo has other fields than ROS's: "):
         rectified_camera_model(other) if "p" in changed else camera_model(other)
