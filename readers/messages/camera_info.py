@@ -6,6 +6,8 @@ interest and binning. K and D describe a raw image. P = K' [I | t] describes a r
 baseline of a stereo pair, which the extrinsics already contain.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -15,6 +17,7 @@ from pipeline.core.arrays import F64
 from pipeline.core.camera import CameraModel, DistortionModel
 from pipeline.core.errors import CalibrationError
 from pipeline.core.geometry.transform import Transform, rotation_fault
+from pipeline.core.text import one_line
 from readers.messages.tf import clean_frame
 
 __all__ = ["DISTORTION_MODELS", "camera_model", "distortion_model", "rectified_camera_model"]
@@ -49,6 +52,17 @@ def distortion_model(name: str, coefficients: npt.ArrayLike) -> tuple[Distortion
     )
 
 
+@contextmanager
+def _other_fields_told() -> Iterator[None]:
+    """Turn what fields of another definition raise into a `CalibrationError`."""
+    try:
+        yield
+    except (ArithmeticError, AttributeError, TypeError, ValueError) as err:
+        reason = one_line(err, max_characters=200)
+        raise CalibrationError(f"CameraInfo has other fields than ROS's: {type(err).__name__}: {reason}") from err
+
+
+@_other_fields_told()
 def camera_model(info: Any, *, frame_id: str = "") -> CameraModel:
     """Intrinsics of the raw image: K and the lens distortion, for the part of the sensor that was read out.
 
@@ -57,7 +71,7 @@ def camera_model(info: Any, *, frame_id: str = "") -> CameraModel:
         frame_id: Optical frame; if empty, the one in `info`.
 
     Raises:
-        CalibrationError: the camera is uncalibrated (K[0] = 0), or a value is invalid.
+        CalibrationError: the camera is uncalibrated (K[0] = 0), a field is missing, or a value is invalid.
     """
     model, coefficients = distortion_model(info.distortion_model, _field(info, "d"))
     K = _field(info, "k").reshape(3, 3)
@@ -66,6 +80,7 @@ def camera_model(info: Any, *, frame_id: str = "") -> CameraModel:
     return _of_read_out(info, frame_id or clean_frame(info.header.frame_id), K, model, coefficients)
 
 
+@_other_fields_told()
 def rectified_camera_model(info: Any, *, frame_id: str = "") -> tuple[CameraModel, Transform]:
     """Intrinsics of the rectified image, and the rotation of its frame.
 
@@ -74,7 +89,7 @@ def rectified_camera_model(info: Any, *, frame_id: str = "") -> tuple[CameraMode
         the camera's frame if R is the identity.
 
     Raises:
-        CalibrationError: P[0] is 0, R is not a rotation, or a value is invalid.
+        CalibrationError: P[0] is 0, R is not a rotation, a field is missing, or a value is invalid.
     """
     K = _field(info, "p").reshape(3, 4)[:, :3].copy()
     if K[0, 0] == 0:

@@ -45,6 +45,9 @@ MAX_REPROJECTION_PX = 2.0
 MAX_LABEL_BYTES = 16 << 20
 """Of one file; the largest of the tracking benchmark has about 1 MB."""
 
+MAX_NUMBER = 1e15
+"""Those beyond overflow in volumes and images; the bound of OpenLABEL files, too."""
+
 MAX_ID = 2**53
 """No benchmark gives larger ids."""
 
@@ -163,6 +166,8 @@ def _label(words: Sequence[str]) -> KittiLabel:
     numbers = [float(word) for word in words[1:]]
     if not all(map(math.isfinite, numbers)):
         raise ValueError("numbers that are not finite")
+    if max(map(abs, numbers)) > MAX_NUMBER:
+        raise ValueError(f"a number beyond {MAX_NUMBER:g}")
     truncated, occluded, _, left, top, right, bottom, height, width, length, x, y, z, rotation_y = numbers
     if not (left < right and top < bottom):
         raise ValueError(f"an image box from {left:g}, {top:g} to {right:g}, {bottom:g}")

@@ -20,6 +20,8 @@ from pipeline.core.errors import LidcamError
 SECTOR = 512
 MAX_GROWTH_MIB = 400
 MAX_LINE_CHARACTERS = 5000
+WAL_PAGE_AT = 56
+"""A write-ahead log that ends before its first page says nothing, whatever its bytes are."""
 
 ALL = frozenset(Seen._fields)
 UNCHECKED = {
@@ -64,7 +66,8 @@ def judge_altered(kind: str, chance: Random) -> tuple[Verdict, dict[str, bytes]]
     files = {**sound.files, name: content}
     with TemporaryDirectory(prefix="lidcam-damage-") as folder:
         verdict = judge(sound, write_files(Path(folder), sound, files), recovery)
-    if verdict.is_fault and name.endswith("-wal") and sound.files[name].startswith(content):
+    is_cut = sound.files[name].startswith(content) or len(content) < WAL_PAGE_AT
+    if verdict.is_fault and name.endswith("-wal") and is_cut:
         verdict = Verdict("fewer commits of a write-ahead log that was cut, told as not closed", is_fault=False)
     said = f"{verdict.kind} [{kind}]" if verdict.is_fault else verdict.kind
     return Verdict(said, verdict.is_fault, f"{kind}, {recovery}, {name}: {how}: {verdict.detail}"), files

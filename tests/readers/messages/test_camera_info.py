@@ -1,3 +1,5 @@
+from dataclasses import fields
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -58,6 +60,27 @@ def test_distortion_models(name: str, coefficients: tuple[float, ...], expected:
 def test_faults_are_named(change: Fields, reason: str) -> None:
     with pytest.raises(CalibrationError, match=reason):
         camera_model(info(more=change))
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"width": None},
+        {"width": SimpleNamespace()},
+        {"roi": SimpleNamespace(x_offset=0)},
+        {"k": np.zeros(4)},
+        {"k": ["a"] * 9},
+        {"p": np.zeros(4)},
+        {"distortion_model": 5},
+    ],
+)
+def test_fields_of_another_definition(changed: Fields) -> None:
+    """The definition in the recording need not be ROS's."""
+    sound = info()
+    known = {field.name: getattr(sound, field.name) for field in fields(sound)} | {**changed}
+    other = SimpleNamespace(**{name: value for name, value in known.items() if value is not None})
+    with pytest.raises(CalibrationError, match=r"CameraInfo has other fields than ROS's: "):
+        rectified_camera_model(other) if "p" in changed else camera_model(other)
 
 
 def test_region_of_interest_then_binning_as_image_geometry_does_it() -> None:

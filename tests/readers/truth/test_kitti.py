@@ -165,6 +165,8 @@ def test_the_tracking_benchmark_numbers_frames_and_objects(tmp_path: Path) -> No
         ([f"{CAR}\n{CAR[:-9]}"], "line 2: expected 15 columns"),
         ([CAR.replace(" 20.0", " x")], "line 1: expected a KITTI label, found could not convert string to float: 'x'"),
         ([CAR.replace(" 20.0", " nan")], "numbers that are not finite"),
+        ([CAR.replace(" 20.0", " 1e300")], "a number beyond 1e+15"),
+        ([CAR.replace(" 600.0", " 1e16")], "a number beyond 1e+15"),
         ([CAR.replace("4.20", "0")], "a Car of 0 x 1.8 x 1.5 m"),
         ([CAR.replace("600.0", "500.0")], "an image box from 500, 150 to 500, 220"),
         ([f"-1 2 {CAR}"], "the frame -1"),
