@@ -110,7 +110,7 @@ def _against(
     """
     arms = (points - origin) @ turned(values[:3]).T
     moved = arms + origin + values[3:]
-    distances, rows = tree.query(moved, k=NEIGHBOURS)  # type: ignore[attr-defined]
+    distances, rows = tree.query(moved, k=NEIGHBOURS)  # type: ignore[attr-defined]  # cKDTree, imported late
     near = others[rows]
     middle = near.mean(1)
     spread = near - middle[:, None]

@@ -10,11 +10,12 @@ import numpy as np
 from pipeline.core.arrays import F64, join_rows
 from pipeline.core.detections import NO_HYPOTHESIS, Boxes3D, Fused, Source
 from pipeline.core.frame import FrameResult
+from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.geometry.poses import interpolate_poses
 from pipeline.core.rig import Rig, Zone
 from pipeline.core.tracks import Tracks
 from pipeline.fusion.zones import select_by_zones
-from pipeline.tracking.motion import HEADING, SPEED, TURN, wrapped
+from pipeline.tracking.motion import HEADING, SPEED, TURN
 from pipeline.tracking.rows import TrackRows
 from pipeline.tracking.sightings import FrameSightings, Sightings
 
@@ -47,7 +48,7 @@ class SightingsOf:
             ends[frame.fused.rows] = frame.ends
         chosen, turn = boxes.select(rows), T_fixed_site[:2, :2]
         centers = chosen.centers @ T_fixed_site[:3, :3].T + T_fixed_site[:3, 3]
-        yaws = wrapped(chosen.yaws + np.arctan2(turn[1, 0], turn[0, 0]))
+        yaws = wrap_angle(chosen.yaws + np.arctan2(turn[1, 0], turn[0, 0]))
         rotation = np.eye(3)
         rotation[:2, :2] = turn
         sides, faces = _seen_from(chosen, self._lidars)
@@ -146,7 +147,7 @@ def _in_site(frame_id: str, seen: FrameSightings, rows: TrackRows) -> Fused:
         frame_id,
         centers,
         rows.sizes,
-        wrapped(rows.states[:, HEADING] + turn_rad),
+        wrap_angle(rows.states[:, HEADING] + turn_rad),
         rows.existence.astype(np.float32),
         rows.class_ids.astype(np.int32),
         point_counts,

@@ -30,7 +30,6 @@ __all__ = [
     "innovations",
     "predicted",
     "updated",
-    "wrapped",
 ]
 
 STATE, HEADING, SPEED, TURN = 5, 2, 3, 4
@@ -94,11 +93,6 @@ class Motions(Table):
 
     states: F64
     covariances: F64
-
-
-def wrapped(angles: F64) -> F64:
-    """Angles in (-pi, pi]."""
-    return np.asarray(np.pi - (np.pi - angles) % (2 * np.pi))
 
 
 def predicted(motions: Motions, after_s: F64 | float, noise: F64) -> tuple[Motions, F64]:

@@ -13,10 +13,11 @@ from itertools import pairwise
 import numpy as np
 
 from pipeline.core.arrays import F64, I64, Bools, first_of_runs
+from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.fusion.belief.odds import logit, probability
 from pipeline.tracking.estimates import Estimates, Known, Scene, estimated
 from pipeline.tracking.joining import joined_in_place, joined_over_gaps
-from pipeline.tracking.motion import HEADING, Priors, wrapped
+from pipeline.tracking.motion import HEADING, Priors
 from pipeline.tracking.online import OnlineTracker
 from pipeline.tracking.rows import NOT_SEEN, TrackRows
 from pipeline.tracking.sightings import FrameSightings
@@ -224,7 +225,7 @@ def _rows(scene: Scene, estimates: Estimates, known: Known, existence: F64, kept
     cells = cells[np.lexsort((known.ids[tracks[cells]], frames[cells]))]
     tracks, frames = tracks[cells], frames[cells]
     states = estimates.motions.states[cells]
-    states[:, HEADING] = wrapped(states[:, HEADING])
+    states[:, HEADING] = wrap_angle(states[:, HEADING])
     first_ns = np.where(known.firsts_ns >= 0, known.firsts_ns, scene.stamps_ns[courses.firsts])
     sightings = estimates.sightings[cells]
     rows = TrackRows(

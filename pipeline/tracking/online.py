@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.core.arrays import F64, I64, Bools, Indices, Table, join_rows
+from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.fusion.assignment import assign
 from pipeline.fusion.belief.odds import logit, probability
 from pipeline.tracking.motion import (
@@ -27,7 +28,6 @@ from pipeline.tracking.motion import (
     innovations,
     predicted,
     updated,
-    wrapped,
 )
 from pipeline.tracking.rows import NOT_SEEN, TrackRows
 from pipeline.tracking.sightings import FrameSightings, Sightings, measured
@@ -315,7 +315,7 @@ class OnlineTracker:
     def _rows(self, seen: I64) -> TrackRows:
         live = self._live
         centers = at_centers(live.motions, live.rear_m)
-        centers.states[:, HEADING] = wrapped(centers.states[:, HEADING])
+        centers.states[:, HEADING] = wrap_angle(centers.states[:, HEADING])
         centers.covariances[:, :2, :2] += live.shared
         rows = TrackRows(
             live.ids,

@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.settings.classes import ROAD_CLASSES
 from pipeline.tracking.motion import (
     Motions,
@@ -13,7 +14,6 @@ from pipeline.tracking.motion import (
     innovations,
     predicted,
     updated,
-    wrapped,
 )
 
 PRIORS = Priors.of_classes(ROAD_CLASSES)
@@ -80,7 +80,7 @@ def test_places_go_to_the_rear_axle_and_back(state: np.ndarray, rear_m: float) -
 def test_yaws_count_modulo_half_a_turn() -> None:
     difference = innovations(np.array([[0.0, 0.0, 3.1]]), np.array([[0.0, 0.0, 0.0]]))
     assert difference[0, 2] == pytest.approx(3.1 - np.pi)
-    assert wrapped(np.array([np.pi, -np.pi, 4.0])) == pytest.approx([np.pi, np.pi, 4.0 - 2 * np.pi])
+    assert wrap_angle(np.array([np.pi, -np.pi, 4.0])) == pytest.approx([np.pi, np.pi, 4.0 - 2 * np.pi])
 
 
 def test_a_measurement_beside_the_others_counts_less() -> None:
