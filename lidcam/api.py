@@ -20,6 +20,7 @@ from lidcam.run import RunObserver, process_recording
 from lidcam.run import iter_frames as frames_of
 from lidcam.settings.choice import UsedSettings, choose_settings
 from lidcam.summary import RunProgress
+from pipeline.core.brief import brief
 from pipeline.core.clouds import CombinedCloud, PointCloud
 from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Matches
 from pipeline.core.errors import (
@@ -113,6 +114,8 @@ class RunResult:
 
     report: RunReport
     objects: Objects
+
+    __repr__ = brief
 
     @property
     def frames(self) -> int:

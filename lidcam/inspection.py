@@ -13,6 +13,7 @@ from lidcam.frames import TimeWindow
 from lidcam.job import RigSource, read_rig
 from lidcam.report import loss_records
 from lidcam.settings.choice import SettingsChoice, UsedSettings, use_settings, used_record
+from pipeline.core.brief import brief
 from pipeline.core.errors import CalibrationError, RecordingError, short_memory_told
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
@@ -77,6 +78,8 @@ class Inspection:
     box_source: BoxSource = "none"
     box_source_3d: str = "none"
     settings: UsedSettings | None = None
+
+    __repr__ = brief
 
     @property
     def incomplete(self) -> tuple[str, ...]:

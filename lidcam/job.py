@@ -10,6 +10,7 @@ from typing import TypedDict, get_args
 
 from lidcam.settings.choice import SettingsChoice, choose_settings
 from lidcam.settings.effect import named_files
+from pipeline.core.brief import brief
 from pipeline.core.errors import CalibrationError, ConfigError, OutputError
 from pipeline.core.settings.bundled import bundled, preset_or_file
 from pipeline.core.settings.config import Config
@@ -67,6 +68,8 @@ class Job:
     on_bad_message: OnBadMessage = "skip"
     overwrite: bool = False
     read_files: tuple[Path, ...] = ()
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         """Check the part of the recording.

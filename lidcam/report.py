@@ -11,6 +11,7 @@ from lidcam.checks.missing import MissingSensor
 from lidcam.checks.warning import RunWarning
 from lidcam.road_users import RoadUsers
 from lidcam.settings.choice import UsedSettings
+from pipeline.core.brief import brief
 from pipeline.core.rig import Rig
 from readers.input_file import InputFile
 from readers.messages.tf import TF_TYPES
@@ -157,6 +158,8 @@ class DropReport:
     boxes_without_object: Mapping[str, int]
     objects: Mapping[str, int]
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, slots=True)
 class SensorReport:
@@ -179,6 +182,8 @@ class SensorReport:
     box_source: BoxSource
     box_source_3d: str
     motion_topics: tuple[str, ...]
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,6 +232,8 @@ class RunReport:
     outputs: tuple[Path, ...]
     how_to_open: Mapping[str, str]
     road_users: RoadUsers | None = None
+
+    __repr__ = brief
 
     @property
     def incomplete(self) -> tuple[str, ...]:

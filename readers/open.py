@@ -144,6 +144,10 @@ class _FilesRecording(Closing):
         self.start_ns = min((file.start_ns for file in files if file.message_count), default=0)
         self.end_ns = max((file.end_ns for file in files if file.message_count), default=0)
 
+    def __repr__(self) -> str:
+        names, seconds = ", ".join(map(str, self.paths)), (self.end_ns - self.start_ns) / 1e9
+        return f"Recording({names}: {self.message_count} messages of {len(self.topics)} topics, {seconds:.3f} s)"
+
     @property
     def losses(self) -> tuple[Loss, ...]:
         """See `Recording`."""

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from lidcam.settings.scene import SceneSize, judge, measure_scene, scene_text
+from pipeline.core.brief import brief
 from pipeline.core.settings.bundled import PRESETS
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import load_config
@@ -46,6 +47,8 @@ class SettingsChoice:
     config: Config
     name: str = GIVEN
     by_preset: Mapping[str, Config] = field(default_factory=dict)
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True, slots=True)

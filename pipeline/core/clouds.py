@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.core.arrays import F32, F64, I32, U8, U16, Rows, check_array, select_rows
+from pipeline.core.brief import brief
 
 __all__ = ["CombinedCloud", "Plane", "PointCloud", "Relief"]
 
@@ -38,6 +39,8 @@ class PointCloud:
     has_time: bool = False
     nan_dropped: int = 0
     return_type: U8 | None = None
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         n = len(self.xyz)
@@ -90,6 +93,8 @@ class Relief:
     cell_m: float
     offsets_m: F64
 
+    __repr__ = brief
+
     def __post_init__(self) -> None:
         check_array("origin_xy", self.origin_xy, (2,), np.float64)
         height, width = self.offsets_m.shape
@@ -139,6 +144,8 @@ class CombinedCloud:
     points_by_lidar: Mapping[str, int] = field(default_factory=dict)
     relief: Relief | None = None
     ground_lidar_index: U8 | None = None
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         check_array("lidar_index", self.lidar_index, (len(self.cloud),), np.uint8)

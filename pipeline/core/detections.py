@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 
 from pipeline.core.arrays import F32, F64, I32, I64, U8, Rows, check_array, join_rows, select_rows
+from pipeline.core.brief import brief
 from pipeline.core.tracks import Tracks
 
 __all__ = [
@@ -65,6 +66,8 @@ class Boxes2D:
     scores: F32
     class_ids: I32
 
+    __repr__ = brief
+
     def __post_init__(self) -> None:
         n = len(self.scores)
         check_array("xyxy", self.xyxy, (n, 4), np.float32)
@@ -113,6 +116,8 @@ class Boxes3D:
     covariances: F64
     sources: U8
     measured_ns: I64
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         n = len(self.scores)
@@ -175,6 +180,8 @@ class Matches:
     projected_xyxy: F32
     hidden: F32
 
+    __repr__ = brief
+
     def __post_init__(self) -> None:
         check_array("pairs", self.pairs, (len(self.iou), 2), np.int64)
         check_array("iou", self.iou, (len(self.iou),), np.float32)
@@ -199,6 +206,8 @@ class Detections:
     cameras: Mapping[str, Boxes2D]
     placed: Boxes3D | None = None
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypotheses:
@@ -215,6 +224,8 @@ class Hypotheses:
     matches: Mapping[str, Matches]
     lidar_count: int
     boxes_without_object: Mapping[str, int] = field(default_factory=dict)
+
+    __repr__ = brief
 
     @property
     def matched(self) -> I32:
@@ -240,6 +251,8 @@ class Fused:
     rows: I64
     left_out: Mapping[str, int] = field(default_factory=dict)
     tracks: Tracks | None = None
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         check_array("matched", self.matched, (len(self.objects),), np.int32)

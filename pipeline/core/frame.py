@@ -8,6 +8,7 @@ from typing import TypeVar
 import numpy as np
 
 from pipeline.core.arrays import F64
+from pipeline.core.brief import brief
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Detections, Fused, Hypotheses, Matches
 from pipeline.core.errors import FrameError
@@ -57,6 +58,8 @@ class SensorBundle:
     copied: tuple[RawMessage, ...] = ()
     truth: tuple[TrueBoxes, ...] = ()
 
+    __repr__ = brief
+
     @property
     def skew_ns(self) -> int:
         """Largest minus smallest stamp of the set; 0 of no messages."""
@@ -89,6 +92,8 @@ class Decoded(Mapping[str, T]):
     by_sensor: Mapping[str, T]
     drops: tuple[Drop, ...] = ()
     unused_boxes: Mapping[str, int] = field(default_factory=dict)
+
+    __repr__ = brief
 
     def __getitem__(self, sensor: str) -> T:
         return self.by_sensor[sensor]
@@ -134,6 +139,8 @@ class FrameResult:
     unused_boxes3d: Mapping[str, int] = field(default_factory=dict)
     ends: F64 | None = None
     odometry: OdometryPose | None = None
+
+    __repr__ = brief
 
     @property
     def matches(self) -> Mapping[str, Matches]:

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+from pipeline.core.brief import brief
+
 __all__ = ["MAX_TIME_NS", "Channel", "Drop", "RawMessage", "time_fault"]
 
 MAX_TIME_NS = 2**31 * 10**9 - 1
@@ -38,6 +40,8 @@ class Channel:
     distro: str = ""
     digest: str = ""
 
+    __repr__ = brief
+
 
 class RawMessage(NamedTuple):
     """One recorded message, undecoded.
@@ -60,6 +64,9 @@ class RawMessage(NamedTuple):
     channel: Channel
     problem: str = ""
     defects: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return brief(self)
 
     @property
     def topic(self) -> str:

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from pipeline.core.arrays import F32, F64, I64, check_array
+from pipeline.core.brief import brief
 from pipeline.core.camera import CameraModel
 from pipeline.core.errors import CalibrationError, FrameError
 from pipeline.core.geometry.polygons import first_polygon_with
@@ -52,6 +53,8 @@ class LidarSensor:
     T_site_lidar: Transform
     time_offset_ns: int = 0
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraSensor:
@@ -72,6 +75,8 @@ class CameraSensor:
     model: CameraModel
     T_camera_site: Transform
     time_offset_ns: int = 0
+
+    __repr__ = brief
 
     def project_boxes(self, corners_site: F64, frame_id: str) -> F32:
         """Upright rectangles around boxes in this camera's image, clipped to it.
@@ -186,6 +191,8 @@ class Rig:
     ground_height_m: float | None = None
     truth: Mapping[str, TruthVehicle] = field(default_factory=dict)
     detectors: tuple[RecordedDetector, ...] = ()
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         if len(self.lidars) > MAX_LIDARS:

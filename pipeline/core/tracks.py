@@ -6,6 +6,7 @@ from typing import Self
 import numpy as np
 
 from pipeline.core.arrays import F64, I64, Bools, Table, check_array
+from pipeline.core.brief import brief
 
 __all__ = ["NO_TRACK", "Tracks"]
 
@@ -36,6 +37,8 @@ class Tracks(Table):
     existence: F64
     ages_s: F64
     fronts_known: Bools
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         n = len(self.ids)

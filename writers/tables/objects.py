@@ -18,6 +18,9 @@ __all__ = ["Objects"]
 MAX_SHOWN = 10
 """Rows that the text form shows."""
 
+SHOWN_COLUMNS = ("frame", "track", "class", "zone", "x_m", "y_m", "yaw_rad", "speed_m_s", "score")
+"""Columns that it shows: what fits a terminal of 80 columns."""
+
 ARRAYS: dict[str, tuple[tuple[int, ...], type[np.generic]]] = {
     "frames": ((), np.int64),
     "stamps_ns": ((), np.int64),
@@ -146,6 +149,11 @@ class Objects:
         return select_rows(self, rows)
 
     @property
+    def classes(self) -> Array:
+        """(N,) str, the name of each object's class."""
+        return np.array(self.class_names, np.str_)[self.class_ids]
+
+    @property
     def speeds(self) -> F64:
         """(N,) over the ground, m/s; NaN where an object belongs to no track."""
         return np.hypot(self.velocities[:, 0], self.velocities[:, 1])
@@ -164,7 +172,7 @@ class Objects:
             "frame": self.frames,
             "stamp_ns": self.stamps_ns,
             "track": self.tracks,
-            "class": np.array(self.class_names, np.str_)[self.class_ids],
+            "class": self.classes,
             "zone": np.array(self.zone_names, np.str_)[self.zones],
             "score": self.scores,
             "x_m": x,
@@ -211,8 +219,8 @@ class Objects:
         head = f"{len(self)} objects, site frame {self.frame_id!r}"
         if not len(self):
             return head
-        shown = {name: column[:MAX_SHOWN] for name, column in self.columns.items()}
-        texts = [[name, *(_text(value) for value in column)] for name, column in shown.items()]
+        columns = self.columns
+        texts = [[name, *(_text(value) for value in columns[name][:MAX_SHOWN])] for name in SHOWN_COLUMNS]
         widths = [max(map(len, column)) for column in texts]
         lines = [
             "  ".join(text.rjust(w) for text, w in zip(row, widths, strict=True)) for row in zip(*texts, strict=True)
@@ -229,4 +237,4 @@ def _library(name: str) -> Any:
 
 
 def _text(value: Any) -> str:
-    return f"{value:.3f}" if isinstance(value, float | np.floating) else str(value)
+    return f"{value:.2f}" if isinstance(value, float | np.floating) else str(value)

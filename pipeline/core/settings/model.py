@@ -53,6 +53,12 @@ class SettingsModel(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
+    def __repr__(self) -> str:
+        """What differs from the defaults."""
+        return f"{type(self).__name__}({self.model_dump(exclude_defaults=True)})"
+
+    __str__ = __repr__
+
     @field_validator("*")
     @classmethod
     def _number_is_usable(cls, value: Any) -> Any:
