@@ -8,6 +8,7 @@ import resource
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import BinaryIO
 
@@ -22,6 +23,7 @@ from readers.files.sqlite.pages import journals_of
 from readers.files.temporary import remove_abandoned
 from readers.input_file import OpenedFile
 from readers.location import Location, RemotePath
+from readers.messages.registry import types_of
 from readers.recording import (
     DEFAULT_READ_OPTIONS,
     Closing,
@@ -43,6 +45,9 @@ ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 DESCRIPTORS, OTHER_DESCRIPTORS = 3, 256
 """Open at once for a file of a recording (a database that was unpacked), and for all else."""
 
+LONGEST_OVERLAP_NS = 500_000_000
+"""Recorders write messages that are still on their way to the next part."""
+
 EXPECTED = (
     "a ROS 1 .bag (format 2.0), a ROS 2 .mcap or .db3 file, a ROS 2 bag folder, a .pcap or .pcapng capture, or an "
     "evaluation folder of the predecessor system (pcd/0.txt, ...)"
@@ -60,7 +65,7 @@ def open_recording(paths: Sequence[Location], options: ReadOptions = DEFAULT_REA
 
     Raises:
         RecordingError: a path is not a recording, contains nothing that can be read, or is given twice, or ROS 1 and
-            ROS 2 files are mixed. No file stays open then.
+            ROS 2 files, or two recordings of the same time, are mixed. No file stays open then.
     """
     if not paths:
         raise RecordingError(f"expected {EXPECTED}, got no path")
@@ -88,6 +93,7 @@ def open_recording(paths: Sequence[Location], options: ReadOptions = DEFAULT_REA
                     f"expected the files of one recording, found {of_ros[0].ros_version} ({of_ros[0].path}) and "
                     f"{file.ros_version} ({file.path}); process them one by one"
                 )
+        _check_follow_one_another(opened)
         recording = _FilesRecording(tuple(opened), originals, stack.pop_all(), unlisted)
     if len(recording.topics) > options.limits.max_topics:
         recording.close()
@@ -96,6 +102,25 @@ def open_recording(paths: Sequence[Location], options: ReadOptions = DEFAULT_REA
             f"{options.limits.max_topics}: raise limits.max_topics"
         )
     return recording
+
+
+def _check_follow_one_another(files: Sequence[RecordingFile]) -> None:
+    """Parts of a recording follow one another, or hold other sensors.
+
+    Raises:
+        RecordingError: two files have the same lidar or camera over the same time: they are two recordings.
+    """
+    kinds = types_of("cloud") | types_of("image")
+    sensors = [{info.topic for info in file.topics if info.msgtype in kinds and info.message_count} for file in files]
+    for (one, its_topics), (other, others_topics) in combinations(zip(files, sensors, strict=True), 2):
+        shared = sorted(its_topics & others_topics)
+        overlap_ns = min(one.end_ns, other.end_ns) - max(one.start_ns, other.start_ns)
+        shorter_ns = min(one.end_ns - one.start_ns, other.end_ns - other.start_ns)
+        if shared and overlap_ns > max(LONGEST_OVERLAP_NS, shorter_ns // 2):
+            raise RecordingError(
+                f"expected the parts of one recording, found two recordings of the same time: {one.path} and "
+                f"{other.path} both hold {shared[0]} over the same {overlap_ns / 1e9:.1f} s; process them one by one"
+            )
 
 
 class _LostFile:

@@ -263,6 +263,23 @@ def test_the_same_file_twice(tmp_path: Path) -> None:
         assert_refused([folder / "rec.mcap", other], "given twice")
 
 
+def test_two_recordings_of_the_same_time(tmp_path: Path) -> None:
+    """Parts may overlap by what was on its way when one ended, and by any time where they hold other sensors."""
+
+    def part(name: str, start_s: float, topic: str = "/image") -> Path:
+        path, first_ns = tmp_path / f"{name}.mcap", T0 + round(start_s * 1e9)
+        stamps_ns = range(first_ns, first_ns + 2 * 10**9 + 1, 10**8)
+        pixels = np.zeros((4, 6, 3), np.uint8)
+        write_mcap(path, [raw(topic, "sensor_msgs/msg/Image", image(pixels, stamp_ns=at), at) for at in stamps_ns])
+        return path
+
+    first = part("first", 0.0)
+    assert_refused([first, part("again", 0.3)], "first.mcap", "again.mcap both hold /image over the same 1.7 s")
+    for other in (part("next", 1.6), part("other", 0.3, topic="/other"), part("later", 90.0)):
+        with open_recording([first, other]) as recording:
+            assert recording.message_count == 42
+
+
 def test_damage_in_the_middle_says_how_far_it_got(tmp_path: Path) -> None:
     messages = drive("cdr", 60)
     path = write(tmp_path, "mcap-zstd", messages)
