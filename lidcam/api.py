@@ -20,7 +20,6 @@ from lidcam.run import RunObserver, process_recording
 from lidcam.run import iter_frames as frames_of
 from lidcam.settings.choice import UsedSettings, choose_settings
 from lidcam.summary import RunProgress
-from pipeline.core.brief import brief
 from pipeline.core.clouds import CombinedCloud, PointCloud
 from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Matches
 from pipeline.core.errors import (
@@ -38,6 +37,7 @@ from pipeline.core.messages import RawMessage
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import load_config
+from pipeline.core.text import brief
 from readers import open as containers
 from readers.recording import Loss, Recording
 from readers.rig.rig_file import load_rig

@@ -13,10 +13,10 @@ from lidcam.frames import TimeWindow
 from lidcam.job import RigSource, read_rig
 from lidcam.report import loss_records
 from lidcam.settings.choice import SettingsChoice, UsedSettings, use_settings, used_record
-from pipeline.core.brief import brief
 from pipeline.core.errors import CalibrationError, RecordingError, short_memory_told
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
+from pipeline.core.text import brief
 from readers.location import Location, RemotePath
 from readers.open import open_recording
 from readers.recording import Loss, ReadOptions, Recording

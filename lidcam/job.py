@@ -10,10 +10,10 @@ from typing import TypedDict, get_args
 
 from lidcam.settings.choice import SettingsChoice, choose_settings
 from lidcam.settings.effect import named_files
-from pipeline.core.brief import brief
 from pipeline.core.errors import CalibrationError, ConfigError, OutputError
 from pipeline.core.settings.bundled import bundled, preset_or_file
 from pipeline.core.settings.config import Config
+from pipeline.core.text import brief
 from readers.location import Location, RemotePath, location
 from readers.rig.merge import merge_rigs
 from readers.rig.rig_file import load_rig

@@ -11,8 +11,8 @@ from lidcam.checks.missing import MissingSensor
 from lidcam.checks.warning import RunWarning
 from lidcam.road_users import RoadUsers
 from lidcam.settings.choice import UsedSettings
-from pipeline.core.brief import brief
 from pipeline.core.rig import Rig
+from pipeline.core.text import brief
 from readers.input_file import InputFile
 from readers.messages.tf import TF_TYPES
 from readers.recording import Loss, Recording

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from lidcam.settings.scene import SceneSize, judge, measure_scene, scene_text
-from pipeline.core.brief import brief
 from pipeline.core.settings.bundled import PRESETS
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import load_config
+from pipeline.core.text import brief
 from readers.recording import Recording
 from readers.rig.discovery import Discovery
 from readers.rig.schema import RigFile

@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from pipeline.core.arrays import F32, F64, I32, I64, U8, Rows, check_array, join_rows, select_rows
-from pipeline.core.brief import brief
+from pipeline.core.text import brief
 from pipeline.core.tracks import Tracks
 
 __all__ = [

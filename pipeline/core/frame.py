@@ -8,7 +8,6 @@ from typing import TypeVar
 import numpy as np
 
 from pipeline.core.arrays import F64
-from pipeline.core.brief import brief
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Detections, Fused, Hypotheses, Matches
 from pipeline.core.errors import FrameError
@@ -17,6 +16,7 @@ from pipeline.core.geometry.poses import interpolate_poses
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.rig import CameraSensor
 from pipeline.core.settings.combine import MotionConfig
+from pipeline.core.text import brief
 from pipeline.core.true_boxes import TrueBoxes
 
 __all__ = ["Decoded", "FrameResult", "Missing", "SensorBundle", "own_motion"]

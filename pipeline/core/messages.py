@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from pipeline.core.brief import brief
+from pipeline.core.text import brief
 
 __all__ = ["MAX_TIME_NS", "Channel", "Drop", "RawMessage", "time_fault"]
 

@@ -7,11 +7,11 @@ from typing import Literal
 import numpy as np
 
 from pipeline.core.arrays import F32, F64, I64, check_array
-from pipeline.core.brief import brief
 from pipeline.core.camera import CameraModel
 from pipeline.core.errors import CalibrationError, FrameError
 from pipeline.core.geometry.polygons import first_polygon_with
 from pipeline.core.geometry.transform import Transform
+from pipeline.core.text import brief
 
 __all__ = [
     "BOXES_SUFFIX",

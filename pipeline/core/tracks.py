@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 
 from pipeline.core.arrays import F64, I64, Bools, Table, check_array
-from pipeline.core.brief import brief
+from pipeline.core.text import brief
 
 __all__ = ["NO_TRACK", "Tracks"]
 
