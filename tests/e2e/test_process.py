@@ -115,7 +115,7 @@ def test_every_car_has_a_cloud_within_its_box(whole: Path) -> None:
     folder = whole.with_name("clouds")
     assert sorted(path.name for path in folder.iterdir()) == [f"track_{track:04d}_car.pcd" for track in sorted(sizes)]
     for track, size_m in sizes.items():
-        found = o3d.io.read_point_cloud(str(folder / f"track_{track:04d}_car.pcd"))
+        found = o3d.io.read_point_cloud(folder / f"track_{track:04d}_car.pcd")
         xyz = np.asarray(found.points)
         assert len(xyz) > 500
         assert (np.abs(xyz) <= 1.1001 * np.array(size_m) / 2).all()
