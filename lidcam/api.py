@@ -139,8 +139,8 @@ def process(
 
     Args:
         recording: Path or URL; several for a recording that was split, in their order.
-        output: File to write, or several: .mcap, .rrd (Rerun), .csv or .parquet (a table of the objects); None writes
-            none.
+        output: File to write, or several: .mcap, .rrd (Rerun), .csv or .parquet (a table of the objects), a name
+            without ending (a folder of the clouds of objects); None writes none.
         on_frame: Called with each frame, in order, when its tracks are known.
         **options: `config`, `settings`, `rig`, `model_2d`, `workers`, `start_s`, `duration_s`, `on_bad_message`,
             `overwrite`, as `JobOptions` explains them.

@@ -63,11 +63,12 @@ def duration(value: float | None) -> float | None:
 
 
 def ends_in(*endings: str) -> Callable[[Path | None], Path | None]:
-    """A check of an option: its file has a name with one of these endings."""
+    """A check of an option: its file has a name with one of these endings; with "", a folder's name without ending."""
 
     def check(value: Path | None) -> Path | None:
         if value is not None and value.suffix not in endings:
-            raise typer.BadParameter(f"expected a name that ends in {' or '.join(endings)}, found {value}")
+            what = f"ends in {' or '.join(endings)}" if any(endings) else "has no ending, for a folder"
+            raise typer.BadParameter(f"expected a name that {what}, found {value}")
         return value
 
     return check

@@ -81,6 +81,14 @@ def process(
             help="Also write a table of the objects, one row per object and frame.",
         ),
     ] = None,
+    objects_clouds: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            callback=ends_in(""),
+            help="Also write the points of each object, gathered over its track, as a PCD file into this folder.",
+        ),
+    ] = None,
     model_2d: Annotated[
         Path | None,
         typer.Option("--model-2d", metavar="FILE.onnx", help="2D detector (ONNX)."),
@@ -178,7 +186,7 @@ def process(
             required = read_requirements(requirements)
         job = make_job(
             inputs,
-            [output, *(path for path in (rerun, objects) if path is not None)],
+            [output, *(path for path in (rerun, objects, objects_clouds) if path is not None)],
             config=config_file,
             settings=settings or (),
             rig=rig_files,

@@ -18,6 +18,7 @@ from rosbags.rosbag1 import Reader
 from pipeline.core.errors import OutputError
 from pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
 from readers.location import Location
+from writers.clouds.pcd import PCD_HEAD
 from writers.outputs import marks
 from writers.outputs.errors import output_errors
 from writers.outputs.marks import is_unchanged_text
@@ -32,6 +33,7 @@ __all__ = [
     "Replaceable",
     "check_no_input",
     "check_replaced",
+    "is_marked_clouds",
     "is_marked_csv",
     "is_marked_mcap",
     "is_marked_parquet",
@@ -118,6 +120,13 @@ def is_marked_parquet(path: Path) -> bool:
     return tail.endswith(b"PAR1") and marks.OBJECTS.encode() in tail[-8 - int.from_bytes(tail[-8:-4], "little") :]
 
 
+def is_marked_clouds(path: Path) -> bool:
+    """Whether a folder has clouds of objects and nothing else, or nothing at all."""
+    return path.is_dir() and all(
+        not file.is_symlink() and _head(file, HEAD_BYTES).startswith(PCD_HEAD.encode()) for file in path.iterdir()
+    )
+
+
 def _is_simulated(path: Path) -> bool:
     """Whether a file or folder is a recording of the simulator that nobody has added something to."""
     if is_marked_mcap(path, marks.SIMULATED):
@@ -150,10 +159,12 @@ class Replaceable:
     Attributes:
         is_own: Whether the command wrote the file or folder that stands at a path.
         otherwise: Error message for a file that it did not write.
+        only_own: Whether --overwrite does not replace others either: a folder may hold anything.
     """
 
     is_own: Callable[[Path], bool]
     otherwise: str
+    only_own: bool = False
 
 
 TEXT = Replaceable(
@@ -172,9 +183,11 @@ def check_replaced(replaceable: Callable[[Path], Replaceable], *, overwrite: boo
 
     def check(path: Path) -> None:
         with output_errors(path):
+            allowed = replaceable(path)
+            if allowed.only_own and not allowed.is_own(path):
+                raise OutputError(f"{path}: {allowed.otherwise}; choose another name")
             if overwrite:
                 return
-            allowed = replaceable(path)
             if not allowed.is_own(path):
                 raise OutputError(f"{path}: {allowed.otherwise}; choose another name, or replace it with --overwrite")
             if not os.access(path, os.W_OK):

@@ -6,10 +6,12 @@ from functools import partial
 from pathlib import Path
 
 from lidcam.frames import RunInput
-from lidcam.outputs.allowed import is_marked_csv, is_marked_mcap, is_marked_parquet, is_marked_rrd
+from lidcam.outputs.allowed import is_marked_clouds, is_marked_csv, is_marked_mcap, is_marked_parquet, is_marked_rrd
+from pipeline.core.errors import ConfigError
 from pipeline.core.settings.config import Config
 from readers.messages.image import decode_any_image
 from writers.base import ResultWriter
+from writers.clouds.writer import ObjectCloudsWriter
 from writers.foxglove.layout import layout_path
 from writers.mcap.writer import McapResultWriter
 from writers.outputs.marks import RESULT
@@ -32,6 +34,7 @@ class OutputKind:
         viewer: Name of the viewer that opens it, for the last lines of a run.
         how_to_open: Gives the instruction to open it, from the paths of the output and of the texts beside it.
         beside: The texts that the writer writes beside it, by its path and the settings.
+        is_folder: Whether it is a folder.
     """
 
     open: Callable[[Path, OutputTransaction, RunInput, Provenance], ResultWriter]
@@ -39,6 +42,7 @@ class OutputKind:
     viewer: str
     how_to_open: Callable[[Path, tuple[Path, ...]], str]
     beside: Callable[[Path, Config], tuple[Path, ...]] = lambda _path, _config: ()
+    is_folder: bool = False
 
 
 def _mcap(path: Path, outputs: OutputTransaction, source: RunInput, provenance: Provenance) -> ResultWriter:
@@ -71,6 +75,12 @@ def _parquet(path: Path, outputs: OutputTransaction, source: RunInput, provenanc
     return ParquetObjectsWriter(outputs[path], source.rig, source.config.object_names, provenance)
 
 
+def _clouds(path: Path, outputs: OutputTransaction, source: RunInput, _: Provenance) -> ResultWriter:
+    if source.config.track.mode == "none":
+        raise ConfigError(f"{path}: clouds of objects need tracks: expected track.mode offline or online, found none")
+    return ObjectCloudsWriter(outputs[path], source.config.object_names, source.config.output)
+
+
 OUTPUTS: dict[str, OutputKind] = {
     ".mcap": OutputKind(_mcap, partial(is_marked_mcap, mark=RESULT), "Foxglove", _open_mcap, _layout),
     ".rrd": OutputKind(_rrd, is_marked_rrd, "Rerun", lambda path, _: f"rerun {path}"),
@@ -81,5 +91,12 @@ OUTPUTS: dict[str, OutputKind] = {
         "Parquet",
         lambda path, _: f"open {path} with pandas.read_parquet, polars or DuckDB",
     ),
+    "": OutputKind(
+        _clouds,
+        is_marked_clouds,
+        "Clouds",
+        lambda path, _: f"open the .pcd in {path} with CloudCompare, or open3d.t.io.read_point_cloud",
+        is_folder=True,
+    ),
 }
-"""By the ending of their names."""
+"""By the ending of their names; a folder has none."""

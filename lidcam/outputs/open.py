@@ -30,13 +30,16 @@ def open_outputs(job: Job) -> OutputTransaction:
     known: dict[str, Path] = {}
     for output in job.outputs:
         if output.suffix not in OUTPUTS:
-            raise OutputError(f"{output}: expected a name that ends in {' or '.join(OUTPUTS)}")
+            endings = " or ".join(filter(None, OUTPUTS))
+            raise OutputError(f"{output}: expected a name that ends in {endings}, or without ending for a folder")
         if other := known.get(output.suffix):
             raise OutputError(f"{output}: expected one output of a kind, found {other}, too; choose one of them")
         known[output.suffix] = output
     files = written_files(job)
     check_no_input(files, (*job.inputs, *job.read_files))
-    return OutputTransaction(files, check_old=check_replaced(partial(_replaceable, job), overwrite=job.overwrite))
+    folders = [path for path in job.outputs if OUTPUTS[path.suffix].is_folder]
+    check_old = check_replaced(partial(_replaceable, job), overwrite=job.overwrite)
+    return OutputTransaction(files, folders=folders, check_old=check_old)
 
 
 def written_files(job: Job) -> tuple[Path, ...]:
@@ -54,8 +57,11 @@ def how_to_open(job: Job) -> dict[str, str]:
 def _replaceable(job: Job, path: Path) -> Replaceable:
     if path not in job.outputs:
         return TEXT
+    kind = OUTPUTS[path.suffix]
+    if kind.is_folder:
+        return Replaceable(kind.is_result, "exists and holds more than the clouds of an earlier run", only_own=True)
     return Replaceable(
-        OUTPUTS[path.suffix].is_result,
+        kind.is_result,
         "exists and is no result of an earlier run (a recording? the output comes last)",
     )
 

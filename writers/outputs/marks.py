@@ -14,6 +14,7 @@ __all__ = [
     "LIBRARY",
     "MERGED",
     "OBJECTS",
+    "OBJECT_CLOUD",
     "REPAIRED",
     "RESULT",
     "SIMULATED",
@@ -40,6 +41,9 @@ APPLICATION = "lidcam"
 
 OBJECTS = "lidcam.objects"
 """Key in the metadata of a Parquet table of objects."""
+
+OBJECT_CLOUD = "lidcam.object_cloud"
+"""Begins the comment in the header of the cloud of an object."""
 
 BAG_CALLER = "/lidcam_simulator"
 """The node that publishes all topics of a simulated ROS 1 bag."""

@@ -26,11 +26,13 @@ OWN = {
     "rrd": OUTPUTS[".rrd"].is_result,
     "csv": OUTPUTS[".csv"].is_result,
     "parquet": OUTPUTS[".parquet"].is_result,
+    "clouds": OUTPUTS[""].is_result,
     "repaired": REPAIRED.is_own,
     "merged": MERGED.is_own,
     "simulated": SIMULATED.is_own,
     "text": TEXT.is_own,
 }
+PCD = b"# .PCD v0.7 - Point Cloud Data file format\n# lidcam.object_cloud {}\n"
 REFUSED = "choose another name, or replace it with --overwrite"
 
 
@@ -72,7 +74,8 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_rosbag1(folder / "rec.bag", [raw("/a", "std_msgs/msg/String", {"data": "x"}, 1, encoding="ros1")])
     write_rosbag2(folder / "rec", clouds())
     outputs = [folder / f"out.{kind}" for kind in ("mcap", "rrd", "csv", "parquet")]
-    lidcam.process(folder / "rec.mcap", outputs)
+    lidcam.process(folder / "rec.mcap", [*outputs, folder / "out"])
+    (folder / "out" / "track_0001_car.pcd").write_bytes(PCD)
     inspect(folder / "rec.mcap", repair=folder / "repaired.mcap", write_rig=folder / "rig.yaml")
     for name, format in (("sim.bag", "ros1"), ("sim", "sqlite3"), ("sim.mcap", "mcap")):
         simulate(folder / name, format)  # type: ignore[arg-type]
@@ -86,6 +89,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("out.rrd", "rrd"),
         ("out.csv", "csv"),
         ("out.parquet", "parquet"),
+        ("out", "clouds"),
         ("out.foxglove.json", "text"),
         ("repaired.mcap", "repaired"),
         ("rig.yaml", "text"),
@@ -130,7 +134,7 @@ def test_what_only_looks_like_it_is_not_lidcam_s(results: Path, tmp_path: Path) 
     (tmp_path / "sim" / "sim.db3-wal").touch()
     assert recognised(tmp_path / "sim") == []
     (tmp_path / "empty").mkdir()
-    assert recognised(tmp_path / "empty") == []
+    assert recognised(tmp_path / "empty") == ["clouds"]  # nothing is lost with it
     for library in ("lidcam", "another"):
         with (tmp_path / library).open("wb") as file:
             writer = Writer(file)
@@ -227,3 +231,28 @@ def test_what_a_killed_run_left_can_be_repaired_and_is_not_removed(tmp_path: Pat
     with pytest.raises(OutputError, match="what a killed run has left of this output; move it elsewhere"):
         inspect(left, repair=tmp_path / "other.mcap")
     assert left.read_bytes() == before
+
+
+@pytest.mark.parametrize("foreign", ["notes.txt", "folder", "link.pcd", "other.pcd"])
+def test_a_folder_with_anything_else_is_never_replaced(results: Path, tmp_path: Path, foreign: str) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(results / "out", out)
+    lidcam.process(results / "rec.mcap", out)
+    assert [*out.iterdir()] == []
+    (out / "track_0001_car.pcd").write_bytes(PCD)
+    if foreign == "folder":
+        (out / foreign).mkdir()
+    elif foreign == "link.pcd":
+        (out / foreign).symlink_to("track_0001_car.pcd")
+    else:
+        (out / foreign).write_bytes(PCD[:50])
+    for overwrite in (False, True):
+        with pytest.raises(OutputError, match=r"holds more than the clouds of an earlier run; choose another name$"):
+            lidcam.process(results / "rec.mcap", out, overwrite=overwrite)
+    assert {path.name for path in out.iterdir()} == {"track_0001_car.pcd", foreign}
+
+
+def test_clouds_of_objects_need_tracks(results: Path, tmp_path: Path) -> None:
+    with pytest.raises(lidcam.ConfigError, match="out: clouds of objects need tracks"):
+        lidcam.process(results / "rec.mcap", tmp_path / "out", settings={"track.mode": "none"})
+    assert [*tmp_path.iterdir()] == []

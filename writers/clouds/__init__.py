@@ -1,0 +1,1 @@
+"""Clouds of tracked objects, one file each."""
