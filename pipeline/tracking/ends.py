@@ -1,10 +1,13 @@
 """The ends of objects: how far their points reach, for the length of their tracks."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from pipeline.core.arrays import F64
 from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Boxes3D, Fused
+from pipeline.core.detections import Fused
+from pipeline.core.geometry.regions import points_in_footprints
 
 __all__ = ["find_ends"]
 
@@ -26,27 +29,20 @@ def find_ends(fused: Fused, combined: CombinedCloud) -> F64:
     Of each x, y in the site frame and seconds after the cloud's stamp; NaN where it has too few points.
     """
     objects, cloud = fused.objects, combined.detection_cloud
+    sizes = objects.sizes * (2 * np.array(AROUND_SHARE))
+    sizes[:, 0] += 2 * BEYOND_SHARE * objects.sizes[:, 1]
+    rows, box = points_in_footprints(cloud.xyz, objects.centers[:, :2], sizes[:, :2], objects.yaws)
+    away = cloud.xyz.take(rows, 0) - objects.centers.take(box, 0)
+    level = np.abs(away[:, 2]) < (sizes[:, 2] / 2).take(box)
+    rows, box, away = rows[level], box[level], away[level]
+    along = away[:, 0] * np.cos(objects.yaws).take(box) + away[:, 1] * np.sin(objects.yaws).take(box)
+    bounds = np.searchsorted(box, np.arange(len(objects) + 1))
     ends = np.full((len(objects), 2, 3), np.nan)
-    for row in range(len(objects)):
-        ends[row] = _ends(objects, row, cloud.xyz, cloud.time_offset_ns)
+    for index, (first, last) in enumerate(pairwise(bounds.tolist())):
+        count = last - first
+        if count >= FEWEST_POINTS:
+            stray = int(STRAY_SHARE * count)
+            places, of_object = [count - 1 - stray, stray], along[first:last]
+            found = rows[first + (of_object == np.partition(of_object, places)[places, None]).argmax(1)]
+            ends[index, :, :2], ends[index, :, 2] = cloud.xyz[found, :2], cloud.time_offset_ns[found] / 1e9
     return ends
-
-
-def _ends(objects: Boxes3D, row: int, xyz: np.ndarray, time_offset_ns: np.ndarray) -> F64:
-    center, size, yaw = objects.centers[row], objects.sizes[row], objects.yaws[row]
-    reach = np.hypot(*(AROUND_SHARE[axis] * size[axis] for axis in (0, 1))) + BEYOND_SHARE * size[1]
-    low, high = (center[:2] - reach).astype(np.float32), (center[:2] + reach).astype(np.float32)
-    x, y = xyz[:, 0], xyz[:, 1]
-    near = np.flatnonzero((x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1]))
-    away = xyz[near].astype(np.float64) - center
-    along = away[:, 0] * np.cos(yaw) + away[:, 1] * np.sin(yaw)
-    across = away[:, 1] * np.cos(yaw) - away[:, 0] * np.sin(yaw)
-    inside = np.abs(along) < AROUND_SHARE[0] * size[0] + BEYOND_SHARE * size[1]
-    inside &= (np.abs(across) < AROUND_SHARE[1] * size[1]) & (np.abs(away[:, 2]) < AROUND_SHARE[2] * size[2])
-    points = near[inside]
-    if len(points) < FEWEST_POINTS:
-        return np.full((2, 3), np.nan)
-    order = points[np.argsort(along[inside], kind="stable")]
-    stray = int(STRAY_SHARE * len(order))
-    ends = order[[len(order) - 1 - stray, stray]]
-    return np.column_stack([xyz[ends, :2], time_offset_ns[ends] / 1e9]).astype(np.float64)
