@@ -22,20 +22,30 @@ if TYPE_CHECKING:
 
 __all__ = ["FindOdometry"]
 
-VOXELS_PER_EXTENT = 20
-"""The extent of a cloud (median distance of its points from their middle) in voxels: 0.3 m on roads, 8 cm in models."""
+UNITS_PER_EXTENT = 20
+"""The extent of a cloud (median distance of its points from their middle) in units: 0.3 m on roads, 8 cm in models.
+Distances below are in units."""
+
+VOXEL = 1.5
+"""Size of the voxels in which points become one. With one unit, poses are no more exact and take twice the time."""
+
+MOST_POINTS = 60_000
+"""Of a cloud with more, every second point is used, or every n-th."""
+
+PRECISION = 0.01
+"""Registration ends where a step is shorter."""
 
 MIN_POINTS = 200
-"""Voxels with fewer cannot be registered."""
+"""Clouds with fewer, of voxels, cannot be registered."""
 
 NEAR, FAR = 4, 16
-"""Largest distance of points that may correspond, in voxels: where the motion is about known, and where it is not."""
+"""Largest distance of points that may correspond: where the motion is about known, and where it is not."""
 
 KEY_DISTANCE = 4
-"""Distance between key frames, in voxels."""
+"""Distance between key frames."""
 
 LEAST_MOTION = 1.0
-"""The rig moves if it has gone so far, in voxels, and ..."""
+"""The rig moves if it has gone so far, and ..."""
 
 BETTER = 1.1
 """... if the cloud fits so much worse where the rig would have stood still ..."""
@@ -86,7 +96,7 @@ class FindOdometry:
         self._state, self._since_ns, self._times = _State.UNKNOWN, 0, 0
         self._key: _Scan | None = None
         self._next: _Scan | None = None
-        self._extent_m = self._voxel_m = 0.0
+        self._extent_m = self._unit_m = 0.0
         self._pose, self._step = np.eye(4), np.eye(4)
         self._stamp_ns, self._step_ns = 0, 0  # of 0: the velocity is not known
         self._usual: float | None = None
@@ -118,15 +128,16 @@ class FindOdometry:
             return
         xy = xyz[:, :2].astype(np.float64)
         self._extent_m = float(np.median(np.linalg.norm(xy - np.median(xy, axis=0), axis=1)))
-        self._voxel_m = self._extent_m / VOXELS_PER_EXTENT
-        scan = self._scan(xyz, np.eye(4)) if self._voxel_m > 0 else None
+        self._unit_m = self._extent_m / UNITS_PER_EXTENT
+        scan = self._scan(xyz, np.eye(4)) if self._unit_m > 0 else None
         self._key = self._next = scan
         self._since_ns = self._stamp_ns = stamp_ns
 
     def _scan(self, xyz: Any, T_fixed_site: F64) -> _Scan | None:
         from small_gicp import preprocess_points
 
-        points, tree = preprocess_points(xyz.astype(np.float64), self._voxel_m, num_neighbors=10, num_threads=1)
+        thinned = xyz[:: len(xyz) // MOST_POINTS + 1].astype(np.float64)
+        points, tree = preprocess_points(thinned, VOXEL * self._unit_m, num_neighbors=10, num_threads=1)
         return _Scan(T_fixed_site, points, tree) if points.size() >= MIN_POINTS else None
 
     def _guess(self, stamp_ns: int) -> F64:
@@ -167,17 +178,17 @@ class FindOdometry:
             scan.points,
             self._key.tree,
             T_key_site,
-            max_correspondence_distance=reach * self._voxel_m,
+            max_correspondence_distance=reach * self._unit_m,
             max_iterations=30,
             rotation_epsilon=1e-4,
-            translation_epsilon=1e-3 * self._voxel_m,
+            translation_epsilon=PRECISION * self._unit_m,
             num_threads=1,
         )
 
     def _has_moved(self, scan: _Scan | None, stamp_ns: int) -> bool:
         """Whether the rig has left the place where it stood so far; says so of single frames, too."""
         has_moved = False
-        if scan is not None and self._gone_m(scan.T_fixed_site) > LEAST_MOTION * self._voxel_m:
+        if scan is not None and self._gone_m(scan.T_fixed_site) > LEAST_MOTION * self._unit_m:
             xyz = scan.points.points()[:, :3]
             has_moved = self._misfit(xyz, np.eye(4)) > BETTER * self._misfit(xyz, scan.T_fixed_site)
         self._times = self._times + 1 if has_moved else 0
@@ -208,13 +219,13 @@ class FindOdometry:
         return True
 
     def _misfit(self, xyz_site: F64, T_key_site: F64) -> float:
-        """Mean squared distance from the surfaces of the key frame, in voxels; one voxel at most."""
+        """Mean squared distance from the surfaces of the key frame, in units; one unit at most."""
         assert self._key is not None
         xyz = xyz_site @ T_key_site[:3, :3].T + T_key_site[:3, 3]
         rows, squared = self._key.tree.batch_knn_search(xyz, 1)
-        row, near = np.asarray(rows).ravel().astype(np.intp), np.asarray(squared).ravel() < (3 * self._voxel_m) ** 2
+        row, near = np.asarray(rows).ravel().astype(np.intp), np.asarray(squared).ravel() < (3 * self._unit_m) ** 2
         normals, points = self._key.points.normals()[row, :3], self._key.points.points()[row, :3]
-        off = np.abs(np.einsum("ij,ij->i", xyz - points, normals)) / self._voxel_m
+        off = np.abs(np.einsum("ij,ij->i", xyz - points, normals)) / self._unit_m
         return float(np.mean(np.where(near, np.minimum(off, 1.0), 1.0) ** 2))
 
     def _gone_m(self, T: F64) -> float:
@@ -232,5 +243,5 @@ class FindOdometry:
         assert self._next is not None
         if not is_found:  # what is seen from here on is not seen in the key frame
             self._key = self._next = scan._replace(T_fixed_site=pose)
-        elif self._gone_m(np.linalg.inv(self._next.T_fixed_site) @ pose) >= KEY_DISTANCE * self._voxel_m:
+        elif self._gone_m(np.linalg.inv(self._next.T_fixed_site) @ pose) >= KEY_DISTANCE * self._unit_m:
             self._key, self._next = self._next, scan

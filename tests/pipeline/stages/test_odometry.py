@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.core.arrays import F64
 from pipeline.core.geometry.pose_samples import OdometryPose
-from pipeline.stages.odometry import FindOdometry
+from pipeline.stages.odometry import MOST_POINTS, FindOdometry
 
 PERIOD_NS = 100_000_000
 START_NS = 1_600_000_000_000_000_000
@@ -38,9 +38,17 @@ def at(x: float, y: float = 0.0, yaw_deg: float = 0.0) -> F64:
     return T
 
 
-def seen(T_world_site: F64, world: F64 = WORLD, *, seed: int = 0, more: F64 | None = None, scale: float = 1.0) -> F64:
+def seen(
+    T_world_site: F64,
+    world: F64 = WORLD,
+    *,
+    seed: int = 0,
+    more: F64 | None = None,
+    scale: float = 1.0,
+    density: float = 3.0,
+) -> F64:
     """What lies within 30 m of the rig, in its frame; `more` are points of the world."""
-    points = on_surfaces(world, 3.0, np.random.default_rng(seed))
+    points = on_surfaces(world, density, np.random.default_rng(seed))
     points = points if more is None else np.concatenate([points, more])
     site = (points - T_world_site[:3, 3]) @ T_world_site[:3, :3]
     return np.asarray(site[np.linalg.norm(site, axis=1) < 30] * scale)
@@ -87,6 +95,13 @@ def test_a_moving_rig_is_followed(course: Callable[[int], F64], scale: float) ->
     true = np.linalg.inv(truth[0]) @ truth[-1]
     turned = Rotation.from_matrix(last.T_fixed_site[:3, :3]).inv() * Rotation.from_matrix(true[:3, :3])
     assert np.degrees(turned.magnitude()) < 0.5
+
+
+def test_a_rig_with_dense_clouds_is_followed_by_a_part_of_their_points() -> None:
+    truth = [turning(i) for i in range(5)]
+    clouds = [seen(T, seed=i, density=40.0) for i, T in enumerate(truth)]
+    assert all(len(cloud) > MOST_POINTS for cloud in clouds)
+    assert (errors_m(found(clouds), truth)[2:] < 0.1).all()
 
 
 def test_a_standing_rig_stands_though_half_of_what_it_sees_moves() -> None:
