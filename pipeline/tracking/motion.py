@@ -157,7 +157,7 @@ def at_centers(motions: Motions, rear_m: F64) -> Motions:
     states = motions.states.copy()
     states[:, 0] += rear_m * cos
     states[:, 1] += rear_m * sin
-    slopes = np.tile(_IDENTITY, (len(states), 1, 1))
+    slopes = np.broadcast_to(_IDENTITY, (len(states), STATE, STATE)).copy()
     slopes[:, 0, HEADING], slopes[:, 1, HEADING] = -rear_m * sin, rear_m * cos
     return Motions(states, slopes @ motions.covariances @ slopes.swapaxes(1, 2))
 
@@ -175,7 +175,7 @@ def _turned(states: F64, after_s: F64) -> tuple[F64, F64]:
     later[:, 0] += speed * cos * after_s
     later[:, 1] += speed * sin * after_s
     later[:, HEADING] += states[:, TURN] * after_s
-    slopes = np.tile(_IDENTITY, (len(states), 1, 1))
+    slopes = np.broadcast_to(_IDENTITY, (len(states), STATE, STATE)).copy()
     slopes[:, 0, HEADING], slopes[:, 1, HEADING] = -speed * sin * after_s, speed * cos * after_s
     slopes[:, 0, SPEED], slopes[:, 1, SPEED] = cos * after_s, sin * after_s
     slopes[:, :2, TURN] = slopes[:, :2, HEADING] * (after_s / 2)[:, None]

@@ -179,14 +179,14 @@ class OnlineTracker:
         places, slopes = expected(motions, sightings.later_s[row], live.rear_m[track])
         spread = slopes @ motions.covariances @ slopes.swapaxes(1, 2) + noise[row]
         away = innovations(boxes[row], places)
-        of_place = spread[:, :2, :2]
-        far = (away[:, :2] * np.linalg.solve(of_place, away[:, :2, None])[..., 0]).sum(1)
+        x, y, xx, xy, yy = away[:, 0], away[:, 1], spread[:, 0, 0], spread[:, 0, 1], spread[:, 1, 1]
+        size = xx * yy - xy**2
+        far = (yy * x**2 - 2 * xy * x * y + xx * y**2) / size
         turned = np.minimum(away[:, 2] ** 2 / (spread[:, 2, 2] + HEADING_SIGMA_RAD**2), HEADING_MOST)
         turned[~self._priors.have_axis[sightings.class_ids[row]]] = 0.0
         shares = live.votes[tracks] / live.votes[tracks].sum(1, keepdims=True)
         of_class = SAME_CLASS * shares[:, sightings.class_ids[rows]] + OTHER_CLASS
-        size = np.log(np.linalg.det(of_place))
-        costs = far + HEADING_WEIGHT * turned + size - 2 * np.log(of_class.ravel())
+        costs = far + HEADING_WEIGHT * turned + np.log(size) - 2 * np.log(of_class.ravel())
         costs -= 2 * np.log(np.maximum(sightings.beliefs[row], 0.05))
         # What lies outside of the gate costs nothing and what lies within less: as many pairs as pay are made.
         worst = float(costs.max()) + gate
