@@ -24,7 +24,7 @@ from pipeline.tracking.motion import (
 from pipeline.tracking.sightings import FrameSightings, Sightings, measured
 from pipeline.tracking.smoothing import Cells, Courses, smoothed
 
-__all__ = ["Estimates", "Known", "Scene", "estimated", "quantiles"]
+__all__ = ["Estimates", "Known", "Scene", "estimated", "quantiles", "renumbered"]
 
 JUMP_SHARE = 0.03
 """As in `pipeline.tracking.online`; less, as the size of a track is settled."""
@@ -225,12 +225,20 @@ def estimated(scene: Scene, track_of: I64, priors: Priors, known: Known | None =
     return Estimates(courses, motions, cells.are_seen, sightings, cells.stand, votes, class_ids, sizes, fronts_known)
 
 
-def _hits(scene: Scene, track_of: I64) -> _Hits:
+def renumbered(track_of: I64) -> I64:
+    """(N,) track of each of N sightings, numbered from 0 by their first sightings; -1 stays."""
     rows = np.flatnonzero(track_of >= 0)
     _, first, number = np.unique(track_of[rows], return_index=True, return_inverse=True)
-    rank = np.empty(len(first), np.int64)
+    rank, out = np.empty(len(first), np.int64), np.full(len(track_of), -1, np.int64)
     rank[np.argsort(first)] = np.arange(len(first))
-    tracks = rank[number]
+    out[rows] = rank[number]
+    return out
+
+
+def _hits(scene: Scene, track_of: I64) -> _Hits:
+    track_of = renumbered(track_of)
+    rows = np.flatnonzero(track_of >= 0)
+    tracks = track_of[rows]
     order = np.argsort(tracks, kind="stable")
     rows, tracks = rows[order], tracks[order]
     starts = np.flatnonzero(first_of_runs(tracks)) if len(rows) else np.zeros(0, np.intp)

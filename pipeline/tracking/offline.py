@@ -15,7 +15,7 @@ import numpy as np
 from pipeline.core.arrays import F64, I64, Bools, first_of_runs
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.fusion.belief.odds import logit, probability
-from pipeline.tracking.estimates import Estimates, Known, Scene, estimated
+from pipeline.tracking.estimates import Estimates, Known, Scene, estimated, renumbered
 from pipeline.tracking.joining import joined_in_place, joined_over_gaps
 from pipeline.tracking.motion import HEADING, Priors
 from pipeline.tracking.online import OnlineTracker
@@ -83,12 +83,11 @@ class OfflineTracker:
             merged = join(estimates)
             if _any_joined(merged):
                 estimates = estimated(scene, _relabelled(scene, estimates, merged), self._priors)
-        estimates, known = self._refined(scene, estimates.labels(len(scene.frames)), estimates)
+        estimates, known = self._refined(scene, estimates.labels(len(scene.frames)))
         # With its whole length, one part of a long vehicle reaches into the other.
         merged = joined_in_place(estimates)
         if _any_joined(merged):
-            labels = _relabelled(scene, estimates, merged)
-            estimates, known = self._refined(scene, labels, estimated(scene, labels, self._priors))
+            estimates, known = self._refined(scene, renumbered(_relabelled(scene, estimates, merged)))
         existence = self._existence(scene, estimates, known)
         kept = existence >= self._least
         new = kept & (known.ids == 0)
@@ -98,9 +97,9 @@ class OfflineTracker:
         self._carry(scene, estimates, known, kept, until)
         return rows[given:until]
 
-    def _refined(self, scene: Scene, labels: I64, estimates: Estimates) -> tuple[Estimates, Known]:
+    def _refined(self, scene: Scene, labels: I64) -> tuple[Estimates, Known]:
         """Tracks with all that is known of them, and with the lengths that their ends show."""
-        known = self._known_of(scene, estimates)
+        known = self._known_of(labels)
         return estimated(scene, labels, self._priors, known), known
 
     def _associated(self) -> I64:
@@ -129,12 +128,16 @@ class OfflineTracker:
         doubts = np.where(known.ids > 0, 0, courses.firsts - begins) + ends - courses.lasts
         return (total + doubts * DOUBT_LOG_ODDS) / (frames + doubts)
 
-    def _known_of(self, scene: Scene, estimates: Estimates) -> Known:
-        """What is known of each track: that of the known track with which it has most sightings in common."""
-        count = len(estimates)
+    def _known_of(self, labels: I64) -> Known:
+        """What is known of each track: that of the known track with which it has most sightings in common.
+
+        Args:
+            labels: (N,) track of each sighting, numbered by their first sightings; -1 for none.
+        """
+        count = int(labels.max()) + 1
         known = Known.nothing(count, len(self._priors))
         before = self._known_ids
-        now = estimates.labels(len(scene.frames))[: len(before)]
+        now = labels[: len(before)]
         both = (before > 0) & (now >= 0)
         pairs, common = np.unique(np.stack([now[both], before[both]], 1), axis=0, return_counts=True)
         taken: set[int] = set()
