@@ -11,6 +11,7 @@ from typing import Self
 import numpy as np
 
 from pipeline.core.arrays import F64, I64, Bools, Indices, Table, first_of_runs, join_rows
+from pipeline.tracking.lanes import driven_paths, lane_directions
 from pipeline.tracking.motion import (
     HEADING,
     SPEED,
@@ -36,12 +37,15 @@ SHARED_ERROR = 0.5
 """Share of the variance of a measurement that all measurements of a track have in common, so that it stays."""
 
 FRONT_SHARE, STANDING_SHARE = 0.5, 0.3
-"""What moved by these shares of its length shows which end is its front; what moved by less gets the front that most of
-its boxes have."""
+"""What moved by these shares of its length shows which end is its front; what moved by less gets the direction of the
+lane beside it, or without one the front that most of its boxes have."""
 
 SLOW_SHARE, STANDING_S, STAYS_SHARE, SPREAD_SHARE = 0.08, 1.0, 0.12, 0.1
 """What stands: slower than this share of its length a second, for so long, and stays within this share of it; the last
 is for all places of a track."""
+
+DRIVEN_SHARE = 3.0
+"""What came so many lengths far shows the direction of a lane; less may be a wrong assignment."""
 
 LENGTH_QUANTILE = 0.95
 """The length is this quantile of the distances between the ends of single frames."""
@@ -64,6 +68,7 @@ class Scene:
     Attributes:
         stamps_ns: (F,) int64, times of the frames.
         stamps_s: (F,) the same since the first of them.
+        sites_xy: (F, 2) where the rig was.
         sightings: N of them, frame by frame.
         frames: (N,) frame of each.
         starts: (F + 1,) first sighting of each frame, and N.
@@ -71,6 +76,7 @@ class Scene:
 
     stamps_ns: I64
     stamps_s: F64
+    sites_xy: F64
     sightings: Sightings
     frames: I64
     starts: I64
@@ -83,6 +89,7 @@ class Scene:
         return cls(
             stamps_ns,
             (stamps_ns - stamps_ns[0]) / 1e9,
+            np.array([frame.T_fixed_site[:2, 3] for frame in frames]),
             join_rows(*[frame.sightings for frame in frames]),
             np.repeat(np.arange(len(frames)), counts),
             np.concatenate([[0], np.cumsum(counts)]),
@@ -209,7 +216,7 @@ def estimated(scene: Scene, track_of: I64, priors: Priors, known: Known | None =
     cells, rows = _cells(courses, hits, boxes, noise)
     motions = smoothed(courses, cells, scene.stamps_s)
     stand = _standing(scene.stamps_s, courses, motions, of_class)
-    turned, fronts_known = _fronts(scene.stamps_s, hits, courses, motions, of_class, known, rows)
+    turned, fronts_known = _fronts(scene, hits, courses, motions, of_class, known, rows)
     for refines in (False, True) if is_last else (False,):
         if refines:
             sizes = np.where(np.isnan(known.sizes), _lengths(hits, rows, motions, sizes, of_class), known.sizes)
@@ -345,19 +352,27 @@ def _standing(stamps_s: F64, courses: Courses, motions: Motions, of_class: Prior
 
 
 def _fronts(
-    stamps_s: F64, hits: _Hits, courses: Courses, motions: Motions, of_class: Priors, known: Known, rows: Indices
+    scene: Scene, hits: _Hits, courses: Courses, motions: Motions, of_class: Priors, known: Known, rows: Indices
 ) -> tuple[Bools, Bools]:
     """(T,) which tracks have to be turned round, and (T,) of which the front is known then."""
     tracks, frames = courses.cell_tracks, courses.cell_frames
-    after_s = np.diff(stamps_s, prepend=stamps_s[0])[frames]
+    after_s = np.diff(scene.stamps_s, prepend=0.0)[frames]
     after_s[courses.starts[:-1]] = 0.0
     count = len(courses)
     along_m = np.bincount(tracks, motions.states[:, SPEED] * after_s, count)
     agreeing = np.cos(hits.sightings.boxes[:, 2] - motions.states[rows, HEADING])
     most = np.bincount(hits.tracks, hits.sightings.beliefs * np.sign(agreeing), count)
-    turned = np.where((np.abs(along_m) < STANDING_SHARE * of_class.units_m) & of_class.have_axis, most < 0, along_m < 0)
+    first = motions.states[courses.starts[:-1], : HEADING + 1]
+    stands = (np.abs(along_m) < STANDING_SHARE * of_class.units_m) & of_class.have_axis
+    vehicles = np.flatnonzero(stands & of_class.are_solid)
+    lasts_s = scene.stamps_s[courses.lasts] - scene.stamps_s[courses.firsts]
+    drives = (np.abs(along_m) > DRIVEN_SHARE * of_class.units_m) & of_class.have_axis & (lasts_s > STANDING_S)
+    paths = driven_paths(motions.select(drives[tracks]), scene.sites_xy, scene.stamps_s)
+    lanes = lane_directions(first[vehicles], of_class.units_m[vehicles], paths)
+    most[vehicles] = np.where(np.isfinite(lanes), np.cos(lanes - first[vehicles, HEADING]), most[vehicles])
+    turned = np.where(stands, most < 0, along_m < 0)
     was_known = np.isfinite(known.headings)
-    against = np.cos(motions.states[courses.starts[:-1], HEADING] - known.headings) < 0
+    against = np.cos(first[:, HEADING] - known.headings) < 0
     turned = np.where(was_known, against, turned)
     return turned, was_known | (np.abs(along_m) > FRONT_SHARE * of_class.units_m)
 

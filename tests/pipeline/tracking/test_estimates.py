@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tracked_scenes import CAR, PRIORS, START_NS, Mover, scene, straight
+from tracked_scenes import CAR, PERIOD_S, PRIORS, START_NS, Mover, scene, straight
 
 from pipeline.tracking.estimates import Known, Scene, estimated, quantiles
 from pipeline.tracking.motion import HEADING
@@ -74,3 +74,26 @@ def test_tracks_are_ordered_by_their_first_sighting() -> None:
     assert found.motions.states[found.courses.starts[:-1], 0] == pytest.approx([0, 9], abs=0.3)
     assert found.labels(8).tolist() == [0, 1] * 4
     assert whole.stamps_ns[0] == START_NS
+
+
+@pytest.mark.parametrize(
+    ("beside_m", "crosses", "rig_m_s", "direction"),
+    [
+        (3.2, 0.0, 0.0, np.pi),
+        (6.0, 0.0, 0.0, 0.0),
+        (3.2, 1.2, 0.0, 0.0),
+        (60.0, 0.0, -5.0, np.pi),
+        (60.0, 0.0, 0.0, 0.0),
+    ],
+    ids=["past it", "in the next lane but one", "across", "the rig", "far away"],
+)
+def test_what_stands_looks_the_way_of_the_lane_beside_it(
+    beside_m: float, crosses: float, rig_m_s: float, direction: float
+) -> None:
+    driver = Mover(straight(8, beside_m, np.pi + crosses, 8.0))
+    frames = scene([Mover(straight(0, 0, 0, 0)), driver], 20)
+    for index, frame in enumerate(frames):
+        frame.T_fixed_site[:2, 3] = 4 + rig_m_s * PERIOD_S * index, -3.0
+    found = estimated(Scene.of(frames), np.tile([0, 1], 20), PRIORS)
+    assert np.cos(found.motions.states[:20, HEADING] - direction).min() > 0.9
+    assert found.fronts_known.tolist() == [False, True]
