@@ -57,6 +57,10 @@ EVIDENCE_SHARE = 0.5
 LEAST_SURE, SUREST, SUREST_NEW = -5.0, 7.0, 2.0
 """Bounds of the log odds of existence, and the upper one of a new track."""
 
+DOUBT_LOG_ODDS, DOUBT_S = -1.0, 0.25
+"""What each frame says against a track that begins so soon after it. Where there is none, in the first frame and in
+frames that are far apart, nothing speaks against it."""
+
 FEWEST_SEEN, MOST_SEEN = 0.1, 0.8
 """Bounds of the share of frames in which a track is taken to be seen; a miss speaks against it the more, the larger."""
 
@@ -121,6 +125,7 @@ class OnlineTracker:
         self._live, self._next_id = _none(len(priors)), 1
         self._start_ns: int | None = None
         self._now_s = 0.0
+        self._recent_s = np.zeros(0)  # times of the frames no more than `DOUBT_S` before
         self.ids_of_sightings: I64 = np.zeros(0, np.int64)
 
     def add(self, frame: FrameSightings) -> list[TrackRows]:
@@ -137,6 +142,7 @@ class OnlineTracker:
             self._start_ns = frame.stamp_ns
         now_s = (frame.stamp_ns - self._start_ns) / 1e9
         after_s, self._now_s = now_s - self._now_s, now_s
+        self._recent_s = self._recent_s[now_s - self._recent_s <= DOUBT_S]
         self._live = self._live.select(now_s - self._live.seen_s <= self._max_gap_s)
         self._predict(after_s)
         sightings = frame.sightings
@@ -159,6 +165,7 @@ class OnlineTracker:
         lost_s = np.where(self._live.hits >= NEW_HITS, LOST_S, LOST_NEW_S)
         kept = unseen_s <= lost_s
         self._live, seen = self._live.select(kept), seen[kept]
+        self._recent_s = np.append(self._recent_s, now_s)
         return self._rows(seen)
 
     def _predict(self, after_s: float) -> None:
@@ -292,7 +299,7 @@ class OnlineTracker:
             np.arange(self._next_id, self._next_id + n),
             states,
             covariances,
-            np.minimum(EVIDENCE_SHARE * logit(beliefs), SUREST_NEW),
+            np.minimum(EVIDENCE_SHARE * (logit(beliefs) + DOUBT_LOG_ODDS * len(self._recent_s)), SUREST_NEW),
             votes,
             now_s,
             now_s,

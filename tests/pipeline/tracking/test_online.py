@@ -1,3 +1,5 @@
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from tracked_scenes import CAR, PEDESTRIAN, PERIOD_S, PRIORS, Mover, scene, straight
@@ -61,6 +63,14 @@ def test_what_is_improbable_begins_no_track_but_carries_one_on() -> None:
     assert not any(len(row) for row in tracked(scene([Mover(car, belief=0.3)], 10)))
     frames = scene([Mover(car)], 10) + scene([Mover(car, belief=0.3)], 14)[10:]
     assert tracked(frames)[-1].ids.tolist() == [1]
+
+
+@pytest.mark.parametrize(
+    ("belief", "seen", "first"), [(0.6, [0], 0), (0.6, [7], None), (0.6, range(7, 20), 11), (0.99, range(7, 20), 7)]
+)
+def test_a_track_is_doubted_by_the_frames_before_it(belief: float, seen: Sequence[int], first: int | None) -> None:
+    rows = tracked(scene([Mover(straight(0, 0, 0, 0), belief=belief, seen=lambda k: k in seen)], 20))
+    assert next((index for index, row in enumerate(rows) if len(row)), None) == first
 
 
 def test_the_class_is_one_belief_over_the_track() -> None:
