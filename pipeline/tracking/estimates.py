@@ -44,6 +44,10 @@ SLOW_SHARE, STANDING_S, STAYS_SHARE, SPREAD_SHARE = 0.08, 1.0, 0.12, 0.1
 """What stands: slower than this share of its length a second, for so long, and stays within this share of it; the last
 is for all places of a track."""
 
+MOSTLY, TURNED_RAD, AXIS_RAD = 0.5, np.radians(20), 0.1
+"""What stands for more than this share of its frames stands in all, unless a box that is turned from its axis by less
+than this shows it elsewhere; standard deviation of that axis."""
+
 DRIVEN_SHARE = 3.0
 """What came so many lengths far shows the direction of a lane; less may be a wrong assignment."""
 
@@ -216,7 +220,11 @@ def estimated(scene: Scene, track_of: I64, priors: Priors, known: Known | None =
     cells, rows = _cells(courses, hits, boxes, noise)
     motions = smoothed(courses, cells, scene.stamps_s)
     stand = _standing(scene.stamps_s, courses, motions, of_class)
-    turned, fronts_known = _fronts(scene, hits, courses, motions, of_class, known, rows)
+    stand, axes = _parked(courses, cells, motions, of_class, stand)
+    has_axis = np.isfinite(axes)[courses.cell_tracks]
+    motions.states[has_axis, HEADING] = axes[courses.cell_tracks[has_axis]]
+    courses.covariances[np.isfinite(axes), HEADING, HEADING] = AXIS_RAD**2
+    turned, fronts_known = _fronts(scene, hits, courses, motions, stand, of_class, known, rows)
     for refines in (False, True) if is_last else (False,):
         if refines:
             sizes = np.where(np.isnan(known.sizes), _lengths(hits, rows, motions, sizes, of_class), known.sizes)
@@ -351,13 +359,41 @@ def _standing(stamps_s: F64, courses: Courses, motions: Motions, of_class: Prior
     return np.asarray(stand | ((reach < limit) & (net < limit) & of_class.have_axis & long_enough)[tracks])
 
 
+def _parked(courses: Courses, cells: Cells, motions: Motions, of_class: Priors, stand: Bools) -> tuple[Bools, F64]:
+    """The cells (N,) in which a track stands, and (T,) axes of those that stand in all of theirs; NaN of the others.
+
+    What stands most of the time stands all the time, unless boxes along its axis show it elsewhere: far away, boxes of
+    few points are turned and moved about.
+    """
+    tracks, count = courses.cell_tracks, len(courses)
+    places, units_m = motions.states[:, :2], of_class.units_m[tracks]
+    mostly = (np.bincount(tracks, stand, count) > MOSTLY * courses.counts) & of_class.have_axis
+    stood = [quantiles(places[:, axis], stand.astype(np.float64), tracks, count, 0.5) for axis in (0, 1)]
+    away = np.linalg.norm(cells.boxes[:, :2] - np.stack(stood, 1)[tracks], axis=1)
+    weights = np.where(cells.are_seen & stand, 1 / cells.noise[:, 2, 2], 0.0)
+    cos, sin = (np.bincount(tracks, weights * of(2 * cells.boxes[:, 2]), count) for of in (np.cos, np.sin))
+    axes = np.arctan2(sin, cos) / 2
+    along = np.abs(np.sin(cells.boxes[:, 2] - axes[tracks])) < np.sin(TURNED_RAD)
+    elsewhere = np.bincount(tracks, cells.are_seen & along & (away > STANDING_SHARE * units_m), count)
+    stand = stand | (mostly & (elsewhere == 0))[tracks]
+    whole = (np.bincount(tracks, ~stand, count) == 0) & of_class.have_axis
+    return stand, np.where(whole, axes, np.nan)
+
+
 def _fronts(
-    scene: Scene, hits: _Hits, courses: Courses, motions: Motions, of_class: Priors, known: Known, rows: Indices
+    scene: Scene,
+    hits: _Hits,
+    courses: Courses,
+    motions: Motions,
+    stand: Bools,
+    of_class: Priors,
+    known: Known,
+    rows: Indices,
 ) -> tuple[Bools, Bools]:
     """(T,) which tracks have to be turned round, and (T,) of which the front is known then."""
     tracks, frames = courses.cell_tracks, courses.cell_frames
     after_s = np.diff(scene.stamps_s, prepend=0.0)[frames]
-    after_s[courses.starts[:-1]] = 0.0
+    after_s[stand] = after_s[courses.starts[:-1]] = 0.0
     count = len(courses)
     along_m = np.bincount(tracks, motions.states[:, SPEED] * after_s, count)
     agreeing = np.cos(hits.sightings.boxes[:, 2] - motions.states[rows, HEADING])

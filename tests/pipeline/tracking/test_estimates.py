@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from tracked_scenes import CAR, PERIOD_S, PRIORS, START_NS, Mover, scene, straight
 
 from pipeline.tracking.estimates import Known, Scene, estimated, quantiles
-from pipeline.tracking.motion import HEADING
+from pipeline.tracking.motion import HEADING, TURN
 from pipeline.tracking.sightings import FrameSightings
 
 
@@ -97,3 +97,22 @@ def test_what_stands_looks_the_way_of_the_lane_beside_it(
     found = estimated(Scene.of(frames), np.tile([0, 1], 20), PRIORS)
     assert np.cos(found.motions.states[:20, HEADING] - direction).min() > 0.9
     assert found.fronts_known.tolist() == [False, True]
+
+
+def test_what_stands_is_not_turned_by_the_boxes_of_few_points_that_it_begins_with() -> None:
+    whole, labels = one_track(scene([Mover(straight(0, 0, 0, 0))], 60))
+    quarter = np.array([0, 1, 2, 4])
+    whole.sightings.boxes[quarter] += [-1.0, 1.1, np.pi / 2]
+    found = estimated(whole, labels, PRIORS)
+    assert found.stand.all()
+    assert np.abs(found.motions.states[:, TURN]).max() < 0.05
+    assert np.abs(np.sin(found.motions.states[:, HEADING])).max() < 0.1
+
+
+def test_what_waits_for_long_drives_off_all_the_same() -> None:
+    frames = scene([Mover(lambda t: (max(0.0, t - 4.0) ** 2, 0.0, 0.0))], 60)
+    found = estimated(*one_track(frames), PRIORS)
+    assert found.stand[:35].all()
+    assert not found.stand[-10:].any()
+    assert found.motions.states[-1, 0] == pytest.approx(1.9**2, abs=0.3)
+    assert found.fronts_known.all()
