@@ -22,10 +22,12 @@ from pipeline.tracking.motion import (
     at_centers,
     at_rear_axles,
 )
+from pipeline.tracking.quantiles import quantiles
 from pipeline.tracking.sightings import FrameSightings, Sightings, measured
 from pipeline.tracking.smoothing import Cells, Courses, smoothed
+from pipeline.tracking.standing import AXIS_RAD, STANDING_S, find_parked, find_standing
 
-__all__ = ["Estimates", "Known", "Scene", "estimated", "quantiles", "renumbered"]
+__all__ = ["Estimates", "Known", "Scene", "estimated", "renumbered"]
 
 JUMP_SHARE = 0.03
 """As in `pipeline.tracking.online`; less, as the size of a track is settled."""
@@ -39,14 +41,6 @@ SHARED_ERROR = 0.5
 FRONT_SHARE, STANDING_SHARE = 0.5, 0.3
 """What moved by these shares of its length shows which end is its front; what moved by less gets the direction of the
 lane beside it, or without one the front that most of its boxes have."""
-
-SLOW_SHARE, STANDING_S, STAYS_SHARE, SPREAD_SHARE = 0.08, 1.0, 0.12, 0.1
-"""What stands: slower than this share of its length a second, for so long, and stays within this share of it; the last
-is for all places of a track."""
-
-MOSTLY, TURNED_RAD, AXIS_RAD = 0.5, np.radians(20), 0.1
-"""What stands for more than this share of its frames stands in all, unless a box that is turned from its axis by less
-than this shows it elsewhere; standard deviation of that axis."""
 
 DRIVEN_SHARE = 3.0
 """What came so many lengths far shows the direction of a lane; less may be a wrong assignment."""
@@ -219,8 +213,8 @@ def estimated(scene: Scene, track_of: I64, priors: Priors, known: Known | None =
     courses = _courses(scene, hits, boxes, noise, of_class)
     cells, rows = _cells(courses, hits, boxes, noise)
     motions = smoothed(courses, cells, scene.stamps_s)
-    stand = _standing(scene.stamps_s, courses, motions, of_class)
-    stand, axes = _parked(courses, cells, motions, of_class, stand)
+    stand = find_standing(scene.stamps_s, courses, motions, of_class)
+    stand, axes = find_parked(courses, cells, motions, of_class, stand)
     has_axis = np.isfinite(axes)[courses.cell_tracks]
     motions.states[has_axis, HEADING] = axes[courses.cell_tracks[has_axis]]
     courses.covariances[np.isfinite(axes), HEADING, HEADING] = AXIS_RAD**2
@@ -273,21 +267,6 @@ def _median_sizes(hits: _Hits, class_ids: I64) -> F64:
     return np.stack(columns, 1)
 
 
-def quantiles(values: F64, weights: F64, groups: I64, count: int, share: float) -> F64:
-    """(G,) weighted quantile of the values (N,) of each group; NaN of a group without weight."""
-    order = np.lexsort((values, groups))
-    values, weights, groups = values[order], weights[order], groups[order]
-    total = np.bincount(groups, weights, count)
-    starts = np.searchsorted(groups, np.arange(count))
-    sums = np.cumsum(weights)
-    before = np.concatenate([[0.0], sums])[starts]
-    reached = sums - before[groups] >= share * total[groups] * (1 - 1e-12)
-    found = np.full(count, np.nan)
-    first = np.flatnonzero(reached & (total[groups] > 0))[::-1]
-    found[groups[first]] = values[first]
-    return found
-
-
 def _resized(hits: _Hits, sizes: F64) -> F64:
     """(H, 3) boxes of the sizes of their tracks; the sides that the lidars saw stay where they are."""
     of_hit, boxes = hits.sightings, hits.sightings.boxes.copy()
@@ -333,51 +312,6 @@ def _cells(courses: Courses, hits: _Hits, boxes: F64, noise: F64, stand: Bools |
     later_s[rows] = hits.sightings.later_s
     stand = np.zeros(count, np.bool_) if stand is None else stand
     return Cells(are_seen, measured_boxes, covariances, later_s, stand), rows
-
-
-def _standing(stamps_s: F64, courses: Courses, motions: Motions, of_class: Priors) -> Bools:
-    """(N,) the cells in which a track stands: slow for a second and in one place, or in one place altogether."""
-    tracks, frames = courses.cell_tracks, courses.cell_frames
-    places, units_m = motions.states[:, :2], of_class.units_m[tracks]
-    sigma = np.sqrt(motions.covariances[:, SPEED, SPEED])
-    slow = np.abs(motions.states[:, SPEED]) < np.maximum(SLOW_SHARE * units_m, np.minimum(2 * sigma, 0.12 * units_m))
-    run = np.cumsum(first_of_runs(tracks) | first_of_runs(slow)) - 1
-    begins = np.flatnonzero(first_of_runs(run))
-    ends = np.append(begins[1:], len(run)) - 1
-    lasting = stamps_s[frames[ends]] - stamps_s[frames[begins]] >= STANDING_S
-    stays = np.linalg.norm(places[ends] - places[begins], axis=1) < STAYS_SHARE * units_m[begins]
-    stand = slow & (lasting & stays)[run]
-    # All places of the track.
-    count = len(courses)
-    middles = np.stack([quantiles(places[:, axis], np.ones(len(places)), tracks, count, 0.5) for axis in (0, 1)], 1)
-    spread = np.linalg.norm(places - middles[tracks], axis=1)
-    reach = quantiles(spread, np.ones(len(places)), tracks, count, 0.95)
-    first, last = courses.starts[:-1], courses.starts[1:] - 1
-    net = np.linalg.norm(places[last] - places[first], axis=1)
-    limit = SPREAD_SHARE * of_class.units_m
-    long_enough = stamps_s[courses.lasts] - stamps_s[courses.firsts] >= STANDING_S / 2
-    return np.asarray(stand | ((reach < limit) & (net < limit) & of_class.have_axis & long_enough)[tracks])
-
-
-def _parked(courses: Courses, cells: Cells, motions: Motions, of_class: Priors, stand: Bools) -> tuple[Bools, F64]:
-    """The cells (N,) in which a track stands, and (T,) axes of those that stand in all of theirs; NaN of the others.
-
-    What stands most of the time stands all the time, unless boxes along its axis show it elsewhere: far away, boxes of
-    few points are turned and moved about.
-    """
-    tracks, count = courses.cell_tracks, len(courses)
-    places, units_m = motions.states[:, :2], of_class.units_m[tracks]
-    mostly = (np.bincount(tracks, stand, count) > MOSTLY * courses.counts) & of_class.have_axis
-    stood = [quantiles(places[:, axis], stand.astype(np.float64), tracks, count, 0.5) for axis in (0, 1)]
-    away = np.linalg.norm(cells.boxes[:, :2] - np.stack(stood, 1)[tracks], axis=1)
-    weights = np.where(cells.are_seen & stand, 1 / cells.noise[:, 2, 2], 0.0)
-    cos, sin = (np.bincount(tracks, weights * of(2 * cells.boxes[:, 2]), count) for of in (np.cos, np.sin))
-    axes = np.arctan2(sin, cos) / 2
-    along = np.abs(np.sin(cells.boxes[:, 2] - axes[tracks])) < np.sin(TURNED_RAD)
-    elsewhere = np.bincount(tracks, cells.are_seen & along & (away > STANDING_SHARE * units_m), count)
-    stand = stand | (mostly & (elsewhere == 0))[tracks]
-    whole = (np.bincount(tracks, ~stand, count) == 0) & of_class.have_axis
-    return stand, np.where(whole, axes, np.nan)
 
 
 def _fronts(

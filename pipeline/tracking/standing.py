@@ -1,0 +1,66 @@
+"""What stands: when, and which way."""
+
+import numpy as np
+
+from pipeline.core.arrays import F64, Bools, first_of_runs
+from pipeline.tracking.motion import SPEED, Motions, Priors
+from pipeline.tracking.quantiles import quantiles
+from pipeline.tracking.smoothing import Cells, Courses
+
+__all__ = ["AXIS_RAD", "STANDING_S", "find_parked", "find_standing"]
+
+SLOW_SHARE, STANDING_S, STAYS_SHARE, SPREAD_SHARE = 0.08, 1.0, 0.12, 0.1
+"""What stands: slower than this share of its length a second, for so long, and stays within this share of it; the last
+is for all places of a track."""
+
+MOSTLY, TURNED_RAD, AXIS_RAD = 0.5, np.radians(20), 0.1
+"""What stands for more than this share of its frames stands in all, unless a box that is turned from its axis by less
+than this shows it elsewhere; standard deviation of that axis."""
+
+ELSEWHERE_SHARE = 0.3
+"""What is farther than this share of its length from where it stands is elsewhere."""
+
+
+def find_standing(stamps_s: F64, courses: Courses, motions: Motions, of_class: Priors) -> Bools:
+    """(N,) the cells in which a track stands: slow for a second and in one place, or in one place altogether."""
+    tracks, frames = courses.cell_tracks, courses.cell_frames
+    places, units_m = motions.states[:, :2], of_class.units_m[tracks]
+    sigma = np.sqrt(motions.covariances[:, SPEED, SPEED])
+    slow = np.abs(motions.states[:, SPEED]) < np.maximum(SLOW_SHARE * units_m, np.minimum(2 * sigma, 0.12 * units_m))
+    run = np.cumsum(first_of_runs(tracks) | first_of_runs(slow)) - 1
+    begins = np.flatnonzero(first_of_runs(run))
+    ends = np.append(begins[1:], len(run)) - 1
+    lasting = stamps_s[frames[ends]] - stamps_s[frames[begins]] >= STANDING_S
+    stays = np.linalg.norm(places[ends] - places[begins], axis=1) < STAYS_SHARE * units_m[begins]
+    stand = slow & (lasting & stays)[run]
+    # All places of the track.
+    count = len(courses)
+    middles = np.stack([quantiles(places[:, axis], np.ones(len(places)), tracks, count, 0.5) for axis in (0, 1)], 1)
+    spread = np.linalg.norm(places - middles[tracks], axis=1)
+    reach = quantiles(spread, np.ones(len(places)), tracks, count, 0.95)
+    first, last = courses.starts[:-1], courses.starts[1:] - 1
+    net = np.linalg.norm(places[last] - places[first], axis=1)
+    limit = SPREAD_SHARE * of_class.units_m
+    long_enough = stamps_s[courses.lasts] - stamps_s[courses.firsts] >= STANDING_S / 2
+    return np.asarray(stand | ((reach < limit) & (net < limit) & of_class.have_axis & long_enough)[tracks])
+
+
+def find_parked(courses: Courses, cells: Cells, motions: Motions, of_class: Priors, stand: Bools) -> tuple[Bools, F64]:
+    """The cells (N,) in which a track stands, and (T,) axes of those that stand in all of theirs; NaN of the others.
+
+    What stands most of the time stands all the time, unless boxes along its axis show it elsewhere: far away, boxes of
+    few points are turned and moved about.
+    """
+    tracks, count = courses.cell_tracks, len(courses)
+    places, units_m = motions.states[:, :2], of_class.units_m[tracks]
+    mostly = (np.bincount(tracks, stand, count) > MOSTLY * courses.counts) & of_class.have_axis
+    stood = [quantiles(places[:, axis], stand.astype(np.float64), tracks, count, 0.5) for axis in (0, 1)]
+    away = np.linalg.norm(cells.boxes[:, :2] - np.stack(stood, 1)[tracks], axis=1)
+    weights = np.where(cells.are_seen & stand, 1 / cells.noise[:, 2, 2], 0.0)
+    cos, sin = (np.bincount(tracks, weights * of(2 * cells.boxes[:, 2]), count) for of in (np.cos, np.sin))
+    axes = np.arctan2(sin, cos) / 2
+    along = np.abs(np.sin(cells.boxes[:, 2] - axes[tracks])) < np.sin(TURNED_RAD)
+    elsewhere = np.bincount(tracks, cells.are_seen & along & (away > ELSEWHERE_SHARE * units_m), count)
+    stand = stand | (mostly & (elsewhere == 0))[tracks]
+    whole = (np.bincount(tracks, ~stand, count) == 0) & of_class.have_axis
+    return stand, np.where(whole, axes, np.nan)
