@@ -66,7 +66,7 @@ BEHIND: Row = (10, 10, 33, 40, 0.6, "person")
     [
         pytest.param([], [], id="none"),
         pytest.param([CAR], [FOUND], id="one"),
-        pytest.param([(10, 10, 50, 40, 0.29, "car")], [], id="below the least score"),
+        pytest.param([(10, 10, 50, 40, 0.14, "car")], [], id="below the least score"),
         pytest.param([(10, 10, 50, 40, 0.5, "car")], [([10, 10, 50, 40], 0.5, "car")], id="another score"),
         pytest.param([(10, 10, 50, 40, 0.9, "kite")], [], id="a label of no class"),
         pytest.param([MOTORCYCLE], [([10, 10, 50, 40], 0.7, "bicycle")], id="a second label of a class"),
@@ -167,7 +167,7 @@ def test_cars_of_a_real_image() -> None:
     assert bgr is not None
     image = Image(0, "cam", np.ascontiguousarray(bgr[..., ::-1]))
     found = stage_of(OnnxDetector2D(weights, config.detect2d))({"cam": image})["cam"]
-    cars = found.select(found.class_ids == config.class_names.index("car"))
+    cars = found.select((found.class_ids == config.class_names.index("car")) & (found.scores >= 0.3))
     label_file = json.loads(shared("data/kitti_object_8/info_from_pkl.json").read_text())
     labelled = [i["bbox"] for i in label_file["data_list"][0]["instances"] if i["bbox_label"] == 2]
     assert len(labelled) == 6
