@@ -101,6 +101,12 @@ def test_names_of_kitti_and_nuscenes(label: str, expected: str | None) -> None:
     assert found == ([] if expected is None else [expected])
 
 
+def test_who_may_be_a_rider() -> None:
+    person, bicycle = (Config().class_names.index(name) for name in ("pedestrian", "bicycle"))
+    assert stage_of(Proposals([])).riders == {(bicycle, person)}
+    assert not stage_of(Proposals([], ("person", "bicycle", "cyclist"))).riders
+
+
 def test_a_rider_and_the_bicycle_are_one() -> None:
     rows: list[Row] = [(20, 10, 40, 60, 0.8, "person"), (10, 40, 50, 70, 0.6, "bicycle"), CAR]
     assert detect(rows) == [FOUND, ([10, 10, 50, 70], 0.8, "bicycle")]
