@@ -69,8 +69,8 @@ def add_boxes3d(
 
 def add_boxes2d(
     graph: Graph[SensorBundle], config: Config, rig: Rig, *, on_bad: OnBadMessage
-) -> tuple[Node[Decoded[Any]], Node[Mapping[str, Boxes2D]]]:
-    """The decoded messages of the cameras, and the 2D boxes by camera name.
+) -> tuple[Node[Decoded[Any]], Node[Mapping[str, Boxes2D]], frozenset[tuple[int, int]]]:
+    """The decoded messages of the cameras, the 2D boxes by camera name, and `Detect2D.riders`.
 
     Raises:
         ModelError: the network cannot be loaded.
@@ -78,10 +78,10 @@ def add_boxes2d(
     source = _wanted_boxes(config, rig)
     if source == "none":
         nothing = graph.add("no 2D boxes", _no_boxes2d, graph.frame, timed=False)
-        return nothing, nothing
+        return nothing, nothing, frozenset()
     if source == "recorded":
         recorded = graph.add("read 2D boxes", RecordedBoxes(rig, config, on_bad=on_bad), graph.frame)
-        return recorded, recorded
+        return recorded, recorded, frozenset()
     if config.detect2d.model is None:
         raise ModelError("2D detection by onnx needs a model: give --model-2d FILE.onnx or set detect2d.model")
     from pipeline.detectors.onnx.detector import OnnxDetector2D
@@ -90,7 +90,7 @@ def add_boxes2d(
     images = graph.add("decode images", ImageDecoder(rig, config, on_bad=on_bad), graph.frame)
     detector = OnnxDetector2D(config.detect2d.model, config.detect2d)
     detect2d = Detect2D(rig, config.class_id_of_label, config.detect2d, detector)
-    return images, graph.add("detect 2D", detect2d, images)
+    return images, graph.add("detect 2D", detect2d, images), detect2d.riders
 
 
 def _wanted_boxes(config: Config, rig: Rig) -> BoxSource:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, Self
 
 from lidcam.box_sources import add_boxes2d, add_boxes3d
 from pipeline.core.arrays import F64
+from pipeline.core.association import class_agreement
 from pipeline.core.clouds import CombinedCloud, PointCloud
 from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Hypotheses, Matches
 from pipeline.core.frame import Decoded, FrameResult, SensorBundle
@@ -55,7 +56,7 @@ def build_graph(
     clouds = graph.add("decode clouds", CloudDecoder(rig, config, on_bad=on_bad), graph.frame)
     combined = graph.add("combine", Combine(rig, config.combine), graph.frame, clouds)
     recorded3d, lidar = add_boxes3d(graph, config, rig, combined, on_bad=on_bad)
-    camera_data, boxes2d = add_boxes2d(graph, config, rig, on_bad=on_bad)
+    camera_data, boxes2d, riders = add_boxes2d(graph, config, rig, on_bad=on_bad)
     views = graph.add("views", Views(rig, config.combine.motion), graph.frame)
     place = Place(rig, config.fuse, config.classes, ground_distance_m=config.combine.ground.distance_m)
     placed = graph.add("place", place, combined, boxes2d, views)
@@ -67,10 +68,11 @@ def build_graph(
     proposed = graph.add("propose", propose, combined, lidar, matches, placed)
     hypotheses = graph.add("associate all", partial(_hypotheses, associate), lidar, matches, proposed, boxes2d, views)
     # Class, place and existence.
-    hypotheses = graph.add("classify", Classify(config.classes), hypotheses, boxes2d)
+    hypotheses = graph.add("classify", Classify(config.classes, riders), hypotheses, boxes2d)
     hypotheses = graph.add("reshape", Reshape(fitter, config.detect3d, config.classes), combined, hypotheses, lidar)
     hypotheses = graph.add("refine", Refine(rig, config.fuse), hypotheses, boxes2d, views)
-    visibility = graph.add("visibility", find_visibility, hypotheses, boxes2d, views, combined)
+    look = partial(find_visibility, agreement=class_agreement(config.classes, riders))
+    visibility = graph.add("visibility", look, hypotheses, boxes2d, views, combined)
     believe = Believe(
         rig,
         config.fuse,

@@ -17,6 +17,7 @@ from lidcam.build import build_graph
 from lidcam.checks.calibration.check import CalibrationCheck
 from lidcam.checks.class_numbers import class_number_warnings
 from lidcam.checks.clocks import clock_notes, clocks_off, jump_warnings, late_warnings
+from lidcam.checks.doubted import DoubtedCheck
 from lidcam.checks.files import FileCheck, check_not_empty
 from lidcam.checks.lidars import LidarCheck
 from lidcam.checks.missing import MissingSensor, absence_warnings, missing_sensors, silence_warnings
@@ -185,6 +186,7 @@ class Run:
             LidarCheck(source.rig),
             CalibrationCheck(source.rig, source.config),
             ObjectCheck(source.recording, source.rig, source.config, source.settings, moves=source.motion is not None),
+            DoubtedCheck(source.config),
         )
         started = time.perf_counter()
         reference_topic(source.config, source.rig)

@@ -30,6 +30,7 @@ from lidcam.frames import RunInput
 from lidcam.job import make_job
 from lidcam.run import RunObserver, process_recording
 from pipeline.core.arrays import F64, I32, U8, Bools
+from pipeline.core.association import class_agreement
 from pipeline.core.detections import Boxes3D, Hypotheses
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.boxes import wrap_angle
@@ -110,7 +111,9 @@ class Collector(RunObserver):
 
     def frame(self, result: FrameResult) -> None:
         """Look at one frame."""
-        found = find_visibility(result.hypotheses, result.detections.cameras, result.views, result.combined)
+        agreement = class_agreement(self.source.config.classes)
+        cameras, views = result.detections.cameras, result.views
+        found = find_visibility(result.hypotheses, cameras, views, result.combined, agreement)
         self.frames.append((result.hypotheses, found, result.detections.lidar))
 
 

@@ -41,12 +41,18 @@ MEASURED_SHARE = 1e-3
 class Classify:
     """Classes of the hypotheses of a frame."""
 
-    def __init__(self, classes: Sequence[ClassPrior]) -> None:
+    def __init__(self, classes: Sequence[ClassPrior], riders: frozenset[tuple[int, int]] = frozenset()) -> None:
+        """Of these classes, with the `riders` of the 2D detector (`Detect2D.riders`)."""
         self._priors = tuple(classes)
         self._taken_for = confusion(classes)
+        self._rides = np.zeros(self._taken_for.shape, np.bool_)
+        for ridden, person in riders:
+            self._rides[ridden, person] = True
 
     def __call__(self, hypotheses: Hypotheses, boxes2d: Mapping[str, Boxes2D]) -> Hypotheses:
         """The same hypotheses, each of its most probable class; what no camera is matched with keeps its own.
+
+        Where a detector that knows no riders calls a person what the lidars take for a bicycle, it is a rider.
 
         Of classes that are equally probable the lowest id is taken.
 
@@ -61,6 +67,8 @@ class Classify:
         odds = class_log_odds(boxes.sizes, boxes.class_ids, self._priors)
         rows = np.concatenate([rows for (rows, _), _ in seen])
         named = np.concatenate([found.class_ids[rows2d] for (_, rows2d), found in seen])
+        own = boxes.class_ids[rows]
+        named = np.where(self._rides[own, named] & (rows < hypotheses.lidar_count), own, named)
         scores = np.concatenate([found.scores[rows2d] for (_, rows2d), found in seen]).astype(np.float64)
         np.add.at(odds, rows, vote_log_odds(named, scores, self._taken_for))
         is_matched = np.bincount(rows, minlength=len(boxes)) > 0

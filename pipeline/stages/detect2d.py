@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import product
 
 import cv2
 import numpy as np
@@ -46,6 +47,15 @@ class Detect2D:
         self._cameras = [camera.name for camera in rig.cameras]
         self._settings = settings
         self._detector = detector
+
+    @property
+    def riders(self) -> frozenset[tuple[int, int]]:
+        """Class of what is ridden, and that of a person: the latter's box may be all that is found of who rides it."""
+        people, ridden = (
+            [class_id for class_id in self._class_ids[rows].tolist() if class_id >= 0]
+            for rows in (self._is_person, self._is_ridden)
+        )
+        return frozenset(product(ridden, people)) if self._joins_riders else frozenset()
 
     def __call__(self, images: Mapping[str, Image]) -> Mapping[str, Boxes2D]:
         """Boxes by camera name, in the rig's order; a camera without an image in this frame has no entry.

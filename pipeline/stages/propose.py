@@ -18,6 +18,7 @@ from pipeline.core.settings.detect import ClusterConfig
 from pipeline.detectors.cluster.fitting import BoxFitter
 from pipeline.detectors.protocols import Candidates3D
 from pipeline.fusion.cameras.placing import Placed
+from pipeline.fusion.cameras.sightings import Sightings
 from pipeline.fusion.proposals.fitted import ObjectFitter
 from pipeline.fusion.proposals.parting import (
     choose_parts,
@@ -69,6 +70,7 @@ class Propose:
         self._names = tuple(camera.name for camera in rig.cameras)
         max_size_m = np.array([prior.max_size_m for prior in classes])
         self._ground_m2 = np.array([prior.size_m[0] * prior.size_m[1] for prior in classes])
+        self._max_ground_m2 = max_size_m[:, 0] * max_size_m[:, 1]
         self._max_std_m = np.hypot(max_size_m[:, 0], max_size_m[:, 1]) / 2
         self._fit = ObjectFitter(rig, fitter, config, classes)
 
@@ -85,6 +87,8 @@ class Propose:
         """
         sightings = placed.sightings
         partner, iou = find_partners(sightings, matches, self._names)
+        too_large = self._is_too_large(lidar, sightings, partner)
+        partner[too_large], iou[too_large] = -1, 0.0
         is_served = (partner >= 0) | find_duplicates(sightings, partner)
         alone = np.flatnonzero(~is_served)
         left_out = Counter({OUT_OF_IMAGE: placed.out_of_image, TOO_MANY: max(len(alone) - MAX_ALONE, 0)})
@@ -116,6 +120,16 @@ class Propose:
         there = lidar.select(is_matched).joined(new)
         apart = np.flatnonzero((overlap_shares(left, there) <= OVERLAP_SHARE).all(1))
         return Proposed(lidar.joined(new, left.select(apart)), +left_out)
+
+    def _is_too_large(self, lidar: Boxes3D, sightings: Sightings, partner: I64) -> Bools:
+        """(P,) whether the partner of each 2D box covers more ground than anything of the class of the 2D box can.
+
+        Such a cluster is something else, or holds more than what the 2D box shows.
+        """
+        too_large = np.zeros(len(partner), np.bool_)
+        rows = np.flatnonzero(partner >= 0)
+        too_large[rows] = _ground_m2(lidar)[partner[rows]] > self._max_ground_m2[sightings.class_ids[rows]]
+        return too_large
 
     def _parted(
         self,

@@ -3,7 +3,9 @@
 Objects and 2D boxes still match then, each camera's boxes are only trusted less, and nobody would learn why. Of every
 frame the median step of the matched pairs is taken, and of these the median over the run. Measured: a camera as
 calibrated has 0.0 to 0.4 degrees on the sample recordings, on simulated drives and on KITTI with a network; more, up to
-5 % of the size of its objects, where they fill much of the image. Turned by two degrees it has 1.5 to 2.7 degrees.
+5 % of the size of its objects, where they fill much of the image. Turned by two degrees it has 1.5 to 2.7 degrees. In
+three frames of KITTI and of simulated scenes, of 111 cameras as calibrated none was told, of 109 turned by two
+degrees 80.
 """
 
 from typing import NamedTuple
@@ -23,7 +25,7 @@ __all__ = ["CameraShift"]
 MAX_FRAMES = 64
 """Frames that are kept of each camera, spread over the run."""
 
-MIN_FRAMES, MIN_APART = 5, 0.5
+MIN_FRAMES, MIN_APART = 3, 0.5
 """A camera with fewer frames is not judged, nor one whose objects were never further apart in its image than this share
 of their size: the box of a single parked car may be off for other reasons."""
 

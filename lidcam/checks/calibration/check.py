@@ -8,7 +8,7 @@ import numpy as np
 from lidcam.checks.calibration.camera_fit import CameraFit
 from lidcam.checks.calibration.camera_points import CameraPoints
 from lidcam.checks.calibration.camera_shift import CameraShift
-from lidcam.checks.calibration.lidar_ground import inverted_lidars
+from lidcam.checks.calibration.lidar_ground import inverted_lidars, tilted_lidars
 from lidcam.checks.warning import RunWarning
 from pipeline.core.clouds import PointCloud
 from pipeline.core.frame import FrameResult, SensorBundle
@@ -59,7 +59,7 @@ class CalibrationCheck:
         Of cameras only where that of the lidars can: objects in the wrong place match no camera. Of several for a
         sensor the one that says most: the step in the image only where there are too few pairs for more.
         """
-        if of_lidars := inverted_lidars(self._rig, self._config.combine, self._clouds):
+        if of_lidars := _lidars_off(self._rig, self._config, self._clouds):
             return of_lidars
         found: dict[str, RunWarning] = {}
         misfits, small_misfits = self._fit.warnings()
@@ -81,7 +81,11 @@ def check_first_clouds(rig: Rig, config: Config, messages: Iterable[RawMessage])
     poses = {lidar.name: lidar.T_site_lidar for lidar in rig.lidars}
     sites = [poses[name].apply(cloud.xyz) for name, cloud in clouds.items()]
     points.add(*sites)
-    return inverted_lidars(rig, config.combine, clouds) or points.warnings
+    return _lidars_off(rig, config, clouds) or points.warnings
+
+
+def _lidars_off(rig: Rig, config: Config, clouds: dict[str, PointCloud]) -> tuple[RunWarning, ...]:
+    return inverted_lidars(rig, config.combine, clouds) or tilted_lidars(rig, config.combine, clouds)
 
 
 def _thinned(cloud: PointCloud) -> PointCloud:

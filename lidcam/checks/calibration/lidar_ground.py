@@ -1,7 +1,10 @@
-"""Lidars whose extrinsics look inverted: with the inverse, their ground agrees with that of the others.
+"""Lidars whose extrinsics look inverted or tilted, by the ground below them.
 
 A pose that was stored the other way round puts a lidar as far below the site as it is above it. So the
 height of the ground below each lidar is compared with the rig's ground height, else with that of most other lidars.
+
+The mount of a lidar that looks aside is easily forgotten: then its ground stands askew in the site, where that of
+another lidar is level. A wrong heading leaves the ground as it is, and is not told here.
 """
 
 from collections.abc import Mapping, Sequence
@@ -9,16 +12,19 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from lidcam.checks.warning import RunWarning
-from pipeline.core.clouds import PointCloud
+from pipeline.core.clouds import Plane, PointCloud
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import LidarSensor, Rig
 from pipeline.core.settings.combine import CombineConfig
 from pipeline.filters.ground import find_ground
 
-__all__ = ["inverted_lidars"]
+__all__ = ["inverted_lidars", "tilted_lidars"]
 
 FAR = 3.0
 """Ground that is this many tolerances (`combine.ground.height_tolerance_m`) away is somewhere else."""
+
+MAX_TILT_DEG = 65.0
+"""A floor that is steeper in the site is a wall."""
 
 
 def inverted_lidars(rig: Rig, config: CombineConfig, clouds: Mapping[str, PointCloud]) -> tuple[RunWarning, ...]:
@@ -39,6 +45,26 @@ def inverted_lidars(rig: Rig, config: CombineConfig, clouds: Mapping[str, PointC
         if inverse_m is not None and abs(inverse_m - expected_m) <= tolerance_m:
             found[lidar.name] = (np.nan if height_m is None else height_m, inverse_m, expected_m)
     return tuple(_warning(name, *heights, doubtful=[*found]) for name, heights in found.items())
+
+
+def tilted_lidars(rig: Rig, config: CombineConfig, clouds: Mapping[str, PointCloud]) -> tuple[RunWarning, ...]:
+    """Warnings of lidars whose ground stands askew though that of another lidar is level; arguments as above."""
+    lidars = [lidar for lidar in rig.lidars if lidar.name in clouds]
+    level = [lidar.name for lidar in lidars if _ground(lidar.T_site_lidar, clouds[lidar.name], config) is not None]
+    steep = config.model_copy(update={"ground": config.ground.model_copy(update={"max_tilt_deg": MAX_TILT_DEG})})
+    found = []
+    for lidar in lidars if level else ():
+        plane = None if lidar.name in level else _ground(lidar.T_site_lidar, clouds[lidar.name], steep)
+        if plane is not None:
+            tilt_deg = np.degrees(np.arccos(np.clip(plane.normal[2], -1.0, 1.0)))
+            found.append(
+                RunWarning(
+                    lidar.name,
+                    f"its ground is tilted by {tilt_deg:.0f} degrees in the site, and that of {level[0]} is level",
+                    "check the roll and pitch of its extrinsics: how it is mounted may be missing in them",
+                )
+            )
+    return tuple(found)
 
 
 def _warning(name: str, height_m: float, inverse_m: float, expected_m: float, *, doubtful: list[str]) -> RunWarning:
@@ -73,8 +99,12 @@ def _as_inverse(lidar: LidarSensor) -> Transform:
 
 def _ground_m(T_site_lidar: Transform, cloud: PointCloud, config: CombineConfig) -> float | None:
     """Height of the ground below a lidar in the site frame; None if there is none."""
+    plane = _ground(T_site_lidar, cloud, config)
+    return None if plane is None else float(plane.height_m(T_site_lidar.translation[:2]))
+
+
+def _ground(T_site_lidar: Transform, cloud: PointCloud, config: CombineConfig) -> Plane | None:
+    """The ground that a lidar sees, in the site frame; None if there is none."""
     range_m = np.sqrt(np.einsum("nj,nj->n", cloud.xyz, cloud.xyz))
     near = cloud.xyz[(range_m > 0) & (range_m >= config.min_range_m) & (range_m <= config.max_range_m)]
-    origin = T_site_lidar.translation
-    plane = find_ground(T_site_lidar.apply(near), origin[None], config=config.ground)
-    return None if plane is None else float(plane.height_m(origin[:2]))
+    return find_ground(T_site_lidar.apply(near), T_site_lidar.translation[None], config=config.ground)

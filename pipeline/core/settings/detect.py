@@ -113,7 +113,8 @@ class Detect2DConfig(SettingsModel):
             size that the network is made for, if it takes no other.
         max_input_px: Pixels of the images that the network is given, at most, where `input` is `auto`. The time that
             a network takes grows with them, and so does the distance at which it finds things.
-        min_score: Boxes with a lower score are removed.
+        min_score: Boxes with a lower score are removed. Low, because what a 2D box is worth is decided together with
+            the lidars.
         nms_iou: Of two boxes of one class whose IoU exceeds this, the one with the lower score is removed.
         nms_iou_any: The same for two boxes of different classes: networks see some objects as two, a car and a truck.
             With 1 both stay.
@@ -131,8 +132,8 @@ class Detect2DConfig(SettingsModel):
     names: str = ""
     provider: Provider = "cpu"
     input: Literal["auto"] | tuple[Count, Count] = "auto"
-    max_input_px: Count = 307_200
-    min_score: Share = 0.3
+    max_input_px: Count = 1_000_000
+    min_score: Share = 0.15
     nms_iou: Share = 0.45
     nms_iou_any: Share = 0.6
     class_numbers: Literal["labels", "coco"] = "labels"

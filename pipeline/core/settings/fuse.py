@@ -44,7 +44,7 @@ class AssociateConfig(SettingsModel):
     pixel_sigma_px: Positive = 2.0
     outline_sigma: Positive = 0.15
     calibration_sigma_deg: NotNegative = 0.5
-    any_class: Annotated[float, Field(gt=0, le=1)] = 0.1
+    any_class: Annotated[float, Field(gt=0, le=1)] = 0.01
     unseen_boxes: Positive = 3.0
 
 

@@ -160,7 +160,9 @@ def camera_evidence(visibility: Visibility, plain_recall: F64, by: Coefficients)
     shown = ((visibility.visible - HIDDEN_SHARE) / (FULL_VIEW_SHARE - HIDDEN_SHARE)).clip(0, 1)
     recall = plain_recall * shown * np.where(visibility.is_cut, CUT_RECALL, 1.0) * visibility.in_view
     missed = by.missed * np.log1p(-np.minimum(recall, MAX_RECALL))
-    return np.where(visibility.is_matched, ratio, missed)
+    # A box of something else says no more against it than none.
+    matched = np.maximum(ratio + visibility.agreement, np.minimum(ratio, missed))
+    return np.asarray(np.where(visibility.is_matched, matched, missed))
 
 
 def joined(evidence: F64, by: Coefficients) -> F64:

@@ -64,6 +64,7 @@ class Visibility:
         is_matched: (C, N) bool, whether it has a 2D box.
         scores: (C, N) float64, score of that box; 0 without one.
         iou: (C, N) float64, overlap with that box; 0 without one.
+        agreement: (C, N) float64, of its class with that of the hypothesis, see `class_agreement`; 0 without one.
     """
 
     cameras: tuple[str, ...]
@@ -74,10 +75,11 @@ class Visibility:
     is_matched: Bools
     scores: F64
     iou: F64
+    agreement: F64
 
     def __post_init__(self) -> None:
         shape = self.in_view.shape
-        for name in ("size_px", "visible", "scores", "iou"):
+        for name in ("size_px", "visible", "scores", "iou", "agreement"):
             check_array(name, getattr(self, name), shape, np.float64)
         for name in ("in_view", "is_cut", "is_matched"):
             check_array(name, getattr(self, name), shape, np.bool_)
@@ -88,6 +90,7 @@ def find_visibility(
     boxes2d: Mapping[str, Boxes2D],
     views: Mapping[str, CameraSensor],
     combined: CombinedCloud,
+    agreement: F64,
 ) -> Visibility:
     """How the cameras that have 2D boxes in this frame, or an empty list of them, see the hypotheses.
 
@@ -96,14 +99,15 @@ def find_visibility(
         boxes2d: By camera name; a camera without an entry did not look.
         views: The cameras as they stood when their images were taken.
         combined: The clouds that may hide something.
+        agreement: (K, K) of `class_agreement`.
     """
     boxes, cameras = hypotheses.boxes, tuple(name for name in hypotheses.matches if name in boxes2d)
     shape = len(cameras), len(boxes)
-    visible, scores, iou = (np.zeros(shape) for _ in range(3))
+    visible, scores, iou, agreed = (np.zeros(shape) for _ in range(4))
     is_matched = np.zeros(shape, np.bool_)
     if not cameras or not len(boxes):
-        nothing = np.zeros(shape, np.bool_), np.zeros(shape)
-        return Visibility(cameras, nothing[0], nothing[1], visible, is_matched, nothing[0].copy(), scores, iou)
+        out_of_view, size_px = np.zeros(shape, np.bool_), np.zeros(shape)
+        return Visibility(cameras, out_of_view, size_px, visible, out_of_view, is_matched, scores, iou, agreed)
     matches, models = [hypotheses.matches[name] for name in cameras], [views[name].model for name in cameras]
     projected = np.array([one.projected_xyxy for one in matches])
     in_view = np.isfinite(projected[..., 0])
@@ -119,10 +123,12 @@ def find_visibility(
     camera = np.repeat(np.arange(len(cameras)), [len(one) for one in matches])
     found += np.cumsum([0, *(len(boxes2d[name]) for name in cameras)])[camera]
     is_matched[camera, rows] = True
+    named = np.concatenate([boxes2d[name].class_ids for name in cameras])[found]
+    agreed[camera, rows] = agreement[boxes.class_ids[rows], named]
     scores[camera, rows] = np.concatenate([boxes2d[name].scores for name in cameras])[found]
     iou[camera, rows] = np.concatenate([one.iou for one in matches])
     size_px = np.sqrt(extent.prod(2).astype(np.float64))
-    return Visibility(cameras, in_view, size_px, visible, is_cut, is_matched, scores, iou)
+    return Visibility(cameras, in_view, size_px, visible, is_cut, is_matched, scores, iou, agreed)
 
 
 def hidden_by_points(

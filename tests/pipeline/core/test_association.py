@@ -6,6 +6,7 @@ from scipy.stats import multivariate_t
 
 from pipeline.core.association import (
     FREEDOM,
+    class_agreement,
     class_confusion,
     class_ratios,
     detector_variances,
@@ -64,3 +65,11 @@ def test_classes_may_say_nothing() -> None:
 def test_ratios_of_classes_average_to_one_over_all_calls() -> None:
     ratios = np.exp(class_ratios(class_confusion(ROAD_CLASSES, 0.2)))
     np.testing.assert_allclose(ratios.mean(1), 1)
+
+
+def test_a_box_of_a_class_that_is_hardly_alike_says_little_but_of_a_rider() -> None:
+    found = class_agreement(ROAD_CLASSES)
+    assert (found.diagonal() == 0).all()
+    assert 0 > found[TRUCK, BUS] > found[CAR, TRUCK] > found[CAR, PEDESTRIAN]
+    told = class_agreement(ROAD_CLASSES, frozenset({(BICYCLE, PEDESTRIAN)}))
+    assert (told[BICYCLE, PEDESTRIAN], told[PEDESTRIAN, BICYCLE]) == (0, found[PEDESTRIAN, BICYCLE])

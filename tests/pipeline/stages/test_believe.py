@@ -9,10 +9,12 @@ from fusion_stages import believe_of
 from lidar_scene import combined
 
 from pipeline.core.arrays import F64
+from pipeline.core.association import class_agreement
 from pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Matches
 from pipeline.core.frame import SensorBundle
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.geometry.pose_samples import PoseSamples
+from pipeline.core.settings.classes import ROAD_CLASSES
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.detect import Detect3DConfig
 from pipeline.core.settings.fuse import FuseConfig
@@ -45,7 +47,7 @@ def believed(found: Hypotheses, seen: Mapping[str, Boxes2D], config: Config = CO
 
 
 def seen_in(found: Hypotheses, seen: Mapping[str, Boxes2D]) -> Visibility:
-    return find_visibility(found, seen, {"cam": VIEW}, POINTS)
+    return find_visibility(found, seen, {"cam": VIEW}, POINTS, class_agreement(ROAD_CLASSES))
 
 
 def test_what_a_camera_confirms_what_nobody_looks_at_and_what_it_does_not_confirm() -> None:

@@ -30,11 +30,18 @@ def seen(score: float, class_id: int) -> Boxes2D:
     return boxes2d([(0, 0, 10, 10, score, class_id)])
 
 
-def classified(size: tuple[float, float, float], own: int, votes: Sequence[Vote]) -> int:
+def classified(
+    size: tuple[float, float, float],
+    own: int,
+    votes: Sequence[Vote],
+    *,
+    riders: frozenset[tuple[int, int]] = frozenset(),
+    by_lidar: bool = True,
+) -> int:
     boxes = boxes3d([(5.0, 1.0, 0.5, *size, 0.3)], class_ids=[own])
     found = {f"cam{i}": seen(*vote) for i, vote in enumerate(votes)}
-    given = Hypotheses(boxes, {name: matches((0, 0), boxes=1) for name in found}, 1)
-    return int(Classify(ROAD_CLASSES)(given, found).boxes.class_ids[0])
+    given = Hypotheses(boxes, {name: matches((0, 0), boxes=1) for name in found}, int(by_lidar))
+    return int(Classify(ROAD_CLASSES, riders)(given, found).boxes.class_ids[0])
 
 
 @pytest.mark.parametrize(
@@ -56,6 +63,13 @@ def classified(size: tuple[float, float, float], own: int, votes: Sequence[Vote]
 )
 def test_class(size: tuple[float, float, float], own: int, votes: list[Vote], class_id: int) -> None:
     assert classified(size, own, votes) == class_id
+
+
+def test_a_person_on_what_the_lidars_take_for_a_bicycle_rides_it_if_the_network_knows_no_riders() -> None:
+    riders, votes = frozenset({(BICYCLE, PEDESTRIAN)}), [(0.8, PEDESTRIAN)]
+    assert classified(SIZES[BICYCLE], BICYCLE, votes, riders=riders) == BICYCLE
+    assert classified(SIZES[PEDESTRIAN], PEDESTRIAN, votes, riders=riders) == PEDESTRIAN
+    assert classified(SIZES[BICYCLE], BICYCLE, votes, riders=riders, by_lidar=False) == PEDESTRIAN, "2D boxes made it"
 
 
 def test_the_order_of_the_cameras_does_not_matter() -> None:

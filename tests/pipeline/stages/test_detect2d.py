@@ -66,7 +66,7 @@ BEHIND: Row = (10, 10, 33, 40, 0.6, "person")
     [
         pytest.param([], [], id="none"),
         pytest.param([CAR], [FOUND], id="one"),
-        pytest.param([(10, 10, 50, 40, 0.29, "car")], [], id="below the least score"),
+        pytest.param([(10, 10, 50, 40, 0.14, "car")], [], id="below the least score"),
         pytest.param([(10, 10, 50, 40, 0.5, "car")], [([10, 10, 50, 40], 0.5, "car")], id="another score"),
         pytest.param([(10, 10, 50, 40, 0.9, "kite")], [], id="a label of no class"),
         pytest.param([MOTORCYCLE], [([10, 10, 50, 40], 0.7, "bicycle")], id="a second label of a class"),
@@ -99,6 +99,12 @@ def test_names_of_kitti_and_nuscenes(label: str, expected: str | None) -> None:
     stage = stage_of(Proposals([(10, 10, 50, 40, 0.9, label)], ("car", label)))
     found = [Config().class_names[row] for row in stage({"cam": image()})["cam"].class_ids]
     assert found == ([] if expected is None else [expected])
+
+
+def test_who_may_be_a_rider() -> None:
+    person, bicycle = (Config().class_names.index(name) for name in ("pedestrian", "bicycle"))
+    assert stage_of(Proposals([])).riders == {(bicycle, person)}
+    assert not stage_of(Proposals([], ("person", "bicycle", "cyclist"))).riders
 
 
 def test_a_rider_and_the_bicycle_are_one() -> None:
@@ -167,7 +173,7 @@ def test_cars_of_a_real_image() -> None:
     assert bgr is not None
     image = Image(0, "cam", np.ascontiguousarray(bgr[..., ::-1]))
     found = stage_of(OnnxDetector2D(weights, config.detect2d))({"cam": image})["cam"]
-    cars = found.select(found.class_ids == config.class_names.index("car"))
+    cars = found.select((found.class_ids == config.class_names.index("car")) & (found.scores >= 0.3))
     label_file = json.loads(shared("data/kitti_object_8/info_from_pkl.json").read_text())
     labelled = [i["bbox"] for i in label_file["data_list"][0]["instances"] if i["bbox_label"] == 2]
     assert len(labelled) == 6

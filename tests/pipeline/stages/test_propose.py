@@ -161,6 +161,15 @@ def test_merged_pedestrians_are_parted() -> None:
     assert lidar is merged
 
 
+def test_cyclist_in_a_cluster_that_is_taken_for_a_car_gets_a_box_of_its_own() -> None:
+    cyclist, beside = (12.0, 0.0, 0.85, 1.8, 0.6, 1.7, 1.2), (12.5, 1.2, 0.7, 1.8, 0.6, 1.4, 1.2)
+    taken_for = boxes3d([(12.3, 0.6, 0.8, 4.0, 1.7, 1.6, 0.3)], class_ids=[CAR])
+    boxes = {"cam": seen_by(CAMERA, [cyclist], [BICYCLE])}
+    lidar, found = propose(cloud_of(cyclist, beside), replace(taken_for, stamp_ns=7), boxes, CAMERA)
+    assert found.class_ids[len(lidar) :].tolist() == [BICYCLE]
+    np.testing.assert_allclose(found.centers[-1, :2], cyclist[:2], atol=0.4)
+
+
 def test_car_behind_another_one_is_no_part_of_it() -> None:
     behind = (26.0, 2.6, 0.775, 4.2, 1.75, 1.55, 0.2)
     boxes = {"cam": seen_by(CAMERA, [CAR_BOX, behind], [CAR, CAR])}

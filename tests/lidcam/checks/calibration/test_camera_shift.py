@@ -84,6 +84,11 @@ def test_steps_to_both_sides_are_no_fault_of_the_camera() -> None:
     assert warned(frames) == []
 
 
+def test_three_frames_are_enough() -> None:
+    [line] = warned([seen(passing(4 * n), (25, 0)) for n in range(3)])
+    assert "25 px (2.9 degrees) to the right of the objects of the lidars, in 3 of the 3 frames" in line
+
+
 def test_a_step_in_some_frames_is_told_if_they_are_most() -> None:
     step = (3 * PX_PER_DEG, 0)
     assert warned([seen(passing(n), step if n % 3 else (0, 0)) for n in range(12)]) == []

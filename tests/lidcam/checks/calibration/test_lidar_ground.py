@@ -7,7 +7,7 @@ import pytest
 from frames import RIG
 from scipy.spatial.transform import Rotation
 
-from lidcam.checks.calibration.lidar_ground import inverted_lidars
+from lidcam.checks.calibration.lidar_ground import inverted_lidars, tilted_lidars
 from pipeline.core.clouds import PointCloud
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import LidarSensor, Rig
@@ -82,3 +82,21 @@ def test_two_lidars_of_one_height_contradict_each_other() -> None:
 def test_a_lidar_without_a_cloud_says_nothing() -> None:
     rig = replace(RIG, lidars=(lidar("a"), inverted(lidar("b"))), ground_height_m=None)
     assert inverted_lidars(rig, CombineConfig(), {"b": measured(lidar("b"))}) == ()
+
+
+@pytest.mark.parametrize(
+    ("turned_deg", "tilt"),
+    [([45, 0, 0], "45"), ([0, -30, 0], "30"), ([0, 0, 45], None), ([4, 0, 0], None), ([0, 0, 0], None)],
+)
+def test_a_lidar_whose_mount_was_forgotten(turned_deg: list[float], tilt: str | None) -> None:
+    true = [lidar("a"), lidar("b")]
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_euler("xyz", turned_deg, degrees=True).as_matrix()
+    pose = true[1].T_site_lidar
+    level = Transform.from_quaternion("site", "b", tuple(pose.translation), (0, 0, 0, 1))
+    clouds = {"a": measured(true[0]), "b": measured(replace(true[1], T_site_lidar=level))}
+    given = replace(true[1], T_site_lidar=replace(level, matrix=level.matrix @ turn))
+    found = tilted_lidars(replace(RIG, lidars=(true[0], given)), CombineConfig(), clouds)
+    told = [f"its ground is tilted by {tilt} degrees in the site, and that of a is level"] if tilt else []
+    assert [warning.finding for warning in found] == told
+    assert tilted_lidars(replace(RIG, lidars=(given,)), CombineConfig(), clouds) == (), "nobody to compare it with"

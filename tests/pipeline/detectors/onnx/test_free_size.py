@@ -44,7 +44,8 @@ def sizes_given(path: Path, *shapes: tuple[int, int], **settings: object) -> lis
 def test_a_fixed_network_of_convolutions_takes_each_pictures_shape(tmp_path: Path) -> None:
     path = convolutional(tmp_path / "m.onnx")
     given = sizes_given(path, (375, 1242), (480, 640), (376, 1242), (10, 10))
-    assert given == [(320, 960), (320, 960), (480, 640), (32, 32)]
+    assert given == [(384, 1248), (384, 1248), (480, 640), (32, 32)], "their own size"
+    assert sizes_given(path, (1080, 1920)) == [(736, 1312)], "scaled to a million pixels"
     assert sizes_given(path, (375, 1242), (480, 640), input=(320, 224)) == [(224, 320)] * 2
     assert sizes_given(path, (375, 1242), input=(96, 64)) == [(64, 96)]
 
@@ -70,7 +71,7 @@ def test_a_network_for_one_size_by_its_kind_keeps_it(tmp_path: Path) -> None:
     path = write_network(tmp_path / "m.onnx", outputs, size_px=(64, 96), batch="N")
     assert sizes_given(path, (100, 150)) == [(64, 96)]
     path = write_network(tmp_path / "m.onnx", outputs, size_px=("height", "width"), batch="N")
-    assert sizes_given(path, (375, 1242)) == [(320, 960)]
+    assert sizes_given(path, (375, 1242)) == [(384, 1248)]
 
 
 def test_what_the_file_says_of_its_size(tmp_path: Path) -> None:

@@ -95,7 +95,7 @@ def views(camera: str, sizes_px: list[float], is_matched: list[bool], visible: f
     shape = 1, len(sizes_px)
     zeros, yes = np.zeros(shape), np.ones(shape, np.bool_)
     sizes, matched = np.array([sizes_px], np.float64), np.array([is_matched], np.bool_)
-    return Visibility((camera,), yes, sizes, np.full(shape, visible), ~yes, matched, zeros, zeros.copy())
+    return Visibility((camera,), yes, sizes, np.full(shape, visible), ~yes, matched, zeros, zeros.copy(), zeros.copy())
 
 
 def plain(recall: RecallCounts, camera: str, size_px: float) -> float:

@@ -31,13 +31,14 @@ def views(
     is_matched: bool = False,
     score: float = 0.0,
     iou: float = 0.0,
+    agreement: float = 0.0,
 ) -> Visibility:
     """One camera that has one whole box of 60 px in plain view, without a match unless a value says so."""
     flags = (np.array([[flag]], np.bool_) for flag in (in_view, is_cut, is_matched))
-    values = (np.array([[value]], np.float64) for value in (60.0, visible, score, iou))
+    values = (np.array([[value]], np.float64) for value in (60.0, visible, score, iou, agreement))
     view, cut, matched = flags
-    size_px, shown, scores, overlap = values
-    return Visibility(("cam",), view, size_px, shown, cut, matched, scores, overlap)
+    size_px, shown, scores, overlap, agreed = values
+    return Visibility(("cam",), view, size_px, shown, cut, matched, scores, overlap, agreed)
 
 
 def evidence(found: Visibility, recall: float = 0.9) -> float:
@@ -85,6 +86,12 @@ def test_a_match_speaks_for_and_silence_against() -> None:
     assert usual > 0 > evidence(views())
     assert evidence(views(is_matched=True, score=0.9, iou=0.7)) > usual
     assert evidence(views(is_matched=True, score=0.6, iou=0.4)) < usual
+
+
+def test_a_box_of_something_else_says_less_and_no_more_against_it_than_none() -> None:
+    usual = evidence(views(is_matched=True, score=0.6, iou=0.7))
+    assert 0 < evidence(views(is_matched=True, score=0.6, iou=0.7, agreement=-1.0)) < usual
+    assert evidence(views(is_matched=True, score=0.6, iou=0.7, agreement=-50.0)) == evidence(views())
 
 
 def test_silence_of_a_camera_that_could_not_see_it_says_nothing() -> None:

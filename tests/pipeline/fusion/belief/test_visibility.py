@@ -6,10 +6,12 @@ from detections import boxes2d, boxes3d, forward_camera
 from lidar_scene import combined
 
 from pipeline.core.arrays import F32, F64
+from pipeline.core.association import class_agreement
 from pipeline.core.detections import Boxes3D, Hypotheses, Matches
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor
+from pipeline.core.settings.classes import ROAD_CLASSES
 from pipeline.fusion.belief.visibility import find_visibility, hidden_by_points
 
 VIEW = forward_camera()  # 640 x 480 px, f = 500 px, seen along x
@@ -18,6 +20,7 @@ ASIDE = (20.0, 5.0, 0.0, 4.0, 1.8, 1.5, 0.0)
 BEHIND = (-20.0, 0.0, 0.0, 4.0, 1.8, 1.5, 0.0)
 AT_THE_BORDER = (5.0, 3.0, 0.0, 4.0, 1.8, 1.5, 0.0)
 NO_POINTS = combined(np.zeros((0, 3)))
+AGREEMENT = class_agreement(ROAD_CLASSES)
 
 
 def hypotheses(boxes: Boxes3D, *pairs: tuple[int, int], hidden: float = 0.0) -> Hypotheses:
@@ -33,7 +36,7 @@ def hypotheses(boxes: Boxes3D, *pairs: tuple[int, int], hidden: float = 0.0) -> 
 
 def test_what_a_camera_has_in_view() -> None:
     found = hypotheses(boxes3d([CAR, BEHIND, AT_THE_BORDER]))
-    seen = find_visibility(found, {"cam": boxes2d([])}, {"cam": VIEW}, NO_POINTS)
+    seen = find_visibility(found, {"cam": boxes2d([])}, {"cam": VIEW}, NO_POINTS, AGREEMENT)
     assert seen.cameras == ("cam",)
     assert seen.in_view.tolist() == [[True, False, True]]
     assert seen.is_cut.tolist() == [[False, False, True]]
@@ -47,7 +50,7 @@ def test_what_a_camera_has_in_view() -> None:
 def test_a_match_with_its_score_and_its_overlap() -> None:
     found = hypotheses(boxes3d([CAR, CAR, ASIDE]), (1, 0))
     rectangle = found.matches["cam"].projected_xyxy[0]
-    seen = find_visibility(found, {"cam": boxes2d([(*rectangle, 0.75, 0)])}, {"cam": VIEW}, NO_POINTS)
+    seen = find_visibility(found, {"cam": boxes2d([(*rectangle, 0.75, 0)])}, {"cam": VIEW}, NO_POINTS, AGREEMENT)
     assert seen.is_matched.tolist() == [[False, True, False]]
     assert seen.scores.tolist() == [[0.0, 0.75, 0.0]]
     np.testing.assert_allclose(seen.iou, [[0.0, 0.8, 0.0]], rtol=1e-6)
@@ -56,22 +59,26 @@ def test_a_match_with_its_score_and_its_overlap() -> None:
 def test_points_and_objects_in_front_hide() -> None:
     points = combined(wall(8.0, (-1, 1), (-1, 1)).astype(np.float64))
     boxes, empty = boxes3d([CAR, ASIDE]), {"cam": boxes2d([])}
-    behind_points = find_visibility(hypotheses(boxes), empty, {"cam": VIEW}, points).visible
+    behind_points = find_visibility(hypotheses(boxes), empty, {"cam": VIEW}, points, AGREEMENT).visible
     assert behind_points[0, 0] < 0.2
     assert behind_points[0, 1] == 1
-    behind_objects = find_visibility(hypotheses(boxes, hidden=0.75), empty, {"cam": VIEW}, NO_POINTS).visible
+    behind_objects = find_visibility(hypotheses(boxes, hidden=0.75), empty, {"cam": VIEW}, NO_POINTS, AGREEMENT).visible
     assert behind_objects.tolist() == [[0.25, 0.25]]
 
 
 def test_a_camera_without_an_entry_does_not_look() -> None:
     found = hypotheses(boxes3d([CAR]))
     both = replace(found, matches={"cam": found.matches["cam"], "other": found.matches["cam"]})
-    assert find_visibility(both, {"other": boxes2d([])}, {"cam": VIEW, "other": VIEW}, NO_POINTS).cameras == ("other",)
-    assert find_visibility(both, {}, {"cam": VIEW, "other": VIEW}, NO_POINTS).in_view.shape == (0, 1)
+    assert find_visibility(
+        both, {"other": boxes2d([])}, {"cam": VIEW, "other": VIEW}, NO_POINTS, AGREEMENT
+    ).cameras == ("other",)
+    assert find_visibility(both, {}, {"cam": VIEW, "other": VIEW}, NO_POINTS, AGREEMENT).in_view.shape == (0, 1)
 
 
 def test_no_hypotheses() -> None:
-    seen = find_visibility(hypotheses(boxes3d([])), {"cam": boxes2d([(0, 0, 9, 9, 0.5, 0)])}, {"cam": VIEW}, NO_POINTS)
+    seen = find_visibility(
+        hypotheses(boxes3d([])), {"cam": boxes2d([(0, 0, 9, 9, 0.5, 0)])}, {"cam": VIEW}, NO_POINTS, AGREEMENT
+    )
     assert seen.in_view.shape == (1, 0)
 
 
