@@ -71,10 +71,12 @@ class ArticulatedPath:
     Attributes:
         carrier: Path of the whole thing.
         place: From states (N, 6), see `Trajectory.states`, to poses (N) of the part in the carrier's base frame.
+        scale: Factors of the carrier's length, width and height.
     """
 
     carrier: Carrier
     place: Callable[[F64], Poses]
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
     def poses(self, times_ns: I64) -> Poses:
         """Poses (N) of the part in the world at times (N,).
@@ -82,7 +84,8 @@ class ArticulatedPath:
         Raises:
             ValueError: a time is later than the carrier's last state.
         """
-        return self.carrier.poses(times_ns) @ self.place(self.carrier.states(times_ns))
+        placed = self.place(self.carrier.states(times_ns))
+        return self.carrier.poses(times_ns) @ Poses(placed.rotation, placed.translation * self.scale)
 
 
 def pitched(angles: F64, x: F64 | float, y: float, z: F64 | float) -> Poses:
