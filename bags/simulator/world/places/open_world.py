@@ -16,6 +16,8 @@ ASPHALT = Material("asphalt", (0.30, 0.30, 0.31), 0.18, texture="asphalt")
 VERGE = Material("verge", (0.36, 0.46, 0.24), 0.4, texture="grass")
 NODES, FINE_SHARE = 111, 0.15
 """Nodes of the ground along each axis; half of them lie within this share of its reach, where sensors are."""
+KERB = 0.01
+"""Width of a kerb as a share of half the road; of roads along x and y, of others the distance of nodes."""
 
 
 def open_mesh(ground: GroundScenario, things: Sequence[ThingScenario]) -> Mesh:
@@ -41,31 +43,43 @@ def open_height(ground: GroundScenario, xy: F64) -> F64:
 
 def _on_road(ground: GroundScenario, xy: F64) -> Bools:
     on = np.zeros(len(xy), np.bool_)
+    slack = 1e-9  # a node at the kerb is on the road
     for road in ground.roads:
         begin, end = np.array(road.from_m), np.array(road.to_m)
         length = float(np.hypot(*(end - begin)))
         along = (end - begin) / max(length, 1e-9)
         off = xy - begin
-        on |= (np.abs(off @ [-along[1], along[0]]) <= road.width_m / 2) & (
+        on |= (np.abs(off @ [-along[1], along[0]]) <= road.width_m / 2 + slack) & (
             np.abs(off @ along - length / 2) <= length / 2
         )
     return on
 
 
 def _ground(ground: GroundScenario) -> Mesh:
-    share = np.linspace(-1, 1, NODES)
-    axis = ground.reach_m * (2 * FINE_SHARE * share + (1 - 2 * FINE_SHARE) * share**3)
-    x, y = (grid.ravel() for grid in np.meshgrid(axis, axis, indexing="ij"))
+    along_x, along_y = _nodes(ground, 0), _nodes(ground, 1)
+    x, y = (grid.ravel() for grid in np.meshgrid(along_x, along_y, indexing="ij"))
     xy = np.stack([x, y], 1)
     heights, road = open_height(ground, xy), _on_road(ground, xy)
     if ground.roughness_m:
         bumps = np.random.Generator(np.random.PCG64(ground.seed + 1)).normal(0, ground.roughness_m, len(xy))
         heights = heights + np.where(road, 0.25, 1.0) * bumps
-    node = (np.arange(NODES - 1)[:, None] * NODES + np.arange(NODES - 1)).ravel()
-    a, b, c, d = node, node + NODES, node + NODES + 1, node + 1
+    rows = len(along_y)
+    a = (np.arange(len(along_x) - 1)[:, None] * rows + np.arange(rows - 1)).ravel()
+    b, c, d = a + rows, a + rows + 1, a + 1
     triangles = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
     materials = np.tile(np.where(road[a] & road[c], 0, 1), 2)
     return Mesh(np.c_[xy, heights], triangles, materials, (ASPHALT, VERGE))
+
+
+def _nodes(ground: GroundScenario, axis: int) -> F64:
+    """Coordinates of the nodes of the ground along an axis, two of them at each kerb that runs across it."""
+    share = np.linspace(-1, 1, NODES)
+    places = [ground.reach_m * (2 * FINE_SHARE * share + (1 - 2 * FINE_SHARE) * share**3)]
+    for road in ground.roads:
+        middle, end = road.from_m[axis], road.to_m[axis]
+        if middle == end:
+            places.append(middle + (road.width_m / 2) * np.array([-1 - KERB, -1, 1, 1 + KERB]))
+    return np.unique(np.concatenate(places).clip(-ground.reach_m, ground.reach_m))
 
 
 def _placed(thing: ThingScenario, ground_m: float) -> Mesh:
