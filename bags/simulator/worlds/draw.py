@@ -89,6 +89,7 @@ def random_lidar(family: Family, draw: np.random.Generator) -> LidarScenario:
             site.between(0, 25),
             round(math.degrees(turn) + 180 + site.between(-30, 30), 2),
         )
+    gain = site.between(0.7, 6.0)
     columns = int(site.pick(900, 1024, 1200, 1800, 1800, 2048))
     if len(elevations) > 64:
         columns = min(columns, 1200)
@@ -101,11 +102,11 @@ def random_lidar(family: Family, draw: np.random.Generator) -> LidarScenario:
         model="linear",
         elevations_deg=tuple(round(angle + site.about(0, 0.02, -0.05, 0.05), 3) for angle in elevations),
         columns=columns,
-        max_range_m=site.between(80, 220),
+        max_range_m=site.between(120, 350),
         range_noise_m=site.between(0.004, 0.03) * max(site_scale, 0.3),
         dropout=site.pick(0.005, site.between(0.02, 0.09), site.between(0.02, 0.09)),
-        intensity_gain=site.between(0.7, 6.0),
-        intensity_floor=site.pick(0.0, site.between(2, 25), site.between(2, 25)),
+        intensity_gain=gain,
+        intensity_floor=round(gain * site.pick(0.0, site.between(2, 12), site.between(2, 12)), 3),
     )
 
 
@@ -164,7 +165,7 @@ def _street(draw: np.random.Generator, family: Family) -> dict[str, Any]:
     _people(site, half, paved)
     density = site.between(0.3, 1.0)
     for side in (1, -1):
-        for _ in range(int(density * 110)):
+        for _ in range(int(density * 150)):
             x = site.about(0, 45, -REACH_M, REACH_M)
             y = half + (site.between(0.5, paved + 4) if site.chance(0.6) else site.between(paved, 30))
             if abs(x - cross_x) > cross_half + 1:

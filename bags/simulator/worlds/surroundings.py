@@ -148,17 +148,4 @@ def _tree(site: Site, at: Place, _: float) -> None:
     tree(site, at)
 
 
-CLUTTER = (
-    _pole,
-    _pole,
-    _furniture,
-    _furniture,
-    _bicycles,
-    _plants,
-    _plants,
-    _car_sized,
-    _car_sized,
-    _large,
-    _large,
-    _tree,
-)
+CLUTTER = (_pole, _pole, _furniture, _furniture, _bicycles, _plants, _plants, _car_sized, _large, _tree)

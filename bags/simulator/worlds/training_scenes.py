@@ -182,10 +182,11 @@ class _World:
     def _surfaces(self, origin: F64, directions: F32, draw: np.random.Generator) -> tuple[I64, F32, I64, F64]:
         """Where rays (N, 3) from a point end: rows (K,) that hit something, distance, body, and share of light.
 
-        Some of those that hit glass pass, and end at what is behind it.
+        Those that hit glass mostly pass, and end at what is behind it.
         """
         row, range_m, body, material, cos = self._cast(packed(origin, directions))
-        glass = np.flatnonzero(draw.random(len(row)) < np.sqrt(self._looks[:, 2]).take(material))
+        passed = self._looks[:, 2].take(material)
+        glass = np.flatnonzero((passed > 0) & (draw.random(len(row)) >= self._looks[:, 1].take(material)))
         onward = (
             origin.astype(np.float32) + directions.take(row.take(glass), 0) * (range_m.take(glass) + BEHIND_M)[:, None]
         )
@@ -195,7 +196,9 @@ class _World:
         range_m[at] = np.linalg.norm(onward.take(behind[0], 0) - origin, axis=1) + behind[1]
         body[at], material[at], cos[at] = behind[2:]
         reflectivity, mirror, _ = self._looks.take(material, 0).T
-        return row, range_m, body, returned_share(reflectivity, mirror, cos)
+        share = returned_share(reflectivity, mirror, cos)
+        share[at] *= passed.take(at) ** 2
+        return row, range_m, body, share
 
     def _cast(self, rays: F32) -> tuple[I64, F32, I64, I64, F64]:
         """Rows (K,) of the rays that hit something, distance, body, row of the material, cosine of the incidence."""

@@ -54,7 +54,7 @@ def _ball(draw: np.random.Generator, count: int, low: float, high: float, *, hol
 def _tree(draw: np.random.Generator) -> Mesh:
     fork = draw.uniform(0.2, 0.4)
     trunk = cylinder((0, 0, 0), (0, 0, 0.7), draw.uniform(0.02, 0.05), BARK, sides=8, taper=0.6)
-    return merged(trunk, _leaves(draw, _ball(draw, 500, fork, 1.0, hollow=0.3), 0.09))
+    return merged(trunk, _leaves(draw, _ball(draw, int(draw.integers(150, 500)), fork, 1.0, hollow=0.3), 0.09))
 
 
 def _conifer(draw: np.random.Generator) -> Mesh:
@@ -65,11 +65,15 @@ def _conifer(draw: np.random.Generator) -> Mesh:
 
 
 def _bush(draw: np.random.Generator) -> Mesh:
-    return _leaves(draw, _ball(draw, 260, draw.uniform(-0.4, 0.1), 1.0, hollow=draw.uniform(0.2, 0.7)), 0.11)
+    return _leaves(
+        draw,
+        _ball(draw, int(draw.integers(50, 260)), draw.uniform(-0.4, 0.1), 1.0, hollow=draw.uniform(0.2, 0.7)),
+        0.11,
+    )
 
 
 def _hedge(draw: np.random.Generator) -> Mesh:
-    count = 420
+    count = int(draw.integers(150, 420))
     places = draw.uniform((-0.5, -0.5, 0.0), (0.5, 0.5, 1.0), (count, 3))
     side = draw.integers(0, 3, count)  # near the long sides and the top
     places[side == 0, 1] = -0.5 + np.abs(draw.normal(0, 0.12, (side == 0).sum()))

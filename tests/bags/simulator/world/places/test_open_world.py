@@ -49,7 +49,7 @@ def test_a_thing_fills_its_size_where_it_stands(kind: ThingKind) -> None:
 
 def test_what_stands_in_the_way_of_a_car() -> None:
     sizes = {"box": (1, 1, 1), "grass": (2, 2, 0.4), "tree": (4, 4, 6)}
-    things = [ThingScenario(kind=kind, position_m=(0, 0), size_m=size) for kind, size in sizes.items()]  # type: ignore[arg-type]
+    things = [ThingScenario(kind=kind, position_m=(0, 0), size_m=size) for kind, size in sizes.items()]
     things += [
         ThingScenario(position_m=(9, 0), size_m=(1, 1, 0.1)),
         ThingScenario(position_m=(9, 0), size_m=(1, 1, 1), bottom_m=2.5),
