@@ -212,8 +212,8 @@ def _people(site: Site, half: float, paved: float) -> None:
         x = site.about(0, 28, -80, 80)
         y = site.pick(-1, 1) * site.between(half * (0.2 if site.chance(0.2) else 1.0) + 0.4, half + paved + 3)
         heading = site.between(0, 360)
-        for number in range(int(site.pick(1, 1, 1, 2, 2, 3, 5))):
-            close = site.between(0.45, 1.0) * number
+        for number in range(int(site.pick(1, 1, 1, 2, 2, 3, 5, 8))):
+            close = site.between(0.5, 1.1) * math.sqrt(number)
             start = (round(x + close * site.between(-1, 1), 3), round(y + close * site.between(-1, 1), 3), heading)
             site.pedestrian(start=start, margin_m=0.02)
         for _ in range(int(site.draw.integers(0, 4))):  # a pole, a bush, a bin within reach

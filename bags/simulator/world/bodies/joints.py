@@ -60,7 +60,8 @@ class RaisedPath:
         """Poses (N) on the ground, smoothed over a foot's length at steps."""
         flat = self.carrier.poses(times_ns)
         ahead, raised = flat.rotation[:, :2, 0], flat.translation.copy()
-        raised[:, 2] = np.mean([self.height(raised[:, :2] + offset * ahead) for offset in STEP_M], axis=0)
+        under = np.concatenate([raised[:, :2] + offset * ahead for offset in STEP_M])
+        raised[:, 2] = self.height(under).reshape(len(STEP_M), -1).mean(axis=0)
         return Poses(flat.rotation, raised)
 
 
