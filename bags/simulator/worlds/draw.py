@@ -7,16 +7,18 @@ people, sizes and headings, intensities, lost returns, uneven ground.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 from zlib import crc32
 
 import numpy as np
 
-from bags.simulator.scenario.open_world import GroundScenario, RoadScenario
+from bags.simulator.scenario.open_world import GroundScenario, RoadScenario, ThingScenario
 from bags.simulator.scenario.scenario import Scenario
 from bags.simulator.scenario.sensors import CameraScenario, LidarScenario
 from bags.simulator.scenario.traffic import VehicleScenario
+from bags.simulator.vehicles.footprints import Rectangle, overlap, things_in_the_way
+from bags.simulator.world.places.open_world import open_height
 from bags.simulator.worlds.layouts import LAYOUTS
 from bags.simulator.worlds.site import Site
 from bags.simulator.worlds.surroundings import clutter, frontage
@@ -25,6 +27,9 @@ __all__ = ["FAMILIES", "Family", "random_lidar", "random_numbers_of", "random_sc
 
 Family = Literal["sandbox", "crossing", "road"]
 FAMILIES: tuple[Family, ...] = ("sandbox", "crossing", "road")
+
+Place3D = tuple[float, float, float]
+TRIES = 20
 
 REACH_M = 90.0
 """Roads, and what lines them, end here."""
@@ -40,7 +45,7 @@ def random_scenario(family: Family, seed: int) -> Scenario:
     draw = random_numbers_of(family, seed)
     tree = _table(draw) if family == "sandbox" else _street(draw, family)
     ego = "ego" in tree["vehicles"]
-    lidar = random_lidar(family, draw)
+    lidar = random_lidar(family, draw, tree["ground"], tree["things"])
     camera = CameraScenario(
         topic="/camera/image_raw",
         info_topic="/camera/camera_info",
@@ -63,8 +68,13 @@ def random_scenario(family: Family, seed: int) -> Scenario:
     )
 
 
-def random_lidar(family: Family, draw: np.random.Generator) -> LidarScenario:
-    """A lidar, its place and its faults; on the roof of a car, a mast, or at a table, as the family has it."""
+def random_lidar(
+    family: Family, draw: np.random.Generator, ground: GroundScenario, things: Sequence[ThingScenario]
+) -> LidarScenario:
+    """A lidar, its place and its faults; on the roof of a car, a mast, or at a table, as the family has it.
+
+    It stands on the ground, and in none of the things.
+    """
     site = Site(draw)
     names = list(LAYOUTS)
     name = names[int(draw.integers(len(names)))] if not site.chance(0.15) else "HDL-64E"
@@ -73,9 +83,8 @@ def random_lidar(family: Family, draw: np.random.Generator) -> LidarScenario:
     tilt = (site.about(0, 1.0, -4, 4), site.about(0, 1.2, -4, 4), 0.0)
     place = (site.between(0.2, 1.6), site.between(-0.3, 0.3), site.about(1.85, 0.2, 1.4, 2.8))
     if family == "crossing":
-        side = (site.pick(-1, 1), site.pick(-1, 1))
         high = site.between(3.0, 8.0) if site.chance(0.7) else site.between(1.2, 2.5)
-        place = (side[0] * site.between(4, 14), side[1] * site.between(6, 12), high)
+        place = (*_free_corner(site, things), high)
         inward = math.degrees(math.atan2(-place[1], -place[0]))
         down = site.between(0, 25) if high > 3 else site.between(-2, 3)
         tilt = (site.about(0, 2, -6, 6), down, round(inward + site.between(-30, 30), 2))
@@ -97,7 +106,7 @@ def random_lidar(family: Family, draw: np.random.Generator) -> LidarScenario:
         topic="/lidar/points",
         frame_id="lidar",
         mounted_on="ego" if family == "road" else "",
-        position_m=place,
+        position_m=place if family == "road" else _raised(place, ground),
         rpy_deg=tilt,
         model="linear",
         elevations_deg=tuple(round(angle + site.about(0, 0.02, -0.05, 0.05), 3) for angle in elevations),
@@ -108,6 +117,21 @@ def random_lidar(family: Family, draw: np.random.Generator) -> LidarScenario:
         intensity_gain=gain,
         intensity_floor=round(gain * site.pick(0.0, site.between(2, 12), site.between(2, 12)), 3),
     )
+
+
+def _raised(place: Place3D, ground: GroundScenario) -> Place3D:
+    x, y, high = place
+    return x, y, round(high + float(open_height(ground, np.array([[x, y]]))[0]), 3)
+
+
+def _free_corner(site: Site, things: Sequence[ThingScenario]) -> tuple[float, float]:
+    """A place near a corner of the junction for the foot of a mast; where none is free, the last that was tried."""
+    taken = things_in_the_way(things, step_m=0.2, headroom_m=10.0)
+    for _ in range(TRIES):
+        x, y = site.pick(-1, 1) * site.between(4, 14), site.pick(-1, 1) * site.between(6, 12)
+        if not any(overlap(Rectangle(x, y, 0.0, 0.6, 0.6), other) for other in taken):
+            break
+    return x, y
 
 
 def _street(draw: np.random.Generator, family: Family) -> dict[str, Any]:

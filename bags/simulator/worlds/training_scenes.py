@@ -145,15 +145,13 @@ class _World:
 
     def sweep(self, family: Family, seed: int, number: int) -> TrainingSweep:
         """The sweep of the scenario's lidar, or from number 1 on of another one."""
-        draw = random_numbers_of(family, seed, number)
-        lidar = self._scenario.lidars["top"] if number == 0 else random_lidar(family, draw)
+        draw, scenario = random_numbers_of(family, seed, 1 + number), self._scenario
+        lidar = scenario.lidars["top"] if number == 0 else random_lidar(family, draw, scenario.ground, scenario.things)
         base = np.eye(4)
         if lidar.mounted_on:
             base = self._ego_pose(draw, elsewhere=number > 0)
         T_base_lidar = lidar.T_carrier_body("base").matrix
         T_site_lidar = base @ T_base_lidar
-        if not lidar.mounted_on:  # on its mast
-            T_site_lidar[2, 3] += self._height(T_site_lidar[None, :2, 3])[0]
         beams = _directions(lidar)
         directions = mapped(beams, T_site_lidar[:3, :3])
         met, range_m, body, share = self._surfaces(T_site_lidar[:3, 3], directions, draw)
