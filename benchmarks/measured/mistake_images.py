@@ -59,7 +59,7 @@ class Look:
 def looks(run: MeasuredRun) -> list[Look]:
     """The worst errors of the fused objects, with a look at each."""
     scenario = load_scenario(run.scenario)
-    surroundings = Surroundings(scenario.world)
+    surroundings = Surroundings(scenario)
     mistakes = [(kind, one) for kind in KINDS for one in run.figures["mistakes"]["fused"][kind]]
     found: dict[int, Look] = {}
     with open_result(run.result) as result, open_recording([run.recording]) as recording:

@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from bags.simulator.scenario.scenario import Scenario
 from bags.simulator.world.open3d_runtime import load_libusb
-from bags.simulator.world.places.places import World, static_mesh
+from bags.simulator.world.places.places import mesh_of
 from pipeline.core.arrays import F64
 from pipeline.core.geometry.boxes import rotations_2d
 
@@ -27,14 +28,14 @@ class Surroundings:
     """The static part of a simulated world.
 
     Args:
-        world: Its name.
+        scenario: Of the world.
     """
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, scenario: Scenario) -> None:
         load_libusb()
         import open3d
 
-        self._mesh = static_mesh(world)
+        self._mesh = mesh_of(scenario)
         core: Any = open3d.core
         self._tensor = core.Tensor
         self._scene = open3d.t.geometry.RaycastingScene(nthreads=1)

@@ -18,7 +18,7 @@ from bags.simulator.recorder.files import (
 )
 from bags.simulator.recorder.recorded import Recorded
 from bags.simulator.recorder.start import simulating
-from bags.simulator.scenario.load import load_scenario
+from bags.simulator.scenario.load import load_scenario, overridden
 from bags.simulator.scenario.scenario import Scenario
 from lidcam.outputs.allowed import SIMULATED, TEXT, check_no_input, check_replaced
 from lidcam.printing.log import remark_log
@@ -26,8 +26,9 @@ from readers.rig.rig_file import rig_yaml
 
 if TYPE_CHECKING:
     from bags.simulator.recorder.simulation import Simulation
+    from bags.simulator.worlds.draw import Family
 
-__all__ = ["Recorder", "recording_to", "scenario_of"]
+__all__ = ["Recorder", "drawn_scenario", "recording_to", "scenario_of"]
 
 
 def scenario_of(name: str, settings: Sequence[str], *, duration_s: float | None, seed: int | None) -> Scenario:
@@ -45,6 +46,20 @@ def scenario_of(name: str, settings: Sequence[str], *, duration_s: float | None,
     scenario = load_scenario(name, tuple(settings))
     given = {"seed": seed, "duration_s": duration_s}
     return scenario.model_copy(update={key: value for key, value in given.items() if value is not None})
+
+
+def drawn_scenario(
+    family: "Family", settings: Sequence[str], *, duration_s: float | None, seed: int | None
+) -> Scenario:
+    """A scenario that is drawn from a seed, by default 1; other arguments as of `scenario_of`.
+
+    Raises:
+        ConfigError: a value does not fit.
+    """
+    from bags.simulator.worlds.draw import random_scenario  # OpenCV
+
+    scenario = overridden(random_scenario(family, 1 if seed is None else seed), tuple(settings))
+    return scenario if duration_s is None else scenario.model_copy(update={"duration_s": duration_s})
 
 
 class Recorder:

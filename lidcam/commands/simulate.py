@@ -1,7 +1,7 @@
 """The command `lidcam simulate`."""
 
 from importlib.util import find_spec
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -10,13 +10,17 @@ from pipeline.core.errors import LidcamError
 
 __all__ = ["SIMULATE_EXAMPLES", "check_simulator", "simulate"]
 
+RANDOM = "random"
+"""Name of the scenarios that are drawn from a seed."""
+
 # \b keeps the lines of a paragraph as they are.
 SIMULATE_EXAMPLES = """\b
-Scenarios: sandbox, crossing, vehicle, or a YAML file of your own.
+Scenarios: sandbox, crossing, vehicle, random, or a YAML file of your own.
 Examples:
   lidcam simulate sandbox out.bag --duration 10
   lidcam simulate crossing out.mcap --seed 7
   lidcam simulate my_crossing.yaml bag_folder --format sqlite3
+  lidcam simulate random out.mcap --family road --seed 7
   lidcam simulate sandbox out.bag --set lidars.velodyne1.clock_offset_ms=20
 """
 
@@ -33,6 +37,10 @@ def simulate(
         ),
     ] = None,
     seed: Seed = None,
+    family: Annotated[
+        Literal["sandbox", "crossing", "road"] | None,
+        typer.Option("--family", help="Worlds that `random` draws from, by its seed. [default: road]"),
+    ] = None,
     settings: Setting = None,
     overwrite: Overwrite = False,
     workers: Annotated[
@@ -44,11 +52,16 @@ def simulate(
 
     Lidars, cameras, and the truth about what they see.
     """
+    if family is not None and scenario != RANDOM:
+        raise typer.BadParameter(f"expected the scenario {RANDOM}, found {scenario}", param_hint="--family")
     check_simulator()
-    from lidcam.commands.scenario import recording_to, scenario_of
+    from lidcam.commands.scenario import drawn_scenario, recording_to, scenario_of
     from lidcam.printing.progress import show_progress
 
-    found = scenario_of(scenario, settings or (), duration_s=duration_s, seed=seed)
+    if scenario == RANDOM:
+        found = drawn_scenario(family or "road", settings or (), duration_s=duration_s, seed=seed)
+    else:
+        found = scenario_of(scenario, settings or (), duration_s=duration_s, seed=seed)
     with (
         recording_to(output, format_, found, read=scenario, overwrite=overwrite, workers=workers) as opened,
         show_progress(found.duration_s) as advance,

@@ -139,7 +139,7 @@ def _cost_us(sensor: LidarScenario | CameraScenario) -> float:
         pixels = sensor.width_px * sensor.height_px
         return pixels * (MOVING_CAMERA_COST if sensor.mounted_on else CAMERA_COST)
     beams = (
-        sensor.beams * sensor.columns
+        len(sensor.linear_elevations_deg) * sensor.columns
         if sensor.model == "linear"
         else SLOTS / MODELS[sensor.model].column_us * 1e6 / sensor.rate_hz
     )

@@ -1,7 +1,6 @@
 """The world of a scenario, with all poses over time."""
 
 from collections.abc import Collection
-from functools import partial
 
 import numpy as np
 
@@ -10,9 +9,10 @@ from bags.simulator.recorder.true_rig import carrier_frame
 from bags.simulator.scenario.scenario import Scenario
 from bags.simulator.scenario.sensors import SensorScenario
 from bags.simulator.vehicles.traffic import Traffic
-from bags.simulator.world.bodies.dimensions import SHAPES
+from bags.simulator.world.bodies.dimensions import shape_of
+from bags.simulator.world.bodies.joints import RaisedPath
 from bags.simulator.world.motion import FixedPath, MountedPath, Path
-from bags.simulator.world.places.places import ground_height, static_mesh
+from bags.simulator.world.places.places import height_of, mesh_of
 from bags.simulator.world.scene import Scene
 from pipeline.core.geometry.transform import Transform
 
@@ -37,15 +37,20 @@ class Stage:
 
     def __init__(self, scenario: Scenario, *, driven: Collection[str] = ()) -> None:
         self.scenario = scenario
-        world = static_mesh(scenario.world)
+        world = mesh_of(scenario)
         self.traffic = Traffic(scenario, driven=driven, static=world)
         self.vehicles = {name: vehicle for name, vehicle in scenario.vehicles.items() if not vehicle.ego}
         trajectories = self.traffic.trajectories
-        height = partial(ground_height, scenario.world)
+        height = height_of(scenario)
+        # Only in open worlds is there any other way up than a pedestrian's steps on kerbs.
+        self._carriers = {
+            name: RaisedPath(path, height) if scenario.world == "open" else path for name, path in trajectories.items()
+        }
         movers = [
-            build_mover(name, vehicle, trajectories[name], height=height) for name, vehicle in self.vehicles.items()
+            build_mover(name, vehicle, self._carriers[name], height=None if scenario.world == "open" else height)
+            for name, vehicle in self.vehicles.items()
         ]
-        self._paths: dict[str, Path] = dict(trajectories) | {mover.name: mover.path for mover in movers}
+        self._paths: dict[str, Path] = dict(self._carriers) | {mover.name: mover.path for mover in movers}
         self.scene = Scene(world, movers)
         periods_s = [1 / sensor.rate_hz for sensor in scenario.sensors.values()]
         # A tenth more, for jitter and sweeps of whole packets.
@@ -56,7 +61,7 @@ class Stage:
         place = sensor.T_carrier_body(carrier_frame(self.scenario, sensor))
         if not sensor.mounted_on:
             return FixedPath(place)
-        return MountedPath(self.traffic.trajectories[sensor.mounted_on], place)
+        return MountedPath(self._carriers[sensor.mounted_on], place)
 
     def T_site_base(self, vehicle: str, frame: str, time_ns: int) -> Transform:
         """Pose of a vehicle's base frame, which the transform names `frame`."""
@@ -67,7 +72,8 @@ class Stage:
 
     def T_site_box(self, vehicle: str, frame: str, time_ns: int) -> Transform:
         """Pose of the centre of the box that holds a vehicle at all times, which the transform names `frame`."""
-        return self._centred(vehicle, frame, time_ns, SHAPES[self.scenario.vehicles[vehicle].shape].box_center_m)
+        settings = self.scenario.vehicles[vehicle]
+        return self._centred(vehicle, frame, time_ns, shape_of(settings.shape, settings.scale).box_center_m)
 
     def body_box(self, row: int, time_ns: int) -> tuple[Transform, tuple[float, float, float]]:
         """Pose of the centre of a mover's ground truth box, and its length, width, height."""

@@ -10,7 +10,7 @@ from bags.simulator.recorder.recorded import Measured, Recorded
 from bags.simulator.recorder.stage import Stage
 from bags.simulator.scenario.scenario import EGO_FRAME
 from bags.simulator.scenario.traffic import command_topic, controller_topics
-from bags.simulator.world.bodies.dimensions import SHAPES
+from bags.simulator.world.bodies.dimensions import shape_of
 from pipeline.core.arrays import I64
 from pipeline.core.ros.vision_numbers import IMAGE_PIXELS, LIDAR_POINTS
 
@@ -113,7 +113,8 @@ class States:
 
     def _odometry(self, name: str, time_ns: int) -> Any:
         """Odometry of the centre of a vehicle's box, as in the predecessor system."""
-        ahead_m = SHAPES[self._stage.scenario.vehicles[name].shape].box_center_m[0]
+        vehicle = self._stage.scenario.vehicles[name]
+        ahead_m = shape_of(vehicle.shape, vehicle.scale).box_center_m[0]
         speed, turn = self._speeds(name, time_ns)
         pose = self._stage.T_site_box(name, name, time_ns)
         return self._messages.odometry(time_ns, pose, (speed, turn * ahead_m, turn))

@@ -10,7 +10,7 @@ from pipeline.core.settings.bundled import bundled
 from pipeline.core.settings.load import set_values
 from pipeline.core.settings.validation import checked, did_you_mean
 
-__all__ = ["load_scenario", "scenario_names"]
+__all__ = ["load_scenario", "overridden", "scenario_names"]
 
 
 def scenario_names() -> list[str]:
@@ -32,9 +32,21 @@ def load_scenario(name: str, overrides: tuple[str, ...] = ()) -> Scenario:
         if name not in scenario_names():
             meant = did_you_mean(name, scenario_names())
             raise ConfigError(f"{name}: expected a YAML file or one of {listed(scenario_names())}{meant}")
-    tree = read_yaml(path)
+    return _with(read_yaml(path), overrides, str(path))
+
+
+def overridden(scenario: Scenario, overrides: tuple[str, ...]) -> Scenario:
+    """A scenario with overrides of single values, as of `load_scenario`.
+
+    Raises:
+        ConfigError: a key or value is not valid.
+    """
+    return _with(scenario.model_dump(mode="json"), overrides, "the scenario") if overrides else scenario
+
+
+def _with(tree: dict[str, Any], overrides: tuple[str, ...], name: str) -> Scenario:
     set_values(tree, tuple(override for given in overrides for override in _for_each(tree, given)))
-    return checked(Scenario, tree, f"{path} with --set" if overrides else path)
+    return checked(Scenario, tree, f"{name} with --set" if overrides else name)
 
 
 def _for_each(tree: dict[str, Any], override: str) -> list[str]:

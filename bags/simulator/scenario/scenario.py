@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from bags.simulator.scenario.open_world import GroundScenario, ThingScenario
 from bags.simulator.scenario.sensors import COEFFICIENTS, CameraScenario, LidarScenario, Name
 from bags.simulator.scenario.traffic import RouteScenario, VehicleScenario
 from pipeline.core.settings.model import NotNegative, Positive, SettingsModel
@@ -53,7 +54,9 @@ class Scenario(SettingsModel):
 
     Attributes:
         description: One line for people.
-        world: The static world.
+        world: The static world; `open` is that of `ground` and `things`.
+        ground: The ground of an `open` world.
+        things: What stands in an `open` world.
         site_frame: Name of the world frame in messages.
         start_unix_s: Start time, seconds since 1970; headers end in 2038.
         duration_s: Default length of the recording.
@@ -67,7 +70,9 @@ class Scenario(SettingsModel):
     """
 
     description: str = ""
-    world: Literal["sandbox", "crossing", "street"]
+    world: Literal["sandbox", "crossing", "street", "open"]
+    ground: GroundScenario = GroundScenario()
+    things: tuple[ThingScenario, ...] = ()
     site_frame: str = "site"
     start_unix_s: Annotated[int, Field(ge=0, le=2_000_000_000)] = 1_700_000_000
     duration_s: Positive = 10.0
@@ -78,6 +83,12 @@ class Scenario(SettingsModel):
     lidars: dict[Name, LidarScenario] = Field(default_factory=dict)
     cameras: dict[Name, CameraScenario] = Field(default_factory=dict)
     recording: RecordingScenario = RecordingScenario()
+
+    @model_validator(mode="after")
+    def _things_are_in_an_open_world(self) -> "Scenario":
+        if self.world != "open" and (self.things or self.ground != GroundScenario()):
+            raise ValueError(f"world: expected open for ground and things, found {self.world}")
+        return self
 
     @model_validator(mode="after")
     def _names_lead_somewhere(self) -> "Scenario":
@@ -112,6 +123,8 @@ class Scenario(SettingsModel):
             if lidar.output != "points" and lidar.firing_stride != 1:
                 expected = "expected 1 for packets, which hold every firing"
                 raise ValueError(f"{name}.firing_stride: {expected}, found {lidar.firing_stride}")
+            if lidar.elevations_deg and lidar.model != "linear":
+                raise ValueError(f"{name}.elevations_deg: expected none of a {lidar.model}, which has its own")
             if lidar.elevation_deg[0] >= lidar.elevation_deg[1]:
                 raise ValueError(f"{name}.elevation_deg: expected the lower one first, found {lidar.elevation_deg}")
         for name, camera in ((f"cameras.{key}", value) for key, value in self.cameras.items()):

@@ -2,6 +2,7 @@
 
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
@@ -94,6 +95,7 @@ class LidarScenario(SensorScenario):
         model: A Velodyne model of `readers.velodyne.models`, or `linear`: evenly spread beams.
         beams: Number of beams of a `linear` lidar.
         elevation_deg: Lowest and highest beam of a `linear` lidar.
+        elevations_deg: All beams of a `linear` lidar, at uneven steps; then `beams` and `elevation_deg` do not count.
         columns: Firings per turn of a `linear` lidar; other models have a fixed firing rate.
         firing_stride: Record only every n-th firing, for small files (points only).
         start_azimuth_deg: Azimuth where a sweep starts, clockwise from the front.
@@ -106,11 +108,14 @@ class LidarScenario(SensorScenario):
         max_range_m: Longest range of a white surface; darker ones have a shorter one.
         range_noise_m: Standard deviation of ranges.
         dropout: Share of echoes lost at random.
+        intensity_gain: Factor on Velodyne's scale of intensities.
+        intensity_floor: Subtracted from intensities; what is darker is reported as 0.
     """
 
     model: Literal["VLP-16", "Puck Hi-Res", "HDL-32E", "VLP-32A", "VLP-32B", "VLP-32C", "linear"] = "VLP-16"
     beams: Count = 64
     elevation_deg: tuple[float, float] = (-25.0, 3.0)
+    elevations_deg: Annotated[tuple[Annotated[float, Field(ge=-90, le=90)], ...], Field(max_length=256)] = ()
     columns: Count = 1800
     firing_stride: Count = 1
     start_azimuth_deg: float = 180.0
@@ -123,6 +128,13 @@ class LidarScenario(SensorScenario):
     max_range_m: Positive = 100.0
     range_noise_m: NotNegative = 0.01
     dropout: Share = 0.005
+    intensity_gain: Positive = 1.0
+    intensity_floor: NotNegative = 0.0
+
+    @property
+    def linear_elevations_deg(self) -> tuple[float, ...]:
+        """The beams of a `linear` lidar."""
+        return self.elevations_deg or tuple(np.linspace(*self.elevation_deg, self.beams).tolist())
 
     @property
     def topics(self) -> list[str]:

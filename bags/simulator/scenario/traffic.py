@@ -1,11 +1,17 @@
 """Settings of vehicles, cyclists, pedestrians and their routes, and the topics through which a car is driven."""
 
-from typing import Literal
+from typing import Annotated, Literal
+
+from pydantic import Field
 
 from bags.simulator.scenario.sensors import Metres
 from pipeline.core.settings.model import NotNegative, Positive, SettingsModel, Share
 
-__all__ = ["RouteScenario", "VehicleScenario", "command_topic", "controller_topics"]
+__all__ = ["CarBody", "Posture", "RouteScenario", "VehicleScenario", "command_topic", "controller_topics"]
+
+CarBody = Literal["hatchback", "saloon", "estate", "mpv"]
+Posture = Literal["upright", "sitting", "stooping", "reaching"]
+Scale = Annotated[float, Field(ge=0.3, le=3)]
 
 CONTROLLERS = (
     "left_rear_wheel_velocity_controller",
@@ -40,6 +46,10 @@ class VehicleScenario(SettingsModel):
     Attributes:
         shape: Its body (`bags.simulator.world.bodies.dimensions`).
         color: Colour of its paint or jacket, each in [0, 1].
+        scale: Factors of the length, width and height of its shape; for people about the same in all three.
+        body: Form of a `car`.
+        posture: Of a `pedestrian`; only an upright one walks.
+        walked_m: Distance that it has covered at the start, which decides how its legs stand.
         start: x, y in metres and yaw in degrees of its base frame (below the rear axle, or below the middle of a
             pedestrian); with a route it is used only under remote control (`lidcam drive`).
         route: Name of a route to follow.
@@ -55,6 +65,10 @@ class VehicleScenario(SettingsModel):
 
     shape: Literal["model_car", "car", "van", "truck", "bus", "cyclist", "pedestrian"] = "car"
     color: tuple[Share, Share, Share] = (0.6, 0.1, 0.1)
+    scale: tuple[Scale, Scale, Scale] = (1.0, 1.0, 1.0)
+    body: CarBody = "hatchback"
+    posture: Posture = "upright"
+    walked_m: NotNegative = 0.0
     start: tuple[Metres, Metres, float] = (0.0, 0.0, 0.0)
     route: str = ""
     route_start_m: NotNegative = 0.0

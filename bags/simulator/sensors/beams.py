@@ -1,7 +1,8 @@
 """Directions and times of the beams of a spinning lidar, sweep by sweep.
 
 A Velodyne sweep consists of whole packets, from the first packet of its turn on. A `linear` lidar has `columns` firings
-per turn, with its beams at equal steps and all at once. Both spin evenly with `rate_hz`, clockwise seen from above.
+per turn, with its beams all at once, at equal steps or as listed. Both spin evenly with `rate_hz`, clockwise seen from
+above.
 """
 
 from math import ceil
@@ -61,11 +62,11 @@ class VelodynePattern:
 
 
 class LinearPattern:
-    """Beams at equal steps of elevation, from the lowest up, and firings at equal steps of azimuth."""
+    """Beams at any elevations, and firings at equal steps of azimuth."""
 
     def __init__(self, scenario: LidarScenario) -> None:
         self._scenario = scenario
-        self.elevation_rad: F64 = np.deg2rad(np.linspace(*scenario.elevation_deg, scenario.beams))
+        self.elevation_rad: F64 = np.deg2rad(scenario.linear_elevations_deg)
         self.range_step_m = LINEAR_RANGE_STEP_M
 
     def begin_ns(self, number: int) -> int:

@@ -122,7 +122,7 @@ class Lidar:
         range_m, share, mover = self._received(beams, number)
         steps = np.rint(range_m / self._pattern.range_step_m)
         steps[steps > MAX_STEPS] = NO_ECHO
-        range_m, brightness = steps * self._pattern.range_step_m, intensity(share)
+        range_m, brightness = steps * self._pattern.range_step_m, self._brightness(share)
         packets = None
         if self._scenario.output != "points" and isinstance(self._pattern, VelodynePattern):
             shape = (*beams.times_ns.shape, *([2] if self._dual else []))
@@ -158,6 +158,11 @@ class Lidar:
             offsets_ns,
             packets,
         )
+
+    def _brightness(self, share: F64) -> F64:
+        """Reported intensities of shares of light."""
+        scaled = self._scenario.intensity_gain * intensity(share) - self._scenario.intensity_floor
+        return np.asarray(np.clip(np.rint(scaled), 0, 255))
 
     def _received(self, beams: Beams, number: int) -> tuple[F64, F64, I64]:
         """Noisy range (0 for no echo), share of light and mover of the reported echoes of all beams.

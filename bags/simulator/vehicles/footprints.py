@@ -9,12 +9,17 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from bags.simulator.scenario.open_world import ThingScenario
 from bags.simulator.vehicles.trajectory import State
 from bags.simulator.world.bodies.dimensions import Shape
 from bags.simulator.world.meshes.mesh import Mesh
 from pipeline.core.arrays import F64, I64
 
-__all__ = ["Obstacles", "Rectangle", "discs_of", "footprint", "obstacles_of", "overlap"]
+__all__ = ["Obstacles", "Rectangle", "discs_of", "footprint", "obstacles_of", "overlap", "things_in_the_way"]
+
+
+TRUNK_SHARE = 0.12
+"""Width of a trunk as a share of the crown's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +93,17 @@ def obstacles_of(world: Mesh, *, step_m: float, headroom_m: float) -> tuple[Rect
     low, high = np.minimum.reduceat(z, starts[:-1]), np.maximum.reduceat(z, starts[:-1])
     standing = np.flatnonzero((high > step_m) & (low < headroom_m))
     return tuple(_under(world.vertices[order[starts[row] : starts[row + 1]], :2]) for row in standing)
+
+
+def things_in_the_way(things: Iterable[ThingScenario], *, step_m: float, headroom_m: float) -> tuple[Rectangle, ...]:
+    """The footprints of the things of an open world that a car cannot pass; of a tree, that of its trunk."""
+    found = []
+    for thing in things:
+        (x, y), (length, width, height) = thing.position_m, thing.size_m
+        if thing.bottom_m < headroom_m and thing.bottom_m + height > step_m and thing.kind != "grass":
+            trunk = TRUNK_SHARE if thing.kind in ("tree", "conifer") else 1.0
+            found.append(Rectangle(x, y, math.radians(thing.yaw_deg), trunk * length, trunk * width))
+    return tuple(found)
 
 
 class Obstacles:

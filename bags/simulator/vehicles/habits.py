@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from bags.simulator.vehicles.ackermann import Ackermann
-from bags.simulator.world.bodies.dimensions import SHAPES
+from bags.simulator.world.bodies.dimensions import shape_of
 
 __all__ = ["HABITS", "Habits", "chassis_of"]
 
@@ -53,9 +53,9 @@ HABITS: Mapping[str, Habits] = MappingProxyType(
 """Habits by shape."""
 
 
-def chassis_of(shape: str) -> Ackermann | None:
-    """The chassis of a shape; None for a pedestrian."""
-    facts, habits = SHAPES[shape], HABITS[shape]
+def chassis_of(shape: str, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Ackermann | None:
+    """The chassis of a shape, its length, width and height times a scale; None for a pedestrian."""
+    facts, habits = shape_of(shape, scale), HABITS[shape]
     if not facts.wheel_base_m:
         return None
     return Ackermann(

@@ -9,13 +9,13 @@ from bags.simulator.scenario.scenario import Scenario, listed
 from bags.simulator.scenario.traffic import VehicleScenario
 from bags.simulator.vehicles.ackermann import Ackermann, AckermannCommand
 from bags.simulator.vehicles.followers import Follower, Seen
-from bags.simulator.vehicles.footprints import Obstacles, Rectangle, footprint, obstacles_of, overlap
+from bags.simulator.vehicles.footprints import Obstacles, Rectangle, footprint, obstacles_of, overlap, things_in_the_way
 from bags.simulator.vehicles.habits import HABITS, chassis_of
 from bags.simulator.vehicles.keys import commands_of_keys
 from bags.simulator.vehicles.right_of_way import Stretch, Traveller, shared_stretches
 from bags.simulator.vehicles.routes import Route
 from bags.simulator.vehicles.trajectory import State, Trajectory
-from bags.simulator.world.bodies.dimensions import SHAPES
+from bags.simulator.world.bodies.dimensions import shape_of
 from bags.simulator.world.meshes.mesh import Mesh
 from bags.simulator.world.places.places import static_mesh
 from pipeline.core.errors import ConfigError
@@ -28,6 +28,10 @@ STEP_NS = 10_000_000
 STEPS_PER_DECISION = 5
 """Steps from one decision of a driver to the next."""
 
+MODEL_SIZE = {"step_m": 0.03, "headroom_m": 0.22}
+FULL_SIZE = {"step_m": 0.2, "headroom_m": 2.2}
+"""What is driven over, and under; see `obstacles_of`."""
+
 STANDING = AckermannCommand()
 
 
@@ -38,7 +42,7 @@ class _Vehicle:
         self, name: str, scenario: VehicleScenario, follower: Follower | None, chassis: Ackermann | None, state: State
     ) -> None:
         self.name, self.follower, self.chassis, self.state = name, follower, chassis, state
-        self.shape = SHAPES[scenario.shape]
+        self.shape = shape_of(scenario.shape, scenario.scale)
         self.ground = footprint(self.shape, state)
         self.trajectory = Trajectory(0, state)
         self.script = commands_of_keys(scenario.keys, scenario.key_interval_s)[::-1]
@@ -104,9 +108,7 @@ class Traffic:
                 traveller = vehicle.follower.traveller
                 self._travellers.setdefault(traveller.route, []).append(traveller)
         self._stretches = _stretches_of(scenario, routes, self._travellers)
-        step_m, headroom_m = (0.03, 0.22) if scenario.world == "sandbox" else (0.2, 2.2)
-        bodies = static_mesh(scenario.world) if static is None else static
-        self._obstacles = Obstacles(obstacles_of(bodies, step_m=step_m, headroom_m=headroom_m))
+        self._obstacles = Obstacles(_obstacles(scenario, static))
         self._refuse_overlaps()
         self.trajectories: Mapping[str, Trajectory] = MappingProxyType(
             {name: vehicle.trajectory for name, vehicle in self._vehicles.items()}
@@ -214,6 +216,14 @@ class Traffic:
             placed.append(vehicle)
 
 
+def _obstacles(scenario: Scenario, static: Mesh | None) -> tuple[Rectangle, ...]:
+    model = any(vehicle.shape == "model_car" for vehicle in scenario.vehicles.values())
+    if scenario.world == "open":
+        return things_in_the_way(scenario.things, **(MODEL_SIZE if model else FULL_SIZE))
+    bodies = static_mesh(scenario.world) if static is None else static
+    return obstacles_of(bodies, **(MODEL_SIZE if scenario.world == "sandbox" else FULL_SIZE))
+
+
 def _apart(one: Rectangle, other: Rectangle) -> float:
     """Distance between the circumscribed circles of two rectangles."""
     return math.hypot(one.x_m - other.x_m, one.y_m - other.y_m) - one.radius_m - other.radius_m
@@ -230,11 +240,12 @@ def _routes(scenario: Scenario) -> dict[str, Route]:
 
 
 def _vehicle(order: int, name: str, vehicle: VehicleScenario, routes: dict[str, Route], *, driven: bool) -> _Vehicle:
-    chassis, follower = chassis_of(vehicle.shape), None
+    shape = shape_of(vehicle.shape, vehicle.scale)
+    chassis, follower = chassis_of(vehicle.shape, vehicle.scale), None
     if chassis is None and driven:
         raise ConfigError(f"vehicles.{name}: expected a vehicle to drive, found a {vehicle.shape}")
     x, y, yaw_deg = vehicle.start
-    state = State(x, y, math.radians(yaw_deg))
+    state = State(x, y, math.radians(yaw_deg), walked_m=vehicle.walked_m)
     if vehicle.route:
         route = routes[vehicle.route]
         if not route.closed and vehicle.route_start_m > route.length_m:
@@ -248,12 +259,12 @@ def _vehicle(order: int, name: str, vehicle: VehicleScenario, routes: dict[str, 
             route,
             vehicle.route_start_m,
             vehicle.speed_m_s,
-            SHAPES[vehicle.shape],
+            shape,
             HABITS[vehicle.shape],
             chassis,
         )
         if not driven:
-            state = follower.first
+            state = follower.first._replace(walked_m=vehicle.walked_m)
         elif "start" not in vehicle.model_fields_set:
             state = follower.first._replace(speed_m_s=0.0)
     if driven:
@@ -267,8 +278,9 @@ def _stretches_of(
     """The stretches that the routes in use share, by route."""
     shapes, clearance_m = {}, {}
     for name in travellers:
-        kinds = [vehicle.shape for vehicle in scenario.vehicles.values() if vehicle.route == name]
-        shapes[name] = max((SHAPES[kind] for kind in kinds), key=lambda shape: shape.size_m[1])
-        clearance_m[name] = max(HABITS[kind].clearance_m for kind in kinds)
+        those = [vehicle for vehicle in scenario.vehicles.values() if vehicle.route == name]
+        bodies = (shape_of(vehicle.shape, vehicle.scale) for vehicle in those)
+        shapes[name] = max(bodies, key=lambda shape: shape.size_m[1])
+        clearance_m[name] = max(HABITS[vehicle.shape].clearance_m for vehicle in those)
     yields_to = {name: scenario.routes[name].yields_to for name in travellers}
     return shared_stretches({name: routes[name] for name in travellers}, shapes, yields_to, clearance_m)

@@ -9,7 +9,17 @@ import numpy.typing as npt
 
 from pipeline.core.arrays import F32, F64, I64, U32, Bools
 
-__all__ = ["FEW_RAYS", "PartHits", "PartSurfaces", "PlacedPart", "dotted", "packed", "passing_rays", "threads_for"]
+__all__ = [
+    "FEW_RAYS",
+    "PartHits",
+    "PartSurfaces",
+    "PlacedPart",
+    "dotted",
+    "mapped",
+    "packed",
+    "passing_rays",
+    "threads_for",
+]
 
 Floats = F32 | F64
 Real = TypeVar("Real", np.float32, np.float64)
@@ -75,7 +85,7 @@ class PlacedPart:
 
     def cast(self, origin: F64, directions: F32) -> PartHits:
         """The hits of rays from one point (3,) along unit vectors (N, 3), all in the world."""
-        rays = packed((origin - self._translation) @ self._rotation, _mapped(directions, self._rotation.T))
+        rays = packed((origin - self._translation) @ self._rotation, mapped(directions, self._rotation.T))
         answer = self._caster.cast_rays(self._tensor(rays), nthreads=threads_for(len(rays)))
         distance = answer["t_hit"].numpy()
         rows = np.flatnonzero(np.isfinite(distance))
@@ -85,9 +95,9 @@ class PlacedPart:
     def surfaces(self, hits: PartHits, some: I64, origin: F64, directions: F32) -> PartSurfaces:
         """The surfaces that some of the rays hit: rows (K,) of `hits.rows`, with directions (K, 3) in the world."""
         rays, distance = hits.rows.take(some), hits.distance.take(some)
-        normal = _mapped(hits.face.take(rays, 0), self._rotation)
+        normal = mapped(hits.face.take(rays, 0), self._rotation)
         turn = np.where(dotted(normal, directions) > 0, np.float32(-1), np.float32(1))
-        begin, ahead = (origin - self._translation) @ self._rotation, _mapped(directions, self._rotation.T)
+        begin, ahead = (origin - self._translation) @ self._rotation, mapped(directions, self._rotation.T)
         local = np.empty_like(ahead)
         for axis in range(3):
             normal[:, axis] *= turn
@@ -100,7 +110,7 @@ class PlacedPart:
         shaded = np.zeros(len(points), np.bool_)
         near = passing_rays(points, towards, self.center, 1.001 * self.radius + 1e-4)
         if len(near):
-            begins = _mapped(points.take(near, 0), self._rotation.T, -self._translation @ self._rotation)
+            begins = mapped(points.take(near, 0), self._rotation.T, -self._translation @ self._rotation)
             rays = packed(begins, towards @ self._rotation)
             shaded[near] = self._caster.test_occlusions(self._tensor(rays), nthreads=threads_for(len(rays))).numpy()
         return shaded
@@ -136,7 +146,7 @@ def passing_rays(points: Floats, towards: F64, center: F64, radius: float) -> I6
     return np.flatnonzero((across2 <= radius * radius) & (along >= -radius))
 
 
-def _mapped(vectors: F32, matrix: F64, shift: F64 | None = None) -> F32:
+def mapped(vectors: F32, matrix: F64, shift: F64 | None = None) -> F32:
     """Vectors (N, 3) times a matrix, plus a shift; with so few columns ten times as fast as numpy."""
     if not len(vectors):
         return np.empty((0, 3), np.float32)

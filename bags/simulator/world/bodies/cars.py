@@ -1,6 +1,8 @@
 """Passenger cars, full-size and model, in the base frame (below the rear axle), without their front wheels."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
 
 from bags.simulator.world.bodies.dimensions import SHAPES
 from bags.simulator.world.bodies.hulls import Hull, both_sides, rear_wheels, underbody
@@ -23,8 +25,20 @@ __all__ = ["car", "model_car"]
 INTERIOR = Material("interior", (0.18, 0.17, 0.17), 0.15)
 
 
-def _passenger_car(name: str, color: Rgb, *, arch: float, mirror_half: float, inset: float, width: float) -> Mesh:
-    """A hatchback that fills the box of its shape, rear wheels included.
+BODIES: Mapping[str, tuple[Sequence[float], Sequence[float]]] = {
+    "saloon": ((0.15, 0.30, 0.665, 0.725), (0.22, 0.32, 0.535, 0.575)),
+    "estate": ((0.025, 0.23, 0.665, 0.725), (0.05, 0.22, 0.535, 0.575)),
+    "mpv": ((0.025, 0.23, 0.72, 0.82), (0.06, 0.22, 0.60, 0.66)),
+}
+"""Shares of the length where a body has the rows of a hatchback's windows: at the belt line, and at the roof."""
+BELT_ROWS, ROOF_ROWS = (0.03, 0.245, 0.665, 0.725), (0.11, 0.265, 0.535, 0.575)
+"""Of the hatchback."""
+
+
+def _passenger_car(
+    name: str, color: Rgb, *, arch: float, mirror_half: float, inset: float, width: float, body_name: str = "hatchback"
+) -> Mesh:
+    """A car that fills the box of its shape, rear wheels included.
 
     In metres: the radius of the wheel arches, the distance of the mirrors' outer ends from the middle plane, half the
     width of the floor between the wheels, and the width of the body.
@@ -67,7 +81,7 @@ def _passenger_car(name: str, color: Rgb, *, arch: float, mirror_half: float, in
     )
     parts = [
         hull.mesh(body, below=DARK),
-        _car_cabin(x, z, half, body),
+        _car_cabin(x, z, half, body, body_name),
         box((x(0.45), 0.0, z(0.50)), (0.42 * length, 1.2 * half, 0.36 * height), INTERIOR),
         underbody(shape, z(0.14), inset, z(0.45)),
         rear_wheels(name),
@@ -105,7 +119,9 @@ def _passenger_car(name: str, color: Rgb, *, arch: float, mirror_half: float, in
     return merged(*parts)
 
 
-def _car_cabin(x: Callable[[float], float], z: Callable[[float], float], half: float, body: Material) -> Mesh:
+def _car_cabin(
+    x: Callable[[float], float], z: Callable[[float], float], half: float, body: Material, body_name: str
+) -> Mesh:
     """Windows all round, pillars and a roof."""
     # From the rear right corner forward: shares of length and half width at the belt line, the same at the roof, and
     # whether the strip up to the next row is glass.
@@ -121,6 +137,10 @@ def _car_cabin(x: Callable[[float], float], z: Callable[[float], float], half: f
         (0.725, 0.52, 0.575, 0.40, True),  # the windscreen
     )
     belt, roof = [row[:2] for row in outline], [row[2:4] for row in outline]
+    if body_name in BODIES:
+        belt_rows, roof_rows = BODIES[body_name]
+        belt = [(float(np.interp(share, BELT_ROWS, belt_rows)), wide) for share, wide in belt]
+        roof = [(float(np.interp(share, ROOF_ROWS, roof_rows)), wide) for share, wide in roof]
     glass = [row[4] for row in outline]
     strips = [*glass, *glass[-2::-1], True]  # the last one is the rear window
 
@@ -156,6 +176,6 @@ def model_car(color: Rgb) -> Mesh:
     return _passenger_car("model_car", color, arch=0.0405, mirror_half=0.110, inset=0.060, width=0.206)
 
 
-def car(color: Rgb) -> Mesh:
-    """A full-size hatchback, rear wheels included."""
-    return _passenger_car("car", color, arch=0.355, mirror_half=0.96, inset=0.55, width=1.80)
+def car(color: Rgb, body: str = "hatchback") -> Mesh:
+    """A full-size car, rear wheels included; `body` is one of `CarBody`."""
+    return _passenger_car("car", color, arch=0.355, mirror_half=0.96, inset=0.55, width=1.80, body_name=body)

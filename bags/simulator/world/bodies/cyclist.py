@@ -4,11 +4,21 @@ The feet follow the pedals; hip and knee angles follow from the lengths of thigh
 """
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 
 from bags.simulator.world.bodies.dimensions import SHAPES
-from bags.simulator.world.bodies.figures import HIP_Y_M, Looks, head, looks_of, shin_mesh, thigh_mesh
+from bags.simulator.world.bodies.figures import (
+    HIP_Y_M,
+    REFERENCE,
+    Looks,
+    head,
+    looks_of,
+    recolored,
+    shin_mesh,
+    thigh_mesh,
+)
 from bags.simulator.world.bodies.joints import WALKED, ArticulatedPath, Carrier, pitched, steered_fork
 from bags.simulator.world.meshes.lofts import ellipses, limb, torus
 from bags.simulator.world.meshes.materials import CHROME, DARK, HEADLAMP, METAL, RUBBER, TAIL_LAMP
@@ -17,7 +27,7 @@ from bags.simulator.world.motion import Poses
 from bags.simulator.world.mover import Part
 from pipeline.core.arrays import F64
 
-__all__ = ["CRANK_CYCLE_M", "cyclist_parts"]
+__all__ = ["CRANK_CYCLE_M", "bicycle", "cyclist_parts"]
 
 CRANK = (0.44, 0.29)  # x and z of the crank axle
 CRANK_M, PEDAL_Y_M = 0.17, 0.13
@@ -33,17 +43,23 @@ def cyclist_parts(name: str, color: Rgb, trajectory: Carrier) -> tuple[Part, ...
     """A cyclist on a trajectory, with a jacket of this colour."""
     looks = looks_of(name, color)
     parts = [
-        Part(merged(_frame(), _rider(looks)), trajectory),
+        Part(recolored(_frame_and_rider(), looks), trajectory),
         Part(_fork(), steered_fork(trajectory, FORK_HINGE, RAKE_RAD)),
         Part(_crank(), ArticulatedPath(trajectory, _crank_place)),
     ]
-    thigh, shin = thigh_mesh(RIDER_THIGH_M, looks.trousers), shin_mesh(RIDER_SHIN_M, looks.trousers)
+    thigh = recolored(thigh_mesh(RIDER_THIGH_M, REFERENCE.trousers), looks)
+    shin = recolored(shin_mesh(RIDER_SHIN_M, REFERENCE.trousers), looks)
     for side in (1, -1):
         parts += [
             Part(thigh, ArticulatedPath(trajectory, _pedalling_place(side, "thigh"))),
             Part(shin, ArticulatedPath(trajectory, _pedalling_place(side, "shin"))),
         ]
     return tuple(parts)
+
+
+def bicycle() -> Mesh:
+    """A bicycle without a rider, in the base frame of a cyclist."""
+    return merged(_frame(), _fork().moved(FORK_HINGE), _crank().moved((CRANK[0], 0.0, CRANK[1])))
 
 
 def _crank_angle(states: F64) -> F64:
@@ -96,6 +112,7 @@ def _bicycle_wheel() -> Mesh:
     )
 
 
+@cache
 def _frame() -> Mesh:
     """The bicycle without fork and crank."""
     radius = SHAPES["cyclist"].wheel_radius_m
@@ -115,6 +132,7 @@ def _frame() -> Mesh:
     )
 
 
+@cache
 def _fork() -> Mesh:
     """Front wheel, fork and handlebar, with the hub at the origin."""
     crown = (-0.115, 0, 0.36)
@@ -133,6 +151,7 @@ def _fork() -> Mesh:
     )
 
 
+@cache
 def _crank() -> Mesh:
     """Cranks and pedals with their axle at the origin; the left crank points forward."""
     parts = [cylinder((0, -0.03, 0), (0, -0.045, 0), 0.09, METAL, sides=16)]
@@ -142,6 +161,11 @@ def _crank() -> Mesh:
             box((side * CRANK_M, side * PEDAL_Y_M, 0), (0.07, 0.10, 0.02), DARK),
         ]
     return merged(*parts, cylinder((0, -0.07, 0), (0, 0.07, 0), 0.014, METAL, sides=8))
+
+
+@cache
+def _frame_and_rider() -> Mesh:
+    return merged(_frame(), _rider(REFERENCE))
 
 
 def _rider(looks: Looks) -> Mesh:

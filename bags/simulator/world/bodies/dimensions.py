@@ -1,10 +1,10 @@
 """Dimensions of the moving shapes: boxes, wheels, steering."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-__all__ = ["SHAPES", "Shape"]
+__all__ = ["SHAPES", "Shape", "shape_of"]
 
 Vector = tuple[float, float, float]
 
@@ -71,3 +71,20 @@ SHAPES: Mapping[str, Shape] = MappingProxyType(
     }
 )
 """By the `shape` of a vehicle in a scenario."""
+
+
+def shape_of(name: str, scale: Vector) -> Shape:
+    """A shape by name, its length, width and height times a scale."""
+    shape = SHAPES[name]
+    if scale == (1.0, 1.0, 1.0):
+        return shape
+    x, y, z = scale
+    return replace(
+        shape,
+        size_m=(x * shape.size_m[0], y * shape.size_m[1], z * shape.size_m[2]),
+        box_center_m=(x * shape.box_center_m[0], y * shape.box_center_m[1], z * shape.box_center_m[2]),
+        body_width_m=None if shape.body_width_m is None else y * shape.body_width_m,
+        wheel_base_m=x * shape.wheel_base_m,
+        track_width_m=y * shape.track_width_m,
+        wheel_radius_m=z * shape.wheel_radius_m,
+    )

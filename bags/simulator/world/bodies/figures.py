@@ -1,5 +1,6 @@
 """Parts that pedestrians and cyclists share: looks, head, thighs and shins; lengths in metres."""
 
+from functools import cache
 from typing import NamedTuple
 from zlib import crc32
 
@@ -8,7 +9,7 @@ import numpy as np
 from bags.simulator.world.meshes.lofts import ellipses, limb
 from bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, merged, sphere
 
-__all__ = ["HIP_Y_M", "Looks", "head", "looks_of", "shin_mesh", "thigh_mesh"]
+__all__ = ["HIP_Y_M", "REFERENCE", "Looks", "head", "looks_of", "recolored", "shin_mesh", "thigh_mesh"]
 
 HIP_Y_M = 0.095
 """From the middle plane to the hip joint."""
@@ -37,6 +38,15 @@ def looks_of(name: str, color: Rgb) -> Looks:
         jacket,
         Material("trousers", TROUSERS[number // 16 % 4], 0.30),
     )
+
+
+REFERENCE = looks_of("", (0.123, 0.456, 0.789))
+"""The looks of bodies that are made once, to be recolored."""
+
+
+def recolored(mesh: Mesh, looks: Looks) -> Mesh:
+    """A body of `REFERENCE` looks with others."""
+    return mesh.recolored(dict(zip(REFERENCE, looks, strict=True)))
 
 
 def head(skin: Material, hair: Material, x: float, z: float) -> list[Mesh]:
@@ -68,6 +78,7 @@ def head(skin: Material, hair: Material, x: float, z: float) -> list[Mesh]:
     ]
 
 
+@cache
 def thigh_mesh(length: float, trousers: Material) -> Mesh:
     """A thigh that hangs down from the hip at the origin."""
     return merged(
@@ -76,6 +87,7 @@ def thigh_mesh(length: float, trousers: Material) -> Mesh:
     )
 
 
+@cache
 def shin_mesh(length: float, trousers: Material) -> Mesh:
     """A shin with a shoe that hangs down from the knee at the origin."""
     return merged(

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -123,6 +124,7 @@ def both_sides(mesh: Mesh) -> Mesh:
     return merged(mesh, mirrored)
 
 
+@cache
 def front_wheel(name: str) -> Mesh:
     """A wheel of a shape with its centre at the origin."""
     sides = 28 if SHAPES[name].wheel_radius_m > 0.4 else 20

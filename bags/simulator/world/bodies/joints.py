@@ -60,7 +60,8 @@ class RaisedPath:
         """Poses (N) on the ground, smoothed over a foot's length at steps."""
         flat = self.carrier.poses(times_ns)
         ahead, raised = flat.rotation[:, :2, 0], flat.translation.copy()
-        raised[:, 2] = np.mean([self.height(raised[:, :2] + offset * ahead) for offset in STEP_M], axis=0)
+        under = np.concatenate([raised[:, :2] + offset * ahead for offset in STEP_M])
+        raised[:, 2] = self.height(under).reshape(len(STEP_M), -1).mean(axis=0)
         return Poses(flat.rotation, raised)
 
 
@@ -71,10 +72,12 @@ class ArticulatedPath:
     Attributes:
         carrier: Path of the whole thing.
         place: From states (N, 6), see `Trajectory.states`, to poses (N) of the part in the carrier's base frame.
+        scale: Factors of the carrier's length, width and height.
     """
 
     carrier: Carrier
     place: Callable[[F64], Poses]
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
     def poses(self, times_ns: I64) -> Poses:
         """Poses (N) of the part in the world at times (N,).
@@ -82,7 +85,8 @@ class ArticulatedPath:
         Raises:
             ValueError: a time is later than the carrier's last state.
         """
-        return self.carrier.poses(times_ns) @ self.place(self.carrier.states(times_ns))
+        placed = self.place(self.carrier.states(times_ns))
+        return self.carrier.poses(times_ns) @ Poses(placed.rotation, placed.translation * self.scale)
 
 
 def pitched(angles: F64, x: F64 | float, y: float, z: F64 | float) -> Poses:

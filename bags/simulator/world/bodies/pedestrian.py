@@ -4,12 +4,22 @@ The legs swing with the distance walked; the leg that reaches further down sets 
 always on the ground.
 """
 
-from collections.abc import Callable
-from typing import Literal
+from collections.abc import Callable, Mapping
+from functools import cache
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from bags.simulator.world.bodies.figures import HIP_Y_M, Looks, head, looks_of, shin_mesh, thigh_mesh
+from bags.simulator.world.bodies.figures import (
+    HIP_Y_M,
+    REFERENCE,
+    Looks,
+    head,
+    looks_of,
+    recolored,
+    shin_mesh,
+    thigh_mesh,
+)
 from bags.simulator.world.bodies.joints import SPEED, WALKED, ArticulatedPath, Carrier, pitched
 from bags.simulator.world.meshes.lofts import ellipses, limb
 from bags.simulator.world.meshes.mesh import Mesh, Rgb, merged, sphere
@@ -32,26 +42,43 @@ FULL_STRIDE_M_S = 0.7
 """From this speed on, steps have their full length."""
 
 
-def pedestrian_parts(name: str, color: Rgb, trajectory: Carrier) -> tuple[Part, ...]:
-    """A pedestrian on a trajectory, with a jacket of this colour."""
-    looks = looks_of(name, color)
+class _Posture(NamedTuple):
+    """Forward angles of a body that does not walk, radians; the torso's is negative."""
+
+    torso: float
+    thigh: float
+    shin: float
+    arm: float
+
+
+POSTURES: Mapping[str, _Posture] = {
+    "sitting": _Posture(-0.05, 1.45, 0.05, 0.5),
+    "stooping": _Posture(-0.8, 0.1, -0.15, 0.3),
+    "reaching": _Posture(-0.1, 0.05, -0.1, 1.1),
+}
+
+
+def pedestrian_parts(name: str, color: Rgb, trajectory: Carrier, posture: str = "upright") -> tuple[Part, ...]:
+    """A pedestrian on a trajectory, with a jacket of this colour; `posture` is one of `Posture`."""
+    looks, held = looks_of(name, color), POSTURES.get(posture)
 
     def body(states: F64) -> Poses:
-        _, hip_z = _gait(states)
-        return pitched(np.zeros(len(states)), 0.0, 0.0, hip_z)
+        _, hip_z = _gait(states, held)
+        return pitched(np.full(len(states), held.torso if held else 0.0), 0.0, 0.0, hip_z)
 
-    parts = [Part(_torso(looks), ArticulatedPath(trajectory, body))]
-    thigh, shin = thigh_mesh(THIGH_M, looks.trousers), shin_mesh(SHIN_M, looks.trousers)
+    parts = [Part(recolored(_torso(REFERENCE), looks), ArticulatedPath(trajectory, body))]
+    thigh = recolored(thigh_mesh(THIGH_M, REFERENCE.trousers), looks)
+    shin = recolored(shin_mesh(SHIN_M, REFERENCE.trousers), looks)
     for side in (1, -1):
         parts += [
-            Part(thigh, ArticulatedPath(trajectory, _limb_place(side, "thigh"))),
-            Part(shin, ArticulatedPath(trajectory, _limb_place(side, "shin"))),
-            Part(_arm(side, looks), ArticulatedPath(trajectory, _limb_place(side, "arm"))),
+            Part(thigh, ArticulatedPath(trajectory, _limb_place(side, "thigh", held))),
+            Part(shin, ArticulatedPath(trajectory, _limb_place(side, "shin", held))),
+            Part(recolored(_arm(side, REFERENCE), looks), ArticulatedPath(trajectory, _limb_place(side, "arm", held))),
         ]
     return tuple(parts)
 
 
-def _gait(states: F64) -> tuple[dict[int, tuple[F64, F64]], F64]:
+def _gait(states: F64, held: _Posture | None) -> tuple[dict[int, tuple[F64, F64]], F64]:
     """Forward angles (N) of thigh and shin by side, and the height (N) of the hips."""
     phase = 2 * np.pi * states[:, WALKED] / CYCLE_M
     effort = np.clip(np.abs(states[:, SPEED]) / FULL_STRIDE_M_S, 0.0, 1.0)
@@ -61,15 +88,17 @@ def _gait(states: F64) -> tuple[dict[int, tuple[F64, F64]], F64]:
         thigh = STRIDE_RAD * effort * np.sin(turn)
         # The knee bends most while the leg swings forward.
         shin = thigh - effort * (0.06 + KNEE_RAD * np.maximum(np.cos(turn - 0.1), 0.0) ** 1.5)
+        if held:
+            thigh, shin = np.full(len(states), held.thigh), np.full(len(states), held.shin)
         legs[side] = (thigh, shin)
         down = THIGH_M * np.cos(thigh) + SHIN_M * np.cos(shin)
         reaches += [down - (x * np.sin(shin) + z * np.cos(shin)) for x, z in (HEEL, TOE)]
     return legs, np.maximum.reduce(reaches)
 
 
-def _limb_place(side: int, limb: Limb) -> Callable[[F64], Poses]:
+def _limb_place(side: int, limb: Limb, held: _Posture | None) -> Callable[[F64], Poses]:
     def place(states: F64) -> Poses:
-        legs, hip_z = _gait(states)
+        legs, hip_z = _gait(states, held)
         thigh, shin = legs[side]
         match limb:
             case "thigh":
@@ -77,12 +106,17 @@ def _limb_place(side: int, limb: Limb) -> Callable[[F64], Poses]:
             case "shin":
                 return pitched(shin, THIGH_M * np.sin(thigh), side * HIP_Y_M, hip_z - THIGH_M * np.cos(thigh))
             case "arm":
+                if held:
+                    swing = np.full(len(states), held.arm)
+                    ahead, up = -np.sin(held.torso) * SHOULDER_ABOVE_HIP_M, np.cos(held.torso) * SHOULDER_ABOVE_HIP_M
+                    return pitched(swing, ahead, side * SHOULDER_Y_M, hip_z + up)
                 swing = -thigh * (ARM_RAD / STRIDE_RAD)
                 return pitched(swing, 0.0, side * SHOULDER_Y_M, hip_z + SHOULDER_ABOVE_HIP_M)
 
     return place
 
 
+@cache
 def _torso(looks: Looks) -> Mesh:
     """Torso and head, with the hips at the origin."""
     return merged(
@@ -104,6 +138,7 @@ def _torso(looks: Looks) -> Mesh:
     )
 
 
+@cache
 def _arm(side: int, looks: Looks) -> Mesh:
     """A slightly bent arm that hangs down from the shoulder at the origin."""
     elbow, wrist = (-0.01, side * 0.030, -0.28), (0.075, side * 0.025, -0.51)

@@ -4,7 +4,7 @@ Lengths are metres in the frame of the thing that a body belongs to (x forward, 
 counter-clockwise seen from outside.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -120,6 +120,11 @@ class Mesh:
         turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
         vertices = scale * self.vertices @ turn.T + np.asarray(translation, np.float64)
         return Mesh(vertices, self.triangles, self.materials, self.palette)
+
+    def recolored(self, looks: Mapping[Material, Material]) -> "Mesh":
+        """The mesh with some of its materials replaced by others."""
+        palette = tuple(looks.get(material, material) for material in self.palette)
+        return Mesh(self.vertices, self.triangles, self.materials, palette)
 
     @property
     def bounds(self) -> tuple[F64, F64]:

@@ -1,19 +1,36 @@
-"""The static worlds by name, and the height of their ground."""
+"""The static worlds of scenarios, and the height of their ground."""
 
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 from typing import Literal
 
 import numpy as np
 
+from bags.simulator.scenario.scenario import Scenario
 from bags.simulator.world.meshes.mesh import Mesh
 from bags.simulator.world.places.crossing import crossing, crossing_height
+from bags.simulator.world.places.open_world import open_height, open_mesh
 from bags.simulator.world.places.sandbox import sandbox
 from bags.simulator.world.places.street import street, street_height
 from pipeline.core.arrays import F64
 
-__all__ = ["World", "ground_height", "static_mesh"]
+__all__ = ["World", "ground_height", "height_of", "mesh_of", "static_mesh"]
 
 World = Literal["sandbox", "crossing", "street"]
+
+
+def mesh_of(scenario: Scenario) -> Mesh:
+    """The static mesh of a scenario's world, in the world frame."""
+    if scenario.world == "open":
+        return open_mesh(scenario.ground, scenario.things)
+    return static_mesh(scenario.world)
+
+
+def height_of(scenario: Scenario) -> Callable[[F64], F64]:
+    """From positions (N, 2) to heights (N,) of the ground of a scenario's world."""
+    if scenario.world == "open":
+        return partial(open_height, scenario.ground)
+    return partial(ground_height, scenario.world)
 
 
 @cache

@@ -11,7 +11,7 @@ from bags.simulator.recorder.movers import build_mover
 from bags.simulator.scenario.traffic import VehicleScenario
 from bags.simulator.vehicles.trajectory import State, Trajectory
 from bags.simulator.world.bodies.cyclist import CRANK_CYCLE_M
-from bags.simulator.world.bodies.dimensions import SHAPES
+from bags.simulator.world.bodies.dimensions import SHAPES, shape_of
 from bags.simulator.world.bodies.joints import steered_wheel
 from bags.simulator.world.bodies.pedestrian import CYCLE_M
 from bags.simulator.world.mover import Mover, placed_vertices
@@ -87,6 +87,41 @@ def test_a_vehicles_box_ends_at_its_body(name: str, tolerance_m: float) -> None:
     np.testing.assert_allclose(hull.min(0)[:2], low[:2], atol=tolerance_m)
     np.testing.assert_allclose(hull.max(0)[:2], high[:2], atol=tolerance_m)
     np.testing.assert_allclose([hull[:, 2].min(), hull[:, 2].max()], [low[2], high[2]], atol=CENTIMETRE)
+
+
+SCALE = (1.2, 0.9, 1.1)
+
+
+@pytest.mark.parametrize("name", [name for name in SHAPES if name != "pedestrian"])
+def test_a_scaled_shape_fills_its_box(name: str) -> None:
+    scaled = VehicleScenario.model_validate({"shape": name, "scale": SCALE, "body": "saloon"})
+    mover, shape = build_mover(name, scaled, Trajectory(0, State(0, 0, 0))), shape_of(name, SCALE)
+    plain = build_mover(name, VehicleScenario.model_validate({"shape": name}), Trajectory(0, State(0, 0, 0)))
+    box = mover.body_at(0)
+    assert (box.center_m, box.size_m, mover.size_m) == (shape.box_center_m, shape.body_size_m, shape.size_m)
+    np.testing.assert_allclose(box.size_m, np.multiply(plain.body_at(0).size_m, SCALE))
+    points, before = (np.concatenate([placed_vertices(part, 0) for part in one.parts]) for one in (mover, plain))
+    np.testing.assert_allclose(points.max(0), before.max(0) * SCALE, atol=0.02)
+    np.testing.assert_allclose(points.min(0), before.min(0) * SCALE, atol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("posture", "size_m"),
+    [("sitting", (0.76, 0.56, 1.36)), ("stooping", (0.9, 0.56, 1.5)), ("reaching", (0.7, 0.56, 1.76))],
+)
+def test_postures_have_boxes_of_their_own(posture: str, size_m: tuple[float, float, float]) -> None:
+    held = VehicleScenario.model_validate({"shape": "pedestrian", "posture": posture})
+    mover = build_mover("one", held, Trajectory(0, State(0, 0, 0)))
+    box = mover.body_at(0)
+    np.testing.assert_allclose(box.size_m, size_m, atol=0.15)
+    assert box.center_m[2] - box.size_m[2] / 2 == pytest.approx(0.0, abs=2e-3)  # on the ground
+
+
+@pytest.mark.parametrize("body", ["saloon", "estate", "mpv"])
+def test_bodies_of_cars_are_closed(body: str) -> None:
+    mover = build_mover("car", VehicleScenario.model_validate({"body": body}), Trajectory(0, State(0, 0, 0)))
+    assert open_edges(mover.parts[0].mesh) == 0
+    assert signed_volume(mover.parts[0].mesh) > 0
 
 
 @pytest.mark.parametrize("yaw", [0.0, 2.3])

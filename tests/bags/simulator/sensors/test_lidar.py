@@ -137,6 +137,18 @@ def test_darker_surfaces_are_seen_less_far(reflectivity: float, reach_m: float) 
     assert seen[1] == 0
 
 
+def test_intensities_have_a_response() -> None:
+    world = scene([wall(10.0, Material("half", (0.5, 0.5, 0.5), 0.5))])
+    plain, bright, dark = (
+        lidar(world, **NARROW, intensity_gain=gain, intensity_floor=floor).sweep(0)
+        for gain, floor in ((1.0, 0.0), (4.0, 20.0), (1.0, 99.0))
+    )
+    assert 20 < plain.intensity.mean() < 50
+    np.testing.assert_array_equal(bright.intensity, np.clip(4 * plain.intensity - 20, 0, 255))
+    assert len(dark) == len(plain)  # reported, as 0
+    assert not dark.intensity.any()
+
+
 def test_nothing_is_measured_nearer_than_the_least_range() -> None:
     world = scene([box((0, 0, 0), (2, 2, 2), WHITE), wall(20, WHITE)])
     assert len(lidar(world, model="VLP-16", min_range_m=5.0).sweep(0)) == 0

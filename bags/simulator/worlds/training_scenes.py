@@ -1,0 +1,277 @@
+"""Sweeps of drawn worlds for training: points and true boxes, without files, cameras and motion within a sweep.
+
+A sweep is a snapshot: everything stands still while it is taken, and one ray is cast for each beam. What a recording
+has beyond that is left out: points between two surfaces at edges, second echoes, textures. Several sweeps, each by
+another lidar in another place, share one world, because building a world takes longer than casting its beams.
+"""
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+
+from bags.simulator.recorder.movers import build_mover
+from bags.simulator.scenario.scenario import Scenario
+from bags.simulator.scenario.sensors import LidarScenario
+from bags.simulator.sensors.echoes import intensity, returned_share
+from bags.simulator.vehicles.footprints import Rectangle, footprint, overlap
+from bags.simulator.vehicles.routes import Route
+from bags.simulator.vehicles.trajectory import State, Trajectory
+from bags.simulator.world.bodies.dimensions import SHAPES, shape_of
+from bags.simulator.world.bodies.joints import RaisedPath
+from bags.simulator.world.meshes.mesh import Material, Mesh
+from bags.simulator.world.motion import Poses
+from bags.simulator.world.mover import placed_vertices
+from bags.simulator.world.open3d_runtime import load_libusb
+from bags.simulator.world.placed import dotted, mapped, packed
+from bags.simulator.world.places.places import height_of, mesh_of
+from bags.simulator.worlds.draw import Family, random_lidar, random_numbers_of, random_scenario
+from bags.simulator.worlds.site import first_state
+from pipeline.core.arrays import F32, F64, I32, I64
+
+load_libusb()
+import open3d as _open3d  # noqa: E402  (needs libusb first)
+
+open3d: Any = _open3d  # its stubs lack arrays
+
+__all__ = ["SWEEPS_PER_WORLD", "TrainingSweep", "sweep", "sweeps"]
+
+SWEEPS_PER_WORLD = 16
+"""Seeds `k * SWEEPS_PER_WORLD` and the following are of one world."""
+
+SPECKLE = 0.06
+BEHIND_M = 1e-3
+"""See `bags.simulator.sensors.lidar`."""
+
+FIRST_NS = np.zeros(1, np.int64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrainingSweep:
+    """One sweep, in the frame in which lidcam works: of a car's `base_link` (`road`), else of the site.
+
+    Attributes:
+        points: (N, 4) float32 x, y, z in metres, and intensity from 0 to 255.
+        object_of_point: (N,) int32 row of the object that each point is on; -1 for none.
+        centers: (M, 3) centre of the box of each road user, metres; those that no point is on, too.
+        sizes: (M, 3) length, width, height, metres; see the ground truth of recordings for what they hold.
+        yaws: (M,) headings, radians about +z.
+        class_names: Of each: car, van, truck, bus, cyclist or pedestrian.
+        point_counts: (M,) points on each.
+        origin: (3,) where the lidar is, metres.
+        lidar: Its settings.
+    """
+
+    points: F32
+    object_of_point: I32
+    centers: F64
+    sizes: F64
+    yaws: F64
+    class_names: tuple[str, ...]
+    point_counts: I32
+    origin: F64
+    lidar: LidarScenario
+
+
+def sweep(family: Family, seed: int) -> TrainingSweep:
+    """The sweep of a seed; always the same, to be asked for in rising order because worlds are kept for a while."""
+    world_seed, number = divmod(seed, SWEEPS_PER_WORLD)
+    return _world(family, world_seed).sweep(family, world_seed, number)
+
+
+def sweeps(family: Family, seeds: range, *, workers: int = 1) -> Iterator[TrainingSweep]:
+    """The sweeps of seeds, in their order, whatever the number of processes.
+
+    Close the generator to end the processes before it is exhausted.
+    """
+    if workers == 1:
+        yield from (sweep(family, seed) for seed in seeds)
+        return
+    blocks = iter([seeds[row : row + SWEEPS_PER_WORLD] for row in range(0, len(seeds), SWEEPS_PER_WORLD)])
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        waiting: deque[Future[list[TrainingSweep]]] = deque()
+        while True:
+            while len(waiting) < 2 * workers and (block := next(blocks, None)) is not None:
+                waiting.append(pool.submit(_block, family, block))
+            if not waiting:
+                return
+            yield from waiting.popleft().result()
+
+
+def _block(family: Family, seeds: range) -> list[TrainingSweep]:
+    return [sweep(family, seed) for seed in seeds]
+
+
+@lru_cache(2)
+def _world(family: Family, seed: int) -> "_World":
+    return _World(random_scenario(family, seed))
+
+
+class _World:
+    """The world of a scenario when its recording begins, in the ray caster."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._scenario, self._height = scenario, height_of(scenario)
+        self._routes = {name: Route.from_scenario(route) for name, route in scenario.routes.items()}
+        self._caster: Any = open3d.t.geometry.RaycastingScene(nthreads=1)
+        self._rows: dict[Material, int] = {}
+        self._materials: list[I64] = []
+        self._starts = [0]
+        self._add([mesh_of(scenario)])
+        users = {name: vehicle for name, vehicle in scenario.vehicles.items() if not vehicle.ego}
+        boxes, self._grounds = [], []
+        for name, vehicle in users.items():
+            state = first_state(vehicle, self._routes)
+            path = self._stood(state)
+            mover = build_mover(name, vehicle, path)
+            self._add(
+                [Mesh(placed_vertices(part, 0), part.mesh.triangles, part.mesh.materials, part.mesh.palette)
+                 for part in mover.parts]
+            )  # fmt: skip
+            body = mover.body_at(0)
+            center = path.pose.apply(np.array([body.center_m]))[0]
+            boxes.append((*center.tolist(), *body.size_m, state.yaw_rad))
+            self._grounds.append(footprint(shape_of(vehicle.shape, vehicle.scale), state))
+        self._boxes = np.array(boxes, np.float64).reshape(-1, 7)
+        self._class_names = tuple(SHAPES[vehicle.shape].class_name for vehicle in users.values())
+        self._material, self._starts_of = np.concatenate(self._materials), np.array(self._starts)
+        looks = [(look.reflectivity, look.mirror, look.transmission) for look in self._rows]
+        self._looks = np.array(looks, np.float64).reshape(-1, 3)
+
+    def sweep(self, family: Family, seed: int, number: int) -> TrainingSweep:
+        """The sweep of the scenario's lidar, or from number 1 on of another one."""
+        draw, scenario = random_numbers_of(family, seed, 1 + number), self._scenario
+        lidar = scenario.lidars["top"] if number == 0 else random_lidar(family, draw, scenario.ground, scenario.things)
+        base = np.eye(4)
+        if lidar.mounted_on:
+            base = self._ego_pose(draw, elsewhere=number > 0)
+        T_base_lidar = lidar.T_carrier_body("base").matrix
+        T_site_lidar = base @ T_base_lidar
+        beams = _directions(lidar)
+        directions = mapped(beams, T_site_lidar[:3, :3])
+        met, range_m, body, share = self._surfaces(T_site_lidar[:3, 3], directions, draw)
+        share *= np.exp(-SPECKLE * np.abs(draw.standard_normal(len(met))))
+        kept = (range_m >= lidar.min_range_m) & (range_m <= lidar.max_range_m * np.sqrt(share))
+        kept &= draw.random(len(met)) >= lidar.dropout
+        some = np.flatnonzero(kept)
+        range_m = range_m.take(some) + draw.normal(0, lidar.range_noise_m, len(some)).astype(np.float32)
+        scaled = lidar.intensity_gain * intensity(share.take(some)) - lidar.intensity_floor
+        points = np.empty((len(some), 4), np.float32)
+        T_out = T_site_lidar if not lidar.mounted_on else T_base_lidar
+        points[:, :3] = mapped(beams.take(met.take(some), 0), T_out[:3, :3])
+        points[:, :3] *= range_m[:, None]
+        points[:, :3] += T_out[:3, 3].astype(np.float32)
+        points[:, 3] = np.clip(np.rint(scaled), 0, 255)
+        on = (body.take(some) - 1).astype(np.int32)
+        counts = np.bincount(on[on >= 0], minlength=len(self._boxes)).astype(np.int32)
+        back = np.linalg.inv(base)
+        centers = self._boxes[:, :3] @ back[:3, :3].T + back[:3, 3]
+        yaws = self._boxes[:, 6] + np.arctan2(back[1, 0], back[0, 0])
+        yaws = np.arctan2(np.sin(yaws), np.cos(yaws))
+        return TrainingSweep(
+            points, on, centers, self._boxes[:, 3:6].copy(), yaws, self._class_names, counts, T_out[:3, 3].copy(), lidar
+        )
+
+    def _surfaces(self, origin: F64, directions: F32, draw: np.random.Generator) -> tuple[I64, F32, I64, F64]:
+        """Where rays (N, 3) from a point end: rows (K,) that hit something, distance, body, and share of light.
+
+        Those that hit glass mostly pass, and end at what is behind it.
+        """
+        row, range_m, body, material, cos = self._cast(packed(origin, directions))
+        passed = self._looks[:, 2].take(material)
+        glass = np.flatnonzero((passed > 0) & (draw.random(len(row)) >= self._looks[:, 1].take(material)))
+        onward = (
+            origin.astype(np.float32) + directions.take(row.take(glass), 0) * (range_m.take(glass) + BEHIND_M)[:, None]
+        )
+        behind = self._cast(packed(onward, directions.take(row.take(glass), 0)))
+        range_m[glass], material[glass] = np.inf, 0
+        at = glass.take(behind[0])
+        range_m[at] = np.linalg.norm(onward.take(behind[0], 0) - origin, axis=1) + behind[1]
+        body[at], material[at], cos[at] = behind[2:]
+        reflectivity, mirror, _ = self._looks.take(material, 0).T
+        share = returned_share(reflectivity, mirror, cos)
+        share[at] *= passed.take(at) ** 2
+        return row, range_m, body, share
+
+    def _cast(self, rays: F32) -> tuple[I64, F32, I64, I64, F64]:
+        """Rows (K,) of the rays that hit something, distance, body, row of the material, cosine of the incidence."""
+        answer = self._caster.cast_rays(open3d.core.Tensor.from_numpy(rays), nthreads=1)
+        distance = answer["t_hit"].numpy()
+        met = np.flatnonzero(np.isfinite(distance))
+        body = answer["geometry_ids"].numpy().take(met).astype(np.int64)
+        triangle = answer["primitive_ids"].numpy().take(met).astype(np.int64)
+        material = self._material.take(self._starts_of.take(body) + triangle)
+        cos = np.abs(dotted(answer["primitive_normals"].numpy().take(met, 0), rays.take(met, 0)[:, 3:]))
+        return met, distance.take(met), body, material, cos.astype(np.float64)
+
+    def _add(self, meshes: Sequence[Mesh]) -> None:
+        """Add a body of several meshes to the caster."""
+        starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+        vertices = np.concatenate([mesh.vertices for mesh in meshes]).astype(np.float32)
+        triangles = [mesh.triangles + start for mesh, start in zip(meshes, starts[:-1], strict=True)]
+        self._caster.add_triangles(vertices, np.concatenate(triangles).astype(np.uint32))
+        for mesh in meshes:
+            rows = [self._rows.setdefault(look, len(self._rows)) for look in mesh.palette]
+            self._materials.append(np.array(rows, np.int64)[mesh.materials])
+        self._starts.append(self._starts[-1] + sum(len(mesh) for mesh in meshes))
+
+    def _ego_pose(self, draw: np.random.Generator, *, elsewhere: bool) -> F64:
+        """Pose (4, 4) of the carrier's base frame: as in the scenario, or where its lanes are free."""
+        ego = self._scenario.vehicles[self._scenario.ego]
+        for _ in range(20 if elsewhere else 0):
+            route = ("east", "west")[int(draw.integers(2))]
+            start_m = float(draw.uniform(15, self._routes[route].length_m - 15))
+            there = ego.model_copy(update={"route": route, "route_start_m": start_m})
+            if not self._is_taken(footprint(SHAPES[ego.shape], first_state(there, self._routes))):
+                ego = there
+                break
+        pose = self._stood(first_state(ego, self._routes)).pose
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = pose.rotation[0], pose.translation[0]
+        return matrix
+
+    def _stood(self, state: State) -> "_Standing":
+        """A road user on the ground."""
+        raised = RaisedPath(Trajectory(0, state), self._height)
+        return _Standing(raised.states(FIRST_NS), raised.poses(FIRST_NS))
+
+    def _is_taken(self, ground: Rectangle) -> bool:
+        return any(overlap(ground, other) for other in self._grounds)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Standing:
+    """The path of a road user in a snapshot, asked for at one time only; a `Carrier`.
+
+    Attributes:
+        state: (1, 6) columns as of `Trajectory.states`.
+        pose: Its pose.
+    """
+
+    state: F64
+    pose: Poses
+
+    def states(self, _: I64) -> F64:
+        """The state."""
+        return self.state
+
+    def poses(self, _: I64) -> Poses:
+        """The pose."""
+        return self.pose
+
+
+def _directions(lidar: LidarScenario) -> F32:
+    """(N, 3) unit vectors of the beams of a `linear` lidar in its own frame."""
+    elevation = np.deg2rad(np.array(lidar.linear_elevations_deg))
+    azimuth = 2 * np.pi / lidar.columns * np.arange(lidar.columns)
+    across = np.cos(elevation)
+    beams = np.empty((lidar.columns, len(elevation), 3), np.float32)
+    beams[:, :, 0] = np.cos(azimuth)[:, None] * across
+    beams[:, :, 1] = -np.sin(azimuth)[:, None] * across
+    beams[:, :, 2] = np.sin(elevation)
+    return beams.reshape(-1, 3)
