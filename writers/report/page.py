@@ -53,7 +53,7 @@ def page(title: str, body: Raw, figures: Mapping[str, Figure]) -> str:
         body: Content, with places for the figures (`html.figure`).
         figures: The plots by name.
     """
-    from plotly.offline import get_plotlyjs  # type: ignore[import-untyped]  # loads half of plotly
+    from plotly.offline import get_plotlyjs  # loads half of plotly
 
     return filled(
         _text("page.html"),

@@ -157,7 +157,7 @@ def test_how_long_each_stays_where() -> None:
     table, step_s = tally.table, 0.1
     assert table.places == ("outside", "north", "south")
     assert tally.numbers == (1, 7)
-    np.testing.assert_allclose(table.seconds, [[0, 2 * step_s, 0], [0, 0, 0]], atol=1e-9)
+    np.testing.assert_allclose(table.seconds, np.array([[0, 2 * step_s, 0], [0, 0, 0]]), atol=1e-9)
     np.testing.assert_array_equal(table.frames, [[1, 2, 0], [0, 0, 1]])
     np.testing.assert_allclose(table.speed_means, [2.0, 0.0])
     np.testing.assert_allclose(table.speed_maxima, [4.0, 0.0])

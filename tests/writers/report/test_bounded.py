@@ -60,7 +60,7 @@ def test_a_way_is_drawn_by_its_corners() -> None:
         ways.add(0.1 * step, np.array([3, 9]), np.array([[0.1 * step, 0.0], [5.0, 5.0]]), np.array([1.0, 0.0]))
     (moving, line), (standing, place) = ways.lines()
     assert (moving, standing, len(place)) == (3, 9, 2)
-    np.testing.assert_allclose(line[[0, -1]], [[0, 0, 1, 0], [9.9, 0, 1, 9.9]])
+    np.testing.assert_allclose(line[[0, -1]], np.array([[0, 0, 1, 0], [9.9, 0, 1, 9.9]]))
 
 
 def test_ways_are_simplified_and_the_shortest_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
