@@ -131,12 +131,14 @@ def _body(
     }
     written = {name: part for name, part in parts.items() if part[1]}
     links = "".join(f'<a href="#{name}-section">{html.text(text)}</a>' for name, (text, _) in written.items())
-    untested = "" if has_truth else "No truth was recorded: how right the result is, nobody can tell from it alone."
+    against = [f"Against the recorded truth, {line}" for line in headlines(evaluation.figures.tree)[:1]]
+    if not has_truth:
+        against = ["No truth was recorded: how right the result is, nobody can tell from it alone."]
     return Raw(
         f"<h1>{html.text(title)}</h1>"
         + sections.verdict(result.path.name, seen, names)
         + sections.doubts(seen, account, warnings, version)
-        + (html.paragraph(untested, "soft") if untested else "")
+        + "".join(map(html.paragraph, against))
         + f"<nav>{links}</nav>"
         + "".join(html.section(f"{name}-section", text, content) for name, (text, content) in written.items())
         + f"<footer>Made by lidcam {html.text(version)} from {html.text(result.path.name)}. Plots: plotly.js (MIT "
@@ -215,7 +217,7 @@ def _accuracy(result: Result, seen: ReportCollector, evaluation: Evaluation, dra
     told += f"{tree['truth_objects']['evaluated']} true objects count."
     words_of = {
         "curves": ("Precision over recall", "Each point is a threshold of the score; up and right is better."),
-        "errors": ("Errors by place", "Position in the frame of the site: what moves along moves along."),
+        "errors": ("Errors by place", "In the site frame, which moves with sensors that move."),
     }
     pair = "".join(html.figure(name, *words) for name, words in words_of.items() if name in drawn)
     tables = "".join(_table(table, lines) for table, lines in truth_tables(tree))
@@ -236,11 +238,15 @@ def _worst(result: Result, seen: ReportCollector, tree: Mapping[str, Any]) -> Ra
         for mistake in tree["mistakes"]["fused"][kind]:
             shown = mistake_image(result, kind, mistake, seen.log_times_ns[mistake["worst_frame"]])
             if shown is not None:
-                words = f"{mistake['class']} at {mistake['worst_s']:.1f} s, {mistake['frames']} frames, {shown[1]}; "
+                words = f"{mistake['class']} at {mistake['worst_s']:.1f} s, {_frames(mistake['frames'])}, {shown[1]}; "
                 tiles.append(html.image(shown[0], words + mistake_note(kind, mistake)))
         if tiles:
             parts.append(f'<h3>{title}: the worst</h3><div class="tiles">{"".join(tiles)}</div>')
     return Raw("".join(parts))
+
+
+def _frames(count: int) -> str:
+    return f"{count} frame{'s' * (count != 1)}"
 
 
 def _own(tree: Mapping[str, Any]) -> Raw:

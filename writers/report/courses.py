@@ -8,7 +8,7 @@ from pipeline.core.arrays import F64, I64
 
 __all__ = ["Courses"]
 
-MAX_POINTS = 24_000
+MAX_POINTS = 60_000
 """Corners of all polylines together; of more, each is drawn with fewer."""
 
 FIRST_TOLERANCE_M = 0.01
