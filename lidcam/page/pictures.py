@@ -15,11 +15,11 @@ from readers.messages.image import decode_any_image
 from readers.messages.pointcloud2 import decode_pointcloud2
 from readers.results.result import Result
 
-__all__ = ["CLOUD_TOPIC", "mistake_image"]
+__all__ = ["CLOUD_TOPIC", "MISTAKE_COLORS", "cut_out", "mistake_image"]
 
 CLOUD_TOPIC = "/point_cloud_combined"
 
-COLORS = {"false": (60, 60, 255), "missed": (0, 215, 255)}
+MISTAKE_COLORS = {"false": (60, 60, 255), "missed": (0, 215, 255)}
 """Of the boxes, blue green red: what was reported and is not there, what is there and was not reported."""
 
 TILE_PX = 288, 216
@@ -45,9 +45,9 @@ def mistake_image(result: Result, kind: str, mistake: Mapping[str, Any], log_tim
     corners = box_corners(center[None], size[None], np.array([np.radians(mistake["yaw_deg"])]))
     for camera, box in _views(result, corners):
         if (image := _image(result, camera, log_time_ns)) is not None:
-            return _uri(_cut(image, box, COLORS[kind])), camera.name
+            return _uri(cut_out(image, box, MISTAKE_COLORS[kind], TILE_PX)), camera.name
     points = _points(result, log_time_ns)
-    return None if points is None else (_uri(_from_above(points, corners[0], size, COLORS[kind])), "from above")
+    return None if points is None else (_uri(_from_above(points, corners[0], size, MISTAKE_COLORS[kind])), "from above")
 
 
 def _views(result: Result, corners: F64) -> Iterator[tuple[CameraSensor, F64]]:
@@ -80,17 +80,17 @@ def _points(result: Result, log_time_ns: int) -> F64 | None:
     return None
 
 
-def _cut(image: U8, box: F64, color: Sequence[int]) -> U8:
-    """The part of an image around a box, with the box, as a tile."""
+def cut_out(image: U8, box: F64, color: Sequence[int], size_px: tuple[int, int]) -> U8:
+    """The part of an image around a box, with the box, as a tile of that width and height."""
     height, width = image.shape[:2]
     middle = (box[:2] + box[2:]) / 2
     reach = np.maximum(box[2:] - box[:2], MIN_PX) * (0.5 + MARGIN)
-    reach = np.array(TILE_PX) * max(reach / np.array(TILE_PX))
+    reach = np.array(size_px) * max(reach / np.array(size_px))
     low = np.clip(middle - reach, 0, np.maximum(np.array([width, height]) - 2 * reach, 0))
     high = np.minimum(low + 2 * reach, [width, height])
     left, top, right, bottom = (int(edge) for edge in (*np.floor(low), *np.ceil(high)))
-    tile = cv2.resize(image[top:bottom, left:right], TILE_PX, interpolation=cv2.INTER_AREA)
-    scale = np.array(TILE_PX) / [right - left, bottom - top]
+    tile = cv2.resize(image[top:bottom, left:right], size_px, interpolation=cv2.INTER_AREA)
+    scale = np.array(size_px) / [right - left, bottom - top]
     first, last = (box[:2] - [left, top]) * scale, (box[2:] - [left, top]) * scale
     cv2.rectangle(tile, first.astype(int).tolist(), last.astype(int).tolist(), color, 2)
     return np.asarray(tile, np.uint8)
