@@ -32,7 +32,7 @@ unexport PYTHONDONTWRITEBYTECODE
 $(INSTALLED): pyproject.toml constraints-run.txt
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "lidcam needs Python 3.11 or newer, found " + sys.version.split()[0] + ": set PYTHON=python3.12 or the like")'
 	$(PYTHON) -m venv .venv
-	@echo 'Installing lidcam into .venv: 450 MB to fetch, once'
+	@echo 'Installing lidcam into .venv: 460 MB to fetch, once'
 	$(LOCKED) constraints-run.txt
 	$(PIP) install --no-build-isolation --no-deps --editable .
 	@touch $@
@@ -40,7 +40,7 @@ $(INSTALLED): pyproject.toml constraints-run.txt
 # PyTorch comes last and without a hash: its version is pinned, but it has builds for CPUs on indexes of their own, and what an index may offer
 # here is not known. The CUDA libraries of PyPI's build come with it.
 $(INSTALLED_ALL): $(INSTALLED) constraints.txt
-	@echo 'Installing the extras and the tools of the tests into .venv: 820 MB to fetch, once'
+	@echo 'Installing the extras and the tools of the tests into .venv: 810 MB to fetch, once'
 	$(LOCKED) constraints.txt
 	$(PIP) install --no-build-isolation --no-compile --editable '.[sim,train,video,http,s3,dev]'
 	$(PIP) check

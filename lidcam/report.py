@@ -9,10 +9,10 @@ from lidcam.box_sources import BoxSource
 from lidcam.checks.incomplete import absent_lines, changed_lines, damage_lines, left_out_lines
 from lidcam.checks.missing import MissingSensor
 from lidcam.checks.warning import RunWarning
-from lidcam.road_users import RoadUsers
 from lidcam.settings.choice import UsedSettings
 from pipeline.core.rig import Rig
 from pipeline.core.text import brief
+from pipeline.evaluation.road_users import RoadUsers
 from readers.input_file import InputFile
 from readers.messages.tf import TF_TYPES
 from readers.recording import Loss, Recording

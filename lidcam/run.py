@@ -37,7 +37,7 @@ from lidcam.frames import (
 from lidcam.job import Job
 from lidcam.outputs.allowed import check_no_input
 from lidcam.outputs.copied import choose_copied, choose_drawn, truth_frames
-from lidcam.outputs.open import how_to_open, open_outputs, open_writers, written_files
+from lidcam.outputs.open import how_to_open, make_pages, open_outputs, open_writers, written_files
 from lidcam.report import InputReport, RunReport, SensorReport, TimingReport, unused_topics
 from lidcam.settings.choice import use_settings
 from lidcam.settings.effect import named_files, settings_sha256
@@ -97,13 +97,14 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunRepor
         with ExitStack() as stack:
             observer.opened(run.source)
             inputs = stack.enter_context(closing(_input_files(run.source, named, is_written=bool(job.outputs))))
-            writers = open_writers(job, run.source, inputs, outputs, stack)
+            writers = open_writers(job, run.source, inputs, outputs, stack, run.report)
             # Closed before the writers are, also when the observer raises: then no stage is at work any more.
             folder = job.outputs[0].parent if job.outputs else None
             frames = stack.enter_context(closing(run.frames(writers, folder, partial(_tell, run, inputs, observer))))
             for frame in frames:
                 observer.frame(frame)
             whole = inputs.finish()
+        make_pages(job, outputs)
         changed = [file.path for file in (*whole, *inputs.named.values()) if file.is_changed]
         return run.report(whole, written_files(job), how_to_open(job), changed)
 

@@ -4,13 +4,13 @@ from collections import Counter
 from dataclasses import dataclass
 
 from lidcam.report import DropCount, DropReport, FrameReport
-from lidcam.road_users import RoadUserTally
 from pipeline.core.detections import Source, source_names
 from pipeline.core.errors import MessageError
 from pipeline.core.frame import FrameResult
 from pipeline.core.messages import Drop
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
+from pipeline.evaluation.road_users import RoadUserTally
 from pipeline.stages.sync.synchronize import SyncStats
 from readers.streams.decoders import OnBadMessage
 

@@ -11,6 +11,7 @@ from measured_runs import MeasuredRun
 from surroundings import Surroundings
 
 from bags.simulator.scenario.load import load_scenario
+from lidcam.page.pictures import MISTAKE_COLORS, cut_out
 from pipeline.core.arrays import F64, U8
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.geometry.transform import Transform
@@ -25,15 +26,8 @@ from readers.truth.site import SitePoses
 __all__ = ["KINDS", "Look", "looks", "write_images"]
 
 KINDS = ("false", "missed")
-COLORS = {"false": (60, 60, 255), "missed": (0, 215, 255)}
-"""Of the boxes, blue green red: what was reported and is not there, what is there and was not reported."""
-
 TILE_PX = 208, 156
 COLUMNS = 5
-MARGIN = 0.6
-"""Around a box, as a share of its size."""
-
-MIN_PX = 24.0
 AROUND_NS = 200_000_000
 
 
@@ -125,7 +119,9 @@ def _tile(kind: str, mistake: dict[str, Any], rig: Rig, recording: Recording) ->
     for _, camera, box in sorted(views, key=lambda view: -view[0]):
         image = _image(recording, camera, mistake["worst_ns"])
         if image is not None:
-            return camera.name, _cut(image, box, COLORS[kind])
+            tile = cut_out(image, box, MISTAKE_COLORS[kind], TILE_PX)
+            cv2.rectangle(tile, (0, 0), (TILE_PX[0] - 1, TILE_PX[1] - 1), (255, 255, 255), 1)
+            return camera.name, tile
     return "", np.full((TILE_PX[1], TILE_PX[0], 3), 160, np.uint8)
 
 
@@ -138,20 +134,3 @@ def _image(recording: Recording, camera: CameraSensor, stamp_ns: int) -> U8 | No
         return None
     message = min(near, key=lambda one: (abs(one.stamp_ns - stamp_ns), one.stamp_ns))
     return cv2.cvtColor(decode_compressed_image(message).rgb, cv2.COLOR_RGB2BGR).astype(np.uint8)
-
-
-def _cut(image: U8, box: F64, color: tuple[int, int, int]) -> U8:
-    """The part of an image around a box, with the box, as a tile."""
-    height, width = image.shape[:2]
-    middle = (box[:2] + box[2:]) / 2
-    reach = np.maximum(box[2:] - box[:2], MIN_PX) * (0.5 + MARGIN)
-    reach = np.array(TILE_PX) * max(reach / np.array(TILE_PX))
-    low = np.clip(middle - reach, 0, np.maximum(np.array([width, height]) - 2 * reach, 0))
-    high = np.minimum(low + 2 * reach, [width, height])
-    left, top, right, bottom = (int(edge) for edge in (*np.floor(low), *np.ceil(high)))
-    tile = cv2.resize(image[top:bottom, left:right], TILE_PX, interpolation=cv2.INTER_AREA)
-    scale = np.array(TILE_PX) / [right - left, bottom - top]
-    first, last = ((box[:2] - [left, top]) * scale, (box[2:] - [left, top]) * scale)
-    cv2.rectangle(tile, first.astype(int).tolist(), last.astype(int).tolist(), color, 2)
-    cv2.rectangle(tile, (0, 0), (TILE_PX[0] - 1, TILE_PX[1] - 1), (255, 255, 255), 1)
-    return np.asarray(tile, np.uint8)

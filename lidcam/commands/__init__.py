@@ -10,6 +10,7 @@ from lidcam.commands.evaluate import EVALUATE_EXAMPLES, evaluate
 from lidcam.commands.inspect import INSPECT_EXAMPLES, inspect
 from lidcam.commands.options import Version
 from lidcam.commands.process import PROCESS_EXAMPLES, process
+from lidcam.commands.report import REPORT_EXAMPLES, report
 from lidcam.commands.simulate import SIMULATE_EXAMPLES, simulate
 
 __all__ = ["app", "process_app"]
@@ -30,6 +31,7 @@ app.command(epilog=PROCESS_EXAMPLES)(process)
 app.command(epilog=INSPECT_EXAMPLES)(inspect)
 app.command(epilog=EVALUATE_EXAMPLES)(evaluate)
 app.command(epilog=COMPARE_EXAMPLES)(compare)
+app.command(epilog=REPORT_EXAMPLES)(report)
 app.command()(demo)
 app.command(epilog=SIMULATE_EXAMPLES)(simulate)
 app.command(epilog=DRIVE_EXAMPLES)(drive)

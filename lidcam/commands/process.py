@@ -89,6 +89,10 @@ def process(
             help="Also write the points of each object, gathered over its track, as a PCD file into this folder.",
         ),
     ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(metavar="OUT.html", callback=ends_in(".html"), help="Also write a page about the result."),
+    ] = None,
     model_2d: Annotated[
         Path | None,
         typer.Option("--model-2d", metavar="FILE.onnx", help="2D detector (ONNX)."),
@@ -186,7 +190,7 @@ def process(
             required = read_requirements(requirements)
         job = make_job(
             inputs,
-            [output, *(path for path in (rerun, objects, objects_clouds) if path is not None)],
+            [output, *(path for path in (rerun, objects, objects_clouds, report) if path is not None)],
             config=config_file,
             settings=settings or (),
             rig=rig_files,

@@ -1,7 +1,7 @@
 """An evaluation: open a result, find the truth, measure all frames in one pass. Nothing is printed here."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +16,7 @@ from lidcam.evaluation.requirement import check_names
 from lidcam.settings.effect import settings_sha256
 from pipeline.core.errors import RecordingError
 from pipeline.core.rig import Rig
-from pipeline.evaluation.evaluation_frame import EvaluationFrame
+from pipeline.evaluation.evaluation_frame import EvaluationFrame, Evaluator
 from readers.input_file import InputFile, read_input_file, read_opened_files
 from readers.location import Location
 from readers.results.result import Result, open_result
@@ -24,23 +24,25 @@ from readers.rig.schema import RigFile
 from readers.rig.search import zones_of
 from readers.truth.open import OpenTruth, open_truth
 
-__all__ = ["evaluate_result"]
+__all__ = ["Progress", "evaluate_result", "not_shown"]
 
 Advance = Callable[[float, str], None]
 Progress = Callable[[float], AbstractContextManager[Advance]]
 """Shows how many of so many recorded seconds are done, and some facts, as `lidcam.printing.progress.show_progress`."""
 
 
-def _not_shown(_: float) -> AbstractContextManager[Advance]:
+def not_shown(_: float) -> AbstractContextManager[Advance]:
+    """Shows nothing."""
     return nullcontext(lambda *_: None)
 
 
-def evaluate_result(job: EvaluationJob, show: Progress = _not_shown) -> Evaluation:
+def evaluate_result(job: EvaluationJob, show: Progress = not_shown, others: Sequence[Evaluator] = ()) -> Evaluation:
     """Evaluate a result of lidcam.
 
     Args:
         job: The result, and the truth to compare it with.
         show: Shows the progress.
+        others: Further evaluators that see the frames.
 
     Raises:
         RequirementError: a requirement names a figure that there cannot be; nothing is measured.
@@ -56,7 +58,7 @@ def evaluate_result(job: EvaluationJob, show: Progress = _not_shown) -> Evaluati
         check_names(job.requirements, known_figures(config, seen, result.sources))
         found, files = _find_truth(job, result, stack)
         frames = EvaluationFrames(result, found)
-        tree = measure(_watched(frames, advance), evaluators_of(config, seen))
+        tree = measure(_watched(frames, advance), (*evaluators_of(config, seen), *others))
         if not tree["frames"]:
             raise RecordingError(f"{job.result}: expected a result with frames, found none")
         figures = NamedFigures({**tree, **timed(time.perf_counter() - started)})

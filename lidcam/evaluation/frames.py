@@ -42,7 +42,7 @@ class EvaluationFrames:
             RecordingError: a file cannot be read.
         """
         for frame in self._result.frames():
-            T_fixed_site = None if self._truth is None else self._poses.T_fixed_site(frame.stamp_ns)
+            T_fixed_site = self._poses.T_fixed_site(frame.stamp_ns)
             yield EvaluationFrame(
                 frame.index,
                 frame.stamp_ns,
@@ -51,6 +51,7 @@ class EvaluationFrames:
                 {name: ImageBoxes(found, self._in_image(name, found, frame)) for name, found in frame.cameras.items()},
                 frame.skew_ns,
                 None if T_fixed_site is None else T_fixed_site.matrix,
+                frame.sync,
             )
 
     def _truth_at(self, frame: ResultFrame) -> TruthBoxes3D | None:

@@ -27,6 +27,7 @@ from writers.tables.writer import CSV_HEADER
 
 __all__ = [
     "MERGED",
+    "PAGE",
     "REPAIRED",
     "SIMULATED",
     "TEXT",
@@ -36,6 +37,7 @@ __all__ = [
     "is_marked_clouds",
     "is_marked_csv",
     "is_marked_mcap",
+    "is_marked_page",
     "is_marked_parquet",
     "is_marked_rrd",
 ]
@@ -106,6 +108,11 @@ def is_marked_csv(path: Path) -> bool:
     return _head(path, HEAD_BYTES).startswith(CSV_HEADER.encode())
 
 
+def is_marked_page(path: Path) -> bool:
+    """Whether a file is a page about a result of lidcam."""
+    return marks.PAGE.encode() in _head(path, HEAD_BYTES)
+
+
 def is_marked_parquet(path: Path) -> bool:
     """Whether a file is a Parquet table of objects of lidcam that was closed: its metadata come last.
 
@@ -174,6 +181,7 @@ TEXT = Replaceable(
 """Layouts, JSON, drafts of a rig."""
 
 REPAIRED = Replaceable(lambda path: is_marked_mcap(path, marks.REPAIRED), "exists and was not written by --repair")
+PAGE = Replaceable(is_marked_page, "exists and is no page about a result")
 MERGED = Replaceable(lambda path: is_marked_mcap(path, marks.MERGED), "exists and was not written by --merged")
 SIMULATED = Replaceable(_is_simulated, "exists and is no simulated recording")
 

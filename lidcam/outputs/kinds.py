@@ -6,7 +6,14 @@ from functools import partial
 from pathlib import Path
 
 from lidcam.frames import RunInput
-from lidcam.outputs.allowed import is_marked_clouds, is_marked_csv, is_marked_mcap, is_marked_parquet, is_marked_rrd
+from lidcam.outputs.allowed import (
+    is_marked_clouds,
+    is_marked_csv,
+    is_marked_mcap,
+    is_marked_page,
+    is_marked_parquet,
+    is_marked_rrd,
+)
 from pipeline.core.errors import ConfigError
 from pipeline.core.settings.config import Config
 from readers.messages.image import decode_any_image
@@ -28,21 +35,23 @@ class OutputKind:
     """A kind of output, known from the ending of its name.
 
     Attributes:
-        open: Makes the writer.
+        open: Makes the writer; None of what is made of the finished result.
         is_result: Whether a run of lidcam wrote the file that stands at a path, so that a later run may replace it;
             raises OSError where that cannot be read.
         viewer: Name of the viewer that opens it, for the last lines of a run.
         how_to_open: Gives the instruction to open it, from the paths of the output and of the texts beside it.
         beside: The texts that the writer writes beside it, by its path and the settings.
         is_folder: Whether it is a folder.
+        of_result: The function that makes its text of the finished result, as `module:name`, where it has no writer.
     """
 
-    open: Callable[[Path, OutputTransaction, RunInput, Provenance], ResultWriter]
+    open: Callable[[Path, OutputTransaction, RunInput, Provenance], ResultWriter] | None
     is_result: Callable[[Path], bool]
     viewer: str
     how_to_open: Callable[[Path, tuple[Path, ...]], str]
     beside: Callable[[Path, Config], tuple[Path, ...]] = lambda _path, _config: ()
     is_folder: bool = False
+    of_result: str = ""
 
 
 def _mcap(path: Path, outputs: OutputTransaction, source: RunInput, provenance: Provenance) -> ResultWriter:
@@ -97,6 +106,13 @@ OUTPUTS: dict[str, OutputKind] = {
         "Clouds",
         lambda path, _: f"open the .pcd in {path} with CloudCompare, or open3d.t.io.read_point_cloud",
         is_folder=True,
+    ),
+    ".html": OutputKind(
+        None,
+        is_marked_page,
+        "Report",
+        lambda path, _: f"open {path} in a browser",
+        of_result="lidcam.page.make:make_page",
     ),
 }
 """By the ending of their names; a folder has none."""

@@ -1,15 +1,19 @@
 """The outputs of a run: checked before it begins, opened together, and named together when all of them are whole."""
 
+from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
+from importlib import import_module
 from importlib.metadata import version
 from itertools import chain
 from pathlib import Path
 
 from lidcam.frames import RunInput
 from lidcam.job import Job
+from lidcam.outputs.account import account_text
 from lidcam.outputs.allowed import TEXT, Replaceable, check_no_input, check_replaced
 from lidcam.outputs.kinds import OUTPUTS
+from lidcam.report import RunReport
 from lidcam.settings.effect import lasting_settings
 from pipeline.core.errors import OutputError
 from readers.input_file import InputFiles
@@ -18,7 +22,7 @@ from writers.base import ResultWriter
 from writers.outputs.transaction import OutputTransaction
 from writers.provenance import Provenance
 
-__all__ = ["how_to_open", "open_outputs", "open_writers", "written_files"]
+__all__ = ["how_to_open", "make_pages", "open_outputs", "open_writers", "written_files"]
 
 
 def open_outputs(job: Job) -> OutputTransaction:
@@ -35,6 +39,9 @@ def open_outputs(job: Job) -> OutputTransaction:
         if other := known.get(output.suffix):
             raise OutputError(f"{output}: expected one output of a kind, found {other}, too; choose one of them")
         known[output.suffix] = output
+    for output in job.outputs:
+        if OUTPUTS[output.suffix].of_result and ".mcap" not in known:
+            raise OutputError(f"{output}: is made of the result: expected an .mcap among the outputs, found none")
     files = written_files(job)
     check_no_input(files, (*job.inputs, *job.read_files))
     folders = [path for path in job.outputs if OUTPUTS[path.suffix].is_folder]
@@ -67,20 +74,47 @@ def _replaceable(job: Job, path: Path) -> Replaceable:
 
 
 def open_writers(
-    job: Job, source: RunInput, inputs: InputFiles, outputs: OutputTransaction, stack: ExitStack
+    job: Job,
+    source: RunInput,
+    inputs: InputFiles,
+    outputs: OutputTransaction,
+    stack: ExitStack,
+    report: Callable[[], RunReport],
 ) -> list[ResultWriter]:
     """The writers of a job's outputs, open; they end with `stack`, before the outputs get their names.
+
+    Args:
+        job: The outputs.
+        source: The open recording.
+        inputs: Its files.
+        outputs: Where they are written.
+        stack: Ends the writers.
+        report: Gives the report of the run, at its end.
 
     Raises:
         OutputError: an output cannot be written.
     """
     if not job.outputs:
         return []
-    provenance = _provenance(source, inputs)
-    return [stack.enter_context(OUTPUTS[path.suffix].open(path, outputs, source, provenance)) for path in job.outputs]
+    provenance = _provenance(source, inputs, lambda: account_text(report(), job))
+    writers = ((path, OUTPUTS[path.suffix].open) for path in job.outputs)
+    return [stack.enter_context(opened(path, outputs, source, provenance)) for path, opened in writers if opened]
 
 
-def _provenance(source: RunInput, inputs: InputFiles) -> Provenance:
+def make_pages(job: Job, outputs: OutputTransaction) -> None:
+    """Write what is made of the finished result, before the outputs get their names.
+
+    Raises:
+        LidcamError: it cannot be made or written.
+    """
+    for path in job.outputs:
+        module, _, name = OUTPUTS[path.suffix].of_result.partition(":")
+        if name:
+            (result,) = (one for one in job.outputs if one.suffix == ".mcap")
+            outputs[path].write_text(getattr(import_module(module), name)(outputs[result].part))
+
+
+def _provenance(source: RunInput, inputs: InputFiles, account: Callable[[], str]) -> Provenance:
     named = {f"{key}.name": file.name for key, file in inputs.named.items()}
     if "network" in inputs.named:
         named["network.provider"] = source.config.detect2d.provider
@@ -95,6 +129,7 @@ def _provenance(source: RunInput, inputs: InputFiles) -> Provenance:
         start_ns=source.recording.start_ns,
         boxes3d_topics=tuple(detector.topic for detector in source.rig.detectors),
         named=named,
+        account=account,
     )
 
 

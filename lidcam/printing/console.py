@@ -34,7 +34,7 @@ from readers.rig.sensor_topics import SensorFault
 if TYPE_CHECKING:  # a run inspects nothing
     from lidcam.inspection import Inspection
 
-__all__ = ["print_detections", "print_inspection", "print_matches", "print_report"]
+__all__ = ["BOX_SOURCES", "print_detections", "print_inspection", "print_matches", "print_report"]
 
 MAX_LISTED = 10
 """Names in one line."""
@@ -42,7 +42,7 @@ MAX_LISTED = 10
 MAX_LOSSES = 20
 """Damaged parts in the table."""
 
-_BOX_SOURCES = {
+BOX_SOURCES = {
     "onnx": "from the 2D network",
     "recorded": "as recorded",
     "none": "none: lidar-only; recorded 2D boxes, or --model-2d FILE.onnx, bring the cameras in",
@@ -177,7 +177,7 @@ def print_report(out: Console, report: RunReport) -> None:
         "sync skew": f"{frames.skew_mean_ms:.1f} ms mean, {frames.skew_max_ms:.1f} ms at most",
         "motion": _motion(report),
         "3D boxes": _boxes3d(report),
-        "2D boxes": _BOX_SOURCES[sensors.box_source],
+        "2D boxes": BOX_SOURCES[sensors.box_source],
         "confirmed": _confirmed(report),
         "geometry": ", ".join(
             f"{count} {_GEOMETRY[source]}" for source, count in frames.sources.items() if count or source != "predicted"
@@ -264,7 +264,7 @@ def print_inspection(out: Console, inspection: "Inspection") -> None:
     _print_remarks(out, inspection.faults, inspection.notes)
     show_line(out, f"motion: {', '.join(inspection.motion_topics) or _NO_MOTION}")
     show_line(out, f"3D boxes: {_source_of_boxes3d(inspection.box_source_3d, inspection.rig)}")
-    show_line(out, f"2D boxes: {_BOX_SOURCES[inspection.box_source]}")
+    show_line(out, f"2D boxes: {BOX_SOURCES[inspection.box_source]}")
     show_line(out, f"settings: {inspection.settings}")
     _print_warnings(out, inspection.warnings)
 

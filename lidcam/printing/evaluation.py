@@ -13,7 +13,7 @@ from lidcam.printing.mistakes import mistakes_table
 from lidcam.printing.numbers import NONE, number, percent, share, signed
 from lidcam.printing.tables import ColumnsTable
 
-__all__ = ["print_evaluation"]
+__all__ = ["headlines", "own_tables", "print_evaluation", "truth_tables"]
 
 ALL = "all"
 """In place of a class: the figure of all objects, or the mean of the classes."""
@@ -30,9 +30,9 @@ def print_evaluation(out: Console, evaluation: Evaluation) -> None:
     """The report of an evaluation."""
     tree: Tree = evaluation.figures.tree
     show_line(out, _subject(tree, evaluation))
-    for headline in filter(None, (_whole(tree), _headline(tree))):
+    for headline in headlines(tree):
         show_line(out, headline, "bold")
-    for table, explanation in _tables(tree):
+    for table, explanation in (*truth_tables(tree), *own_tables(tree)):
         out.print()
         show_table(out, table)
         for line in explanation:
@@ -98,8 +98,13 @@ def _headline(tree: Tree) -> str:
     return f"Fusion neither adds nor takes away AP for sure: {signed(value, 2)} ({interval}) over {over}."
 
 
-def _tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
-    """Each table with the lines that explain it."""
+def headlines(tree: Tree) -> list[str]:
+    """What the figures come to, in a sentence or two; none without true objects."""
+    return [*filter(None, (_whole(tree), _headline(tree)))]
+
+
+def truth_tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
+    """Each table of figures that need truth, with the lines that explain it."""
     sources: Tree = tree["sources"]
     if tree["frames_with_truth"] and sources:
         yield _found_table(sources), _detection_explained(sources)
@@ -114,6 +119,10 @@ def _tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
     for source, kinds in tree["mistakes"].items():
         if any(kinds.values()):
             yield mistakes_table(source, kinds), ()
+
+
+def own_tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
+    """Each table of figures that need none: chains of boxes, 3D boxes in images."""
     yield _chains_table(tree["unlabelled"]), _CHAINS
     if residuals := _residuals(tree["unlabelled"]):
         yield _residuals_table(residuals), _RESIDUALS

@@ -11,8 +11,8 @@ from rich.table import Table
 from lidcam.checks.missing import MissingSensor
 from lidcam.printing.folding import Folded
 from lidcam.report import DropCount
-from lidcam.road_users import RoadUsers, ZoneChange
 from pipeline.core.rig import BOXES_SUFFIX, OUTSIDE_ZONES
+from pipeline.evaluation.road_users import RoadUsers, ZoneChange
 from readers.rig.calibration import SensorSource
 from readers.streams.survey import TopicSurvey
 

@@ -17,6 +17,7 @@ __all__ = [
     "Evaluator",
     "Figure",
     "Figures",
+    "FrameSync",
     "ImageBoxes",
     "Motion",
     "Names",
@@ -190,6 +191,21 @@ class ImageBoxes:
     truth: TruthBoxes2D | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class FrameSync:
+    """The messages that a frame of a result was made of.
+
+    Attributes:
+        log_time_ns: Log time of the frame.
+        offsets_ns: Stamp of the message of each topic, minus that of the frame.
+        missing: Why there is no message, by the name of each sensor without one.
+    """
+
+    log_time_ns: int
+    offsets_ns: Mapping[str, int]
+    missing: Mapping[str, str]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class EvaluationFrame:
     """One frame of a result, with the truth at its time and in its frame of reference.
@@ -203,6 +219,7 @@ class EvaluationFrame:
         skew_ns: Largest minus smallest stamp of the messages that the frame is made of; None if not known.
         T_fixed_site: (4, 4) float64, where the site frame stands on the ground, in a frame that does not move; None if
             it is not known.
+        sync: The messages that it was made of; None if that is not known.
     """
 
     index: int
@@ -212,6 +229,7 @@ class EvaluationFrame:
     images: Mapping[str, ImageBoxes] = field(default_factory=dict)
     skew_ns: int | None = None
     T_fixed_site: F64 | None = field(default_factory=lambda: np.eye(4))
+    sync: FrameSync | None = None
 
 
 def in_order(sources: Iterable[str]) -> list[str]:

@@ -1,5 +1,6 @@
-"""The settings and the rig of a result, from the texts that are attached to it."""
+"""The settings, the rig and the account of a result, from the texts that are attached to it."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,11 @@ from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.bounded_yaml import parse_yaml
 from pipeline.core.settings.config import Config
-from readers.results.attached_records import CONFIG, RIG
+from readers.results.attached_records import ACCOUNT, CONFIG, RIG
 from readers.rig.schema import CameraEntry, LidarEntry, parse_rig
 from readers.rig.search import zones_of
 
-__all__ = ["attached_config", "attached_rig"]
+__all__ = ["attached_account", "attached_config", "attached_rig"]
 
 MAX_ROUNDS = 20
 """Times that settings are judged anew after those that do not fit were left out."""
@@ -51,6 +52,21 @@ def attached_config(text: str, path: Path, version: str) -> tuple[Config, tuple[
     raise RecordingError(
         f"{path}: expected settings of lidcam in the attached {CONFIG}, found others (written by version {version})"
     )
+
+
+def attached_account(text: str, path: Path) -> dict[str, Any]:
+    """The account of the run that made a result.
+
+    Raises:
+        RecordingError: the text is not a JSON object.
+    """
+    try:
+        tree = json.loads(text)
+    except ValueError as err:
+        raise RecordingError(f"{path}: the attached {ACCOUNT} is not JSON: {err}") from err
+    if not isinstance(tree, dict):
+        raise RecordingError(f"{path}: expected an object in the attached {ACCOUNT}, found {type(tree).__name__}")
+    return tree
 
 
 def attached_rig(text: str, path: Path, config: Config) -> Rig:

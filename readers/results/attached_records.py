@@ -12,7 +12,7 @@ from mcap.stream_reader import StreamReader
 from pipeline.core.errors import RecordingError
 from readers.files.damage import DamageGuard, library_errors
 
-__all__ = ["CONFIG", "RIG", "AttachedRecords", "is_result", "read_records"]
+__all__ = ["ACCOUNT", "CONFIG", "RIG", "AttachedRecords", "is_result", "read_records"]
 
 RESULT = "lidcam"
 """Name of the metadata record of a result."""
@@ -28,6 +28,9 @@ CONFIG = "lidcam.yaml"
 
 RIG = "rig.yaml"
 """Name of the attached rig."""
+
+ACCOUNT = "account.json"
+"""Name of the attached account of the run: what it used, dropped and warned of. Earlier versions attach none."""
 
 MAX_ATTACHMENT_BYTES = 1 << 20
 
@@ -135,6 +138,6 @@ def _sorted_out(metadata: list[Metadata], attachments: list[Attachment]) -> _Rec
     texts = {
         one.name: one.data.decode()
         for one in attachments
-        if one.name in {CONFIG, RIG} and len(one.data) <= MAX_ATTACHMENT_BYTES
+        if one.name in {CONFIG, RIG, ACCOUNT} and len(one.data) <= MAX_ATTACHMENT_BYTES
     }
     return {one.name: dict(one.metadata) for one in metadata}, texts

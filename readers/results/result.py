@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.config import UNKNOWN_CLASS, Config
 from pipeline.core.settings.load import load_config
 from pipeline.core.settings.recording import LimitsConfig
-from pipeline.evaluation.evaluation_frame import SOURCES, UNKNOWN, Motion, SourceBoxes
+from pipeline.evaluation.evaluation_frame import SOURCES, UNKNOWN, FrameSync, Motion, SourceBoxes
 from readers.messages.diagnostics import decode_diagnostics
 from readers.messages.objects.tracks import TRACKS, decode_tracks
 from readers.messages.vision.detections2d import DETECTIONS_2D, decode_detections2d
@@ -27,8 +28,8 @@ from readers.messages.vision.track_ids import track_ids
 from readers.notes import Notes
 from readers.open import open_recording
 from readers.recording import DEFAULT_READ_OPTIONS, Closing, ReadOptions, Recording
-from readers.results.attached import attached_config, attached_rig
-from readers.results.attached_records import CONFIG, RIG, read_records
+from readers.results.attached import attached_account, attached_config, attached_rig
+from readers.results.attached_records import ACCOUNT, CONFIG, RIG, read_records
 
 __all__ = ["RESULT_TOPICS", "Result", "ResultFrame", "open_result"]
 
@@ -56,6 +57,7 @@ class ResultFrame:
         sources: 3D boxes by source, empty where nothing was found; a source without an entry has no message.
         cameras: 2D boxes by camera, with the stamp of the image; only cameras that were looked at in this frame.
         skew_ns: Largest minus smallest stamp of the messages that the frame was made of; None if not known.
+        sync: These messages; None if not known.
     """
 
     index: int
@@ -64,6 +66,7 @@ class ResultFrame:
     sources: Mapping[str, SourceBoxes]
     cameras: Mapping[str, Boxes2D]
     skew_ns: int | None
+    sync: FrameSync | None = None
 
 
 class Result(Closing):
@@ -77,6 +80,7 @@ class Result(Closing):
         rig: Its rig.
         sources: Sources of 3D boxes that it has, in the order of `SOURCES`.
         cameras: Names of the cameras that it has 2D boxes of, in the order of the rig.
+        account: What the run used, dropped and warned of (`lidcam.outputs.account`); empty of earlier versions.
     """
 
     def __init__(
@@ -87,9 +91,10 @@ class Result(Closing):
         config: Config,
         rig: Rig,
         notes: Sequence[str],
+        account: Mapping[str, Any] | None = None,
     ) -> None:
         self.path, self.recording, self.metadata, self.config, self.rig = path, recording, metadata, config, rig
-        self._notes = tuple(notes)
+        self._notes, self.account = tuple(notes), account or {}
         self._unused = Notes()
         self._class_ids = {name: class_id for class_id, name in enumerate(config.class_names)}
         recorded = {info.topic for info in recording.topics if info.msgtype in {DETECTIONS_2D, DETECTIONS_3D}}
@@ -127,7 +132,7 @@ class Result(Closing):
     def _frame(self, index: int, messages: Mapping[str, RawMessage]) -> ResultFrame:
         limits = self.config.limits
         sources, cameras = {}, {}
-        skew_ns = None
+        skew_ns = sync = None
         for source in self.sources:
             message = messages.get(SOURCE_TOPICS[source])
             if message is not None:
@@ -143,10 +148,14 @@ class Result(Closing):
                     cameras[camera] = self._boxes(message, limits)
         if DIAGNOSTICS in messages:
             with self._counting(messages[DIAGNOSTICS]):
-                skew_ns = _skew_ns(messages[DIAGNOSTICS], limits)
+                values = decode_diagnostics(messages[DIAGNOSTICS], limits=limits).get(SYNCHRONISATION, {})
+                skew_ns, sync = (
+                    _nanoseconds(values.get("skew_ms", "")),
+                    _sync(messages[DIAGNOSTICS].log_time_ns, values),
+                )
         of_frame = [messages[topic] for topic in (*SOURCE_TOPICS.values(), DIAGNOSTICS) if topic in messages]
         first = (of_frame or [*messages.values()])[0]
-        return ResultFrame(index, first.stamp_ns, first.log_time_ns, sources, cameras, skew_ns)
+        return ResultFrame(index, first.stamp_ns, first.log_time_ns, sources, cameras, skew_ns, sync)
 
     @contextmanager
     def _counting(self, message: RawMessage) -> Iterator[None]:
@@ -218,17 +227,27 @@ def open_result(path: Path, settings: Sequence[str] = (), options: ReadOptions =
     config, notes = attached_config(records.texts[CONFIG], path, records.metadata.get("version", "unknown"))
     config = load_config(config, settings) if settings else config
     rig = attached_rig(records.texts[RIG], path, config)
-    return Result(path, open_recording([path], options), records.metadata, config, rig, notes)
+    account = attached_account(records.texts.get(ACCOUNT, "{}"), path)
+    return Result(path, open_recording([path], options), records.metadata, config, rig, notes, account)
 
 
 def _boxes_topic(camera: str) -> str:
     return f"/{camera}/detections"
 
 
-def _skew_ns(message: RawMessage, limits: LimitsConfig) -> int | None:
-    """The skew of a frame as its diagnostics say it, to the microsecond."""
-    text = decode_diagnostics(message, limits=limits).get(SYNCHRONISATION, {}).get("skew_ms", "")
+def _sync(log_time_ns: int, values: Mapping[str, str]) -> FrameSync:
+    """What the diagnostics of a frame say of its messages, to the microsecond."""
+    named = {key.partition(" ")[::2]: value for key, value in values.items()}
+    offsets = {topic: _nanoseconds(value) for (kind, topic), value in named.items() if kind == "offset_ms"}
+    return FrameSync(
+        log_time_ns,
+        {topic: offset_ns for topic, offset_ns in offsets.items() if offset_ns is not None},
+        {sensor: why for (kind, sensor), why in named.items() if kind == "missing"},
+    )
+
+
+def _nanoseconds(milliseconds: str) -> int | None:
     try:
-        return round(float(text) * 1e6)
+        return round(float(milliseconds) * 1e6)
     except (ValueError, OverflowError):
         return None

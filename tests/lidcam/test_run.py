@@ -15,7 +15,6 @@ from reports import changed, printed
 
 from lidcam.frames import RunInput, TimeWindow, synchronized_topics
 from lidcam.report import RunReport, report_tree
-from lidcam.road_users import RoadUserCount, RoadUsers, ZoneChange
 from lidcam.run import Run
 from lidcam.summary import DropTable, Tally
 from pipeline.core.camera import CameraModel
@@ -27,6 +26,7 @@ from pipeline.core.messages import RawMessage
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.track import TrackConfig
+from pipeline.evaluation.road_users import RoadUserCount, RoadUsers, ZoneChange
 from readers.messages.tf import RecordedTransforms
 from readers.rig.discovery import Discovery
 from readers.streams.motion import MotionSource

@@ -40,6 +40,9 @@ lidcam is under Apache-2.0; the tables of laser angles in `readers/velodyne/mode
 lists everything that is installed with it on Linux, as the packages state it; `make docs/licences.md` prints it, and a
 test compares it with what is installed. Versions and hashes are in `constraints.txt`.
 
+Each page that `lidcam report` writes holds plotly.js, which comes with **plotly** and is under MIT; its notice stands
+in the script.
+
 These are not permissive:
 
 - **av** (extra `video`) is itself under BSD-3-Clause, but its wheel holds FFmpeg with the encoders x264 and x265, which

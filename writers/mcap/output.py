@@ -120,9 +120,9 @@ class McapOutput:
         self._statistics.metadata_count += 1
         MetadataIndex(start, length, name).write(self._summary[Opcode.METADATA_INDEX])
 
-    def attach(self, name: str, yaml_text: str, time_ns: int = 0) -> None:
-        """Attach a YAML file."""
-        data, media_type = yaml_text.encode(), "application/yaml"
+    def attach(self, name: str, text: str, time_ns: int = 0, media_type: str = "application/yaml") -> None:
+        """Attach a text file."""
+        data = text.encode()
         start, length = self._put(Attachment(time_ns, time_ns, name, media_type, data))
         self._statistics.attachment_count += 1
         index = AttachmentIndex(start, length, time_ns, time_ns, len(data), name, media_type)

@@ -138,6 +138,8 @@ class McapResultWriter:
                 self._draw_truth(self._truth_times.rest())
                 if later := self._provenance.checksums():
                     self._file.add_metadata(INPUTS, later)
+                account = self._provenance.account()
+                self._file.attach("account.json", account, self._provenance.start_ns, "application/json")
             self._resources.__exit__(kind, error, trace)
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:

@@ -15,6 +15,7 @@ __all__ = [
     "MERGED",
     "OBJECTS",
     "OBJECT_CLOUD",
+    "PAGE",
     "REPAIRED",
     "RESULT",
     "SIMULATED",
@@ -44,6 +45,8 @@ OBJECTS = "lidcam.objects"
 
 OBJECT_CLOUD = "lidcam.object_cloud"
 """Begins the comment in the header of the cloud of an object."""
+PAGE = '<meta name="generator" content="lidcam">'
+"""In the head of a page about a result."""
 
 BAG_CALLER = "/lidcam_simulator"
 """The node that publishes all topics of a simulated ROS 1 bag."""

@@ -14,7 +14,7 @@ from lidcam.printing.tables import (
     sensors_table,
     stages_table,
 )
-from lidcam.road_users import RoadUserCount, RoadUsers, ZoneChange
+from pipeline.evaluation.road_users import RoadUserCount, RoadUsers, ZoneChange
 from readers.rig.calibration import SensorSource
 
 OBJECTS = {("car", "north"): 6, ("car", "outside"): 1, ("bus", "south"): 3}

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tracked_frames import Seen, tracked_frame
 
-from lidcam.road_users import RoadUserCount, RoadUsers, RoadUserTally, ZoneChange
 from lidcam.summary import Tally
 from pipeline.core.rig import Rig, Zone
+from pipeline.evaluation.road_users import RoadUserCount, RoadUsers, RoadUserTally, ZoneChange
 
 SQUARE = np.array([[-10.0, 0.0], [10.0, 0.0], [10.0, 10.0], [-10.0, 10.0]])
 ZONED = replace(RIG, zones=(Zone("north", SQUARE), Zone("south", SQUARE * [1, -1]), Zone("off", SQUARE * 3, "ignore")))
@@ -145,3 +145,20 @@ def test_a_plain_count_agrees(frames: list[tuple[Seen, ...]]) -> None:
         assert count.speed_max_m_s == max(highest for _, highest in means[key])
     changes = {(one.class_name, places[one.from_zone], places[one.to_zone]): one.count for one in users.changes}
     assert changes == went
+
+
+def test_how_long_each_stays_where() -> None:
+    """From frame to frame a road user stays where it was; what is not in the next frame has gone."""
+    tally = RoadUserTally(CONFIG, ZONED)
+    for index, seen in enumerate(
+        [(Seen(1, 0, NORTH, 4.0),), (Seen(1, 0, NORTH, 2.0), Seen(7, 1, SOUTH)), (Seen(1, 0, OUTSIDE),), ()]
+    ):
+        tally.add(tracked_frame(index, *seen))
+    table, step_s = tally.table, 0.1
+    assert table.places == ("outside", "north", "south")
+    assert tally.numbers == (1, 7)
+    np.testing.assert_allclose(table.seconds, np.array([[0, 2 * step_s, 0], [0, 0, 0]]), atol=1e-9)
+    np.testing.assert_array_equal(table.frames, [[1, 2, 0], [0, 0, 1]])
+    np.testing.assert_allclose(table.speed_means, [2.0, 0.0])
+    np.testing.assert_allclose(table.speed_maxima, [4.0, 0.0])
+    assert (table.first_zones.tolist(), table.last_zones.tolist()) == ([1, 2], [1, 2])

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Array
+from pipeline.core.arrays import F64, I32, I64, Array
 from pipeline.core.frame import FrameResult
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.tracks import NO_TRACK
 
-__all__ = ["RoadUserCount", "RoadUserTally", "RoadUsers", "ZoneChange"]
+__all__ = ["RoadUserCount", "RoadUserTable", "RoadUserTally", "RoadUsers", "ZoneChange"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +66,34 @@ class RoadUsers:
     changes: tuple[ZoneChange, ...]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class RoadUserTable:
+    """Each road user of a run, in the order in which they came.
+
+    Attributes:
+        class_ids: (N,) int64, row of the configured classes.
+        places: Names of the places: what is outside of all zones (empty where there are none), then the zones.
+        frames: (N, P) int32, frames in which each was in each place.
+        seconds: (N, P) float64, how long.
+        speed_means: (N,) float64, mean speed of each over all its frames, m/s.
+        speed_maxima: (N,) float64, highest speed of each in one frame, m/s.
+        first_zones: (N,) int32, column of the first zone in which each was; 0: it was in none.
+        last_zones: (N,) int32, column of the last.
+    """
+
+    class_ids: I64
+    places: tuple[str, ...]
+    frames: I32
+    seconds: F64
+    speed_means: F64
+    speed_maxima: F64
+    first_zones: I32
+    last_zones: I32
+
+    def __len__(self) -> int:
+        return len(self.class_ids)
+
+
 class RoadUserTally:
     """Counts road users while a run goes on; memory grows with their number alone, by about 200 bytes each.
 
@@ -83,33 +111,69 @@ class RoadUserTally:
             ("frames", np.int32, per_place),
             ("speed_sums", np.float64, per_place),
             ("speed_max", np.float64, per_place),
+            ("seconds", np.float64, per_place),
             ("first_zone", np.int32),  # rows of the places; 0, outside, until a zone was seen
             ("last_zone", np.int32),
         ]
         self._tracks = np.zeros(64, columns)
         self._rows: dict[int, int] = {}  # by number of the track
         self._is_tracked = False
+        none = np.zeros(0, np.int64)
+        self._before = 0, none, none  # stamp of the last frame, rows of its tracks, and their places
 
     def add(self, frame: FrameResult) -> None:
         """Count one frame; frames come in order."""
         objects, tracks = frame.fused.objects, frame.fused.tracks
-        if tracks is None:
-            return
+        if tracks is not None:
+            self.add_objects(frame.bundle.stamp_ns, objects.class_ids, objects.centers, tracks.ids, tracks.speeds)
+
+    def add_objects(self, stamp_ns: int, class_ids: I32, centers: F64, numbers: I64, speeds: F64) -> None:
+        """Count the N tracked objects of one frame; frames come in order.
+
+        Args:
+            stamp_ns: Its time.
+            class_ids: (N,) row of the configured classes; one beyond them is of no class.
+            centers: (N, 3) metres, in the site frame.
+            numbers: (N,) of the tracks, from 1; less: the object belongs to none.
+            speeds: (N,) over the ground, m/s.
+        """
         self._is_tracked = True
-        users = ((tracks.ids != NO_TRACK) & (objects.class_ids < len(self._class_names))).nonzero()[0]
-        rows = np.array(
-            [self._rows.setdefault(track, len(self._rows)) for track in tracks.ids[users].tolist()], np.int64
-        )
+        users = ((numbers > NO_TRACK) & (class_ids < len(self._class_names))).nonzero()[0]
+        rows = np.array([self._rows.setdefault(track, len(self._rows)) for track in numbers[users].tolist()], np.int64)
         while len(self._tracks) < len(self._rows):
             self._tracks = np.concatenate([self._tracks, np.zeros_like(self._tracks)])
-        found, speeds, places = self._tracks, tracks.speeds[users], 1 + self._rig.place_rows(objects.centers[users])
-        found["class_frames"][rows, objects.class_ids[users]] += 1
+        found, speeds, places = self._tracks, speeds[users], 1 + self._rig.place_rows(centers[users])
+        found["class_frames"][rows, class_ids[users]] += 1
         found["frames"][rows, places] += 1
         found["speed_sums"][rows, places] += speeds
         found["speed_max"][rows, places] = np.maximum(found["speed_max"][rows, places], speeds)
         first, last = found["first_zone"][rows], found["last_zone"][rows]
         found["first_zone"][rows] = np.where(first == 0, places, first)
         found["last_zone"][rows] = np.where(places == 0, last, places)
+        before_ns, rows_before, places_before = self._before
+        stayed = np.isin(rows_before, rows)
+        found["seconds"][rows_before[stayed], places_before[stayed]] += max(stamp_ns - before_ns, 0) / 1e9
+        self._before = stamp_ns, rows, places
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """Number of the track of each, in the order of `table`."""
+        return tuple(self._rows)
+
+    @property
+    def table(self) -> RoadUserTable:
+        """The road users so far, one by one; without rows where nothing is tracked."""
+        known = self._tracks[: len(self._rows)]
+        return RoadUserTable(
+            known["class_frames"].argmax(1),
+            tuple(self._places),
+            known["frames"],
+            known["seconds"],
+            _mean_speeds(known, [*range(len(self._places))]),
+            known["speed_max"].max(1),
+            known["first_zone"],
+            known["last_zone"],
+        )
 
     @property
     def road_users(self) -> RoadUsers | None:

@@ -1,0 +1,1 @@
+"""The page about a result: one HTML file for people."""

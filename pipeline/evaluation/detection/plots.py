@@ -1,0 +1,120 @@
+"""What plots of a detection need: counts by score, for precision over recall, and errors by place."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.core.arrays import F64, I64
+from pipeline.core.settings.config import Config
+from pipeline.evaluation.detection.criteria import Criteria
+from pipeline.evaluation.detection.matching import match_criteria
+from pipeline.evaluation.detection.tables import FALSE
+from pipeline.evaluation.evaluation_frame import EvaluationFrame, Figures
+from pipeline.evaluation.ignoring import is_evaluated, is_within
+from pipeline.evaluation.near_objects import FoundObjects, TrueObjects, pairs_near
+from pipeline.evaluation.pieces import Pieces
+
+__all__ = ["DetectionPlots", "Places"]
+
+SCORES = 200
+"""Steps of the score: so many points has a curve of precision over recall."""
+
+MAX_PLACES = 200_000
+"""Matches whose places are kept; of more, every second one, and so on."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Places:
+    """True objects and what the fusion makes of them.
+
+    Attributes:
+        xy: (N, 2) float64, where they stand in the site frame, metres.
+        errors_m: (N,) float64, how far the centre of the detection is off, seen from above; NaN: it is missed.
+    """
+
+    xy: F64
+    errors_m: F64
+
+
+class DetectionPlots:
+    """Gathers them over the frames of a result; memory is bounded.
+
+    A detection is right as for precision and recall: `detection.criteria.Criteria.position`.
+
+    Args:
+        config: Classes and settings of the evaluation.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self._config, self._criteria = config, Criteria.of(config)
+        self._counts: dict[str, I64] = {}
+        self._truth = np.zeros(len(config.classes), np.int64)
+        self._places = Pieces(Places(np.zeros((0, 2)), np.zeros(0)))
+        self._kept, self._step, self._frames = 0, 1, 0
+
+    def add(self, frame: EvaluationFrame) -> None:
+        """Take in one frame; those without truth are left out."""
+        if frame.truth is None:
+            return
+        counted = is_evaluated(frame.truth, self._config.evaluate)
+        self._truth += np.bincount(frame.truth.class_ids[counted], minlength=len(self._truth))
+        for name, source in frame.sources.items():
+            found, truth, position = source.boxes, frame.truth, self._criteria.position
+            pairs = pairs_near(FoundObjects.of([source], 0), TrueObjects.of([truth], 0), self._criteria.scales)
+            matches = match_criteria(
+                pairs,
+                [position],
+                position=position,
+                found=found,
+                truth=truth,
+                is_evaluated=counted,
+                is_ignored=~is_within(found.centers, self._config.evaluate),
+            )[:, 0]
+            bins = np.clip(found.scores * SCORES, 0, SCORES - 1).astype(np.intp)
+            counts = self._counts.setdefault(name, np.zeros((len(self._truth), SCORES, 2), np.int64))
+            for column, rows in enumerate((matches >= 0, matches == FALSE)):
+                np.add.at(counts[:, :, column], (found.class_ids[rows], bins[rows]), 1)
+            if name == "fused":
+                right = np.flatnonzero(matches >= 0)
+                errors = np.full(len(truth), np.nan)
+                gaps = found.centers[right, :2] - truth.centers[matches[right], :2]
+                errors[matches[right]] = np.hypot(gaps[:, 0], gaps[:, 1])
+                self._keep(Places(truth.centers[counted, :2], errors[counted]))
+        self._frames += 1
+
+    def _keep(self, places: Places) -> None:
+        if self._frames % self._step:
+            return
+        self._places.append(places)
+        self._kept += len(places.errors_m)
+        if self._kept > MAX_PLACES:
+            self._step *= 2
+            table = self._places.table()
+            self._places = Pieces(Places(table.xy[::2], table.errors_m[::2]))
+            self._kept = len(self._places.table().errors_m)
+
+    @property
+    def places(self) -> Places:
+        """Where true objects were, and how far off they were found; of a long result, a share of them."""
+        return self._places.table()
+
+    def curve(self, source: str, class_id: int) -> tuple[F64, F64, F64]:
+        """Scores (P,), falling, and recall and precision of what has that score or more; empty without true objects."""
+        counts, truth = self._counts[source][class_id, ::-1], int(self._truth[class_id])
+        right, false = counts.cumsum(0).T
+        some = (counts.sum(1) > 0) & (truth > 0)
+        scores = np.arange(SCORES - 1, -1, -1) / SCORES
+        return scores[some], right[some] / max(truth, 1), right[some] / (right + false)[some]
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Sources that were compared with truth."""
+        return tuple(self._counts)
+
+    def truth_count(self, class_id: int) -> int:
+        """True objects of a class that had to be found."""
+        return int(self._truth[class_id])
+
+    def figures(self) -> Figures:
+        """None: the plots are read by themselves."""
+        return {}

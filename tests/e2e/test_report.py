@@ -1,0 +1,102 @@
+"""The page about a result: from a run, from the command, and what it says of results that lack something."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import plotly.graph_objects as go
+import pytest
+from builders import write_mcap
+from command import called
+from small_drive import small_drive
+
+import lidcam
+from lidcam.page.make import make_page
+from readers.results.result import open_result
+
+SANDBOX = Path(__file__).resolve().parents[2] / "bags" / "sandbox.bag"
+EMBEDDED = re.compile(r'<script type="application/json" id="figures">(.*?)</script>', re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("report")
+    lidcam.process(SANDBOX, [made / "out.mcap", made / "out.html"], config="sandbox", duration_s=0.6, workers=1)
+    return made
+
+
+def figures_of(page: str) -> dict[str, Any]:
+    (text,) = EMBEDDED.findall(page)
+    tree: dict[str, Any] = json.loads(text)
+    return tree
+
+
+def without_scripts(page: str) -> str:
+    return re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
+
+
+def test_a_run_and_the_command_write_the_same(folder: Path) -> None:
+    done = called(folder, "report", "out.mcap", "--out", "again.html")
+    assert (done.code, done.err.splitlines()[-1]) == (0, "wrote again.html")
+    assert (folder / "again.html").read_bytes() == (folder / "out.html").read_bytes()
+    (folder / "again.html").write_text("mine", encoding="utf-8")
+    refused = called(folder, "report", "out.mcap", "--out", "again.html")
+    assert "exists and is no page about a result" in refused.error_line
+
+
+def test_a_page_says_what_was_seen_and_stands_alone(folder: Path) -> None:
+    page = (folder / "out.html").read_text(encoding="utf-8")
+    content = without_scripts(page)
+    assert "2 road users in 0.4 s: 2 \u00d7 car." in content
+    assert "sandbox.bag" in content
+    assert str(folder) not in page
+    assert str(SANDBOX.parent) not in page
+    assert not re.findall(r'(?:src|href)="(?!#|data:)', content)
+    assert "url(" not in content
+    assert {"map", "objects", "sensors", "skew", "speeds", "dwell", "curves", "errors"} == figures_of(page).keys()
+    assert len(page) < 6_000_000
+
+
+def test_plotly_knows_every_property_of_the_figures(folder: Path) -> None:
+    themed = {"@class": "#123456", "@speed": "#123456", "@source": "#123456"}
+    text = (folder / "out.html").read_text(encoding="utf-8")
+    for name, figure in figures_of(text).items():
+        colored = re.sub(
+            r'"(@[a-z]+)[^"]*"', lambda found: json.dumps(themed.get(found[1], "#654321")), json.dumps(figure)
+        )
+        tree = json.loads(colored)
+        go.Figure(data=tree["data"], layout=tree["layout"])  # raises at one that it does not know
+        assert tree["data"], name
+
+
+def test_a_result_keeps_an_account_of_its_run(folder: Path) -> None:
+    with open_result(folder / "out.mcap") as result:
+        account = result.account
+    assert account["frames"] == 5
+    assert account["unused_topics"]["/car1/base_pose_ground_truth"] > 0
+    assert account["warnings"] == account["incomplete"] == []
+    assert {one["sensor"] for one in account["calibration"]} >= {"velodyne1", "velodyne2"}
+    assert "timing" not in account
+    assert str(SANDBOX.parent) not in json.dumps(account)
+
+
+def test_a_page_is_made_of_a_result(tmp_path: Path) -> None:
+    with pytest.raises(lidcam.OutputError, match=r"out\.html: is made of the result: expected an \.mcap"):
+        lidcam.process(SANDBOX, tmp_path / "out.html")
+    write_mcap(tmp_path / "drive.mcap", small_drive("cdr"))
+    assert "expected a result of lidcam, found a recording" in called(tmp_path, "report", "drive.mcap").error_line
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"track.mode": "none"}, "They were not tracked"),
+        ({"output.clouds": False, "output.images": False}, "so there is no background"),
+        ({"fuse.min_score": 1.0}, "Nothing was found in 0.1 s."),
+    ],
+)
+def test_what_is_lacking_is_said(tmp_path: Path, settings: dict[str, object], said: str) -> None:
+    mcap = tmp_path / "out.mcap"
+    lidcam.process(SANDBOX, mcap, config="sandbox", settings=settings, duration_s=0.3, workers=1)
+    assert said in make_page(mcap)

@@ -1,0 +1,97 @@
+"""The plots of a page that need truth: precision over recall, errors by place."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pipeline.evaluation.detection.plots import DetectionPlots
+from writers.report.values import Figure, nice, per, rounded
+
+__all__ = ["curves_figure", "error_map"]
+
+MAX_CELLS = 40
+"""Of a side of the map of errors."""
+
+
+def curves_figure(plots: DetectionPlots, class_names: Sequence[str]) -> Figure:
+    """Precision over recall of each source, class by class."""
+    traces, truth = [], {}
+    for class_id, name in enumerate(class_names):
+        for source in plots.sources:
+            scores, recall, precision = plots.curve(source, class_id)
+            if len(scores):
+                truth[name] = plots.truth_count(class_id)
+                traces.append(
+                    {
+                        "type": "scatter",
+                        "mode": "lines",
+                        "name": source,
+                        "meta": name,
+                        "x": rounded(recall),
+                        "y": rounded(precision),
+                        "customdata": rounded(scores),
+                        "line": {"color": f"@source:{source}", "width": 2.5 if source == "fused" else 1.5},
+                        "hovertemplate": "precision %{y:.2f}, recall %{x:.2f}<br>score %{customdata:.2f} and more"
+                        f"<extra>{source}</extra>",
+                    }
+                )
+    axis = {"range": [0, 1.02], "constrain": "domain"}
+    layout = {
+        "xaxis": axis | {"title": {"text": "recall"}},
+        "yaxis": axis | {"title": {"text": "precision"}},
+    }
+    views = sorted(truth, key=lambda name: -truth[name])
+    return {"data": traces, "layout": layout, "views": views, "height": 340}
+
+
+def error_map(plots: DetectionPlots) -> Figure | None:
+    """Where true objects are placed wrongly, and where they are missed; None without any."""
+    places = plots.places
+    if not len(places.errors_m):
+        return None
+    low, high = np.percentile(places.xy, [1, 99], axis=0)
+    cell_m = nice(max(float((high - low).max()), 1.0) / MAX_CELLS)
+    corner = np.floor(low / cell_m)
+    width, height = (np.floor(high / cell_m) - corner + 1).astype(int).tolist()
+    cells = (np.floor(places.xy / cell_m) - corner).astype(np.intp)
+    inside = ((cells >= 0) & (cells < [width, height])).all(1)
+    keys, errors = (cells[:, 1] * width + cells[:, 0])[inside], places.errors_m[inside]
+    is_found = ~np.isnan(errors)
+    total = np.bincount(keys, minlength=width * height)
+    found = np.bincount(keys[is_found], minlength=width * height)
+    mean = per(np.bincount(keys[is_found], errors[is_found], width * height), found)
+    missed = np.where(total > 0, 1 - per(found, total), np.nan)
+    shape = height, width
+    common = {
+        "type": "heatmap",
+        "x": rounded((corner[0] + np.arange(width) + 0.5) * cell_m),
+        "y": rounded((corner[1] + np.arange(height) + 0.5) * cell_m),
+        "customdata": total.reshape(shape).tolist(),
+        "colorscale": [[0, "@calm"], [0.5, "@warn"], [1, "@bad"]],
+    }
+    limit_m = float(np.nanpercentile(mean, 95)) if np.isfinite(mean).any() else 1.0
+    traces = [
+        common
+        | {
+            "meta": "position error",
+            "z": rounded(mean.reshape(shape)),
+            "zmin": 0,
+            "zmax": round(limit_m, 3),
+            "colorbar": {"title": {"text": "m"}, "thickness": 10},
+            "hovertemplate": "%{z:.2f} m off in the mean<br>%{customdata} true boxes<extra></extra>",
+        },
+        common
+        | {
+            "meta": "share missed",
+            "z": rounded(missed.reshape(shape)),
+            "zmin": 0,
+            "zmax": 1,
+            "colorbar": {"thickness": 10, "tickformat": ".0%"},
+            "hovertemplate": "%{z:.0%} missed<br>%{customdata} true boxes<extra></extra>",
+        },
+    ]
+    layout = {
+        "xaxis": {"title": {"text": "x, m"}, "constrain": "domain"},
+        "yaxis": {"title": {"text": "y, m"}, "scaleanchor": "x", "constrain": "domain"},
+    }
+    return {"data": traces, "layout": layout, "views": ["position error", "share missed"], "height": 380}

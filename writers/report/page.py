@@ -1,0 +1,103 @@
+"""The page as one file: content, style, plots and the script that draws them. Nothing is fetched when it is opened."""
+
+import json
+from collections.abc import Mapping
+from importlib.resources import files
+
+from writers.outputs.marks import PAGE
+from writers.palette import Rgb, class_color
+from writers.report.html import Raw, filled, text
+from writers.report.values import Figure
+
+__all__ = ["class_name", "page"]
+
+CLASSES = 6
+"""Colours of classes; they repeat after these."""
+
+LIGHT_SHARE = 0.72
+"""Brightness of a class's colour on a light ground, as a share of that on a dark one, for which it was chosen."""
+
+_SPEEDS = {
+    "light": ("#2c3f8f", "#2a6f97", "#2a9d8f", "#8ab17d", "#e9a227", "#e76f2c", "#c1121f"),
+    "dark": ("#5b7fd6", "#4aa3cf", "#45c4b0", "#a9d18e", "#f4c95d", "#f78c4a", "#ff5a5f"),
+}
+_THEMES = {
+    "light": {
+        "ink": "#1d2126",
+        "line": "#e3e6e9",
+        "faint": "#7a848d",
+        "bad": "#c1121f",
+        "warn": "#eba43a",
+        "calm": "#b9d5dd",
+    },
+    "dark": {
+        "ink": "#e6e9ec",
+        "line": "#2c3238",
+        "faint": "#88929b",
+        "bad": "#ff5a5f",
+        "warn": "#d99a3d",
+        "calm": "#2f5661",
+    },
+}
+_SOURCES = {
+    "light": {"source:lidar": "#2a6f97", "source:cameras": "#c77700", "source:fused": "#1c7a4b"},
+    "dark": {"source:lidar": "#56b4e9", "source:cameras": "#f4a84a", "source:fused": "#4fd693"},
+}
+
+
+def page(title: str, body: Raw, figures: Mapping[str, Figure]) -> str:
+    """The whole page.
+
+    Args:
+        title: Title of the window.
+        body: Content, with places for the figures (`html.figure`).
+        figures: The plots by name.
+    """
+    from plotly.offline import get_plotlyjs  # loads half of plotly
+
+    return filled(
+        _text("page.html"),
+        mark=PAGE,
+        title=text(title),
+        style=_text("page.css") + _swatches(),
+        body=body,
+        figures=_json({name: {"views": [], **figure} for name, figure in figures.items()}),
+        palette=_json({theme: _colors(theme) for theme in _THEMES}),
+        plotly=get_plotlyjs().replace("</script", "<\\/script"),
+        script=_text("page.js"),
+    )
+
+
+def class_name(class_id: int, name: str) -> Raw:
+    """The name of a class behind a square of its colour."""
+    return Raw(f'<span class="name"><span class="swatch c{class_id % CLASSES}"></span>{text(name)}</span>')
+
+
+def _text(name: str) -> str:
+    return files("writers.report").joinpath(name).read_text(encoding="utf-8")
+
+
+def _json(tree: object) -> str:
+    return json.dumps(tree, separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c")
+
+
+def _colors(theme: str) -> dict[str, object]:
+    share = LIGHT_SHARE if theme == "light" else 1.0
+    classes = {f"class:{row}": _hex(class_color(row), share) for row in range(64)}
+    named = {**_THEMES[theme], **_SOURCES[theme], **classes}
+    return {
+        **{f"@{name}": color for name, color in named.items()},
+        "line": _THEMES[theme]["line"],
+        "ink": _THEMES[theme]["ink"],
+        "speeds": _SPEEDS[theme],
+    }
+
+
+def _swatches() -> str:
+    rules = [f".c{row}{{background:{_hex(class_color(row), LIGHT_SHARE)}}}" for row in range(CLASSES)]
+    dark = [f".c{row}{{background:{_hex(class_color(row), 1.0)}}}" for row in range(CLASSES)]
+    return "".join(rules) + "@media (prefers-color-scheme: dark){" + "".join(dark) + "}"
+
+
+def _hex(color: Rgb, share: float) -> str:
+    return "#" + "".join(f"{round(255 * share * part):02x}" for part in color)

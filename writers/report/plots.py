@@ -1,0 +1,154 @@
+"""The plots of a page that need no truth: over time, of speeds, of stays."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pipeline.core.rig import Rig
+from pipeline.evaluation.road_users import RoadUserTable
+from writers.report.collector import ReportCollector
+from writers.report.values import Figure, nice, per, rounded, seconds_axis
+
+__all__ = ["dwell_figure", "objects_figure", "sensors_figure", "skew_figure", "speeds_figure"]
+
+
+def objects_figure(seen: ReportCollector, class_names: Sequence[str], places: Sequence[str]) -> Figure:
+    """How many objects of each class there were at a time: of all, and in each zone."""
+    counts, times_s = seen.time.counts(), seen.time.times_s
+    traces, views = [], ["everywhere", *[place for place in places if place]] if len(places) > 1 else []
+    for view in views or ["everywhere"]:
+        for class_id, name in enumerate(class_names):
+            own = [seen.time.sums(f"{name} {place}") for place in places if view in ("everywhere", place)]
+            total = np.sum(own, 0)
+            if not total.any():
+                continue
+            traces.append(
+                {
+                    "type": "scatter",
+                    "mode": "lines",
+                    "name": name,
+                    "x": rounded(times_s),
+                    "y": rounded(per(total, counts)),
+                    "line": {"color": f"@class:{class_id}", "width": 2, "shape": "hv"},
+                    "hovertemplate": "%{y:.1f} at %{x:.1f} s<extra>" + name + "</extra>",
+                    **({"meta": view} if views else {}),
+                }
+            )
+    layout = {"xaxis": seconds_axis(), "yaxis": {"title": {"text": "objects at a time"}, "rangemode": "tozero"}}
+    return {"data": traces, "layout": layout, "views": views, "height": 260}
+
+
+def sensors_figure(seen: ReportCollector, rig: Rig) -> Figure:
+    """Whether each sensor was there, by step of time: its rate as a share of what it mostly is, but for a message."""
+    time = seen.sensors
+    counts, times_s = time.counts(), time.times_s
+    whole_s = np.minimum(time.step_s, np.maximum(seen.seconds - times_s, 1e-3) + seen.seconds / max(seen.frames, 1))
+    names = [name for topic, name in rig.sensor_of_topic.items()][::-1]
+    counted = [time.sums(topic) for topic in rig.sensor_of_topic][::-1]
+    rates = [count / whole_s for count in counted]
+    usual = [float(np.percentile(rate, 75)) * whole_s for rate in rates]  # messages in each step, mostly
+    shares = [
+        np.where(expected >= 1, np.minimum((count + (count > 0)) / np.maximum(expected, 1), 1), np.nan)
+        for count, expected in zip(counted, usual, strict=True)
+    ]
+    trace = {
+        "type": "heatmap",
+        "x": rounded(times_s + time.step_s / 2),
+        "y": names,
+        "z": [rounded(np.where(counts > 0, share, np.nan)) for share in shares],
+        "customdata": [rounded(rate) for rate in rates],
+        "zmin": 0,
+        "zmax": 1,
+        "showscale": False,
+        "xgap": 0,
+        "ygap": 3,
+        "colorscale": [[0, "@bad"], [0.001, "@warn"], [0.5, "@warn"], [0.75, "@calm"], [1, "@calm"]],
+        "hovertemplate": "%{y}: %{customdata:.1f} Hz at %{x:.1f} s<extra></extra>",
+    }
+    layout = {"xaxis": seconds_axis(), "yaxis": {"automargin": True, "ticklen": 0, "tickfont": {"size": 11}}}
+    return {"data": [trace], "layout": layout, "height": 70 + 20 * len(names)}
+
+
+def skew_figure(seen: ReportCollector) -> Figure:
+    """The largest difference of stamps in a frame, by step of time."""
+    skew_ms = np.where(seen.time.counts() > 0, seen.time.maxima("skew"), np.nan)
+    trace = {
+        "type": "scatter",
+        "mode": "lines",
+        "name": "skew",
+        "x": rounded(seen.time.times_s),
+        "y": rounded(skew_ms),
+        "line": {"color": "@ink", "width": 1.5, "shape": "hv"},
+        "hovertemplate": "%{y:.1f} ms at %{x:.1f} s<extra></extra>",
+    }
+    layout = {
+        "xaxis": seconds_axis(),
+        "yaxis": {"title": {"text": "skew, ms"}, "rangemode": "tozero"},
+        "showlegend": False,
+    }
+    return {"data": [trace], "layout": layout, "height": 180}
+
+
+def speeds_figure(users: RoadUserTable, class_names: Sequence[str]) -> Figure:
+    """Road users by their mean speed."""
+    fastest = float(users.speed_means.max(initial=0.1))
+    step = nice(max(fastest, 0.1) / 12)
+    edges = np.arange(0, fastest + step, step)
+    edges = np.append(edges, edges[-1] + step)
+    traces = []
+    for class_id, name in enumerate(class_names):
+        own = users.speed_means[users.class_ids == class_id]
+        if len(own):
+            traces.append(
+                {
+                    "type": "bar",
+                    "name": name,
+                    "x": rounded((edges[:-1] + edges[1:]) / 2),
+                    "y": np.histogram(own, edges)[0].tolist(),
+                    "marker": {"color": f"@class:{class_id}"},
+                    "width": step * 0.9,
+                    "hovertemplate": "%{y} at %{x} &#177; " + f"{step / 2:.3g} m/s<extra>{name}</extra>",
+                }
+            )
+    layout = {
+        "barmode": "stack",
+        "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom", "x": 0, "traceorder": "normal"},
+        "xaxis": {"title": {"text": "mean speed of each, m/s"}, "rangemode": "tozero"},
+        "yaxis": {"title": {"text": "road users"}},
+    }
+    return {"data": traces, "layout": layout, "height": 240}
+
+
+def dwell_figure(users: RoadUserTable, class_names: Sequence[str]) -> Figure:
+    """How long road users stay in each zone, or in view where there are none."""
+    columns = [*range(1, len(users.places)), 0] if len(users.places) > 1 else [0]
+    traces = []
+    for class_id, name in enumerate(class_names):
+        own = [
+            (users.places[c] or "in view", users.seconds[(users.class_ids == class_id) & (users.frames[:, c] > 0), c])
+            for c in columns
+        ]
+        own = [(place, seconds) for place, seconds in own if len(seconds)]
+        if own:
+            low, first, middle, third, high = np.array([np.percentile(s, [0, 25, 50, 75, 100]) for _, s in own]).T
+            traces.append(
+                {
+                    "type": "box",
+                    "name": name,
+                    "orientation": "h",
+                    "y": [place for place, _ in own],
+                    "lowerfence": rounded(low),
+                    "q1": rounded(first),
+                    "median": rounded(middle),
+                    "q3": rounded(third),
+                    "upperfence": rounded(high),
+                    "marker": {"color": f"@class:{class_id}"},
+                    "line": {"width": 1.5},
+                }
+            )
+    layout = {
+        "boxmode": "group",
+        "xaxis": {"title": {"text": "time there, s"}, "rangemode": "tozero"},
+        "yaxis": {"automargin": True, "autorange": "reversed"},
+    }
+    return {"data": traces, "layout": layout, "height": 130 + 26 * sum(len(trace["y"]) for trace in traces)}

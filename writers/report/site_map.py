@@ -1,0 +1,216 @@
+"""The map of a page: all tracks from above, over what stands still."""
+
+import base64
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+
+from pipeline.core.arrays import F64
+from pipeline.core.rig import Rig
+from writers.report.collector import ReportCollector
+from writers.report.grid import SparseGrid
+from writers.report.values import Figure, nice, rounded
+
+__all__ = ["map_figure"]
+
+MAX_PIXELS = 1400
+"""Of the longer side of the background."""
+
+SPEED_STEPS = 6
+
+
+def map_figure(seen: ReportCollector, rig: Rig, background: SparseGrid | None, class_names: Sequence[str]) -> Figure:
+    """All tracks from above, over what stands still, with the zones; by class, and by speed."""
+    table = seen.users.table
+    lines = dict(seen.courses.lines())
+    classes = dict(zip(seen.users.numbers, table.class_ids.tolist(), strict=True))
+    drawn = [line[:, :2] for line in lines.values()] + [grid.centers for grid in seen.places.values()]
+    low, high = _extent(drawn, background)
+    traces = [*_zones(rig, low, high)] if not seen.travelled_m else []
+    traces += _way(seen)
+    traces += [_dots(grid, name, class_names.index(name)) for name, grid in sorted(seen.places.items())]
+    for class_id, name in enumerate(class_names):
+        own = [line for number, line in lines.items() if classes.get(number) == class_id]
+        if own:
+            traces.append(_line(name, f"@class:{class_id}", own, "by class"))
+            traces.append(_ends(name, f"@class:{class_id}", own, "by class"))
+    views = ["by class", "by speed"] if lines else []
+    if lines:
+        traces += _by_speed(list(lines.values()))
+    least = 0.05 if seen.travelled_m else 0.2  # what drives by a rig that stands is seldom in one place
+    layout = {
+        "xaxis": {"title": {"text": "x, m"}, "range": [low[0], high[0]], "constrain": "domain"},
+        "yaxis": {"title": {"text": "y, m"}, "range": [low[1], high[1]], "scaleanchor": "x", "constrain": "domain"},
+        "images": [] if background is None or not len(background) else [_picture(background, low, high, least)],
+        "hovermode": "closest",
+    }
+    ratio = float((high[1] - low[1]) / (high[0] - low[0]))
+    return {"data": traces, "layout": layout, "views": views, "ratio": min(max(ratio, 0.35), 1.0)}
+
+
+def _extent(drawn: Sequence[F64], background: SparseGrid | None) -> tuple[F64, F64]:
+    """Lower left and upper right of what is shown: all tracks, with room around them."""
+    places = np.concatenate([*drawn, np.zeros((0, 2))])
+    if not len(places) and background is not None and len(background):
+        places = np.percentile(background.centers, [2, 98], axis=0)
+    if not len(places):
+        return np.array([-10.0, -10.0]), np.array([10.0, 10.0])
+    low, high = places.min(0), places.max(0)
+    size = max(*(high - low), 0.5)
+    middle, reach = (low + high) / 2, np.maximum((high - low) / 2 + 0.12 * size, 0.3 * size)
+    return np.round(middle - reach, 3), np.round(middle + reach, 3)
+
+
+def _picture(background: SparseGrid, low: F64, high: F64, least: float) -> dict[str, Any]:
+    """What stands still, as an image behind the map: grey, the more opaque the more often points were there."""
+    low, high = low - 0.5 * (high - low), high + 0.5 * (high - low)
+    cell_m = max(background.cell_m, float((high - low).max()) / MAX_PIXELS)
+    width, height = np.maximum(np.ceil((high - low) / cell_m), 1).astype(int).tolist()
+    centers, counts = background.centers, background.counts
+    columns = np.floor((centers - low) / cell_m).astype(np.intp)
+    inside = ((columns >= 0) & (columns < [width, height])).all(1)
+    weights = np.zeros((height, width))
+    np.maximum.at(weights, (height - 1 - columns[inside, 1], columns[inside, 0]), counts[inside])
+    some = weights[weights > 0]
+    full = max(float(np.percentile(some, 90)), 2.0) if len(some) else 1.0
+    image = np.full((height, width, 4), 128, np.uint8)
+    image[..., 3] = (200 * np.sqrt(np.minimum(weights / full, 1.0))).astype(np.uint8)
+    image[weights <= least * full, 3] = 0
+    _, png = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    return {
+        "source": "data:image/png;base64," + base64.b64encode(png.tobytes()).decode(),
+        "xref": "x",
+        "yref": "y",
+        "x": float(low[0]),
+        "y": float(low[1] + height * cell_m),
+        "sizex": width * cell_m,
+        "sizey": height * cell_m,
+        "sizing": "stretch",
+        "layer": "below",
+    }
+
+
+def _zones(rig: Rig, low: F64, high: F64) -> list[dict[str, Any]]:
+    """The counted zones as far as they lie in view, each with its name."""
+    traces = []
+    for zone in rig.counted_zones:
+        corners = np.clip(zone.polygon_site, low - 0.05 * (high - low), high + 0.05 * (high - low))
+        closed = np.concatenate([corners, corners[:1]])
+        traces.append(
+            {
+                "type": "scatter",
+                "mode": "lines",
+                "name": zone.name,
+                "x": rounded(closed[:, 0]),
+                "y": rounded(closed[:, 1]),
+                "line": {"color": "@faint", "width": 1.5, "dash": "dash"},
+                "hoverinfo": "skip",
+                "showlegend": False,
+            }
+        )
+        shown = np.clip(zone.polygon_site, low, high)
+        middle = (shown.min(0) + shown.max(0)) / 2
+        traces.append(
+            {
+                "type": "scatter",
+                "mode": "text",
+                "x": rounded(middle[:1]),
+                "y": rounded(middle[1:]),
+                "text": [zone.name],
+                "textfont": {"color": "@faint", "size": 13},
+                "hoverinfo": "skip",
+                "showlegend": False,
+            }
+        )
+    return traces
+
+
+def _way(seen: ReportCollector) -> list[dict[str, Any]]:
+    if not seen.travelled_m:
+        return []
+    ((_, line),) = seen.way.lines()
+    return [
+        {
+            "type": "scatter",
+            "mode": "lines",
+            "name": "the sensors' own way",
+            "x": rounded(line[:, 0]),
+            "y": rounded(line[:, 1]),
+            "line": {"color": "@ink", "width": 1.5, "dash": "dot"},
+            "hoverinfo": "name",
+        }
+    ]
+
+
+def _dots(grid: SparseGrid, name: str, class_id: int) -> dict[str, Any]:
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "name": name,
+        "x": rounded(grid.centers[:, 0]),
+        "y": rounded(grid.centers[:, 1]),
+        "marker": {"color": f"@class:{class_id}", "size": 4},
+        "hovertemplate": "%{x:.1f}, %{y:.1f} m<extra>" + name + "</extra>",
+    }
+
+
+def _joined(lines: Sequence[F64]) -> F64:
+    """(M, 4) lines one after another, with a row of NaN behind each."""
+    gap = np.full((1, 4), np.nan)
+    return np.concatenate([part for line in lines for part in (line, gap)])
+
+
+def _line(name: str, color: str, lines: Sequence[F64], view: str) -> dict[str, Any]:
+    points = _joined(lines)
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "name": name,
+        "legendgroup": name,
+        "meta": view,
+        "x": rounded(points[:, 0]),
+        "y": rounded(points[:, 1]),
+        "customdata": np.round(points[:, 2:], 1).tolist() if not np.isnan(points).any() else rounded(points[:, 2:]),
+        "line": {"color": color, "width": 2},
+        "connectgaps": False,
+        "hovertemplate": "%{x:.1f}, %{y:.1f} m<br>%{customdata[0]} m/s at %{customdata[1]} s<extra>"
+        + name
+        + "</extra>",
+    }
+
+
+def _ends(name: str, color: str, lines: Sequence[F64], view: str) -> dict[str, Any]:
+    """Dots where tracks were last."""
+    last = np.array([line[-1, :2] for line in lines[:500]])
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "name": name,
+        "legendgroup": name,
+        "showlegend": False,
+        "meta": view,
+        "x": rounded(last[:, 0]),
+        "y": rounded(last[:, 1]),
+        "marker": {"color": color, "size": 6},
+        "hoverinfo": "skip",
+    }
+
+
+def _by_speed(lines: Sequence[F64]) -> list[dict[str, Any]]:
+    """The lines once more, in pieces of the same step of speed."""
+    fastest = max(float(line[:, 2].max()) for line in lines)
+    step = nice(max(fastest, 0.1) / SPEED_STEPS)
+    pieces: dict[int, list[F64]] = {}
+    for line in lines:
+        steps = np.minimum(line[:-1, 2] // step, SPEED_STEPS + 1).astype(int)
+        cuts = np.flatnonzero(np.diff(steps)) + 1
+        for first, last in zip([0, *cuts.tolist()], [*cuts.tolist(), len(steps)], strict=True):
+            if last > first:
+                pieces.setdefault(int(steps[first]), []).append(line[first : last + 1])
+    count = max(pieces, default=0)
+    return [
+        _line(f"{row * step:.3g} to {(row + 1) * step:.3g} m/s", f"@speed:{row / max(count, 1):.3f}", own, "by speed")
+        for row, own in sorted(pieces.items())
+    ]

@@ -1,0 +1,42 @@
+"""Numbers of plots, and the trees that plotly draws: plain ones, without its Python side.
+
+Colours are names that the page's script looks up by theme: `@class:2`, `@ink`, `@bad`. A trace with a `meta` is drawn
+in the view of that name alone; `views` are those that a figure offers, the first is shown.
+"""
+
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.core.arrays import F64
+
+__all__ = ["Figure", "Numbers", "nice", "per", "rounded", "seconds_axis"]
+
+Figure: TypeAlias = dict[str, Any]
+Numbers: TypeAlias = npt.NDArray[np.integer] | npt.NDArray[np.floating]
+
+
+def seconds_axis() -> Figure:
+    """The axis of time."""
+    return {"title": {"text": "seconds since the first frame"}, "rangemode": "tozero"}
+
+
+def per(sums: Numbers, counts: Numbers) -> F64:
+    """Sums by counts; NaN where there is nothing to count."""
+    found: F64 = np.divide(sums, counts, out=np.full(np.shape(sums), np.nan), where=np.asarray(counts) > 0)
+    return found
+
+
+def nice(step: float) -> float:
+    """The next of 1, 2, 5 times a power of ten."""
+    power = 10.0 ** np.floor(np.log10(step))
+    return float(next(power * one for one in (1, 2, 5, 10) if power * one >= step * 0.999))
+
+
+def rounded(values: Numbers) -> list[Any]:
+    """Nested lists of numbers to the thousandth, with None for what is no number."""
+    exact = np.round(values.astype(np.float64), 3)
+    found = exact.astype(object)
+    found[~np.isfinite(exact)] = None
+    return list(found.tolist())
