@@ -13,7 +13,7 @@ __all__ = ["REPORT_EXAMPLES", "report"]
 # \b keeps the lines of a paragraph as they are.
 REPORT_EXAMPLES = """\b
 Examples:
-  lidcam report out.mcap                   writes out.html
+  lidcam report out.mcap
   lidcam report out.mcap --out drive.html
 """
 
