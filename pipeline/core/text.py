@@ -5,9 +5,10 @@ From outside are messages of libraries, and names and values of a file.
 
 from dataclasses import fields, is_dataclass
 from reprlib import Repr
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from pipeline.core.arrays import Array
+if TYPE_CHECKING:  # `--help` needs no numpy
+    from pipeline.core.arrays import Array
 
 __all__ = ["brief", "one_line", "visible"]
 
@@ -31,7 +32,7 @@ def visible(text: str) -> str:
 class _Brief(Repr):
     """`reprlib.Repr` that also knows arrays, bytes and records. It finds these methods by the name of the type."""
 
-    def repr_ndarray(self, array: Array, _level: int) -> str:
+    def repr_ndarray(self, array: "Array", _level: int) -> str:
         return f"{array.dtype}{list(array.shape)}"
 
     def repr_bytes(self, data: bytes, _level: int) -> str:
