@@ -1,4 +1,7 @@
-"""Classes of which hardly anything is probable enough, though much of it is likely: people without cameras."""
+"""Classes of which hardly anything is probable enough, though much of it is likely: people, without cameras.
+
+Where there are 2D boxes, they have the last word: what stays below is mostly walls and hedges.
+"""
 
 import numpy as np
 
@@ -39,7 +42,7 @@ class DoubtedCheck:
                 self._names[row],
                 f"{self._doubted[row]} boxes have a probability of {LIKELY:g} to {self._min_score:g}, below "
                 f"fuse.min_score; reported: {self._reported[row]}",
-                "a smaller fuse.min_score shows them, with more false ones; a 2D network (--model-2d) tells which",
+                "2D boxes tell which are right (--model-2d); a smaller fuse.min_score shows all, false ones too",
             )
             for row in np.flatnonzero(told)
         )
