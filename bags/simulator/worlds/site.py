@@ -139,8 +139,8 @@ class Site:
         )
 
     def pedestrian(self, *, margin_m: float = 0.05, **place: Any) -> bool:
-        """Add a pedestrian, one in five a child; some sit, stoop or reach out."""
-        height = self.about(0.66, 0.11, 0.45, 0.85) if self.chance(0.2) else self.about(0.965, 0.06, 0.8, 1.12)
+        """Add a pedestrian, one in twelve a child; some sit, stoop or reach out."""
+        height = self.about(0.66, 0.11, 0.45, 0.85) if self.chance(0.08) else self.about(0.965, 0.06, 0.8, 1.12)
         wide = height * self.between(0.95, 1.5)
         scale = (round(wide * self.between(0.85, 1.15), 3), round(wide, 3), height)
         posture = "upright"
