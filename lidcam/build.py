@@ -14,7 +14,6 @@ from pipeline.core.frame import Decoded, FrameResult, SensorBundle
 from pipeline.core.messages import Drop
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
-from pipeline.core.settings.engines import ENGINES
 from pipeline.detectors.cluster.fitting import BoxFitter
 from pipeline.fusion.belief.visibility import find_visibility
 from pipeline.fusion.cameras.placing import Placed
@@ -78,7 +77,7 @@ def build_graph(
         config.fuse,
         config.classes,
         config.combine.motion,
-        scores_are_probabilities=ENGINES[config.detect3d.method].scores_are_probabilities,
+        scores_are_probabilities=config.detect3d.scores_are_probabilities,
     )
     beliefs = graph.add("believe", believe, hypotheses, visibility, graph.frame, ordered=True)
     fused = graph.add("fuse", Fuse(config.fuse, class_count=len(config.classes)), hypotheses, beliefs)

@@ -43,6 +43,7 @@ def named_files(config: Config) -> dict[str, Path]:
     """The files that settings name and that are there, by their names in the metadata of a result."""
     lidars = {"velodyne": config.velodyne, **{f"velodyne.{key}": one for key, one in config.velodyne.topics.items()}}
     named = {"network": config.detect2d.model, "network.names": config.detect2d.names}
+    named |= {"detect3d.weights": config.detect3d.weights}
     named |= {f"{key}.calibration": one.calibration for key, one in lidars.items()}
     # Path.is_file raises where one may not enter; whoever reads the file says so.
     return {key: Path(name) for key, name in named.items() if name and isfile(name)}  # noqa: PTH113
@@ -54,10 +55,11 @@ def lasting_settings(config: Config) -> str:
     How it is run or compared with another one does not, nor where the files lie that they name.
     """
     tree = config.model_dump() | {"run": {}, "compare": {}}
-    detect2d, velodyne = tree["detect2d"], tree["velodyne"]
-    for section in (detect2d, velodyne, *velodyne["topics"].values()):
-        for key in {"model", "names"} if section is detect2d else {"calibration"}:
-            section[key] = section[key] and visible(Path(section[key]).name)
+    velodyne = tree["velodyne"]
+    calibrated = [(section, "calibration") for section in (velodyne, *velodyne["topics"].values())]
+    detectors = [(tree["detect2d"], "model"), (tree["detect2d"], "names"), (tree["detect3d"], "weights")]
+    for section, key in detectors + calibrated:
+        section[key] = section[key] and visible(Path(section[key]).name)
     return dump_config(Config.model_validate(tree))
 
 

@@ -16,6 +16,7 @@ from pipeline.core.geometry.rotated_iou import BoxArrays
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.engines import ENGINES
+from pipeline.detectors.cluster.learned import LearnedScores
 from pipeline.detectors.protocols import Candidates3D, Detector3D
 
 __all__ = ["Detect3D", "Recorded3D"]
@@ -25,17 +26,27 @@ class Detect3D:
     """Boxes of the configured classes in the combined cloud."""
 
     def __init__(self, rig: Rig, config: Config) -> None:
-        """Load the engine named by `detect3d.method`.
+        """Load the engine named by `detect3d.method`, and what scores its boxes.
 
         Raises:
-            ModelError: a package that it needs is not installed.
+            ConfigError: the classes are not those that a learned score knows.
+            ModelError: a package that it needs is not installed, or weights cannot be read.
         """
         self._site_frame = rig.site_frame
         self._min_score = config.detect3d.min_score
         self._detector = _detector(rig, config)
+        self._rescored = LearnedScores(rig, config) if config.detect3d.is_learned else None
 
     def __call__(self, combined: CombinedCloud) -> Boxes3D:
         """Boxes in the site frame, in order of falling score, then of x and y."""
+        boxes = self._found(combined)
+        if self._rescored is None:
+            return boxes
+        boxes = self._rescored(combined, boxes)
+        return boxes.select(np.lexsort((boxes.centers[:, 1], boxes.centers[:, 0], -boxes.scores)))
+
+    def _found(self, combined: CombinedCloud) -> Boxes3D:
+        """Boxes with the scores of the engine."""
         found = self._detector(combined)
         order = np.lexsort((found.centers[:, 1], found.centers[:, 0], -found.scores))
         order = order[(found.scores[order] >= self._min_score) & (found.class_ids[order] >= 0)]

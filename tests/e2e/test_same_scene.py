@@ -152,7 +152,9 @@ def scene() -> Scene:
 def objects(*inputs: Path, rig: Path | None = None) -> dict[int, list[Found]]:
     """What `lidcam process` finds: called here, because to start a program takes longer than the scene."""
     out = inputs[0].parent / "out.mcap"
-    process_recording(make_job(inputs, out, rig=rig, on_bad_message="fail"))
+    # The cars are cuboids, which look like no car.
+    settings = {"detect3d.score": "geometric"}
+    process_recording(make_job(inputs, out, rig=rig, settings=settings, on_bad_message="fail"))
     return fused_objects(out)
 
 

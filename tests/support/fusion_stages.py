@@ -2,7 +2,6 @@
 
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
-from pipeline.core.settings.engines import ENGINES
 from pipeline.detectors.cluster.fitting import BoxFitter
 from pipeline.stages.associate import Associate
 from pipeline.stages.believe import Believe
@@ -37,6 +36,6 @@ def reshape_of(rig: Rig, config: Config) -> Reshape:
 
 def believe_of(rig: Rig, config: Config = CONFIG) -> Believe:
     """Belief in a rig."""
-    is_calibrated = ENGINES[config.detect3d.method].scores_are_probabilities
+    is_calibrated = config.detect3d.scores_are_probabilities
     motion = config.combine.motion
     return Believe(rig, config.fuse, config.classes, motion, scores_are_probabilities=is_calibrated)

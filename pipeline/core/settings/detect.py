@@ -80,15 +80,32 @@ class Detect3DConfig(SettingsModel):
     Attributes:
         method: `cluster` finds them in the combined cloud and needs no weights; `recorded` takes those that a detector
             wrote into the recording (`topics.boxes3d`); `none` finds nothing.
-        min_score: Boxes with a lower score are removed.
+        score: How boxes of the method `cluster` are scored. `geometric`: by the number of their points, the smoothness
+            of their sides and the fit to the size of their class. `learned`: by a small network, trained on simulated
+            roads, that also chooses the class; its score is a probability. It knows cars, pedestrians, bicycles, trucks
+            and buses of full size.
+        weights: File of that network, as `lidcam train clusters` writes it. Empty: the one that comes with lidcam.
+        min_score: Boxes with a lower score are removed; with `learned`, those whose geometric score is lower.
         cluster: Settings of the method `cluster`.
         recorded: Settings of the method `recorded`.
     """
 
     method: Method3D = "cluster"
+    score: Literal["learned", "geometric"] = "learned"
+    weights: Path | None = None
     min_score: Share = 0.07
     cluster: ClusterConfig = ClusterConfig()
     recorded: Recorded3DConfig = Recorded3DConfig()
+
+    @property
+    def is_learned(self) -> bool:
+        """Whether a network scores the boxes."""
+        return self.method == "cluster" and self.score == "learned"
+
+    @property
+    def scores_are_probabilities(self) -> bool:
+        """Whether a score is the probability that there is an object; other scores are calibrated by the belief."""
+        return self.is_learned or ENGINES[self.method].scores_are_probabilities
 
 
 class Detect2DConfig(SettingsModel):

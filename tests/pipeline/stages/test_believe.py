@@ -1,6 +1,5 @@
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 import pytest
@@ -27,6 +26,7 @@ CAR = (20.0, 0.0, 0.0, 4.0, 1.8, 1.5, 0.0)
 BEHIND = (-20.0, 0.0, 0.0, 4.0, 1.8, 1.5, 0.0)
 POINTS = combined(np.zeros((0, 3)))
 FRAME = SensorBundle(0, 1, 1, {})
+GEOMETRIC = Config(detect3d=Detect3DConfig(score="geometric"))
 NOTHING = {"cam": boxes2d([])}
 SEEN = {"cam": boxes2d([(280, 220, 360, 260, 0.8, 0)])}
 
@@ -65,7 +65,7 @@ def test_what_a_camera_confirms_what_nobody_looks_at_and_what_it_does_not_confir
 
 def test_a_blind_camera_takes_less_and_less_away() -> None:
     believe = believe_of(RIG)
-    found = hypotheses(boxes3d([CAR], scores=[0.5]))
+    found = hypotheses(boxes3d([CAR], scores=[0.9]))
     (first,) = believe(found, seen_in(found, NOTHING), FRAME)
     for _ in range(100):
         (last,) = believe(found, seen_in(found, NOTHING), FRAME)
@@ -76,13 +76,14 @@ def test_a_blind_camera_takes_less_and_less_away() -> None:
     assert fixed == pytest.approx(without)
 
 
-@pytest.mark.parametrize(("method", "expected"), [("none", 0.3), ("cluster", None)])
-def test_scores_of_another_detector_are_taken_as_they_are(
-    method: Literal["none", "cluster"], expected: float | None
-) -> None:
+@pytest.mark.parametrize(
+    ("detector", "is_taken"),
+    [(Detect3DConfig(method="none"), True), (Detect3DConfig(score="learned"), True), (GEOMETRIC.detect3d, False)],
+)
+def test_probabilities_are_taken_as_they_are(detector: Detect3DConfig, is_taken: bool) -> None:
     found = hypotheses(boxes3d([BEHIND], scores=[0.3]))
-    (p,) = believed(found, NOTHING, Config(detect3d=Detect3DConfig(method=method)))
-    assert (p == pytest.approx(0.3)) == (expected is not None)
+    (p,) = believed(found, NOTHING, Config(detect3d=detector))
+    assert (p == pytest.approx(0.3)) == is_taken
 
 
 def test_what_a_2d_box_proposes_needs_it() -> None:

@@ -24,6 +24,7 @@ from pipeline.stages.detect3d import Detect3D, Recorded3D
 
 ROOT = Path(__file__).parents[3]
 LIDAR = (0.0, 0.0, 1.8)
+GEOMETRIC = load_config(settings=("detect3d.score=geometric",))  # boxes of bare cuboids look like no car
 CAR, BICYCLE = 0, 2
 
 
@@ -32,7 +33,7 @@ def car(x: float, y: float, yaw: float = 0.0) -> Box:
 
 
 def detect(points: F64, config: Config | None = None) -> Boxes3D:
-    return Detect3D(rig(LIDAR), config or Config())(combined(points))
+    return Detect3D(rig(LIDAR), config or GEOMETRIC)(combined(points))
 
 
 def yaw_error_deg(found: float, true: float) -> float:
@@ -83,7 +84,7 @@ def test_box_grows_away_from_the_lidar_and_its_far_end_is_less_certain() -> None
 def test_car_seen_from_both_ends_keeps_its_measured_size() -> None:
     ahead, behind = (-9.0, 0.0, 1.8), (9.0, 0.0, 1.8)
     truth: Box = (0.0, 0.0, 0.75, 3.2, 1.5, 1.4, 0.2)
-    boxes = Detect3D(rig(ahead, behind), Config())(combined(scan(ahead, [truth]), scan(behind, [truth])))
+    boxes = Detect3D(rig(ahead, behind), GEOMETRIC)(combined(scan(ahead, [truth]), scan(behind, [truth])))
     row = assert_found(boxes, truth, within_m=0.05, within_deg=1.0)
     assert boxes.sizes[row, :2] == pytest.approx(truth[3:5], abs=0.1)
 
@@ -113,7 +114,7 @@ def test_turning_and_shifting_the_scene_turns_and_shifts_the_boxes(
     points = scan(LIDAR, [truth], noise_m=0.01)
     here = detect(points)
     origin = tuple(turned(np.array(LIDAR), turn, shift).tolist())
-    there = Detect3D(rig(origin), Config())(combined(turned(points, turn, shift)))
+    there = Detect3D(rig(origin), GEOMETRIC)(combined(turned(points, turn, shift)))
     assert len(here) == len(there) == 1
     assert there.centers[0] == pytest.approx(turned(here.centers[0], turn, shift), abs=0.25)
     assert yaw_error_deg(there.yaws[0], here.yaws[0] + turn) <= 3.0
@@ -142,7 +143,7 @@ def test_ground_may_slope() -> None:
     normal = np.array([-0.05, 0.0, 1.0]) / np.linalg.norm([-0.05, 0.0, 1.0])
     points = scan(LIDAR, [car(12, 0)])
     points[:, 2] += 0.05 * points[:, 0]
-    boxes = Detect3D(rig(LIDAR), Config())(combined(points, plane=Plane(normal, 0.0)))
+    boxes = Detect3D(rig(LIDAR), GEOMETRIC)(combined(points, plane=Plane(normal, 0.0)))
     assert boxes.centers[0, 2] - boxes.sizes[0, 2] / 2 == pytest.approx(0.05 * boxes.centers[0, 0])
 
 
@@ -195,7 +196,7 @@ def test_another_engine_needs_no_change_of_the_stage(monkeypatch: pytest.MonkeyP
 def test_order_of_the_points_does_not_matter() -> None:
     scene = [car(12, 0), car(4, 8, 0.8), (9.0, -5.0, 0.9, 1.8, 0.5, 1.7, 0.4), (25.0, 10.0, 1.6, 9.0, 2.5, 3.2, 0.1)]
     cloud = combined(scan(LIDAR, scene, noise_m=0.03), scan((20.0, 0.0, 1.8), scene, noise_m=0.03))
-    detector = Detect3D(rig(LIDAR, (20.0, 0.0, 1.8)), Config())
+    detector = Detect3D(rig(LIDAR, (20.0, 0.0, 1.8)), GEOMETRIC)
     boxes = detector(cloud)
     order = np.random.default_rng(3).permutation(len(cloud.detection_cloud))
     shuffled = replace(

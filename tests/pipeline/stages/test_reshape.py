@@ -17,12 +17,13 @@ LIDAR = (0.0, 0.0, 1.8)
 CAR, PEDESTRIAN, BICYCLE, TRUCK, BUS = range(5)
 REAR: Box = (12.0, 0.0, 0.75, 0.3, 1.8, 1.5, 0.0)
 RIDER: Box = (8.0, 4.0, 0.95, 0.7, 0.4, 1.5, 1.0)
+GEOMETRIC = load_config(settings=("detect3d.score=geometric",))
 FIELDS = Boxes3D.__slots__
 
 
 def found(*scene: Box) -> tuple[CombinedCloud, Boxes3D]:
     cloud = combined(scan(LIDAR, [*scene]))
-    boxes = Detect3D(rig(LIDAR), Config())(cloud)
+    boxes = Detect3D(rig(LIDAR), GEOMETRIC)(cloud)
     assert len(boxes) == len(scene)
     return cloud, boxes
 

@@ -1,0 +1,106 @@
+"""Class and probability of clusters by what their points look like, learned from simulated worlds."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pipeline.core.arrays import F64, I64, Bools
+from pipeline.core.clouds import CombinedCloud
+from pipeline.core.detections import Boxes3D
+from pipeline.core.errors import ConfigError
+from pipeline.core.geometry.regions import points_in_footprints
+from pipeline.core.rig import Rig
+from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
+from pipeline.core.settings.config import Config
+from pipeline.detectors.cluster.features import REACH_M, box_features
+from pipeline.detectors.cluster.fitting import BoxFitter
+from pipeline.detectors.cluster.network import EMBEDDED, KINDS, ClusterNetwork
+from pipeline.detectors.cluster.refitting import Refitter
+
+__all__ = ["FeatureFinder", "LearnedScores", "kinds_of"]
+
+KIND_OF_NAME = {"car": 1, "pedestrian": 2, "bicycle": 3, "truck": 4, "bus": 4}
+"""Rows of `KINDS` by the names of the classes of the roads; labels of other classes count, too."""
+
+SIZE_FACTOR = 2.0
+"""A class whose typical size differs from that of the roads by more than this was not in training."""
+
+MIN_PROBABILITY = 0.15
+"""A box whose new class is less probable keeps its own: it is most probably no object, whatever its class."""
+
+
+def kinds_of(classes: Sequence[ClassPrior]) -> Bools:
+    """(C, 5) of which of `KINDS` each class consists, by its name and labels.
+
+    Raises:
+        ConfigError: one of them is of no kind, or of another size.
+    """
+    found = np.zeros((len(classes), len(KINDS)), np.bool_)
+    roads = {prior.name: prior for prior in ROAD_CLASSES}
+    for row, prior in enumerate(classes):
+        names = [name for name in KIND_OF_NAME if name in (prior.name, *prior.labels)]
+        fitting = [name for name in names if _is_of_size(prior, roads[name])]
+        if not fitting:
+            raise ConfigError(
+                "settings: detect3d.score learned knows cars, pedestrians, bicycles, trucks and buses of full size, by "
+                f"name or label; expected classes of these, found {prior.name}; set detect3d.score to geometric"
+            )
+        found[row, [KIND_OF_NAME[name] for name in names]] = True
+    return found
+
+
+def _is_of_size(prior: ClassPrior, other: ClassPrior) -> bool:
+    ratio = np.abs(np.log(np.divide(prior.size_m, (other.size_m, *other.kinds_m))))
+    return bool((ratio <= np.log(SIZE_FACTOR)).all(1).any())
+
+
+class FeatureFinder:
+    """The numbers of each box of a frame that say what it is."""
+
+    def __init__(self, rig: Rig, config: Config) -> None:
+        """Raises ConfigError: see `kinds_of`."""
+        self.members = kinds_of(config.classes)
+        self._fitter = BoxFitter(rig, config.classes, config.detect3d.cluster)
+        self._lidar_xy = np.array([lidar.T_site_lidar.translation[:2] for lidar in rig.lidars]).reshape(-1, 2)
+
+    def __call__(self, combined: CombinedCloud, boxes: Boxes3D) -> F64:
+        """(B, F) of `FEATURES`, for B boxes that were found by clustering in that cloud, at least one."""
+        rows, box = points_in_footprints(
+            combined.detection_cloud.xyz, boxes.centers[:, :2], boxes.sizes[:, :2] + 2 * REACH_M, boxes.yaws
+        )
+        above = self._fitter.above_ground(combined, rows, -np.inf)
+        starts = np.searchsorted(box[above.place], np.arange(len(boxes) + 1))
+        kinds: I64 = self.members.argmax(1)[boxes.class_ids]
+        return box_features(boxes, kinds, above.position, starts, self._lidar_xy)
+
+
+class LearnedScores:
+    """Gives boxes that were found by clustering the class that they look like, and its probability as score."""
+
+    def __init__(self, rig: Rig, config: Config) -> None:
+        """Read the weights of `detect3d.weights`.
+
+        Raises:
+            ConfigError: classes are configured that no network of `lidcam train clusters` knows.
+            ModelError: the file cannot be read.
+        """
+        self._features = FeatureFinder(rig, config)
+        self._network = ClusterNetwork.read(config.detect3d.weights or EMBEDDED)
+        fitter = BoxFitter(rig, config.classes, config.detect3d.cluster)
+        self._refit = Refitter(fitter, config.detect3d.cluster, config.classes)
+
+    def __call__(self, combined: CombinedCloud, boxes: Boxes3D) -> Boxes3D:
+        """The same boxes in their order; those of another class than before are completed anew, as far as they fit."""
+        if not len(boxes):
+            return boxes
+        by_class = self._network(self._features(combined, boxes)) @ self._features.members.T
+        rows, own = np.arange(len(boxes)), boxes.class_ids
+        likely = np.where(by_class > by_class[rows, own][:, None], by_class, 0.0)
+        changed = np.flatnonzero(likely.max(1) >= MIN_PROBABILITY)
+        class_ids = own.copy()
+        class_ids[changed] = likely[changed].argmax(1)
+        fitted, kept = self._refit(combined, replace(boxes, class_ids=class_ids), changed)
+        final = own.copy()
+        final[kept] = class_ids[kept]
+        return replace(fitted, class_ids=final, scores=by_class[rows, final].astype(np.float32))

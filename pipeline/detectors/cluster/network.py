@@ -1,0 +1,102 @@
+"""A small network that says what a cluster is: multi-layer perceptrons in numpy, whose probabilities are averaged."""
+
+import zipfile
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from pipeline.core.arrays import F64
+from pipeline.core.errors import ModelError
+from pipeline.core.small_files import read_small_file
+from pipeline.core.text import one_line
+from pipeline.detectors.cluster.features import FEATURES
+
+__all__ = ["EMBEDDED", "KINDS", "ClusterNetwork", "softmax"]
+
+KINDS = ("background", "car", "pedestrian", "cyclist", "large vehicle")
+"""What a cluster can be, in the order of the probabilities. A large vehicle is a van, a truck or a bus."""
+
+EMBEDDED = Path(__file__).with_name("road.npz")
+"""The weights that travel with lidcam; `road.md` beside it says how they were made."""
+
+MAX_BYTES = 16 << 20
+MAX_STANDARD = 4.0
+"""Numbers further from the mean than so many standard deviations count as this far: the training has seen none."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClusterNetwork:
+    """M networks of the same form.
+
+    Attributes:
+        mean: (F,) of the features in training.
+        deviation: (F,) standard deviations.
+        weights: Of each layer (M, inputs, outputs).
+        biases: Of each layer (M, 1, outputs).
+    """
+
+    mean: F64
+    deviation: F64
+    weights: tuple[F64, ...]
+    biases: tuple[F64, ...]
+
+    def __call__(self, features: F64) -> F64:
+        """(B, 5) probability of each of `KINDS`, for features (B, F)."""
+        values = self.standard(features)[None]
+        for row, (weights, biases) in enumerate(zip(self.weights, self.biases, strict=True)):
+            values = (np.maximum(values, 0.0) if row else values) @ weights + biases
+        return np.asarray(softmax(values).mean(0))
+
+    def standard(self, features: F64) -> F64:
+        """Features (B, F) as the first layer takes them."""
+        return np.asarray(((features - self.mean) / self.deviation).clip(-MAX_STANDARD, MAX_STANDARD))
+
+    def to_bytes(self) -> bytes:
+        """The content of a file, an archive of arrays of numpy; the same network makes the same bytes."""
+        numbers = {"mean": self.mean, "deviation": self.deviation}
+        numbers |= {f"weights{row}": part for row, part in enumerate(self.weights)}
+        numbers |= {f"biases{row}": part for row, part in enumerate(self.biases)}
+        arrays: dict[str, Any] = {name: array.astype(np.float32) for name, array in numbers.items()}
+        stream = BytesIO()
+        np.savez_compressed(stream, features=np.array(FEATURES), kinds=np.array(KINDS), **arrays)
+        return stream.getvalue()
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """The network of a file.
+
+        Raises:
+            ModelError: it cannot be read, or is no such file, or of other features.
+        """
+        expected = f"{path}: expected weights that `lidcam train clusters` wrote"
+        try:
+            with np.load(BytesIO(read_small_file(path, MAX_BYTES)), allow_pickle=False) as found:
+                arrays = {name: found[name] for name in found.files}
+        except OSError as err:
+            raise ModelError(f"{expected}, found that it cannot be read: {err.strerror or one_line(err)}") from err
+        except (ValueError, zipfile.BadZipFile, EOFError, KeyError, AttributeError) as err:
+            raise ModelError(f"{expected}, found {one_line(err)}") from err
+        names = tuple(map(str, arrays.get("features", ())))
+        if names != FEATURES or tuple(map(str, arrays.get("kinds", ()))) != KINDS:
+            raise ModelError(f"{expected} in this version, found other features or classes: train it anew")
+        layers = sum(name.startswith("weights") for name in arrays)
+        try:
+            parts = [
+                [arrays[f"{kind}{row}"].astype(np.float64) for row in range(layers)] for kind in ("weights", "biases")
+            ]
+            network = cls(arrays["mean"].astype(float), arrays["deviation"].astype(float), *map(tuple, parts))
+            shape = network(np.zeros((1, len(FEATURES)))).shape
+        except (KeyError, ValueError) as err:
+            raise ModelError(f"{expected}, found arrays that do not fit each other: {one_line(err)}") from err
+        if not layers or shape != (1, len(KINDS)):
+            raise ModelError(f"{expected}, found arrays of other shapes")
+        return network
+
+
+def softmax(values: F64) -> F64:
+    """Probabilities of log odds, along the last axis."""
+    shares = np.exp(values - values.max(-1, keepdims=True))
+    return np.asarray(shares / shares.sum(-1, keepdims=True))

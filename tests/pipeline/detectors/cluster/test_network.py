@@ -1,0 +1,85 @@
+"""Files of weights, and what a network makes of features."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.core.errors import ModelError
+from pipeline.detectors.cluster.features import FEATURES
+from pipeline.detectors.cluster.network import EMBEDDED, KINDS, ClusterNetwork
+
+DRAW = np.random.default_rng(0)
+WIDTH = len(FEATURES)
+SMALL = ClusterNetwork(
+    DRAW.normal(size=WIDTH),
+    DRAW.uniform(0.5, 2, WIDTH),
+    (DRAW.normal(size=(2, WIDTH, 6)), DRAW.normal(size=(2, 6, 5))),
+    (DRAW.normal(size=(2, 1, 6)), DRAW.normal(size=(2, 1, 5))),
+)
+
+
+def test_a_network_is_the_mean_of_its_parts() -> None:
+    features = DRAW.normal(0, 3, (7, WIDTH))
+    expected = np.zeros((7, 5))
+    for row, values in enumerate((features - SMALL.mean) / SMALL.deviation):
+        for part in range(2):
+            hidden = np.maximum(values.clip(-4, 4) @ SMALL.weights[0][part] + SMALL.biases[0][part, 0], 0)
+            odds = np.exp(hidden @ SMALL.weights[1][part] + SMALL.biases[1][part, 0])
+            expected[row] += odds / odds.sum() / 2
+    np.testing.assert_allclose(SMALL(features), expected, rtol=1e-9)
+    assert SMALL(features[:0]).shape == (0, 5)
+
+
+def test_a_file_holds_the_network(tmp_path: Path) -> None:
+    path = tmp_path / "small.npz"
+    path.write_bytes(SMALL.to_bytes())
+    assert ClusterNetwork.read(path).to_bytes() == SMALL.to_bytes()
+    features = DRAW.normal(size=(5, WIDTH))
+    np.testing.assert_allclose(ClusterNetwork.read(path)(features), SMALL(features), rtol=1e-4)
+
+
+def test_the_embedded_weights_are_small_and_whole() -> None:
+    assert EMBEDDED.stat().st_size < 300_000
+    assert EMBEDDED.with_suffix(".md").is_file()
+    assert ClusterNetwork.read(EMBEDDED)(np.zeros((3, WIDTH))).shape == (3, len(KINDS))
+
+
+def _saved(path: Path, **arrays: object) -> Path:
+    np.savez(path, **arrays)  # type: ignore[arg-type]
+    return path
+
+
+NAMED = {"features": np.array(FEATURES), "kinds": np.array(KINDS)}
+MISFIT = {
+    "mean": np.zeros(WIDTH),
+    "deviation": np.ones(WIDTH),
+    "weights0": np.ones((1, 3, 5)),
+    "biases0": np.ones((1, 1, 5)),
+}
+
+
+@pytest.mark.parametrize(
+    ("arrays", "told"),
+    [
+        ({}, "other features"),
+        (NAMED | {"features": np.array(["range"])}, "other features"),
+        (NAMED, "other shapes|do not fit"),
+        (NAMED | MISFIT, "do not fit"),
+        ({"features": np.array([None], dtype=object)}, "pickle"),
+    ],
+    ids=["nothing", "features", "no layers", "shapes", "pickle"],
+)
+def test_other_archives_are_refused(tmp_path: Path, arrays: dict[str, object], told: str) -> None:
+    with pytest.raises(ModelError, match=told):
+        ClusterNetwork.read(_saved(tmp_path / "other.npz", **arrays))
+
+
+@pytest.mark.parametrize("content", [b"", b"weights", b"PK\x03\x04 cut short"])
+def test_what_is_no_archive_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "no.npz"
+    path.write_bytes(content)
+    with pytest.raises(ModelError, match=r"no\.npz: expected weights"):
+        ClusterNetwork.read(path)
+    with pytest.raises(ModelError, match="cannot be read"):
+        ClusterNetwork.read(tmp_path / "nowhere.npz")
