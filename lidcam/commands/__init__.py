@@ -12,6 +12,7 @@ from lidcam.commands.options import Version
 from lidcam.commands.process import PROCESS_EXAMPLES, process
 from lidcam.commands.report import REPORT_EXAMPLES, report
 from lidcam.commands.simulate import SIMULATE_EXAMPLES, simulate
+from lidcam.commands.train import train_app
 
 __all__ = ["app", "process_app"]
 
@@ -35,6 +36,7 @@ app.command(epilog=REPORT_EXAMPLES)(report)
 app.command()(demo)
 app.command(epilog=SIMULATE_EXAMPLES)(simulate)
 app.command(epilog=DRIVE_EXAMPLES)(drive)
+app.add_typer(train_app, name="train", help="Networks of your own, from simulated worlds.")
 app.add_typer(config_app, name="config", help="The presets, and what the settings mean.")
 process_app.command(epilog=PROCESS_EXAMPLES)(process)
 

@@ -13,7 +13,7 @@ from lidcam.printing.escaping import visible
 from lidcam.printing.log import progress_log
 from lidcam.printing.terminal import console
 
-__all__ = ["Advance", "show_compiling", "show_progress"]
+__all__ = ["Advance", "show_compiling", "show_progress", "show_training"]
 
 LINE_EVERY_S = 10.0
 """Wall time from one line to the next."""
@@ -46,6 +46,21 @@ def show_compiling(
     """Progress of the first run on a machine: yields a function of the number of compiled functions and of all."""
     with _shown(err, clock) as show:
         yield lambda done, total: show(f"compiling: {done} of {total}", done, total, "")
+
+
+@contextmanager
+def show_training(
+    *, err: Console | None = None, clock: Clock = time.monotonic
+) -> Iterator[Callable[[float, str], None]]:
+    """Progress of a training: yields a function of the share that is done and of facts; lines tell the time left."""
+    with _shown(err, clock) as show:
+        start_s = clock()
+
+        def told(share: float, facts: str) -> None:
+            left_s = (clock() - start_s) * (1 - share) / max(share, 1e-6)
+            show(f"training: {share:.0%}, about {left_s / 60:.0f} min left", share, 1.0, facts)
+
+        yield told
 
 
 @contextmanager

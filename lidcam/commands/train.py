@@ -1,0 +1,74 @@
+"""The commands `lidcam train ...`."""
+
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from lidcam.commands.options import Overwrite, ends_in, with_log_options
+from lidcam.commands.simulate import check_simulator
+from pipeline.core.errors import OutputError
+
+__all__ = ["train_app"]
+
+train_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+
+# \b keeps the lines of a paragraph as they are.
+CLUSTERS_EXAMPLES = """\b
+Examples:
+  lidcam train clusters --out mine.npz
+  lidcam train clusters --family all --worlds 600 --out mine.npz
+  lidcam-process drive.bag out.mcap --set detect3d.weights=mine.npz
+"""
+
+
+@train_app.callback()
+def _train() -> None:
+    pass
+
+
+@train_app.command(epilog=CLUSTERS_EXAMPLES)
+@with_log_options
+def clusters(
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", metavar="FILE.npz", callback=ends_in(".npz"), help="The weights; FILE.md beside it is their card."
+        ),
+    ],
+    family: Annotated[
+        Literal["road", "crossing", "all"],
+        typer.Option("--family", help="Worlds to learn from: lidars on a car, on masts at a crossing, or both."),
+    ] = "road",
+    worlds: Annotated[int, typer.Option(min=20, metavar="N", help="Worlds of each family.")] = 300,
+    seed: Annotated[
+        int, typer.Option(min=0, metavar="N", help="Number of the first world; others, other weights.")
+    ] = 0,
+    workers: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Processes; the weights are the same. [default: cores]")
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Train the network that scores clusters of lidar points, on simulated worlds."""
+    check_simulator()
+    from lidcam.printing.progress import show_training
+    from lidcam.training.clusters import train_clusters
+    from pipeline.parallel.cores import usable_cores
+    from writers.outputs.errors import output_errors
+    from writers.outputs.transaction import OutputTransaction
+
+    card = out.with_suffix(".md")
+    with OutputTransaction([out, card], check_old=partial(_check_old, overwrite=overwrite)) as outputs:
+        with show_training() as told:
+            trained = train_clusters(family, worlds, seed, workers=workers or usable_cores(), told=told)
+        with output_errors(out), outputs[out].part.open("xb") as file:
+            file.write(trained.network.to_bytes())
+        outputs[card].write_text(trained.card)
+    typer.echo(trained.card)
+
+
+def _check_old(path: Path, *, overwrite: bool) -> None:
+    """Refuse to replace a file that is not meant to be."""
+    if not overwrite:
+        raise OutputError(f"{path}: exists; choose another name, or replace it with --overwrite")

@@ -1,0 +1,1 @@
+"""Training of the networks that lidcam brings, on simulated worlds."""

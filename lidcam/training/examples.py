@@ -1,0 +1,116 @@
+"""Examples to learn from: clusters of simulated sweeps, their features, and what they truly are."""
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from bags.simulator.worlds.draw import Family
+from bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, TrainingSweep, sweep
+from pipeline.core.arrays import F64, I64
+from pipeline.core.clouds import PointCloud
+from pipeline.core.frame import SensorBundle
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.rig import LidarSensor, Rig
+from pipeline.core.settings.config import Config
+from pipeline.detectors.cluster.features import FEATURES
+from pipeline.detectors.cluster.learned import FeatureFinder
+from pipeline.stages.combine import Combine
+from pipeline.stages.detect3d import Detect3D
+
+__all__ = ["Examples", "examples_of_worlds", "kinds_of_boxes"]
+
+SWEEPS_OF_A_WORLD = 4
+"""Each is of another lidar in another place. More say little more: what stands there is the same."""
+
+MIN_POINTS = 3
+"""True objects of fewer points are not there for a lidar."""
+
+GATES_M = np.array([0.0, 2.0, 0.6, 0.9, 2.5])
+"""A box is of a kind (`KINDS`) if a true centre is nearer than this."""
+
+KIND_OF_CLASS = {"car": 1, "pedestrian": 2, "cyclist": 3, "van": 4, "truck": 4, "bus": 4}
+SITE = "site"
+
+
+class Examples(NamedTuple):
+    """N boxes.
+
+    Attributes:
+        features: (N, F) see `FEATURES`.
+        kinds: (N,) int64, rows of `KINDS`.
+    """
+
+    features: F64
+    kinds: I64
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """All boxes of all parts."""
+        empty = np.zeros((0, len(FEATURES))), np.zeros(0, np.int64)
+        return cls(*(np.concatenate(arrays) for arrays in zip(empty, *parts, strict=True)))
+
+
+def examples_of_worlds(family: Family, worlds: range, *, workers: int) -> Iterator[Examples]:
+    """Those of each world, in order; the same for any number of processes."""
+    of_world = partial(_of_world, family)
+    if workers == 1:
+        yield from map(of_world, worlds)
+        return
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        yield from pool.map(of_world, worlds)
+
+
+def _of_world(family: Family, world: int) -> Examples:
+    config = _config()
+    step = SWEEPS_PER_WORLD // SWEEPS_OF_A_WORLD
+    found = [sweep(family, seed) for seed in range(world * SWEEPS_PER_WORLD, (world + 1) * SWEEPS_PER_WORLD, step)]
+    # On masts, several lidars see one site: one frame of a single one, and one of the others together.
+    frames = [found[:1], found[1:]] if family == "crossing" else [[one] for one in found]
+    return Examples.joined([_examples(frame, config) for frame in frames])
+
+
+def _config() -> Config:
+    config = Config()
+    return config.model_copy(update={"detect3d": config.detect3d.model_copy(update={"score": "geometric"})})
+
+
+def _examples(frame: Sequence[TrainingSweep], config: Config) -> Examples:
+    """Those of a frame of sweeps that were taken at once."""
+    poses = [np.eye(4) for _ in frame]
+    for pose, one in zip(poses, frame, strict=True):
+        pose[:3, 3] = one.origin
+    lidars = [LidarSensor(str(row), "", Transform(SITE, str(row), pose)) for row, pose in enumerate(poses)]
+    rig = Rig(SITE, tuple(lidars), (), ())
+    clouds = {lidar.name: _cloud(one, lidar.name) for lidar, one in zip(lidars, frame, strict=True)}
+    combined = Combine(rig, config.combine)(SensorBundle(0, 0, 0, {}), clouds)
+    boxes = Detect3D(rig, config)(combined)
+    if not len(boxes):
+        return Examples.joined([])
+    is_seen = np.sum([one.point_counts for one in frame], axis=0) >= MIN_POINTS
+    kinds = np.array([KIND_OF_CLASS[name] for name in frame[0].class_names], np.int64)
+    truth = kinds_of_boxes(boxes.centers[:, :2], frame[0].centers[is_seen, :2], kinds[is_seen])
+    return Examples(FeatureFinder(rig, config)(combined, boxes), truth)
+
+
+def _cloud(taken: TrainingSweep, name: str) -> PointCloud:
+    count = len(taken.points)
+    xyz = taken.points[:, :3] - taken.origin.astype(np.float32)
+    rest = np.zeros(count, np.uint16), np.zeros(count, np.int32)
+    return PointCloud(0, name, xyz, taken.points[:, 3].copy(), *rest)
+
+
+def kinds_of_boxes(centers_xy: F64, true_xy: F64, true_kinds: I64) -> I64:
+    """(B,) kind of the true object that is nearest to each box, as a share of its gate; 0 where none is within it.
+
+    Args:
+        centers_xy: (B, 2) of the boxes.
+        true_xy: (T, 2) of the objects.
+        true_kinds: (T,) rows of `KINDS`, none 0.
+    """
+    away = np.linalg.norm(centers_xy[:, None] - true_xy, axis=2) / GATES_M[true_kinds]
+    away = np.column_stack([np.ones(len(centers_xy)), away])
+    return np.asarray(np.append(0, true_kinds)[away.argmin(1)])
