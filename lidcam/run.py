@@ -187,7 +187,7 @@ class Run:
             LidarCheck(source.rig),
             CalibrationCheck(source.rig, source.config),
             ObjectCheck(source.recording, source.rig, source.config, source.settings, moves=source.motion is not None),
-            *([DoubtedCheck(source.config)] if box_source(source.config, source.rig) == "none" else []),
+            DoubtedCheck(source.config, has_2d_boxes=box_source(source.config, source.rig) != "none"),
         )
         started = time.perf_counter()
         reference_topic(source.config, source.rig)

@@ -21,8 +21,8 @@ MIN_BOXES, MIN_RATIO = 5, 5
 class DoubtedCheck:
     """Counts by class what is reported, and what is likely and below `fuse.min_score`."""
 
-    def __init__(self, config: Config) -> None:
-        self._names, self._min_score = config.class_names, config.fuse.min_score
+    def __init__(self, config: Config, *, has_2d_boxes: bool) -> None:
+        self._names, self._min_score, self._has_2d_boxes = config.class_names, config.fuse.min_score, has_2d_boxes
         self._doubted, self._reported = np.zeros((2, len(self._names)), np.int64)
 
     def add(self, frame: FrameResult) -> None:
@@ -36,6 +36,8 @@ class DoubtedCheck:
     @property
     def warnings(self) -> tuple[RunWarning, ...]:
         """One for each class that is likely there and hardly reported."""
+        if self._has_2d_boxes:
+            return ()
         told = (self._doubted >= MIN_BOXES) & (self._doubted >= MIN_RATIO * self._reported)
         return tuple(
             RunWarning(

@@ -36,7 +36,7 @@ app.command(epilog=REPORT_EXAMPLES)(report)
 app.command()(demo)
 app.command(epilog=SIMULATE_EXAMPLES)(simulate)
 app.command(epilog=DRIVE_EXAMPLES)(drive)
-app.add_typer(train_app, name="train", help="Networks of your own, from simulated worlds.")
+app.add_typer(train_app, name="train", help="Train networks of your own on simulated worlds.")
 app.add_typer(config_app, name="config", help="The presets, and what the settings mean.")
 process_app.command(epilog=PROCESS_EXAMPLES)(process)
 

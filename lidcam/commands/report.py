@@ -27,7 +27,7 @@ def report(
     ] = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Write a page about a result: what was seen, where, when, and how sure it is.
+    """Write a page about a result, for people.
 
     One file that opens in any browser, without a network. `lidcam process --report OUT.html` writes the same.
     """

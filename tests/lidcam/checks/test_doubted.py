@@ -23,8 +23,8 @@ def seen(class_ids: list[int], beliefs: list[float], reported: list[int]) -> Fra
     return replace(frame(), hypotheses=hypotheses, beliefs=np.array(beliefs, np.float64), fused=fused)
 
 
-def told(frames: list[FrameResult]) -> list[str]:
-    check = DoubtedCheck(CONFIG)
+def told(frames: list[FrameResult], *, has_2d_boxes: bool = False) -> list[str]:
+    check = DoubtedCheck(CONFIG, has_2d_boxes=has_2d_boxes)
     for one in frames:
         check.add(one)
     return [str(warning) for warning in check.warnings]
@@ -34,6 +34,7 @@ def test_what_is_likely_and_hardly_reported_is_told() -> None:
     likely = [seen([CAR, PEDESTRIAN, PEDESTRIAN], [0.9, 0.3, 0.45], [0])] * 10
     (warning,) = told([*likely, seen([PEDESTRIAN], [0.8], [0])])
     assert "pedestrian: 20 boxes have a probability of 0.2 to 0.5, below fuse.min_score; reported: 1" in warning
+    assert told(likely, has_2d_boxes=True) == []
 
 
 @pytest.mark.parametrize(
