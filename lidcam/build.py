@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple, Self
 
-from lidcam.box_sources import add_boxes2d, add_boxes3d
+from lidcam.box_sources import add_boxes2d, add_boxes3d, box_source
 from pipeline.core.arrays import F64
 from pipeline.core.association import class_agreement
 from pipeline.core.clouds import CombinedCloud, PointCloud
@@ -15,6 +15,7 @@ from pipeline.core.messages import Drop
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.cluster.fitting import BoxFitter
+from pipeline.detectors.cluster.learned import knows
 from pipeline.fusion.belief.visibility import find_visibility
 from pipeline.fusion.cameras.placing import Placed
 from pipeline.fusion.zones import select_by_zones
@@ -33,7 +34,7 @@ from pipeline.stages.views import Views
 from pipeline.tracking.ends import find_ends
 from readers.streams.decoders import CloudDecoder, OnBadMessage
 
-__all__ = ["build_graph"]
+__all__ = ["build_graph", "with_score"]
 
 
 def build_graph(
@@ -50,7 +51,7 @@ def build_graph(
     Raises:
         ModelError: the 2D network cannot be loaded.
     """
-    graph = Graph(SensorBundle)
+    graph, config = Graph(SensorBundle), with_score(config, rig)
     # What each sensor alone sees.
     clouds = graph.add("decode clouds", CloudDecoder(rig, config, on_bad=on_bad), graph.frame)
     combined = graph.add("combine", Combine(rig, config.combine), graph.frame, clouds)
@@ -89,6 +90,20 @@ def build_graph(
     if config.track.mode != "none" and config.track.odometry == "auto" and not has_motion and rig.lidars:
         result = graph.add("odometry", partial(_with_odometry, FindOdometry()), result, ordered=True)
     return graph, graph.add("ends", _with_ends, result) if config.track.mode == "offline" else result
+
+
+def with_score(config: Config, rig: Rig) -> Config:
+    """The settings with `detect3d.score` decided.
+
+    Where cameras have a word, the belief was fitted to the geometric score; with the learned one more false objects
+    are left (docs/fusion.md).
+    """
+    detect3d = config.detect3d
+    if detect3d.score != "auto":
+        return config
+    is_learned = detect3d.weights or (box_source(config, rig) == "none" and knows(config.classes))
+    decided = detect3d.model_copy(update={"score": "learned" if is_learned else "geometric"})
+    return config.model_copy(update={"detect3d": decided})
 
 
 def _hypotheses(

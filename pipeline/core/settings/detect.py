@@ -83,7 +83,8 @@ class Detect3DConfig(SettingsModel):
         score: How boxes of the method `cluster` are scored. `geometric`: by the number of their points, the smoothness
             of their sides and the fit to the size of their class. `learned`: by a small network, trained on simulated
             roads, that also chooses the class; its score is a probability. It knows cars, pedestrians, bicycles, trucks
-            and buses of full size.
+            and buses of full size. `auto`: `learned` where the lidars decide alone, for want of 2D boxes, and all
+            classes are of these, or where `weights` are named; else `geometric`.
         weights: File of that network, as `lidcam train clusters` writes it. Empty: the one that comes with lidcam.
         min_score: Boxes with a lower score are removed; with `learned`, those whose geometric score is lower.
         cluster: Settings of the method `cluster`.
@@ -91,7 +92,7 @@ class Detect3DConfig(SettingsModel):
     """
 
     method: Method3D = "cluster"
-    score: Literal["learned", "geometric"] = "learned"
+    score: Literal["auto", "learned", "geometric"] = "auto"
     weights: Path | None = None
     min_score: Share = 0.07
     cluster: ClusterConfig = ClusterConfig()
@@ -99,7 +100,7 @@ class Detect3DConfig(SettingsModel):
 
     @property
     def is_learned(self) -> bool:
-        """Whether a network scores the boxes."""
+        """Whether a network scores the boxes; `auto` has to be decided before."""
         return self.method == "cluster" and self.score == "learned"
 
     @property

@@ -18,7 +18,7 @@ from pipeline.detectors.cluster.fitting import BoxFitter
 from pipeline.detectors.cluster.network import EMBEDDED, KINDS, ClusterNetwork
 from pipeline.detectors.cluster.refitting import Refitter
 
-__all__ = ["FeatureFinder", "LearnedScores", "kinds_of"]
+__all__ = ["FeatureFinder", "LearnedScores", "kinds_of", "knows"]
 
 KIND_OF_NAME = {"car": 1, "pedestrian": 2, "bicycle": 3, "truck": 4, "bus": 4}
 """Rows of `KINDS` by the names of the classes of the roads; labels of other classes count, too."""
@@ -48,6 +48,15 @@ def kinds_of(classes: Sequence[ClassPrior]) -> Bools:
             )
         found[row, [KIND_OF_NAME[name] for name in names]] = True
     return found
+
+
+def knows(classes: Sequence[ClassPrior]) -> bool:
+    """Whether all classes are of `KINDS`, and of the size that was trained."""
+    try:
+        kinds_of(classes)
+    except ConfigError:
+        return False
+    return True
 
 
 def _is_of_size(prior: ClassPrior, other: ClassPrior) -> bool:

@@ -1,0 +1,34 @@
+"""What is decided before the stages of a frame are made."""
+
+from dataclasses import replace
+
+import pytest
+from lidar_scene import rig
+from seen_boxes import camera_at
+
+from lidcam.build import with_score
+from pipeline.core.settings.load import load_config
+
+LIDARS = rig((0.0, 0.0, 1.8))
+CAMERA = replace(camera_at("front", (0.0, 0.0, 1.5)), boxes_topic="/front/boxes")
+
+
+@pytest.mark.parametrize(
+    ("settings", "preset", "has_camera", "score"),
+    [
+        ((), "road", False, "learned"),
+        ((), "road", True, "geometric"),
+        (("detect2d.method=none",), "road", True, "learned"),
+        ((), "crossing", False, "learned"),
+        ((), "sandbox", False, "geometric"),
+        (("detect3d.score=learned",), "road", True, "learned"),
+        (("detect3d.score=geometric",), "road", False, "geometric"),
+        (("detect3d.weights=mine.npz",), "road", True, "learned"),
+        (("detect3d.weights=mine.npz",), "sandbox", True, "learned"),  # an error that names the classes follows
+    ],
+)
+def test_where_the_score_of_clusters_is_learned(
+    settings: tuple[str, ...], preset: str, has_camera: bool, score: str
+) -> None:
+    config = load_config(preset, settings)
+    assert with_score(config, replace(LIDARS, cameras=(CAMERA,) if has_camera else ())).detect3d.score == score
