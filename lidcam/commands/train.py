@@ -19,7 +19,7 @@ CLUSTERS_EXAMPLES = """\b
 Examples:
   lidcam train clusters --out mine.npz
   lidcam train clusters --family all --worlds 600 --out mine.npz
-  lidcam-process drive.bag out.mcap --set detect3d.weights=mine.npz
+  lidcam-process drive.mcap out.mcap --set detect3d.weights=mine.npz
 """
 
 
