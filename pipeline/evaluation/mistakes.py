@@ -14,7 +14,7 @@ from pipeline.core.arrays import F64, I32, Indices
 from pipeline.core.detections import Boxes3D
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.detection.criteria import Criteria
-from pipeline.evaluation.detection.matching import match_criteria, match_other_classes
+from pipeline.evaluation.detection.matching import match_other_classes, match_position
 from pipeline.evaluation.detection.tables import FALSE
 from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, Figures, TruthBoxes3D
 from pipeline.evaluation.ignoring import is_evaluated, is_within
@@ -109,15 +109,8 @@ class Mistakes:
         found, truth, position = source.boxes, frame.truth, self._criteria.position
         counted = is_evaluated(truth, self._config.evaluate)
         pairs = pairs_near(FoundObjects.of([source], 0), TrueObjects.of([truth], 0), self._criteria.scales)
-        matches = match_criteria(
-            pairs,
-            [position],
-            position=position,
-            found=found,
-            truth=truth,
-            is_evaluated=counted,
-            is_ignored=~is_within(found.centers, self._config.evaluate),
-        )[:, 0]
+        is_ignored = ~is_within(found.centers, self._config.evaluate)
+        matches = match_position(pairs, position, found, truth, is_evaluated=counted, is_ignored=is_ignored)
         mistaken = match_other_classes(pairs, position, matches=matches, found=found, truth=truth, is_evaluated=counted)
         at_place = np.where(mistaken >= 0, mistaken, _most_overlapped(pairs, len(found)))
         now = [

@@ -11,7 +11,14 @@ from pipeline.evaluation.detection.tables import FALSE, IGNORED
 from pipeline.evaluation.evaluation_frame import TruthBoxes3D
 from pipeline.evaluation.near_objects import Candidates
 
-__all__ = ["by_falling_score", "match_by_score", "match_criteria", "match_other_classes", "ranks_by_score"]
+__all__ = [
+    "by_falling_score",
+    "match_by_score",
+    "match_criteria",
+    "match_other_classes",
+    "match_position",
+    "ranks_by_score",
+]
 
 
 def by_falling_score(scores: F32) -> Indices:
@@ -103,6 +110,27 @@ def match_criteria(
         ignored[others.found[at_position | criterion.holds(others, other_ids)]] = True
         matches[:, column] = np.where(ignored & (matched == FALSE), IGNORED, matched)
     return matches
+
+
+def match_position(
+    pairs: Candidates,
+    position: Criterion,
+    found: Boxes3D,
+    truth: TruthBoxes3D,
+    *,
+    is_evaluated: Bools,
+    is_ignored: Bools,
+) -> I32:
+    """(N,) matches of N detections by their place alone; arguments and values are those of `match_criteria`."""
+    return match_criteria(
+        pairs,
+        [position],
+        position=position,
+        found=found,
+        truth=truth,
+        is_evaluated=is_evaluated,
+        is_ignored=is_ignored,
+    )[:, 0]
 
 
 def match_other_classes(

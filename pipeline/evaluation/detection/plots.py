@@ -7,7 +7,7 @@ import numpy as np
 from pipeline.core.arrays import F64, I64
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.detection.criteria import Criteria
-from pipeline.evaluation.detection.matching import match_criteria
+from pipeline.evaluation.detection.matching import match_position
 from pipeline.evaluation.detection.tables import FALSE
 from pipeline.evaluation.evaluation_frame import EvaluationFrame, Figures
 from pipeline.evaluation.ignoring import is_evaluated, is_within
@@ -61,15 +61,8 @@ class DetectionPlots:
         for name, source in frame.sources.items():
             found, truth, position = source.boxes, frame.truth, self._criteria.position
             pairs = pairs_near(FoundObjects.of([source], 0), TrueObjects.of([truth], 0), self._criteria.scales)
-            matches = match_criteria(
-                pairs,
-                [position],
-                position=position,
-                found=found,
-                truth=truth,
-                is_evaluated=counted,
-                is_ignored=~is_within(found.centers, self._config.evaluate),
-            )[:, 0]
+            is_ignored = ~is_within(found.centers, self._config.evaluate)
+            matches = match_position(pairs, position, found, truth, is_evaluated=counted, is_ignored=is_ignored)
             bins = np.clip(found.scores * SCORES, 0, SCORES - 1).astype(np.intp)
             counts = self._counts.setdefault(name, np.zeros((len(self._truth), SCORES, 2), np.int64))
             for column, rows in enumerate((matches >= 0, matches == FALSE)):

@@ -46,7 +46,7 @@ def test_the_embedded_weights_are_small_and_whole() -> None:
 
 
 def _saved(path: Path, **arrays: object) -> Path:
-    np.savez(path, **arrays)  # type: ignore[arg-type]
+    np.savez(path, **arrays)  # type: ignore[arg-type]  # typed as if one of them were `allow_pickle`
     return path
 
 
