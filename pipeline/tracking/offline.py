@@ -27,12 +27,9 @@ __all__ = ["OfflineTracker"]
 OVERLAP_BEYOND_GAP_S = 2.0
 """Windows overlap by the longest gap and so much more."""
 
-MISS_LOG_ODDS = -1.0
-"""What a frame says of a track that is not seen in it, between its first and its last sighting."""
-
-DOUBT_LOG_ODDS, DOUBT_S = -2.0, 0.25
-"""What the frames say that are so near to its first and its last sighting, and do not show it yet, or any more. Where
-there are none, in a recording of one frame or of frames far apart, nothing speaks against it."""
+MISS_LOG_ODDS, AROUND_S = -2.0, 0.25
+"""What a frame says of a track that is not seen in it, between its first and its last sighting and so long before and
+after them. Where no such frame is, in a recording of one frame or of frames far apart, nothing speaks against it."""
 
 HEIGHT_FRAMES = 5
 """Heights are means over so many frames before and after."""
@@ -123,10 +120,10 @@ class OfflineTracker:
         total = known.log_odds + np.bincount(tracks, _evidence(scene, estimates), count)
         frames = known.counts + np.bincount(tracks, minlength=count)
         stamps_s, courses = scene.stamps_s, estimates.courses
-        begins = np.searchsorted(stamps_s, stamps_s[courses.firsts] - DOUBT_S)
-        ends = np.searchsorted(stamps_s, stamps_s[courses.lasts] + DOUBT_S, side="right") - 1
+        begins = np.searchsorted(stamps_s, stamps_s[courses.firsts] - AROUND_S)
+        ends = np.searchsorted(stamps_s, stamps_s[courses.lasts] + AROUND_S, side="right") - 1
         doubts = np.where(known.ids > 0, 0, courses.firsts - begins) + ends - courses.lasts
-        return (total + doubts * DOUBT_LOG_ODDS) / (frames + doubts)
+        return (total + doubts * MISS_LOG_ODDS) / (frames + doubts)
 
     def _known_of(self, labels: I64) -> Known:
         """What is known of each track: that of the known track with which it has most sightings in common.
