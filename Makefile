@@ -8,6 +8,7 @@
 # make samples  record the sample recordings in bags/ anew
 # make bench    docs/performance.md anew: speed beside other programs, and memory
 # make numbers  docs/numbers.md anew: how good the results are on simulated recordings
+# make site     the documentation as a site, into out/site
 # Each installs what it needs into .venv the first time, and only then: the demo lidcam alone, the others all extras and the tools of tests, too.
 # make locks docs/licences.md    after a change of dependencies: constraints*.txt anew (needs uv; UPGRADE=--upgrade takes newer versions), the page of licences
 
@@ -26,7 +27,7 @@ COMPILE = UV_CUSTOM_COMPILE_COMMAND='make locks' $(UV) pip compile --quiet --uni
 # Where this is set, as in some containers, each of the hundreds of programs that the tests start compiles all sources anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo gate golden test check pytest fuzz campaign samples bench numbers locks
+.PHONY: demo gate golden test check pytest fuzz campaign samples bench numbers site locks
 .DELETE_ON_ERROR:
 
 $(INSTALLED): pyproject.toml constraints-run.txt
@@ -92,6 +93,9 @@ bench: $(INSTALLED_ALL)
 
 numbers: $(INSTALLED_ALL)
 	$(BIN)/python benchmarks/measured/numbers_page.py
+
+site: $(INSTALLED_ALL)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --site-dir out/site
 
 config/default.yaml: $(wildcard pipeline/core/settings/*.py) $(INSTALLED_ALL)
 	@printf '# The defaults of every setting: a printed copy of pipeline/core/settings/, which explains each one.\n# Copy the part that you want to change into a file of your own and pass it with --config.\n\n' > $@

@@ -1,18 +1,24 @@
 """The documents say what the program does, and what they link to exists."""
 
+import os
 import re
+import subprocess
+import sys
 from importlib.metadata import version
+from pathlib import Path
 
+import pytest
 import yaml
 from document_commands import ROOT, pages
 from typer.main import get_command
 
+import lidcam.api
 from lidcam.commands import process_app
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 OF_EVERY_COMMAND = {"--help", "--version"}
 HOME = re.compile(
-    r"https://(?:github\.com/lidcam/lidcam/(?:blob|tree)|raw\.githubusercontent\.com/lidcam/lidcam)/main/(.+)"
+    r"https://(?:github\.com/lidcam/lidcam/(?:blob|tree)|raw\.githubusercontent\.com/lidcam/lidcam)/main/([^#]+)(?:#.*)?"
 )
 
 
@@ -40,6 +46,33 @@ def test_links_lead_somewhere() -> None:
     files |= {(page, link): page.parent / link.split("#")[0] for page, link in links if "://" not in link}
     assert len(files) > 50
     assert [key for key, path in files.items() if not path.exists()] == []
+
+
+def test_the_site_is_built_without_warnings(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
+    done = subprocess.run(
+        command, cwd=ROOT, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    api = (tmp_path / "site" / "api" / "index.html").read_text(encoding="utf-8")
+    shown = set(re.findall(r'id="lidcam\.api\.(\w+)"', api))
+    assert set(lidcam.api.__all__) - shown == {"__version__"}
+
+
+@pytest.mark.parametrize(
+    ("translated", "original"), [("zh/index.md", "../README.md"), ("zh/first-bag.md", "first-bag.md")]
+)
+def test_translated_pages_have_the_commands_of_the_original(translated: str, original: str) -> None:
+    of_page, of_original = (
+        {
+            re.split(r"\s{3,}", line)[0]
+            for block in re.findall(r"```\w*\n(.*?)```", text, re.DOTALL)
+            for line in block.splitlines()
+        }
+        for text in ((ROOT / "docs" / page).read_text(encoding="utf-8") for page in (translated, original))
+    )
+    assert len(of_page) > 5
+    assert of_page - of_original == set()
 
 
 def test_named_files_exist() -> None:
