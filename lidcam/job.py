@@ -99,7 +99,8 @@ class JobOptions(TypedDict, total=False):
         settings: Single settings on top: `{"sync.slop_s": 0.05}` or `["sync.slop_s=0.05"]`.
         rig: Rig file, loaded, by its path or by the name of a preset; or several, of which later ones add to and
             replace what earlier ones say. Without it sensors and calibration are found in the recording.
-        model_2d: 2D network (ONNX; docs/networks.md lists the exports that are known).
+        model_2d: 2D network: an ONNX file (docs/networks.md lists the exports that are known), or the name of one that
+            `lidcam fetch` brought.
         copy_topics: Topics that are copied to the MCAP output, by name or shell pattern; None: those of the truth.
         workers: Processes that share the frames, with this one; None: `run.workers` of the settings, else one per core.
             The result is the same.

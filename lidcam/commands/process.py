@@ -49,7 +49,7 @@ say what.
 \b
 Examples:
   lidcam-process drive.bag out.mcap --rerun out.rrd --objects out.csv
-  lidcam-process bag_folder out.mcap --model-2d yolox_nano.onnx
+  lidcam-process bag_folder out.mcap --model-2d yolox-nano
   lidcam-process drive.bag out.mcap --rig site.yaml --start 30 --duration 10
   lidcam-process part_0.mcap part_1.mcap out.mcap --set sync.slop_s=0.05
   lidcam-process https://host/drive.mcap out.mcap --start 30 --duration 10
@@ -95,7 +95,9 @@ def process(
     ] = None,
     model_2d: Annotated[
         Path | None,
-        typer.Option("--model-2d", metavar="FILE.onnx", help="2D detector (ONNX)."),
+        typer.Option(
+            "--model-2d", metavar="FILE.onnx|NAME", help="2D network: an ONNX file, or one that `lidcam fetch` brought."
+        ),
     ] = None,
     start: Annotated[float, typer.Option(min=0, metavar="S", callback=seconds, help="Skip the first S seconds.")] = 0.0,
     duration_s: Annotated[
