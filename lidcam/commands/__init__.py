@@ -14,6 +14,7 @@ from lidcam.commands.report import REPORT_EXAMPLES, report
 from lidcam.commands.simulation.drive import DRIVE_EXAMPLES, drive
 from lidcam.commands.simulation.simulate import SIMULATE_EXAMPLES, simulate
 from lidcam.commands.simulation.train import train_app
+from lidcam.commands.view import VIEW_EXAMPLES, view
 
 __all__ = ["app", "process_app"]
 
@@ -34,6 +35,7 @@ app.command(epilog=INSPECT_EXAMPLES)(inspect)
 app.command(epilog=EVALUATE_EXAMPLES)(evaluate)
 app.command(epilog=COMPARE_EXAMPLES)(compare)
 app.command(epilog=REPORT_EXAMPLES)(report)
+app.command(epilog=VIEW_EXAMPLES)(view)
 app.command()(demo)
 app.command(epilog=FETCH_EXAMPLES)(fetch)
 app.command(epilog=SIMULATE_EXAMPLES)(simulate)

@@ -41,6 +41,7 @@ EXCEPTIONS = {
     r"apt-get ": "needs root and Debian",
     r"rerun ": "opens a window",
     r"python benchmarks/measured/real_frames.py ": "needs labelled frames of KITTI, which nobody may hand on",
+    r"lidcam view ": "opens a window: tests/lidcam/commands/test_view.py opens others in its place",
     r"lidcam fetch ": "needs the internet: tests/lidcam/networks fetches from a server on this machine",
     r"lidcam train ": "takes minutes: tests/lidcam/training learns from a few worlds",
     r"python benchmarks/measured/speed_page.py ": "takes minutes and writes a page of the documents",
@@ -174,6 +175,8 @@ def shortened(words: list[str]) -> list[str]:
     words = [word for word in words if word != "--view"]  # a window
     command = "process" if words[0] == "lidcam-process" else words[1]
     seconds = {"process": "0.4", "simulate": "0.02", "drive": "0.02"}.get(command)
+    if "--foxglove" in words:
+        words[words.index("--foxglove") + 1] = "0"  # a port that is free
     if "--duration" in words:
         words[words.index("--duration") + 1] = seconds or ""
     elif seconds:
@@ -235,6 +238,10 @@ def test_every_kind_of_command_is_there_and_every_exception_is_one() -> None:
 def test_extras_and_targets_of_make_exist() -> None:
     text = "\n".join([*all_commands(), (ROOT / "README.md").read_text(encoding="utf-8")])
     extras = {extra for names in re.findall(r"lidcam\[([\w,]+)\]", text) for extra in names.split(",")}
-    assert {"sim", "train", "video", "http", "s3"} <= extras <= set(PYPROJECT["project"]["optional-dependencies"])
+    assert (
+        {"sim", "train", "foxglove", "video", "http", "s3"}
+        <= extras
+        <= set(PYPROJECT["project"]["optional-dependencies"])
+    )
     targets = re.findall(r"^(\w[\w/.]*):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
     assert {target for command in all_commands() for target in re.findall(r"^make ([\w/.]+)", command)} <= {*targets}
