@@ -2,7 +2,7 @@
 
     import lidcam
 
-    run = lidcam.process("drive.bag", "out.mcap", model_2d="yolox_nano.onnx")
+    run = lidcam.process("drive.bag", "out.mcap", model_2d="yolox-nano")
     run.objects.to_pandas()
 
 The names are those of `lidcam.api`. They are loaded when they are first used, so `import lidcam` is instant.

@@ -1,8 +1,10 @@
 """Where the boxes of a frame come from before they are fused: a network, the clusters of a cloud, or the recording."""
 
 from collections.abc import Mapping
+from os.path import isfile
 from typing import Any, Literal
 
+from lidcam.networks.known import NETWORKS, network_path
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes2D, Boxes3D
 from pipeline.core.errors import ModelError, RecordingError
@@ -82,13 +84,16 @@ def add_boxes2d(
     if source == "recorded":
         recorded = graph.add("read 2D boxes", RecordedBoxes(rig, config, on_bad=on_bad), graph.frame)
         return recorded, recorded, frozenset()
-    if config.detect2d.model is None:
+    model = config.detect2d.model
+    if model is None:
         raise ModelError("2D detection by onnx needs a model: give --model-2d FILE.onnx or set detect2d.model")
+    if str(model) in NETWORKS and not isfile(network_path(model)):  # noqa: PTH113  # Path.is_file may raise
+        raise ModelError(f"{model}: is not on this machine yet: run lidcam fetch {model}")
     from pipeline.detectors.onnx.detector import OnnxDetector2D
     from pipeline.stages.detect2d import Detect2D
 
     images = graph.add("decode images", ImageDecoder(rig, config, on_bad=on_bad), graph.frame)
-    detector = OnnxDetector2D(config.detect2d.model, config.detect2d)
+    detector = OnnxDetector2D(network_path(model), config.detect2d)
     detect2d = Detect2D(rig, config.class_id_of_label, config.detect2d, detector)
     return images, graph.add("detect 2D", detect2d, images), detect2d.riders
 

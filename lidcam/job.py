@@ -57,6 +57,9 @@ class Job:
         on_bad_message: Whether a message that cannot be decoded, or damage of a file, is skipped or ends the run.
         overwrite: Whether outputs replace files that are no results of earlier runs, too.
         read_files: Other files that are read: settings, rig files, a network. No output may replace them.
+        view: Whether the Rerun viewer shows the frames while the run goes on.
+        foxglove: Host and port at which they are served over Foxglove's protocol; None: they are not.
+        pace: Times as fast as it was recorded that the run goes at most; None: as fast as it can.
     """
 
     inputs: tuple[Location, ...]
@@ -68,6 +71,9 @@ class Job:
     on_bad_message: OnBadMessage = "skip"
     overwrite: bool = False
     read_files: tuple[Path, ...] = ()
+    view: bool = False
+    foxglove: tuple[str, int] | None = None
+    pace: float | None = None
 
     __repr__ = brief
 
@@ -75,7 +81,8 @@ class Job:
         """Check the part of the recording.
 
         Raises:
-            ConfigError: it does not begin at 0 s or later, is empty, or `on_bad_message` is neither `skip` nor `fail`.
+            ConfigError: it does not begin at 0 s or later, is empty, `on_bad_message` is neither `skip` nor `fail`, or
+                `pace` is not positive.
         """
         if not 0 <= self.start_s < inf:
             raise ConfigError(f"start_s: expected 0 s or more, found {self.start_s}")
@@ -83,6 +90,8 @@ class Job:
             raise ConfigError(f"duration_s: expected more than 0 s, found {self.duration_s}")
         if self.on_bad_message not in get_args(OnBadMessage):
             raise ConfigError(f"on_bad_message: expected skip or fail, found {self.on_bad_message!r}")
+        if self.pace is not None and not 0 < self.pace < inf:
+            raise ConfigError(f"pace: expected more than 0, found {self.pace}")
 
     @property
     def config(self) -> Config:
@@ -99,7 +108,8 @@ class JobOptions(TypedDict, total=False):
         settings: Single settings on top: `{"sync.slop_s": 0.05}` or `["sync.slop_s=0.05"]`.
         rig: Rig file, loaded, by its path or by the name of a preset; or several, of which later ones add to and
             replace what earlier ones say. Without it sensors and calibration are found in the recording.
-        model_2d: 2D network (ONNX; docs/networks.md lists the exports that are known).
+        model_2d: 2D network: an ONNX file (docs/networks.md lists the exports that are known), or the name of one that
+            `lidcam fetch` brought.
         copy_topics: Topics that are copied to the MCAP output, by name or shell pattern; None: those of the truth.
         workers: Processes that share the frames, with this one; None: `run.workers` of the settings, else one per core.
             The result is the same.
@@ -107,6 +117,10 @@ class JobOptions(TypedDict, total=False):
         duration_s: Seconds to process; None: to the end.
         on_bad_message: `skip` counts messages that cannot be decoded, `fail` ends the run at the first.
         overwrite: Outputs replace files that are no results of earlier runs, too; never an input.
+        view: The Rerun viewer shows each frame when it is given.
+        foxglove: Port, or `HOST:PORT`, at which each frame is served over Foxglove's protocol when it is given; without
+            a host, to this machine alone.
+        pace: Times as fast as it was recorded that the run goes at most; None: as fast as it can.
     """
 
     config: Config | FilePath | None
@@ -119,6 +133,9 @@ class JobOptions(TypedDict, total=False):
     duration_s: float | None
     on_bad_message: OnBadMessage
     overwrite: bool
+    view: bool
+    foxglove: int | str | None
+    pace: float | None
 
 
 def make_job(
@@ -135,6 +152,9 @@ def make_job(
     duration_s: float | None = None,
     on_bad_message: OnBadMessage = "skip",
     overwrite: bool = False,
+    view: bool = False,
+    foxglove: int | str | None = None,
+    pace: float | None = None,
 ) -> Job:
     """A job, with its settings and its rig file read; arguments as of `lidcam.process`.
 
@@ -163,7 +183,22 @@ def make_job(
         on_bad_message=on_bad_message,
         overwrite=overwrite,
         read_files=read_files(config, rig, *named_files(choice.config).values()),
+        view=view,
+        foxglove=None if foxglove is None else _served_address(str(foxglove)),
+        pace=pace,
     )
+
+
+def _served_address(text: str) -> tuple[str, int]:
+    """Host and port of `8765`, `0.0.0.0:8765` or `[::1]:8765`; without a host that of this machine alone.
+
+    Raises:
+        ConfigError: it is none of these.
+    """
+    host, _, port = text.rpartition(":")
+    if not (port.isascii() and port.isdigit() and int(port) < 1 << 16):
+        raise ConfigError(f"foxglove: expected PORT or HOST:PORT, found {text!r}")
+    return host.removeprefix("[").removesuffix("]") or "127.0.0.1", int(port)
 
 
 def locations(recording: PathOrUrl | Sequence[PathOrUrl]) -> tuple[Location, ...]:

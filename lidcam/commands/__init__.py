@@ -5,14 +5,16 @@ import typer
 from lidcam.commands.compare import COMPARE_EXAMPLES, compare
 from lidcam.commands.config import config_app
 from lidcam.commands.demo import demo
-from lidcam.commands.drive import DRIVE_EXAMPLES, drive
 from lidcam.commands.evaluate import EVALUATE_EXAMPLES, evaluate
+from lidcam.commands.fetch import FETCH_EXAMPLES, fetch
 from lidcam.commands.inspect import INSPECT_EXAMPLES, inspect
 from lidcam.commands.options import Version
 from lidcam.commands.process import PROCESS_EXAMPLES, process
 from lidcam.commands.report import REPORT_EXAMPLES, report
-from lidcam.commands.simulate import SIMULATE_EXAMPLES, simulate
-from lidcam.commands.train import train_app
+from lidcam.commands.simulation.drive import DRIVE_EXAMPLES, drive
+from lidcam.commands.simulation.simulate import SIMULATE_EXAMPLES, simulate
+from lidcam.commands.simulation.train import train_app
+from lidcam.commands.view import VIEW_EXAMPLES, view
 
 __all__ = ["app", "process_app"]
 
@@ -33,7 +35,9 @@ app.command(epilog=INSPECT_EXAMPLES)(inspect)
 app.command(epilog=EVALUATE_EXAMPLES)(evaluate)
 app.command(epilog=COMPARE_EXAMPLES)(compare)
 app.command(epilog=REPORT_EXAMPLES)(report)
+app.command(epilog=VIEW_EXAMPLES)(view)
 app.command()(demo)
+app.command(epilog=FETCH_EXAMPLES)(fetch)
 app.command(epilog=SIMULATE_EXAMPLES)(simulate)
 app.command(epilog=DRIVE_EXAMPLES)(drive)
 app.add_typer(train_app, name="train", help="Train networks of your own on simulated worlds.")

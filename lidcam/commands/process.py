@@ -26,6 +26,7 @@ from lidcam.commands.options import (
 from lidcam.commands.strict import MAX_DROPPED_PERCENT, strict_failure
 from lidcam.commands.verdict import Verdict
 from lidcam.compiling import compiled_together
+from lidcam.printing.log import remark_log
 from pipeline.parallel.cores import THREADS_OF_LIBRARIES
 from readers.location import RemotePath, location
 
@@ -49,7 +50,7 @@ say what.
 \b
 Examples:
   lidcam-process drive.bag out.mcap --rerun out.rrd --objects out.csv
-  lidcam-process bag_folder out.mcap --model-2d yolox_nano.onnx
+  lidcam-process bag_folder out.mcap --model-2d yolox-nano
   lidcam-process drive.bag out.mcap --rig site.yaml --start 30 --duration 10
   lidcam-process part_0.mcap part_1.mcap out.mcap --set sync.slop_s=0.05
   lidcam-process https://host/drive.mcap out.mcap --start 30 --duration 10
@@ -95,7 +96,26 @@ def process(
     ] = None,
     model_2d: Annotated[
         Path | None,
-        typer.Option("--model-2d", metavar="FILE.onnx", help="2D detector (ONNX)."),
+        typer.Option(
+            "--model-2d", metavar="FILE.onnx|NAME", help="2D network: an ONNX file, or one that `lidcam fetch` brought."
+        ),
+    ] = None,
+    view: Annotated[
+        bool, typer.Option("--view", help="Show the frames in the Rerun viewer while the run goes on.")
+    ] = False,
+    foxglove: Annotated[
+        str | None,
+        typer.Option(
+            metavar="[HOST:]PORT",
+            help="Serve the frames to Foxglove while the run goes on; without a host, to this machine alone.",
+        ),
+    ] = None,
+    pace: Annotated[
+        float | None,
+        typer.Option(
+            metavar="TIMES",
+            help="Go no faster than so many times the pace of the recording, as 1; without it, as fast as it goes.",
+        ),
     ] = None,
     start: Annotated[float, typer.Option(min=0, metavar="S", callback=seconds, help="Skip the first S seconds.")] = 0.0,
     duration_s: Annotated[
@@ -201,7 +221,12 @@ def process(
             duration_s=duration_s,
             on_bad_message=on_bad_message,
             overwrite=overwrite,
+            view=view,
+            foxglove=foxglove,
+            pace=pace,
         )
+        if job.foxglove is not None:
+            remark_log.info("in Foxglove: Open connection, ws://%s:%d", *job.foxglove)
         run_process(
             job,
             detections=print_detections,

@@ -1,11 +1,13 @@
-"""The kinds of outputs of a run: one row each."""
+"""The kinds of outputs of a run, one row each, and the views of it while it goes on."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
 from lidcam.frames import RunInput
+from lidcam.job import Job
 from lidcam.outputs.allowed import (
     is_marked_clouds,
     is_marked_csv,
@@ -14,20 +16,21 @@ from lidcam.outputs.allowed import (
     is_marked_parquet,
     is_marked_rrd,
 )
-from pipeline.core.errors import ConfigError
+from pipeline.core.errors import ConfigError, OutputError
 from pipeline.core.settings.config import Config
 from readers.messages.image import decode_any_image
 from writers.base import ResultWriter
 from writers.clouds.writer import ObjectCloudsWriter
 from writers.foxglove.layout import layout_path
+from writers.live.pace import Pace
 from writers.mcap.writer import McapResultWriter
 from writers.outputs.marks import RESULT
-from writers.outputs.transaction import OutputTransaction
+from writers.outputs.transaction import OutputFile, OutputTransaction
 from writers.provenance import Provenance
 from writers.rerun.environment import without_rerun_variables
 from writers.tables.writer import CsvObjectsWriter, ParquetObjectsWriter
 
-__all__ = ["OUTPUTS", "OutputKind"]
+__all__ = ["OUTPUTS", "OutputKind", "live_views"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,11 +72,15 @@ def _open_mcap(_: Path, beside: tuple[Path, ...]) -> str:
 
 
 def _rrd(path: Path, outputs: OutputTransaction, source: RunInput, provenance: Provenance) -> ResultWriter:
+    return _rerun(outputs[path], source, provenance)
+
+
+def _rerun(output: OutputFile | None, source: RunInput, provenance: Provenance) -> ResultWriter:
     with without_rerun_variables():
         from writers.rerun.writer import RerunResultWriter  # loads Rerun, which takes half a second
 
     decode = partial(decode_any_image, limits=source.config.limits)
-    return RerunResultWriter(outputs[path], source.rig, source.config, provenance, decode_any_image=decode)
+    return RerunResultWriter(output, source.rig, source.config, provenance, decode_any_image=decode)
 
 
 def _csv(path: Path, outputs: OutputTransaction, source: RunInput, _: Provenance) -> ResultWriter:
@@ -116,3 +123,22 @@ OUTPUTS: dict[str, OutputKind] = {
     ),
 }
 """By the ending of their names; a folder has none."""
+
+
+def live_views(job: Job, source: RunInput, provenance: Provenance) -> Iterator[ResultWriter]:
+    """What shows the frames of a job while it goes on; first what holds it back for those who watch.
+
+    Raises:
+        OutputError: a library is not installed.
+    """
+    if job.pace is not None:
+        yield Pace(job.pace)
+    if job.view:
+        yield _rerun(None, source, provenance)
+    if job.foxglove is not None:
+        if find_spec("foxglove") is None:
+            raise OutputError("--foxglove needs foxglove-sdk, which is not installed: pip install 'lidcam[foxglove]'")
+        from writers.live.server import FoxgloveServer  # an extra
+
+        title = ", ".join(known["name"] for known in provenance.inputs) or "lidcam"
+        yield FoxgloveServer(*job.foxglove, title, source.rig, source.config, frames=source.truth_frames)

@@ -12,7 +12,7 @@ from lidcam.frames import RunInput
 from lidcam.job import Job
 from lidcam.outputs.account import account_text
 from lidcam.outputs.allowed import TEXT, Replaceable, check_no_input, check_replaced
-from lidcam.outputs.kinds import OUTPUTS
+from lidcam.outputs.kinds import OUTPUTS, live_views
 from lidcam.report import RunReport
 from lidcam.settings.effect import lasting_settings
 from pipeline.core.errors import OutputError
@@ -81,7 +81,7 @@ def open_writers(
     stack: ExitStack,
     report: Callable[[], RunReport],
 ) -> list[ResultWriter]:
-    """The writers of a job's outputs, open; they end with `stack`, before the outputs get their names.
+    """The writers of a job's outputs and views, open; they end with `stack`, before the outputs get their names.
 
     Args:
         job: The outputs.
@@ -94,11 +94,10 @@ def open_writers(
     Raises:
         OutputError: an output cannot be written.
     """
-    if not job.outputs:
-        return []
     provenance = _provenance(source, inputs, lambda: account_text(report(), job))
-    writers = ((path, OUTPUTS[path.suffix].open) for path in job.outputs)
-    return [stack.enter_context(opened(path, outputs, source, provenance)) for path, opened in writers if opened]
+    kinds = ((path, OUTPUTS[path.suffix].open) for path in job.outputs)
+    files = (opened(path, outputs, source, provenance) for path, opened in kinds if opened)
+    return [stack.enter_context(writer) for writer in chain(live_views(job, source, provenance), files)]
 
 
 def make_pages(job: Job, outputs: OutputTransaction) -> None:

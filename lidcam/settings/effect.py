@@ -5,6 +5,7 @@ from hashlib import sha256
 from os.path import isfile
 from pathlib import Path
 
+from lidcam.networks.known import network_path
 from pipeline.core.errors import ConfigError
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import dump_config
@@ -42,7 +43,8 @@ def check_effect(settings: Sequence[str], sections: Sequence[str]) -> None:
 def named_files(config: Config) -> dict[str, Path]:
     """The files that settings name and that are there, by their names in the metadata of a result."""
     lidars = {"velodyne": config.velodyne, **{f"velodyne.{key}": one for key, one in config.velodyne.topics.items()}}
-    named = {"network": config.detect2d.model, "network.names": config.detect2d.names}
+    model = config.detect2d.model
+    named = {"network": model and network_path(model), "network.names": config.detect2d.names}
     named |= {"detect3d.weights": config.detect3d.weights}
     named |= {f"{key}.calibration": one.calibration for key, one in lidars.items()}
     # Path.is_file raises where one may not enter; whoever reads the file says so.

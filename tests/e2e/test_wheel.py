@@ -46,7 +46,7 @@ def check_metadata(wheel: Path) -> None:
     assert {"Typing :: Typed", *(f"Programming Language :: Python :: 3.{n}" for n in (11, 12, 13))} <= set(
         metadata.classifiers or ()
     )
-    assert {"sim", "train", "video", "http", "s3"} <= set(metadata.provides_extra or ())
+    assert {"sim", "train", "foxglove", "video", "http", "s3"} <= set(metadata.provides_extra or ())
     assert metadata.description_content_type == "text/markdown"
     links = re.findall(r"\]\(([^)]+)\)", metadata.description or "")
     assert links

@@ -140,7 +140,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_header(name, value)
         self.end_headers()
         body = content if has_body else b""
-        if body and status == 206 and state.drops:
+        if body and status in {200, 206} and state.drops:
             state.drops -= 1
             body = body[: len(body) // 2]
             self.close_connection = True

@@ -7,6 +7,7 @@ their way, and chunks are compressed and written on a thread beside the run.
 import base64
 import contextlib
 import zlib
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import BinaryIO
@@ -35,7 +36,7 @@ from pipeline.parallel.background import Background
 from writers.mcap.chunk import Buffer, Chunk, Compression, compressor
 from writers.outputs.marks import LIBRARY
 
-__all__ = ["McapOutput", "mcap_file"]
+__all__ = ["McapOutput", "MessageSink", "mcap_file"]
 
 CHUNK_BYTES = 1 << 20
 """An image or cloud is about one chunk: a viewer that shows one topic unpacks little else."""
@@ -54,7 +55,35 @@ _SUMMARY = (
 """Groups of the summary, in their order."""
 
 
-class McapOutput:
+class MessageSink(ABC):
+    """Takes channels and their messages: a file, or a server."""
+
+    @abstractmethod
+    def add_channel(
+        self, topic: str, encoding: str, schema: tuple[str, str, bytes], metadata: Mapping[str, str] | None = None
+    ) -> int:
+        """The id of a new channel; `schema` is name, encoding and data (mcap.dev/spec/registry)."""
+
+    @abstractmethod
+    def add_message(self, channel: int, log_time_ns: int, data: Buffer | Sequence[Buffer], sequence: int = 0) -> None:
+        """Add a message, published when it was logged; its bytes, or parts of them, must not change any more."""
+
+    def add_ros2(self, topic: str, msgtype: str, qos: str | None = "") -> int:
+        """The id of a new channel for CDR messages of lidcam's own, whose publisher offers this quality of service."""
+        schema = msgtype, "ros2msg", ROS2.definition(msgtype).encode()
+        return self.add_channel(topic, "cdr", schema, {} if qos is None else {"offered_qos_profiles": qos})
+
+    def add_recorded(self, channel: Channel, topic: str = "") -> int:
+        """The id of a new channel for messages as they were recorded, under another topic if one is given."""
+        metadata = {}
+        if channel.digest:
+            metadata["md5sum" if channel.encoding == "ros1" else "topic_type_hash"] = channel.digest
+        if channel.encoding == "cdr":
+            metadata["offered_qos_profiles"] = ""
+        return self.add_channel(topic or channel.topic, channel.encoding, _schema(channel), metadata)
+
+
+class McapOutput(MessageSink):
     """An open MCAP file; `mcap_file` opens one.
 
     Errors of the thread that writes are raised by the next call.
@@ -82,7 +111,7 @@ class McapOutput:
     def add_channel(
         self, topic: str, encoding: str, schema: tuple[str, str, bytes], metadata: Mapping[str, str] | None = None
     ) -> int:
-        """The id of a new channel; `schema` is name, encoding and data (mcap.dev/spec/registry), written once."""
+        """As of `MessageSink`; a schema is written once."""
         counts = self._statistics
         if schema not in self._schemas:
             counts.schema_count += 1
@@ -94,22 +123,8 @@ class McapOutput:
         self._define(Opcode.CHANNEL, record)
         return counts.channel_count
 
-    def add_ros2(self, topic: str, msgtype: str, qos: str | None = "") -> int:
-        """The id of a new channel for CDR messages of lidcam's own, whose publisher offers this quality of service."""
-        schema = msgtype, "ros2msg", ROS2.definition(msgtype).encode()
-        return self.add_channel(topic, "cdr", schema, {} if qos is None else {"offered_qos_profiles": qos})
-
-    def add_recorded(self, channel: Channel, topic: str = "") -> int:
-        """The id of a new channel for messages as they were recorded, under another topic if one is given."""
-        metadata = {}
-        if channel.digest:
-            metadata["md5sum" if channel.encoding == "ros1" else "topic_type_hash"] = channel.digest
-        if channel.encoding == "cdr":
-            metadata["offered_qos_profiles"] = ""
-        return self.add_channel(topic or channel.topic, channel.encoding, _schema(channel), metadata)
-
     def add_message(self, channel: int, log_time_ns: int, data: Buffer | Sequence[Buffer], sequence: int = 0) -> None:
-        """Add a message, published when it was logged; its bytes, or parts of them, must not change any more."""
+        """As of `MessageSink`."""
         parts = (data,) if isinstance(data, bytes | memoryview) else data
         self._chunk.add_message(channel, sequence, log_time_ns, parts)
         self._end_full_chunk()

@@ -9,6 +9,7 @@ results give equal bytes.
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, Self
 
@@ -26,7 +27,7 @@ from pipeline.core.true_boxes import TrueBoxes
 from writers.drawing import ObjectEdges, object_edges, track_numbers
 from writers.foxglove.layout import foxglove_layout
 from writers.mcap.chunk import Buffer
-from writers.mcap.output import McapOutput, mcap_file
+from writers.mcap.output import McapOutput, MessageSink, mcap_file
 from writers.messages.annotations import image_annotations
 from writers.messages.detections import detections_2d, detections_3d, lidcam_objects, track_array
 from writers.messages.diagnostics import diagnostics
@@ -42,7 +43,7 @@ from writers.trails import Trails
 from writers.truth_times import FrameTime, TruthTimes
 from writers.viewpoint import SceneSurvey
 
-__all__ = ["McapResultWriter", "reserved_topics"]
+__all__ = ["McapResultWriter", "ResultMessages", "reserved_topics"]
 
 TRACKS = "/tracks"
 """Topic of the tracks; it has a message in each frame where objects are tracked."""
@@ -106,15 +107,9 @@ class McapResultWriter:
         self._output, self._layout, self._path = output, layout, output.path
         self._rig, self._config, self._provenance, self._frames = rig, config, provenance, frames
         self._resources = ExitStack()
-        self._channels: dict[str, int] = {}
-        self._copied: dict[Channel, int] = {}
-        self._camera_infos: dict[str, memoryview] = {}  # behind the stamps, which alone change
-        self._filled: set[str] = set()
-        self._messages = 0
         self._survey = SceneSurvey(rig)
-        self._truth_times = TruthTimes()
-        self._trails = Trails(rig.site_frame, config.combine.motion)
         self._file: McapOutput
+        self._messages: ResultMessages
 
     def __enter__(self) -> Self:
         with ExitStack() as resources, output_errors(self._path):
@@ -123,10 +118,7 @@ class McapResultWriter:
             compression = self._config.output.compression
             self._file = resources.enter_context(mcap_file(self._output.part, profile="ros2", compression=compression))
             self._attach()
-            for topic, msgtype in _written_topics(self._rig, self._config.output):
-                self._register(topic, msgtype)
-            for topic in _LATER:
-                self._check_name(topic)
+            self._messages = ResultMessages(self._file, self._path, self._rig, self._config, self._frames)
             self._resources = resources.pop_all()
         return self
 
@@ -135,7 +127,7 @@ class McapResultWriter:
     ) -> None:
         with output_errors(self._path):
             if kind is None:
-                self._draw_truth(self._truth_times.rest())
+                self._messages.finish()
                 if later := self._provenance.checksums():
                     self._file.add_metadata(INPUTS, later)
                 account = self._provenance.account()
@@ -152,6 +144,67 @@ class McapResultWriter:
             OutputError: the file cannot be written, or a stamp does not fit a ROS 2 header.
         """
         self._survey.add(result)
+        with output_errors(self._path):
+            return self._messages.put(result)
+
+    @contextmanager
+    def _written_layout(self, layout: OutputFile) -> Iterator[None]:
+        """Writes the layout when the block ends well: it names only topics that the file has."""
+        yield
+        layout.write_text(foxglove_layout(self._rig, self._survey, self._messages.filled))
+
+    def _attach(self) -> None:
+        self._file.add_metadata(RESULT, self._provenance.metadata())
+        for name, text in (("lidcam.yaml", self._provenance.config_yaml), ("rig.yaml", self._provenance.rig_yaml)):
+            self._file.attach(name, text, self._provenance.start_ns)
+
+
+class ResultMessages:
+    """Makes the messages of one run's frames, for whatever takes them.
+
+    Args:
+        sink: Takes them.
+        path: What it is called in messages of errors.
+        config: The settings of the run; `output` selects topics.
+        frames: T_site_frame of frames that copied messages stand in.
+
+    Attributes:
+        filled: Topics that have messages so far.
+
+    Raises:
+        OutputError: two topics have one name.
+    """
+
+    def __init__(
+        self, sink: MessageSink, path: Path, rig: Rig, config: Config, frames: Sequence[Transform] = ()
+    ) -> None:
+        self._sink, self._path = sink, path
+        self._rig, self._config, self._frames = rig, config, frames
+        self._channels: dict[str, int] = {}
+        self._copied: dict[Channel, int] = {}
+        self._camera_infos: dict[str, memoryview] = {}  # behind the stamps, which alone change
+        self.filled: set[str] = set()
+        self._messages = 0
+        self._truth_times = TruthTimes()
+        self._trails = Trails(rig.site_frame, config.combine.motion)
+        for topic, msgtype in _written_topics(rig, config.output):
+            self._register(topic, msgtype)
+        for topic in _LATER:
+            self._check_name(topic)
+
+    def finish(self) -> None:
+        """Put what waited for the end of the run."""
+        self._draw_truth(self._truth_times.rest())
+
+    def put(self, result: FrameResult) -> tuple[Drop, ...]:
+        """Put the messages of one frame.
+
+        Returns:
+            Images that could not be copied because their bytes do not fit their type.
+
+        Raises:
+            OutputError: a stamp does not fit a ROS 2 header.
+        """
         log_time_ns, stamp_ns = result.bundle.log_time_ns, result.bundle.stamp_ns
         stamps_ns = [stamp_ns, *(message.stamp_ns for message in result.bundle.messages.values())]
         for fault in filter(None, map(time_fault, stamps_ns)):
@@ -161,18 +214,17 @@ class McapResultWriter:
             )
         before = [message for message in result.bundle.copied if message.log_time_ns <= log_time_ns]
         after = [message for message in result.bundle.copied if message.log_time_ns > log_time_ns]
-        with output_errors(self._path):
-            self._copy(before)
-            if "/tf_static" not in self._filled:
-                self._put("/tf_static", static_transforms(self._rig, min(stamps_ns), self._frames), log_time_ns)
-            motion, limits = result.bundle.motion, self._config.combine.motion
-            if motion is not None and motion.covers(
-                stamp_ns, stamp_ns, max_extrapolation_s=limits.max_extrapolation_s, max_gap_s=limits.max_gap_s
-            ):
-                self._put("/tf", moving_transform(motion, stamp_ns), log_time_ns)
-            not_copied = self._put_results(result)
-            self._draw_truth(self._truth_times.add(result.bundle))
-            self._copy(after)
+        self._copy(before)
+        if "/tf_static" not in self.filled:
+            self._put("/tf_static", static_transforms(self._rig, min(stamps_ns), self._frames), log_time_ns)
+        motion, limits = result.bundle.motion, self._config.combine.motion
+        if motion is not None and motion.covers(
+            stamp_ns, stamp_ns, max_extrapolation_s=limits.max_extrapolation_s, max_gap_s=limits.max_gap_s
+        ):
+            self._put("/tf", moving_transform(motion, stamp_ns), log_time_ns)
+        not_copied = self._put_results(result)
+        self._draw_truth(self._truth_times.add(result.bundle))
+        self._copy(after)
         return not_copied
 
     def _put_results(self, result: FrameResult) -> tuple[Drop, ...]:
@@ -251,8 +303,8 @@ class McapResultWriter:
         for message in messages:
             channel = message.channel
             if channel not in self._copied:
-                self._copied[channel] = self._file.add_recorded(channel)
-            self._file.add_message(self._copied[channel], message.log_time_ns, message.data, self._messages)
+                self._copied[channel] = self._sink.add_recorded(channel)
+            self._sink.add_message(self._copied[channel], message.log_time_ns, message.data, self._messages)
             self._messages += 1
 
     def _draw_truth(self, known: Iterable[tuple[FrameTime, TrueBoxes]]) -> None:
@@ -264,13 +316,13 @@ class McapResultWriter:
 
     def _put_bytes(self, topic: str, msgtype: str, cdr: Buffer, log_time_ns: int) -> None:
         channel = self._channels.get(topic) or self._register(topic, msgtype)
-        self._file.add_message(channel, log_time_ns, cdr, self._messages)
-        self._filled.add(topic)
+        self._sink.add_message(channel, log_time_ns, cdr, self._messages)
+        self.filled.add(topic)
         self._messages += 1
 
     def _register(self, topic: str, msgtype: str) -> int:
         self._check_name(topic)
-        self._channels[topic] = self._file.add_ros2(topic, msgtype, LATCHED_YAML if topic == "/tf_static" else "")
+        self._channels[topic] = self._sink.add_ros2(topic, msgtype, LATCHED_YAML if topic == "/tf_static" else "")
         return self._channels[topic]
 
     def _check_name(self, topic: str) -> None:
@@ -278,17 +330,6 @@ class McapResultWriter:
             raise OutputError(
                 f"{self._path}: two outputs are called {topic}; rename the camera of that name in the rig"
             )
-
-    @contextmanager
-    def _written_layout(self, layout: OutputFile) -> Iterator[None]:
-        """Writes the layout when the block ends well: it names only topics that the file has."""
-        yield
-        layout.write_text(foxglove_layout(self._rig, self._survey, self._filled))
-
-    def _attach(self) -> None:
-        self._file.add_metadata(RESULT, self._provenance.metadata())
-        for name, text in (("lidcam.yaml", self._provenance.config_yaml), ("rig.yaml", self._provenance.rig_yaml)):
-            self._file.attach(name, text, self._provenance.start_ns)
 
 
 class _View(NamedTuple):

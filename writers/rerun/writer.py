@@ -7,6 +7,7 @@ with `rerun rrd compare --unordered`.
 
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
@@ -43,6 +44,7 @@ from writers.rerun import archetypes
 from writers.rerun.blueprint import FIXED, PLACED, WAY, blueprint, camera_path, place_eye
 from writers.rerun.environment import without_rerun_variables
 from writers.rerun.stream import RerunStream
+from writers.rerun.viewer import RerunViewer
 from writers.trails import Trails
 from writers.truth_times import FrameTime, TruthTimes
 from writers.viewpoint import SceneSurvey
@@ -52,6 +54,8 @@ __all__ = ["RerunResultWriter"]
 JPEG_QUALITY = 90
 FLUSH_TICK_S = 86400
 """Rerun cuts data into chunks by size and by this time; a day, so that the clock decides nothing."""
+SHOWN_TICK_S = 0.1
+"""The same time for the viewer, which shows a chunk when it has it."""
 MAX_WAITING_BYTES, MAX_WAITING_FRAMES = 1 << 26, 1000
 """Images and points, and frames, that are logged before the writer waits until they are in the file."""
 POINT_BYTES = 16
@@ -62,26 +66,27 @@ _MAGIC = {b"\xff\xd8\xff": "image/jpeg", b"\x89PN": "image/png"}
 
 
 class RerunResultWriter:
-    """Writes one run's frames to a file, which is complete when the block ends without error.
+    """Writes one run's frames to a file, which is complete when the block ends without error, or shows them.
 
     Args:
+        output: The file; None opens the viewer and shows each frame when it is given.
         config: The settings of the run; `output` selects images and clouds.
         provenance: Gives the recording id: equal for equal inputs and settings.
         decode_any_image: Decodes an image that is neither JPEG nor PNG; those are passed through.
     """
 
-    name = "rerun"
-
     def __init__(
         self,
-        output: OutputFile,
+        output: OutputFile | None,
         rig: Rig,
         config: Config,
         provenance: Provenance,
         *,
         decode_any_image: Callable[[RawMessage], Image],
     ) -> None:
+        self.name = "view" if output is None else "rerun"
         self._output, self._rig, self._config = output, rig, config
+        self._path = Path("--view") if output is None else output.path
         self._provenance, self._decode = provenance, decode_any_image
         self._resources = ExitStack()
         self._recording: rr.RecordingStream
@@ -98,18 +103,23 @@ class RerunResultWriter:
         self._frames = self._waiting_bytes = 0
 
     def __enter__(self) -> Self:
-        with ExitStack() as resources, output_errors(self._output.path):
-            file = resources.enter_context(self._output.part.open("xb", buffering=0))
+        with ExitStack() as resources, output_errors(self._path):
+            output = self._output
+            file = None if output is None else resources.enter_context(output.part.open("xb", buffering=0))
             resources.enter_context(without_rerun_variables())
             self._recording = rr.RecordingStream(
                 "lidcam",
-                recording_id=self._provenance.recording_id,
+                recording_id=None if file is None else self._provenance.recording_id,
                 send_properties=False,
-                batcher_config=rr.ChunkBatcherConfig(flush_tick=FLUSH_TICK_S),
+                batcher_config=rr.ChunkBatcherConfig(flush_tick=SHOWN_TICK_S if file is None else FLUSH_TICK_S),
             )
             self._recording.set_log_time_enabled(False)
             self._recording.set_log_tick_enabled(False)
-            self._stream = RerunStream(self._recording, file, self._output.path)
+            self._stream: RerunStream | RerunViewer
+            if file is None:
+                self._stream = RerunViewer(self._recording)
+            else:
+                self._stream = RerunStream(self._recording, file, self._path)
             resources.push(self._end)
             self._recording.send_recording_name(
                 visible(", ".join(known["name"] for known in self._provenance.inputs)) or "lidcam"
@@ -120,7 +130,7 @@ class RerunResultWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with output_errors(self._output.path):
+        with output_errors(self._path):
             self._resources.__exit__(kind, error, trace)
 
     def _end(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -143,12 +153,12 @@ class RerunResultWriter:
         Returns:
             Images that cannot be decoded.
         """
-        with output_errors(self._output.path):
+        with output_errors(self._path):
             self._stream.check()
         if self._survey.frames == 0:
             self._log_static()
         self._survey.add(result)
-        if self._survey.is_complete and not self._is_placed:
+        if not self._is_placed and (self._survey.is_complete or self._output is None):  # who looks on does not wait
             self._place_eye()
         if result.bundle.motion is not None:
             self._fixed_frame_id = result.bundle.motion.fixed_frame_id
@@ -165,7 +175,7 @@ class RerunResultWriter:
         self._recording.log("metrics/objects", rr.Scalars(float(len(result.fused.objects))))
         self._recording.log("metrics/confirmed", rr.Scalars(float((result.fused.matched > 0).sum())))
         self._recording.log("metrics/skew_ms", rr.Scalars(result.bundle.skew_ns / 1e6))
-        with output_errors(self._output.path):
+        with output_errors(self._path):
             self._bound_memory()
         return tuple(drops)
 

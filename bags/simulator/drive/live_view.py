@@ -1,7 +1,5 @@
 """A running simulation in the Rerun viewer: clouds, images and ground truth."""
 
-import os
-import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,8 +13,8 @@ from bags.simulator.recorder.states import TRUTH_TOPIC
 from bags.simulator.recorder.true_rig import T_carrier_sensor
 from bags.simulator.scenario.sensors import SensorScenario
 from bags.simulator.sensors.lens import camera_model
-from pipeline.core.errors import OutputError
 from pipeline.core.ros.typestores import message_types
+from writers.rerun.viewer import start_viewer
 
 __all__ = ["LiveView"]
 
@@ -52,14 +50,7 @@ class LiveView:
         Raises:
             OutputError: the viewer cannot be started.
         """
-        if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-            raise OutputError("--view: expected a display for the Rerun viewer, found none (DISPLAY is not set)")
-        # The viewer is a program of its own, which sends usage statistics to its maker, but not from such machines.
-        os.environ.setdefault("CI", "true")
-        try:
-            self._stream.spawn()
-        except (OSError, RuntimeError) as err:
-            raise OutputError(f"--view: the Rerun viewer cannot be started: {err}") from err
+        start_viewer(self._stream)
         return self
 
     def show(self, recorded: Sequence[Recorded]) -> None:

@@ -115,7 +115,8 @@ class Detect2DConfig(SettingsModel):
     Attributes:
         method: `onnx` runs a network, `recorded` takes 2D boxes from the recording, `none` finds nothing. `auto` is
             `onnx` if a model is given, else `recorded` if there are boxes, else `none`.
-        model: ONNX file, relative to the working folder; docs/networks.md lists the exports that are known.
+        model: ONNX file, relative to the working folder, or the name of a network that `lidcam fetch` brought;
+            docs/networks.md lists the exports that are known.
         layout: Layout of the network's outputs. `auto`: recognised by their shapes. `yolox`; `yolov5` (also YOLOv6,
             YOLOv7); `yolov8` (also YOLO11); `end_to_end`: with suppression inside (also YOLOv10, YOLO26); `rtdetr`: of
             Ultralytics; `detr`: boxes and scores (RT-DETR, D-FINE, RF-DETR); `dfine`: labels, boxes and scores.

@@ -77,7 +77,7 @@ class OnnxSession:
             raise ModelError(f"{path}: expected a path in UTF-8, as onnxruntime needs it; rename it")
         try:
             if not path.is_file():
-                found = "a folder" if path.is_dir() else "no such file"
+                found = "a folder" if path.is_dir() else "no such file; lidcam fetch yolox-nano downloads one"
                 raise ModelError(f"{path}: expected an ONNX file, found {found}")
         except OSError as err:
             raise ModelError(f"{path}: expected an ONNX file that can be read: {err.strerror}") from err

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from small_scenario import SMALL, write_small_scenario
 
 from bags.simulator.scenario.traffic import controller_topics
-from lidcam.commands.simulate import simulate as record
+from lidcam.commands.simulation.simulate import simulate as record
 from pipeline.core.arrays import F64
 from pipeline.core.ros.typestores import message_types
 

@@ -55,7 +55,7 @@ def simulate(
     if family is not None and scenario != RANDOM:
         raise typer.BadParameter(f"expected the scenario {RANDOM}, found {scenario}", param_hint="--family")
     check_simulator()
-    from lidcam.commands.scenario import drawn_scenario, recording_to, scenario_of
+    from lidcam.commands.simulation.scenario import drawn_scenario, recording_to, scenario_of
     from lidcam.printing.progress import show_progress
 
     if scenario == RANDOM:

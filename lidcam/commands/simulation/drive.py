@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lidcam.commands.options import Format, Overwrite, RecordingOut, Scenario, Seed, Setting, duration, with_log_options
-from lidcam.commands.simulate import check_simulator
+from lidcam.commands.simulation.simulate import check_simulator
 from lidcam.printing.escaping import visible
 from lidcam.printing.log import progress_log
 from pipeline.core.errors import ConfigError
@@ -57,7 +57,7 @@ def drive(
     """Drive the cars of a scenario from the keyboard, and record it."""
     check_simulator()
     from bags.simulator.drive.driving import drive as driven
-    from lidcam.commands.scenario import recording_to, scenario_of
+    from lidcam.commands.simulation.scenario import recording_to, scenario_of
 
     found = scenario_of(scenario, settings or (), duration_s=duration_s, seed=seed)
     drivable = tuple(name for name, vehicle in found.vehicles.items() if vehicle.commands)

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import typer
 
 from lidcam.commands.options import Overwrite, ends_in, with_log_options
-from lidcam.commands.simulate import check_simulator
+from lidcam.commands.simulation.simulate import check_simulator
 from pipeline.core.errors import OutputError
 
 __all__ = ["train_app"]

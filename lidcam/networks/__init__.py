@@ -1,0 +1,1 @@
+"""2D networks that are known by name, and brought on request."""

@@ -1,0 +1,125 @@
+"""A run that is watched while it goes on."""
+
+import socket
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from command import called
+from foxglove_client import FoxgloveClient
+from mcap.reader import make_reader
+
+import lidcam
+from pipeline.core.frame import FrameResult
+
+SANDBOX = Path(__file__).resolve().parents[2] / "bags" / "sandbox.bag"
+
+
+@pytest.fixture
+def port() -> int:
+    """One that is free."""
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        number: int = unused.getsockname()[1]
+        return number
+
+
+def test_foxglove_gets_what_the_file_gets(tmp_path: Path, port: int) -> None:
+    """From the second frame on: it connects after the first. What comes once is sent again."""
+    clients, log_times_ns = list[FoxgloveClient](), list[int]()
+
+    def on_frame(frame: FrameResult) -> None:
+        log_times_ns.append(frame.bundle.log_time_ns)
+        if not clients:
+            clients.append(FoxgloveClient(port))
+            assert clients[0].subscribed.wait(60)
+
+    lidcam.process(
+        SANDBOX, tmp_path / "out.mcap", config="sandbox", duration_s=0.6, workers=1, foxglove=port, on_frame=on_frame
+    )
+    (client,) = clients
+    client.join()
+    expected: dict[str, list[tuple[int, bytes]]] = {}
+    copied = ("/ground_truth/",)  # of the first frame some, recorded later than it
+    with (tmp_path / "out.mcap").open("rb") as file:
+        reader = make_reader(file)
+        summary = reader.get_summary()
+        assert summary is not None
+        names = {channel.topic: summary.schemas[channel.schema_id].name for channel in summary.channels.values()}
+        for _, channel, message in reader.iter_messages(log_time_order=False):
+            if message.log_time > log_times_ns[0] or channel.topic == "/tf_static":
+                expected.setdefault(channel.topic, []).append((message.log_time, message.data))
+    assert {topic: one["schemaName"] for topic, one in client.channels.items()} == names
+    assert len(log_times_ns) > 2
+    for topic, found in client.messages.items():
+        assert found == expected[topic][-len(found) :], topic
+    late = {topic for topic, found in client.messages.items() if len(found) < len(expected[topic])}
+    assert all(topic.startswith(copied) for topic in late | (expected.keys() - client.messages.keys()))
+    for topic in client.messages:
+        assert client.decoded(topic) is not None
+    assert len(client.decoded("/point_cloud_combined").data) > 10_000
+    assert client.times_ns[-1] == log_times_ns[-1]
+    assert (client.server["name"], client.server["capabilities"]) == ("sandbox.bag", ["time"])
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (("--foxglove", "http"), "foxglove: expected PORT or HOST:PORT, found 'http'"),
+        (("--foxglove", "65536"), "foxglove: expected PORT or HOST:PORT, found '65536'"),
+        (("--foxglove", "TAKEN"), "--foxglove: expected a free port, found 127.0.0.1:"),
+        (("--pace", "0"), "pace: expected more than 0, found 0.0"),
+    ],
+)
+def test_what_cannot_be_served(tmp_path: Path, options: tuple[str, ...], told: str) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        given = [str(taken.getsockname()[1]) if option == "TAKEN" else option for option in options]
+        done = called(tmp_path, "process", SANDBOX, "out.mcap", "--duration", "0.2", "--workers", "1", *given)
+    assert done.code == 1
+    assert told in done.error_line
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidcam.outputs.kinds.find_spec", lambda _: None)
+    done = called(tmp_path, "process", SANDBOX, "out.mcap", "--duration", "0.2", "--workers", "1", "--foxglove", 0)
+    assert done.error_line.endswith("which is not installed: pip install 'lidcam[foxglove]'")
+
+
+@pytest.mark.parametrize(
+    ("given", "address"),
+    [
+        (8765, ("127.0.0.1", 8765)),
+        ("8765", ("127.0.0.1", 8765)),
+        ("0.0.0.0:1", ("0.0.0.0", 1)),
+        ("[::1]:2", ("::1", 2)),
+    ],
+)
+def test_addresses(given: int | str, address: tuple[str, int]) -> None:
+    assert lidcam.make_job(SANDBOX, foxglove=given).foxglove == address
+
+
+def test_a_run_keeps_the_pace_of_its_recording(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Seen by a clock that only the waiting moves."""
+    now_s, seen = 100.0, list[tuple[float, float]]()
+
+    def sleep(seconds: float) -> None:
+        nonlocal now_s
+        now_s += seconds
+
+    monkeypatch.setattr("writers.live.pace.time", SimpleNamespace(monotonic=lambda: now_s, sleep=sleep))
+    lidcam.process(
+        SANDBOX,
+        config="sandbox",
+        duration_s=0.5,
+        workers=1,
+        pace=0.5,
+        on_frame=lambda frame: seen.append((now_s, frame.bundle.stamp_ns / 1e9)),
+    )
+    (first_s, first_stamp_s), *later = seen
+    assert first_s == 100.0
+    assert len(later) > 2
+    waited_s, recorded_s = zip(*((at_s - first_s, stamp_s - first_stamp_s) for at_s, stamp_s in later), strict=True)
+    assert waited_s == pytest.approx([2 * seconds for seconds in recorded_s])

@@ -1,0 +1,174 @@
+"""`lidcam fetch`, from a server on this machine in place of the maker's."""
+
+import hashlib
+import socket
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from http.client import HTTPMessage
+from io import BytesIO
+from pathlib import Path
+from urllib.error import URLError
+from urllib.request import Request
+
+import numpy as np
+import pytest
+from command import Run, called
+from helpers import shared
+from onnx_files import write_yolox
+from PIL import Image
+from range_server import RangeServer, range_server
+
+from lidcam.networks.fetch import _SafeRedirects
+from lidcam.networks.known import NETWORKS, KnownNetwork, network_path, networks_folder
+from pipeline.core.errors import ModelError
+from pipeline.core.settings.detect import Detect2DConfig
+from pipeline.detectors.onnx.detector import OnnxDetector2D
+from readers.results.result import open_result
+
+SANDBOX = Path(__file__).resolve().parents[3] / "bags" / "sandbox.bag"
+NAME = "yolox-nano"
+
+
+@pytest.fixture
+def server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[RangeServer]:
+    """A server that publishes a network, which the table then knows under `NAME`."""
+    data = write_yolox(tmp_path / "n.onnx", np.zeros((84, 85), np.float32), size_px=(64, 64)).read_bytes()
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    for variable in ("http_proxy", "HTTP_PROXY", "all_proxy"):
+        monkeypatch.delenv(variable, raising=False)
+    with range_server({"/yolox_nano.onnx": data}) as running:
+        publish(monkeypatch, f"{running.url}/yolox_nano.onnx", data)
+        yield running
+
+
+def publish(monkeypatch: pytest.MonkeyPatch, address: str, data: bytes) -> None:
+    digest = hashlib.sha256(data).hexdigest()
+    known = replace(NETWORKS[NAME], address=address, size_bytes=len(data), sha256=digest)
+    monkeypatch.setitem(NETWORKS, NAME, known)
+
+
+def process(folder: Path) -> Run:
+    less = ("--config", "sandbox", "--duration", "0.2", "--workers", "1", "--json")
+    return called(folder, "process", SANDBOX, "out.mcap", "--model-2d", NAME, *less)
+
+
+def test_a_network_is_fetched_once_and_only_on_request(server: RangeServer, tmp_path: Path) -> None:
+    missing = process(tmp_path)
+    assert (missing.code, server.requests) == (1, [])
+    assert missing.error_line.endswith("yolox-nano: is not on this machine yet: run lidcam fetch yolox-nano")
+
+    server.redirects["/yolox_nano.onnx"] = "/elsewhere.onnx"  # as GitHub does
+    server.files["/elsewhere.onnx"] = server.files["/yolox_nano.onnx"]
+    done = called(tmp_path, "fetch", NAME)
+    path = networks_folder() / "yolox_nano.onnx"
+    assert (done.code, done.err) == (0, f"wrote {path}\n")
+    assert NETWORKS[NAME].address in done.out
+    assert "licence Apache-2.0: https://" in done.out
+    assert path.read_bytes() == server.files["/elsewhere.onnx"]
+
+    asked = len(server.requests)
+    assert called(tmp_path, "fetch", NAME).err == f"{path} is there already\n"
+    used = process(tmp_path)
+    assert used.code == 0, used.err
+    with open_result(tmp_path / "out.mcap") as result:
+        assert (result.metadata["network.name"], result.metadata["network.sha256"]) == (
+            path.name,
+            NETWORKS[NAME].sha256,
+        )
+    assert len(server.requests) == asked
+
+    path.write_bytes(b"damaged")
+    assert called(tmp_path, "fetch", NAME).code == 0
+    assert path.read_bytes() == server.files["/elsewhere.onnx"]
+
+
+def other(data: bytes) -> bytes:
+    return bytes([data[0] ^ 1]) + data[1:]
+
+
+CASES: dict[str, tuple[Callable[[RangeServer, bytes], object], str]] = {
+    "another file": (lambda s, data: s.files.update({"/yolox_nano.onnx": other(data)}), "expected SHA-256"),
+    "too large": (lambda s, data: s.files.update({"/yolox_nano.onnx": data + b"x"}), "bytes, found more"),
+    "cut": (lambda s, _: setattr(s, "drops", 1), "bytes, found"),
+    "not there": (lambda s, _: s.statuses.update({"/yolox_nano.onnx": 404}), "the server answers 404 Not Found"),
+    "refused": (lambda s, _: s.statuses.update({"/yolox_nano.onnx": 403}), "the server answers 403 Forbidden"),
+    "elsewhere": (
+        lambda s, _: s.redirects.update({"/yolox_nano.onnx": "ftp://host/n.onnx"}),
+        "it leads to ftp://host, and not to https",
+    ),
+    "in a circle": (
+        lambda s, _: s.redirects.update({"/yolox_nano.onnx": "/yolox_nano.onnx"}),
+        "the server answers 302",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_is_not_the_network_is_not_kept(server: RangeServer, tmp_path: Path, case: str) -> None:
+    spoil, told = CASES[case]
+    spoil(server, server.files["/yolox_nano.onnx"])
+    done = called(tmp_path, "fetch", NAME)
+    path = networks_folder() / "yolox_nano.onnx"
+    assert done.code == 1
+    assert told in done.error_line
+    assert done.error_line.startswith(f"lidcam: error: {NETWORKS[NAME].address}: ")
+    assert done.error_line.endswith(f"download it by hand and save it as {path}")
+    assert not (tmp_path / "data").exists()
+
+
+@pytest.mark.usefixtures("server")
+def test_no_network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))  # nobody listens
+        publish(monkeypatch, f"http://127.0.0.1:{unused.getsockname()[1]}/yolox_nano.onnx", b"n")
+        done = called(tmp_path, "fetch", NAME)
+    assert done.code == 1
+    assert "Connection refused; nothing was written" in done.error_line
+
+
+@pytest.mark.usefixtures("server")
+def test_no_space(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("writers.outputs.work_folder.os.fsync", full)
+    done = called(tmp_path, "fetch", NAME)
+    folder = networks_folder()
+    assert (done.code, list(folder.iterdir())) == (1, [])
+    assert done.error_line.endswith(f"{folder}/yolox_nano.onnx: cannot be written: No space left on device")
+
+
+def test_nothing_leads_from_https_to_http() -> None:
+    redirects, request = _SafeRedirects(), Request("https://github.com/n.onnx")
+    followed = redirects.redirect_request(request, BytesIO(), 302, "", HTTPMessage(), "https://other/n.onnx")
+    assert followed is not None
+    with pytest.raises(URLError, match="leads to http://other, and not to https"):
+        redirects.redirect_request(request, BytesIO(), 302, "", HTTPMessage(), "http://other/n.onnx")
+
+
+@pytest.mark.parametrize("known", NETWORKS.values(), ids=NETWORKS)
+def test_the_table_names_files_of_the_maker(known: KnownNetwork) -> None:
+    assert known.address.startswith("https://github.com/Megvii-BaseDetection/YOLOX/releases/download/0.1.1rc0/")
+    assert (len(known.sha256), len(bytes.fromhex(known.sha256))) == (64, 32)
+
+
+def test_where_networks_lie(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    for data, folder in (("/data", "/data"), ("", f"{tmp_path}/.local/share"), ("data", f"{tmp_path}/.local/share")):
+        monkeypatch.setenv("XDG_DATA_HOME", data)
+        assert network_path(Path("yolox-s")) == Path(folder, "lidcam/networks/yolox_s.onnx")
+    assert network_path(Path("a/yolox-s")) == Path("a/yolox-s")
+    monkeypatch.setattr(Path, "home", lambda: (_ for _ in ()).throw(RuntimeError("none")))
+    with pytest.raises(ModelError, match="let XDG_DATA_HOME name a folder"):
+        network_path(Path("yolox-s"))
+
+
+def test_the_fetched_network_finds_cars(server: RangeServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rgb = np.asarray(Image.open(shared("data/kitti_object_8/000008.png")), np.uint8)
+    data = shared("weights/yolox_nano.onnx").read_bytes()
+    server.files["/yolox_nano.onnx"] = data
+    publish(monkeypatch, f"{server.url}/yolox_nano.onnx", data)
+    assert called(tmp_path, "fetch", NAME).code == 0
+    detector = OnnxDetector2D(network_path(Path(NAME)), Detect2DConfig(min_score=0.3))
+    (found,) = detector([rgb])
+    assert (found.labels == 2).sum() > 50, "cars, of COCO's names, before suppression"

@@ -1,0 +1,88 @@
+"""A client of Foxglove's WebSocket protocol, on a thread of its own.
+
+github.com/foxglove/foxglove-sdk, docs of the protocol: text messages are JSON with `op`; binary ones begin with their
+kind: 1 for a message (subscription and log time, little-endian, then its bytes), 2 for the time of the server.
+"""
+
+import asyncio
+import json
+import struct
+import threading
+from functools import cache
+from typing import Any
+
+import aiohttp
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+PROTOCOL = "foxglove.sdk.v1"
+MESSAGE, TIME = 1, 2
+LATCHED = "/tf_static"
+
+
+@cache
+def _store(name: str, definition: str) -> Typestore:
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(definition, name))
+    return store
+
+
+class FoxgloveClient:
+    """Subscribes to all channels that a server has, and keeps what comes until the server goes.
+
+    Attributes:
+        server: What the server says of itself.
+        channels: The channels, by topic.
+        messages: Log time and bytes of the messages, by topic.
+        times_ns: The times that the server told.
+        subscribed: Set when all channels are subscribed to.
+    """
+
+    def __init__(self, port: int) -> None:
+        self.server: dict[str, Any] = {}
+        self.channels: dict[str, dict[str, Any]] = {}
+        self.messages: dict[str, list[tuple[int, bytes]]] = {}
+        self.times_ns: list[int] = []
+        self.subscribed = threading.Event()
+        self._url = f"http://127.0.0.1:{port}"
+        self._thread = threading.Thread(target=lambda: asyncio.run(self._run()), daemon=True)
+        self._thread.start()
+
+    def join(self) -> None:
+        """Wait until the server has gone."""
+        self._thread.join()
+
+    def decoded(self, topic: str) -> Any:
+        """The last message of a topic, read by the definition that its channel brought."""
+        channel = self.channels[topic]
+        store = _store(channel["schemaName"], channel["schema"])
+        return store.deserialize_cdr(self.messages[topic][-1][1], channel["schemaName"])
+
+    async def _run(self) -> None:
+        async with (
+            aiohttp.ClientSession() as session,
+            session.ws_connect(self._url, protocols=[PROTOCOL], max_msg_size=0) as socket,
+        ):
+            await self._listen(socket)
+
+    async def _listen(self, socket: aiohttp.ClientWebSocketResponse) -> None:
+        topics: dict[int, str] = {}
+        async for message in socket:
+            if message.type == aiohttp.WSMsgType.TEXT:
+                said = json.loads(message.data)
+                if said["op"] == "serverInfo":
+                    self.server = said
+                elif said["op"] == "advertise":
+                    self.channels |= {channel["topic"]: channel for channel in said["channels"]}
+                    # The one that has a message at once comes last: then all are subscribed to.
+                    channels = sorted(said["channels"], key=lambda channel: channel["topic"] == LATCHED)
+                    topics |= {channel["id"]: channel["topic"] for channel in channels}
+                    wanted = [{"id": channel["id"], "channelId": channel["id"]} for channel in channels]
+                    await socket.send_json({"op": "subscribe", "subscriptions": wanted})
+            elif message.type == aiohttp.WSMsgType.BINARY and message.data[0] == MESSAGE:
+                number, log_time_ns = struct.unpack_from("<IQ", message.data, 1)
+                self.messages.setdefault(topics[number], []).append((log_time_ns, message.data[13:]))
+                if topics[number] == LATCHED:
+                    self.subscribed.set()
+            elif message.type == aiohttp.WSMsgType.BINARY and message.data[0] == TIME:
+                self.times_ns += struct.unpack_from("<Q", message.data, 1)

@@ -1,0 +1,125 @@
+"""Serves the frames of a run over Foxglove's WebSocket protocol, with the topics and messages of the MCAP output."""
+
+import logging
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import foxglove
+from foxglove.websocket import Capability, ChannelView, Client, ServerListener, WebSocketServer
+
+from pipeline.core.errors import OutputError
+from pipeline.core.frame import FrameResult
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.messages import Drop
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
+from writers.mcap.chunk import Buffer
+from writers.mcap.output import MessageSink
+from writers.mcap.writer import ResultMessages
+
+__all__ = ["FoxgloveServer"]
+
+LATCHED = "/tf_static"
+"""Topic that has one message, which whoever subscribes later gets, too."""
+
+
+class FoxgloveServer:
+    """A server that runs while the block does.
+
+    Whoever connects gets the frames from then on. One that is too slow misses messages, and never holds up the run.
+
+    Args:
+        host: Address of this machine that it listens at.
+        title: The name that viewers show.
+        config: The settings of the run; `output` selects topics.
+        frames: As of `ResultMessages`.
+    """
+
+    name = "foxglove"
+
+    def __init__(
+        self, host: str, port: int, title: str, rig: Rig, config: Config, *, frames: Sequence[Transform] = ()
+    ) -> None:
+        self._host, self._port, self._title = host, port, title
+        self._rig, self._config, self._frames = rig, config, frames
+        self._server: WebSocketServer
+        self._messages: ResultMessages
+
+    def __enter__(self) -> Self:
+        context = foxglove.Context()
+        channels = _Channels(context)
+        logging.getLogger("foxglove").setLevel(logging.CRITICAL)  # what clients do wrong is no error of the run
+        # Before the server: it takes no subscription to a channel that is made in the same moment.
+        self._messages = ResultMessages(channels, Path("--foxglove"), self._rig, self._config, self._frames)
+        try:
+            self._server = foxglove.start_server(
+                name=self._title,
+                host=self._host,
+                port=self._port,
+                context=context,
+                server_listener=channels,
+                capabilities=[Capability.Time],
+            )
+        except RuntimeError as err:
+            raise OutputError(f"--foxglove: expected a free port, found {self._host}:{self._port} ({err})") from err
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            if kind is None:
+                self._messages.finish()
+        finally:
+            self._server.stop()
+
+    def write(self, result: FrameResult) -> tuple[Drop, ...]:
+        """Send one frame, and its time.
+
+        Raises:
+            OutputError: a stamp does not fit a ROS 2 header.
+        """
+        drops = self._messages.put(result)
+        self._server.broadcast_time(result.bundle.log_time_ns)
+        return drops
+
+
+class _Channels(MessageSink, ServerListener):
+    """The channels of a server. The server calls `on_subscribe` from a thread of its own."""
+
+    def __init__(self, context: foxglove.Context) -> None:
+        self._context = context
+        self._channels: dict[int, foxglove.Channel] = {}
+        self._latched: tuple[bytes, int] | None = None
+
+    def add_channel(
+        self, topic: str, encoding: str, schema: tuple[str, str, bytes], metadata: Mapping[str, str] | None = None
+    ) -> int:
+        name, schema_encoding, data = schema
+        channel = foxglove.Channel(
+            topic,
+            schema=foxglove.Schema(name=name, encoding=schema_encoding, data=data),
+            message_encoding=encoding,
+            metadata=dict(metadata or {}),
+            context=self._context,
+        )
+        self._channels[channel.id()] = channel
+        return channel.id()
+
+    def add_message(self, channel: int, log_time_ns: int, data: Buffer | Sequence[Buffer], sequence: int = 0) -> None:  # noqa: ARG002
+        to = self._channels[channel]
+        if to.topic() == LATCHED:
+            self._latched = _joined(data), log_time_ns
+        if to.has_sinks():
+            to.log(_joined(data), log_time=log_time_ns)
+
+    def on_subscribe(self, client: Client, channel: ChannelView) -> None:  # noqa: ARG002
+        if channel.topic == LATCHED and self._latched is not None:
+            data, log_time_ns = self._latched
+            self._channels[channel.id].log(data, log_time=log_time_ns)
+
+
+def _joined(data: Buffer | Sequence[Buffer]) -> bytes:
+    return bytes(data) if isinstance(data, bytes | memoryview) else b"".join(data)
