@@ -1,5 +1,6 @@
 """How a recording becomes bundles, from top to bottom; `lidcam.build` says how a bundle becomes a result."""
 
+import itertools
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -10,7 +11,7 @@ from lidcam.summary import DropTable
 from pipeline.core.errors import ConfigError
 from pipeline.core.frame import SensorBundle
 from pipeline.core.geometry.transform import Transform
-from pipeline.core.messages import RawMessage
+from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.stages.sync.clocks import Clocks
@@ -21,6 +22,7 @@ from readers.streams.motion import MotionBuffer, MotionSource
 from readers.video.streams import VideoStreams, video_topics
 
 __all__ = [
+    "NOT_EVERY",
     "RunInput",
     "TimeWindow",
     "bundles",
@@ -33,6 +35,10 @@ __all__ = [
     "synchronized_topics",
     "time_window",
 ]
+
+
+NOT_EVERY = "of a frame that sync.every leaves out"
+"""Why messages are not used that nobody wants."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,8 +160,9 @@ def _bundles(
         motion.read_ahead(recording, window.start_ns)
         video.look_back(recording, window.start_ns)
 
+    numbers = itertools.count()
     for part in clocks.parts(video.decoded(messages)):
-        found = _synchronized(motion.tap(part), source, drops, stats)
+        found = _every(_synchronized(motion.tap(part), source, drops, stats), source.config.sync.every, numbers, drops)
         found = video.without_blanks(found, on_drop=drops.add, on_bad=drops.add_bad)
         yield from found if source.motion is None else _with_motion(found, motion)
         motion = MotionBuffer(source.motion, limits=source.config.limits, on_drop=drops.add_bad)
@@ -175,6 +182,19 @@ def _synchronized(
         stats=stats,
         max_waiting_bytes=config.limits.max_waiting_bytes,
     )
+
+
+def _every(
+    found: Iterable[SensorBundle], every: int, numbers: Iterator[int], drops: DropTable
+) -> Iterator[SensorBundle]:
+    """The first of `every` bundles; `numbers` goes on over all parts of a recording."""
+    for bundle in found:
+        number = next(numbers)
+        if number % every == 0:
+            yield replace(bundle, index=number // every)
+        else:
+            for message in bundle.messages.values():
+                drops.add(Drop(message.topic, message.stamp_ns, NOT_EVERY))
 
 
 def synchronized_topics(config: Config, rig: Rig) -> tuple[str, ...]:
@@ -207,7 +227,7 @@ def expected_frames(source: RunInput) -> int:
     start_ns = recording.start_ns if window.start_ns is None else window.start_ns
     stop_ns = recording.end_ns if window.stop_ns is None else min(window.stop_ns, recording.end_ns)
     share = (stop_ns - start_ns) / max(recording.end_ns - recording.start_ns, 1)
-    return math.ceil(count * min(share, 1.0))
+    return math.ceil(count * min(share, 1.0) / source.config.sync.every)
 
 
 def required_topics(config: Config, rig: Rig) -> tuple[str, ...] | None:

@@ -113,6 +113,7 @@ class JobOptions(TypedDict, total=False):
         copy_topics: Topics that are copied to the MCAP output, by name or shell pattern; None: those of the truth.
         workers: Processes that share the frames, with this one; None: `run.workers` of the settings, else one per core.
             The result is the same.
+        every: Of this many frames the first is processed; None: `sync.every` of the settings, all by default.
         start_s: Seconds to skip.
         duration_s: Seconds to process; None: to the end.
         on_bad_message: `skip` counts messages that cannot be decoded, `fail` ends the run at the first.
@@ -129,6 +130,7 @@ class JobOptions(TypedDict, total=False):
     model_2d: FilePath | None
     copy_topics: Sequence[str] | None
     workers: int | None
+    every: int | None
     start_s: float
     duration_s: float | None
     on_bad_message: OnBadMessage
@@ -148,6 +150,7 @@ def make_job(
     model_2d: FilePath | None = None,
     copy_topics: Sequence[str] | None = None,
     workers: int | None = None,
+    every: int | None = None,
     start_s: float = 0.0,
     duration_s: float | None = None,
     on_bad_message: OnBadMessage = "skip",
@@ -170,6 +173,7 @@ def make_job(
         "detect2d.model": model_2d,
         "output.copy_topics": None if copy_topics is None else list(copy_topics),
         "run.workers": workers,
+        "sync.every": every,
     }
     more = {key: value for key, value in given.items() if value is not None}
     choice = choose_settings(config, settings, more)

@@ -2,6 +2,7 @@
 
 import typer
 
+from lidcam.commands.batch import BATCH_EXAMPLES, batch
 from lidcam.commands.compare import COMPARE_EXAMPLES, compare
 from lidcam.commands.config import config_app
 from lidcam.commands.demo import demo
@@ -31,6 +32,7 @@ process_app = typer.Typer(context_settings=HELP_NAMES, rich_markup_mode=None, pr
 
 # The help lists them in this order.
 app.command(epilog=PROCESS_EXAMPLES)(process)
+app.command(epilog=BATCH_EXAMPLES)(batch)
 app.command(epilog=INSPECT_EXAMPLES)(inspect)
 app.command(epilog=EVALUATE_EXAMPLES)(evaluate)
 app.command(epilog=COMPARE_EXAMPLES)(compare)

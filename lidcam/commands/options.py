@@ -16,8 +16,13 @@ from pipeline.core.errors import ConfigError
 __all__ = [
     "AsJson",
     "ConfigFile",
+    "CopyTopics",
+    "Duration",
+    "Every",
     "Format",
     "JsonFile",
+    "Model2d",
+    "OnBad",
     "Overwrite",
     "RecordingOut",
     "Require",
@@ -25,7 +30,9 @@ __all__ = [
     "Scenario",
     "Seed",
     "Setting",
+    "Start",
     "Version",
+    "Workers",
     "duration",
     "ends_in",
     "requirement_errors",
@@ -122,6 +129,42 @@ RigFile = Annotated[
         metavar="FILE",
         help="Sensors, calibration and zones: a rig file, a preset (original), or a calibration file of KITTI, Kalibr, "
         "Autoware or the predecessor system. May be repeated: later files add and replace. Without it, as recorded.",
+    ),
+]
+Model2d = Annotated[
+    str | None,
+    typer.Option(
+        "--model-2d", metavar="FILE.onnx|NAME", help="2D network: an ONNX file, or one that `lidcam fetch` brought."
+    ),
+]
+Start = Annotated[float, typer.Option(min=0, metavar="S", callback=seconds, help="Skip the first S seconds.")]
+Duration = Annotated[
+    float | None,
+    typer.Option(
+        "--duration", min=0, metavar="S", callback=duration, help="Process S seconds; without it, to the end."
+    ),
+]
+Every = Annotated[int | None, typer.Option("--every", min=1, metavar="N", help="Process every Nth frame only.")]
+Workers = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        metavar="N",
+        help="Processes that share the frames; without it, run.workers of the settings, else one per core. The "
+        "output is the same.",
+    ),
+]
+OnBad = Annotated[
+    Literal["skip", "fail"],
+    typer.Option(help="What to do about a message that cannot be decoded, or a damaged file."),
+]
+CopyTopics = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--copy-topics",
+        metavar="PATTERN",
+        help="Topics to copy to the output, as /map or '/ground_truth/*'; may be repeated. Without it, those of "
+        "the truth.",
     ),
 ]
 Overwrite = Annotated[

@@ -4,23 +4,28 @@ import logging
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from lidcam.commands.options import (
     AsJson,
     ConfigFile,
+    CopyTopics,
+    Duration,
+    Every,
     JsonFile,
+    Model2d,
+    OnBad,
     Overwrite,
     Require,
     RigFile,
     Setting,
+    Start,
     Version,
-    duration,
+    Workers,
     ends_in,
     requirement_errors,
-    seconds,
     with_log_options,
 )
 from lidcam.commands.strict import MAX_DROPPED_PERCENT, strict_failure
@@ -94,12 +99,7 @@ def process(
         Path | None,
         typer.Option(metavar="OUT.html", callback=ends_in(".html"), help="Also write a page about the result."),
     ] = None,
-    model_2d: Annotated[
-        Path | None,
-        typer.Option(
-            "--model-2d", metavar="FILE.onnx|NAME", help="2D network: an ONNX file, or one that `lidcam fetch` brought."
-        ),
-    ] = None,
+    model_2d: Model2d = None,
     view: Annotated[
         bool, typer.Option("--view", help="Show the frames in the Rerun viewer while the run goes on.")
     ] = False,
@@ -117,36 +117,13 @@ def process(
             help="Go no faster than so many times the pace of the recording, as 1; without it, as fast as it goes.",
         ),
     ] = None,
-    start: Annotated[float, typer.Option(min=0, metavar="S", callback=seconds, help="Skip the first S seconds.")] = 0.0,
-    duration_s: Annotated[
-        float | None,
-        typer.Option(
-            "--duration", min=0, metavar="S", callback=duration, help="Process S seconds; without it, to the end."
-        ),
-    ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            metavar="N",
-            help="Processes that share the frames; without it, run.workers of the settings, else one per core. The "
-            "output is the same.",
-        ),
-    ] = None,
+    start: Start = 0.0,
+    duration_s: Duration = None,
+    every: Every = None,
+    workers: Workers = None,
     overwrite: Overwrite = False,
-    on_bad_message: Annotated[
-        Literal["skip", "fail"],
-        typer.Option(help="What to do about a message that cannot be decoded, or a damaged file."),
-    ] = "skip",
-    copy_topics: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--copy-topics",
-            metavar="PATTERN",
-            help="Topics to copy to the output, as /map or '/ground_truth/*'; may be repeated. Without it, those of "
-            "the truth.",
-        ),
-    ] = None,
+    on_bad_message: OnBad = "skip",
+    copy_topics: CopyTopics = None,
     print_detections: Annotated[
         bool, typer.Option("--print-detections", help="Print what each sensor and the fusion found, frame by frame.")
     ] = False,
@@ -219,6 +196,7 @@ def process(
             workers=workers,
             start_s=start,
             duration_s=duration_s,
+            every=every,
             on_bad_message=on_bad_message,
             overwrite=overwrite,
             view=view,

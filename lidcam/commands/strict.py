@@ -47,9 +47,11 @@ def _silent(report: "RunReport", max_percent: float) -> list[str]:
 
 
 def _dropped(report: "RunReport", max_percent: float) -> list[str]:
+    from lidcam.frames import NOT_EVERY
+
     dropped: Counter[str] = Counter()
     for drop in report.drops.messages:
-        if drop.unit == "messages":
+        if drop.unit == "messages" and drop.reason != NOT_EVERY:
             dropped[drop.topic] += drop.count
     findings = []
     for topic, count in sorted(dropped.items()):

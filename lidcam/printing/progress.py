@@ -13,7 +13,7 @@ from lidcam.printing.escaping import visible
 from lidcam.printing.log import progress_log
 from lidcam.printing.terminal import console
 
-__all__ = ["Advance", "show_compiling", "show_progress", "show_training"]
+__all__ = ["Advance", "show_compiling", "show_progress", "show_share", "show_training"]
 
 LINE_EVERY_S = 10.0
 """Wall time from one line to the next."""
@@ -61,6 +61,15 @@ def show_training(
             show(f"training: {share:.0%}, about {left_s / 60:.0f} min left", share, 1.0, facts)
 
         yield told
+
+
+@contextmanager
+def show_share(
+    *, err: Console | None = None, clock: Clock = time.monotonic
+) -> Iterator[Callable[[str, float, str], None]]:
+    """Progress of many things: yields a function of a text, the share that is done, and facts."""
+    with _shown(err, clock) as show:
+        yield lambda text, share, facts: show(text, share, 1.0, facts)
 
 
 @contextmanager

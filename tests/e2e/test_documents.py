@@ -174,7 +174,7 @@ def shortened(words: list[str]) -> list[str]:
     """The same command for less of a recording: the stand-ins last two seconds, and simulations take their time."""
     words = [word for word in words if word != "--view"]  # a window
     command = "process" if words[0] == "lidcam-process" else words[1]
-    seconds = {"process": "0.4", "simulate": "0.02", "drive": "0.02"}.get(command)
+    seconds = {"process": "0.4", "batch": "0.4", "simulate": "0.02", "drive": "0.02"}.get(command)
     if "--foxglove" in words:
         words[words.index("--foxglove") + 1] = "0"  # a port that is free
     if "--duration" in words:

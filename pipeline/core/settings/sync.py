@@ -29,6 +29,7 @@ class SyncConfig(SettingsModel):
             is (a lidar, a camera, boxes) takes over. `all`: every frame has a message of each topic, as in ROS.
         silent_after_s: A topic without a message for this long, or for 2.5 of its periods if these are longer, is
             silent, and not waited for until its next message.
+        every: Of this many frames the first is processed: 1 for all.
     """
 
     policy: Literal["approximate_time", "approximate_time_python", "nearest"] = "approximate_time"
@@ -39,3 +40,4 @@ class SyncConfig(SettingsModel):
     age_penalty: NotNegative = 0.1
     required: Literal["lidars", "all"] | tuple[Topic, ...] = "lidars"
     silent_after_s: Positive = 0.5
+    every: Count = 1

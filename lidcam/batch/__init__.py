@@ -1,0 +1,1 @@
+"""Many recordings: one job each, one process a job, one table of all."""

@@ -1,0 +1,163 @@
+"""The recordings of a batch: files, folders that are searched to the bottom, patterns, and lists."""
+
+import glob
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from pipeline.core.errors import LidcamError, RecordingError
+from readers.files.evaluation_folder import is_evaluation_folder
+from readers.location import Location, RemotePath, location
+from readers.natural_order import natural_key
+from readers.open import open_recording
+
+__all__ = ["BatchJob", "find_jobs"]
+
+ENDINGS = (".bag", ".mcap", ".db3", ".pcap", ".pcapng", ".bag.zst", ".mcap.zst", ".db3.zst")
+"""Of recordings, where a folder is searched. A file that is named itself may be called anything."""
+
+METADATA = "metadata.yaml"
+"""In the folder of a ROS 2 bag, which is one recording."""
+
+PART = re.compile(r"(.+)_(\d+)")
+"""Name of a part of a split recording, without ending."""
+
+LONGEST_PAUSE_NS = 5_000_000_000
+"""From one part of a split recording to the next; what begins later is another recording."""
+
+
+@dataclass(frozen=True, slots=True)
+class BatchJob:
+    """One recording of a batch.
+
+    Attributes:
+        inputs: The recording, or all parts of a split one in order.
+        name: What its results are called, without ending, below the folder of the batch: `day1/drive`.
+        bytes: Size of the files; 0 where a server did not say it.
+    """
+
+    inputs: tuple[Location, ...]
+    name: str
+    bytes: int
+
+
+def find_jobs(given: Sequence[str], out: Path) -> list[BatchJob]:
+    """One job a recording, ordered by name.
+
+    Args:
+        given: Recordings, folders, patterns (`'logs/*.bag'`), URLs, and `@list.txt` with one of these in a line.
+        out: The folder of the results; it is not searched.
+
+    Raises:
+        RecordingError: something is not there, a folder holds no recording, or two results would have one name.
+    """
+    jobs: list[BatchJob] = []
+    for text in _listed(given):
+        jobs += _of(location(text), text, out)
+    by_name: dict[str, BatchJob] = {}
+    for job in jobs:
+        other = by_name.setdefault(job.name, job)
+        if other.inputs != job.inputs:
+            raise RecordingError(
+                f"{job.inputs[0]} and {other.inputs[0]} would both become {job.name}.mcap: give the folder that "
+                "holds both, so that results have the names of their folders, too"
+            )
+    return [by_name[name] for name in sorted(by_name, key=natural_key)]
+
+
+def _listed(given: Iterable[str]) -> Iterator[str]:
+    for text in given:
+        if text.startswith("@"):
+            try:
+                lines = Path(text[1:]).read_text(encoding="utf-8").splitlines()
+            except (OSError, ValueError) as err:
+                raise RecordingError(f"{text[1:]}: expected a list of recordings, one in a line: {err}") from err
+            yield from (line.strip() for line in lines if line.strip() and not line.startswith("#"))
+        elif "://" not in text and not Path(text).exists() and glob.has_magic(text):
+            found = sorted(glob.glob(text, recursive=True))  # noqa: PTH207  # absolute or relative, as it was given
+            if not found:
+                raise RecordingError(f"{text}: expected recordings, found nothing of this pattern")
+            yield from found
+        else:
+            yield text
+
+
+def _of(place: Location, text: str, out: Path) -> list[BatchJob]:
+    if isinstance(place, RemotePath):
+        return [BatchJob((place,), _stem(place.name), 0)]
+    if not place.exists():
+        raise RecordingError(f"{text}: expected a recording or a folder of recordings, found nothing of this name")
+    if not place.is_dir() or _is_recording(place):
+        return [BatchJob((place,), _stem(place.name), _bytes(place))]
+    if place.resolve() == out.resolve():
+        raise RecordingError(
+            f"{text}: expected another folder for the results: the next batch would take them for recordings"
+        )
+    found = [*_recordings(place, out.resolve())]
+    if not found:
+        raise RecordingError(f"{text}: expected recordings ({', '.join(ENDINGS)}) in it, found none")
+    return [_job(parts, place) for parts in _split(found)]
+
+
+def _recordings(folder: Path, out: Path) -> Iterator[Path]:
+    """The recordings in a folder and below it, in natural order; links to folders are not followed."""
+    for path in sorted(folder.iterdir(), key=lambda one: natural_key(one.name)):
+        if path.is_dir() and not path.is_symlink() and path.resolve() != out and not path.name.startswith("."):
+            if _is_recording(path):
+                yield path
+            else:
+                yield from _recordings(path, out)
+        elif path.is_file() and path.name.lower().endswith(ENDINGS):
+            yield path
+
+
+def _is_recording(folder: Path) -> bool:
+    return (folder / METADATA).is_file() or is_evaluation_folder(folder)
+
+
+def _split(paths: Iterable[Path]) -> Iterator[list[Path]]:
+    """Parts of a split recording together: `drive_0.bag`, `drive_1.bag`, ... that follow one another in time."""
+    parts: list[Path] = []
+    for path in paths:
+        if parts and _goes_on(parts[-1], path):
+            parts.append(path)
+            continue
+        if parts:
+            yield parts
+        parts = [path]
+    if parts:
+        yield parts
+
+
+def _goes_on(before: Path, path: Path) -> bool:
+    one, other = (PART.fullmatch(_stem(each.name)) for each in (before, path))
+    if one is None or other is None or before.parent != path.parent or path.is_dir():
+        return False
+    if (one[1], before.suffix) != (other[1], path.suffix) or int(one[2]) + 1 != int(other[2]):
+        return False
+    try:
+        with open_recording([before]) as first, open_recording([path]) as second:
+            return -LONGEST_PAUSE_NS < second.start_ns - first.end_ns < LONGEST_PAUSE_NS
+    except LidcamError:
+        return False  # each has a job of its own, which says what is wrong with it
+
+
+def _job(parts: Sequence[Path], root: Path) -> BatchJob:
+    first = parts[0]
+    stem = _stem(first.name)
+    if len(parts) > 1 and (match := PART.fullmatch(stem)):
+        stem = match[1]
+    name = PurePosixPath(first.parent.relative_to(root).as_posix()) / stem
+    return BatchJob(tuple(parts), str(name), sum(map(_bytes, parts)))
+
+
+def _stem(name: str) -> str:
+    """A name without the ending of a recording."""
+    lower = name.lower()
+    ending = max((one for one in ENDINGS if lower.endswith(one)), key=len, default="")
+    return name[: len(name) - len(ending)] or name
+
+
+def _bytes(path: Path) -> int:
+    return sum(one.stat().st_size for one in path.rglob("*") if one.is_file()) if path.is_dir() else path.stat().st_size

@@ -1,0 +1,60 @@
+"""The table of a batch as Parquet: a row for each recording."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from lidcam.batch.records import JobRecord
+
+__all__ = ["TABLE", "write_table"]
+
+TABLE = "_jobs.parquet"
+"""In the folder of the results. Readers of a folder of tables pass over names that begin so."""
+
+SCHEMA = pa.schema(
+    [
+        ("recording", pa.string()),
+        ("input", pa.string()),
+        ("state", pa.string()),
+        ("exit_code", pa.int32()),
+        ("message", pa.string()),
+        ("frames", pa.int64()),
+        ("objects", pa.map_(pa.string(), pa.int64())),
+        ("dropped", pa.int64()),
+        ("skew_max_ms", pa.float64()),
+        ("lacking", pa.map_(pa.string(), pa.int64())),
+        ("processor_s", pa.float64()),
+        ("wall_s", pa.float64()),
+        ("peak_mib", pa.float64()),
+        ("sha256", pa.list_(pa.string())),
+        ("settings", pa.string()),
+        ("settings_sha256", pa.string()),
+        ("version", pa.string()),
+    ]
+)
+
+
+def write_table(path: Path, records: Sequence[JobRecord]) -> None:
+    """Write a row for each record, whole or not at all.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    rows = [
+        {
+            "recording": one.name,
+            "objects": list((one.objects or {}).items()),
+            "lacking": list((one.lacking or {}).items()),
+            **{
+                name: getattr(one, name)
+                for name in SCHEMA.names
+                if hasattr(one, name) and name not in {"objects", "lacking"}
+            },
+        }
+        for one in records
+    ]
+    beside = path.with_name(f"{path.name}.new")
+    pq.write_table(pa.Table.from_pylist(rows, SCHEMA), beside)
+    beside.replace(path)

@@ -1,0 +1,161 @@
+"""The command `lidcam batch`."""
+
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lidcam.commands.options import (
+    AsJson,
+    ConfigFile,
+    CopyTopics,
+    Duration,
+    Every,
+    Model2d,
+    OnBad,
+    RigFile,
+    Setting,
+    Start,
+    Workers,
+    with_log_options,
+)
+from lidcam.commands.verdict import Verdict
+from lidcam.compiling import compiled_together
+from lidcam.printing.log import remark_log
+
+if TYPE_CHECKING:
+    from lidcam.batch.records import JobRecord
+
+__all__ = ["BATCH_EXAMPLES", "batch"]
+
+# \b keeps the lines of a paragraph as they are.
+BATCH_EXAMPLES = """\b
+Exit codes: 0 all done; 3 part of a recording could not be used; 1 a recording
+failed; 2 wrong usage. A recording that fails stops no other.
+
+\b
+Examples:
+  lidcam batch bag_folder --out results
+  lidcam batch drive.bag bag_folder --out results --jobs 2 --objects --report
+"""
+
+
+@with_log_options
+def batch(
+    recordings: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="IN [IN ...]",
+            help="Recordings, folders of them, patterns ('logs/*.bag'), URLs, @LIST.txt with one in a line.",
+        ),
+    ],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the results.")],
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            min=1, metavar="N", help="Recordings at once; without it, as many as cores and memory have room for."
+        ),
+    ] = None,
+    rerun: Annotated[bool, typer.Option("--rerun", help="Also write a Rerun recording of each.")] = False,
+    report: Annotated[bool, typer.Option("--report", help="Also write a page about each.")] = False,
+    objects: Annotated[
+        bool, typer.Option("--objects", help="Also write a Parquet table of the objects of each.")
+    ] = False,
+    config_file: ConfigFile = None,
+    settings: Setting = None,
+    rig_files: RigFile = None,
+    model_2d: Model2d = None,
+    start: Start = 0.0,
+    duration_s: Duration = None,
+    every: Every = None,
+    workers: Workers = None,
+    on_bad_message: OnBad = "skip",
+    copy_topics: CopyTopics = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Process again what is current, too.")] = False,
+    fail_fast: Annotated[
+        bool, typer.Option("--fail-fast", help="Begin no other recording after one that failed.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Process many recordings: one result each, and a table of all.
+
+    A second run does what is missing: a result stays as long as recording, settings, rig, network and version are the
+    same.
+    """
+    from dataclasses import asdict
+
+    from lidcam.batch.jobs import find_jobs
+    from lidcam.batch.local import LocalEngine, jobs_that_fit
+    from lidcam.batch.run import BatchOptions, run_batch
+    from lidcam.batch.table import TABLE, write_table
+    from lidcam.job import make_job
+    from lidcam.printing.batch import print_batch, shown_batch
+    from lidcam.printing.terminal import console, show_json
+    from pipeline.parallel.cores import usable_cores
+
+    found = find_jobs(recordings, out)
+    # Settings, rig and network are checked once, before any recording is read.
+    first = make_job(
+        found[0].inputs,
+        config=config_file,
+        settings=settings or (),
+        rig=rig_files,
+        model_2d=model_2d,
+        copy_topics=copy_topics or None,
+        workers=workers,
+        start_s=start,
+        duration_s=duration_s,
+        every=every,
+        on_bad_message=on_bad_message,
+    )
+    given = [
+        ("--config", config_file),
+        ("--model-2d", model_2d),
+        ("--duration", duration_s),
+        ("--start", start),
+        ("--every", every),
+    ]
+    arguments = [text for name, value in given if value for text in (name, str(value))]
+    many = [("--set", settings), ("--rig", rig_files), ("--copy-topics", copy_topics)]
+    arguments += [text for name, values in many for value in values or () for text in (name, value)]
+    arguments += ["--on-bad-message", on_bad_message]
+    switches = [(rerun, "--rerun", ".rrd"), (report, "--report", ".html"), (objects, "--objects", ".parquet")]
+    outputs = [(option, ending) for wanted, option, ending in switches if wanted]
+    files = [sha256(path.read_bytes()).hexdigest() for path in first.read_files]
+    at_once = min(jobs or jobs_that_fit(len(found)), len(found))
+    options = BatchOptions(
+        out,
+        [*arguments, "--workers", str(workers or max(usable_cores() // at_once, 1))],
+        outputs,
+        facts=[_version(), *arguments, *(option for option, _ in outputs), *files],
+        overwrite=overwrite,
+        fail_fast=fail_fast,
+    )
+    with compiled_together(shown=True):
+        import lidcam.run  # noqa: F401  # once, before many processes begin
+    with shown_batch(found) as told:
+        records = run_batch(found, options, LocalEngine(at_once), told)
+    write_table(out / TABLE, records)
+    if as_json:
+        show_json(console(), {"jobs": [asdict(record) for record in records]})
+    else:
+        print_batch(console(), records)
+    remark_log.info("wrote %s", out / TABLE)
+    _verdict(records, len(found)).end()
+
+
+def _version() -> str:
+    from importlib.metadata import version
+
+    return version("lidcam")
+
+
+def _verdict(records: "list[JobRecord]", count: int) -> Verdict:
+    failed = [record for record in records if record.state == "failed"]
+    others = [f"{record.name}: {record.message}" for record in records if record.state in {"incomplete", "busy"}]
+    if not failed:
+        return Verdict((), others)
+    left = f"; {count - len(records)} were not begun" if count > len(records) else ""
+    more = f", and {len(failed) - 1} more" if len(failed) > 1 else ""
+    return Verdict((f"{len(failed)} of {count} recordings failed: {failed[0].name}: {failed[0].message}{more}{left}",))

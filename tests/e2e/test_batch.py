@@ -1,0 +1,56 @@
+"""`lidcam batch`: results beside those of `lidcam process`, a table of all, and a second run that does nothing."""
+
+import json
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from builders import write_mcap
+from command import Lidcam
+from small_drive import small_drive
+
+SHORT = ("--duration", "0.4", "--set", "output.images=false")
+
+
+@pytest.fixture
+def logs(tmp_path: Path) -> Path:
+    (tmp_path / "logs" / "day").mkdir(parents=True)
+    write_mcap(tmp_path / "logs" / "day" / "drive.mcap", small_drive("cdr"))
+    (tmp_path / "logs" / "text.bag").write_bytes(b"no recording")
+    return tmp_path / "logs"
+
+
+def test_a_batch_makes_what_single_runs_make(lidcam: Lidcam, logs: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    run = lidcam("batch", logs, "--out", out, *SHORT, "--objects", "--every", 2, "--json")
+    assert run.code == 1
+    assert "1 of 2 recordings failed: text: " in run.error_line
+    done, failed = json.loads(run.out)["jobs"]
+    assert (done["name"], done["state"], done["frames"], done["exit_code"]) == ("day/drive", "done", 2, 0)
+    assert (failed["state"], failed["exit_code"]) == ("failed", 1)
+    assert "expected a ROS 1 .bag" in failed["message"]
+    assert done["processor_s"] > 0
+    assert lidcam("process", logs / "day" / "drive.mcap", tmp_path / "one.mcap", *SHORT, "--every", 2).code == 0
+    assert (out / "day" / "drive.mcap").read_bytes() == (tmp_path / "one.mcap").read_bytes()
+    assert pq.read_table(out / "_jobs.parquet").column("state").to_pylist() == ["done", "failed"]
+    assert pq.read_table(out / "day" / "drive.parquet").num_columns > 10
+    before = (out / "day" / "drive.mcap").stat().st_mtime_ns
+    assert lidcam("batch", logs, "--out", out, *SHORT, "--objects", "--every", 2).code == 1
+    assert (out / "day" / "drive.mcap").stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "fault"),
+    [
+        (("--set", "sync.slop=1"), "slop"),
+        (("--rig", "nothing.yaml"), "nothing.yaml"),
+        (("--jobs", "0"), "--jobs"),
+    ],
+)
+def test_wrong_settings_are_told_once(
+    lidcam: Lidcam, logs: Path, tmp_path: Path, arguments: tuple[str, ...], fault: str
+) -> None:
+    run = lidcam("batch", logs, "--out", tmp_path / "out", *arguments)
+    assert run.code in {1, 2}
+    assert fault in run.err
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,81 @@
+from pathlib import Path
+
+import pytest
+from builders import write_mcap
+from small_drive import small_drive
+
+from lidcam.batch.jobs import find_jobs
+from pipeline.core.errors import RecordingError
+from readers.location import RemotePath
+
+
+@pytest.fixture
+def logs(tmp_path: Path) -> Path:
+    """Two days: a recording, a ROS 2 folder, one that was split into three, and one with the number that follows."""
+    logs = tmp_path / "logs"
+    for day in ("day1", "day2", "day10"):
+        (logs / day).mkdir(parents=True)
+    (logs / "day1" / "a.bag").write_bytes(b"1")
+    (logs / "day1" / "notes.txt").write_bytes(b"")
+    (logs / "day2" / "bag").mkdir()
+    (logs / "day2" / "bag" / "metadata.yaml").write_bytes(b"")
+    (logs / "day2" / "bag" / "bag_0.db3").write_bytes(b"22")
+    messages = small_drive("cdr", frames=9)
+    third = len(messages) // 3
+    for number in range(3):
+        write_mcap(logs / "day10" / f"c_{number}.mcap", messages[number * third : (number + 1) * third])
+    later = [one._replace(log_time_ns=one.log_time_ns + 10**12) for one in messages]
+    write_mcap(logs / "day10" / "c_3.mcap", later)
+    return logs
+
+
+def names(given: list[object], out: Path) -> list[str]:
+    return [job.name for job in find_jobs([*map(str, given)], out)]
+
+
+def test_a_folder_is_searched_to_the_bottom(logs: Path, tmp_path: Path) -> None:
+    jobs = find_jobs([str(logs)], tmp_path / "out")
+    assert [job.name for job in jobs] == ["day1/a", "day2/bag", "day10/c", "day10/c_3"]
+    assert [len(job.inputs) for job in jobs] == [1, 1, 3, 1]
+    assert [job.bytes for job in jobs[:2]] == [1, 2]
+
+
+def test_results_below_the_folder_are_no_recordings(logs: Path) -> None:
+    (logs / "out").mkdir()
+    (logs / "out" / "a.mcap").write_bytes(b"1")
+    assert "out/a" not in names([logs], logs / "out")
+    with pytest.raises(RecordingError, match="another folder for the results"):
+        find_jobs([str(logs)], logs)
+
+
+def test_files_patterns_lists_and_urls(logs: Path, tmp_path: Path) -> None:
+    out, a = tmp_path / "out", logs / "day1" / "a.bag"
+    assert names([a], out) == names([a, a], out) == names([logs / "day1" / "*.bag"], out) == ["a"]
+    listed = tmp_path / "list.txt"
+    listed.write_text(f"# a comment\n{a}\n\n{logs / 'day2' / 'bag'}\n", encoding="utf-8")
+    assert names([f"@{listed}"], out) == ["a", "bag"]
+    (job,) = find_jobs(["https://host/b.mcap?signature=secret"], out)
+    assert job.name == "b"
+    assert isinstance(job.inputs[0], RemotePath)
+
+
+@pytest.mark.parametrize(
+    ("given", "fault"),
+    [
+        (["nothing.bag"], "found nothing of this name"),
+        (["*.none"], "found nothing of this pattern"),
+        (["@nothing.txt"], "expected a list of recordings"),
+        (["empty"], "expected recordings"),
+        (["one/a.bag", "two/a.bag"], "would both become a.mcap"),
+    ],
+)
+def test_what_is_no_recording_is_told(
+    given: list[str], fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for folder in ("empty", "one", "two"):
+        (tmp_path / folder).mkdir()
+    for folder in ("one", "two"):
+        (tmp_path / folder / "a.bag").write_bytes(b"1")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(RecordingError, match=fault):
+        find_jobs(given, tmp_path / "out")
