@@ -133,6 +133,7 @@ STAND_INS: dict[str, Callable[[Path], object]] = {
     "part_0.mcap": lambda path: part(0, path),
     "part_1.mcap": lambda path: part(1, path),
     "yolox-nano": lambda path: fetched(path.parent),
+    "detector.onnx": network,
     "detect3d.weights=mine.npz": lambda path: shutil.copy(EMBEDDED, path.with_name("mine.npz")),
     "site.yaml": rig,
     "rig.yaml": rig,
