@@ -7,6 +7,7 @@ import numpy as np
 
 from pipeline.core.arrays import F32, F64, I64, Bools, Indices
 from pipeline.core.camera import CameraModel
+from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import NO_HYPOTHESIS, Boxes2D, Boxes3D, Matches, Source, source_names
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.boxes import box_corners
@@ -23,6 +24,7 @@ __all__ = [
     "arrow_lengths",
     "drawn_boxes_2d",
     "ground_ellipses",
+    "height_range",
     "labels_in_the_clear",
     "object_colors",
     "object_edges",
@@ -241,3 +243,12 @@ def ground_ellipses(boxes: Boxes3D) -> F64:
     points[..., 1] += shear[:, None] * _CIRCLE[0] + along_y[:, None] * _CIRCLE[1]
     points[..., 2] -= boxes.sizes[:, None, 2] / 2
     return points
+
+
+def height_range(combined: CombinedCloud) -> tuple[float, float] | None:
+    """Heights between which the colours of a cloud run, metres; None without points."""
+    xyz = combined.cloud.xyz if len(combined.cloud) else combined.ground_cloud.xyz
+    if not len(xyz):
+        return None
+    low, high = np.percentile(xyz[:, 2], [2, 98]).tolist()
+    return low, max(high, low + 0.01)
