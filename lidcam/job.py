@@ -57,6 +57,7 @@ class Job:
         on_bad_message: Whether a message that cannot be decoded, or damage of a file, is skipped or ends the run.
         overwrite: Whether outputs replace files that are no results of earlier runs, too.
         read_files: Other files that are read: settings, rig files, a network. No output may replace them.
+        save_matches: Folder for a picture of each camera and frame; None: none are made.
     """
 
     inputs: tuple[Location, ...]
@@ -68,6 +69,7 @@ class Job:
     on_bad_message: OnBadMessage = "skip"
     overwrite: bool = False
     read_files: tuple[Path, ...] = ()
+    save_matches: Path | None = None
 
     __repr__ = brief
 
@@ -107,6 +109,7 @@ class JobOptions(TypedDict, total=False):
         duration_s: Seconds to process; None: to the end.
         on_bad_message: `skip` counts messages that cannot be decoded, `fail` ends the run at the first.
         overwrite: Outputs replace files that are no results of earlier runs, too; never an input.
+        save_matches: Folder to be written, with a picture of each camera and frame.
     """
 
     config: Config | FilePath | None
@@ -119,6 +122,7 @@ class JobOptions(TypedDict, total=False):
     duration_s: float | None
     on_bad_message: OnBadMessage
     overwrite: bool
+    save_matches: FilePath | None
 
 
 def make_job(
@@ -135,6 +139,7 @@ def make_job(
     duration_s: float | None = None,
     on_bad_message: OnBadMessage = "skip",
     overwrite: bool = False,
+    save_matches: FilePath | None = None,
 ) -> Job:
     """A job, with its settings and its rig file read; arguments as of `lidcam.process`.
 
@@ -163,6 +168,7 @@ def make_job(
         on_bad_message=on_bad_message,
         overwrite=overwrite,
         read_files=read_files(config, rig, *named_files(choice.config).values()),
+        save_matches=None if save_matches is None else Path(save_matches),
     )
 
 

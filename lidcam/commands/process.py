@@ -93,6 +93,22 @@ def process(
         Path | None,
         typer.Option(metavar="OUT.html", callback=ends_in(".html"), help="Also write a page about the result."),
     ] = None,
+    save_matches: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            callback=ends_in(""),
+            help="Also write a picture (JPEG) of each camera and frame into this folder: 2D and 3D boxes, matches.",
+        ),
+    ] = None,
+    video: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT.mp4",
+            callback=ends_in(".mp4"),
+            help="Also write a film of all cameras and the site from above (extra video).",
+        ),
+    ] = None,
     model_2d: Annotated[
         Path | None,
         typer.Option("--model-2d", metavar="FILE.onnx", help="2D detector (ONNX)."),
@@ -190,7 +206,7 @@ def process(
             required = read_requirements(requirements)
         job = make_job(
             inputs,
-            [output, *(path for path in (rerun, objects, objects_clouds, report) if path is not None)],
+            [output, *(path for path in (rerun, objects, objects_clouds, report, video) if path is not None)],
             config=config_file,
             settings=settings or (),
             rig=rig_files,
@@ -201,6 +217,7 @@ def process(
             duration_s=duration_s,
             on_bad_message=on_bad_message,
             overwrite=overwrite,
+            save_matches=save_matches,
         )
         run_process(
             job,
@@ -243,12 +260,13 @@ def run_process(
     with compiled_together(shown=True):
         from lidcam.run import process_recording
     from lidcam.commands.json_output import json_output
+    from lidcam.outputs.open import written_files
     from lidcam.printing.console import print_report
     from lidcam.printing.running import shown_run
     from lidcam.printing.terminal import console, show_json
 
     out = console()
-    others = (*job.inputs, *job.outputs, *job.read_files)
+    others = (*job.inputs, *written_files(job), *job.read_files)
     with json_output(json_file, inputs=others, overwrite=job.overwrite) as write_json:
         with shown_run(out, requirements or (), detections=detections, matches=matches) as observer:
             report = process_recording(job, observer)

@@ -9,12 +9,14 @@ from lidcam.frames import RunInput
 from lidcam.outputs.allowed import (
     is_marked_clouds,
     is_marked_csv,
+    is_marked_film,
     is_marked_mcap,
     is_marked_page,
     is_marked_parquet,
+    is_marked_pictures,
     is_marked_rrd,
 )
-from pipeline.core.errors import ConfigError
+from pipeline.core.errors import ConfigError, OutputError, RecordingError
 from pipeline.core.settings.config import Config
 from readers.messages.image import decode_any_image
 from writers.base import ResultWriter
@@ -23,11 +25,16 @@ from writers.foxglove.layout import layout_path
 from writers.mcap.writer import McapResultWriter
 from writers.outputs.marks import RESULT
 from writers.outputs.transaction import OutputTransaction
+from writers.pictures.matches import MatchesWriter
+from writers.pictures.scene import Scenes
 from writers.provenance import Provenance
 from writers.rerun.environment import without_rerun_variables
 from writers.tables.writer import CsvObjectsWriter, ParquetObjectsWriter
 
-__all__ = ["OUTPUTS", "OutputKind"]
+__all__ = ["MATCHES", "OUTPUTS", "OutputKind", "drawn_scenes"]
+
+MATCHES = "save_matches"
+"""The option of a job that names the folder of pictures."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +48,7 @@ class OutputKind:
         viewer: Name of the viewer that opens it, for the last lines of a run.
         how_to_open: Gives the instruction to open it, from the paths of the output and of the texts beside it.
         beside: The texts that the writer writes beside it, by its path and the settings.
-        is_folder: Whether it is a folder.
+        folder_of: What it holds, where it is a folder.
         of_result: The function that makes its text of the finished result, as `module:name`, where it has no writer.
     """
 
@@ -50,7 +57,7 @@ class OutputKind:
     viewer: str
     how_to_open: Callable[[Path, tuple[Path, ...]], str]
     beside: Callable[[Path, Config], tuple[Path, ...]] = lambda _path, _config: ()
-    is_folder: bool = False
+    folder_of: str = ""
     of_result: str = ""
 
 
@@ -74,6 +81,25 @@ def _rrd(path: Path, outputs: OutputTransaction, source: RunInput, provenance: P
 
     decode = partial(decode_any_image, limits=source.config.limits)
     return RerunResultWriter(outputs[path], source.rig, source.config, provenance, decode_any_image=decode)
+
+
+def drawn_scenes(source: RunInput) -> Scenes:
+    """What gathers, over the frames of a run, what their pictures show."""
+    return Scenes(source.rig, source.config, partial(decode_any_image, limits=source.config.limits))
+
+
+def _film(path: Path, outputs: OutputTransaction, source: RunInput, provenance: Provenance) -> ResultWriter:
+    try:
+        from writers.pictures.film import FilmWriter
+    except ModuleNotFoundError as err:
+        raise OutputError(f"{path}: a film needs PyAV: pip install 'lidcam[video]'") from err
+    return FilmWriter(outputs[path], drawn_scenes(source), provenance)
+
+
+def _matches(path: Path, outputs: OutputTransaction, source: RunInput, provenance: Provenance) -> ResultWriter:
+    if not source.rig.cameras:
+        raise RecordingError(f"{path}: pictures of matches need cameras: no camera of the recording is used")
+    return MatchesWriter(outputs[path], drawn_scenes(source), provenance)
 
 
 def _csv(path: Path, outputs: OutputTransaction, source: RunInput, _: Provenance) -> ResultWriter:
@@ -105,7 +131,15 @@ OUTPUTS: dict[str, OutputKind] = {
         is_marked_clouds,
         "Clouds",
         lambda path, _: f"open the .pcd in {path} with CloudCompare, or open3d.t.io.read_point_cloud",
-        is_folder=True,
+        folder_of="clouds",
+    ),
+    ".mp4": OutputKind(_film, is_marked_film, "Film", lambda path, _: f"open {path} in a browser or a player"),
+    MATCHES: OutputKind(
+        _matches,
+        is_marked_pictures,
+        "Pictures",
+        lambda path, _: f"look at the .jpg in {path}",
+        folder_of="pictures",
     ),
     ".html": OutputKind(
         None,
@@ -115,4 +149,4 @@ OUTPUTS: dict[str, OutputKind] = {
         of_result="lidcam.page.make:make_page",
     ),
 }
-"""By the ending of their names; a folder has none."""
+"""By the ending of their names; a folder of clouds has none, and that of pictures has an option of its own."""
