@@ -11,6 +11,7 @@ from lidcam.evaluation.evaluate import evaluate_result
 from lidcam.evaluation.evaluation import Evaluation, make_evaluation_job
 from lidcam.evaluation.figures import NamedFigures
 from lidcam.evaluation.requirement import Requirement, RequirementError
+from lidcam.frame import Frame
 from lidcam.frames import RunInput
 from lidcam.inspection import Inspection, inspect_recording
 from lidcam.job import FilePath, Job, JobOptions, PathOrUrl, RigSource, Settings, locations, make_job
@@ -55,6 +56,7 @@ __all__ = [
     "Detections",
     "DropCount",
     "Evaluation",
+    "Frame",
     "FrameError",
     "FrameResult",
     "Fused",
@@ -132,7 +134,7 @@ def process(
     recording: PathOrUrl | Sequence[PathOrUrl],
     output: FilePath | Sequence[FilePath] | None = None,
     *,
-    on_frame: Callable[[FrameResult], None] | None = None,
+    on_frame: Callable[[Frame], None] | None = None,
     **options: Unpack[JobOptions],
 ) -> RunResult:
     """Turn a recording into fused objects.
@@ -140,10 +142,11 @@ def process(
     Args:
         recording: Path or URL; several for a recording that was split, in their order.
         output: File to write, or several: .mcap, .rrd (Rerun), .csv or .parquet (a table of the objects), a name
-            without ending (a folder of the clouds of objects); None writes none.
+            without ending (a folder of the clouds of objects), .mp4 (a film), .html (a page) beside an .mcap; None
+            writes none.
         on_frame: Called with each frame, in order, when its tracks are known.
         **options: `config`, `settings`, `rig`, `model_2d`, `workers`, `start_s`, `duration_s`, `on_bad_message`,
-            `overwrite`, as `JobOptions` explains them.
+            `overwrite`, `save_matches`, as `JobOptions` explains them.
 
     Raises:
         LidcamError: the input, the calibration, the settings or an output is at fault; no output is left behind.
@@ -155,7 +158,7 @@ def process(
 
 def iter_frames(
     recording: PathOrUrl | Sequence[PathOrUrl], **options: Unpack[JobOptions]
-) -> Generator[FrameResult, None, None]:
+) -> Generator[Frame, None, None]:
     """The frames of a recording, one after another, without writing anything; options as of `process`.
 
     With offline tracks (`track.mode`) the first frame comes when `track.window_s` of the recording are read.

@@ -60,6 +60,7 @@ class Job:
         view: Whether the Rerun viewer shows the frames while the run goes on.
         foxglove: Host and port at which they are served over Foxglove's protocol; None: they are not.
         pace: Times as fast as it was recorded that the run goes at most; None: as fast as it can.
+        save_matches: Folder for a picture of each camera and frame; None: none are made.
     """
 
     inputs: tuple[Location, ...]
@@ -74,6 +75,7 @@ class Job:
     view: bool = False
     foxglove: tuple[str, int] | None = None
     pace: float | None = None
+    save_matches: Path | None = None
 
     __repr__ = brief
 
@@ -122,6 +124,7 @@ class JobOptions(TypedDict, total=False):
         foxglove: Port, or `HOST:PORT`, at which each frame is served over Foxglove's protocol when it is given; without
             a host, to this machine alone.
         pace: Times as fast as it was recorded that the run goes at most; None: as fast as it can.
+        save_matches: Folder to be written, with a picture of each camera and frame.
     """
 
     config: Config | FilePath | None
@@ -138,6 +141,7 @@ class JobOptions(TypedDict, total=False):
     view: bool
     foxglove: int | str | None
     pace: float | None
+    save_matches: FilePath | None
 
 
 def make_job(
@@ -158,6 +162,7 @@ def make_job(
     view: bool = False,
     foxglove: int | str | None = None,
     pace: float | None = None,
+    save_matches: FilePath | None = None,
 ) -> Job:
     """A job, with its settings and its rig file read; arguments as of `lidcam.process`.
 
@@ -190,6 +195,7 @@ def make_job(
         view=view,
         foxglove=None if foxglove is None else _served_address(str(foxglove)),
         pace=pace,
+        save_matches=None if save_matches is None else Path(save_matches),
     )
 
 

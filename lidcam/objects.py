@@ -2,10 +2,10 @@
 
 from collections.abc import Callable
 
+from lidcam.frame import Frame
 from lidcam.frames import RunInput
 from lidcam.run import RunObserver
 from pipeline.core.arrays import join_rows
-from pipeline.core.frame import FrameResult
 from writers.tables.objects import Objects
 
 __all__ = ["ObjectCollector"]
@@ -14,7 +14,7 @@ __all__ = ["ObjectCollector"]
 class ObjectCollector(RunObserver):
     """Gathers the objects of a run; memory grows with their number, by about 250 bytes each."""
 
-    def __init__(self, on_frame: Callable[[FrameResult], None] | None = None) -> None:
+    def __init__(self, on_frame: Callable[[Frame], None] | None = None) -> None:
         """Gather objects; `on_frame` is called with each frame."""
         self._frames: list[Objects] = []
         self._on_frame = on_frame
@@ -24,7 +24,7 @@ class ObjectCollector(RunObserver):
         self._rig, self._class_names = source.rig, source.config.object_names
         self._frames = [Objects.empty(source.rig, source.config.object_names)]
 
-    def frame(self, result: FrameResult) -> None:
+    def frame(self, result: Frame) -> None:
         """Take over the objects of one frame."""
         self._frames.append(Objects.of_frame(result, self._rig, self._class_names))
         if self._on_frame is not None:

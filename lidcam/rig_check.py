@@ -1,11 +1,11 @@
 """The check of a rig by the recording itself: a run that writes nothing, and what it says of poses and clocks."""
 
 from lidcam.checks.calibration.self_check import SelfCheck
+from lidcam.frame import Frame
 from lidcam.frames import RunInput
 from lidcam.job import Job
 from lidcam.run import RunObserver, process_recording
 from lidcam.summary import RunProgress
-from pipeline.core.frame import FrameResult
 
 __all__ = ["check_rig"]
 
@@ -37,7 +37,7 @@ class _Checker(RunObserver):
         self.check = SelfCheck(source.rig, source.config)
         self._other.opened(source)
 
-    def frame(self, result: FrameResult) -> None:
+    def frame(self, result: Frame) -> None:
         self.check.add(result)
         self._other.frame(result)
 

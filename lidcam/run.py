@@ -23,6 +23,7 @@ from lidcam.checks.lidars import LidarCheck
 from lidcam.checks.missing import MissingSensor, absence_warnings, missing_sensors, silence_warnings
 from lidcam.checks.no_objects import ObjectCheck
 from lidcam.checks.warning import RunWarning
+from lidcam.frame import Frame
 from lidcam.frames import (
     RunInput,
     bundles,
@@ -37,6 +38,7 @@ from lidcam.frames import (
 from lidcam.job import Job
 from lidcam.outputs.allowed import check_no_input
 from lidcam.outputs.copied import choose_copied, choose_drawn, truth_frames
+from lidcam.outputs.kinds import drawn_scenes
 from lidcam.outputs.open import how_to_open, make_pages, open_outputs, open_writers, written_files
 from lidcam.report import InputReport, RunReport, SensorReport, TimingReport, unused_topics
 from lidcam.settings.choice import use_settings
@@ -73,7 +75,7 @@ class RunObserver:
     def opened(self, source: RunInput) -> None:
         """The recording is open and its sensors are known."""
 
-    def frame(self, result: FrameResult) -> None:
+    def frame(self, result: Frame) -> None:
         """A frame has its tracks and is written. Frames come in order; with offline tracks, up to a window late."""
 
     def advanced(self, progress: RunProgress) -> None:
@@ -94,22 +96,23 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunRepor
     observer = observer or RunObserver()
     named = {key: read_input_file(path) for key, path in named_files(job.config).items()}
     with open_outputs(job) as outputs, opened(job) as run:
+        written = written_files(job)
         with ExitStack() as stack:
             observer.opened(run.source)
-            inputs = stack.enter_context(closing(_input_files(run.source, named, is_written=bool(job.outputs))))
+            inputs = stack.enter_context(closing(_input_files(run.source, named, is_written=bool(written))))
             writers = open_writers(job, run.source, inputs, outputs, stack, run.report)
             # Closed before the writers are, also when the observer raises: then no stage is at work any more.
-            folder = job.outputs[0].parent if job.outputs else None
+            folder = written[0].parent if written else None
             frames = stack.enter_context(closing(run.frames(writers, folder, partial(_tell, run, inputs, observer))))
             for frame in frames:
                 observer.frame(frame)
             whole = inputs.finish()
         make_pages(job, outputs)
         changed = [file.path for file in (*whole, *inputs.named.values()) if file.is_changed]
-        return run.report(whole, written_files(job), how_to_open(job), changed)
+        return run.report(whole, written, how_to_open(job), changed)
 
 
-def iter_frames(job: Job) -> Generator[FrameResult, None, None]:
+def iter_frames(job: Job) -> Generator[Frame, None, None]:
     """The frames of a recording, in order, with their tracks; closes the recording when it ends or is closed.
 
     With offline tracks the first frame comes when `track.window_s` of the recording are read.
@@ -213,7 +216,7 @@ class Run:
         writers: Sequence[ResultWriter] = (),
         folder: Path | None = None,
         passed: Callable[[], None] = lambda: None,
-    ) -> Generator[FrameResult, None, None]:
+    ) -> Generator[Frame, None, None]:
         """The frames, in order, with their tracks, each written before it is yielded; to be read once.
 
         Args:
@@ -227,7 +230,7 @@ class Run:
             OutputError: a frame cannot be written, or cannot be kept for its tracks.
             WorkerError: a process that shares the work cannot be started, or has died.
         """
-        started, graph = time.perf_counter(), self._graph
+        started, graph, scenes = time.perf_counter(), self._graph, drawn_scenes(self.source)
         self._count_early_drops()
         with ExitStack() as stack:
             frames = stack.enter_context(closing(self._results(passed)))
@@ -251,7 +254,7 @@ class Run:
                     len(bundle.messages),
                     objects,
                 )
-                yield frame
+                yield Frame.of(frame, scenes)
         self._seconds += time.perf_counter() - started
         if self._tally.frames == 0:
             raise RecordingError(no_frames(self.source, self._drops))

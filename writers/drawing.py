@@ -7,6 +7,7 @@ import numpy as np
 
 from pipeline.core.arrays import F32, F64, I64, Bools, Indices
 from pipeline.core.camera import CameraModel
+from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import NO_HYPOTHESIS, Boxes2D, Boxes3D, Matches, Source, source_names
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.boxes import box_corners
@@ -23,6 +24,7 @@ __all__ = [
     "arrow_lengths",
     "drawn_boxes_2d",
     "ground_ellipses",
+    "height_range",
     "labels_in_the_clear",
     "object_colors",
     "object_edges",
@@ -182,11 +184,15 @@ class DrawnBoxes2D(NamedTuple):
         xyxy: (N, 4) float32, left, top, right, bottom in pixels.
         colors: N colours: that of matched boxes, or of boxes of the camera alone.
         labels: Class and score, or track and speed: the object's where the box belongs to one, else the detector's.
+        objects: Row of that object, -1 where the box belongs to none.
+        overlaps: With its 3D box, when they were matched; 0 where the box belongs to none.
     """
 
     xyxy: F32
     colors: Sequence[Rgb]
     labels: Sequence[str]
+    objects: Sequence[int] = ()
+    overlaps: Sequence[float] = ()
 
 
 def drawn_boxes_2d(result: FrameResult, camera: str, class_names: Sequence[str]) -> DrawnBoxes2D:
@@ -197,14 +203,14 @@ def drawn_boxes_2d(result: FrameResult, camera: str, class_names: Sequence[str])
     names = _names(result, class_names)
     object_of_row = {row: index for index, row in enumerate(result.fused.rows.tolist()) if row != NO_HYPOTHESIS}
     matches: Matches | None = result.matches.get(camera)
-    pairs = matches.pairs.tolist() if matches is not None else []
-    object_of_box = {row2d: object_of_row[row3d] for row3d, row2d in pairs if row3d in object_of_row}
+    pairs = zip(matches.pairs.tolist(), matches.iou.tolist(), strict=True) if matches is not None else ()
+    of_box = {row2d: (object_of_row[row3d], iou) for (row3d, row2d), iou in pairs if row3d in object_of_row}
+    found = [of_box.get(row, (-1, 0.0)) for row in range(len(boxes))]
     labels = []
-    for row, (class_id, score) in enumerate(zip(boxes.class_ids.tolist(), boxes.scores.tolist(), strict=True)):
-        index = object_of_box.get(row)
-        labels.append(names[index] if index is not None else f"{class_names[class_id]} {score:.2f}")
-    colors = [MATCHED if row in object_of_box else CAMERA_ONLY for row in range(len(boxes))]
-    return DrawnBoxes2D(boxes.xyxy, colors, labels)
+    for (index, _), class_id, score in zip(found, boxes.class_ids.tolist(), boxes.scores.tolist(), strict=True):
+        labels.append(names[index] if index >= 0 else f"{class_names[class_id]} {score:.2f}")
+    colors = [MATCHED if index >= 0 else CAMERA_ONLY for index, _ in found]
+    return DrawnBoxes2D(boxes.xyxy, colors, labels, [index for index, _ in found], [iou for _, iou in found])
 
 
 def labels_in_the_clear(places: F64, sizes: F64, importance: F64) -> list[int]:
@@ -241,3 +247,12 @@ def ground_ellipses(boxes: Boxes3D) -> F64:
     points[..., 1] += shear[:, None] * _CIRCLE[0] + along_y[:, None] * _CIRCLE[1]
     points[..., 2] -= boxes.sizes[:, None, 2] / 2
     return points
+
+
+def height_range(combined: CombinedCloud) -> tuple[float, float] | None:
+    """Heights between which the colours of a cloud run, metres; None without points."""
+    xyz = combined.cloud.xyz if len(combined.cloud) else combined.ground_cloud.xyz
+    if not len(xyz):
+        return None
+    low, high = np.percentile(xyz[:, 2], [2, 98]).tolist()
+    return low, max(high, low + 0.01)

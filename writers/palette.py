@@ -2,7 +2,24 @@
 
 from typing import NamedTuple
 
-__all__ = ["CAMERA_ONLY", "CHANGED", "EQUAL", "LOST", "MATCHED", "NEW", "Rgb", "class_color"]
+import numpy as np
+
+from pipeline.core.arrays import U8, Array, Indices
+
+__all__ = [
+    "CAMERA_ONLY",
+    "CHANGED",
+    "EQUAL",
+    "GROUND",
+    "HEIGHT_COLORS",
+    "LOST",
+    "MATCHED",
+    "NEW",
+    "TRUTH",
+    "Rgb",
+    "class_color",
+    "height_rows",
+]
 
 
 class Rgb(NamedTuple):
@@ -53,3 +70,25 @@ EQUAL = Rgb(0.50, 0.52, 0.56)
 def class_color(class_id: int) -> Rgb:
     """Colour of a class; colours repeat after the sixth."""
     return _CLASS_COLORS[class_id % len(_CLASS_COLORS)]
+
+
+GROUND = (70, 76, 86)
+"""A point of the ground, red, green, blue from 0 to 255."""
+
+# Low to high; muted, so that the boxes stand out from the cloud.
+_HEIGHT_STOPS = np.array([[62, 84, 128], [108, 150, 190], [176, 205, 218], [245, 240, 225]], np.float64)
+
+
+def _height_colors(count: int) -> U8:
+    places, stops = np.linspace(0, 1, count), np.linspace(0, 1, len(_HEIGHT_STOPS))
+    return np.stack([np.interp(places, stops, channel).astype(np.uint8) for channel in _HEIGHT_STOPS.T], 1)
+
+
+HEIGHT_COLORS = _height_colors(1024)
+"""(1024, 3) colours of heights, from low to high; looked up, as three interpolations of all points take longest."""
+
+
+def height_rows(z: Array, heights: tuple[float, float]) -> Indices:
+    """(N,) rows of `HEIGHT_COLORS` of points at heights (N,), where the colours run from the first to the second."""
+    share = (z - heights[0]) / (heights[1] - heights[0])
+    return (np.clip(share, 0.0, 1.0) * (len(HEIGHT_COLORS) - 1) + 0.5).astype(np.intp)

@@ -99,6 +99,22 @@ def process(
         Path | None,
         typer.Option(metavar="OUT.html", callback=ends_in(".html"), help="Also write a page about the result."),
     ] = None,
+    save_matches: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            callback=ends_in(""),
+            help="Also write a picture (JPEG) of each camera and frame into this folder: 2D and 3D boxes, matches.",
+        ),
+    ] = None,
+    video: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT.mp4",
+            callback=ends_in(".mp4"),
+            help="Also write a film of all cameras and the site from above (extra video).",
+        ),
+    ] = None,
     model_2d: Model2d = None,
     view: Annotated[
         bool, typer.Option("--view", help="Show the frames in the Rerun viewer while the run goes on.")
@@ -187,7 +203,7 @@ def process(
             required = read_requirements(requirements)
         job = make_job(
             inputs,
-            [output, *(path for path in (rerun, objects, objects_clouds, report) if path is not None)],
+            [output, *(path for path in (rerun, objects, objects_clouds, report, video) if path is not None)],
             config=config_file,
             settings=settings or (),
             rig=rig_files,
@@ -202,6 +218,7 @@ def process(
             view=view,
             foxglove=foxglove,
             pace=pace,
+            save_matches=save_matches,
         )
         if job.foxglove is not None:
             remark_log.info("in Foxglove: Open connection, ws://%s:%d", *job.foxglove)
@@ -246,12 +263,13 @@ def run_process(
     with compiled_together(shown=True):
         from lidcam.run import process_recording
     from lidcam.commands.json_output import json_output
+    from lidcam.outputs.open import written_files
     from lidcam.printing.console import print_report
     from lidcam.printing.running import shown_run
     from lidcam.printing.terminal import console, show_json
 
     out = console()
-    others = (*job.inputs, *job.outputs, *job.read_files)
+    others = (*job.inputs, *written_files(job), *job.read_files)
     with json_output(json_file, inputs=others, overwrite=job.overwrite) as write_json:
         with shown_run(out, requirements or (), detections=detections, matches=matches) as observer:
             report = process_recording(job, observer)

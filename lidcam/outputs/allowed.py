@@ -36,9 +36,11 @@ __all__ = [
     "check_replaced",
     "is_marked_clouds",
     "is_marked_csv",
+    "is_marked_film",
     "is_marked_mcap",
     "is_marked_page",
     "is_marked_parquet",
+    "is_marked_pictures",
     "is_marked_rrd",
 ]
 
@@ -132,6 +134,19 @@ def is_marked_clouds(path: Path) -> bool:
     return path.is_dir() and all(
         not file.is_symlink() and _head(file, HEAD_BYTES).startswith(PCD_HEAD.encode()) for file in path.iterdir()
     )
+
+
+def is_marked_pictures(path: Path) -> bool:
+    """Whether a folder has pictures of cameras and nothing else, or nothing at all."""
+    return path.is_dir() and all(
+        not file.is_symlink() and marks.MATCHES.encode() in _head(file, HEAD_BYTES) for file in path.iterdir()
+    )
+
+
+def is_marked_film(path: Path) -> bool:
+    """Whether a file is a film of a result: its comment stands before the images."""
+    head = _head(path, MAX_TEXT_BYTES)
+    return head[4:8] == b"ftyp" and marks.FILM.encode() in head
 
 
 def _is_simulated(path: Path) -> bool:

@@ -11,12 +11,14 @@ from lidcam.job import Job
 from lidcam.outputs.allowed import (
     is_marked_clouds,
     is_marked_csv,
+    is_marked_film,
     is_marked_mcap,
     is_marked_page,
     is_marked_parquet,
+    is_marked_pictures,
     is_marked_rrd,
 )
-from pipeline.core.errors import ConfigError, OutputError
+from pipeline.core.errors import ConfigError, OutputError, RecordingError
 from pipeline.core.settings.config import Config
 from readers.messages.image import decode_any_image
 from writers.base import ResultWriter
@@ -26,11 +28,16 @@ from writers.live.pace import Pace
 from writers.mcap.writer import McapResultWriter
 from writers.outputs.marks import RESULT
 from writers.outputs.transaction import OutputFile, OutputTransaction
+from writers.pictures.matches import MatchesWriter
+from writers.pictures.scene import Scenes
 from writers.provenance import Provenance
 from writers.rerun.environment import without_rerun_variables
 from writers.tables.writer import CsvObjectsWriter, ParquetObjectsWriter
 
-__all__ = ["OUTPUTS", "OutputKind", "live_views"]
+__all__ = ["MATCHES", "OUTPUTS", "OutputKind", "drawn_scenes", "live_views"]
+
+MATCHES = "save_matches"
+"""The option of a job that names the folder of pictures."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +51,7 @@ class OutputKind:
         viewer: Name of the viewer that opens it, for the last lines of a run.
         how_to_open: Gives the instruction to open it, from the paths of the output and of the texts beside it.
         beside: The texts that the writer writes beside it, by its path and the settings.
-        is_folder: Whether it is a folder.
+        folder_of: What it holds, where it is a folder.
         of_result: The function that makes its text of the finished result, as `module:name`, where it has no writer.
     """
 
@@ -53,7 +60,7 @@ class OutputKind:
     viewer: str
     how_to_open: Callable[[Path, tuple[Path, ...]], str]
     beside: Callable[[Path, Config], tuple[Path, ...]] = lambda _path, _config: ()
-    is_folder: bool = False
+    folder_of: str = ""
     of_result: str = ""
 
 
@@ -81,6 +88,25 @@ def _rerun(output: OutputFile | None, source: RunInput, provenance: Provenance) 
 
     decode = partial(decode_any_image, limits=source.config.limits)
     return RerunResultWriter(output, source.rig, source.config, provenance, decode_any_image=decode)
+
+
+def drawn_scenes(source: RunInput) -> Scenes:
+    """What gathers, over the frames of a run, what their pictures show."""
+    return Scenes(source.rig, source.config, partial(decode_any_image, limits=source.config.limits))
+
+
+def _film(path: Path, outputs: OutputTransaction, source: RunInput, provenance: Provenance) -> ResultWriter:
+    try:
+        from writers.pictures.film import FilmWriter
+    except ModuleNotFoundError as err:
+        raise OutputError(f"{path}: a film needs PyAV: pip install 'lidcam[video]'") from err
+    return FilmWriter(outputs[path], drawn_scenes(source), provenance)
+
+
+def _matches(path: Path, outputs: OutputTransaction, source: RunInput, provenance: Provenance) -> ResultWriter:
+    if not source.rig.cameras:
+        raise RecordingError(f"{path}: pictures of matches need cameras: no camera of the recording is used")
+    return MatchesWriter(outputs[path], drawn_scenes(source), provenance)
 
 
 def _csv(path: Path, outputs: OutputTransaction, source: RunInput, _: Provenance) -> ResultWriter:
@@ -112,7 +138,15 @@ OUTPUTS: dict[str, OutputKind] = {
         is_marked_clouds,
         "Clouds",
         lambda path, _: f"open the .pcd in {path} with CloudCompare, or open3d.t.io.read_point_cloud",
-        is_folder=True,
+        folder_of="clouds",
+    ),
+    ".mp4": OutputKind(_film, is_marked_film, "Film", lambda path, _: f"open {path} in a browser or a player"),
+    MATCHES: OutputKind(
+        _matches,
+        is_marked_pictures,
+        "Pictures",
+        lambda path, _: f"look at the .jpg in {path}",
+        folder_of="pictures",
     ),
     ".html": OutputKind(
         None,
@@ -122,7 +156,7 @@ OUTPUTS: dict[str, OutputKind] = {
         of_result="lidcam.page.make:make_page",
     ),
 }
-"""By the ending of their names; a folder has none."""
+"""By the ending of their names; a folder of clouds has none, and that of pictures has an option of its own."""
 
 
 def live_views(job: Job, source: RunInput, provenance: Provenance) -> Iterator[ResultWriter]:

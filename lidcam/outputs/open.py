@@ -12,7 +12,7 @@ from lidcam.frames import RunInput
 from lidcam.job import Job
 from lidcam.outputs.account import account_text
 from lidcam.outputs.allowed import TEXT, Replaceable, check_no_input, check_replaced
-from lidcam.outputs.kinds import OUTPUTS, live_views
+from lidcam.outputs.kinds import MATCHES, OUTPUTS, OutputKind, live_views
 from lidcam.report import RunReport
 from lidcam.settings.effect import lasting_settings
 from pipeline.core.errors import OutputError
@@ -34,7 +34,7 @@ def open_outputs(job: Job) -> OutputTransaction:
     known: dict[str, Path] = {}
     for output in job.outputs:
         if output.suffix not in OUTPUTS:
-            endings = " or ".join(filter(None, OUTPUTS))
+            endings = " or ".join(key for key in OUTPUTS if key.startswith("."))
             raise OutputError(f"{output}: expected a name that ends in {endings}, or without ending for a folder")
         if other := known.get(output.suffix):
             raise OutputError(f"{output}: expected one output of a kind, found {other}, too; choose one of them")
@@ -44,29 +44,35 @@ def open_outputs(job: Job) -> OutputTransaction:
             raise OutputError(f"{output}: is made of the result: expected an .mcap among the outputs, found none")
     files = written_files(job)
     check_no_input(files, (*job.inputs, *job.read_files))
-    folders = [path for path in job.outputs if OUTPUTS[path.suffix].is_folder]
+    folders = [path for path, kind in _kinds(job) if kind.folder_of]
     check_old = check_replaced(partial(_replaceable, job), overwrite=job.overwrite)
     return OutputTransaction(files, folders=folders, check_old=check_old)
 
 
 def written_files(job: Job) -> tuple[Path, ...]:
     """The outputs, and the texts that are written beside them."""
-    beside = (OUTPUTS[path.suffix].beside(path, job.config) for path in job.outputs)
-    return (*job.outputs, *chain.from_iterable(beside))
+    kinds = _kinds(job)
+    beside = (kind.beside(path, job.config) for path, kind in kinds)
+    return (*(path for path, _ in kinds), *chain.from_iterable(beside))
 
 
 def how_to_open(job: Job) -> dict[str, str]:
     """Instructions to open the outputs, by the name of the viewer."""
-    kinds = ((path, OUTPUTS[path.suffix]) for path in job.outputs)
-    return {kind.viewer: kind.how_to_open(path, kind.beside(path, job.config)) for path, kind in kinds}
+    return {kind.viewer: kind.how_to_open(path, kind.beside(path, job.config)) for path, kind in _kinds(job)}
+
+
+def _kinds(job: Job) -> list[tuple[Path, OutputKind]]:
+    named = [(path, OUTPUTS[path.suffix]) for path in job.outputs]
+    return named if job.save_matches is None else [*named, (job.save_matches, OUTPUTS[MATCHES])]
 
 
 def _replaceable(job: Job, path: Path) -> Replaceable:
-    if path not in job.outputs:
+    kind = next((kind for output, kind in _kinds(job) if output == path), None)
+    if kind is None:
         return TEXT
-    kind = OUTPUTS[path.suffix]
-    if kind.is_folder:
-        return Replaceable(kind.is_result, "exists and holds more than the clouds of an earlier run", only_own=True)
+    if kind.folder_of:
+        holds_more = f"exists and holds more than the {kind.folder_of} of an earlier run"
+        return Replaceable(kind.is_result, holds_more, only_own=True)
     return Replaceable(
         kind.is_result,
         "exists and is no result of an earlier run (a recording? the output comes last)",
@@ -95,7 +101,7 @@ def open_writers(
         OutputError: an output cannot be written.
     """
     provenance = _provenance(source, inputs, lambda: account_text(report(), job))
-    kinds = ((path, OUTPUTS[path.suffix].open) for path in job.outputs)
+    kinds = ((path, kind.open) for path, kind in _kinds(job))
     files = (opened(path, outputs, source, provenance) for path, opened in kinds if opened)
     return [stack.enter_context(writer) for writer in chain(live_views(job, source, provenance), files)]
 

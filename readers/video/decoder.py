@@ -1,4 +1,4 @@
-"""Decodes the packets of one video topic. The only module that imports PyAV (extra `video`).
+"""Decodes the packets of one video topic. The only reader that imports PyAV (extra `video`).
 
 An image depends on those before it, so a decoder must get every packet of its topic in order. It begins with a key
 frame; after a packet that cannot be decoded it waits for the next key frame, because codecs make up missing images.

@@ -80,7 +80,7 @@ def run(
 ) -> tuple[RunReport, list[FrameResult]]:
     source = RunInput(MemoryRecording(messages), sensors or rig(), settings, motion, window or TimeWindow())
     pass_over = Run(source, Discovery(source.rig, (), (), (), RecordedTransforms(TransformTree())), DropTable())
-    frames = list(pass_over.frames([]))
+    frames: list[FrameResult] = [*pass_over.frames([])]
     return pass_over.report(), frames
 
 

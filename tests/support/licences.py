@@ -48,7 +48,7 @@ These are not permissive:
 
 - **av** (extra `video`) is itself under BSD-3-Clause, but its wheel holds FFmpeg with the encoders x264 and x265, which
   are under GPL-2.0-or-later: who passes on an installation with this extra passes on GPL code. That is why it is an
-  extra; lidcam decodes with it and encodes nothing.
+  extra; lidcam decodes with it, and writes films with x264.
 - **opencv-python-headless** (installed with lidcam) holds FFmpeg under LGPL-2.1-or-later.
 - **libusb-package** (extra `sim`) holds libusb under LGPL-2.1-or-later.
 - **numpy**, **scipy** and **opencv-python-headless** hold libgfortran (GPL-3.0 with the runtime library exception) and

@@ -9,9 +9,11 @@ from hashlib import sha256
 __all__ = [
     "APPLICATION",
     "BAG_CALLER",
+    "FILM",
     "FOLDER_DATA",
     "INPUTS",
     "LIBRARY",
+    "MATCHES",
     "MERGED",
     "OBJECTS",
     "OBJECT_CLOUD",
@@ -45,6 +47,13 @@ OBJECTS = "lidcam.objects"
 
 OBJECT_CLOUD = "lidcam.object_cloud"
 """Begins the comment in the header of the cloud of an object."""
+
+MATCHES = "lidcam.matches"
+"""Begins the comment of a picture of a camera."""
+
+FILM = "lidcam.film"
+"""Begins the comment of a film."""
+
 PAGE = '<meta name="generator" content="lidcam">'
 """In the head of a page about a result."""
 

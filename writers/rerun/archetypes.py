@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow as pa
 import rerun as rr
 
-from pipeline.core.arrays import F32, F64, U8, Array, Bools
+from pipeline.core.arrays import F32, F64, U8, Bools
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes3D, source_names
 from pipeline.core.frame import FrameResult
@@ -23,7 +23,7 @@ from writers.drawing import (
     strong_objects,
     thin_objects,
 )
-from writers.palette import CAMERA_ONLY, TRUTH, Rgb
+from writers.palette import CAMERA_ONLY, GROUND, HEIGHT_COLORS, TRUTH, Rgb, height_rows
 
 __all__ = [
     "Look",
@@ -32,7 +32,6 @@ __all__ = [
     "edges_2d",
     "ground_points",
     "heading_arrows",
-    "height_range",
     "labels_2d",
     "object_ellipses",
     "object_facts",
@@ -51,31 +50,22 @@ MAX_POINTS = 100_000
 _LABEL_SHARE, _LETTER_SHARE = 0.08, 0.02
 """Height of a label as a share of the image's, and width of a letter: in panels of the usual size."""
 
-_GROUND_GREY = (70, 76, 86)
-# Low to high; muted, so that the boxes stand out from the cloud.
-_HEIGHT_STOPS = np.array([[62, 84, 128], [108, 150, 190], [176, 205, 218], [245, 240, 225]], np.float64)
-
-
-def height_range(combined: CombinedCloud) -> tuple[float, float] | None:
-    """Heights between which the colours of a cloud run, metres; None without points."""
-    xyz = combined.cloud.xyz if len(combined.cloud) else combined.ground_cloud.xyz
-    if not len(xyz):
-        return None
-    low, high = np.percentile(xyz[:, 2], [2, 98]).tolist()
-    return low, max(high, low + 0.01)
+_RED, _GREEN, _BLUE = HEIGHT_COLORS.T.astype(np.uint32)
+_PACKED_COLORS = _RED << 24 | _GREEN << 16 | _BLUE << 8 | 255
+"""`HEIGHT_COLORS` as 0xRRGGBBAA."""
 
 
 def cloud_points(combined: CombinedCloud, heights: tuple[float, float]) -> rr.Points3D:
     """The points above the ground, coloured by height."""
     xyz = _thinned(combined.cloud.xyz, combined)
-    colors = _height_colors((xyz[:, 2] - heights[0]) / (heights[1] - heights[0]))
+    colors = _PACKED_COLORS[height_rows(xyz[:, 2], heights)]
     return rr.Points3D(xyz, colors=colors, radii=rr.Radius.ui_points(1.3))
 
 
 def ground_points(combined: CombinedCloud) -> rr.Points3D:
     """The points of the ground."""
     xyz = _thinned(combined.ground_cloud.xyz, combined)
-    return rr.Points3D(xyz, colors=_GROUND_GREY, radii=rr.Radius.ui_points(0.9))
+    return rr.Points3D(xyz, colors=GROUND, radii=rr.Radius.ui_points(0.9))
 
 
 def objects_3d(result: FrameResult, labels: Sequence[str], rows: Bools, look: Look) -> rr.Boxes3D:
@@ -228,21 +218,6 @@ def labels_2d(drawn: DrawnBoxes2D, camera: CameraSensor) -> rr.Points2D:
 
 def _bytes(colors: F64) -> U8:
     return np.round(colors * 255).astype(np.uint8)
-
-
-def _height_colors(share: Array) -> Array:
-    """(N,) colours of heights as 0xRRGGBBAA, given as shares of the scale from 0 (low) to 1 (high)."""
-    return _HEIGHT_SCALE[(np.clip(share, 0.0, 1.0) * (len(_HEIGHT_SCALE) - 1) + 0.5).astype(np.intp)]
-
-
-def _height_scale(count: int) -> Array:
-    """(count,) uint32 colours from low to high; looked up, as three interpolations of all points took longest."""
-    places, stops = np.linspace(0, 1, count), np.linspace(0, 1, len(_HEIGHT_STOPS))
-    red, green, blue = (np.interp(places, stops, channel).astype(np.uint32) for channel in _HEIGHT_STOPS.T)
-    return np.asarray(red << 24 | green << 16 | blue << 8 | 255, np.uint32)
-
-
-_HEIGHT_SCALE = _height_scale(1024)
 
 
 def _thinned(xyz: F32, combined: CombinedCloud) -> F32:

@@ -29,6 +29,7 @@ from pipeline.core.true_boxes import TrueBoxes
 from writers.drawing import (
     ObjectEdges,
     drawn_boxes_2d,
+    height_range,
     object_edges,
     object_labels,
     predicted_objects,
@@ -244,7 +245,7 @@ class RerunResultWriter:
         self._last_place = place
 
     def _log_clouds(self, result: FrameResult) -> None:
-        self._heights = self._heights or archetypes.height_range(result.combined)
+        self._heights = self._heights or height_range(result.combined)
         self._waiting_bytes += POINT_BYTES * (len(result.combined.cloud) + len(result.combined.ground_cloud))
         self._recording.log("world/cloud", archetypes.cloud_points(result.combined, self._heights or (0.0, 1.0)))
         self._recording.log("world/ground", archetypes.ground_points(result.combined))

@@ -16,7 +16,7 @@ from bags.simulator.recorder.files import RecordingFormat, recording_file, recor
 from bags.simulator.recorder.messages import MessageFactory
 from lidcam.commands.inspect import inspect as run_inspect
 from lidcam.outputs.allowed import MERGED, REPAIRED, SIMULATED, TEXT, check_no_input, check_replaced
-from lidcam.outputs.kinds import OUTPUTS
+from lidcam.outputs.kinds import MATCHES, OUTPUTS
 from pipeline.core.errors import OutputError
 from pipeline.core.messages import RawMessage
 from writers.outputs.marks import is_unchanged_text, marked_json, marked_yaml
@@ -27,12 +27,15 @@ OWN = {
     "csv": OUTPUTS[".csv"].is_result,
     "parquet": OUTPUTS[".parquet"].is_result,
     "clouds": OUTPUTS[""].is_result,
+    "mp4": OUTPUTS[".mp4"].is_result,
+    "pictures": OUTPUTS[MATCHES].is_result,
     "repaired": REPAIRED.is_own,
     "merged": MERGED.is_own,
     "simulated": SIMULATED.is_own,
     "text": TEXT.is_own,
 }
 PCD = b"# .PCD v0.7 - Point Cloud Data file format\n# lidcam.object_cloud {}\n"
+JPEG = b"\xff\xd8\xff\xe0" + bytes(16) + b"\xff\xfe\x00\x14lidcam.matches {}"
 REFUSED = "choose another name, or replace it with --overwrite"
 
 
@@ -73,8 +76,10 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     recorded(folder / "rec.mcap")
     write_rosbag1(folder / "rec.bag", [raw("/a", "std_msgs/msg/String", {"data": "x"}, 1, encoding="ros1")])
     write_rosbag2(folder / "rec", clouds())
-    outputs = [folder / f"out.{kind}" for kind in ("mcap", "rrd", "csv", "parquet")]
+    outputs = [folder / f"out.{kind}" for kind in ("mcap", "rrd", "csv", "parquet", "mp4")]
     lidcam.process(folder / "rec.mcap", [*outputs, folder / "out"])
+    (folder / "pictures").mkdir()
+    (folder / "pictures" / "frame_000000_cam.jpg").write_bytes(JPEG)
     (folder / "out" / "track_0001_car.pcd").write_bytes(PCD)
     inspect(folder / "rec.mcap", repair=folder / "repaired.mcap", write_rig=folder / "rig.yaml")
     for name, format in (("sim.bag", "ros1"), ("sim", "sqlite3"), ("sim.mcap", "mcap")):
@@ -90,6 +95,8 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("out.csv", "csv"),
         ("out.parquet", "parquet"),
         ("out", "clouds"),
+        ("out.mp4", "mp4"),
+        ("pictures", "pictures"),
         ("out.foxglove.json", "text"),
         ("repaired.mcap", "repaired"),
         ("rig.yaml", "text"),
@@ -108,7 +115,8 @@ def test_the_content_says_what_lidcam_made(results: Path, name: str, made: str |
 
 
 @pytest.mark.parametrize(
-    "name", ["out.mcap", "out.parquet", "repaired.mcap", "sim.bag", "sim.mcap", "rig.yaml", "out.foxglove.json"]
+    "name",
+    ["out.mcap", "out.parquet", "repaired.mcap", "sim.bag", "sim.mcap", "rig.yaml", "out.foxglove.json"],
 )
 def test_what_is_cut_or_changed_is_not_lidcam_s(results: Path, tmp_path: Path, name: str) -> None:
     content = (results / name).read_bytes()
@@ -134,7 +142,7 @@ def test_what_only_looks_like_it_is_not_lidcam_s(results: Path, tmp_path: Path) 
     (tmp_path / "sim" / "sim.db3-wal").touch()
     assert recognised(tmp_path / "sim") == []
     (tmp_path / "empty").mkdir()
-    assert recognised(tmp_path / "empty") == ["clouds"]  # nothing is lost with it
+    assert recognised(tmp_path / "empty") == ["clouds", "pictures"]  # nothing is lost with it
     for library in ("lidcam", "another"):
         with (tmp_path / library).open("wb") as file:
             writer = Writer(file)

@@ -1,0 +1,46 @@
+"""A frame as users get it: its results, and how they look."""
+
+from dataclasses import dataclass, fields
+from typing import Self
+
+from pipeline.core.arrays import U8
+from pipeline.core.frame import FrameResult
+from pipeline.core.text import brief
+from writers.pictures.scene import Scene, Scenes
+
+__all__ = ["Frame"]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Frame(FrameResult):
+    """All results of one frame, as of `FrameResult`, which can be drawn.
+
+    Attributes:
+        scene: What its pictures show.
+        scenes: Draws them.
+    """
+
+    scene: Scene
+    scenes: Scenes
+
+    __repr__ = brief
+
+    @classmethod
+    def of(cls, result: FrameResult, scenes: Scenes) -> Self:
+        """The next frame of a run."""
+        values = {one.name: getattr(result, one.name) for one in fields(FrameResult)}
+        return cls(**values, scene=scenes.add(result), scenes=scenes)
+
+    def draw(self, camera: str | None = None) -> U8:
+        """The frame as a picture, (H, W, 3) uint8, red, green, blue.
+
+        Args:
+            camera: Name of a camera, for its image with 2D boxes, 3D boxes and what belongs together, as of
+                `--save-matches`; None: all cameras and the site from above, as of `--video`.
+
+        Raises:
+            ConfigError: there is no camera of that name.
+        """
+        scenes, scene = self.scenes, self.scene
+        picture, _ = scenes.all_cameras(scene) if camera is None else scenes.camera(scene, camera)
+        return picture

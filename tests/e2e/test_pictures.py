@@ -1,0 +1,87 @@
+"""Pictures and films of runs, by the installed command and from Python."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+from builders import write_mcap
+from command import Lidcam
+from small_drive import small_drive
+from video import psnr_db
+
+import lidcam as library
+from pipeline.core.arrays import U8
+
+PROGRAM = Path(sys.executable).with_name("lidcam-process")
+PART = ("--config", "sandbox", "--duration", "0.3")
+CAMERA = "cam11"
+
+
+def process(recording: Path, *options: object) -> subprocess.CompletedProcess[str]:
+    command = [PROGRAM, recording, *options]
+    return subprocess.run([str(one) for one in command], capture_output=True, text=True, check=False)
+
+
+def images_of(film: Path) -> list[U8]:
+    with av.open(film) as file:
+        return [np.asarray(one.to_ndarray(format="rgb24"), np.uint8) for one in file.decode(video=0)]
+
+
+@pytest.fixture(scope="module")
+def made(sandbox: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("made")
+    outputs = (folder / "out.mcap", "--video", folder / "out.mp4", "--save-matches", folder / "pictures")
+    done = process(sandbox, *outputs, *PART, "--workers", 1)
+    assert done.returncode == 0, done.stderr
+    assert f"open {folder / 'out.mp4'} in a browser" in done.stdout
+    return folder
+
+
+def test_frames_draw_the_same(made: Path, sandbox: Path) -> None:
+    frames = [*library.iter_frames(sandbox, config="sandbox", duration_s=0.3, workers=1)]
+    shown = images_of(made / "out.mp4")
+    assert len(frames) == len(shown) > 1
+    for number, (frame, image) in enumerate(zip(frames, shown, strict=True)):
+        assert psnr_db(image, frame.draw()) > 28
+        picture = cv2.imread(str(made / "pictures" / f"frame_{number:06d}_{CAMERA}.jpg"))
+        assert picture is not None
+        assert psnr_db(np.asarray(picture[..., ::-1], np.uint8), frame.draw(CAMERA)) > 30
+    assert len([*(made / "pictures").iterdir()]) == 8 * len(frames)
+    with pytest.raises(library.ConfigError, match="camera: expected one of cam11, "):
+        frames[0].draw("front")
+
+
+def test_a_later_run_replaces_them_with_the_same_bytes(made: Path, sandbox: Path) -> None:
+    def content() -> dict[str, bytes]:
+        return {path.name: path.read_bytes() for path in made.rglob("*") if path.suffix in {".mp4", ".jpg"}}
+
+    before = content()
+    library.process(sandbox, made / "out.mp4", save_matches=made / "pictures", config="sandbox", duration_s=0.3)
+    assert content() == before
+    (made / "pictures" / "notes.txt").touch()
+    with pytest.raises(library.OutputError, match="holds more than the pictures of an earlier run"):
+        library.process(sandbox, save_matches=made / "pictures", duration_s=0.3, overwrite=True)
+
+
+def test_a_recording_without_cameras(tmp_path: Path, lidcam: Lidcam) -> None:
+    write_mcap(tmp_path / "rec.mcap", small_drive("cdr", frames=3, motion="none", kinds=()))
+    done = lidcam("process", tmp_path / "rec.mcap", tmp_path / "out.mcap", "--video", tmp_path / "out.mp4")
+    assert done.code == 0, done.err
+    assert len(images_of(tmp_path / "out.mp4")) == 3
+    refused = lidcam("process", tmp_path / "rec.mcap", tmp_path / "other.mcap", "--save-matches", tmp_path / "pictures")
+    assert "pictures: pictures of matches need cameras" in refused.error_line
+    assert not (tmp_path / "other.mcap").exists()
+
+
+def test_a_film_without_the_extra(
+    tmp_path: Path, sandbox: Path, lidcam: Lidcam, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delitem(sys.modules, "writers.pictures.film", raising=False)
+    monkeypatch.setitem(sys.modules, "av", None)
+    done = lidcam("process", sandbox, tmp_path / "out.mcap", "--video", tmp_path / "out.mp4", *PART)
+    assert done.error_line.endswith("out.mp4: a film needs PyAV: pip install 'lidcam[video]'")
+    assert [*tmp_path.iterdir()] == []

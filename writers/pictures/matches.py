@@ -1,0 +1,62 @@
+"""Writes one JPEG per camera and frame into a folder: what each sensor saw, and what belongs together."""
+
+import json
+import re
+from types import TracebackType
+from typing import Self
+
+from PIL import Image
+
+from pipeline.core.frame import FrameResult
+from pipeline.core.messages import Drop
+from writers.outputs.errors import output_errors
+from writers.outputs.marks import MATCHES
+from writers.outputs.transaction import OutputFile
+from writers.pictures.scene import Scenes
+from writers.provenance import Provenance
+
+__all__ = ["MatchesWriter"]
+
+JPEG_QUALITY, MAX_COMMENT = 90, 65_000
+
+
+class MatchesWriter:
+    """Writes `frame_NUMBER_CAMERA.jpg` of each image; a `writers.base.ResultWriter`.
+
+    A comment in each file has, as JSON, camera, frame, `stamp_ns` and where the result comes from
+    (`Provenance.metadata`).
+    """
+
+    name = "matches"
+
+    def __init__(self, output: OutputFile, scenes: Scenes, provenance: Provenance) -> None:
+        self._output, self._scenes, self._origin = output, scenes, provenance.metadata()
+
+    def __enter__(self) -> Self:
+        with output_errors(self._output.path):
+            self._output.part.mkdir()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    def write(self, result: FrameResult) -> tuple[Drop, ...]:
+        """Write the pictures of one frame.
+
+        Returns:
+            Images that cannot be decoded: their pictures are dark.
+        """
+        scene, bundle = self._scenes.add(result), result.bundle
+        drops: list[Drop] = []
+        for name, shown in scene.images.items():
+            if shown is not result:
+                continue
+            picture, unfit = self._scenes.camera(scene, name)
+            drops += unfit
+            facts = {"camera": name, "frame": bundle.index, "stamp_ns": bundle.stamp_ns, **self._origin}
+            label, comment = re.sub(r"[^\w.-]", "_", name), f"{MATCHES} {json.dumps(facts)}"
+            path = self._output.part / f"frame_{bundle.index:06d}_{label}.jpg"
+            with output_errors(self._output.path), path.open("xb") as file:
+                Image.fromarray(picture).save(file, "JPEG", quality=JPEG_QUALITY, comment=comment[:MAX_COMMENT])
+        return tuple(drops)

@@ -1,0 +1,202 @@
+"""What the pictures of a run show: its cameras side by side, the site from above, and a clock."""
+
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from math import ceil
+from statistics import median
+from typing import NamedTuple
+
+import numpy as np
+
+from pipeline.core.arrays import F64, U8
+from pipeline.core.errors import ConfigError, MessageError
+from pipeline.core.frame import FrameResult, Missing
+from pipeline.core.messages import Drop, RawMessage
+from pipeline.core.optics.images import Image
+from pipeline.core.rig import CameraSensor, Rig
+from pipeline.core.settings.config import Config
+from writers.drawing import height_range, strong_objects
+from writers.pictures.above import Area, SiteMap, area_of, draw_above
+from writers.pictures.camera import Look, draw_camera
+from writers.pictures.canvas import FAINT_TEXT, Canvas
+from writers.trails import Trails
+from writers.viewpoint import cameras_in_order
+
+__all__ = ["SIZE_PX", "Drawn", "Scene", "Scenes"]
+
+SIZE_PX = (1920, 1080)
+"""Of a picture of all cameras."""
+
+BAR_PX, GAP_PX = 40, 4
+MAX_IMAGES_SHARE = 0.6
+FULL_PX = 900
+"""Images of this width have room for long texts."""
+
+_LEAST_CLOCK_NS = 10**18
+"""Stamps before 2001 count from the start of a simulation: they are no dates."""
+
+_UNKNOWN_AREA = Area(np.zeros(2), np.eye(2), np.full(2, 10.0), is_site=True)
+
+Drawn = tuple[U8, tuple[Drop, ...]]
+"""A picture, (H, W, 3) red, green, blue, and the images of the frame that cannot be decoded, dark in it."""
+
+
+class Scene(NamedTuple):
+    """What the pictures of a frame show.
+
+    Attributes:
+        frame: The frame.
+        trails: Of each of its objects (K, 3).
+        images: By camera, the frame whose image is shown: an earlier one where the camera is slow; those without are
+            left out.
+    """
+
+    frame: FrameResult
+    trails: list[F64]
+    images: Mapping[str, FrameResult]
+
+
+class Scenes:
+    """Draws the frames of a run, and gathers what their pictures need of earlier ones.
+
+    Args:
+        rig: The sensors.
+        config: Settings.
+        decode: Gives the image of a message; raises MessageError.
+    """
+
+    def __init__(self, rig: Rig, config: Config, decode: Callable[[RawMessage], Image]) -> None:
+        self._rig, self._names, self._decode = rig, config.object_names, decode
+        self._trails = Trails(rig.site_frame, config.combine.motion)
+        self._images: dict[str, FrameResult] = {}
+        self._start_ns: int | None = None
+        self._area: Area | None = None
+        self._heights: tuple[float, float] | None = None
+
+    def add(self, result: FrameResult) -> Scene:
+        """Take the next frame in."""
+        self._start_ns = result.bundle.stamp_ns if self._start_ns is None else self._start_ns
+        self._area = self._area or area_of(result, self._rig)
+        self._heights = self._heights or height_range(result.combined)
+        for camera in self._rig.cameras:
+            if _message(result, camera) is not None or camera.name in result.detections.cameras:
+                self._images[camera.name] = result
+            elif result.bundle.missing.get(camera.topic or camera.boxes_topic) != Missing.NOT_NEAR:
+                self._images.pop(camera.name, None)  # silent, or its image is unfit
+        return Scene(result, self._trails.add(result), dict(self._images))
+
+    def camera(self, scene: Scene, name: str) -> Drawn:
+        """The picture of a camera in its own size.
+
+        Raises:
+            ConfigError: there is no camera of that name.
+        """
+        cameras = {camera.name: camera for camera in self._rig.cameras}
+        if name not in cameras:
+            raise ConfigError(f"camera: expected one of {', '.join(cameras) or 'no camera'}, found {name!r}")
+        return self._camera(scene, cameras[name], cameras[name].model.width_px, "full")
+
+    def all_cameras(self, scene: Scene) -> Drawn:
+        """The picture of all cameras and of the site from above."""
+        cameras, area = cameras_in_order(self._rig), self._area or _UNKNOWN_AREA
+        places, above = _arranged([one.model.width_px / one.model.height_px for one in cameras], area)
+        canvas = Canvas.blank(*SIZE_PX, letter_px=20)
+        drops: list[Drop] = []
+        for place, camera in zip(places, cameras, strict=True):
+            width_px = min(place.width, int(place.height * camera.model.width_px / camera.model.height_px))
+            picture, unfit = self._camera(scene, camera, width_px, "full" if width_px >= FULL_PX else "compact")
+            _paste(canvas, picture, place)
+            drops += unfit
+        site = draw_above(
+            scene.frame,
+            self._rig,
+            scene.trails,
+            self._names,
+            area=area,
+            heights=self._heights or (0.0, 1.0),
+            size_px=(above.width, above.height),
+        )
+        _paste(canvas, site, above)
+        self._draw_bar(canvas, scene.frame)
+        return canvas.pixels, tuple(drops)
+
+    def _camera(self, scene: Scene, camera: CameraSensor, width_px: int, look: Look) -> Drawn:
+        shown, image, drops = scene.images.get(camera.name, scene.frame), None, []
+        late_s = (scene.frame.bundle.stamp_ns - shown.bundle.stamp_ns) / 1e9
+        if (message := _message(shown, camera)) is not None:
+            try:
+                image = self._decode(message).rgb
+            except MessageError as err:
+                drops = [Drop(message.topic, message.stamp_ns, "the image cannot be shown", str(err))]
+        title = f"{camera.name}, {late_s:.1f} s ago" if late_s else camera.name
+        picture = draw_camera(shown, camera, image, self._names, width_px=width_px, title=title, look=look)
+        return picture, () if late_s else tuple(drops)
+
+    def _draw_bar(self, canvas: Canvas, frame: FrameResult) -> None:
+        """The clock, and how many objects of each class there are."""
+        stamp_ns = frame.bundle.stamp_ns
+        clock = f"{(stamp_ns - (self._start_ns or 0)) / 1e9:.1f} s"
+        if stamp_ns >= _LEAST_CLOCK_NS:
+            time = datetime.fromtimestamp(stamp_ns // 10**9, UTC)
+            clock = f"{time:%Y-%m-%d %H:%M:%S}.{stamp_ns // 10**8 % 10} UTC   {clock}"
+        ids, counts = np.unique(frame.fused.objects.class_ids[strong_objects(frame)], return_counts=True)
+        found = [f"{self._names[row]} {count}" for row, count in zip(ids.tolist(), counts.tolist(), strict=True)]
+        canvas.text(12, BAR_PX - 8, clock)
+        text = f"{', '.join(found) or 'no objects'}   frame {frame.bundle.index}"
+        canvas.text(SIZE_PX[0] - 12, BAR_PX - 8, text, FAINT_TEXT, share=1.0)
+
+
+def _message(result: FrameResult, camera: CameraSensor) -> RawMessage | None:
+    """The image of a camera in a frame; None where there is none, or it was found to be unfit."""
+    message = result.bundle.messages.get(camera.topic)
+    unfit = {(drop.topic, drop.stamp_ns) for drop in result.drops}
+    return None if message is None or (message.topic, message.stamp_ns) in unfit else message
+
+
+class _Place(NamedTuple):
+    """A part of the picture, pixels."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+
+def _arranged(aspects: list[float], area: Area) -> tuple[list[_Place], _Place]:
+    """Where the images lie, by their aspects, and where the site from above does.
+
+    Of all grids, above or to the right, the one in which images and area are both large, and little is left empty.
+    """
+    width, height = SIZE_PX[0], SIZE_PX[1] - BAR_PX
+    if not aspects:
+        return [], _Place(0, BAR_PX, width, height)
+    count, aspect = len(aspects), median(aspects)
+    found: list[tuple[float, list[_Place], _Place]] = []
+    for columns in range(1, count + 1):
+        rows = ceil(count / columns)
+        for right, down in ((MAX_IMAGES_SHARE, 1.0), (1.0, MAX_IMAGES_SHARE)):
+            tile_width = int(min(right * width / columns, down * height / rows * aspect))
+            tile_height = int(tile_width / aspect)
+            if right < 1:
+                left = width - columns * tile_width
+                above = _Place(0, BAR_PX, left - GAP_PX, height)
+            else:
+                left, top = (width - columns * tile_width) // 2, rows * tile_height + GAP_PX
+                above = _Place(0, BAR_PX + top, width, height - top)
+            tiles = [
+                _Place(
+                    left + column * tile_width, BAR_PX + row * tile_height, tile_width - GAP_PX, tile_height - GAP_PX
+                )
+                for row, column in (divmod(number, columns) for number in range(count))
+            ]
+            filled = (count * tile_width * tile_height + above.width * above.height) / (width * height)
+            scale = SiteMap(area, above.width, above.height).px_per_m
+            found.append((tile_width * tile_height * scale * filled**2, tiles, above))
+    return max(found, key=lambda one: one[0])[1:]
+
+
+def _paste(canvas: Canvas, picture: U8, place: _Place) -> None:
+    """Put a picture into the middle of its place, which is at least as large."""
+    height, width = picture.shape[:2]
+    top, left = place.top + (place.height - height) // 2, place.left + (place.width - width) // 2
+    canvas.pixels[top : top + height, left : left + width] = picture
