@@ -44,9 +44,15 @@ class FoxgloveClient:
         self.messages: dict[str, list[tuple[int, bytes]]] = {}
         self.times_ns: list[int] = []
         self.subscribed = threading.Event()
+        self._told = threading.Condition()
         self._url = f"http://127.0.0.1:{port}"
         self._thread = threading.Thread(target=lambda: asyncio.run(self._run()), daemon=True)
         self._thread.start()
+
+    def wait_for(self, time_ns: int) -> bool:
+        """Wait until the server has told this time, and so sent what came before it; False if it never does."""
+        with self._told:
+            return self._told.wait_for(lambda: time_ns in self.times_ns, 60)
 
     def join(self) -> None:
         """Wait until the server has gone."""
@@ -85,4 +91,6 @@ class FoxgloveClient:
                 if topics[number] == LATCHED:
                     self.subscribed.set()
             elif message.type == aiohttp.WSMsgType.BINARY and message.data[0] == TIME:
-                self.times_ns += struct.unpack_from("<Q", message.data, 1)
+                with self._told:
+                    self.times_ns += struct.unpack_from("<Q", message.data, 1)
+                    self._told.notify_all()
