@@ -188,7 +188,7 @@ class SensorReport:
 
 @dataclass(frozen=True, slots=True)
 class TimingReport:
-    """Times of a run.
+    """Times of a run; of one that was read back from its result nothing is known: no stages, and NaN.
 
     Attributes:
         stage_seconds: Time spent per stage, summed over the frames and over all processes that shared them.

@@ -167,13 +167,15 @@ def print_report(out: Console, report: RunReport) -> None:
         out.print()
         show_table(out, missing_table(sensors.missing))
     _print_losses(out, inputs.losses)
-    out.print()
-    show_table(out, stages_table(timing.stage_seconds, frames.count))
+    if timing.stage_seconds:
+        out.print()
+        show_table(out, stages_table(timing.stage_seconds, frames.count))
     out.print()
     show_table(out, points_table(frames.points, frames.count))
     out.print()
     facts = {
-        "frames": f"{frames.count}, {timing.frames_per_second:.1f} a second",
+        "frames": f"{frames.count}"
+        + (f", {timing.frames_per_second:.1f} a second" if timing.frames_per_second >= 0 else ""),
         "sync skew": f"{frames.skew_mean_ms:.1f} ms mean, {frames.skew_max_ms:.1f} ms at most",
         "motion": _motion(report),
         "3D boxes": _boxes3d(report),
