@@ -105,6 +105,8 @@ class InputReport:
     unused_topics: tuple[UnusedTopic, ...]
     losses: tuple[Loss, ...]
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, slots=True)
 class FrameReport:
@@ -138,6 +140,8 @@ class FrameReport:
     points: Mapping[str, int]
     skew_mean_ms: float
     skew_max_ms: float
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True, slots=True)
