@@ -98,3 +98,5 @@ def test_config(lidcam: Lidcam, tmp_path: Path) -> None:
         "unit metres allowed a number above 0 default 0.4 sandbox 0.06 crossing 0.4 road 0.4"
     )
     assert json.loads(lidcam("config", "explain", "sync", "--json").out)["keys"]["policy"]
+    which = "did you mean 'detect3d.min_score' or 'detect2d.min_score' or 'fuse.min_score'?"
+    assert lidcam("config", "explain", "min_score").error_line.endswith(which)
