@@ -14,6 +14,9 @@ from pipeline.core.ending import undo_all
 
 __all__ = ["end_at_signals", "main", "main_process"]
 
+if not hasattr(signal, "SIGHUP"):
+    sys.exit("lidcam: error: Windows is not supported yet: install lidcam in WSL (`wsl --install`), or in a container")
+
 STDERR = 2
 REASONS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "ended: its terminal was closed"}
 

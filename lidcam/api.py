@@ -1,8 +1,8 @@
 """The names of `import lidcam`: the runs of the command line, with results to work on."""
 
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass
 from importlib.metadata import version
+from pathlib import Path
 from typing import Unpack
 
 from lidcam.checks.missing import MissingSensor
@@ -15,7 +15,10 @@ from lidcam.frame import Frame
 from lidcam.frames import RunInput
 from lidcam.inspection import Inspection, inspect_recording
 from lidcam.job import FilePath, Job, JobOptions, PathOrUrl, RigSource, Settings, locations, make_job
-from lidcam.objects import ObjectCollector
+from lidcam.notebook.decoded import decode_clouds, decode_images
+from lidcam.notebook.loaded import load_result
+from lidcam.notebook.objects import ObjectCollector
+from lidcam.notebook.result import RunResult, ShownInspection
 from lidcam.report import DropCount, RunReport, UnusedTopic
 from lidcam.run import RunObserver, process_recording
 from lidcam.run import iter_frames as frames_of
@@ -38,7 +41,6 @@ from pipeline.core.messages import RawMessage
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import load_config
-from pipeline.core.text import brief
 from readers import open as containers
 from readers.recording import Loss, Recording
 from readers.rig.rig_file import load_rig
@@ -91,9 +93,12 @@ __all__ = [
     "UnusedTopic",
     "UsedSettings",
     "__version__",
+    "decode_clouds",
+    "decode_images",
     "evaluate",
     "inspect",
     "iter_frames",
+    "load",
     "load_config",
     "load_rig",
     "make_job",
@@ -103,31 +108,6 @@ __all__ = [
 ]
 
 __version__ = version("lidcam")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RunResult:
-    """A finished run.
-
-    Attributes:
-        report: Counts, drops, calibration, times.
-        objects: The fused objects of all frames.
-    """
-
-    report: RunReport
-    objects: Objects
-
-    __repr__ = brief
-
-    @property
-    def frames(self) -> int:
-        """Number of frames."""
-        return self.report.frames.count
-
-    @property
-    def drops(self) -> tuple[DropCount, ...]:
-        """Messages that were not used, by topic and reason."""
-        return self.report.drops.messages
 
 
 def process(
@@ -181,7 +161,16 @@ def inspect(
     Raises:
         LidcamError: the recording cannot be opened or is empty, or the settings or the rig are at fault.
     """
-    return inspect_recording(locations(recording), choose_settings(config, settings), rig)
+    return ShownInspection.of(inspect_recording(locations(recording), choose_settings(config, settings), rig))
+
+
+def load(result: FilePath) -> RunResult:
+    """A run, read back from the .mcap file that it wrote: the same objects, and the report but for times of the clock.
+
+    Raises:
+        RecordingError: it cannot be read, or is no result of lidcam.
+    """
+    return RunResult(*load_result(Path(result)))
 
 
 def evaluate(

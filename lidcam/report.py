@@ -105,6 +105,8 @@ class InputReport:
     unused_topics: tuple[UnusedTopic, ...]
     losses: tuple[Loss, ...]
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, slots=True)
 class FrameReport:
@@ -138,6 +140,8 @@ class FrameReport:
     points: Mapping[str, int]
     skew_mean_ms: float
     skew_max_ms: float
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,7 +192,7 @@ class SensorReport:
 
 @dataclass(frozen=True, slots=True)
 class TimingReport:
-    """Times of a run.
+    """Times of a run; of one that was read back from its result nothing is known: no stages, and NaN.
 
     Attributes:
         stage_seconds: Time spent per stage, summed over the frames and over all processes that shared them.

@@ -105,3 +105,16 @@ def test_nothing_that_is_read_is_executed() -> None:
             found |= {(path.name, name) for name in names if name.split(".")[0] in EXECUTING}
     # What it unpickles comes from a process that it has started, over a socket that no other has.
     assert found == {("transfer.py", "pickle")}
+
+
+def test_the_image_is_of_checked_wheels_and_has_no_root() -> None:
+    lines = (ROOT / "Dockerfile").read_text(encoding="utf-8").splitlines()
+    installs = [line for line in lines if "pip install" in line]
+    assert all("--no-deps" in line for line in installs)
+    assert [line.split()[-1] for line in installs if "--require-hashes --no-deps" in line] == ["constraints-run.txt"]
+    assert next(line for line in installs if "--require-hashes" not in line).endswith(
+        "--no-build-isolation --no-deps ."
+    )
+    stage = lines[max(row for row, line in enumerate(lines) if line.startswith("FROM ")) :]
+    assert stage.index("USER lidcam") < stage.index("RUN lidcam demo /tmp/demo && rm -r /tmp/demo")
+    assert [line for line in stage if line.startswith("USER")] == ["USER lidcam"]

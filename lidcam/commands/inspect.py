@@ -10,7 +10,7 @@ import typer
 from lidcam.commands.options import AsJson, ConfigFile, Overwrite, RigFile, Setting, ends_in, with_log_options
 from lidcam.commands.verdict import Verdict, first_of
 from lidcam.compiling import compiled_together
-from lidcam.printing.log import remark_log
+from lidcam.printing.log import is_verbose, remark_log
 from readers.location import location
 
 if TYPE_CHECKING:
@@ -147,7 +147,6 @@ def _print(
     """Print what was found, and end with the verdict."""
     from lidcam.inspection import inspection_tree
     from lidcam.printing.console import print_inspection
-    from lidcam.printing.folding import show_line
     from lidcam.printing.terminal import console, show_json
 
     out = console()
@@ -159,14 +158,14 @@ def _print(
             tree |= {"check": check_tree(checked)}
         show_json(out, tree)
     else:
-        print_inspection(out, inspection)
+        sound = "every message was copied" if repaired else "sound, and all of its sensors can be used"
+        failed = f"lidcam could not process it: {inspection.problem}"
+        told = failed if verdict.failures else first_of(verdict.incomplete) or sound
+        print_inspection(out, inspection, told, every_topic=is_verbose())
         if checked is not None:
             from lidcam.printing.rig_check import print_check
 
             print_check(out, checked)
-        sound = "every message was copied" if repaired else "sound, and all of its sensors can be used"
-        failed = "lidcam could not process it"  # the line before says why
-        show_line(out, f"verdict: {failed if verdict.failures else first_of(verdict.incomplete) or sound}")
     verdict.end()
 
 

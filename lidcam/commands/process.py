@@ -31,7 +31,7 @@ from lidcam.commands.options import (
 from lidcam.commands.strict import MAX_DROPPED_PERCENT, strict_failure
 from lidcam.commands.verdict import Verdict
 from lidcam.compiling import compiled_together
-from lidcam.printing.log import remark_log
+from lidcam.printing.log import is_verbose, remark_log
 from pipeline.parallel.cores import THREADS_OF_LIBRARIES
 from readers.location import RemotePath, location
 
@@ -288,7 +288,7 @@ def run_process(
     if as_json:
         show_json(out, tree)
     else:
-        print_report(out, report)
+        print_report(out, report, times=is_verbose())
     if evaluation is not None and not as_json:
         from lidcam.printing.evaluation import print_evaluation
 

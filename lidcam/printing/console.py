@@ -1,6 +1,6 @@
 """Printing of inspections, frames, and the final tables of a run."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,8 +28,10 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.engines import ENGINES
 from pipeline.core.tracks import NO_TRACK, Tracks
+from readers.messages.tf import TF_TYPES
 from readers.recording import Loss
-from readers.rig.sensor_topics import SensorFault
+from readers.rig.sensor_topics import CAMERA_INFO, SensorFault
+from readers.streams.survey import TopicSurvey
 
 if TYPE_CHECKING:  # a run inspects nothing
     from lidcam.inspection import Inspection
@@ -138,8 +140,8 @@ def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
         out.print(f"  seen by nothing, but predicted by their tracks: {', '.join(predicted)}")
 
 
-def print_report(out: Console, report: RunReport) -> None:
-    """The final tables of a run."""
+def print_report(out: Console, report: RunReport, *, times: bool = False) -> None:
+    """The final tables of a run; with `times` that of the stages, too."""
     inputs, frames, drops, sensors, timing = report.inputs, report.frames, report.drops, report.sensors, report.timing
     zones = [zone.name for zone in sensors.rig.counted_zones]
     if users := report.road_users:
@@ -167,13 +169,15 @@ def print_report(out: Console, report: RunReport) -> None:
         out.print()
         show_table(out, missing_table(sensors.missing))
     _print_losses(out, inputs.losses)
-    out.print()
-    show_table(out, stages_table(timing.stage_seconds, frames.count))
+    if times and timing.stage_seconds:
+        out.print()
+        show_table(out, stages_table(timing.stage_seconds, frames.count))
     out.print()
     show_table(out, points_table(frames.points, frames.count))
     out.print()
     facts = {
-        "frames": f"{frames.count}, {timing.frames_per_second:.1f} a second",
+        "frames": f"{frames.count}"
+        + (f", {timing.frames_per_second:.1f} a second" if timing.frames_per_second >= 0 else ""),
         "sync skew": f"{frames.skew_mean_ms:.1f} ms mean, {frames.skew_max_ms:.1f} ms at most",
         "motion": _motion(report),
         "3D boxes": _boxes3d(report),
@@ -199,12 +203,16 @@ def print_report(out: Console, report: RunReport) -> None:
 
 
 def _copied(report: RunReport) -> str:
-    """How many messages, and of which topics; those below one name are counted as one."""
+    """How many messages, and of which topics."""
+    return f"{sum(report.inputs.copied.values())} messages: {_below_one_name(report.inputs.copied)}"
+
+
+def _below_one_name(topics: Iterable[str]) -> str:
+    """Topics in a line; several below one name are counted as one."""
     below: dict[str, list[str]] = {}
-    for topic in report.inputs.copied:
+    for topic in topics:
         below.setdefault("/".join(topic.split("/")[:2]), []).append(topic)
-    names = [f"{name}/* ({len(topics)} topics)" if len(topics) > 1 else topics[0] for name, topics in below.items()]
-    return f"{sum(report.inputs.copied.values())} messages: {_listed(names)}"
+    return _listed([f"{name}/* ({len(some)} topics)" if len(some) > 1 else some[0] for name, some in below.items()])
 
 
 def _motion(report: RunReport) -> str:
@@ -242,13 +250,18 @@ def _confirmed(report: RunReport) -> str:
     return f"{confirmed}; {report.frames.without_boxes} of {report.frames.count} frames have no 2D boxes to confirm any"
 
 
-def print_inspection(out: Console, inspection: "Inspection") -> None:
-    """Print the contents of a recording."""
+def print_inspection(out: Console, inspection: "Inspection", verdict: str = "", *, every_topic: bool = False) -> None:
+    """Print the contents of a recording: the verdict first, and topics that would not be used in one line."""
     seconds = (inspection.end_ns - inspection.start_ns) / 1e9
     files = ", ".join(map(str, inspection.files))
     show_line(out, f"{files}: {inspection.messages} messages, {seconds:.2f} s")
+    if verdict:
+        show_line(out, f"verdict: {verdict}", "bold")
     out.print()
-    show_table(out, topics_table(inspection.topics))
+    unused = () if every_topic else _unused(inspection)
+    show_table(out, topics_table([topic for topic in inspection.topics if topic not in unused]))
+    if unused:
+        show_line(out, f"other topics, listed with -v: {_below_one_name(topic.topic for topic in unused)}")
     if inspection.stop_ns is not None:
         looked_s = (inspection.stop_ns - inspection.start_ns) / 1e9
         show_line(
@@ -257,7 +270,8 @@ def print_inspection(out: Console, inspection: "Inspection") -> None:
     _print_losses(out, inspection.losses)
     out.print()
     if inspection.rig is None:
-        show_line(out, f"lidcam could not process it: {inspection.problem}")
+        if not verdict:
+            show_line(out, f"lidcam could not process it: {inspection.problem}")
         return
     show_line(out, f"site frame: {inspection.rig.site_frame}")
     show_table(out, sensors_table(inspection.sensors))
@@ -267,6 +281,18 @@ def print_inspection(out: Console, inspection: "Inspection") -> None:
     show_line(out, f"2D boxes: {BOX_SOURCES[inspection.box_source]}")
     show_line(out, f"settings: {inspection.settings}")
     _print_warnings(out, inspection.warnings)
+
+
+def _unused(inspection: "Inspection") -> "Sequence[TopicSurvey]":
+    """The topics without a remark that neither sensors nor motion nor calibration come from."""
+    if inspection.rig is None:
+        return ()
+    used = {*inspection.motion_topics, *inspection.rig.sensor_of_topic, *(one.topic for one in inspection.faults)}
+    return [
+        topic
+        for topic in inspection.topics
+        if not (topic.topic in used or topic.problem or topic.backwards or topic.msgtype in CAMERA_INFO | TF_TYPES)
+    ]
 
 
 def _print_losses(out: Console, losses: Sequence[Loss]) -> None:

@@ -18,7 +18,7 @@ from lidcam.printing.escaping import visible, visible_lines
 from pipeline.core.compile_log import compile_log
 from pipeline.core.errors import OutputError
 
-__all__ = ["PACKAGES", "Verbosity", "configure_logging", "progress_log", "remark_log", "verdict_log"]
+__all__ = ["PACKAGES", "Verbosity", "configure_logging", "is_verbose", "progress_log", "remark_log", "verdict_log"]
 
 PACKAGES = ("lidcam", "pipeline", "readers", "writers", "bags")
 """Our own loggers; libraries log too much to be read."""
@@ -74,6 +74,11 @@ def configure_logging(verbosity: Verbosity = Verbosity.NORMAL, log_file: Path | 
     progress_log.setLevel(logging.ERROR if verbosity == Verbosity.QUIET else logging.NOTSET)
 
 
+def is_verbose() -> bool:
+    """Whether the whole log is shown on stderr."""
+    return any(isinstance(one, _Stderr) and one.verbosity == Verbosity.VERBOSE for one in logging.getLogger().handlers)
+
+
 def _check_log(path: Path) -> None:
     """Check that a log can go on in a file: one that is new, empty, or a log; no link, which may lead anywhere.
 
@@ -96,16 +101,16 @@ class _Stderr(logging.Handler):
 
     def __init__(self, verbosity: Verbosity) -> None:
         super().__init__()
-        self._verbosity = verbosity
+        self.verbosity = verbosity
         self.addFilter(self._is_shown)
 
     def _is_shown(self, record: logging.LogRecord) -> bool:
         if record.exc_info:
             return False  # the interpreter prints the traceback
-        if record.levelno >= self._verbosity or record.name == verdict_log.name:
+        if record.levelno >= self.verbosity or record.name == verdict_log.name:
             return True
         is_remark = record.name in _REMARKS or (record.name == progress_log.name and not sys.stderr.isatty())
-        return is_remark and self._verbosity == Verbosity.NORMAL
+        return is_remark and self.verbosity == Verbosity.NORMAL
 
     def format(self, record: logging.LogRecord) -> str:
         text = _visible(record)
@@ -117,7 +122,16 @@ class _Stderr(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         with suppress(OSError):  # nobody reads it any more, or its disk is full: no reason to end a run
-            sys.stderr.write(f"{self.format(record)}\n")
+            text = self.format(record)
+            if record.levelno >= logging.WARNING and sys.stderr.isatty():
+                from rich.text import Text
+
+                from lidcam.printing.terminal import console  # obeys NO_COLOR
+
+                style = "red" if record.levelno >= logging.ERROR else "yellow"
+                console(stderr=True).print(Text(text, style), soft_wrap=True)
+                return
+            sys.stderr.write(f"{text}\n")
             sys.stderr.flush()
 
 

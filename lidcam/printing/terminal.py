@@ -1,7 +1,8 @@
 """A console that prints text as it is, to terminals, pipes and files; what a terminal would obey is made visible."""
 
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from io import StringIO
 from typing import Any
 
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -10,8 +11,9 @@ from rich.segment import Segment
 from rich.text import Text
 
 from lidcam.printing.escaping import json_text, printable_lines, visible
+from writers.tables.html import HTML_WIDTH, recorded_html
 
-__all__ = ["console", "show_json"]
+__all__ = ["console", "printed_html", "show_json"]
 
 
 class _Console(Console):
@@ -41,6 +43,14 @@ class _Console(Console):
 def console(*, stderr: bool = False) -> Console:
     """A console that prints text as it is: names of topics and files may look like markup. Lines are not wrapped."""
     return _Console(stderr=stderr, soft_wrap=True, markup=False, emoji=False)
+
+
+def printed_html(show: Callable[[Console], None]) -> str:
+    """What a function prints on a console, as HTML."""
+    options: dict[str, Any] = {"soft_wrap": True, "markup": False, "emoji": False, "force_jupyter": False}
+    out = _Console(file=StringIO(), record=True, width=HTML_WIDTH, **options)
+    show(out)
+    return recorded_html(out)
 
 
 def show_json(out: Console, tree: Any) -> None:

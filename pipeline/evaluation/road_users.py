@@ -10,6 +10,7 @@ from pipeline.core.arrays import F64, I32, I64, Array
 from pipeline.core.frame import FrameResult
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
+from pipeline.core.text import brief
 from pipeline.core.tracks import NO_TRACK
 
 __all__ = ["RoadUserCount", "RoadUserTable", "RoadUserTally", "RoadUsers", "ZoneChange"]
@@ -64,6 +65,8 @@ class RoadUsers:
 
     counts: tuple[RoadUserCount, ...]
     changes: tuple[ZoneChange, ...]
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,8 +1,9 @@
 """The ground plane, by RANSAC among planes that can be ground, refined by least squares.
 
 RANSAC after Fischler and Bolles (1981). The largest plane of a traffic scene is often a wall, so a plane must be nearly
-level, below every lidar, and at the rig's ground height if that is known. Its score is the number of its points beyond
-those in the layers just above and below it, because a wall or a hedge fills all three.
+level, so far below every lidar that none is in the layer of the ground, and at the rig's ground height if that is
+known. Its score is the number of its points beyond those in the layers just above and below it, because a wall or a
+hedge fills all three.
 """
 
 from collections.abc import Callable
@@ -52,7 +53,8 @@ def find_ground(
 
     Args:
         xyz_site: (N, 3) points in the site frame, metres, finite; best as a row per coordinate in memory.
-        lidar_origins_site: (L, 3) origins of the lidars in the site frame, metres; the ground is below each.
+        lidar_origins_site: (L, 3) origins of the lidars in the site frame, metres; the ground is more than `distance_m`
+            below each, or the level beams of a lidar in a room would be a floor.
         config: Limits, number of planes and seed. Equal input gives equal planes.
         ground_height_m: Expected z of the ground at the site's origin; None if unknown.
         passes: How to go through all points, by default with numpy; the planes are the same but for rounding.
@@ -98,11 +100,11 @@ def _within_reach(points: F32, config: GroundConfig, ground_height_m: float | No
 
 
 def _limits(config: GroundConfig, ground_height_m: float | None) -> F64:
-    """(3,) limits for `_can_be_ground`: least z of the normal, expected height, its tolerance."""
+    """(4,) limits for `_can_be_ground`: least z of the normal, clearance of lidars, expected height, its tolerance."""
     level = np.cos(np.radians(config.max_tilt_deg))
     if ground_height_m is None:
-        return np.array([level, 0.0, np.inf])
-    return np.array([level, ground_height_m, config.height_tolerance_m])
+        return np.array([level, config.distance_m, 0.0, np.inf])
+    return np.array([level, config.distance_m, ground_height_m, config.height_tolerance_m])
 
 
 def _least_squares(points: F32, plane: F64, layer_m: np.float32, passes: "GroundPasses") -> F64 | None:
@@ -145,16 +147,17 @@ def _planes_through(points: F32, triples: I64) -> F64:
 
 
 def _can_be_ground(planes: F64, lidar_origins: F64, limits: F64) -> Bools:
-    """(K,) whether planes (K, 4) are level enough, below every lidar and at the expected height.
+    """(K,) whether planes (K, 4) are level enough, far enough below every lidar and at the expected height.
 
     Args:
         planes: Unit normals and offsets.
         lidar_origins: (L, 3) metres.
-        limits: (3,) the least z of the normal, above 0; the height at the origin, metres; how far it may be from that.
+        limits: (4,) the least z of the normal, above 0; the distance that lidars exceed; the height at the origin,
+            metres; how far it may be from that.
     """
-    level, height_m, tolerance_m = limits
+    level, clearance_m, height_m, tolerance_m = limits
     fit: Bools = planes[:, 2] >= level
-    fit &= (np.einsum("ka,la->kl", planes[:, :3], lidar_origins) + planes[:, 3:]).min(axis=1) > 0
+    fit &= (np.einsum("ka,la->kl", planes[:, :3], lidar_origins) + planes[:, 3:]).min(axis=1) > clearance_m
     if np.isfinite(tolerance_m):  # not divided by the normal's z, which may be 0
         fit &= np.abs(planes[:, 3] + height_m * planes[:, 2]) <= tolerance_m * planes[:, 2]
     return fit

@@ -114,16 +114,20 @@ class Result(Closing):
         """The frames, in the order in which they were written."""
         boxes = [SOURCE_TOPICS[source] for source in self.sources] + [*map(_boxes_topic, self.cameras)]
         topics = [*boxes, *self._tracks_topics, DIAGNOSTICS]
+        yield from (self._frame(index, messages) for index, messages in enumerate(self.messages_of_frames(topics)))
+
+    def messages_of_frames(self, topics: Sequence[str]) -> Iterator[Mapping[str, RawMessage]]:
+        """The messages of each frame by topic, in the order in which they were written."""
         messages: dict[str, RawMessage] = {}
-        log_time_ns = index = 0
+        log_time_ns = 0
         for message in self.recording.messages(topics):
             if messages and (message.log_time_ns != log_time_ns or message.topic in messages):
-                yield self._frame(index, messages)
-                messages, index = {}, index + 1
+                yield messages
+                messages = {}
             log_time_ns = message.log_time_ns
             messages[message.topic] = message
         if messages:
-            yield self._frame(index, messages)
+            yield messages
 
     def close(self) -> None:
         """Close the file."""

@@ -39,7 +39,7 @@ def find_detector_topics(recording: Recording, config: Config, first: FirstMessa
             for info in infos
         )
         return []
-    if config.topics.boxes3d:
+    if config.topics.boxes3d is not None:
         chosen = configured_topics(recording, config.topics.boxes3d, BOXES_3D, "3D boxes", findings)
     else:
         chosen = [info.topic for info in infos]

@@ -227,6 +227,11 @@ class RigFile(_Model):
     default_transforms: Edges = Field(default_factory=dict)
     truth: dict[Name, TruthEntry] = Field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        """What it has, by name."""
+        lidars, cameras = ([*sensors] if sensors else [] for sensors in (self.lidars, self.cameras))
+        return f"RigFile(site_frame={self.site_frame!r}, lidars={lidars}, cameras={cameras})"
+
     @property
     def vehicles(self) -> dict[str, TruthVehicle]:
         """`truth` as records."""

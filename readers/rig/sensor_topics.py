@@ -104,7 +104,7 @@ def find_lidar_topics(
 
     Packets are not used where the clouds that the driver made of them were recorded.
     """
-    if config.lidars:
+    if config.lidars is not None:
         return configured_topics(recording, config.lidars, CLOUD, "lidar", findings)
     infos = _readable(topics_with_messages(recording, CLOUD, config), "lidar", findings)
     measured = [info for info in infos if is_measured_image(info.topic)]
@@ -125,12 +125,13 @@ def find_camera_topics(
     """Cameras, in natural order or as configured; those with boxes but no images come last."""
     notes = findings.notes
     boxes = [info.topic for info in topics_with_messages(recording, BOXES, config) if not info.unreadable]
-    if config.cameras:
+    if config.cameras is not None:
         images = configured_topics(recording, config.cameras, IMAGE | BOXES, "camera", findings)
         named = [t for t in images if _types(recording, t) <= BOXES]
         images = [t for t in images if t not in named]
         boxes = [*dict.fromkeys([*named, *boxes])]
         only_boxes_allowed = set(config.cameras)
+        notes += [] if config.cameras else ["topics.cameras is empty: no camera is used"]
     else:
         infos = _readable(topics_with_messages(recording, IMAGE, config), "camera", findings)
         images = _one_per_camera(_first_hand(infos, config, notes), first, notes)

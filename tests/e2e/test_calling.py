@@ -69,13 +69,18 @@ def test_verbose_and_a_log_file(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -
     run = lidcam("process", sandbox, tmp_path / "out.mcap", *PART, "-v", "--log-file", log)
     assert run.code == 0
     assert "lidcam.run: frame 1, 1700000000100859904 ns: 19 topics" in run.err
-    assert lidcam("process", sandbox, tmp_path / "no_folder" / "out.mcap", "-q", "--log-file", log).code == 1
+    assert "\ntime\nstage" in run.out
+    assert "\ntime\n" not in lidcam("process", sandbox, tmp_path / "out.mcap", *PART).out
+    shown = lidcam("inspect", sandbox).out
+    assert "other topics, listed with -v: /car1/* (8 topics), /car2/* (8 topics), /ground_truth/*" in shown
+    assert "/car1/base_pose_ground_truth" in lidcam("inspect", sandbox, "-v").out
+    assert lidcam("process", sandbox, log / "out.mcap", "-q", "--log-file", log).code == 1
     lines = log.read_text(encoding="utf-8").splitlines()
     assert all(re.match(r"20[0-9-]{8}T[0-9:]{8}\.\d{3}Z (DEBUG|INFO|WARNING|ERROR) ", line) for line in lines)
     assert sum("frame 1, " in line for line in lines) == 1
     assert any("done: " in line for line in lines)
     assert "ERROR" in lines[-1]
-    assert "no_folder does not exist" in lines[-1]
+    assert "run.log/out.mcap: cannot be written" in lines[-1]
 
 
 @pytest.mark.parametrize(

@@ -143,7 +143,6 @@ STAND_INS: dict[str, Callable[[Path], object]] = {
     "sensors_calibration.yaml": calibration("base_link", "sensor_kit_base_link"),
     "sensor_kit_calibration.yaml": calibration("sensor_kit_base_link", "velodyne_top_base_link"),
     "my.yaml": lambda path: shutil.copy(SCENARIOS / "sandbox.yaml", path),
-    "my_crossing.yaml": lambda path: shutil.copy(SCENARIOS / "sandbox.yaml", path),
 }
 """Inputs by the names that the documents give them. An output of such a name has none."""
 

@@ -144,7 +144,7 @@ def test_lidcam_opens_what_it_simulated(lidcam: Lidcam, tmp_path: Path) -> None:
     done = lidcam("simulate", scenario, tmp_path / "out.mcap", "--duration", 0.5)
     assert (done.code, done.out) == (0, ""), done.err
     assert f"wrote {tmp_path / 'out.mcap'}:" in done.err
-    done = lidcam("inspect", tmp_path / "out.mcap")
+    done = lidcam("inspect", tmp_path / "out.mcap", "-v")
     assert done.code == 0, done.err
     for topic in ("/points", "/packets", "/image/compressed", "/boxes", "/ground_truth/objects"):
         assert topic in done.out

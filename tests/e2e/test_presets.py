@@ -9,6 +9,7 @@ from command import Lidcam
 from mcap.reader import make_reader
 
 import lidcam as library
+from bags.simulator.scenario.load import load_scenario, scenario_names
 from lidcam.report import report_tree
 from pipeline.core.settings.bundled import PRESETS
 from pipeline.core.settings.load import load_config
@@ -69,6 +70,17 @@ def test_from_python() -> None:
     assert given.report.drops.boxes == {}, "the default classes understand the numbers of the simulator"
 
 
+def test_bundled_scenarios_are_printed_to_be_copied(lidcam: Lidcam, tmp_path: Path) -> None:
+    for name in scenario_names():
+        (tmp_path / "shown.yaml").write_text(lidcam("simulate", "--show", name).out, encoding="utf-8")
+        assert load_scenario(str(tmp_path / "shown.yaml")) == load_scenario(name)
+    failed = lidcam("simulate", "--show", "sandbx")
+    assert (failed.code, failed.out) == (1, "")
+    assert failed.error_line.endswith(
+        "one of crossing, sandbox, vehicle, or a .yaml file to simulate: did you mean 'sandbox'?"
+    )
+
+
 def test_config(lidcam: Lidcam, tmp_path: Path) -> None:
     assert {*json.loads(lidcam("config", "list", "--json").out)} == {*PRESETS}
     shown = [line.split()[0] for line in lidcam("config", "list").out.splitlines() if line.strip()]
@@ -86,3 +98,5 @@ def test_config(lidcam: Lidcam, tmp_path: Path) -> None:
         "unit metres allowed a number above 0 default 0.4 sandbox 0.06 crossing 0.4 road 0.4"
     )
     assert json.loads(lidcam("config", "explain", "sync", "--json").out)["keys"]["policy"]
+    which = "did you mean 'detect3d.min_score' or 'detect2d.min_score' or 'fuse.min_score'?"
+    assert lidcam("config", "explain", "min_score").error_line.endswith(which)

@@ -75,6 +75,7 @@ def scene_update(result: FrameResult, class_names: Sequence[str], trails: Sequen
         "source": source_names(objects.sources),
         "cameras": list(map(str, result.fused.matched.tolist())),
         "points": list(map(str, objects.point_counts.tolist())),
+        "measured_ns": list(map(str, objects.measured_ns.tolist())),
         **_of_tracks(result),
     }
     height, lengths = objects.sizes[:, 2], arrow_lengths(result)

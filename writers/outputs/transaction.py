@@ -47,9 +47,9 @@ class OutputFile:
 class OutputTransaction:
     """A context manager: the outputs get their names when the block ends without error, else nothing remains.
 
-    Until then each is written in a hidden folder beside it, and old outputs stand. A second run with one of the
-    outputs is refused meanwhile. Names are given one after another: a run that is killed between two of them leaves
-    a new output beside an old one.
+    Until then each is written in a hidden folder beside it, and old outputs stand; folders that are missing are made. A
+    second run with one of the outputs is refused meanwhile. Names are given one after another: a run that is killed
+    between two of them leaves a new output beside an old one.
 
     Args:
         paths: All outputs of the run; the first gets its name last, so that where it is, the others are.
@@ -131,7 +131,7 @@ class OutputTransaction:
                 self._work[path].give_name()
 
     def _close(self) -> None:
-        for folder in self._work.values():
+        for folder in reversed(self._work.values()):  # the first may have made the folder of the others
             folder.close()
         self._work.clear()
 
@@ -140,17 +140,17 @@ def _resolved(path: Path, *, is_folder: bool) -> Path:
     """The output, in a folder without links.
 
     Raises:
-        OutputError: its folder is missing, or something other than a file (a folder) stands there. A link is neither:
-            it may come with a data set, and lead anywhere.
+        OutputError: it is a URL, or something other than a file (a folder) stands there. A link is neither: it may come
+            with a data set, and lead anywhere.
     """
     expected = f"{path}: expected the name of a {'folder' if is_folder else 'file'} to write"
     with output_errors(path):
         try:
             target = path.parent.resolve() / path.name
             found = stat.S_IFMT(target.lstat().st_mode)
-        except (FileNotFoundError, NotADirectoryError):
-            if not target.parent.is_dir():
-                raise OutputError(f"{path}: the folder {target.parent} does not exist; create it first") from None
+        except FileNotFoundError:
+            if path.parts[0].endswith(":") and not Path(path.parts[0]).exists():  # as pathlib writes a URL
+                raise OutputError(f"{expected} on this machine, found a URL") from None
         except (ValueError, RuntimeError) as err:  # a null character; links in a circle
             raise OutputError(f"{expected}: {err}") from err
         else:

@@ -47,7 +47,7 @@ class WorkFolder:
     """
 
     def __init__(self, target: Path, shown: Path) -> None:
-        """Make the folder, lock it, and remove what killed runs have left of this output.
+        """Make the folder, in folders made where missing, lock it, and remove what killed runs left of this output.
 
         Args:
             target: The output, without links.
@@ -61,9 +61,13 @@ class WorkFolder:
         self.part = self.path / target.name
         self._target, self._lock_name, self._old_name = target, f"{target.name}.lock", f"{target.name}.old"
         self._held = ExitStack()
-        self._parent = self._held.enter_context(_opened(target.parent, FOLDER))
+        self._missing = [folder for folder in target.parents if not folder.exists()]
+        self._parent = -1
         try:
             self._held.enter_context(undone_at_once(self.close))
+            if self._missing:
+                target.parent.mkdir(parents=True, exist_ok=True)
+            self._parent = self._held.enter_context(_opened(target.parent, FOLDER))
             os.mkdir(self.path.name, 0o700, dir_fd=self._parent)
             self._folder = self._held.enter_context(_opened(self.path.name, FOLDER, self._parent))
             lock = self._held.enter_context(_opened(self._lock_name, LOCK | os.O_CREAT | os.O_EXCL, self._folder))
@@ -103,11 +107,17 @@ class WorkFolder:
             _sync_one(self._parent)
 
     def close(self) -> None:
-        """Remove the folder, and release the lock. Files that the system refuses to remove stay."""
+        """Remove the folder and those made around it that hold nothing, and release the lock.
+
+        Files that the system refuses to remove stay.
+        """
         with suppress(OSError):
             if (self.path / self._old_name).exists() and not os.path.lexists(self._target):
                 _move(self._folder, self._old_name, self._parent, self.part.name)  # nothing has taken its place
             shutil.rmtree(self.path.name, ignore_errors=True, dir_fd=self._parent)
+        with suppress(OSError):
+            for folder in self._missing:
+                folder.rmdir()
         self._held.close()
 
     def _remove_leftovers(self, shown: Path) -> None:

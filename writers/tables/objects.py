@@ -1,17 +1,24 @@
 """The fused objects as a table: the record, and the columns that it has in every library and file."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, Self
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self, overload
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I32, I64, U8, Array, Bools, Rows, check_array, select_rows
+from pipeline.core.arrays import F32, F64, I32, I64, U8, Array, Bools, Rows, check_array, join_rows, select_rows
 from pipeline.core.detections import source_names
 from pipeline.core.frame import FrameResult
 from pipeline.core.rig import Rig
 from pipeline.core.tracks import NO_TRACK, Tracks
+from writers.tables.files import save_csv, save_parquet
+from writers.tables.html import as_html, as_text
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 __all__ = ["Objects"]
 
@@ -48,6 +55,9 @@ ARRAYS: dict[str, tuple[tuple[int, ...], type[np.generic]]] = {
 @dataclass(frozen=True, slots=True, eq=False)
 class Objects:
     """N fused objects, one row per object and frame, in the order of the frames.
+
+    `objects[3]`, and each of a loop, is one of them by the names of `columns`; `objects[10:20]`,
+    `objects[objects.classes == "car"]` and `objects + others` are `Objects` again.
 
     Where an object belongs to no track, `velocities`, `yaw_rates`, `existence` and `ages_s` are NaN: 0 would say that
     it stands.
@@ -148,6 +158,29 @@ class Objects:
         """The given rows (mask or indices), in that order."""
         return select_rows(self, rows)
 
+    @overload
+    def __getitem__(self, rows: int | np.integer[Any]) -> dict[str, Any]: ...
+
+    @overload
+    def __getitem__(self, rows: slice | Rows | list[int]) -> "Objects": ...
+
+    def __getitem__(self, rows: Any) -> "Objects | dict[str, Any]":
+        if isinstance(rows, int | np.integer):
+            row = range(len(self))[rows]  # which raises an IndexError, and counts from the end
+            return next(iter(self.select(np.array([row]))))
+        return self.select(np.arange(len(self))[rows])
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        names = [*self.columns]
+        for values in zip(*(column.tolist() for column in self.columns.values()), strict=True):
+            yield dict(zip(names, values, strict=True))
+
+    def __add__(self, other: "Objects") -> "Objects":
+        for name in ("frame_id", "class_names", "zone_names"):
+            if getattr(self, name) != getattr(other, name):
+                raise ValueError(f"expected objects with {name} {getattr(self, name)}, found {getattr(other, name)}")
+        return join_rows(self, other)
+
     @property
     def classes(self) -> Array:
         """(N,) str, the name of each object's class."""
@@ -215,18 +248,44 @@ class Objects:
         """The columns as a pyarrow.Table."""
         return _library("pyarrow").table(dict(self.columns))
 
+    def to_csv(self, path: str | PathLike[str]) -> None:
+        """Write the columns as CSV, as `lidcam process --objects OUT.csv` does; what stands there is replaced.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        save_csv(Path(path), self.columns)
+
+    def to_parquet(self, path: str | PathLike[str]) -> None:
+        """Write the columns as Parquet, as `lidcam process --objects OUT.parquet` does; what stands there is replaced.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        save_parquet(Path(path), self.to_arrow(), self.frame_id)
+
     def __repr__(self) -> str:
+        return as_text(*self._shown(SHOWN_COLUMNS))
+
+    def _repr_html_(self) -> str:
+        """For notebooks: the same rows with all columns."""
+        return as_html(*self._shown(tuple(self.columns)))
+
+    def _shown(self, names: tuple[str, ...]) -> "list[str | Table]":
+        """The first rows of some columns, as a table between lines."""
+        from rich.table import Table
+
         head = f"{len(self)} objects, site frame {self.frame_id!r}"
         if not len(self):
-            return head
-        columns = self.columns
-        texts = [[name, *(_text(value) for value in columns[name][:MAX_SHOWN])] for name in SHOWN_COLUMNS]
-        widths = [max(map(len, column)) for column in texts]
-        lines = [
-            "  ".join(text.rjust(w) for text, w in zip(row, widths, strict=True)) for row in zip(*texts, strict=True)
-        ]
+            return [head]
+        table = Table(box=None, pad_edge=False)
+        for name in names:
+            table.add_column(name, justify="right", no_wrap=True)
+        columns = self.select(np.arange(min(len(self), MAX_SHOWN))).columns
+        for row in zip(*(columns[name] for name in names), strict=True):
+            table.add_row(*map(_text, row))
         more = [f"... {len(self) - MAX_SHOWN} more"] if len(self) > MAX_SHOWN else []
-        return "\n".join([head, *lines, *more])
+        return [head, table, *more]
 
 
 def _library(name: str) -> Any:

@@ -4,28 +4,24 @@ Both have the columns of `Objects.columns`. Equal results give equal bytes; thos
 version of pyarrow, too.
 """
 
-import csv
-import json
 from abc import ABC, abstractmethod
 from contextlib import ExitStack, suppress
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
-import numpy as np
-
-from pipeline.core.arrays import Array, join_rows
+from pipeline.core.arrays import join_rows
 from pipeline.core.frame import FrameResult
 from pipeline.core.messages import Drop
 from pipeline.core.rig import Rig
 from writers.outputs.errors import output_errors
-from writers.outputs.marks import OBJECTS
 from writers.outputs.transaction import OutputFile
 from writers.provenance import Provenance
+from writers.tables.files import csv_header, parquet_metadata, write_rows
 from writers.tables.objects import Objects
 
 __all__ = ["CSV_HEADER", "CsvObjectsWriter", "ParquetObjectsWriter"]
 
-CSV_HEADER = ",".join(Objects.empty(Rig("", (), (), ()), ()).columns) + "\n"
+CSV_HEADER = csv_header(Objects.empty(Rig("", (), (), ()), ()).columns)
 """First line of a CSV table, by which it is known."""
 
 GROUP_ROWS = 1 << 16
@@ -74,43 +70,36 @@ class _ObjectsWriter(ABC):
 
 
 class CsvObjectsWriter(_ObjectsWriter):
-    """Writes CSV in UTF-8: numbers as short as they can be without loss, `true` and `false`, nothing for NaN."""
+    """Writes CSV in UTF-8, in the form of `write_rows`."""
 
     name = "csv"
 
     def _open(self, resources: ExitStack) -> None:
-        file = resources.enter_context(self._output.part.open("x", encoding="utf-8", newline=""))
-        file.write(CSV_HEADER)
-        self._csv = csv.writer(file, lineterminator="\n")
+        self._file = resources.enter_context(self._output.part.open("x", encoding="utf-8", newline=""))
+        self._file.write(CSV_HEADER)
 
     def _add(self, objects: Objects) -> None:
-        self._csv.writerows(zip(*map(_texts, objects.columns.values()), strict=True))
+        write_rows(self._file, objects.columns)
 
     def _finish(self) -> None:
         """Nothing waits."""
 
 
 class ParquetObjectsWriter(_ObjectsWriter):
-    """Writes Parquet in row groups.
-
-    Its metadata have under `lidcam.objects`, as JSON, the site frame and where the result comes from
-    (`Provenance.metadata`).
-    """
+    """Writes Parquet in row groups, with where the result comes from (`Provenance.metadata`) in its metadata."""
 
     name = "parquet"
 
     def __init__(self, output: OutputFile, rig: Rig, class_names: tuple[str, ...], provenance: Provenance) -> None:
         super().__init__(output, rig, class_names)
-        self._origin = json.dumps({"site_frame": rig.site_frame} | provenance.metadata())
+        self._origin = parquet_metadata(rig.site_frame, provenance.metadata())
         self._waiting: list[Objects] = []
         self._waiting_rows = 0
 
     def _open(self, resources: ExitStack) -> None:
         from pyarrow import parquet  # takes a quarter of a second, and starts threads
 
-        self._schema = (
-            Objects.empty(self._rig, self._class_names).to_arrow().schema.with_metadata({OBJECTS: self._origin})
-        )
+        self._schema = Objects.empty(self._rig, self._class_names).to_arrow().schema.with_metadata(self._origin)
         file = resources.enter_context(self._output.part.open("xb"))
         self._parquet = resources.enter_context(parquet.ParquetWriter(file, self._schema, compression="zstd"))
 
@@ -127,11 +116,3 @@ class ParquetObjectsWriter(_ObjectsWriter):
             table = join_rows(*self._waiting).to_arrow()
             self._parquet.write_table(table.cast(self._schema))
             self._waiting, self._waiting_rows = [], 0
-
-
-def _texts(column: Array) -> list[Any]:
-    if column.dtype == np.bool_:
-        return ["true" if value else "false" for value in column.tolist()]
-    if column.dtype.kind == "f":
-        return ["" if text == "nan" else text for text in column.astype(np.str_).tolist()]
-    return list(column.tolist())

@@ -10,7 +10,7 @@ from pipeline.core.settings.bundled import bundled
 from pipeline.core.settings.load import set_values
 from pipeline.core.settings.validation import checked, did_you_mean
 
-__all__ = ["load_scenario", "overridden", "scenario_names"]
+__all__ = ["load_scenario", "overridden", "scenario_file", "scenario_names"]
 
 
 def scenario_names() -> list[str]:
@@ -26,13 +26,20 @@ def load_scenario(name: str, overrides: tuple[str, ...] = ()) -> Scenario:
     Raises:
         ConfigError: the name is unknown, the file cannot be read, or a key or value is not valid.
     """
-    path = Path(name)
-    if path.suffix not in {".yaml", ".yml"}:
-        path = bundled("scenarios", f"{name}.yaml")
-        if name not in scenario_names():
-            meant = did_you_mean(name, scenario_names())
-            raise ConfigError(f"{name}: expected a YAML file or one of {listed(scenario_names())}{meant}")
+    path = Path(name) if Path(name).suffix in {".yaml", ".yml"} else scenario_file(name)
     return _with(read_yaml(path), overrides, str(path))
+
+
+def scenario_file(name: str) -> Path:
+    """The file of a bundled scenario.
+
+    Raises:
+        ConfigError: there is none of this name.
+    """
+    if name not in scenario_names():
+        meant = did_you_mean(name, scenario_names())
+        raise ConfigError(f"{name}: expected one of {listed(scenario_names())}, or a .yaml file to simulate{meant}")
+    return bundled("scenarios", f"{name}.yaml")
 
 
 def overridden(scenario: Scenario, overrides: tuple[str, ...]) -> Scenario:

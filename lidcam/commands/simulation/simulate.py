@@ -18,11 +18,20 @@ SIMULATE_EXAMPLES = """\b
 Scenarios: sandbox, crossing, vehicle, random, or a YAML file of your own.
 Examples:
   lidcam simulate sandbox out.bag --duration 10
+  lidcam simulate --show sandbox > my.yaml
   lidcam simulate crossing out.mcap --seed 7
-  lidcam simulate my_crossing.yaml bag_folder --format sqlite3
+  lidcam simulate my.yaml bag_folder --format sqlite3
   lidcam simulate random out.mcap --family road --seed 7
   lidcam simulate sandbox out.bag --set lidars.velodyne1.clock_offset_ms=20
 """
+
+
+def _show(name: str | None) -> None:
+    if name is not None:
+        from bags.simulator.scenario.load import scenario_file
+
+        typer.echo(scenario_file(name).read_text(encoding="utf-8"), nl=False)
+        raise typer.Exit
 
 
 @with_log_options
@@ -43,6 +52,10 @@ def simulate(
     ] = None,
     settings: Setting = None,
     overwrite: Overwrite = False,
+    shown: Annotated[  # noqa: ARG001, its callback ends the command
+        str | None,
+        typer.Option("--show", metavar="NAME", callback=_show, is_eager=True, help="Print a scenario: YAML to copy."),
+    ] = None,
     workers: Annotated[
         int | None,
         typer.Option(min=1, metavar="N", help="Sensors simulated at once; the recording is the same. [default: cores]"),

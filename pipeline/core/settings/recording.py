@@ -22,21 +22,21 @@ VelodyneModelName = Literal[
 
 
 class TopicsConfig(SettingsModel):
-    """Topics to use; empty means all of a suitable type.
+    """Topics to use.
 
     Attributes:
-        lidars: Topics with clouds.
-        cameras: Topics with images.
+        lidars: Topics with clouds; null: all of a suitable type, an empty list: none.
+        cameras: Topics with images, or with 2D boxes alone; null and an empty list as for `lidars`.
         boxes3d: Topics with 3D boxes of a detector (vision_msgs/Detection3DArray or Autoware's DetectedObjects), for
-            `detect3d.method: recorded`. If empty: all that are neither truth nor what lidcam itself writes.
+            `detect3d.method: recorded`. If null: all that are neither truth nor what lidcam itself writes.
         exclude: Topics to ignore, by name or shell pattern.
         last_resort: Topics, by name or shell pattern, derived from other topics: used only if no other topic of their
             kind was recorded. Parts of combined messages come before them, and after topics recorded on their own.
     """
 
-    lidars: tuple[Topic, ...] = ()
-    cameras: tuple[Topic, ...] = ()
-    boxes3d: tuple[Topic, ...] = ()
+    lidars: tuple[Topic, ...] | None = None
+    cameras: tuple[Topic, ...] | None = None
+    boxes3d: tuple[Topic, ...] | None = None
     exclude: tuple[Topic, ...] = ()
     last_resort: tuple[Topic, ...] = ("/point_cloud_combined", "/ground_cloud")
 

@@ -167,21 +167,23 @@ def did_you_mean(word: str, known: list[str]) -> str:
 
 
 def unknown_key(model: type[BaseModel], path: tuple[Part, ...], more: str = "") -> str:
-    """The message about an unknown key: the one that was probably meant, else the known ones."""
+    """The message about an unknown key: the one that was probably meant, or all that end in it, else the known ones."""
     key, leaf = _dotted(path), str(path[-1])
     section = Place.of(model).at(path[:-1])[1].section or model
     if gone := getattr(section, "GONE", {}).get(leaf):
         return f"unknown key {key!r}{more}: {gone}"
     siblings, before = list(fields_by_key(section)), _dotted(path[:-1])
-    keys = [known for known, _ in key_places(model) if "*" not in known and known.split(".")[0] == str(path[0])]
-    under = {known.split(".")[-1]: known for known in keys}
+    places = [known for known, _ in key_places(model) if "*" not in known]
+    under = {known.split(".")[-1]: known for known in places if known.split(".")[0] == str(path[0])}
     beside = [f"{before}.{name}" if before else name for name in get_close_matches(leaf, siblings, 1, LIKENESS)]
     meant = (
         [under[leaf]]
         if leaf in under
         else beside or [under[name] for name in get_close_matches(leaf, under, 1, LIKENESS)]
     )
-    hint = f": did you mean {meant[0]!r}?" if meant else f"; known here: {', '.join(siblings)}"
+    if not meant and not before:
+        meant = [known for known in places if known.split(".")[-1] == leaf]
+    hint = f": did you mean {' or '.join(map(repr, meant))}?" if meant else f"; known here: {', '.join(siblings)}"
     return f"unknown key {key!r}{more}{hint}"
 
 

@@ -101,7 +101,7 @@ def test_what_is_wrong_is_named(tmp_path: Path, changes: dict[str, Any], message
 
 @pytest.mark.parametrize("name", ["nothing", "no.yaml", 300 * "x", "../scenarios/sandbox"])
 def test_a_scenario_that_is_not_there(name: str) -> None:
-    with pytest.raises(ConfigError, match=r": expected a YAML file or one of crossing, sandbox, vehicle|no\.yaml"):
+    with pytest.raises(ConfigError, match=r": expected one of crossing, sandbox, vehicle|no\.yaml"):
         load_scenario(name)
 
 

@@ -124,6 +124,23 @@ def test_the_ground_is_below_every_lidar() -> None:
     assert ground_of(points, origins=below) is None
 
 
+def test_what_level_beams_meet_in_a_room_is_no_floor() -> None:
+    rng = np.random.default_rng(10)
+    walls = np.concatenate([wall(rng, 9_000, x=x, z=(-0.5, 1.5)) for x in (-4.0, 4.0)])
+    level = floor(rng, 6_000, z=-0.02, half_m=6.0)  # the ring that points along the floor meets whatever stands there
+    assert ground_of(np.concatenate([walls, level])) is None
+    assert height_m(ground_of(np.concatenate([walls, level, floor(rng, 3_000, z=-0.9)]))) == pytest.approx(
+        -0.9, abs=0.01
+    )
+
+
+def test_a_real_room_without_a_floor_in_view() -> None:
+    data = shared("data/velodyne_packets/vlp16/1673400472138016708.pcd").read_bytes()
+    points = np.frombuffer(data.split(b"DATA binary\n", 1)[1], [("xyz", "<f4", 3), ("rest", "V20")])["xyz"]
+    assert len(points) == 14_831
+    assert ground_of(points.astype(np.float64)) is None
+
+
 @pytest.mark.parametrize(("slope_deg", "found"), [(0, True), (8, True), (15, False)])
 def test_slope(slope_deg: float, found: bool) -> None:
     points = floor(np.random.default_rng(4), 10_000)

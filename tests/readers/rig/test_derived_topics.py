@@ -7,7 +7,7 @@ from combined_messages import CAMERAS, CLOUDS, combined
 from memory_recording import MemoryRecording
 from rig_messages import cloud, image_message, static
 
-from pipeline.core.errors import RecordingError
+from pipeline.core.errors import CalibrationError, RecordingError
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.config import Config
 from readers.rig.discovery import Discovery, discover_rig
@@ -69,6 +69,16 @@ def test_the_settings_have_the_last_word() -> None:
         assert {lidar.topic for lidar in found.rig.lidars} == {"/lidar", "/point_cloud_combined"}
     with pytest.raises(RecordingError, match=r"topics\.exclude"):
         discover([FUSED], exclude=["/point_cloud_combined"])
+
+
+def test_an_empty_list_of_topics_is_none_and_null_is_all() -> None:
+    recorded = [cloud("/a"), static(("a", "c", (1, 0, 0))), image_message("/image_raw", "c")]
+    assert [fault.sensor for fault in discover(recorded, cameras=None).faults] == ["camera"]  # has no calibration
+    found = discover(recorded, cameras=[])
+    assert found.notes == ("topics.cameras is empty: no camera is used",)
+    assert not found.faults
+    with pytest.raises(CalibrationError, match=r"topics\.lidars: \[\]`, no lidar: name one"):
+        discover(recorded, lidars=[])
 
 
 def test_parts_are_named_by_their_place() -> None:

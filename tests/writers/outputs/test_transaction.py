@@ -59,7 +59,7 @@ def test_a_failure_leaves_the_older_files_and_nothing_else(tmp_path: Path, error
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
-        ("no/out.mcap", "the folder .* does not exist; create it"),
+        ("file/no/out.mcap", "cannot be written: Not a directory"),
         ("", "found a folder"),
         ("pipe", "expected the name of a file to write, found a device or a pipe"),
         ("link", "found a link; name what it points to"),
@@ -67,16 +67,36 @@ def test_a_failure_leaves_the_older_files_and_nothing_else(tmp_path: Path, error
         ("a\0b", "expected the name of a file to write"),
         ("/proc/out.mcap", "cannot be written"),
     ],
-    ids=["missing folder", "folder", "fifo", "link", "too long", "null", "/proc"],
+    ids=["in a file", "folder", "fifo", "link", "too long", "null", "/proc"],
 )
 def test_an_unusable_name_is_one_clear_line(tmp_path: Path, name: str, expected: str) -> None:
     os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "file").touch()
     (tmp_path / "link").symlink_to("nowhere/file")
     path, before = tmp_path / name, names_in(tmp_path)
     with pytest.raises(OutputError, match=expected) as caught, OutputTransaction([tmp_path / "other.rrd", path]):
         pytest.fail("the block must not run")
     assert "\n" not in str(caught.value)
     assert names_in(tmp_path) == before
+
+
+def test_a_url_makes_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(OutputError, match="expected the name of a file to write on this machine, found a URL"):
+        write([Path("https://host/out.mcap")])
+    assert names_in(tmp_path) == []
+
+
+def test_missing_folders_are_made_and_a_failure_leaves_none(tmp_path: Path) -> None:
+    paths = [tmp_path / "a" / "b" / "out.mcap", tmp_path / "a" / "b" / "out.rrd", tmp_path / "a" / "c" / "out.csv"]
+    with pytest.raises(ValueError, match="half"):
+        write(paths, "half", ValueError("half"))
+    with pytest.raises(OutputError, match="too long"):
+        write([*paths, tmp_path / "d" / ("x" * 250)])
+    assert names_in(tmp_path) == []
+    write(paths)
+    assert names_in(tmp_path / "a") == ["b", "c"]
+    assert names_in(tmp_path / "a" / "b") == ["out.mcap", "out.rrd"]
 
 
 @pytest.mark.parametrize("name", [b"\xff\xfe.mcap", b"a\nb.mcap", b"[*].mcap", b" "])

@@ -1,0 +1,21 @@
+# lidcam in a container, from wheels alone and as a user without rights:
+#   docker build --tag lidcam .
+#   docker run --rm --volume "$PWD:/data" lidcam process drive.bag out.mcap
+# The folder has to be writable for user 1000.
+FROM python:3.12-slim AS build
+WORKDIR /source
+RUN python -m venv /opt/lidcam
+COPY constraints-run.txt .
+RUN /opt/lidcam/bin/pip install --no-cache-dir --only-binary :all: --require-hashes --no-deps --requirement constraints-run.txt
+COPY . .
+RUN /opt/lidcam/bin/pip install --no-cache-dir --no-build-isolation --no-deps .
+
+FROM python:3.12-slim
+COPY --from=build /opt/lidcam /opt/lidcam
+ENV PATH=/opt/lidcam/bin:$PATH
+RUN useradd --create-home --uid 1000 lidcam
+USER lidcam
+# Compiles what goes through all points, so that no container does it at its start.
+RUN lidcam demo /tmp/demo && rm -r /tmp/demo
+WORKDIR /data
+ENTRYPOINT ["lidcam"]

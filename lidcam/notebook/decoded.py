@@ -1,0 +1,50 @@
+"""The messages of a frame, decoded for notebooks: what its cameras and lidars measured."""
+
+from pipeline.core.arrays import U8
+from pipeline.core.clouds import PointCloud
+from pipeline.core.frame import FrameResult
+from pipeline.core.settings.config import Config
+from readers.messages.image import decode_any_image
+from readers.messages.registry import decode_as
+from readers.rig.sensor_topics import CLOUD
+from readers.velodyne.decoder import VelodyneDecoders
+from readers.velodyne.scan import SCAN
+
+__all__ = ["decode_clouds", "decode_images"]
+
+
+def decode_images(frame: FrameResult, config: Config | None = None) -> dict[str, U8]:
+    """The images of a frame by camera name, (H, W, 3) uint8, red first; cameras without an image have no entry.
+
+    Args:
+        frame: Of `iter_frames`, or given to `on_frame`.
+        config: Its settings, where `limits` are not the defaults.
+
+    Raises:
+        MessageError: one cannot be decoded.
+    """
+    limits, messages = (config or Config()).limits, frame.bundle.messages
+    found = {name: messages[camera.topic] for name, camera in frame.views.items() if camera.topic in messages}
+    return {name: decode_any_image(message, limits=limits).rgb for name, message in found.items()}
+
+
+def decode_clouds(frame: FrameResult, config: Config | None = None) -> dict[str, PointCloud]:
+    """The clouds of a frame by topic, each as it was measured, in the frame of its lidar.
+
+    `frame.combined.cloud` has the points of all of them in the site frame, without outliers and ground.
+
+    Args:
+        frame: Of `iter_frames`, or given to `on_frame`.
+        config: Its settings, where `velodyne` or `limits` are not the defaults.
+
+    Raises:
+        MessageError: one cannot be decoded.
+    """
+    config = config or Config()
+    packets, limits, clouds = VelodyneDecoders(config.velodyne), config.limits, dict[str, PointCloud]()
+    for topic, message in frame.bundle.messages.items():
+        if message.channel.msgtype == SCAN:
+            clouds[topic] = packets[topic].decode(message)[0]
+        elif message.channel.msgtype in CLOUD:
+            clouds[topic] = decode_as("cloud", message, limits=limits)
+    return clouds

@@ -1,0 +1,197 @@
+"""A run read back from its result: the objects of all frames, and the account of the run."""
+
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lidcam.checks.missing import MissingSensor, SilentSpan
+from lidcam.checks.warning import RunWarning
+from lidcam.report import (
+    DropCount,
+    DropReport,
+    FrameReport,
+    InputReport,
+    RunReport,
+    SensorReport,
+    TimingReport,
+    UnusedTopic,
+)
+from lidcam.settings.choice import UsedSettings
+from lidcam.settings.effect import settings_sha256
+from pipeline.core.arrays import join_rows
+from pipeline.core.detections import Source
+from pipeline.core.errors import MessageError, RecordingError
+from pipeline.core.messages import RawMessage
+from pipeline.core.tracks import NO_TRACK
+from pipeline.evaluation.road_users import RoadUserTally
+from readers.input_file import InputFile
+from readers.messages.deserialize import deserialize_as
+from readers.messages.objects.tracks import decode_tracks
+from readers.messages.vision.detections3d import decode_detections3d
+from readers.messages.vision.track_ids import track_ids
+from readers.recording import Loss
+from readers.results.result import SOURCE_TOPICS, TRACKS_TOPIC, Result, open_result
+from readers.rig.calibration import SensorSource
+from readers.rig.sensor_topics import SensorFault
+from writers.tables.objects import Objects
+
+__all__ = ["load_result"]
+
+FUSED, SCENE, SCENE_TYPE = SOURCE_TOPICS["fused"], "/fused/scene", "foxglove_msgs/msg/SceneUpdate"
+"""Topics of the fused objects as boxes, and of the drawn objects, whose metadata say what their boxes do not."""
+
+MAX_SCENE_ITEMS = 2_000_000
+"""Points of lines and other parts of one drawing."""
+
+
+def load_result(path: Path) -> tuple[RunReport, Objects]:
+    """The report and the objects of the run that wrote a result.
+
+    Times of the clock, and where other outputs lie, are not in a result. `settings.name` is the whole line that the run
+    printed. Of damaged parts the first are listed, and a note says how many more there were.
+
+    Raises:
+        RecordingError: it cannot be read, is not a result of lidcam, or one of a version that wrote less.
+        CalibrationError: its rig cannot be used.
+    """
+    with open_result(path) as result:
+        if not result.account:
+            raise RecordingError(f"{path}: expected the account of a run in it, found none: process the recording anew")
+        users, parts = RoadUserTally(result.config, result.rig), [Objects.empty(result.rig, result.config.object_names)]
+        try:
+            for index, messages in enumerate(result.messages_of_frames([FUSED, TRACKS_TOPIC, SCENE])):
+                one = _objects(index, messages, result)
+                parts.append(one)
+                if TRACKS_TOPIC in messages:
+                    stamp_ns = messages[FUSED].stamp_ns
+                    users.add_objects(stamp_ns, one.class_ids, one.centers, one.tracks, one.speeds)
+            report = _report(result, path, users)
+        except (MessageError, KeyError, TypeError, ValueError) as err:
+            raise RecordingError(f"{path}: is damaged, or of another version of lidcam: {err}") from err
+        return report, join_rows(*parts)
+
+
+def _objects(index: int, messages: Mapping[str, RawMessage], result: Result) -> Objects:
+    """The objects of one frame."""
+    config, rig = result.config, result.rig
+    limits = config.limits.model_copy(update={"max_message_items": MAX_SCENE_ITEMS})
+    found = decode_detections3d(messages[FUSED], limits=config.limits)
+    drawn = deserialize_as(messages[SCENE], SCENE_TYPE, limits=limits).entities
+    facts = [{pair.key: pair.value for pair in one.metadata} for one in drawn]
+    if found.unused or len(facts) != len(found):
+        raise ValueError(f"frame {index}: expected {len(found)} objects in {SCENE}, found {len(facts)}")
+    n, class_ids = len(found), {name: row for row, name in enumerate(config.object_names)}
+    numbers = np.maximum(track_ids(found.ids), NO_TRACK)
+    motion = {name: np.full(n, np.nan) for name in ("vx", "vy", "yaw_rates", "existence", "ages_s")}
+    fronts_known = np.zeros(n, np.bool_)
+    if TRACKS_TOPIC in messages:
+        tracks = decode_tracks(messages[TRACKS_TOPIC], limits=config.limits).tracks
+        at, rows = np.nonzero(numbers[:, None] == tracks.ids)
+        of_tracks = (*tracks.velocities.T, tracks.yaw_rates, tracks.existence, tracks.ages_s)
+        for column, values in zip(motion.values(), of_tracks, strict=True):
+            column[at] = values[rows]
+        fronts_known[at] = tracks.fronts_known[rows]
+    return Objects(
+        frame_id=found.frame_id,
+        class_names=config.object_names,
+        zone_names=rig.place_names,
+        frames=np.full(n, index, np.int64),
+        stamps_ns=np.full(n, found.stamp_ns, np.int64),
+        class_ids=np.array([class_ids[label] for label in found.labels.tolist()], np.int32),
+        zones=rig.place_rows(found.centers),
+        scores=found.scores,
+        centers=found.centers,
+        sizes=found.sizes,
+        yaws=found.yaws,
+        point_counts=np.array([int(one["points"]) for one in facts], np.int32),
+        matched=np.array([int(one["cameras"]) for one in facts], np.int32),
+        covariances=found.covariances,
+        sources=np.array([Source[one["source"].upper()] for one in facts], np.uint8),
+        measured_ns=np.array([int(one["measured_ns"]) for one in facts], np.int64),
+        tracks=numbers,
+        velocities=np.stack([motion.pop("vx"), motion.pop("vy")], 1),
+        fronts_known=fronts_known,
+        **motion,
+    )
+
+
+def _report(result: Result, path: Path, users: RoadUserTally) -> RunReport:
+    account: Mapping[str, Any] = result.account
+    motion, sync, more = account["motion"], account["sync"], account["losses_more"]
+    files = tuple(_input_files(result.metadata))
+    losses = [(Path(one["file"]), one["position"], one["reason"]) for one in account["losses"]]
+    sizes = [(one["size"], one["messages"]) for one in account["losses"]]
+    silences = [tuple(SilentSpan(**span) for span in one["silences"]) for one in account["missing"]]
+    return RunReport(
+        inputs=InputReport(
+            files=files,
+            changed=tuple(file.name for file in files if file.is_changed),
+            messages_used=account["messages_used"],
+            copied=account["copied"],
+            unused_topics=tuple(UnusedTopic(topic, count, "") for topic, count in account["unused_topics"].items()),
+            losses=tuple(Loss(*loss, *size) for loss, size in zip(losses, sizes, strict=True)),
+        ),
+        frames=FrameReport(
+            count=account["frames"],
+            objects={(one["class"], one["zone"] or ""): one["count"] for one in account["objects"]},
+            sources=account["object_sources"],
+            confirmed=account["confirmed"],
+            without_boxes=account["frames_without_boxes"],
+            without_boxes3d=account["frames_without_boxes3d"],
+            compensated=motion["compensated_frames"],
+            odometry=motion["frames_from_clouds"],
+            odometry_predicted=motion["frames_predicted"],
+            points=account["points"],
+            **sync,
+        ),
+        drops=DropReport(
+            messages=tuple(DropCount(**one) for one in account["drops"]),
+            boxes=account["unused_boxes"],
+            boxes3d=account["unused_boxes3d"],
+            boxes_without_object=account["boxes_without_object"],
+            objects=account["objects_left_out"],
+        ),
+        sensors=SensorReport(
+            rig=result.rig,
+            calibration=tuple(SensorSource(**one) for one in account["calibration"]),
+            faults=tuple(SensorFault(**one) for one in account["faults"]),
+            missing=tuple(
+                MissingSensor(**{**one, "silences": spans})
+                for one, spans in zip(account["missing"], silences, strict=True)
+            ),
+            box_source=account["box_source"],
+            box_source_3d=account["box_source_3d"],
+            motion_topics=tuple(motion["topics"]),
+        ),
+        timing=TimingReport({}, math.nan, math.nan),
+        settings=UsedSettings(result.metadata["settings"], "given"),
+        settings_sha256=settings_sha256(result.config),
+        notes=(*account["notes"], *([f"{more} more damaged parts, which the result does not list"] if more else [])),
+        warnings=tuple(RunWarning(**one) for one in account["warnings"]),
+        outputs=(path,),
+        how_to_open={},
+        road_users=users.road_users,
+    )
+
+
+def _input_files(metadata: Mapping[str, str]) -> Iterator[InputFile]:
+    """The files that the run read, in their order."""
+    row = 0
+    while f"input.{row}.name" in metadata:
+        facts = {
+            key.removeprefix(f"input.{row}."): value
+            for key, value in metadata.items()
+            if key.startswith(f"input.{row}.")
+        }
+        name, size = facts["name"], facts.get("size", "")
+        yield InputFile(
+            path=facts.get("url", name),
+            name=name,
+            bytes=int(size) if size.isdecimal() else None,
+            sha256=facts.get("sha256"),
+            is_changed="changed" in facts,
+        )
+        row += 1
