@@ -23,8 +23,9 @@ from pipeline.core.ros.qos import LATCHED_YAML
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.run import OutputConfig
 from pipeline.core.true_boxes import TrueBoxes
-from writers.drawing import ObjectEdges, object_edges, track_numbers
-from writers.foxglove.layout import foxglove_layout
+from writers.drawing import ObjectEdges, object_edges, object_labels, track_numbers
+from writers.foxglove.layout import FOV_Y_DEG, foxglove_layout, label_eye
+from writers.labels_3d import LabelPlaces
 from writers.mcap.chunk import Buffer
 from writers.mcap.output import McapOutput, mcap_file
 from writers.messages.annotations import image_annotations
@@ -32,7 +33,7 @@ from writers.messages.detections import detections_2d, detections_3d, lidcam_obj
 from writers.messages.diagnostics import diagnostics
 from writers.messages.edge_scenes import PLACED, PLACED_SCENE, placed_scene, truth_scene, truth_scene_topic
 from writers.messages.images import COMPRESSED, image_cdr
-from writers.messages.scene import marker_array, scene_update
+from writers.messages.scene import marker_array, scene_update, zone_entities
 from writers.messages.sensors import camera_info, cloud_message, moving_transform, static_transforms
 from writers.outputs.errors import output_errors
 from writers.outputs.marks import INPUTS, RESULT
@@ -112,6 +113,7 @@ class McapResultWriter:
         self._filled: set[str] = set()
         self._messages = 0
         self._survey = SceneSurvey(rig)
+        self._label_places = LabelPlaces(self._survey, label_eye, FOV_Y_DEG)
         self._truth_times = TruthTimes()
         self._trails = Trails(rig.site_frame, config.combine.motion)
         self._file: McapOutput
@@ -195,7 +197,9 @@ class McapResultWriter:
         yield "/fused/detections", detections_3d(objects, names, stamp_ns=stamp_ns, track_numbers=numbers)
         if tracks is not None:
             yield TRACKS, track_array(objects, tracks, names, stamp_ns=stamp_ns)
-        yield "/fused/scene", scene_update(result, names, trails)
+        places = self._label_places.of(result, object_labels(result, names))
+        zones = zone_entities(self._survey, objects)
+        yield "/fused/scene", scene_update(result, names, trails, places, zones)
         yield "/fused/markers", marker_array(result, names)
         yield "/lidar/detections", detections_3d(result.detections.lidar, names, stamp_ns=stamp_ns)
         if (placed := result.detections.placed) is not None:
