@@ -27,17 +27,17 @@ class LabelPlaces:
     def __init__(self, survey: SceneSurvey, place_eye: Callable[[SceneSurvey], Viewpoint], fov_y_deg: float) -> None:
         self._survey, self._place_eye, self._fov_y_deg = survey, place_eye, fov_y_deg
         self._eye: Viewpoint | None = None
+        self._is_settled = False
 
     def of(self, result: FrameResult, labels: Sequence[str]) -> F64:
         """(N, 3) places of the labels (N,) of the strong objects of a frame; the roofs of the others."""
         places, strong = roofs(result.fused.objects), strong_objects(result)
         if not strong.any():
             return places
-        eye = self._eye or self._place_eye(self._survey)
-        if self._survey.is_complete:
-            self._eye = eye
+        if self._eye is None or self._is_settled != self._survey.is_complete:  # at first, and once that is settled
+            self._eye, self._is_settled = self._place_eye(self._survey), self._survey.is_complete
         texts = [label for label, shown in zip(labels, strong.tolist(), strict=True) if shown]
-        places[strong] = labels_apart(places[strong], texts, eye, self._fov_y_deg)
+        places[strong] = labels_apart(places[strong], texts, self._eye, self._fov_y_deg)
         return places
 
 
