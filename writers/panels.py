@@ -6,7 +6,7 @@ from operator import itemgetter
 from statistics import median
 from typing import Literal, NamedTuple
 
-__all__ = ["Panels", "ScenePanels", "arrange", "scene_panels"]
+__all__ = ["OBJECTS_TITLE", "SKEW_TITLE", "Panels", "ScenePanels", "arrange", "scene_panels"]
 
 WINDOW_PX = (1600, 920)
 """The panels' share of a usual window."""
@@ -22,6 +22,10 @@ MIN_PLOT_SHARE = 0.15
 
 PERSPECTIVE_SHARE, SIDE_BY_SIDE = 0.58, 1.5
 """Share of the scene's area for its view in perspective; aspect from which on the view from above is beside it."""
+
+
+OBJECTS_TITLE, SKEW_TITLE = "Objects: all blue, confirmed green", "Sync skew (ms)"
+"""Of the plots, in place of legends, which cover the curves or take the room of them."""
 
 
 class Panels(NamedTuple):

@@ -48,13 +48,16 @@ class Viewpoint(NamedTuple):
         eye: (3,) metres.
         target: (3,) metres; the eye looks at it.
         up: (2,) unit vector, the direction on the ground that is up in the view.
-        size_m: Half the extent of what is shown: the measure of axes and frusta.
     """
 
     eye: F64
     target: F64
     up: F64
-    size_m: float
+
+    @property
+    def size_m(self) -> float:
+        """Half the distance of the eye: the measure of axes and frusta."""
+        return float(np.linalg.norm(self.eye - self.target)) / 2
 
     @property
     def is_above(self) -> bool:
@@ -148,16 +151,15 @@ class SceneSurvey:
 
         The aspect is the width of the view divided by its height; the field of view is vertical.
         """
-        points, fronts, size_m = self._content()
-        return _nearest(points, fronts, _ELEVATION_RAD, aspect, fov_y_deg, size_m)
+        return _nearest(*self._content(), _ELEVATION_RAD, aspect, fov_y_deg)
 
     def above(self, of: Viewpoint, *, aspect: float, fov_y_deg: float) -> Viewpoint:
         """The eye that sees the same as another one from straight above, turned to the right where that fits better."""
-        points, _, size_m = self._content()
-        return _nearest(points, [of.up, np.array([-of.up[1], of.up[0]])], _ABOVE_RAD, aspect, fov_y_deg, size_m)
+        points, _ = self._content()
+        return _nearest(points, [of.up, np.array([-of.up[1], of.up[0]])], _ABOVE_RAD, aspect, fov_y_deg)
 
-    def _content(self) -> tuple[F64, list[F64], float]:
-        """Points (N, 3) that are to be in view, the directions from which they may be seen, and half their extent."""
+    def _content(self) -> tuple[F64, list[F64]]:
+        """Points (N, 3) that are to be in view, and the directions (2,) along which they may be seen."""
         sensors = self._sensors()
         center = sensors.mean(0)
         spread_m = float(np.linalg.norm(sensors[:, :2] - center[:2], axis=1).max())
@@ -165,14 +167,13 @@ class SceneSurvey:
         strong, faint = (np.concatenate([*found, np.zeros((0, 3))]) for found in (self._strong, self._faint))
         objects = strong if len(strong) else faint
         away = objects[:, :2] - center[:2]
-        size_m = max(spread_m + reach_m, 0.1)
         distances_m = np.linalg.norm(away, axis=1)
         usual_m = max(float(np.percentile([*distances_m, 0.0], _USUAL_PERCENT)), 0.8 * reach_m)
-        shown = distances_m <= min(usual_m, _FARTHEST * size_m)
+        shown = distances_m <= min(usual_m, _FARTHEST * (spread_m + reach_m))
         front = self._clear_front(away)
         if spread_m >= _SURROUNDED * reach_m:
             points = np.concatenate([sensors, self._round(_AROUND_SHARE * reach_m), objects[shown]])
-            return points, [front] if front is not None else _SIDES, size_m
+            return points, [front] if front is not None else _SIDES
         front = front if front is not None else _SIDES[0]
         ahead = center + np.array([*front, 0.0]) * reach_m
         near = self._round(_NEAR_SHARE * reach_m)
@@ -180,15 +181,14 @@ class SceneSurvey:
         right = np.array([front[1], -front[0], 0.0])
         aside = (points - center) @ right
         points = np.concatenate([points, points - 2 * aside[:, None] * right])  # the rig stays in the middle
-        return points, [front], size_m
+        return points, [front]
 
     def _round(self, radius_m: float) -> F64:
         """Points (8, 3) on the ground around the sensors."""
         angles = np.arange(8) * (np.pi / 4)
         x, y, _ = self._sensors().mean(0)
-        return np.column_stack(
-            [x + radius_m * np.cos(angles), y + radius_m * np.sin(angles), np.full(8, self.ground_m)]
-        )
+        flat = [x + radius_m * np.cos(angles), y + radius_m * np.sin(angles)]
+        return np.column_stack([*flat, np.full(8, self.ground_m)])
 
     def _usual_reach_m(self) -> float:
         return float(np.median(self._reach_m)) if self._reach_m else _EMPTY_REACH_M
@@ -207,13 +207,10 @@ class SceneSurvey:
         return np.array(places)
 
 
-def _nearest(
-    points: F64, fronts: list[F64], elevation_rad: float, aspect: float, fov_y_deg: float, size_m: float
-) -> Viewpoint:
+def _nearest(points: F64, fronts: list[F64], elevation_rad: float, aspect: float, fov_y_deg: float) -> Viewpoint:
     """The eye that looks along one of some directions and is nearest to what is to be in view."""
-    found = [(*_fitted(points, front, elevation_rad, aspect, fov_y_deg), front) for front in fronts]
-    eye, target, front = min(found, key=lambda view: round(float(np.linalg.norm(view[0] - view[1])), 3))
-    return Viewpoint(eye, target, front, size_m)
+    found = [Viewpoint(*_fitted(points, front, elevation_rad, aspect, fov_y_deg), front) for front in fronts]
+    return min(found, key=lambda view: round(view.size_m, 3))
 
 
 def _fitted(points: F64, front: F64, elevation_rad: float, aspect: float, fov_y_deg: float) -> tuple[F64, F64]:

@@ -8,7 +8,7 @@ from writers.labels_3d import labels_apart
 from writers.viewpoint import Viewpoint
 
 FOV_Y_DEG, HEIGHT_PX = 55.0, 480.0
-EYE = Viewpoint(np.array([-30.0, 2.0, 30.0]), np.array([0.0, 2.0, 0.0]), np.array([1.0, 0.0]), 20.0)
+EYE = Viewpoint(np.array([-30.0, 2.0, 30.0]), np.array([0.0, 2.0, 0.0]), np.array([1.0, 0.0]))
 
 
 def seen(places: F64) -> F64:

@@ -15,7 +15,7 @@ import numpy as np
 from pipeline.core.rig import CameraSensor, Rig
 from writers.messages.edge_scenes import PLACED_SCENE, truth_scene_topic
 from writers.outputs.marks import marked_json
-from writers.panels import Panels, ScenePanels, arrange, scene_panels
+from writers.panels import OBJECTS_TITLE, SKEW_TITLE, Panels, ScenePanels, arrange, scene_panels
 from writers.viewpoint import SceneSurvey, Viewpoint, cameras_in_order
 
 __all__ = ["COMPARED", "FOV_Y_DEG", "foxglove_layout", "label_eye", "layout_path"]
@@ -31,6 +31,9 @@ _EXTRA_SHARE = 0.27
 
 _GROUND_COLOR, _FRUSTUM_COLOR = "#5a626eff", "#8d96a3ff"
 _OBJECTS_COLOR, _CONFIRMED_COLOR, _SKEW_COLOR = "#57b5fa", "#33f259", "#ffc21a"
+
+_SMALL_LABELS = 0.6
+"""Size of labels from above, where nothing keeps them apart."""
 
 _CLOUD = {"colorField": "z", "colorMode": "colormap", "colorMap": "turbo", "pointSize": 2}
 _NO_OUTLINES = {"showOutlines": False}
@@ -66,7 +69,9 @@ def foxglove_layout(rig: Rig, survey: SceneSurvey, topics: Collection[str], name
     for camera in cameras_in_order(rig):
         raw, compressed = (_existing(f"/{camera.name}/image{end}", topics, names) for end in ("", "/compressed"))
         images += [(camera, topic) for topic in (*raw, *compressed)][:1]
-    extra = [_plot("objects", _OBJECT_PATHS), _plot("skew", _SKEW_PATHS), _diagnostics()] if len(names) == 1 else []
+    extra = []
+    if len(names) == 1:
+        extra = [_plot("objects", OBJECTS_TITLE, _OBJECT_PATHS), _plot("skew", SKEW_TITLE, _SKEW_PATHS), _diagnostics()]
     left = 1 - _EXTRA_SHARE
     panels, views = _arranged([camera for camera, _ in images], left if extra else 1.0)
     viewpoint = survey.viewpoint(aspect=views.aspect, fov_y_deg=FOV_Y_DEG)
@@ -127,7 +132,11 @@ def _scene(rig: Rig, title: str, viewpoint: Viewpoint, topics: Collection[str], 
         "/ground_cloud": {"colorField": "z", "colorMode": "flat", "flatColor": _GROUND_COLOR, "pointSize": 1.5},
         "/fused/scene": _NO_OUTLINES,  # white ones; the objects bring their own
         **{
-            f"/{camera.name}/camera_info": {"distance": _metres(size_m * 0.08), "color": _FRUSTUM_COLOR}
+            f"/{camera.name}/camera_info": {
+                "distance": _metres(size_m * 0.08),
+                "width": _metres(size_m * 0.003),  # of its lines
+                "color": _FRUSTUM_COLOR,
+            }
             for camera in rig.cameras
         },
         **dict.fromkeys(truth, _NO_OUTLINES),
@@ -152,6 +161,7 @@ def _scene(rig: Rig, title: str, viewpoint: Viewpoint, topics: Collection[str], 
         "cameraState": _camera_state(viewpoint),
         "scene": {
             "backgroundColor": "#0d1017",
+            **({"labelScaleFactor": _SMALL_LABELS} if is_above else {}),
             "transforms": {
                 "enablePreloading": True,  # else objects jump after a seek, says Lichtblick
                 "axisScale": _metres(size_m * 0.03),
@@ -209,24 +219,22 @@ _OBJECT_PATHS = (
 _SKEW_PATHS = (("skew_ms", "sync skew (ms)", _SKEW_COLOR),)
 
 
-def _plot(name: str, series: Sequence[tuple[str, str, str]]) -> _Panel:
+def _plot(name: str, title: str, series: Sequence[tuple[str, str, str]]) -> _Panel:
     paths = [
         {"value": _of_diagnostics(key), "label": label, "color": color, "enabled": True}
         | {"timestampMethod": "receiveTime", "showLine": True}
         for key, label, color in series
     ]
     config = {
-        **_titled(series[0][1]),
+        **_titled(title),
         "paths": paths,
         "minYValue": 0,
-        "showLegend": True,
+        "showLegend": False,  # it would take the room of the curves: the title names them
         "legendDisplay": "top",
-        "showPlotValuesInLegend": True,
         "showXAxisLabels": True,
         "showYAxisLabels": True,
         "isSynced": True,
         "xAxisVal": "timestamp",
-        "sidebarDimension": 240,
     }
     return _Panel(f"Plot!{name}", config)
 

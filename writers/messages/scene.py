@@ -106,7 +106,7 @@ def scene_update(
     shown_trails = [trail for trail in trails if len(trail)]
     behind = split(strips(shown_trails, rgba[has_trail] * [1, 1, 1, 0] + [0, 0, 0, ALPHA_TRAIL], _EDGE_PX), has_trail)
     up_to_labels = [np.stack(pair) for pair in zip(roofs(objects)[strong], places[strong], strict=True)]
-    leaders = split(strips(up_to_labels, edge_colors[strong] * [1, 1, 1, _LEADER_ALPHA], _EDGE_PX / 4), strong)
+    leaders = split(strips(up_to_labels, edge_colors[strong] * [1, 1, 1, _LEADER_ALPHA], _EDGE_PX / 2), strong)
     texts = [text for text, shown in zip(object_labels(result, class_names), strong.tolist(), strict=True) if shown]
     drawn = entities(
         [f"track-{number}" if number != NO_TRACK else f"object-{row}" for row, number in enumerate(numbers)],

@@ -5,7 +5,7 @@ from typing import Any
 import rerun.blueprint as rrb
 
 from pipeline.core.rig import CameraSensor, Rig
-from writers.panels import Panels, arrange, scene_panels
+from writers.panels import OBJECTS_TITLE, SKEW_TITLE, Panels, arrange, scene_panels
 from writers.viewpoint import SceneSurvey, Viewpoint, cameras_in_order
 
 __all__ = ["FIXED", "FOV_Y_DEG", "LABELS", "LOG", "NUMBERS", "PLACED", "WAY", "blueprint", "camera_path", "place_eye"]
@@ -124,9 +124,8 @@ def _plots(panels: Panels) -> rrb.Container:
     """Numbers of objects, milliseconds, warnings: one below the other where there is room. Titles are the legends."""
     legend = rrb.PlotLegend(visible=False)  # it would cover the curves
     counts = ["$origin/objects", "$origin/confirmed"]
-    title = "Objects: all blue, confirmed green"
-    objects = rrb.TimeSeriesView(name=title, origin="metrics", contents=counts, plot_legend=legend)
-    skew = rrb.TimeSeriesView(name="Sync skew (ms)", origin="metrics", contents="$origin/skew_ms", plot_legend=legend)
+    objects = rrb.TimeSeriesView(name=OBJECTS_TITLE, origin="metrics", contents=counts, plot_legend=legend)
+    skew = rrb.TimeSeriesView(name=SKEW_TITLE, origin="metrics", contents="$origin/skew_ms", plot_legend=legend)
     columns = rrb.TextLogColumns(timeline_columns=["frame"], text_log_columns=["loglevel", "body"])
     log = rrb.TextLogView(name="Warnings", origin=LOG, columns=columns)
     if panels.plot_share >= _TWO_PLOTS_SHARE:
