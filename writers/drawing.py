@@ -30,6 +30,7 @@ __all__ = [
     "object_edges",
     "object_labels",
     "predicted_objects",
+    "roofs",
     "strong_objects",
     "thin_objects",
     "track_numbers",
@@ -71,6 +72,11 @@ def track_numbers(result: FrameResult) -> I64:
     return np.full(len(result.fused.objects), NO_TRACK, np.int64) if tracks is None else tracks.ids
 
 
+def roofs(boxes: Boxes3D) -> F64:
+    """(N, 3) the middle of the top of each box."""
+    return boxes.centers + [0.0, 0.0, 0.5] * boxes.sizes
+
+
 def predicted_objects(result: FrameResult) -> Bools:
     """(N,) which fused objects nothing in the frame shows: they are where their tracks say."""
     return np.asarray(result.fused.objects.sources == Source.PREDICTED)
@@ -82,11 +88,11 @@ def thin_objects(result: FrameResult) -> Bools:
 
 
 def arrow_lengths(result: FrameResult) -> F64:
-    """(N,) lengths of the arrows along the headings, metres; 0 of a track whose motion has not shown its front."""
+    """(N,) lengths of the arrows along the headings, metres; 0 where no motion has shown which end is the front."""
     objects, tracks = result.fused.objects, result.fused.tracks
     lengths = ARROW_SHARE * objects.sizes[:, 0]
     if tracks is None:
-        return lengths
+        return np.zeros_like(lengths)
     ahead = tracks.velocities[:, 0] * np.cos(objects.yaws) + tracks.velocities[:, 1] * np.sin(objects.yaws)
     return np.where(tracks.fronts_known, lengths + ARROW_S * np.maximum(ahead, 0.0), 0.0)
 
@@ -193,6 +199,11 @@ class DrawnBoxes2D(NamedTuple):
     labels: Sequence[str]
     objects: Sequence[int] = ()
     overlaps: Sequence[float] = ()
+
+    @property
+    def are_matched(self) -> Bools:
+        """(N,) which belong to an object: its 3D box is drawn as well, so they are fainter."""
+        return np.array([color == MATCHED for color in self.colors], np.bool_)
 
 
 def drawn_boxes_2d(result: FrameResult, camera: str, class_names: Sequence[str]) -> DrawnBoxes2D:

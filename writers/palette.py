@@ -16,6 +16,7 @@ __all__ = [
     "MATCHED",
     "NEW",
     "TRUTH",
+    "ZONE",
     "Rgb",
     "class_color",
     "height_rows",
@@ -53,6 +54,9 @@ MATCHED = Rgb(0.20, 0.95, 0.35)
 
 CAMERA_ONLY = Rgb(1.00, 0.76, 0.10)
 """A 2D box of no object."""
+
+ZONE = Rgb(0.62, 0.58, 0.86)
+"""The outline of a zone on the ground."""
 
 LOST = Rgb(0.98, 0.30, 0.25)
 """An object that only the first of two results has."""

@@ -6,7 +6,7 @@ from operator import itemgetter
 from statistics import median
 from typing import Literal, NamedTuple
 
-__all__ = ["Panels", "arrange"]
+__all__ = ["OBJECTS_TITLE", "SKEW_TITLE", "Panels", "ScenePanels", "arrange", "scene_panels"]
 
 WINDOW_PX = (1600, 920)
 """The panels' share of a usual window."""
@@ -18,6 +18,14 @@ WORTH_A_LOW_SCENE = 1.25
 
 MIN_PLOT_SHARE = 0.15
 """Share of the images' area for plots; a smaller one is left empty."""
+
+
+PERSPECTIVE_SHARE, SIDE_BY_SIDE = 0.58, 1.5
+"""Share of the scene's area for its view in perspective; aspect from which on the view from above is beside it."""
+
+
+OBJECTS_TITLE, SKEW_TITLE = "Objects: all blue, confirmed green", "Sync skew (ms)"
+"""Of the plots, in place of legends, which cover the curves or take the room of them."""
 
 
 class Panels(NamedTuple):
@@ -36,6 +44,30 @@ class Panels(NamedTuple):
     image_share: float
     plot_share: float
     scene_aspect: float
+
+
+class ScenePanels(NamedTuple):
+    """The scene in perspective, and from above beside or below it.
+
+    Attributes:
+        direction: Whether they are side by side.
+        share: Share of the first.
+        aspect: Width of the view in perspective divided by its height.
+        above_aspect: The same of the view from above.
+    """
+
+    direction: Literal["row", "column"]
+    share: float
+    aspect: float
+    above_aspect: float
+
+
+def scene_panels(aspect: float) -> ScenePanels:
+    """The two views of the scene in a space of this aspect."""
+    share = PERSPECTIVE_SHARE
+    if aspect >= SIDE_BY_SIDE:
+        return ScenePanels("row", share, aspect * share, aspect * (1 - share))
+    return ScenePanels("column", share, aspect / share, aspect / (1 - share))
 
 
 def arrange(aspects: Sequence[float]) -> Panels:

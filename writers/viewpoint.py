@@ -1,4 +1,4 @@
-"""The first position of a viewer's eye, chosen from the sensors and from the objects of the first frames."""
+"""The first positions of a viewer's eyes, chosen from the sensors and from the objects of the first frames."""
 
 import re
 from dataclasses import dataclass, field
@@ -18,17 +18,24 @@ __all__ = ["SURVEYED_FRAMES", "SceneSurvey", "Viewpoint", "cameras_in_order", "f
 SURVEYED_FRAMES = 10
 """Frames with points or objects after which the eye is placed."""
 
-_ELEVATION_RAD = np.radians(35.0)
-_MARGIN = 1.12
+_ELEVATION_RAD, _ABOVE_RAD = np.radians(48.0), np.radians(90.0)
+_MARGINS = np.array([1.3, 1.18])
+"""Room for labels, beside and above."""
+
 _CLEAR = 0.3
 """A mean of unit vectors longer than this has a direction: that of cameras all around is near zero."""
 
 _SURROUNDED = 0.2
 """Sensors farther apart than this share of what they see stand around the scene, as at a crossing."""
 
+_AROUND_SHARE, _NEAR_SHARE = 0.6, 0.35
+"""What lies so near, as a share of what the lidars see, is in view: in a scene that sensors surround, and around a
+vehicle, where objects come past."""
+
 _SIDES = [np.array(side) for side in ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))]
-_USUAL_PERCENT = 85
-"""Objects farther off than this share of them need not be in view: a few do not make all others small."""
+_USUAL_PERCENT, _FARTHEST = 95, 2.5
+"""Objects farther off than this share of them need not be in view, nor those beyond this multiple of what the lidars
+see: a few do not make all others small."""
 
 _EMPTY_REACH_M = 5.0
 _NEAREST_M = 0.1
@@ -39,13 +46,23 @@ class Viewpoint(NamedTuple):
 
     Attributes:
         eye: (3,) metres.
-        target: (3,) metres; the eye looks at it, z is up.
-        size_m: Half the extent of what is shown: the measure of axes and frusta.
+        target: (3,) metres; the eye looks at it.
+        up: (2,) unit vector, the direction on the ground that is up in the view.
     """
 
     eye: F64
     target: F64
-    size_m: float
+    up: F64
+
+    @property
+    def size_m(self) -> float:
+        """Half the distance of the eye: the measure of axes and frusta."""
+        return float(np.linalg.norm(self.eye - self.target)) / 2
+
+    @property
+    def is_above(self) -> bool:
+        """Whether the eye looks straight down."""
+        return bool(np.allclose(self.eye[:2], self.target[:2]))
 
 
 def front_of_rig(rig: Rig) -> F64:
@@ -83,6 +100,18 @@ class SceneSurvey:
     _strong: list[F64] = field(default_factory=list)
     _faint: list[F64] = field(default_factory=list)
     _reach_m: list[float] = field(default_factory=list)
+    _ground_m: list[float] = field(default_factory=list)
+
+    @property
+    def ground_m(self) -> float:
+        """Height of the ground in the site frame: of its points, else as the rig says."""
+        return float(np.median(self._ground_m)) if self._ground_m else self.rig.ground_height_m or 0.0
+
+    @property
+    def bounds(self) -> tuple[F64, F64]:
+        """Least and greatest x and y, (2,) each, of what the lidars see."""
+        center, reach_m = self._sensors().mean(0)[:2], self._usual_reach_m()
+        return center - reach_m, center + reach_m
 
     @property
     def is_complete(self) -> bool:
@@ -93,7 +122,10 @@ class SceneSurvey:
         """Take one frame in, unless the survey is complete."""
         if self.is_complete:
             return
-        points = np.concatenate([result.combined.cloud.xyz[:, :2], result.combined.ground_cloud.xyz[:, :2]])
+        ground = result.combined.ground_cloud.xyz
+        points = np.concatenate([result.combined.cloud.xyz[:, :2], ground[:, :2]])
+        if len(ground):
+            self._ground_m.append(float(np.median(ground[:, 2])))
         self.take(result.fused.objects, strong_objects(result), points)
 
     def take(self, objects: Boxes3D, strong: Bools, points: Array) -> None:
@@ -114,37 +146,52 @@ class SceneSurvey:
     def viewpoint(self, *, aspect: float, fov_y_deg: float) -> Viewpoint:
         """The eye from which sensors and objects are in view.
 
-        A rig that looks out of one place, as a vehicle's does, is seen from behind and what lies ahead of it is shown;
-        sensors that stand around a scene are shown with all of it, from the side from which it fits best.
+        A rig that looks out of one place, as a vehicle's does, is seen from behind, with what is near it and what lies
+        ahead; sensors that stand around a scene are shown with all of it, from the side from which it fits best.
 
         The aspect is the width of the view divided by its height; the field of view is vertical.
         """
+        return _nearest(*self._content(), _ELEVATION_RAD, aspect, fov_y_deg)
+
+    def above(self, of: Viewpoint, *, aspect: float, fov_y_deg: float) -> Viewpoint:
+        """The eye that sees the same as another one from straight above, turned to the right where that fits better."""
+        points, _ = self._content()
+        return _nearest(points, [of.up, np.array([-of.up[1], of.up[0]])], _ABOVE_RAD, aspect, fov_y_deg)
+
+    def _content(self) -> tuple[F64, list[F64]]:
+        """Points (N, 3) that are to be in view, and the directions (2,) along which they may be seen."""
         sensors = self._sensors()
         center = sensors.mean(0)
         spread_m = float(np.linalg.norm(sensors[:, :2] - center[:2], axis=1).max())
-        reach_m = float(np.median(self._reach_m)) if self._reach_m else _EMPTY_REACH_M
+        reach_m = self._usual_reach_m()
         strong, faint = (np.concatenate([*found, np.zeros((0, 3))]) for found in (self._strong, self._faint))
         objects = strong if len(strong) else faint
         away = objects[:, :2] - center[:2]
-        size_m = max(spread_m + reach_m, 0.1)
         distances_m = np.linalg.norm(away, axis=1)
         usual_m = max(float(np.percentile([*distances_m, 0.0], _USUAL_PERCENT)), 0.8 * reach_m)
-        shown = distances_m <= min(usual_m, 1.2 * size_m)
+        shown = distances_m <= min(usual_m, _FARTHEST * (spread_m + reach_m))
         front = self._clear_front(away)
         if spread_m >= _SURROUNDED * reach_m:
-            points = np.concatenate([sensors, objects[shown]])
-            fronts = [front] if front is not None else _SIDES
-        else:
-            front = front if front is not None else _SIDES[0]
-            ahead = center + np.array([*front, 0.0]) * reach_m
-            points = np.concatenate([sensors, [ahead], objects[shown & (away @ front > 0)]])
-            right = np.array([front[1], -front[0], 0.0])
-            aside = (points - center) @ right
-            points = np.concatenate([points, points - 2 * aside[:, None] * right])  # the rig stays in the middle
-            fronts = [front]
-        fitted = [_fitted(points, one, aspect, fov_y_deg) for one in fronts]
-        eye, target = min(fitted, key=lambda view: round(float(np.linalg.norm(view[0] - view[1])), 3))
-        return Viewpoint(eye, target, size_m)
+            points = np.concatenate([sensors, self._round(_AROUND_SHARE * reach_m), objects[shown]])
+            return points, [front] if front is not None else _SIDES
+        front = front if front is not None else _SIDES[0]
+        ahead = center + np.array([*front, 0.0]) * reach_m
+        near = self._round(_NEAR_SHARE * reach_m)
+        points = np.concatenate([sensors, [ahead], near, objects[shown & (away @ front > 0)]])
+        right = np.array([front[1], -front[0], 0.0])
+        aside = (points - center) @ right
+        points = np.concatenate([points, points - 2 * aside[:, None] * right])  # the rig stays in the middle
+        return points, [front]
+
+    def _round(self, radius_m: float) -> F64:
+        """Points (8, 3) on the ground around the sensors."""
+        angles = np.arange(8) * (np.pi / 4)
+        x, y, _ = self._sensors().mean(0)
+        flat = [x + radius_m * np.cos(angles), y + radius_m * np.sin(angles)]
+        return np.column_stack([*flat, np.full(8, self.ground_m)])
+
+    def _usual_reach_m(self) -> float:
+        return float(np.median(self._reach_m)) if self._reach_m else _EMPTY_REACH_M
 
     def _clear_front(self, away: F64) -> F64 | None:
         """Direction in which the cameras look, else in which the objects lie; None if that is no single direction."""
@@ -160,14 +207,20 @@ class SceneSurvey:
         return np.array(places)
 
 
-def _fitted(points: F64, front: F64, aspect: float, fov_y_deg: float) -> tuple[F64, F64]:
+def _nearest(points: F64, fronts: list[F64], elevation_rad: float, aspect: float, fov_y_deg: float) -> Viewpoint:
+    """The eye that looks along one of some directions and is nearest to what is to be in view."""
+    found = [Viewpoint(*_fitted(points, front, elevation_rad, aspect, fov_y_deg), front) for front in fronts]
+    return min(found, key=lambda view: round(view.size_m, 3))
+
+
+def _fitted(points: F64, front: F64, elevation_rad: float, aspect: float, fov_y_deg: float) -> tuple[F64, F64]:
     """Eye and target (3,): as near as all points (N, 3) are in view, seen along `front` (2,) from above."""
-    ahead = np.array([*front * np.cos(_ELEVATION_RAD), -np.sin(_ELEVATION_RAD)])
+    ahead = np.array([*front * np.cos(elevation_rad), -np.sin(elevation_rad)])
     right = np.array([front[1], -front[0], 0.0])
     axes = np.stack([right, np.cross(right, ahead), ahead])
     seen = points @ axes.T
     across, depth = seen[:, :2], seen[:, 2:]
-    slope = np.tan(np.radians(fov_y_deg) / 2) * np.array([aspect, 1.0]) / _MARGIN
+    slope = np.tan(np.radians(fov_y_deg) / 2) * np.array([aspect, 1.0]) / _MARGINS
     # A point is in view if |across - eye_across| <= slope (depth - eye_depth): four planes through the eye.
     low, high = (-across - slope * depth).max(0), (across - slope * depth).max(0)
     eye_depth = float((-(high + low) / (2 * slope)).min()) - _NEAREST_M

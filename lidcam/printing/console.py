@@ -247,7 +247,7 @@ def _confirmed(report: RunReport) -> str:
     confirmed = f"{report.frames.confirmed} of {sum(report.frames.objects.values())} objects by a camera"
     if report.sensors.box_source == "none" or not report.frames.without_boxes:
         return confirmed
-    return f"{confirmed}; {report.frames.without_boxes} of {report.frames.count} frames have no 2D boxes to confirm any"
+    return f"{confirmed}; {report.frames.without_boxes} of {report.frames.count} frames have no 2D boxes of their own"
 
 
 def print_inspection(out: Console, inspection: "Inspection", verdict: str = "", *, every_topic: bool = False) -> None:

@@ -240,7 +240,8 @@ class Fused:
 
     Attributes:
         objects: The fused objects, in the order of the hypotheses, or of the numbers of their tracks.
-        matched: (N,) int32, number of cameras that matched each object.
+        matched: (N,) int32, number of cameras that confirm each object: in this frame; of one with a track also with
+            their last images of the second before.
         rows: (N,) int64, row of `Hypotheses.boxes` that each object comes from; `NO_HYPOTHESIS` if it is predicted.
         left_out: Number of other objects by the reason why they are not reported.
         tracks: The tracks of the objects, in their order; None where nothing is tracked.

@@ -3,10 +3,12 @@
 from collections import deque
 from typing import Protocol
 
+from pipeline.core.arrays import I64
 from pipeline.core.detections import Fused
 from pipeline.core.frame import FrameResult
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
+from pipeline.tracking.confirmed import Confirmations, matched_rows
 from pipeline.tracking.fixed_frame import SightingsOf, with_tracks
 from pipeline.tracking.motion import Priors
 from pipeline.tracking.offline import OfflineTracker
@@ -35,7 +37,8 @@ class ObjectTracker:
     def __init__(self, tracker: Tracker, rig: Rig, class_count: int) -> None:
         self._tracker, self._zones = tracker, rig.zones
         self._sightings_of = SightingsOf(rig, class_count)
-        self._waiting: deque[tuple[Fused, FrameSightings]] = deque()
+        self._confirmations = Confirmations()
+        self._waiting: deque[tuple[Fused, FrameSightings, dict[str, I64]]] = deque()
 
     def add(self, frame: FrameResult) -> list[Fused]:
         """Take in a frame; the objects of the oldest frames that were not given yet, as far as they are settled.
@@ -44,7 +47,7 @@ class ObjectTracker:
             FrameError: the motion is that of a frame other than the site frame.
         """
         seen = self._sightings_of(frame)
-        self._waiting.append((frame.fused, seen))
+        self._waiting.append((frame.fused, seen, matched_rows(frame)))
         return self._given(self._tracker.add(seen))
 
     def finish(self) -> list[Fused]:
@@ -52,7 +55,12 @@ class ObjectTracker:
         return self._given(self._tracker.finish())
 
     def _given(self, settled: list[TrackRows]) -> list[Fused]:
-        return [with_tracks(*self._waiting.popleft(), rows, self._zones) for rows in settled]
+        given = []
+        for rows in settled:
+            fused, seen, said = self._waiting.popleft()
+            tracked = with_tracks(fused, seen, rows, self._zones)
+            given.append(self._confirmations.held(tracked, seen.stamp_ns, said))
+        return given
 
 
 def object_tracker(config: Config, rig: Rig) -> ObjectTracker | None:

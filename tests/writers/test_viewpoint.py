@@ -99,6 +99,35 @@ def test_sensors_around_a_scene_are_in_view_with_all_of_its_objects(
     assert in_view(view, [[x, y, 0.8] for x, y in places] + [[x, y, 5] for _, (x, y) in around]).all()
 
 
+@pytest.mark.parametrize("azimuth_deg", [0.0, 90.0, -45.0])
+def test_from_above_the_same_is_in_view(azimuth_deg: float) -> None:
+    survey = SceneSurvey(rig(camera("c", azimuth_deg)))
+    angle = np.radians(azimuth_deg)
+    places = np.array([[10, 3], [30, -2]]) @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    survey.add(seen(places, points=ring(20)))
+    of = survey.viewpoint(aspect=ASPECT, fov_y_deg=FOV_Y_DEG)
+    for aspect in (0.5, 3.0):
+        above = survey.above(of, aspect=aspect, fov_y_deg=FOV_Y_DEG)
+        np.testing.assert_allclose(above.eye[:2], above.target[:2], atol=1e-9)
+        along = of.up @ above.up
+        assert along == pytest.approx(1.0 if aspect < 1 else 0.0)  # what is long lies along the view
+        away, height = places - above.eye[:2], above.eye[2]
+        right = np.array([above.up[1], -above.up[0]])
+        slope = np.tan(np.radians(FOV_Y_DEG) / 2)
+        assert (np.abs(away @ above.up) <= slope * height).all()
+        assert (np.abs(away @ right) <= slope * aspect * height).all()
+
+
+@pytest.mark.parametrize("heights", [[], [-1.5], [-1.6, -1.5, -1.4]])
+def test_the_ground_is_where_its_points_are(heights: list[float]) -> None:
+    survey = SceneSurvey(replace(rig(), ground_height_m=-2.0))
+    for height in heights:
+        one = cloud(ring(20))
+        ground = replace(one.cloud, xyz=one.cloud.xyz + np.array([0, 0, height], np.float32))
+        survey.add(replace(seen([]), combined=replace(one, ground_cloud=ground)))
+    assert survey.ground_m == pytest.approx(-1.5 if heights else -2.0)
+
+
 def test_what_lies_far_off_or_behind_a_vehicle_does_not_pull_the_eye_back() -> None:
     near = place_eye(rig(camera("c", 0)), seen([(10, 0)], points=ring(20)))
     same = place_eye(rig(camera("c", 0)), seen([(10, 0), (-30, 5), (400, 0)], points=ring(20)))

@@ -16,14 +16,15 @@ from pipeline.core.messages import Drop
 from pipeline.core.optics.drawn_edges import draw_edges
 from pipeline.core.rig import CameraSensor
 from pipeline.core.ros.messages import ROS2
-from writers.drawing import ARROW_SHARE, object_edges, object_labels
+from writers.drawing import ARROW_SHARE, object_edges, object_labels, roofs
 from writers.messages.annotations import image_annotations
 from writers.messages.diagnostics import diagnostics
-from writers.messages.scene import marker_array, scene_update
+from writers.messages.scene import marker_array, scene_update, zone_entities
 from writers.palette import CAMERA_ONLY, MATCHED, class_color
 from writers.trails import Trails
+from writers.viewpoint import SceneSurvey
 
-NAMES = CONFIG.class_names
+NAMES, UPWARDS = CONFIG.class_names, np.array([0.0, 0.0, 0.5])
 
 
 def through_cdr(message: Any) -> Any:
@@ -33,7 +34,10 @@ def through_cdr(message: Any) -> Any:
 def scene_of(*results: FrameResult) -> Any:
     """The scene of the last of some frames."""
     trails = Trails("site", CONFIG.combine.motion)
-    return [through_cdr(scene_update(result, NAMES, trails.add(result))) for result in results][-1]
+    return [
+        through_cdr(scene_update(result, NAMES, trails.add(result), roofs(result.fused.objects) + UPWARDS))
+        for result in results
+    ][-1]
 
 
 @pytest.mark.parametrize("objects", [0, 1, 3])
@@ -71,7 +75,7 @@ def test_what_the_cameras_alone_place_is_thinner_and_says_how_sure_its_place_is(
     result = frame(sources=MIXED)
     both, placed, faint = scene_of(result).entities
     assert both.cubes[0].color.a > placed.cubes[0].color.a > faint.cubes[0].color.a
-    assert [len(entity.lines) for entity in (both, placed, faint)] == [1, 2, 1]
+    assert [len(entity.lines) for entity in (both, placed, faint)] == [2, 3, 1]  # two with lines to their labels
     assert both.lines[0].thickness > placed.lines[0].thickness == placed.lines[1].thickness
     ellipse = np.array([(point.x, point.y, point.z) for point in placed.lines[1].points])
     objects = result.fused.objects
@@ -154,16 +158,48 @@ def test_the_trail_of_a_track_is_a_line_in_its_colour() -> None:
     first, second = frame(0, tracks=TRACKS), frame(1, tracks=TRACKS)
     moved = replace(second.fused.objects, centers=second.fused.objects.centers + np.array([1.0, 0.0, 0.0]))
     one, other, _ = scene_of(first, replace(second, fused=replace(second.fused, objects=moved))).entities
-    assert [line.type for line in one.lines] == [one.lines[0].LINE_LIST, one.lines[0].LINE_STRIP]
+    assert [line.type for line in one.lines] == [one.lines[0].LINE_LIST] + [one.lines[0].LINE_STRIP] * 2
     assert [(point.x, point.y, point.z) for point in one.lines[1].points] == [(10, 1.5, -0.65), (11, 1.5, -0.65)]
     assert rgb(one.lines[1].color) == class_color(0)
-    assert len(other.lines) == 1
+    assert [line.type for line in other.lines] == [one.lines[0].LINE_LIST, one.lines[0].LINE_STRIP]  # edges, label
+
+
+def test_without_tracks_no_front_is_known() -> None:
+    assert [entity.arrows for entity in scene_of(frame()).entities] == [[], [], []]
+
+
+def test_a_2d_box_is_faint_where_a_3d_box_is_drawn() -> None:
+    matched, alone = annotations(frame()).points[2:]
+    assert (rgb(matched.outline_color), rgb(alone.outline_color)) == (MATCHED, CAMERA_ONLY)
+    assert matched.outline_color.a < alone.outline_color.a == 1.0
+    assert matched.thickness < alone.thickness
+
+
+@pytest.mark.parametrize("objects", [0, 3])
+def test_zones_lie_on_the_ground_with_their_counts(objects: int) -> None:
+    survey, result = SceneSurvey(RIG), frame(objects=objects)
+    survey.add(result)
+    scene = scene_update(
+        result,
+        NAMES,
+        [np.zeros((0, 3))] * objects,
+        roofs(result.fused.objects),
+        zone_entities(survey, result.fused.objects),
+    )
+    north, south = through_cdr(scene).entities[objects:]
+    assert [entity.texts[0].text for entity in (north, south)] == [f"intersection: {min(objects, 2)}", "circle: 0"]
+    assert {point.z for entity in (north, south) for point in entity.lines[0].points} == {survey.ground_m}
+    assert min(point.y for point in north.lines[0].points) == 0.0
+
+
+def test_a_rig_without_zones_has_none_drawn() -> None:
+    assert zone_entities(SceneSurvey(replace(RIG, zones=())), frame().fused.objects) == []
 
 
 def test_arrows_leave_the_front_of_the_boxes() -> None:
-    result = frame()
+    result = frame(tracks=tracks_of([1, 2, 3], fronts_known=True))
     for row, entity in enumerate(scene_of(result).entities):
-        ((arrow,), (cube,), (edges,)) = entity.arrows, entity.cubes, entity.lines
+        ((arrow,), (cube,), (edges, *_)) = entity.arrows, entity.cubes, entity.lines
         assert arrow.pose == cube.pose == edges.pose
         length = result.fused.objects.sizes[row, 0]
         assert length / 2 < arrow.shaft_length + arrow.head_length < length
@@ -228,7 +264,7 @@ def test_letters_and_lines_grow_with_the_image(height_px: int) -> None:
     drawn = annotations(replace(result, views={**result.views, "left": camera}), camera)
     assert {text.font_size for text in drawn.texts} == {height_px / 24}
     assert all(text.position.y >= text.font_size for text in drawn.texts)
-    assert {part.thickness for part in drawn.points} == {height_px / 300}
+    assert {part.thickness for part in drawn.points} == {height_px / 300, height_px / 600}
     assert len(drawn.texts) == (2 if height_px == 480 else 1)  # a box of 40 px is lower than letters of 90
 
 

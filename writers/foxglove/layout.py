@@ -15,10 +15,10 @@ import numpy as np
 from pipeline.core.rig import CameraSensor, Rig
 from writers.messages.edge_scenes import PLACED_SCENE, truth_scene_topic
 from writers.outputs.marks import marked_json
-from writers.panels import arrange
+from writers.panels import OBJECTS_TITLE, SKEW_TITLE, Panels, ScenePanels, arrange, scene_panels
 from writers.viewpoint import SceneSurvey, Viewpoint, cameras_in_order
 
-__all__ = ["COMPARED", "foxglove_layout", "layout_path"]
+__all__ = ["COMPARED", "FOV_Y_DEG", "foxglove_layout", "label_eye", "layout_path"]
 
 COMPARED = "/compare/scene"
 """Topic of what differs between two results."""
@@ -29,8 +29,11 @@ FOV_Y_DEG = 45.0
 _EXTRA_SHARE = 0.27
 """Share of the scene's area for plots and diagnostics."""
 
-_GROUND_COLOR, _FRUSTUM_COLOR, _TRANSFORM_LINE_COLOR = "#5a626eff", "#8d96a3ff", "#39414dff"
+_GROUND_COLOR, _FRUSTUM_COLOR = "#5a626eff", "#8d96a3ff"
 _OBJECTS_COLOR, _CONFIRMED_COLOR, _SKEW_COLOR = "#57b5fa", "#33f259", "#ffc21a"
+
+_SMALL_LABELS = 0.6
+"""Size of labels from above, where nothing keeps them apart."""
 
 _CLOUD = {"colorField": "z", "colorMode": "colormap", "colorMap": "turbo", "pointSize": 2}
 _NO_OUTLINES = {"showOutlines": False}
@@ -66,15 +69,19 @@ def foxglove_layout(rig: Rig, survey: SceneSurvey, topics: Collection[str], name
     for camera in cameras_in_order(rig):
         raw, compressed = (_existing(f"/{camera.name}/image{end}", topics, names) for end in ("", "/compressed"))
         images += [(camera, topic) for topic in (*raw, *compressed)][:1]
-    panels = arrange([camera.model.width_px / camera.model.height_px for camera, _ in images])
-    extra = [_plot("objects", _OBJECT_PATHS), _plot("skew", _SKEW_PATHS), _diagnostics()] if len(names) == 1 else []
-    left, aspect = 1 - _EXTRA_SHARE, panels.scene_aspect
-    if extra:
-        aspect = aspect / left if panels.side == "right" else aspect * left
-    viewpoint = survey.viewpoint(aspect=aspect, fov_y_deg=FOV_Y_DEG)
-    scene = _Panel("3D!scene", _scene(rig, viewpoint, topics, names))
+    extra = []
+    if len(names) == 1:
+        extra = [_plot("objects", OBJECTS_TITLE, _OBJECT_PATHS), _plot("skew", SKEW_TITLE, _SKEW_PATHS), _diagnostics()]
+    left = 1 - _EXTRA_SHARE
+    panels, views = _arranged([camera for camera, _ in images], left if extra else 1.0)
+    viewpoint = survey.viewpoint(aspect=views.aspect, fov_y_deg=FOV_Y_DEG)
+    above = survey.above(viewpoint, aspect=views.above_aspect, fov_y_deg=FOV_Y_DEG)
+    scenes = [
+        _Panel("3D!scene", _scene(rig, "Scene", viewpoint, topics, names)),
+        _Panel("3D!above", _scene(rig, "From above", above, topics, names)),
+    ]
     cameras = [_image(camera, topic, topics, names) for camera, topic in images]
-    layout: Split = scene.id
+    layout: Split = _split(views.direction, scenes[0].id, scenes[1].id, views.share)
     if extra:
         ids = [panel.id for panel in extra]
         if panels.side == "right":
@@ -89,7 +96,7 @@ def foxglove_layout(rig: Rig, survey: SceneSurvey, topics: Collection[str], name
         else:
             layout = _split("column", grid, layout, panels.image_share)
     tree = {
-        "configById": {panel.id: panel.config for panel in (scene, *cameras, *extra)},
+        "configById": {panel.id: panel.config for panel in (*scenes, *cameras, *extra)},
         "globalVariables": {},
         "userNodes": {},
         "playbackConfig": {"speed": 1},
@@ -98,13 +105,26 @@ def foxglove_layout(rig: Rig, survey: SceneSurvey, topics: Collection[str], name
     return marked_json(json.dumps(tree, indent=2) + "\n")
 
 
+def label_eye(survey: SceneSurvey) -> Viewpoint:
+    """The eye of the layout of a result that has all images of its rig, for the places of labels."""
+    _, views = _arranged([camera for camera in survey.rig.cameras if camera.topic], 1 - _EXTRA_SHARE)
+    return survey.viewpoint(aspect=views.aspect, fov_y_deg=FOV_Y_DEG)
+
+
+def _arranged(cameras: Sequence[CameraSensor], share: float) -> tuple[Panels, ScenePanels]:
+    """The panels, with this share of the scene's area for the views of the scene."""
+    panels = arrange([camera.model.width_px / camera.model.height_px for camera in cameras])
+    aspect = panels.scene_aspect
+    return panels, scene_panels(aspect / share if panels.side == "right" else aspect * share)
+
+
 def _existing(leaf: str, topics: Collection[str], names: Sequence[str]) -> list[str]:
     """The topics of this name that the results have."""
     return [topic for name in names if (topic := f"{name}{leaf}") in topics]
 
 
-def _scene(rig: Rig, viewpoint: Viewpoint, topics: Collection[str], names: Sequence[str]) -> Config:
-    size_m = viewpoint.size_m
+def _scene(rig: Rig, title: str, viewpoint: Viewpoint, topics: Collection[str], names: Sequence[str]) -> Config:
+    size_m, is_above = viewpoint.size_m, viewpoint.is_above
     own = {topic.removeprefix(name) for topic in topics for name in names if topic.startswith(f"{name}/")}
     truth = sorted(leaf for leaf in own - {"/fused/scene", PLACED_SCENE} if leaf.endswith(truth_scene_topic("")))
     settings: Mapping[str, Config] = {
@@ -112,7 +132,11 @@ def _scene(rig: Rig, viewpoint: Viewpoint, topics: Collection[str], names: Seque
         "/ground_cloud": {"colorField": "z", "colorMode": "flat", "flatColor": _GROUND_COLOR, "pointSize": 1.5},
         "/fused/scene": _NO_OUTLINES,  # white ones; the objects bring their own
         **{
-            f"/{camera.name}/camera_info": {"distance": _metres(size_m * 0.08), "color": _FRUSTUM_COLOR}
+            f"/{camera.name}/camera_info": {
+                "distance": _metres(size_m * 0.08),
+                "width": _metres(size_m * 0.003),  # of its lines
+                "color": _FRUSTUM_COLOR,
+            }
             for camera in rig.cameras
         },
         **dict.fromkeys(truth, _NO_OUTLINES),
@@ -120,25 +144,29 @@ def _scene(rig: Rig, viewpoint: Viewpoint, topics: Collection[str], names: Seque
     shown: Config = {}
     for leaf, config in settings.items():
         found = _existing(leaf, topics, names)
-        shown |= {one: {"visible": leaf == "/fused/scene" or one == found[0], **config} for one in found}
+        for one in found:
+            is_visible = leaf == "/fused/scene" or (
+                one == found[0] and not (is_above and leaf.endswith("/camera_info"))
+            )
+            shown[one] = {"visible": is_visible, **config}
     if COMPARED in topics:
         shown[COMPARED] = {"visible": True, **_NO_OUTLINES}
     # The same objects once more, for RViz; and those that the cameras place, most of which are objects, too.
     shown |= {topic: {"visible": False} for topic in _existing("/fused/markers", topics, names)}
     shown |= {topic: {"visible": False, **_NO_OUTLINES} for topic in _existing(PLACED_SCENE, topics, names)}
     return {
-        **_titled("Scene"),
+        **_titled(title),
         "followTf": rig.site_frame,
         "followMode": "follow-pose",
         "cameraState": _camera_state(viewpoint),
         "scene": {
             "backgroundColor": "#0d1017",
+            **({"labelScaleFactor": _SMALL_LABELS} if is_above else {}),
             "transforms": {
                 "enablePreloading": True,  # else objects jump after a seek, says Lichtblick
                 "axisScale": _metres(size_m * 0.03),
                 "showLabel": False,
-                "lineWidth": 1,
-                "lineColor": _TRANSFORM_LINE_COLOR,
+                "lineWidth": 0,  # from frame to frame, across the scene
             },
         },
         "transforms": {},
@@ -149,14 +177,18 @@ def _scene(rig: Rig, viewpoint: Viewpoint, topics: Collection[str], names: Seque
 
 
 def _camera_state(viewpoint: Viewpoint) -> Config:
-    """The eye in the panel's angles: `phi` from straight above, `thetaOffset` 90 for an eye that looks along x."""
+    """The eye in the panel's angles: `phi` from straight above, `thetaOffset` 90 for an eye that looks along x.
+
+    From above nothing is nearer than anything else: `distance` then is the height of what is seen.
+    """
     away = viewpoint.eye - viewpoint.target
     distance_m = float(np.linalg.norm(away))
+    height_m = 2 * distance_m * float(np.tan(np.radians(FOV_Y_DEG) / 2))
     return {
-        "perspective": True,
-        "distance": _metres(distance_m),
+        "perspective": not viewpoint.is_above,
+        "distance": _metres(height_m if viewpoint.is_above else distance_m),
         "phi": round(float(np.degrees(np.arccos(away[2] / distance_m))), 2),
-        "thetaOffset": round(float(-np.degrees(np.arctan2(away[0], -away[1]))), 2),
+        "thetaOffset": round(float(-np.degrees(np.arctan2(-viewpoint.up[0], viewpoint.up[1]))), 2),
         "target": [0, 0, 0],
         "targetOffset": [_metres(value) for value in viewpoint.target.tolist()],
         "targetOrientation": [0, 0, 0, 1],
@@ -187,24 +219,22 @@ _OBJECT_PATHS = (
 _SKEW_PATHS = (("skew_ms", "sync skew (ms)", _SKEW_COLOR),)
 
 
-def _plot(name: str, series: Sequence[tuple[str, str, str]]) -> _Panel:
+def _plot(name: str, title: str, series: Sequence[tuple[str, str, str]]) -> _Panel:
     paths = [
         {"value": _of_diagnostics(key), "label": label, "color": color, "enabled": True}
         | {"timestampMethod": "receiveTime", "showLine": True}
         for key, label, color in series
     ]
     config = {
-        **_titled(series[0][1]),
+        **_titled(title),
         "paths": paths,
         "minYValue": 0,
-        "showLegend": True,
-        "legendDisplay": "floating",
-        "showPlotValuesInLegend": True,
+        "showLegend": False,  # it would take the room of the curves: the title names them
+        "legendDisplay": "top",
         "showXAxisLabels": True,
         "showYAxisLabels": True,
         "isSynced": True,
         "xAxisVal": "timestamp",
-        "sidebarDimension": 240,
     }
     return _Panel(f"Plot!{name}", config)
 

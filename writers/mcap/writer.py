@@ -24,8 +24,9 @@ from pipeline.core.ros.qos import LATCHED_YAML
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.run import OutputConfig
 from pipeline.core.true_boxes import TrueBoxes
-from writers.drawing import ObjectEdges, object_edges, track_numbers
-from writers.foxglove.layout import foxglove_layout
+from writers.drawing import ObjectEdges, object_edges, object_labels, track_numbers
+from writers.foxglove.layout import FOV_Y_DEG, foxglove_layout, label_eye
+from writers.labels_3d import LabelPlaces
 from writers.mcap.chunk import Buffer
 from writers.mcap.output import McapOutput, MessageSink, mcap_file
 from writers.messages.annotations import image_annotations
@@ -33,7 +34,7 @@ from writers.messages.detections import detections_2d, detections_3d, lidcam_obj
 from writers.messages.diagnostics import diagnostics
 from writers.messages.edge_scenes import PLACED, PLACED_SCENE, placed_scene, truth_scene, truth_scene_topic
 from writers.messages.images import COMPRESSED, image_cdr
-from writers.messages.scene import marker_array, scene_update
+from writers.messages.scene import marker_array, scene_update, zone_entities
 from writers.messages.sensors import camera_info, cloud_message, moving_transform, static_transforms
 from writers.outputs.errors import output_errors
 from writers.outputs.marks import INPUTS, RESULT
@@ -107,7 +108,6 @@ class McapResultWriter:
         self._output, self._layout, self._path = output, layout, output.path
         self._rig, self._config, self._provenance, self._frames = rig, config, provenance, frames
         self._resources = ExitStack()
-        self._survey = SceneSurvey(rig)
         self._file: McapOutput
         self._messages: ResultMessages
 
@@ -143,7 +143,6 @@ class McapResultWriter:
         Raises:
             OutputError: the file cannot be written, or a stamp does not fit a ROS 2 header.
         """
-        self._survey.add(result)
         with output_errors(self._path):
             return self._messages.put(result)
 
@@ -151,7 +150,7 @@ class McapResultWriter:
     def _written_layout(self, layout: OutputFile) -> Iterator[None]:
         """Writes the layout when the block ends well: it names only topics that the file has."""
         yield
-        layout.write_text(foxglove_layout(self._rig, self._survey, self._messages.filled))
+        layout.write_text(foxglove_layout(self._rig, self._messages.survey, self._messages.filled))
 
     def _attach(self) -> None:
         self._file.add_metadata(RESULT, self._provenance.metadata())
@@ -170,6 +169,7 @@ class ResultMessages:
 
     Attributes:
         filled: Topics that have messages so far.
+        survey: Of the frames so far.
 
     Raises:
         OutputError: two topics have one name.
@@ -184,6 +184,8 @@ class ResultMessages:
         self._copied: dict[Channel, int] = {}
         self._camera_infos: dict[str, memoryview] = {}  # behind the stamps, which alone change
         self.filled: set[str] = set()
+        self.survey = SceneSurvey(rig)
+        self._label_places = LabelPlaces(self.survey, label_eye, FOV_Y_DEG)
         self._messages = 0
         self._truth_times = TruthTimes()
         self._trails = Trails(rig.site_frame, config.combine.motion)
@@ -205,6 +207,7 @@ class ResultMessages:
         Raises:
             OutputError: a stamp does not fit a ROS 2 header.
         """
+        self.survey.add(result)
         log_time_ns, stamp_ns = result.bundle.log_time_ns, result.bundle.stamp_ns
         stamps_ns = [stamp_ns, *(message.stamp_ns for message in result.bundle.messages.values())]
         for fault in filter(None, map(time_fault, stamps_ns)):
@@ -247,7 +250,9 @@ class ResultMessages:
         yield "/fused/detections", detections_3d(objects, names, stamp_ns=stamp_ns, track_numbers=numbers)
         if tracks is not None:
             yield TRACKS, track_array(objects, tracks, names, stamp_ns=stamp_ns)
-        yield "/fused/scene", scene_update(result, names, trails)
+        places = self._label_places.of(result, object_labels(result, names))
+        zones = zone_entities(self.survey, objects)
+        yield "/fused/scene", scene_update(result, names, trails, places, zones)
         yield "/fused/markers", marker_array(result, names)
         yield "/lidar/detections", detections_3d(result.detections.lidar, names, stamp_ns=stamp_ns)
         if (placed := result.detections.placed) is not None:

@@ -29,7 +29,7 @@ LABEL_SHARE = 1 / 24
 _LETTER_WIDTH = 0.6
 """Width of a letter, as a share of its height."""
 
-_LINE_SHARE, _FAINT_ALPHA = 1 / 300, 0.5
+_LINE_SHARE, _FAINT_ALPHA, _BEHIND_ALPHA = 1 / 300, 0.5, 0.45
 _LINE_LOOP, _LINE_LIST = 2, 4  # PointsAnnotation
 _CORNERS = np.array([0, 1, 2, 1, 2, 3, 0, 3])  # x and y of the corners of left, top, right, bottom
 
@@ -39,10 +39,10 @@ def image_annotations(
 ) -> Any:
     """The fused objects as the lens of a camera bends them, and its 2D boxes.
 
-    An object has the colour of its class, and a thinner line if no lidar shows it. A 2D box is green if it belongs to
-    an object and amber if not; its label is the object's class with track and speed, or with the score if it has no
-    track, else the detector's. A label that would cover that of a larger box is left out.
-    Every stamp is the image's: viewers pair by equality.
+    An object has the colour of its class, and a thinner line if no lidar shows it. A 2D box is green and faint if it
+    belongs to an object, whose 3D box is drawn as well, and amber if not; its label is the object's class with track
+    and speed, or with the score if it has no track, else the detector's. A label that would cover that of a larger box
+    is left out. Every stamp is the image's: viewers pair by equality.
     """
     boxes, time = drawn_boxes_2d(result, camera.name, class_names), ROS2.time(stamp_ns)
     line_px = camera.model.height_px * _LINE_SHARE
@@ -68,7 +68,9 @@ def _rectangles(boxes: DrawnBoxes2D, line_px: float, time: Any) -> list[Any]:
     if not n:
         return []
     corners, rgb = boxes.xyxy[:, _CORNERS].reshape(-1, 2), np.array(boxes.colors).reshape(-1, 3)
-    return _lines(_LINE_LOOP, corners, np.full(n, 4), opaque(rgb), np.full(n, line_px), time)
+    matched, rgba = boxes.are_matched, opaque(rgb)
+    rgba[matched, 3] = _BEHIND_ALPHA
+    return _lines(_LINE_LOOP, corners, np.full(n, 4), rgba, line_px * np.where(matched, 0.5, 1.0), time)
 
 
 def _lines(kind: int, points: F32, counts: I64, rgba: F64, thickness_px: F64, time: Any) -> list[Any]:

@@ -19,7 +19,7 @@ PLACED = "/cameras/detections"
 PLACED_SCENE = "/cameras/scene"
 """Topics of the boxes that the cameras alone place; they have a message where a camera has 2D boxes."""
 
-PLACED_EDGE_PX, TRUTH_EDGE_PX, TRUTH_LABEL_PX = 1.0, 1.5, 11.0
+PLACED_EDGE_PX, TRUTH_EDGE_PX = 1.0, 1.5
 LABEL_SHARE = 0.6
 """Height of a label above the centre, as a share of the height of the box: just above its roof."""
 
@@ -48,8 +48,11 @@ def placed_scene(boxes: Boxes3D, class_names: Sequence[str], *, stamp_ns: int) -
 
 
 def truth_scene(truth: TrueBoxes) -> Any:
-    """foxglove_msgs/SceneUpdate: the edges of every object's box and its class, in the colour of the truth."""
-    color, places = opaque(TRUTH), _above(truth.centers, truth.sizes)
+    """foxglove_msgs/SceneUpdate: the edges of every object's box, in the colour of the truth.
+
+    A click tells its class: labels would cover those of the objects.
+    """
+    color = opaque(TRUTH)
     corners = box_corners(truth.centers, truth.sizes, truth.yaws)
     drawn = entities(
         [f"truth-{row}" for row in range(len(truth.labels))],
@@ -57,7 +60,6 @@ def truth_scene(truth: TrueBoxes) -> Any:
         truth.frame_id,
         {"class": truth.labels},
         lines=[[edges] for edges in outlines(corners, color, TRUTH_EDGE_PX)],
-        texts=[[text] for text in labels(truth.labels, places, color, TRUTH_LABEL_PX)],
     )
     return whole_scene(truth.stamp_ns, drawn)
 

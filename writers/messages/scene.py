@@ -22,6 +22,7 @@ from writers.drawing import (
     object_colors,
     object_labels,
     predicted_objects,
+    roofs,
     strong_objects,
     thin_objects,
     track_numbers,
@@ -40,21 +41,27 @@ from writers.messages.parts import (
     vectors,
     whole_scene,
 )
+from writers.palette import ZONE
+from writers.viewpoint import SceneSurvey
+from writers.zones import drawn_zones, zone_texts
 
-__all__ = ["LABEL_SHARE", "label_places", "marker_array", "scene_update"]
+__all__ = ["LABEL_SHARE", "label_places", "marker_array", "scene_update", "zone_entities"]
 
 LABEL_SHARE = 0.35
 """Height of a marker's letters as a share of the height of its box: fits a street and a 1:14 model of one."""
 
 
-ALPHA_STRONG, ALPHA_PLACED, ALPHA_PREDICTED, ALPHA_FAINT, ALPHA_TRAIL = 0.5, 0.15, 0.08, 0.1, 0.7
+ALPHA_STRONG, ALPHA_PLACED, ALPHA_PREDICTED, ALPHA_FAINT, ALPHA_TRAIL = 0.25, 0.15, 0.08, 0.1, 0.8
 _EDGE_PX = 2.0
+_LEADER_ALPHA = 0.6
 _WHITE = (1.0, 1.0, 1.0, 1.0)
 _ADD, _DELETE_ALL, _CUBE, _TEXT_VIEW_FACING = 0, 3, 1, 9  # visualization_msgs/Marker
 _MARKER, _COLOR = "visualization_msgs/msg/Marker", "std_msgs/msg/ColorRGBA"
 
 
-def scene_update(result: FrameResult, class_names: Sequence[str], trails: Sequence[F64]) -> Any:
+def scene_update(
+    result: FrameResult, class_names: Sequence[str], trails: Sequence[F64], places: F64, zones: Sequence[Any] = ()
+) -> Any:
     """foxglove_msgs/SceneUpdate: a cube per fused object, an arrow to its front, and a label unless it is faint.
 
     One that no lidar shows has an ellipse of one standard deviation on the ground, one with a track its trail. The id
@@ -64,6 +71,8 @@ def scene_update(result: FrameResult, class_names: Sequence[str], trails: Sequen
         result: The frame.
         class_names: Of the objects.
         trails: Of each object, as `Trails` gives them.
+        places: (N, 3) of their labels.
+        zones: Entities of the zones.
     """
     objects, n = result.fused.objects, len(result.fused.objects)
     strong, thin, numbers = strong_objects(result), thin_objects(result), track_numbers(result).tolist()
@@ -97,6 +106,8 @@ def scene_update(result: FrameResult, class_names: Sequence[str], trails: Sequen
     has_trail = np.array([len(trail) > 0 for trail in trails], np.bool_)
     shown_trails = [trail for trail in trails if len(trail)]
     behind = split(strips(shown_trails, rgba[has_trail] * [1, 1, 1, 0] + [0, 0, 0, ALPHA_TRAIL], _EDGE_PX), has_trail)
+    up_to_labels = [np.stack(pair) for pair in zip(roofs(objects)[strong], places[strong], strict=True)]
+    leaders = split(strips(up_to_labels, edge_colors[strong] * [1, 1, 1, _LEADER_ALPHA], _EDGE_PX / 2), strong)
     texts = [text for text, shown in zip(object_labels(result, class_names), strong.tolist(), strict=True) if shown]
     drawn = entities(
         [f"track-{number}" if number != NO_TRACK else f"object-{row}" for row, number in enumerate(numbers)],
@@ -105,10 +116,27 @@ def scene_update(result: FrameResult, class_names: Sequence[str], trails: Sequen
         metadata,
         arrows=[[arrow] * (length > 0) for arrow, length in zip(arrows, lengths.tolist(), strict=True)],
         cubes=[[cube] for cube in cubes],
-        lines=[[edge, *ellipse, *trail] for edge, ellipse, trail in zip(edges, around, behind, strict=True)],
-        texts=split(labels(texts, label_places(objects)[strong], np.array(_WHITE)), strong),
+        lines=[[edge, *chain(*others)] for edge, *others in zip(edges, around, behind, leaders, strict=True)],
+        texts=split(labels(texts, places[strong], np.array(_WHITE)), strong),
     )
-    return whole_scene(result.bundle.stamp_ns, drawn)
+    return whole_scene(result.bundle.stamp_ns, drawn, zones)
+
+
+def zone_entities(survey: SceneSurvey, objects: Boxes3D) -> list[Any]:
+    """foxglove_msgs/SceneEntity of each zone of a rig: its outline on the ground, and how many objects it has."""
+    zones = survey.rig.zones
+    if not zones:
+        return []
+    outlines_site, middles = drawn_zones(survey)
+    texts = labels(zone_texts(survey.rig, objects.centers), middles, opaque(ZONE))
+    return entities(
+        [f"zone-{zone.name}" for zone in zones],
+        objects.stamp_ns,
+        survey.rig.site_frame,
+        {"use": [zone.use for zone in zones]},
+        lines=[[line] for line in strips(outlines_site, opaque(ZONE), _EDGE_PX)],
+        texts=[[text] for text in texts],
+    )
 
 
 def _of_tracks(result: FrameResult) -> dict[str, list[str]]:

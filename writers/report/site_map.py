@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from pipeline.core.arrays import F64
+from pipeline.core.geometry.polygons import clipped_polygon
 from pipeline.core.rig import Rig
 from writers.report.collector import ReportCollector
 from writers.report.grid import SparseGrid
@@ -96,7 +97,10 @@ def _zones(rig: Rig, low: F64, high: F64) -> list[dict[str, Any]]:
     """The counted zones as far as they lie in view, each with its name."""
     traces = []
     for zone in rig.counted_zones:
-        corners = np.clip(zone.polygon_site, low - 0.05 * (high - low), high + 0.05 * (high - low))
+        corners = clipped_polygon(zone.polygon_site, low - 0.05 * (high - low), high + 0.05 * (high - low))
+        shown = clipped_polygon(zone.polygon_site, low, high)
+        if not len(shown):
+            continue
         closed = np.concatenate([corners, corners[:1]])
         traces.append(
             {
@@ -110,7 +114,6 @@ def _zones(rig: Rig, low: F64, high: F64) -> list[dict[str, Any]]:
                 "showlegend": False,
             }
         )
-        shown = np.clip(zone.polygon_site, low, high)
         middle = (shown.min(0) + shown.max(0)) / 2
         traces.append(
             {

@@ -20,6 +20,7 @@ from writers.drawing import (
     ground_ellipses,
     labels_in_the_clear,
     object_colors,
+    roofs,
     strong_objects,
     thin_objects,
 )
@@ -30,11 +31,14 @@ __all__ = [
     "boxes_2d",
     "cloud_points",
     "edges_2d",
+    "faces_3d",
     "ground_points",
     "heading_arrows",
+    "label_lines",
     "labels_2d",
     "object_ellipses",
     "object_facts",
+    "object_texts",
     "objects_3d",
     "placed_boxes",
     "placed_ellipses",
@@ -53,6 +57,13 @@ _LABEL_SHARE, _LETTER_SHARE = 0.08, 0.02
 _RED, _GREEN, _BLUE = HEIGHT_COLORS.T.astype(np.uint32)
 _PACKED_COLORS = _RED << 24 | _GREEN << 16 | _BLUE << 8 | 255
 """`HEIGHT_COLORS` as 0xRRGGBBAA."""
+
+_PADDING_SHARE = 0.05
+"""Width of a label beside its letters."""
+
+_FACE_ALPHA = 32
+_BEHIND_ALPHA = 110
+"""Opacity of a 2D box where the 3D box of its object is drawn; of 255, as that of faces."""
 
 
 def cloud_points(combined: CombinedCloud, heights: tuple[float, float]) -> rr.Points3D:
@@ -73,9 +84,9 @@ def objects_3d(result: FrameResult, labels: Sequence[str], rows: Bools, look: Lo
 
     Args:
         result: The frame.
-        labels: Labels of all objects.
+        labels: Labels of all objects, to be read in the viewer.
         rows: (N,) which of them.
-        look: `strong`: filled and labelled; `thin`: thin lines and a label; `faint`: thin lines.
+        look: `strong`: thick lines; `thin`, `faint`: thin lines.
     """
     objects = result.fused.objects.select(rows)
     return rr.Boxes3D(
@@ -84,10 +95,42 @@ def objects_3d(result: FrameResult, labels: Sequence[str], rows: Bools, look: Lo
         quaternions=_turns(objects.yaws),
         colors=_bytes(object_colors(result)[rows]),
         labels=[label for label, chosen in zip(labels, rows.tolist(), strict=True) if chosen],
-        show_labels=look != "faint",
-        fill_mode="TransparentFillMajorWireframe" if look == "strong" else "MajorWireframe",
+        show_labels=False,
+        fill_mode="MajorWireframe",
         radii=rr.Radius.ui_points(1.5 if look == "strong" else 0.7),
     )
+
+
+def faces_3d(result: FrameResult, rows: Bools) -> rr.Boxes3D:
+    """The faces of some of the fused objects, so faint that the points in a large one are seen through them."""
+    objects = result.fused.objects.select(rows)
+    rgb = _bytes(object_colors(result)[rows])
+    return rr.Boxes3D(
+        centers=objects.centers,
+        sizes=objects.sizes,
+        quaternions=_turns(objects.yaws),
+        colors=np.column_stack([rgb, np.full(len(rgb), _FACE_ALPHA, np.uint8)]),
+        fill_mode="Solid",
+    )
+
+
+def object_texts(result: FrameResult, texts: Sequence[str], places: F64, rows: Bools) -> rr.Points3D:
+    """Texts (N,) at places (N, 3) of some of the fused objects, which never wrap and have no point."""
+    return rr.Points3D(
+        places[rows],
+        colors=_bytes(object_colors(result)[rows]),
+        radii=0.0,
+        labels=[text for text, chosen in zip(texts, rows.tolist(), strict=True) if chosen],
+        show_labels=True,
+    )
+
+
+def label_lines(result: FrameResult, places: F64, rows: Bools) -> rr.LineStrips3D:
+    """Lines from the roofs of some of the fused objects to their labels, where these are raised."""
+    tops = roofs(result.fused.objects)
+    rows = rows & (places[:, 2] != tops[:, 2])
+    lines = np.stack([tops, places], 1)[rows]
+    return rr.LineStrips3D(lines, colors=_bytes(object_colors(result)[rows]), radii=rr.Radius.ui_points(0.4))
 
 
 def object_facts(result: FrameResult, rows: Bools) -> rr.DynamicArchetype:
@@ -108,7 +151,7 @@ def trails(result: FrameResult, paths: Sequence[F64]) -> rr.LineStrips3D:
     return rr.LineStrips3D(
         [paths[row] for row in rows],
         colors=_bytes(object_colors(result)[rows]),
-        radii=rr.Radius.ui_points(1.0),
+        radii=rr.Radius.ui_points(1.6),
     )
 
 
@@ -184,11 +227,13 @@ def edges_2d(result: FrameResult, edges: ObjectEdges) -> rr.LineStrips2D:
 
 def boxes_2d(drawn: DrawnBoxes2D) -> rr.Boxes2D:
     """A camera's 2D boxes."""
+    matched = drawn.are_matched
+    alphas = np.where(matched, _BEHIND_ALPHA, 255)
     return rr.Boxes2D(
         array=drawn.xyxy.reshape(-1, 4),
         array_format=rr.Box2DFormat.XYXY,
-        colors=[color.bytes_rgb for color in drawn.colors],
-        radii=rr.Radius.ui_points(1.2),
+        colors=[(*color.bytes_rgb, alpha) for color, alpha in zip(drawn.colors, alphas.tolist(), strict=True)],
+        radii=np.where(matched, -0.6, -1.2),  # in points of the screen
         labels=drawn.labels,
         show_labels=False,
     )
@@ -201,7 +246,8 @@ def labels_2d(drawn: DrawnBoxes2D, camera: CameraSensor) -> rr.Points2D:
     """
     size_px = np.array([camera.model.width_px, camera.model.height_px], np.float64)
     low, high = drawn.xyxy[:, :2].astype(np.float64), drawn.xyxy[:, 2:].astype(np.float64)
-    sizes = np.stack([[len(label) * _LETTER_SHARE for label in drawn.labels], np.full(len(low), _LABEL_SHARE)], -1)
+    widths = [len(label) * _LETTER_SHARE + _PADDING_SHARE for label in drawn.labels]
+    sizes = np.stack([widths, np.full(len(low), _LABEL_SHARE)], -1)
     sizes *= size_px
     places = np.stack([(low[:, 0] + high[:, 0]) / 2, high[:, 1] + sizes[:, 1] / 2], -1)
     places = np.clip(places, sizes / 2, size_px - sizes / 2)

@@ -1,14 +1,14 @@
-"""The layout of a Rerun recording: its views, and the eye of the 3D view."""
+"""The layout of a Rerun recording: its views, and the eyes of the 3D views."""
 
 from typing import Any
 
 import rerun.blueprint as rrb
 
 from pipeline.core.rig import CameraSensor, Rig
-from writers.panels import Panels, arrange
+from writers.panels import OBJECTS_TITLE, SKEW_TITLE, Panels, arrange, scene_panels
 from writers.viewpoint import SceneSurvey, Viewpoint, cameras_in_order
 
-__all__ = ["FIXED", "PLACED", "WAY", "blueprint", "camera_path", "place_eye"]
+__all__ = ["FIXED", "FOV_Y_DEG", "LABELS", "LOG", "NUMBERS", "PLACED", "WAY", "blueprint", "camera_path", "place_eye"]
 
 BACKGROUND = (13, 16, 23)
 FOV_Y_DEG = 55.0
@@ -21,6 +21,12 @@ WAY = "world/fixed/way"
 PLACED = "world/detections/cameras"
 """Boxes that the cameras alone place in 3D."""
 
+LABELS, NUMBERS = "world/labels", "world/numbers"
+"""Texts of the objects: in perspective, and from above, where there is room for the numbers of the tracks."""
+
+LOG = "log"
+"""Warnings."""
+
 TIMELINES = ("stamp", "frame")
 
 
@@ -31,13 +37,13 @@ def camera_path(camera: CameraSensor) -> str:
 
 def place_eye(survey: SceneSurvey) -> Viewpoint:
     """The eye from which what was seen so far is in view."""
-    return survey.viewpoint(aspect=_panels(survey.rig).scene_aspect, fov_y_deg=FOV_Y_DEG)
+    return survey.viewpoint(aspect=scene_panels(_panels(survey.rig).scene_aspect).aspect, fov_y_deg=FOV_Y_DEG)
 
 
-def blueprint(rig: Rig, viewpoint: Viewpoint) -> rrb.Blueprint:
+def blueprint(survey: SceneSurvey, viewpoint: Viewpoint) -> rrb.Blueprint:
     """The scene and the images, in their aspects and in the order in which the cameras look around."""
-    panels, cameras = _panels(rig), _shown(rig)
-    scene, plots = _scene_view(viewpoint, cameras), _plots(panels)
+    panels, cameras = _panels(survey.rig), _shown(survey.rig)
+    scene, plots = _scene(survey, viewpoint, panels.scene_aspect), _plots(panels)
     layout: Any = rrb.Tabs(scene, rrb.Vertical(plots, name="Plots"), active_tab=0)
     if cameras:
         images: Any = rrb.Grid(*map(_image_view, cameras), grid_columns=panels.columns)
@@ -68,8 +74,24 @@ def _panels(rig: Rig) -> Panels:
     return arrange([camera.model.width_px / camera.model.height_px for camera in _shown(rig)])
 
 
-def _scene_view(viewpoint: Viewpoint, cameras: list[CameraSensor]) -> rrb.Spatial3DView:
+def _scene(survey: SceneSurvey, viewpoint: Viewpoint, aspect: float) -> rrb.Container:
+    """The scene in perspective and from above."""
+    split = scene_panels(aspect)
+    above = survey.above(viewpoint, aspect=split.above_aspect, fov_y_deg=FOV_Y_DEG)
+    cameras = _shown(survey.rig)
     flat = [f"- {camera_path(camera)}/{leaf}/**" for camera in cameras for leaf in ("boxes", "objects")]
+    no_sensors = ["- $origin/cameras/**", "- $origin/lidars/**"]
+    views = [
+        _scene_view("Scene", viewpoint, (0.0, 0.0, 1.0), [*flat, f"- {NUMBERS}"]),
+        _scene_view("From above", above, (*above.up.tolist(), 0.0), [*no_sensors, f"- {LABELS}/**"]),
+    ]
+    shares = [split.share, 1 - split.share]
+    if split.direction == "row":
+        return rrb.Horizontal(*views, column_shares=shares, name="Scene")
+    return rrb.Vertical(*views, row_shares=shares, name="Scene")
+
+
+def _scene_view(name: str, view: Viewpoint, up: tuple[float, ...], without: list[str]) -> rrb.Spatial3DView:
     past = [
         rrb.VisibleTimeRange(
             timeline, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
@@ -77,12 +99,12 @@ def _scene_view(viewpoint: Viewpoint, cameras: list[CameraSensor]) -> rrb.Spatia
         for timeline in TIMELINES
     ]
     return rrb.Spatial3DView(
-        name="Scene",
+        name=name,
         origin="world",
-        contents=["$origin/**", *flat],
+        contents=["$origin/**", *without],
         background=BACKGROUND,
         line_grid=False,
-        eye_controls=rrb.EyeControls3D(position=viewpoint.eye, look_target=viewpoint.target, eye_up=(0.0, 0.0, 1.0)),
+        eye_controls=rrb.EyeControls3D(position=view.eye, look_target=view.target, eye_up=up),
         overrides={WAY: rrb.VisibleTimeRanges(past), PLACED: rrb.EntityBehavior(visible=False)},
     )
 
@@ -99,9 +121,13 @@ def _image_view(camera: CameraSensor) -> rrb.Spatial2DView:
 
 
 def _plots(panels: Panels) -> rrb.Container:
-    """Numbers of objects and milliseconds: one below the other where there is room."""
-    objects = rrb.TimeSeriesView(name="Objects", origin="metrics", contents=["$origin/objects", "$origin/confirmed"])
-    skew = rrb.TimeSeriesView(name="Sync skew", origin="metrics", contents="$origin/skew_ms")
+    """Numbers of objects, milliseconds, warnings: one below the other where there is room. Titles are the legends."""
+    legend = rrb.PlotLegend(visible=False)  # it would cover the curves
+    counts = ["$origin/objects", "$origin/confirmed"]
+    objects = rrb.TimeSeriesView(name=OBJECTS_TITLE, origin="metrics", contents=counts, plot_legend=legend)
+    skew = rrb.TimeSeriesView(name=SKEW_TITLE, origin="metrics", contents="$origin/skew_ms", plot_legend=legend)
+    columns = rrb.TextLogColumns(timeline_columns=["frame"], text_log_columns=["loglevel", "body"])
+    log = rrb.TextLogView(name="Warnings", origin=LOG, columns=columns)
     if panels.plot_share >= _TWO_PLOTS_SHARE:
-        return rrb.Vertical(objects, skew)
-    return rrb.Tabs(objects, skew, active_tab=0)
+        return rrb.Vertical(objects, rrb.Tabs(skew, log, active_tab=0))
+    return rrb.Tabs(objects, skew, log, active_tab=0)

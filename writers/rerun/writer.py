@@ -5,6 +5,7 @@ recording is not used. Equal results give equal data, but not equal bytes (Rerun
 with `rerun rrd compare --unordered`.
 """
 
+import json
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from pathlib import Path
@@ -25,6 +26,7 @@ from pipeline.core.optics.images import Image
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.text import visible
+from pipeline.core.tracks import NO_TRACK
 from pipeline.core.true_boxes import TrueBoxes
 from writers.drawing import (
     ObjectEdges,
@@ -33,22 +35,37 @@ from writers.drawing import (
     object_edges,
     object_labels,
     predicted_objects,
+    roofs,
     strong_objects,
     thin_objects,
+    track_numbers,
 )
+from writers.labels_3d import LabelPlaces
 from writers.messages.images import COMPRESSED, read_image
 from writers.outputs.errors import output_errors
 from writers.outputs.transaction import OutputFile
-from writers.palette import CAMERA_ONLY, MATCHED, class_color
+from writers.palette import CAMERA_ONLY, MATCHED, ZONE, class_color
 from writers.provenance import Provenance
 from writers.rerun import archetypes
-from writers.rerun.blueprint import FIXED, PLACED, WAY, blueprint, camera_path, place_eye
+from writers.rerun.blueprint import (
+    FIXED,
+    FOV_Y_DEG,
+    LABELS,
+    LOG,
+    NUMBERS,
+    PLACED,
+    WAY,
+    blueprint,
+    camera_path,
+    place_eye,
+)
 from writers.rerun.environment import without_rerun_variables
 from writers.rerun.stream import RerunStream
 from writers.rerun.viewer import RerunViewer
 from writers.trails import Trails
 from writers.truth_times import FrameTime, TruthTimes
 from writers.viewpoint import SceneSurvey
+from writers.zones import drawn_zones, zone_texts
 
 __all__ = ["RerunResultWriter"]
 
@@ -92,7 +109,9 @@ class RerunResultWriter:
         self._resources = ExitStack()
         self._recording: rr.RecordingStream
         self._survey = SceneSurvey(rig)
+        self._label_places = LabelPlaces(self._survey, place_eye, FOV_Y_DEG)
         self._is_placed = False
+        self._first: tuple[int, int] | None = None
         self._heights: tuple[float, float] | None = None
         self._last_place: list[float] | None = None
         self._shown: set[str] = set()
@@ -142,6 +161,7 @@ class RerunResultWriter:
         try:
             if not self._is_placed and self._survey.frames:
                 self._place_eye()
+            self._log_warnings()
             self._log_truth(self._truth_times.rest(), is_last=True)
             self._stream.finish()
         except BaseException:
@@ -156,7 +176,8 @@ class RerunResultWriter:
         """
         with output_errors(self._path):
             self._stream.check()
-        if self._survey.frames == 0:
+        if self._first is None:
+            self._first = result.bundle.index, result.bundle.stamp_ns
             self._log_static()
         self._survey.add(result)
         if not self._is_placed and (self._survey.is_complete or self._output is None):  # who looks on does not wait
@@ -176,9 +197,21 @@ class RerunResultWriter:
         self._recording.log("metrics/objects", rr.Scalars(float(len(result.fused.objects))))
         self._recording.log("metrics/confirmed", rr.Scalars(float((result.fused.matched > 0).sum())))
         self._recording.log("metrics/skew_ms", rr.Scalars(result.bundle.skew_ns / 1e6))
+        for drop in (*result.drops, *drops):
+            text = ": ".join(filter(None, (drop.topic, drop.reason, drop.detail)))
+            self._recording.log(f"{LOG}/dropped", rr.TextLog(text, level=rr.TextLogLevel.WARN))
         with output_errors(self._path):
             self._bound_memory()
         return tuple(drops)
+
+    def _log_warnings(self) -> None:
+        """What the run warns of, which is known at its end, at the time of its first frame."""
+        if self._first is None:
+            return
+        self._set_time(*self._first)
+        for warning in json.loads(self._provenance.account()).get("warnings", ()):
+            text = f"{warning['subject']}: {warning['finding']}; {warning['remedy']}"
+            self._recording.log(f"{LOG}/run", rr.TextLog(text, level=rr.TextLogLevel.WARN))
 
     def _bound_memory(self) -> None:
         """Wait for the disk now and then; what decides when is the data, as this cuts them into chunks."""
@@ -209,7 +242,13 @@ class RerunResultWriter:
             no_axes = rr.TransformAxes3D(0.0)  # the pinhole says enough
             pose = _transform(camera.T_camera_site.inverse())
             static.log(camera_path(camera), pose, pinhole, no_axes, static=True)
-        static.send_blueprint(blueprint(self._rig, viewpoint))
+        if self._rig.zones:
+            outlines, middles = drawn_zones(self._survey)
+            lines = rr.LineStrips3D(outlines, colors=ZONE.bytes_rgb, radii=rr.Radius.ui_points(1.0))
+            static.log("world/zones", lines, static=True)
+            texts = rr.Points3D(middles, colors=ZONE.bytes_rgb, radii=0.0, show_labels=True)
+            static.log("world/zones/counts", texts, static=True)  # each frame has its own labels
+        static.send_blueprint(blueprint(self._survey, viewpoint))
 
     def _log_static(self) -> None:
         context = [
@@ -267,6 +306,12 @@ class RerunResultWriter:
                 log(path, shown, archetypes.object_facts(result, rows))
         if self._is_news("world/objects/heading", int(seen.sum())):
             log("world/objects/heading", archetypes.heading_arrows(result, seen))
+            log("world/objects/faces", archetypes.faces_3d(result, seen))
+        if self._is_news(LABELS, int(strong.sum())):
+            self._log_texts(result, labels, strong)
+        if self._rig.zones:
+            texts = zone_texts(self._rig, result.fused.objects.centers)
+            log("world/zones/counts", rr.Points3D.from_fields(labels=texts))
         for path, rows in (("world/placed", placed), ("world/predicted", predicted)):
             if self._is_news(f"{path}/uncertainty", int(rows.sum())):
                 log(f"{path}/uncertainty", archetypes.object_ellipses(result, rows))
@@ -282,6 +327,17 @@ class RerunResultWriter:
             log(PLACED, rr.Clear(recursive=True))
             self._shown.remove(PLACED)
             self._empty.add(PLACED)
+
+    def _log_texts(self, result: FrameResult, labels: list[str], strong: Bools) -> None:
+        """The labels of objects, apart as the first view's eye sees them, and their numbers for the view from above."""
+        places = self._label_places.of(result, labels)
+        self._recording.log(LABELS, archetypes.object_texts(result, labels, places, strong))
+        self._recording.log(f"{LABELS}/lines", archetypes.label_lines(result, places, strong))
+        numbers = track_numbers(result)
+        texts = [f"#{number}" for number in numbers.tolist()]
+        self._recording.log(
+            NUMBERS, archetypes.object_texts(result, texts, roofs(result.fused.objects), strong & (numbers != NO_TRACK))
+        )
 
     def _is_news(self, path: str, count: int) -> bool:
         """Whether what is drawn at a path is to be logged: not where nothing is drawn, and nothing was."""

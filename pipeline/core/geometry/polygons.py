@@ -1,4 +1,4 @@
-"""Points in polygons."""
+"""Points in polygons, and parts of polygons."""
 
 from collections.abc import Sequence
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64, I64
 
-__all__ = ["first_polygon_with"]
+__all__ = ["clipped_polygon", "first_polygon_with"]
 
 
 def first_polygon_with(polygons: Sequence[F64], points: F64) -> I64:
@@ -35,3 +35,19 @@ def first_polygon_with(polygons: Sequence[F64], points: F64) -> I64:
             in_span = (x >= low[:, 0]) & (x <= high[:, 0]) & (y >= low[:, 1]) & (y <= high[:, 1])
             rows[(in_line & in_span).any(1)] = row
     return rows
+
+
+def clipped_polygon(polygon: F64, low: F64, high: F64) -> F64:
+    """The part of a polygon (K, 2) within bounds (2,), as (M, 2) corners; none where no part of it is.
+
+    One side after the other is cut off (Sutherland and Hodgman, Reentrant polygon clipping, 1974); parts of a concave
+    polygon stay joined along the bounds.
+    """
+    for axis, bound, sign in ((0, low[0], 1.0), (1, low[1], 1.0), (0, high[0], -1.0), (1, high[1], -1.0)):
+        inside = sign * (polygon[:, axis] - bound)
+        after, inside_after = np.roll(polygon, -1, 0), np.roll(inside, -1)
+        crosses = (inside >= 0) != (inside_after >= 0)
+        share = inside / np.where(crosses, inside - inside_after, 1.0)
+        corners = np.stack([polygon, polygon + share[:, None] * (after - polygon)], 1)
+        polygon = corners[np.stack([inside >= 0, crosses], 1)]
+    return polygon

@@ -145,5 +145,20 @@ def test_every_frame_is_given_once(mode: str, waits: bool) -> None:
     assert all(fused.tracks is not None for fused in left)
 
 
+@pytest.mark.parametrize("mode", ["online", "offline"])
+def test_a_camera_that_is_slower_than_the_frames_confirms_between_its_images(mode: str) -> None:
+    tracker = object_tracker(load_config(settings={"track.mode": mode}), RIG)
+    assert tracker is not None
+    given = []
+    for index in range(4):
+        one = frame(index)
+        if index % 2:
+            one = replace(one, detections=replace(one.detections, cameras={}))
+            one = replace(one, hypotheses=replace(one.hypotheses, matches={}))
+        given += tracker.add(one)
+    given += tracker.finish()
+    assert [int((fused.matched > 0).sum()) for fused in given] == [1, 1, 1, 1]
+
+
 def test_without_tracks_there_is_no_tracker() -> None:
     assert object_tracker(load_config(settings={"track.mode": "none"}), RIG) is None

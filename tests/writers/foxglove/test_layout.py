@@ -78,7 +78,7 @@ def test_the_eye_is_that_of_the_viewpoint() -> None:
     phi, theta = np.radians(state["phi"]), -np.radians(state["thetaOffset"])
     x, y, z = np.sin(phi) * np.sin(theta), np.cos(phi), np.sin(phi) * np.cos(theta)
     eye = np.array([x, -z, y]) * state["distance"] + state["targetOffset"]
-    expected = survey.viewpoint(aspect=1600 / 896 / 0.73, fov_y_deg=45)
+    expected = survey.viewpoint(aspect=0.58 * 1600 / 896 / 0.73, fov_y_deg=45)
     np.testing.assert_allclose(eye, expected.eye, atol=0.05)
     np.testing.assert_allclose(state["targetOffset"], expected.target, atol=1e-3)
 
@@ -87,4 +87,17 @@ def test_wide_images_are_above_the_scene() -> None:
     wide = replace(RIG, cameras=(forward_camera("left", size_px=(1242, 375)),))
     tree = layout(TOPICS, rig=wide)["layout"]
     assert (tree["direction"], tree["first"]) == ("column", "Image!left")
-    assert tree["second"]["first"] == "3D!scene"
+    assert tree["second"]["first"]["first"] == "3D!scene"
+
+
+def test_from_above_the_way_that_is_up_is_up() -> None:
+    """As the panel computes it: the orthographic eye is turned about z by minus the angle, x right and y up before."""
+    survey = SceneSurvey(RIG)
+    survey.add(frame())
+    config = json.loads(foxglove_layout(RIG, survey, TOPICS))["configById"]["3D!above"]
+    assert not config["cameraState"]["perspective"]
+    assert not config["topics"]["/left/camera_info"]["visible"]
+    theta = -np.radians(config["cameraState"]["thetaOffset"])
+    up = np.array([-np.sin(theta), np.cos(theta)])
+    x = np.array([1.0, 0.0])  # the cameras look along x; what they see may also lie to the right
+    assert max(up @ x, up @ [0.0, 1.0]) == pytest.approx(1.0)

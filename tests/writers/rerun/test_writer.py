@@ -22,6 +22,7 @@ from writers.base import ResultWriter
 from writers.drawing import DrawnBoxes2D
 from writers.outputs.transaction import OutputTransaction
 from writers.palette import MATCHED
+from writers.provenance import Provenance
 from writers.rerun.archetypes import MAX_POINTS, cloud_points, labels_2d
 from writers.rerun.writer import RerunResultWriter
 from writers.viewpoint import SURVEYED_FRAMES
@@ -42,11 +43,12 @@ def write(
     frames: Iterable[FrameResult],
     *,
     config: Config = CONFIG,
+    provenance: Provenance = PROVENANCE,
     decode_any_image: Callable[[RawMessage], Image] = grey,
 ) -> list[tuple[Drop, ...]]:
     with OutputTransaction([path]) as outputs:
         writer: ResultWriter = RerunResultWriter(
-            outputs[path], RIG, config, PROVENANCE, decode_any_image=decode_any_image
+            outputs[path], RIG, config, provenance, decode_any_image=decode_any_image
         )
         with writer:
             return [writer.write(result) for result in frames]
@@ -88,7 +90,8 @@ def test_rerun_reads_it(tmp_path: Path) -> None:
         for leaf in ("", "/image", "/boxes", "/boxes/labels", "/objects")
     }
     others = {"/world", "/world/cloud", "/world/ground", "/world/objects", "/world/objects/heading", "/world/faint"}
-    others |= {"/world/placed", "/world/placed/uncertainty"}
+    others |= {"/world/placed", "/world/placed/uncertainty", "/world/objects/faces"}
+    others |= {"/world/labels", "/world/labels/lines", "/world/numbers", "/world/zones", "/world/zones/counts"}
     lidars = {"/world/lidars/lidar1", "/world/lidars/lidar2"}
     metrics = {"/metrics/objects", "/metrics/confirmed", "/metrics/skew_ms"}
     assert entities(text) == cameras | others | lidars | metrics
@@ -144,6 +147,23 @@ def test_equal_results_give_equal_data(tmp_path: Path, monkeypatch: pytest.Monke
     assert rerun(tmp_path, "rrd", "compare", "--unordered", tmp_path / "one.rrd", tmp_path / "two.rrd").returncode == 0
     different = rerun(tmp_path, "rrd", "compare", "--unordered", tmp_path / "one.rrd", tmp_path / "other.rrd")
     assert different.returncode != 0
+
+
+def test_warnings_and_drops_are_text(tmp_path: Path) -> None:
+    account = '{"warnings": [{"subject": "left", "finding": "no boxes", "remedy": "look there"}]}'
+    provenance = replace(PROVENANCE, account=lambda: account)
+    drop = Drop("/right/image", 1, "cannot be decoded", "12 bytes")
+    write(tmp_path / "out.rrd", [frame(0), frame(1, drops=(drop,))], provenance=provenance)
+    text = printed(tmp_path, "-vvv")
+    assert "left: no boxes; look there" in text
+    assert "/right/image: cannot be decoded: 12 bytes" in text
+
+
+def test_zones_have_their_counts(tmp_path: Path) -> None:
+    write(tmp_path / "out.rrd", [frame(0), frame(1, objects=0)])
+    text = printed(tmp_path, "-vvv")
+    for told in ("intersection: 2", "circle: 0", "intersection: 0"):
+        assert told in text
 
 
 def test_large_clouds_are_thinned_evenly() -> None:
@@ -288,4 +308,4 @@ def test_an_image_that_was_dropped_is_not_shown(tmp_path: Path) -> None:
 def test_the_eye_is_placed_once_in_a_long_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("writers.rerun.writer.MAX_WAITING_FRAMES", 5)
     write(tmp_path / "out.rrd", [frame(row) for row in range(SURVEYED_FRAMES + 2)])
-    assert printed(tmp_path).count("EyeControls3D:position") == 1
+    assert printed(tmp_path).count("EyeControls3D:position") == 2  # of the scene, and from above
