@@ -142,8 +142,8 @@ def process(
         output: File to write, or several: .mcap, .rrd (Rerun), .csv or .parquet (a table of the objects), a name
             without ending (a folder of the clouds of objects); None writes none.
         on_frame: Called with each frame, in order, when its tracks are known.
-        **options: `config`, `settings`, `rig`, `model_2d`, `workers`, `start_s`, `duration_s`, `on_bad_message`,
-            `overwrite`, as `JobOptions` explains them.
+        **options: `config`, `settings`, `rig`, `model_2d`, `model_3d`, `workers`, `start_s`, `duration_s`,
+            `on_bad_message`, `overwrite`, as `JobOptions` explains them.
 
     Raises:
         LidcamError: the input, the calibration, the settings or an output is at fault; no output is left behind.

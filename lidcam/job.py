@@ -100,6 +100,7 @@ class JobOptions(TypedDict, total=False):
         rig: Rig file, loaded, by its path or by the name of a preset; or several, of which later ones add to and
             replace what earlier ones say. Without it sensors and calibration are found in the recording.
         model_2d: 2D network (ONNX; docs/networks.md lists the exports that are known).
+        model_3d: 3D network (ONNX, of `lidcam train pillars`).
         copy_topics: Topics that are copied to the MCAP output, by name or shell pattern; None: those of the truth.
         workers: Processes that share the frames, with this one; None: `run.workers` of the settings, else one per core.
             The result is the same.
@@ -113,6 +114,7 @@ class JobOptions(TypedDict, total=False):
     settings: Settings
     rig: RigSource | None
     model_2d: FilePath | None
+    model_3d: FilePath | None
     copy_topics: Sequence[str] | None
     workers: int | None
     start_s: float
@@ -129,6 +131,7 @@ def make_job(
     settings: Settings = (),
     rig: RigSource | None = None,
     model_2d: FilePath | None = None,
+    model_3d: FilePath | None = None,
     copy_topics: Sequence[str] | None = None,
     workers: int | None = None,
     start_s: float = 0.0,
@@ -148,6 +151,7 @@ def make_job(
         raise OutputError(f"{remote[0]}: expected the name of a local file as output")
     given = {
         "detect2d.model": model_2d,
+        "detect3d.model": model_3d,
         "output.copy_topics": None if copy_topics is None else list(copy_topics),
         "run.workers": workers,
     }

@@ -97,6 +97,10 @@ def process(
         Path | None,
         typer.Option("--model-2d", metavar="FILE.onnx", help="2D detector (ONNX)."),
     ] = None,
+    model_3d: Annotated[
+        Path | None,
+        typer.Option("--model-3d", metavar="FILE.onnx", help="3D detector, in place of clusters of points (ONNX)."),
+    ] = None,
     start: Annotated[float, typer.Option(min=0, metavar="S", callback=seconds, help="Skip the first S seconds.")] = 0.0,
     duration_s: Annotated[
         float | None,
@@ -195,6 +199,7 @@ def process(
             settings=settings or (),
             rig=rig_files,
             model_2d=model_2d,
+            model_3d=model_3d,
             copy_topics=copy_topics or None,
             workers=workers,
             start_s=start,
