@@ -118,12 +118,12 @@ def rounds(family: Family, seed: int, first: int, last: int, workers: int) -> Ge
     worlds = [range(seed + row * WORLDS_OF_A_ROUND, seed + (row + 1) * WORLDS_OF_A_ROUND) for row in range(first, last)]
     if workers == 1:
         for row, one in enumerate(worlds, first):
-            yield _mixed(family, seed, row, [scene for world in one for scene in of_world(world)])
+            yield _mixed(family, seed, row, [made for world in one for made in of_world(world)])
         return
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         waiting = [pool.map(of_world, one) for one in worlds[:2]]
         for row in range(first, last):
-            scenes = [scene for of_one in waiting.pop(0) for scene in of_one]
+            scenes = [made for of_one in waiting.pop(0) for made in of_one]
             waiting += [pool.map(of_world, one) for one in worlds[row - first + 2 : row - first + 3]]
             yield _mixed(family, seed, row, scenes)
 
