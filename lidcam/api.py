@@ -125,8 +125,8 @@ def process(
             without ending (a folder of the clouds of objects), .mp4 (a film), .html (a page) beside an .mcap; None
             writes none.
         on_frame: Called with each frame, in order, when its tracks are known.
-        **options: `config`, `settings`, `rig`, `model_2d`, `workers`, `start_s`, `duration_s`, `on_bad_message`,
-            `overwrite`, `save_matches`, as `JobOptions` explains them.
+        **options: `config`, `settings`, `rig`, `model_2d`, `model_3d`, `workers`, `every`, `start_s`, `duration_s`,
+            `on_bad_message`, `overwrite`, `save_matches`, as `JobOptions` explains them.
 
     Raises:
         LidcamError: the input, the calibration, the settings or an output is at fault; no output is left behind.

@@ -49,7 +49,7 @@ def build_graph(
         has_motion: Whether the motion of the site frame is recorded; else tracks take it from the clouds.
 
     Raises:
-        ModelError: the 2D network cannot be loaded.
+        ModelError: a network cannot be loaded.
     """
     graph, config = Graph(SensorBundle), with_score(config, rig)
     # What each sensor alone sees.

@@ -144,7 +144,7 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
         warnings=_warnings(recording, found.rig, config, window),
         motion_topics=motion.topics if motion else (),
         box_source=box_source(config, found.rig),
-        box_source_3d=config.detect3d.method,
+        box_source_3d=config.detect3d.engine,
         settings=used,
         losses=recording.losses,
     )

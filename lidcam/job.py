@@ -112,6 +112,7 @@ class JobOptions(TypedDict, total=False):
             replace what earlier ones say. Without it sensors and calibration are found in the recording.
         model_2d: 2D network: an ONNX file (docs/networks.md lists the exports that are known), or the name of one that
             `lidcam fetch` brought.
+        model_3d: 3D network (ONNX, of `lidcam train pillars`).
         copy_topics: Topics that are copied to the MCAP output, by name or shell pattern; None: those of the truth.
         workers: Processes that share the frames, with this one; None: `run.workers` of the settings, else one per core.
             The result is the same.
@@ -131,6 +132,7 @@ class JobOptions(TypedDict, total=False):
     settings: Settings
     rig: RigSource | None
     model_2d: FilePath | None
+    model_3d: FilePath | None
     copy_topics: Sequence[str] | None
     workers: int | None
     every: int | None
@@ -152,6 +154,7 @@ def make_job(
     settings: Settings = (),
     rig: RigSource | None = None,
     model_2d: FilePath | None = None,
+    model_3d: FilePath | None = None,
     copy_topics: Sequence[str] | None = None,
     workers: int | None = None,
     every: int | None = None,
@@ -176,6 +179,7 @@ def make_job(
         raise OutputError(f"{remote[0]}: expected the name of a local file as output")
     given = {
         "detect2d.model": model_2d,
+        "detect3d.model": model_3d,
         "output.copy_topics": None if copy_topics is None else list(copy_topics),
         "run.workers": workers,
         "sync.every": every,

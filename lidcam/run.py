@@ -325,7 +325,7 @@ class Run:
                 faults=found.faults,
                 missing=tuple(missing),
                 box_source=box_source(source.config, source.rig),
-                box_source_3d=source.config.detect3d.method,
+                box_source_3d=source.config.detect3d.engine,
                 motion_topics=motion_topics,
             ),
             timing=TimingReport(

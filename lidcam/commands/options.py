@@ -22,6 +22,7 @@ __all__ = [
     "Format",
     "JsonFile",
     "Model2d",
+    "Model3d",
     "OnBad",
     "Overwrite",
     "RecordingOut",
@@ -136,6 +137,10 @@ Model2d = Annotated[
     typer.Option(
         "--model-2d", metavar="FILE.onnx|NAME", help="2D network: an ONNX file, or one that `lidcam fetch` brought."
     ),
+]
+Model3d = Annotated[
+    Path | None,
+    typer.Option("--model-3d", metavar="FILE.onnx", help="3D detector, in place of clusters of points (ONNX)."),
 ]
 Start = Annotated[float, typer.Option(min=0, metavar="S", callback=seconds, help="Skip the first S seconds.")]
 Duration = Annotated[

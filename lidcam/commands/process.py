@@ -16,6 +16,7 @@ from lidcam.commands.options import (
     Every,
     JsonFile,
     Model2d,
+    Model3d,
     OnBad,
     Overwrite,
     Require,
@@ -116,6 +117,7 @@ def process(
         ),
     ] = None,
     model_2d: Model2d = None,
+    model_3d: Model3d = None,
     view: Annotated[
         bool, typer.Option("--view", help="Show the frames in the Rerun viewer while the run goes on.")
     ] = False,
@@ -208,6 +210,7 @@ def process(
             settings=settings or (),
             rig=rig_files,
             model_2d=model_2d,
+            model_3d=model_3d,
             copy_topics=copy_topics or None,
             workers=workers,
             start_s=start,

@@ -52,13 +52,21 @@ def show_compiling(
 def show_training(
     *, err: Console | None = None, clock: Clock = time.monotonic
 ) -> Iterator[Callable[[float, str], None]]:
-    """Progress of a training: yields a function of the share that is done and of facts; lines tell the time left."""
+    """Progress of a training: yields a function of the share that is done and of facts; lines tell the time left.
+
+    The first share may be large: that of a training which goes on.
+    """
     with _shown(err, clock) as show:
-        start_s = clock()
+        start: tuple[float, float] | None = None
 
         def told(share: float, facts: str) -> None:
-            left_s = (clock() - start_s) * (1 - share) / max(share, 1e-6)
-            show(f"training: {share:.0%}, about {left_s / 60:.0f} min left", share, 1.0, facts)
+            nonlocal start
+            start = start or (clock(), share)
+            text = f"training: {share:.0%}"
+            if share > start[1]:
+                left_s = (clock() - start[0]) * (1 - share) / (share - start[1])
+                text += f", about {left_s / 60:.0f} min left"
+            show(text, share, 1.0, facts)
 
         yield told
 

@@ -19,6 +19,9 @@ EVALUATING = ("evaluate", "classes", "associate", "combine", "limits")
 COMPARING = ("compare",)
 """The section that a comparison reads."""
 
+NAMED = ("detect2d", "model"), ("detect2d", "names"), ("detect3d", "model"), ("detect3d", "weights")
+"""Settings that name files of detectors."""
+
 
 def check_effect(settings: Sequence[str], sections: Sequence[str]) -> None:
     """Check that each setting is read. A section that no settings have is left to those who read it.
@@ -45,7 +48,7 @@ def named_files(config: Config) -> dict[str, Path]:
     lidars = {"velodyne": config.velodyne, **{f"velodyne.{key}": one for key, one in config.velodyne.topics.items()}}
     model = config.detect2d.model
     named = {"network": model and network_path(model), "network.names": config.detect2d.names}
-    named |= {"detect3d.weights": config.detect3d.weights}
+    named |= {"detect3d.model": config.detect3d.model, "detect3d.weights": config.detect3d.weights}
     named |= {f"{key}.calibration": one.calibration for key, one in lidars.items()}
     # Path.is_file raises where one may not enter; whoever reads the file says so.
     return {key: Path(name) for key, name in named.items() if name and isfile(name)}  # noqa: PTH113
@@ -59,7 +62,7 @@ def lasting_settings(config: Config) -> str:
     tree = config.model_dump() | {"run": {}, "compare": {}}
     velodyne = tree["velodyne"]
     calibrated = [(section, "calibration") for section in (velodyne, *velodyne["topics"].values())]
-    detectors = [(tree["detect2d"], "model"), (tree["detect2d"], "names"), (tree["detect3d"], "weights")]
+    detectors = [(tree[section], key) for section, key in NAMED]
     for section, key in detectors + calibrated:
         section[key] = section[key] and visible(Path(section[key]).name)
     return dump_config(Config.model_validate(tree))

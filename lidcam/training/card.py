@@ -7,7 +7,7 @@ from lidcam.training.fit import PRIORS, log_loss
 from pipeline.core.arrays import F64, Bools
 from pipeline.detectors.cluster.network import KINDS
 
-__all__ = ["calibration_error", "figures"]
+__all__ = ["average_precision", "calibration_error", "figures"]
 
 BINS = 10
 LEAST = 0.05
@@ -28,14 +28,15 @@ def figures(probabilities: F64, examples: Examples) -> str:
             f"{is_true.sum()}",
             f"{(taken & is_true).sum()}",
             f"{(taken & ~is_true).sum()}",
-            f"{_average_precision(score, is_true):.3f}",
+            f"{average_precision(score, is_true):.3f}",
             f"{calibration_error(score, is_true, PRIORS[kinds]):.3f}",
         ]
         lines.append(f"| {name} | {' | '.join(cells)} |")
     return "\n".join([*lines, "", f"Log loss {log_loss(probabilities, kinds):.4f}."])
 
 
-def _average_precision(score: F64, is_true: Bools) -> float:
+def average_precision(score: F64, is_true: Bools) -> float:
+    """Mean precision at the true boxes (N,), of those of higher scores; NaN if none is true."""
     order = np.argsort(-score, kind="stable")
     right = np.cumsum(is_true[order])
     precision = right / np.arange(1, len(order) + 1)

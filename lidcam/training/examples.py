@@ -21,7 +21,7 @@ from pipeline.detectors.cluster.learned import FeatureFinder
 from pipeline.stages.combine import Combine
 from pipeline.stages.detect3d import Detect3D
 
-__all__ = ["Examples", "examples_of_worlds", "kinds_of_boxes"]
+__all__ = ["Examples", "cloud_of", "examples_of_worlds", "kinds_of_boxes", "rig_of"]
 
 SWEEPS_OF_A_WORLD = 4
 """Each is of another lidar in another place. More say little more: what stands there is the same."""
@@ -80,12 +80,8 @@ def _config() -> Config:
 
 def _examples(frame: Sequence[TrainingSweep], config: Config) -> Examples:
     """Those of a frame of sweeps that were taken at once."""
-    poses = [np.eye(4) for _ in frame]
-    for pose, one in zip(poses, frame, strict=True):
-        pose[:3, 3] = one.origin
-    lidars = [LidarSensor(str(row), "", Transform(SITE, str(row), pose)) for row, pose in enumerate(poses)]
-    rig = Rig(SITE, tuple(lidars), (), ())
-    clouds = {lidar.name: _cloud(one, lidar.name) for lidar, one in zip(lidars, frame, strict=True)}
+    rig = rig_of(frame)
+    clouds = {lidar.name: cloud_of(one, lidar.name) for lidar, one in zip(rig.lidars, frame, strict=True)}
     combined = Combine(rig, config.combine)(SensorBundle(0, 0, 0, {}), clouds)
     boxes = Detect3D(rig, config)(combined)
     if not len(boxes):
@@ -96,7 +92,17 @@ def _examples(frame: Sequence[TrainingSweep], config: Config) -> Examples:
     return Examples(FeatureFinder(rig, config)(combined, boxes), truth)
 
 
-def _cloud(taken: TrainingSweep, name: str) -> PointCloud:
+def rig_of(frame: Sequence[TrainingSweep]) -> Rig:
+    """The lidars of sweeps, named by their numbers."""
+    poses = [np.eye(4) for _ in frame]
+    for pose, one in zip(poses, frame, strict=True):
+        pose[:3, 3] = one.origin
+    lidars = [LidarSensor(str(row), "", Transform(SITE, str(row), pose)) for row, pose in enumerate(poses)]
+    return Rig(SITE, tuple(lidars), (), ())
+
+
+def cloud_of(taken: TrainingSweep, name: str) -> PointCloud:
+    """The points of a sweep as its lidar gives them."""
     count = len(taken.points)
     xyz = taken.points[:, :3] - taken.origin.astype(np.float32)
     rest = np.zeros(count, np.uint16), np.zeros(count, np.int32)

@@ -30,7 +30,7 @@ class Detect3D:
 
         Raises:
             ConfigError: the classes are not those that a learned score knows.
-            ModelError: a package that it needs is not installed, or weights cannot be read.
+            ModelError: a package that it needs is not installed, or a network or weights cannot be read.
         """
         self._site_frame = rig.site_frame
         self._min_score = config.detect3d.min_score
@@ -94,12 +94,12 @@ class Recorded3D:
 
 
 def _detector(rig: Rig, config: Config) -> Detector3D:
-    engine = ENGINES[config.detect3d.method]
+    engine = ENGINES[config.detect3d.engine]
     if not engine.maker:
         return lambda _: Candidates3D.empty()
     if engine.package and find_spec(engine.package) is None:
         raise ModelError(
-            f"detect3d.method {config.detect3d.method} needs {engine.package}, which is not installed: "
+            f"detect3d.method {config.detect3d.engine} needs {engine.package}, which is not installed: "
             f"pip install 'lidcam[{engine.extra}]'"
         )
     module, _, name = engine.maker.partition(":")

@@ -28,7 +28,7 @@ class Reshape:
     """
 
     def __init__(self, fitter: BoxFitter, config: Detect3DConfig, classes: Sequence[ClassPrior]) -> None:
-        self._is_on = ENGINES[config.method].boxes_are_completed
+        self._is_on = ENGINES[config.engine].boxes_are_completed
         self._refit = Refitter(fitter, config.cluster, classes)
 
     def __call__(self, combined: CombinedCloud, hypotheses: Hypotheses, lidar: Boxes3D) -> Hypotheses:

@@ -25,11 +25,13 @@ from command import Run, called
 from document_commands import ROOT, commands_of_help, commands_of_pages, pages
 from licences import PYPROJECT
 from onnx_files import write_yolox
+from pillar_files import write_pillars
 from range_server import range_server
 from velodyne import random_packets
 
 from pipeline.core.messages import RawMessage
 from pipeline.detectors.cluster.network import EMBEDDED
+from pipeline.detectors.pillars.decoding import BOX_NUMBERS
 from readers.open import open_recording
 
 SANDBOX, CROSSING = ROOT / "bags" / "sandbox.bag", ROOT / "bags" / "crossing.mcap"
@@ -92,6 +94,10 @@ def fetched(folder: Path) -> None:
     network(folder / "lidcam" / "networks" / "yolox_nano.onnx")
 
 
+def pillar_network(path: Path) -> None:
+    write_pillars(path, np.full((1 + BOX_NUMBERS, 32, 32), -9, np.float32), [{"name": "car"}])
+
+
 def rig(path: Path) -> None:
     assert called(path.parent, "inspect", SANDBOX, "--write-rig", path, "-q").code == 0
 
@@ -134,6 +140,7 @@ STAND_INS: dict[str, Callable[[Path], object]] = {
     "part_1.mcap": lambda path: part(1, path),
     "yolox-nano": lambda path: fetched(path.parent),
     "detector.onnx": network,
+    "mine.onnx": pillar_network,
     "detect3d.weights=mine.npz": lambda path: shutil.copy(EMBEDDED, path.with_name("mine.npz")),
     "site.yaml": rig,
     "rig.yaml": rig,

@@ -1,6 +1,7 @@
 """The commands `lidcam train ...`."""
 
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -8,7 +9,7 @@ import typer
 
 from lidcam.commands.options import Overwrite, ends_in, with_log_options
 from lidcam.commands.simulation.simulate import check_simulator
-from pipeline.core.errors import OutputError
+from pipeline.core.errors import LidcamError, OutputError
 
 __all__ = ["train_app"]
 
@@ -20,6 +21,12 @@ Examples:
   lidcam train clusters --out mine.npz
   lidcam train clusters --family all --worlds 600 --out mine.npz
   lidcam-process drive.mcap out.mcap --set detect3d.weights=mine.npz
+"""
+PILLARS_EXAMPLES = """\b
+Examples:
+  lidcam train pillars --steps 20000 --out mine.onnx
+  lidcam train pillars --steps 20000 --out mine.onnx --resume
+  lidcam-process drive.mcap out.mcap --model-3d mine.onnx
 """
 
 
@@ -66,6 +73,57 @@ def clusters(
             file.write(trained.network.to_bytes())
         outputs[card].write_text(trained.card)
     typer.echo(trained.card)
+
+
+@train_app.command(epilog=PILLARS_EXAMPLES)
+@with_log_options
+def pillars(
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out",
+            metavar="FILE.onnx",
+            callback=ends_in(".onnx"),
+            help="The network; FILE.md beside it is its card, FILE.ckpt the state of the training.",
+        ),
+    ],
+    steps: Annotated[int, typer.Option(min=1, metavar="N", help="Steps in all, of four sweeps each.")],
+    family: Annotated[
+        Literal["road", "crossing", "sandbox"],
+        typer.Option("--family", help="Worlds to learn from: a lidar on a car, on a mast at a crossing, at a table."),
+    ] = "road",
+    seed: Annotated[
+        int, typer.Option(min=0, metavar="N", help="Number of the first world; others, another network.")
+    ] = 0,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="Processes that make sweeps; these are the same. [default: cores]"),
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on from FILE.ckpt, if there is one; also with more steps.")
+    ] = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """Train a network that finds 3D boxes, on simulated worlds; on a CUDA device if there is one."""
+    check_simulator()
+    if find_spec("torch") is None:
+        raise LidcamError("the training needs torch, which is not installed: pip install 'lidcam[train]'")
+    from lidcam.printing.progress import show_training
+    from lidcam.training.pillars.fit import Checkpoint
+    from lidcam.training.pillars.train import train_pillars
+    from pipeline.parallel.cores import usable_cores
+    from writers.outputs.transaction import OutputTransaction
+
+    card, checkpoint = out.with_suffix(".md"), Checkpoint(out.with_suffix(".ckpt"), family, seed)
+    with OutputTransaction([out, card], check_old=partial(_check_old, overwrite=overwrite or resume)) as outputs:
+        if checkpoint.path.exists() and not resume:
+            if not overwrite:
+                raise OutputError(f"{checkpoint.path}: exists; go on with --resume, or begin anew with --overwrite")
+            checkpoint.path.unlink()
+        with show_training() as told:
+            text = train_pillars(checkpoint, outputs[out].part, steps, workers=workers or usable_cores(), told=told)
+        outputs[card].write_text(text)
+    typer.echo(text)
 
 
 def _check_old(path: Path, *, overwrite: bool) -> None:

@@ -21,7 +21,7 @@ __all__ = [
 if TYPE_CHECKING:
     Method3D = str
 else:
-    Method3D = Literal[tuple(ENGINES)]
+    Method3D = Literal[("auto", *ENGINES)]
 
 NetworkLayout = Literal["yolox", "yolov5", "yolov8", "end_to_end", "rtdetr", "detr", "dfine"]
 NetworkColors = Literal["bgr_255", "rgb_255", "bgr_1", "rgb_1", "imagenet"]
@@ -78,8 +78,10 @@ class Detect3DConfig(SettingsModel):
     """3D boxes of the lidars.
 
     Attributes:
-        method: `cluster` finds them in the combined cloud and needs no weights; `recorded` takes those that a detector
-            wrote into the recording (`topics.boxes3d`); `none` finds nothing.
+        method: `cluster` finds them in the combined cloud and needs no weights; `pillars` runs the network of `model`;
+            `recorded` takes those that a detector wrote into the recording (`topics.boxes3d`); `none` finds nothing.
+            `auto` is `pillars` if a model is given, else `cluster`.
+        model: ONNX file of `lidcam train pillars`, relative to the working folder.
         score: How boxes of the method `cluster` are scored. `geometric`: by the number of their points, the smoothness
             of their sides and the fit to the size of their class. `learned`: by a small network, trained on simulated
             roads, that also chooses the class; its score is a probability. It knows cars, pedestrians, bicycles, trucks
@@ -91,7 +93,8 @@ class Detect3DConfig(SettingsModel):
         recorded: Settings of the method `recorded`.
     """
 
-    method: Method3D = "cluster"
+    method: Method3D = "auto"
+    model: Path | None = None
     score: Literal["auto", "learned", "geometric"] = "auto"
     weights: Path | None = None
     min_score: Share = 0.07
@@ -99,14 +102,19 @@ class Detect3DConfig(SettingsModel):
     recorded: Recorded3DConfig = Recorded3DConfig()
 
     @property
+    def engine(self) -> str:
+        """The row of `ENGINES` that `method` means."""
+        return self.method if self.method != "auto" else "pillars" if self.model else "cluster"
+
+    @property
     def is_learned(self) -> bool:
-        """Whether a network scores the boxes; `auto` has to be decided before."""
-        return self.method == "cluster" and self.score == "learned"
+        """Whether a network scores clusters; `auto` of `score` has to be decided before."""
+        return self.engine == "cluster" and self.score == "learned"
 
     @property
     def scores_are_probabilities(self) -> bool:
         """Whether a score is the probability that there is an object; other scores are calibrated by the belief."""
-        return self.is_learned or ENGINES[self.method].scores_are_probabilities
+        return self.is_learned or ENGINES[self.engine].scores_are_probabilities
 
 
 class Detect2DConfig(SettingsModel):

@@ -36,6 +36,7 @@ ENGINES: dict[str, Engine3D] = {
         scores_are_probabilities=False,
         boxes_are_completed=True,
     ),
+    "pillars": Engine3D("pipeline.detectors.pillars.detector:PillarDetector", "by a network, --model-3d"),
     "recorded": Engine3D("", "recorded"),
     "none": Engine3D("", "none: detect3d.method is none"),
 }

@@ -214,7 +214,7 @@ def test_no_output_is_an_input(results: Path, tmp_path: Path) -> None:
     check_no_input([files / "new.mcap", files / "out.mcap", files / "a\0b"], [files / "rec.mcap", files / "rec"])
 
 
-@pytest.mark.parametrize("kind", ["rig", "config", "model_2d"])
+@pytest.mark.parametrize("kind", ["rig", "config", "model_2d", "model_3d"])
 def test_a_file_that_the_run_reads_is_not_replaced(results: Path, tmp_path: Path, kind: str) -> None:
     files = folder_of(results, tmp_path)
     read = (files / "rig.yaml").rename(files / "read.foxglove.json")

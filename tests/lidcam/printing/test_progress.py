@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 
 from lidcam.printing.log import progress_log
-from lidcam.printing.progress import show_compiling, show_progress
+from lidcam.printing.progress import show_compiling, show_progress, show_training
 
 FACTS = "12 frames, 3.0 a second"
 
@@ -65,3 +65,16 @@ def test_what_is_compiled_is_counted(caplog: pytest.LogCaptureFixture, is_termin
             compiled(3, 9)
     assert ("compiling: 3 of 9" in text.getvalue()) == is_terminal
     assert caplog.messages == ["compiling: 3 of 9"]
+
+
+def test_the_time_left_of_a_training_that_goes_on(caplog: pytest.LogCaptureFixture) -> None:
+    clock = Clock()
+    with show_training(err=Console(file=io.StringIO()), clock=clock) as told:
+        for share in (0.5, 0.51, 0.6):
+            clock.now_s += 60
+            told(share, "step 1")
+    assert caplog.messages == [
+        "training: 50%, step 1",
+        "training: 51%, about 49 min left, step 1",
+        "training: 60%, about 8 min left, step 1",
+    ]

@@ -1,0 +1,178 @@
+"""A network fitted to scenes that are made meanwhile, from a checkpoint on if there is one."""
+
+import os
+import time
+from collections.abc import Callable, Generator
+from contextlib import closing
+from itertools import islice
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from bags.simulator.worlds.draw import Family
+from lidcam.training.pillars.network import PillarNetwork
+from lidcam.training.pillars.scenes import CLASSES, SCENES_OF_A_ROUND, Scene, rounds
+from pipeline.core.errors import LidcamError
+from pipeline.core.text import one_line
+from writers.outputs.errors import output_errors
+
+__all__ = ["BATCH", "Checkpoint", "fitted"]
+
+BATCH = 4
+RATE, DECAY, WARM_STEPS = 2e-3, 1e-2, 100
+MAX_GRADIENT = 10.0
+MOMENTUM = 0.99
+"""Of the loss that is shown."""
+
+CHECKPOINT_EVERY_S = 60.0
+
+Told = Callable[[int, float], object]
+"""Called after each step with how many are done, and the mean loss of late."""
+
+
+class Checkpoint(NamedTuple):
+    """Where a training keeps its state, and what it has to be of.
+
+    Attributes:
+        path: Its file; whole at any time.
+        family: Worlds.
+        seed: Number of the first world.
+    """
+
+    path: Path
+    family: Family
+    seed: int
+
+    def save(self, network: nn.Module, optimiser: torch.optim.Optimizer, step: int, loss: float) -> None:
+        """Replace the file.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        state = {"network": network.state_dict(), "optimiser": optimiser.state_dict(), "step": step, "loss": loss}
+        part = self.path.with_name(f".{self.path.name}.part")
+        with output_errors(self.path):
+            with part.open("wb") as file:
+                torch.save(state | {"family": self.family, "seed": self.seed}, file)
+                file.flush()
+                os.fsync(file.fileno())
+            part.replace(self.path)
+
+    def load(self) -> dict[str, Any]:
+        """What was saved.
+
+        Raises:
+            LidcamError: the file cannot be read, or is of another training.
+        """
+        expected = f"{self.path}: expected the state of a training of --family {self.family} --seed {self.seed}"
+        try:
+            state: dict[str, Any] = torch.load(self.path, map_location="cpu", weights_only=True)
+            found = f"--family {state['family']} --seed {state['seed']}"
+        except Exception as err:  # the errors of pickled files have no base of their own
+            raise LidcamError(f"{expected}, found {one_line(err, max_characters=200)}") from err
+        if (state["family"], state["seed"]) != (self.family, self.seed):
+            raise LidcamError(f"{expected}, found {found}")
+        return state
+
+
+def fitted(
+    checkpoint: Checkpoint, steps: int, *, workers: int, told: Told, every_s: float = CHECKPOINT_EVERY_S
+) -> PillarNetwork:
+    """A network after so many steps, on the first CUDA device if there is one.
+
+    On a processor it is the same for the same seed and number of threads, whether it was stopped in between or not.
+
+    Args:
+        checkpoint: Where its state is; where the file exists, training goes on from it.
+        steps: Number of steps in all.
+        workers: Processes that make scenes.
+        told: Told of progress.
+        every_s: Wall time between checkpoints.
+
+    Raises:
+        LidcamError: the checkpoint cannot be used.
+        OutputError: it cannot be written.
+    """
+    family, seed = checkpoint.family, checkpoint.seed
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    with torch.random.fork_rng():
+        torch.manual_seed(seed)
+        network = PillarNetwork(len(CLASSES[family])).to(device)
+    optimiser = torch.optim.AdamW(network.parameters(), RATE, weight_decay=DECAY)
+    step, mean_loss = 0, float("nan")
+    if checkpoint.path.exists():
+        state = checkpoint.load()
+        network.load_state_dict(state["network"])
+        optimiser.load_state_dict(state["optimiser"])
+        step, mean_loss = state["step"], state["loss"]
+        if step > steps:
+            raise LidcamError(f"{checkpoint.path}: has {step} steps behind it: expected --steps of so many or more")
+    saved_s = time.monotonic()
+    with closing(_batches(family, seed, step, steps, workers)) as batches:
+        for batch in batches:
+            loss = _learn(network, optimiser, batch, step, steps, device)
+            step += 1
+            mean_loss = loss if step == 1 else MOMENTUM * mean_loss + (1 - MOMENTUM) * loss
+            if step == steps or time.monotonic() - saved_s >= every_s:
+                checkpoint.save(network, optimiser, step, mean_loss)
+                saved_s = time.monotonic()
+            told(step, mean_loss)
+    return network
+
+
+def _batches(family: Family, seed: int, step: int, steps: int, workers: int) -> Generator[list[Scene]]:
+    """Those of the steps from one on."""
+    of_a_round = SCENES_OF_A_ROUND // BATCH
+    first, last = step // of_a_round, -(-steps // of_a_round)
+    with closing(rounds(family, seed, first, last, workers)) as made:
+        all_batches = (found[row : row + BATCH] for found in made for row in range(0, SCENES_OF_A_ROUND, BATCH))
+        yield from islice(all_batches, step - first * of_a_round, steps - first * of_a_round)
+
+
+def _learn(
+    network: PillarNetwork,
+    optimiser: torch.optim.Optimizer,
+    batch: list[Scene],
+    step: int,
+    steps: int,
+    device: torch.device,
+) -> float:
+    """One step; its loss."""
+    rate = RATE * min((step + 1) / WARM_STEPS, 1.0) * (0.5 + 0.5 * float(np.cos(np.pi * step / max(steps, 1))))
+    for group in optimiser.param_groups:
+        group["lr"] = rate
+    network.train()
+    optimiser.zero_grad()
+    loss = _loss(network, batch, device)
+    loss.backward()  # type: ignore[no-untyped-call]
+    nn.utils.clip_grad_norm_(network.parameters(), MAX_GRADIENT)
+    optimiser.step()
+    return float(loss.detach())
+
+
+def _loss(network: PillarNetwork, batch: list[Scene], device: torch.device) -> Tensor:
+    """Focal loss of the centres (Zhou, Wang, Kraehenbuehl, "Objects as points", 2019), and L1 of the boxes."""
+    targets = [scene.targets for scene in batch]
+    classes, side = targets[0].heat.shape[0], targets[0].heat.shape[1]
+    cells = 2 * side
+    pillar = np.concatenate([scene.pillar + row * cells * cells for row, scene in enumerate(batch)])
+    features = np.concatenate([scene.features for scene in batch])
+    output = network(_on(features, device), _on(pillar, device), len(batch), cells)
+    heat, odds = _on(np.stack([one.heat for one in targets]), device), output[:, :classes]
+    log_is, log_not = nn.functional.logsigmoid(odds), nn.functional.logsigmoid(-odds)
+    is_center = heat == 1
+    at_center = torch.where(is_center, log_not.exp() ** 2 * log_is, torch.zeros_like(odds)).sum()
+    beside = torch.where(is_center, torch.zeros_like(odds), (1 - heat) ** 4 * log_is.exp() ** 2 * log_not).sum()
+    count = is_center.sum().clamp(min=1)
+    place = np.concatenate([one.cells + row * side * side for row, one in enumerate(targets)])
+    numbers = output[:, classes:].permute(0, 2, 3, 1).reshape(-1, output.shape[1] - classes)[_on(place, device)]
+    weights = _on(np.concatenate([one.weights for one in targets]), device)
+    away = (numbers - _on(np.concatenate([one.numbers for one in targets]), device)).abs().sum(1)
+    return cast(Tensor, -(at_center + beside) / count + (weights * away).sum() / weights.sum().clamp(min=1))
+
+
+def _on(array: Any, device: torch.device) -> Tensor:
+    return torch.from_numpy(array).to(device)

@@ -1,0 +1,148 @@
+"""What a network does in worlds that it was not trained on: its scores made probabilities, its errors, its figures."""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize
+
+from bags.simulator.worlds.draw import Family
+from bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD
+from lidcam.training.card import average_precision, calibration_error
+from lidcam.training.pillars.scenes import CLASSES, GRIDS, MIN_POINTS, TrueBoxes, scene
+from pipeline.core.arrays import F64, I64, Bools
+from pipeline.core.geometry.boxes import wrap_angle
+from pipeline.core.geometry.overlaps import without_overlaps
+from pipeline.core.geometry.rotated_iou import BoxArrays
+from pipeline.detectors.pillars.decoding import Found
+from pipeline.detectors.pillars.network import FoundClass, PillarNetwork
+
+__all__ = ["Judged", "calibration", "figures", "joined", "judged", "with_errors"]
+
+SWEEPS_OF_A_WORLD = 4
+LEAST_LOG_ODDS = -4.0
+
+GATES_M = {"car": 2.0, "pedestrian": 0.6, "cyclist": 0.9, "truck": 2.5, "bus": 2.5}
+SANDBOX_GATE_M = 0.15
+"""A box is right if an object of its class that is no other box's is nearer than this."""
+
+PRIOR = 1e-3
+"""Weight of the calibration that changes nothing: a class of few examples stays near it."""
+
+
+class Judged(NamedTuple):
+    """The boxes of all sweeps, and how many objects they should find.
+
+    Attributes:
+        log_odds: (N,)
+        classes: (N,) rows of `CLASSES`.
+        is_right: (N,)
+        errors: (N, 3) of x, y and heading of right ones, metres and radians; else NaN.
+        objects: (C,) objects of `MIN_POINTS` points and more within the grid.
+    """
+
+    log_odds: F64
+    classes: I64
+    is_right: Bools
+    errors: F64
+    objects: I64
+
+
+def judged(network: PillarNetwork, family: Family, worlds: range) -> Iterator[Judged]:
+    """The boxes that a network finds in each of some worlds."""
+    step = SWEEPS_PER_WORLD // SWEEPS_OF_A_WORLD
+    for world in worlds:
+        parts = []
+        for seed in range(world * SWEEPS_PER_WORLD, (world + 1) * SWEEPS_PER_WORLD, step):
+            position, true = scene(family, seed)
+            parts.append(_judged_sweep(family, network(position, LEAST_LOG_ODDS), true))
+        yield joined(parts)
+
+
+def joined(parts: Sequence[Judged]) -> Judged:
+    """All boxes of all parts, of which there is one."""
+    *columns, objects = zip(*parts, strict=True)
+    return Judged._make([*(np.concatenate(one) for one in columns), np.sum(objects, axis=0)])
+
+
+def _judged_sweep(family: Family, found: Found, true: TrueBoxes) -> Judged:
+    kept = without_overlaps(BoxArrays(found.centers, found.sizes, found.yaws))
+    found = Found._make(one[kept] for one in found)
+    half_m, names = GRIDS[family].half_m, CLASSES[family]
+    inside = (np.abs(true.centers[:, :2]) < half_m).all(1)
+    true = TrueBoxes._make(one[inside] for one in true)
+    gates_m = np.array([SANDBOX_GATE_M if family == "sandbox" else GATES_M[name] for name in names])
+    away_m = np.linalg.norm(found.centers[:, None, :2] - true.centers[:, :2], axis=2)
+    away_m[(found.classes[:, None] != true.classes) | (away_m > gates_m[true.classes])] = np.inf
+    own = np.full(len(found.classes), -1)
+    for box in range(len(own)):  # likelier ones first
+        if np.isfinite(away_m[box]).any():
+            own[box] = away_m[box].argmin()
+            away_m[:, own[box]] = np.inf
+    sure = np.append(true.points >= MIN_POINTS, True)
+    is_right = own >= 0
+    off = np.full((len(own), 3), np.nan)
+    off[is_right, :2] = found.centers[is_right, :2] - true.centers[own[is_right], :2]
+    off[is_right, 2] = wrap_angle(found.yaws[is_right] - true.yaws[own[is_right]])
+    counted = sure[own]
+    objects = np.bincount(true.classes[sure[:-1]], minlength=len(names))
+    return Judged(found.log_odds[counted], found.classes[counted], is_right[counted], off[counted], objects)
+
+
+def calibration(found: Judged) -> F64:
+    """(C, 2) factor and sum that make log odds of each class those of a box being right (Platt, 1999)."""
+    answer = []
+    for name in range(len(found.objects)):
+        rows = found.classes == name
+        odds, sign = found.log_odds[rows], np.where(found.is_right[rows], -1.0, 1.0)
+
+        def loss(values: F64, odds: F64 = odds, sign: F64 = sign) -> float:
+            wrong = np.logaddexp(0, sign * (np.exp(values[0]) * odds + values[1]))
+            return float(wrong.sum() / max(len(odds), 1) + PRIOR * (values**2).sum())
+
+        log_factor, offset = minimize(loss, np.zeros(2)).x
+        answer.append((np.exp(log_factor), offset))
+    return np.array(answer)
+
+
+def with_errors(classes: Sequence[str], found: Judged) -> tuple[FoundClass, ...]:
+    """Classes with the standard deviations of right boxes; headings may be turned round."""
+    made = []
+    for row, name in enumerate(classes):
+        errors = found.errors[(found.classes == row) & found.is_right]
+        if len(errors) < 2:
+            made.append(FoundClass(name=name))
+            continue
+        sigma_m = float(np.sqrt((errors[:, :2] ** 2).mean()))
+        sigma_rad = float(np.sqrt((_not_turned(errors[:, 2]) ** 2).mean()))
+        made.append(FoundClass(name=name, sigma_m=round(sigma_m, 4), sigma_rad=round(sigma_rad, 4)))
+    return tuple(made)
+
+
+def _not_turned(yaw_errors: F64) -> F64:
+    return np.asarray((yaw_errors + np.pi / 2) % np.pi - np.pi / 2)
+
+
+def figures(classes: Sequence[str], found: Judged) -> str:
+    """A table in Markdown of each class, of boxes whose scores are calibrated."""
+    lines = [
+        "| class | objects | found | false | AP | ECE | position | heading | turned |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for row, name in enumerate(classes):
+        rows = found.classes == row
+        score, is_right = 1 / (1 + np.exp(-found.log_odds[rows])), found.is_right[rows]
+        taken, objects = score >= 0.5, int(found.objects[row])
+        found_share = is_right.sum() / max(objects, 1)
+        precision = average_precision(score, is_right) * found_share if found_share else 0.0
+        errors = found.errors[rows][taken & is_right]
+        cells = [f"{objects}", f"{(taken & is_right).sum()}", f"{(taken & ~is_right).sum()}", f"{precision:.3f}"]
+        cells.append(f"{calibration_error(score, is_right, np.ones(len(score))):.3f}")
+        if len(errors):
+            cells.append(f"{np.median(np.hypot(errors[:, 0], errors[:, 1])):.3f} m")
+            cells.append(f"{np.rad2deg(np.median(np.abs(_not_turned(errors[:, 2])))):.1f} deg")
+            cells.append(f"{(np.abs(errors[:, 2]) > np.pi / 2).mean():.0%}")
+        else:
+            cells += ["--"] * 3
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    return "\n".join(lines)

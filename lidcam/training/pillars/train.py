@@ -1,0 +1,98 @@
+"""Training of a network in pillars, from worlds to an ONNX file and its card."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from lidcam.training.pillars import network as torch_network
+from lidcam.training.pillars.fit import BATCH, CHECKPOINT_EVERY_S, Checkpoint, fitted
+from lidcam.training.pillars.judging import Judged, calibration, figures, joined, judged, with_errors
+from lidcam.training.pillars.onnx_file import onnx_bytes
+from lidcam.training.pillars.scenes import CLASSES, GRIDS, MIN_POINTS, SCENES_OF_A_ROUND, WORLDS_OF_A_ROUND
+from pipeline.core.arrays import F64
+from pipeline.detectors.pillars.network import FoundClass, PillarNetwork, PillarSpecs
+
+__all__ = ["train_pillars"]
+
+HELD_OUT = 1_000_000
+"""Worlds from this number on, added to the seed, are not trained on: some calibrate the network, others judge it."""
+
+MAX_HELD_OUT = 80
+
+FITTING = 0.98
+"""Share of the time that the steps take."""
+
+Told = Callable[[float, str], object]
+"""Called with the share that is done, and what to say beside."""
+
+
+def train_pillars(
+    checkpoint: Checkpoint, out: Path, steps: int, *, workers: int, told: Told, every_s: float = CHECKPOINT_EVERY_S
+) -> str:
+    """Train a network, or go on from its checkpoint, and write it as an ONNX file; its card in Markdown.
+
+    Args:
+        checkpoint: Where the state of the training is, its worlds and their first number.
+        out: File to write.
+        steps: Number of steps in all.
+        workers: Processes that make scenes.
+        told: Told of progress.
+        every_s: Wall time between checkpoints.
+
+    Raises:
+        LidcamError: the checkpoint cannot be used.
+        OutputError: it cannot be written.
+    """
+    family, seed = checkpoint.family, checkpoint.seed
+
+    def learning(step: int, loss: float) -> None:
+        told(FITTING * step / steps, f"step {step} of {steps}, loss {loss:.3f}")
+
+    network = fitted(checkpoint, steps, workers=workers, told=learning, every_s=every_s)
+    half = min(max(steps // 100, 1), MAX_HELD_OUT // 2)
+
+    def seen(first: int) -> Iterator[Judged]:
+        for row, one in enumerate(judged(PillarNetwork(out), family, range(first, first + half))):
+            done = (first > HELD_OUT + seed) * half + row + 1
+            told(FITTING + (1 - FITTING) * done / (2 * half), f"held-out world {done} of {2 * half}")
+            yield one
+
+    specs = PillarSpecs(classes=tuple(FoundClass(name=name) for name in CLASSES[family]), grid=GRIDS[family])
+    out.write_bytes(onnx_bytes(network, specs))
+    found = joined([*seen(HELD_OUT + seed)])
+    _calibrate(network, calibration(found))
+    specs = specs.model_copy(update={"classes": with_errors(CLASSES[family], found)})
+    out.write_bytes(onnx_bytes(network, specs))
+    return _card(checkpoint, steps, half, figures(CLASSES[family], joined([*seen(HELD_OUT + seed + half)])))
+
+
+def _calibrate(network: torch_network.PillarNetwork, by_class: F64) -> None:
+    """Change the last layer so that the log odds of each class are multiplied and raised, (C, 2)."""
+    factor, offset = torch.from_numpy(by_class.T.astype(np.float32))
+    last, classes = network.cpu().last, slice(len(by_class))
+    with torch.no_grad():
+        last.weight[classes] *= factor[:, None, None, None]
+        network.last_bias[classes] = network.last_bias[classes] * factor + offset
+
+
+def _card(checkpoint: Checkpoint, steps: int, half: int, table: str) -> str:
+    worlds = -(-steps * BATCH // SCENES_OF_A_ROUND) * WORLDS_OF_A_ROUND
+    family, seed = checkpoint.family, checkpoint.seed
+    return f"""# A 3D network in pillars
+
+    lidcam train pillars --family {family} --steps {steps} --seed {seed} --out FILE.onnx
+
+made this network from {steps * BATCH} sweeps of {worlds} drawn worlds, and no
+recording. Of {2 * half} other worlds, half made its scores probabilities. In the other
+half, of objects of {MIN_POINTS} points and more within the grid:
+
+{table}
+
+Found and false: boxes of a probability of 0.5 and more. AP: average precision.
+ECE: calibration error of boxes from 0.05 on. Position and heading: medians of
+those found, front and rear taken for the same; turned: the share turned round.
+
+    lidcam-process drive.mcap out.mcap --model-3d FILE.onnx
+"""

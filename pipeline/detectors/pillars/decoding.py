@@ -1,0 +1,68 @@
+"""What the numbers of a network's output mean: boxes where the log odds of a class have a peak."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pipeline.core.arrays import F32, F64, I64
+from pipeline.detectors.pillars.grid import STRIDE, Grid
+
+__all__ = ["BOX_NUMBERS", "Found", "box_numbers", "boxes_of", "output_cells"]
+
+BOX_NUMBERS = 8
+"""Of each cell after the classes: place of the centre along x and y from the middle of the cell, in cells; its height
+above the ground, metres; logarithms of length, width and height, metres; sine and cosine of the heading."""
+
+MAX_BOXES = 300
+MAX_LOG_M = 4.0
+
+
+class Found(NamedTuple):
+    """N boxes from the middle of the grid.
+
+    Attributes:
+        centers: (N, 3) x, y, and height of the middle above the ground, metres.
+        sizes: (N, 3) length, width, height, metres.
+        yaws: (N,) headings, radians.
+        log_odds: (N,) of the class.
+        classes: (N,) rows of the network's classes.
+    """
+
+    centers: F64
+    sizes: F64
+    yaws: F64
+    log_odds: F64
+    classes: I64
+
+
+def box_numbers(centers: F64, sizes: F64, yaws: F64, cell_xy: F64, grid: Grid) -> F64:
+    """(N, 8) `BOX_NUMBERS` of boxes, as of `Found`, for output cells (N, 2) column and row."""
+    place = (centers[:, :2] + grid.half_m) / (STRIDE * grid.cell_m) - 0.5
+    return np.column_stack([place - cell_xy, centers[:, 2], np.log(sizes), np.sin(yaws), np.cos(yaws)])
+
+
+def output_cells(centers: F64, grid: Grid) -> F64:
+    """(N, 2) column and row of the output cells of boxes' centres (N, 3), whole numbers."""
+    return np.floor((centers[:, :2] + grid.half_m) / (STRIDE * grid.cell_m))
+
+
+def boxes_of(output: F32, grid: Grid, least_log_odds: float) -> Found:
+    """The boxes of peaks, likelier ones first; the order of boxes that are equally likely follows their cells.
+
+    Args:
+        output: (C + 8, H, W) of a network.
+        grid: Its grid.
+        least_log_odds: Peaks below are left out.
+    """
+    odds, numbers = output[:-BOX_NUMBERS], output[-BOX_NUMBERS:]
+    around = np.pad(odds, ((0, 0), (1, 1), (1, 1)), constant_values=-np.inf)
+    rows = np.maximum(np.maximum(around[:, :-2], around[:, 1:-1]), around[:, 2:])
+    highest = np.maximum(np.maximum(rows[:, :, :-2], rows[:, :, 1:-1]), rows[:, :, 2:])
+    at = np.nonzero((odds >= highest) & (odds >= least_log_odds))
+    order = np.argsort(-odds[at], kind="stable")[:MAX_BOXES]
+    classes, row, column = (one[order] for one in at)
+    dx, dy, height_m, *log_sizes, sine, cosine = numbers[:, row, column].astype(np.float64)
+    place = np.column_stack([column + 0.5 + dx, row + 0.5 + dy]) * (STRIDE * grid.cell_m) - grid.half_m
+    sizes = np.exp(np.clip(np.column_stack(log_sizes), -MAX_LOG_M, MAX_LOG_M))
+    log_odds = odds[classes, row, column].astype(np.float64)
+    return Found(np.column_stack([place, height_m]), sizes, np.arctan2(sine, cosine), log_odds, classes)

@@ -1,0 +1,81 @@
+"""The engine: points above the ground to proposed boxes, by a network in pillars."""
+
+import numpy as np
+
+from pipeline.core.arrays import F64
+from pipeline.core.clouds import CombinedCloud
+from pipeline.core.errors import ModelError
+from pipeline.core.geometry.regions import points_in_footprints
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
+from pipeline.detectors.cluster.fitting import BoxFitter
+from pipeline.detectors.pillars.network import PillarNetwork
+from pipeline.detectors.protocols import Candidates3D
+
+__all__ = ["PillarDetector", "PillarPoints"]
+
+LEAST = 0.02
+"""Boxes that are less probable are never proposed."""
+
+
+class PillarPoints:
+    """The points of a frame as a network takes them."""
+
+    def __init__(self, rig: Rig, config: Config) -> None:
+        self._fitter = BoxFitter(rig, config.classes, config.detect3d.cluster)
+        origins = np.array([lidar.T_site_lidar.translation[:2] for lidar in rig.lidars]).reshape(-1, 2)
+        self.middle_xy: F64 = origins.mean(0) if len(origins) else np.zeros(2)
+
+    def __call__(self, combined: CombinedCloud) -> F64:
+        """(N, 3) x and y from the middle of the lidars, and height above the ground, metres."""
+        points = self._fitter.above_ground(combined, np.arange(len(combined.detection_cloud)), -np.inf)
+        return np.asarray(points.position - np.append(self.middle_xy, 0.0))
+
+    def ground_m(self, combined: CombinedCloud, xy: F64) -> F64:
+        """(N,) height of the ground in the site frame at places (N, 2) from the middle."""
+        return self._fitter.ground_m(combined, xy + self.middle_xy)
+
+
+class PillarDetector:
+    """Proposes the boxes that a network finds. It tells front from rear."""
+
+    def __init__(self, rig: Rig, config: Config) -> None:
+        """Load the network.
+
+        Raises:
+            ModelError: there is none, it cannot be loaded, or none of its classes is configured.
+        """
+        path = config.detect3d.model
+        if path is None:
+            raise ModelError("detect3d.method pillars needs a network: give --model-3d FILE.onnx or set detect3d.model")
+        self._network, self._points = PillarNetwork(path), PillarPoints(rig, config)
+        found = self._network.specs.classes
+        self._class_ids = np.array([config.class_id_of_label.get(one.name.lower(), -1) for one in found])
+        if (self._class_ids < 0).all():
+            names = ", ".join(one.name for one in found)
+            raise ModelError(f"{path}: finds {names}; expected one that is a class or a label of a class in `classes`")
+        variances = [(one.sigma_m**2, one.sigma_m**2, one.sigma_rad**2) for one in found]
+        self._covariances = np.array([np.diag(one) for one in variances])
+
+    def __call__(self, combined: CombinedCloud) -> Candidates3D:
+        """Boxes with a point or more in them, or within half a pillar beside: a box may be a little too small."""
+        found = self._network(self._points(combined), float(np.log(LEAST / (1 - LEAST))))
+        centers = found.centers.copy()
+        centers[:, :2] += self._points.middle_xy
+        centers[:, 2] += self._points.ground_m(combined, found.centers[:, :2])
+        cloud, count = combined.detection_cloud, len(centers)
+        footprints = found.sizes[:, :2] + self._network.specs.grid.cell_m
+        rows, box = points_in_footprints(cloud.xyz, centers[:, :2], footprints, found.yaws)
+        points = np.bincount(box, minlength=count)
+        total_ns = np.bincount(box, cloud.time_offset_ns[rows], minlength=count)
+        kept = np.flatnonzero(points)
+        return Candidates3D(
+            centers[kept],
+            found.sizes[kept],
+            found.yaws[kept],
+            1 / (1 + np.exp(-found.log_odds[kept])),
+            self._class_ids[found.classes[kept]],
+            points[kept],
+            self._covariances[found.classes[kept]],
+            np.rint(total_ns[kept] / points[kept]).astype(np.int64),
+        )

@@ -1,0 +1,74 @@
+"""Pillars: the cells of a grid over the ground, and what a network is told of the points above each.
+
+After Lang et al., "PointPillars: Fast encoders for object detection from point clouds", CVPR 2019. Intensities are left
+out: they differ between lidars, and those of the simulator are not those of any.
+"""
+
+import numpy as np
+
+from pipeline.core.arrays import F32, F64, I64
+from pipeline.core.settings.model import Count, Positive, SettingsModel
+
+__all__ = ["FEATURES", "STRIDE", "Grid", "pillars"]
+
+FEATURES = ("height", "dx_mean", "dy_mean", "dheight_mean", "dx_cell", "dy_cell", "log_points", "distance")
+"""What is known of each point: its height above the ground, where it is from the mean of the points of its pillar and
+from the middle of the pillar, the logarithm of their number, and how far it is from the middle of the grid."""
+
+STRIDE = 2
+"""Pillars along x and y for each cell of the network's output."""
+
+STEP_M = 2.0**-14
+"""Coordinates are rounded to it, so that sums of them are exact, and the same for any order of the points."""
+
+
+class Grid(SettingsModel):
+    """A square of pillars around the lidars.
+
+    Attributes:
+        cell_m: Side of a pillar, metres.
+        cells: Pillars along x and along y, a multiple of 8.
+        low_m: Points lower than this above the ground are left out.
+        high_m: Points at least as high are left out.
+    """
+
+    cell_m: Positive
+    cells: Count
+    low_m: float
+    high_m: float
+
+    @property
+    def half_m(self) -> float:
+        """Half of its side."""
+        return self.cell_m * self.cells / 2
+
+
+def pillars(position: F64, grid: Grid) -> tuple[F32, I64]:
+    """What a network is told of the points within the grid.
+
+    Args:
+        position: (N, 3) x and y from the middle of the grid, and height above the ground, metres.
+        grid: The grid.
+
+    Returns:
+        (P, 8) float32 `FEATURES` in units of cells (height: metres; distance: half sides), and (P,) the pillar of each
+        of these points: its row along y, times the number of columns, plus its column along x.
+    """
+    position = np.rint(position / STEP_M) * STEP_M
+    place = (position[:, :2] + grid.half_m) / grid.cell_m
+    column_row = np.floor(place)
+    inside = ((column_row >= 0) & (column_row < grid.cells)).all(1)
+    inside &= (position[:, 2] >= grid.low_m) & (position[:, 2] < grid.high_m)
+    position, place, column_row = position[inside], place[inside], column_row[inside]
+    cell = (column_row[:, 1] * grid.cells + column_row[:, 0]).astype(np.int64)
+    count = np.bincount(cell, minlength=1)
+    sums = np.column_stack([np.bincount(cell, part, minlength=1) for part in position.T])
+    from_mean = position - (sums / np.maximum(count, 1)[:, None])[cell]
+    features = np.empty((len(cell), len(FEATURES)), np.float32)
+    features[:, 0] = position[:, 2]
+    features[:, 1:3] = from_mean[:, :2] / grid.cell_m
+    features[:, 3] = from_mean[:, 2]
+    features[:, 4:6] = place - column_row - 0.5
+    features[:, 6] = np.log(np.maximum(count, 1))[cell]
+    features[:, 7] = np.hypot(position[:, 0], position[:, 1]) / grid.half_m
+    return features, cell

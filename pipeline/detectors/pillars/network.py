@@ -1,0 +1,105 @@
+"""Networks in pillars from ONNX files, as `lidcam train pillars` writes them."""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from pipeline.core.arrays import F64
+from pipeline.core.errors import ModelError
+from pipeline.core.settings.model import Label, NotNegative, SettingsModel
+from pipeline.core.text import one_line
+from pipeline.detectors.onnx.session import OnnxSession
+from pipeline.detectors.pillars.decoding import BOX_NUMBERS, Found, boxes_of
+from pipeline.detectors.pillars.grid import FEATURES, STRIDE, Grid, pillars
+
+__all__ = ["INPUTS", "KEY", "FoundClass", "PillarNetwork", "PillarSpecs"]
+
+KEY = "lidcam.pillars"
+"""Under this name the metadata of a file holds its `PillarSpecs`."""
+
+INPUTS = "features", "pillar"
+"""(P, F) float32 and (P, 1) int64, see `pillars`; the output is (1, C + 8, H, W) float32, see `boxes_of`."""
+
+MAX_CELLS = 2048
+
+
+class FoundClass(SettingsModel):
+    """A class that a network finds.
+
+    Attributes:
+        name: Its name.
+        sigma_m: Standard deviation of its place along x and along y, metres.
+        sigma_rad: Standard deviation of its heading.
+    """
+
+    name: Label
+    sigma_m: NotNegative = 0.3
+    sigma_rad: NotNegative = 0.3
+
+
+class PillarSpecs(SettingsModel):
+    """What a file says of its network.
+
+    Attributes:
+        classes: Of its output, in order.
+        features: Of its points, in order.
+        grid: Its grid.
+    """
+
+    classes: Annotated[tuple[FoundClass, ...], Field(min_length=1)]
+    features: tuple[str, ...] = FEATURES
+    grid: Grid
+
+
+class PillarNetwork:
+    """A loaded network; the same boxes for the same points, in any order of these."""
+
+    def __init__(self, path: Path) -> None:
+        """Load a file.
+
+        Raises:
+            ModelError: it cannot be loaded, or says nothing of its pillars.
+        """
+        self._path = path
+        self._session = OnnxSession(path, threads=1, provider="cpu")
+        self.specs = self._read_specs()
+
+    def _read_specs(self) -> PillarSpecs:
+        expected = f"{self._path}: expected a 3D network that `lidcam train pillars` wrote"
+        if KEY not in self._session.metadata:
+            raise ModelError(f"{expected}, found none of its metadata ({KEY}) in the file")
+        try:
+            specs = PillarSpecs.model_validate_json(self._session.metadata[KEY])
+        except ValidationError as err:
+            first = err.errors()[0]
+            place = ".".join(map(str, first["loc"]))
+            raise ModelError(f"{expected}, found metadata with a fault: {place}: {one_line(first['msg'])}") from err
+        if specs.features != FEATURES or specs.grid.cells % 8 or specs.grid.cells > MAX_CELLS:
+            raise ModelError(f"{expected} in this version, found other features or another grid: train it anew")
+        inputs = [(name, kind) for name, _, kind in self._session.inputs]
+        if inputs != [("features", "tensor(float)"), ("pillar", "tensor(int64)")] or len(self._session.outputs) != 1:
+            raise ModelError(f"{expected}, found other inputs or outputs")
+        return specs
+
+    def __call__(self, position: F64, least_log_odds: float) -> Found:
+        """The boxes around points.
+
+        Args:
+            position: (N, 3) x and y from the middle of the grid, and height above the ground, metres.
+            least_log_odds: Less likely ones are left out.
+
+        Raises:
+            ModelError: the network fails.
+        """
+        grid = self.specs.grid
+        features, pillar = pillars(position, grid)
+        side = grid.cells // STRIDE
+        shape = (1, len(self.specs.classes) + BOX_NUMBERS, side, side)
+        if not len(pillar):
+            return boxes_of(np.full(shape[1:], -np.inf, np.float32), grid, least_log_odds)
+        (output,) = self._session.run(dict(zip(INPUTS, (features, pillar[:, None]), strict=True)), 1)
+        if output.shape != shape or output.dtype != np.float32 or not np.isfinite(output).all():
+            raise ModelError(f"{self._path}: expected finite numbers {shape}, found {output.dtype} {output.shape}")
+        return boxes_of(output[0], grid, least_log_odds)

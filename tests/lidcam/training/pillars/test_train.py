@@ -1,0 +1,164 @@
+"""`lidcam train pillars`: a few steps of it, which teach nothing and show that all of it works."""
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="needs the extra train")
+
+import lidcam  # noqa: E402
+from bags.simulator.worlds.draw import random_numbers_of  # noqa: E402
+from lidcam.training.pillars import fit  # noqa: E402
+from lidcam.training.pillars import network as torch_network  # noqa: E402
+from lidcam.training.pillars.fit import Checkpoint, fitted  # noqa: E402
+from lidcam.training.pillars.judging import Judged, calibration, figures  # noqa: E402
+from lidcam.training.pillars.onnx_file import onnx_bytes  # noqa: E402
+from lidcam.training.pillars.scenes import CLASSES, GRIDS, SCENES_OF_A_ROUND, Scene, Targets, TrueBoxes, targets_of  # noqa: E402
+from pipeline.core.errors import LidcamError  # noqa: E402
+from pipeline.detectors.pillars.decoding import BOX_NUMBERS, boxes_of  # noqa: E402
+from pipeline.detectors.pillars.grid import FEATURES, pillars  # noqa: E402
+from pipeline.detectors.pillars.network import FoundClass, PillarNetwork, PillarSpecs  # noqa: E402
+
+SANDBOX = Path(__file__).resolve().parents[4] / "bags" / "sandbox.bag"
+
+
+def test_the_command(tmp_path: Path) -> None:
+    """Takes ten seconds: sweeps are made and learned from, and what is learned is used."""
+    train = ["train", "pillars", "--family", "sandbox", "--workers", "1", "--out", "mine.onnx", "--steps", "2"]
+    program = Path(sys.executable).with_name("lidcam")
+    done = subprocess.run([program, *train], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert {path.name for path in tmp_path.iterdir()} == {"mine.onnx", "mine.md", "mine.ckpt"}
+    assert done.stdout.rstrip() == (tmp_path / "mine.md").read_text(encoding="utf-8").rstrip()
+    assert "lidcam train pillars --family sandbox --steps 2 --seed 0 --out FILE.onnx" in done.stdout
+    assert max(map(len, done.stdout.splitlines())) <= 80
+    run = lidcam.process(SANDBOX, model_3d=tmp_path / "mine.onnx", duration_s=0.3, workers=1)
+    assert (run.report.sensors.box_source_3d, run.report.frames.count > 1) == ("pillars", True)
+
+
+class KilledError(Exception):
+    pass
+
+
+def kill_at(step: int) -> Callable[[int, float], None]:
+    def told(done: int, _: float) -> None:
+        if done == step:
+            raise KilledError
+
+    return told
+
+
+def scenes_of_a_round(row: int) -> list[Scene]:
+    draw, scenes = np.random.default_rng(row), []
+    for _ in range(SCENES_OF_A_ROUND):
+        features = draw.standard_normal((30, len(FEATURES)), np.float32)
+        heat = (draw.random((1, 16, 16)) > 0.95).astype(np.float32)
+        cells = draw.permutation(256)[:5]
+        numbers, weights = draw.standard_normal((5, BOX_NUMBERS), np.float32), draw.random(5, np.float32)
+        scenes.append(Scene(features, draw.integers(0, 32 * 32, 30), Targets(heat, cells, numbers, weights)))
+    return scenes
+
+
+def test_a_training_that_was_killed_goes_on_to_the_same_weights(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Killed before the first checkpoint, within a round of worlds and at its end."""
+
+    def made(_family: str, _seed: int, first: int, last: int, _workers: int) -> Iterator[list[Scene]]:
+        yield from map(scenes_of_a_round, range(first, last))
+
+    monkeypatch.setattr(fit, "rounds", made)
+    at_once = fitted(Checkpoint(tmp_path / "a", "sandbox", 3), 20, workers=1, told=kill_at(0))
+    checkpoint = Checkpoint(tmp_path / "b", "sandbox", 3)
+    for step, every_s in ((2, 1e9), (5, 0), (8, 0)):
+        with pytest.raises(KilledError):
+            fitted(checkpoint, 20, workers=1, told=kill_at(step), every_s=every_s)
+        assert checkpoint.path.exists() == (every_s == 0)
+    parts = fitted(checkpoint, 20, workers=1, told=kill_at(0))
+    assert all(torch.equal(one, parts.state_dict()[name]) for name, one in at_once.state_dict().items())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b"]
+
+
+@pytest.mark.parametrize(
+    ("content", "family", "steps", "message"),
+    [
+        (b"", "sandbox", 9, "expected the state of a training of --family sandbox --seed 0, found"),
+        (b"torch", "sandbox", 9, "expected the state of a training"),
+        (
+            None,
+            "road",
+            9,
+            "expected the state of a training of --family road --seed 0, found --family sandbox --seed 0",
+        ),
+        (None, "sandbox", 6, "has 7 steps behind it: expected --steps of so many or more"),
+    ],
+)
+def test_a_checkpoint_that_cannot_be_used(
+    tmp_path: Path, content: bytes | None, family: str, steps: int, message: str
+) -> None:
+    path = tmp_path / "mine.ckpt"
+    if content is None:
+        network = torch_network.PillarNetwork(1)
+        Checkpoint(path, "sandbox", 0).save(network, torch.optim.AdamW(network.parameters()), 7, 1.0)
+    else:
+        path.write_bytes(content)
+    with pytest.raises(LidcamError, match=message):
+        fitted(Checkpoint(path, family, 0), steps, workers=1, told=kill_at(0))  # type: ignore[arg-type]
+
+
+def test_the_file_gives_what_the_network_gives(tmp_path: Path) -> None:
+    """onnxruntime against PyTorch; the order of points does not matter."""
+    torch.manual_seed(0)
+    network, grid, draw = torch_network.PillarNetwork(5), GRIDS["road"], np.random.default_rng(0)
+    for part in network.modules():
+        if isinstance(part, (torch.nn.BatchNorm1d, torch.nn.BatchNorm2d)):  # as if it had learned
+            part.running_mean.uniform_(-0.3, 0.3), part.running_var.uniform_(0.5, 2.0)
+            torch.nn.init.uniform_(part.weight, 0.5, 1.5), torch.nn.init.uniform_(part.bias, -0.3, 0.3)
+    specs = PillarSpecs(classes=tuple(FoundClass(name=name) for name in CLASSES["road"]), grid=grid)
+    path = tmp_path / "net.onnx"
+    path.write_bytes(onnx_bytes(network, specs))
+    position = draw.uniform((-50, -50, 0), (50, 50, 5), (20_000, 3))
+    features, pillar = pillars(position, grid)
+    with torch.no_grad():
+        output = network(torch.from_numpy(features), torch.from_numpy(pillar), 1, grid.cells)[0].numpy()
+    threshold = float(np.quantile(output[:-BOX_NUMBERS], 0.999))
+    expected, found = boxes_of(output, grid, threshold), PillarNetwork(path)(position, threshold)
+    assert len(expected.yaws) > 20
+    for one, other in zip(expected, found, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-4)
+    for one, other in zip(found, PillarNetwork(path)(draw.permutation(position), threshold), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_targets_say_what_boxes_are_read() -> None:
+    """Of four objects: one beyond the grid, one of too few points."""
+    grid = GRIDS["road"]
+    centers = np.array([[5.0, -7.0, 0.8], [-20.3, 11.0, 0.9], [99.0, 0.0, 0.8], [0.0, 0.0, 0.8]])
+    sizes, yaws = np.array([[4.0, 1.7, 1.5], [0.6, 0.5, 1.8], [4.0, 1.7, 1.5], [4.0, 1.7, 1.5]]), np.arange(4.0)
+    true = TrueBoxes(centers, sizes, yaws, np.array([0, 1, 0, 0]), np.array([50, 9, 50, 2]))
+    targets = targets_of(true, grid, 5)
+    assert (targets.heat == 1).sum((1, 2)).tolist() == [1, 1, 0, 0, 0]
+    output = np.zeros((5 + BOX_NUMBERS, *targets.heat.shape[1:]), np.float32)
+    output[:5] = targets.heat
+    output[5:].reshape(BOX_NUMBERS, -1)[:, targets.cells] = targets.numbers.T
+    found = boxes_of(output, grid, 0.95)
+    np.testing.assert_allclose(found.centers, centers[:2], atol=1e-5)
+    np.testing.assert_allclose(found.sizes, sizes[:2], rtol=1e-5)
+    np.testing.assert_allclose(found.yaws, yaws[:2], atol=1e-6)
+
+
+def test_scores_become_probabilities() -> None:
+    """Log odds that are half as large as they should be, and one too high; a class of no box stays as it is."""
+    draw, true_odds = random_numbers_of("road", 0), np.linspace(-5, 5, 4000)
+    is_right = draw.random(4000) < 1 / (1 + np.exp(-true_odds))
+    errors = np.where(is_right[:, None], 0.1, np.nan) * np.ones(3)
+    found = Judged(true_odds / 2 + 1, np.zeros(4000, np.int64), is_right, errors, np.array([is_right.sum(), 0]))
+    np.testing.assert_allclose(calibration(found), [[2, -2], [1, 0]], atol=0.25)
+    car, none = figures(("car", "bus"), found).splitlines()[2:]
+    assert car.startswith(f"| car | {is_right.sum()} | ")
+    assert car.endswith("| 0.141 m | 5.7 deg | 0% |")
+    assert none == "| bus | 0 | 0 | 0 | 0.000 | 0.000 | -- | -- | -- |"

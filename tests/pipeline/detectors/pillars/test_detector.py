@@ -1,0 +1,96 @@
+"""3D networks in pillars: what they are given, what is made of their output, and files that are none."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from lidar_scene import Box, combined, rig, scan, turned
+from pillar_files import GRID, numbers_of, write_pillars
+
+from pipeline.core.errors import ModelError
+from pipeline.core.settings.load import load_config
+from pipeline.detectors.pillars.grid import FEATURES, pillars
+from pipeline.stages.detect3d import Detect3D
+
+CAR: Box = (8.2, -3.1, 0.8, 4.2, 1.75, 1.5, 2.5)
+PERSON: Box = (5.0, 6.0, 0.9, 0.6, 0.6, 1.75, 0.0)
+EMPTY: Box = (-9.0, -9.0, 0.8, 4.2, 1.75, 1.5, 0.0)
+CLASSES: list[dict[str, Any]] = [{"name": "Pedestrian"}, {"name": "car", "sigma_m": 0.2, "sigma_rad": 0.1}]
+LIDAR = (0.0, 0.0, 1.8)
+
+
+def write(path: Path, **said: object) -> Path:
+    """A network that finds the car, the person less surely, something of which no point is seen, and a doubtful car."""
+    boxes = np.array([CAR, PERSON, EMPTY, (5.0, 9.0, *PERSON[2:])])
+    odds = np.array([2.0, 1.0, 3.0, -3.0])
+    numbers = numbers_of(boxes[:, :3], boxes[:, 3:6], boxes[:, 6], odds, [1, 0, 1, 1], 2)
+    return write_pillars(path, numbers, CLASSES, **said)
+
+
+def config(path: Path | None, *more: str) -> Any:
+    return load_config("road", (*(() if path is None else (f"detect3d.model={path}",)), *more))
+
+
+@pytest.mark.parametrize("lidar_xy", [(0.0, 0.0), (100.0, -40.0)])
+def test_boxes_stand_where_the_network_finds_them(tmp_path: Path, lidar_xy: tuple[float, float]) -> None:
+    points = turned(scan(LIDAR, [CAR, PERSON]), 0.0, lidar_xy)
+    detect = Detect3D(rig((*lidar_xy, LIDAR[2])), config(write(tmp_path / "net.onnx")))
+    boxes = detect(combined(points))
+    assert boxes.class_ids.tolist() == [0, 1]
+    np.testing.assert_allclose(boxes.centers - [*lidar_xy, 0], [CAR[:3], PERSON[:3]], atol=1e-5)
+    np.testing.assert_allclose(boxes.sizes, [CAR[3:6], PERSON[3:6]], rtol=1e-5)
+    np.testing.assert_allclose(boxes.yaws, [CAR[6], PERSON[6]], atol=1e-5)
+    np.testing.assert_allclose(boxes.scores, 1 / (1 + np.exp([-2.0, -1.0])), rtol=1e-5)
+    np.testing.assert_allclose(boxes.covariances[0], np.diag([0.04, 0.04, 0.01]))
+    assert (boxes.point_counts > 20).all()
+
+
+def test_nothing_is_found_where_nothing_is_seen(tmp_path: Path) -> None:
+    assert not len(Detect3D(rig(LIDAR), config(write(tmp_path / "net.onnx")))(combined(np.zeros((0, 3)))))
+
+
+@pytest.mark.parametrize(
+    ("said", "settings", "message"),
+    [
+        ({"metadata": None}, (), r"net\.onnx: expected a 3D network .*, found none of its metadata"),
+        ({"classes": []}, (), "found metadata with a fault: classes"),
+        ({"grid": {**GRID.model_dump(), "cell_m": -1}}, (), r"found metadata with a fault: grid\.cell_m"),
+        ({"grid": {**GRID.model_dump(), "cells": 63}}, (), "found other features or another grid: train it anew"),
+        ({"features": ["x"]}, (), "found other features or another grid: train it anew"),
+        ({"classes": [{"name": "tram"}, {"name": "dog"}]}, (), "finds tram, dog; expected one that is a class"),
+        ({"classes": [{"name": "car"}]}, (), r"numbers \(1, 9, 32, 32\), found float32 \(1, 10, 32, 32\)"),
+        (None, ("detect3d.method=pillars",), "give --model-3d FILE.onnx or set detect3d.model"),
+    ],
+)
+def test_what_a_file_lacks(
+    tmp_path: Path, said: dict[str, object] | None, settings: tuple[str, ...], message: str
+) -> None:
+    path = None if said is None else write(tmp_path / "net.onnx", **said)
+    with pytest.raises(ModelError, match=message):
+        Detect3D(rig(LIDAR), config(path, *settings))(combined(scan(LIDAR, [CAR])))
+
+
+def test_clusters_stay_where_they_are_asked_for(tmp_path: Path) -> None:
+    """As with any other network that is named and not wanted."""
+    settings = config(tmp_path / "none.onnx", "detect3d.method=cluster", "detect3d.score=geometric")
+    assert len(Detect3D(rig(LIDAR), settings)(combined(scan(LIDAR, [CAR])))) == 1
+
+
+def test_pillars_of_points() -> None:
+    """Two points in one pillar, one in the next row, and three beyond the grid; in any order."""
+    half = GRID.half_m
+    points = np.array(
+        [[0.1, 0.1, 1.0], [0.3, 0.1, 2.0], [0.1, 0.6, 1.0], [half, 0, 1.0], [0, 0, GRID.low_m - 0.01], [0, 0, 4.0]]
+    )
+    features, pillar = pillars(points, GRID)
+    assert features.dtype == np.float32
+    assert features.shape == (3, len(FEATURES))
+    assert pillar.tolist() == [32 * 64 + 32, 32 * 64 + 32, 33 * 64 + 32]
+    expected = [1.0, -0.2, 0.0, -0.5, -0.3, -0.3, np.log(2), np.hypot(0.1, 0.1) / half]
+    np.testing.assert_allclose(features[0], expected, atol=2e-4)
+    order = np.random.default_rng(0).permutation(len(points))
+    again, places = pillars(points[order], GRID)
+    rows = np.argsort(order[order < 3])
+    np.testing.assert_array_equal(again[rows], features)
+    np.testing.assert_array_equal(places[rows], pillar)

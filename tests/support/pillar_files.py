@@ -1,0 +1,41 @@
+"""3D networks for tests: ONNX files as `lidcam train pillars` writes them, whose output is the same for all points."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from onnx_files import FLOAT, _int, _ints, _node, _tensor, _value, write_model
+
+from pipeline.core.arrays import F32, F64
+from pipeline.detectors.pillars.decoding import BOX_NUMBERS, box_numbers, output_cells
+from pipeline.detectors.pillars.grid import FEATURES, STRIDE, Grid
+from pipeline.detectors.pillars.network import KEY
+
+GRID = Grid(cell_m=0.5, cells=64, low_m=0.2, high_m=4.0)
+INT64 = 7
+
+
+def numbers_of(centers: F64, sizes: F64, yaws: F64, log_odds: F64, rows: list[int], classes: int) -> F32:
+    """What a network gives that finds these boxes, places from the middle of `GRID`, and nothing else."""
+    side = GRID.cells // STRIDE
+    numbers = np.full((classes + BOX_NUMBERS, side, side), -9, np.float32)
+    at = output_cells(centers, GRID)
+    column, row = at.astype(int).T
+    numbers[classes:, row, column] = box_numbers(centers, sizes, yaws, at, GRID).T
+    numbers[rows, row, column] = log_odds
+    return numbers
+
+
+def write_pillars(path: Path, numbers: F32, found: list[dict[str, Any]], **said: object) -> Path:
+    """Write a network with this output; `said` replaces parts of its metadata, or leaves it out (`metadata=None`)."""
+    specs = {"classes": found, "grid": GRID.model_dump()} | said
+    nodes = [
+        _node("ReduceMean", ["features"], "mean", _ints("axes", [0, 1]), _int("keepdims", 0)),
+        _node("Sub", ["mean", "mean"], "nothing"),
+        _node("Add", ["numbers", "nothing"], "found"),
+    ]
+    inputs = [_value("features", ("points", len(FEATURES)), FLOAT), _value("pillar", ("points", 1), INT64)]
+    outputs = [_value("found", (1, *numbers.shape), FLOAT)]
+    metadata = {} if "metadata" in said else {KEY: json.dumps(specs)}
+    return write_model(path, nodes, [_tensor("numbers", numbers[None], FLOAT)], inputs, outputs, metadata=metadata)
