@@ -36,6 +36,7 @@ from readers.recording import Loss
 from readers.results.result import SOURCE_TOPICS, TRACKS_TOPIC, Result, open_result
 from readers.rig.calibration import SensorSource
 from readers.rig.sensor_topics import SensorFault
+from writers.messages.scene import ZONE_ID
 from writers.tables.objects import Objects
 
 __all__ = ["load_result"]
@@ -80,7 +81,7 @@ def _objects(index: int, messages: Mapping[str, RawMessage], result: Result) -> 
     limits = config.limits.model_copy(update={"max_message_items": MAX_SCENE_ITEMS})
     found = decode_detections3d(messages[FUSED], limits=config.limits)
     drawn = deserialize_as(messages[SCENE], SCENE_TYPE, limits=limits).entities
-    facts = [{pair.key: pair.value for pair in one.metadata} for one in drawn]
+    facts = [{pair.key: pair.value for pair in one.metadata} for one in drawn if not one.id.startswith(ZONE_ID)]
     if found.unused or len(facts) != len(found):
         raise ValueError(f"frame {index}: expected {len(found)} objects in {SCENE}, found {len(facts)}")
     n, class_ids = len(found), {name: row for row, name in enumerate(config.object_names)}

@@ -45,7 +45,10 @@ from writers.palette import ZONE
 from writers.viewpoint import SceneSurvey
 from writers.zones import drawn_zones, zone_texts
 
-__all__ = ["LABEL_SHARE", "label_places", "marker_array", "scene_update", "zone_entities"]
+__all__ = ["LABEL_SHARE", "ZONE_ID", "label_places", "marker_array", "scene_update", "zone_entities"]
+
+ZONE_ID = "zone-"
+"""Beginning of the id of a zone's entity, before its name."""
 
 LABEL_SHARE = 0.35
 """Height of a marker's letters as a share of the height of its box: fits a street and a 1:14 model of one."""
@@ -130,7 +133,7 @@ def zone_entities(survey: SceneSurvey, objects: Boxes3D) -> list[Any]:
     outlines_site, middles = drawn_zones(survey)
     texts = labels(zone_texts(survey.rig, objects.centers), middles, opaque(ZONE))
     return entities(
-        [f"zone-{zone.name}" for zone in zones],
+        [f"{ZONE_ID}{zone.name}" for zone in zones],
         objects.stamp_ns,
         survey.rig.site_frame,
         {"use": [zone.use for zone in zones]},
