@@ -1,5 +1,7 @@
 """The command `lidcam batch`."""
 
+import subprocess
+import sys
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -22,7 +24,6 @@ from lidcam.commands.options import (
     with_log_options,
 )
 from lidcam.commands.verdict import Verdict
-from lidcam.compiling import compiled_together
 from lidcam.printing.log import remark_log
 
 if TYPE_CHECKING:
@@ -40,6 +41,14 @@ Examples:
   lidcam batch bag_folder --out results
   lidcam batch drive.bag bag_folder --out results --jobs 2 --objects --report
 """
+
+
+COMPILE = """
+from lidcam.compiling import compiled_together
+with compiled_together(shown=True):
+    import lidcam.run
+"""
+"""In a process of its own, so that this one stays small: once, before many processes begin."""
 
 
 @with_log_options
@@ -136,8 +145,7 @@ def batch(
         overwrite=overwrite,
         fail_fast=fail_fast,
     )
-    with compiled_together(shown=True):
-        import lidcam.run  # noqa: F401  # once, before many processes begin
+    subprocess.run([sys.executable, "-c", COMPILE], check=False)
     with shown_batch(found) as told:
         records = run_batch(found, options, LocalEngine(at_once), told)
     write_table(out / TABLE, records)
