@@ -24,8 +24,8 @@ def fetch(
 ) -> None:
     """Download a 2D network from its maker, once.
 
-    It goes into your data folder, and only if size and SHA-256 are right. `--model-2d NAME` then runs it. Nothing is
-    ever downloaded by other commands.
+    It goes into your data folder, and only if size and SHA-256 are right. `--model-2d NAME` then runs it. No other
+    command downloads a network.
     """
     from pathlib import Path
 

@@ -132,7 +132,7 @@ def process(
         float | None,
         typer.Option(
             metavar="TIMES",
-            help="Go no faster than so many times the pace of the recording, as 1; without it, as fast as it goes.",
+            help="Run no faster than this many times the pace of the recording, as 1; without it, as fast as possible.",
         ),
     ] = None,
     start: Start = 0.0,
