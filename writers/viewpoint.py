@@ -202,9 +202,10 @@ class SceneSurvey:
         return _first_direction(away) if _is_clear(away) else None
 
     def _sensors(self) -> F64:
+        """Their places (N, 3); where the recording has boxes and no sensors, the origin of the site."""
         places = [lidar.T_site_lidar.translation for lidar in self.rig.lidars]
         places += [camera.T_camera_site.inverse().translation for camera in self.rig.cameras]
-        return np.array(places)
+        return np.array(places or [np.zeros(3)])
 
 
 def _nearest(points: F64, fronts: list[F64], elevation_rad: float, aspect: float, fov_y_deg: float) -> Viewpoint:

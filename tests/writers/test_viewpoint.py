@@ -157,3 +157,8 @@ def test_frames_without_points_and_objects_are_not_among_the_first() -> None:
     of, shown = rig(camera("front", 0)), seen([(20, 1)], points=ring(30))
     late = place_eye(of, *[seen([])] * (SURVEYED_FRAMES + 2), *[shown] * SURVEYED_FRAMES)
     np.testing.assert_array_equal(late.eye, place_eye(of, *[shown] * SURVEYED_FRAMES).eye)
+
+
+def test_boxes_without_any_sensor_are_in_view() -> None:
+    view = place_eye(rig(lidars=()), seen([(8, 3), (12, -2)]))
+    assert in_view(view, [[8, 3, 0.8], [12, -2, 0.8]]).all()
