@@ -16,7 +16,7 @@ MAX_BYTES = 5_000_000
 
 def outputs_of(path: Path) -> list[list[str]]:
     """Of each cell of code, the richest kind of each of its outputs."""
-    book: Any = nbformat.read(path, 4)  # type: ignore[no-untyped-call]
+    book: Any = nbformat.read(path, 4)  # type: ignore[no-untyped-call]  # nbformat has no types
     return [
         [next(iter(output.get("data", {output.output_type: ""}))) for output in cell.outputs]
         for cell in book.cells

@@ -147,7 +147,7 @@ def _learn(
     network.train()
     optimiser.zero_grad()
     loss = _loss(network, batch, device)
-    loss.backward()  # type: ignore[no-untyped-call]
+    loss.backward()  # type: ignore[no-untyped-call]  # torch has no types for it
     nn.utils.clip_grad_norm_(network.parameters(), MAX_GRADIENT)
     optimiser.step()
     return float(loss.detach())

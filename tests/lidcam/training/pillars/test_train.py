@@ -1,5 +1,7 @@
 """`lidcam train pillars`: a few steps of it, which teach nothing and show that all of it works."""
 
+# ruff: noqa: E402  # without torch the file is skipped before it imports what needs it
+
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -10,18 +12,18 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="needs the extra train")
 
-import lidcam  # noqa: E402
-from bags.simulator.worlds.draw import random_numbers_of  # noqa: E402
-from lidcam.training.pillars import fit  # noqa: E402
-from lidcam.training.pillars import network as torch_network  # noqa: E402
-from lidcam.training.pillars.fit import Checkpoint, fitted  # noqa: E402
-from lidcam.training.pillars.judging import Judged, calibration, figures  # noqa: E402
-from lidcam.training.pillars.onnx_file import onnx_bytes  # noqa: E402
-from lidcam.training.pillars.scenes import CLASSES, GRIDS, SCENES_OF_A_ROUND, Scene, Targets, TrueBoxes, targets_of  # noqa: E402
-from pipeline.core.errors import LidcamError  # noqa: E402
-from pipeline.detectors.pillars.decoding import BOX_NUMBERS, boxes_of  # noqa: E402
-from pipeline.detectors.pillars.grid import FEATURES, pillars  # noqa: E402
-from pipeline.detectors.pillars.network import FoundClass, PillarNetwork, PillarSpecs  # noqa: E402
+import lidcam
+from bags.simulator.worlds.draw import random_numbers_of
+from lidcam.training.pillars import fit
+from lidcam.training.pillars import network as torch_network
+from lidcam.training.pillars.fit import Checkpoint, fitted
+from lidcam.training.pillars.judging import Judged, calibration, figures
+from lidcam.training.pillars.onnx_file import onnx_bytes
+from lidcam.training.pillars.scenes import CLASSES, GRIDS, SCENES_OF_A_ROUND, Scene, Targets, TrueBoxes, targets_of
+from pipeline.core.errors import LidcamError
+from pipeline.detectors.pillars.decoding import BOX_NUMBERS, boxes_of
+from pipeline.detectors.pillars.grid import FEATURES, pillars
+from pipeline.detectors.pillars.network import FoundClass, PillarNetwork, PillarSpecs
 
 SANDBOX = Path(__file__).resolve().parents[4] / "bags" / "sandbox.bag"
 
@@ -107,7 +109,7 @@ def test_a_checkpoint_that_cannot_be_used(
     else:
         path.write_bytes(content)
     with pytest.raises(LidcamError, match=message):
-        fitted(Checkpoint(path, family, 0), steps, workers=1, told=kill_at(0))  # type: ignore[arg-type]
+        fitted(Checkpoint(path, family, 0), steps, workers=1, told=kill_at(0))  # type: ignore[arg-type]  # a str that is one
 
 
 def test_the_file_gives_what_the_network_gives(tmp_path: Path) -> None:
