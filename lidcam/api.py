@@ -1,6 +1,7 @@
 """The names of `import lidcam`: the runs of the command line, with results to work on."""
 
 from collections.abc import Callable, Generator, Sequence
+from contextlib import ExitStack
 from importlib.metadata import version
 from pathlib import Path
 from typing import Unpack
@@ -115,6 +116,7 @@ def process(
     output: FilePath | Sequence[FilePath] | None = None,
     *,
     on_frame: Callable[[Frame], None] | None = None,
+    progress: bool = False,
     **options: Unpack[JobOptions],
 ) -> RunResult:
     """Turn a recording into fused objects.
@@ -125,15 +127,24 @@ def process(
             without ending (a folder of the clouds of objects), .mp4 (a film), .html (a page) beside an .mcap; None
             writes none.
         on_frame: Called with each frame, in order, when its tracks are known.
+        progress: Draw a bar while the run goes on, below the cell of a notebook or on a terminal.
         **options: `config`, `settings`, `rig`, `model_2d`, `model_3d`, `workers`, `every`, `start_s`, `duration_s`,
             `on_bad_message`, `overwrite`, `save_matches`, as `JobOptions` explains them.
 
     Raises:
         LidcamError: the input, the calibration, the settings or an output is at fault; no output is left behind.
     """
-    collector = ObjectCollector(on_frame)
-    report = process_recording(make_job(recording, output, **options), collector)
+    job = make_job(recording, output, **options)
+    with ExitStack() as stack:
+        collector = ObjectCollector(on_frame, _progress_bar(stack) if progress else None)
+        report = process_recording(job, collector)
     return RunResult(report, collector.objects)
+
+
+def _progress_bar(stack: ExitStack) -> RunObserver:
+    from lidcam.printing.running import ShownProgress  # with rich, which takes a while to load
+
+    return ShownProgress(stack, whatever_is_logged=True)
 
 
 def iter_frames(

@@ -29,9 +29,14 @@ class Advance(Protocol):
 
 
 @contextmanager
-def show_progress(total_s: float, *, err: Console | None = None, clock: Clock = time.monotonic) -> Iterator[Advance]:
-    """Progress over so many recorded or simulated seconds; the bar is drawn on stderr if no console is given."""
-    with _shown(err, clock) as show:
+def show_progress(
+    total_s: float, *, err: Console | None = None, clock: Clock = time.monotonic, whatever_is_logged: bool = False
+) -> Iterator[Advance]:
+    """Progress over so many recorded or simulated seconds; the bar is drawn on stderr if no console is given.
+
+    A notebook counts as a terminal. `whatever_is_logged` draws the bar also where lines of progress are not logged.
+    """
+    with _shown(err, clock, whatever_is_logged) as show:
 
         def advance(done_s: float, facts: str = "") -> None:
             show(f"{done_s:.1f} of {total_s:.1f} s", done_s, total_s, facts)
@@ -81,10 +86,12 @@ def show_share(
 
 
 @contextmanager
-def _shown(err: Console | None, clock: Clock) -> Iterator[Callable[[str, float, float, str], None]]:
+def _shown(
+    err: Console | None, clock: Clock, whatever_is_logged: bool = False
+) -> Iterator[Callable[[str, float, float, str], None]]:
     """A function that shows a text, the share that is done, and facts: the bar is drawn when it is first called."""
     err = err or console(stderr=True)
-    has_bar = err.is_terminal and progress_log.isEnabledFor(logging.INFO)
+    has_bar = (err.is_terminal or err.is_jupyter) and (whatever_is_logged or progress_log.isEnabledFor(logging.INFO))
     last_s, last_line = clock(), ""
     columns = (
         TextColumn("{task.fields[text]}", markup=False),

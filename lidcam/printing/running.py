@@ -10,7 +10,7 @@ from rich.console import Console
 
 from lidcam.frames import RunInput
 from lidcam.printing.console import print_detections, print_matches
-from lidcam.printing.progress import Advance, show_progress
+from lidcam.printing.progress import show_progress
 from lidcam.run import RunObserver
 from lidcam.summary import RunProgress
 from pipeline.core.frame import FrameResult
@@ -18,7 +18,7 @@ from pipeline.core.frame import FrameResult
 if TYPE_CHECKING:
     from lidcam.evaluation.requirement import Requirement
 
-__all__ = ["shown_run"]
+__all__ = ["ShownProgress", "shown_run"]
 
 SOURCES = ("lidar", "fused")
 """Of 3D boxes, in every result."""
@@ -40,13 +40,42 @@ def shown_run(
         yield _ShownRun(out, stack, requirements, detections=detections, matches=matches)
 
 
+class ShownProgress(RunObserver):
+    """Shows how far a run is, in recorded seconds, until the stack is closed.
+
+    `whatever_is_logged` as of `show_progress`.
+    """
+
+    def __init__(self, stack: ExitStack, *, whatever_is_logged: bool = False) -> None:
+        self._stack, self._whatever_is_logged = stack, whatever_is_logged
+
+    def opened(self, source: RunInput) -> None:
+        """Take over the seconds to be processed."""
+        recording, window = source.recording, source.window
+        self._start_ns = window.start_ns or recording.start_ns
+        stop_ns = min(window.stop_ns or recording.end_ns, recording.end_ns)
+        self._started_s = time.monotonic()
+        bar = show_progress((stop_ns - self._start_ns) / 1e9, whatever_is_logged=self._whatever_is_logged)
+        self._advance = self._stack.enter_context(bar)
+
+    def advanced(self, progress: RunProgress) -> None:
+        """Show how far the run is."""
+        rate_hz = progress.frames / max(time.monotonic() - self._started_s, 1e-3)
+        objects = f"{progress.objects} objects" if progress.objects else "no objects yet"  # offline, a window late
+        self._advance(
+            (progress.log_time_ns - self._start_ns) / 1e9,
+            f"{progress.frames} frames, {rate_hz:.1f} a second, {objects}, {progress.drops} dropped",
+        )
+
+
 class _ShownRun(RunObserver):
     def __init__(
         self, out: Console, stack: ExitStack, requirements: "Sequence[Requirement]", *, detections: bool, matches: bool
     ) -> None:
-        self._out, self._stack, self._requirements = out, stack, requirements
+        self._out, self._requirements = out, requirements
         self._detections, self._matches = detections, matches
-        self._advance: Advance | None = None
+        # On a terminal, printed frames show the progress, and a bar would break into them.
+        self._progress = RunObserver() if out.is_terminal and (detections or matches) else ShownProgress(stack)
 
     def opened(self, source: RunInput) -> None:
         gc.freeze()  # libraries and stages stay: looking for garbage among them takes 5 ms a frame
@@ -55,14 +84,8 @@ class _ShownRun(RunObserver):
             from lidcam.evaluation.requirement import check_names
 
             check_names(self._requirements, known_figures(source.config, source.rig, SOURCES))
-        recording, window = source.recording, source.window
         self._config = source.config
-        self._start_ns = window.start_ns or recording.start_ns
-        stop_ns = min(window.stop_ns or recording.end_ns, recording.end_ns)
-        self._started_s = time.monotonic()
-        # On a terminal, printed frames show the progress, and a bar would break into them.
-        if not (self._out.is_terminal and (self._detections or self._matches)):
-            self._advance = self._stack.enter_context(show_progress((stop_ns - self._start_ns) / 1e9))
+        self._progress.opened(source)
 
     def frame(self, result: FrameResult) -> None:
         if self._detections:
@@ -71,11 +94,4 @@ class _ShownRun(RunObserver):
             print_matches(self._out, result, self._config)
 
     def advanced(self, progress: RunProgress) -> None:
-        if self._advance is None:
-            return
-        rate_hz = progress.frames / max(time.monotonic() - self._started_s, 1e-3)
-        objects = f"{progress.objects} objects" if progress.objects else "no objects yet"  # offline, a window late
-        self._advance(
-            (progress.log_time_ns - self._start_ns) / 1e9,
-            f"{progress.frames} frames, {rate_hz:.1f} a second, {objects}, {progress.drops} dropped",
-        )
+        self._progress.advanced(progress)

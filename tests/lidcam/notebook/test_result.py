@@ -26,6 +26,19 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> lidcam.RunResult:
     return lidcam.process(CROSSING, outputs, duration_s=0.7, workers=1)
 
 
+def test_a_bar_is_drawn_where_it_is_asked_for(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")  # stderr counts as a terminal
+    shown = {}
+    for progress in (False, True):
+        lidcam.process(CROSSING, duration_s=0.5, workers=1, progress=progress)
+        shown[progress] = capsys.readouterr().err
+    assert shown[False] == ""
+    assert "2 frames" in shown[True]
+    assert "of 0.5 s" in shown[True]
+
+
 def of_result(report: Any) -> dict[str, Any]:
     """What a result holds of a report."""
     own = {field.name: getattr(report, field.name) for field in fields(report)}

@@ -43,6 +43,9 @@ def test_there_is_none_where_the_user_wants_quiet(caplog: pytest.LogCaptureFixtu
         advance(2.5, FACTS)
     assert text.getvalue() == ""
     assert caplog.messages == []
+    with show_progress(4.0, err=Console(file=text, force_terminal=True, width=80), whatever_is_logged=True) as advance:
+        advance(2.5, FACTS)
+    assert FACTS in text.getvalue()
 
 
 def test_a_line_every_ten_seconds(caplog: pytest.LogCaptureFixture) -> None:
