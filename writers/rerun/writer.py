@@ -10,66 +10,47 @@ from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
-import cv2
 import numpy as np
 import rerun as rr
 
-from pipeline.core.arrays import Bools
-from pipeline.core.errors import MessageError
-from pipeline.core.frame import FrameResult, Missing
+from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.poses import interpolate_poses
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.optics.images import Image
-from pipeline.core.rig import CameraSensor, Rig
+from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.text import visible
-from pipeline.core.tracks import NO_TRACK
 from pipeline.core.true_boxes import TrueBoxes
 from writers.drawing import (
-    ObjectEdges,
-    drawn_boxes_2d,
     height_range,
     object_edges,
-    object_labels,
-    predicted_objects,
-    roofs,
-    strong_objects,
-    thin_objects,
-    track_numbers,
 )
-from writers.labels_3d import LabelPlaces
-from writers.messages.images import COMPRESSED, read_image
 from writers.outputs.errors import output_errors
 from writers.outputs.transaction import OutputFile
-from writers.palette import CAMERA_ONLY, MATCHED, ZONE, class_color
+from writers.palette import CAMERA_ONLY, MATCHED, class_color
 from writers.provenance import Provenance
 from writers.rerun import archetypes
 from writers.rerun.blueprint import (
     FIXED,
-    FOV_Y_DEG,
-    LABELS,
     LOG,
-    NUMBERS,
-    PLACED,
     WAY,
     blueprint,
     camera_path,
     place_eye,
 )
+from writers.rerun.cameras import CameraLog
 from writers.rerun.environment import without_rerun_variables
+from writers.rerun.objects import ObjectLog
 from writers.rerun.stream import RerunStream
 from writers.rerun.viewer import RerunViewer
-from writers.trails import Trails
 from writers.truth_times import FrameTime, TruthTimes
 from writers.viewpoint import SceneSurvey
-from writers.zones import drawn_zones, zone_texts
 
 __all__ = ["RerunResultWriter"]
 
-JPEG_QUALITY = 90
 FLUSH_TICK_S = 86400
 """Rerun cuts data into chunks by size and by this time; a day, so that the clock decides nothing."""
 SHOWN_TICK_S = 0.1
@@ -79,8 +60,6 @@ MAX_WAITING_BYTES, MAX_WAITING_FRAMES = 1 << 26, 1000
 POINT_BYTES = 16
 """Position and colour."""
 _WAY_COLOR = (225, 190, 90)
-_OF_TRACKS = ("world/predicted", "world/predicted/uncertainty", "world/trails")
-_MAGIC = {b"\xff\xd8\xff": "image/jpeg", b"\x89PN": "image/png"}
 
 
 class RerunResultWriter:
@@ -109,15 +88,11 @@ class RerunResultWriter:
         self._resources = ExitStack()
         self._recording: rr.RecordingStream
         self._survey = SceneSurvey(rig)
-        self._label_places = LabelPlaces(self._survey, place_eye, FOV_Y_DEG)
         self._is_placed = False
         self._first: tuple[int, int] | None = None
         self._heights: tuple[float, float] | None = None
         self._last_place: list[float] | None = None
-        self._shown: set[str] = set()
-        self._empty = set(_OF_TRACKS)  # paths where nothing is drawn
         self._truth_times = TruthTimes()
-        self._trails = Trails(rig.site_frame, config.combine.motion)
         self._nearest_truth: tuple[FrameTime, TrueBoxes] | None = None
         self._fixed_frame_id: str | None = None
         self._frames = self._waiting_bytes = 0
@@ -135,6 +110,8 @@ class RerunResultWriter:
             )
             self._recording.set_log_time_enabled(False)
             self._recording.set_log_tick_enabled(False)
+            self._objects = ObjectLog(self._recording, self._rig, self._config, self._survey)
+            self._cameras = CameraLog(self._recording, self._config, self._decode)
             self._stream: RerunStream | RerunViewer
             if file is None:
                 self._stream = RerunViewer(self._recording)
@@ -189,11 +166,11 @@ class RerunResultWriter:
         self._log_motion(result)
         if self._config.output.clouds:
             self._log_clouds(result)
-        self._log_objects(result)
+        self._objects.log(result)
         drops: list[Drop] = []
         edges = object_edges(result, [camera.name for camera in self._rig.cameras])
         for camera in self._rig.cameras:
-            drops += self._log_camera(camera, result, edges[camera.name])
+            drops += self._cameras.log(camera, result, edges[camera.name])
         self._recording.log("metrics/objects", rr.Scalars(float(len(result.fused.objects))))
         self._recording.log("metrics/confirmed", rr.Scalars(float((result.fused.matched > 0).sum())))
         self._recording.log("metrics/skew_ms", rr.Scalars(result.bundle.skew_ns / 1e6))
@@ -216,12 +193,12 @@ class RerunResultWriter:
     def _bound_memory(self) -> None:
         """Wait for the disk now and then; what decides when is the data, as this cuts them into chunks."""
         self._frames += 1
-        if self._waiting_bytes >= MAX_WAITING_BYTES or self._frames % MAX_WAITING_FRAMES == 0:
+        if (
+            self._waiting_bytes + self._cameras.waiting_bytes >= MAX_WAITING_BYTES
+            or self._frames % MAX_WAITING_FRAMES == 0
+        ):
             self._stream.flush()
-            self._waiting_bytes = 0
-
-    def _log(self, leaf: str, camera: CameraSensor, entity: Any) -> None:
-        self._recording.log(f"{camera_path(camera)}/{leaf}", entity)
+            self._waiting_bytes = self._cameras.waiting_bytes = 0
 
     def _place_eye(self) -> None:
         """The layout, and what is drawn in the scene's own measure: known once enough of it was seen."""
@@ -242,12 +219,7 @@ class RerunResultWriter:
             no_axes = rr.TransformAxes3D(0.0)  # the pinhole says enough
             pose = _transform(camera.T_camera_site.inverse())
             static.log(camera_path(camera), pose, pinhole, no_axes, static=True)
-        if self._rig.zones:
-            outlines, middles = drawn_zones(self._survey)
-            lines = rr.LineStrips3D(outlines, colors=ZONE.bytes_rgb, radii=rr.Radius.ui_points(1.0))
-            static.log("world/zones", lines, static=True)
-            texts = rr.Points3D(middles, colors=ZONE.bytes_rgb, radii=0.0, show_labels=True)
-            static.log("world/zones/counts", texts, static=True)  # each frame has its own labels
+        self._objects.log_zones()
         static.send_blueprint(blueprint(self._survey, viewpoint))
 
     def _log_static(self) -> None:
@@ -289,63 +261,6 @@ class RerunResultWriter:
         self._recording.log("world/cloud", archetypes.cloud_points(result.combined, self._heights or (0.0, 1.0)))
         self._recording.log("world/ground", archetypes.ground_points(result.combined))
 
-    def _log_objects(self, result: FrameResult) -> None:
-        labels, log = object_labels(result, self._config.object_names), self._recording.log
-        strong, predicted = strong_objects(result), predicted_objects(result)
-        seen, thin = strong & ~thin_objects(result), strong & thin_objects(result)
-        placed, predicted = thin & ~predicted, thin & predicted
-        looks: tuple[tuple[str, Bools, archetypes.Look], ...] = (
-            ("world/objects", seen, "strong"),
-            ("world/placed", placed, "thin"),
-            ("world/predicted", predicted, "thin"),
-            ("world/faint", ~strong, "faint"),
-        )
-        for path, rows, look in looks:
-            if self._is_news(path, int(rows.sum())):
-                shown = archetypes.objects_3d(result, labels, rows, look)
-                log(path, shown, archetypes.object_facts(result, rows))
-        if self._is_news("world/objects/heading", int(seen.sum())):
-            log("world/objects/heading", archetypes.heading_arrows(result, seen))
-            log("world/objects/faces", archetypes.faces_3d(result, seen))
-        if self._is_news(LABELS, int(strong.sum())):
-            self._log_texts(result, labels, strong)
-        if self._rig.zones:
-            texts = zone_texts(self._rig, result.fused.objects.centers)
-            log("world/zones/counts", rr.Points3D.from_fields(labels=texts))
-        for path, rows in (("world/placed", placed), ("world/predicted", predicted)):
-            if self._is_news(f"{path}/uncertainty", int(rows.sum())):
-                log(f"{path}/uncertainty", archetypes.object_ellipses(result, rows))
-        paths = self._trails.add(result)
-        if self._is_news("world/trails", sum(len(path) > 0 for path in paths)):
-            log("world/trails", archetypes.trails(result, paths))
-        if (found := result.detections.placed) is not None:
-            if self._is_news(PLACED, len(found)):
-                log(PLACED, archetypes.placed_boxes(found, self._config.object_names))
-                log(f"{PLACED}/uncertainty", archetypes.placed_ellipses(found))
-            self._shown.add(PLACED)
-        elif PLACED in self._shown:
-            log(PLACED, rr.Clear(recursive=True))
-            self._shown.remove(PLACED)
-            self._empty.add(PLACED)
-
-    def _log_texts(self, result: FrameResult, labels: list[str], strong: Bools) -> None:
-        """The labels of objects, apart as the first view's eye sees them, and their numbers for the view from above."""
-        places = self._label_places.of(result, labels)
-        self._recording.log(LABELS, archetypes.object_texts(result, labels, places, strong))
-        self._recording.log(f"{LABELS}/lines", archetypes.label_lines(result, places, strong))
-        numbers = track_numbers(result)
-        texts = [f"#{number}" for number in numbers.tolist()]
-        self._recording.log(
-            NUMBERS, archetypes.object_texts(result, texts, roofs(result.fused.objects), strong & (numbers != NO_TRACK))
-        )
-
-    def _is_news(self, path: str, count: int) -> bool:
-        """Whether what is drawn at a path is to be logged: not where nothing is drawn, and nothing was."""
-        if count == 0 and path in self._empty:
-            return False
-        (self._empty.discard if count else self._empty.add)(path)
-        return True
-
     def _log_truth(self, known: Iterable[tuple[FrameTime, TrueBoxes]], *, is_last: bool = False) -> None:
         """The truth nearest to each frame, if it stands in the site frame or in the one it moves in.
 
@@ -372,63 +287,6 @@ class RerunResultWriter:
     def _set_time(self, index: int, stamp_ns: int) -> None:
         self._recording.set_time("frame", sequence=index)
         self._recording.set_time("stamp", timestamp=np.datetime64(stamp_ns, "ns"))
-
-    def _log_camera(self, camera: CameraSensor, result: FrameResult, edges: ObjectEdges) -> tuple[Drop, ...]:
-        """The image and what is drawn on it; a camera slower than the frames keeps its last image."""
-        unusable = {(drop.topic, drop.stamp_ns) for drop in result.drops}
-        message = result.bundle.messages.get(camera.topic)
-        if message is not None and (message.topic, message.stamp_ns) in unusable:
-            message = None
-        is_slower = result.bundle.missing.get(camera.topic) == Missing.NOT_NEAR
-        if message is None and camera.name not in result.detections.cameras:
-            if not is_slower:
-                self._clear(camera)
-            return ()
-        self._shown.add(camera.name)
-        image: Any = rr.Clear(recursive=False)
-        drops: tuple[Drop, ...] = ()
-        if message is not None and self._config.output.images:
-            try:
-                image = self._encoded(message)
-            except MessageError as err:
-                drops = (Drop(message.topic, message.stamp_ns, "the image cannot be shown", str(err)),)
-        drawn = drawn_boxes_2d(result, camera.name, self._config.object_names)
-        if not is_slower:
-            self._log("image", camera, image)
-        path = camera_path(camera)
-        if self._is_news(f"{path}/boxes", len(drawn.labels)):
-            self._log("boxes", camera, archetypes.boxes_2d(drawn))
-            self._log("boxes/labels", camera, archetypes.labels_2d(drawn, camera))
-        if self._is_news(f"{path}/objects", len(edges[1])):
-            self._log("objects", camera, archetypes.edges_2d(result, edges))
-        return drops
-
-    def _clear(self, camera: CameraSensor) -> None:
-        if camera.name in self._shown:
-            self._shown.remove(camera.name)
-            self._empty |= {f"{camera_path(camera)}/{leaf}" for leaf in ("boxes", "objects")}
-            for leaf in ("image", "boxes", "boxes/labels", "objects"):
-                self._log(leaf, camera, rr.Clear(recursive=False))
-
-    def _encoded(self, message: RawMessage) -> rr.EncodedImage:
-        """The image as JPEG or PNG.
-
-        Raises:
-            MessageError: the bytes are not an image.
-        """
-        if message.channel.msgtype == COMPRESSED:
-            data = read_image(message).data.tobytes()
-            if (media_type := _MAGIC.get(data[:3])) is not None:
-                self._waiting_bytes += len(data)
-                return rr.EncodedImage(contents=data, media_type=media_type)
-        rgb = self._decode(message).rgb
-        done, jpeg = cv2.imencode(
-            ".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-        )
-        if not done:
-            raise MessageError(f"{message.topic}: an image of {rgb.shape[1]} x {rgb.shape[0]} px cannot become a JPEG")
-        self._waiting_bytes += jpeg.nbytes
-        return rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
 
 
 def _transform(transform: Transform) -> rr.Transform3D:

@@ -1,0 +1,104 @@
+"""The objects of frames in a Rerun recording: boxes, labels, trails, and the zones with their counts."""
+
+import rerun as rr
+
+from pipeline.core.arrays import Bools
+from pipeline.core.frame import FrameResult
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
+from pipeline.core.tracks import NO_TRACK
+from writers.drawing import (
+    object_labels,
+    predicted_objects,
+    roofs,
+    strong_objects,
+    thin_objects,
+    track_numbers,
+)
+from writers.labels_3d import LabelPlaces
+from writers.palette import ZONE
+from writers.rerun import archetypes
+from writers.rerun.blueprint import FOV_Y_DEG, LABELS, NUMBERS, PLACED, place_eye
+from writers.rerun.news import News
+from writers.trails import Trails
+from writers.viewpoint import SceneSurvey
+from writers.zones import drawn_zones, zone_texts
+
+__all__ = ["ObjectLog"]
+
+_OF_TRACKS = ("world/predicted", "world/predicted/uncertainty", "world/trails")
+
+
+class ObjectLog:
+    """Logs the objects of one run's frames.
+
+    Args:
+        survey: Of the frames: places labels and zones.
+    """
+
+    def __init__(self, recording: rr.RecordingStream, rig: Rig, config: Config, survey: SceneSurvey) -> None:
+        self._recording, self._rig, self._config, self._survey = recording, rig, config, survey
+        self._label_places = LabelPlaces(survey, place_eye, FOV_Y_DEG)
+        self._trails = Trails(rig.site_frame, config.combine.motion)
+        self._news = News(_OF_TRACKS)
+        self._has_placed = False
+
+    def log_zones(self) -> None:
+        """Log the outlines of the zones, once enough of the scene was seen."""
+        if self._rig.zones:
+            outlines, middles = drawn_zones(self._survey)
+            lines = rr.LineStrips3D(outlines, colors=ZONE.bytes_rgb, radii=rr.Radius.ui_points(1.0))
+            self._recording.log("world/zones", lines, static=True)
+            texts = rr.Points3D(middles, colors=ZONE.bytes_rgb, radii=0.0, show_labels=True)
+            self._recording.log("world/zones/counts", texts, static=True)  # each frame has its own labels
+
+    def log(self, result: FrameResult) -> None:
+        """Log the objects of a frame at the time that is set."""
+        labels, log = object_labels(result, self._config.object_names), self._recording.log
+        strong, predicted = strong_objects(result), predicted_objects(result)
+        seen, thin = strong & ~thin_objects(result), strong & thin_objects(result)
+        placed, predicted = thin & ~predicted, thin & predicted
+        looks: tuple[tuple[str, Bools, archetypes.Look], ...] = (
+            ("world/objects", seen, "strong"),
+            ("world/placed", placed, "thin"),
+            ("world/predicted", predicted, "thin"),
+            ("world/faint", ~strong, "faint"),
+        )
+        for path, rows, look in looks:
+            if self._news.at(path, int(rows.sum())):
+                shown = archetypes.objects_3d(result, labels, rows, look)
+                log(path, shown, archetypes.object_facts(result, rows))
+        if self._news.at("world/objects/heading", int(seen.sum())):
+            log("world/objects/heading", archetypes.heading_arrows(result, seen))
+            log("world/objects/faces", archetypes.faces_3d(result, seen))
+        if self._news.at(LABELS, int(strong.sum())):
+            self._log_texts(result, labels, strong)
+        if self._rig.zones:
+            texts = zone_texts(self._rig, result.fused.objects.centers)
+            log("world/zones/counts", rr.Points3D.from_fields(labels=texts))
+        for path, rows in (("world/placed", placed), ("world/predicted", predicted)):
+            if self._news.at(f"{path}/uncertainty", int(rows.sum())):
+                log(f"{path}/uncertainty", archetypes.object_ellipses(result, rows))
+        paths = self._trails.add(result)
+        if self._news.at("world/trails", sum(len(path) > 0 for path in paths)):
+            log("world/trails", archetypes.trails(result, paths))
+        if (found := result.detections.placed) is not None:
+            if self._news.at(PLACED, len(found)):
+                log(PLACED, archetypes.placed_boxes(found, self._config.object_names))
+                log(f"{PLACED}/uncertainty", archetypes.placed_ellipses(found))
+            self._has_placed = True
+        elif self._has_placed:
+            log(PLACED, rr.Clear(recursive=True))
+            self._has_placed = False
+            self._news.cleared(PLACED)
+
+    def _log_texts(self, result: FrameResult, labels: list[str], strong: Bools) -> None:
+        """The labels of objects, apart as the first view's eye sees them, and their numbers for the view from above."""
+        places = self._label_places.of(result, labels)
+        self._recording.log(LABELS, archetypes.object_texts(result, labels, places, strong))
+        self._recording.log(f"{LABELS}/lines", archetypes.label_lines(result, places, strong))
+        numbers = track_numbers(result)
+        texts = [f"#{number}" for number in numbers.tolist()]
+        self._recording.log(
+            NUMBERS, archetypes.object_texts(result, texts, roofs(result.fused.objects), strong & (numbers != NO_TRACK))
+        )
