@@ -1,14 +1,14 @@
 """The table of a batch as Parquet: a row for each recording."""
 
 from collections.abc import Sequence
-from pathlib import Path
+from io import BytesIO
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lidcam.batch.records import JobRecord
 
-__all__ = ["TABLE", "write_table"]
+__all__ = ["TABLE", "table_of"]
 
 TABLE = "_jobs.parquet"
 """In the folder of the results. Readers of a folder of tables pass over names that begin so."""
@@ -36,12 +36,8 @@ SCHEMA = pa.schema(
 )
 
 
-def write_table(path: Path, records: Sequence[JobRecord]) -> None:
-    """Write a row for each record, whole or not at all.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+def table_of(records: Sequence[JobRecord]) -> bytes:
+    """A row for each record, as Parquet."""
     rows = [
         {
             "recording": one.name,
@@ -55,6 +51,6 @@ def write_table(path: Path, records: Sequence[JobRecord]) -> None:
         }
         for one in records
     ]
-    beside = path.with_name(f"{path.name}.new")
-    pq.write_table(pa.Table.from_pylist(rows, SCHEMA), beside)
-    beside.replace(path)
+    content = BytesIO()
+    pq.write_table(pa.Table.from_pylist(rows, SCHEMA), content)
+    return content.getvalue()
