@@ -21,10 +21,10 @@ SCHEMA = pa.schema(
         ("exit_code", pa.int32()),
         ("message", pa.string()),
         ("frames", pa.int64()),
-        ("objects", pa.map_(pa.string(), pa.int64())),
+        ("objects", pa.list_(pa.struct([("class", pa.string()), ("count", pa.int64())]))),
         ("dropped", pa.int64()),
         ("skew_max_ms", pa.float64()),
-        ("lacking", pa.map_(pa.string(), pa.int64())),
+        ("lacking", pa.list_(pa.struct([("sensor", pa.string()), ("frames", pa.int64())]))),
         ("processor_s", pa.float64()),
         ("wall_s", pa.float64()),
         ("peak_mib", pa.float64()),
@@ -41,8 +41,8 @@ def table_of(records: Sequence[JobRecord]) -> bytes:
     rows = [
         {
             "recording": one.name,
-            "objects": list((one.objects or {}).items()),
-            "lacking": list((one.lacking or {}).items()),
+            "objects": [{"class": name, "count": count} for name, count in (one.objects or {}).items()],
+            "lacking": [{"sensor": name, "frames": count} for name, count in (one.lacking or {}).items()],
             **{
                 name: getattr(one, name)
                 for name in SCHEMA.names
