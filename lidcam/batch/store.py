@@ -9,6 +9,7 @@ from typing import Protocol
 
 from lidcam.batch.records import FOLDER, JobRecord, read_record, record_of, record_text, write_record
 from lidcam.bucket import Bucket, check_output
+from pipeline.core.errors import OutputError
 from readers.location import Location, RemotePath
 
 __all__ = ["BucketStore", "FolderStore", "Store", "open_store"]
@@ -139,6 +140,11 @@ def open_store(out: Location) -> Store:
     """The store at a place.
 
     Raises:
-        OSError, LidcamError: it cannot be used.
+        LidcamError: it cannot be used.
     """
-    return FolderStore(out) if isinstance(out, Path) else BucketStore(out)
+    if not isinstance(out, Path):
+        return BucketStore(out)
+    try:
+        return FolderStore(out)
+    except OSError as err:
+        raise OutputError(f"{out}: expected a folder that can be written to: {err}") from err

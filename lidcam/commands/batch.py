@@ -134,6 +134,7 @@ def batch(
         every=every,
         on_bad_message=on_bad_message,
     )
+    store = open_store(place)
     given = [
         ("--config", config_file),
         ("--model-2d", model_2d),
@@ -167,7 +168,7 @@ def batch(
     subprocess.run([sys.executable, "-c", COMPILE], check=False)
     with shown_batch(found) as told:
         records = run_batch(found, options, LocalEngine(at_once), told)
-    open_store(place).write(TABLE, table_of(records))
+    store.write(TABLE, table_of(records))
     if as_json:
         show_json(console(), {"jobs": [asdict(record) for record in records]})
     else:
