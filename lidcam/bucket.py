@@ -142,6 +142,9 @@ def _told(place: RemotePath, kind: type[LidcamError]) -> Iterator[None]:
     except Exception as err:  # any library below may raise
         if is_short_memory(err):
             raise
-        missing = "there is no such bucket; check the address"
-        reason = missing if isinstance(err, FileNotFoundError) else meaning_of(err)[0].replace(f", or {REMEDY}", "")
-        raise kind(f"{place}: {reason}") from None
+        reason, may_pass = meaning_of(err)
+        if isinstance(err, FileNotFoundError):
+            reason = "there is no such bucket; check the address"
+        elif may_pass:
+            reason = f"{reason} after several attempts; check the network, and try again"
+        raise kind(f"{place}: {reason.replace(f', or {REMEDY}', '')}") from None

@@ -130,8 +130,8 @@ def test_an_output_that_cannot_be(lidcam: Lidcam, fleet: Fleet, drive: Path, out
     ("size", "failure", "told"),
     [
         ("small", {"status": 403}, "access was denied (HTTP 403); check the credentials"),
-        ("small", {"status": 503}, "HTTP 503"),
-        ("in parts", {"status": 503}, "HTTP 503"),
+        ("small", {"status": 503}, "HTTP 503 after several attempts; check the network, and try again"),
+        ("in parts", {"status": 503}, "HTTP 503 after several attempts; check the network, and try again"),
         ("in parts", {"cut": True}, "; check the address"),
     ],
     ids=str,
