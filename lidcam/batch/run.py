@@ -88,15 +88,22 @@ def _done(job: BatchJob, options: BatchOptions, store: Store, engine: LocalEngin
         )
     except RecordingError as err:
         return JobRecord(job.name, shown, "", "failed", 1, str(err))
+    try:
+        return _kept(job, options, store, engine, JobRecord(job.name, shown, key, "begun"))
+    except OutputError as err:  # the store refuses this one, and may take others
+        return JobRecord(job.name, shown, key, "failed", 1, str(err))
+
+
+def _kept(job: BatchJob, options: BatchOptions, store: Store, engine: LocalEngine, begun: JobRecord) -> JobRecord:
+    """The same of a recording that can be read; kept in the store."""
     with store.held(job.name) as lock:
         known = store.record(job.name)
         if lock is None:
-            return known or JobRecord(job.name, shown, key, "busy", message="another batch is at work on it")
-        if known is not None and known.is_current(key, store.size) and not options.overwrite:
+            return known or replace(begun, state="busy", message="another batch is at work on it")
+        if known is not None and known.is_current(begun.key, store.size) and not options.overwrite:
             return known
         if known is not None and known.state == "begun":
             logger.warning("%s: an earlier batch ended while it was at work on it: it is processed again", job.name)
-        begun = JobRecord(job.name, shown, key, "begun")
         store.keep(begun)
         record = _processed(job, options, store, engine, begun, lock)
         store.keep(record)

@@ -16,7 +16,10 @@ from object_store import ObjectStore, object_store
 from small_drive import small_drive
 
 from lidcam.batch.jobs import find_jobs
+from lidcam.batch.local import LocalEngine
 from lidcam.batch.records import job_key
+from lidcam.batch.run import BatchOptions, run_batch
+from readers.location import RemotePath
 
 SHORT = ("--duration", "0.4", "--set", "output.images=false", "--workers", 1, "-q")
 
@@ -213,6 +216,17 @@ def test_recordings_of_a_bucket(fleet: Fleet, drive: Path) -> None:
     assert job_key(whole, ()) == before
     fleet["logs/day/c_1.mcap"] = b"another"
     assert job_key(whole, ()) != before
+
+
+def test_a_record_that_is_not_taken_fails_its_job_alone(fleet: Fleet, store: ObjectStore, drive: Path) -> None:
+    for name in ("a", "b"):
+        fleet[f"logs/{name}.bag"] = b"no recording"
+    store.fail("PUT /fleet/results/.lidcam-batch/a")
+    options = BatchOptions(RemotePath("s3://fleet/results"), (), (), ())
+    one, other = run_batch(find_jobs(["s3://fleet/logs"], drive), options, LocalEngine(1), lambda _: None)
+    assert (one.state, other.state) == ("failed", "failed")
+    assert one.message.startswith("s3://fleet/results/.lidcam-batch/a.json: HTTP 503 after several attempts")
+    assert "s3://fleet/logs/b.bag: of files on a server, lidcam reads .mcap" in other.message
 
 
 @pytest.mark.usefixtures("fleet")
