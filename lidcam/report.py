@@ -14,6 +14,7 @@ from pipeline.core.rig import Rig
 from pipeline.core.text import brief
 from pipeline.evaluation.road_users import RoadUsers
 from readers.input_file import InputFile
+from readers.location import RemotePath
 from readers.messages.tf import TF_TYPES
 from readers.recording import Loss, Recording
 from readers.rig.calibration import SensorSource
@@ -219,9 +220,10 @@ class RunReport:
         settings_sha256: Checksum of all of them that affect the result.
         notes: Remarks on topics and sensors.
         warnings: Reasons to doubt the result.
-        outputs: Files that were written.
+        outputs: Files that were written, those that were sent to a server left out.
         how_to_open: How the outputs are opened, by the name of the viewer.
         road_users: Who was there, each track once; None where nothing is tracked.
+        sent: Where the others are.
     """
 
     inputs: InputReport
@@ -236,6 +238,7 @@ class RunReport:
     outputs: tuple[Path, ...]
     how_to_open: Mapping[str, str]
     road_users: RoadUsers | None = None
+    sent: tuple[RemotePath, ...] = ()
 
     __repr__ = brief
 
@@ -308,7 +311,7 @@ def report_tree(report: RunReport) -> dict[str, Any]:
         "boxes_without_object": dict(drops.boxes_without_object),
         "objects_left_out": dict(drops.objects),
         "faults": [asdict(fault) for fault in sensors.faults],
-        "outputs": [str(path) for path in report.outputs],
+        "outputs": [str(place) for place in (*report.outputs, *report.sent)],
     }
 
 

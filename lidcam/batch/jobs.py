@@ -5,7 +5,9 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from typing import TypeVar
 
+from lidcam.bucket import Bucket, is_bucket
 from pipeline.core.errors import LidcamError, RecordingError
 from readers.files.evaluation_folder import is_evaluation_folder
 from readers.location import Location, RemotePath, location
@@ -26,6 +28,11 @@ PART = re.compile(r"(.+)_(\d+)")
 LONGEST_PAUSE_NS = 5_000_000_000
 """From one part of a split recording to the next; what begins later is another recording."""
 
+OTHER_FOLDER = "expected another folder for the results: the next batch would take them for recordings"
+NONE_FOUND = f"expected recordings ({', '.join(ENDINGS)}) in it, found none"
+
+L = TypeVar("L", Path, RemotePath)
+
 
 @dataclass(frozen=True, slots=True)
 class BatchJob:
@@ -42,15 +49,17 @@ class BatchJob:
     bytes: int
 
 
-def find_jobs(given: Sequence[str], out: Path) -> list[BatchJob]:
+def find_jobs(given: Sequence[str], out: Location) -> list[BatchJob]:
     """One job a recording, ordered by name.
 
     Args:
-        given: Recordings, folders, patterns (`'logs/*.bag'`), URLs, and `@list.txt` with one of these in a line.
+        given: Recordings, folders (`s3://bucket/logs`, too), patterns (`'logs/*.bag'`), URLs, and `@list.txt` with one
+            of these in a line.
         out: The folder of the results; it is not searched.
 
     Raises:
-        RecordingError: something is not there, a folder holds no recording, or two results would have one name.
+        RecordingError: something is not there, a folder holds no recording or cannot be listed, or two results would
+            have one name.
     """
     jobs: list[BatchJob] = []
     for text in _listed(given):
@@ -83,24 +92,42 @@ def _listed(given: Iterable[str]) -> Iterator[str]:
             yield text
 
 
-def _of(place: Location, text: str, out: Path) -> list[BatchJob]:
+def _of(place: Location, text: str, out: Location) -> list[BatchJob]:
     if isinstance(place, RemotePath):
-        return [BatchJob((place,), _stem(place.name), 0)]
+        if not is_bucket(place) or place.name.lower().endswith(ENDINGS):
+            return [BatchJob((place,), _stem(place.name), 0)]
+        return _of_bucket(place, out)
     if not place.exists():
         raise RecordingError(f"{text}: expected a recording or a folder of recordings, found nothing of this name")
     if not place.is_dir() or _is_recording(place):
         return [BatchJob((place,), _stem(place.name), _bytes(place))]
-    if place.resolve() == out.resolve():
-        raise RecordingError(
-            f"{text}: expected another folder for the results: the next batch would take them for recordings"
-        )
-    found = [*_recordings(place, out.resolve())]
+    skipped = out.resolve() if isinstance(out, Path) else None
+    if place.resolve() == skipped:
+        raise RecordingError(f"{text}: {OTHER_FOLDER}")
+    found = [*_recordings(place, skipped)]
     if not found:
-        raise RecordingError(f"{text}: expected recordings ({', '.join(ENDINGS)}) in it, found none")
-    return [_job(parts, place) for parts in _split(found)]
+        raise RecordingError(f"{text}: {NONE_FOUND}")
+    return [_job(parts, parts[0].relative_to(place).as_posix(), sum(map(_bytes, parts))) for parts in _split(found)]
 
 
-def _recordings(folder: Path, out: Path) -> Iterator[Path]:
+def _of_bucket(place: RemotePath, out: Location) -> list[BatchJob]:
+    """The recordings below a URL, also those of a kind that is not read from there: their lines say so."""
+    root, skipped = f"{place.url.rstrip('/')}/", f"{out.url.rstrip('/')}/" if isinstance(out, RemotePath) else None
+    if root == skipped:
+        raise RecordingError(f"{place}: {OTHER_FOLDER}")
+    sizes = {
+        one: size
+        for one, size in Bucket(place).found()
+        if one.name.lower().endswith(ENDINGS) and not (skipped and one.url.startswith(skipped))
+    }
+    if not sizes:
+        raise RecordingError(f"{place}: {NONE_FOUND}")
+    return [
+        _job(parts, parts[0].url.removeprefix(root), sum(sizes[one] for one in parts)) for parts in _split([*sizes])
+    ]
+
+
+def _recordings(folder: Path, out: Path | None) -> Iterator[Path]:
     """The recordings in a folder and below it, in natural order; links to folders are not followed."""
     for path in sorted(folder.iterdir(), key=lambda one: natural_key(one.name)):
         if path.is_dir() and not path.is_symlink() and path.resolve() != out and not path.name.startswith("."):
@@ -116,9 +143,9 @@ def _is_recording(folder: Path) -> bool:
     return (folder / METADATA).is_file() or is_evaluation_folder(folder)
 
 
-def _split(paths: Iterable[Path]) -> Iterator[list[Path]]:
+def _split(paths: Iterable[L]) -> Iterator[list[L]]:
     """Parts of a split recording together: `drive_0.bag`, `drive_1.bag`, ... that follow one another in time."""
-    parts: list[Path] = []
+    parts: list[L] = []
     for path in paths:
         if parts and _goes_on(parts[-1], path):
             parts.append(path)
@@ -130,11 +157,12 @@ def _split(paths: Iterable[Path]) -> Iterator[list[Path]]:
         yield parts
 
 
-def _goes_on(before: Path, path: Path) -> bool:
-    one, other = (PART.fullmatch(_stem(each.name)) for each in (before, path))
-    if one is None or other is None or before.parent != path.parent or path.is_dir():
+def _goes_on(before: Location, path: Location) -> bool:
+    (folder, stem, ending), (other_folder, other_stem, other_ending) = map(_split_name, (before, path))
+    one, other = PART.fullmatch(stem), PART.fullmatch(other_stem)
+    if one is None or other is None or folder != other_folder or (isinstance(path, Path) and path.is_dir()):
         return False
-    if (one[1], before.suffix) != (other[1], path.suffix) or int(one[2]) + 1 != int(other[2]):
+    if (one[1], ending) != (other[1], other_ending) or int(one[2]) + 1 != int(other[2]):
         return False
     try:
         with open_recording([before]) as first, open_recording([path]) as second:
@@ -143,13 +171,19 @@ def _goes_on(before: Path, path: Path) -> bool:
         return False  # each has a job of its own, which says what is wrong with it
 
 
-def _job(parts: Sequence[Path], root: Path) -> BatchJob:
-    first = parts[0]
-    stem = _stem(first.name)
+def _split_name(place: Location) -> tuple[str, str, str]:
+    """Folder, name without ending, and ending."""
+    stem = _stem(place.name)
+    folder = str(place.parent) if isinstance(place, Path) else place.url.rpartition("/")[0]
+    return folder, stem, place.name.removeprefix(stem)
+
+
+def _job(parts: Sequence[Location], name: str, size: int) -> BatchJob:
+    path = PurePosixPath(name)
+    stem = _stem(path.name)
     if len(parts) > 1 and (match := PART.fullmatch(stem)):
         stem = match[1]
-    name = PurePosixPath(first.parent.relative_to(root).as_posix()) / stem
-    return BatchJob(tuple(parts), str(name), sum(map(_bytes, parts)))
+    return BatchJob(tuple(parts), str(path.parent / stem), size)
 
 
 def _stem(name: str) -> str:

@@ -1,7 +1,7 @@
 """What a batch knows of each job: a small JSON file beside the results, by which a second run does what is missing."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from hashlib import sha256
 from pathlib import Path
@@ -9,9 +9,10 @@ from typing import Any, Literal
 
 from lidcam.batch.jobs import BatchJob
 from readers.files.evaluation_folder import is_evaluation_folder
+from readers.files.remote import open_remote
 from readers.location import Location, RemotePath
 
-__all__ = ["FOLDER", "JobRecord", "job_key", "read_record", "write_record"]
+__all__ = ["FOLDER", "JobRecord", "job_key", "read_record", "record_of", "record_text", "write_record"]
 
 FOLDER = ".lidcam-batch"
 """In the folder of the results."""
@@ -86,17 +87,22 @@ class JobRecord:
             version=tree["lidcam_version"],
         )
 
-    def is_current(self, key: str, out: Path) -> bool:
-        """Whether the results are there and need not be made again."""
+    def is_current(self, key: str, size_of: Callable[[str], int | None]) -> bool:
+        """Whether the results are there, of these sizes, and need not be made again."""
         if self.key != key or self.state not in {"done", "incomplete"}:
             return False
-        return all(_size(out / name) == size for name, size in (self.outputs or {}).items())
+        return all(size_of(name) == size for name, size in (self.outputs or {}).items())
 
 
 def job_key(job: BatchJob, facts: Sequence[str]) -> str:
     """Hexadecimal digest of a recording and of other facts.
 
-    Of files the names, sizes, beginnings and ends count; of an evaluation folder names and sizes.
+    Of files the names, sizes, beginnings and ends count; of an evaluation folder names and sizes; of a file on a server
+    what that says of it.
+
+    Raises:
+        OSError: one cannot be read.
+        RecordingError: a server does not give it.
     """
     digest = sha256(repr([*facts]).encode())
     for one in job.inputs:
@@ -104,12 +110,25 @@ def job_key(job: BatchJob, facts: Sequence[str]) -> str:
     return digest.hexdigest()
 
 
+def record_text(record: JobRecord) -> bytes:
+    """A record as JSON."""
+    return (json.dumps(asdict(record), indent=1) + "\n").encode()
+
+
+def record_of(text: bytes) -> JobRecord | None:
+    """The record that a text holds; None where it holds none."""
+    try:
+        tree = json.loads(text)
+        return JobRecord(**{field.name: tree[field.name] for field in fields(JobRecord)})
+    except (ValueError, KeyError, TypeError):
+        return None
+
+
 def read_record(path: Path) -> JobRecord | None:
     """The record of a job; None where there is none that can be read."""
     try:
-        tree = json.loads(path.read_bytes())
-        return JobRecord(**{field.name: tree[field.name] for field in fields(JobRecord)})
-    except (OSError, ValueError, KeyError, TypeError):
+        return record_of(path.read_bytes())
+    except OSError:
         return None
 
 
@@ -120,13 +139,15 @@ def write_record(path: Path, record: JobRecord) -> None:
         OSError: it cannot be written.
     """
     beside = path.with_name(f"{path.name}.new")
-    beside.write_text(json.dumps(asdict(record), indent=1) + "\n", encoding="utf-8")
+    beside.write_bytes(record_text(record))
     beside.replace(path)
 
 
 def _ends(place: Location) -> bytes:
     if isinstance(place, RemotePath):
-        return repr(place.url).encode()
+        found, stream = open_remote(place)
+        stream.close()
+        return repr((str(place), found.facts)).encode()
     digest = sha256()
     files = sorted(one for one in place.rglob("*") if one.is_file()) if place.is_dir() else [place]
     has_many_files = place.is_dir() and is_evaluation_folder(place)  # ten for each frame
@@ -139,7 +160,3 @@ def _ends(place: Location) -> bytes:
                     stream.seek(at)
                     digest.update(stream.read(END_BYTES))
     return digest.digest()
-
-
-def _size(path: Path) -> int | None:
-    return path.stat().st_size if path.is_file() else None

@@ -1,11 +1,10 @@
 """A batch: what is missing is processed, longest recordings first; what is there and current stays."""
 
-import fcntl
 import json
 import logging
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -13,8 +12,10 @@ from tempfile import TemporaryDirectory
 
 from lidcam.batch.jobs import BatchJob
 from lidcam.batch.local import LocalEngine
-from lidcam.batch.records import FOLDER, JobRecord, State, job_key, read_record, write_record
-from pipeline.core.errors import OutputError
+from lidcam.batch.records import JobRecord, State, job_key
+from lidcam.batch.store import Store, open_store
+from pipeline.core.errors import OutputError, RecordingError
+from readers.location import Location
 
 __all__ = ["BatchOptions", "run_batch"]
 
@@ -31,7 +32,7 @@ class BatchOptions:
     """What is done to each recording.
 
     Attributes:
-        out: Folder of the results.
+        out: Folder of the results, local or of an object store.
         arguments: Options of `lidcam process`, as on its command line.
         outputs: Further outputs of each recording: the option, and the ending of its file.
         facts: All that results depend on besides the recording.
@@ -39,7 +40,7 @@ class BatchOptions:
         fail_fast: Begin no other job after one that failed.
     """
 
-    out: Path
+    out: Location
     arguments: Sequence[str]
     outputs: Sequence[tuple[str, str]]
     facts: Sequence[str]
@@ -64,8 +65,8 @@ def run_batch(
     ordered = sorted(jobs, key=lambda job: (-job.bytes, job.name))
     found: dict[str, JobRecord] = {}
     try:
-        options.out.mkdir(parents=True, exist_ok=True)
-        with closing(engine.outcomes([partial(_done, job, options) for job in ordered])) as outcomes:
+        store = open_store(options.out)
+        with closing(engine.outcomes([partial(_done, job, options, store) for job in ordered])) as outcomes:
             for record in outcomes:
                 found[record.name] = record
                 told(record)
@@ -76,10 +77,8 @@ def run_batch(
     return [found[job.name] for job in jobs if job.name in found]
 
 
-def _done(job: BatchJob, options: BatchOptions, engine: LocalEngine) -> JobRecord:
+def _done(job: BatchJob, options: BatchOptions, store: Store, engine: LocalEngine) -> JobRecord:
     """The record of a job that has ended, or is current already."""
-    place = options.out / FOLDER / f"{job.name}.json"
-    place.parent.mkdir(parents=True, exist_ok=True)
     shown = ", ".join(map(str, job.inputs))
     try:
         key = job_key(job, options.facts)
@@ -87,31 +86,41 @@ def _done(job: BatchJob, options: BatchOptions, engine: LocalEngine) -> JobRecor
         return JobRecord(
             job.name, shown, "", "failed", 1, f"{err.filename}: expected a file that can be read: {err.strerror}"
         )
-    with _locked(place.with_suffix(".lock")) as lock:
-        known = read_record(place)
+    except RecordingError as err:
+        return JobRecord(job.name, shown, "", "failed", 1, str(err))
+    try:
+        return _kept(job, options, store, engine, JobRecord(job.name, shown, key, "begun"))
+    except OutputError as err:  # the store refuses this one, and may take others
+        return JobRecord(job.name, shown, key, "failed", 1, str(err))
+
+
+def _kept(job: BatchJob, options: BatchOptions, store: Store, engine: LocalEngine, begun: JobRecord) -> JobRecord:
+    """The same of a recording that can be read; kept in the store."""
+    with store.held(job.name) as lock:
+        known = store.record(job.name)
         if lock is None:
-            return known or JobRecord(job.name, shown, key, "busy", message="another batch is at work on it")
-        if known is not None and known.is_current(key, options.out) and not options.overwrite:
+            return known or replace(begun, state="busy", message="another batch is at work on it")
+        if known is not None and known.is_current(begun.key, store.size) and not options.overwrite:
             return known
         if known is not None and known.state == "begun":
             logger.warning("%s: an earlier batch ended while it was at work on it: it is processed again", job.name)
-        begun = JobRecord(job.name, shown, key, "begun")
-        write_record(place, begun)
-        record = _processed(job, options, engine, begun, lock)
-        write_record(place, record)
+        store.keep(begun)
+        record = _processed(job, options, store, engine, begun, lock)
+        store.keep(record)
         return record
 
 
-def _processed(job: BatchJob, options: BatchOptions, engine: LocalEngine, begun: JobRecord, lock: int) -> JobRecord:
-    target = options.out / f"{job.name}.mcap"
-    target.parent.mkdir(parents=True, exist_ok=True)
-    outputs = [(option, target.with_name(target.stem + ending)) for option, ending in options.outputs]
+def _processed(
+    job: BatchJob, options: BatchOptions, store: Store, engine: LocalEngine, begun: JobRecord, lock: int
+) -> JobRecord:
+    outputs = {"": f"{job.name}.mcap"} | {option: _named(job.name, ending) for option, ending in options.outputs}
+    places = {option: store.place(name) for option, name in outputs.items()}
     with TemporaryDirectory(prefix="lidcam-batch-") as folder:
         figures = Path(folder) / "figures.json"
         inputs = [getattr(one, "url", str(one)) for one in job.inputs]
-        command = [sys.executable, "-m", "lidcam", "process", *inputs, str(target), *options.arguments]
+        command = [sys.executable, "-m", "lidcam", "process", *inputs, places.pop(""), *options.arguments]
         command += ["--quiet", "--json-file", str(figures), *["--overwrite"] * options.overwrite]
-        command += [text for option, path in outputs for text in (option, str(path))]
+        command += [text for option, place in places.items() for text in (option, place)]
         outcome = engine.run(command, keep_open=lock)
         record = replace(
             begun,
@@ -128,18 +137,11 @@ def _processed(job: BatchJob, options: BatchOptions, engine: LocalEngine, begun:
         for prefix in PREFIXES:
             line = line.removeprefix(prefix)
         return replace(record, message=line or f"ended by signal {-outcome.exit_code}")
-    written = [target, *(path for _, path in outputs)]
-    sizes = {path.relative_to(options.out).as_posix(): path.stat().st_size for path in written if path.is_file()}
-    return replace(record, outputs=sizes)
+    sizes = {name: store.size(name) for name in outputs.values()}
+    return replace(record, outputs={name: size for name, size in sizes.items() if size is not None})
 
 
-@contextmanager
-def _locked(path: Path) -> Iterator[int | None]:
-    """A descriptor that holds the lock; None where another process has it. A process that inherits it keeps it."""
-    with path.open("ab") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            yield None
-        else:
-            yield file.fileno()
+def _named(job: str, ending: str) -> str:
+    """The name of an output; that of a folder has no dots, which would look like the ending of a file."""
+    folder, slash, name = job.rpartition("/")
+    return f"{folder}{slash}{name if ending.startswith('.') else name.replace('.', '_')}{ending}"

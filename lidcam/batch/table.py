@@ -1,14 +1,14 @@
 """The table of a batch as Parquet: a row for each recording."""
 
 from collections.abc import Sequence
-from pathlib import Path
+from io import BytesIO
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lidcam.batch.records import JobRecord
 
-__all__ = ["TABLE", "write_table"]
+__all__ = ["TABLE", "table_of"]
 
 TABLE = "_jobs.parquet"
 """In the folder of the results. Readers of a folder of tables pass over names that begin so."""
@@ -21,10 +21,10 @@ SCHEMA = pa.schema(
         ("exit_code", pa.int32()),
         ("message", pa.string()),
         ("frames", pa.int64()),
-        ("objects", pa.map_(pa.string(), pa.int64())),
+        ("objects", pa.list_(pa.struct([("class", pa.string()), ("count", pa.int64())]))),
         ("dropped", pa.int64()),
         ("skew_max_ms", pa.float64()),
-        ("lacking", pa.map_(pa.string(), pa.int64())),
+        ("lacking", pa.list_(pa.struct([("sensor", pa.string()), ("frames", pa.int64())]))),
         ("processor_s", pa.float64()),
         ("wall_s", pa.float64()),
         ("peak_mib", pa.float64()),
@@ -36,17 +36,13 @@ SCHEMA = pa.schema(
 )
 
 
-def write_table(path: Path, records: Sequence[JobRecord]) -> None:
-    """Write a row for each record, whole or not at all.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+def table_of(records: Sequence[JobRecord]) -> bytes:
+    """A row for each record, as Parquet."""
     rows = [
         {
             "recording": one.name,
-            "objects": list((one.objects or {}).items()),
-            "lacking": list((one.lacking or {}).items()),
+            "objects": [{"class": name, "count": count} for name, count in (one.objects or {}).items()],
+            "lacking": [{"sensor": name, "frames": count} for name, count in (one.lacking or {}).items()],
             **{
                 name: getattr(one, name)
                 for name in SCHEMA.names
@@ -55,6 +51,6 @@ def write_table(path: Path, records: Sequence[JobRecord]) -> None:
         }
         for one in records
     ]
-    beside = path.with_name(f"{path.name}.new")
-    pq.write_table(pa.Table.from_pylist(rows, SCHEMA), beside)
-    beside.replace(path)
+    content = BytesIO()
+    pq.write_table(pa.Table.from_pylist(rows, SCHEMA), content)
+    return content.getvalue()

@@ -25,6 +25,7 @@ from lidcam.commands.options import (
 )
 from lidcam.commands.verdict import Verdict
 from lidcam.printing.log import remark_log
+from readers.location import location
 
 if TYPE_CHECKING:
     from lidcam.batch.records import JobRecord
@@ -50,6 +51,9 @@ with compiled_together(shown=True):
 """
 """In a process of its own, so that this one stays small: once, before many processes begin."""
 
+MATCHES = "_matches"
+"""End of the name of a folder of pictures, which has no ending."""
+
 
 @with_log_options
 def batch(
@@ -57,10 +61,11 @@ def batch(
         list[str],
         typer.Argument(
             metavar="IN [IN ...]",
-            help="Recordings, folders of them, patterns ('logs/*.bag'), URLs, @LIST.txt with one in a line.",
+            help="Recordings, folders of them (s3://bucket/folder, too), patterns ('logs/*.bag'), URLs, @LIST.txt with "
+            "one in a line.",
         ),
     ],
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the results.")],
+    out: Annotated[str, typer.Option("--out", metavar="DIR", help="Folder of the results, also s3://bucket/folder.")],
     jobs: Annotated[
         int | None,
         typer.Option(
@@ -71,6 +76,10 @@ def batch(
     report: Annotated[bool, typer.Option("--report", help="Also write a page about each.")] = False,
     objects: Annotated[
         bool, typer.Option("--objects", help="Also write a Parquet table of the objects of each.")
+    ] = False,
+    video: Annotated[bool, typer.Option("--video", help="Also write a film of each (extra video).")] = False,
+    save_matches: Annotated[
+        bool, typer.Option("--save-matches", help="Also write a folder of pictures of each camera and frame.")
     ] = False,
     config_file: ConfigFile = None,
     settings: Setting = None,
@@ -99,13 +108,17 @@ def batch(
     from lidcam.batch.jobs import find_jobs
     from lidcam.batch.local import LocalEngine, jobs_that_fit
     from lidcam.batch.run import BatchOptions, run_batch
-    from lidcam.batch.table import TABLE, write_table
+    from lidcam.batch.store import open_store
+    from lidcam.batch.table import TABLE, table_of
     from lidcam.job import make_job
     from lidcam.printing.batch import print_batch, shown_batch
     from lidcam.printing.terminal import console, show_json
     from pipeline.parallel.cores import usable_cores
 
-    found = find_jobs(recordings, out)
+    place = location(out)
+    if save_matches and not isinstance(place, Path):
+        raise typer.BadParameter("pictures are written to a local folder", param_hint="--save-matches")
+    found = find_jobs(recordings, place)
     # Settings, rig and network are checked once, before any recording is read.
     first = make_job(
         found[0].inputs,
@@ -121,6 +134,7 @@ def batch(
         every=every,
         on_bad_message=on_bad_message,
     )
+    store = open_store(place)
     given = [
         ("--config", config_file),
         ("--model-2d", model_2d),
@@ -133,12 +147,18 @@ def batch(
     many = [("--set", settings), ("--rig", rig_files), ("--copy-topics", copy_topics)]
     arguments += [text for name, values in many for value in values or () for text in (name, value)]
     arguments += ["--on-bad-message", on_bad_message]
-    switches = [(rerun, "--rerun", ".rrd"), (report, "--report", ".html"), (objects, "--objects", ".parquet")]
+    switches = [
+        (rerun, "--rerun", ".rrd"),
+        (report, "--report", ".html"),
+        (objects, "--objects", ".parquet"),
+        (video, "--video", ".mp4"),
+        (save_matches, "--save-matches", MATCHES),
+    ]
     outputs = [(option, ending) for wanted, option, ending in switches if wanted]
     files = [sha256(path.read_bytes()).hexdigest() for path in first.read_files]
     at_once = min(jobs or jobs_that_fit(len(found)), len(found))
     options = BatchOptions(
-        out,
+        place,
         [*arguments, "--workers", str(workers or max(usable_cores() // at_once, 1))],
         outputs,
         facts=[_version(), *arguments, *(option for option, _ in outputs), *files],
@@ -148,12 +168,12 @@ def batch(
     subprocess.run([sys.executable, "-c", COMPILE], check=False)
     with shown_batch(found) as told:
         records = run_batch(found, options, LocalEngine(at_once), told)
-    write_table(out / TABLE, records)
+    store.write(TABLE, table_of(records))
     if as_json:
         show_json(console(), {"jobs": [asdict(record) for record in records]})
     else:
         print_batch(console(), records)
-    remark_log.info("wrote %s", out / TABLE)
+    remark_log.info("wrote %s/%s", str(place).rstrip("/"), TABLE)
     _verdict(records, len(found)).end()
 
 

@@ -5,8 +5,8 @@ import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import wraps
-from pathlib import Path
-from typing import Annotated, Literal
+from pathlib import Path, PurePath
+from typing import Annotated, Literal, TypeVar
 
 import typer
 
@@ -43,6 +43,7 @@ __all__ = [
 
 logger = logging.getLogger(__name__)
 
+T = TypeVar("T", str, Path)
 
 MAX_SECONDS = 1e9
 """Thirty years: longer than any recording, and well within 64 bits of nanoseconds."""
@@ -70,11 +71,11 @@ def duration(value: float | None) -> float | None:
     return seconds(value)
 
 
-def ends_in(*endings: str) -> Callable[[Path | None], Path | None]:
+def ends_in(*endings: str) -> Callable[[T | None], T | None]:
     """A check of an option: its file has a name with one of these endings; with "", a folder's name without ending."""
 
-    def check(value: Path | None) -> Path | None:
-        if value is not None and value.suffix not in endings:
+    def check(value: T | None) -> T | None:
+        if value is not None and PurePath(value).suffix not in endings:
             what = f"ends in {' or '.join(endings)}" if any(endings) else "has no ending, for a folder"
             raise typer.BadParameter(f"expected a name that {what}, found {value}")
         return value

@@ -2,7 +2,7 @@
 
 import logging
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -34,7 +34,7 @@ from lidcam.commands.verdict import Verdict
 from lidcam.compiling import compiled_together
 from lidcam.printing.log import is_verbose, remark_log
 from pipeline.parallel.cores import THREADS_OF_LIBRARIES
-from readers.location import RemotePath, location
+from readers.location import location
 
 if TYPE_CHECKING:
     from lidcam.evaluation.evaluation import Evaluation
@@ -70,18 +70,18 @@ def process(
         list[str],
         typer.Argument(
             metavar="IN [IN ...] OUT.mcap",
-            help="Recording (.bag, ROS 2 folder, .mcap, .db3, .pcap, or the URL of an .mcap), then output.",
+            help="Recording (.bag, ROS 2 folder, .mcap, .db3, .pcap, or the URL of an .mcap), then output, also s3://.",
         ),
     ],
     config_file: ConfigFile = None,
     settings: Setting = None,
     rig_files: RigFile = None,
     rerun: Annotated[
-        Path | None,
+        str | None,
         typer.Option(metavar="OUT.rrd", callback=ends_in(".rrd"), help="Also write a Rerun recording."),
     ] = None,
     objects: Annotated[
-        Path | None,
+        str | None,
         typer.Option(
             metavar="OUT.csv|OUT.parquet",
             callback=ends_in(".csv", ".parquet"),
@@ -97,7 +97,7 @@ def process(
         ),
     ] = None,
     report: Annotated[
-        Path | None,
+        str | None,
         typer.Option(metavar="OUT.html", callback=ends_in(".html"), help="Also write a page about the result."),
     ] = None,
     save_matches: Annotated[
@@ -109,7 +109,7 @@ def process(
         ),
     ] = None,
     video: Annotated[
-        Path | None,
+        str | None,
         typer.Option(
             metavar="OUT.mp4",
             callback=ends_in(".mp4"),
@@ -178,9 +178,7 @@ def process(
     if len(paths) < 2:
         raise typer.BadParameter("expected at least one recording and the output", param_hint="IN OUT.mcap")
     *inputs, output = map(location, paths)
-    if isinstance(output, RemotePath):
-        raise typer.BadParameter(f"the output is a local file, found {output}", param_hint="OUT.mcap")
-    if output.suffix != ".mcap":
+    if not output.name.endswith(".mcap"):
         raise typer.BadParameter(f"the output comes last and ends in .mcap, found {output}", param_hint="OUT.mcap")
     if as_json and (print_detections or print_matches):
         raise typer.BadParameter(
@@ -196,8 +194,11 @@ def process(
         for name in THREADS_OF_LIBRARIES:
             os.environ.setdefault(name, "1")
     from lidcam.job import make_job
+    from lidcam.outputs.sending import sent_when_complete
 
-    with requirement_errors():
+    others = [location(one) for one in (rerun, objects, report, video) if one is not None]
+    outputs = [output, *others, *([] if objects_clouds is None else [objects_clouds])]
+    with requirement_errors(), sent_when_complete(outputs, inputs, overwrite=overwrite) as sending:
         required: Sequence[Requirement] | None = () if evaluate_ else None
         if requirements:
             from lidcam.evaluation.requirement import read_requirements
@@ -205,7 +206,7 @@ def process(
             required = read_requirements(requirements)
         job = make_job(
             inputs,
-            [output, *(path for path in (rerun, objects, objects_clouds, report, video) if path is not None)],
+            sending.local,
             config=config_file,
             settings=settings or (),
             rig=rig_files,
@@ -233,6 +234,7 @@ def process(
             json_file=json_file,
             max_dropped_percent=(MAX_DROPPED_PERCENT if max_dropped is None else max_dropped) if strict else None,
             requirements=required,
+            send=sending.send,
         )
 
 
@@ -245,6 +247,7 @@ def run_process(
     json_file: Path | None = None,
     max_dropped_percent: float | None = None,
     requirements: "Sequence[Requirement] | None" = None,
+    send: "Callable[[RunReport], RunReport]" = lambda report: report,
 ) -> None:
     """Process a recording and print the final tables.
 
@@ -256,6 +259,7 @@ def run_process(
         json_file: Where the JSON is written; None: nowhere.
         max_dropped_percent: Limit of `--strict`; None: not strict.
         requirements: Limits that the figures of the result must meet; None: the result is not evaluated.
+        send: Called with the report when the outputs are complete; puts them where they belong.
 
     Raises:
         RequirementError: a requirement names a figure that there cannot be; nothing is processed.
@@ -280,6 +284,7 @@ def run_process(
         failure = "" if max_dropped_percent is None else strict_failure(report, max_dropped_percent)
         failures = ((failure,) if failure else ()) + (evaluation.failures if evaluation else ())
         verdict = Verdict(failures, report.incomplete)
+        report = send(report)
         tree = _tree(report, evaluation, verdict)
         write_json(tree)
     for drop in report.drops.messages:

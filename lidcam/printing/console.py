@@ -188,7 +188,7 @@ def print_report(out: Console, report: RunReport, *, times: bool = False) -> Non
         ),
         **({"copied": _copied(report)} if inputs.copied else {}),
         "settings": str(report.settings),
-        "written": ", ".join(map(str, report.outputs)),
+        "written": ", ".join(map(str, (*report.outputs, *report.sent))),
         **report.how_to_open,
     }
     show_table(out, pairs_table("run", facts))

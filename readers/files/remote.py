@@ -19,7 +19,7 @@ from pipeline.core.errors import RecordingError, is_short_memory
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.location import RemotePath
 
-__all__ = ["RemoteFile", "open_remote", "warn_of_full_read"]
+__all__ = ["REMEDY", "RemoteFile", "file_system", "meaning_of", "open_remote", "warn_of_full_read"]
 
 logger = logging.getLogger(__name__)
 
@@ -151,7 +151,7 @@ class RemoteFile(io.BufferedIOBase):
     def _open(self) -> None:
         """Ask the server for the facts about the file, and open it."""
         is_web = self.path.protocol in {"http", "https"}
-        system = _file_system(self.path, self._limits.max_request_s)
+        system = file_system(self.path, self._limits.max_request_s)
         if is_web:
             from fsspec.asyn import sync
 
@@ -239,7 +239,7 @@ class RemoteFile(io.BufferedIOBase):
             except Exception as err:  # any library below may raise
                 if is_short_memory(err):
                     raise
-                reason, may_pass = _meaning_of(err)
+                reason, may_pass = meaning_of(err)
                 if may_pass and delay_s is not None and time.monotonic() + delay_s < end_s:
                     time.sleep(delay_s)
                     continue
@@ -268,8 +268,8 @@ def warn_of_full_read(stream: BinaryIO, because: str) -> None:
         logger.warning("%s: %s: all of it is fetched, %.1f MB", file.path, because, file.size / 1e6)
 
 
-def _file_system(path: RemotePath, max_request_s: float) -> Any:
-    """The file system with which fsspec reads a protocol.
+def file_system(path: RemotePath, max_request_s: float = DEFAULT_LIMITS.max_request_s) -> Any:
+    """The file system of fsspec for a protocol.
 
     Raises:
         RecordingError: the protocol is unknown, or what it needs is not installed.
@@ -297,7 +297,7 @@ def _file_system(path: RemotePath, max_request_s: float) -> Any:
     return kind(skip_instance_cache=True, **options)
 
 
-def _meaning_of(err: BaseException) -> tuple[str, bool]:
+def meaning_of(err: BaseException) -> tuple[str, bool]:
     """Meaning of an error of the libraries below, without secrets, and whether the same request may succeed."""
     if isinstance(err, _AnswerError):
         return str(err), False

@@ -22,7 +22,7 @@ def logs(tmp_path: Path) -> Path:
 
 def test_a_batch_makes_what_single_runs_make(lidcam: Lidcam, logs: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    run = lidcam("batch", logs, "--out", out, *SHORT, "--objects", "--every", 2, "--json")
+    run = lidcam("batch", logs, "--out", out, *SHORT, "--objects", "--save-matches", "--every", 2, "--json")
     assert run.code == 1
     assert "1 of 2 recordings failed: text: " in run.error_line
     done, failed = json.loads(run.out)["jobs"]
@@ -34,8 +34,9 @@ def test_a_batch_makes_what_single_runs_make(lidcam: Lidcam, logs: Path, tmp_pat
     assert (out / "day" / "drive.mcap").read_bytes() == (tmp_path / "one.mcap").read_bytes()
     assert pq.read_table(out / "_jobs.parquet").column("state").to_pylist() == ["done", "failed"]
     assert pq.read_table(out / "day" / "drive.parquet").num_columns > 10
+    assert (out / "day" / "drive_matches").is_dir()
     before = (out / "day" / "drive.mcap").stat().st_mtime_ns
-    assert lidcam("batch", logs, "--out", out, *SHORT, "--objects", "--every", 2).code == 1
+    assert lidcam("batch", logs, "--out", out, *SHORT, "--objects", "--save-matches", "--every", 2).code == 1
     assert (out / "day" / "drive.mcap").stat().st_mtime_ns == before
 
 

@@ -48,7 +48,7 @@ EXCEPTIONS = {
     r"lidcam train ": "takes minutes: tests/lidcam/training learns from a few worlds",
     r"python benchmarks/measured/speed_page.py ": "takes minutes and writes a page of the documents",
     r"python benchmarks/measured/memory_table.py": "the same",
-    r".*s3://": "needs a bucket: tests/readers/files/test_remote.py reads from one that it plays itself",
+    r".*s3://": "needs a bucket: test_object_store has one on this machine",
     r".*--(install|show)-completion": "asks which shell it is called from: test_calling does that",
 }
 

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from document_commands import ROOT
 from pipeline.core.messages import RawMessage
 
 WORKFLOW = ROOT / "docs" / "workflow.yml"
+BUCKET_WORKFLOW = WORKFLOW.with_name("bucket-workflow.yml")
 PART = ("--duration", "0.4")
 
 
@@ -50,16 +52,30 @@ def test_requirements_that_are_met_and_not(lidcam: Lidcam, result: Path, tmp_pat
     assert "gate.json: is an input of this run" in refused.error_line
 
 
-def steps() -> Iterator[dict[str, Any]]:
-    workflow = yaml.safe_load(WORKFLOW.read_text(encoding="utf-8"))
+def steps(path: Path = WORKFLOW) -> Iterator[dict[str, Any]]:
+    workflow = yaml.safe_load(path.read_text(encoding="utf-8"))
     for job in workflow["jobs"].values():
         yield from job["steps"]
 
 
-def test_the_workflow_pins_what_it_uses() -> None:
-    used = [step["uses"] for step in steps() if "uses" in step]
+@pytest.mark.parametrize("path", [WORKFLOW, BUCKET_WORKFLOW], ids=lambda path: path.name)
+def test_a_workflow_pins_what_it_uses(path: Path) -> None:
+    used = [step["uses"] for step in steps(path) if "uses" in step]
     assert len(used) >= 3
     assert all(re.fullmatch(r"[\w-]+/[\w-]+@[0-9a-f]{40}", one) for one in used)
+
+
+def test_the_bucket_workflow_has_options_that_there_are(lidcam: Lidcam) -> None:
+    """With recordings that are not there, it fails for these alone; test_object_store runs such commands."""
+    install, command = (step["run"] for step in steps(BUCKET_WORKFLOW) if "run" in step)
+    assert install.startswith("pip install 'lidcam[s3]==")
+    words = shlex.split(command.replace("s3://bucket/logs", "nothing"))
+    program, *arguments = words[: words.index(">")]
+    run = lidcam(*arguments)
+    assert (program, run.code) == ("lidcam", 1)
+    assert run.error_line.endswith(
+        "nothing: expected a recording or a folder of recordings, found nothing of this name"
+    )
 
 
 def test_the_workflow_runs(sandbox: Path, first_messages: dict[str, list[RawMessage]], tmp_path: Path) -> None:

@@ -113,6 +113,6 @@ def test_errors_are_one_line_without_secrets(lidcam: Lidcam, server: RangeServer
 
 def test_output_on_a_server(lidcam: Lidcam, recording: Path, url: str) -> None:
     done = lidcam("process", recording, url)
-    assert done.code == 2
-    assert "the output is a local file, found http://" in " ".join(done.err.split())
+    assert done.code == 1
+    assert "expected a local path, or s3://bucket/..., as output" in done.error_line
     assert "s3cret" not in done.err

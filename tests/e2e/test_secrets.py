@@ -18,6 +18,8 @@ COMMANDS = [
     "process {sandbox} out.mcap --evaluate --require @{url}",
     "process {sandbox} out.mcap --json-file {url}",
     "process {sandbox} {url}",
+    "process {sandbox} out.mcap --objects {url}",
+    "batch {sandbox} --out {url}",
     "inspect {url}",
     "inspect {sandbox} --write-rig {url}",
     "evaluate {url}",

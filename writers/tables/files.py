@@ -13,7 +13,20 @@ from writers.outputs.errors import output_errors
 from writers.outputs.marks import OBJECTS
 from writers.outputs.transaction import OutputTransaction
 
-__all__ = ["csv_header", "parquet_metadata", "save_csv", "save_parquet", "write_rows"]
+__all__ = ["column_metadata", "csv_header", "parquet_metadata", "save_csv", "save_parquet", "write_rows"]
+
+UNITS = {"_m_s": "m/s", "_rad_s": "rad/s", "_m": "m", "_rad": "rad", "_ns": "ns", "_s": "s"}
+"""By the end of a column's name; the first that fits."""
+
+IN_SITE = frozenset({"x_m", "y_m", "z_m", "yaw_rad", "vx_m_s", "vy_m_s"})
+"""Columns that are given in the site frame."""
+
+
+def column_metadata(name: str, site_frame: str) -> dict[str, str]:
+    """Metadata of a column: its `unit`, and the `frame` in which it is given; none where it has none."""
+    unit = next((unit for end, unit in UNITS.items() if name.endswith(end)), "")
+    facts = {"unit": unit, "frame": site_frame if name in IN_SITE else ""}
+    return {key: value for key, value in facts.items() if value}
 
 
 def csv_header(columns: Mapping[str, Array]) -> str:

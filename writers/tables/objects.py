@@ -14,7 +14,7 @@ from pipeline.core.detections import source_names
 from pipeline.core.frame import FrameResult
 from pipeline.core.rig import Rig
 from pipeline.core.tracks import NO_TRACK, Tracks
-from writers.tables.files import save_csv, save_parquet
+from writers.tables.files import column_metadata, save_csv, save_parquet
 from writers.tables.html import as_html, as_text
 
 if TYPE_CHECKING:
@@ -245,8 +245,11 @@ class Objects:
         return _library("polars").DataFrame(dict(self.columns))
 
     def to_arrow(self) -> Any:
-        """The columns as a pyarrow.Table."""
-        return _library("pyarrow").table(dict(self.columns))
+        """The columns as a pyarrow.Table, units and frames in the metadata of its fields."""
+        arrow = _library("pyarrow")
+        table = arrow.table(dict(self.columns))
+        fields = [field.with_metadata(column_metadata(field.name, self.frame_id)) for field in table.schema]
+        return arrow.Table.from_arrays(table.columns, schema=arrow.schema(fields))
 
     def to_csv(self, path: str | PathLike[str]) -> None:
         """Write the columns as CSV, as `lidcam process --objects OUT.csv` does; what stands there is replaced.

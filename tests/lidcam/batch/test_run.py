@@ -48,6 +48,11 @@ def options(tmp_path: Path) -> BatchOptions:
     return BatchOptions(tmp_path / "out", (), (), ("version",))
 
 
+def folder(options: BatchOptions) -> Path:
+    assert isinstance(options.out, Path)
+    return options.out
+
+
 def done(jobs: list[BatchJob], options: BatchOptions) -> tuple[list[str], list[str]]:
     """The states, and the recordings that were processed for them."""
     engine = Engine()
@@ -57,13 +62,13 @@ def done(jobs: list[BatchJob], options: BatchOptions) -> tuple[list[str], list[s
 
 def test_a_bad_recording_stops_no_other_and_the_longest_is_first(jobs: list[BatchJob], options: BatchOptions) -> None:
     assert done(jobs, options) == (["done", "failed", "incomplete"], ["b.bag", "a.bag", "c.bag"])
-    assert sorted(path.name for path in options.out.glob("*.mcap")) == ["a.mcap", "c.mcap"]
+    assert sorted(path.name for path in folder(options).glob("*.mcap")) == ["a.mcap", "c.mcap"]
 
 
 def test_a_second_run_does_what_is_missing(jobs: list[BatchJob], options: BatchOptions) -> None:
     done(jobs, options)
     assert done(jobs, options)[1] == ["b.bag"]
-    (options.out / "a.mcap").unlink()
+    (folder(options) / "a.mcap").unlink()
     assert done(jobs, options)[1] == ["b.bag", "a.bag"]
     jobs[2].inputs[0].write_bytes(b"cut elsewhere")  # type: ignore[union-attr]  # a path
     assert done(jobs, options)[1] == ["b.bag", "c.bag"]
@@ -79,7 +84,7 @@ def test_what_was_at_work_when_a_batch_was_killed_is_done_again(
     jobs: list[BatchJob], options: BatchOptions, caplog: pytest.LogCaptureFixture
 ) -> None:
     done(jobs, options)
-    place = options.out / FOLDER / "a.json"
+    place = folder(options) / FOLDER / "a.json"
     record = read_record(place)
     assert record is not None
     write_record(place, JobRecord(record.name, record.input, record.key, "begun"))
@@ -90,13 +95,13 @@ def test_what_was_at_work_when_a_batch_was_killed_is_done_again(
 @pytest.mark.parametrize("content", [b"", b"{}", b"[1]", b"{"])
 def test_a_record_that_cannot_be_read_is_none(content: bytes, jobs: list[BatchJob], options: BatchOptions) -> None:
     done(jobs, options)
-    (options.out / FOLDER / "a.json").write_bytes(content)
+    (folder(options) / FOLDER / "a.json").write_bytes(content)
     assert done(jobs, options)[1] == ["b.bag", "a.bag"]
 
 
 def test_a_job_at_which_another_batch_is_at_work_is_left_to_it(jobs: list[BatchJob], options: BatchOptions) -> None:
-    (options.out / FOLDER).mkdir(parents=True)
-    with (options.out / FOLDER / "a.lock").open("wb") as lock:
+    (folder(options) / FOLDER).mkdir(parents=True)
+    with (folder(options) / FOLDER / "a.lock").open("wb") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         assert done(jobs, options) == (["busy", "failed", "incomplete"], ["b.bag", "c.bag"])
 

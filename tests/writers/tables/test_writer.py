@@ -44,6 +44,16 @@ def writer_of(path: Path) -> ResultWriter:
     return ParquetObjectsWriter(output, RIG, NAMES, PROVENANCE)
 
 
+UNITS = {
+    **dict.fromkeys(("frame", "track", "class", "zone", "score", "existence", "front_known"), ""),
+    **dict.fromkeys(("points", "cameras", "source"), ""),
+    **dict.fromkeys(("x_m", "y_m", "z_m", "length_m", "width_m", "height_m"), "m"),
+    **dict.fromkeys(("speed_m_s", "vx_m_s", "vy_m_s"), "m/s"),
+    **dict.fromkeys(("stamp_ns", "measured_ns"), "ns"),
+    **{"yaw_rad": "rad", "yaw_rate_rad_s": "rad/s", "age_s": "s"},
+}
+
+
 def written(path: Path, frames: Iterable[FrameResult]) -> Path:
     with writer_of(path) as writer:
         for one in frames:
@@ -93,7 +103,12 @@ def test_equal_results_are_equal_bytes(tmp_path: Path, kind: str) -> None:
 
 
 def test_parquet_says_where_it_comes_from(tmp_path: Path) -> None:
-    metadata = parquet.read_schema(written(tmp_path / "out.parquet", FRAMES)).metadata
+    schema = parquet.read_schema(written(tmp_path / "out.parquet", FRAMES))
+    metadata = schema.metadata
+    units = {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in schema}
+    assert units == UNITS
+    assert schema.field("vx_m_s").metadata[b"frame"] == b"site"
+    assert b"frame" not in schema.field("length_m").metadata
     assert json.loads(metadata[b"lidcam.objects"]) == {"site_frame": "site"} | PROVENANCE.metadata()
 
 
