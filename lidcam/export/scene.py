@@ -18,7 +18,8 @@ from pipeline.core.messages import RawMessage
 from pipeline.core.rig import CameraSensor
 from pipeline.core.settings.config import Config
 from pipeline.core.tracks import NO_TRACK
-from pipeline.evaluation.evaluation_frame import EvaluationFrame, TruthBoxes3D
+from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, TruthBoxes3D
+from pipeline.evaluation.ignoring import is_evaluated
 from readers.messages.image import decode_any_image
 from readers.messages.pointcloud2 import decode_pointcloud2
 from readers.results.result import SOURCE_TOPICS, Result
@@ -108,8 +109,12 @@ class ResultScene:
                     f"{self._result.path}: is damaged: what belongs to a frame does not stand together; process the "
                     "recording anew"
                 )
-            if found.index % self._options.every == 0:
-                yield self._frame(found, messages)
+            if found.index % self._options.every:
+                continue
+            if self._truth.source is not None and found.truth is None:
+                self._writer.left_out["frames without truth at their time"] += 1
+                continue
+            yield self._frame(found, messages)
 
     def _frame(self, found: EvaluationFrame, messages: Mapping[str, RawMessage]) -> DatasetFrame:
         first, end = np.searchsorted(self._objects.frames, [found.index, found.index + 1])
@@ -158,11 +163,12 @@ class ResultScene:
         return images
 
     def _true_boxes(self, truth: TruthBoxes3D) -> DatasetBoxes:
-        self._count("true objects that are neither misses nor errors", truth.is_ignored)
-        truth = truth.select(~truth.is_ignored)
-        is_none = truth.class_ids < 0
+        is_none = truth.class_ids == UNKNOWN
         self._count("true objects of no class of the settings", is_none)
         truth = truth.select(~is_none)
+        is_wanted = is_evaluated(truth, self._result.config.evaluate)
+        self._count("true objects that no sensor sees, or that are not evaluated", ~is_wanted)
+        truth = truth.select(is_wanted)
         n = len(truth)
         boxes = DatasetBoxes(
             np.full(n, ""),

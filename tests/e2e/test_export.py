@@ -69,6 +69,19 @@ def test_openlabel_counts_as_the_truth_that_it_came_from(lidcam: Lidcam, first_r
     assert figures[0] == figures[1]
 
 
+def test_frames_that_the_truth_does_not_cover_are_left_out(lidcam: Lidcam, first_result: Path, tmp_path: Path) -> None:
+    """Else their labels would be objects among true ones."""
+    assert lidcam("export", first_result, "--format", "openlabel", "--out", tmp_path / "set").code == 0
+    tree: Any = json.loads((tmp_path / "set" / "labels" / "out.json").read_text())
+    frames = tree["openlabel"]["frames"]
+    tree["openlabel"]["frames"] = {number: frames[number] for number in ("0", "1")}
+    (tmp_path / "short.json").write_text(json.dumps(tree))
+    options = ("--format", "openlabel", "--out", tmp_path / "less", "--truth", tmp_path / "short.json")
+    done = lidcam("export", first_result, *options)
+    assert f"left out: {len(frames) - 2} frames without truth at their time" in done.err.splitlines()
+    assert "wrote less: 2 frames" in done.err.replace(f"{tmp_path}/", "")
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -7,6 +7,7 @@ level, it is its camera matrix as always.
 
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -177,8 +178,20 @@ class KittiWriter:
 class KittiTrackingWriter(KittiWriter):
     """Writes the tracking benchmark: a sequence for each result, in which objects without a track are left out."""
 
+    def __init__(self, folder: Path, camera: str = "") -> None:
+        super().__init__(folder, camera)
+        self._lengths: list[int] = []
+        self._true_tracks: dict[int, int] = {}
+
+    def finish(self) -> None:
+        """See `DatasetWriter`: writes how long the sequences are, which TrackEval wants to know."""
+        lines = [f"{number:04d} empty 000000 {length:06d}\n" for number, length in enumerate(self._lengths)]
+        (self._folder / "training" / "evaluate_tracking.seqmap.training").write_text("".join(lines))
+
     def _begin_files(self) -> None:
         self._count = 0
+        self._lengths.append(0)
+        self._true_tracks = {}
         self._sequence_file("training/calib").write_text(self._calibration())
         for part in ("training/label_02", "results/lidcam/data"):
             self._sequence_file(part).touch()
@@ -194,12 +207,19 @@ class KittiTrackingWriter(KittiWriter):
         return path
 
     def _write_labels(self, frame: DatasetFrame) -> None:
-        truth = frame.objects if frame.truth is None else frame.truth
+        self._lengths[-1] = self._count + 1
+        truth = frame.objects if frame.truth is None else self._numbered(frame.truth)
         files = (("training/label_02", truth, False), ("results/lidcam/data", frame.objects, True))
         for part, boxes, has_scores in files:
             with self._sequence_file(part).open("a") as file:
                 is_counted = not has_scores or frame.truth is not None
                 file.writelines(self._tracked_lines(boxes, has_scores=has_scores, is_counted=is_counted))
+
+    def _numbered(self, truth: DatasetBoxes) -> DatasetBoxes:
+        """True objects with tracks from 0 on: their own may be of any size, and TrackEval makes tables of them."""
+        known = self._true_tracks
+        tracks = [known.setdefault(track, len(known)) if track >= 0 else -1 for track in truth.tracks.tolist()]
+        return replace(truth, tracks=np.array(tracks, np.int64))
 
     def _tracked_lines(self, boxes: DatasetBoxes, *, has_scores: bool, is_counted: bool) -> list[str]:
         has_track = boxes.tracks >= 0

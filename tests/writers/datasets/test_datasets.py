@@ -140,6 +140,15 @@ def test_kitti_tracking_numbers_frames_and_tracks(tmp_path: Path) -> None:
     assert labels.is_tracking
     assert [(one.frame, one.track_id) for one in labels.labels] == [(0, 4), (0, 7), (1, 4)]
     assert writer.left_out == {"boxes without a track": 1, "boxes that front does not see": 1}
+    assert (tmp_path / "training/evaluate_tracking.seqmap.training").read_text() == "0000 empty 000000 000002\n"
+
+
+def test_kitti_tracking_numbers_true_objects_from_0(tmp_path: Path) -> None:
+    """Ids of a truth may be hashes, of which TrackEval cannot make tables."""
+    truth = boxes([(8.0, 0.5, 0.3, 2**60), (12.0, -1.0, 0.0, 7)])
+    written(KittiTrackingWriter(tmp_path), frame(boxes([]), truth=truth), frame(boxes([]), truth=truth, index=1))
+    labels = parse_kitti_labels((tmp_path / "training/label_02/0000.txt").read_text(), tmp_path)
+    assert [one.track_id for one in labels.labels] == [0, 1, 0, 1]
 
 
 @pytest.mark.parametrize("make", [NuScenesWriter, OpenLabelWriter, KittiWriter, KittiTrackingWriter])
