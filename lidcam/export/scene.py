@@ -96,7 +96,18 @@ class ResultScene:
         missing = [camera.name for camera in self._result.rig.cameras if camera not in self.facts.cameras]
         name = self._result.path.name
         no_images = f"{name}: has no images of {', '.join(missing)}; output.images=true keeps those of the recording"
-        return (*self._result.notes, *of_truth, *([no_images] if missing else []))
+        adrift = f"{name}: the sensors move, and the result does not say where to: nuScenes's poses stand still"
+        return (
+            *self._result.notes,
+            *of_truth,
+            *([no_images] if missing else []),
+            *([adrift] if self._is_adrift and self._format == "nuscenes" else []),
+        )
+
+    @property
+    def _is_adrift(self) -> bool:
+        """Whether the motion was sought in the clouds, for the tracks alone: the result has no poses."""
+        return bool(self._result.account["motion"]["frames_from_clouds"])
 
     def frames(self) -> Iterator[DatasetFrame]:
         """The frames, every so many."""
