@@ -7,6 +7,7 @@ from lidcam.commands.compare import COMPARE_EXAMPLES, compare
 from lidcam.commands.config import config_app
 from lidcam.commands.demo import demo
 from lidcam.commands.evaluate import EVALUATE_EXAMPLES, evaluate
+from lidcam.commands.export import EXPORT_EXAMPLES, export
 from lidcam.commands.fetch import FETCH_EXAMPLES, fetch
 from lidcam.commands.inspect import INSPECT_EXAMPLES, inspect
 from lidcam.commands.options import Version
@@ -36,6 +37,7 @@ app.command(epilog=BATCH_EXAMPLES)(batch)
 app.command(epilog=INSPECT_EXAMPLES)(inspect)
 app.command(epilog=EVALUATE_EXAMPLES)(evaluate)
 app.command(epilog=COMPARE_EXAMPLES)(compare)
+app.command(epilog=EXPORT_EXAMPLES)(export)
 app.command(epilog=REPORT_EXAMPLES)(report)
 app.command(epilog=VIEW_EXAMPLES)(view)
 app.command()(demo)

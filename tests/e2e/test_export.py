@@ -1,0 +1,111 @@
+"""Results as data sets, through the command; `benchmarks/nuscenes_kit.py` asks nuScenes's own kit about them."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command import Lidcam
+
+import lidcam as front_door
+from readers.results.result import open_result
+from readers.rig.importers.kitti import kitti_calibration
+from readers.truth.kitti import parse_kitti_labels
+
+
+@pytest.mark.parametrize("name", ["kitti", "kitti-tracking", "nuscenes", "openlabel"])
+def test_every_format_is_written_and_nothing_is_replaced(
+    lidcam: Lidcam, first_result: Path, tmp_path: Path, name: str
+) -> None:
+    command = ("export", first_result, "--format", name, "--out", tmp_path / "set")
+    done = lidcam(*command)
+    assert done.code == 0, done.err
+    assert done.err.splitlines()[-1].startswith(f"wrote {tmp_path / 'set'}: ")
+    before = sorted(tmp_path.rglob("*"))
+    assert "exists and is not empty" in lidcam(*command).error_line
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_kitti_labels_are_the_objects_that_the_camera_sees(lidcam: Lidcam, first_result: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "set"
+    done = lidcam("export", first_result, "--format", "kitti", "--out", folder, "--camera", "cam41", "--every", 2)
+    assert done.code == 0, done.err
+    objects = front_door.load(first_result).objects
+    with open_result(first_result) as result:
+        (camera,) = (one for one in result.rig.cameras if one.name == "cam41")
+    files = sorted((folder / "results/lidcam/data").glob("*.txt"))
+    assert len(files) == (objects.frames.max() + 2) // 2
+    count = 0
+    for number, file in enumerate(files):
+        text = (folder / "training/calib" / file.name).read_text()
+        calibration = kitti_calibration(text, file)
+        assert calibration is not None
+        T_site_rect = np.linalg.inv(calibration.T_rect_velo)  # of three lidars, clouds stand in the site frame
+        lines = [line.rpartition(" ") for line in file.read_text().splitlines()]
+        labels = parse_kitti_labels("\n".join(line[0] for line in lines), file).labels
+        of_frame = objects[objects.frames == 2 * number]
+        for label, (_, _, score) in zip(labels, lines, strict=True):
+            center = (T_site_rect @ label.T_rect_box())[:3, 3]
+            row = int(np.linalg.norm(of_frame.centers - center, axis=1).argmin())
+            np.testing.assert_allclose(center, of_frame.centers[row], atol=1e-3)
+            assert float(score) == pytest.approx(of_frame.scores[row], abs=1e-6)
+            pixel = calibration.projections[2] @ calibration.T_rect_velo @ [*center, 1]
+            expected, _ = camera.model.project(camera.T_camera_site.apply(center[None]))
+            np.testing.assert_allclose(pixel[:2] / pixel[2] + 0.5, expected[0], atol=0.1)
+            count += 1
+    assert count
+
+
+def test_openlabel_counts_as_the_truth_that_it_came_from(lidcam: Lidcam, first_result: Path, tmp_path: Path) -> None:
+    assert lidcam("export", first_result, "--format", "openlabel", "--out", tmp_path / "set").code == 0
+    figures = []
+    for number, more in enumerate([(), ("--truth", tmp_path / "set" / "labels" / "out.json")]):
+        file = tmp_path / f"{number}.json"
+        run = lidcam("evaluate", first_result, "--json-file", file, "--set", "evaluate.min_image_pixels=1000000", *more)
+        assert run.code == 0, run.err
+        tree: Any = json.loads(file.read_text())
+        figures.append((tree["truth_objects"], tree["sources"]["fused"]["car"]["ap_3d_r40_50"]))
+    assert figures[0] == figures[1]
+
+
+def test_frames_that_the_truth_does_not_cover_are_left_out(lidcam: Lidcam, first_result: Path, tmp_path: Path) -> None:
+    """Else their labels would be objects among true ones."""
+    assert lidcam("export", first_result, "--format", "openlabel", "--out", tmp_path / "set").code == 0
+    tree: Any = json.loads((tmp_path / "set" / "labels" / "out.json").read_text())
+    frames = tree["openlabel"]["frames"]
+    tree["openlabel"]["frames"] = {number: frames[number] for number in ("0", "1")}
+    (tmp_path / "short.json").write_text(json.dumps(tree))
+    options = ("--format", "openlabel", "--out", tmp_path / "less", "--truth", tmp_path / "short.json")
+    done = lidcam("export", first_result, *options)
+    assert f"left out: {len(frames) - 2} frames without truth at their time" in done.err.splitlines()
+    assert "wrote less: 2 frames" in done.err.replace(f"{tmp_path}/", "")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--camera", "cam99"), "out: expected a camera with images, cam11, "),
+        (("--truth", "missing.json"), "missing.json: no such file or folder"),
+    ],
+)
+def test_what_cannot_be_exported_leaves_nothing(
+    lidcam: Lidcam, first_result: Path, tmp_path: Path, arguments: tuple[str, ...], said: str
+) -> None:
+    done = lidcam("export", first_result, "--format", "kitti", "--out", tmp_path / "set", *arguments)
+    assert done.code == 1
+    assert said in done.error_line
+    assert not [*tmp_path.iterdir()]
+
+
+def test_results_without_clouds_or_of_one_name_are_told(lidcam: Lidcam, first_result: Path, tmp_path: Path) -> None:
+    less = ("--set", "output.clouds=false", "--set", "output.images=false", "--duration", 0.2, "--config", "sandbox")
+    poor = tmp_path / "poor.mcap"
+    assert lidcam("process", first_result.with_name("first.bag"), poor, *less).code == 0
+    done = lidcam("export", poor, "--format", "nuscenes", "--out", tmp_path / "set")
+    assert done.error_line.endswith("found none: process the recording again with output.clouds=true")
+    done = lidcam("export", poor, "--format", "openlabel", "--out", tmp_path / "set")
+    assert done.code == 0
+    assert "poor.mcap: has no images of cam11, " in done.err
+    twice = lidcam("export", poor, poor, "--format", "openlabel", "--out", tmp_path / "other")
+    assert twice.error_line.endswith("expected results of different names, found two called poor")

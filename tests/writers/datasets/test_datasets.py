@@ -1,0 +1,234 @@
+"""The formats of data sets, on frames made by hand; KITTI's and OpenLABEL's are read back by the readers of truth."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pipeline.core.camera import CameraModel
+from pipeline.core.clouds import PointCloud
+from pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from pipeline.core.settings.config import Config
+from readers.truth.kitti import KittiTruth, parse_kitti_labels
+from readers.truth.openlabel import OpenLabelTruth
+from writers.datasets.frame import DatasetBoxes, DatasetFrame, DatasetImage, DatasetScene, DatasetWriter, undistorted
+from writers.datasets.kitti import KittiTrackingWriter, KittiWriter
+from writers.datasets.nuscenes import VERSION, NuScenesWriter
+from writers.datasets.openlabel import OpenLabelWriter
+
+STAMP_NS = 1_700_000_000_123_456_789
+K = np.array([[300.0, 0, 320], [0, 300, 240], [0, 0, 1]])
+
+
+def pose(rpy: tuple[float, float, float], at: tuple[float, float, float]) -> Any:
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = matrix_of_rpy(rpy), at
+    return matrix
+
+
+# A lidar that is tilted, and a camera beside it that looks ahead, 25 degrees down and a little to the side.
+T_SITE_LIDAR = pose((0.02, -0.1, 0.4), (0.3, -0.2, 4.0))
+T_SITE_CAMERA = pose((0.03, 0.44, -0.1), (0.5, 0.1, 4.2))
+T_SITE_CAMERA[:3, :3] = T_SITE_CAMERA[:3, :3] @ np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+CAMERA = CameraSensor(
+    "front",
+    "/image",
+    "",
+    CameraModel("camera", 640, 480, K, "plumb_bob", np.zeros(5)),
+    Transform("site", "camera", T_SITE_CAMERA).inverse(),
+)
+RIG = Rig("site", (LidarSensor("top", "/points", Transform("site", "lidar", T_SITE_LIDAR)),), (CAMERA,), ())
+SCENE = DatasetScene("drive", "drive 1", RIG, (CAMERA,), T_SITE_LIDAR, "lidar")
+MANY = [  # x, y, yaw, track: ahead three times, the last without a track; behind the camera
+    (8.0, 0.5, 0.3, 4),
+    (12.0, -1.0, -2.9, 7),
+    (20.0, 2.0, np.pi, -1),
+    (-9.0, 0.0, 1.0, 2),
+]
+
+
+def boxes(rows: list[tuple[float, float, float, int]], name: str = "Car", score: float = 0.25) -> DatasetBoxes:
+    x, y, yaws, tracks = np.array(rows, np.float64).reshape(-1, 4).T
+    n = len(rows)
+    return DatasetBoxes(
+        np.full(n, name),
+        np.column_stack([x, y, np.full(n, 0.8)]),
+        np.tile([4.2, 1.8, 1.6], (n, 1)),
+        yaws,
+        np.full(n, score, np.float32),
+        tracks.astype(np.int64),
+        np.tile([2.0, np.nan], (n, 1)),
+        np.full(n, -1, np.int32),
+    )
+
+
+def frame(found: DatasetBoxes, *, index: int = 0, truth: DatasetBoxes | None = None, T: Any = None) -> DatasetFrame:
+    xyz = np.array([[8.0, 0.5, 0.9], [8.2, 0.4, 0.9], [30, 0, 0]], np.float32)
+    in_lidar = ((xyz - T_SITE_LIDAR[:3, 3]) @ T_SITE_LIDAR[:3, :3]).astype(np.float32)
+    cloud = PointCloud(
+        STAMP_NS,
+        "lidar",
+        in_lidar,
+        np.array([0, 0.5, 1], np.float32),
+        np.array([0, 1, 2], np.uint16),
+        np.zeros(3, np.int32),
+    )
+    T_fixed_site = np.eye(4) if T is None else T
+    stamp_ns = STAMP_NS + index * 100_000_000
+    image = DatasetImage(stamp_ns + 5_000_000, np.full((480, 640, 3), 90, np.uint8), T_fixed_site)
+    return DatasetFrame(index, stamp_ns, T_fixed_site, cloud, {"front": image}, found, truth)
+
+
+def written(writer: DatasetWriter, *frames: DatasetFrame) -> None:
+    writer.begin(SCENE)
+    for one in frames:
+        writer.add(one)
+    writer.finish()
+
+
+@pytest.mark.parametrize(("rows", "seen"), [([], 0), (MANY[:1], 1), (MANY, 3)])
+def test_kitti_labels_are_read_back_though_lidar_and_camera_are_tilted(
+    tmp_path: Path, rows: list[tuple[float, float, float, int]], seen: int
+) -> None:
+    found, writer = boxes(rows), KittiWriter(tmp_path)
+    written(writer, frame(found))
+    truth = KittiTruth(tmp_path / "training", RIG, Config())
+    read = truth.at(STAMP_NS, frame=0)
+    assert read is not None
+    np.testing.assert_allclose(read.centers, found.centers[:seen], atol=1e-3)
+    np.testing.assert_allclose(read.sizes, found.sizes[:seen], atol=1e-3)
+    np.testing.assert_allclose(np.cos(read.yaws - found.yaws[:seen]), 1, atol=1e-6)
+    in_image = truth.in_image("front", STAMP_NS, frame=0)
+    assert in_image is not None  # the calibration is that of the rig's camera
+    assert len(in_image.xyxy) == seen
+    assert writer.left_out == ({"boxes that front does not see": 1} if len(rows) > seen else {})
+    lines = (tmp_path / "results/lidcam/data/000000.txt").read_text().splitlines()
+    assert [line.split()[15:] for line in lines] == [["0.250000"]] * seen
+
+
+def test_kitti_has_points_in_the_frame_of_the_lidar(tmp_path: Path) -> None:
+    written(KittiWriter(tmp_path), one := frame(boxes([])))
+    points = np.fromfile(tmp_path / "training/velodyne/000000.bin", "<f4").reshape(-1, 4)
+    assert one.cloud is not None
+    np.testing.assert_array_equal(points, np.column_stack([one.cloud.xyz, one.cloud.intensity]))
+
+
+def test_labels_are_the_truth_where_there_is_one(tmp_path: Path) -> None:
+    written(KittiWriter(tmp_path), frame(boxes(MANY[:1]), truth=boxes(MANY[1:3], "Van")))
+    labels = parse_kitti_labels((tmp_path / "training/label_2/000000.txt").read_text(), tmp_path)
+    assert [one.label for one in labels.labels] == ["Van", "Van"]
+    assert (tmp_path / "results/lidcam/data/000000.txt").read_text().split()[0] == "Car"
+
+
+def test_a_frame_without_an_image_is_no_frame_of_kitti(tmp_path: Path) -> None:
+    writer, blind = KittiWriter(tmp_path), frame(boxes(MANY))
+    blind.images.clear()  # type: ignore[attr-defined]
+    written(writer, blind)
+    assert writer.left_out == {"frames without an image of front": 1}
+    assert not [*tmp_path.iterdir()]
+
+
+def test_kitti_tracking_numbers_frames_and_tracks(tmp_path: Path) -> None:
+    writer = KittiTrackingWriter(tmp_path)
+    written(writer, frame(boxes(MANY)), frame(boxes(MANY[:1]), index=3))
+    labels = parse_kitti_labels((tmp_path / "training/label_02/0000.txt").read_text(), tmp_path)
+    assert labels.is_tracking
+    assert [(one.frame, one.track_id) for one in labels.labels] == [(0, 4), (0, 7), (1, 4)]
+    assert writer.left_out == {"boxes without a track": 1, "boxes that front does not see": 1}
+    assert (tmp_path / "training/evaluate_tracking.seqmap.training").read_text() == "0000 empty 000000 000002\n"
+
+
+def test_kitti_tracking_numbers_true_objects_from_0(tmp_path: Path) -> None:
+    """Ids of a truth may be hashes, of which TrackEval cannot make tables."""
+    truth = boxes([(8.0, 0.5, 0.3, 2**60), (12.0, -1.0, 0.0, 7)])
+    written(KittiTrackingWriter(tmp_path), frame(boxes([]), truth=truth), frame(boxes([]), truth=truth, index=1))
+    labels = parse_kitti_labels((tmp_path / "training/label_02/0000.txt").read_text(), tmp_path)
+    assert [one.track_id for one in labels.labels] == [0, 1, 0, 1]
+
+
+@pytest.mark.parametrize("make", [NuScenesWriter, OpenLabelWriter, KittiWriter, KittiTrackingWriter])
+def test_the_same_frames_give_the_same_bytes(tmp_path: Path, make: Callable[[Path], DatasetWriter]) -> None:
+    contents = []
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        written(make(tmp_path / name), frame(boxes(MANY, "car")), frame(boxes([], "car"), index=1))
+        files = sorted(path for path in (tmp_path / name).rglob("*") if path.is_file())
+        contents.append({path.relative_to(tmp_path / name): path.read_bytes() for path in files})
+    assert contents[0] == contents[1]
+
+
+def tables_of(folder: Path) -> dict[str, list[dict[str, Any]]]:
+    return {path.stem: json.loads(path.read_text()) for path in (folder / VERSION).glob("*.json")}
+
+
+def test_nuscenes_tables_refer_to_one_another(tmp_path: Path) -> None:
+    written(NuScenesWriter(tmp_path), *(frame(boxes(MANY[:3], "car"), index=index) for index in (0, 2)))
+    tables = tables_of(tmp_path)
+    known = {name: {row["token"] for row in rows} for name, rows in tables.items() if name != "splits"}
+    for name, rows in tables.items():
+        for row in rows if name != "splits" else ():
+            for key, value in row.items():
+                table = name if key in {"prev", "next"} else key.removesuffix("_token")
+                table = table.removeprefix("first_").removeprefix("last_") if table not in known else table
+                table = "sample_annotation" if table == "annotation" else table
+                if table in known and (key.endswith("_token") or key in {"prev", "next"}) and value:
+                    assert value in known[table], (name, key)
+    assert [row["nbr_annotations"] for row in tables["instance"]] == [2, 2, 1, 1]  # two have a track
+    assert all((tmp_path / row["filename"]).is_file() for row in tables["sample_data"])
+    assert {row["num_lidar_pts"] for row in tables["sample_annotation"]} == {0, 2}
+    assert json.loads((tmp_path / VERSION / "splits.json").read_text()) == {"lidcam": ["drive"]}
+
+
+def test_nuscenes_boxes_stand_in_the_fixed_frame(tmp_path: Path) -> None:
+    T_fixed_site = pose((0, 0, np.pi / 2), (100, 50, 0))
+    written(NuScenesWriter(tmp_path), frame(boxes([(8, 0.5, 0.3, 4)], "car"), T=T_fixed_site))
+    (row,) = tables_of(tmp_path)["sample_annotation"]
+    np.testing.assert_allclose(row["translation"], [99.5, 58, 0.8])
+    assert row["size"] == [1.8, 4.2, 1.6]
+    w, x, y, z = row["rotation"]
+    along = matrix_of_quaternion([x, y, z, w])[:3, 0]
+    assert np.arctan2(along[1], along[0]) == pytest.approx(0.3 + np.pi / 2)
+    (found,) = next(iter(json.loads((tmp_path / "results.json").read_text())["results"].values()))
+    np.testing.assert_allclose(found["velocity"], [0, 2], atol=1e-12)
+    assert (found["detection_name"], found["detection_score"]) == ("car", 0.25)
+
+
+def test_a_submission_has_at_most_500_boxes_a_sample(tmp_path: Path) -> None:
+    writer = NuScenesWriter(tmp_path)
+    written(writer, frame(boxes([(x, 0.0, 0.0, -1) for x in range(502)], "car")))
+    assert [*writer.left_out.values()] == [2]
+    assert len(next(iter(json.loads((tmp_path / "results.json").read_text())["results"].values()))) == 500
+
+
+@pytest.mark.parametrize("count", [0, 1, 4])
+def test_openlabel_is_read_back(tmp_path: Path, count: int) -> None:
+    found = boxes(MANY[:count], "car")
+    written(OpenLabelWriter(tmp_path), frame(found), frame(found, index=1))
+    for part in ("labels", "results"):
+        truth = OpenLabelTruth(tmp_path / part / "drive.json", RIG, Config())
+        read = truth.at(STAMP_NS, frame=0)
+        assert read is not None
+        np.testing.assert_allclose(read.centers, found.centers, atol=1e-9)
+        np.testing.assert_allclose(np.cos(read.yaws - found.yaws), 1, atol=1e-9)
+        assert read.labels.tolist() == ["car"] * count
+    tree = json.loads((tmp_path / "results/drive.json").read_text())["openlabel"]
+    assert (tmp_path / "labels" / tree["frames"]["1"]["frame_properties"]["streams"]["front"]["uri"]).is_file()
+
+
+def test_images_are_those_of_a_pinhole_camera() -> None:
+    """A line that the lens bends is straight again."""
+    model = CameraModel("camera", 640, 480, K, "plumb_bob", np.array([-0.3, 0.05, 0, 0, 0]))
+    straight = np.stack([np.full(400, 0.6), np.linspace(-0.6, 0.6, 400), np.ones(400)], -1)
+    pixels, _ = model.project(straight)
+    bent = np.zeros((480, 640, 3), np.uint8)
+    columns, rows = np.floor(pixels).astype(int).T
+    bent[rows, columns] = bent[rows, columns - 1] = 255
+    shown = undistorted(bent, model)
+    found = np.nonzero(shown[..., 0] > 100)
+    assert np.ptp(columns) > 12
+    assert np.abs(found[1] - 500).max() <= 3

@@ -1,0 +1,235 @@
+"""KITTI's object and tracking benchmarks (cvlibs.net/datasets/kitti, readme.txt of the development kits).
+
+Labels stand in a rectified frame of one camera: x right, y down, z forward. Their boxes turn about its y axis alone, so
+that frame is level here (`R0_rect`), and the projection `P0` to `P3` has the tilt of the camera: of a camera that is
+level, it is its camera matrix as always.
+"""
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.core.arrays import F64
+from pipeline.core.camera import NEAR_M, CameraModel
+from pipeline.core.errors import OutputError
+from pipeline.core.geometry.boxes import box_corners, wrap_angle
+from pipeline.core.rig import CameraSensor
+from writers.datasets.frame import DatasetBoxes, DatasetFrame, DatasetScene, pinhole, write_image
+
+__all__ = ["KITTI_NAMES", "KittiTrackingWriter", "KittiWriter", "level_rectification"]
+
+KITTI_NAMES: Mapping[str, str] = {
+    "car": "Car",
+    "van": "Van",
+    "truck": "Truck",
+    "pedestrian": "Pedestrian",
+    "person": "Pedestrian",
+    "person_sitting": "Person_sitting",
+    "cyclist": "Cyclist",
+    "bicycle": "Cyclist",
+    "tram": "Tram",
+}
+
+CAMERAS = range(4)
+"""Every calibration has four projections; here all are of the one camera."""
+
+LEAST_FORWARD = 1e-6
+"""Of the optical axis as seen from above: a camera that looks straight down has none, and its top edge takes over."""
+
+
+def level_rectification(camera: CameraSensor) -> F64:
+    """(3, 3) R0_rect: from the frame of a camera to the level frame that looks the same way."""
+    R_site_camera = camera.T_camera_site.matrix[:3, :3].T
+    forward = R_site_camera[:2, 2]
+    if np.hypot(*forward) < LEAST_FORWARD:
+        forward = -R_site_camera[:2, 1]
+    x, y = forward / np.hypot(*forward)
+    R_rect_site = np.array([[y, -x, 0.0], [0.0, 0.0, -1.0], [x, y, 0.0]])
+    return np.asarray(R_rect_site @ R_site_camera, np.float64)
+
+
+class KittiWriter:
+    """Writes the object benchmark: `training/` with a file per frame, and `results/lidcam/data/` for its evaluation.
+
+    `label_2` has the truth where there is one, else the objects; the results always have the objects, with scores.
+
+    Args:
+        folder: The new folder.
+        camera: Name of the camera that is `image_2`; empty: the first that has images.
+    """
+
+    names: Mapping[str, str] | None = KITTI_NAMES
+    needs_clouds = True
+
+    def __init__(self, folder: Path, camera: str = "") -> None:
+        self.left_out, self.remarks = Counter[str](), list[str]()
+        self._folder, self._wanted = folder, camera
+        self._count, self._scenes = 0, 0
+        self._scene: DatasetScene
+        self._camera: CameraSensor
+        self._model: CameraModel
+        self._T_rect_site: F64
+
+    def begin(self, scene: DatasetScene) -> None:
+        """See `DatasetWriter`."""
+        known = [camera.name for camera in scene.cameras]
+        if not known:
+            raise OutputError(
+                f"{scene.name}: KITTI's labels go with the images of a camera, found none in the result: process the "
+                "recording with cameras and output.images=true"
+            )
+        if self._wanted and self._wanted not in known:
+            raise OutputError(f"{scene.name}: expected a camera with images, {', '.join(known)}, found {self._wanted}")
+        self._camera = scene.cameras[known.index(self._wanted) if self._wanted else 0]
+        if not self._wanted and len(known) > 1:
+            self.remarks.append(f"{scene.name}: image_2 is {self._camera.name}; --camera takes another of {len(known)}")
+        self._scene, self._model = scene, pinhole(self._camera.model)
+        R_rect_camera = np.eye(4)
+        R_rect_camera[:3, :3] = level_rectification(self._camera)
+        self._T_rect_site = R_rect_camera @ self._camera.T_camera_site.matrix
+        self._scenes += 1
+        self._begin_files()
+
+    def add(self, frame: DatasetFrame) -> None:
+        """See `DatasetWriter`; a frame without an image of the camera is left out."""
+        image = frame.images.get(self._camera.name)
+        if image is None or frame.cloud is None:
+            self.left_out[f"frames without an image of {self._camera.name}"] += 1
+            return
+        height, width = image.rgb.shape[:2]
+        if (width, height) != (self._model.width_px, self._model.height_px):
+            self.left_out[f"frames whose image of {self._camera.name} has another size than its calibration"] += 1
+            return
+        write_image(self._new("training", "image_02", "image_2", "png"), image.rgb)
+        points = np.column_stack([frame.cloud.xyz, frame.cloud.intensity])
+        self._new("training", "velodyne", "velodyne", "bin").write_bytes(points.astype("<f4").tobytes())
+        self._write_labels(frame)
+        self._count += 1
+
+    def finish(self) -> None:
+        """See `DatasetWriter`: nothing stands behind."""
+
+    # What the tracking benchmark does otherwise.
+
+    def _begin_files(self) -> None:
+        pass
+
+    def _new(self, part: str, _tracking: str, name: str, ending: str) -> Path:
+        """A file of the current frame, in a folder that is made."""
+        path = self._folder / part / name / f"{self._count:06d}.{ending}"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+    def _write_labels(self, frame: DatasetFrame) -> None:
+        self._new("training", "", "calib", "txt").write_text(self._calibration())
+        truth = frame.objects if frame.truth is None else frame.truth
+        labels = self._lines(truth, has_scores=False)
+        self._new("training", "", "label_2", "txt").write_text("".join(labels))
+        found = self._lines(frame.objects, has_scores=True, is_counted=frame.truth is not None)
+        self._new("results/lidcam", "", "data", "txt").write_text("".join(found))
+
+    def _calibration(self) -> str:
+        R0 = level_rectification(self._camera)
+        projection = np.column_stack([self._camera.model.K @ R0.T, np.zeros(3)])
+        T_camera_velo = self._camera.T_camera_site.matrix @ self._scene.T_site_cloud
+        lines = {f"P{number}": projection for number in CAMERAS}
+        lines |= {"R0_rect": R0, "Tr_velo_to_cam": T_camera_velo[:3], "Tr_imu_to_velo": np.eye(4)[:3]}
+        return "".join(f"{name}: {' '.join(f'{x:.12e}' for x in matrix.ravel())}\n" for name, matrix in lines.items())
+
+    def _lines(self, boxes: DatasetBoxes, *, has_scores: bool, is_counted: bool = True) -> list[str]:
+        """The lines of the boxes that the image shows; what is left out is counted once."""
+        corners = box_corners(boxes.centers, boxes.sizes, boxes.yaws)
+        corners_camera = np.asarray(self._camera.T_camera_site.apply(corners), np.float64)
+        seen = self._model.project_boxes(corners_camera).astype(np.float64)
+        is_seen = np.isfinite(seen).all(1)
+        if is_counted and not is_seen.all():
+            self.left_out[f"boxes that {self._camera.name} does not see"] += int((~is_seen).sum())
+        truncated = self._truncated(corners_camera, seen)
+        R, t = self._T_rect_site[:3, :3], self._T_rect_site[:3, 3]
+        places = boxes.centers @ R.T + t
+        places[:, 1] += boxes.sizes[:, 2] / 2
+        along = np.column_stack([np.cos(boxes.yaws), np.sin(boxes.yaws), np.zeros(len(boxes))]) @ R.T
+        turns = wrap_angle(np.arctan2(-along[:, 2], along[:, 0]))
+        alphas = wrap_angle(turns - np.arctan2(places[:, 0], places[:, 2]))
+        lines = []
+        for row in np.flatnonzero(is_seen):
+            shown = "-1 -1" if has_scores else f"{self._truncation(float(truncated[row]))} 0"
+            box = " ".join(f"{x:.2f}" for x in seen[row])
+            place = " ".join(f"{x:.4f}" for x in (*boxes.sizes[row, ::-1], *places[row], turns[row]))
+            score = f" {boxes.scores[row]:.6f}" if has_scores else ""
+            lines.append(f"{boxes.names[row]} {shown} {alphas[row]:.4f} {box} {place}{score}\n")
+        return lines
+
+    def _truncation(self, share: float) -> str:
+        return f"{share:.2f}"
+
+    def _truncated(self, corners_camera: F64, seen: F64) -> F64:
+        """(N,) share of each box that lies outside of the image; 1 where the box reaches behind the camera."""
+        is_ahead = (corners_camera[..., 2] > NEAR_M).all(1)
+        pixels, _ = self._model.project(corners_camera)
+        whole = (pixels.max(1) - pixels.min(1)).prod(1)
+        inside = (seen[:, 2:] - seen[:, :2]).prod(1)
+        return np.where(is_ahead, np.clip(1 - inside / np.maximum(whole, 1e-9), 0, 1), 1.0)
+
+
+class KittiTrackingWriter(KittiWriter):
+    """Writes the tracking benchmark: a sequence for each result, in which objects without a track are left out."""
+
+    def __init__(self, folder: Path, camera: str = "") -> None:
+        super().__init__(folder, camera)
+        self._lengths: list[int] = []
+        self._true_tracks: dict[int, int] = {}
+
+    def finish(self) -> None:
+        """See `DatasetWriter`: writes how long the sequences are, which TrackEval wants to know."""
+        lines = [f"{number:04d} empty 000000 {length:06d}\n" for number, length in enumerate(self._lengths)]
+        (self._folder / "training" / "evaluate_tracking.seqmap.training").write_text("".join(lines))
+
+    def _begin_files(self) -> None:
+        self._count = 0
+        self._lengths.append(0)
+        self._true_tracks = {}
+        self._sequence_file("training/calib").write_text(self._calibration())
+        for part in ("training/label_02", "results/lidcam/data"):
+            self._sequence_file(part).touch()
+
+    def _sequence_file(self, part: str) -> Path:
+        path = self._folder / part / f"{self._scenes - 1:04d}.txt"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+    def _new(self, part: str, tracking: str, _name: str, ending: str) -> Path:
+        path = self._folder / part / tracking / f"{self._scenes - 1:04d}" / f"{self._count:06d}.{ending}"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+    def _write_labels(self, frame: DatasetFrame) -> None:
+        self._lengths[-1] = self._count + 1
+        truth = frame.objects if frame.truth is None else self._numbered(frame.truth)
+        files = (("training/label_02", truth, False), ("results/lidcam/data", frame.objects, True))
+        for part, boxes, has_scores in files:
+            with self._sequence_file(part).open("a") as file:
+                is_counted = not has_scores or frame.truth is not None
+                file.writelines(self._tracked_lines(boxes, has_scores=has_scores, is_counted=is_counted))
+
+    def _numbered(self, truth: DatasetBoxes) -> DatasetBoxes:
+        """True objects with tracks from 0 on: their own may be of any size, and TrackEval makes tables of them."""
+        known = self._true_tracks
+        tracks = [known.setdefault(track, len(known)) if track >= 0 else -1 for track in truth.tracks.tolist()]
+        return replace(truth, tracks=np.array(tracks, np.int64))
+
+    def _tracked_lines(self, boxes: DatasetBoxes, *, has_scores: bool, is_counted: bool) -> list[str]:
+        has_track = boxes.tracks >= 0
+        if is_counted and not has_track.all():
+            self.left_out["boxes without a track"] += int((~has_track).sum())
+        lines = []
+        for row in np.flatnonzero(has_track):
+            line = self._lines(boxes.select(np.array([row])), has_scores=has_scores, is_counted=is_counted)
+            lines += [f"{self._count} {boxes.tracks[row]} {one}" for one in line]
+        return lines
+
+    def _truncation(self, share: float) -> str:
+        return str(round(2 * share))  # 0 inside, 1 partly, 2 largely outside

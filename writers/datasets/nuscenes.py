@@ -1,0 +1,305 @@
+"""nuScenes's tables of version 1.0, and a submission of detections (github.com/nutonomy/nuscenes-devkit, docs).
+
+Every frame is a sample, and all its data are key frames. The global frame is the one that does not move, the ego frame
+is the site frame. Tokens are hashes of what they name, so that the same results give the same bytes.
+"""
+
+import json
+from collections import Counter
+from collections.abc import Mapping
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from pipeline.core.arrays import F64, I32
+from pipeline.core.geometry.rotations import quaternion_of_matrix
+from writers.datasets.frame import DatasetBoxes, DatasetFrame, DatasetScene, write_image
+
+__all__ = ["NUSCENES_NAMES", "VERSION", "NuScenesWriter"]
+
+VERSION = "v1.0-lidcam"
+"""Name of the folder of tables, which the devkit is given."""
+
+CATEGORIES = {
+    "car": "vehicle.car",
+    "truck": "vehicle.truck",
+    "bus": "vehicle.bus.rigid",
+    "trailer": "vehicle.trailer",
+    "construction_vehicle": "vehicle.construction",
+    "pedestrian": "human.pedestrian.adult",
+    "motorcycle": "vehicle.motorcycle",
+    "bicycle": "vehicle.bicycle",
+    "traffic_cone": "movable_object.trafficcone",
+    "barrier": "movable_object.barrier",
+}
+"""Category by name of the detection challenge."""
+
+NUSCENES_NAMES: Mapping[str, str] = {**{name: name for name in CATEGORIES}, "person": "pedestrian"}
+
+TABLES = (
+    *("attribute", "calibrated_sensor", "category", "ego_pose", "instance", "log", "map"),
+    *("sample", "sample_annotation", "sample_data", "scene", "sensor", "visibility"),
+)
+
+LIDAR = "LIDAR_TOP"
+MOST_BOXES = 500
+"""Of a sample in a submission."""
+
+Row = dict[str, Any]
+
+
+class NuScenesWriter:
+    """Writes the tables, `samples/`, and `results.json`: the objects as a submission of detections.
+
+    `sample_annotation` has the truth where there is one, else the objects. `splits.json` calls all scenes `lidcam`.
+    """
+
+    names: Mapping[str, str] | None = NUSCENES_NAMES
+    needs_clouds = True
+
+    def __init__(self, folder: Path) -> None:
+        self.left_out, self.remarks = Counter[str](), list[str]()
+        self._folder = folder
+        self._tables: dict[str, list[Row]] = {name: [] for name in TABLES}
+        self._results: dict[str, list[Row]] = {}
+        self._scene: DatasetScene
+        self._samples: list[Row] = []
+        self._last: dict[str, Row] = {}
+        self._instances: dict[str, Row] = {}
+        self._calibrations: dict[str, str] = {}
+        self._lone = 0
+        for name, category in CATEGORIES.items():
+            self._put("category", ("category", name), name=category, description="")
+
+    def begin(self, scene: DatasetScene) -> None:
+        """See `DatasetWriter`."""
+        self._end_scene()
+        self._scene, self._samples, self._last, self._instances, self._lone = scene, [], {}, {}, 0
+        site = scene.rig.site_frame
+        self._calibrations = {LIDAR: self._calibrated(LIDAR, "lidar", scene.T_site_cloud, [])}
+        for camera in scene.cameras:
+            T_site_camera = camera.T_camera_site.inverse().matrix
+            channel = _channel(camera.name)
+            self._calibrations[channel] = self._calibrated(channel, "camera", T_site_camera, camera.model.K.tolist())
+        self._put("log", (scene.origin, "log"), logfile=scene.name, vehicle=site, date_captured="", location=scene.name)
+
+    def add(self, frame: DatasetFrame) -> None:
+        """See `DatasetWriter`; a frame whose place nobody knows is left out."""
+        if frame.T_fixed_site is None or frame.cloud is None:
+            self.left_out["frames without a known place of the site frame"] += 1
+            return
+        scene = self._scene
+        number = len(self._samples)
+        token = self._token("sample", frame.index)
+        sample = self._put(
+            "sample",
+            (scene.origin, "sample", frame.index),
+            timestamp=frame.stamp_ns // 1000,
+            prev=self._samples[-1]["token"] if self._samples else "",
+            next="",
+            scene_token=self._token("scene"),
+        )
+        if self._samples:
+            self._samples[-1]["next"] = token
+        self._samples.append(sample)
+        path = self._file(LIDAR, f"{number:06d}.pcd.bin")
+        cloud = frame.cloud
+        points = np.column_stack([cloud.xyz, cloud.intensity * 255, cloud.ring])
+        (self._folder / path).write_bytes(points.astype("<f4").tobytes())
+        self._put_data(LIDAR, frame.index, path, frame.stamp_ns, frame.T_fixed_site, "pcd", (0, 0))
+        for name, image in frame.images.items():
+            if image.T_fixed_site is None:
+                self.left_out["images without a known place of the site frame"] += 1
+                continue
+            channel = _channel(name)
+            path = self._file(channel, f"{number:06d}.jpg")
+            write_image(self._folder / path, image.rgb)
+            size = (image.rgb.shape[0], image.rgb.shape[1])
+            self._put_data(channel, frame.index, path, image.stamp_ns, image.T_fixed_site, "jpg", size)
+        self._put_annotations(frame, frame.objects if frame.truth is None else frame.truth, frame.T_fixed_site)
+        self._put_results(token, frame.objects, frame.T_fixed_site)
+
+    def finish(self) -> None:
+        """See `DatasetWriter`."""
+        self._end_scene()
+        scenes, tables = self._tables["scene"], self._folder / VERSION
+        tables.mkdir(parents=True)
+        self._put(
+            "map",
+            ("map",),
+            log_tokens=[log["token"] for log in self._tables["log"]],
+            category="semantic_prior",
+            filename="maps/none.png",
+        )
+        (self._folder / "maps").mkdir()
+        cv2.imwrite(str(self._folder / "maps" / "none.png"), np.zeros((1, 1), np.uint8))
+        for name, rows in self._tables.items():
+            _write_json(tables / f"{name}.json", rows)
+        _write_json(tables / "splits.json", {"lidcam": [scene["name"] for scene in scenes]})
+        used = {"use_camera": True, "use_lidar": True, "use_radar": False, "use_map": False, "use_external": False}
+        _write_json(self._folder / "results.json", {"meta": used, "results": self._results})
+
+    def _token(self, *what: object) -> str:
+        return _token(self._scene.origin, *what)
+
+    def _put(self, table: str, what: tuple[object, ...], **values: Any) -> Row:
+        row = {"token": _token(*what), **values}
+        self._tables[table].append(row)
+        return row
+
+    def _calibrated(self, channel: str, modality: str, T_site_sensor: F64, intrinsic: list[list[float]]) -> str:
+        if channel not in {sensor["channel"] for sensor in self._tables["sensor"]}:
+            self._put("sensor", ("sensor", channel), channel=channel, modality=modality)
+        row = self._put(
+            "calibrated_sensor",
+            (self._scene.origin, "calibrated_sensor", channel),
+            sensor_token=_token("sensor", channel),
+            **_pose(T_site_sensor),
+            camera_intrinsic=intrinsic,
+        )
+        return str(row["token"])
+
+    def _file(self, channel: str, name: str) -> str:
+        folder = Path("samples") / channel
+        (self._folder / folder).mkdir(parents=True, exist_ok=True)
+        return str(folder / f"{self._scene.name}__{channel}__{name}")
+
+    def _put_data(
+        self, channel: str, index: int, path: str, stamp_ns: int, T_fixed_site: F64, kind: str, size: tuple[int, int]
+    ) -> None:
+        origin, stamp_us = self._scene.origin, stamp_ns // 1000
+        pose = self._put("ego_pose", (origin, "ego_pose", channel, index), timestamp=stamp_us, **_pose(T_fixed_site))
+        last = self._last.get(channel)
+        row = self._put(
+            "sample_data",
+            (origin, "sample_data", channel, index),
+            sample_token=self._token("sample", index),
+            ego_pose_token=pose["token"],
+            calibrated_sensor_token=self._calibrations[channel],
+            timestamp=stamp_us,
+            fileformat=kind,
+            is_key_frame=True,
+            height=size[0],
+            width=size[1],
+            filename=path,
+            prev=last["token"] if last else "",
+            next="",
+        )
+        if last:
+            last["next"] = row["token"]
+        self._last[channel] = row
+
+    def _put_annotations(self, frame: DatasetFrame, boxes: DatasetBoxes, T_fixed_site: F64) -> None:
+        counts, origin = self._points(frame, boxes), self._scene.origin
+        for row, placed in enumerate(_placed(boxes, T_fixed_site)):
+            name, track = str(boxes.names[row]), int(boxes.tracks[row])
+            if track < 0:
+                self._lone += 1
+            # one instance has one category: where a track changes its class, another one begins
+            key = f"{track} {name}" if track >= 0 else f"lone {self._lone}"
+            token = self._token("sample_annotation", frame.index, row)
+            instance = self._instances.get(key)
+            if instance is None:
+                instance = self._instances[key] = self._put(
+                    "instance",
+                    (origin, "instance", key),
+                    category_token=_token("category", name),
+                    nbr_annotations=0,
+                    first_annotation_token=token,
+                    last_annotation_token="",
+                )
+            last = self._last.get(instance["token"])
+            annotation = self._put(
+                "sample_annotation",
+                (origin, "sample_annotation", frame.index, row),
+                sample_token=self._token("sample", frame.index),
+                instance_token=instance["token"],
+                visibility_token="",
+                attribute_tokens=[],
+                **placed,
+                prev=last["token"] if last else "",
+                next="",
+                num_lidar_pts=int(counts[row]),
+                num_radar_pts=0,
+            )
+            if last:
+                last["next"] = token
+            self._last[instance["token"]] = annotation
+            instance["nbr_annotations"] += 1
+            instance["last_annotation_token"] = token
+
+    def _points(self, frame: DatasetFrame, boxes: DatasetBoxes) -> I32:
+        """Points in each box: as they were counted, else those of the cloud."""
+        counts = boxes.point_counts.copy()
+        if (counts >= 0).all() or frame.cloud is None:
+            return counts
+        T_site_cloud = self._scene.T_site_cloud
+        xyz = frame.cloud.xyz @ T_site_cloud[:3, :3].T + T_site_cloud[:3, 3]
+        for row in np.flatnonzero(counts < 0):
+            cos, sin = np.cos(boxes.yaws[row]), np.sin(boxes.yaws[row])
+            inside = (xyz - boxes.centers[row]) @ np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+            counts[row] = (np.abs(inside) <= boxes.sizes[row] / 2).all(1).sum()
+        return counts
+
+    def _put_results(self, sample: str, boxes: DatasetBoxes, T_fixed_site: F64) -> None:
+        if (more := len(boxes) - MOST_BOXES) > 0:
+            self.left_out[f"objects beyond {MOST_BOXES} in a sample, those with the lowest scores"] += more
+            boxes = boxes.select(np.sort(np.argsort(-boxes.scores, kind="stable")[:MOST_BOXES]))
+        velocities = np.nan_to_num(boxes.velocities) @ T_fixed_site[:2, :2].T
+        self._results[sample] = [
+            {
+                "sample_token": sample,
+                **placed,
+                "velocity": velocities[row].tolist(),
+                "detection_name": str(boxes.names[row]),
+                "detection_score": float(boxes.scores[row]),
+                "attribute_name": "",
+            }
+            for row, placed in enumerate(_placed(boxes, T_fixed_site))
+        ]
+
+    def _end_scene(self) -> None:
+        if self._samples:
+            scene = self._scene
+            self._put(
+                "scene",
+                (scene.origin, "scene"),
+                name=scene.name,
+                description="",
+                log_token=self._token("log"),
+                nbr_samples=len(self._samples),
+                first_sample_token=self._samples[0]["token"],
+                last_sample_token=self._samples[-1]["token"],
+            )
+        self._samples = []
+
+
+def _channel(camera: str) -> str:
+    return camera if camera.upper().startswith("CAM_") else f"CAM_{camera}"
+
+
+def _token(*what: object) -> str:
+    return sha256("\n".join(map(str, what)).encode()).hexdigest()[:32]
+
+
+def _pose(T_dst_src: F64) -> Row:
+    x, y, z, w = quaternion_of_matrix(T_dst_src[:3, :3]).tolist()
+    return {"translation": T_dst_src[:3, 3].tolist(), "rotation": [w, x, y, z]}
+
+
+def _placed(boxes: DatasetBoxes, T_fixed_site: F64) -> list[Row]:
+    """Where each box is in the fixed frame; sizes are width, length, height."""
+    placed = []
+    for center, size, yaw in zip(boxes.centers, boxes.sizes, boxes.yaws, strict=True):
+        pose = np.eye(4)
+        pose[:3, 3] = center
+        pose[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+        placed.append(_pose(T_fixed_site @ pose) | {"size": size[[1, 0, 2]].tolist()})
+    return placed
+
+
+def _write_json(path: Path, value: Any) -> None:
+    path.write_text(json.dumps(value, allow_nan=False), encoding="utf-8")
