@@ -3,16 +3,14 @@
 import fcntl
 import json
 import logging
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
+from lidcam.batch.engine import Engine
 from lidcam.batch.jobs import BatchJob
-from lidcam.batch.local import LocalEngine
 from lidcam.batch.records import FOLDER, JobRecord, State, job_key, read_record, write_record
 from pipeline.core.errors import OutputError
 
@@ -48,7 +46,7 @@ class BatchOptions:
 
 
 def run_batch(
-    jobs: Sequence[BatchJob], options: BatchOptions, engine: LocalEngine, told: Callable[[JobRecord], None]
+    jobs: Sequence[BatchJob], options: BatchOptions, engine: Engine, told: Callable[[JobRecord], None]
 ) -> list[JobRecord]:
     """Process the recordings; their records in the order of the jobs, those that were not begun left out.
 
@@ -76,7 +74,7 @@ def run_batch(
     return [found[job.name] for job in jobs if job.name in found]
 
 
-def _done(job: BatchJob, options: BatchOptions, engine: LocalEngine) -> JobRecord:
+def _done(job: BatchJob, options: BatchOptions, engine: Engine) -> JobRecord:
     """The record of a job that has ended, or is current already."""
     place = options.out / FOLDER / f"{job.name}.json"
     place.parent.mkdir(parents=True, exist_ok=True)
@@ -102,27 +100,24 @@ def _done(job: BatchJob, options: BatchOptions, engine: LocalEngine) -> JobRecor
         return record
 
 
-def _processed(job: BatchJob, options: BatchOptions, engine: LocalEngine, begun: JobRecord, lock: int) -> JobRecord:
+def _processed(job: BatchJob, options: BatchOptions, engine: Engine, begun: JobRecord, lock: int) -> JobRecord:
     target = options.out / f"{job.name}.mcap"
     target.parent.mkdir(parents=True, exist_ok=True)
     outputs = [(option, target.with_name(target.stem + ending)) for option, ending in options.outputs]
-    with TemporaryDirectory(prefix="lidcam-batch-") as folder:
-        figures = Path(folder) / "figures.json"
-        inputs = [getattr(one, "url", str(one)) for one in job.inputs]
-        command = [sys.executable, "-m", "lidcam", "process", *inputs, str(target), *options.arguments]
-        command += ["--quiet", "--json-file", str(figures), *["--overwrite"] * options.overwrite]
-        command += [text for option, path in outputs for text in (option, str(path))]
-        outcome = engine.run(command, keep_open=lock)
-        record = replace(
-            begun,
-            state=STATES.get(outcome.exit_code, "failed"),
-            exit_code=outcome.exit_code,
-            processor_s=round(outcome.processor_s, 2),
-            wall_s=round(outcome.wall_s, 2),
-            peak_mib=round(outcome.peak_mib, 1),
-        )
-        if figures.is_file():
-            record = record.with_figures(json.loads(figures.read_bytes()))
+    inputs = [getattr(one, "url", str(one)) for one in job.inputs]
+    arguments = [*inputs, str(target), *options.arguments, "--quiet", *["--overwrite"] * options.overwrite]
+    arguments += [text for option, path in outputs for text in (option, str(path))]
+    outcome = engine.run(arguments, keep_open=lock)
+    record = replace(
+        begun,
+        state=STATES.get(outcome.exit_code, "failed"),
+        exit_code=outcome.exit_code,
+        processor_s=round(outcome.processor_s, 2),
+        wall_s=round(outcome.wall_s, 2),
+        peak_mib=round(outcome.peak_mib, 1),
+    )
+    if outcome.figures:
+        record = record.with_figures(json.loads(outcome.figures))
     if record.state == "failed":
         line = outcome.message
         for prefix in PREFIXES:
