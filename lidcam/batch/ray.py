@@ -23,7 +23,6 @@ TRIES = 4
 
 QUIET = {
     "RAY_USAGE_STATS_ENABLED": "0",
-    "RAY_BACKEND_LOG_LEVEL": "error",
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",  # a job sees the devices that it sees without Ray
     "RAY_task_oom_retries": str(TRIES - 1),  # without end, else
 }

@@ -87,10 +87,10 @@ def _done(job: BatchJob, options: BatchOptions, engine: Engine) -> JobRecord:
         )
     with _locked(place.with_suffix(".lock")) as lock:
         known = read_record(place)
-        if lock is None:
-            return known or JobRecord(job.name, shown, key, "busy", message="another batch is at work on it")
         if known is not None and known.is_current(key, options.out) and not options.overwrite:
             return known
+        if lock is None:
+            return JobRecord(job.name, shown, key, "busy", message="another batch is at work on it")
         if known is not None and known.state == "begun":
             logger.warning("%s: an earlier batch ended while it was at work on it: it is processed again", job.name)
         begun = JobRecord(job.name, shown, key, "begun")

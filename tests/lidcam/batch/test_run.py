@@ -101,6 +101,8 @@ def test_a_job_at_which_another_batch_is_at_work_is_left_to_it(jobs: list[BatchJ
     with (options.out / FOLDER / "a.lock").open("wb") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         assert done(jobs, options) == (["busy", "failed", "incomplete"], ["b.bag", "c.bag"])
+        write_record(options.out / FOLDER / "a.json", JobRecord("a", "a.bag", "key", "begun"))
+        assert done(jobs, options)[0] == ["busy", "failed", "incomplete"]
 
 
 @pytest.fixture
@@ -117,7 +119,7 @@ def python(code: str, jobs: int = 1) -> LocalEngine:
 def test_a_process_is_measured_and_its_last_line_kept(held: int) -> None:
     code = """
 import pathlib, sys
-x = bytes(80 << 20)
+x = b"x" * (80 << 20)
 pathlib.Path(sys.argv[-1]).write_text("{}")
 print("first\\nlast", file=sys.stderr)
 sys.exit(3)
