@@ -5,7 +5,9 @@ import os
 import signal
 import socket
 from collections.abc import Callable, Generator, Sequence
+from contextlib import redirect_stdout
 from importlib.metadata import version
+from io import TextIOBase
 from pathlib import Path
 from threading import Lock, current_thread, main_thread
 from typing import Any, TypeVar
@@ -15,6 +17,8 @@ from lidcam.batch.local import PROCESS
 from pipeline.core.errors import LidcamError, WorkerError
 
 __all__ = ["RayEngine"]
+
+logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
@@ -86,11 +90,12 @@ class RayEngine(Engine):
         )
 
     def outcomes(self, tasks: Sequence[Callable[[Engine], T]]) -> Generator[T, None, None]:
-        """Those of the tasks; Ray is left, or ended where it was started here."""
-        try:
-            yield from super().outcomes(tasks)
-        finally:
-            self._ray.shutdown()
+        """Those of the tasks; Ray is left, or ended where it was started here. What it prints meanwhile is logged."""
+        with redirect_stdout(_Logged()):
+            try:
+                yield from super().outcomes(tasks)
+            finally:
+                self._ray.shutdown()
 
     def run(self, arguments: Sequence[str], *, keep_open: int | None) -> Outcome:  # noqa: ARG002  # of this machine
         """Run it on a node that has room, and wait for it."""
@@ -121,6 +126,15 @@ class RayEngine(Engine):
             self._is_ending = True
             for ref in self._refs:
                 self._ray.cancel(ref, force=True)
+
+
+class _Logged(TextIOBase):
+    """Logs what is written: Ray prints on the standard output, where results are expected, that a node is gone."""
+
+    def write(self, text: str, /) -> int:
+        for line in text.splitlines():
+            logger.info("%s", line)
+        return len(text)
 
 
 def _task() -> Callable[[tuple[str, ...], list[str], str, str], object]:

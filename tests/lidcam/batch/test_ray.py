@@ -44,7 +44,7 @@ def cluster() -> Iterator[Any]:
 
 
 def test_a_batch_goes_on_without_a_node_that_is_gone_and_makes_what_processes_make(
-    cluster: Any, tmp_path: Path
+    cluster: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "logs").mkdir()
     for name in ("a", "b", "bad", "c", "d", "e"):
@@ -60,6 +60,7 @@ def test_a_batch_goes_on_without_a_node_that_is_gone_and_makes_what_processes_ma
 
     records = run_batch(jobs, options, RayEngine(None, 1, cluster.address, ("-c", PROGRAM)), told_of)
     others = run_batch(jobs, replace(options, out=tmp_path / "local"), LocalEngine(3, ("-c", PROGRAM)), lambda _: None)
+    assert capsys.readouterr().out == ""  # of Ray, which prints what happened to the node
     assert sorted(told) == ["a", "b", "bad", "c", "d", "e"]
     assert sorted((out / "finished").read_text()) == ["a", "b", "c", "d", "e"]
     assert [_facts(one) for one in records] == [_facts(one) for one in others]
