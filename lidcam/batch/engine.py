@@ -1,4 +1,4 @@
-"""What does the jobs of a batch: given tasks, it yields their outcomes. `local.py` and `ray.py` are the two."""
+"""What runs the jobs of a batch: given tasks, it yields their outcomes. `local.py` and `ray.py` are the two."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Sequence

@@ -54,7 +54,7 @@ class RayEngine(Engine):
     """
 
     def __init__(self, jobs: int | None, cores: int, address: str | None, program: Sequence[str] = PROCESS) -> None:
-        os.environ.update(QUIET)
+        os.environ.update(QUIET | os.environ)
         try:
             import ray
         except ImportError as err:
