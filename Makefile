@@ -41,9 +41,9 @@ $(INSTALLED): pyproject.toml constraints-run.txt
 # PyTorch comes last and without a hash: its version is pinned, but it has builds for CPUs on indexes of their own, and what an index may offer
 # here is not known. The CUDA libraries of PyPI's build come with it.
 $(INSTALLED_ALL): $(INSTALLED) constraints.txt
-	@echo 'Installing the extras and the tools of the tests into .venv: 840 MB to fetch, once'
+	@echo 'Installing the extras and the tools of the tests into .venv: 930 MB to fetch, once'
 	$(LOCKED) constraints.txt
-	$(PIP) install --no-build-isolation --no-compile --editable '.[sim,train,foxglove,video,notebook,http,s3,dev]'
+	$(PIP) install --no-build-isolation --no-compile --editable '.[sim,train,foxglove,video,notebook,http,s3,ray,dev]'
 	$(PIP) check
 	@touch $@
 
@@ -102,7 +102,7 @@ config/default.yaml: $(wildcard pipeline/core/settings/*.py) $(INSTALLED_ALL)
 	@$(BIN)/python -c 'from pipeline.core.settings.config import Config; from pipeline.core.settings.load import dump_config; print(dump_config(Config()), end="")' >> $@
 
 locks:
-	$(COMPILE) --extra sim --extra foxglove --extra video --extra notebook --extra http --extra s3 --extra dev --output-file constraints.txt pyproject.toml constraints.in
+	$(COMPILE) --extra sim --extra foxglove --extra video --extra notebook --extra http --extra s3 --extra ray --extra dev --output-file constraints.txt pyproject.toml constraints.in
 	$(COMPILE) --constraint constraints.txt --output-file constraints-run.txt pyproject.toml constraints-build.in
 
 docs/licences.md: $(INSTALLED_ALL)

@@ -1,91 +1,57 @@
 """Jobs on this machine: one process each, as many at once as fit."""
 
+import ctypes
 import os
+import signal
 import subprocess
+import sys
 import time
-from collections.abc import Generator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
-from tempfile import TemporaryFile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory, TemporaryFile
 from threading import Lock
-from typing import Protocol, TypeVar
 
+from lidcam.batch.engine import ENDED, JOB_MIB, Engine, Outcome
 from pipeline.parallel.cores import usable_cores
 
-__all__ = ["LocalEngine", "Outcome", "Task", "jobs_that_fit"]
+__all__ = ["PROCESS", "LocalEngine", "jobs_that_fit"]
 
-JOB_MIB = 1500
-"""Memory that a job may take; docs/reliability.md."""
-
-T_co = TypeVar("T_co", covariant=True)
-T = TypeVar("T")
+PROCESS = ("-m", "lidcam", "process")
+"""What Python runs."""
 
 
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """How a command ended.
-
-    Attributes:
-        exit_code: Negative: ended by that signal.
-        message: The last line that it wrote to standard error.
-        processor_s: Its processor time, with that of its children, seconds.
-        wall_s: How long it took, seconds.
-        peak_mib: Memory of the largest of its processes.
-    """
-
-    exit_code: int
-    message: str
-    processor_s: float
-    wall_s: float
-    peak_mib: float
-
-
-class Task(Protocol[T_co]):
-    """A job, to be called on a thread."""
-
-    def __call__(self, engine: "LocalEngine", /) -> T_co:
-        """Do it, by `engine.run`."""
-
-
-class LocalEngine:
-    """Runs tasks on threads, their commands as processes.
+class LocalEngine(Engine):
+    """Runs each job as a process of its own.
 
     Args:
         jobs: How many at once.
+        program: What Python runs with the arguments of a job.
+        is_bound: Whether processes end if the thread ends that started them (Linux). Else what is nearly done when a
+            batch is killed is not lost.
     """
 
-    def __init__(self, jobs: int) -> None:
-        self._jobs = jobs
+    def __init__(self, jobs: int, program: Sequence[str] = PROCESS, *, is_bound: bool = False) -> None:
+        super().__init__(jobs)
+        self._program = program
+        self._before = _ended_with_parent() if is_bound and sys.platform == "linux" else None
         self._children: set[subprocess.Popen[bytes]] = set()
         self._lock, self._is_ending = Lock(), False
 
-    def outcomes(self, tasks: Sequence[Task[T]]) -> Generator[T, None, None]:
-        """Do the tasks in their order; what each gives, as it ends. Closing ends those that are at work."""
-        pool = ThreadPoolExecutor(self._jobs, thread_name_prefix="lidcam-batch")
-        try:
-            for future in as_completed([pool.submit(task, self) for task in tasks]):
-                yield future.result()
-        finally:
-            with self._lock:
-                self._is_ending = True
-                for child in self._children:
-                    child.terminate()
-            pool.shutdown(cancel_futures=True)
-
-    def run(self, command: Sequence[str], *, keep_open: int) -> Outcome:
-        """Run a command to its end.
-
-        Args:
-            command: The program and its arguments.
-            keep_open: A descriptor that it holds as long as it lives: a lock that outlives this process.
-        """
+    def run(self, arguments: Sequence[str], *, keep_open: int | None) -> Outcome:
+        """Run it as a process."""
         started = time.monotonic()
-        with TemporaryFile() as errors:
+        with TemporaryDirectory(prefix="lidcam-batch-") as folder, TemporaryFile() as errors:
+            figures = Path(folder) / "figures.json"
             with self._lock:
                 if self._is_ending:
-                    return Outcome(-15, "the batch ended before it began", 0.0, 0.0, 0.0)
+                    return ENDED
                 child = subprocess.Popen(
-                    command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors, pass_fds=(keep_open,)
+                    [sys.executable, *self._program, *arguments, "--json-file", str(figures)],
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    stderr=errors,
+                    pass_fds=() if keep_open is None else (keep_open,),
+                    preexec_fn=self._before,
                 )
                 self._children.add(child)
             _, status, usage = os.wait4(child.pid, 0)
@@ -94,13 +60,26 @@ class LocalEngine:
                 self._children.discard(child)
             errors.seek(max(errors.seek(0, os.SEEK_END) - 8192, 0))
             lines = errors.read().decode(errors="replace").splitlines()
-        return Outcome(
-            child.returncode,
-            next((line for line in reversed(lines) if line.strip()), ""),
-            usage.ru_utime + usage.ru_stime,
-            time.monotonic() - started,
-            usage.ru_maxrss / 1024,
-        )
+            return Outcome(
+                child.returncode,
+                next((line for line in reversed(lines) if line.strip()), ""),
+                figures.read_bytes() if figures.is_file() else b"",
+                usage.ru_utime + usage.ru_stime,
+                time.monotonic() - started,
+                usage.ru_maxrss / 1024,
+            )
+
+    def _end(self) -> None:
+        with self._lock:
+            self._is_ending = True
+            for child in self._children:
+                child.terminate()
+
+
+def _ended_with_parent() -> Callable[[], object]:
+    """A function that has this process get SIGTERM when the thread ends that forked it: prctl(2), PR_SET_PDEATHSIG."""
+    prctl = ctypes.CDLL(None).prctl  # found before the fork, after which no lock of the loader may be waited for
+    return lambda: prctl(1, int(signal.SIGTERM))
 
 
 def jobs_that_fit(count: int) -> int:

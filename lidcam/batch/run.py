@@ -2,16 +2,13 @@
 
 import json
 import logging
-import sys
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
+from lidcam.batch.engine import Engine
 from lidcam.batch.jobs import BatchJob
-from lidcam.batch.local import LocalEngine
 from lidcam.batch.records import JobRecord, State, job_key
 from lidcam.batch.store import Store, open_store
 from pipeline.core.errors import OutputError, RecordingError
@@ -49,7 +46,7 @@ class BatchOptions:
 
 
 def run_batch(
-    jobs: Sequence[BatchJob], options: BatchOptions, engine: LocalEngine, told: Callable[[JobRecord], None]
+    jobs: Sequence[BatchJob], options: BatchOptions, engine: Engine, told: Callable[[JobRecord], None]
 ) -> list[JobRecord]:
     """Process the recordings; their records in the order of the jobs, those that were not begun left out.
 
@@ -77,7 +74,7 @@ def run_batch(
     return [found[job.name] for job in jobs if job.name in found]
 
 
-def _done(job: BatchJob, options: BatchOptions, store: Store, engine: LocalEngine) -> JobRecord:
+def _done(job: BatchJob, options: BatchOptions, store: Store, engine: Engine) -> JobRecord:
     """The record of a job that has ended, or is current already."""
     shown = ", ".join(map(str, job.inputs))
     try:
@@ -94,14 +91,14 @@ def _done(job: BatchJob, options: BatchOptions, store: Store, engine: LocalEngin
         return JobRecord(job.name, shown, key, "failed", 1, str(err))
 
 
-def _kept(job: BatchJob, options: BatchOptions, store: Store, engine: LocalEngine, begun: JobRecord) -> JobRecord:
+def _kept(job: BatchJob, options: BatchOptions, store: Store, engine: Engine, begun: JobRecord) -> JobRecord:
     """The same of a recording that can be read; kept in the store."""
     with store.held(job.name) as lock:
         known = store.record(job.name)
-        if lock is None:
-            return known or replace(begun, state="busy", message="another batch is at work on it")
         if known is not None and known.is_current(begun.key, store.size) and not options.overwrite:
             return known
+        if lock is None:
+            return replace(begun, state="busy", message="another batch is at work on it")
         if known is not None and known.state == "begun":
             logger.warning("%s: an earlier batch ended while it was at work on it: it is processed again", job.name)
         store.keep(begun)
@@ -111,27 +108,24 @@ def _kept(job: BatchJob, options: BatchOptions, store: Store, engine: LocalEngin
 
 
 def _processed(
-    job: BatchJob, options: BatchOptions, store: Store, engine: LocalEngine, begun: JobRecord, lock: int
+    job: BatchJob, options: BatchOptions, store: Store, engine: Engine, begun: JobRecord, lock: int
 ) -> JobRecord:
     outputs = {"": f"{job.name}.mcap"} | {option: _named(job.name, ending) for option, ending in options.outputs}
     places = {option: store.place(name) for option, name in outputs.items()}
-    with TemporaryDirectory(prefix="lidcam-batch-") as folder:
-        figures = Path(folder) / "figures.json"
-        inputs = [getattr(one, "url", str(one)) for one in job.inputs]
-        command = [sys.executable, "-m", "lidcam", "process", *inputs, places.pop(""), *options.arguments]
-        command += ["--quiet", "--json-file", str(figures), *["--overwrite"] * options.overwrite]
-        command += [text for option, place in places.items() for text in (option, place)]
-        outcome = engine.run(command, keep_open=lock)
-        record = replace(
-            begun,
-            state=STATES.get(outcome.exit_code, "failed"),
-            exit_code=outcome.exit_code,
-            processor_s=round(outcome.processor_s, 2),
-            wall_s=round(outcome.wall_s, 2),
-            peak_mib=round(outcome.peak_mib, 1),
-        )
-        if figures.is_file():
-            record = record.with_figures(json.loads(figures.read_bytes()))
+    inputs = [getattr(one, "url", str(one)) for one in job.inputs]
+    arguments = [*inputs, places.pop(""), *options.arguments, "--quiet", *["--overwrite"] * options.overwrite]
+    arguments += [text for option, place in places.items() for text in (option, place)]
+    outcome = engine.run(arguments, keep_open=lock)
+    record = replace(
+        begun,
+        state=STATES.get(outcome.exit_code, "failed"),
+        exit_code=outcome.exit_code,
+        processor_s=round(outcome.processor_s, 2),
+        wall_s=round(outcome.wall_s, 2),
+        peak_mib=round(outcome.peak_mib, 1),
+    )
+    if outcome.figures:
+        record = record.with_figures(json.loads(outcome.figures))
     if record.state == "failed":
         line = outcome.message
         for prefix in PREFIXES:

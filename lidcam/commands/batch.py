@@ -4,7 +4,7 @@ import subprocess
 import sys
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -28,6 +28,7 @@ from lidcam.printing.log import remark_log
 from readers.location import location
 
 if TYPE_CHECKING:
+    from lidcam.batch.engine import Engine
     from lidcam.batch.records import JobRecord
 
 __all__ = ["BATCH_EXAMPLES", "batch"]
@@ -72,6 +73,15 @@ def batch(
             min=1, metavar="N", help="Recordings at once; without it, as many as cores and memory have room for."
         ),
     ] = None,
+    engine: Annotated[
+        Literal["local", "ray"], typer.Option(help="Processes of this machine, or tasks of Ray (extra ray).")
+    ] = "local",
+    address: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HOST:PORT", help="Of a Ray cluster, or `auto`; without it, Ray is started on this machine."
+        ),
+    ] = None,
     rerun: Annotated[bool, typer.Option("--rerun", help="Also write a Rerun recording of each.")] = False,
     report: Annotated[bool, typer.Option("--report", help="Also write a page about each.")] = False,
     objects: Annotated[
@@ -106,7 +116,7 @@ def batch(
     from dataclasses import asdict
 
     from lidcam.batch.jobs import find_jobs
-    from lidcam.batch.local import LocalEngine, jobs_that_fit
+    from lidcam.batch.local import jobs_that_fit
     from lidcam.batch.run import BatchOptions, run_batch
     from lidcam.batch.store import open_store
     from lidcam.batch.table import TABLE, table_of
@@ -115,6 +125,8 @@ def batch(
     from lidcam.printing.terminal import console, show_json
     from pipeline.parallel.cores import usable_cores
 
+    if address is not None and engine != "ray":
+        raise typer.BadParameter("expected --engine ray with it", param_hint="--address")
     place = location(out)
     if save_matches and not isinstance(place, Path):
         raise typer.BadParameter("pictures are written to a local folder", param_hint="--save-matches")
@@ -157,9 +169,10 @@ def batch(
     outputs = [(option, ending) for wanted, option, ending in switches if wanted]
     files = [sha256(path.read_bytes()).hexdigest() for path in first.read_files]
     at_once = min(jobs or jobs_that_fit(len(found)), len(found))
+    cores = workers or (1 if address else max(usable_cores() // at_once, 1))
     options = BatchOptions(
         place,
-        [*arguments, "--workers", str(workers or max(usable_cores() // at_once, 1))],
+        [*arguments, "--workers", str(cores)],
         outputs,
         facts=[_version(), *arguments, *(option for option, _ in outputs), *files],
         overwrite=overwrite,
@@ -167,7 +180,7 @@ def batch(
     )
     subprocess.run([sys.executable, "-c", COMPILE], check=False)
     with shown_batch(found) as told:
-        records = run_batch(found, options, LocalEngine(at_once), told)
+        records = run_batch(found, options, _engine(engine, jobs if address else at_once, cores, address), told)
     store.write(TABLE, table_of(records))
     if as_json:
         show_json(console(), {"jobs": [asdict(record) for record in records]})
@@ -175,6 +188,13 @@ def batch(
         print_batch(console(), records)
     remark_log.info("wrote %s/%s", str(place).rstrip("/"), TABLE)
     _verdict(records, len(found)).end()
+
+
+def _engine(name: str, jobs: int | None, cores: int, address: str | None) -> "Engine":
+    from lidcam.batch.local import LocalEngine
+    from lidcam.batch.ray import RayEngine
+
+    return RayEngine(jobs, cores, address) if name == "ray" else LocalEngine(jobs or 1)
 
 
 def _version() -> str:

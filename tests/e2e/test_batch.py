@@ -46,6 +46,7 @@ def test_a_batch_makes_what_single_runs_make(lidcam: Lidcam, logs: Path, tmp_pat
         (("--set", "sync.slop=1"), "slop"),
         (("--rig", "nothing.yaml"), "nothing.yaml"),
         (("--jobs", "0"), "--jobs"),
+        (("--address", "head:6379"), "--engine ray"),
     ],
 )
 def test_wrong_settings_are_told_once(

@@ -49,6 +49,7 @@ EXCEPTIONS = {
     r"python benchmarks/measured/speed_page.py ": "takes minutes and writes a page of the documents",
     r"python benchmarks/measured/memory_table.py": "the same",
     r".*s3://": "needs a bucket: test_object_store has one on this machine",
+    r"lidcam batch .*--address ": "needs a cluster: tests/lidcam/batch/test_ray.py starts one",
     r".*--(install|show)-completion": "asks which shell it is called from: test_calling does that",
 }
 

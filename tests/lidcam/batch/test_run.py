@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import closing
@@ -10,28 +11,29 @@ from pathlib import Path
 
 import pytest
 
+from lidcam.batch.engine import Engine, Outcome
 from lidcam.batch.jobs import BatchJob, find_jobs
-from lidcam.batch.local import LocalEngine, Outcome
+from lidcam.batch.local import LocalEngine
 from lidcam.batch.records import FOLDER, JobRecord, read_record, write_record
 from lidcam.batch.run import BatchOptions, run_batch
 
 
-class Engine(LocalEngine):
+class Written(LocalEngine):
     """Writes a result; fails where the recording says so."""
 
     def __init__(self) -> None:
         super().__init__(1)
         self.ran: list[str] = []
 
-    def run(self, command: Sequence[str], *, keep_open: int) -> Outcome:
-        recording, output = map(Path, command[4:6])
+    def run(self, arguments: Sequence[str], *, keep_open: int | None) -> Outcome:
+        recording, output = map(Path, arguments[:2])
         self.ran.append(recording.name)
-        os.fstat(keep_open)
+        os.fstat(keep_open or 0)
         content = recording.read_bytes()
         if content.startswith(b"bad"):
-            return Outcome(1, "lidcam: error: it is bad", 0.0, 0.0, 0.0)
+            return Outcome(1, "lidcam: error: it is bad")
         output.write_bytes(content)
-        return Outcome(3 if content.startswith(b"cut") else 0, "", 1.0, 2.0, 3.0)
+        return Outcome(3 if content.startswith(b"cut") else 0, "", b"", 1.0, 2.0, 3.0)
 
 
 @pytest.fixture
@@ -55,7 +57,7 @@ def folder(options: BatchOptions) -> Path:
 
 def done(jobs: list[BatchJob], options: BatchOptions) -> tuple[list[str], list[str]]:
     """The states, and the recordings that were processed for them."""
-    engine = Engine()
+    engine = Written()
     records = run_batch(jobs, options, engine, lambda _: None)
     return [record.state for record in records], engine.ran
 
@@ -104,6 +106,8 @@ def test_a_job_at_which_another_batch_is_at_work_is_left_to_it(jobs: list[BatchJ
     with (folder(options) / FOLDER / "a.lock").open("wb") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         assert done(jobs, options) == (["busy", "failed", "incomplete"], ["b.bag", "c.bag"])
+        write_record(folder(options) / FOLDER / "a.json", JobRecord("a", "a.bag", "key", "begun"))
+        assert done(jobs, options)[0] == ["busy", "failed", "incomplete"]
 
 
 @pytest.fixture
@@ -112,25 +116,52 @@ def held(tmp_path: Path) -> Iterator[int]:
         yield file.fileno()
 
 
+def python(code: str, jobs: int = 1) -> LocalEngine:
+    """Runs this for each job."""
+    return LocalEngine(jobs, ("-c", code))
+
+
 def test_a_process_is_measured_and_its_last_line_kept(held: int) -> None:
-    code = "import sys; x = bytes(80 << 20); print('first\\nlast', file=sys.stderr); sys.exit(3)"
-    outcome = LocalEngine(1).run([sys.executable, "-c", code], keep_open=held)
-    assert (outcome.exit_code, outcome.message) == (3, "last")
+    code = """
+import pathlib, sys
+x = b"x" * (80 << 20)
+pathlib.Path(sys.argv[-1]).write_text("{}")
+print("first\\nlast", file=sys.stderr)
+sys.exit(3)
+"""
+    outcome = python(code).run(["in", "out"], keep_open=held)
+    assert (outcome.exit_code, outcome.message, outcome.figures) == (3, "last", b"{}")
     assert outcome.peak_mib > 80
     assert outcome.processor_s > 0
-    assert LocalEngine(1).run([sys.executable, "-c", "import os; os.abort()"], keep_open=held).exit_code == -6
+    assert python("import os; os.abort()").run((), keep_open=held).exit_code == -6
 
 
 def test_leaving_ends_the_processes_at_work(held: int) -> None:
     codes: list[int] = []
 
-    def short(_: LocalEngine) -> str:
+    def short(_: Engine) -> str:
         return "short"
 
-    def long(engine: LocalEngine) -> str:
-        codes.append(engine.run([sys.executable, "-c", "import time; time.sleep(600)"], keep_open=held).exit_code)
+    def long(engine: Engine) -> str:
+        codes.append(engine.run((), keep_open=held).exit_code)
         return "long"
 
-    with closing(LocalEngine(2).outcomes([long, short])) as outcomes:
+    with closing(python("import time; time.sleep(600)", 2).outcomes([long, short])) as outcomes:
         assert next(outcomes) == "short"
     assert codes == [-15]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="prctl(2)")
+def test_a_bound_process_ends_with_the_thread_that_started_it() -> None:
+    """Here the process that holds the thread is killed; a pipe tells when the last that holds its end is gone."""
+    end, held = os.pipe()
+    sleeps = f"import os, time; os.write({held}, b'begun'); time.sleep(600)"
+    code = f"""
+from lidcam.batch.local import LocalEngine
+LocalEngine(1, ("-c", {sleeps!r}), is_bound=True).run((), keep_open={held})
+"""
+    with subprocess.Popen([sys.executable, "-c", code], pass_fds=(held,)) as starter, os.fdopen(end, "rb") as told:
+        os.close(held)
+        assert told.read(5) == b"begun"
+        starter.kill()
+        assert told.read() == b""

@@ -1,0 +1,183 @@
+"""Jobs on a cluster of Ray, or on this machine by it: one task each, with the cores and the memory that it takes."""
+
+import logging
+import os
+import signal
+import socket
+from collections.abc import Callable, Generator, Sequence
+from contextlib import redirect_stdout
+from importlib.metadata import version
+from io import TextIOBase
+from pathlib import Path
+from threading import Lock, current_thread, main_thread
+from typing import Any, TypeVar
+
+from lidcam.batch.engine import ENDED, JOB_MIB, Engine, Outcome
+from lidcam.batch.local import PROCESS
+from pipeline.core.errors import LidcamError, WorkerError
+
+__all__ = ["RayEngine"]
+
+logger = logging.getLogger(__name__)
+
+T = TypeVar("T")
+
+TRIES = 4
+"""Of a job whose node died or ran out of memory."""
+
+QUIET = {
+    "RAY_USAGE_STATS_ENABLED": "0",
+    "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",  # a job sees the devices that it sees without Ray
+    "RAY_task_oom_retries": str(TRIES - 1),  # without end, else
+}
+
+CONNECT_S = 10.0
+
+STORE_BYTES = 100 << 20
+"""For objects between tasks, where Ray is started here: there are none."""
+
+
+class RayEngine(Engine):
+    """Runs each job as a task of Ray.
+
+    This process waits for as many tasks as have room, and holds their locks. Ray does a task again if its node died or
+    ran out of memory, and never because of its recording: what `lidcam process` says is a result.
+
+    Args:
+        jobs: How many at once; as many as the nodes have room for if None.
+        cores: Of each job.
+        address: Of the cluster; Ray is started on this machine if None.
+        program: What Python runs on the nodes with the arguments of a job.
+
+    Raises:
+        LidcamError: Ray is not installed, there is no cluster, or it has no room for a job.
+    """
+
+    def __init__(self, jobs: int | None, cores: int, address: str | None, program: Sequence[str] = PROCESS) -> None:
+        os.environ.update(QUIET | os.environ)
+        try:
+            import ray
+        except ImportError as err:
+            raise LidcamError("--engine ray needs Ray, which is not installed: pip install 'lidcam[ray]'") from err
+        self._ray: Any = ray
+        self._program = tuple(program)
+        self._lock, self._refs, self._is_ending = Lock(), set[Any](), False
+        started: dict[str, Any] = {"num_cpus": (jobs or 1) * cores, "object_store_memory": STORE_BYTES}
+        handler = signal.getsignal(signal.SIGTERM)
+        try:
+            if address:
+                _check(address)
+            ray.init(
+                address or "local",
+                log_to_driver=False,
+                logging_level=logging.ERROR,
+                **({} if address else {**started, "include_dashboard": False}),
+            )
+        except Exception as err:  # of many kinds: no cluster, another version of Ray or Python
+            raise LidcamError(f"--engine ray: {' '.join(str(err).split())}") from err
+        finally:
+            if current_thread() is main_thread():
+                signal.signal(signal.SIGTERM, handler)  # Ray has put its own in its place
+        room = sum(_room(node["Resources"], cores) for node in self._ray.nodes() if node["Alive"])
+        if not room:
+            ray.shutdown()
+            raise LidcamError(
+                f"--engine ray: expected a node with {cores} cores and {JOB_MIB} MiB of memory, found none"
+            )
+        super().__init__(jobs or room)
+        self._task = ray.remote(num_cpus=cores, memory=JOB_MIB << 20, max_retries=TRIES - 1, retry_exceptions=False)(
+            _task()
+        )
+
+    def outcomes(self, tasks: Sequence[Callable[[Engine], T]]) -> Generator[T, None, None]:
+        """Those of the tasks; Ray is left, or ended where it was started here. What it prints meanwhile is logged."""
+        with redirect_stdout(_Logged()):
+            try:
+                yield from super().outcomes(tasks)
+            finally:
+                self._ray.shutdown()
+
+    def run(self, arguments: Sequence[str], *, keep_open: int | None) -> Outcome:  # noqa: ARG002  # of this machine
+        """Run it on a node that has room, and wait for it."""
+        errors = self._ray.exceptions
+        with self._lock:
+            if self._is_ending:
+                return ENDED
+            ref = self._task.remote(self._program, [*arguments], str(Path.cwd()), version("lidcam"))
+            self._refs.add(ref)
+        try:
+            outcome: Outcome | str = self._ray.get(ref)
+        except errors.RayError as err:
+            if self._is_ending:
+                return ENDED
+            lines = str(err).strip().splitlines() or [""]
+            if isinstance(err, errors.RayTaskError):
+                return Outcome(1, lines[-1])
+            return Outcome(1, f"its node died or ran out of memory, {TRIES} times: {lines[0]}")
+        finally:
+            with self._lock:
+                self._refs.discard(ref)
+        if isinstance(outcome, str):
+            raise WorkerError(outcome)
+        return outcome
+
+    def _end(self) -> None:
+        with self._lock:
+            self._is_ending = True
+            for ref in self._refs:
+                self._ray.cancel(ref, force=True)
+
+
+class _Logged(TextIOBase):
+    """Logs what is written: Ray prints on the standard output, where results are expected, that a node is gone."""
+
+    def write(self, text: str, /) -> int:
+        for line in text.splitlines():
+            logger.info("%s", line)
+        return len(text)
+
+
+def _task() -> Callable[[tuple[str, ...], list[str], str, str], object]:
+    """What a node does; it travels as code, as lidcam may be missing there."""
+
+    def processed(program: tuple[str, ...], arguments: list[str], folder: str, wanted: str) -> object:
+        """The outcome, or what is wrong with the node."""
+        import os
+        import socket
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            found = version("lidcam")
+        except PackageNotFoundError:
+            found = "none"
+        node = f"node {socket.gethostname()}"
+        if found != wanted:
+            return f"{node}: expected lidcam {wanted}, found {found}: install the same version on all nodes"
+        if not os.path.isdir(folder):  # noqa: PTH112
+            return f"{node}: expected the folder {folder}: all nodes read and write the files under the same paths"
+        os.chdir(folder)
+        from lidcam.batch.local import LocalEngine
+
+        return LocalEngine(1, program, is_bound=True).run(arguments, keep_open=None)
+
+    return processed
+
+
+def _check(address: str) -> None:
+    """Check that somebody listens there: Ray tries for minutes.
+
+    Raises:
+        LidcamError: nobody does.
+    """
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdigit() or "//" in host:
+        return  # `auto`, a client
+    try:
+        socket.create_connection((host, int(port)), CONNECT_S).close()
+    except OSError as err:
+        raise LidcamError(f"{address}: expected the head of a Ray cluster, found none: {err.strerror or err}") from err
+
+
+def _room(resources: dict[str, float], cores: int) -> int:
+    """How many jobs a node has room for."""
+    return int(min(resources.get("CPU", 0) // cores, resources.get("memory", 0) // (JOB_MIB << 20)))

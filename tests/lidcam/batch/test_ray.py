@@ -1,0 +1,101 @@
+"""Batches on a cluster of three nodes on this machine; a start of it takes seconds, so there is one."""
+
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lidcam.batch.jobs import find_jobs
+from lidcam.batch.local import LocalEngine
+from lidcam.batch.ray import RayEngine, _task
+from lidcam.batch.records import JobRecord
+from lidcam.batch.run import BatchOptions, run_batch
+from pipeline.core.errors import LidcamError, WorkerError
+
+ray = pytest.importorskip("ray", reason="Ray is not installed")
+cluster_utils = pytest.importorskip("ray.cluster_utils")
+
+PROGRAM = """
+import pathlib, sys, time
+recording, output = map(pathlib.Path, sys.argv[1:3])
+time.sleep(0.5)
+if recording.stem == "bad":
+    sys.exit("lidcam: error: it is bad")
+output.write_bytes(recording.read_bytes())
+with open(output.parent / "finished", "a") as file:
+    file.write(recording.stem)
+"""
+"""In place of `lidcam process`, which takes seconds; tests/campaign/batch_kills.py takes that."""
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Any]:
+    """A head that does no jobs, and three nodes with one core each."""
+    cluster = cluster_utils.Cluster(initialize_head=True, head_node_args={"num_cpus": 0, "include_dashboard": False})
+    for _ in range(3):
+        cluster.add_node(num_cpus=1, wait=False)
+    cluster.wait_for_nodes()
+    yield cluster
+    cluster.shutdown()
+
+
+def test_a_batch_goes_on_without_a_node_that_is_gone_and_makes_what_processes_make(
+    cluster: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "logs").mkdir()
+    for name in ("a", "b", "bad", "c", "d", "e"):
+        (tmp_path / "logs" / f"{name}.bag").write_text(name)
+    jobs = find_jobs([str(tmp_path / "logs")], tmp_path)
+    out, options = tmp_path / "ray", BatchOptions(tmp_path / "ray", (), (), ())
+    told: list[str] = []
+
+    def told_of(record: JobRecord) -> None:
+        told.append(record.name)
+        if len(told) == 1:
+            cluster.remove_node(cluster.list_all_nodes()[-1], allow_graceful=False)
+
+    records = run_batch(jobs, options, RayEngine(None, 1, cluster.address, ("-c", PROGRAM)), told_of)
+    others = run_batch(jobs, replace(options, out=tmp_path / "local"), LocalEngine(3, ("-c", PROGRAM)), lambda _: None)
+    assert capsys.readouterr().out == ""  # of Ray, which prints what happened to the node
+    assert sorted(told) == ["a", "b", "bad", "c", "d", "e"]
+    assert sorted((out / "finished").read_text()) == ["a", "b", "c", "d", "e"]
+    assert [_facts(one) for one in records] == [_facts(one) for one in others]
+    assert [one.state for one in records] == ["done", "done", "failed", "done", "done", "done"]
+    assert all(one.processor_s > 0 and one.wall_s > 0.5 and one.peak_mib > 5 for one in records)
+
+
+def _facts(record: JobRecord) -> tuple[object, ...]:
+    return record.name, record.state, record.exit_code, record.message, record.outputs, record.key
+
+
+def test_a_cluster_without_room_is_told(cluster: Any) -> None:
+    with pytest.raises(LidcamError, match="expected a node with 99 cores and 1500 MiB of memory, found none"):
+        RayEngine(None, 99, cluster.address)
+
+
+def test_a_node_with_another_version_ends_the_batch(cluster: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    engine = RayEngine(1, 1, cluster.address)
+    monkeypatch.setattr("lidcam.batch.ray.version", lambda _: "0.0.1")
+    with pytest.raises(WorkerError, match=r"node .*: expected lidcam 0\.0\.1, found .*: install the same version"):
+        [*engine.outcomes([lambda one: one.run((), keep_open=None)])]
+
+
+def test_a_node_without_lidcam_or_the_folder_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sent = ray.cloudpickle.dumps(_task())
+    assert "expected the folder" in ray.cloudpickle.loads(sent)((), [], str(tmp_path / "none"), version("lidcam"))
+    for name in [name for name in sys.modules if name.partition(".")[0] == "lidcam"]:
+        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.setattr(sys, "path", [])
+    assert "found none" in ray.cloudpickle.loads(sent)((), [], str(tmp_path), "0.1.0")
+
+
+def test_without_ray_or_without_a_cluster_there_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(LidcamError, match=r"127\.0\.0\.1:9: expected the head of a Ray cluster, found none"):
+        RayEngine(None, 1, "127.0.0.1:9")
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(LidcamError, match=r"not installed: pip install 'lidcam\[ray\]'"):
+        RayEngine(None, 1, None)
