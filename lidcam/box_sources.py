@@ -16,7 +16,7 @@ from readers.recording import Recording
 from readers.rig.sensor_topics import BOXES, IMAGE
 from readers.streams.decoders import ImageDecoder, OnBadMessage, RecordedBoxes
 
-__all__ = ["BoxSource", "add_boxes2d", "add_boxes3d", "box_source", "check_box_source"]
+__all__ = ["BoxSource", "add_boxes2d", "add_boxes3d", "box_source", "check_box_source", "engine_3d"]
 
 BoxSource = Literal["onnx", "recorded", "none"]
 
@@ -30,6 +30,18 @@ def box_source(config: Config, rig: Rig) -> BoxSource:
         "none": True,
     }
     return wanted if found[wanted] else "none"
+
+
+def engine_3d(config: Config) -> str:
+    """The engine that finds 3D boxes, a row of `ENGINES`.
+
+    With a 3D network, `auto` takes clusters beside it where the learned score knows the classes.
+    """
+    if config.detect3d.method != "auto" or config.detect3d.model is None:
+        return config.detect3d.engine
+    from pipeline.detectors.cluster.learned import knows  # behind the imports of programs that detect nothing
+
+    return "combined" if knows(config.classes) else "pillars"
 
 
 def check_box_source(config: Config, recording: Recording, rig: Rig) -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple, Self
 
-from lidcam.box_sources import add_boxes2d, add_boxes3d, box_source
+from lidcam.box_sources import add_boxes2d, add_boxes3d, box_source, engine_3d
 from pipeline.core.arrays import F64
 from pipeline.core.association import class_agreement
 from pipeline.core.clouds import CombinedCloud, PointCloud
@@ -34,7 +34,7 @@ from pipeline.stages.views import Views
 from pipeline.tracking.ends import find_ends
 from readers.streams.decoders import CloudDecoder, OnBadMessage
 
-__all__ = ["build_graph", "with_score"]
+__all__ = ["build_graph", "decided"]
 
 
 def build_graph(
@@ -51,7 +51,7 @@ def build_graph(
     Raises:
         ModelError: a network cannot be loaded.
     """
-    graph, config = Graph(SensorBundle), with_score(config, rig)
+    graph, config = Graph(SensorBundle), decided(config, rig)
     # What each sensor alone sees.
     clouds = graph.add("decode clouds", CloudDecoder(rig, config, on_bad=on_bad), graph.frame)
     combined = graph.add("combine", Combine(rig, config.combine), graph.frame, clouds)
@@ -92,18 +92,17 @@ def build_graph(
     return graph, graph.add("ends", _with_ends, result) if config.track.mode == "offline" else result
 
 
-def with_score(config: Config, rig: Rig) -> Config:
-    """The settings with `detect3d.score` decided.
+def decided(config: Config, rig: Rig) -> Config:
+    """The settings with `detect3d.method` and `detect3d.score` decided.
 
     Where cameras have a word, the belief was fitted to the geometric score; with the learned one more false objects
     are left (docs/fusion.md).
     """
-    detect3d = config.detect3d
-    if detect3d.score != "auto":
-        return config
-    is_learned = detect3d.weights or (box_source(config, rig) == "none" and knows(config.classes))
-    decided = detect3d.model_copy(update={"score": "learned" if is_learned else "geometric"})
-    return config.model_copy(update={"detect3d": decided})
+    changed: dict[str, str] = {"method": engine_3d(config)}
+    if config.detect3d.score == "auto":
+        is_learned = config.detect3d.weights or (box_source(config, rig) == "none" and knows(config.classes))
+        changed["score"] = "learned" if is_learned else "geometric"
+    return config.model_copy(update={"detect3d": config.detect3d.model_copy(update=changed)})
 
 
 def _hypotheses(

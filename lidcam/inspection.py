@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from lidcam.box_sources import BoxSource, box_source
+from lidcam.box_sources import BoxSource, box_source, engine_3d
 from lidcam.checks.calibration.check import check_first_clouds
 from lidcam.checks.files import check_not_empty
 from lidcam.checks.incomplete import damage_lines, left_out_lines
@@ -144,7 +144,7 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
         warnings=_warnings(recording, found.rig, config, window),
         motion_topics=motion.topics if motion else (),
         box_source=box_source(config, found.rig),
-        box_source_3d=config.detect3d.engine,
+        box_source_3d=engine_3d(config),
         settings=used,
         losses=recording.losses,
     )

@@ -12,7 +12,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from lidcam.box_sources import box_source, check_box_source
+from lidcam.box_sources import box_source, check_box_source, engine_3d
 from lidcam.build import build_graph
 from lidcam.checks.calibration.check import CalibrationCheck
 from lidcam.checks.class_numbers import class_number_warnings
@@ -325,7 +325,7 @@ class Run:
                 faults=found.faults,
                 missing=tuple(missing),
                 box_source=box_source(source.config, source.rig),
-                box_source_3d=source.config.detect3d.engine,
+                box_source_3d=engine_3d(source.config),
                 motion_topics=motion_topics,
             ),
             timing=TimingReport(

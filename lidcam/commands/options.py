@@ -141,7 +141,7 @@ Model2d = Annotated[
 ]
 Model3d = Annotated[
     Path | None,
-    typer.Option("--model-3d", metavar="FILE.onnx", help="3D detector, in place of clusters of points (ONNX)."),
+    typer.Option("--model-3d", metavar="FILE.onnx", help="3D network, beside clusters of points (ONNX)."),
 ]
 Start = Annotated[float, typer.Option(min=0, metavar="S", callback=seconds, help="Skip the first S seconds.")]
 Duration = Annotated[

@@ -7,15 +7,15 @@ from importlib.util import find_spec
 import numpy as np
 
 from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Boxes3D, Source
+from pipeline.core.detections import Boxes3D
 from pipeline.core.errors import ModelError
 from pipeline.core.frame import SensorBundle
-from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.geometry.overlaps import without_overlaps
 from pipeline.core.geometry.rotated_iou import BoxArrays
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.engines import ENGINES
+from pipeline.detectors.boxes import likely_boxes
 from pipeline.detectors.cluster.learned import LearnedScores
 from pipeline.detectors.protocols import Candidates3D, Detector3D
 
@@ -39,31 +39,11 @@ class Detect3D:
 
     def __call__(self, combined: CombinedCloud) -> Boxes3D:
         """Boxes in the site frame, in order of falling score, then of x and y."""
-        boxes = self._found(combined)
+        boxes = likely_boxes(combined, self._site_frame, self._detector(combined), self._min_score)
         if self._rescored is None:
             return boxes
         boxes = self._rescored(combined, boxes)
         return boxes.select(np.lexsort((boxes.centers[:, 1], boxes.centers[:, 0], -boxes.scores)))
-
-    def _found(self, combined: CombinedCloud) -> Boxes3D:
-        """Boxes with the scores of the engine."""
-        found = self._detector(combined)
-        order = np.lexsort((found.centers[:, 1], found.centers[:, 0], -found.scores))
-        order = order[(found.scores[order] >= self._min_score) & (found.class_ids[order] >= 0)]
-        order = order[without_overlaps(BoxArrays(found.centers[order], found.sizes[order], found.yaws[order]))]
-        return Boxes3D(
-            combined.detection_cloud.stamp_ns,
-            self._site_frame,
-            found.centers[order],
-            found.sizes[order],
-            wrap_angle(found.yaws[order]),
-            found.scores[order].astype(np.float32),
-            found.class_ids[order].astype(np.int32),
-            found.point_counts[order].astype(np.int32),
-            found.covariances[order],
-            np.full(len(order), Source.LIDAR, np.uint8),
-            combined.detection_cloud.stamp_ns + found.time_offsets_ns[order],
-        )
 
 
 class Recorded3D:

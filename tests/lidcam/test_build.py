@@ -6,7 +6,7 @@ import pytest
 from lidar_scene import rig
 from seen_boxes import camera_at
 
-from lidcam.build import with_score
+from lidcam.build import decided
 from pipeline.core.settings.load import load_config
 
 LIDARS = rig((0.0, 0.0, 1.8))
@@ -31,4 +31,18 @@ def test_where_the_score_of_clusters_is_learned(
     settings: tuple[str, ...], preset: str, has_camera: bool, score: str
 ) -> None:
     config = load_config(preset, settings)
-    assert with_score(config, replace(LIDARS, cameras=(CAMERA,) if has_camera else ())).detect3d.score == score
+    assert decided(config, replace(LIDARS, cameras=(CAMERA,) if has_camera else ())).detect3d.score == score
+
+
+@pytest.mark.parametrize(
+    ("settings", "preset", "method"),
+    [
+        ((), "road", "cluster"),
+        (("detect3d.model=mine.onnx",), "road", "combined"),
+        (("detect3d.model=mine.onnx",), "sandbox", "pillars"),  # whose classes the learned score does not know
+        (("detect3d.model=mine.onnx", "detect3d.method=pillars"), "road", "pillars"),
+        (("detect3d.method=none",), "road", "none"),
+    ],
+)
+def test_what_finds_boxes(settings: tuple[str, ...], preset: str, method: str) -> None:
+    assert decided(load_config(preset, settings), LIDARS).detect3d.method == method

@@ -79,8 +79,9 @@ class Detect3DConfig(SettingsModel):
 
     Attributes:
         method: `cluster` finds them in the combined cloud and needs no weights; `pillars` runs the network of `model`;
-            `recorded` takes those that a detector wrote into the recording (`topics.boxes3d`); `none` finds nothing.
-            `auto` is `pillars` if a model is given, else `cluster`.
+            `combined` does both and joins what they find, by the network and the learned score of clusters whatever
+            `score` is; `recorded` takes those that a detector wrote into the recording (`topics.boxes3d`); `none` finds
+            nothing. `auto` is `cluster`, with a model `combined`, or `pillars` if that score does not know the classes.
         model: ONNX file of `lidcam train pillars`, relative to the working folder.
         score: How boxes of the method `cluster` are scored. `geometric`: by the number of their points, the smoothness
             of their sides and the fit to the size of their class. `learned`: by a small network, trained on simulated
@@ -103,7 +104,7 @@ class Detect3DConfig(SettingsModel):
 
     @property
     def engine(self) -> str:
-        """The row of `ENGINES` that `method` means."""
+        """The row of `ENGINES` that `method` means; of `auto` with a model, that which takes any classes."""
         return self.method if self.method != "auto" else "pillars" if self.model else "cluster"
 
     @property

@@ -37,6 +37,11 @@ ENGINES: dict[str, Engine3D] = {
         boxes_are_completed=True,
     ),
     "pillars": Engine3D("pipeline.detectors.pillars.detector:PillarDetector", "by a network, --model-3d"),
+    "combined": Engine3D(
+        "pipeline.detectors.combined:CombinedDetector",
+        "by a network, --model-3d, and clusters",
+        boxes_are_completed=True,
+    ),
     "recorded": Engine3D("", "recorded"),
     "none": Engine3D("", "none: detect3d.method is none"),
 }

@@ -44,7 +44,8 @@ def kinds_of(classes: Sequence[ClassPrior]) -> Bools:
         if not fitting:
             raise ConfigError(
                 "settings: detect3d.score learned knows cars, pedestrians, bicycles, trucks and buses of full size, by "
-                f"name or label; expected classes of these, found {prior.name}; set detect3d.score to geometric"
+                f"name or label; expected classes of these, found {prior.name}; set detect3d.score to geometric (of "
+                "detect3d.method combined, the method to pillars)"
             )
         found[row, [KIND_OF_NAME[name] for name in names]] = True
     return found
@@ -99,11 +100,15 @@ class LearnedScores:
         fitter = BoxFitter(rig, config.classes, config.detect3d.cluster)
         self._refit = Refitter(fitter, config.detect3d.cluster, config.classes)
 
+    def by_class(self, combined: CombinedCloud, boxes: Boxes3D) -> F64:
+        """(B, C) probability of each class for B boxes, at least one, of whatever engine."""
+        return np.asarray(self._network(self._features(combined, boxes)) @ self._features.members.T)
+
     def __call__(self, combined: CombinedCloud, boxes: Boxes3D) -> Boxes3D:
         """The same boxes in their order; those of another class than before are completed anew, as far as they fit."""
         if not len(boxes):
             return boxes
-        by_class = self._network(self._features(combined, boxes)) @ self._features.members.T
+        by_class = self.by_class(combined, boxes)
         rows, own = np.arange(len(boxes)), boxes.class_ids
         likely = np.where(by_class > by_class[rows, own][:, None], by_class, 0.0)
         changed = np.flatnonzero(likely.max(1) >= MIN_PROBABILITY)

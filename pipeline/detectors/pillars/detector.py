@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F64
+from pipeline.core.arrays import F64, Bools
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.errors import ModelError
 from pipeline.core.geometry.regions import points_in_footprints
@@ -56,6 +56,10 @@ class PillarDetector:
             raise ModelError(f"{path}: finds {names}; expected one that is a class or a label of a class in `classes`")
         variances = [(one.sigma_m**2, one.sigma_m**2, one.sigma_rad**2) for one in found]
         self._covariances = np.array([np.diag(one) for one in variances])
+
+    def reaches(self, xy: F64) -> Bools:
+        """(N,) whether places (N, 2) of the site frame are in the grid of the network."""
+        return np.asarray((np.abs(xy - self._points.middle_xy) < self._network.specs.grid.half_m).all(1))
 
     def __call__(self, combined: CombinedCloud) -> Candidates3D:
         """Boxes with a point or more in them, or within half a pillar beside: a box may be a little too small."""

@@ -1,0 +1,112 @@
+"""Boxes of a network and of clusters in one list: geometry by the points, existence by both."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lidar_scene import Box, combined, rig, scan
+from pillar_files import numbers_of, write_pillars
+
+from pipeline.core.arrays import F64
+from pipeline.core.detections import Boxes3D
+from pipeline.core.errors import ConfigError, ModelError
+from pipeline.core.settings.load import load_config
+from pipeline.detectors.cluster.features import FEATURES
+from pipeline.detectors.cluster.network import KINDS, ClusterNetwork
+from pipeline.detectors.combined import FITTED
+from pipeline.stages.detect3d import Detect3D
+
+LIDAR = (0.0, 0.0, 1.8)
+CAR: Box = (8.2, -3.1, 0.75, 4.2, 1.75, 1.5, 2.5)
+TURNED: Box = (-7.0, 6.0, 0.75, 4.2, 1.75, 1.5, -2.2)
+FEW: Box = (5.0, 9.0, 0.75, 4.2, 1.75, 1.5, 0.0)
+FAR: Box = (-22.0, 3.0, 0.75, 4.2, 1.75, 1.5, 0.3)
+PERSON: Box = (6.0, 2.0, 0.9, 0.4, 0.4, 1.8, 0.0)
+OFF = np.array([0.15, -0.1, 0.0, -0.2, 0.1, 0.1, 0.2])
+"""What the network is wrong by: in place, size and heading."""
+
+LEARNED = dict(zip(KINDS, (0.05, 0.6, 0.3, 0.03, 0.02), strict=True))
+LOG_ODDS = 3.0
+
+
+def detector(tmp_path: Path, boxes: list[F64], name: str = "car", method: str = "combined") -> Detect3D:
+    """With a network that finds these boxes, each with `LOG_ODDS`; the score of all clusters is `LEARNED`."""
+    rows = np.array(boxes).reshape(-1, 7)
+    odds, classes = np.full(len(rows), LOG_ODDS), [0] * len(rows)
+    numbers = numbers_of(rows[:, :3], rows[:, 3:6], rows[:, 6], odds, classes, 1)
+    model, weights = write_pillars(tmp_path / "net.onnx", numbers, [{"name": name}]), tmp_path / "net.npz"
+    said = np.log(list(LEARNED.values()))
+    layer = np.zeros((1, len(FEATURES), len(KINDS))), said[None, None]
+    none = np.zeros(len(FEATURES))
+    weights.write_bytes(ClusterNetwork(none, none + 1, (layer[0],), (layer[1],)).to_bytes())
+    settings = f"detect3d.model={model}", f"detect3d.weights={weights}", "detect3d.score=learned"
+    return Detect3D(rig(LIDAR), load_config("road", (*settings, f"detect3d.method={method}")))
+
+
+def at(boxes: Boxes3D, box: Box) -> Boxes3D:
+    """The one box there."""
+    found = boxes.select(np.linalg.norm(boxes.centers[:, :2] - box[:2], axis=1) < 1)
+    assert len(found) == 1
+    return found
+
+
+def logit(probability: float) -> float:
+    return float(np.log(probability / (1 - probability)))
+
+
+def log_odds(boxes: Boxes3D, box: Box) -> float:
+    return logit(float(at(boxes, box).scores[0]))
+
+
+@pytest.mark.parametrize("points", [np.zeros((0, 3)), np.array([[5.0, 1.0, 1.0]])], ids=["empty", "one"])
+def test_nothing_is_found_where_nothing_is_seen(tmp_path: Path, points: F64) -> None:
+    assert not len(detector(tmp_path, [np.array(CAR)])(combined(points)))
+
+
+def test_points_say_where_and_the_network_which_way(tmp_path: Path) -> None:
+    """Clusters have their headings in (-90, 90] degrees, both cars and the network others."""
+    detect = detector(tmp_path, [np.add(CAR, OFF), np.add(TURNED, OFF)])
+    boxes = detect(combined(scan(LIDAR, [CAR, TURNED])))
+    assert boxes.class_ids.tolist() == [0, 0]
+    both = FITTED.both[KINDS.index("car")]
+    for box in (CAR, TURNED):
+        found = at(boxes, box)
+        np.testing.assert_allclose(found.centers[0, :2], box[:2], atol=0.12)
+        np.testing.assert_allclose(found.yaws, box[6], atol=0.03)
+        expected = both[0] + both[1] * logit(LEARNED["car"]) + both[2] * LOG_ODDS
+        assert log_odds(boxes, box) == pytest.approx(expected, abs=1e-3)
+
+
+def test_what_one_of_them_misses(tmp_path: Path) -> None:
+    """A car of too few points for a cluster, one beyond the grid, and one that the network should have found."""
+    few = scan(LIDAR, [FEW])[::400]
+    cloud = combined(np.concatenate([scan(LIDAR, [CAR, FAR]), few]))
+    clusters, both = detector(tmp_path, [], method="cluster")(cloud), detector(tmp_path, [np.array(FEW)])(cloud)
+    assert (len(clusters), len(both)) == (2, 3)
+    assert log_odds(both, FEW) > log_odds(both, FAR) == pytest.approx(logit(LEARNED["car"]), abs=1e-3)
+    alone = FITTED.alone[KINDS.index("car")]
+    assert log_odds(both, CAR) == pytest.approx(alone[0] + alone[1] * logit(LEARNED["car"]), abs=1e-3)
+
+
+def test_of_people_the_learned_score_is_not_raised(tmp_path: Path) -> None:
+    cloud, boxes = combined(scan(LIDAR, [PERSON])), [np.array(PERSON)]
+    assert log_odds(detector(tmp_path, boxes, "pedestrian", "pillars")(cloud), PERSON) == pytest.approx(LOG_ODDS)
+    found = at(detector(tmp_path, boxes, "pedestrian")(cloud), PERSON)
+    np.testing.assert_allclose(found.scores, LEARNED["pedestrian"], rtol=1e-3)
+
+
+def test_the_order_of_points_does_not_matter(tmp_path: Path) -> None:
+    points = scan(LIDAR, [CAR, FAR, PERSON])
+    detect = detector(tmp_path, [np.add(CAR, OFF)])
+    first, again = detect(combined(points)), detect(combined(np.random.default_rng(0).permutation(points)))
+    for name in ("centers", "sizes", "yaws", "scores", "class_ids", "covariances"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
+
+
+def test_what_is_lacking() -> None:
+    config = load_config("road", ("detect3d.method=combined",))
+    with pytest.raises(ModelError, match=r"detect3d\.method combined needs a network: give --model-3d"):
+        Detect3D(rig(LIDAR), config)
+    model_cars = load_config("sandbox", ("detect3d.method=combined", "detect3d.model=net.onnx"))
+    with pytest.raises(ConfigError, match=r"learned knows cars, .*; .*the method to pillars"):
+        Detect3D(rig(LIDAR), model_cars)
