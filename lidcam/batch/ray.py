@@ -153,7 +153,7 @@ def _task() -> Callable[[tuple[str, ...], list[str], str, str], object]:
         node = f"node {socket.gethostname()}"
         if found != wanted:
             return f"{node}: expected lidcam {wanted}, found {found}: install the same version on all nodes"
-        if not os.path.isdir(folder):  # noqa: PTH112
+        if not os.path.isdir(folder):  # noqa: PTH112  # travels alone, without imports
             return f"{node}: expected the folder {folder}: all nodes read and write the files under the same paths"
         os.chdir(folder)
         from lidcam.batch.local import LocalEngine

@@ -5,7 +5,16 @@ from typing import Annotated
 
 import typer
 
-from lidcam.commands.options import AsJson, JsonFile, Overwrite, Require, Setting, requirement_errors, with_log_options
+from lidcam.commands.options import (
+    AsJson,
+    JsonFile,
+    Overwrite,
+    Require,
+    Setting,
+    Truth,
+    requirement_errors,
+    with_log_options,
+)
 from lidcam.commands.verdict import Verdict
 
 __all__ = ["EVALUATE_EXAMPLES", "evaluate"]
@@ -29,14 +38,7 @@ Examples:
 @with_log_options
 def evaluate(
     result: Annotated[Path, typer.Argument(metavar="RESULT.mcap", help="What `lidcam process` wrote.")],
-    truth: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="PATH",
-            help="A recording with topics of truth, or labels; without it, what was copied into the result. May be "
-            "repeated.",
-        ),
-    ] = None,
+    truth: Truth = None,
     truth_topic: Annotated[
         str,
         typer.Option(

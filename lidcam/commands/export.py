@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from lidcam.commands.options import with_log_options
+from lidcam.commands.options import Truth, with_log_options
 from lidcam.commands.verdict import Verdict
 from lidcam.printing.log import remark_log
 
@@ -36,14 +36,7 @@ def export(
             metavar="NAME", help="KITTI's image_2; without it, the first camera with images.", show_default=False
         ),
     ] = "",
-    truth: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="PATH",
-            help="A recording with topics of truth, or labels; without it, what was copied into the result. May be "
-            "repeated.",
-        ),
-    ] = None,
+    truth: Truth = None,
 ) -> None:
     """Write results as a data set: clouds, images, calibration, boxes.
 

@@ -32,6 +32,7 @@ __all__ = [
     "Seed",
     "Setting",
     "Start",
+    "Truth",
     "Version",
     "Workers",
     "duration",
@@ -209,6 +210,14 @@ LogFile = Annotated[
     # Lines are appended: to no recording by mistake.
     typer.Option(
         "--log-file", metavar="FILE", callback=ends_in(".log", ".txt"), help="Append the whole log, with times (UTC)."
+    ),
+]
+Truth = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="PATH",
+        help="A recording with topics of truth, or labels; without it, what was copied into the result. May be "
+        "repeated.",
     ),
 ]
 Seed = Annotated[int | None, typer.Option(min=0, metavar="N", help="Seed of the noise, instead of the scenario's.")]

@@ -131,6 +131,7 @@ class _Labels:
                 "width_px": camera.model.width_px,
             }
             properties = {"intrinsics_pinhole": intrinsics}
+            # A dict of dicts is no tree of JSON to mypy, as dict is invariant.
             streams[camera.name] = {"type": "camera", "description": "", "stream_properties": properties}  # type: ignore[dict-item]
         for found in self._objects.values():
             found["frame_intervals"] = _joined(found["frame_intervals"])

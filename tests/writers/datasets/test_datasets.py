@@ -127,7 +127,7 @@ def test_labels_are_the_truth_where_there_is_one(tmp_path: Path) -> None:
 
 def test_a_frame_without_an_image_is_no_frame_of_kitti(tmp_path: Path) -> None:
     writer, blind = KittiWriter(tmp_path), frame(boxes(MANY))
-    blind.images.clear()  # type: ignore[attr-defined]
+    blind.images.clear()  # type: ignore[attr-defined]  # a dict, which writers only read
     written(writer, blind)
     assert writer.left_out == {"frames without an image of front": 1}
     assert not [*tmp_path.iterdir()]
