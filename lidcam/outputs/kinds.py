@@ -6,6 +6,7 @@ from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
+from lidcam.box_sources import box_source
 from lidcam.frames import RunInput
 from lidcam.job import Job
 from lidcam.outputs.allowed import (
@@ -100,13 +101,20 @@ def _film(path: Path, outputs: OutputTransaction, source: RunInput, provenance: 
         from writers.pictures.film import FilmWriter
     except ModuleNotFoundError as err:
         raise OutputError(f"{path}: a film needs PyAV: pip install 'lidcam[video]'") from err
+    _check_images(path, source)
     return FilmWriter(outputs[path], drawn_scenes(source), provenance)
 
 
 def _matches(path: Path, outputs: OutputTransaction, source: RunInput, provenance: Provenance) -> ResultWriter:
     if not source.rig.cameras:
         raise RecordingError(f"{path}: pictures of matches need cameras: no camera of the recording is used")
+    _check_images(path, source)
     return MatchesWriter(outputs[path], drawn_scenes(source), provenance)
+
+
+def _check_images(path: Path, source: RunInput) -> None:
+    if source.rig.cameras and not source.config.output.images and box_source(source.config, source.rig) != "onnx":
+        raise ConfigError(f"{path}: images are not read: expected output.images=true, found false")
 
 
 def _csv(path: Path, outputs: OutputTransaction, source: RunInput, _: Provenance) -> ResultWriter:

@@ -292,8 +292,8 @@ def file_system(path: RemotePath, max_request_s: float = DEFAULT_LIMITS.max_requ
             options["use_listings_cache"] = False
         kind = fsspec.get_filesystem_class(path.protocol)
     except ImportError:
-        remedy = f"install it with `pip install 'lidcam[{EXTRAS[path.protocol]}]'`"
-        raise RecordingError(f"{path}: reading {path.protocol}:// is not installed; {remedy}") from None
+        remedy = f"pip install 'lidcam[{EXTRAS[path.protocol]}]'"
+        raise RecordingError(f"{path}: {path.protocol}:// needs a library that is not installed: {remedy}") from None
     return kind(skip_instance_cache=True, **options)
 
 

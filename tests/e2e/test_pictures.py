@@ -77,6 +77,14 @@ def test_a_recording_without_cameras(tmp_path: Path, lidcam: Lidcam) -> None:
     assert not (tmp_path / "other.mcap").exists()
 
 
+@pytest.mark.parametrize(("option", "name"), [("--video", "out.mp4"), ("--save-matches", "pictures")])
+def test_images_that_are_not_read(option: str, name: str, tmp_path: Path, sandbox: Path, lidcam: Lidcam) -> None:
+    without = ("--set", "output.images=false", *PART)
+    refused = lidcam("process", sandbox, tmp_path / "out.mcap", option, tmp_path / name, *without)
+    assert refused.error_line.endswith(f"{name}: images are not read: expected output.images=true, found false")
+    assert [*tmp_path.iterdir()] == []
+
+
 def test_a_film_without_the_extra(
     tmp_path: Path, sandbox: Path, lidcam: Lidcam, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -308,7 +308,7 @@ def test_what_is_not_installed_is_named(
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
     monkeypatch.delitem(sys.modules["fsspec.registry"]._registry, protocol, raising=False)  # another test's
-    reason = f"reading {protocol}:// is not installed; install it with `pip install 'lidcam[{extra}]'`"
+    reason = f"{protocol}:// needs a library that is not installed: pip install 'lidcam[{extra}]'"
     assert error_of(RemotePath(f"{protocol}://host/rec.mcap")) == f"{protocol}://host/rec.mcap: {reason}"
 
 
