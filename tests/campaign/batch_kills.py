@@ -1,9 +1,9 @@
 """Batches that are killed: `python tests/campaign/batch_kills.py [--minutes M | --count N] [--seed S]`.
 
-Each case starts a batch, of either engine in turn, and sends it SIGKILL at a random time, to the process alone or to
-its group. Started again, until no job is left to a process that outlived the kill, it must end with the files of a
-batch that was not killed, byte for byte, and nothing else; results that were there stay as they are, and jobs that were
-at work are named.
+Each case starts a batch, of either engine in turn, and sends it SIGKILL at a random time, mostly while jobs are at
+work, to the process alone or to its group. Started again, until no job is left to a process that outlived the kill, it
+must end with the files of a batch that was not killed, byte for byte, and nothing else; results that were there stay as
+they are, and jobs that were at work are named.
 """
 
 import hashlib
@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cache
@@ -37,20 +38,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _try_case(number: int, chance: Random) -> Outcome:
     engine = ENGINES[number % len(ENGINES)]
-    seconds, expected = _whole(engine)
-    at_s, to_group = chance.uniform(0, seconds), chance.random() < 0.5
-
-    def kill(process: subprocess.Popen[bytes]) -> None:
-        def sent() -> None:
-            with suppress(ProcessLookupError):
-                (os.killpg if to_group else os.kill)(process.pid, signal.SIGKILL)
-
-        timer = threading.Timer(at_s, sent)
-        timer.daemon = True
-        timer.start()
-
+    seconds, work_s, expected = _whole(engine)
+    at_work, to_group = chance.random() < 0.75, chance.random() < 0.5
+    at_s = chance.uniform(0, work_s if at_work else seconds)
     with tempfile.TemporaryDirectory(prefix="batch-kills-") as base:
         out = Path(base, "out")
+
+        def kill(process: subprocess.Popen[bytes]) -> None:
+            def sent() -> None:
+                while at_work and process.poll() is None and not [*out.glob(".lidcam-batch/*.json")]:
+                    time.sleep(0.02)
+                time.sleep(at_s)
+                with suppress(ProcessLookupError):
+                    (os.killpg if to_group else os.kill)(process.pid, signal.SIGKILL)
+
+            threading.Thread(target=sent, daemon=True).start()
+
         killed = _run(engine, out, kill)
         states = {path.stem: json.loads(path.read_bytes())["state"] for path in out.glob(".lidcam-batch/*.json")}
         done = {out / f"{name}.mcap" for name, state in states.items() if state == "done"}
@@ -61,7 +64,7 @@ def _try_case(number: int, chance: Random) -> Outcome:
             again, runs = _run(engine, out), runs + 1
             said, table = said + again.stderr, json.loads(again.stdout)["jobs"]
         rows = [row["name"] for row in table]
-        detail = f"{engine}, killed at {at_s:.1f} of {seconds:.1f} s, its group: {to_group}\n"
+        detail = f"{engine}, killed after {at_s:.1f} s of {'work' if at_work else 'all'}, its group: {to_group}\n"
         detail += f"{killed.returncode} {states}\n{runs} runs\n{said}\n{_files(out)}"
         remade = [path.name for path, stamp in before.items() if path.stat().st_mtime_ns != stamp]
         begun = [name for name, state in states.items() if state == "begun"]
@@ -71,6 +74,7 @@ def _try_case(number: int, chance: Random) -> Outcome:
     return Outcome(f"{engine}: {len(begun)} at work, {len(done)} done, {runs} runs", detail=detail)
 
 
+JOBS = 2
 RECORDINGS = ("a", "b", "c", "text")
 
 
@@ -84,14 +88,16 @@ def _inputs() -> Path:
 
 
 @cache
-def _whole(engine: str) -> tuple[float, dict[str, str]]:
-    """How long a batch takes that is not killed, and its files by one process at a time."""
+def _whole(engine: str) -> tuple[float, float, dict[str, str]]:
+    """How long a batch takes that is not killed, how long its jobs, and its files by one process at a time."""
     with tempfile.TemporaryDirectory(prefix="batch-kills-") as base:
         _run("local", Path(base, "out"), jobs=1)
-        return _run(engine, Path(base, "timed")).seconds, _files(Path(base, "out"))
+        timed = _run(engine, Path(base, "timed"))
+        work_s = sum(row["wall_s"] for row in json.loads(timed.stdout)["jobs"]) / JOBS
+        return timed.seconds, work_s, _files(Path(base, "out"))
 
 
-def _run(engine: str, out: Path, during: Kill | None = None, jobs: int = 2) -> Child:
+def _run(engine: str, out: Path, during: Kill | None = None, jobs: int = JOBS) -> Child:
     command: list[str | Path] = [
         *LIDCAM,
         "batch",
