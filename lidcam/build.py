@@ -37,16 +37,13 @@ from readers.streams.decoders import CloudDecoder, OnBadMessage
 __all__ = ["build_graph", "decided"]
 
 
-def build_graph(
-    config: Config, rig: Rig, *, on_bad: OnBadMessage, has_motion: bool
-) -> tuple[Graph[SensorBundle], Node[FrameResult]]:
+def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Graph[SensorBundle], Node[FrameResult]]:
     """The stages from a bundle of undecoded messages to a frame's result.
 
     Args:
         config: Settings.
         rig: The sensors.
         on_bad: What to do with a message that cannot be decoded.
-        has_motion: Whether the motion of the site frame is recorded; else tracks take it from the clouds.
 
     Raises:
         ModelError: a network cannot be loaded.
@@ -87,8 +84,8 @@ def build_graph(
     unused = graph.add("unused", _Unused.of, clouds, recorded3d, camera_data, timed=False)
     inputs = combined, detections, views, hypotheses, beliefs, fused, unused
     result = graph.add("collect", _collect, graph.frame, *inputs, timed=False)
-    if config.track.mode != "none" and config.track.odometry == "auto" and not has_motion and rig.lidars:
-        result = graph.add("odometry", partial(_with_odometry, FindOdometry()), result, ordered=True)
+    if config.track.mode != "none" and config.track.odometry == "auto" and rig.lidars:
+        result = graph.add("odometry", partial(_with_odometry, FindOdometry(), rig.site_frame), result, ordered=True)
     return graph, graph.add("ends", _with_ends, result) if config.track.mode == "offline" else result
 
 
@@ -165,5 +162,6 @@ def _collect(
     )
 
 
-def _with_odometry(find: FindOdometry, result: FrameResult) -> FrameResult:
-    return replace(result, odometry=find(result.combined, result.bundle.stamp_ns))
+def _with_odometry(find: FindOdometry, site_frame: str, result: FrameResult) -> FrameResult:
+    recorded = result.bundle.pose_of(site_frame)
+    return replace(result, odometry=find(result.combined, result.bundle.stamp_ns, recorded))

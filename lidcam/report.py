@@ -122,7 +122,8 @@ class FrameReport:
         without_boxes: Number of frames for which no camera sent an image or boxes.
         without_boxes3d: Number of frames for which no recorded 3D detector sent boxes; 0 where none is used.
         compensated: Number of frames with a cloud that was moved to the frame's time.
-        odometry: Number of frames whose pose comes from the clouds; 0 of a rig that stands still.
+        odometry: Number of frames whose pose, for tracks, comes from the clouds or is corrected by them; 0 of a rig
+            that stands still.
         odometry_predicted: Number of those in which the cloud could not be registered.
         points: Lidar points by step of the combination, summed over the frames.
         skew_mean_ms: Mean spread of the stamps in a bundle.

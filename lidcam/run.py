@@ -194,9 +194,7 @@ class Run:
         )
         started = time.perf_counter()
         reference_topic(source.config, source.rig)
-        self._make_graph = partial(
-            build_graph, source.config, source.rig, on_bad=drops.on_bad, has_motion=source.motion is not None
-        )
+        self._make_graph = partial(build_graph, source.config, source.rig, on_bad=drops.on_bad)
         self._graph, self._result = self._make_graph()
         self._tracker = object_tracker(source.config, source.rig)
         check_box_source(source.config, source.recording, source.rig)

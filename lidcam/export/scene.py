@@ -107,7 +107,8 @@ class ResultScene:
     @property
     def _is_adrift(self) -> bool:
         """Whether the motion was sought in the clouds, for the tracks alone: the result has no poses."""
-        return bool(self._result.account["motion"]["frames_from_clouds"])
+        motion = self._result.account["motion"]
+        return bool(motion["frames_from_clouds"]) and not motion["topics"]
 
     def frames(self) -> Iterator[DatasetFrame]:
         """The frames, every so many."""

@@ -61,7 +61,8 @@ def make_page(path: Path, show: Progress = not_shown) -> str:
 
 def _is_adrift(result: Result, seen: ReportCollector) -> bool:
     """Whether the sensors move, and the result does not say where to."""
-    return bool(result.account.get("motion", {}).get("frames_from_clouds")) and not seen.travelled_m
+    motion = result.account.get("motion") or {"topics": [], "frames_from_clouds": 0}
+    return bool(motion["frames_from_clouds"]) and not motion["topics"] and not seen.travelled_m
 
 
 def _background(result: Result, seen: ReportCollector) -> SparseGrid:

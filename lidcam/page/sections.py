@@ -220,7 +220,9 @@ def origin(
 
 def _motion(motion: Mapping[str, Any], frames: int) -> str:
     if motion["topics"]:
-        return f"from {', '.join(motion['topics'])}; {motion['compensated_frames']} of {frames} frames compensated"
+        corrected = f", corrected for tracks by the clouds in {n}" if (n := motion["frames_from_clouds"]) else ""
+        compensated = f"{motion['compensated_frames']} of {frames} frames compensated"
+        return f"from {', '.join(motion['topics'])}; {compensated}{corrected}"
     if motion["frames_from_clouds"]:
         return f"sought in the clouds, for tracks alone, in {motion['frames_from_clouds']} of {frames} frames"
     return "none recorded: they stand still"

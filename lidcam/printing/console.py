@@ -218,7 +218,9 @@ def _below_one_name(topics: Iterable[str]) -> str:
 def _motion(report: RunReport) -> str:
     frames, topics = report.frames, report.sensors.motion_topics
     if topics:
-        return f"{frames.compensated} of {frames.count} frames compensated, from {', '.join(topics)}"
+        lost = f"; {n} could not be registered" if (n := frames.odometry_predicted) else ""
+        corrected = f"; for tracks corrected by the clouds (small_gicp){lost}" if frames.odometry else ""
+        return f"{frames.compensated} of {frames.count} frames compensated, from {', '.join(topics)}{corrected}"
     if not frames.odometry:
         return _NO_MOTION
     found = f"of tracks alone, from the clouds (small_gicp), {frames.odometry} of {frames.count} frames"

@@ -76,6 +76,20 @@ class SensorBundle:
             raise FrameError(f"motion: expected poses of the site frame {site_frame!r}, got {self.motion.frame_id!r}")
         return self.motion
 
+    def pose_of(self, site_frame: str) -> F64 | None:
+        """(4, 4) T_fixed_site at the stamp, as recorded; None where nothing is known of it.
+
+        Raises:
+            FrameError: the motion is that of another frame.
+        """
+        motion = self.motion_of(site_frame)
+        if motion is None or not len(motion):
+            return None
+        if len(motion) == 1:
+            return np.asarray(motion.T_fixed_moving[0])
+        wanted_ns = np.array([self.stamp_ns], np.int64)
+        return np.asarray(interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, wanted_ns)[0])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Decoded(Mapping[str, T]):

@@ -1,11 +1,19 @@
-"""The motion of the rig from its clouds, where none is recorded: registered by small_gicp to key frames.
+"""The motion of the rig from its clouds, registered by small_gicp to key frames.
 
 Generalized ICP (Segal et al., "Generalized-ICP", RSS 2009). Each cloud is registered to the key frame before the last,
 which it has left by some voxels: the pattern of the beams stands still in the site frame, and between clouds that are
 nearer to each other than its gaps it pulls the registration towards no motion.
 
-Most rigs stand still. They are told by the clouds of the first second: a rig moves if the registered pose explains a
-cloud better than standing still does. Afterwards a thin sample of points is compared once a second.
+Where motion is recorded, it is corrected: each step is the recorded one and an error per metre of it, which is filtered
+from what the clouds say of the last MEMORY frames (growing-memory g-h filter; Brookner, "Tracking and Kalman Filtering
+Made Easy", 1998, ch. 1 and 5). So the noise of registration stays out, and what adds up is taken away: on KITTI drive
+0009 the recorded course is 1.4 degrees off the heading, by which what stands at the roadside would drift by 0.2 m/s.
+Where the clouds differ from that by more than odometry errs, as among much traffic, or say nothing, as in a tunnel, the
+step is taken as it is.
+
+Most rigs without recorded motion stand still. They are told by the clouds of the first second: a rig moves if the
+registered pose explains a cloud better than standing still does. Afterwards a thin sample of points is compared once a
+second.
 """
 
 from enum import Enum, auto
@@ -65,6 +73,15 @@ WORSE, WORSE_BY = 1.5, 0.02
 SAMPLE = 3000
 """Points of a cloud that are compared while the rig stands."""
 
+MOST_WRONG, MOST_WRONG_SHARE = 1.0, 0.1
+"""A recorded step may be wrong by so much, and by this share of it in addition."""
+
+LEAST_WAY = 0.1
+"""Shorter steps do not show what the error of a metre is."""
+
+MEMORY = 20
+"""Frames from which the error of recorded steps is told."""
+
 LOOK_NS = 1_000_000_000
 """How long it takes to tell that a rig stands, and how often that is looked at again."""
 
@@ -100,36 +117,61 @@ class FindOdometry:
         self._pose, self._step = np.eye(4), np.eye(4)
         self._stamp_ns, self._step_ns = 0, 0  # of 0: the velocity is not known
         self._usual: float | None = None
+        self._recorded: F64 | None = None
+        self._error, self._steps = np.zeros(6), 1  # of recorded steps, a twist per metre
 
-    def __call__(self, combined: CombinedCloud, stamp_ns: int) -> OdometryPose | None:
+    def __call__(self, combined: CombinedCloud, stamp_ns: int, T_fixed_site: F64 | None = None) -> OdometryPose | None:
         """The pose at a frame; None as long as the rig has not moved, or has had no points.
 
         Args:
             combined: The points of the frame, with those of the ground.
             stamp_ns: Its time.
+            T_fixed_site: (4, 4), the pose that was recorded; the fixed frame is that of the first one.
         """
+        before, self._recorded = self._recorded, T_fixed_site
         if self._state is _State.STANDS and not self._is_disturbed(combined, stamp_ns):
             return None
         xyz = np.concatenate([combined.cloud.xyz, combined.ground_cloud.xyz])
         if self._key is None:
-            self._begin(xyz, stamp_ns)
+            self._begin(xyz, stamp_ns, T_fixed_site)
             return None
-        guess = self._guess(stamp_ns)
-        scan, is_found = self._registered(xyz, guess)
-        pose = scan.T_fixed_site if scan is not None and is_found else guess
+        if T_fixed_site is None or before is None:
+            pose = self._guess(stamp_ns)
+            scan, is_found = self._registered(xyz, pose, is_near=self._step_ns > 0)
+            pose = scan.T_fixed_site if scan is not None and is_found else pose
+        else:
+            pose, scan, is_found = self._corrected(xyz, np.linalg.inv(before) @ T_fixed_site)
         if self._state is _State.UNKNOWN and not self._has_moved(scan if is_found else None, stamp_ns):
             return None
         self._follow(pose, scan, stamp_ns, is_found=is_found)
         return OdometryPose(pose.copy(), not is_found)
 
-    def _begin(self, xyz: Any, stamp_ns: int) -> None:
+    def _corrected(self, xyz: Any, step: F64) -> tuple[F64, _Scan | None, bool]:
+        """The filtered pose after a recorded step, and what `_registered` gives for it."""
+        way_m = float(np.linalg.norm(step[:3, 3]))
+        pose = self._pose @ step @ _motion(self._error * way_m)
+        scan, is_found = self._registered(xyz, pose, is_near=True)
+        if scan is None:
+            return pose, None, False
+        off = np.linalg.inv(pose) @ scan.T_fixed_site
+        if not is_found or self._gone_m(off) > MOST_WRONG * self._unit_m + MOST_WRONG_SHARE * self._gone_m(step):
+            return pose, scan._replace(T_fixed_site=pose), False
+        self._steps = min(self._steps + 1, MEMORY)
+        k, twist = self._steps, _twist(off)
+        if way_m > LEAST_WAY * self._unit_m:
+            self._error = self._error + twist * (6 / (k * (k + 1) * way_m))
+        return pose @ _motion(twist * (2 * (2 * k - 1) / (k * (k + 1)))), scan, True
+
+    def _begin(self, xyz: Any, stamp_ns: int, recorded: F64 | None) -> None:
         """Take the first cloud with points as the fixed frame."""
         if len(xyz) < MIN_POINTS:
             return
         xy = xyz[:, :2].astype(np.float64)
         self._extent_m = float(np.median(np.linalg.norm(xy - np.median(xy, axis=0), axis=1)))
         self._unit_m = self._extent_m / UNITS_PER_EXTENT
-        scan = self._scan(xyz, np.eye(4)) if self._unit_m > 0 else None
+        if recorded is not None:
+            self._pose, self._state = recorded, _State.MOVES
+        scan = self._scan(xyz, self._pose) if self._unit_m > 0 else None
         self._key = self._next = scan
         self._since_ns = self._stamp_ns = stamp_ns
 
@@ -154,14 +196,14 @@ class FindOdometry:
         step[:3, 3] = self._step[:3, 3] * share
         return np.asarray(self._pose @ step)
 
-    def _registered(self, xyz: Any, guess: F64) -> tuple[_Scan | None, bool]:
+    def _registered(self, xyz: Any, guess: F64, *, is_near: bool) -> tuple[_Scan | None, bool]:
         """The cloud at the pose that fits best, and whether that is one to rely on; None of too few points."""
         scan = self._scan(xyz, guess) if len(xyz) else None
         assert self._key is not None
         if scan is None:
             return None, False
         T_key_site = np.linalg.inv(self._key.T_fixed_site) @ guess
-        if not self._step_ns:
+        if not is_near:
             T_key_site = self._aligned(scan, T_key_site, FAR).T_target_source
         found = self._aligned(scan, T_key_site, NEAR)
         # Both rotation and translation are in it; translation comes last.
@@ -245,3 +287,19 @@ class FindOdometry:
             self._key = self._next = scan._replace(T_fixed_site=pose)
         elif self._gone_m(np.linalg.inv(self._next.T_fixed_site) @ pose) >= KEY_DISTANCE * self._unit_m:
             self._key, self._next = self._next, scan
+
+
+def _motion(twist: F64) -> F64:
+    """(4, 4) of a small motion (6,): translation, rotation vector."""
+    from scipy.spatial.transform import Rotation
+
+    motion = np.eye(4)
+    motion[:3, :3], motion[:3, 3] = Rotation.from_rotvec(twist[3:]).as_matrix(), twist[:3]
+    return motion
+
+
+def _twist(motion: F64) -> F64:
+    """(6,), see `_motion`."""
+    from scipy.spatial.transform import Rotation
+
+    return np.concatenate([motion[:3, 3], Rotation.from_matrix(motion[:3, :3]).as_rotvec()])

@@ -1,6 +1,6 @@
 """Between the frames of a run and tracks: sightings in the fixed frame, and tracks back in the site frame.
 
-The fixed frame is that of the odometry, recorded or of the clouds; without any it is the site frame, standing still.
+The fixed frame is that of the odometry, of the clouds or recorded; without any it is the site frame, standing still.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,6 @@ from pipeline.core.arrays import F64, join_rows
 from pipeline.core.detections import NO_HYPOTHESIS, Boxes3D, Fused, Source
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.geometry.poses import interpolate_poses
 from pipeline.core.rig import Rig, Zone
 from pipeline.core.tracks import Tracks
 from pipeline.fusion.zones import select_by_zones
@@ -75,15 +74,11 @@ class SightingsOf:
 
 
 def _pose(frame: FrameResult, site_frame: str) -> F64:
-    """(4, 4) T_fixed_site at the time of a frame: as recorded, else as the clouds say, else it stands still."""
-    bundle = frame.bundle
-    motion = bundle.motion_of(site_frame)
-    if motion is not None and len(motion) > 1:
-        wanted_ns = np.array([bundle.stamp_ns], np.int64)
-        return np.asarray(interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, wanted_ns)[0])
-    if motion is not None and len(motion):
-        return np.asarray(motion.T_fixed_moving[0])
-    return np.eye(4) if frame.odometry is None else frame.odometry.T_fixed_site
+    """(4, 4) T_fixed_site at the time of a frame: as the clouds say, else as recorded, else it stands still."""
+    if frame.odometry is not None:
+        return frame.odometry.T_fixed_site
+    recorded = frame.bundle.pose_of(site_frame)
+    return np.eye(4) if recorded is None else recorded
 
 
 def _seen_from(boxes: Boxes3D, lidars: F64) -> tuple[F64, F64]:

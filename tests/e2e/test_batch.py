@@ -9,7 +9,7 @@ from builders import write_mcap
 from command import Lidcam
 from small_drive import small_drive
 
-SHORT = ("--duration", "0.4", "--set", "output.images=false")
+SHORT = ("--duration", "0.4")
 
 
 @pytest.fixture

@@ -51,11 +51,13 @@ class PoseSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OdometryPose:
-    """Pose of the site frame at a frame's stamp, from the clouds.
+    """Pose of the site frame at a frame's stamp, from the clouds, or recorded and corrected by them.
 
     Attributes:
-        T_fixed_site: (4, 4) float64, in the frame that the site frame was in the first cloud; metres.
-        is_predicted: Whether the cloud could not be registered, so that this is the last motion carried on.
+        T_fixed_site: (4, 4) float64, in the frame that the site frame was in the first cloud, or in the recorded fixed
+            frame at the start; metres.
+        is_predicted: Whether the cloud could not be registered, so that this is the recorded or the last motion carried
+            on.
     """
 
     T_fixed_site: F64

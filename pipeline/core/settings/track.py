@@ -17,11 +17,12 @@ class TrackConfig(SettingsModel):
         window_s: Offline, how much of the recording is solved at once. Frames wait that long, in a file in the folder
             of the output; memory does not grow with it.
         max_gap_s: An object that is not seen for longer begins a new track.
-        odometry: How tracks know how the rig moves, where the recording has no odometry or tf of it. `auto`: from the
-            clouds; whether the rig moves at all is told from them, too. `off`: it stands still.
+        odometry: How tracks know how the rig moves. `auto`: from the clouds, with recorded odometry or tf as the first
+            guess; where none is recorded, the clouds tell whether the rig moves at all, too. `recorded`: as recorded;
+            where nothing is, it stands still.
     """
 
     mode: Literal["offline", "online", "none"] = "offline"
     window_s: Positive = 30.0
     max_gap_s: Positive = 3.0
-    odometry: Literal["auto", "off"] = "auto"
+    odometry: Literal["auto", "recorded"] = "auto"

@@ -1,6 +1,7 @@
 """Worlds of walls, posts and ground, scanned anew in each frame from where the rig truly is."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -58,6 +59,12 @@ def found(clouds: Sequence[F64], stamps_ns: Sequence[int] | None = None) -> list
     find = FindOdometry()
     times = stamps_ns or [START_NS + i * PERIOD_NS for i in range(len(clouds))]
     return [find(combined(cloud), stamp_ns) for cloud, stamp_ns in zip(clouds, times, strict=True)]
+
+
+def corrected(clouds: Sequence[F64], recorded: Sequence[F64]) -> list[OdometryPose | None]:
+    find = FindOdometry()
+    together = zip(clouds, recorded, strict=True)
+    return [find(combined(cloud), START_NS + i * PERIOD_NS, T) for i, (cloud, T) in enumerate(together)]
 
 
 def errors_m(poses: Sequence[OdometryPose | None], truth: Sequence[F64], scale: float = 1.0) -> F64:
@@ -157,3 +164,27 @@ def test_the_same_clouds_give_the_same_poses() -> None:
     for one, other in zip(found(clouds), found(clouds), strict=True):
         assert (one is None) == (other is None)
         assert one is None or other is None or (one.T_fixed_site == other.T_fixed_site).all()
+
+
+@pytest.mark.parametrize("course", [straight, turning, turning_in_place])
+@pytest.mark.parametrize(("off_deg", "most_m"), [(0.0, 0.04), (1.5, 0.1)])
+def test_recorded_motion_is_corrected(course: Callable[[int], F64], off_deg: float, most_m: float) -> None:
+    truth = [course(i) for i in range(24)]
+    recorded = [T @ at(0.0, 0.0, off_deg) for T in truth]  # the heading is wrong, the way is not
+    poses = corrected([seen(T, seed=i) for i, T in enumerate(truth)], recorded)
+    assert poses[0] is None
+    first = recorded[0]
+    moved = [
+        None if pose is None else replace(pose, T_fixed_site=np.linalg.inv(first) @ pose.T_fixed_site) for pose in poses
+    ]
+    assert (errors_m(moved, truth) < most_m).all()
+
+
+@pytest.mark.parametrize("clouds", ["of others that move", "bare ground", "empty"])
+def test_recorded_motion_that_the_clouds_do_not_show_is_taken(clouds: str) -> None:
+    recorded = [at(5.0 + 0.2 * i, 3.0) for i in range(10)]
+    of_others = [seen(straight(i), seed=i) for i in range(10)]
+    bare = [seen(T, WORLD[-1:], seed=i) for i, T in enumerate(recorded)]
+    shown = {"of others that move": of_others, "bare ground": bare, "empty": [np.zeros((0, 3))] * 10}[clouds]
+    for pose, T in zip(corrected(shown, recorded), recorded, strict=True):
+        assert pose is None or (pose.is_predicted and np.allclose(pose.T_fixed_site, T))
