@@ -17,6 +17,8 @@ __all__ = ["EvaluationFrames"]
 NOT_COVERED = "frames without truth at their time"
 NO_POSE = "frames without truth, because where the site frame was at their time is not recorded"
 
+ADRIFT = "no speeds are compared: the sensors move, and where to is not recorded"
+
 
 class EvaluationFrames:
     """An open result beside the truth, or without any."""
@@ -31,8 +33,9 @@ class EvaluationFrames:
     def notes(self) -> tuple[str, ...]:
         """Notes for the user about what was read so far, one line each."""
         no_truth = f"no truth: {self._reason}"
+        adrift = (ADRIFT,) if self._result.is_adrift else ()
         of_truth = (no_truth,) if self._truth is None else (f"truth: {self._truth.description}", *self._truth.notes)
-        return (*self._result.notes, *of_truth, *self._notes.lines())
+        return (*self._result.notes, *of_truth, *adrift, *self._notes.lines())
 
     def __iter__(self) -> Iterator[EvaluationFrame]:
         """The frames in order; to be read once.
@@ -42,7 +45,8 @@ class EvaluationFrames:
             RecordingError: a file cannot be read.
         """
         for frame in self._result.frames():
-            T_fixed_site = self._poses.T_fixed_site(frame.stamp_ns)
+            # Without recorded motion the site frame would stand still; where it does not, its place is not known.
+            T_fixed_site = None if self._result.is_adrift else self._poses.T_fixed_site(frame.stamp_ns)
             yield EvaluationFrame(
                 frame.index,
                 frame.stamp_ns,

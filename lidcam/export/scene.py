@@ -101,14 +101,8 @@ class ResultScene:
             *self._result.notes,
             *of_truth,
             *([no_images] if missing else []),
-            *([adrift] if self._is_adrift and self._format == "nuscenes" else []),
+            *([adrift] if self._result.is_adrift and self._format == "nuscenes" else []),
         )
-
-    @property
-    def _is_adrift(self) -> bool:
-        """Whether the motion was sought in the clouds, for the tracks alone: the result has no poses."""
-        motion = self._result.account["motion"]
-        return bool(motion["frames_from_clouds"]) and not motion["topics"]
 
     def frames(self) -> Iterator[DatasetFrame]:
         """The frames, every so many."""

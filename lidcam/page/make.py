@@ -53,16 +53,10 @@ def make_page(path: Path, show: Progress = not_shown) -> str:
     with open_result(path) as result:
         seen, measured = ReportCollector(result.config, result.rig), DetectionPlots(result.config)
         evaluation = evaluate_result(EvaluationJob(path), show, (seen, measured))
-        background = SparseGrid(FIRST_CELL_M, MAX_CELLS) if _is_adrift(result, seen) else _background(result, seen)
+        background = SparseGrid(FIRST_CELL_M, MAX_CELLS) if result.is_adrift else _background(result, seen)
         drawn = _figures(result, seen, measured, background)
         title = f"{result.metadata.get('input.0.name', path.name)}: what lidcam saw"
         return page(title, _body(title, result, seen, evaluation, drawn, background), drawn)
-
-
-def _is_adrift(result: Result, seen: ReportCollector) -> bool:
-    """Whether the sensors move, and the result does not say where to."""
-    motion = result.account.get("motion") or {"topics": [], "frames_from_clouds": 0}
-    return bool(motion["frames_from_clouds"]) and not motion["topics"] and not seen.travelled_m
 
 
 def _background(result: Result, seen: ReportCollector) -> SparseGrid:
@@ -154,7 +148,7 @@ def _map(result: Result, seen: ReportCollector, drawn: Mapping[str, Figure], bac
     if len(background):
         cell_cm = background.cell_m * 100
         notes.append(f"Grey: points of the lidars in up to {CLOUDS} clouds, in cells of {cell_cm:.3g} cm.")
-    elif _is_adrift(result, seen):
+    elif result.is_adrift:
         notes.append("The sensors moved, and where to is not in the result: ways are as seen from the sensors.")
     else:
         notes.append("The result has no clouds (output.clouds), so there is no background.")

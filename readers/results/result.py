@@ -105,6 +105,12 @@ class Result(Closing):
         self.cameras = tuple(camera.name for camera in rig.cameras if _boxes_topic(camera.name) in recorded)
 
     @property
+    def is_adrift(self) -> bool:
+        """Whether the sensors move, and the result does not say where to: motion sought in the clouds, for tracks."""
+        motion = self.account.get("motion") or {"topics": [], "frames_from_clouds": 0}
+        return bool(motion["frames_from_clouds"]) and not motion["topics"]
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """Notes for the user about what was read so far, one line each."""
         losses = [f"{loss.path}: byte {loss.position}: {loss.reason}" for loss in self.recording.losses]

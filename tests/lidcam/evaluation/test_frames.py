@@ -1,5 +1,6 @@
 """The chain from a result and its truth to frames that can be compared."""
 
+import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -41,8 +42,8 @@ from writers.outputs.transaction import OutputFile
 BAGS = Path(__file__).resolve().parents[3] / "bags"
 
 
-def result_file(path: Path, frames: Sequence[FrameResult]) -> Path:
-    provenance = replace(PROVENANCE, config_yaml=dump_config(CONFIG), rig_yaml=rig_yaml(RIG))
+def result_file(path: Path, frames: Sequence[FrameResult], account: str = "{}") -> Path:
+    provenance = replace(PROVENANCE, config_yaml=dump_config(CONFIG), rig_yaml=rig_yaml(RIG), account=lambda: account)
     with McapResultWriter(OutputFile(path, path), RIG, CONFIG, provenance) as writer:
         for one in frames:
             writer.write(one)
@@ -72,6 +73,17 @@ def shown_in(one: EvaluationFrame, camera: str = "left") -> TruthBoxes2D:
     truth = one.images[camera].truth
     assert truth is not None
     return truth
+
+
+@pytest.mark.parametrize(("topics", "is_adrift"), [([], True), (["/odom"], False)])
+def test_sensors_whose_motion_only_the_clouds_tell_have_no_place(
+    topics: list[str], is_adrift: bool, tmp_path: Path
+) -> None:
+    account = json.dumps({"motion": {"topics": topics, "frames_from_clouds": 2}})
+    result = result_file(tmp_path / "out.mcap", [frame(index) for index in range(3)], account)
+    frames, of = compared(result, truth_file(tmp_path / "truth.mcap", cars()))
+    assert [one.T_fixed_site is None for one in frames] == [is_adrift] * 3
+    assert ("no speeds are compared: the sensors move, and where to is not recorded" in of.notes) == is_adrift
 
 
 def cars(*, frame_id: str = "site", every_ns: int = PERIOD_NS, count: int = 40) -> list[RawMessage]:
