@@ -7,6 +7,7 @@ used only if its child frame is the site frame or fixed to it.
 from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from fnmatch import fnmatchcase
 from typing import NamedTuple
 
 import numpy as np
@@ -74,7 +75,12 @@ def find_motion_source(
         return None
     first = FirstMessages(recording, limits=config.limits)
     infos = [
-        info for info in recording.topics if info.msgtype == ODOMETRY and info.message_count and not info.unreadable
+        info
+        for info in recording.topics
+        if info.msgtype == ODOMETRY
+        and info.message_count
+        and not info.unreadable
+        and not any(fnmatchcase(info.topic, pattern) for pattern in config.topics.exclude)
     ]
     wanted = config.combine.motion.topic
     if wanted:

@@ -1,4 +1,5 @@
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -41,9 +42,9 @@ def cloud(i: int = 0) -> RawMessage:
 MOUNT = tf(transform_stamped("base_link", "lidar", stamp_ns=0, translation=(1, 0, 2)), topic="/tf_static")
 
 
-def source_of(*messages: RawMessage, **motion: Any) -> MotionSource | None:
+def source_of(*messages: RawMessage, exclude: Sequence[str] = (), **motion: Any) -> MotionSource | None:
     recording = MemoryRecording([MOUNT, cloud(), *messages])
-    config = Config.model_validate({"combine": {"motion": motion}})
+    config = Config.model_validate({"combine": {"motion": motion}, "topics": {"exclude": exclude}})
     found = discover_rig(recording, config)
     assert found.rig.site_frame == "base_link"
     return find_motion_source(recording, found.rig, found.transforms, config)
@@ -90,6 +91,12 @@ def test_odometry_of_a_fixed_neighbour_is_taken_with_the_offset_between() -> Non
 )
 def test_there_is_no_motion_of_the_rig(messages: list[RawMessage], settings: dict[str, Any]) -> None:
     assert source_of(*messages, **settings) is None
+
+
+def test_excluded_odometry_is_not_used() -> None:
+    both = [odom(0, "/b"), odom(0, "/a")]
+    assert source_of(*both, exclude=["/a"]).topics == ("/b",)  # type: ignore[union-attr]  # None would fail, too
+    assert source_of(*both, exclude=["/[ab]"]) is None
 
 
 def test_a_configured_topic_may_leave_its_frame_unnamed() -> None:
