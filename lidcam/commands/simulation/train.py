@@ -28,6 +28,11 @@ Examples:
   lidcam train pillars --steps 20000 --out mine.onnx --resume
   lidcam-process drive.mcap out.mcap --model-3d mine.onnx
 """
+CONVERT_EXAMPLES = """\b
+Examples:
+  lidcam train convert net.pth --config net.yaml --out mine.onnx
+  lidcam-process drive.mcap out.mcap --model-3d mine.onnx
+"""
 
 
 @train_app.callback()
@@ -106,8 +111,7 @@ def pillars(
 ) -> None:
     """Train a network that finds 3D boxes, on simulated worlds; on a CUDA device if there is one."""
     check_simulator()
-    if find_spec("torch") is None:
-        raise LidcamError("the training needs torch, which is not installed: pip install 'lidcam[train]'")
+    _check_torch("the training")
     from lidcam.printing.progress import show_training
     from lidcam.training.pillars.fit import Checkpoint
     from lidcam.training.pillars.train import train_pillars
@@ -124,6 +128,60 @@ def pillars(
             text = train_pillars(checkpoint, outputs[out].part, steps, workers=workers or usable_cores(), told=told)
         outputs[card].write_text(text)
     typer.echo(text)
+
+
+@train_app.command(epilog=CONVERT_EXAMPLES)
+@with_log_options
+def convert(
+    network: Annotated[
+        Path,
+        typer.Argument(metavar="NETWORK", help="Checkpoint (.pth), or what OpenPCDet or mmdeploy exported (.onnx)."),
+    ],
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FILE.onnx", callback=ends_in(".onnx"), help="The network for --model-3d.")
+    ],
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            "--config",
+            metavar="FILE",
+            help="YAML of OpenPCDet; JSON or Python of mmdetection3d, with all in one file, read and not executed. "
+            "[default: what mmdetection3d put into the checkpoint]",
+        ),
+    ] = None,
+    ground_z: Annotated[
+        float | None,
+        typer.Option("--ground-z", metavar="M", help="Z of the ground in its data. [default: that of the data set]"),
+    ] = None,
+    intensity_max: Annotated[
+        float | None,
+        typer.Option(
+            "--intensity-max", metavar="N", help="Highest intensity in its data. [default: that of the data set]"
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Convert PointPillars or CenterPoint in pillars of OpenPCDet or mmdetection3d, to run them without PyTorch."""
+    _check_torch("reading a checkpoint")
+    from lidcam.outputs.allowed import check_no_input
+    from lidcam.training.kits.convert import converted
+    from lidcam.training.kits.parts import Data
+    from writers.outputs.transaction import OutputTransaction
+
+    check_no_input([out], [network, *([config] if config else [])])
+    with OutputTransaction([out], check_old=partial(_check_old, overwrite=overwrite)) as outputs:
+        made = converted(network, config, Data(ground_z, intensity_max))
+        outputs[out].part.write_bytes(made.content)
+    specs, names = made.specs, ", ".join(one.name for one in made.specs.classes)
+    low, high = specs.grid.low_m, specs.grid.high_m
+    typer.echo(f"{out}: finds {names}")
+    typer.echo(f"x from {low[0]:g} to {high[0]:g} m, y from {low[1]:g} to {high[1]:g} m")
+    typer.echo(f"ground at {specs.ground_z_m:g} m, intensities to {specs.intensity_max:g}")
+
+
+def _check_torch(what: str) -> None:
+    if find_spec("torch") is None:
+        raise LidcamError(f"{what} needs torch, which is not installed: pip install 'lidcam[train]'")
 
 
 def _check_old(path: Path, *, overwrite: bool) -> None:

@@ -2,13 +2,15 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools
+from pipeline.core.arrays import F32, F64, Bools
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.errors import ModelError
 from pipeline.core.geometry.regions import points_in_footprints
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.cluster.fitting import BoxFitter
+from pipeline.detectors.onnx.session import OnnxSession
+from pipeline.detectors.pillars.kits import KEY, KitNetwork
 from pipeline.detectors.pillars.network import PillarNetwork
 from pipeline.detectors.protocols import Candidates3D
 
@@ -31,6 +33,13 @@ class PillarPoints:
         points = self._fitter.above_ground(combined, np.arange(len(combined.detection_cloud)), -np.inf)
         return np.asarray(points.position - np.append(self.middle_xy, 0.0))
 
+    def with_ground(self, combined: CombinedCloud) -> tuple[F64, F32]:
+        """(N, 3) the same of all points, also those of the ground, and their intensities (N,)."""
+        clouds = combined.detection_cloud, combined.ground_cloud
+        position = np.concatenate([one.xyz for one in clouds]) - np.append(self.middle_xy, 0.0)
+        position[:, 2] -= self.ground_m(combined, position[:, :2])
+        return position, np.concatenate([one.intensity for one in clouds])
+
     def ground_m(self, combined: CombinedCloud, xy: F64) -> F64:
         """(N,) height of the ground in the site frame at places (N, 2) from the middle."""
         return self._fitter.ground_m(combined, xy + self.middle_xy)
@@ -48,8 +57,10 @@ class PillarDetector:
         path = config.detect3d.model
         if path is None:
             raise ModelError("detect3d.method pillars needs a network: give --model-3d FILE.onnx or set detect3d.model")
-        self._network, self._points = PillarNetwork(path), PillarPoints(rig, config)
-        found = self._network.specs.classes
+        session = OnnxSession(path, threads=1, provider="cpu")
+        make = KitNetwork if KEY in session.metadata else PillarNetwork
+        self._network, self._points = make(path, session), PillarPoints(rig, config)
+        found = self._network.classes
         self._class_ids = np.array([config.class_id_of_label.get(one.name.lower(), -1) for one in found])
         if (self._class_ids < 0).all():
             names = ", ".join(one.name for one in found)
@@ -59,16 +70,20 @@ class PillarDetector:
 
     def reaches(self, xy: F64) -> Bools:
         """(N,) whether places (N, 2) of the site frame are in the grid of the network."""
-        return np.asarray((np.abs(xy - self._points.middle_xy) < self._network.specs.grid.half_m).all(1))
+        return self._network.reaches(xy - self._points.middle_xy)
 
     def __call__(self, combined: CombinedCloud) -> Candidates3D:
         """Boxes with a point or more in them, or within half a pillar beside: a box may be a little too small."""
-        found = self._network(self._points(combined), float(np.log(LEAST / (1 - LEAST))))
+        least = float(np.log(LEAST / (1 - LEAST)))
+        if isinstance(self._network, KitNetwork):
+            found = self._network(*self._points.with_ground(combined), least)
+        else:
+            found = self._network(self._points(combined), least)
         centers = found.centers.copy()
         centers[:, :2] += self._points.middle_xy
         centers[:, 2] += self._points.ground_m(combined, found.centers[:, :2])
         cloud, count = combined.detection_cloud, len(centers)
-        footprints = found.sizes[:, :2] + self._network.specs.grid.cell_m
+        footprints = found.sizes[:, :2] + self._network.cell_m
         rows, box = points_in_footprints(cloud.xyz, centers[:, :2], footprints, found.yaws)
         points = np.bincount(box, minlength=count)
         total_ns = np.bincount(box, cloud.time_offset_ns[rows], minlength=count)

@@ -1,12 +1,12 @@
 """Networks in pillars from ONNX files, as `lidcam train pillars` writes them."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import numpy as np
 from pydantic import Field, ValidationError
 
-from pipeline.core.arrays import F64
+from pipeline.core.arrays import F64, Bools
 from pipeline.core.errors import ModelError
 from pipeline.core.settings.model import Label, NotNegative, SettingsModel
 from pipeline.core.text import one_line
@@ -14,7 +14,7 @@ from pipeline.detectors.onnx.session import OnnxSession
 from pipeline.detectors.pillars.decoding import BOX_NUMBERS, Found, boxes_of
 from pipeline.detectors.pillars.grid import FEATURES, STRIDE, Grid, pillars
 
-__all__ = ["INPUTS", "KEY", "FoundClass", "PillarNetwork", "PillarSpecs"]
+__all__ = ["INPUTS", "KEY", "FoundClass", "PillarNetwork", "PillarSpecs", "specs_in"]
 
 KEY = "lidcam.pillars"
 """Under this name the metadata of a file holds its `PillarSpecs`."""
@@ -23,6 +23,8 @@ INPUTS = "features", "pillar"
 """(P, F) float32 and (P, 1) int64, see `pillars`; the output is (1, C + 8, H, W) float32, see `boxes_of`."""
 
 MAX_CELLS = 2048
+
+Specs = TypeVar("Specs", bound=SettingsModel)
 
 
 class FoundClass(SettingsModel):
@@ -53,35 +55,61 @@ class PillarSpecs(SettingsModel):
     grid: Grid
 
 
+def specs_in(session: OnnxSession, path: Path, key: str, model: type[Specs], what: str) -> Specs:
+    """What a file says of its network.
+
+    Args:
+        session: The loaded file.
+        path: Where it is.
+        key: Name of its metadata.
+        model: What these should be.
+        what: The same in words: `a 3D network`.
+
+    Raises:
+        ModelError: it says nothing, or another thing.
+    """
+    expected = f"{path}: expected {what}"
+    if key not in session.metadata:
+        raise ModelError(f"{expected}, found none of its metadata ({key}) in the file")
+    try:
+        return model.model_validate_json(session.metadata[key])
+    except ValidationError as err:
+        first = err.errors()[0]
+        place = ".".join(map(str, first["loc"]))
+        raise ModelError(f"{expected}, found metadata with a fault: {place}: {one_line(first['msg'])}") from err
+
+
 class PillarNetwork:
     """A loaded network; the same boxes for the same points, in any order of these."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, session: OnnxSession | None = None) -> None:
         """Load a file.
+
+        Args:
+            path: The file.
+            session: The same, where it is loaded already.
 
         Raises:
             ModelError: it cannot be loaded, or says nothing of its pillars.
         """
         self._path = path
-        self._session = OnnxSession(path, threads=1, provider="cpu")
+        self._session = session or OnnxSession(path, threads=1, provider="cpu")
         self.specs = self._read_specs()
+        self.classes, self.cell_m = self.specs.classes, self.specs.grid.cell_m
 
     def _read_specs(self) -> PillarSpecs:
-        expected = f"{self._path}: expected a 3D network that `lidcam train pillars` wrote"
-        if KEY not in self._session.metadata:
-            raise ModelError(f"{expected}, found none of its metadata ({KEY}) in the file")
-        try:
-            specs = PillarSpecs.model_validate_json(self._session.metadata[KEY])
-        except ValidationError as err:
-            first = err.errors()[0]
-            place = ".".join(map(str, first["loc"]))
-            raise ModelError(f"{expected}, found metadata with a fault: {place}: {one_line(first['msg'])}") from err
+        what = "a 3D network that `lidcam train pillars` wrote"
+        specs, expected = specs_in(self._session, self._path, KEY, PillarSpecs, what), f"{self._path}: expected {what}"
         if specs.features != FEATURES or specs.grid.cells % 8 or specs.grid.cells > MAX_CELLS:
             raise ModelError(f"{expected} in this version, found other features or another grid: train it anew")
         inputs = [(name, kind) for name, _, kind in self._session.inputs]
         if inputs != [("features", "tensor(float)"), ("pillar", "tensor(int64)")] or len(self._session.outputs) != 1:
             raise ModelError(f"{expected}, found other inputs or outputs")
         return specs
+
+    def reaches(self, xy: F64) -> Bools:
+        """(N,) whether places (N, 2) from the middle are in the grid."""
+        return np.asarray((np.abs(xy) < self.specs.grid.half_m).all(1))
 
     def __call__(self, position: F64, least_log_odds: float) -> Found:
         """The boxes around points.

@@ -17,13 +17,14 @@ from pipeline.core.errors import OutputError
         (("pillars", "--steps", "1", "--out", "mine.onnx"), "mine.onnx"),
         (("pillars", "--steps", "1", "--out", "mine.onnx"), "mine.md"),
         (("pillars", "--steps", "1", "--out", "mine.onnx"), "mine.ckpt"),
+        (("convert", "net.pth", "--out", "mine.onnx"), "mine.onnx"),
     ],
 )
 def test_what_is_there_stays(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...], name: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    if command[0] == "pillars":
+    if command[0] != "clusters":
         pytest.importorskip("torch", reason="needs the extra train")
     (tmp_path / name).write_text("mine", encoding="utf-8")
     done = CliRunner().invoke(app, ["train", *command])
@@ -31,3 +32,12 @@ def test_what_is_there_stays(
     assert f"{name}: exists; " in str(done.exception)
     assert [path.name for path in tmp_path.iterdir()] == [name]
     assert (tmp_path / name).read_text(encoding="utf-8") == "mine"
+
+
+def test_a_network_is_not_converted_onto_itself(tmp_path: Path) -> None:
+    pytest.importorskip("torch", reason="needs the extra train")
+    (tmp_path / "net.onnx").write_text("mine", encoding="utf-8")
+    names = [str(tmp_path / "net.onnx"), "--out", str(tmp_path / "net.onnx"), "--overwrite"]
+    done = CliRunner().invoke(app, ["train", "convert", *names])
+    assert isinstance(done.exception, OutputError)
+    assert "is an input of this run" in str(done.exception)

@@ -1,0 +1,1 @@
+"""Checkpoints of OpenPCDet and mmdetection3d as networks in pillars."""

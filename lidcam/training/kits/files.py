@@ -1,0 +1,149 @@
+"""The files of the kits, none of which is executed."""
+
+import ast
+from pathlib import Path
+from pickle import UnpicklingError
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+import yaml
+
+from pipeline.core.arrays import F64
+from pipeline.core.errors import ModelError
+from pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
+from pipeline.core.small_files import read_small_text
+from pipeline.core.text import one_line
+
+__all__ = ["Checkpoint", "read_checkpoint", "read_config"]
+
+BASE = "_BASE_CONFIG_"
+
+
+class Checkpoint(NamedTuple):
+    """What a checkpoint holds.
+
+    Attributes:
+        weights: By name of the layer.
+        config: The configuration that mmdetection3d puts beside them; empty: none.
+    """
+
+    weights: dict[str, F64]
+    config: str
+
+
+class _Left:
+    """Stands for objects of classes that are not needed, of which nothing is called."""
+
+    def __init__(self, *_: object) -> None:
+        pass
+
+    def __setstate__(self, _: object) -> None:
+        pass
+
+
+def read_checkpoint(path: Path) -> Checkpoint:
+    """Read a checkpoint of either kit as tensors and plain values: objects of other classes are left out.
+
+    Raises:
+        ModelError: it cannot be read so, or was trained by a version whose boxes mean something else.
+    """
+    expected = f"{path}: expected a checkpoint of OpenPCDet or mmdetection3d"
+    try:
+        held: Any = _loaded(path)
+        named = next((held[key] for key in ("model_state", "state_dict") if key in held), held)
+        weights = {name.removeprefix("module."): _numbers(value) for name, value in named.items()}
+        meta = held.get("meta", {})
+        config = str(meta.get("cfg") or meta.get("config") or "")
+        version = str(meta.get("mmdet3d_version", "1"))
+    except Exception as err:  # the errors of pickled files have no base of their own
+        cause = err.__context__ or err  # PyTorch's own error is advice to read the file unsafely
+        told = one_line(f"{type(cause).__name__}: {cause}", max_characters=300)
+        reason = "no such file" if isinstance(err, FileNotFoundError) else told
+        raise ModelError(f"{expected}, found {reason}") from err
+    if version.startswith("0."):
+        raise ModelError(
+            f"{path}: expected mmdetection3d 1.0 or later, found {version}, whose boxes are turned otherwise"
+        )
+    return Checkpoint(weights, config)
+
+
+def _loaded(path: Path) -> Any:
+    """With stand-ins for all classes that PyTorch does not know to be safe: the log of mmengine, for one."""
+    try:
+        strange = torch.serialization.get_unsafe_globals_in_checkpoint(path)
+    except (ValueError, UnpicklingError):  # the older format, that of OpenPCDet, of which it cannot be told
+        strange = []
+    with torch.serialization.safe_globals([(_Left, name) for name in strange]):
+        return torch.load(path, map_location="cpu", weights_only=True)
+
+
+def _numbers(tensor: Any) -> F64:
+    return np.asarray(tensor.detach().to(torch.float64).numpy())
+
+
+def read_config(path: Path, text: str = "") -> dict[str, Any]:
+    """Read a configuration: YAML of OpenPCDet with the files that it is based on; JSON or Python of mmengine.
+
+    Args:
+        path: Its file, or the one that a text comes from.
+        text: Python; empty: what is in the file.
+
+    Raises:
+        ModelError: it cannot be read, or is based on files that would have to be executed.
+    """
+    expected = f"{path}: expected a configuration of OpenPCDet or mmdetection3d"
+    try:
+        is_python = bool(text) or path.suffix == ".py"
+        text = text or read_small_text(path, MAX_YAML_BYTES, "a configuration", ModelError)
+        found = _python(text) if is_python else _with_bases(parse_yaml(text), path)
+    except (yaml.YAMLError, SyntaxError, ValueError, RecursionError, MemoryError) as err:
+        raise ModelError(f"{expected}, found {one_line(err, max_characters=300)}") from err
+    if not isinstance(found, dict) or "_base_" in found:
+        raise ModelError(f"{expected} with all of it in one file, as tools/misc/print_config.py prints it")
+    return found
+
+
+def _python(text: str) -> dict[str, Any]:
+    """What is assigned in it; what would have to be computed is left out."""
+    found: dict[str, Any] = {}
+    for line in ast.parse(text.removeprefix("Config:\n")).body:
+        if isinstance(line, ast.Assign) and isinstance(line.targets[0], ast.Name):
+            try:
+                found[line.targets[0].id] = _value(line.value)
+            except ValueError:
+                continue
+    return found
+
+
+def _value(node: ast.expr) -> Any:
+    """Of a literal; `dict(a=1)` is one, too, and tuples are lists."""
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "dict" and not node.args:
+        return {str(one.arg): _value(one.value) for one in node.keywords}
+    if isinstance(node, ast.Dict):
+        return {ast.literal_eval(key or node): _value(one) for key, one in zip(node.keys, node.values, strict=True)}
+    if isinstance(node, ast.List | ast.Tuple):
+        return [_value(one) for one in node.elts]
+    return ast.literal_eval(node)
+
+
+def _with_bases(config: Any, path: Path) -> Any:
+    """With what it is based on, which is named from the folder `tools` of OpenPCDet."""
+    if not isinstance(config, dict):
+        return config
+    config = {key: _with_bases(value, path) for key, value in config.items()}
+    if (base := config.pop(BASE, None)) is None:
+        return config
+    found = next((one for folder in path.absolute().parents if (one := folder / str(base)).is_file()), None)
+    if found is None:
+        raise ValueError(f"no file {base}, on which it is based, in a folder above")
+    return _merged(read_config(found), config)
+
+
+def _merged(base: dict[str, Any], changed: dict[str, Any]) -> dict[str, Any]:
+    both = {
+        key: _merged(base[key], changed[key])
+        for key in base.keys() & changed.keys()
+        if isinstance(base[key], dict) and isinstance(changed[key], dict)
+    }
+    return base | changed | both

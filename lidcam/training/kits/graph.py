@@ -1,0 +1,237 @@
+"""The networks of the kits as nodes of ONNX, from points in pillars to boxes."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from lidcam.training.kits.network import AnchorHead, Backbone, CenterHead, KitModel
+from lidcam.training.kits.weights import Weights
+from lidcam.training.onnx_graph import FLOAT, Graph
+from pipeline.core.arrays import I64
+from pipeline.core.errors import ModelError
+from pipeline.detectors.pillars.kits import KIT_INPUTS, KIT_OUTPUTS
+
+__all__ = ["Rows", "add_anchor_boxes", "add_network", "by_row"]
+
+MAX_BOXES = 1000
+"""The likeliest ones of a network, or of each group of classes; of those in one place lidcam keeps the best."""
+
+UNLIKELY = -30.0
+"""Log odds of the classes of other groups."""
+
+
+class Image(NamedTuple):
+    """A value (1, channels, rows, columns)."""
+
+    name: str
+    channels: int
+
+
+class Rows(NamedTuple):
+    """What a head says: values of N anchors, or cells, by rows along y; those of a cell follow each other.
+
+    Attributes:
+        classes: (N, C) log odds.
+        boxes: (N, ...) numbers of the boxes.
+        turns: (N, ...) log odds of the parts of a turn; empty: none.
+    """
+
+    classes: str
+    boxes: str
+    turns: str = ""
+
+
+def add_network(graph: Graph, model: KitModel, weights: Weights) -> None:
+    """Add all nodes of a network, with the outputs `KIT_OUTPUTS`.
+
+    Raises:
+        ModelError: its parts do not fit together.
+    """
+    image, head, name = _backbone(graph, model, weights, _encoded(graph, model, weights)), model.head, model.names.head
+    if isinstance(head, CenterHead):
+        _add_center_boxes(graph, model, head, weights, image)
+        return
+    layers = {"conv_cls": len(model.specs.classes), model.names.boxes: head.code, "conv_dir_cls": head.directions}
+    made = [
+        by_row(graph, _last(graph, weights, f"{name}.{layer}", image, len(head.anchors) * numbers, 1), numbers)
+        for layer, numbers in layers.items()
+        if numbers
+    ]
+    add_anchor_boxes(graph, model, head, Rows(*made))
+
+
+def by_row(graph: Graph, image: str, numbers: int) -> str:
+    """An image as rows of so many numbers."""
+    return graph.add("Reshape", graph.add("Transpose", image, perm=[0, 2, 3, 1]), np.array([-1, numbers]))
+
+
+def add_anchor_boxes(graph: Graph, model: KitModel, head: AnchorHead, rows: Rows) -> None:
+    """Add what makes boxes of what is said of anchors, with the outputs `KIT_OUTPUTS`."""
+    cells, count = _output_cells(model), np.array(len(head.anchors))
+    likely = _likeliest(graph, rows.classes, len(model.specs.classes), int(count * cells.prod()))
+    low, high = (np.array([getattr(one, name) for one in head.anchors]) for name in ("low_m", "high_m"))
+    is_centred = np.array([[one.is_centred] for one in head.anchors])
+    step = (high - low) / np.where(is_centred, cells, np.maximum(cells - 1, 1))
+    size = np.array([one.size_m for one in head.anchors])
+    own = graph.add("Mod", likely, count)
+    first, step_xy, z, sides, diagonal, height, yaw = (
+        graph.add("Gather", one.reshape(len(head.anchors), -1), own)
+        for one in (
+            low + step / 2 * is_centred,
+            step,
+            np.array([one.z_m for one in head.anchors]),
+            size,
+            np.hypot(size[:, 0], size[:, 1]),
+            size[:, 2],
+            np.array([one.yaw_rad for one in head.anchors]),
+        )
+    )
+    numbers = graph.add("Gather", rows.boxes, likely)
+    place = graph.add("Mul", _column_row(graph, graph.add("Div", likely, count), int(cells[0])), step_xy)
+    moved = graph.add("Mul", _columns(graph, numbers, 0, 1), diagonal)
+    xy = graph.add("Add", graph.add("Add", place, first), moved)
+    z = graph.add("Add", graph.add("Mul", _columns(graph, numbers, 2), height), z)
+    sides = graph.add("Mul", graph.add("Exp", _columns(graph, numbers, 3, 4, 5)), sides)
+    heading = graph.add("Add", _columns(graph, numbers, 6), yaw)
+    if rows.turns:
+        part = np.array(2 * math.pi / head.directions)
+        which = graph.add("Cast", graph.add("ArgMax", graph.add("Gather", rows.turns, likely), axis=1), to=FLOAT)
+        since = graph.add("Div", graph.add("Sub", heading, np.array(head.offset_rad)), part)
+        whole = graph.add("Floor", graph.add("Add", since, np.array(head.limit)))
+        heading = graph.add("Add", heading, graph.add("Mul", graph.add("Sub", which, whole), part))
+    parts = xy, z, sides, graph.add("Sin", heading), graph.add("Cos", heading)
+    graph.add("Concat", *parts, axis=1, name=KIT_OUTPUTS[0])
+    graph.add("Gather", rows.classes, likely, name=KIT_OUTPUTS[1])
+
+
+def _add_center_boxes(graph: Graph, model: KitModel, head: CenterHead, weights: Weights, image: Image) -> None:
+    names, grid, pair = model.names, model.specs.grid, model.names.pair
+    cells, kinds = _output_cells(model), len(model.specs.classes)
+    if tuple(cells * head.stride) != grid.cells:
+        raise ModelError(
+            f"the output has {cells.tolist()} cells of {head.stride} pillars, for {list(grid.cells)} pillars"
+        )
+    name = f"{names.head}.shared_conv"
+    image = _convolved(graph, weights, image, (f"{name}.{pair[0]}", f"{name}.{pair[1]}"), head.shared, 3, 1, head)
+    found, before = [], 0
+    for task, classes in enumerate(head.tasks):
+        rows = {}
+        for branch, (numbers, layers) in {**head.branches, names.heat: (len(classes), head.heat_layers)}.items():
+            is_needed = branch in (names.heat, *names.branches)
+            made, part, own = image, f"{names.head}.{names.heads}.{task}.{branch}", graph if is_needed else Graph()
+            for layer in range(layers - 1):
+                both = f"{part}.{layer}.{pair[0]}", f"{part}.{layer}.{pair[1]}"
+                made = _convolved(own, weights, made, both, head.width, head.kernel, 1, head)
+            rows[branch] = by_row(own, _last(own, weights, f"{part}.{layers - 1}", made, numbers, head.kernel), numbers)
+        likely = _likeliest(graph, rows[names.heat], len(classes), int(cells.prod()))
+        offset, z, sides, turn, odds = (
+            graph.add("Gather", rows[branch], likely) for branch in (*names.branches, names.heat)
+        )
+        place = graph.add("Add", _column_row(graph, likely, int(cells[0])), offset)
+        metres = graph.add("Mul", place, np.array(grid.cell_m) * head.stride)
+        xy = graph.add("Add", metres, np.array(grid.low_m[:2]))
+        sine_cosine = _columns(graph, turn, *((0, 1) if head.sine_first else (1, 0)))
+        boxes = graph.add("Concat", xy, z, graph.add("Exp", sides), sine_cosine, axis=1)
+        count, after = min(int(cells.prod()), MAX_BOXES), kinds - before - len(classes)
+        beside = [np.full((count, others), UNLIKELY) for others in (before, after)]
+        found.append((boxes, graph.add("Concat", beside[0], odds, beside[1], axis=1)))
+        before += len(classes)
+    for output, parts in zip(KIT_OUTPUTS, zip(*found, strict=True), strict=True):
+        graph.add("Concat", *parts, axis=0, name=output)
+
+
+def _encoded(graph: Graph, model: KitModel, weights: Weights) -> Image:
+    """The pillars as an image: of each the maximum over its points."""
+    (columns, rows), eps = model.specs.grid.cells, model.encoder.eps
+    points, before, last = KIT_INPUTS[0], len(model.specs.features), len(model.encoder.channels) - 1
+    for row, channels in enumerate(model.encoder.channels):
+        width, name = channels if row == last else channels // 2, f"{model.names.encoder}.{row}"
+        weight, bias = weights.folded((f"{name}.linear", f"{name}.norm"), (width, before), eps)
+        points = graph.add("Relu", graph.add("Add", graph.add("MatMul", points, weight.T), bias))
+        empty = graph.add("ConstantOfShape", np.array([columns * rows, width]))
+        canvas = graph.add("ScatterND", empty, KIT_INPUTS[1], points, reduction=b"max")
+        if row < last:
+            points = graph.add("Concat", points, graph.add("GatherND", canvas, KIT_INPUTS[1]), axis=1)
+        before = 2 * width
+    flat = graph.add("Transpose", canvas, perm=[1, 0])
+    return Image(graph.add("Reshape", flat, np.array([1, width, rows, columns])), width)
+
+
+def _backbone(graph: Graph, model: KitModel, weights: Weights, image: Image) -> Image:
+    parts, first, raised = model.backbone, model.names.first, []
+    for block, (channels, layers, stride) in enumerate(zip(parts.channels, parts.layers, parts.strides, strict=True)):
+        name = f"{model.names.blocks}.{block}"
+        for layer in range(layers + 1):
+            place, step = first + 3 * layer, 1 if layer else stride
+            image = _convolved(
+                graph, weights, image, (f"{name}.{place}", f"{name}.{place + 1}"), channels, 3, step, parts
+            )
+        raised.append(_raised(graph, model, weights, image, block))
+    return Image(graph.add("Concat", *raised, axis=1), sum(parts.up_channels))
+
+
+def _raised(graph: Graph, model: KitModel, weights: Weights, image: Image, block: int) -> str:
+    """A block in the size of the output."""
+    parts, name = model.backbone, f"{model.names.ups}.{block}"
+    channels, stride, pair = parts.up_channels[block], parts.up_strides[block], (f"{name}.0", f"{name}.1")
+    if stride < 1 or (stride == 1 and parts.convolves):
+        side = round(1 / stride)
+        folded = weights.folded(pair, (channels, image.channels, side, side), parts.up_eps)
+        return graph.add("Relu", graph.add("Conv", image.name, *folded, strides=[side, side]))
+    side = int(stride)
+    folded = weights.folded(pair, (image.channels, channels, side, side), parts.up_eps, axis=1)
+    made = graph.add("ConvTranspose", image.name, *folded, strides=[side, side], kernel_shape=[side, side])
+    return graph.add("Relu", made)
+
+
+def _output_cells(model: KitModel) -> I64:
+    """(2,) cells of the output along x and y."""
+    size, sizes = np.array(model.specs.grid.cells), []
+    for stride, up in zip(model.backbone.strides, model.backbone.up_strides, strict=True):
+        size = (size - 1) // stride + 1
+        sizes.append(tuple((size // round(1 / up) if up < 1 else size * int(up)).tolist()))
+    if len({*sizes}) > 1:
+        raise ModelError(f"the blocks of the network become images of different sizes: {sizes}")
+    return np.array(sizes[0])
+
+
+def _convolved(
+    graph: Graph,
+    weights: Weights,
+    image: Image,
+    pair: tuple[str, str],
+    channels: int,
+    kernel: int,
+    stride: int,
+    part: Backbone | CenterHead,
+) -> Image:
+    """A convolution, the normalisation behind it, and what is positive of that."""
+    shape, has_bias = (channels, image.channels, kernel, kernel), isinstance(part, CenterHead) and part.has_bias
+    folded = weights.folded(pair, shape, part.eps, has_bias=has_bias)
+    made = graph.add("Conv", image.name, *folded, strides=[stride, stride], pads=[kernel // 2] * 4)
+    return Image(graph.add("Relu", made), channels)
+
+
+def _last(graph: Graph, weights: Weights, name: str, image: Image, channels: int, kernel: int) -> str:
+    weight = weights(f"{name}.weight", channels, image.channels, kernel, kernel)
+    return graph.add("Conv", image.name, weight, weights(f"{name}.bias", channels), pads=[kernel // 2] * 4)
+
+
+def _columns(graph: Graph, rows: str, *wanted: int) -> str:
+    return graph.add("Gather", rows, np.array(wanted), axis=1)
+
+
+def _column_row(graph: Graph, cell: str, columns: int) -> str:
+    """(K, 2) float32 of cells (K,)."""
+    flat, count = graph.add("Reshape", cell, np.array([-1, 1])), np.array(columns)
+    return graph.add(
+        "Cast", graph.add("Concat", graph.add("Mod", flat, count), graph.add("Div", flat, count), axis=1), to=FLOAT
+    )
+
+
+def _likeliest(graph: Graph, log_odds: str, kinds: int, count: int) -> str:
+    """(K,) which of a number of rows have the likeliest classes."""
+    best = log_odds if kinds == 1 else graph.add("TopK", log_odds, np.array([1]), axis=1)
+    flat = graph.add("Reshape", best, np.array([-1]))
+    return f"{graph.add('TopK', flat, np.array([min(count, MAX_BOXES)]))}.second"

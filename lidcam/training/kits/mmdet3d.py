@@ -1,0 +1,141 @@
+"""Configurations of mmdetection3d 1.0 and later (github.com/open-mmlab/mmdetection3d, configs)."""
+
+import math
+from typing import Any
+
+from lidcam.training.kits.network import Anchor, AnchorHead, Backbone, CenterHead, Encoder, KitModel, Names
+from lidcam.training.kits.parts import OFFSETS, Data, check, check_parts, data_of, raw_features, specs_of
+from pipeline.detectors.pillars.kits import Feature
+
+__all__ = ["mmdet3d_model"]
+
+PARTS = {
+    "voxel_encoder": ("PillarFeatureNet",),
+    "middle_encoder": ("PointPillarsScatter",),
+    "backbone": ("SECOND",),
+    "neck": ("SECONDFPN",),
+    "bbox_head": ("Anchor3DHead", "CenterHead"),
+}
+POINT = "x", "y", "z", "intensity", "age or elongation"
+NO_PARTS = {"data_preprocessor", "voxel_layer", "train_cfg", "test_cfg", "init_cfg"}
+
+
+def mmdet3d_model(config: dict[str, Any], given: Data) -> KitModel:
+    """The network of a configuration.
+
+    Raises:
+        ModelError: it is none in pillars, or has parts of another kind.
+        LookupError, TypeError, ValueError: something is not there, or another thing.
+    """
+    model, prefix = config["model"], "pts_" if "pts_voxel_encoder" in config["model"] else ""
+    own = {key.removeprefix(prefix): part for key, part in model.items() if isinstance(part, dict)}
+    check_parts(model["type"], {key: part["type"] for key, part in own.items() if key not in NO_PARTS}, PARTS)
+    encoder, backbone, neck, head = (own[key] for key in ("voxel_encoder", "backbone", "neck", "bbox_head"))
+    voxels = own.get("data_preprocessor", own).get("voxel_layer") or own["voxel_layer"]
+    limits = voxels["point_cloud_range"]
+    check(encoder.get("point_cloud_range"), limits, "voxel_encoder.point_cloud_range")
+    made = _anchors(head) if head["type"] == "Anchor3DHead" else _centers(head, limits)
+    names = [name for task in made.tasks for name in task] if isinstance(made, CenterHead) else config["class_names"]
+    data = data_of(config.get("dataset_type"), given)
+    specs = specs_of(names, limits, voxels["voxel_size"], _features(encoder), voxels["max_num_points"], data)
+    check(list(own["middle_encoder"]["output_shape"]), [*specs.grid.cells[::-1]], "middle_encoder.output_shape")
+    return KitModel(
+        names=Names(
+            encoder=f"{prefix}voxel_encoder.pfn_layers",
+            blocks=f"{prefix}backbone.blocks",
+            ups=f"{prefix}neck.deblocks",
+            head=f"{prefix}bbox_head",
+            first=0,
+            boxes="conv_reg",
+            heads="task_heads",
+            pair=("conv", "bn"),
+            heat="heatmap",
+            branches=("reg", "height", "dim", "rot"),
+        ),
+        specs=specs,
+        raw=raw_features(POINT[: encoder["in_channels"]]),
+        encoder=Encoder(channels=encoder["feat_channels"], eps=_eps(encoder, 1e-3)),
+        backbone=Backbone(
+            channels=backbone["out_channels"],
+            layers=backbone["layer_nums"],
+            strides=backbone["layer_strides"],
+            up_channels=neck["out_channels"],
+            up_strides=neck["upsample_strides"],
+            convolves=neck.get("use_conv_for_no_stride", False),
+            eps=_eps(backbone, 1e-3),
+            up_eps=_eps(neck, 1e-3),
+        ),
+        head=made,
+    )
+
+
+def _features(encoder: dict[str, Any]) -> list[Feature]:
+    """Of the points; where `legacy`, which is the default, places are overwritten by those in the pillar."""
+    check(encoder.get("mode", "max"), "max", "voxel_encoder.mode")
+    raw = raw_features(POINT[: encoder["in_channels"]])
+    cluster, center = encoder.get("with_cluster_center", True), encoder.get("with_voxel_center", True)
+    features: list[Feature] = raw + OFFSETS[:3] * cluster + OFFSETS[3:] * center
+    if encoder.get("legacy", True) and center:
+        features[:3] = OFFSETS[3:]
+        check(encoder.get("with_distance", False), False, "voxel_encoder.with_distance")
+    if encoder.get("with_distance", False):
+        features.append("distance")
+    return features
+
+
+def _anchors(head: dict[str, Any]) -> AnchorHead:
+    anchors, coder = head["anchor_generator"], head["bbox_coder"]
+    check(coder["type"], "DeltaXYZWLHRBBoxCoder", "bbox_head.bbox_coder")
+    check(head["loss_cls"]["use_sigmoid"], True, "bbox_head.loss_cls.use_sigmoid")
+    check(anchors.get("scales", [1]), [1], "bbox_head.anchor_generator.scales")
+    check(anchors.get("size_per_range", True), True, "bbox_head.anchor_generator.size_per_range")
+    check(anchors.get("align_corner", False), False, "bbox_head.anchor_generator.align_corner")
+    is_centred = anchors["type"] == "AlignedAnchor3DRangeGenerator"
+    if not is_centred:
+        check(anchors["type"], "Anchor3DRangeGenerator", "bbox_head.anchor_generator")
+    sizes, ranges = anchors["sizes"], anchors["ranges"]
+    ranges = ranges * len(sizes) if len(ranges) == 1 else ranges
+    return AnchorHead(
+        anchors=[
+            Anchor(
+                low_m=limits[:2],
+                high_m=limits[3:5],
+                is_centred=is_centred,
+                z_m=((limits[2] + limits[5]) / 2 if is_centred else limits[2]) + size[2] / 2,
+                size_m=size,
+                yaw_rad=yaw,
+            )
+            for limits, size in zip(ranges, sizes, strict=True)
+            for yaw in anchors.get("rotations", [0, 1.5707963])
+        ],
+        code=coder.get("code_size", 7),
+        directions=2 if head.get("use_direction_classifier", True) else 0,
+        offset_rad=head.get("dir_offset", -math.pi / 2),
+        limit=head.get("dir_limit_offset", 0.0),
+    )
+
+
+def _centers(head: dict[str, Any], limits: list[float]) -> CenterHead:
+    separate, coder = head["separate_head"], head["bbox_coder"]
+    check(separate["type"].removeprefix("mmdet."), "SeparateHead", "bbox_head.separate_head")
+    check(head.get("norm_bbox", True), True, "bbox_head.norm_bbox")
+    check(list(coder["pc_range"][:2]), list(limits[:2]), "bbox_head.bbox_coder.pc_range")
+    return CenterHead(
+        tasks=[task["class_names"] for task in head["tasks"]],
+        shared=head.get("share_conv_channel", 64),
+        width=separate.get("head_conv", 64),
+        kernel=separate.get("final_kernel", 1),
+        heat_layers=head.get("num_heatmap_convs", 2),
+        branches=head["common_heads"],
+        has_bias=head.get("bias", "auto") is True,
+        sine_first=True,
+        eps=_eps(head, 1e-5),
+        stride=coder["out_size_factor"],
+    )
+
+
+def _eps(part: dict[str, Any], default: float) -> float:
+    norm = part.get("norm_cfg", {"type": "BN"})
+    if "BN" not in norm["type"]:
+        check(norm["type"], "BN", "norm_cfg.type")
+    return float(norm.get("eps", default if "norm_cfg" not in part else 1e-5))

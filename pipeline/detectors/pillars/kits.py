@@ -1,0 +1,213 @@
+"""Networks of OpenPCDet and mmdetection3d, as `lidcam train convert` writes them.
+
+They count heights from the lidar, which stood at one height above the ground in all of their data, and want
+intensities. Both are put to that scale here, above the ground that was found.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from pipeline.core.arrays import F32, F64, I64, Bools
+from pipeline.core.errors import ModelError
+from pipeline.core.settings.model import NotNegative, Positive, SettingsModel
+from pipeline.detectors.onnx.session import OnnxSession
+from pipeline.detectors.pillars.decoding import Found
+from pipeline.detectors.pillars.network import FoundClass, specs_in
+
+__all__ = ["KEY", "KIT_INPUTS", "KIT_OUTPUTS", "Feature", "KitGrid", "KitNetwork", "KitSpecs", "kit_pillars"]
+
+KEY = "lidcam.kit"
+"""Under this name the metadata of a file holds its `KitSpecs`."""
+
+KIT_INPUTS = "features", "pillar"
+"""(R, F) float32 and (R, 1) int64 of layout `points`, see `kit_pillars`."""
+
+KIT_OUTPUTS = "boxes", "log_odds"
+"""(K, 8) float32: centre, length, width and height in the kit's frame, metres; sine and cosine of the heading. And (K,
+C) float32 of each class."""
+
+Feature = Literal[
+    "x", "y", "z", "intensity", "zero", "dx_mean", "dy_mean", "dz_mean", "dx_cell", "dy_cell", "dz_cell", "distance"
+]
+"""What a kit tells of a point: its place, its intensity, where it is from the mean of the points of its pillar and from
+the middle of the pillar, its distance from the lidar. Zero stands for what lidcam does not know (the age of a sweep,
+which is 0 for the last one; elongation)."""
+
+MAX_SIDE = 2048
+
+
+class KitGrid(SettingsModel):
+    """The pillars of a kit: those from one corner to before another, by rows along y.
+
+    Attributes:
+        low_m: Corner of the lowest coordinates, x, y, z from the lidar.
+        high_z_m: Points that are at least as high are left out.
+        cell_m: Sides of a pillar along x and y.
+        cells: Pillars along x and y.
+    """
+
+    low_m: tuple[float, float, float]
+    high_z_m: float
+    cell_m: tuple[Positive, Positive]
+    cells: tuple[Annotated[int, Field(ge=1, le=MAX_SIDE)], Annotated[int, Field(ge=1, le=MAX_SIDE)]]
+
+    @property
+    def high_m(self) -> tuple[float, float, float]:
+        """Corner of the highest coordinates."""
+        x, y = (low + side * cells for low, side, cells in zip(self.low_m[:2], self.cell_m, self.cells, strict=True))
+        return x, y, self.high_z_m
+
+
+class KitSpecs(SettingsModel):
+    """What a file says of its network.
+
+    Attributes:
+        classes: Of its output, in order.
+        layout: What its inputs are: `points`, `KIT_INPUTS`; `voxels`, points (V, M, F) of each pillar, the number of
+            these (V,), and batch, layer, row and column of the pillar (V, 4).
+        features: Of its points, in order.
+        max_points: Points that the kit puts into a pillar. Where there are fewer, the place of a point is left empty,
+            which counts as a point of zeros; 0: no such places.
+        grid: Its grid.
+        ground_z_m: Where the ground is in its data, from the lidar.
+        intensity_max: The highest intensity in its data.
+    """
+
+    classes: Annotated[tuple[FoundClass, ...], Field(min_length=1)]
+    layout: Literal["points", "voxels"]
+    features: Annotated[tuple[Feature, ...], Field(min_length=3)]
+    max_points: Annotated[int, Field(ge=0, le=1024)]
+    grid: KitGrid
+    ground_z_m: float
+    intensity_max: NotNegative
+
+
+class KitPoints(NamedTuple):
+    """The N points within a grid, by rising pillar, in each of them in the order of the cloud.
+
+    Attributes:
+        columns: (N,) float64 of each `Feature`.
+        pillar: (N,) row of the pillar times the number of columns, plus its column.
+        starts: (P,) first point of each pillar with points.
+        counts: (P,) how many it has.
+    """
+
+    columns: dict[Feature, F64]
+    pillar: I64
+    starts: I64
+    counts: I64
+
+
+def kit_points(position: F64, intensity: F32, specs: KitSpecs) -> KitPoints:
+    """What a kit can know of points.
+
+    Args:
+        position: (N, 3) x and y from the middle of the lidars, and height above the ground, metres.
+        intensity: (N,) from 0 to 1, or where one is higher, to 255.
+        specs: Of the network.
+    """
+    grid = specs.grid
+    xyz = position + np.array([0.0, 0.0, specs.ground_z_m])
+    column_row = np.floor((xyz[:, :2] - grid.low_m[:2]) / grid.cell_m)
+    inside = ((column_row >= 0) & (column_row < grid.cells)).all(1)
+    inside &= (xyz[:, 2] >= grid.low_m[2]) & (xyz[:, 2] < grid.high_z_m)
+    pillar = (column_row[inside] @ [1, grid.cells[0]]).astype(np.int64)
+    order = np.argsort(pillar, kind="stable")
+    rows, pillar = np.flatnonzero(inside)[order], pillar[order]
+    xyz, column_row = xyz[rows], column_row[rows]
+    _, starts, counts = np.unique(pillar, return_index=True, return_counts=True)
+    means = np.add.reduceat(xyz, starts) / counts[:, None] if len(starts) else xyz
+    full = 255.0 if intensity.max(initial=0) > 1 else 1.0
+    middle = np.append(
+        (column_row + 0.5) * grid.cell_m, np.full((len(rows), 1), (grid.high_z_m - grid.low_m[2]) / 2), 1
+    )
+    columns: dict[Feature, F64] = {
+        "intensity": np.clip(intensity[rows] / full, 0, 1) * specs.intensity_max,
+        "zero": np.zeros(len(rows)),
+        "distance": np.linalg.norm(xyz, axis=1),
+    }
+    named: tuple[tuple[tuple[Feature, Feature, Feature], F64], ...] = (
+        (("x", "y", "z"), xyz),
+        (("dx_mean", "dy_mean", "dz_mean"), xyz - np.repeat(means, counts, 0)),
+        (("dx_cell", "dy_cell", "dz_cell"), xyz - (middle + grid.low_m)),
+    )
+    columns |= {name: part[:, axis] for names, part in named for axis, name in enumerate(names)}
+    return KitPoints(columns, pillar, starts.astype(np.int64), counts.astype(np.int64))
+
+
+def kit_pillars(points: KitPoints, specs: KitSpecs) -> tuple[F32, I64]:
+    """(R, F) float32 of points, behind them zeros for each pillar that is not full, and (R, 1) their pillars."""
+    features = np.column_stack([points.columns[name] for name in specs.features])
+    empty = points.pillar[points.starts[points.counts < specs.max_points]]
+    features = np.concatenate([features, np.zeros((len(empty), len(specs.features)))])
+    return features.astype(np.float32), np.append(points.pillar, empty)[:, None]
+
+
+class KitNetwork:
+    """A loaded network."""
+
+    def __init__(self, path: Path, session: OnnxSession) -> None:
+        """Take a file.
+
+        Raises:
+            ModelError: what it says of itself is wrong.
+        """
+        self._path, self._session = path, session
+        self.specs = specs_in(session, path, KEY, KitSpecs, "a 3D network that `lidcam train convert` wrote")
+        self.classes, self.cell_m = self.specs.classes, max(self.specs.grid.cell_m)
+        names, expected = [name for name, _, _ in session.outputs], [*KIT_OUTPUTS]
+        if names != expected or len(session.inputs) != (2 if self.specs.layout == "points" else 3):
+            raise ModelError(f"{path}: expected outputs {expected}, found {names}, or other inputs: convert it anew")
+
+    def reaches(self, xy: F64) -> Bools:
+        """(N,) whether places (N, 2) from the middle are in the grid."""
+        column_row = (xy - self.specs.grid.low_m[:2]) / self.specs.grid.cell_m
+        return np.asarray(((column_row >= 0) & (column_row < self.specs.grid.cells)).all(1))
+
+    def __call__(self, position: F64, intensity: F32, least_log_odds: float) -> Found:
+        """The boxes around points.
+
+        Args:
+            position: (N, 3) x and y from the middle of the lidars, and height above the ground, metres.
+            intensity: (N,) see `kit_points`.
+            least_log_odds: Less likely ones are left out.
+
+        Raises:
+            ModelError: the network fails.
+        """
+        points, kinds = kit_points(position, intensity, self.specs), len(self.classes)
+        boxes, log_odds = np.zeros((0, 8), np.float32), np.zeros((0, kinds), np.float32)
+        if len(points.pillar):
+            boxes, log_odds = self._session.run(self._fed(points), 1)
+        shapes = (len(boxes), 8), (len(boxes), kinds)
+        if (boxes.shape, log_odds.shape) != shapes or not (np.isfinite(boxes).all() and np.isfinite(log_odds).all()):
+            raise ModelError(f"{self._path}: expected finite numbers (K, 8) and (K, {kinds}), found others")
+        best = log_odds.argmax(1)
+        highest = log_odds[np.arange(len(best)), best].astype(np.float64)
+        kept = np.flatnonzero((highest >= least_log_odds) & (boxes[:, 3:6] > 0).all(1))
+        numbers = boxes[kept].astype(np.float64)
+        centers = numbers[:, :3] - np.array([0.0, 0.0, self.specs.ground_z_m])
+        return Found(centers, numbers[:, 3:6], np.arctan2(*numbers[:, 6:].T), highest[kept], best[kept])
+
+    def _fed(self, points: KitPoints) -> dict[str, F32 | I64]:
+        if self.specs.layout == "points":
+            return dict(zip(KIT_INPUTS, kit_pillars(points, self.specs), strict=True))
+        place = np.arange(len(points.pillar)) - np.repeat(points.starts, points.counts)
+        voxel = np.repeat(np.arange(len(points.starts)), points.counts)
+        taken = np.flatnonzero(place < self.specs.max_points)
+        voxels = np.zeros((len(points.starts), self.specs.max_points, len(self.specs.features)), np.float32)
+        for row, name in enumerate(self.specs.features):
+            voxels[voxel[taken], place[taken], row] = points.columns[name][taken]
+        row_column = np.divmod(points.pillar[points.starts], self.specs.grid.cells[0])
+        zero = np.zeros(len(points.starts), np.int64)
+        arrays = voxels, np.minimum(points.counts, self.specs.max_points), np.column_stack([zero, zero, *row_column])
+        return {
+            name: array.astype(DTYPES[kind])
+            for (name, _, kind), array in zip(self._session.inputs, arrays, strict=True)
+        }
+
+
+DTYPES = {"tensor(float)": np.float32, "tensor(int32)": np.int32, "tensor(int64)": np.int64}

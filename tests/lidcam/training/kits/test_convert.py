@@ -1,0 +1,329 @@
+"""`lidcam train convert`: networks of both kits run as they do in PyTorch, and what is refused is named.
+
+No trained weights of the kits can be had here: these networks are small, random, and have the kits' names and shapes.
+"""
+
+# ruff: noqa: E402  # without torch the file is skipped before it imports what needs it
+
+import json
+import os
+import pickle
+from collections.abc import Callable, Iterator
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+torch = pytest.importorskip("torch", reason="needs the extra train")
+
+from kit_networks import CONFIGS, MMDET3D, MOST, OPENPCDET, RANGE, KitNet
+from onnx_files import FLOAT, _node, _tensor, _value, write_model
+from typer.testing import CliRunner
+
+import lidcam
+from lidcam.commands import app
+from lidcam.training.kits.convert import converted
+from lidcam.training.kits.parts import Data
+from pipeline.core.arrays import F32, F64
+from pipeline.core.errors import ModelError
+from pipeline.detectors.onnx.session import OnnxSession
+from pipeline.detectors.pillars.kits import KitNetwork
+
+SANDBOX = Path(__file__).resolve().parents[4] / "bags" / "sandbox.bag"
+NOTHING = Data(None, None)
+INT32 = 6
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _one_thread() -> Iterator[None]:
+    """Threads that wait for each other take longer than networks as small as these."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+def points() -> F64:
+    """(P, 4) of which no pillar has more than `MOST`, and many have fewer."""
+    draw = np.random.default_rng(0)
+    drawn = draw.uniform([*RANGE[:3], 0], [*RANGE[3:], 1], (300, 4))
+    cell = np.floor(drawn[:, 0] / 0.5) * 16 + np.floor((drawn[:, 1] + 4) / 0.5)
+    order = np.argsort(cell, kind="stable")
+    _, starts, counts = np.unique(cell[order], return_index=True, return_counts=True)
+    within = np.arange(len(cell)) - np.repeat(starts, counts)
+    return np.asarray(drawn[order[within < MOST]])
+
+
+def written(path: Path, config: dict[str, Any], form: str) -> Path:
+    """A file of OpenPCDet (`yaml`), or of mmdetection3d."""
+    texts: dict[str, Callable[[dict[str, Any]], str]] = {"yaml": yaml.safe_dump, "json": json.dumps, "py": python_file}
+    path = path / f"config.{form}"
+    path.write_text(texts[form](config), encoding="utf-8")
+    return path
+
+
+def python_file(config: dict[str, Any]) -> str:
+    """As mmengine prints it, behind lines that are no literals."""
+    lines = "".join(f"{key} = {python(value)}\n" for key, value in config.items())
+    return f"Config:\nran = open('ran', 'w')\nlr = 0.1 * 2\n{lines}"
+
+
+def python(value: object) -> str:
+    if isinstance(value, dict):
+        return f"dict({', '.join(f'{key}={python(one)}' for key, one in value.items())})"
+    return f"({', '.join(map(python, value))},)" if isinstance(value, list) else repr(value)
+
+
+def load(content: bytes, path: Path) -> KitNetwork:
+    path.write_bytes(content)
+    return KitNetwork(path, OnnxSession(path, threads=1, provider="cpu"))
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_the_file_finds_what_the_network_finds(tmp_path: Path, name: str) -> None:
+    """Against PyTorch, with the ground at 0 and intensities as they are."""
+    net, made = KitNet(name), points()
+    config = written(tmp_path, net.config, "yaml" if name.startswith("O") else "py")
+    held = {"model_state": net.state, "epoch": 80, "version": "pcdet+0.6.0"}
+    if name.startswith("m"):
+        held = {"state_dict": {f"module.{key}": one for key, one in net.state.items()}, "meta": {"epoch": 1}}
+    torch.save(held, tmp_path / "net.pth", _use_new_zipfile_serialization=not name.startswith("O"))
+    file = converted(tmp_path / "net.pth", config, Data(0.0, 1.0))
+    assert file.content == converted(tmp_path / "net.pth", config, Data(0.0, 1.0)).content
+    assert not list(tmp_path.glob("ran"))
+    found = load(file.content, tmp_path / "net.onnx")(made[:, :3], made[:, 3].astype(np.float32), -1e9)
+    boxes, odds = net.boxes(made)
+    order = np.argsort(-odds.max(1), kind="stable")
+    assert len(found.yaws) == len(boxes)
+    mine = np.argsort(-found.log_odds, kind="stable")
+    np.testing.assert_allclose(found.log_odds[mine], odds.max(1)[order], atol=1e-4)
+    assert (found.classes[mine] == odds.argmax(1)[order]).all()
+    np.testing.assert_allclose(found.centers[mine], boxes[order, :3], atol=1e-4)
+    np.testing.assert_allclose(found.sizes[mine], boxes[order, 3:6], rtol=1e-4)
+    np.testing.assert_allclose(np.cos(found.yaws[mine] - boxes[order, 6]), 1, atol=1e-6)
+
+
+def saved(path: Path, net: KitNet) -> Path:
+    torch.save({"model_state": net.state}, path / "net.pth")
+    return path / "net.pth"
+
+
+def changed(config: dict[str, Any], place: str, value: object) -> dict[str, Any]:
+    """A copy with another value at a place, or without it (None)."""
+    copy = deepcopy(config)
+    *way, last = place.split(".")
+    section = copy
+    for key in way:
+        section = section[key]
+    if value is None:
+        del section[last]
+    else:
+        section[last] = value
+    return copy
+
+
+def test_layers_that_do_not_fit_are_named(tmp_path: Path) -> None:
+    net = KitNet("OpenPCDet, anchors")
+    state = net.state
+    state["backbone_2d.blocks.9.1.weight"] = state.pop("dense_head.conv_box.bias")
+    state["vfe.pfn_layers.0.linear.weight"] = torch.zeros(4, 9)
+    state["global_step"] = torch.zeros(1)
+    torch.save(state, tmp_path / "net.pth")
+    expected = (
+        r"net\.pth: expected the layers of its configuration, found 1 missing: dense_head\.conv_box\.bias; 1 of "
+        r"another shape: vfe\.pfn_layers\.0\.linear\.weight \(4, 9\) in place of \(4, 10\); 1 not of this network: "
+        r"backbone_2d\.blocks\.9\.1\.weight$"
+    )
+    with pytest.raises(ModelError, match=expected):
+        converted(tmp_path / "net.pth", written(tmp_path, OPENPCDET, "yaml"), NOTHING)
+
+
+@pytest.mark.parametrize(
+    ("config", "place", "value", "message"),
+    [
+        (OPENPCDET, "MODEL.BACKBONE_3D", {"NAME": "VoxelBackBone8x"}, r"BACKBONE_3D VoxelBackBone8x \(sparse conv"),
+        (OPENPCDET, "MODEL.ROI_HEAD", {"NAME": "PVRCNNHead"}, "found PointPillar with ROI_HEAD PVRCNNHead"),
+        (OPENPCDET, "MODEL.VFE.NAME", "MeanVFE", "found PointPillar with VFE MeanVFE"),
+        (OPENPCDET, "MODEL.DENSE_HEAD", None, "with no DENSE_HEAD"),
+        (
+            OPENPCDET,
+            "MODEL.DENSE_HEAD.TARGET_ASSIGNER_CONFIG.BOX_CODER",
+            "PreviousResidualDecoder",
+            "expected Residual",
+        ),
+        (OPENPCDET, "MODEL.VFE.NUM_FILTERS", None, "found no 'NUM_FILTERS'"),
+        (OPENPCDET, "MODEL.VFE.NUM_FILTERS", [10**9], r"found Encoder\.channels\.0: Input should be less"),
+        (OPENPCDET, "MODEL.BACKBONE_2D.LAYER_NUMS", [1], "expected as many strides and channels as blocks"),
+        (OPENPCDET, "MODEL.BACKBONE_2D.UPSAMPLE_STRIDES", [1, 1], "become images of different sizes"),
+        (OPENPCDET, "DATA_CONFIG.DATASET", "MyDataset", "expected --ground-z and --intensity-max"),
+        (OPENPCDET, "DATA_CONFIG._BASE_CONFIG_", "cfgs/none.yaml", r"found no file cfgs/none\.yaml, on which"),
+        (
+            MMDET3D,
+            "model.middle_encoder.type",
+            "SparseEncoder",
+            r"middle_encoder SparseEncoder \(sparse convolutions\)",
+        ),
+        (MMDET3D, "model.voxel_encoder.type", "HardVFE", "found VoxelNet with voxel_encoder HardVFE"),
+        (
+            MMDET3D,
+            "model.bbox_head.anchor_generator.scales",
+            [1, 2],
+            r"expected \[1\], which lidcam runs, found \[1, 2",
+        ),
+        (MMDET3D, "model.backbone.norm_cfg", {"type": "GN"}, r"norm_cfg\.type: expected BN, .* found GN"),
+        (MMDET3D, "_base_", ["../a.py"], "with all of it in one file"),
+        (MMDET3D, "model", 5, "found argument of type 'int' is not"),
+    ],
+)
+def test_what_is_not_run(tmp_path: Path, config: dict[str, Any], place: str, value: object, message: str) -> None:
+    net = KitNet("OpenPCDet, anchors" if config is OPENPCDET else "mmdetection3d, anchors")
+    form = "yaml" if config is OPENPCDET else "json"
+    with pytest.raises(ModelError, match=message):
+        converted(saved(tmp_path, net), written(tmp_path, changed(config, place, value), form), NOTHING)
+
+
+def test_configurations_with_a_base(tmp_path: Path) -> None:
+    """As in OpenPCDet: a network's file names one of the data set from the folder above `cfgs`, and changes some."""
+    (tmp_path / "cfgs" / "models").mkdir(parents=True)
+    base = OPENPCDET["DATA_CONFIG"] | {"POINT_CLOUD_RANGE": [0, 0, 0, 1, 1, 1]}
+    (tmp_path / "cfgs" / "data.yaml").write_text(yaml.safe_dump(base), encoding="utf-8")
+    own = {"_BASE_CONFIG_": "cfgs/data.yaml", "POINT_CLOUD_RANGE": RANGE}
+    config = written(tmp_path / "cfgs" / "models", OPENPCDET | {"DATA_CONFIG": own}, "yaml")
+    specs = converted(saved(tmp_path, KitNet("OpenPCDet, anchors")), config, NOTHING).specs
+    assert (specs.grid.low_m, specs.grid.cells, specs.ground_z_m, specs.intensity_max) == (
+        (0, -4, -3),
+        (16, 16),
+        -1.73,
+        1,
+    )
+
+
+class Log:
+    """An object of a class that is none of PyTorch's, as mmengine puts beside the weights."""
+
+
+class Bomb:
+    def __init__(self, call: object, *arguments: object) -> None:
+        self.call, self.arguments = call, arguments
+
+    def __reduce__(self) -> Any:
+        return self.call, self.arguments
+
+
+def test_nothing_in_a_checkpoint_is_run(tmp_path: Path) -> None:
+    """Its configuration is read from it; other objects are left out, and what would call something is not called."""
+    net = KitNet("mmdetection3d, anchors")
+    meta = {"cfg": python_file(MMDET3D).removeprefix("Config:\n"), "mmdet3d_version": "1.4.0"}
+    log = Log()
+    log.values = np.arange(3.0)  # type: ignore[attr-defined]  # as objects have
+    bombs = [Bomb(open, str(tmp_path / "ran"), "w"), Bomb(getattr, log, "values"), log]
+    torch.save({"state_dict": net.state, "meta": meta, "message_hub": bombs}, tmp_path / "net.pth")
+    assert converted(tmp_path / "net.pth", None, NOTHING).specs.features[:2] == ("dx_cell", "dy_cell")
+    assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize(
+    ("held", "is_new", "message"),
+    [
+        ({"model_state": {}, "x": Bomb(os.system, "touch ran")}, True, "expected a checkpoint of .*, found .* posix"),
+        ({"model_state": {}, "x": Bomb(os.system, "touch ran")}, False, "expected a checkpoint of .*, found .* posix"),
+        (
+            {"state_dict": {}, "meta": {"mmdet3d_version": "0.17.1"}},
+            True,
+            r"mmdetection3d 1\.0 or later, found 0\.17\.1",
+        ),
+        ({"state_dict": {"a": 5}}, True, "expected a checkpoint of .*, found AttributeError: 'int'"),
+        ([5], True, "expected a checkpoint of .*, found"),
+        ({"state_dict": {}}, True, "holds no configuration: give --config FILE"),
+        (None, True, "found no such file"),
+        (b"", True, "expected a checkpoint of"),
+        (pickle.dumps({"state_dict": {}}), True, "expected a checkpoint of"),
+    ],
+)
+def test_files_that_are_no_checkpoints(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, held: object, is_new: bool, message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    if isinstance(held, bytes):
+        (tmp_path / "net.pth").write_bytes(held)
+    elif held is not None:
+        torch.save(held, tmp_path / "net.pth", _use_new_zipfile_serialization=is_new)
+    with pytest.raises(ModelError, match=message):
+        converted(tmp_path / "net.pth", None, NOTHING)
+    assert not (tmp_path / "ran").exists()
+
+
+def exported(path: Path, inputs: tuple[str, str, str], outputs: dict[str, F32]) -> Path:
+    """An exported network whose outputs are constant."""
+    node = [
+        _node("ReduceMean", [inputs[0]], "mean"),
+        _node("Sub", ["mean", "mean"], "zeros"),
+        _node("Reshape", ["zeros", "one"], "zero"),
+        *(_node("Add", [f"{name}.held", "zero"], name) for name in outputs),
+    ]
+    constants = [_tensor(f"{name}.held", one, FLOAT) for name, one in outputs.items()]
+    constants.append(_tensor("one", np.array([1]), 7))
+    values = [(("voxels", 4, 4), FLOAT), (("voxels",), INT32), (("voxels", 4), INT32)]
+    stated = [_value(name, shape, kind) for name, (shape, kind) in zip(inputs, values, strict=True)]
+    return write_model(path, node, constants, stated, [_value(name, one.shape, FLOAT) for name, one in outputs.items()])
+
+
+@pytest.mark.parametrize(
+    ("config", "inputs", "outputs", "axes"),
+    [
+        (MMDET3D, ("voxels", "num_points", "coors"), ("cls_score0", "bbox_pred0", "dir_cls_pred0"), (0, 1, 2, 3)),
+        (
+            OPENPCDET,
+            ("voxels", "voxel_num_points", "voxel_coords"),
+            ("cls_preds", "box_preds", "dir_cls_preds"),
+            (0, 2, 3, 1),
+        ),
+    ],
+)
+def test_exported_networks(
+    tmp_path: Path,
+    config: dict[str, Any],
+    inputs: tuple[str, str, str],
+    outputs: tuple[str, str, str],
+    axes: tuple[int, ...],
+) -> None:
+    """One car: at the first anchor of column 3 and row 5 of the output, a tenth of its diagonal further along x."""
+    numbers = [np.full((1, 4 * count, 8, 8), fill, np.float32) for count, fill in ((2, -9), (7, 0), (2, 0))]
+    numbers[0][0, 0, 5, 3] = 2.0
+    numbers[1][0, 0, 5, 3], numbers[1][0, 6, 5, 3] = 0.1, 0.3
+    numbers[2][0, 1, 5, 3] = 1.0
+    held = {name: np.ascontiguousarray(one.transpose(axes)) for name, one in zip(outputs, numbers, strict=True)}
+    form = "json" if config is MMDET3D else "yaml"
+    made = converted(exported(tmp_path / "kit.onnx", inputs, held), written(tmp_path, config, form), Data(0.0, 1.0))
+    found = load(made.content, tmp_path / "net.onnx")(points()[:, :3], points()[:, 3].astype(np.float32), 0.0)
+    further = 0.1 * np.hypot(3.9, 1.6)
+    place = (3.5 + further, 1.5) if config is MMDET3D else (3 * 8 / 7 + further, 5 * 8 / 7 - 4)
+    np.testing.assert_allclose(found.centers, [[*place, -1.78 + 0.78]], atol=1e-5)
+    np.testing.assert_allclose(found.sizes, [[3.9, 1.6, 1.56]], rtol=1e-5)
+    np.testing.assert_allclose(np.cos(found.yaws - 0.3), -1 if config is MMDET3D else 1, atol=1e-5)
+    assert found.classes.tolist() == [0]
+
+
+def test_exported_networks_of_other_layouts(tmp_path: Path) -> None:
+    config = written(tmp_path, MMDET3D, "json")
+    file = exported(tmp_path / "kit.onnx", ("voxels", "voxel_num", "voxel_idxs"), {"cls": np.zeros((1, 2), np.float32)})
+    with pytest.raises(
+        ModelError, match=r"expected PointPillars with voxels, num_points, coors -> cls_score0, .* or .*"
+    ):
+        converted(file, config, NOTHING)
+    with pytest.raises(ModelError, match="an exported network needs its configuration"):
+        converted(file, None, NOTHING)
+
+
+def test_the_command(tmp_path: Path) -> None:
+    """Takes some seconds: what it writes is used."""
+    config, out = written(tmp_path, OPENPCDET, "yaml"), tmp_path / "net.onnx"
+    command = ["train", "convert", saved(tmp_path, KitNet("OpenPCDet, anchors")), "--config", config, "--out", out]
+    done = CliRunner().invoke(app, [*map(str, command)])
+    assert done.exit_code == 0, done.exception
+    assert done.stdout.splitlines()[1:] == ["x from 0 to 8 m, y from -4 to 4 m", "ground at -1.73 m, intensities to 1"]
+    run = lidcam.process(SANDBOX, model_3d=out, duration_s=0.3, workers=1)
+    assert (run.report.sensors.box_source_3d, run.report.frames.count > 1) == ("pillars", True)
