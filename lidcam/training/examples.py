@@ -42,7 +42,7 @@ GATES_M = np.array([0.0, 2.0, 0.6, 0.9, 2.5])
 """A box is of a kind (`KINDS`) if a true centre is nearer than this."""
 
 KIND_OF_CLASS = {"car": 1, "pedestrian": 2, "cyclist": 3, "van": 4, "truck": 4, "bus": 4}
-KIND_OF_NAME = np.array([KIND_OF_CLASS[name] for name in NAMES])
+KIND_OF_ROW = np.array([KIND_OF_CLASS[name] for name in NAMES])
 SITE = "site"
 
 
@@ -81,7 +81,7 @@ def examples_of_frame(frame: LabelledFrame) -> Examples:
     cloud, ground = PointCloud(0, SITE, frame.position.astype(np.float32), *rest), Plane(np.array([0.0, 0, 1]), 0.0)
     combined = CombinedCloud(cloud, frame.lidar, cloud, frame.lidar, cloud.select(np.arange(0)), ground, {})
     found, true = Detect3D(rig, config)(combined), frame.true.select(frame.true.points >= MIN_POINTS)
-    kinds = kinds_of_boxes(found.centers[:, :2], true.centers[:, :2], KIND_OF_NAME[true.classes])
+    kinds = kinds_of_boxes(found.centers[:, :2], true.centers[:, :2], KIND_OF_ROW[true.classes])
     known = frame.is_labelled(found.centers[:, :2]) | (kinds > 0)
     if not known.any():
         return Examples.joined([])

@@ -150,7 +150,10 @@ def pillars(
         typer.Option(min=1, metavar="N", help="Processes that make sweeps; these are the same. [default: cores]"),
     ] = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on from FILE.ckpt, if there is one; also with more steps.")
+        bool,
+        typer.Option(
+            "--resume", help="Go on from FILE.ckpt, if there is one; also with more steps, or other recordings."
+        ),
     ] = False,
     overwrite: Overwrite = False,
 ) -> None:

@@ -80,7 +80,7 @@ class Checkpoint(NamedTuple):
             part.replace(self.path)
 
     def load(self) -> dict[str, Any]:
-        """What was saved.
+        """What was saved; earlier versions knew worlds only.
 
         Raises:
             LidcamError: the file cannot be read, or is of another training.
@@ -88,6 +88,7 @@ class Checkpoint(NamedTuple):
         expected = f"{self.path}: expected the state of a training of --family {self.family} --seed {self.seed}"
         try:
             state: dict[str, Any] = torch.load(self.path, map_location="cpu", weights_only=True)
+            state.setdefault("history", [(0, WORLDS)])
             found = f"--family {state['family']} --seed {state['seed']}"
         except Exception as err:  # the errors of pickled files have no base of their own
             raise LidcamError(f"{expected}, found {one_line(err, max_characters=200)}") from err
@@ -125,7 +126,7 @@ def fitted(
         state = checkpoint.load()
         network.load_state_dict(state["network"])
         optimiser.load_state_dict(state["optimiser"])
-        step, mean_loss, history = state["step"], state["loss"], [*state.get("history", [(0, WORLDS)])]
+        step, mean_loss, history = state["step"], state["loss"], state["history"]
         if step > steps:
             raise LidcamError(f"{checkpoint.path}: has {step} steps behind it: expected --steps of so many or more")
     if not history or history[-1][1] != checkpoint.source.text:

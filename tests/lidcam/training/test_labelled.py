@@ -1,10 +1,14 @@
 """Labelled frames: what is known, objects in free places, other sides."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from lidcam.training import fit
+from lidcam.training.clusters import Trained, train_clusters
 from lidcam.training.examples import examples_of_frame
-from lidcam.training.labelled import LabelledFrame, Objects, TrueBoxes, points_in_boxes
+from lidcam.training.labelled import LabelledFrame, Objects, Recordings, TrueBoxes, points_in_boxes, saved
 from lidcam.training.pillars.scenes import UNLABELLED, known_to, targets_of_frame
 from pipeline.core.arrays import F64
 
@@ -54,6 +58,23 @@ def test_what_is_not_labelled_is_not_learned_by_pillars() -> None:
     at = np.floor((ALL.centers[:, :2] + 0.32 * 128) / 0.64).astype(np.int64)
     assert heat[0, at[:, 1], at[:, 0]].tolist() == pytest.approx([1, 0, UNLABELLED, UNLABELLED, UNLABELLED])
     assert (heat == 1).sum() == 1
+
+
+def test_clusters_of_frames_alone_are_learned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fit, "EPOCHS", 2)
+    path, none = saved(tmp_path / "a", FRAME), saved(tmp_path / "b", Objects(boxes(), [], []))
+    recordings = Recordings((path,), (path,), (path,), none, ("a.mcap, SHA-256\n  abc",))
+    told: list[float] = []
+
+    def trained() -> Trained:
+        return train_clusters(None, 3, 0, workers=1, told=lambda share, _: told.append(share), recordings=recordings)
+
+    network, card = trained()
+    assert "lidcam train clusters --recordings RECORDING \\\n      --worlds 3 --seed 0 --out FILE.npz" in card
+    assert "from 24 boxes of clusters in:\n\n- recordings\n  a.mcap, SHA-256\n  abc\n  (1 frames" in card
+    assert "drawn worlds" not in card
+    assert network.to_bytes() == trained().network.to_bytes()
+    assert told == [*sorted(told[: len(told) // 2])] * 2
 
 
 def test_objects_are_put_where_nothing_is() -> None:

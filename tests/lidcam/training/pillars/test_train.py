@@ -30,14 +30,17 @@ SANDBOX = Path(__file__).resolve().parents[4] / "bags" / "sandbox.bag"
 
 
 def test_the_command(tmp_path: Path) -> None:
-    """Takes ten seconds: sweeps are made and learned from, and what is learned is used."""
+    """Takes ten seconds: sweeps and frames of a recording are learned from, and what is learned is used."""
     train = ["train", "pillars", "--family", "sandbox", "--workers", "1", "--out", "mine.onnx", "--steps", "2"]
+    train += ["--recordings", str(SANDBOX)]
     program = Path(sys.executable).with_name("lidcam")
     done = subprocess.run([program, *train], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert {path.name for path in tmp_path.iterdir()} == {"mine.onnx", "mine.md", "mine.ckpt"}
     assert done.stdout.rstrip() == (tmp_path / "mine.md").read_text(encoding="utf-8").rstrip()
-    assert "lidcam train pillars --family sandbox --steps 2 --seed 0 --out FILE.onnx" in done.stdout
+    assert "lidcam train pillars --family sandbox --recordings RECORDING \\\n      --steps 2 --seed 0 " in done.stdout
+    assert "- from step 0 on as many sweeps of drawn worlds and frames of recordings\n  sandbox.bag, " in done.stdout
+    assert done.stdout.index("In drawn worlds:\n\n|") < done.stdout.index("In recordings:\n\n|")
     assert max(map(len, done.stdout.splitlines())) <= 80
     run = lidcam.process(SANDBOX, model_3d=tmp_path / "mine.onnx", duration_s=0.3, workers=1)
     assert (run.report.sensors.box_source_3d, run.report.frames.count > 1) == ("pillars", True)
