@@ -11,7 +11,7 @@ import typer
 
 from lidcam.commands.options import ConfigFile, Overwrite, RigFile, Setting, ends_in, with_log_options
 from lidcam.commands.simulation.simulate import check_simulator
-from pipeline.core.errors import LidcamError, OutputError
+from pipeline.core.errors import ConfigError, LidcamError, OutputError
 
 if TYPE_CHECKING:
     from lidcam.job import JobOptions
@@ -93,7 +93,6 @@ def clusters(
     check_simulator()
     from lidcam.printing.progress import show_training
     from lidcam.training.clusters import train_clusters
-    from pipeline.detectors.cluster.learned import kinds_of
     from pipeline.parallel.cores import usable_cores
     from writers.outputs.errors import output_errors
     from writers.outputs.transaction import OutputTransaction
@@ -104,7 +103,7 @@ def clusters(
             given = _read(
                 recordings,
                 folder,
-                lambda config: kinds_of(config.classes),
+                _check_classes,
                 config=config_file,
                 settings=settings or (),
                 rig=rig_files,
@@ -201,6 +200,17 @@ def _read(
 
     with show_training() as told:
         return read_recordings(recordings, Path(folder), check=check, told=told, **options)
+
+
+def _check_classes(config: "Config") -> None:
+    """Refuse recordings of classes that the network does not know."""
+    from pipeline.detectors.cluster.learned import knows
+
+    if not knows(config.classes):
+        raise ConfigError(
+            f"training of clusters: expected road users of full size, as of --config road, found the classes "
+            f"{', '.join(config.class_names)}; for model sites there is lidcam train pillars --family sandbox"
+        )
 
 
 def _check_old(path: Path, *, overwrite: bool) -> None:

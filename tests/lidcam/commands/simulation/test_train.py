@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from lidcam.commands import app
-from pipeline.core.errors import OutputError
+from pipeline.core.errors import ConfigError, OutputError
 
 
 @pytest.mark.parametrize(
@@ -31,3 +31,13 @@ def test_what_is_there_stays(
     assert f"{name}: exists; " in str(done.exception)
     assert [path.name for path in tmp_path.iterdir()] == [name]
     assert (tmp_path / name).read_text(encoding="utf-8") == "mine"
+
+
+def test_a_model_site_has_no_clusters_to_train(tmp_path: Path) -> None:
+    sandbox = Path(__file__).resolve().parents[4] / "bags" / "sandbox.bag"
+    done = CliRunner().invoke(
+        app, ["train", "clusters", "--recordings", str(sandbox), "--out", str(tmp_path / "mine.npz")]
+    )
+    assert isinstance(done.exception, ConfigError)
+    assert "expected road users of full size, as of --config road, found the classes car; " in str(done.exception)
+    assert not [*tmp_path.iterdir()]
