@@ -1,12 +1,13 @@
 """Training of the network that scores clusters, from worlds to weights and card."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Literal, NamedTuple
 
 from bags.simulator.worlds.draw import Family
 from lidcam.training.card import figures
-from lidcam.training.examples import Examples, examples_of_worlds
+from lidcam.training.examples import Examples, examples_of_frame, examples_of_recordings, examples_of_worlds
 from lidcam.training.fit import EPOCHS, NETWORKS, PRIORS, calibrated, fitted
+from lidcam.training.labelled import WORLDS, Recordings, loaded
 from pipeline.detectors.cluster.network import ClusterNetwork
 
 __all__ = ["Trained", "train_clusters"]
@@ -31,43 +32,70 @@ class Trained(NamedTuple):
 
 
 def train_clusters(
-    family: Literal["road", "crossing", "all"], worlds: int, seed: int, *, workers: int, told: Told
+    family: Literal["road", "crossing", "all"] | None,
+    worlds: int,
+    seed: int,
+    *,
+    workers: int,
+    told: Told,
+    recordings: Recordings | None = None,
 ) -> Trained:
-    """Train on worlds of a family, or of both, numbered from the seed on, and judge by others."""
-    families: tuple[Family, ...] = ("road", "crossing") if family == "all" else (family,)
+    """Train on worlds of a family, or of both, numbered from the seed on, on recordings, or on as much of either.
+
+    What is kept apart of them judges.
+    """
+    families: tuple[Family, ...] = () if family is None else ("road", "crossing") if family == "all" else (family,)
     held_out = max(int(worlds * HELD_OUT_SHARE), 2)
     parts = {"train": range(seed, seed + worlds), "calibrate": range(HELD_OUT + seed, HELD_OUT + seed + held_out // 2)}
     parts["judge"] = range(HELD_OUT + seed + held_out // 2, HELD_OUT + seed + held_out)
-    total, done = len(families) * (worlds + held_out), 0
+    drawn = range(seed, seed + worlds * max(len(families), 1)) if recordings else range(0)
+    total, done = len(families) * (worlds + held_out) + len(drawn), 0
     found: dict[str, list[Examples]] = {name: [] for name in parts}
+
+    def made(name: str, some: Iterable[Examples]) -> None:
+        nonlocal done
+        for examples in some:
+            found[name].append(examples)
+            done += 1
+            told(CASTING * done / total, f"world or frames {done} of {total}")
+
     for name, numbers in parts.items():
         for one in families:
-            for examples in examples_of_worlds(one, numbers, workers=workers):
-                found[name].append(examples)
-                done += 1
-                told(CASTING * done / total, f"world {done} of {total}")
-    train, calibrate, judge = (Examples.joined(found[name]) for name in parts)
+            made(name, examples_of_worlds(one, numbers, workers=workers))
+    apart: list[tuple[str, Examples]] = [(WORLDS, Examples.joined(found["judge"]))] * bool(families)
+    if recordings is not None:
+        made("train", examples_of_recordings(recordings, drawn, workers=workers))
+        found["calibrate"] += [examples_of_frame(loaded(path)) for path in recordings.calibrate]
+        apart.append(("recordings", Examples.joined([examples_of_frame(loaded(path)) for path in recordings.judge])))
+    train, calibrate = Examples.joined(found["train"]), Examples.joined(found["calibrate"])
 
     def fitting(epoch: int, loss: float) -> None:
         of = EPOCHS * NETWORKS
         told(CASTING + (1 - CASTING) * epoch / of, f"epoch {epoch} of {of}, loss {loss:.4f}")
 
     network = calibrated(fitted(train, seed, fitting), calibrate)
-    command = f"lidcam train clusters --family {family} --worlds {worlds} --seed {seed} --out FILE.npz"
-    return Trained(network, _card(command, network, train, judge, held_out))
-
-
-def _card(command: str, network: ClusterNetwork, train: Examples, judge: Examples, held_out: int) -> str:
-    return f"""# Weights of the learned score of clusters
+    options = f" --family {family}" * bool(families) + " --recordings RECORDING \\\n     " * bool(recordings)
+    command = f"lidcam train clusters{options} --worlds {worlds} --seed {seed} --out FILE.npz"
+    sources = [WORLDS] * bool(families) + ([recordings.text] if recordings else [])
+    held = [f"{held_out} other worlds of each family"] * bool(families) + ["the frames kept apart"] * bool(recordings)
+    tables = "\n\n".join(f"In {name}:\n\n{figures(network(one.features), one)}" for name, one in apart)
+    boxes = sum(len(one.kinds) for _, one in apart)
+    return Trained(
+        network,
+        f"""# Weights of the learned score of clusters
 
     {command}
 
-made these weights from {len(train.kinds)} boxes of clusters in drawn worlds, and no recording: {NETWORKS} networks,
-{EPOCHS} epochs each. Of {held_out} other worlds of each family, half gave the temperature. In the other half, with
-{len(judge.kinds)} boxes:
+made these weights from {len(train.kinds)} boxes of clusters in:
 
-{figures(network(judge.features), judge)}
+{chr(10).join(f"- {one}" for one in sources)}
+
+These are {NETWORKS} networks, {EPOCHS} epochs each. Of {" and ".join(held)},
+half gave the temperature. In the other half, with {boxes} boxes:
+
+{tables}
 
 Found and false: boxes of a probability of 0.5 and more. Calibration error: of boxes from 0.05 on. There people,
 cyclists and large vehicles count {PRIORS[2]:g}, {PRIORS[3]:g} and {PRIORS[4]:g} times: streets have fewer.
-"""
+""",
+    )

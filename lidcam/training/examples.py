@@ -1,6 +1,6 @@
 """Examples to learn from: clusters of simulated sweeps, their features, and what they truly are."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
@@ -10,8 +10,9 @@ import numpy as np
 
 from bags.simulator.worlds.draw import Family
 from bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, TrainingSweep, sweep
+from lidcam.training.labelled import NAMES, LabelledFrame, Recordings
 from pipeline.core.arrays import F64, I64
-from pipeline.core.clouds import PointCloud
+from pipeline.core.clouds import CombinedCloud, Plane, PointCloud
 from pipeline.core.frame import SensorBundle
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import LidarSensor, Rig
@@ -21,7 +22,15 @@ from pipeline.detectors.cluster.learned import FeatureFinder
 from pipeline.stages.combine import Combine
 from pipeline.stages.detect3d import Detect3D
 
-__all__ = ["Examples", "cloud_of", "examples_of_worlds", "kinds_of_boxes", "rig_of"]
+__all__ = [
+    "Examples",
+    "cloud_of",
+    "examples_of_frame",
+    "examples_of_recordings",
+    "examples_of_worlds",
+    "kinds_of_boxes",
+    "rig_of",
+]
 
 SWEEPS_OF_A_WORLD = 4
 """Each is of another lidar in another place. More say little more: what stands there is the same."""
@@ -33,6 +42,7 @@ GATES_M = np.array([0.0, 2.0, 0.6, 0.9, 2.5])
 """A box is of a kind (`KINDS`) if a true centre is nearer than this."""
 
 KIND_OF_CLASS = {"car": 1, "pedestrian": 2, "cyclist": 3, "van": 4, "truck": 4, "bus": 4}
+KIND_OF_ROW = np.array([KIND_OF_CLASS[name] for name in NAMES])
 SITE = "site"
 
 
@@ -56,12 +66,39 @@ class Examples(NamedTuple):
 
 def examples_of_worlds(family: Family, worlds: range, *, workers: int) -> Iterator[Examples]:
     """Those of each world, in order; the same for any number of processes."""
-    of_world = partial(_of_world, family)
+    return _made(partial(_of_world, family), worlds, workers)
+
+
+def examples_of_recordings(recordings: Recordings, numbers: range, *, workers: int) -> Iterator[Examples]:
+    """Those of some frames drawn for each number, as many as a world has; as of worlds."""
+    return _made(partial(_of_drawn_frames, recordings), numbers, workers)
+
+
+def examples_of_frame(frame: LabelledFrame) -> Examples:
+    """Those of what is labelled of a frame."""
+    rig, config, count = _rig(frame.origins), _config(), len(frame.position)
+    rest = np.zeros(count, np.float32), np.zeros(count, np.uint16), np.zeros(count, np.int32)
+    cloud, ground = PointCloud(0, SITE, frame.position.astype(np.float32), *rest), Plane(np.array([0.0, 0, 1]), 0.0)
+    combined = CombinedCloud(cloud, frame.lidar, cloud, frame.lidar, cloud.select(np.arange(0)), ground, {})
+    found, true = Detect3D(rig, config)(combined), frame.true.select(frame.true.points >= MIN_POINTS)
+    kinds = kinds_of_boxes(found.centers[:, :2], true.centers[:, :2], KIND_OF_ROW[true.classes])
+    known = frame.is_labelled(found.centers[:, :2]) | (kinds > 0)
+    if not known.any():
+        return Examples.joined([])
+    return Examples(FeatureFinder(rig, config)(combined, found.select(known)), kinds[known])
+
+
+def _of_drawn_frames(recordings: Recordings, number: int) -> Examples:
+    draw = np.random.Generator(np.random.PCG64(np.random.SeedSequence([number])))
+    return Examples.joined([examples_of_frame(recordings.drawn(draw)) for _ in range(SWEEPS_OF_A_WORLD)])
+
+
+def _made(of_number: Callable[[int], Examples], numbers: range, workers: int) -> Iterator[Examples]:
     if workers == 1:
-        yield from map(of_world, worlds)
+        yield from map(of_number, numbers)
         return
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        yield from pool.map(of_world, worlds)
+        yield from pool.map(of_number, numbers)
 
 
 def _of_world(family: Family, world: int) -> Examples:
@@ -94,10 +131,15 @@ def _examples(frame: Sequence[TrainingSweep], config: Config) -> Examples:
 
 def rig_of(frame: Sequence[TrainingSweep]) -> Rig:
     """The lidars of sweeps, named by their numbers."""
-    poses = [np.eye(4) for _ in frame]
-    for pose, one in zip(poses, frame, strict=True):
-        pose[:3, 3] = one.origin
-    lidars = [LidarSensor(str(row), "", Transform(SITE, str(row), pose)) for row, pose in enumerate(poses)]
+    return _rig([one.origin for one in frame])
+
+
+def _rig(origins: Iterable[F64]) -> Rig:
+    lidars = []
+    for row, origin in enumerate(origins):
+        pose = np.eye(4)
+        pose[:3, 3] = origin
+        lidars.append(LidarSensor(str(row), "", Transform(SITE, str(row), pose)))
     return Rig(SITE, tuple(lidars), (), ())
 
 

@@ -1,31 +1,52 @@
 """The commands `lidcam train ...`."""
 
+from collections.abc import Callable, Sequence
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Literal
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated, Literal, Unpack
 
 import typer
 
-from lidcam.commands.options import Overwrite, ends_in, with_log_options
+from lidcam.commands.options import ConfigFile, Overwrite, RigFile, Setting, ends_in, with_log_options
 from lidcam.commands.simulation.simulate import check_simulator
-from pipeline.core.errors import LidcamError, OutputError
+from pipeline.core.errors import ConfigError, LidcamError, OutputError
+
+if TYPE_CHECKING:
+    from lidcam.job import JobOptions
+    from lidcam.training.labelled import Recordings as LabelledRecordings
+    from pipeline.core.settings.config import Config
 
 __all__ = ["train_app"]
 
 train_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+
+ROAD = "Without it road, or the recordings alone."
+
+Recordings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--recordings",
+        metavar="RECORDING",
+        help="A recording with topics of truth to learn from; may be repeated. With --family, half of the scenes.",
+    ),
+]
 
 # \b keeps the lines of a paragraph as they are.
 CLUSTERS_EXAMPLES = """\b
 Examples:
   lidcam train clusters --out mine.npz
   lidcam train clusters --family all --worlds 600 --out mine.npz
+  lidcam train clusters --recordings labelled.mcap --family road --out mine.npz
   lidcam-process drive.mcap out.mcap --set detect3d.weights=mine.npz
 """
 PILLARS_EXAMPLES = """\b
 Examples:
   lidcam train pillars --steps 20000 --out mine.onnx
   lidcam train pillars --steps 20000 --out mine.onnx --resume
+  lidcam train pillars --steps 22000 --out mine.onnx --resume \\
+    --recordings labelled.mcap --family road
   lidcam-process drive.mcap out.mcap --model-3d mine.onnx
 """
 CONVERT_EXAMPLES = """\b
@@ -50,10 +71,18 @@ def clusters(
         ),
     ],
     family: Annotated[
-        Literal["road", "crossing", "all"],
-        typer.Option("--family", help="Worlds to learn from: lidars on a car, on masts at a crossing, or both."),
-    ] = "road",
-    worlds: Annotated[int, typer.Option(min=20, metavar="N", help="Worlds of each family.")] = 300,
+        Literal["road", "crossing", "all"] | None,
+        typer.Option(
+            "--family", help=f"Worlds to learn from: lidars on a car, on masts at a crossing, or both. {ROAD}"
+        ),
+    ] = None,
+    worlds: Annotated[
+        int, typer.Option(min=20, metavar="N", help="Worlds of each family, of four sweeps; of recordings as many.")
+    ] = 300,
+    recordings: Recordings = None,
+    config_file: ConfigFile = None,
+    settings: Setting = None,
+    rig_files: RigFile = None,
     seed: Annotated[
         int, typer.Option(min=0, metavar="N", help="Number of the first world; others, other weights.")
     ] = 0,
@@ -62,7 +91,10 @@ def clusters(
     ] = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Train the network that scores clusters of lidar points, on simulated worlds."""
+    """Train the network that scores clusters of lidar points.
+
+    On simulated worlds, on labelled recordings, or on both.
+    """
     check_simulator()
     from lidcam.printing.progress import show_training
     from lidcam.training.clusters import train_clusters
@@ -70,10 +102,21 @@ def clusters(
     from writers.outputs.errors import output_errors
     from writers.outputs.transaction import OutputTransaction
 
-    card = out.with_suffix(".md")
+    card, processes = out.with_suffix(".md"), workers or usable_cores()
     with OutputTransaction([out, card], check_old=partial(_check_old, overwrite=overwrite)) as outputs:
-        with show_training() as told:
-            trained = train_clusters(family, worlds, seed, workers=workers or usable_cores(), told=told)
+        with TemporaryDirectory() as folder:
+            given = _read(
+                recordings,
+                folder,
+                _check_classes,
+                config=config_file,
+                settings=settings or (),
+                rig=rig_files,
+                workers=workers,
+            )
+            one = family if family or given else "road"
+            with show_training() as told:
+                trained = train_clusters(one, worlds, seed, workers=processes, told=told, recordings=given)
         with output_errors(out), outputs[out].part.open("xb") as file:
             file.write(trained.network.to_bytes())
         outputs[card].write_text(trained.card)
@@ -94,9 +137,15 @@ def pillars(
     ],
     steps: Annotated[int, typer.Option(min=1, metavar="N", help="Steps in all, of four sweeps each.")],
     family: Annotated[
-        Literal["road", "crossing", "sandbox"],
-        typer.Option("--family", help="Worlds to learn from: a lidar on a car, on a mast at a crossing, at a table."),
-    ] = "road",
+        Literal["road", "crossing", "sandbox"] | None,
+        typer.Option(
+            "--family", help=f"Worlds to learn from: a lidar on a car, on a mast at a crossing, at a table. {ROAD}"
+        ),
+    ] = None,
+    recordings: Recordings = None,
+    config_file: ConfigFile = None,
+    settings: Setting = None,
+    rig_files: RigFile = None,
     seed: Annotated[
         int, typer.Option(min=0, metavar="N", help="Number of the first world; others, another network.")
     ] = 0,
@@ -105,11 +154,17 @@ def pillars(
         typer.Option(min=1, metavar="N", help="Processes that make sweeps; these are the same. [default: cores]"),
     ] = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on from FILE.ckpt, if there is one; also with more steps.")
+        bool,
+        typer.Option(
+            "--resume", help="Go on from FILE.ckpt, if there is one; also with more steps, or other recordings."
+        ),
     ] = False,
     overwrite: Overwrite = False,
 ) -> None:
-    """Train a network that finds 3D boxes, on simulated worlds; on a CUDA device if there is one."""
+    """Train a network that finds 3D boxes; on a CUDA device if there is one.
+
+    On simulated worlds, on labelled recordings, or on both.
+    """
     check_simulator()
     _check_torch("the training")
     from lidcam.printing.progress import show_training
@@ -118,14 +173,19 @@ def pillars(
     from pipeline.parallel.cores import usable_cores
     from writers.outputs.transaction import OutputTransaction
 
-    card, checkpoint = out.with_suffix(".md"), Checkpoint(out.with_suffix(".ckpt"), family, seed)
+    card, state, processes = out.with_suffix(".md"), out.with_suffix(".ckpt"), workers or usable_cores()
     with OutputTransaction([out, card], check_old=partial(_check_old, overwrite=overwrite or resume)) as outputs:
-        if checkpoint.path.exists() and not resume:
+        if state.exists() and not resume:
             if not overwrite:
-                raise OutputError(f"{checkpoint.path}: exists; go on with --resume, or begin anew with --overwrite")
-            checkpoint.path.unlink()
-        with show_training() as told:
-            text = train_pillars(checkpoint, outputs[out].part, steps, workers=workers or usable_cores(), told=told)
+                raise OutputError(f"{state}: exists; go on with --resume, or begin anew with --overwrite")
+            state.unlink()
+        with TemporaryDirectory() as folder:
+            given = _read(
+                recordings, folder, config=config_file, settings=settings or (), rig=rig_files, workers=workers
+            )
+            checkpoint = Checkpoint(state, family or "road", seed, given, bool(family) or not given)
+            with show_training() as told:
+                text = train_pillars(checkpoint, outputs[out].part, steps, workers=processes, told=told)
         outputs[card].write_text(text)
     typer.echo(text)
 
@@ -182,6 +242,33 @@ def convert(
 def _check_torch(what: str) -> None:
     if find_spec("torch") is None:
         raise LidcamError(f"{what} needs torch, which is not installed: pip install 'lidcam[train]'")
+
+
+def _read(
+    recordings: Sequence[str] | None,
+    folder: str,
+    check: "Callable[[Config], object]" = lambda _: None,
+    **options: Unpack["JobOptions"],
+) -> "LabelledRecordings | None":
+    """Recordings to learn from; None if there are none."""
+    if not recordings:
+        return None
+    from lidcam.printing.progress import show_training
+    from lidcam.training.recordings import read_recordings
+
+    with show_training() as told:
+        return read_recordings(recordings, Path(folder), check=check, told=told, **options)
+
+
+def _check_classes(config: "Config") -> None:
+    """Refuse recordings of classes that the network does not know."""
+    from pipeline.detectors.cluster.learned import knows
+
+    if not knows(config.classes):
+        raise ConfigError(
+            f"training of clusters: expected road users of full size, as of --config road, found the classes "
+            f"{', '.join(config.class_names)}; for model sites there is lidcam train pillars --family sandbox"
+        )
 
 
 def _check_old(path: Path, *, overwrite: bool) -> None:

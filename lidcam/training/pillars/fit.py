@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from itertools import islice
 from pathlib import Path
@@ -13,8 +13,9 @@ import torch
 from torch import Tensor, nn
 
 from bags.simulator.worlds.draw import Family
+from lidcam.training.labelled import WORLDS, Recordings
 from lidcam.training.pillars.network import PillarNetwork
-from lidcam.training.pillars.scenes import CLASSES, SCENES_OF_A_ROUND, Scene, rounds
+from lidcam.training.pillars.scenes import CLASSES, SCENES_OF_A_ROUND, Scene, Source, rounds
 from pipeline.core.errors import LidcamError
 from pipeline.core.text import one_line
 from writers.outputs.errors import output_errors
@@ -40,19 +41,36 @@ class Checkpoint(NamedTuple):
         path: Its file; whole at any time.
         family: Worlds.
         seed: Number of the first world.
+        recordings: Labelled recordings to learn from, which need not be those of the state.
+        has_worlds: Whether worlds are learned from beside these.
     """
 
     path: Path
     family: Family
     seed: int
+    recordings: Recordings | None = None
+    has_worlds: bool = True
 
-    def save(self, network: nn.Module, optimiser: torch.optim.Optimizer, step: int, loss: float) -> None:
-        """Replace the file.
+    @property
+    def source(self) -> Source:
+        """Where scenes come from."""
+        return Source(self.family, self.recordings, self.has_worlds)
+
+    def save(
+        self,
+        network: nn.Module,
+        optimiser: torch.optim.Optimizer,
+        step: int,
+        loss: float,
+        history: Sequence[tuple[int, str]] = (),
+    ) -> None:
+        """Replace the file; the history has steps, and what was learned from since each.
 
         Raises:
             OutputError: it cannot be written.
         """
         state = {"network": network.state_dict(), "optimiser": optimiser.state_dict(), "step": step, "loss": loss}
+        state["history"] = [*history]
         part = self.path.with_name(f".{self.path.name}.part")
         with output_errors(self.path):
             with part.open("wb") as file:
@@ -62,7 +80,7 @@ class Checkpoint(NamedTuple):
             part.replace(self.path)
 
     def load(self) -> dict[str, Any]:
-        """What was saved.
+        """What was saved; earlier versions knew worlds only.
 
         Raises:
             LidcamError: the file cannot be read, or is of another training.
@@ -70,6 +88,7 @@ class Checkpoint(NamedTuple):
         expected = f"{self.path}: expected the state of a training of --family {self.family} --seed {self.seed}"
         try:
             state: dict[str, Any] = torch.load(self.path, map_location="cpu", weights_only=True)
+            state.setdefault("history", [(0, WORLDS)])
             found = f"--family {state['family']} --seed {state['seed']}"
         except Exception as err:  # the errors of pickled files have no base of their own
             raise LidcamError(f"{expected}, found {one_line(err, max_characters=200)}") from err
@@ -102,32 +121,34 @@ def fitted(
         torch.manual_seed(seed)
         network = PillarNetwork(len(CLASSES[family])).to(device)
     optimiser = torch.optim.AdamW(network.parameters(), RATE, weight_decay=DECAY)
-    step, mean_loss = 0, float("nan")
+    step, mean_loss, history = 0, float("nan"), []
     if checkpoint.path.exists():
         state = checkpoint.load()
         network.load_state_dict(state["network"])
         optimiser.load_state_dict(state["optimiser"])
-        step, mean_loss = state["step"], state["loss"]
+        step, mean_loss, history = state["step"], state["loss"], state["history"]
         if step > steps:
             raise LidcamError(f"{checkpoint.path}: has {step} steps behind it: expected --steps of so many or more")
+    if not history or history[-1][1] != checkpoint.source.text:
+        history.append((step, checkpoint.source.text))
     saved_s = time.monotonic()
-    with closing(_batches(family, seed, step, steps, workers)) as batches:
+    with closing(_batches(checkpoint.source, seed, step, steps, workers)) as batches:
         for batch in batches:
             loss = _learn(network, optimiser, batch, step, steps, device)
             step += 1
             mean_loss = loss if step == 1 else MOMENTUM * mean_loss + (1 - MOMENTUM) * loss
             if step == steps or time.monotonic() - saved_s >= every_s:
-                checkpoint.save(network, optimiser, step, mean_loss)
+                checkpoint.save(network, optimiser, step, mean_loss, history)
                 saved_s = time.monotonic()
             told(step, mean_loss)
     return network
 
 
-def _batches(family: Family, seed: int, step: int, steps: int, workers: int) -> Generator[list[Scene]]:
+def _batches(source: Source, seed: int, step: int, steps: int, workers: int) -> Generator[list[Scene]]:
     """Those of the steps from one on."""
     of_a_round = SCENES_OF_A_ROUND // BATCH
     first, last = step // of_a_round, -(-steps // of_a_round)
-    with closing(rounds(family, seed, first, last, workers)) as made:
+    with closing(rounds(source, seed, first, last, workers)) as made:
         all_batches = (found[row : row + BATCH] for found in made for row in range(0, SCENES_OF_A_ROUND, BATCH))
         yield from islice(all_batches, step - first * of_a_round, steps - first * of_a_round)
 

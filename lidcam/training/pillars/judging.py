@@ -9,7 +9,8 @@ from scipy.optimize import minimize
 from bags.simulator.worlds.draw import Family
 from bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD
 from lidcam.training.card import average_precision, calibration_error
-from lidcam.training.pillars.scenes import CLASSES, GRIDS, MIN_POINTS, TrueBoxes, scene
+from lidcam.training.labelled import LabelledFrame, TrueBoxes
+from lidcam.training.pillars.scenes import CLASSES, GRIDS, MIN_POINTS, known_to, scene
 from pipeline.core.arrays import F64, I64, Bools
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.geometry.overlaps import without_overlaps
@@ -17,7 +18,7 @@ from pipeline.core.geometry.rotated_iou import BoxArrays
 from pipeline.detectors.pillars.decoding import Found
 from pipeline.detectors.pillars.network import FoundClass, PillarNetwork
 
-__all__ = ["Judged", "calibration", "figures", "joined", "judged", "with_errors"]
+__all__ = ["SWEEPS_OF_A_WORLD", "Judged", "calibration", "figures", "joined", "judged", "judged_frame", "with_errors"]
 
 SWEEPS_OF_A_WORLD = 4
 LEAST_LOG_ODDS = -4.0
@@ -57,6 +58,13 @@ def judged(network: PillarNetwork, family: Family, worlds: range) -> Iterator[Ju
             position, true = scene(family, seed)
             parts.append(_judged_sweep(family, network(position, LEAST_LOG_ODDS), true))
         yield joined(parts)
+
+
+def judged_frame(network: PillarNetwork, family: Family, frame: LabelledFrame) -> Judged:
+    """The boxes that a network finds in what is labelled of a frame."""
+    found = network(frame.position, LEAST_LOG_ODDS)
+    known = frame.is_labelled(found.centers[:, :2])
+    return _judged_sweep(family, Found._make(one[known] for one in found), known_to(family, frame))
 
 
 def joined(parts: Sequence[Judged]) -> Judged:

@@ -11,6 +11,7 @@ import numpy as np
 from bags.simulator.worlds.draw import Family, random_numbers_of
 from bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, TrainingSweep, sweep
 from lidcam.training.examples import cloud_of, rig_of
+from lidcam.training.labelled import NAMES, WORLDS, LabelledFrame, Recordings, TrueBoxes, varied
 from pipeline.core.arrays import F32, F64, I64
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.frame import SensorBundle
@@ -28,11 +29,13 @@ __all__ = [
     "SCENES_OF_A_ROUND",
     "WORLDS_OF_A_ROUND",
     "Scene",
+    "Source",
     "Targets",
-    "TrueBoxes",
+    "known_to",
     "rounds",
     "scene",
     "targets_of",
+    "targets_of_frame",
 ]
 
 GRIDS: dict[Family, Grid] = {
@@ -41,11 +44,10 @@ GRIDS: dict[Family, Grid] = {
     "sandbox": Grid(cell_m=0.04, cells=192, low_m=0.02, high_m=0.5),
 }
 CLASSES: dict[Family, tuple[str, ...]] = {
-    "road": ("car", "pedestrian", "cyclist", "truck", "bus"),
-    "crossing": ("car", "pedestrian", "cyclist", "truck", "bus"),
-    "sandbox": ("car",),
+    "road": NAMES,
+    "crossing": NAMES,
+    "sandbox": NAMES[:1],
 }
-"""A van counts as a truck, as it does among the classes of lidcam."""
 
 WORLDS_OF_A_ROUND = 4
 SWEEPS_OF_A_WORLD = 8
@@ -66,23 +68,34 @@ UNSURE = 0.9
 NEAR = 0.4
 """Cells where the bell is at least so high learn the box, too."""
 
+UNLABELLED = 0.999
+"""Height where the truth says nothing: so near to 1 that nothing is learned."""
 
-class TrueBoxes(NamedTuple):
-    """M objects with a point or more; places from the middle of the grid, heights above the ground, metres.
+
+class Source(NamedTuple):
+    """Where scenes come from.
 
     Attributes:
-        centers: (M, 3)
-        sizes: (M, 3)
-        yaws: (M,)
-        classes: (M,) rows of `CLASSES`.
-        points: (M,) on each.
+        family: Worlds, whose grid and classes are learned.
+        recordings: Labelled recordings; None: worlds alone.
+        has_worlds: Whether half of the scenes are of worlds where there are recordings, or none.
     """
 
-    centers: F64
-    sizes: F64
-    yaws: F64
-    classes: I64
-    points: I64
+    family: Family
+    recordings: Recordings | None = None
+    has_worlds: bool = True
+
+    @property
+    def text(self) -> str:
+        """The same in Markdown."""
+        if self.recordings is None:
+            return WORLDS
+        share = f"as many sweeps of {WORLDS} and " if self.has_worlds else ""
+        return f"{share}frames of {self.recordings.text}"
+
+    def is_recorded(self, number: int) -> bool:
+        """Whether the scenes of a number are of recordings, and not of the world of this number."""
+        return self.recordings is not None and (not self.has_worlds or number % 2 == 1)
 
 
 class Targets(NamedTuple):
@@ -109,12 +122,12 @@ class Scene(NamedTuple):
     targets: Targets
 
 
-def rounds(family: Family, seed: int, first: int, last: int, workers: int) -> Generator[list[Scene]]:
-    """The scenes of rounds of worlds from one number to before another, mixed; the same for any number of processes.
+def rounds(source: Source, seed: int, first: int, last: int, workers: int) -> Generator[list[Scene]]:
+    """The scenes of rounds of worlds or frames from one number to before another, mixed.
 
-    With several processes those of the next round are made meanwhile.
+    They are the same for any number of processes; with several, those of the next round are made meanwhile.
     """
-    of_world = partial(_world_scenes, family)
+    family, of_world = source.family, partial(_scenes, source)
     worlds = [range(seed + row * WORLDS_OF_A_ROUND, seed + (row + 1) * WORLDS_OF_A_ROUND) for row in range(first, last)]
     if workers == 1:
         for row, one in enumerate(worlds, first):
@@ -133,12 +146,17 @@ def _mixed(family: Family, seed: int, row: int, scenes: list[Scene]) -> list[Sce
     return [scenes[place] for place in order]
 
 
-def _world_scenes(family: Family, world: int) -> list[Scene]:
-    """Some sweeps of a world, turned, mirrored and stretched."""
-    found = []
-    for number in range(0, SWEEPS_PER_WORLD, SWEEPS_PER_WORLD // SWEEPS_OF_A_WORLD):
-        position, true = scene(family, world * SWEEPS_PER_WORLD + number)
-        found.append(_learnable(family, *_varied(position, true, random_numbers_of(family, world, number, 2))))
+def _scenes(source: Source, number: int) -> list[Scene]:
+    """Some sweeps of a world, or frames of recordings, turned, mirrored and stretched."""
+    family, grid, found = source.family, GRIDS[source.family], []
+    if source.recordings is not None and source.is_recorded(number):
+        draw = random_numbers_of(family, number, 3)
+        frames = (source.recordings.drawn(draw) for _ in range(SWEEPS_OF_A_WORLD))
+        return [Scene(*pillars(frame.position, grid), targets_of_frame(family, frame)) for frame in frames]
+    for sweep_number in range(0, SWEEPS_PER_WORLD, SWEEPS_PER_WORLD // SWEEPS_OF_A_WORLD):
+        position, true = scene(family, number * SWEEPS_PER_WORLD + sweep_number)
+        position, true, _ = varied(position, true, random_numbers_of(family, number, sweep_number, 2))
+        found.append(Scene(*pillars(position, grid), targets_of(true, grid, len(CLASSES[family]))))
     return found
 
 
@@ -167,22 +185,19 @@ def _config(family: Family) -> Config:
     return load_config(family)
 
 
-def _varied(position: F64, true: TrueBoxes, draw: np.random.Generator) -> tuple[F64, TrueBoxes]:
-    """The same from another side: mirrored, turned about the middle, stretched, above ground found a little wrong."""
-    mirror, angle = np.array([1.0, draw.choice([-1.0, 1.0]), 1.0]), draw.uniform(-np.pi / 4, np.pi / 4)
-    size, lift_m = draw.uniform(0.93, 1.07), draw.normal(0, 0.01) * position[:, 2].max(initial=0.0)
-    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-    change = size * turn * mirror
-    lift = np.array([0, 0, lift_m])
-    yaws = mirror[1] * true.yaws + angle
-    return position @ change.T + lift, true._replace(
-        centers=true.centers @ change.T + lift, sizes=size * true.sizes, yaws=yaws
-    )
+def known_to(family: Family, frame: LabelledFrame) -> TrueBoxes:
+    """The objects of a frame that are of the classes of a family."""
+    return frame.true.select(frame.true.classes < len(CLASSES[family]))
 
 
-def _learnable(family: Family, position: F64, true: TrueBoxes) -> Scene:
+def targets_of_frame(family: Family, frame: LabelledFrame) -> Targets:
+    """What the output of a network should say of a frame, and where that is not known."""
     grid = GRIDS[family]
-    return Scene(*pillars(position, grid), targets_of(true, grid, len(CLASSES[family])))
+    targets, side = targets_of(known_to(family, frame), grid, len(CLASSES[family])), grid.cells // STRIDE
+    along_m = (np.arange(side) + 0.5) * STRIDE * grid.cell_m - grid.half_m
+    is_known = frame.is_labelled(np.stack(np.meshgrid(along_m, along_m), -1).reshape(-1, 2)).reshape(side, side)
+    np.maximum(targets.heat, np.float32(UNLABELLED), out=targets.heat, where=~is_known)
+    return targets
 
 
 def targets_of(true: TrueBoxes, grid: Grid, classes: int) -> Targets:

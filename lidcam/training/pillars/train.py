@@ -1,16 +1,26 @@
 """Training of a network in pillars, from worlds to an ONNX file and its card."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 import torch
 
+from lidcam.training.labelled import WORLDS, loaded
 from lidcam.training.pillars import network as torch_network
 from lidcam.training.pillars.fit import BATCH, CHECKPOINT_EVERY_S, Checkpoint, fitted
-from lidcam.training.pillars.judging import Judged, calibration, figures, joined, judged, with_errors
+from lidcam.training.pillars.judging import (
+    SWEEPS_OF_A_WORLD,
+    Judged,
+    calibration,
+    figures,
+    joined,
+    judged,
+    judged_frame,
+    with_errors,
+)
 from lidcam.training.pillars.onnx_file import onnx_bytes
-from lidcam.training.pillars.scenes import CLASSES, GRIDS, MIN_POINTS, SCENES_OF_A_ROUND, WORLDS_OF_A_ROUND
+from lidcam.training.pillars.scenes import CLASSES, GRIDS, MIN_POINTS
 from pipeline.core.arrays import F64
 from pipeline.detectors.pillars.network import FoundClass, PillarNetwork, PillarSpecs
 
@@ -45,7 +55,7 @@ def train_pillars(
         LidcamError: the checkpoint cannot be used.
         OutputError: it cannot be written.
     """
-    family, seed = checkpoint.family, checkpoint.seed
+    family, seed, recordings = checkpoint.family, checkpoint.seed, checkpoint.recordings
 
     def learning(step: int, loss: float) -> None:
         told(FITTING * step / steps, f"step {step} of {steps}, loss {loss:.3f}")
@@ -53,19 +63,33 @@ def train_pillars(
     network = fitted(checkpoint, steps, workers=workers, told=learning, every_s=every_s)
     half = min(max(steps // 100, 1), MAX_HELD_OUT // 2)
 
-    def seen(first: int) -> Iterator[Judged]:
-        for row, one in enumerate(judged(PillarNetwork(out), family, range(first, first + half))):
-            done = (first > HELD_OUT + seed) * half + row + 1
-            told(FITTING + (1 - FITTING) * done / (2 * half), f"held-out world {done} of {2 * half}")
+    def seen(part: int) -> dict[str, Judged]:
+        """Boxes in what was kept apart, by where it is of; the first part calibrates, the second judges."""
+        net, found, first = PillarNetwork(out), {}, HELD_OUT + seed + part * half
+        if checkpoint.has_worlds:
+            found[WORLDS] = joined([*_told_of(judged(net, family, range(first, first + half)), part)])
+        if recordings is not None:
+            frames = map(loaded, (recordings.calibrate, recordings.judge)[part])
+            found["recordings"] = joined([judged_frame(net, family, frame) for frame in frames])
+        return found
+
+    def _told_of(worlds: Iterator[Judged], part: int) -> Iterator[Judged]:
+        for row, one in enumerate(worlds, part * half + 1):
+            told(FITTING + (1 - FITTING) * row / (2 * half), f"held-out world {row} of {2 * half}")
             yield one
 
     specs = PillarSpecs(classes=tuple(FoundClass(name=name) for name in CLASSES[family]), grid=GRIDS[family])
     out.write_bytes(onnx_bytes(network, specs))
-    found = joined([*seen(HELD_OUT + seed)])
+    parts = seen(0)
+    if recordings is not None and checkpoint.has_worlds:  # as much as the worlds count
+        sweeps = half * SWEEPS_OF_A_WORLD
+        parts["recordings"] = joined([parts["recordings"]] * max(sweeps // len(recordings.calibrate), 1))
+    found = joined([*parts.values()])
     _calibrate(network, calibration(found))
     specs = specs.model_copy(update={"classes": with_errors(CLASSES[family], found)})
     out.write_bytes(onnx_bytes(network, specs))
-    return _card(checkpoint, steps, half, figures(CLASSES[family], joined([*seen(HELD_OUT + seed + half)])))
+    tables = {name: figures(CLASSES[family], one) for name, one in seen(1).items()}
+    return _card(checkpoint, steps, half, tables)
 
 
 def _calibrate(network: torch_network.PillarNetwork, by_class: F64) -> None:
@@ -77,16 +101,23 @@ def _calibrate(network: torch_network.PillarNetwork, by_class: F64) -> None:
         network.last_bias[classes] = network.last_bias[classes] * factor + offset
 
 
-def _card(checkpoint: Checkpoint, steps: int, half: int, table: str) -> str:
-    worlds = -(-steps * BATCH // SCENES_OF_A_ROUND) * WORLDS_OF_A_ROUND
-    family, seed = checkpoint.family, checkpoint.seed
+def _card(checkpoint: Checkpoint, steps: int, half: int, tables: Mapping[str, str]) -> str:
+    family = f" --family {checkpoint.family}" if checkpoint.has_worlds else ""
+    recordings = " --recordings RECORDING \\\n     " if checkpoint.recordings else ""
+    sources = "\n".join(f"- from step {step} on {text}" for step, text in checkpoint.load()["history"])
+    table = "\n\n".join(f"In {name}:\n\n{table}" for name, table in tables.items())
+    apart = [f"{2 * half} other worlds"] * checkpoint.has_worlds + ["the frames kept apart"] * bool(recordings)
     return f"""# A 3D network in pillars
 
-    lidcam train pillars --family {family} --steps {steps} --seed {seed} --out FILE.onnx
+    lidcam train pillars{family}{recordings} --steps {steps} --seed {checkpoint.seed} --out FILE.onnx
 
-made this network from {steps * BATCH} sweeps of {worlds} drawn worlds, and no
-recording. Of {2 * half} other worlds, half made its scores probabilities. In the other
-half, of objects of {MIN_POINTS} points and more within the grid:
+made this network from {steps * BATCH} sweeps:
+
+{sources}
+
+Of {" and ".join(apart)},
+half made its scores probabilities. In the other half, of objects of
+{MIN_POINTS} points and more within the grid:
 
 {table}
 

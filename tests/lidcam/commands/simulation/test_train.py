@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from lidcam.commands import app
-from pipeline.core.errors import OutputError
+from pipeline.core.errors import ConfigError, OutputError
 
 
 @pytest.mark.parametrize(
@@ -41,3 +41,13 @@ def test_a_network_is_not_converted_onto_itself(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["train", "convert", *names])
     assert isinstance(done.exception, OutputError)
     assert "is an input of this run" in str(done.exception)
+
+
+def test_a_model_site_has_no_clusters_to_train(tmp_path: Path) -> None:
+    sandbox = Path(__file__).resolve().parents[4] / "bags" / "sandbox.bag"
+    done = CliRunner().invoke(
+        app, ["train", "clusters", "--recordings", str(sandbox), "--out", str(tmp_path / "mine.npz")]
+    )
+    assert isinstance(done.exception, ConfigError)
+    assert "expected road users of full size, as of --config road, found the classes car; " in str(done.exception)
+    assert not [*tmp_path.iterdir()]

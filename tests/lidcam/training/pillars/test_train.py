@@ -14,12 +14,13 @@ torch = pytest.importorskip("torch", reason="needs the extra train")
 
 import lidcam
 from bags.simulator.worlds.draw import random_numbers_of
+from lidcam.training.labelled import Recordings, TrueBoxes
 from lidcam.training.pillars import fit
 from lidcam.training.pillars import network as torch_network
 from lidcam.training.pillars.fit import Checkpoint, fitted
 from lidcam.training.pillars.judging import Judged, calibration, figures
 from lidcam.training.pillars.onnx_file import onnx_bytes
-from lidcam.training.pillars.scenes import CLASSES, GRIDS, SCENES_OF_A_ROUND, Scene, Targets, TrueBoxes, targets_of
+from lidcam.training.pillars.scenes import CLASSES, GRIDS, SCENES_OF_A_ROUND, Scene, Source, Targets, targets_of
 from pipeline.core.errors import LidcamError
 from pipeline.detectors.pillars.decoding import BOX_NUMBERS, boxes_of
 from pipeline.detectors.pillars.grid import FEATURES, pillars
@@ -29,14 +30,17 @@ SANDBOX = Path(__file__).resolve().parents[4] / "bags" / "sandbox.bag"
 
 
 def test_the_command(tmp_path: Path) -> None:
-    """Takes ten seconds: sweeps are made and learned from, and what is learned is used."""
+    """Takes ten seconds: sweeps and frames of a recording are learned from, and what is learned is used."""
     train = ["train", "pillars", "--family", "sandbox", "--workers", "1", "--out", "mine.onnx", "--steps", "2"]
+    train += ["--recordings", str(SANDBOX)]
     program = Path(sys.executable).with_name("lidcam")
     done = subprocess.run([program, *train], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert {path.name for path in tmp_path.iterdir()} == {"mine.onnx", "mine.md", "mine.ckpt"}
     assert done.stdout.rstrip() == (tmp_path / "mine.md").read_text(encoding="utf-8").rstrip()
-    assert "lidcam train pillars --family sandbox --steps 2 --seed 0 --out FILE.onnx" in done.stdout
+    assert "lidcam train pillars --family sandbox --recordings RECORDING \\\n      --steps 2 --seed 0 " in done.stdout
+    assert "- from step 0 on as many sweeps of drawn worlds and frames of recordings\n  sandbox.bag, " in done.stdout
+    assert done.stdout.index("In drawn worlds:\n\n|") < done.stdout.index("In recordings:\n\n|")
     assert max(map(len, done.stdout.splitlines())) <= 80
     run = lidcam.process(SANDBOX, model_3d=tmp_path / "mine.onnx", duration_s=0.3, workers=1)
     assert (run.report.sensors.box_source_3d, run.report.frames.count > 1) == ("pillars", True)
@@ -65,15 +69,15 @@ def scenes_of_a_round(row: int) -> list[Scene]:
     return scenes
 
 
+def made_rounds(_source: Source, _seed: int, first: int, last: int, _workers: int) -> Iterator[list[Scene]]:
+    yield from map(scenes_of_a_round, range(first, last))
+
+
 def test_a_training_that_was_killed_goes_on_to_the_same_weights(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Killed before the first checkpoint, within a round of worlds and at its end."""
-
-    def made(_family: str, _seed: int, first: int, last: int, _workers: int) -> Iterator[list[Scene]]:
-        yield from map(scenes_of_a_round, range(first, last))
-
-    monkeypatch.setattr(fit, "rounds", made)
+    monkeypatch.setattr(fit, "rounds", made_rounds)
     at_once = fitted(Checkpoint(tmp_path / "a", "sandbox", 3), 20, workers=1, told=kill_at(0))
     checkpoint = Checkpoint(tmp_path / "b", "sandbox", 3)
     for step, every_s in ((2, 1e9), (5, 0), (8, 0)):
@@ -83,6 +87,20 @@ def test_a_training_that_was_killed_goes_on_to_the_same_weights(
     parts = fitted(checkpoint, 20, workers=1, told=kill_at(0))
     assert all(torch.equal(one, parts.state_dict()[name]) for name, one in at_once.state_dict().items())
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b"]
+
+
+def test_a_training_goes_on_with_recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also from the state of an earlier version, which does not say what it was made from."""
+    monkeypatch.setattr(fit, "rounds", made_rounds)
+    recordings = Recordings((tmp_path,), (tmp_path,), (tmp_path,), tmp_path, ("a.mcap, SHA-256\n  abc",))
+    network = torch_network.PillarNetwork(1)
+    worlds = Checkpoint(tmp_path / "a", "sandbox", 3)
+    worlds.save(network, torch.optim.AdamW(network.parameters()), 2, 1.0)
+    torch.save({key: value for key, value in worlds.load().items() if key != "history"}, worlds.path)
+    for steps, source in ((3, worlds), (4, worlds._replace(recordings=recordings)), (5, worlds)):
+        fitted(source, steps, workers=1, told=kill_at(0))
+    assert [step for step, _ in worlds.load()["history"]] == [0, 3, 4]
+    assert "drawn worlds and frames of recordings\n  a.mcap" in worlds.load()["history"][1][1]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,227 @@
+"""Labelled frames: what is truly there among points, varied, with objects of other frames in free places.
+
+Places are from the middle of the lidars, heights are above the ground, in metres, as `PillarPoints` has them.
+"""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple, cast
+
+import numpy as np
+
+from pipeline.core.arrays import F32, F64, I64, U8, Bools, Rows
+from pipeline.core.geometry.boxes import wrap_angle
+from pipeline.core.geometry.polygons import first_polygon_with
+from pipeline.core.geometry.regions import points_in_footprints
+from pipeline.parallel.transfer import dump, load
+
+__all__ = [
+    "NAMES",
+    "WORLDS",
+    "LabelledFrame",
+    "Objects",
+    "Recordings",
+    "TrueBoxes",
+    "loaded",
+    "points_in_boxes",
+    "saved",
+    "varied",
+]
+
+NAMES = ("car", "pedestrian", "cyclist", "truck", "bus")
+"""Classes of labelled frames. A van counts as a truck, as it does among the classes of lidcam."""
+
+WORLDS = "drawn worlds"
+"""What is learned from without recordings, for a card."""
+
+PASTED = 8
+"""Objects that are put into a frame, as far as their places are free."""
+
+MIN_PASTED_POINTS = 10
+
+FREE_M = 0.3
+"""No points and no other box are so near to an object that is put into a frame."""
+
+BESIDE_M = 0.1
+"""Points up to this far beside a box belong to its object."""
+
+
+class TrueBoxes(NamedTuple):
+    """M objects.
+
+    Attributes:
+        centers: (M, 3)
+        sizes: (M, 3)
+        yaws: (M,)
+        classes: (M,) rows of the classes that are learned.
+        points: (M,) on each.
+    """
+
+    centers: F64
+    sizes: F64
+    yaws: F64
+    classes: I64
+    points: I64
+
+    def select(self, rows: Rows) -> "TrueBoxes":
+        """Those of rows."""
+        return TrueBoxes._make(part[rows] for part in self)
+
+    @staticmethod
+    def joined(parts: Sequence["TrueBoxes"]) -> "TrueBoxes":
+        """All of all parts, of which there is one."""
+        return TrueBoxes._make(np.concatenate(one) for one in zip(*parts, strict=True))
+
+
+def varied(
+    position: F64, true: TrueBoxes, draw: np.random.Generator, turn_rad: float = np.pi / 4
+) -> tuple[F64, TrueBoxes, F64]:
+    """The same from another side: mirrored, turned about the middle, stretched, above ground found a little wrong.
+
+    Returns:
+        (N, 3) points, the objects, and the matrix (3, 3) that changed all but heights, which are also lifted.
+    """
+    mirror, angle = np.array([1.0, draw.choice([-1.0, 1.0]), 1.0]), draw.uniform(-turn_rad, turn_rad)
+    size, lift_m = draw.uniform(0.93, 1.07), draw.normal(0, 0.01) * position[:, 2].max(initial=0.0)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    change = size * turn * mirror
+    lift = np.array([0, 0, lift_m])
+    yaws = mirror[1] * true.yaws + angle
+    moved = true._replace(centers=true.centers @ change.T + lift, sizes=size * true.sizes, yaws=yaws)
+    return position @ change.T + lift, moved, change
+
+
+def points_in_boxes(position: F64, true: TrueBoxes) -> tuple[I64, I64]:
+    """Rows of the points (N, 3) in boxes or just beside them, and the box of each, rising."""
+    xyz = position.astype(np.float32)
+    rows, box = points_in_footprints(xyz, true.centers[:, :2], true.sizes[:, :2] + 2 * BESIDE_M, true.yaws)
+    away_m = np.abs(position[rows, 2] - true.centers[box, 2])
+    near = away_m <= true.sizes[box, 2] / 2 + BESIDE_M
+    return rows[near], box[near]
+
+
+class Objects(NamedTuple):
+    """Objects with their points, to be put into other frames.
+
+    Attributes:
+        true: Their boxes.
+        position: The points (K, 3) of each.
+        lidar: The lidar (K,) of each point.
+    """
+
+    true: TrueBoxes
+    position: list[F32]
+    lidar: list[U8]
+
+
+class LabelledFrame(NamedTuple):
+    """The points of a frame that are not ground, and what is truly there.
+
+    Attributes:
+        position: (N, 3)
+        lidar: (N,) row of `origins` that measured each point.
+        origins: (L, 3) of the lidars.
+        true: Objects that count; `classes` are rows of `NAMES`.
+        unlabelled: (U, 3) x, y and radius of what the truth need not say or says nothing of.
+        region: (C, 2) corners of what is labelled.
+        reach: (3,) x, y and radius of it, too.
+    """
+
+    position: F64
+    lidar: U8
+    origins: F64
+    true: TrueBoxes
+    unlabelled: F64
+    region: F64
+    reach: F64
+
+    def is_labelled(self, xy: F64) -> Bools:
+        """(K,) whether the truth knows what is at places (K, 2), and what is not."""
+        within = first_polygon_with([self.region], xy) == 0
+        within &= np.linalg.norm(xy - self.reach[:2], axis=1) <= self.reach[2]
+        away_m = np.linalg.norm(xy[:, None] - self.unlabelled[:, :2], axis=2)
+        return np.asarray(within & (away_m > self.unlabelled[:, 2]).all(1))
+
+    def with_objects(self, objects: Objects, draw: np.random.Generator) -> "LabelledFrame":
+        """The same with some more in free places as far from the lidars as before, of each class as many.
+
+        After Yan, Mao, Li, "SECOND: Sparsely embedded convolutional detection", Sensors 2018.
+        """
+        frame, classes = self, np.unique(objects.true.classes)
+        for _ in range(PASTED if len(classes) else 0):
+            row = draw.choice(np.flatnonzero(objects.true.classes == draw.choice(classes)))
+            angle = draw.uniform(-np.pi, np.pi)
+            turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+            one = objects.true.select(np.array([row]))
+            one = one._replace(centers=one.centers @ turn.T, yaws=wrap_angle(one.yaws + angle))
+            if frame.is_labelled(one.centers[:, :2])[0] and frame._is_free(one):
+                lidar = np.minimum(objects.lidar[row], len(frame.origins) - 1)
+                frame = frame._replace(
+                    position=np.concatenate([frame.position, objects.position[row] @ turn.T]),
+                    lidar=np.append(frame.lidar, lidar).astype(np.uint8),
+                    true=TrueBoxes.joined([frame.true, one]),
+                )
+        return frame
+
+    def _is_free(self, one: TrueBoxes) -> bool:
+        margin = one._replace(sizes=one.sizes + 2 * FREE_M)
+        radius_m = np.hypot(*margin.sizes[0, :2]) / 2 + np.linalg.norm(self.true.sizes[:, :2], axis=1) / 2
+        away_m = np.linalg.norm(self.true.centers[:, :2] - one.centers[:, :2], axis=1)
+        return bool((away_m > radius_m).all()) and not len(points_in_boxes(self.position, margin)[0])
+
+    def varied(self, draw: np.random.Generator) -> "LabelledFrame":
+        """The same from another side, all round."""
+        position, true, change = varied(self.position, self.true, draw, np.pi)
+        ground, size = change[:2, :2], change[2, 2]
+        circles = np.vstack([self.unlabelled, self.reach])
+        circles = np.column_stack([circles[:, :2] @ ground.T, size * circles[:, 2]])
+        origins, region = self.origins @ change.T, self.region @ ground.T
+        return LabelledFrame(position, self.lidar, origins, true, circles[:-1], region, circles[-1])
+
+
+class Recordings(NamedTuple):
+    """The labelled frames of recordings, in files of the run's own.
+
+    Attributes:
+        train: Those to learn from.
+        calibrate: Those that make scores probabilities.
+        judge: Those that figures are of.
+        objects: File of the objects in the first.
+        names: Of each recording, its files with their checksums.
+    """
+
+    train: tuple[Path, ...]
+    calibrate: tuple[Path, ...]
+    judge: tuple[Path, ...]
+    objects: Path
+    names: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        """They and how many frames, in Markdown."""
+        counts = f"{len(self.train)} frames; {len(self.calibrate)} and {len(self.judge)} kept apart"
+        return "\n  ".join(("recordings", *self.names, f"({counts})"))
+
+    def drawn(self, draw: np.random.Generator) -> LabelledFrame:
+        """One to learn from, with more objects in it, varied."""
+        frame = loaded(self.train[draw.integers(len(self.train))])
+        return frame.with_objects(cast(Objects, _loaded(self.objects)), draw).varied(draw)
+
+
+def saved(path: Path, value: object) -> Path:
+    """Write a frame, or whatever else of the run, to a new file."""
+    with path.open("xb", buffering=0) as file:
+        dump(value, file)
+    return path
+
+
+def loaded(path: Path) -> LabelledFrame:
+    """The frame of a file."""
+    return cast(LabelledFrame, _loaded(path))
+
+
+@lru_cache(32)
+def _loaded(path: Path) -> object:
+    with path.open("rb", buffering=0) as file:
+        return load(file)

@@ -1,0 +1,182 @@
+"""Reading labelled recordings to learn from: points as a run has them, truth as an evaluation reads it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Unpack, cast
+
+import numpy as np
+
+from lidcam.evaluation.frames import EvaluationFrames
+from lidcam.frame import Frame
+from lidcam.frames import RunInput
+from lidcam.job import JobOptions, make_job
+from lidcam.run import RunObserver, process_recording
+from lidcam.training.labelled import (
+    MIN_PASTED_POINTS,
+    NAMES,
+    LabelledFrame,
+    Objects,
+    Recordings,
+    TrueBoxes,
+    loaded,
+    points_in_boxes,
+    saved,
+)
+from pipeline.core.arrays import F64
+from pipeline.core.clouds import CombinedCloud
+from pipeline.core.errors import RecordingError
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
+from pipeline.detectors.pillars.detector import PillarPoints
+from pipeline.evaluation.evaluation_frame import TruthBoxes3D
+from pipeline.evaluation.ignoring import is_evaluated
+from pipeline.parallel.transfer import load
+from readers.results.result import open_result
+from readers.truth.open import open_truth
+
+__all__ = ["read_recordings"]
+
+ONLY_CLOUDS = "detect2d.method=none", "track.mode=none", "output.images=false", "output.clouds=false"
+"""What a run need not do for its clouds."""
+
+MIN_FRAMES = 10
+"""One in so many frames calibrates, and as many judge: the last fifth of each recording."""
+
+GAP_NS = 500_000_000
+"""Frames so shortly before those are left out: they look the same."""
+
+EVERYWHERE_M = 1e5
+SQUARE = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
+
+
+def read_recordings(
+    recordings: Sequence[str],
+    folder: Path,
+    *,
+    check: Callable[[Config], object],
+    told: Callable[[float, str], object],
+    **options: Unpack[JobOptions],
+) -> Recordings:
+    """Read labelled recordings, and keep a part of each apart.
+
+    Args:
+        recordings: Each the name of one.
+        folder: Where frames are written, an empty one.
+        check: Raises where the settings of a recording do not suit.
+        told: Told of each recording before it is read.
+        **options: As of `lidcam.process`, `settings` a sequence.
+
+    Raises:
+        LidcamError: a recording cannot be read, has no truth, or there are too few frames.
+    """
+    options["settings"] = (*options.get("settings", ()), *ONLY_CLOUDS)
+    names: list[str] = []
+    parts: tuple[list[Path], ...] = [], [], []
+    for number, recording in enumerate(recordings):
+        told(number / len(recordings), f"reading {recording}")
+        own = folder / str(number)
+        own.mkdir()
+        kept = _Kept(recording, own, check)
+        report = process_recording(make_job(recording, own / "result.mcap", **options), kept)
+        names += [f"{file.name}, SHA-256\n  {file.sha256 or 'not known'}" for file in report.inputs.files]
+        for part, found in zip(parts, _parted(kept.labelled()), strict=True):
+            part += found
+    train, calibrate, judge = map(tuple, parts)
+    if not calibrate:
+        raise RecordingError(
+            f"{', '.join(recordings)}: expected a recording of {MIN_FRAMES} frames with truth or more, some of which "
+            f"are kept apart, found {len(train)} in all"
+        )
+    return Recordings(train, calibrate, judge, saved(folder / "objects", _objects_of(train)), tuple(names))
+
+
+def _parted(frames: Sequence[tuple[int, Path]]) -> tuple[list[Path], list[Path], list[Path]]:
+    """Frames in order of time to learn from, to calibrate and to judge by: in blocks, as neighbours look the same."""
+    half = len(frames) // MIN_FRAMES
+    first = len(frames) - 2 * half
+    paths = [path for _, path in frames]
+    end_ns = frames[first][0] - GAP_NS if half else np.inf
+    train = [path for stamp_ns, path in frames[:first] if stamp_ns < end_ns]
+    return train, paths[first : first + half], paths[first + half :]
+
+
+class _Kept(RunObserver):
+    """Keeps the points of each frame of a run in files, and then what is truly there."""
+
+    def __init__(self, recording: str, folder: Path, check: Callable[[Config], object]) -> None:
+        self._recording, self._folder, self._check = recording, folder, check
+        self._points: PillarPoints
+        self._rig: Rig
+
+    def opened(self, source: RunInput) -> None:
+        self._check(source.config)
+        if not source.copied:
+            raise RecordingError(f"{self._recording}: expected topics of truth to learn from, found none")
+        self._rig, self._points = source.rig, PillarPoints(source.rig, source.config)
+
+    def frame(self, result: Frame) -> None:
+        one = result.combined
+        needed = replace(
+            one,
+            cloud=one.detection_cloud,
+            lidar_index=one.detection_lidar_index,
+            ground_cloud=one.ground_cloud.select(np.arange(0)),
+            ground_lidar_index=None,
+        )
+        saved(self._folder / f"{result.bundle.index}.cloud", needed)
+
+    def labelled(self) -> list[tuple[int, Path]]:
+        """The stamps and files of the frames that the truth covers; the result of the run is removed."""
+        out, frames = self._folder / "result.mcap", []
+        with open_result(out) as result, open_truth(result) as truth:
+            for frame in EvaluationFrames(result, truth):
+                path = self._folder / f"{frame.index}.cloud"
+                with path.open("rb", buffering=0) as file:
+                    combined = cast(CombinedCloud, load(file))
+                path.unlink()
+                if frame.truth is not None:
+                    found = self._labelled(combined, frame.truth, result.config)
+                    frames.append((frame.stamp_ns, saved(path.with_suffix(".frame"), found)))
+        out.unlink()
+        return frames
+
+    def _labelled(self, combined: CombinedCloud, truth: TruthBoxes3D, config: Config) -> LabelledFrame:
+        middle, names, rules = self._points.middle_xy, config.class_id_of_label, config.evaluate
+
+        def from_middle(xyz: F64) -> F64:
+            moved: F64 = xyz - np.append(middle, 0.0)
+            moved[:, 2] -= self._points.ground_m(combined, moved[:, :2])
+            return moved
+
+        rows = {names[name]: row for row, name in reversed([*enumerate(NAMES)]) if name in names}
+        classes = np.array([rows.get(one, -1) for one in truth.class_ids.tolist()], np.int64)
+        counted = is_evaluated(truth, rules) & (classes >= 0)
+        every = TrueBoxes(from_middle(truth.centers), truth.sizes, truth.yaws, classes, np.zeros_like(classes))
+        circles = np.column_stack([every.centers[:, :2], np.linalg.norm(every.sizes[:, :2], axis=1) / 2])
+        position, true = self._points(combined), every.select(counted)
+        points = np.bincount(points_in_boxes(position, true)[1], minlength=len(true.yaws))
+        return LabelledFrame(
+            position,
+            combined.detection_lidar_index,
+            from_middle(np.array([lidar.T_site_lidar.translation for lidar in self._rig.lidars])),
+            true._replace(points=points),
+            circles[~counted],
+            EVERYWHERE_M * SQUARE if rules.region is None else np.array(rules.region, np.float64) - middle,
+            np.append(-middle, rules.max_range_m or 2 * EVERYWHERE_M),
+        )
+
+
+def _objects_of(frames: Sequence[Path]) -> Objects:
+    """The objects of frames that have enough points to be put elsewhere."""
+    parts, position, lidar = [], [], []
+    for path in frames:
+        frame = loaded(path)
+        chosen = frame.true.select(frame.true.points >= MIN_PASTED_POINTS)
+        rows, box = points_in_boxes(frame.position, chosen)
+        ends = np.searchsorted(box, np.arange(1, len(chosen.yaws)))
+        parts.append(chosen)
+        if len(chosen.yaws):
+            position += [one.astype(np.float32) for one in np.split(frame.position[rows], ends)]
+            lidar += np.split(frame.lidar[rows], ends)
+    return Objects(TrueBoxes.joined(parts), position, lidar)

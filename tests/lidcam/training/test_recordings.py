@@ -1,0 +1,69 @@
+"""Labelled recordings as what is learned from."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lidcam.training.labelled import Recordings, loaded
+from lidcam.training.pillars.scenes import Source, rounds
+from lidcam.training.recordings import read_recordings
+from pipeline.core.errors import RecordingError
+
+SANDBOX = Path(__file__).resolve().parents[3] / "bags" / "sandbox.bag"
+
+
+def read(folder: Path, *settings: str, duration_s: float | None = None) -> Recordings:
+    folder.mkdir()
+    return read_recordings(
+        [str(SANDBOX)],
+        folder,
+        check=lambda _: None,
+        told=lambda *_: None,
+        settings=settings,
+        workers=1,
+        duration_s=duration_s,
+    )
+
+
+@pytest.fixture(scope="module")
+def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Recordings:
+    """Takes two seconds: two seconds of the sandbox are processed."""
+    return read(tmp_path_factory.mktemp("frames") / "a", "evaluate.region=[[-9,-9],[9,-9],[9,9],[-9,1]]")
+
+
+def test_frames_have_their_points_and_objects_and_some_are_kept_apart(sandbox: Recordings) -> None:
+    train, calibrate, judge = ([int(path.stem) for path in part] for part in sandbox[:3])
+    assert [*train, *calibrate, *judge] == sorted({*train, *calibrate, *judge})
+    assert len(calibrate) == len(judge) == 2
+    assert calibrate[0] - train[-1] == 5  # half a second
+    for path in (*sandbox.train, *sandbox.judge):
+        frame = loaded(path)
+        assert frame.true.classes.tolist() == [0, 0]
+        assert (frame.true.points > 20).all()
+        np.testing.assert_allclose(frame.true.centers[:, 2], frame.true.sizes[:, 2] / 2, atol=0.03)
+        assert frame.origins.shape == (3, 3)
+        assert frame.is_labelled(np.array([[0, 0], [-8.9, 8.0]])).tolist() == [True, False]
+    assert "sandbox.bag, SHA-256\n" in sandbox.text
+    assert {path.suffix for path in sandbox.train[0].parent.iterdir()}.isdisjoint({".cloud", ".mcap"})
+
+
+def test_scenes_are_the_same_for_any_number_of_processes(sandbox: Recordings) -> None:
+    """Takes six seconds: processes begin."""
+    alone, again = [next(rounds(Source("sandbox", sandbox, False), 0, 0, 1, workers)) for workers in (1, 2)]
+    assert len(alone) == 32
+    for one, other in zip(alone, again, strict=True):
+        for first, second in zip((*one[:2], *one.targets), (*other[:2], *other.targets), strict=True):
+            np.testing.assert_array_equal(first, second)
+
+
+@pytest.mark.parametrize(
+    ("settings", "duration_s", "message"),
+    [
+        (["output.copy_topics=[]"], 0.3, r"sandbox.bag: expected topics of truth to learn from, found none$"),
+        ([], 0.5, r"expected a recording of 10 frames with truth or more, .* found [345] in all$"),
+    ],
+)
+def test_recordings_that_do_not_do(tmp_path: Path, settings: list[str], duration_s: float, message: str) -> None:
+    with pytest.raises(RecordingError, match=message):
+        read(tmp_path / "a", *settings, duration_s=duration_s)
