@@ -28,6 +28,11 @@ Examples:
   lidcam train pillars --steps 20000 --out mine.onnx --resume
   lidcam-process drive.mcap out.mcap --model-3d mine.onnx
 """
+IMAGES_EXAMPLES = """\b
+Examples:
+  lidcam train images --steps 4000 --out detector.onnx
+  lidcam-process drive.mcap out.mcap --model-2d detector.onnx
+"""
 
 
 @train_app.callback()
@@ -105,9 +110,7 @@ def pillars(
     overwrite: Overwrite = False,
 ) -> None:
     """Train a network that finds 3D boxes, on simulated worlds; on a CUDA device if there is one."""
-    check_simulator()
-    if find_spec("torch") is None:
-        raise LidcamError("the training needs torch, which is not installed: pip install 'lidcam[train]'")
+    _check_torch()
     from lidcam.printing.progress import show_training
     from lidcam.training.pillars.fit import Checkpoint
     from lidcam.training.pillars.train import train_pillars
@@ -124,6 +127,41 @@ def pillars(
             text = train_pillars(checkpoint, outputs[out].part, steps, workers=workers or usable_cores(), told=told)
         outputs[card].write_text(text)
     typer.echo(text)
+
+
+@train_app.command(epilog=IMAGES_EXAMPLES)
+@with_log_options
+def images(
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", metavar="FILE.onnx", callback=ends_in(".onnx"), help="The network; FILE.md beside it is its card."
+        ),
+    ],
+    steps: Annotated[int, typer.Option(min=1, metavar="N", help="Steps, of eight parts of images each.")],
+    seed: Annotated[
+        int, typer.Option(min=0, metavar="N", help="Number of the first world; others, another network.")
+    ] = 0,
+    overwrite: Overwrite = False,
+) -> None:
+    """Train a network that finds 2D boxes in simulated images, on drawn worlds; in real images it is of no use."""
+    _check_torch()
+    from lidcam.printing.progress import show_training
+    from lidcam.training.images.train import train_images
+    from writers.outputs.transaction import OutputTransaction
+
+    card = out.with_suffix(".md")
+    with OutputTransaction([out, card], check_old=partial(_check_old, overwrite=overwrite)) as outputs:
+        with show_training() as told:
+            text = train_images(outputs[out].part, steps, seed, told=told)
+        outputs[card].write_text(text)
+    typer.echo(text)
+
+
+def _check_torch() -> None:
+    check_simulator()
+    if find_spec("torch") is None:
+        raise LidcamError("the training needs torch, which is not installed: pip install 'lidcam[train]'")
 
 
 def _check_old(path: Path, *, overwrite: bool) -> None:

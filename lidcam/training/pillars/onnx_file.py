@@ -3,6 +3,7 @@
 Written here, as PyTorch's exporters need packages of their own. Normalisation is folded into the layer before it.
 """
 
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -17,7 +18,7 @@ from pipeline.detectors.pillars.decoding import BOX_NUMBERS
 from pipeline.detectors.pillars.grid import FEATURES, STRIDE
 from pipeline.detectors.pillars.network import INPUTS, KEY, PillarSpecs
 
-__all__ = ["onnx_bytes"]
+__all__ = ["FLOAT", "OnnxGraph", "convolutions", "numbers", "onnx_bytes", "value"]
 
 FIELDS = {
     "Model": [
@@ -43,6 +44,7 @@ FIELDS = {
     ],
     "Attribute": [
         ("name", 1, ONE, "bytes"),
+        ("int", 3, ONE, "int64"),
         ("text", 4, ONE, "bytes"),
         ("ints", 8, MANY, "int64"),
         ("type", 20, ONE, "int64"),
@@ -62,18 +64,28 @@ FIELDS = {
 """The fields of onnx.proto3 (github.com/onnx/onnx) that are written."""
 
 IR_VERSION, OPSET = 8, 18
-FLOAT, INT64 = 1, 7
-TEXT, INTS = 3, 7
+FLOAT, INT64, HALF = 1, 7, 10
+ATTRIBUTES = {int: ("int", 2), bytes: ("text", 3), list: ("ints", 7)}
+"""Field and number of the type of an attribute."""
 
 
-class _Graph:
-    """Nodes, each behind the one before it, and their constants."""
+Values = Sequence[Mapping[str, Any]]
+"""Inputs or outputs; see `value`."""
 
-    def __init__(self) -> None:
+
+class OnnxGraph:
+    """Nodes, each behind the one before it, and their constants.
+
+    Args:
+        half: Whether the file has numbers in half precision, which make it half as large; it computes in single.
+    """
+
+    def __init__(self, *, half: bool = False) -> None:
+        self._half = half
         self.nodes: list[dict[str, Any]] = []
         self.tensors: list[dict[str, Any]] = []
 
-    def add(self, op: str, *inputs: str | Array, **attributes: list[int] | bytes) -> str:
+    def add(self, op: str, *inputs: str | Array, **attributes: int | list[int] | bytes) -> str:
         """The name of the output of a new node; inputs are names, or constants."""
         name = f"{op}{len(self.nodes)}"
         names = [
@@ -81,25 +93,34 @@ class _Graph:
             for row, one in enumerate(inputs)
         ]
         said = [
-            {"name": key.encode()}
-            | ({"text": value, "type": TEXT} if isinstance(value, bytes) else {"ints": value, "type": INTS})
+            {"name": key.encode(), field: value, "type": kind}
             for key, value in attributes.items()
+            for field, kind in [ATTRIBUTES[type(value)]]
         ]
         self.nodes.append({"op": op.encode(), "input": names, "output": [name.encode()], "attribute": said})
         return name
 
     def _constant(self, name: str, array: Array) -> str:
         is_whole = array.dtype.kind == "i"
-        data = np.ascontiguousarray(array, "<i8" if is_whole else "<f4")
-        kind = INT64 if is_whole else FLOAT
+        is_half = self._half and not is_whole
+        data = np.ascontiguousarray(array, "<i8" if is_whole else "<f2" if is_half else "<f4")
+        kind = INT64 if is_whole else HALF if is_half else FLOAT
         self.tensors.append({"name": name.encode(), "dims": data.shape, "type": kind, "data": data.tobytes()})
-        return name
+        return self.add("Cast", name, to=FLOAT) if is_half else name
+
+    def to_bytes(self, name: str, inputs: Values, outputs: Values, metadata: Mapping[str, str]) -> bytes:
+        """The content of a file whose output is that of the last node."""
+        self.nodes[-1]["output"] = [outputs[-1]["name"]]
+        graph = {"name": name.encode(), "node": self.nodes, "tensor": self.tensors, "input": inputs, "output": outputs}
+        said = [{"key": key.encode(), "value": value.encode()} for key, value in metadata.items()]
+        model = _model_class()(ir_version=IR_VERSION, opset=[{"version": OPSET}], graph=graph, metadata=said)
+        return bytes(model.SerializeToString(deterministic=True))
 
 
 def onnx_bytes(network: PillarNetwork, specs: PillarSpecs) -> bytes:
     """The content of a file; the same network makes the same bytes."""
     network = network.eval().cpu()
-    graph, cells = _Graph(), specs.grid.cells
+    graph, cells = OnnxGraph(), specs.grid.cells
     weight, bias = _folded(network.encoder[0], network.encoder[1], 0)
     encoded = graph.add("Relu", graph.add("Add", graph.add("MatMul", "features", weight.T), bias))
     empty = graph.add("ConstantOfShape", np.array([cells * cells, WIDTH]))
@@ -107,27 +128,21 @@ def onnx_bytes(network: PillarNetwork, specs: PillarSpecs) -> bytes:
     image = graph.add("Reshape", graph.add("Transpose", canvas, perm=[1, 0]), np.array([1, WIDTH, cells, cells]))
     total = ""
     for block, up in zip(network.blocks, network.ups, strict=True):
-        image = _convolutions(graph, image, block)
+        image = convolutions(graph, image, block)
         convolution, norm = _parts(up)
         stride = list(convolution.stride)
         raised = graph.add("ConvTranspose", image, *_folded(convolution, norm, 1), strides=stride, kernel_shape=stride)
         total = graph.add("Add", total, raised) if total else raised
-    last = [_numbers(network.last.weight), _numbers(network.last.bias)]
-    graph.add("Conv", _convolutions(graph, graph.add("Relu", total), network.head), *last)
+    last = [numbers(network.last.weight), numbers(network.last.bias)]
+    graph.add("Conv", convolutions(graph, graph.add("Relu", total), network.head), *last)
     side = cells // STRIDE
-    inputs = [_value(INPUTS[0], FLOAT, "points", len(FEATURES)), _value(INPUTS[1], INT64, "points", 1)]
-    outputs = [_value("numbers", FLOAT, 1, len(specs.classes) + BOX_NUMBERS, side, side)]
-    graph.nodes[-1]["output"] = [b"numbers"]
-    model = _model_class()(
-        ir_version=IR_VERSION,
-        opset=[{"version": OPSET}],
-        graph={"name": b"pillars", "node": graph.nodes, "tensor": graph.tensors, "input": inputs, "output": outputs},
-        metadata=[{"key": KEY.encode(), "value": specs.model_dump_json().encode()}],
-    )
-    return bytes(model.SerializeToString(deterministic=True))
+    inputs = [value(INPUTS[0], FLOAT, "points", len(FEATURES)), value(INPUTS[1], INT64, "points", 1)]
+    outputs = [value("numbers", FLOAT, 1, len(specs.classes) + BOX_NUMBERS, side, side)]
+    return graph.to_bytes("pillars", inputs, outputs, {KEY: specs.model_dump_json()})
 
 
-def _convolutions(graph: _Graph, image: str, layers: nn.Module) -> str:
+def convolutions(graph: OnnxGraph, image: str, layers: nn.Module) -> str:
+    """Add convolutions of 3 x 3, each with its normalisation and ReLU; the name of what comes of an image."""
     parts = _parts(layers)
     for convolution, norm in zip(parts[::3], parts[1::3], strict=True):
         strides = list(convolution.stride)
@@ -142,18 +157,20 @@ def _parts(layers: nn.Module) -> list[Any]:
 
 def _folded(layer: Any, norm: Any, axis: int) -> tuple[Array, Array]:
     """Weights and bias of a layer without bias and the normalisation behind it; its outputs are along an axis."""
-    scale = _numbers(norm.weight) / np.sqrt(_numbers(norm.running_var) + norm.eps)
-    weight = _numbers(layer.weight)
+    scale = numbers(norm.weight) / np.sqrt(numbers(norm.running_var) + norm.eps)
+    weight = numbers(layer.weight)
     shape = [1] * weight.ndim
     shape[axis] = -1
-    return weight * scale.reshape(shape), _numbers(norm.bias) - _numbers(norm.running_mean) * scale
+    return weight * scale.reshape(shape), numbers(norm.bias) - numbers(norm.running_mean) * scale
 
 
-def _numbers(tensor: Any) -> Array:
+def numbers(tensor: Any) -> Array:
+    """Weights as an array."""
     return np.asarray(tensor.detach().to(torch.float64).numpy())
 
 
-def _value(name: str, kind: int, *dims: int | str) -> dict[str, Any]:
+def value(name: str, kind: int, *dims: int | str) -> dict[str, Any]:
+    """An input or output; dimensions with names are free."""
     shape = [{"name": one.encode()} if isinstance(one, str) else {"size": one} for one in dims]
     return {"name": name.encode(), "type": {"tensor": {"kind": kind, "shape": {"dims": shape}}}}
 

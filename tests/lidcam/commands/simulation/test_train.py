@@ -17,13 +17,14 @@ from pipeline.core.errors import OutputError
         (("pillars", "--steps", "1", "--out", "mine.onnx"), "mine.onnx"),
         (("pillars", "--steps", "1", "--out", "mine.onnx"), "mine.md"),
         (("pillars", "--steps", "1", "--out", "mine.onnx"), "mine.ckpt"),
+        (("images", "--steps", "1", "--out", "mine.onnx"), "mine.onnx"),
     ],
 )
 def test_what_is_there_stays(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...], name: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    if command[0] == "pillars":
+    if command[0] != "clusters":
         pytest.importorskip("torch", reason="needs the extra train")
     (tmp_path / name).write_text("mine", encoding="utf-8")
     done = CliRunner().invoke(app, ["train", *command])
