@@ -1,4 +1,4 @@
-"""The network in PyTorch: convolutions over the image, and one head for the objects around each cell of three grids.
+"""The network in PyTorch: convolutions over the image, and a head for the objects around the cells of three grids each.
 
 The grids, and what is said of each cell, are those of YOLOX (Ge et al., 2021); it is much smaller, so that one core of
 a processor trains and runs it. Coarse grids, which see more of the image, tell fine ones what they see (Lin et al.,
@@ -17,7 +17,7 @@ BLOCKS = (((12, 2), (20, 2), (32, 2), (32, 1)), ((48, 2), (48, 1)), ((64, 2), (6
 """Channels and strides of the convolutions up to each of the grids."""
 
 WIDTH = 32
-"""Channels of the head."""
+"""Channels of the heads. Grids do not share one: their numbers differ, and normalisation by common ones fails."""
 
 LIKELY = 0.01
 """Probability of an object in each cell before anything is learned."""
@@ -28,7 +28,7 @@ class ImageNetwork(nn.Module):
 
     def __init__(self, classes: int) -> None:
         super().__init__()
-        self.blocks, self.laterals = nn.ModuleList(), nn.ModuleList()
+        self.blocks, self.laterals, self.heads = nn.ModuleList(), nn.ModuleList(), nn.ModuleList()
         before = 3
         for block in BLOCKS:
             layers: list[nn.Module] = []
@@ -37,9 +37,9 @@ class ImageNetwork(nn.Module):
                 before = channels
             self.blocks.append(nn.Sequential(*layers))
             self.laterals.append(nn.Conv2d(before, WIDTH, 1))
-        self.head = nn.Sequential(*_convolved(WIDTH, WIDTH, 1))
-        self.last = nn.Conv2d(WIDTH, 5 + classes, 1)
-        nn.init.constant_(cast(Tensor, self.last.bias)[4:5], math.log(LIKELY / (1 - LIKELY)))
+            last = nn.Conv2d(WIDTH, 5 + classes, 1)
+            nn.init.constant_(cast(Tensor, last.bias)[4:5], math.log(LIKELY / (1 - LIKELY)))
+            self.heads.append(nn.Sequential(*_convolved(WIDTH, WIDTH, 1), last))
 
     def forward(self, images: Tensor) -> Tensor:
         """(B, A, 5 + C) for images (B, 3, H, W), blue first, 0 to 255, whose height and width are multiples of 32.
@@ -52,10 +52,10 @@ class ImageNetwork(nn.Module):
             images = block(images)
             found.append(images)
         total, rows = None, []
-        for image, lateral in zip(reversed(found), reversed(self.laterals), strict=True):
+        for image, lateral, head in zip(found[::-1], self.laterals[::-1], self.heads[::-1], strict=True):
             own = lateral(image)
             total = own if total is None else own + nn.functional.interpolate(total, scale_factor=2.0)
-            rows.append(self.last(self.head(torch.relu(total))).flatten(2))
+            rows.append(head(torch.relu(total)).flatten(2))
         return torch.cat(rows[::-1], 2).transpose(1, 2)
 
 

@@ -1,6 +1,6 @@
 """A trained network as an ONNX file, with the outputs of YOLOX, which `pipeline.detectors.onnx` reads."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,10 +20,11 @@ def onnx_bytes(network: ImageNetwork, classes: Sequence[str]) -> bytes:
         image = _convolutions(graph, image, block)
         found.append(_convolution(graph, image, lateral))
     total, rows = "", []
-    for own in reversed(found):
+    for own, head in zip(found[::-1], network.heads[::-1], strict=True):
         # Pixels are repeated, as in the training.
         total = graph.add("Add", own, _doubled(graph, total)) if total else own
-        said = _convolution(graph, _convolutions(graph, graph.add("Relu", total), network.head), network.last)
+        *convolved, last = head
+        said = _convolution(graph, _convolutions(graph, graph.add("Relu", total), convolved), last)
         rows.append(graph.add("Reshape", said, np.array([0, 5 + len(classes), -1])))
     joined = graph.add("Transpose", graph.add("Concat", *rows[::-1], axis=2), perm=[0, 2, 1])
     boxes, is_there, kinds = (
@@ -39,8 +40,8 @@ def onnx_bytes(network: ImageNetwork, classes: Sequence[str]) -> bytes:
     return graph.file(inputs, outputs, {"names": f"{{{names}}}"})
 
 
-def _convolutions(graph: Graph, image: str, layers: Any) -> str:
-    parts = [*layers.children()]
+def _convolutions(graph: Graph, image: str, layers: Iterable[Any]) -> str:
+    parts = [*layers]
     for convolution, norm in zip(parts[::3], parts[1::3], strict=True):
         image = graph.add("Relu", _convolution(graph, image, fuse_conv_bn_eval(convolution, norm)))
     return image

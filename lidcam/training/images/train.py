@@ -1,6 +1,6 @@
 """Training of a network for simulated images, from worlds to an ONNX file and its card."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
@@ -21,15 +21,17 @@ from lidcam.training.images.pictures import (
     cuts,
     pictures,
 )
+from lidcam.training.pillars.judging import Judged, calibration
 from pipeline.core.arrays import F64, I64, Bools
 from pipeline.core.detections import Boxes2D
 from pipeline.core.geometry.boxes import iou_xyxy
 from pipeline.core.settings.detect import Detect2DConfig
 from pipeline.detectors.onnx.detector import OnnxDetector2D
 from pipeline.detectors.onnx.layouts.cells import cells_of
+from pipeline.fusion.belief.odds import logit
 from pipeline.stages.detect2d import suppress_overlaps
 
-__all__ = ["fitted", "loss_of", "train_images"]
+__all__ = ["fitted", "judge", "loss_of", "train_images"]
 
 BATCH = 8
 RATE, DECAY, WARM_STEPS = 3e-3, 1e-2, 100
@@ -43,11 +45,13 @@ MAX_LOG_SIZE = 5.0
 HELD_OUT = 1_000_000
 """Worlds from this number on, added to the seed, judge the network and do not train it."""
 
-MAX_HELD_OUT = 60
+MAX_HELD_OUT = 30
 FITTING = 0.95
 """Share of the time that the steps take."""
 
 MIN_IOU = 0.5
+LEAST_SCORE = 0.02
+"""Of boxes that tell how likely one of a score is right."""
 
 Told = Callable[[float, str], object]
 """Called with the share that is done, and what to say beside."""
@@ -65,12 +69,28 @@ def train_images(out: Path, steps: int, seed: int, *, told: Told) -> str:
     network = fitted(
         seed, steps, lambda step, loss: told(FITTING * step / steps, f"step {step} of {steps}, loss {loss:.3f}")
     )
-    out.write_bytes(onnx_bytes(network, CLASSES))
-    detector, judged, worlds = OnnxDetector2D(out, Detect2DConfig()), [], min(max(steps // 50, 1), MAX_HELD_OUT)
-    for row in range(worlds):
-        judged += [_judged(detector, picture) for picture in pictures(HELD_OUT + seed + row)]
-        told(FITTING + (1 - FITTING) * (row + 1) / worlds, f"held-out world {row + 1} of {worlds}")
-    return _card(steps, seed, worlds, _figures(judged))
+    return judge(network, out, steps, seed, told=told)
+
+
+def judge(network: ImageNetwork, out: Path, steps: int, seed: int, *, told: Told) -> str:
+    """Write a network whose scores are about probabilities by what it finds in some worlds; its card, by others."""
+    half = min(max(steps // 100, 1), MAX_HELD_OUT // 2)
+
+    def seen(first: int) -> Iterator[_Judged]:
+        out.write_bytes(onnx_bytes(network, CLASSES))
+        detector = OnnxDetector2D(out, Detect2DConfig(min_score=LEAST_SCORE))
+        for row in range(first, first + half):
+            yield from (_judged(detector, picture) for picture in pictures(HELD_OUT + seed + row))
+            told(FITTING + (1 - FITTING) * (row + 1) / (2 * half), f"held-out world {row + 1} of {2 * half}")
+
+    found = _joined(seen(0))
+    odds, as_one = logit(found.scores), np.zeros(len(found.scores), np.int64)
+    factor, offset = calibration(Judged(odds, as_one, found.is_right, np.empty((0, 3)), np.zeros(1, np.int64)))[0]
+    with torch.no_grad():
+        for *_, last in network.heads:
+            last.weight[4] *= factor
+            last.bias[4] = last.bias[4] * factor + offset
+    return _card(steps, seed, 2 * half, _figures(_joined(seen(half))))
 
 
 def fitted(seed: int, steps: int, told: Callable[[int, float], object]) -> ImageNetwork:
@@ -161,9 +181,12 @@ def _judged(detector: OnnxDetector2D, picture: Picture) -> _Judged:
     return _Judged(boxes.scores.astype(np.float64)[counted], kinds, own[counted] >= 0, objects)
 
 
-def _figures(judged: Sequence[_Judged]) -> str:
+def _joined(judged: Iterable[_Judged]) -> _Judged:
+    return _Judged._make(np.concatenate(column) for column in zip(*judged, strict=True))
+
+
+def _figures(found: _Judged) -> str:
     """A table in Markdown."""
-    found = _Judged._make(np.concatenate(column) for column in zip(*judged, strict=True))
     lines = ["| class | objects | found | false | AP |", "| --- | --- | --- | --- | --- |"]
     for row, name in enumerate(CLASSES):
         rows, count = found.classes == row, int((found.objects == row).sum())
@@ -182,8 +205,8 @@ def _card(steps: int, seed: int, held_out: int, table: str) -> str:
 
 made this network from {steps * BATCH} parts of images of {worlds} drawn worlds, and
 no recording. It knows what the simulator draws: in real images it is of no use.
-In images of {held_out} other worlds, of objects of which 30 % and 12 rows of pixels
-and more are seen:
+Of {held_out} other worlds, half made its scores about probabilities. In images of the
+other half, of objects of which 30 % and 12 rows of pixels and more are seen:
 
 {table}
 
