@@ -11,7 +11,7 @@ import numpy as np
 from bags.simulator.recorder.stage import Stage
 from bags.simulator.scenario.scenario import Scenario, SunScenario
 from bags.simulator.scenario.sensors import CameraScenario
-from bags.simulator.sensors.camera import Camera
+from bags.simulator.sensors.camera import Camera, CameraImage
 from bags.simulator.sensors.visibility import visible_boxes
 from bags.simulator.worlds.draw import FAMILIES, Family, random_lidar, random_numbers_of, random_scenario
 from pipeline.core.arrays import F32, F64, I64, U8, Bools
@@ -113,8 +113,26 @@ def _pictures(world: int) -> Iterator[Picture]:
         is_sure = image.seen_px >= MIN_VISIBLE * image.alone_px
         is_sure[seen] &= boxes[seen, 3] - boxes[seen, 1] >= MIN_HEIGHT_PX
         quality = [cv2.IMWRITE_JPEG_QUALITY, int(draw.integers(60, 96))]
-        rgb = np.asarray(cv2.imdecode(cv2.imencode(".jpg", image.rgb, quality)[1], cv2.IMREAD_COLOR), np.uint8)
+        file = cv2.imencode(".jpg", _painted(image, draw), quality)[1]
+        rgb = np.asarray(cv2.imdecode(file, cv2.IMREAD_COLOR), np.uint8)
         yield Picture(rgb, boxes[seen], classes[seen], is_sure[seen])
+
+
+def _painted(image: CameraImage, draw: np.random.Generator) -> U8:
+    """An image with stripes and rows of windows behind its objects: drawn worlds have neither markings nor facades."""
+    painted = image.rgb.copy()
+    for _ in range(draw.integers(0, 7)):
+        turn, skew = draw.uniform(0, 2 * np.pi), draw.uniform(0.3, 2.8)
+        along, across = np.exp(draw.uniform(np.log(5), np.log(60), 2))
+        turns = np.array([turn, turn + skew])
+        axes = np.array([[along], [across]]) * np.column_stack([np.cos(turns), np.sin(turns)])
+        columns, rows = draw.integers(1, 10), draw.integers(1, 6)
+        cells = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 1, 2)
+        corners = cells + np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * draw.uniform(0.3, 0.7, 2)
+        places = draw.uniform(0, 1, 2) * IMAGE_PX + corners @ axes
+        grey = draw.uniform(0, 255) if draw.random() < 0.5 else 240.0
+        cv2.fillPoly(painted, [*places.astype(np.int32)], (grey + draw.uniform(-40, 15, 3)).clip(0, 255).tolist())
+    return np.where(image.movers[..., None] < 0, painted, image.rgb)
 
 
 def _camera(family: Family, scenario: Scenario, draw: np.random.Generator) -> tuple[CameraScenario, SunScenario]:
