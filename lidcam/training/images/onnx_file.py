@@ -16,11 +16,14 @@ __all__ = ["onnx_bytes"]
 def onnx_bytes(network: ImageNetwork, classes: Sequence[str]) -> bytes:
     """The content of a file, its weights in half precision; the same network makes the same bytes."""
     graph, image, found = Graph(half=True), "images", []
-    for block, lateral in zip(network.blocks, network.laterals, strict=True):
+    blocks: list[Any] = [*network.blocks]
+    laterals: list[Any] = [*network.laterals]
+    for block, lateral in zip(blocks, laterals, strict=True):
         image = _convolutions(graph, image, block)
         found.append(_convolution(graph, image, lateral))
     total, rows = "", []
-    for own, head in zip(found[::-1], network.heads[::-1], strict=True):
+    heads: list[Any] = [*network.heads]
+    for own, head in zip(found[::-1], heads[::-1], strict=True):
         # Pixels are repeated, as in the training.
         total = graph.add("Add", own, _doubled(graph, total)) if total else own
         *convolved, last = head
@@ -54,5 +57,7 @@ def _convolution(graph: Graph, image: str, layer: nn.Conv2d) -> str:
 
 def _doubled(graph: Graph, image: str) -> str:
     scales = np.array([1.0, 1.0, 2.0, 2.0])
-    floor = {"mode": b"nearest", "coordinate_transformation_mode": b"asymmetric", "nearest_mode": b"floor"}
-    return graph.add("Resize", image, "", scales, **floor)
+    to_pixel = b"asymmetric"
+    return graph.add(
+        "Resize", image, "", scales, mode=b"nearest", coordinate_transformation_mode=to_pixel, nearest_mode=b"floor"
+    )

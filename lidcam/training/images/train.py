@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -86,8 +86,9 @@ def judge(network: ImageNetwork, out: Path, steps: int, seed: int, *, told: Told
     found = _joined(seen(0))
     odds, as_one = logit(found.scores), np.zeros(len(found.scores), np.int64)
     factor, offset = calibration(Judged(odds, as_one, found.is_right, np.empty((0, 3)), np.zeros(1, np.int64)))[0]
+    heads: list[Any] = [*network.heads]
     with torch.no_grad():
-        for *_, last in network.heads:
+        for *_, last in heads:
             last.weight[4] *= factor
             last.bias[4] = last.bias[4] * factor + offset
     return _card(steps, seed, 2 * half, _figures(_joined(seen(half))))
