@@ -137,7 +137,9 @@ RigFile = Annotated[
 Model2d = Annotated[
     str | None,
     typer.Option(
-        "--model-2d", metavar="FILE.onnx|NAME", help="2D network: an ONNX file, or one that `lidcam fetch` brought."
+        "--model-2d",
+        metavar="FILE.onnx|NAME",
+        help="2D network: an ONNX file, one that `lidcam fetch` brought, or `simulated`, for simulated images.",
     ),
 ]
 Model3d = Annotated[

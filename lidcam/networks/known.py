@@ -7,7 +7,7 @@ from typing import Literal
 
 from pipeline.core.errors import ModelError
 
-__all__ = ["NETWORKS", "KnownNetwork", "NetworkName", "network_path", "networks_folder"]
+__all__ = ["EMBEDDED", "NETWORKS", "KnownNetwork", "NetworkName", "network_path", "networks_folder"]
 
 NetworkName = Literal["yolox-nano", "yolox-tiny", "yolox-s"]
 
@@ -53,6 +53,9 @@ NETWORKS: dict[str, KnownNetwork] = {
 }
 """By name. The maker publishes no checksums: these are those that many projects which use the files have recorded."""
 
+EMBEDDED: dict[str, Path] = {"simulated": Path(__file__).with_name("simulated.onnx")}
+"""Networks that come with lidcam; the file ending in `.md` beside each says how it was made."""
+
 
 def networks_folder() -> Path:
     """Where networks lie once they are fetched: in the user's data folder (XDG Base Directory Specification).
@@ -68,10 +71,10 @@ def networks_folder() -> Path:
 
 
 def network_path(model: Path) -> Path:
-    """The file of a network that settings name: by its path, or by a name of `NETWORKS`. It may be missing.
+    """The file of a network that settings name: its path, or a name of `EMBEDDED` or `NETWORKS`. It may be missing.
 
     Raises:
         ModelError: as of `networks_folder`.
     """
     known = NETWORKS.get(str(model))
-    return model if known is None else networks_folder() / known.file_name
+    return EMBEDDED.get(str(model), model) if known is None else networks_folder() / known.file_name

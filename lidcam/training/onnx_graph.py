@@ -61,20 +61,21 @@ FIELDS = {
 """The fields of onnx.proto3 (github.com/onnx/onnx) that are written."""
 
 IR_VERSION, OPSET = 8, 18
-FLOAT, INT64 = 1, 7
+FLOAT, INT64, HALF = 1, 7, 10
 INT, TEXT, INTS = 2, 3, 7
 
 
 class Graph:
     """Nodes, each behind the one before it, and their constants."""
 
-    def __init__(self, prefix: str = "") -> None:
+    def __init__(self, prefix: str = "", *, half: bool = False) -> None:
         """Begin it.
 
         Args:
             prefix: Of all names, where the nodes stand behind those of another file.
+            half: Whether the file has its numbers in half precision, and so half the size; it computes in single.
         """
-        self._prefix = prefix
+        self._prefix, self._half = prefix, half
         self._nodes: list[dict[str, Any]] = []
         self._tensors: list[dict[str, Any]] = []
 
@@ -99,14 +100,15 @@ class Graph:
 
     def _constant(self, name: str, array: Array) -> str:
         is_whole = array.dtype.kind == "i"
-        data = np.ascontiguousarray(array, "<i8" if is_whole else "<f4")
-        kind = INT64 if is_whole else FLOAT
+        is_half = self._half and not is_whole
+        data = np.ascontiguousarray(array, "<i8" if is_whole else "<f2" if is_half else "<f4")
+        kind = INT64 if is_whole else HALF if is_half else FLOAT
         self._tensors.append({"name": name.encode(), "dims": data.shape, "type": kind, "data": data.tobytes()})
-        return name
+        return self.add("Cast", name, to=FLOAT) if is_half else name
 
     def file(self, inputs: Sequence[Value], outputs: Sequence[Value], metadata: Mapping[str, str]) -> bytes:
         """The content of a file of this graph; the same graph makes the same bytes."""
-        graph = {"name": b"pillars", "input": [*map(_value, inputs)]}
+        graph = {"name": b"lidcam", "input": [*map(_value, inputs)]}
         model = _model_class()(ir_version=IR_VERSION, opset=[{"version": OPSET}], graph=graph)
         return self._written(model, outputs, metadata)
 

@@ -51,6 +51,7 @@ def check_metadata(wheel: Path) -> None:
     links = re.findall(r"\]\(([^)]+)\)", metadata.description or "")
     assert links
     assert [link for link in links if not link.startswith("https://")] == []
+    assert {"lidcam/networks/simulated.onnx", "lidcam/networks/simulated.md"} < names
     assert {f"{package}/py.typed" for package in ("lidcam", "pipeline", "readers", "writers", "bags")} < names
 
 

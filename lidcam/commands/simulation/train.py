@@ -54,6 +54,11 @@ Examples:
   lidcam train convert net.pth --config net.yaml --out mine.onnx
   lidcam-process drive.mcap out.mcap --model-3d mine.onnx
 """
+IMAGES_EXAMPLES = """\b
+Examples:
+  lidcam train images --steps 4000 --out detector.onnx
+  lidcam-process drive.mcap out.mcap --model-2d detector.onnx
+"""
 
 
 @train_app.callback()
@@ -237,6 +242,36 @@ def convert(
     typer.echo(f"{out}: finds {names}")
     typer.echo(f"x from {low[0]:g} to {high[0]:g} m, y from {low[1]:g} to {high[1]:g} m")
     typer.echo(f"ground at {specs.ground_z_m:g} m, intensities to {specs.intensity_max:g}")
+
+
+@train_app.command(epilog=IMAGES_EXAMPLES)
+@with_log_options
+def images(
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", metavar="FILE.onnx", callback=ends_in(".onnx"), help="The network; FILE.md beside it is its card."
+        ),
+    ],
+    steps: Annotated[int, typer.Option(min=1, metavar="N", help="Steps, of eight parts of images each.")],
+    seed: Annotated[
+        int, typer.Option(min=0, metavar="N", help="Number of the first world; others, another network.")
+    ] = 0,
+    overwrite: Overwrite = False,
+) -> None:
+    """Train a network that finds 2D boxes in simulated images, on drawn worlds; in real images it is of no use."""
+    check_simulator()
+    _check_torch("the training")
+    from lidcam.printing.progress import show_training
+    from lidcam.training.images.train import train_images
+    from writers.outputs.transaction import OutputTransaction
+
+    card = out.with_suffix(".md")
+    with OutputTransaction([out, card], check_old=partial(_check_old, overwrite=overwrite)) as outputs:
+        with show_training() as told:
+            text = train_images(outputs[out].part, steps, seed, told=told)
+        outputs[card].write_text(text)
+    typer.echo(text)
 
 
 def _check_torch(what: str) -> None:

@@ -10,7 +10,7 @@ from pipeline.core.arrays import F32, Array
 from pipeline.detectors.onnx.layouts.layout import Size, best_class, check_shape, corners_of
 from pipeline.detectors.protocols import Candidates2D
 
-__all__ = ["STRIDES_PX", "YoloV5Reader", "YoloV8Reader", "YoloxReader", "cell_count", "is_in_pixels"]
+__all__ = ["STRIDES_PX", "YoloV5Reader", "YoloV8Reader", "YoloxReader", "cell_count", "cells_of", "is_in_pixels"]
 
 STRIDES_PX = (8, 16, 32)
 
@@ -40,7 +40,7 @@ class YoloxReader:
         rows = rows[taken]
         centers, sizes = rows[:, :2], rows[:, 2:4]
         if not self.is_in_pixels:
-            grid, stride = (cells[taken] for cells in _cells(size_px))
+            grid, stride = (cells[taken] for cells in cells_of(size_px))
             centers, sizes = (centers + grid) * stride, np.exp(sizes) * stride
         scores, labels = best_class(rows[:, 5:])
         return Candidates2D(corners_of(centers, sizes), rows[:, 4] * scores, labels)
@@ -104,7 +104,7 @@ def is_in_pixels(rows: F32, size_px: Size) -> bool:
 
 
 @lru_cache(maxsize=32)
-def _cells(size_px: Size) -> tuple[F32, F32]:
+def cells_of(size_px: Size) -> tuple[F32, F32]:
     """Column and row of the cell (A, 2) and stride in pixels (A, 1) of each row of the output."""
     grids, strides = [], []
     for stride in STRIDES_PX:

@@ -18,6 +18,7 @@ from pipeline.core.errors import ConfigError, OutputError
         (("pillars", "--steps", "1", "--out", "mine.onnx"), "mine.md"),
         (("pillars", "--steps", "1", "--out", "mine.onnx"), "mine.ckpt"),
         (("convert", "net.pth", "--out", "mine.onnx"), "mine.onnx"),
+        (("images", "--steps", "1", "--out", "mine.onnx"), "mine.onnx"),
     ],
 )
 def test_what_is_there_stays(

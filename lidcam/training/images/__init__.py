@@ -1,0 +1,1 @@
+"""Training of a network that finds objects in simulated images."""
