@@ -2,7 +2,6 @@
 
 import ast
 from pathlib import Path
-from pickle import UnpicklingError
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -72,7 +71,7 @@ def _loaded(path: Path) -> Any:
     """With stand-ins for all classes that PyTorch does not know to be safe: the log of mmengine, for one."""
     try:
         strange = torch.serialization.get_unsafe_globals_in_checkpoint(path)
-    except (ValueError, UnpicklingError):  # the older format, that of OpenPCDet, of which it cannot be told
+    except Exception:  # of the older format, that of OpenPCDet, it cannot be told
         strange = []
     with torch.serialization.safe_globals([(_Left, name) for name in strange]):
         return torch.load(path, map_location="cpu", weights_only=True)
