@@ -7,7 +7,7 @@ from command import Lidcam
 
 
 def test_a_sample_is_processed_from_its_pixels(crossing: Path, lidcam: Lidcam, tmp_path: Path) -> None:
-    """The network that comes with lidcam knows cars, and little else."""
+    """The network that comes with lidcam knows cars above all."""
     out = tmp_path / "out.mcap"
     less = ("--duration", "0.5", "--set", "output.images=false", "--json")
     run = lidcam("process", crossing, out, "--model-2d", "simulated", *less)
