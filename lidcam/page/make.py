@@ -51,7 +51,8 @@ def make_page(path: Path, show: Progress = not_shown) -> str:
         LidcamError: the result cannot be read.
     """
     with open_result(path) as result:
-        seen, measured = ReportCollector(result.config, result.rig), DetectionPlots(result.config)
+        seen = ReportCollector(result.config, result.rig, is_adrift=result.is_adrift)
+        measured = DetectionPlots(result.config)
         evaluation = evaluate_result(EvaluationJob(path), show, (seen, measured))
         background = SparseGrid(FIRST_CELL_M, MAX_CELLS) if result.is_adrift else _background(result, seen)
         drawn = _figures(result, seen, measured, background)

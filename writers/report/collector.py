@@ -40,10 +40,11 @@ class ReportCollector:
     Args:
         config: Classes.
         rig: Zones.
+        is_adrift: The sensors move, and where to is not known: ways are as seen from the sensors.
     """
 
-    def __init__(self, config: Config, rig: Rig) -> None:
-        self._names, self._rig = config.class_names, rig
+    def __init__(self, config: Config, rig: Rig, *, is_adrift: bool = False) -> None:
+        self._names, self._rig, self._is_adrift = config.class_names, rig, is_adrift
         self.frames, self.first_ns, self.last_ns = 0, 0, 0
         self.objects = dict.fromkeys(config.class_names, 0)
         self.users, self.courses = RoadUserTally(config, rig), Courses()
@@ -89,11 +90,12 @@ class ReportCollector:
 
     def _draw(self, source: SourceBoxes, frame: EvaluationFrame, time_s: float) -> None:
         boxes, motion = source.boxes, source.motion
-        if frame.T_fixed_site is None:
+        T_fixed_site = np.eye(4) if self._is_adrift else frame.T_fixed_site
+        if T_fixed_site is None:
             return
         self.poses_known += 1
-        self._travel(time_s, frame.T_fixed_site[:2, 3])
-        xy = (boxes.centers @ frame.T_fixed_site[:3, :3].T + frame.T_fixed_site[:3, 3])[:, :2]
+        self._travel(time_s, T_fixed_site[:2, 3])
+        xy = (boxes.centers @ T_fixed_site[:3, :3].T + T_fixed_site[:3, 3])[:, :2]
         if motion is None:
             for class_id in np.unique(boxes.class_ids).tolist():
                 grid = self.places.setdefault(self._names[class_id], SparseGrid(0.05, MAX_PLACES))

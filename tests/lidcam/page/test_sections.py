@@ -1,5 +1,6 @@
 """What a page says of a result, with what to do; and that nothing recorded gets into its HTML."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -47,6 +48,16 @@ ONE = tracked((1.0, 2.0), numbers=[4])
 )
 def test_doubts_are_said_with_what_to_do(account: dict[str, Any], warnings: list[RunWarning], said: str) -> None:
     assert said in sections.doubts(seen_of(ONE), account, warnings, "0.1.0")
+
+
+def test_ways_are_drawn_from_the_sensors_where_they_move_nobody_knows_where_to() -> None:
+    nowhere = replace(frame_of(0, None, {"fused": ONE}), T_fixed_site=None)
+    unknown, adrift = ReportCollector(CONFIG, RIG), ReportCollector(CONFIG, RIG, is_adrift=True)
+    unknown.add(nowhere)
+    adrift.add(nowhere)
+    assert (unknown.poses_known, unknown.is_tracked) == (0, False)
+    assert (adrift.poses_known, adrift.is_tracked, adrift.travelled_m) == (1, True, 0)
+    assert "1 road user" in sections.verdict("out.mcap", adrift, NAMES)
 
 
 def test_a_result_without_objects_says_what_to_try() -> None:
