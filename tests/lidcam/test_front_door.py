@@ -161,7 +161,14 @@ def test_the_text_forms_of_records_are_short(run: lidcam.RunResult) -> None:
             frame.detections,
             message,
         ]
-        records += [frame.fused, frame.hypotheses, lidcam.inspect(SANDBOX), recording, lidcam.load_config()]
+        records += [
+            frame.fused,
+            frame.hypotheses,
+            frame.scene,
+            lidcam.inspect(SANDBOX),
+            recording,
+            lidcam.load_config(),
+        ]
         records += [lidcam.make_job(SANDBOX), run.objects, lidcam.load_rig(ROOT / "config" / "rigs" / "original.yaml")]
         records += [run.report.inputs, run.report.frames, run.report.road_users, lidcam.evaluate(run.report.outputs[0])]
         assert {type(record).__name__: len(repr(record)) for record in records if len(repr(record)) > 1500} == {}

@@ -1,6 +1,7 @@
 """What the pictures of a run show: its cameras side by side, the site from above, and a clock."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import ceil
 from statistics import median
@@ -15,6 +16,7 @@ from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.optics.images import Image
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
+from pipeline.core.text import brief
 from writers.drawing import height_range, strong_objects
 from writers.pictures.above import Area, SiteMap, area_of, draw_above
 from writers.pictures.camera import Look, draw_camera
@@ -41,7 +43,8 @@ Drawn = tuple[U8, tuple[Drop, ...]]
 """A picture, (H, W, 3) red, green, blue, and the images of the frame that cannot be decoded, dark in it."""
 
 
-class Scene(NamedTuple):
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
     """What the pictures of a frame show.
 
     Attributes:
@@ -54,6 +57,8 @@ class Scene(NamedTuple):
     frame: FrameResult
     trails: list[F64]
     images: Mapping[str, FrameResult]
+
+    __repr__ = brief
 
 
 class Scenes:
