@@ -6,7 +6,7 @@ another lidar in another place, share one world, because building a world takes 
 """
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
@@ -78,10 +78,16 @@ class TrainingSweep:
     lidar: LidarScenario
 
 
-def sweep(family: Family, seed: int) -> TrainingSweep:
-    """The sweep of a seed; always the same, to be asked for in rising order because worlds are kept for a while."""
+def sweep(family: Family, seed: int, changed: Callable[[LidarScenario], LidarScenario] | None = None) -> TrainingSweep:
+    """The sweep of a seed; always the same, to be asked for in rising order because worlds are kept for a while.
+
+    Args:
+        family: Worlds.
+        seed: Number of the sweep.
+        changed: Called with the lidar that was drawn; what it returns takes the sweep.
+    """
     world_seed, number = divmod(seed, SWEEPS_PER_WORLD)
-    return _world(family, world_seed).sweep(family, world_seed, number)
+    return _world(family, world_seed).sweep(family, world_seed, number, changed or (lambda lidar: lidar))
 
 
 def sweeps(family: Family, seeds: range, *, workers: int = 1) -> Iterator[TrainingSweep]:
@@ -143,10 +149,13 @@ class _World:
         looks = [(look.reflectivity, look.mirror, look.transmission) for look in self._rows]
         self._looks = np.array(looks, np.float64).reshape(-1, 3)
 
-    def sweep(self, family: Family, seed: int, number: int) -> TrainingSweep:
-        """The sweep of the scenario's lidar, or from number 1 on of another one."""
+    def sweep(
+        self, family: Family, seed: int, number: int, changed: Callable[[LidarScenario], LidarScenario]
+    ) -> TrainingSweep:
+        """The sweep of the scenario's lidar, or from number 1 on of another one, after a change of it."""
         draw, scenario = random_numbers_of(family, seed, 1 + number), self._scenario
         lidar = scenario.lidars["top"] if number == 0 else random_lidar(family, draw, scenario.ground, scenario.things)
+        lidar = changed(lidar)
         base = np.eye(4)
         if lidar.mounted_on:
             base = self._ego_pose(draw, elsewhere=number > 0)

@@ -142,9 +142,10 @@ def pillars(
     ],
     steps: Annotated[int, typer.Option(min=1, metavar="N", help="Steps in all, of four sweeps each.")],
     family: Annotated[
-        Literal["road", "crossing", "sandbox"] | None,
+        Literal["road", "crossing", "all", "sandbox"] | None,
         typer.Option(
-            "--family", help=f"Worlds to learn from: a lidar on a car, on a mast at a crossing, at a table. {ROAD}"
+            "--family",
+            help=f"Worlds to learn from: a lidar on a car, on a mast at a crossing, either, at a table. {ROAD}",
         ),
     ] = None,
     recordings: Recordings = None,

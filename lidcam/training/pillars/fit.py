@@ -12,10 +12,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from bags.simulator.worlds.draw import Family
-from lidcam.training.labelled import WORLDS, Recordings
+from lidcam.training.labelled import Recordings
 from lidcam.training.pillars.network import PillarNetwork
-from lidcam.training.pillars.scenes import CLASSES, SCENES_OF_A_ROUND, Scene, Source, rounds
+from lidcam.training.pillars.scenes import CLASSES, GRIDS, SCENES_OF_A_ROUND, Scene, Source, Worlds, rounds
 from pipeline.core.errors import LidcamError
 from pipeline.core.text import one_line
 from writers.outputs.errors import output_errors
@@ -39,14 +38,14 @@ class Checkpoint(NamedTuple):
 
     Attributes:
         path: Its file; whole at any time.
-        family: Worlds.
+        worlds: Families of worlds; the state may be of others with the same grid and classes.
         seed: Number of the first world.
         recordings: Labelled recordings to learn from, which need not be those of the state.
         has_worlds: Whether worlds are learned from beside these.
     """
 
     path: Path
-    family: Family
+    worlds: Worlds
     seed: int
     recordings: Recordings | None = None
     has_worlds: bool = True
@@ -54,7 +53,7 @@ class Checkpoint(NamedTuple):
     @property
     def source(self) -> Source:
         """Where scenes come from."""
-        return Source(self.family, self.recordings, self.has_worlds)
+        return Source(self.worlds, self.recordings, self.has_worlds)
 
     def save(
         self,
@@ -74,7 +73,7 @@ class Checkpoint(NamedTuple):
         part = self.path.with_name(f".{self.path.name}.part")
         with output_errors(self.path):
             with part.open("wb") as file:
-                torch.save(state | {"family": self.family, "seed": self.seed}, file)
+                torch.save(state | {"family": self.worlds, "seed": self.seed}, file)
                 file.flush()
                 os.fsync(file.fileno())
             part.replace(self.path)
@@ -85,14 +84,16 @@ class Checkpoint(NamedTuple):
         Raises:
             LidcamError: the file cannot be read, or is of another training.
         """
-        expected = f"{self.path}: expected the state of a training of --family {self.family} --seed {self.seed}"
+        expected = f"{self.path}: expected the state of a training of --family {self.worlds} --seed {self.seed}"
         try:
             state: dict[str, Any] = torch.load(self.path, map_location="cpu", weights_only=True)
-            state.setdefault("history", [(0, WORLDS)])
+            state.setdefault("history", [(0, Source(state["family"]).text)])
             found = f"--family {state['family']} --seed {state['seed']}"
         except Exception as err:  # the errors of pickled files have no base of their own
             raise LidcamError(f"{expected}, found {one_line(err, max_characters=200)}") from err
-        if (state["family"], state["seed"]) != (self.family, self.seed):
+        known: Worlds = state["family"]
+        is_same = (GRIDS.get(known), CLASSES.get(known)) == (GRIDS[self.worlds], CLASSES[self.worlds])
+        if not is_same or state["seed"] != self.seed:
             raise LidcamError(f"{expected}, found {found}")
         return state
 
@@ -115,11 +116,11 @@ def fitted(
         LidcamError: the checkpoint cannot be used.
         OutputError: it cannot be written.
     """
-    family, seed = checkpoint.family, checkpoint.seed
+    seed = checkpoint.seed
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     with torch.random.fork_rng():
         torch.manual_seed(seed)
-        network = PillarNetwork(len(CLASSES[family])).to(device)
+        network = PillarNetwork(len(CLASSES[checkpoint.worlds])).to(device)
     optimiser = torch.optim.AdamW(network.parameters(), RATE, weight_decay=DECAY)
     step, mean_loss, history = 0, float("nan"), []
     if checkpoint.path.exists():

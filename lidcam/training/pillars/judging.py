@@ -6,11 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from bags.simulator.worlds.draw import Family
 from bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD
 from lidcam.training.card import average_precision, calibration_error
 from lidcam.training.labelled import LabelledFrame, TrueBoxes
-from lidcam.training.pillars.scenes import CLASSES, GRIDS, MIN_POINTS, known_to, scene
+from lidcam.training.pillars.scenes import CLASSES, GRIDS, MIN_POINTS, Worlds, family_of, known_to, scene
 from pipeline.core.arrays import F64, I64, Bools
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.geometry.overlaps import without_overlaps
@@ -49,22 +48,22 @@ class Judged(NamedTuple):
     objects: I64
 
 
-def judged(network: PillarNetwork, family: Family, worlds: range) -> Iterator[Judged]:
-    """The boxes that a network finds in each of some worlds."""
+def judged(network: PillarNetwork, worlds: Worlds, numbers: range) -> Iterator[Judged]:
+    """The boxes that a network finds in each of the worlds of some numbers."""
     step = SWEEPS_PER_WORLD // SWEEPS_OF_A_WORLD
-    for world in worlds:
+    for number in numbers:
         parts = []
-        for seed in range(world * SWEEPS_PER_WORLD, (world + 1) * SWEEPS_PER_WORLD, step):
-            position, true = scene(family, seed)
-            parts.append(_judged_sweep(family, network(position, LEAST_LOG_ODDS), true))
+        for seed in range(number * SWEEPS_PER_WORLD, (number + 1) * SWEEPS_PER_WORLD, step):
+            position, true = scene(family_of(worlds, number), seed)
+            parts.append(_judged_sweep(worlds, network(position, LEAST_LOG_ODDS), true))
         yield joined(parts)
 
 
-def judged_frame(network: PillarNetwork, family: Family, frame: LabelledFrame) -> Judged:
+def judged_frame(network: PillarNetwork, worlds: Worlds, frame: LabelledFrame) -> Judged:
     """The boxes that a network finds in what is labelled of a frame."""
     found = network(frame.position, LEAST_LOG_ODDS)
     known = frame.is_labelled(found.centers[:, :2])
-    return _judged_sweep(family, Found._make(one[known] for one in found), known_to(family, frame))
+    return _judged_sweep(worlds, Found._make(one[known] for one in found), known_to(worlds, frame))
 
 
 def joined(parts: Sequence[Judged]) -> Judged:
@@ -73,13 +72,13 @@ def joined(parts: Sequence[Judged]) -> Judged:
     return Judged._make([*(np.concatenate(one) for one in columns), np.sum(objects, axis=0)])
 
 
-def _judged_sweep(family: Family, found: Found, true: TrueBoxes) -> Judged:
+def _judged_sweep(worlds: Worlds, found: Found, true: TrueBoxes) -> Judged:
     kept = without_overlaps(BoxArrays(found.centers, found.sizes, found.yaws))
     found = Found._make(one[kept] for one in found)
-    half_m, names = GRIDS[family].half_m, CLASSES[family]
+    half_m, names = GRIDS[worlds].half_m, CLASSES[worlds]
     inside = (np.abs(true.centers[:, :2]) < half_m).all(1)
     true = TrueBoxes._make(one[inside] for one in true)
-    gates_m = np.array([SANDBOX_GATE_M if family == "sandbox" else GATES_M[name] for name in names])
+    gates_m = np.array([SANDBOX_GATE_M if worlds == "sandbox" else GATES_M[name] for name in names])
     away_m = np.linalg.norm(found.centers[:, None, :2] - true.centers[:, :2], axis=2)
     away_m[(found.classes[:, None] != true.classes) | (away_m > gates_m[true.classes])] = np.inf
     own = np.full(len(found.classes), -1)

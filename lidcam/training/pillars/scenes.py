@@ -4,7 +4,7 @@ from collections.abc import Generator
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache, partial
 from multiprocessing import get_context
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -31,6 +31,8 @@ __all__ = [
     "Scene",
     "Source",
     "Targets",
+    "Worlds",
+    "family_of",
     "known_to",
     "rounds",
     "scene",
@@ -38,14 +40,19 @@ __all__ = [
     "targets_of_frame",
 ]
 
-GRIDS: dict[Family, Grid] = {
+Worlds = Literal["road", "crossing", "sandbox", "all"]
+"""Families of worlds to learn from; `all`: roads and crossings."""
+
+GRIDS: dict[Worlds, Grid] = {
     "road": Grid(cell_m=0.32, cells=256, low_m=0.2, high_m=4.0),
     "crossing": Grid(cell_m=0.32, cells=256, low_m=0.2, high_m=4.0),
+    "all": Grid(cell_m=0.32, cells=256, low_m=0.2, high_m=4.0),
     "sandbox": Grid(cell_m=0.04, cells=192, low_m=0.02, high_m=0.5),
 }
-CLASSES: dict[Family, tuple[str, ...]] = {
+CLASSES: dict[Worlds, tuple[str, ...]] = {
     "road": NAMES,
     "crossing": NAMES,
+    "all": NAMES,
     "sandbox": NAMES[:1],
 }
 
@@ -76,12 +83,12 @@ class Source(NamedTuple):
     """Where scenes come from.
 
     Attributes:
-        family: Worlds, whose grid and classes are learned.
+        worlds: Families of worlds, whose grid and classes are learned.
         recordings: Labelled recordings; None: worlds alone.
         has_worlds: Whether half of the scenes are of worlds where there are recordings, or none.
     """
 
-    family: Family
+    worlds: Worlds
     recordings: Recordings | None = None
     has_worlds: bool = True
 
@@ -89,13 +96,23 @@ class Source(NamedTuple):
     def text(self) -> str:
         """The same in Markdown."""
         if self.recordings is None:
-            return WORLDS
-        share = f"as many sweeps of {WORLDS} and " if self.has_worlds else ""
+            return f"{WORLDS} (`{self.worlds}`)"
+        share = f"as many sweeps of {WORLDS} (`{self.worlds}`) and\n  " if self.has_worlds else ""
         return f"{share}frames of {self.recordings.text}"
+
+    def family_of(self, number: int) -> Family:
+        """Family of the world of a number."""
+        return family_of(self.worlds, number)
 
     def is_recorded(self, number: int) -> bool:
         """Whether the scenes of a number are of recordings, and not of the world of this number."""
         return self.recordings is not None and (not self.has_worlds or number % 2 == 1)
+
+
+def family_of(worlds: Worlds, number: int) -> Family:
+    """Family of the world of a number; of `all` two worlds each in turn."""
+    both: tuple[Family, Family] = ("road", "crossing")
+    return both[number // 2 % 2] if worlds == "all" else worlds
 
 
 class Targets(NamedTuple):
@@ -127,32 +144,32 @@ def rounds(source: Source, seed: int, first: int, last: int, workers: int) -> Ge
 
     They are the same for any number of processes; with several, those of the next round are made meanwhile.
     """
-    family, of_world = source.family, partial(_scenes, source)
+    of_world = partial(_scenes, source)
     worlds = [range(seed + row * WORLDS_OF_A_ROUND, seed + (row + 1) * WORLDS_OF_A_ROUND) for row in range(first, last)]
     if workers == 1:
         for row, one in enumerate(worlds, first):
-            yield _mixed(family, seed, row, [made for world in one for made in of_world(world)])
+            yield _mixed(source, seed, row, [made for world in one for made in of_world(world)])
         return
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         waiting = [pool.map(of_world, one) for one in worlds[:2]]
         for row in range(first, last):
             scenes = [made for of_one in waiting.pop(0) for made in of_one]
             waiting += [pool.map(of_world, one) for one in worlds[row - first + 2 : row - first + 3]]
-            yield _mixed(family, seed, row, scenes)
+            yield _mixed(source, seed, row, scenes)
 
 
-def _mixed(family: Family, seed: int, row: int, scenes: list[Scene]) -> list[Scene]:
-    order = random_numbers_of(family, seed, row, 1).permutation(len(scenes))
+def _mixed(source: Source, seed: int, row: int, scenes: list[Scene]) -> list[Scene]:
+    order = random_numbers_of(source.family_of(0), seed, row, 1).permutation(len(scenes))
     return [scenes[place] for place in order]
 
 
 def _scenes(source: Source, number: int) -> list[Scene]:
     """Some sweeps of a world, or frames of recordings, turned, mirrored and stretched."""
-    family, grid, found = source.family, GRIDS[source.family], []
+    family, grid, found = source.family_of(number), GRIDS[source.worlds], []
     if source.recordings is not None and source.is_recorded(number):
         draw = random_numbers_of(family, number, 3)
         frames = (source.recordings.drawn(draw) for _ in range(SWEEPS_OF_A_WORLD))
-        return [Scene(*pillars(frame.position, grid), targets_of_frame(family, frame)) for frame in frames]
+        return [Scene(*pillars(frame.position, grid), targets_of_frame(source.worlds, frame)) for frame in frames]
     for sweep_number in range(0, SWEEPS_PER_WORLD, SWEEPS_PER_WORLD // SWEEPS_OF_A_WORLD):
         position, true = scene(family, number * SWEEPS_PER_WORLD + sweep_number)
         position, true, _ = varied(position, true, random_numbers_of(family, number, sweep_number, 2))
@@ -185,15 +202,15 @@ def _config(family: Family) -> Config:
     return load_config(family)
 
 
-def known_to(family: Family, frame: LabelledFrame) -> TrueBoxes:
-    """The objects of a frame that are of the classes of a family."""
-    return frame.true.select(frame.true.classes < len(CLASSES[family]))
+def known_to(worlds: Worlds, frame: LabelledFrame) -> TrueBoxes:
+    """The objects of a frame that are of the classes of worlds."""
+    return frame.true.select(frame.true.classes < len(CLASSES[worlds]))
 
 
-def targets_of_frame(family: Family, frame: LabelledFrame) -> Targets:
+def targets_of_frame(worlds: Worlds, frame: LabelledFrame) -> Targets:
     """What the output of a network should say of a frame, and where that is not known."""
-    grid = GRIDS[family]
-    targets, side = targets_of(known_to(family, frame), grid, len(CLASSES[family])), grid.cells // STRIDE
+    grid = GRIDS[worlds]
+    targets, side = targets_of(known_to(worlds, frame), grid, len(CLASSES[worlds])), grid.cells // STRIDE
     along_m = (np.arange(side) + 0.5) * STRIDE * grid.cell_m - grid.half_m
     is_known = frame.is_labelled(np.stack(np.meshgrid(along_m, along_m), -1).reshape(-1, 2)).reshape(side, side)
     np.maximum(targets.heat, np.float32(UNLABELLED), out=targets.heat, where=~is_known)

@@ -55,7 +55,7 @@ def train_pillars(
         LidcamError: the checkpoint cannot be used.
         OutputError: it cannot be written.
     """
-    family, seed, recordings = checkpoint.family, checkpoint.seed, checkpoint.recordings
+    worlds, seed, recordings = checkpoint.worlds, checkpoint.seed, checkpoint.recordings
 
     def learning(step: int, loss: float) -> None:
         told(FITTING * step / steps, f"step {step} of {steps}, loss {loss:.3f}")
@@ -67,18 +67,18 @@ def train_pillars(
         """Boxes in what was kept apart, by where it is of; the first part calibrates, the second judges."""
         net, found, first = PillarNetwork(out), {}, HELD_OUT + seed + part * half
         if checkpoint.has_worlds:
-            found[WORLDS] = joined([*_told_of(judged(net, family, range(first, first + half)), part)])
+            found[WORLDS] = joined([*_told_of(judged(net, worlds, range(first, first + half)), part)])
         if recordings is not None:
             frames = map(loaded, (recordings.calibrate, recordings.judge)[part])
-            found["recordings"] = joined([judged_frame(net, family, frame) for frame in frames])
+            found["recordings"] = joined([judged_frame(net, worlds, frame) for frame in frames])
         return found
 
-    def _told_of(worlds: Iterator[Judged], part: int) -> Iterator[Judged]:
-        for row, one in enumerate(worlds, part * half + 1):
+    def _told_of(found: Iterator[Judged], part: int) -> Iterator[Judged]:
+        for row, one in enumerate(found, part * half + 1):
             told(FITTING + (1 - FITTING) * row / (2 * half), f"held-out world {row} of {2 * half}")
             yield one
 
-    specs = PillarSpecs(classes=tuple(FoundClass(name=name) for name in CLASSES[family]), grid=GRIDS[family])
+    specs = PillarSpecs(classes=tuple(FoundClass(name=name) for name in CLASSES[worlds]), grid=GRIDS[worlds])
     out.write_bytes(onnx_bytes(network, specs))
     parts = seen(0)
     if recordings is not None and checkpoint.has_worlds:  # as much as the worlds count
@@ -86,9 +86,9 @@ def train_pillars(
         parts["recordings"] = joined([parts["recordings"]] * max(sweeps // len(recordings.calibrate), 1))
     found = joined([*parts.values()])
     _calibrate(network, calibration(found))
-    specs = specs.model_copy(update={"classes": with_errors(CLASSES[family], found)})
+    specs = specs.model_copy(update={"classes": with_errors(CLASSES[worlds], found)})
     out.write_bytes(onnx_bytes(network, specs))
-    tables = {name: figures(CLASSES[family], one) for name, one in seen(1).items()}
+    tables = {name: figures(CLASSES[worlds], one) for name, one in seen(1).items()}
     return _card(checkpoint, steps, half, tables)
 
 
@@ -102,7 +102,7 @@ def _calibrate(network: torch_network.PillarNetwork, by_class: F64) -> None:
 
 
 def _card(checkpoint: Checkpoint, steps: int, half: int, tables: Mapping[str, str]) -> str:
-    family = f" --family {checkpoint.family}" if checkpoint.has_worlds else ""
+    family = f" --family {checkpoint.worlds}" if checkpoint.has_worlds else ""
     recordings = " --recordings RECORDING \\\n     " if checkpoint.recordings else ""
     sources = "\n".join(f"- from step {step} on {text}" for step, text in checkpoint.load()["history"])
     table = "\n\n".join(f"In {name}:\n\n{table}" for name, table in tables.items())

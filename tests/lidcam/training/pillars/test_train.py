@@ -39,7 +39,8 @@ def test_the_command(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {"mine.onnx", "mine.md", "mine.ckpt"}
     assert done.stdout.rstrip() == (tmp_path / "mine.md").read_text(encoding="utf-8").rstrip()
     assert "lidcam train pillars --family sandbox --recordings RECORDING \\\n      --steps 2 --seed 0 " in done.stdout
-    assert "- from step 0 on as many sweeps of drawn worlds and frames of recordings\n  sandbox.bag, " in done.stdout
+    assert "- from step 0 on as many sweeps of drawn worlds (`sandbox`)" in done.stdout
+    assert "frames of recordings sandbox.bag" in " ".join(done.stdout.split())
     assert done.stdout.index("In drawn worlds:\n\n|") < done.stdout.index("In recordings:\n\n|")
     assert max(map(len, done.stdout.splitlines())) <= 80
     run = lidcam.process(SANDBOX, model_3d=tmp_path / "mine.onnx", duration_s=0.3, workers=1)
@@ -100,7 +101,16 @@ def test_a_training_goes_on_with_recordings(tmp_path: Path, monkeypatch: pytest.
     for steps, source in ((3, worlds), (4, worlds._replace(recordings=recordings)), (5, worlds)):
         fitted(source, steps, workers=1, told=kill_at(0))
     assert [step for step, _ in worlds.load()["history"]] == [0, 3, 4]
-    assert "drawn worlds and frames of recordings\n  a.mcap" in worlds.load()["history"][1][1]
+    assert "drawn worlds (`sandbox`) and\n  frames of recordings\n  a.mcap" in worlds.load()["history"][1][1]
+
+
+def test_a_training_on_roads_goes_on_with_crossings(tmp_path: Path) -> None:
+    network = torch_network.PillarNetwork(5)
+    Checkpoint(tmp_path / "a", "road", 3).save(network, torch.optim.AdamW(network.parameters()), 2, 1.0)
+    checkpoint = Checkpoint(tmp_path / "a", "all", 3)
+    assert checkpoint.load()["step"] == 2
+    families = [checkpoint.source.family_of(number) for number in range(5)]
+    assert families == ["road", "road", "crossing", "crossing", "road"]
 
 
 @pytest.mark.parametrize(

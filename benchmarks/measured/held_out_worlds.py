@@ -1,0 +1,136 @@
+"""What detectors find in drawn worlds that nothing was trained on, by the lidars alone.
+
+    python benchmarks/measured/held_out_worlds.py --family road [--worlds 200] NAME:SETTING,... [NAME:SETTING,... ...]
+
+Prints a table with a row for each class and NAME, whose settings choose the detector, as in
+`clusters:detect3d.method=cluster,detect3d.score=learned`: average precision from above at an IoU of 0.5 and by
+distances, calibration error of boxes from 0.05 on, and of those from 0.5 on found and false ones and the errors of what
+was found. An object counts if 10 points and more are on it and it is within 60 m along the ground.
+
+`--elevations -25,-24,...` sees the worlds by a lidar with beams at these angles in degrees, `--height-m Z` from there.
+"""
+
+import argparse
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+
+from bags.simulator.scenario.sensors import LidarScenario
+from bags.simulator.worlds.draw import Family
+from bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, TrainingSweep, sweep
+from lidcam.training.examples import cloud_of, rig_of
+from pipeline.core.detections import Boxes3D
+from pipeline.core.frame import SensorBundle
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.load import load_config
+from pipeline.evaluation.detection.detection_evaluation import DetectionEvaluation
+from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D
+from pipeline.stages.combine import Combine
+from pipeline.stages.detect3d import Detect3D
+
+FIRST_WORLD = 2_000_000
+"""Trainings take worlds from their seed on, and judge themselves in those from a million on."""
+
+SWEEPS_OF_A_WORLD = 4
+EVALUATED = ("evaluate.max_range_m=60", "evaluate.min_lidar_points=10", "evaluate.iou=[0.5]", "evaluate.bootstrap=100")
+LEAST = {"all": 0.0, "calibrated": 0.05, "reported": 0.5}
+
+Found = tuple[TruthBoxes3D, dict[str, Boxes3D]]
+
+
+def main() -> None:
+    """Look at all worlds, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--family", choices=("road", "crossing", "sandbox"), required=True)
+    parser.add_argument("--worlds", type=int, default=200)
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--elevations", type=lambda text: tuple(sorted(map(float, text.split(",")))))
+    parser.add_argument("--height-m", type=float)
+    parser.add_argument("detectors", nargs="+", metavar="NAME:SETTING,...")
+    given = parser.parse_args()
+    detectors = {name: tuple(rest.split(",")) for name, _, rest in (one.partition(":") for one in given.detectors)}
+    evaluation = DetectionEvaluation(load_config(given.family, EVALUATED), ())
+    look = partial(_world, given.family, detectors, partial(_changed, given.elevations, given.height_m))
+    for row, (truth, found) in enumerate(_looked(look, given.worlds, given.workers)):
+        sources = {
+            f"{name} {kind}": SourceBoxes(kept, np.full(len(kept), UNKNOWN, np.int64))
+            for name, boxes in found.items()
+            for kind, least in LEAST.items()
+            for kept in [boxes.select(boxes.scores >= least)]
+        }
+        evaluation.add(EvaluationFrame(row, 0, truth, sources))
+    _print_table(evaluation.figures()["sources"], list(detectors))
+
+
+def _looked(look: Callable[[int], list[Found]], worlds: int, workers: int) -> Iterator[Found]:
+    numbers = range(FIRST_WORLD, FIRST_WORLD + worlds)
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        for of_world in pool.map(look, numbers):
+            yield from of_world
+
+
+def _changed(elevations_deg: tuple[float, ...] | None, height_m: float | None, lidar: LidarScenario) -> LidarScenario:
+    """A lidar with other beams, or in another height."""
+    x, y, z = lidar.position_m
+    changes = {"position_m": (x, y, z if height_m is None else height_m)}
+    return lidar.model_copy(update=changes | ({"elevations_deg": elevations_deg} if elevations_deg else {}))
+
+
+def _world(
+    family: Family,
+    detectors: dict[str, tuple[str, ...]],
+    changed: Callable[[LidarScenario], LidarScenario],
+    world: int,
+) -> list[Found]:
+    """Truth and boxes by detector of some sweeps of a world."""
+    configs = {name: load_config(family, settings) for name, settings in detectors.items()}
+    first, step = world * SWEEPS_PER_WORLD, SWEEPS_PER_WORLD // SWEEPS_OF_A_WORLD
+    answer = []
+    for seed in range(first, first + SWEEPS_PER_WORLD, step):
+        taken = sweep(family, seed, changed)
+        rig = rig_of([taken])
+        config = next(iter(configs.values()))
+        combined = Combine(rig, config.combine)(SensorBundle(0, 0, 0, {}), {"0": cloud_of(taken, "0")})
+        found = {name: Detect3D(rig, one)(combined) for name, one in configs.items()}
+        answer.append((_truth(taken, config, rig.site_frame), found))
+    return answer
+
+
+def _truth(taken: TrainingSweep, config: Config, site_frame: str) -> TruthBoxes3D:
+    ids = np.array([config.class_id_of_label.get(name, UNKNOWN) for name in taken.class_names], np.int32)
+    count = len(ids)
+    unknown = np.full(count, UNKNOWN)
+    return TruthBoxes3D(
+        0, site_frame, taken.centers, taken.sizes, taken.yaws, ids, np.array(taken.class_names, np.str_),
+        unknown.astype(np.int64), taken.point_counts, unknown.astype(np.int32), np.zeros(count, np.bool_),
+    )  # fmt: skip
+
+
+def _print_table(sources: Any, names: list[str]) -> None:
+    head = ["", "", "objects", "AP IoU 0.5", "AP distance", "ECE", "found", "false", "position", "heading", "flips"]
+    print(f"| {' | '.join(head)} |\n|{' --- |' * len(head)}")
+    for label in sources[f"{names[0]} all"]:
+        for name in names:
+            every, calibrated, reported = (sources[f"{name} {kind}"][label] for kind in LEAST)
+            if not every["truth"] or label == "all":
+                continue
+            errors = reported["errors"]
+            cells = [
+                label, name, f"{every['truth']}", f"{every['ap_bev_r40_50']:.3f}", f"{every['distance']['map']:.3f}",
+                _text(calibrated["calibration"]["ece"], "{:.3f}"), f"{reported['right']}", f"{reported['false']}",
+                _text(errors["position_bev_m"]["p50"], "{:.3f} m"),
+                _text(errors["heading_mod_180_deg"]["p50"], "{:.1f} deg"), _text(errors["flips"], "{:.1%}"),
+            ]  # fmt: skip
+            print(f"| {' | '.join(cells)} |")
+
+
+def _text(value: float | None, form: str) -> str:
+    return "--" if value is None else form.format(value)
+
+
+if __name__ == "__main__":
+    main()
