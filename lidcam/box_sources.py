@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from os.path import isfile
+from pathlib import Path
 from typing import Any, Literal
 
 from lidcam.networks.known import NETWORKS, network_path
@@ -11,12 +12,14 @@ from pipeline.core.errors import ModelError, RecordingError
 from pipeline.core.frame import Decoded, SensorBundle
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
+from pipeline.detectors.cluster.kinds import knows
+from pipeline.detectors.pillars.embedded import EMBEDDED, network_file
 from pipeline.graph import Graph, Node
 from readers.recording import Recording
 from readers.rig.sensor_topics import BOXES, IMAGE
 from readers.streams.decoders import ImageDecoder, OnBadMessage, RecordedBoxes
 
-__all__ = ["BoxSource", "add_boxes2d", "add_boxes3d", "box_source", "check_box_source", "engine_3d"]
+__all__ = ["BoxSource", "add_boxes2d", "add_boxes3d", "box_source", "check_box_source", "engine_3d", "network_3d"]
 
 BoxSource = Literal["onnx", "recorded", "none"]
 
@@ -33,15 +36,22 @@ def box_source(config: Config, rig: Rig) -> BoxSource:
 
 
 def engine_3d(config: Config) -> str:
-    """The engine that finds 3D boxes, a row of `ENGINES`.
+    """The engine that finds 3D boxes, a row of `ENGINES`; `auto` is both where there is a network."""
+    if config.detect3d.method != "auto":
+        return config.detect3d.method
+    return "combined" if network_3d(config) else "cluster"
 
-    With a 3D network, `auto` takes clusters beside it where the learned score knows the classes.
+
+def network_3d(config: Config) -> Path | None:
+    """The file of the 3D network that finds boxes: as set, or the one that comes with lidcam for these classes, if any.
+
+    A `detect3d.score` without a method asks for clusters alone, whose score it is.
     """
-    if config.detect3d.method != "auto" or config.detect3d.model is None:
-        return config.detect3d.engine
-    from pipeline.detectors.cluster.learned import knows  # behind the imports of programs that detect nothing
-
-    return "combined" if knows(config.classes) else "pillars"
+    detect3d = config.detect3d
+    if detect3d.model is not None:
+        return network_file(detect3d.model)
+    is_wanted = detect3d.method in {"pillars", "combined"} or (detect3d.method, detect3d.score) == ("auto", "auto")
+    return EMBEDDED["traffic"] if is_wanted and knows(config.classes) else None
 
 
 def check_box_source(config: Config, recording: Recording, rig: Rig) -> None:

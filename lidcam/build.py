@@ -3,9 +3,10 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple, Self
 
-from lidcam.box_sources import add_boxes2d, add_boxes3d, box_source, engine_3d
+from lidcam.box_sources import add_boxes2d, add_boxes3d, box_source, engine_3d, network_3d
 from pipeline.core.arrays import F64
 from pipeline.core.association import class_agreement
 from pipeline.core.clouds import CombinedCloud, PointCloud
@@ -15,7 +16,7 @@ from pipeline.core.messages import Drop
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.cluster.fitting import BoxFitter
-from pipeline.detectors.cluster.learned import knows
+from pipeline.detectors.cluster.kinds import knows
 from pipeline.fusion.belief.visibility import find_visibility
 from pipeline.fusion.cameras.placing import Placed
 from pipeline.fusion.zones import select_by_zones
@@ -90,12 +91,12 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
 
 
 def decided(config: Config, rig: Rig) -> Config:
-    """The settings with `detect3d.method` and `detect3d.score` decided.
+    """The settings with `detect3d.method`, `detect3d.model` and `detect3d.score` decided.
 
-    Where cameras have a word, the belief was fitted to the geometric score; with the learned one more false objects
-    are left (docs/fusion.md).
+    Where cameras have a word, the belief was fitted to the geometric score of clusters; with the learned one more false
+    objects are left (docs/fusion.md).
     """
-    changed: dict[str, str] = {"method": engine_3d(config)}
+    changed: dict[str, str | Path | None] = {"method": engine_3d(config), "model": network_3d(config)}
     if config.detect3d.score == "auto":
         is_learned = config.detect3d.weights or (box_source(config, rig) == "none" and knows(config.classes))
         changed["score"] = "learned" if is_learned else "geometric"

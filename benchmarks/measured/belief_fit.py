@@ -1,9 +1,11 @@
 """Fit the coefficients of the belief anew, from recordings whose truth is known.
 
-    python benchmarks/measured/belief_fit.py RECORDING|DATA,MODEL.onnx ... [--check RECORDING ...]
+    python benchmarks/measured/belief_fit.py RECORDING[,MODEL.onnx]|DATA,MODEL.onnx ... [--check RECORDING ...]
 
-A recording brings its own truth and 2D boxes; DATA is a folder of labelled real frames (`labelled_frames`), each
-of which is a recording of its own; together they count as one.
+A recording brings its own truth, and 2D boxes or images for a 2D network; DATA is a folder of labelled real frames
+(`labelled_frames`), each of which is a recording of its own; together they count as one. `--set` changes settings of
+the runs. All coefficients but `looked_at` belong to the geometric score (`--set detect3d.method=cluster`); that one
+belongs to engines whose scores are probabilities (`--only looked_at`).
 
 Each is processed with every threshold on scores open. A hypothesis is right if it lies within 2 m, scaled, of a true
 object of its class that no better one shows (docs/figures.md). Twice: as the cameras and the lidars weighed it, and the
@@ -25,6 +27,7 @@ from counting import CLASSES, RANGE_M, excused
 from labelled_frames import LabelledFrame, labelled_frames, write_recording
 from scipy.optimize import minimize
 
+from lidcam.build import decided
 from lidcam.evaluation.frames import EvaluationFrames
 from lidcam.frames import RunInput
 from lidcam.job import make_job
@@ -54,7 +57,7 @@ from pipeline.fusion.belief.visibility import Visibility, find_visibility
 from readers.results.result import open_result
 from readers.truth.open import open_truth
 
-OPEN = {"fuse.min_score": 0.0, "output.images": False, "output.clouds": False}
+OPEN = ("fuse.min_score=0.0", "track.mode=none", "output.images=false", "output.clouds=false")
 
 PULL = 1e-4
 """Weight of the squared distance from the coefficients in use."""
@@ -86,6 +89,11 @@ class WeighedFrame:
     truth: TruthBoxes3D
     is_ignored: tuple[Bools, Bools]
 
+    @property
+    def looked_at(self) -> Bools:
+        """(N,) whether a camera looks at each box."""
+        return np.concatenate([np.zeros((1, len(self.boxes)), np.bool_), self.visibility.in_view]).any(0)
+
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
@@ -96,6 +104,12 @@ class Weighed:
     config: Config
     cameras: tuple[str, ...]
     frames: list[WeighedFrame]
+
+    def starts(self, frames: Sequence[WeighedFrame]) -> "tuple[Start, Start]":
+        """The evidence before a camera is asked of all hypotheses of frames, and of all lidar boxes by themselves."""
+        asked = [(one.boxes, one.lidar_count, one.looked_at) for one in frames]
+        alone = [(one.alone, len(one.alone), np.zeros(len(one.alone), np.bool_)) for one in frames]
+        return Start.of(self.config, asked), Start.of(self.config, alone)
 
 
 class Collector(RunObserver):
@@ -117,19 +131,20 @@ class Collector(RunObserver):
         self.frames.append((result.hypotheses, found, result.detections.lidar))
 
 
-def weighed(given: str, folder: Path) -> list[Weighed]:
+def weighed(given: str, folder: Path, settings: Sequence[str]) -> list[Weighed]:
     """Process what was given on the command line, and find its truth."""
     path, _, model = given.partition(",")
     if not Path(path).is_dir():
-        return [_recorded(path, folder)]
+        return [_recorded(path, folder, settings, Path(model) if model else None)]
     frames = [*labelled_frames(Path(path))]
-    return [_labelled(frame, Path(model), 1 / len(frames), folder) for frame in frames]
+    return [_labelled(frame, Path(model), 1 / len(frames), folder, settings) for frame in frames]
 
 
-def _recorded(path: str, folder: Path) -> Weighed:
+def _recorded(path: str, folder: Path, settings: Sequence[str], model: Path | None) -> Weighed:
     collector = Collector()
     result = folder / "result.mcap"
-    process_recording(make_job(path, result, settings=OPEN, workers=1, overwrite=True), collector)
+    job = make_job(path, result, settings=[*OPEN, *settings], model_2d=model, workers=1, overwrite=True)
+    process_recording(job, collector)
     frames = []
     with open_result(result) as opened, open_truth(opened) as found:
         for evaluated, (hypotheses, visibility, alone) in zip(
@@ -139,13 +154,16 @@ def _recorded(path: str, folder: Path) -> Weighed:
                 count, counted = hypotheses.lidar_count, (len(hypotheses.boxes), len(alone))
                 nothing = np.zeros(counted[0], np.bool_), np.zeros(counted[1], np.bool_)
                 frames.append(WeighedFrame(hypotheses.boxes, count, visibility, alone, evaluated.truth, nothing))
-        return Weighed(path, 1.0, opened.config, tuple(camera.name for camera in opened.rig.cameras), frames)
+        config = decided(opened.config, opened.rig)
+        return Weighed(path, 1.0, config, tuple(camera.name for camera in opened.rig.cameras), frames)
 
 
-def _labelled(frame: LabelledFrame, model: Path, weight: float, folder: Path) -> Weighed:
+def _labelled(frame: LabelledFrame, model: Path, weight: float, folder: Path, settings: Sequence[str]) -> Weighed:
     collector = Collector()
     write_recording(frame, folder / "frame.mcap")
-    process_recording(make_job(folder / "frame.mcap", settings=OPEN, model_2d=model, workers=1), collector)
+    process_recording(
+        make_job(folder / "frame.mcap", settings=[*OPEN, *settings], model_2d=model, workers=1), collector
+    )
     (hypotheses, visibility, alone), source = collector.frames[0], collector.source
     T_site_lidar = source.rig.lidars[0].T_site_lidar
     names = source.config.class_names
@@ -171,7 +189,8 @@ def _labelled(frame: LabelledFrame, model: Path, weight: float, folder: Path) ->
         for centers in (T_lidar_site.apply(hypotheses.boxes.centers), T_lidar_site.apply(alone.centers))
     ]
     found = WeighedFrame(hypotheses.boxes, hypotheses.lidar_count, visibility, alone, truth, (ignored[0], ignored[1]))
-    return Weighed(frame.name, weight, source.config, tuple(one.name for one in source.rig.cameras), [found])
+    config = decided(source.config, source.rig)
+    return Weighed(frame.name, weight, config, tuple(one.name for one in source.rig.cameras), [found])
 
 
 def probabilities(run: Weighed, by: Coefficients) -> tuple[list[F64], list[F64], list[F64]]:
@@ -179,7 +198,7 @@ def probabilities(run: Weighed, by: Coefficients) -> tuple[list[F64], list[F64],
     recall = RecallCounts(run.cameras)
     together, alone, learned = [], [], []
     for frame in run.frames:
-        first, second = Start.of(run, [(frame.boxes, frame.lidar_count)]), Start.of(run, [(frame.alone, None)])
+        first, second = run.starts([frame])
         before = first.log_odds(by)
         learned.append(recall.plain(frame.visibility))
         evidence = camera_evidence(frame.visibility, learned[-1], by)
@@ -199,26 +218,29 @@ class Start:
     sources: U8
     is_lidar: Bools
     place: F64
+    looked_at: Bools | None
 
     @classmethod
-    def of(cls, run: Weighed, frames: Sequence[tuple[Boxes3D, int | None]]) -> "Start":
-        """Of the boxes of frames, and how many of them the lidars found; None: all."""
-        frequencies = np.array([prior.frequency for prior in run.config.classes])
-        reach_m = reach_of_classes(run.config.classes)
-        boxes = [one for one, _ in frames]
+    def of(cls, config: Config, frames: Sequence[tuple[Boxes3D, int, Bools]]) -> "Start":
+        """Of the boxes of frames, how many of them the lidars found, and which a camera looks at."""
+        frequencies = np.array([prior.frequency for prior in config.classes])
+        reach_m = reach_of_classes(config.classes)
+        boxes = [one for one, _, _ in frames]
+        looked_at = np.concatenate([one for _, _, one in frames])
         return cls(
             np.concatenate([one.scores.astype(np.float64) for one in boxes]),
             np.concatenate([frequencies[one.class_ids] for one in boxes]),
             np.concatenate([one.point_counts for one in boxes]),
             np.concatenate([one.sources for one in boxes]),
-            np.concatenate([np.arange(len(one)) < (len(one) if count is None else count) for one, count in frames]),
+            np.concatenate([np.arange(len(one)) < count for one, count, _ in frames]),
             np.concatenate([at_its_place(one.covariances, reach_m[one.class_ids]) for one in boxes]),
+            looked_at if config.detect3d.scores_are_probabilities else None,
         )
 
     def log_odds(self, by: Coefficients) -> F64:
         """(N,) as these coefficients say."""
         return log_odds_before_cameras(
-            self.scores, self.frequencies, self.point_counts, self.sources, self.is_lidar, by
+            self.scores, self.frequencies, self.point_counts, self.sources, self.is_lidar, by, looked_at=self.looked_at
         )
 
 
@@ -240,15 +262,11 @@ class Rows:
         """The rows of a recording, with labels and recalls that these coefficients give."""
         together, alone, learned = probabilities(run, by)
         frames = run.frames
-        start = (
-            Start.of(run, [(frame.boxes, frame.lidar_count) for frame in frames]),
-            Start.of(run, [(frame.alone, None) for frame in frames]),
-        )
         most = max(len(frame.visibility.cameras) for frame in frames)
         names = [field.name for field in fields(Visibility) if field.name != "cameras"]
         columns = {name: _beside([getattr(frame.visibility, name) for frame in frames], most) for name in names}
         visibility = Visibility(tuple(map(str, range(most))), **columns)
-        return cls(run.weight, start, visibility, _beside(learned, most), labels(run, (together, alone)))
+        return cls(run.weight, run.starts(frames), visibility, _beside(learned, most), labels(run, (together, alone)))
 
     def loss(self, by: Coefficients) -> float:
         """The cross-entropy of the hypotheses and of the lidars' boxes, with the weight of the recording."""
@@ -292,8 +310,8 @@ def cross_entropy(probabilities: F64, right: F64) -> float:
     return float(-(right[kept] * np.log(p) + (1 - right[kept]) * np.log(1 - p)).mean()) if kept.any() else 0.0
 
 
-def fit(runs: Sequence[Weighed], start: Coefficients) -> Coefficients:
-    """The coefficients that describe these runs best."""
+def fit(runs: Sequence[Weighed], start: Coefficients, only: Sequence[str]) -> Coefficients:
+    """The coefficients that describe these runs best; `only` names those that may change, none: all."""
     names = start._fields
     first = np.array(start)
     by = start
@@ -304,7 +322,10 @@ def fit(runs: Sequence[Weighed], start: Coefficients) -> Coefficients:
             tried = Coefficients(*values.tolist())
             return PULL * float(((values - first) ** 2).sum()) + sum(one.loss(tried) for one in tables)
 
-        limits = [LIMITS.get(name, (None, None)) for name in names]
+        limits = [
+            LIMITS.get(name, (None, None)) if not only or name in only else (value, value)
+            for name, value in zip(names, start, strict=True)
+        ]
         found = minimize(loss, np.array(by), method="L-BFGS-B", bounds=limits)
         by = Coefficients(*found.x.tolist())
     return by
@@ -350,15 +371,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recordings", nargs="+", metavar="RECORDING|DATA,MODEL")
     parser.add_argument("--check", nargs="*", default=[], help="recordings that are reported and not fitted to")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a setting of the runs")
+    parser.add_argument("--only", action="append", default=[], metavar="COEFFICIENT", help="fit this one; others stay")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         runs, checked = (
-            [run for one in given for run in weighed(one, Path(folder))]
+            [run for one in given for run in weighed(one, Path(folder), options.set)]
             for given in (options.recordings, options.check)
         )
     print("in use")
     report([*runs, *checked], FITTED)
-    by = fit(runs, FITTED)
+    by = fit(runs, FITTED, options.only)
     print(by)
     report([*runs, *checked], by)
 

@@ -23,8 +23,10 @@ from bags.simulator.scenario.sensors import LidarScenario
 from bags.simulator.worlds.draw import Family
 from bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, TrainingSweep, sweep
 from lidcam.training.examples import cloud_of, rig_of
+from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes3D
 from pipeline.core.frame import SensorBundle
+from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import load_config
 from pipeline.evaluation.detection.detection_evaluation import DetectionEvaluation
@@ -92,12 +94,17 @@ def _world(
     answer = []
     for seed in range(first, first + SWEEPS_PER_WORLD, step):
         taken = sweep(family, seed, changed)
-        rig = rig_of([taken])
         config = next(iter(configs.values()))
-        combined = Combine(rig, config.combine)(SensorBundle(0, 0, 0, {}), {"0": cloud_of(taken, "0")})
+        rig, combined = combined_cloud(taken, config)
         found = {name: Detect3D(rig, one)(combined) for name, one in configs.items()}
         answer.append((_truth(taken, config, rig.site_frame), found))
     return answer
+
+
+def combined_cloud(taken: TrainingSweep, config: Config) -> tuple[Rig, CombinedCloud]:
+    """The lidar of a sweep, and its cloud as a run combines it."""
+    rig = rig_of([taken])
+    return rig, Combine(rig, config.combine)(SensorBundle(0, 0, 0, {}), {"0": cloud_of(taken, "0")})
 
 
 def _truth(taken: TrainingSweep, config: Config, site_frame: str) -> TruthBoxes3D:

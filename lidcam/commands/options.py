@@ -144,7 +144,11 @@ Model2d = Annotated[
 ]
 Model3d = Annotated[
     Path | None,
-    typer.Option("--model-3d", metavar="FILE.onnx", help="3D network, beside clusters of points (ONNX)."),
+    typer.Option(
+        "--model-3d",
+        metavar="FILE.onnx|NAME",
+        help="3D network: an ONNX file, `traffic` (the default for road users of full size) or `sandbox`.",
+    ),
 ]
 Start = Annotated[float, typer.Option(min=0, metavar="S", callback=seconds, help="Skip the first S seconds.")]
 Duration = Annotated[

@@ -10,6 +10,7 @@ from pipeline.core.errors import ConfigError
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import dump_config
 from pipeline.core.text import visible
+from pipeline.detectors.pillars.embedded import network_file
 
 __all__ = ["COMPARING", "EVALUATING", "check_effect", "lasting_settings", "named_files", "settings_sha256"]
 
@@ -46,9 +47,9 @@ def check_effect(settings: Sequence[str], sections: Sequence[str]) -> None:
 def named_files(config: Config) -> dict[str, Path]:
     """The files that settings name and that are there, by their names in the metadata of a result."""
     lidars = {"velodyne": config.velodyne, **{f"velodyne.{key}": one for key, one in config.velodyne.topics.items()}}
-    model = config.detect2d.model
+    model, model_3d = config.detect2d.model, config.detect3d.model
     named = {"network": model and network_path(model), "network.names": config.detect2d.names}
-    named |= {"detect3d.model": config.detect3d.model, "detect3d.weights": config.detect3d.weights}
+    named |= {"detect3d.model": model_3d and network_file(model_3d), "detect3d.weights": config.detect3d.weights}
     named |= {f"{key}.calibration": one.calibration for key, one in lidars.items()}
     # Path.is_file raises where one may not enter; whoever reads the file says so.
     return {key: Path(name) for key, name in named.items() if name and isfile(name)}  # noqa: PTH113

@@ -5,7 +5,7 @@ import numpy as np
 from lidcam.training.examples import Examples
 from lidcam.training.fit import PRIORS, log_loss
 from pipeline.core.arrays import F64, Bools
-from pipeline.detectors.cluster.network import KINDS
+from pipeline.detectors.cluster.kinds import KINDS
 
 __all__ = ["average_precision", "calibration_error", "figures"]
 

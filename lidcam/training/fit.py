@@ -11,7 +11,8 @@ from scipy.optimize import minimize_scalar
 from lidcam.training.examples import Examples
 from pipeline.core.arrays import F64, I64
 from pipeline.detectors.cluster.features import FEATURES
-from pipeline.detectors.cluster.network import KINDS, ClusterNetwork, softmax
+from pipeline.detectors.cluster.kinds import KINDS
+from pipeline.detectors.cluster.network import ClusterNetwork, softmax
 
 __all__ = ["EPOCHS", "NETWORKS", "PRIORS", "calibrated", "fitted", "log_loss"]
 

@@ -11,29 +11,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, Indices
+from pipeline.core.arrays import F32, F64, Bools, Indices
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes3D
 from pipeline.core.errors import ModelError
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.geometry.overlaps import OVERLAP_SHARE, overlap_shares
-from pipeline.core.geometry.rotated_iou import pair_ious
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.boxes import likely_boxes
 from pipeline.detectors.cluster.detector import ClusterDetector
-from pipeline.detectors.cluster.fitting import BoxFitter
-from pipeline.detectors.cluster.learned import LearnedScores, kinds_of
-from pipeline.detectors.cluster.network import KINDS
-from pipeline.detectors.cluster.refitting import Refitter
-from pipeline.detectors.pillars.detector import PillarDetector
+from pipeline.detectors.cluster.kinds import KINDS, kinds_of, knows
+from pipeline.detectors.cluster.learned import LearnedScores
+from pipeline.detectors.pillars.fitted import FittedPillarDetector
 from pipeline.detectors.protocols import Candidates3D
 
-__all__ = ["CombinedDetector"]
-
-SAME_BOX_IOU = 0.25
-"""A box that shares less ground with its fit to the points in it keeps its own place and size: what is in it is a part
-of the object, or more than it. Of 0.2 to 0.7, about the best for cars, cyclists and people in drawn worlds."""
+__all__ = ["CombinedDetector", "Evidence"]
 
 SCORE_LIMIT = 0.002
 """Scores nearer to 0 or 1 than this count as this."""
@@ -45,8 +38,8 @@ class Weights(NamedTuple):
     """How log odds are added up, for each of `KINDS`.
 
     Attributes:
-        both: (5, 3) sum, factor of the learned score, factor of the network's, where the network has a box.
-        alone: (5, 2) sum and factor of the learned score, where the network could have found a box and has none.
+        both: (5, 3) sum, factor of the score of clusters, factor of the network's, where the network has a box.
+        alone: (5, 2) sum and factor of the score of clusters, where the network could have found a box and has none.
     """
 
     both: F64
@@ -54,14 +47,31 @@ class Weights(NamedTuple):
 
 
 FITTED = Weights(
-    both=np.array([[0, 0, 0], [-0.15, 0.30, 0.71], [-0.02, 0.32, 0.89], [0.26, 0.65, 0.67], [1.29, 0.40, 0.56]]),
-    alone=np.array([[0, 0], [-2.21, 0.71], [0, 1], [-0.81, 0.84], [-0.70, 1.08]]),
+    both=np.array([[0, 0, 1], [-0.04, 0.26, 0.63], [0.01, 0.24, 1.02], [0.19, 0.65, 0.55], [0.51, 0.32, 0.67]]),
+    alone=np.array([[-1, 1], [-2.60, 0.67], [0, 1], [-0.91, 0.92], [-1.18, 0.93]]),
 )
-"""Fitted by logistic regression to 280 sweeps of 70 drawn roads that neither network was trained on, where people,
-cyclists and large vehicles count as often as in streets; crossings give nearly the same. The number of points and the
-distance added nothing. In real frames most people and cyclists of a network in pillars are posts and the like, and it
-misses more of them. So half of the fit counts for cyclists (all of it: 0.52, 0.29, 1.34 and -1.62, 0.68); and clusters
-of people keep their score, and boxes of people have no higher one (the fit of what is alone: -0.50, 1.02)."""
+"""The first row is of classes that the learned score does not know. The others are fitted by logistic regression to 280
+sweeps of 70 drawn roads and crossings that neither network was trained on, where people, cyclists and large vehicles
+count as often as in streets (`benchmarks/measured/combined_fit.py`). The number of points and the distance added
+nothing. In real frames most people and cyclists of a network in pillars are posts and the like, and it misses more of
+them. So half of the fit counts for cyclists (all of it: 0.38, 0.30, 1.09 and -1.81, 0.84); and clusters of people keep
+their score, and boxes of people have no higher one (the fit of what is alone: 0.01, 1.00)."""
+
+
+class Evidence(NamedTuple):
+    """What is to be weighed of N boxes.
+
+    Attributes:
+        boxes: The boxes.
+        learned: (N,) log odds by the score of clusters; 0 for boxes of the network if that is not the learned one.
+        network: (N,) log odds by the network; NaN where it has no box.
+        is_reached: (N,) whether the grid of the network reaches them.
+    """
+
+    boxes: Boxes3D
+    learned: F64
+    network: F64
+    is_reached: Bools
 
 
 class CombinedDetector:
@@ -71,26 +81,30 @@ class CombinedDetector:
         """Load the networks.
 
         Raises:
-            ConfigError: classes are configured that the learned score does not know.
             ModelError: a network is not there or cannot be loaded, or none of its classes is configured.
         """
         if config.detect3d.model is None:
             raise ModelError(
                 "detect3d.method combined needs a network: give --model-3d FILE.onnx or set detect3d.model"
             )
-        self._learned, self._kinds = LearnedScores(rig, config), kinds_of(config.classes).argmax(1)
-        self._clusters, self._network = ClusterDetector(rig, config), PillarDetector(rig, config)
-        fitter = BoxFitter(rig, config.classes, config.detect3d.cluster)
-        self._refit = Refitter(fitter, config.detect3d.cluster, config.classes)
+        is_known = knows(config.classes)
+        self._learned = LearnedScores(rig, config) if is_known else None
+        self._kinds = kinds_of(config.classes).argmax(1) if is_known else np.zeros(len(config.classes), np.int64)
+        self._clusters, self._network = ClusterDetector(rig, config), FittedPillarDetector(rig, config)
         self._site_frame, self._min_score = rig.site_frame, config.detect3d.min_score
 
     def __call__(self, combined: CombinedCloud) -> Candidates3D:
         """Boxes of the network, fitted to their points, and clusters that have the direction of such a box."""
+        evidence = self.evidence(combined)
+        return Candidates3D.of(evidence.boxes, 1 / (1 + np.exp(-self._log_odds(evidence))), combined)
+
+    def evidence(self, combined: CombinedCloud) -> Evidence:
+        """The boxes of a frame, and what both make of them."""
         clusters = likely_boxes(combined, self._site_frame, self._clusters(combined), self._min_score)
-        clusters = self._learned(combined, clusters)
-        found = likely_boxes(combined, self._site_frame, self._network(combined), 0.0)
+        if self._learned is not None:
+            clusters = self._learned(combined, clusters)
+        found = self._network.boxes(combined)
         network = logit(found.scores)
-        found = self._fitted(combined, found)
         cluster, partner = self._partners(clusters, found)
         beside, yaws = np.full(len(clusters), np.nan), clusters.yaws.copy()
         is_person = self._kinds[clusters.class_ids[cluster]] == PERSON
@@ -98,29 +112,13 @@ class CombinedDetector:
         yaws[cluster] += np.pi * (np.cos(yaws[cluster] - found.yaws[partner]) < 0)
         boxes = found.joined(replace(clusters, yaws=wrap_angle(yaws)))
         learned = np.concatenate([self._learned_of(combined, found), clusters.scores])
-        odds = self._log_odds(boxes, logit(learned), np.append(network, beside))
-        return Candidates3D(
-            boxes.centers,
-            boxes.sizes,
-            boxes.yaws,
-            1 / (1 + np.exp(-odds)),
-            boxes.class_ids.astype(np.int64),
-            boxes.point_counts.astype(np.int64),
-            boxes.covariances,
-            boxes.measured_ns - combined.detection_cloud.stamp_ns,
-        )
-
-    def _fitted(self, combined: CombinedCloud, found: Boxes3D) -> Boxes3D:
-        """The network's boxes (N,), as their points have them as far as these agree."""
-        fitted, _ = self._refit(combined, found, np.arange(len(found)))
-        agree = pair_ious(found, fitted).bev >= SAME_BOX_IOU
-        rows = np.arange(len(found)) + len(found) * agree
-        return found.joined(fitted).select(rows)
+        is_reached = self._network.reaches(boxes.centers[:, :2])
+        return Evidence(boxes, logit(learned), np.append(network, beside), is_reached)
 
     def _learned_of(self, combined: CombinedCloud, found: Boxes3D) -> F64:
-        """(N,) learned score of boxes of the network as their class."""
-        if not len(found):
-            return np.zeros(0)
+        """(N,) learned score of boxes of the network as their class; without one, a half."""
+        if self._learned is None or not len(found):
+            return np.full(len(found), 0.5)
         return np.asarray(self._learned.by_class(combined, found)[np.arange(len(found)), found.class_ids])
 
     def _partners(self, clusters: Boxes3D, found: Boxes3D) -> tuple[Indices, Indices]:
@@ -130,12 +128,13 @@ class CombinedDetector:
         cluster, first = np.unique(rows, return_index=True)  # likelier ones first
         return cluster, columns[first]
 
-    def _log_odds(self, boxes: Boxes3D, learned: F64, network: F64) -> F64:
-        """(N,) of boxes, by the log odds of both; those of the network are NaN where it has no box."""
+    def _log_odds(self, evidence: Evidence) -> F64:
+        """(N,) of boxes, by the log odds of both."""
+        boxes, learned, network, is_reached = evidence
         kinds = self._kinds[boxes.class_ids]
         both, alone = FITTED.both[kinds], FITTED.alone[kinds]
         missed = alone[:, 0] + alone[:, 1] * learned
-        missed = np.where(self._network.reaches(boxes.centers[:, :2]), missed, learned)
+        missed = np.where(is_reached, missed, learned)
         joint = both[:, 0] + both[:, 1] * learned + both[:, 2] * network
         joint = np.where(kinds == PERSON, np.minimum(joint, learned), joint)
         return np.where(np.isnan(network), missed, joint)

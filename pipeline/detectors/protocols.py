@@ -7,6 +7,7 @@ import numpy as np
 
 from pipeline.core.arrays import F32, F64, I64, U8
 from pipeline.core.clouds import CombinedCloud
+from pipeline.core.detections import Boxes3D
 
 __all__ = ["Candidates2D", "Candidates3D", "Detector2D", "Detector3D"]
 
@@ -65,6 +66,20 @@ class Candidates3D(NamedTuple):
         """No proposals."""
         none = np.zeros(0, np.int64)
         return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0), none, none, np.zeros((0, 3, 3)), none)
+
+    @classmethod
+    def of(cls, boxes: Boxes3D, scores: F64, combined: CombinedCloud) -> Self:
+        """Boxes (N,) of a cloud as proposals, with other scores (N,)."""
+        return cls(
+            boxes.centers,
+            boxes.sizes,
+            boxes.yaws,
+            scores,
+            boxes.class_ids.astype(np.int64),
+            boxes.point_counts.astype(np.int64),
+            boxes.covariances,
+            boxes.measured_ns - combined.detection_cloud.stamp_ns,
+        )
 
 
 class Detector3D(Protocol):

@@ -25,7 +25,6 @@ from pipeline.fusion.belief.odds import (
     camera_evidence,
     joined,
     log_odds_before_cameras,
-    logit,
     probability,
     reach_of_classes,
 )
@@ -75,11 +74,11 @@ class Believe:
         Raises:
             FrameError: the motion is that of a frame other than the site frame.
         """
-        before = self._before_cameras(hypotheses)
+        is_seen, has_absent = self._looking(hypotheses, visibility)
+        before = self._before_cameras(hypotheses, is_seen)
         evidence = camera_evidence(visibility, self._recall.plain(visibility), FITTED)
         self._recall.learn(visibility, before, evidence, FITTED)
         boxes, said = hypotheses.boxes, joined(evidence, FITTED)
-        is_seen, has_absent = self._looking(hypotheses, visibility)
         self._memory.age(
             (bundle.stamp_ns - self._last_ns) / 1e9, own_motion(bundle, self._last_ns, self._site_frame, self._motion)
         )
@@ -89,12 +88,19 @@ class Believe:
         place = at_its_place(boxes.covariances, self._reach_m[boxes.class_ids])
         return probability(before + said + recalled) * place
 
-    def _before_cameras(self, hypotheses: Hypotheses) -> F64:
+    def _before_cameras(self, hypotheses: Hypotheses, is_seen: Bools) -> F64:
         boxes = hypotheses.boxes
         scores, is_lidar = boxes.scores.astype(np.float64), np.arange(len(boxes)) < hypotheses.lidar_count
         frequencies = self._frequencies[boxes.class_ids]
-        before = log_odds_before_cameras(scores, frequencies, boxes.point_counts, boxes.sources, is_lidar, FITTED)
-        return np.where(is_lidar, logit(scores), before) if self._is_calibrated else before
+        return log_odds_before_cameras(
+            scores,
+            frequencies,
+            boxes.point_counts,
+            boxes.sources,
+            is_lidar,
+            FITTED,
+            looked_at=is_seen if self._is_calibrated else None,
+        )
 
     def _looking(self, hypotheses: Hypotheses, visibility: Visibility) -> tuple[Bools, Bools]:
         """(N,) whether a camera looks at each box, and (N,) whether one would that does not look in this frame."""

@@ -35,7 +35,7 @@ def find_detector_topics(recording: Recording, config: Config, first: FirstMessa
     infos = usable_boxes(recording, config.topics)
     if config.detect3d.method != "recorded":
         findings.notes.extend(
-            f"{info.topic}: 3D boxes, not used; --set detect3d.method=recorded takes them instead of clusters of points"
+            f"{info.topic}: 3D boxes, not used; --set detect3d.method=recorded takes them instead of what lidcam finds"
             for info in infos
         )
         return []

@@ -1,6 +1,7 @@
 """What is decided before the stages of a frame are made."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from lidar_scene import rig
@@ -8,8 +9,10 @@ from seen_boxes import camera_at
 
 from lidcam.build import decided
 from pipeline.core.settings.load import load_config
+from pipeline.detectors.pillars.embedded import EMBEDDED
 
 LIDARS = rig((0.0, 0.0, 1.8))
+UNKNOWN_CLASS = "classes=[{name: crane, size_m: [9, 3, 5], max_size_m: [12, 4, 6], labels: [crane]}]"
 CAMERA = replace(camera_at("front", (0.0, 0.0, 1.5)), boxes_topic="/front/boxes")
 
 
@@ -35,14 +38,20 @@ def test_where_the_score_of_clusters_is_learned(
 
 
 @pytest.mark.parametrize(
-    ("settings", "preset", "method"),
+    ("settings", "preset", "method", "model"),
     [
-        ((), "road", "cluster"),
-        (("detect3d.model=mine.onnx",), "road", "combined"),
-        (("detect3d.model=mine.onnx",), "sandbox", "pillars"),  # whose classes the learned score does not know
-        (("detect3d.model=mine.onnx", "detect3d.method=pillars"), "road", "pillars"),
-        (("detect3d.method=none",), "road", "none"),
+        ((), "road", "combined", EMBEDDED["traffic"]),
+        (("detect3d.score=learned",), "road", "cluster", None),
+        (("detect3d.method=pillars",), "road", "pillars", EMBEDDED["traffic"]),
+        (("detect3d.model=mine.onnx",), "road", "combined", Path("mine.onnx")),
+        ((), "sandbox", "combined", EMBEDDED["sandbox"]),
+        (("detect3d.method=cluster",), "sandbox", "cluster", EMBEDDED["sandbox"]),
+        (("detect3d.model=mine.onnx",), "sandbox", "combined", Path("mine.onnx")),
+        ((UNKNOWN_CLASS,), "road", "cluster", None),
+        (("detect3d.model=mine.onnx", "detect3d.method=pillars"), "road", "pillars", Path("mine.onnx")),
+        (("detect3d.method=none",), "road", "none", None),
     ],
 )
-def test_what_finds_boxes(settings: tuple[str, ...], preset: str, method: str) -> None:
-    assert decided(load_config(preset, settings), LIDARS).detect3d.method == method
+def test_what_finds_boxes(settings: tuple[str, ...], preset: str, method: str, model: Path | None) -> None:
+    found = decided(load_config(preset, settings), LIDARS).detect3d
+    assert (found.method, found.model) == (method, model)

@@ -8,7 +8,13 @@ import numpy as np
 from onnx_files import FLOAT, _int, _ints, _node, _tensor, _value, write_model
 
 from pipeline.core.arrays import F32, F64
+from pipeline.core.clouds import CombinedCloud
+from pipeline.core.detections import Boxes3D
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
+from pipeline.detectors.boxes import likely_boxes
 from pipeline.detectors.pillars.decoding import BOX_NUMBERS, box_numbers, output_cells
+from pipeline.detectors.pillars.detector import PillarDetector
 from pipeline.detectors.pillars.grid import FEATURES, STRIDE, Grid
 from pipeline.detectors.pillars.network import KEY
 
@@ -25,6 +31,12 @@ def numbers_of(centers: F64, sizes: F64, yaws: F64, log_odds: F64, rows: list[in
     numbers[classes:, row, column] = box_numbers(centers, sizes, yaws, at, GRID).T
     numbers[rows, row, column] = log_odds
     return numbers
+
+
+def boxes_found(sensors: Rig, config: Config, cloud: CombinedCloud) -> Boxes3D:
+    """The boxes of the configured network as they are, not fitted to points."""
+    found = PillarDetector(sensors, config)(cloud)
+    return likely_boxes(cloud, sensors.site_frame, found, config.detect3d.min_score)
 
 
 def write_pillars(path: Path, numbers: F32, found: list[dict[str, Any]], **said: object) -> Path:

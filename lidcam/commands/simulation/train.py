@@ -298,7 +298,7 @@ def _read(
 
 def _check_classes(config: "Config") -> None:
     """Refuse recordings of classes that the network does not know."""
-    from pipeline.detectors.cluster.learned import knows
+    from pipeline.detectors.cluster.kinds import knows
 
     if not knows(config.classes):
         raise ConfigError(

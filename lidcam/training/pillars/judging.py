@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 from bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD
 from lidcam.training.card import average_precision, calibration_error
 from lidcam.training.labelled import LabelledFrame, TrueBoxes
-from lidcam.training.pillars.scenes import CLASSES, GRIDS, MIN_POINTS, Worlds, family_of, known_to, scene
+from lidcam.training.pillars.scenes import CLASSES, MIN_POINTS, WRITTEN_GRIDS, Worlds, family_of, known_to, scene
 from pipeline.core.arrays import F64, I64, Bools
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.geometry.overlaps import without_overlaps
@@ -75,7 +75,7 @@ def joined(parts: Sequence[Judged]) -> Judged:
 def _judged_sweep(worlds: Worlds, found: Found, true: TrueBoxes) -> Judged:
     kept = without_overlaps(BoxArrays(found.centers, found.sizes, found.yaws))
     found = Found._make(one[kept] for one in found)
-    half_m, names = GRIDS[worlds].half_m, CLASSES[worlds]
+    half_m, names = WRITTEN_GRIDS[worlds].half_m, CLASSES[worlds]
     inside = (np.abs(true.centers[:, :2]) < half_m).all(1)
     true = TrueBoxes._make(one[inside] for one in true)
     gates_m = np.array([SANDBOX_GATE_M if worlds == "sandbox" else GATES_M[name] for name in names])

@@ -9,14 +9,21 @@ from lidcam.training.onnx_graph import FLOAT, INT64, Graph
 from lidcam.training.onnx_layers import convolution, convolutions, parameters
 from lidcam.training.pillars.network import WIDTH, PillarNetwork
 from pipeline.detectors.pillars.decoding import BOX_NUMBERS
-from pipeline.detectors.pillars.grid import FEATURES, STRIDE
+from pipeline.detectors.pillars.grid import FEATURES, STRIDE, Grid
 from pipeline.detectors.pillars.network import INPUTS, KEY, PillarSpecs
 
 __all__ = ["onnx_bytes"]
 
 
-def onnx_bytes(network: PillarNetwork, specs: PillarSpecs) -> bytes:
-    """The content of a file; the same network makes the same bytes."""
+def onnx_bytes(network: PillarNetwork, specs: PillarSpecs, learned: Grid) -> bytes:
+    """The content of a file; the same network makes the same bytes.
+
+    Args:
+        network: The network.
+        specs: What the file says of it. Its grid may be larger than the one learned in: convolutions are the same
+            everywhere.
+        learned: The grid that it learned in.
+    """
     network = network.eval().cpu()
     graph, cells = Graph(), specs.grid.cells
     encoder: list[Any] = [*network.encoder]
@@ -24,6 +31,7 @@ def onnx_bytes(network: PillarNetwork, specs: PillarSpecs) -> bytes:
     ups: list[Any] = [*network.ups]
     linear, norm, _ = encoder
     weight, bias = parameters(fuse_linear_bn_eval(linear, norm))
+    weight[:, FEATURES.index("distance")] *= specs.grid.half_m / learned.half_m  # told in half sides of the grid
     encoded = graph.add("Relu", graph.add("Add", graph.add("MatMul", "features", weight.T), bias))
     empty = graph.add("ConstantOfShape", np.array([cells * cells, WIDTH]))
     canvas = graph.add("ScatterND", empty, "pillar", encoded, reduction=b"max")

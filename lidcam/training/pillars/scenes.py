@@ -28,6 +28,7 @@ __all__ = [
     "MIN_POINTS",
     "SCENES_OF_A_ROUND",
     "WORLDS_OF_A_ROUND",
+    "WRITTEN_GRIDS",
     "Scene",
     "Source",
     "Targets",
@@ -49,6 +50,11 @@ GRIDS: dict[Worlds, Grid] = {
     "all": Grid(cell_m=0.32, cells=256, low_m=0.2, high_m=4.0),
     "sandbox": Grid(cell_m=0.04, cells=192, low_m=0.02, high_m=0.5),
 }
+"""What is learned in."""
+
+WRITTEN_GRIDS = GRIDS | {"sandbox": GRIDS["sandbox"].model_copy(update={"cells": 256})}
+"""What networks are written for."""
+
 CLASSES: dict[Worlds, tuple[str, ...]] = {
     "road": NAMES,
     "crossing": NAMES,

@@ -20,7 +20,7 @@ from lidcam.training.pillars.judging import (
     with_errors,
 )
 from lidcam.training.pillars.onnx_file import onnx_bytes
-from lidcam.training.pillars.scenes import CLASSES, GRIDS, MIN_POINTS
+from lidcam.training.pillars.scenes import CLASSES, GRIDS, MIN_POINTS, WRITTEN_GRIDS
 from pipeline.core.arrays import F64
 from pipeline.detectors.pillars.network import FoundClass, PillarNetwork, PillarSpecs
 
@@ -78,8 +78,8 @@ def train_pillars(
             told(FITTING + (1 - FITTING) * row / (2 * half), f"held-out world {row} of {2 * half}")
             yield one
 
-    specs = PillarSpecs(classes=tuple(FoundClass(name=name) for name in CLASSES[worlds]), grid=GRIDS[worlds])
-    out.write_bytes(onnx_bytes(network, specs))
+    specs = PillarSpecs(classes=tuple(FoundClass(name=name) for name in CLASSES[worlds]), grid=WRITTEN_GRIDS[worlds])
+    out.write_bytes(onnx_bytes(network, specs, GRIDS[worlds]))
     parts = seen(0)
     if recordings is not None and checkpoint.has_worlds:  # as much as the worlds count
         sweeps = half * SWEEPS_OF_A_WORLD
@@ -87,7 +87,7 @@ def train_pillars(
     found = joined([*parts.values()])
     _calibrate(network, calibration(found))
     specs = specs.model_copy(update={"classes": with_errors(CLASSES[worlds], found)})
-    out.write_bytes(onnx_bytes(network, specs))
+    out.write_bytes(onnx_bytes(network, specs, GRIDS[worlds]))
     tables = {name: figures(CLASSES[worlds], one) for name, one in seen(1).items()}
     return _card(checkpoint, steps, half, tables)
 

@@ -81,8 +81,10 @@ class Detect3DConfig(SettingsModel):
         method: `cluster` finds them in the combined cloud and needs no weights; `pillars` runs the network of `model`;
             `combined` does both and joins what they find, by the network and the learned score of clusters whatever
             `score` is; `recorded` takes those that a detector wrote into the recording (`topics.boxes3d`); `none` finds
-            nothing. `auto` is `cluster`, with a model `combined`, or `pillars` if that score does not know the classes.
-        model: ONNX file of `lidcam train pillars`, relative to the working folder.
+            nothing. `auto` is `combined` where all classes are road users of full size or a model is set (as in the
+            preset sandbox), else `cluster`; with a `score`, and without a model, it is `cluster`.
+        model: ONNX file of `lidcam train pillars`, relative to the working folder, or the name of one that comes with
+            lidcam: `traffic` for road users of full size, their default; `sandbox` for model cars.
         score: How boxes of the method `cluster` are scored. `geometric`: by the number of their points, the smoothness
             of their sides and the fit to the size of their class. `learned`: by a small network, trained on simulated
             roads, that also chooses the class; its score is a probability. It knows cars, pedestrians, bicycles, trucks

@@ -36,10 +36,10 @@ ENGINES: dict[str, Engine3D] = {
         scores_are_probabilities=False,
         boxes_are_completed=True,
     ),
-    "pillars": Engine3D("pipeline.detectors.pillars.detector:PillarDetector", "by a network, --model-3d"),
+    "pillars": Engine3D("pipeline.detectors.pillars.fitted:FittedPillarDetector", "by a network"),
     "combined": Engine3D(
         "pipeline.detectors.combined:CombinedDetector",
-        "by a network, --model-3d, and clusters",
+        "by a network and clusters",
         boxes_are_completed=True,
     ),
     "recorded": Engine3D("", "recorded"),

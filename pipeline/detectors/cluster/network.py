@@ -13,11 +13,9 @@ from pipeline.core.errors import ModelError
 from pipeline.core.small_files import read_small_file
 from pipeline.core.text import one_line
 from pipeline.detectors.cluster.features import FEATURES
+from pipeline.detectors.cluster.kinds import KINDS
 
-__all__ = ["EMBEDDED", "KINDS", "ClusterNetwork", "softmax"]
-
-KINDS = ("background", "car", "pedestrian", "cyclist", "large vehicle")
-"""What a cluster can be, in the order of the probabilities. A large vehicle is a van, a truck or a bus."""
+__all__ = ["EMBEDDED", "ClusterNetwork", "softmax"]
 
 EMBEDDED = Path(__file__).with_name("road.npz")
 """The weights that travel with lidcam; `road.md` beside it says how they were made."""

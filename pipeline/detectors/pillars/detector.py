@@ -10,6 +10,7 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.cluster.fitting import BoxFitter
 from pipeline.detectors.onnx.session import OnnxSession
+from pipeline.detectors.pillars.embedded import network_file
 from pipeline.detectors.pillars.kits import KEY, KitNetwork
 from pipeline.detectors.pillars.network import PillarNetwork
 from pipeline.detectors.protocols import Candidates3D
@@ -57,6 +58,7 @@ class PillarDetector:
         path = config.detect3d.model
         if path is None:
             raise ModelError("detect3d.method pillars needs a network: give --model-3d FILE.onnx or set detect3d.model")
+        path = network_file(path)
         session = OnnxSession(path, threads=1, provider="cpu")
         make = KitNetwork if KEY in session.metadata else PillarNetwork
         self._network, self._points = make(path, session), PillarPoints(rig, config)

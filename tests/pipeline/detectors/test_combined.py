@@ -9,10 +9,11 @@ from pillar_files import numbers_of, write_pillars
 
 from pipeline.core.arrays import F64
 from pipeline.core.detections import Boxes3D
-from pipeline.core.errors import ConfigError, ModelError
+from pipeline.core.errors import ModelError
 from pipeline.core.settings.load import load_config
 from pipeline.detectors.cluster.features import FEATURES
-from pipeline.detectors.cluster.network import KINDS, ClusterNetwork
+from pipeline.detectors.cluster.kinds import KINDS
+from pipeline.detectors.cluster.network import ClusterNetwork
 from pipeline.detectors.combined import FITTED
 from pipeline.stages.detect3d import Detect3D
 
@@ -103,10 +104,25 @@ def test_the_order_of_points_does_not_matter(tmp_path: Path) -> None:
         np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
 
 
+def test_classes_that_the_learned_score_does_not_know(tmp_path: Path) -> None:
+    """The network's boxes have its score; clusters that it is silent of have a lower one."""
+    row = np.array(CAR)[None]
+    numbers = numbers_of(row[:, :3], row[:, 3:6], row[:, 6], np.array([LOG_ODDS]), [0], 1)
+    model = write_pillars(tmp_path / "net.onnx", numbers, [{"name": "cart"}])
+    carts = "classes=[{name: cart, size_m: [4.2, 1.75, 1.5], max_size_m: [5, 2, 2], labels: [cart]}]"
+    cloud = combined(scan(LIDAR, [CAR, TURNED]))
+    settings = carts, f"detect3d.model={model}", "detect3d.score=geometric"
+    both, clusters = (
+        Detect3D(rig(LIDAR), load_config("road", (*settings, f"detect3d.method={method}")))(cloud)
+        for method in ("combined", "cluster")
+    )
+    assert len(both) == 2
+    assert log_odds(both, CAR) == pytest.approx(LOG_ODDS, abs=1e-3)
+    alone = FITTED.alone[0]
+    assert log_odds(both, TURNED) == pytest.approx(alone[0] + alone[1] * log_odds(clusters, TURNED), abs=1e-3)
+
+
 def test_what_is_lacking() -> None:
     config = load_config("road", ("detect3d.method=combined",))
     with pytest.raises(ModelError, match=r"detect3d\.method combined needs a network: give --model-3d"):
         Detect3D(rig(LIDAR), config)
-    model_cars = load_config("sandbox", ("detect3d.method=combined", "detect3d.model=net.onnx"))
-    with pytest.raises(ConfigError, match=r"learned knows cars, .*; .*the method to pillars"):
-        Detect3D(rig(LIDAR), model_cars)

@@ -210,7 +210,7 @@ def test_order_of_the_points_does_not_matter() -> None:
 
 
 def test_sandbox_settings_find_a_model_car_seen_by_three_lidars() -> None:
-    config = load_config(ROOT / "config" / "sandbox.yaml")
+    config = load_config(ROOT / "config" / "sandbox.yaml", ("detect3d.method=cluster",))
     origins = [(-0.56, 1.25, 0.6), (0.43, 0.26, 0.6), (0.0, -0.99, 0.74)]
     truth: Box = (0.8, 1.4, 0.112, 0.33, 0.22, 0.21, 0.7)
     clouds = [scan(origin, [truth], rings=(-15, 15, 16), step_deg=0.2, noise_m=0.003) for origin in origins]

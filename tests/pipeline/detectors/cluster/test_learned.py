@@ -8,7 +8,8 @@ from pipeline.core.arrays import F64
 from pipeline.core.errors import ConfigError
 from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
 from pipeline.core.settings.load import load_config
-from pipeline.detectors.cluster.learned import LearnedScores, kinds_of
+from pipeline.detectors.cluster.kinds import kinds_of
+from pipeline.detectors.cluster.learned import LearnedScores
 from pipeline.stages.detect3d import Detect3D
 
 LIDAR = (0.0, 0.0, 1.8)

@@ -7,7 +7,8 @@ import pytest
 
 from pipeline.core.errors import ModelError
 from pipeline.detectors.cluster.features import FEATURES
-from pipeline.detectors.cluster.network import EMBEDDED, KINDS, ClusterNetwork
+from pipeline.detectors.cluster.kinds import KINDS
+from pipeline.detectors.cluster.network import EMBEDDED, ClusterNetwork
 
 DRAW = np.random.default_rng(0)
 WIDTH = len(FEATURES)

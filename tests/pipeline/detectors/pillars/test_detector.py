@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from lidar_scene import Box, combined, rig, scan, turned
-from pillar_files import GRID, numbers_of, write_pillars
+from pillar_files import GRID, boxes_found, numbers_of, write_pillars
 
 from pipeline.core.errors import ModelError
 from pipeline.core.settings.load import load_config
@@ -35,8 +35,7 @@ def config(path: Path | None, *more: str) -> Any:
 @pytest.mark.parametrize("lidar_xy", [(0.0, 0.0), (100.0, -40.0)])
 def test_boxes_stand_where_the_network_finds_them(tmp_path: Path, lidar_xy: tuple[float, float]) -> None:
     points = turned(scan(LIDAR, [CAR, PERSON]), 0.0, lidar_xy)
-    detect = Detect3D(rig((*lidar_xy, LIDAR[2])), config(write(tmp_path / "net.onnx")))
-    boxes = detect(combined(points))
+    boxes = boxes_found(rig((*lidar_xy, LIDAR[2])), config(write(tmp_path / "net.onnx")), combined(points))
     assert boxes.class_ids.tolist() == [0, 1]
     np.testing.assert_allclose(boxes.centers - [*lidar_xy, 0], [CAR[:3], PERSON[:3]], atol=1e-5)
     np.testing.assert_allclose(boxes.sizes, [CAR[3:6], PERSON[3:6]], rtol=1e-5)

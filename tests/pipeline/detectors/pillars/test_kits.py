@@ -1,7 +1,9 @@
 """Networks of the kits: what they are told of points, and where their boxes are."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,13 +11,14 @@ import numpy as np
 import pytest
 from lidar_scene import Box, combined, rig, scan, turned
 from onnx_files import FLOAT, _node, _tensor, _value, write_model
+from pillar_files import boxes_found
 
-from pipeline.core.clouds import Plane
+from pipeline.core.clouds import CombinedCloud, Plane
+from pipeline.core.detections import Boxes3D
 from pipeline.core.errors import ModelError
 from pipeline.core.settings.load import load_config
 from pipeline.detectors.pillars.detector import PillarPoints
 from pipeline.detectors.pillars.kits import KEY, KitSpecs, kit_pillars, kit_points
-from pipeline.stages.detect3d import Detect3D
 
 CAR: Box = (8.2, -3.1, 0.8, 4.2, 1.75, 1.5, 2.5)
 LIDAR = (0.0, 0.0, 1.8)
@@ -49,9 +52,9 @@ def write(path: Path, boxes: list[list[float]], odds: list[list[float]], **said:
     )
 
 
-def detect(path: Path, lidar_xy: tuple[float, float] = (0.0, 0.0)) -> Detect3D:
+def detect(path: Path, lidar_xy: tuple[float, float] = (0.0, 0.0)) -> Callable[[CombinedCloud], Boxes3D]:
     settings = load_config("road", (f"detect3d.model={path}", "detect3d.method=pillars"))
-    return Detect3D(rig((*lidar_xy, LIDAR[2])), settings)
+    return partial(boxes_found, rig((*lidar_xy, LIDAR[2])), settings)
 
 
 @pytest.mark.parametrize("lidar_xy", [(0.0, 0.0), (100.0, -40.0)])

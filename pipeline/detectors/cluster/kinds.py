@@ -1,0 +1,54 @@
+"""The kinds of road users that learned scores and the network `traffic` know."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pipeline.core.arrays import Bools
+from pipeline.core.errors import ConfigError
+from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
+
+__all__ = ["KINDS", "kinds_of", "knows"]
+
+KINDS = ("background", "car", "pedestrian", "cyclist", "large vehicle")
+"""What a cluster can be, in the order of the probabilities. A large vehicle is a van, a truck or a bus."""
+
+KIND_OF_NAME = {"car": 1, "pedestrian": 2, "bicycle": 3, "truck": 4, "bus": 4}
+"""Rows of `KINDS` by the names of the classes of the roads; labels of other classes count, too."""
+
+SIZE_FACTOR = 2.0
+"""A class whose typical size differs from that of the roads by more than this was not in training."""
+
+
+def kinds_of(classes: Sequence[ClassPrior]) -> Bools:
+    """(C, 5) of which of `KINDS` each class consists, by its name and labels.
+
+    Raises:
+        ConfigError: one of them is of no kind, or of another size.
+    """
+    found = np.zeros((len(classes), len(KINDS)), np.bool_)
+    roads = {prior.name: prior for prior in ROAD_CLASSES}
+    for row, prior in enumerate(classes):
+        names = [name for name in KIND_OF_NAME if name in (prior.name, *prior.labels)]
+        fitting = [name for name in names if _is_of_size(prior, roads[name])]
+        if not fitting:
+            raise ConfigError(
+                "settings: detect3d.score learned knows cars, pedestrians, bicycles, trucks and buses of full size, by "
+                f"name or label; expected classes of these, found {prior.name}; set detect3d.score to geometric"
+            )
+        found[row, [KIND_OF_NAME[name] for name in names]] = True
+    return found
+
+
+def knows(classes: Sequence[ClassPrior]) -> bool:
+    """Whether all classes are of `KINDS`, and of the size that was trained."""
+    try:
+        kinds_of(classes)
+    except ConfigError:
+        return False
+    return True
+
+
+def _is_of_size(prior: ClassPrior, other: ClassPrior) -> bool:
+    ratio = np.abs(np.log(np.divide(prior.size_m, (other.size_m, *other.kinds_m))))
+    return bool((ratio <= np.log(SIZE_FACTOR)).all(1).any())
