@@ -22,6 +22,7 @@ import numpy as np
 from bags.simulator.scenario.sensors import LidarScenario
 from bags.simulator.worlds.draw import Family
 from bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, TrainingSweep, sweep
+from lidcam.build import decided
 from lidcam.training.examples import cloud_of, rig_of
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes3D
@@ -96,7 +97,7 @@ def _world(
         taken = sweep(family, seed, changed)
         config = next(iter(configs.values()))
         rig, combined = combined_cloud(taken, config)
-        found = {name: Detect3D(rig, one)(combined) for name, one in configs.items()}
+        found = {name: Detect3D(rig, decided(one, rig))(combined) for name, one in configs.items()}
         answer.append((_truth(taken, config, rig.site_frame), found))
     return answer
 

@@ -20,10 +20,10 @@ from pipeline.detectors.protocols import Candidates3D
 
 __all__ = ["FittedPillarDetector"]
 
-SAME_BOX_IOU, SAME_DIRECTION_RAD = 0.25, np.deg2rad(60)
-"""A box that shares less ground with its fit to the points in it, or lies more across it, keeps its own place, size and
-heading: what is in it is a part of the object, or more than it. Of 0.2 to 0.7, and of 30 to 90 degrees, about the best
-for cars, cyclists and people in drawn worlds."""
+SAME_BOX_IOU, SAME_HEADING_SIGMAS = 0.25, 1.5
+"""A box that shares less ground with its fit to the points in it, or whose heading is off by more standard deviations
+of the network's, keeps its own place, size and heading: what is in it is a part of the object, or more than it. Of 0.2
+to 0.7, and of 1 to 2.5 (22 to 56 degrees for cars, 38 to 95 for cyclists), about the best in drawn worlds."""
 
 
 class FittedPillarDetector:
@@ -49,7 +49,9 @@ class FittedPillarDetector:
         found = likely_boxes(combined, self._site_frame, self._network(combined), 0.0)
         fitted, _ = self._refit(combined, found, np.arange(len(found)))
         turn = np.abs(wrap_angle(2 * (fitted.yaws - found.yaws))) / 2  # front and rear are the network's
-        agree = (pair_ious(found, fitted).bev >= SAME_BOX_IOU) & (turn <= SAME_DIRECTION_RAD)
+        agree = (pair_ious(found, fitted).bev >= SAME_BOX_IOU) & (
+            turn <= SAME_HEADING_SIGMAS * np.sqrt(found.covariances[:, 2, 2])
+        )
         return found.joined(fitted).select(np.arange(len(found)) + len(found) * agree)
 
     def reaches(self, xy: F64) -> Bools:
