@@ -40,7 +40,7 @@ SEED_SECONDS = 30.0
 LONGER = 50
 WORKERS = 1, 2
 MIN_MS = 0.05
-SAME_FILTERS = ("--set", "combine.outliers.std_ratio=0.2")  # what the straight script has
+SAME_STAGES = ("--set", "combine.outliers.std_ratio=0.2", "--set", "detect3d.method=cluster")  # as the straight script
 SCRIPT_PX = 416  # sides of what it gives its network
 STRIDE_PX = 32  # of YOLOX, in which sizes are counted
 WARM_UP = ("--duration", "0.5")
@@ -135,7 +135,7 @@ def _copying_gib_per_s() -> float:
 
 
 def _cases(recordings: Sequence[Path], model: Path | None, folder: Path) -> list[Case]:
-    settings = "--config", "sandbox", *SAME_FILTERS
+    settings = "--config", "sandbox", *SAME_STAGES
     seed = folder / "seed.bag"
     _said([*_lidcam("simulate"), "sandbox", str(seed), "--duration", str(SEED_SECONDS), "--quiet"])
     sandbox = "--ground", "0.02", "--link", "0.12"
@@ -149,7 +149,7 @@ def _cases(recordings: Sequence[Path], model: Path | None, folder: Path) -> list
             Case(
                 path.stem,
                 path,
-                (*SAME_FILTERS, *network[0]),
+                (*SAME_STAGES, *network[0]),
                 network[1],
                 {**AS_IT_IS, **_as_the_script_scales(path, folder)} if model else AS_IT_IS,
             )
