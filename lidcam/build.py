@@ -77,6 +77,7 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
         config.classes,
         config.combine.motion,
         scores_are_probabilities=config.detect3d.scores_are_probabilities,
+        has_network=config.detect3d.has_network,
     )
     beliefs = graph.add("believe", believe, hypotheses, visibility, graph.frame, ordered=True)
     fused = graph.add("fuse", Fuse(config.fuse, class_count=len(config.classes)), hypotheses, beliefs)

@@ -52,6 +52,7 @@ from pipeline.fusion.belief.odds import (
     log_odds_before_cameras,
     probability,
     reach_of_classes,
+    shown,
 )
 from pipeline.fusion.belief.visibility import Visibility, find_visibility
 from readers.results.result import open_result
@@ -89,11 +90,6 @@ class WeighedFrame:
     truth: TruthBoxes3D
     is_ignored: tuple[Bools, Bools]
 
-    @property
-    def looked_at(self) -> Bools:
-        """(N,) whether a camera looks at each box."""
-        return np.concatenate([np.zeros((1, len(self.boxes)), np.bool_), self.visibility.in_view]).any(0)
-
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
@@ -107,7 +103,7 @@ class Weighed:
 
     def starts(self, frames: Sequence[WeighedFrame]) -> "tuple[Start, Start]":
         """The evidence before a camera is asked of all hypotheses of frames, and of all lidar boxes by themselves."""
-        asked = [(one.boxes, one.lidar_count, one.looked_at) for one in frames]
+        asked = [(one.boxes, one.lidar_count, shown(one.visibility)) for one in frames]
         alone = [(one.alone, len(one.alone), np.zeros(len(one.alone), np.bool_)) for one in frames]
         return Start.of(self.config, asked), Start.of(self.config, alone)
 
@@ -234,7 +230,7 @@ class Start:
             np.concatenate([one.sources for one in boxes]),
             np.concatenate([np.arange(len(one)) < count for one, count, _ in frames]),
             np.concatenate([at_its_place(one.covariances, reach_m[one.class_ids]) for one in boxes]),
-            looked_at if config.detect3d.scores_are_probabilities else None,
+            looked_at & config.detect3d.has_network if config.detect3d.scores_are_probabilities else None,
         )
 
     def log_odds(self, by: Coefficients) -> F64:

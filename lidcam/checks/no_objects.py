@@ -55,7 +55,7 @@ class ObjectCheck:
         if config.detect3d.method == "recorded":
             return self._lost_in_recording(frame)
         if config.detect3d.method == "none":
-            return "detect3d.method is none, so that nothing is detected", "--set detect3d.method=cluster"
+            return "detect3d.method is none, so that nothing is detected", "--set detect3d.method=auto"
         if measured == 0:
             return "its clouds have no points", "see the lidars and their drivers"
         if counts["range"] == measured:
@@ -93,6 +93,12 @@ class ObjectCheck:
         found = ClusterDetector(self._rig, config)(frame.combined)
         scores = found.scores[found.class_ids >= 0]
         left = len(frame.combined.detection_cloud)
+        if len(scores) and scores.max() >= config.detect3d.min_score:
+            return (
+                f"none of its {len(scores)} clusters is as probable as detect3d.min_score, "
+                f"{config.detect3d.min_score:g}",
+                self._remedy("a smaller detect3d.min_score shows them"),
+            )
         if len(scores):
             return (
                 f"the best of {len(scores)} clusters scores {scores.max():.3f}, less than detect3d.min_score, "

@@ -47,7 +47,8 @@ def check_effect(settings: Sequence[str], sections: Sequence[str]) -> None:
 def named_files(config: Config) -> dict[str, Path]:
     """The files that settings name and that are there, by their names in the metadata of a result."""
     lidars = {"velodyne": config.velodyne, **{f"velodyne.{key}": one for key, one in config.velodyne.topics.items()}}
-    model, model_3d = config.detect2d.model, config.detect3d.model
+    model, detect3d = config.detect2d.model, config.detect3d
+    model_3d = detect3d.model if detect3d.method in {"auto", "pillars", "combined"} else None
     named = {"network": model and network_path(model), "network.names": config.detect2d.names}
     named |= {"detect3d.model": model_3d and network_file(model_3d), "detect3d.weights": config.detect3d.weights}
     named |= {f"{key}.calibration": one.calibration for key, one in lidars.items()}

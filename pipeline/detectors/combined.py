@@ -31,7 +31,7 @@ __all__ = ["CombinedDetector", "Evidence"]
 SCORE_LIMIT = 0.002
 """Scores nearer to 0 or 1 than this count as this."""
 
-PERSON = KINDS.index("pedestrian")
+UNKNOWN, PERSON = KINDS.index("background"), KINDS.index("pedestrian")
 
 
 class Weights(NamedTuple):
@@ -85,7 +85,8 @@ class CombinedDetector:
         """
         if config.detect3d.model is None:
             raise ModelError(
-                "detect3d.method combined needs a network: give --model-3d FILE.onnx or set detect3d.model"
+                "detect3d.method combined needs a network: give --model-3d FILE.onnx or set detect3d.model; none for "
+                "these classes comes with lidcam"
             )
         is_known = knows(config.classes)
         self._learned = LearnedScores(rig, config) if is_known else None
@@ -107,8 +108,8 @@ class CombinedDetector:
         network = logit(found.scores)
         cluster, partner = self._partners(clusters, found)
         beside, yaws = np.full(len(clusters), np.nan), clusters.yaws.copy()
-        is_person = self._kinds[clusters.class_ids[cluster]] == PERSON
-        beside[cluster] = np.where(is_person, np.nan, network[partner])
+        goes_alone = np.isin(self._kinds[clusters.class_ids[cluster]], (UNKNOWN, PERSON))
+        beside[cluster] = np.where(goes_alone, np.nan, network[partner])
         yaws[cluster] += np.pi * (np.cos(yaws[cluster] - found.yaws[partner]) < 0)
         boxes = found.joined(replace(clusters, yaws=wrap_angle(yaws)))
         learned = np.concatenate([self._learned_of(combined, found), clusters.scores])

@@ -27,6 +27,7 @@ from pipeline.fusion.belief.odds import (
     log_odds_before_cameras,
     probability,
     reach_of_classes,
+    shown,
 )
 from pipeline.fusion.belief.visibility import Visibility
 
@@ -36,7 +37,8 @@ __all__ = ["Believe"]
 class Believe:
     """Existence probabilities. Learns how much each camera finds, and remembers, so frames must come in order.
 
-    Scores of the lidars' boxes are calibrated, unless they are probabilities already (`Engine3D`).
+    Scores of the lidars' boxes are calibrated, unless they are probabilities already (`Engine3D`). Those of
+    lidcam's own networks count less where a camera looks.
     """
 
     def __init__(
@@ -47,8 +49,9 @@ class Believe:
         motion: MotionConfig,
         *,
         scores_are_probabilities: bool,
+        has_network: bool = False,
     ) -> None:
-        self._is_calibrated = scores_are_probabilities
+        self._is_calibrated, self._has_network = scores_are_probabilities, has_network
         self._frequencies = np.array([prior.frequency for prior in classes])
         self._reach_m = reach_of_classes(classes)
         self._cameras = [camera.name for camera in rig.cameras]
@@ -75,7 +78,7 @@ class Believe:
             FrameError: the motion is that of a frame other than the site frame.
         """
         is_seen, has_absent = self._looking(hypotheses, visibility)
-        before = self._before_cameras(hypotheses, is_seen)
+        before = self._before_cameras(hypotheses, shown(visibility) & self._has_network)
         evidence = camera_evidence(visibility, self._recall.plain(visibility), FITTED)
         self._recall.learn(visibility, before, evidence, FITTED)
         boxes, said = hypotheses.boxes, joined(evidence, FITTED)
@@ -88,7 +91,7 @@ class Believe:
         place = at_its_place(boxes.covariances, self._reach_m[boxes.class_ids])
         return probability(before + said + recalled) * place
 
-    def _before_cameras(self, hypotheses: Hypotheses, is_seen: Bools) -> F64:
+    def _before_cameras(self, hypotheses: Hypotheses, looked_at: Bools) -> F64:
         boxes = hypotheses.boxes
         scores, is_lidar = boxes.scores.astype(np.float64), np.arange(len(boxes)) < hypotheses.lidar_count
         frequencies = self._frequencies[boxes.class_ids]
@@ -99,7 +102,7 @@ class Believe:
             boxes.sources,
             is_lidar,
             FITTED,
-            looked_at=is_seen if self._is_calibrated else None,
+            looked_at=looked_at if self._is_calibrated else None,
         )
 
     def _looking(self, hypotheses: Hypotheses, visibility: Visibility) -> tuple[Bools, Bools]:

@@ -46,6 +46,6 @@ def test_config_compiles_nothing() -> None:
 
 def test_process_imports_no_viewer_and_no_network(tmp_path: Path) -> None:
     """No network where none runs."""
-    run = ("process", str(BAGS / "sandbox.bag"), str(tmp_path / "out.mcap"), "--duration", "0.1", "--workers", "1")
-    run += ("--set", "detect3d.method=cluster")
+    run = ["process", str(BAGS / "sandbox.bag"), str(tmp_path / "out.mcap"), "--duration", "0.1", "--workers", "1"]
+    run += ["--set", "detect3d.method=cluster"]
     assert not imported(*run) & {"onnxruntime", "open3d", "pandas", "rerun"}

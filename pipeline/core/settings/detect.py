@@ -79,10 +79,11 @@ class Detect3DConfig(SettingsModel):
 
     Attributes:
         method: `cluster` finds them in the combined cloud and needs no weights; `pillars` runs the network of `model`;
-            `combined` does both and joins what they find, by the network and the learned score of clusters whatever
-            `score` is; `recorded` takes those that a detector wrote into the recording (`topics.boxes3d`); `none` finds
-            nothing. `auto` is `combined` where all classes are road users of full size or a model is set (as in the
-            preset sandbox), else `cluster`; with a `score`, and without a model, it is `cluster`.
+            `combined` does both and joins what they find, by the network and, of classes that it knows, the learned
+            score of clusters, whatever `score` is; `recorded` takes those that a detector wrote into the recording
+            (`topics.boxes3d`); `none` finds nothing. `auto` is `combined` where all classes are road users of full
+            size or a model is set (as in the preset sandbox), else `cluster`; with a `score`, and without a model, it
+            is `cluster`.
         model: ONNX file of `lidcam train pillars`, relative to the working folder, or the name of one that comes with
             lidcam: `traffic` for road users of full size, their default; `sandbox` for model cars.
         score: How boxes of the method `cluster` are scored. `geometric`: by the number of their points, the smoothness
@@ -91,7 +92,8 @@ class Detect3DConfig(SettingsModel):
             and buses of full size. `auto`: `learned` where the lidars decide alone, for want of 2D boxes, and all
             classes are of these, or where `weights` are named; else `geometric`.
         weights: File of that network, as `lidcam train clusters` writes it. Empty: the one that comes with lidcam.
-        min_score: Boxes with a lower score are removed; with `learned`, those whose geometric score is lower.
+        min_score: Boxes with a lower score are removed; with `learned`, those whose geometric score is lower; with
+            `combined` clusters of a lower geometric score, and then boxes that are less probable.
         cluster: Settings of the method `cluster`.
         recorded: Settings of the method `recorded`.
     """
@@ -106,13 +108,18 @@ class Detect3DConfig(SettingsModel):
 
     @property
     def engine(self) -> str:
-        """The row of `ENGINES` that `method` means; of `auto` with a model, that which takes any classes."""
-        return self.method if self.method != "auto" else "pillars" if self.model else "cluster"
+        """The row of `ENGINES` that `method` means; `auto` without a model has to be decided before."""
+        return self.method if self.method != "auto" else "combined" if self.model else "cluster"
 
     @property
     def is_learned(self) -> bool:
         """Whether a network scores clusters; `auto` of `score` has to be decided before."""
         return self.engine == "cluster" and self.score == "learned"
+
+    @property
+    def has_network(self) -> bool:
+        """Whether a 3D network finds boxes."""
+        return self.engine in {"pillars", "combined"}
 
     @property
     def scores_are_probabilities(self) -> bool:

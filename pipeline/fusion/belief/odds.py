@@ -25,6 +25,7 @@ __all__ = [
     "logit",
     "probability",
     "reach_of_classes",
+    "shown",
 ]
 
 
@@ -137,8 +138,8 @@ def log_odds_before_cameras(
         sources: (N,) `Source` of each box.
         is_lidar: (N,) whether the lidars found it; 2D boxes propose the others.
         by: The coefficients.
-        looked_at: (N,) whether a camera looks at each box, if the lidars' scores are probabilities; None: they are
-            those of the detector by clusters.
+        looked_at: (N,) whether a camera looks at each box of a network, if the lidars' scores are probabilities; None:
+            they are geometric scores of clusters.
     """
     score, points = logit(scores), np.log(np.maximum(point_counts, 1))
     if looked_at is not None:
@@ -185,6 +186,12 @@ def camera_evidence(visibility: Visibility, plain_recall: F64, by: Coefficients)
     # A box of something else says no more against it than none.
     matched = np.maximum(ratio + visibility.agreement, np.minimum(ratio, missed))
     return np.asarray(np.where(visibility.is_matched, matched, missed))
+
+
+def shown(visibility: Visibility) -> Bools:
+    """(N,) whether a camera has each box in view, and sees some of it."""
+    nobody = np.zeros((1, visibility.visible.shape[1]), np.bool_)
+    return np.asarray(np.concatenate([nobody, visibility.in_view & (visibility.visible > HIDDEN_SHARE)]).any(0))
 
 
 def joined(evidence: F64, by: Coefficients) -> F64:

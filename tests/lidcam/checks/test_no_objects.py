@@ -35,7 +35,7 @@ def warning_of(config: str | None, *settings: str) -> RunWarning:
 @pytest.mark.parametrize(
     ("config", "settings", "finding", "remedy"),
     [
-        (None, ["detect3d.method=none"], "detect3d.method is none", "--set detect3d.method=cluster"),
+        (None, ["detect3d.method=none"], "detect3d.method is none", "--set detect3d.method=auto"),
         (
             "road",
             ["combine.max_range_m=0.05"],
@@ -44,7 +44,7 @@ def warning_of(config: str | None, *settings: str) -> RunWarning:
         ),
         (
             "crossing",
-            ["detect3d.cluster.min_height_m=2"],
+            ["detect3d.cluster.min_height_m=2", "detect3d.method=cluster"],
             "no cluster of the",
             LOOKS_LIKE + "see detect3d.cluster and the sizes of classes, unless there is nothing to detect",
         ),
