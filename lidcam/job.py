@@ -112,7 +112,7 @@ class JobOptions(TypedDict, total=False):
             replace what earlier ones say. Without it sensors and calibration are found in the recording.
         model_2d: 2D network: an ONNX file (docs/networks.md lists the exports that are known), or the name of one that
             `lidcam fetch` brought.
-        model_3d: 3D network (ONNX, of `lidcam train pillars`).
+        model_3d: 3D network: an ONNX file (of `lidcam train pillars` or `convert`), `traffic` or `sandbox`.
         copy_topics: Topics that are copied to the MCAP output, by name or shell pattern; None: those of the truth.
         workers: Processes that share the frames, with this one; None: `run.workers` of the settings, else one per core.
             The result is the same.

@@ -1,4 +1,4 @@
-"""The engine: one list of boxes of a network in pillars and of clusters, each with what both make of it.
+"""The engine: boxes of a network in pillars merged with clusters, each rated by both.
 
 The network finds what clusters join or part, and tells front from rear. Points in a box give its sides more exactly
 than the network does, and the learned score of clusters knows people better. So the network's boxes are fitted again to

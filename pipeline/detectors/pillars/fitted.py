@@ -27,7 +27,7 @@ to 0.7, and of 1 to 2.5 (22 to 56 degrees for cars, 38 to 95 for cyclists), abou
 
 
 class FittedPillarDetector:
-    """Proposes what a network finds, where its points have it."""
+    """Proposes the boxes of a network, moved to fit the points in them."""
 
     def __init__(self, rig: Rig, config: Config) -> None:
         """Load the network.
