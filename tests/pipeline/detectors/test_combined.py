@@ -14,7 +14,7 @@ from pipeline.core.settings.load import load_config
 from pipeline.detectors.cluster.features import FEATURES
 from pipeline.detectors.cluster.kinds import KINDS
 from pipeline.detectors.cluster.network import ClusterNetwork
-from pipeline.detectors.combined import FITTED
+from pipeline.detectors.combined import AHEAD, FITTED
 from pipeline.stages.detect3d import Detect3D
 
 LIDAR = (0.0, 0.0, 1.8)
@@ -105,7 +105,7 @@ def test_the_order_of_points_does_not_matter(tmp_path: Path) -> None:
 
 
 def test_classes_that_the_learned_score_does_not_know(tmp_path: Path) -> None:
-    """The network's boxes have its score; clusters that it is silent of have a lower one."""
+    """Clusters that the network finds, too, have its score; those that it is silent of have a lower one."""
     row = np.array(CAR)[None]
     numbers = numbers_of(row[:, :3], row[:, 3:6], row[:, 6], np.array([LOG_ODDS]), [0], 1)
     model = write_pillars(tmp_path / "net.onnx", numbers, [{"name": "cart"}])
@@ -117,7 +117,7 @@ def test_classes_that_the_learned_score_does_not_know(tmp_path: Path) -> None:
         for method in ("combined", "cluster")
     )
     assert len(both) == 2
-    assert log_odds(both, CAR) == pytest.approx(LOG_ODDS, abs=1e-3)
+    assert log_odds(both, CAR) == pytest.approx(LOG_ODDS + AHEAD, abs=1e-3)
     alone = FITTED.alone[0]
     assert log_odds(both, TURNED) == pytest.approx(alone[0] + alone[1] * log_odds(clusters, TURNED), abs=1e-3)
 
