@@ -44,7 +44,7 @@ def test_the_command(tmp_path: Path) -> None:
     assert done.stdout.index("In drawn worlds:\n\n|") < done.stdout.index("In recordings:\n\n|")
     assert max(map(len, done.stdout.splitlines())) <= 80
     run = lidcam.process(SANDBOX, model_3d=tmp_path / "mine.onnx", duration_s=0.3, workers=1)
-    assert (run.report.sensors.box_source_3d, run.report.frames.count > 1) == ("pillars", True)
+    assert (run.report.sensors.box_source_3d, run.report.frames.count > 1) == ("combined", True)
 
 
 class KilledError(Exception):
