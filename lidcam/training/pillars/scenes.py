@@ -44,10 +44,10 @@ __all__ = [
 Worlds = Literal["road", "crossing", "sandbox", "all"]
 """Families of worlds to learn from; `all`: roads and crossings."""
 
+FULL_SIZE: tuple[Worlds, ...] = ("road", "crossing", "all")
+
 GRIDS: dict[Worlds, Grid] = {
-    "road": Grid(cell_m=0.32, cells=256, low_m=0.2, high_m=4.0),
-    "crossing": Grid(cell_m=0.32, cells=256, low_m=0.2, high_m=4.0),
-    "all": Grid(cell_m=0.32, cells=256, low_m=0.2, high_m=4.0),
+    **dict.fromkeys(FULL_SIZE, Grid(cell_m=0.32, cells=256, low_m=0.2, high_m=4.0)),
     "sandbox": Grid(cell_m=0.04, cells=192, low_m=0.02, high_m=0.5),
 }
 """What is learned in."""
@@ -56,9 +56,7 @@ WRITTEN_GRIDS = GRIDS | {"sandbox": GRIDS["sandbox"].model_copy(update={"cells":
 """What networks are written for."""
 
 CLASSES: dict[Worlds, tuple[str, ...]] = {
-    "road": NAMES,
-    "crossing": NAMES,
-    "all": NAMES,
+    **dict.fromkeys(FULL_SIZE, NAMES),
     "sandbox": NAMES[:1],
 }
 
