@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.arrays import Array
+from pipeline.core.arrays import F32, Array
 from pipeline.detectors.onnx.messages import MANY, ONE, model_class
 
-__all__ = ["FLOAT", "INT64", "Graph", "Value"]
+__all__ = ["FLOAT", "INT64", "Graph", "Value", "numbers_in"]
 
 Value = tuple[str, int, Sequence[int | str]]
 """Name, type of the elements, and dimensions of an input or output; free ones are named."""
@@ -130,6 +130,16 @@ class Graph:
             )
         )
         return bytes(model.SerializeToString(deterministic=True))
+
+
+def numbers_in(file: bytes) -> list[F32]:
+    """The constants of a file in single precision, in their order.
+
+    Raises:
+        google.protobuf.message.DecodeError: it is no ONNX file.
+    """
+    found = [one for one in _model_class().FromString(file).graph.tensor if one.type == FLOAT]
+    return [np.frombuffer(one.data, "<f4").reshape(tuple(one.dims)) for one in found]
 
 
 def _attribute(value: int | list[int] | bytes) -> dict[str, Any]:

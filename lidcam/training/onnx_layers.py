@@ -1,22 +1,25 @@
-"""Layers of PyTorch as nodes of an ONNX file. Normalisation is folded into the layer before it."""
+"""Layers of PyTorch as nodes of an ONNX file.
+
+Normalisation stays a node of its own, so that a training can go on from the file; onnxruntime folds it into the
+convolution before it.
+"""
 
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from torch.nn.utils import fuse_conv_bn_eval
 
 from lidcam.training.onnx_graph import Graph
 from pipeline.core.arrays import Array
 
-__all__ = ["convolution", "convolutions", "parameters"]
+__all__ = ["convolution", "convolutions", "normalised", "parameters", "tensors"]
 
 
 def convolutions(graph: Graph, image: str, layers: Iterable[Any]) -> str:
     """Convolutions, each with its normalisation and a ReLU behind it."""
     parts = [*layers]
     for layer, norm in zip(parts[::3], parts[1::3], strict=True):
-        image = graph.add("Relu", convolution(graph, image, fuse_conv_bn_eval(layer, norm)))
+        image = graph.add("Relu", normalised(graph, convolution(graph, image, layer), norm))
     return image
 
 
@@ -26,6 +29,17 @@ def convolution(graph: Graph, image: str, layer: Any, name: str = "") -> str:
     return graph.add("Conv", image, *parameters(layer), name=name, strides=strides, pads=pads)
 
 
+def normalised(graph: Graph, values: str, norm: Any) -> str:
+    """A normalisation by what was learned of mean and variance."""
+    return graph.add("BatchNormalization", values, *parameters(norm))
+
+
 def parameters(layer: Any) -> list[Array]:
-    """The weights of a layer, and what it adds, if anything."""
-    return [np.asarray(one.detach().numpy()) for one in (layer.weight, layer.bias) if one is not None]
+    """The numbers of a layer in the order of its node's inputs."""
+    return [np.asarray(one.detach().numpy()) for one in tensors(layer)]
+
+
+def tensors(layer: Any) -> list[Any]:
+    """The same in PyTorch: weights, what is added if anything, and of a normalisation mean and variance."""
+    names = ("weight", "bias", "running_mean", "running_var")
+    return [one for name in names if (one := getattr(layer, name, None)) is not None]

@@ -45,8 +45,8 @@ PILLARS_EXAMPLES = """\b
 Examples:
   lidcam train pillars --steps 20000 --out mine.onnx
   lidcam train pillars --steps 20000 --out mine.onnx --resume
-  lidcam train pillars --steps 22000 --out mine.onnx --resume \\
-    --recordings labelled.mcap --family road
+  lidcam train pillars --steps 2000 --out mine.onnx \\
+    --recordings labelled.mcap --family all
   lidcam-process drive.mcap out.mcap --model-3d mine.onnx
 """
 CONVERT_EXAMPLES = """\b
@@ -159,6 +159,21 @@ def pillars(
         int | None,
         typer.Option(min=1, metavar="N", help="Processes that make sweeps; these are the same. [default: cores]"),
     ] = None,
+    begin: Annotated[
+        str,
+        typer.Option(
+            "--from",
+            metavar="NAME",
+            help="Network whose weights are the first: traffic, sandbox, FILE.onnx of such a training, or none. "
+            "[default: with --recordings the one that comes with lidcam, else none]",
+        ),
+    ] = "",
+    bfloat16: Annotated[
+        bool,
+        typer.Option(
+            "--bfloat16", help="Compute in bfloat16: half the time on processors that have it (AVX-512 BF16, AMX)."
+        ),
+    ] = False,
     resume: Annotated[
         bool,
         typer.Option(
@@ -189,7 +204,13 @@ def pillars(
             given = _read(
                 recordings, folder, config=config_file, settings=settings or (), rig=rig_files, workers=workers
             )
-            checkpoint = Checkpoint(state, family or "road", seed, given, bool(family) or not given)
+            embedded = "sandbox" if family == "sandbox" else "traffic"
+            first = begin or (embedded if given else "none")
+            worlds = family or "road"
+            has_worlds = bool(family) or not given
+            checkpoint = Checkpoint(
+                state, worlds, seed, given, has_worlds, begin="" if first == "none" else first, bfloat16=bfloat16
+            )
             with show_training() as told:
                 text = train_pillars(checkpoint, outputs[out].part, steps, workers=processes, told=told)
         outputs[card].write_text(text)

@@ -104,10 +104,6 @@ class Source(NamedTuple):
         share = f"as many sweeps of {WORLDS} (`{self.worlds}`) and\n  " if self.has_worlds else ""
         return f"{share}frames of {self.recordings.text}"
 
-    def family_of(self, number: int) -> Family:
-        """Family of the world of a number."""
-        return family_of(self.worlds, number)
-
     def is_recorded(self, number: int) -> bool:
         """Whether the scenes of a number are of recordings, and not of the world of this number."""
         return self.recordings is not None and (not self.has_worlds or number % 2 == 1)
@@ -163,13 +159,13 @@ def rounds(source: Source, seed: int, first: int, last: int, workers: int) -> Ge
 
 
 def _mixed(source: Source, seed: int, row: int, scenes: list[Scene]) -> list[Scene]:
-    order = random_numbers_of(source.family_of(0), seed, row, 1).permutation(len(scenes))
+    order = random_numbers_of(family_of(source.worlds, 0), seed, row, 1).permutation(len(scenes))
     return [scenes[place] for place in order]
 
 
 def _scenes(source: Source, number: int) -> list[Scene]:
     """Some sweeps of a world, or frames of recordings, turned, mirrored and stretched."""
-    family, grid, found = source.family_of(number), GRIDS[source.worlds], []
+    family, grid, found = family_of(source.worlds, number), GRIDS[source.worlds], []
     if source.recordings is not None and source.is_recorded(number):
         draw = random_numbers_of(family, number, 3)
         frames = (source.recordings.drawn(draw) for _ in range(SWEEPS_OF_A_WORLD))

@@ -104,12 +104,13 @@ def _calibrate(network: torch_network.PillarNetwork, by_class: F64) -> None:
 def _card(checkpoint: Checkpoint, steps: int, half: int, tables: Mapping[str, str]) -> str:
     family = f" --family {checkpoint.worlds}" if checkpoint.has_worlds else ""
     recordings = " --recordings RECORDING \\\n     " if checkpoint.recordings else ""
+    how = " --bfloat16 \\\n     " if checkpoint.bfloat16 else ""
     sources = "\n".join(f"- from step {step} on {text}" for step, text in checkpoint.load()["history"])
     table = "\n\n".join(f"In {name}:\n\n{table}" for name, table in tables.items())
     apart = [f"{2 * half} other worlds"] * checkpoint.has_worlds + ["the frames kept apart"] * bool(recordings)
     return f"""# A 3D network in pillars
 
-    lidcam train pillars{family}{recordings} --steps {steps} --seed {checkpoint.seed} --out FILE.onnx
+    lidcam train pillars{family}{recordings}{how} --steps {steps} --seed {checkpoint.seed} --out FILE.onnx
 
 made this network from {steps * BATCH} sweeps:
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pillar_files import write_pillars
 
 torch = pytest.importorskip("torch", reason="needs the extra train")
 
@@ -19,10 +20,21 @@ from lidcam.training.pillars import fit
 from lidcam.training.pillars import network as torch_network
 from lidcam.training.pillars.fit import Checkpoint, fitted
 from lidcam.training.pillars.judging import Judged, calibration, figures
-from lidcam.training.pillars.onnx_file import onnx_bytes
-from lidcam.training.pillars.scenes import CLASSES, GRIDS, SCENES_OF_A_ROUND, Scene, Source, Targets, targets_of
+from lidcam.training.pillars.onnx_file import onnx_bytes, take_weights
+from lidcam.training.pillars.scenes import (
+    CLASSES,
+    GRIDS,
+    SCENES_OF_A_ROUND,
+    Scene,
+    Source,
+    Targets,
+    Worlds,
+    family_of,
+    targets_of,
+)
 from pipeline.core.errors import LidcamError
 from pipeline.detectors.pillars.decoding import BOX_NUMBERS, boxes_of
+from pipeline.detectors.pillars.embedded import EMBEDDED
 from pipeline.detectors.pillars.grid import FEATURES, pillars
 from pipeline.detectors.pillars.network import FoundClass, PillarNetwork, PillarSpecs
 
@@ -41,6 +53,7 @@ def test_the_command(tmp_path: Path) -> None:
     assert "lidcam train pillars --family sandbox --recordings RECORDING \\\n      --steps 2 --seed 0 " in done.stdout
     assert "- from step 0 on as many sweeps of drawn worlds (`sandbox`)" in done.stdout
     assert "frames of recordings sandbox.bag" in " ".join(done.stdout.split())
+    assert "- from step 0 on with the weights of `sandbox`" in done.stdout
     assert done.stdout.index("In drawn worlds:\n\n|") < done.stdout.index("In recordings:\n\n|")
     assert max(map(len, done.stdout.splitlines())) <= 80
     run = lidcam.process(SANDBOX, model_3d=tmp_path / "mine.onnx", duration_s=0.3, workers=1)
@@ -98,9 +111,11 @@ def test_a_training_goes_on_with_recordings(tmp_path: Path, monkeypatch: pytest.
     worlds = Checkpoint(tmp_path / "a", "sandbox", 3)
     worlds.save(network, torch.optim.AdamW(network.parameters()), 2, 1.0)
     torch.save({key: value for key, value in worlds.load().items() if key != "history"}, worlds.path)
-    for steps, source in ((3, worlds), (4, worlds._replace(recordings=recordings)), (5, worlds)):
+    sources = worlds, worlds._replace(recordings=recordings), worlds, worlds._replace(bfloat16=True)
+    for steps, source in enumerate(sources, 3):
         fitted(source, steps, workers=1, told=kill_at(0))
-    assert [step for step, _ in worlds.load()["history"]] == [0, 3, 4]
+    assert [step for step, _ in worlds.load()["history"]] == [0, 3, 4, 5]
+    assert worlds.load()["history"][3][1] == "drawn worlds (`sandbox`), in bfloat16"
     assert "drawn worlds (`sandbox`) and\n  frames of recordings\n  a.mcap" in worlds.load()["history"][1][1]
 
 
@@ -109,7 +124,7 @@ def test_a_training_on_roads_goes_on_with_crossings(tmp_path: Path) -> None:
     Checkpoint(tmp_path / "a", "road", 3).save(network, torch.optim.AdamW(network.parameters()), 2, 1.0)
     checkpoint = Checkpoint(tmp_path / "a", "all", 3)
     assert checkpoint.load()["step"] == 2
-    families = [checkpoint.source.family_of(number) for number in range(5)]
+    families = [family_of(checkpoint.worlds, number) for number in range(5)]
     assert families == ["road", "road", "crossing", "crossing", "road"]
 
 
@@ -153,6 +168,10 @@ def test_the_file_gives_what_the_network_gives(tmp_path: Path, cells: int) -> No
     specs = PillarSpecs(classes=tuple(FoundClass(name=name) for name in CLASSES["road"]), grid=grid)
     path = tmp_path / "net.onnx"
     path.write_bytes(onnx_bytes(network, specs, learned))
+    again = torch_network.PillarNetwork(5)
+    take_weights(again, path, CLASSES["road"], learned)
+    for name, values in network.state_dict().items():
+        torch.testing.assert_close(again.state_dict()[name], values, check_dtype=name != "num_batches_tracked")
     position = draw.uniform((-50, -50, 0), (50, 50, 5), (20_000, 3))
     features, pillar = pillars(position, grid)
     features[:, FEATURES.index("distance")] *= grid.half_m / learned.half_m
@@ -166,6 +185,38 @@ def test_the_file_gives_what_the_network_gives(tmp_path: Path, cells: int) -> No
         np.testing.assert_allclose(one[rows], other[other_rows], atol=1e-4)
     for one, other in zip(found, PillarNetwork(path)(draw.permutation(position), threshold), strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_a_training_begins_with_an_embedded_network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its state says so, and goes on at the low rate whatever is asked for then."""
+    take_weights(torch_network.PillarNetwork(5), EMBEDDED["traffic"], CLASSES["all"], GRIDS["all"])
+    monkeypatch.setattr(fit, "rounds", made_rounds)
+    monkeypatch.setattr(fit, "RATE_ONWARD", 0.0)
+    first = torch_network.PillarNetwork(1)
+    take_weights(first, EMBEDDED["sandbox"], CLASSES["sandbox"], GRIDS["sandbox"])
+    checkpoint = Checkpoint(tmp_path / "a", "sandbox", 0, begin="sandbox")
+    with pytest.raises(KilledError):
+        fitted(checkpoint, 2, workers=1, told=kill_at(1), every_s=0)
+    trained = fitted(checkpoint._replace(begin=""), 2, workers=1, told=kill_at(0))
+    assert all(torch.equal(one, two) for one, two in zip(first.parameters(), trained.parameters(), strict=True))
+    assert checkpoint.load()["history"][0] == (0, "with the weights of `sandbox`")
+
+
+@pytest.mark.parametrize(
+    ("file", "worlds", "message"),
+    [
+        ("sandbox", "road", r"finds car, pedestrian, .* in pillars of 0.32 m, found car in 0.04 m"),
+        ("none.onnx", "road", "none.onnx: expected an ONNX file, found no such file"),
+        ("constant.onnx", "sandbox", "found one with other layers: train it anew"),
+    ],
+)
+def test_a_network_that_no_training_begins_with(tmp_path: Path, file: str, worlds: Worlds, message: str) -> None:
+    numbers = np.zeros((1 + BOX_NUMBERS, 32, 32), np.float32)
+    write_pillars(tmp_path / "constant.onnx", numbers, [{"name": "car"}], grid=GRIDS["sandbox"].model_dump())
+    path = EMBEDDED.get(file, tmp_path / file)
+    network = torch_network.PillarNetwork(len(CLASSES[worlds]))
+    with pytest.raises(LidcamError, match=message):
+        take_weights(network, path, CLASSES[worlds], GRIDS[worlds])
 
 
 def test_targets_say_what_boxes_are_read() -> None:
