@@ -206,8 +206,7 @@ def _loss(network: PillarNetwork, batch: list[Scene], bfloat16: bool, device: to
     cells = 2 * side
     pillar = np.concatenate([scene.pillar + row * cells * cells for row, scene in enumerate(batch)])
     features = np.concatenate([scene.features for scene in batch])
-    with torch.autocast(device.type, torch.bfloat16, bfloat16):
-        output = network(_on(features, device), _on(pillar, device), len(batch), cells).float()
+    output = network(_on(features, device), _on(pillar, device), len(batch), cells, bfloat16=bfloat16)
     heat, odds = _on(np.stack([one.heat for one in targets]), device), output[:, :classes]
     log_is, log_not = nn.functional.logsigmoid(odds), nn.functional.logsigmoid(-odds)
     is_center = heat == 1

@@ -47,7 +47,7 @@ class PillarNetwork(nn.Module):
         """(classes + `BOX_NUMBERS`,) added to the numbers of each cell."""
         return cast(Tensor, self.last.bias)
 
-    def forward(self, features: Tensor, pillar: Tensor, frames: int, cells: int) -> Tensor:
+    def forward(self, features: Tensor, pillar: Tensor, frames: int, cells: int, *, bfloat16: bool = False) -> Tensor:
         """(B, classes + `BOX_NUMBERS`, H, W) numbers, the first the log odds that an object of a class is there.
 
         Args:
@@ -55,16 +55,19 @@ class PillarNetwork(nn.Module):
             pillar: (P,) int64 pillar of each; those of a frame follow those of the one before.
             frames: Number of frames, B.
             cells: Pillars along x and along y.
+            bfloat16: Whether convolutions compute in bfloat16. The encoder does not: oneDNN would keep its code for
+                each number of points, some megabytes in each step.
         """
         encoded = self.encoder(features)
         canvas = encoded.new_zeros((frames * cells * cells, WIDTH))
         canvas = canvas.scatter_reduce(0, pillar[:, None].expand(-1, WIDTH), encoded, "amax")
         image = canvas.view(frames, cells, cells, WIDTH).permute(0, 3, 1, 2)  # channels last: faster on processors
         total = encoded.new_zeros(())
-        for block, up in zip(self.blocks, self.ups, strict=True):
-            image = block(image)
-            total = total + up(image)
-        return cast(Tensor, self.last(self.head(torch.relu(total))))
+        with torch.autocast(features.device.type, torch.bfloat16, bfloat16):
+            for block, up in zip(self.blocks, self.ups, strict=True):
+                image = block(image)
+                total = total + up(image)
+            return cast(Tensor, self.last(self.head(torch.relu(total))).float())
 
 
 def _convolved(before: int, channels: int, row: int) -> list[nn.Module]:
