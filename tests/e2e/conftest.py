@@ -4,6 +4,7 @@ from pathlib import Path
 import pytest
 from builders import in_order, write_rosbag1
 from command import Lidcam, Run, called
+from helpers import CLUSTERS
 from results import fused_objects
 
 from pipeline.core.messages import RawMessage
@@ -54,10 +55,10 @@ def first_result(
     lidcam: Lidcam,
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Path:
-    """What they become with the sample's settings."""
+    """What they become with the sample's settings, by clusters."""
     path = tmp_path_factory.mktemp("first") / "first.bag"
     write_rosbag1(path, in_order(*first_messages.values()))
-    run = lidcam("process", path, path.with_name("out.mcap"), "--config", "sandbox")
+    run = lidcam("process", path, path.with_name("out.mcap"), "--config", "sandbox", "--set", CLUSTERS)
     assert run.code == 0, run.err
     assert sum(map(len, fused_objects(path.with_name("out.mcap")).values())) >= 8
     return path.with_name("out.mcap")

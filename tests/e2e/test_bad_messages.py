@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from builders import write_rosbag1
 from command import Lidcam
+from helpers import CLUSTERS
 from small_drive import small_drive
 
 
@@ -22,7 +23,7 @@ def recording(path: Path, *, bad: str) -> Path:
 
 @pytest.mark.parametrize("bad", ["/cam/image_raw", "/tf_static"])
 def test_it_is_counted_or_ends_the_run(lidcam: Lidcam, tmp_path: Path, bad: str) -> None:
-    run = lidcam("process", recording(tmp_path / "a.bag", bad=bad), tmp_path / "out.mcap", "--json")
+    run = lidcam("process", recording(tmp_path / "a.bag", bad=bad), tmp_path / "out.mcap", "--json", "--set", CLUSTERS)
     assert run.code == 3, run.err
     report = json.loads(run.out)
     (drop,) = (drop for drop in report["drops"] if drop["topic"] == bad)

@@ -11,11 +11,12 @@ from pathlib import Path
 import pytest
 from builders import write_mcap
 from command import Lidcam
+from helpers import CLUSTERS
 from results import topics_of
 from small_drive import small_drive
 
 PROGRAM = Path(sys.executable).with_name("lidcam")
-PART = ("--duration", "0.4")
+PART = ("--duration", "0.4", "--set", CLUSTERS)
 
 
 def shell(command: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -182,12 +183,12 @@ def test_standard_output_on_a_full_disk_is_an_error_in_one_line(sandbox: Path, t
 
 @pytest.mark.parametrize(("kib", "mode"), [(10, "none"), (50, "none"), (50, "offline")])
 def test_outputs_on_a_full_disk_are_an_error_in_one_line(kib: int, mode: str, tmp_path: Path) -> None:
-    """The size of a file is limited; coverage would write files, too."""
+    """The size of a file is limited; coverage would write files, too, and Python keeps modules that are cut off."""
     write_mcap(tmp_path / "drive.mcap", small_drive("cdr", frames=30))
     (out := tmp_path / "out").mkdir()
     outputs = f"{out}/out.mcap --rerun {out}/out.rrd"
-    line = f"ulimit -f {kib}; exec {PROGRAM} process drive.mcap {outputs} --set track.mode={mode}"
-    done = shell(f"unset ${{!COVERAGE*}}; {line}", tmp_path)
+    line = f"ulimit -f {kib}; exec {PROGRAM} process drive.mcap {outputs} --set track.mode={mode} --set {CLUSTERS}"
+    done = shell(f"unset ${{!COVERAGE*}}; {line}", tmp_path, PYTHONDONTWRITEBYTECODE="1")
     assert done.returncode == 1
     (error,) = [line for line in done.stderr.splitlines() if " frames, " not in line]
     if mode == "none":

@@ -11,6 +11,7 @@ from builders import image, in_order, raw, write_mcap, write_rosbag1
 from combined_messages import CAMERAS, CLOUDS, combined
 from command import Lidcam
 from foxglove_messages import twin
+from helpers import CLUSTERS
 from results import Found, fused_objects, messages_of, stamp_of, topics_of
 
 from pipeline.core.messages import RawMessage
@@ -29,7 +30,7 @@ Process = Callable[[Path], tuple[Objects, Path]]
 def process(lidcam: Lidcam) -> Process:
     def run(recording: Path) -> tuple[Objects, Path]:
         out = recording.with_suffix(".out.mcap")
-        done = lidcam("process", recording, out, "--config", "sandbox")
+        done = lidcam("process", recording, out, "--config", "sandbox", "--set", CLUSTERS)
         assert done.code == 0, done.err
         return fused_objects(out), out
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from builders import pointcloud2, raw, write_mcap, write_rosbag1, write_rosbag2
 from command import Lidcam
+from helpers import CLUSTERS
 from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -107,7 +108,7 @@ def test_a_file_that_was_not_closed_and_lost_nothing_is_whole(lidcam: Lidcam, tm
     else:
         write_mcap(path, clouds("cdr"))
     path.write_bytes(path.read_bytes()[:-8])  # of what stands after the messages
-    run = lidcam("process", path, out)
+    run = lidcam("process", path, out, "--set", CLUSTERS)
     assert run.code == 0, run.err
     assert "is damaged or was not closed" in run.err
     run = lidcam("inspect", path, "--repair", tmp_path / "whole.mcap")
@@ -118,11 +119,11 @@ def test_a_file_that_was_not_closed_and_lost_nothing_is_whole(lidcam: Lidcam, tm
 
 def test_process_tells_what_was_lost(lidcam: Lidcam, tmp_path: Path) -> None:
     path, out = damaged(tmp_path, "mcap"), tmp_path / "out.mcap"
-    run = lidcam("process", path, out)
+    run = lidcam("process", path, out, "--set", CLUSTERS)
     assert run.code == 3, run.err
     assert "rec.mcap is damaged or was not closed" in run.err
     assert "crc" in run.out
-    tree = json.loads(lidcam("process", path, out, "--json").out)
+    tree = json.loads(lidcam("process", path, out, "--json", "--set", CLUSTERS).out)
     assert tree["frames"] == 7
     assert (tree["exit_code"], tree["failure"], len(tree["incomplete"])) == (3, "", 1)
     assert run.err.splitlines()[-1] == f"lidcam: incomplete: {tree['incomplete'][0]}; exit code 3"

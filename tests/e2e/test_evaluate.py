@@ -16,12 +16,13 @@ import yaml
 from builders import in_order, write_rosbag1
 from command import Lidcam
 from document_commands import ROOT
+from helpers import CLUSTERS
 
 from pipeline.core.messages import RawMessage
 
 WORKFLOW = ROOT / "docs" / "workflow.yml"
 BUCKET_WORKFLOW = WORKFLOW.with_name("bucket-workflow.yml")
-PART = ("--duration", "0.4")
+PART = ("--duration", "0.4", "--set", CLUSTERS)
 
 
 @pytest.fixture(scope="module")

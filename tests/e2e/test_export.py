@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from command import Lidcam
+from helpers import CLUSTERS
 
 import lidcam as front_door
 from readers.results.result import open_result
@@ -99,9 +100,10 @@ def test_what_cannot_be_exported_leaves_nothing(
 
 
 def test_results_without_clouds_or_of_one_name_are_told(lidcam: Lidcam, first_result: Path, tmp_path: Path) -> None:
-    less = ("--set", "output.clouds=false", "--set", "output.images=false", "--duration", 0.2, "--config", "sandbox")
+    less = ("--set", "output.clouds=false", "--set", "output.images=false", "--set", CLUSTERS)
+    part = ("--duration", 0.2, "--config", "sandbox")
     poor = tmp_path / "poor.mcap"
-    assert lidcam("process", first_result.with_name("first.bag"), poor, *less).code == 0
+    assert lidcam("process", first_result.with_name("first.bag"), poor, *less, *part).code == 0
     done = lidcam("export", poor, "--format", "nuscenes", "--out", tmp_path / "set")
     assert done.error_line.endswith("found none: process the recording again with output.clouds=true")
     done = lidcam("export", poor, "--format", "openlabel", "--out", tmp_path / "set")

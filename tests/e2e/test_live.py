@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 from command import called
 from foxglove_client import FoxgloveClient
+from helpers import CLUSTERS
 from mcap.reader import make_reader
 
 import lidcam
@@ -37,7 +38,14 @@ def test_foxglove_gets_what_the_file_gets(tmp_path: Path, port: int) -> None:
             assert clients[0].subscribed.wait(60)
 
     lidcam.process(
-        SANDBOX, tmp_path / "out.mcap", config="sandbox", duration_s=0.6, workers=1, foxglove=port, on_frame=on_frame
+        SANDBOX,
+        tmp_path / "out.mcap",
+        config="sandbox",
+        settings=[CLUSTERS],
+        duration_s=0.6,
+        workers=1,
+        foxglove=port,
+        on_frame=on_frame,
     )
     (client,) = clients
     client.join()
@@ -116,6 +124,7 @@ def test_a_run_keeps_the_pace_of_its_recording(monkeypatch: pytest.MonkeyPatch) 
     lidcam.process(
         SANDBOX,
         config="sandbox",
+        settings=[CLUSTERS],
         duration_s=0.5,
         workers=1,
         pace=0.5,

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from builders import camera_info, image, pointcloud2, raw, tf_message, transform_stamped, write_rosbag1
 from command import Lidcam
+from helpers import CLUSTERS
 from results import messages_of
 
 from pipeline.core.messages import RawMessage
@@ -62,7 +63,7 @@ def poorly(sensor: str, step: int) -> bool:
 def test_every_frame_is_there_and_what_it_lacks_is_told(lidcam: Lidcam, tmp_path: Path) -> None:
     write_rosbag1(poor := tmp_path / "poor.bag", recorded(poorly))
     out, figures = tmp_path / "out.mcap", tmp_path / "out.json"
-    run = lidcam("process", poor, out, "--json-file", figures)
+    run = lidcam("process", poor, out, "--json-file", figures, "--set", CLUSTERS)
     assert run.code == 0, run.err
     table = run.out[run.out.index("missing from frames") :]
     assert re.search(r"^cam1 +19 +silent from 1\.0 s to the end$", table, re.MULTILINE)

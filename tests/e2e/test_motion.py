@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from builders import in_order, odometry, pointcloud2, raw, tf_message, transform_stamped, write_rosbag1
 from command import Lidcam
+from helpers import CLUSTERS
 from results import messages_of, stamp_of, topics_of
 from scipy.spatial.transform import Rotation
 
@@ -19,7 +20,7 @@ SWEEP_NS, POSE_NS, LATE_NS = 100_000_000, 20_000_000, 1_000_000
 FRAMES, POINTS = 8, 1000
 WALL_X_M = 60.0
 MOUNT_M, MOUNT = (1.2, -0.3, 1.8), Rotation.from_euler("xyz", (2.0, -4.0, 30.0), degrees=True)
-ALL_POINTS = ("--set", "combine.outliers.enabled=false", "--set", "combine.ground.enabled=false")
+ALL_POINTS = ("--set", "combine.outliers.enabled=false", "--set", "combine.ground.enabled=false", "--set", CLUSTERS)
 TF = "tf2_msgs/msg/TFMessage"
 
 Process = Callable[..., Path]

@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from builders import write_mcap
 from command import Lidcam
+from helpers import CLUSTERS
 from long_recording import write_long_recording
 from object_store import ObjectStore, object_store
 from small_drive import small_drive
@@ -21,7 +22,7 @@ from lidcam.batch.records import job_key
 from lidcam.batch.run import BatchOptions, run_batch
 from readers.location import RemotePath
 
-SHORT = ("--duration", "0.4", "--set", "output.images=false", "--workers", 1, "-q")
+SHORT = ("--duration", "0.4", "--set", "output.images=false", "--set", CLUSTERS, "--workers", 1, "-q")
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +107,7 @@ def test_one_second_of_a_recording_is_read_in_parts(
     content = (tmp_path / "rec.mcap").read_bytes()
     fleet["rec.mcap"] = content
     store.sent.clear()
-    run = lidcam("process", "s3://fleet/rec.mcap", tmp_path / "out.mcap", "--start", 30, "--duration", 1, "-q")
+    run = lidcam("process", "s3://fleet/rec.mcap", tmp_path / "out.mcap", "--start", 30, *SHORT)
     assert run.code == 0, run.err
     assert store.sent["/fleet/rec.mcap"] < 0.2 * len(content)
 

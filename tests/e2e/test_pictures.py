@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import av
 import cv2
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from builders import write_mcap
 from command import Lidcam
+from helpers import CLUSTERS
 from small_drive import small_drive
 from video import psnr_db
 
@@ -17,7 +19,10 @@ import lidcam as library
 from pipeline.core.arrays import U8
 
 PROGRAM = Path(sys.executable).with_name("lidcam-process")
-PART = ("--config", "sandbox", "--duration", "0.3")
+PART = ("--config", "sandbox", "--duration", "0.3", "--set", CLUSTERS)
+SAME: dict[str, Any] = {"config": "sandbox", "duration_s": 0.3, "settings": [CLUSTERS]}
+"""The same in Python."""
+
 CAMERA = "cam11"
 
 
@@ -42,7 +47,7 @@ def made(sandbox: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_frames_draw_the_same(made: Path, sandbox: Path) -> None:
-    frames = [*library.iter_frames(sandbox, config="sandbox", duration_s=0.3, workers=1)]
+    frames = [*library.iter_frames(sandbox, workers=1, **SAME)]
     shown = images_of(made / "out.mp4")
     assert len(frames) == len(shown) > 1
     for number, (frame, image) in enumerate(zip(frames, shown, strict=True)):
@@ -60,7 +65,7 @@ def test_a_later_run_replaces_them_with_the_same_bytes(made: Path, sandbox: Path
         return {path.name: path.read_bytes() for path in made.rglob("*") if path.suffix in {".mp4", ".jpg"}}
 
     before = content()
-    library.process(sandbox, made / "out.mp4", save_matches=made / "pictures", config="sandbox", duration_s=0.3)
+    library.process(sandbox, made / "out.mp4", save_matches=made / "pictures", **SAME)
     assert content() == before
     (made / "pictures" / "notes.txt").touch()
     with pytest.raises(library.OutputError, match="holds more than the pictures of an earlier run"):

@@ -12,6 +12,7 @@ import numpy as np
 import open3d as o3d
 import pytest
 from command import Lidcam, Run
+from helpers import CLUSTERS
 from mcap.reader import make_reader
 from results import fused_objects, messages_of, stamp_of, topics_of
 from rosbags.convert import convert
@@ -38,10 +39,10 @@ Process = Callable[..., Run]
 
 @pytest.fixture(scope="module")
 def process(lidcam: Lidcam, sandbox: Path) -> Process:
-    """Process the sample with its settings and more options."""
+    """Process the sample with its settings and more options, by clusters."""
 
     def run(out: Path, *options: object) -> Run:
-        done = lidcam("process", sandbox, out, "--config", "sandbox", *options)
+        done = lidcam("process", sandbox, out, "--config", "sandbox", "--set", CLUSTERS, *options)
         assert done.code == 0, done.err
         return done
 
@@ -49,11 +50,15 @@ def process(lidcam: Lidcam, sandbox: Path) -> Process:
 
 
 @pytest.fixture(scope="module")
-def whole(process: Process, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Output of the whole sample, with a Rerun recording, a table of the objects and their clouds beside it."""
+def whole(lidcam: Lidcam, sandbox: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Output of the whole sample as its settings are; with a Rerun recording, a table of the objects, their clouds."""
     out = tmp_path_factory.mktemp("whole") / "out.mcap"
-    run = process(
+    run = lidcam(
+        "process",
+        sandbox,
         out,
+        "--config",
+        "sandbox",
         "--rerun",
         out.with_suffix(".rrd"),
         "--objects",
@@ -61,6 +66,7 @@ def whole(process: Process, tmp_path_factory: pytest.TempPathFactory) -> Path:
         "--objects-clouds",
         out.with_name("clouds"),
     )
+    assert run.code == 0, run.err
     assert "objects" in run.out
     assert "frames" in run.out
     assert out.with_suffix(".rrd").stat().st_size > 100_000
@@ -172,8 +178,9 @@ def test_same_objects_from_ros2(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -
         include_msgtypes=(),
     )
     found = []
+    options = ("--config", "sandbox", "--set", CLUSTERS, "--duration", "1")
     for number, recording in enumerate((sandbox, folder)):
-        run = lidcam("process", recording, out := tmp_path / f"{number}.mcap", "--config", "sandbox", "--duration", "1")
+        run = lidcam("process", recording, out := tmp_path / f"{number}.mcap", *options)
         assert run.code == 0, run.err
         found.append(fused_objects(out))
     assert len(found[0]) >= 8

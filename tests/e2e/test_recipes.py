@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from builders import write_mcap
 from command import Run
+from helpers import CLUSTERS
 from message_layouts import message_of_layout
 from reports import printed
 from results import fused_objects, messages_of
@@ -129,7 +130,7 @@ def test_an_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(OUTPUTS, ".toy", row)
     table, mcap = tmp_path / "out.toy", tmp_path / "out.mcap"
     for outputs in ([table, mcap], table):  # the second time, it replaces its own result
-        done = lidcam.process(SANDBOX, outputs, config="sandbox", duration_s=0.3)
+        done = lidcam.process(SANDBOX, outputs, config="sandbox", settings=[CLUSTERS], duration_s=0.3)
         assert "Spreadsheet  open out.toy" in printed(done.report)
         lines = table.read_text(encoding="utf-8").splitlines()
         assert len(lines) - 1 == sum(map(len, fused_objects(mcap).values())) > 0
@@ -185,7 +186,8 @@ def test_a_message_type(tmp_path: Path) -> None:
     for name in ("radius", "size"):  # the second is none that the decoder knows
         messages = [as_spheres(one, name) if one.topic == "/points" else one for one in drive]
         write_mcap(tmp_path / f"{name}.mcap", messages)
-    commands = [("process", f"{name}.mcap", f"{name}.out.mcap", "--workers", "1") for name in ("radius", "size")]
+    options = ("--workers", "1", "--set", CLUSTERS)
+    commands = [("process", f"{name}.mcap", f"{name}.out.mcap", *options) for name in ("radius", "size")]
     done, other = run(tmp_path, DECODER, MESSAGE_ROW, *commands)
     assert (done.code, other.code) == (0, 3), done.err
     assert "/points: 12 messages dropped: cannot be decoded" in other.err

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builders import in_order, odometry, raw, write_mcap, write_rosbag1
+from helpers import CLUSTERS
 from object_messages import Recorded, boxes_message, objects_message
 from reports import printed
 from results import Found, fused_objects, topics_of
@@ -73,7 +74,7 @@ def clusters(sandbox: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The result of the sample's beginning, by clusters."""
     folder = tmp_path_factory.mktemp("clusters")
     out = folder / "out.mcap"
-    process(write(folder / "in.bag", of_sandbox(sandbox)), out, *SMALL, "track.mode=none", config="sandbox")
+    process(write(folder / "in.bag", of_sandbox(sandbox)), out, *SMALL, CLUSTERS, "track.mode=none", config="sandbox")
     assert topics_of(out)["/lidar/detections"][1] >= 3
     return out
 

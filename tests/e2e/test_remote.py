@@ -7,11 +7,12 @@ from typing import Any
 
 import pytest
 from command import Lidcam
+from helpers import CLUSTERS
 from long_recording import LENGTH_S, MESSAGES, START_NS, write_long_recording
 from mcap.reader import make_reader
 from range_server import RangeServer, range_server
 
-WINDOW = ("--start", 30, "--duration", 3)
+WINDOW = ("--start", 30, "--duration", 3, "--set", CLUSTERS)
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ import plotly.graph_objects as go
 import pytest
 from builders import write_mcap
 from command import called
+from helpers import CLUSTERS
 from small_drive import small_drive
 
 import lidcam
@@ -22,7 +23,8 @@ EMBEDDED = re.compile(r'<script type="application/json" id="figures">(.*?)</scri
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("report")
-    lidcam.process(SANDBOX, [made / "out.mcap", made / "out.html"], config="sandbox", duration_s=0.6, workers=1)
+    outputs = [made / "out.mcap", made / "out.html"]
+    lidcam.process(SANDBOX, outputs, config="sandbox", settings=[CLUSTERS], duration_s=0.6, workers=1)
     return made
 
 
@@ -98,5 +100,6 @@ def test_a_page_is_made_of_a_result(tmp_path: Path) -> None:
 )
 def test_what_is_lacking_is_said(tmp_path: Path, settings: dict[str, object], said: str) -> None:
     mcap = tmp_path / "out.mcap"
+    settings = {"detect3d.method": "cluster"} | settings
     lidcam.process(SANDBOX, mcap, config="sandbox", settings=settings, duration_s=0.3, workers=1)
     assert said in make_page(mcap)

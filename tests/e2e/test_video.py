@@ -9,6 +9,7 @@ import cv2
 import pytest
 from builders import header, in_order, write_mcap, write_rosbag1
 from command import Lidcam
+from helpers import CLUSTERS
 from results import fused_objects, messages_of, stamp_of, topics_of
 from video import compressed_video, encode, ffmpeg_packet, psnr_db
 
@@ -50,7 +51,7 @@ Process = Callable[..., tuple[int, Any, str]]
 @pytest.fixture(scope="module")
 def process(lidcam: Lidcam) -> Process:
     def run(path: Path, out: Path, *options: object) -> tuple[int, Any, str]:
-        done = lidcam("process", path, out, "--config", "sandbox", "--json", *options)
+        done = lidcam("process", path, out, "--config", "sandbox", "--set", CLUSTERS, "--json", *options)
         return done.code, json.loads(done.out) if done.code in {0, 3} else None, done.err
 
     return run

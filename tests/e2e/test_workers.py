@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from helpers import CLUSTERS
 
 HELD = """
 import signal
@@ -49,6 +50,8 @@ def run(sandbox: Path, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
         "2",
         "--set",
         "track.mode=none",
+        "--set",
+        CLUSTERS,
     ]
     command = [sys.executable, "-P", "-c", HELD, *map(str, arguments)]
     pipe = subprocess.PIPE

@@ -12,7 +12,13 @@ from lidcam.report import RunReport, report_tree
 from lidcam.run import process_recording
 
 SOUTH = [[-99, -99], [99, -99], [99, 0], [-99, 0]]
-SETTINGS = {"output.images": False, "output.clouds": False, "output.layout": False, "fuse.min_score": 0.1}
+SETTINGS = {
+    "output.images": False,
+    "output.clouds": False,
+    "output.layout": False,
+    "fuse.min_score": 0.1,
+    "detect3d.method": "cluster",
+}
 
 
 def process(sandbox: Path, out: Path, **zones: Any) -> RunReport:

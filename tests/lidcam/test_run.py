@@ -39,7 +39,7 @@ POLICIES = ("approximate_time", "approximate_time_python", "nearest")
 
 
 def config(**sync: object) -> Config:
-    return Config.model_validate({"sync": sync, "run": {"workers": 1}})
+    return Config.model_validate({"sync": sync, "detect3d": {"method": "none"}, "run": {"workers": 1}})
 
 
 def rig(*, image_offset_ns: int = 0) -> Rig:

@@ -110,7 +110,8 @@ def test_no_more_waits_than_the_frames_in_work_and_some_chunks(
     monkeypatch.setattr("writers.mcap.output.Chunk", CountedChunk)
     monkeypatch.setattr("lidcam.run.bundles", lambda *args: watch.reading(bundles(*args)))
     write_mcap(path := tmp_path / "drive.mcap", drive())
-    process_recording(make_job(path, tmp_path / "out.mcap", settings={"track.mode": "none"}, workers=workers), watch)
+    settings = {"track.mode": "none", "detect3d.method": "cluster"}
+    process_recording(make_job(path, tmp_path / "out.mcap", settings=settings, workers=workers), watch)
     window = 1 if workers == 1 else 2 * workers + 1
     assert len(watch.ahead) == FRAMES
     assert max(watch.ahead) < window + READ_AHEAD

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from builders import write_mcap
+from helpers import CLUSTERS
 from hypothesis import given
 from hypothesis import strategies as st
 from small_drive import small_drive
@@ -69,7 +70,7 @@ def marked(fused: Fused, index: int) -> Fused:
 def one_frame() -> FrameResult:
     with tempfile.TemporaryDirectory() as folder:
         write_mcap(path := Path(folder) / "drive.mcap", small_drive("cdr", frames=2))
-        return list(lidcam.iter_frames(path, workers=1))[-1]
+        return list(lidcam.iter_frames(path, settings=[CLUSTERS], workers=1))[-1]
 
 
 def frames(count: int, *, extra_bytes: int = 0) -> Iterator[FrameResult]:
@@ -245,7 +246,8 @@ def test_same_outputs_with_and_without_a_delay_for_any_workers(
     for number, (tracker, workers) in enumerate(((None, 1), (Silent(4), 1), (Silent(3, 3), 2), (Silent(NEVER), 2))):
         (folder := recording.parent / f"{number}").mkdir()
         use(tracker, monkeypatch)
-        report = lidcam.process(recording, [folder / "out.mcap", folder / "out.rrd"], workers=workers).report
+        outputs = [folder / "out.mcap", folder / "out.rrd"]
+        report = lidcam.process(recording, outputs, settings=[CLUSTERS], workers=workers).report
         stages = report.timing.stage_seconds
         assert list(stages)[-3:] == (["track"] if tracker else [list(stages)[-3]]) + ["write mcap", "write rerun"]
         assert ("track" in stages) == (tracker is not None)
@@ -258,7 +260,7 @@ def test_same_outputs_with_and_without_a_delay_for_any_workers(
 def test_progress_moves_while_frames_wait(recording: Path, workers: int, monkeypatch: pytest.MonkeyPatch) -> None:
     use(Late(3, 2), monkeypatch)
     observer = Told()
-    process_recording(make_job(recording, workers=workers), observer)
+    process_recording(make_job(recording, settings=[CLUSTERS], workers=workers), observer)
     assert observer.all[:9] == [
         *(("advanced", number) for number in (1, 2, 3, 4)),
         ("frame", 0),
@@ -277,10 +279,11 @@ def test_all_that_sees_results_sees_the_tracked_objects(
     recording: Path, delay: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     use(Late(delay), monkeypatch)
-    report = lidcam.process(recording, recording.parent / "out.mcap").report
+    report = lidcam.process(recording, recording.parent / "out.mcap", settings=[CLUSTERS], workers=1).report
     assert report.drops.objects == {"frame": sum(range(FRAMES))}
     use(Late(delay), monkeypatch)
-    found = [frame.fused.left_out for frame in lidcam.iter_frames(recording, workers=1)]
+    passed = lidcam.iter_frames(recording, settings=[CLUSTERS], workers=1)
+    found = [frame.fused.left_out for frame in passed]
     assert found == [{"frame": index} for index in range(FRAMES)]
 
 
@@ -288,7 +291,7 @@ def test_leaving_the_loop_leaves_nothing(
     recording: Path, files: list[io.FileIO], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     use(Late(4), monkeypatch)
-    rest = lidcam.iter_frames(recording, workers=2)
+    rest = lidcam.iter_frames(recording, settings=[CLUSTERS], workers=2)
     next(rest)
     assert not all(file.closed for file in files)
     rest.close()
@@ -304,5 +307,5 @@ def test_an_error_of_the_tracker_names_the_frame(recording: Path, monkeypatch: p
 
     use(Broken(3), monkeypatch)
     with pytest.raises(ArithmeticError) as caught:
-        list(lidcam.iter_frames(recording, workers=1))
+        list(lidcam.iter_frames(recording, settings=[CLUSTERS], workers=1))
     assert caught.value.__notes__[0].startswith("in stage track, frame 5, stamp ")

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from builders import write_mcap
+from helpers import CLUSTERS
 from small_drive import small_drive
 
 import lidcam
@@ -60,7 +61,7 @@ def test_same_bytes_and_same_report(name: str, duration_s: float | None, workers
 
 def test_same_frames_one_after_another(tmp_path: Path) -> None:
     write_mcap(path := tmp_path / "drive.mcap", drive())
-    one, two = (lidcam.iter_frames(path, workers=count) for count in (1, 2))
+    one, two = (lidcam.iter_frames(path, settings=[CLUSTERS], workers=count) for count in (1, 2))
     for mine, other in zip(one, two, strict=True):
         for field in ("stamp_ns", "log_time_ns", "missing", "index"):
             assert getattr(mine.bundle, field) == getattr(other.bundle, field)
@@ -73,9 +74,9 @@ def test_same_frames_one_after_another(tmp_path: Path) -> None:
 
 def test_a_bad_message_ends_the_run_at_its_frame(tmp_path: Path) -> None:
     write_mcap(path := tmp_path / "drive.mcap", drive(bad=(6, 8)))
-    errors = []
+    errors, settings = [], ["track.mode=none", CLUSTERS]
     for workers in (1, 2):
-        frames = lidcam.iter_frames(path, settings={"track.mode": "none"}, workers=workers, on_bad_message="fail")
+        frames = lidcam.iter_frames(path, settings=settings, workers=workers, on_bad_message="fail")
         assert [next(frames).bundle.index for _ in range(6)] == list(range(6))
         with pytest.raises(lidcam.MessageError) as caught:
             next(frames)

@@ -4,6 +4,9 @@ from pathlib import Path
 
 import pytest
 
+CLUSTERS = "detect3d.method=cluster"
+"""The setting of runs that do not test detection: the network of the default takes longer than all the rest."""
+
 
 def shared(path: str) -> Path:
     """A file of the `shared` folder that lies beside the checkout; skips the test where it is absent."""

@@ -6,6 +6,7 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
+from helpers import CLUSTERS
 from rich.console import Console
 
 import lidcam
@@ -16,7 +17,8 @@ from lidcam.report import RunReport
 @cache
 def sound_report() -> RunReport:
     """Of a part of the sample, in which nothing is amiss."""
-    return lidcam.process(Path(__file__).resolve().parents[2] / "bags" / "sandbox.bag", duration_s=0.3).report
+    recording = Path(__file__).resolve().parents[2] / "bags" / "sandbox.bag"
+    return lidcam.process(recording, settings=[CLUSTERS], duration_s=0.3).report
 
 
 def printed(report: RunReport) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 import jsonschema
 import pytest
 from document_commands import ROOT
+from helpers import CLUSTERS
 from logging_state import kept_logging
 from perturbed_results import perturbed
 
@@ -19,7 +20,7 @@ from lidcam.job import make_job
 from pipeline.core.errors import CalibrationError, CheckError, ConfigError, IncompleteError, LidcamError, RecordingError
 
 SANDBOX = ROOT / "bags" / "sandbox.bag"
-SMALL = ["output.images=false", "output.clouds=false", "output.layout=false"]
+SMALL = ["output.images=false", "output.clouds=false", "output.layout=false", CLUSTERS]
 SCHEMA = json.loads((ROOT / "docs" / "figures.schema.json").read_text(encoding="utf-8"))
 
 
@@ -213,7 +214,8 @@ def test_process_and_evaluate_in_one(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 def test_process_without_evaluation_is_of_the_schema_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run_process(make_job(SANDBOX, tmp_path / "out.mcap", config="sandbox", duration_s=0.3), as_json=True)
+    job = make_job(SANDBOX, tmp_path / "out.mcap", config="sandbox", settings=[CLUSTERS], duration_s=0.3)
+    run_process(job, as_json=True)
     tree = valid(capsys.readouterr().out)
     assert "requirements" not in tree
     assert tree["truth"] is None

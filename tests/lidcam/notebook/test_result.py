@@ -8,6 +8,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 import pytest
+from helpers import CLUSTERS
 
 import lidcam
 from lidcam.notebook import loaded
@@ -23,7 +24,7 @@ mpl.use("Agg")
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> lidcam.RunResult:
     outputs = [tmp_path_factory.mktemp("run") / name for name in ("out.mcap", "out.rrd")]
-    return lidcam.process(CROSSING, outputs, duration_s=0.7, workers=1)
+    return lidcam.process(CROSSING, outputs, settings=[CLUSTERS], duration_s=0.7, workers=1)
 
 
 def test_a_bar_is_drawn_where_it_is_asked_for(
@@ -32,7 +33,7 @@ def test_a_bar_is_drawn_where_it_is_asked_for(
     monkeypatch.setenv("FORCE_COLOR", "1")  # stderr counts as a terminal
     shown = {}
     for progress in (False, True):
-        lidcam.process(CROSSING, duration_s=0.5, workers=1, progress=progress)
+        lidcam.process(CROSSING, settings=[CLUSTERS], duration_s=0.5, workers=1, progress=progress)
         shown[progress] = capsys.readouterr().err
     assert shown[False] == ""
     assert "2 frames" in shown[True]
@@ -61,7 +62,8 @@ def test_a_run_is_read_back_from_its_result(run: lidcam.RunResult) -> None:
 
 
 def test_objects_without_tracks_are_read_back(tmp_path: Path) -> None:
-    run = lidcam.process(CROSSING, tmp_path / "o.mcap", duration_s=0.3, settings={"track.mode": "none"}, workers=1)
+    settings = ["track.mode=none", CLUSTERS]
+    run = lidcam.process(CROSSING, tmp_path / "o.mcap", duration_s=0.3, settings=settings, workers=1)
     back = lidcam.load(tmp_path / "o.mcap")
     for name in ARRAYS:
         np.testing.assert_allclose(getattr(back.objects, name), getattr(run.objects, name), rtol=1e-12, err_msg=name)
@@ -133,7 +135,8 @@ def test_the_viewer_gets_all_of_the_rerun_recording(run: lidcam.RunResult, monke
 
 
 def test_what_the_sensors_of_a_frame_measured() -> None:
-    frame = next(lidcam.iter_frames(CROSSING, duration_s=0.3, settings={"track.mode": "none"}, workers=1))
+    settings = ["track.mode=none", CLUSTERS]
+    frame = next(lidcam.iter_frames(CROSSING, duration_s=0.3, settings=settings, workers=1))
     images, clouds = lidcam.decode_images(frame), lidcam.decode_clouds(frame)
     assert {*images} == {name for name, view in frame.views.items() if view.topic in frame.bundle.messages}
     assert {image.shape for image in images.values()} == {(720, 1280, 3)}

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builders import pointcloud2, raw, tf_message, transform_stamped, write_mcap, write_rosbag2
+from helpers import CLUSTERS
 from mcap.reader import make_reader
 from onnx_files import write_yolox
 
@@ -19,6 +20,7 @@ from pipeline.core.messages import RawMessage
 from readers.results.result import open_result
 
 SANDBOX = Path(__file__).resolve().parents[3] / "bags/sandbox.bag"
+SMALL = {"output.images": False, "output.clouds": False, "detect3d.method": "cluster"}
 START_NS = 1_700_000_000 * 10**9
 TF, CLOUD = "tf2_msgs/msg/TFMessage", "sensor_msgs/msg/PointCloud2"
 
@@ -36,8 +38,7 @@ def said(path: Path, about: str) -> dict[str, str]:
 def test_the_network_and_what_ran_it(tmp_path: Path) -> None:
     path = write_yolox(tmp_path / "net.onnx", np.zeros((84, 85), np.float32), size_px=(64, 64))
     out = tmp_path / "out.mcap"
-    settings = {"output.images": False, "output.clouds": False}
-    lidcam.process(SANDBOX, out, model_2d=path, settings=settings, duration_s=0.1, workers=1)
+    lidcam.process(SANDBOX, out, model_2d=path, settings=SMALL, duration_s=0.1, workers=1)
     checksum = sha256(path.read_bytes()).hexdigest()
     assert said(out, "network.") == {"network.name": "net.onnx", "network.sha256": checksum, "network.provider": "cpu"}
 
@@ -45,8 +46,7 @@ def test_the_network_and_what_ran_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("start_s", "duration_s"), [(0.0, 0.1), (1.9, None), (0.0, 60.0)])
 def test_the_recording(tmp_path: Path, start_s: float, duration_s: float | None) -> None:
     out, whole = tmp_path / "out.mcap", SANDBOX.read_bytes()
-    settings = {"output.images": False, "output.clouds": False}
-    lidcam.process(SANDBOX, out, settings=settings, start_s=start_s, duration_s=duration_s, workers=1)
+    lidcam.process(SANDBOX, out, settings=SMALL, start_s=start_s, duration_s=duration_s, workers=1)
     known = {"input.0.name": "sandbox.bag", "input.0.size": str(len(whole))}
     if duration_s == 60.0:
         known["input.0.sha256"] = sha256(whole).hexdigest()
@@ -114,7 +114,7 @@ def test_a_later_part_that_is_changed(
     first, second = parts(tmp_path, kind)
     checksums = [sha256(path.read_bytes()).hexdigest() for path in (first, second)]
     out = tmp_path / "out.mcap"
-    job = make_job([first, second], out, workers=1, duration_s=duration_s)
+    job = make_job([first, second], out, settings=[CLUSTERS], workers=1, duration_s=duration_s)
     report = process_recording(job, AtFirstFrame(lambda: change(second)))
     later = {key: value for key, value in said(out, "input.").items() if key[8:] in {"sha256", "changed"}}
     expected = {} if duration_s else {f"input.{row}.sha256": one for row, one in enumerate(checksums)}
@@ -129,7 +129,7 @@ def test_a_later_part_that_is_changed(
 def test_a_network_that_is_changed(tmp_path: Path) -> None:
     path = write_yolox(tmp_path / "net.onnx", np.zeros((84, 85), np.float32), size_px=(64, 64))
     out = tmp_path / "out.mcap"
-    job = make_job(SANDBOX, out, model_2d=path, workers=1, duration_s=0.2)
+    job = make_job(SANDBOX, out, settings=[CLUSTERS], model_2d=path, workers=1, duration_s=0.2)
     report = process_recording(job, AtFirstFrame(lambda: append(path)))
     assert said(out, "network.") == {
         "network.name": "net.onnx",
@@ -147,9 +147,9 @@ def test_the_same_wherever_the_files_lie(tmp_path: Path) -> None:
         here.mkdir(parents=True)
         model = write_yolox(here / "net.onnx", np.full((84, 85), value, np.float32), size_px=(64, 64))
         (here / "names.txt").write_text("\n".join(map(str, range(80))))
-        settings = {"detect2d.names": str(here / "names.txt"), "velodyne.calibration": str(here / "none.yaml")}
+        files = {"detect2d.names": str(here / "names.txt"), "velodyne.calibration": str(here / "none.yaml")}
         outputs = [here / "out.mcap", here / "out.rrd"]
-        lidcam.process(SANDBOX, outputs, model_2d=model, settings=settings, duration_s=0.2, workers=1)
+        lidcam.process(SANDBOX, outputs, model_2d=model, settings=files | SMALL, duration_s=0.2, workers=1)
         written.append([(here / name).read_bytes() for name in ("out.mcap", "out.foxglove.json", "out.rrd")])
         assert said(here / "out.mcap", "network.").keys() >= {"network.sha256", "network.names.sha256"}
     assert written[0][:2] == written[1][:2]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from builders import raw, write_mcap, write_rosbag1, write_rosbag2
+from helpers import CLUSTERS
 from logging_state import kept_logging
 from mcap.writer import Writer
 from small_drive import small_drive
@@ -77,7 +78,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_rosbag1(folder / "rec.bag", [raw("/a", "std_msgs/msg/String", {"data": "x"}, 1, encoding="ros1")])
     write_rosbag2(folder / "rec", clouds())
     outputs = [folder / f"out.{kind}" for kind in ("mcap", "rrd", "csv", "parquet", "mp4")]
-    lidcam.process(folder / "rec.mcap", [*outputs, folder / "out"])
+    lidcam.process(folder / "rec.mcap", [*outputs, folder / "out"], settings=[CLUSTERS])
     (folder / "pictures").mkdir()
     (folder / "pictures" / "frame_000000_cam.jpg").write_bytes(JPEG)
     (folder / "out" / "track_0001_car.pcd").write_bytes(PCD)
@@ -175,7 +176,7 @@ def folder_of(results: Path, folder: Path) -> Path:
 def test_results_are_replaced_and_an_edited_layout_is_not(results: Path, tmp_path: Path) -> None:
     files = folder_of(results, tmp_path)
     outputs = [files / f"out.{kind}" for kind in ("mcap", "rrd", "csv", "parquet")]
-    lidcam.process(files / "rec.mcap", outputs, start_s=0.1)
+    lidcam.process(files / "rec.mcap", outputs, settings=[CLUSTERS], start_s=0.1)
     with (files / "out.foxglove.json").open("a") as file:
         file.write("\n")
     before = {path: path.read_bytes() for path in files.glob("out.*")}
@@ -183,7 +184,7 @@ def test_results_are_replaced_and_an_edited_layout_is_not(results: Path, tmp_pat
         lidcam.process(files / "rec.mcap", outputs)
     assert {path: path.read_bytes() for path in files.glob("out.*")} == before
     assert not list(files.glob(".*"))
-    lidcam.process(files / "rec.mcap", outputs, settings=["output.layout=false"])
+    lidcam.process(files / "rec.mcap", outputs, settings=["output.layout=false", CLUSTERS])
 
 
 def test_each_command_replaces_only_its_own(results: Path, tmp_path: Path) -> None:
@@ -245,7 +246,7 @@ def test_what_a_killed_run_left_can_be_repaired_and_is_not_removed(tmp_path: Pat
 def test_a_folder_with_anything_else_is_never_replaced(results: Path, tmp_path: Path, foreign: str) -> None:
     out = tmp_path / "out"
     shutil.copytree(results / "out", out)
-    lidcam.process(results / "rec.mcap", out)
+    lidcam.process(results / "rec.mcap", out, settings=[CLUSTERS])
     assert [*out.iterdir()] == []
     (out / "track_0001_car.pcd").write_bytes(PCD)
     if foreign == "folder":

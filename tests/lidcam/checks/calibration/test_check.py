@@ -10,6 +10,7 @@ import yaml
 from builders import pointcloud2, raw
 from detections import boxes2d, forward_camera
 from frames import frame
+from helpers import CLUSTERS
 
 import lidcam
 from lidcam.checks.calibration.check import CalibrationCheck, check_first_clouds
@@ -39,14 +40,13 @@ def changed(tree: dict[str, Any], tmp_path: Path, sensor: str, key: str, matrix:
     return path
 
 
-def run(rig: Path | None, duration_s: float) -> list[str]:
-    settings = ROOT / "config" / "sandbox.yaml"
-    report = lidcam.process(SANDBOX, config=settings, rig=rig, duration_s=duration_s).report
+def run(rig: Path, duration_s: float) -> list[str]:
+    report = lidcam.process(SANDBOX, config="sandbox", settings=[CLUSTERS], rig=rig, duration_s=duration_s).report
     return [str(warning) for warning in report.warnings]
 
 
 def test_the_sample_as_calibrated_gives_no_warning() -> None:
-    assert run(None, 2.0) == []
+    assert lidcam.process(SANDBOX, config="sandbox").report.warnings == ()
     assert lidcam.inspect(SANDBOX).warnings == ()
 
 
