@@ -107,20 +107,6 @@ def _furniture(site: Site, at: Place, yaw_deg: float) -> None:
     site.thing(kind, *at, size, yaw_deg=yaw_deg + site.pick(0, 90) + site.between(-10, 10))
 
 
-def _person_sized(site: Site, at: Place, yaw_deg: float) -> None:
-    """A post, a statue, a parking meter, a traffic light, a dustbin on a pole: as high and wide as a person."""
-    high, wide = site.between(1.1, 2.3), site.between(0.15, 0.65)
-    kind = site.pick("cylinder", "box", "cone", "lump", "bush", "conifer")
-    if site.chance(0.6):
-        site.thing(kind, *at, (wide, wide * site.between(0.5, 1.0), high), yaw_deg=yaw_deg + site.between(0, 90))
-        return
-    thick, head = site.between(0.06, 0.2), site.between(0.25, 1.2)
-    low = round(max(high - head - site.between(0.0, 0.3), 0.1), 3)
-    size = (max(wide, 0.22), max(wide * site.between(0.5, 1.0), 0.22), head)
-    if site.thing("box", *at, size, yaw_deg=yaw_deg + site.between(0, 90), bottom_m=low):
-        site.thing("cylinder", *at, (thick, thick, high), margin_m=-1.0)
-
-
 def _bicycles(site: Site, at: Place, yaw_deg: float) -> None:
     """A row of parked bicycles."""
     turn = math.radians(yaw_deg)
@@ -162,17 +148,4 @@ def _tree(site: Site, at: Place, _: float) -> None:
     tree(site, at)
 
 
-CLUTTER = (
-    _pole,
-    _pole,
-    _person_sized,
-    _person_sized,
-    _furniture,
-    _furniture,
-    _bicycles,
-    _plants,
-    _plants,
-    _car_sized,
-    _large,
-    _tree,
-)
+CLUTTER = (_pole, _pole, _furniture, _furniture, _bicycles, _plants, _plants, _car_sized, _large, _tree)
