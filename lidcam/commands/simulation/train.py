@@ -164,7 +164,7 @@ def pillars(
         typer.Option(
             "--from",
             metavar="NAME",
-            help="Network whose weights are the first: traffic, sandbox, FILE.onnx of such a training, or none. "
+            help="Network to begin with: traffic, sandbox, FILE.onnx of such a training, or none. "
             "[default: with --recordings the one that comes with lidcam, else none]",
         ),
     ] = "",

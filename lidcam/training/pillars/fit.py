@@ -26,7 +26,7 @@ __all__ = ["BATCH", "Checkpoint", "fitted"]
 BATCH = 4
 RATE, DECAY, WARM_STEPS = 2e-3, 1e-2, 100
 RATE_ONWARD = 5e-4
-"""Highest rate, and that of a training that begins with the weights of another."""
+"""Highest rate of a training that begins with the weights of another network."""
 
 MAX_GRADIENT = 10.0
 MOMENTUM = 0.99
@@ -138,9 +138,6 @@ def fitted(
         network = PillarNetwork(len(classes)).to(device)
     optimiser = torch.optim.AdamW(network.parameters(), RATE, weight_decay=DECAY)
     step, mean_loss, history = 0, float("nan"), []
-    if not checkpoint.path.exists() and checkpoint.begin:
-        take_weights(network, network_file(Path(checkpoint.begin)), classes, GRIDS[checkpoint.worlds])
-        history.append((0, f"with the weights of `{Path(checkpoint.begin).name}`"))
     if checkpoint.path.exists():
         state = checkpoint.load()
         checkpoint = checkpoint._replace(begin=state["begin"])
@@ -149,6 +146,9 @@ def fitted(
         step, mean_loss, history = state["step"], state["loss"], state["history"]
         if step > steps:
             raise LidcamError(f"{checkpoint.path}: has {step} steps behind it: expected --steps of so many or more")
+    elif checkpoint.begin:
+        take_weights(network, network_file(Path(checkpoint.begin)), classes, GRIDS[checkpoint.worlds])
+        history.append((0, f"with the weights of `{Path(checkpoint.begin).name}`"))
     if not history or history[-1][1] != checkpoint.text:
         history.append((step, checkpoint.text))
     rate = RATE_ONWARD if checkpoint.begin else RATE
