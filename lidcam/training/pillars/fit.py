@@ -18,7 +18,7 @@ from lidcam.training.pillars.onnx_file import take_weights
 from lidcam.training.pillars.scenes import CLASSES, GRIDS, SCENES_OF_A_ROUND, Scene, Source, Worlds, rounds
 from pipeline.core.errors import LidcamError
 from pipeline.core.text import one_line
-from pipeline.detectors.pillars.embedded import network_file
+from pipeline.detectors.pillars.embedded import existing_network_file
 from writers.outputs.errors import output_errors
 
 __all__ = ["BATCH", "Checkpoint", "fitted"]
@@ -147,7 +147,7 @@ def fitted(
         if step > steps:
             raise LidcamError(f"{checkpoint.path}: has {step} steps behind it: expected --steps of so many or more")
     elif checkpoint.begin:
-        take_weights(network, network_file(Path(checkpoint.begin)), classes, GRIDS[checkpoint.worlds])
+        take_weights(network, existing_network_file(Path(checkpoint.begin)), classes, GRIDS[checkpoint.worlds])
         history.append((0, f"with the weights of `{Path(checkpoint.begin).name}`"))
     if not history or history[-1][1] != checkpoint.text:
         history.append((step, checkpoint.text))

@@ -1,7 +1,5 @@
 """The engine: points above the ground to proposed boxes, by a network in pillars."""
 
-from os.path import isfile
-
 import numpy as np
 
 from pipeline.core.arrays import F32, F64, Bools
@@ -12,7 +10,7 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.cluster.fitting import BoxFitter
 from pipeline.detectors.onnx.session import OnnxSession
-from pipeline.detectors.pillars.embedded import EMBEDDED, network_file
+from pipeline.detectors.pillars.embedded import existing_network_file
 from pipeline.detectors.pillars.kits import KEY, KitNetwork
 from pipeline.detectors.pillars.network import PillarNetwork
 from pipeline.detectors.protocols import Candidates3D
@@ -63,12 +61,7 @@ class PillarDetector:
                 "detect3d.method pillars needs a network: give --model-3d FILE.onnx or set detect3d.model; none for "
                 "these classes comes with lidcam"
             )
-        path = network_file(path)
-        if not isfile(path):  # noqa: PTH113  # Path.is_file may raise
-            names = ", ".join(EMBEDDED)
-            raise ModelError(
-                f"{path}: expected an ONNX file, or a network that comes with lidcam ({names}), found none"
-            )
+        path = existing_network_file(path)
         session = OnnxSession(path, threads=1, provider="cpu")
         make = KitNetwork if KEY in session.metadata else PillarNetwork
         self._network, self._points = make(path, session), PillarPoints(rig, config)

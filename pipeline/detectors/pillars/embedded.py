@@ -1,8 +1,11 @@
 """The 3D networks that come with lidcam."""
 
+from os.path import isfile
 from pathlib import Path
 
-__all__ = ["EMBEDDED", "network_file"]
+from pipeline.core.errors import ModelError
+
+__all__ = ["EMBEDDED", "existing_network_file", "network_file"]
 
 EMBEDDED = {name: Path(__file__).with_name(f"{name}.onnx") for name in ("traffic", "sandbox")}
 """By name: for road users of full size, and for model cars. The file ending in `.md` beside each is its card."""
@@ -11,3 +14,16 @@ EMBEDDED = {name: Path(__file__).with_name(f"{name}.onnx") for name in ("traffic
 def network_file(model: Path) -> Path:
     """The file of a network that settings name: its path, or a name of `EMBEDDED`. It may be missing."""
     return EMBEDDED.get(str(model), model)
+
+
+def existing_network_file(model: Path) -> Path:
+    """The same.
+
+    Raises:
+        ModelError: it is missing.
+    """
+    path = network_file(model)
+    if not isfile(path):  # noqa: PTH113  # Path.is_file may raise
+        names = ", ".join(EMBEDDED)
+        raise ModelError(f"{path}: expected an ONNX file, or a network that comes with lidcam ({names}), found none")
+    return path
