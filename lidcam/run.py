@@ -12,7 +12,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from lidcam.box_sources import box_source, check_box_source, engine_3d
+from lidcam.box_sources import box_source, check_box_source, engine_3d, network_3d
 from lidcam.build import build_graph
 from lidcam.checks.calibration.check import CalibrationCheck
 from lidcam.checks.class_numbers import class_number_warnings
@@ -372,6 +372,9 @@ def _input_files(source: RunInput, named: Mapping[str, InputFile], *, is_written
     is_whole = window.start_ns is None and (window.stop_ns is None or window.stop_ns > recording.end_ns)
     if box_source(source.config, source.rig) != "onnx":
         named = {key: file for key, file in named.items() if not key.startswith("network")}
+    model = network_3d(source.config)
+    if model and engine_3d(source.config) in {"pillars", "combined"} and "detect3d.model" not in named:
+        named = {**named, "detect3d.model": read_input_file(model)}  # what comes with lidcam, chosen by the recording
     return InputFiles(recording.opened, named, with_checksums=is_written and is_whole)
 
 

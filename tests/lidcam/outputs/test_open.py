@@ -17,6 +17,7 @@ from lidcam.outputs.allowed import RRD_STORE
 from lidcam.run import RunObserver, process_recording
 from pipeline.core.frame import FrameResult
 from pipeline.core.messages import RawMessage
+from pipeline.detectors.pillars.embedded import EMBEDDED
 from readers.results.result import open_result
 
 SANDBOX = Path(__file__).resolve().parents[3] / "bags/sandbox.bag"
@@ -41,6 +42,16 @@ def test_the_network_and_what_ran_it(tmp_path: Path) -> None:
     lidcam.process(SANDBOX, out, model_2d=path, settings=SMALL, duration_s=0.1, workers=1)
     checksum = sha256(path.read_bytes()).hexdigest()
     assert said(out, "network.") == {"network.name": "net.onnx", "network.sha256": checksum, "network.provider": "cpu"}
+
+
+def test_the_3d_network_that_was_chosen_for_the_recording(tmp_path: Path) -> None:
+    for recording, name in ((SANDBOX, "sandbox.onnx"), (SANDBOX.with_name("crossing.mcap"), "traffic.onnx")):
+        out = tmp_path / "out.mcap"
+        lidcam.process(recording, out, settings=SMALL | {"detect3d.method": "auto"}, duration_s=0.1, workers=1)
+        checksum = sha256(EMBEDDED[Path(name).stem].read_bytes()).hexdigest()
+        assert said(out, "detect3d.") == {"detect3d.model.name": name, "detect3d.model.sha256": checksum}
+    lidcam.process(SANDBOX, out, settings=SMALL, duration_s=0.1, workers=1)
+    assert not said(out, "detect3d.")
 
 
 @pytest.mark.parametrize(("start_s", "duration_s"), [(0.0, 0.1), (1.9, None), (0.0, 60.0)])
