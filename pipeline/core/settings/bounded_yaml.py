@@ -14,7 +14,7 @@ MAX_YAML_BYTES = 1 << 20
 MAX_YAML_BRACKETS = 30
 """Depth of nested brackets; PyYAML goes through all open ones at every token."""
 MAX_YAML_DEPTH = 100
-MAX_YAML_VALUES = 100_000
+MAX_YAML_VALUES = 20_000
 """Values in a file, each alias counted as what it stands for."""
 
 
