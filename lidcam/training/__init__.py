@@ -1,1 +1,1 @@
-"""Training of the networks that lidcam brings, on simulated worlds."""
+"""Training of the networks that come with lidcam, on simulated worlds."""

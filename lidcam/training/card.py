@@ -1,4 +1,4 @@
-"""The model card of weights: what they were trained on, and what they do in worlds that were not among it."""
+"""The model card of weights: what they were trained on, and how they do in other worlds."""
 
 import numpy as np
 
@@ -11,11 +11,11 @@ __all__ = ["average_precision", "calibration_error", "figures"]
 
 BINS = 10
 LEAST = 0.05
-"""Probabilities below this are left out of the calibration error: nearly all boxes are surely not of a kind."""
+"""The calibration error leaves out lower probabilities: for each kind, nearly all boxes are clearly not of it."""
 
 
 def figures(probabilities: F64, examples: Examples) -> str:
-    """A table in Markdown of each kind but the background."""
+    """A Markdown table with a row for each kind except the background."""
     kinds, chosen = examples.kinds, probabilities.argmax(1)
     lines = [
         "| kind | boxes | found | false | average precision | calibration error |",
@@ -36,7 +36,7 @@ def figures(probabilities: F64, examples: Examples) -> str:
 
 
 def average_precision(score: F64, is_true: Bools) -> float:
-    """Mean precision at the true boxes (N,), of those of higher scores; NaN if none is true."""
+    """Mean, over the true boxes, of the precision among the boxes (N,) that score as high; NaN if none is true."""
     order = np.argsort(-score, kind="stable")
     right = np.cumsum(is_true[order])
     precision = right / np.arange(1, len(order) + 1)
@@ -44,11 +44,11 @@ def average_precision(score: F64, is_true: Bools) -> float:
 
 
 def calibration_error(score: F64, is_true: Bools, weights: F64) -> float:
-    """Mean difference of probability and share of true boxes over bins (Naeini et al., 2015), from `LEAST` on.
+    """Mean difference over bins between probability and share of true boxes (Naeini et al., 2015), from `LEAST` up.
 
     Args:
         score: (N,) probabilities.
-        is_true: (N,)
+        is_true: (N,) whether each is true.
         weights: (N,) how much each box counts.
     """
     kept = score >= LEAST

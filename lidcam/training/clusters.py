@@ -13,15 +13,15 @@ from pipeline.detectors.cluster.network import ClusterNetwork
 __all__ = ["Trained", "train_clusters"]
 
 HELD_OUT = 1_000_000
-"""Worlds from this number on, added to the seed, are not trained on: some calibrate the network, others judge it."""
+"""Worlds from this number (plus the seed) on are not trained on: some calibrate the network, others judge it."""
 
 HELD_OUT_SHARE = 0.2
 
 Told = Callable[[float, str], object]
-"""Called with the share that is done, and what to say beside."""
+"""Called with the share that is done, and a text to show with it."""
 
 CASTING = 0.9
-"""Share of the time that worlds take."""
+"""Share of the time that making the worlds takes."""
 
 
 class Trained(NamedTuple):
@@ -40,9 +40,9 @@ def train_clusters(
     told: Told,
     recordings: Recordings | None = None,
 ) -> Trained:
-    """Train on worlds of a family, or of both, numbered from the seed on, on recordings, or on as much of either.
+    """Train on worlds of one or both families, numbered from the seed on, on recordings, or on equal parts of the two.
 
-    What is kept apart of them judges.
+    Worlds and frames that are kept apart judge the network.
     """
     families: tuple[Family, ...] = () if family is None else ("road", "crossing") if family == "all" else (family,)
     held_out = max(int(worlds * HELD_OUT_SHARE), 2)

@@ -33,13 +33,13 @@ __all__ = [
 ]
 
 SWEEPS_OF_A_WORLD = 4
-"""Each is of another lidar in another place. More say little more: what stands there is the same."""
+"""Each has another lidar in another place. More sweeps add little, since the same objects stand there."""
 
 MIN_POINTS = 3
-"""True objects of fewer points are not there for a lidar."""
+"""True objects with fewer points count as absent."""
 
 GATES_M = np.array([0.0, 2.0, 0.6, 0.9, 2.5])
-"""A box is of a kind (`KINDS`) if a true centre is nearer than this."""
+"""A box is of a kind (`KINDS`) if the centre of a true object of that kind is nearer than this."""
 
 KIND_OF_CLASS = {"car": 1, "pedestrian": 2, "cyclist": 3, "van": 4, "truck": 4, "bus": 4}
 KIND_OF_ROW = np.array([KIND_OF_CLASS[name] for name in NAMES])
@@ -65,17 +65,17 @@ class Examples(NamedTuple):
 
 
 def examples_of_worlds(family: Family, worlds: range, *, workers: int) -> Iterator[Examples]:
-    """Those of each world, in order; the same for any number of processes."""
+    """The examples of each world, in order; the same for any number of processes."""
     return _made(partial(_of_world, family), worlds, workers)
 
 
 def examples_of_recordings(recordings: Recordings, numbers: range, *, workers: int) -> Iterator[Examples]:
-    """Those of some frames drawn for each number, as many as a world has; as of worlds."""
+    """The examples of frames drawn for each number, as many frames as a world has sweeps; otherwise as for worlds."""
     return _made(partial(_of_drawn_frames, recordings), numbers, workers)
 
 
 def examples_of_frame(frame: LabelledFrame) -> Examples:
-    """Those of what is labelled of a frame."""
+    """The examples in the labelled part of a frame."""
     rig, config, count = _rig(frame.origins), _config(), len(frame.position)
     rest = np.zeros(count, np.float32), np.zeros(count, np.uint16), np.zeros(count, np.int32)
     cloud, ground = PointCloud(0, SITE, frame.position.astype(np.float32), *rest), Plane(np.array([0.0, 0, 1]), 0.0)
@@ -105,7 +105,7 @@ def _of_world(family: Family, world: int) -> Examples:
     config = _config()
     step = SWEEPS_PER_WORLD // SWEEPS_OF_A_WORLD
     found = [sweep(family, seed) for seed in range(world * SWEEPS_PER_WORLD, (world + 1) * SWEEPS_PER_WORLD, step)]
-    # On masts, several lidars see one site: one frame of a single one, and one of the others together.
+    # On masts, several lidars see one site: make one frame with a single lidar, and one with the others together.
     frames = [found[:1], found[1:]] if family == "crossing" else [[one] for one in found]
     return Examples.joined([_examples(frame, config) for frame in frames])
 
@@ -116,7 +116,7 @@ def _config() -> Config:
 
 
 def _examples(frame: Sequence[TrainingSweep], config: Config) -> Examples:
-    """Those of a frame of sweeps that were taken at once."""
+    """The examples of a frame of sweeps that were taken at the same time."""
     rig = rig_of(frame)
     clouds = {lidar.name: cloud_of(one, lidar.name) for lidar, one in zip(rig.lidars, frame, strict=True)}
     combined = Combine(rig, config.combine)(SensorBundle(0, 0, 0, {}), clouds)
@@ -144,7 +144,7 @@ def _rig(origins: Iterable[F64]) -> Rig:
 
 
 def cloud_of(taken: TrainingSweep, name: str) -> PointCloud:
-    """The points of a sweep as its lidar gives them."""
+    """The points of a sweep as its lidar delivers them."""
     count = len(taken.points)
     xyz = taken.points[:, :3] - taken.origin.astype(np.float32)
     rest = np.zeros(count, np.uint16), np.zeros(count, np.int32)
@@ -152,7 +152,7 @@ def cloud_of(taken: TrainingSweep, name: str) -> PointCloud:
 
 
 def kinds_of_boxes(centers_xy: F64, true_xy: F64, true_kinds: I64) -> I64:
-    """(B,) kind of the true object that is nearest to each box, as a share of its gate; 0 where none is within it.
+    """(B,) kind of the true object nearest to each box, measured in gates of the kind; 0 if none is within its gate.
 
     Args:
         centers_xy: (B, 2) of the boxes.

@@ -1,4 +1,4 @@
-"""Networks fitted to examples: Adam on mini-batches, with noise on the features and neurons left out."""
+"""Networks fitted to examples: Adam on mini-batches, with noise on the features and dropout."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -23,17 +23,17 @@ BATCH = 256
 RATE, MOMENTUM, SQUARES = 2e-3, 0.9, 0.999
 DECAY = 1e-3
 DROPPED = 0.3
-"""Share of the hidden neurons that is left out in each step (Srivastava et al., 2014)."""
+"""Share of the hidden neurons that each step leaves out (Srivastava et al., 2014)."""
 
 NOISE = 0.2
-"""Standard deviation of what is added to each feature, beside that of the feature: the worlds are not the real one."""
+"""Standard deviation of the noise on each feature, as a share of the feature's own: worlds differ from reality."""
 
 PRIORS = np.array([1.0, 1.0, 0.4, 0.4, 0.6])
-"""Weight of an example of each of `KINDS`. Worlds are drawn with more people, cyclists and large vehicles than streets
-have, so that there are enough to learn from; with these weights they count as often as there."""
+"""Weight of an example of each of `KINDS`. Worlds have more people, cyclists and large vehicles than streets, so that
+there are enough to learn from; these weights make them count as often as in streets."""
 
 Told = Callable[[int, float], object]
-"""Called after each epoch of each network with how many are done, and the log loss in it."""
+"""Called after each epoch of each network with the number of epochs done, and the log loss in this one."""
 
 
 def fitted(examples: Examples, seed: int, told: Told) -> ClusterNetwork:
@@ -83,7 +83,7 @@ def _fit(weights: list[F64], biases: list[F64], inputs: F64, kinds: I64, draw: n
 def _slopes(
     weights: list[F64], biases: list[F64], inputs: F64, kinds: I64, share: F64, draw: np.random.Generator
 ) -> tuple[float, list[F64]]:
-    """Log loss of a batch, and its slopes along all weights and then all biases."""
+    """Log loss of a batch, and its gradients for all weights and then all biases."""
     layers = [inputs]
     for row, (layer, bias) in enumerate(zip(weights, biases, strict=True)):
         value = layers[-1] @ layer + bias
@@ -106,7 +106,7 @@ def _slopes(
 
 
 def calibrated(network: ClusterNetwork, examples: Examples) -> ClusterNetwork:
-    """The network with log odds divided by the temperature that suits examples best (Guo et al., 2017)."""
+    """The network with log odds divided by the temperature that fits the examples best (Guo et al., 2017)."""
 
     def loss(temperature: float) -> float:
         return log_loss(_cooled(network, temperature)(examples.features), examples.kinds)
@@ -120,11 +120,11 @@ def _cooled(network: ClusterNetwork, temperature: float) -> ClusterNetwork:
 
 
 def log_loss(probabilities: F64, kinds: I64) -> float:
-    """Mean of minus the logarithm of the probability of what is true, weighted by `PRIORS`.
+    """Mean negative logarithm of the probability of the true kind, weighted by `PRIORS`.
 
     Args:
-        probabilities: (N, 5)
-        kinds: (N,)
+        probabilities: (N, 5) probability of each kind.
+        kinds: (N,) true kinds.
     """
     true, share = probabilities[np.arange(len(kinds)), kinds], PRIORS[kinds]
     return float(-(share * np.log(np.maximum(true, 1e-12))).sum() / share.sum())

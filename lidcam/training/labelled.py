@@ -1,6 +1,6 @@
-"""Labelled frames: what is truly there among points, varied, with objects of other frames in free places.
+"""Labelled frames: points with their true objects, varied, and with objects from other frames in free places.
 
-Places are from the middle of the lidars, heights are above the ground, in metres, as `PillarPoints` has them.
+Places are relative to the middle of the lidars and heights are above the ground, in metres, as in `PillarPoints`.
 """
 
 from collections.abc import Sequence
@@ -33,18 +33,18 @@ NAMES = ("car", "pedestrian", "cyclist", "truck", "bus")
 """Classes of labelled frames. A van counts as a truck, as it does among the classes of lidcam."""
 
 WORLDS = "drawn worlds"
-"""What is learned from without recordings, for a card."""
+"""What a card says if no recordings were learned from."""
 
 PASTED = 8
-"""Objects that are put into a frame, as far as their places are free."""
+"""Objects to put into a frame, as far as their places are free."""
 
 MIN_PASTED_POINTS = 10
 
 FREE_M = 0.3
-"""No points and no other box are so near to an object that is put into a frame."""
+"""An object is put into a frame only if no points and no other box are nearer to it than this."""
 
 BESIDE_M = 0.1
-"""Points up to this far beside a box belong to its object."""
+"""Points up to this far outside a box belong to its object."""
 
 
 class TrueBoxes(NamedTuple):
@@ -55,7 +55,7 @@ class TrueBoxes(NamedTuple):
         sizes: (M, 3)
         yaws: (M,)
         classes: (M,) rows of the classes that are learned.
-        points: (M,) on each.
+        points: (M,) number of points on each.
     """
 
     centers: F64
@@ -65,22 +65,22 @@ class TrueBoxes(NamedTuple):
     points: I64
 
     def select(self, rows: Rows) -> "TrueBoxes":
-        """Those of rows."""
+        """The objects of some rows."""
         return TrueBoxes._make(part[rows] for part in self)
 
     @staticmethod
     def joined(parts: Sequence["TrueBoxes"]) -> "TrueBoxes":
-        """All of all parts, of which there is one."""
+        """All objects of all parts; at least one part is needed."""
         return TrueBoxes._make(np.concatenate(one) for one in zip(*parts, strict=True))
 
 
 def varied(
     position: F64, true: TrueBoxes, draw: np.random.Generator, turn_rad: float = np.pi / 4
 ) -> tuple[F64, TrueBoxes, F64]:
-    """The same from another side: mirrored, turned about the middle, stretched, above ground found a little wrong.
+    """The same, but mirrored, turned about the middle, stretched, and lifted as if the ground was found a little wrong.
 
     Returns:
-        (N, 3) points, the objects, and the matrix (3, 3) that changed all but heights, which are also lifted.
+        (N, 3) points, the objects, and the matrix (3, 3) that changed both; heights are also lifted.
     """
     mirror, angle = np.array([1.0, draw.choice([-1.0, 1.0]), 1.0]), draw.uniform(-turn_rad, turn_rad)
     size, lift_m = draw.uniform(0.93, 1.07), draw.normal(0, 0.01) * position[:, 2].max(initial=0.0)
@@ -93,7 +93,7 @@ def varied(
 
 
 def points_in_boxes(position: F64, true: TrueBoxes) -> tuple[I64, I64]:
-    """Rows of the points (N, 3) in boxes or just beside them, and the box of each, rising."""
+    """Rows of the points (N, 3) in boxes or just outside them, and the box of each; sorted by box."""
     xyz = position.astype(np.float32)
     rows, box = points_in_footprints(xyz, true.centers[:, :2], true.sizes[:, :2] + 2 * BESIDE_M, true.yaws)
     away_m = np.abs(position[rows, 2] - true.centers[box, 2])
@@ -102,7 +102,7 @@ def points_in_boxes(position: F64, true: TrueBoxes) -> tuple[I64, I64]:
 
 
 class Objects(NamedTuple):
-    """Objects with their points, to be put into other frames.
+    """Objects with their points, to put into other frames.
 
     Attributes:
         true: Their boxes.
@@ -116,16 +116,16 @@ class Objects(NamedTuple):
 
 
 class LabelledFrame(NamedTuple):
-    """The points of a frame that are not ground, and what is truly there.
+    """The points of a frame that are not ground, and the true objects.
 
     Attributes:
-        position: (N, 3)
+        position: (N, 3) points.
         lidar: (N,) row of `origins` that measured each point.
-        origins: (L, 3) of the lidars.
+        origins: (L, 3) places of the lidars.
         true: Objects that count; `classes` are rows of `NAMES`.
-        unlabelled: (U, 3) x, y and radius of what the truth need not say or says nothing of.
-        region: (C, 2) corners of what is labelled.
-        reach: (3,) x, y and radius of it, too.
+        unlabelled: (U, 3) x, y and radius of circles around objects that do not count.
+        region: (C, 2) corners of the labelled region.
+        reach: (3,) x, y and radius of a circle that also limits it.
     """
 
     position: F64
@@ -137,14 +137,14 @@ class LabelledFrame(NamedTuple):
     reach: F64
 
     def is_labelled(self, xy: F64) -> Bools:
-        """(K,) whether the truth knows what is at places (K, 2), and what is not."""
+        """(K,) whether the truth says what is and what is not at places (K, 2)."""
         within = first_polygon_with([self.region], xy) == 0
         within &= np.linalg.norm(xy - self.reach[:2], axis=1) <= self.reach[2]
         away_m = np.linalg.norm(xy[:, None] - self.unlabelled[:, :2], axis=2)
         return np.asarray(within & (away_m > self.unlabelled[:, 2]).all(1))
 
     def with_objects(self, objects: Objects, draw: np.random.Generator) -> "LabelledFrame":
-        """The same with some more in free places as far from the lidars as before, of each class as many.
+        """The frame with more objects, of random classes, in free places at their old distance from the middle.
 
         After Yan, Mao, Li, "SECOND: Sparsely embedded convolutional detection", Sensors 2018.
         """
@@ -171,7 +171,7 @@ class LabelledFrame(NamedTuple):
         return bool((away_m > radius_m).all()) and not len(points_in_boxes(self.position, margin)[0])
 
     def varied(self, draw: np.random.Generator) -> "LabelledFrame":
-        """The same from another side, all round."""
+        """The frame mirrored, turned by any angle, stretched and lifted."""
         position, true, change = varied(self.position, self.true, draw, np.pi)
         ground, size = change[:2, :2], change[2, 2]
         circles = np.vstack([self.unlabelled, self.reach])
@@ -181,14 +181,14 @@ class LabelledFrame(NamedTuple):
 
 
 class Recordings(NamedTuple):
-    """The labelled frames of recordings, in files of the run's own.
+    """The labelled frames of recordings, in temporary files of this run.
 
     Attributes:
-        train: Those to learn from.
-        calibrate: Those that make scores probabilities.
-        judge: Those that figures are of.
-        objects: File of the objects in the first.
-        names: Of each recording, its files with their checksums.
+        train: Frames to learn from.
+        calibrate: Frames that turn scores into probabilities.
+        judge: Frames that give the figures.
+        objects: File of the objects in `train`.
+        names: For each recording, its files with their checksums.
     """
 
     train: tuple[Path, ...]
@@ -199,25 +199,25 @@ class Recordings(NamedTuple):
 
     @property
     def text(self) -> str:
-        """They and how many frames, in Markdown."""
+        """The recordings and their numbers of frames, in Markdown."""
         counts = f"{len(self.train)} frames; {len(self.calibrate)} and {len(self.judge)} kept apart"
         return "\n  ".join(("recordings", *self.names, f"({counts})"))
 
     def drawn(self, draw: np.random.Generator) -> LabelledFrame:
-        """One to learn from, with more objects in it, varied."""
+        """A random frame to learn from, with more objects in it, varied."""
         frame = loaded(self.train[draw.integers(len(self.train))])
         return frame.with_objects(cast(Objects, _loaded(self.objects)), draw).varied(draw)
 
 
 def saved(path: Path, value: object) -> Path:
-    """Write a frame, or whatever else of the run, to a new file."""
+    """Write a frame, or another object of this run, to a new file."""
     with path.open("xb", buffering=0) as file:
         dump(value, file)
     return path
 
 
 def loaded(path: Path) -> LabelledFrame:
-    """The frame of a file."""
+    """Read the frame in a file."""
     return cast(LabelledFrame, _loaded(path))
 
 

@@ -1,6 +1,6 @@
 """ONNX files as lists of nodes.
 
-Written by protobuf messages, as PyTorch's exporters need packages of their own.
+They are written with protobuf messages, because PyTorch's exporters need more packages.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ from pipeline.detectors.onnx.messages import MANY, ONE, model_class
 __all__ = ["FLOAT", "INT64", "Graph", "Value", "numbers_in"]
 
 Value = tuple[str, int, Sequence[int | str]]
-"""Name, type of the elements, and dimensions of an input or output; free ones are named."""
+"""Name, type of the elements, and dimensions of an input or output; free dimensions have names."""
 
 FIELDS = {
     "Model": [
@@ -58,7 +58,7 @@ FIELDS = {
     "Shape": [("dims", 1, MANY, "Dim")],
     "Dim": [("size", 1, ONE, "int64"), ("name", 2, ONE, "bytes")],
 }
-"""The fields of onnx.proto3 (github.com/onnx/onnx) that are written."""
+"""The fields of onnx.proto3 (github.com/onnx/onnx) that are used here."""
 
 IR_VERSION, OPSET = 8, 18
 FLOAT, INT64, HALF = 1, 7, 10
@@ -66,27 +66,27 @@ INT, TEXT, INTS = 2, 3, 7
 
 
 class Graph:
-    """Nodes, each behind the one before it, and their constants."""
+    """Nodes in the order in which they run, and their constants."""
 
     def __init__(self, prefix: str = "", *, half: bool = False) -> None:
-        """Begin it.
+        """Start an empty graph.
 
         Args:
-            prefix: Of all names, where the nodes stand behind those of another file.
-            half: Whether the file has its numbers in half precision, and so half the size; it computes in single.
+            prefix: Prefix of all names, for nodes that follow those of another file.
+            half: Whether the file stores numbers in half precision, for half the size; it computes in single.
         """
         self._prefix, self._half = prefix, half
         self._nodes: list[dict[str, Any]] = []
         self._tensors: list[dict[str, Any]] = []
 
     def add(self, op: str, *inputs: str | Array, name: str = "", **attributes: int | list[int] | bytes) -> str:
-        """The name of the output of a new node; inputs are names, or constants.
+        """Add a node and return the name of its output; inputs are names, or constants.
 
         Args:
             op: What the node does.
-            inputs: Of the node.
-            name: Name of the output; empty: one of its own. That of a second output has `.second` behind it.
-            attributes: Of the node.
+            inputs: Inputs of the node.
+            name: Name of the output; empty: make one. The name of a second output ends in `.second`.
+            attributes: Attributes of the node.
         """
         name = name or f"{self._prefix}{op}{len(self._nodes)}"
         names = [
@@ -107,16 +107,16 @@ class Graph:
         return self.add("Cast", name, to=FLOAT) if is_half else name
 
     def file(self, inputs: Sequence[Value], outputs: Sequence[Value], metadata: Mapping[str, str]) -> bytes:
-        """The content of a file of this graph; the same graph makes the same bytes."""
+        """The content of a file with this graph; the same graph gives the same bytes."""
         graph = {"name": b"lidcam", "input": [*map(_value, inputs)]}
         model = _model_class()(ir_version=IR_VERSION, opset=[{"version": OPSET}], graph=graph)
         return self._written(model, outputs, metadata)
 
     def file_behind(self, file: bytes, outputs: Sequence[Value], metadata: Mapping[str, str]) -> bytes:
-        """The content of a file whose graph goes on with this one.
+        """The content of a file with this graph appended to its own.
 
         Raises:
-            google.protobuf.message.DecodeError: it is no ONNX file.
+            google.protobuf.message.DecodeError: it is not an ONNX file.
         """
         model = _model_class().FromString(file)
         del model.graph.output[:]
@@ -133,10 +133,10 @@ class Graph:
 
 
 def numbers_in(file: bytes) -> list[F32]:
-    """The constants of a file in single precision, in their order.
+    """The constants of a file in single precision, in the order of the file.
 
     Raises:
-        google.protobuf.message.DecodeError: it is no ONNX file.
+        google.protobuf.message.DecodeError: it is not an ONNX file.
     """
     found = [one for one in _model_class().FromString(file).graph.tensor if one.type == FLOAT]
     return [np.frombuffer(one.data, "<f4").reshape(tuple(one.dims)) for one in found]

@@ -1,6 +1,6 @@
 """Layers of PyTorch as nodes of an ONNX file.
 
-Normalisation stays a node of its own, so that a training can go on from the file; onnxruntime folds it into the
+Normalisation stays a separate node, so that a training can continue from the file; onnxruntime folds it into the
 convolution before it.
 """
 
@@ -16,7 +16,7 @@ __all__ = ["convolution", "convolutions", "normalised", "parameters", "tensors"]
 
 
 def convolutions(graph: Graph, image: str, layers: Iterable[Any]) -> str:
-    """Convolutions, each with its normalisation and a ReLU behind it."""
+    """Convolutions, each followed by its normalisation and a ReLU."""
     parts = [*layers]
     for layer, norm in zip(parts[::3], parts[1::3], strict=True):
         image = graph.add("Relu", normalised(graph, convolution(graph, image, layer), norm))
@@ -24,13 +24,13 @@ def convolutions(graph: Graph, image: str, layers: Iterable[Any]) -> str:
 
 
 def convolution(graph: Graph, image: str, layer: Any, name: str = "") -> str:
-    """One convolution; the name of its output is one of its own if none is given."""
+    """One convolution; without a name, its output gets a new one."""
     strides, pads = [*layer.stride], [*layer.padding] * 2
     return graph.add("Conv", image, *parameters(layer), name=name, strides=strides, pads=pads)
 
 
 def normalised(graph: Graph, values: str, norm: Any) -> str:
-    """A normalisation by what was learned of mean and variance."""
+    """A normalisation with the learned mean and variance."""
     return graph.add("BatchNormalization", values, *parameters(norm))
 
 
@@ -40,6 +40,6 @@ def parameters(layer: Any) -> list[Array]:
 
 
 def tensors(layer: Any) -> list[Any]:
-    """The same in PyTorch: weights, what is added if anything, and of a normalisation mean and variance."""
+    """The same as PyTorch tensors: weights, bias if there is one, and for a normalisation mean and variance."""
     names = ("weight", "bias", "running_mean", "running_var")
     return [one for name in names if (one := getattr(layer, name, None)) is not None]

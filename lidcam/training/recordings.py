@@ -1,4 +1,4 @@
-"""Reading labelled recordings to learn from: points as a run has them, truth as an evaluation reads it."""
+"""Reading of labelled recordings to learn from, with the points of a run and the truth of an evaluation."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -38,13 +38,13 @@ from readers.truth.open import open_truth
 __all__ = ["read_recordings"]
 
 ONLY_CLOUDS = "detect2d.method=none", "track.mode=none", "output.images=false", "output.clouds=false"
-"""What a run need not do for its clouds."""
+"""Settings that switch off what the clouds do not need."""
 
 MIN_FRAMES = 10
-"""One in so many frames calibrates, and as many judge: the last fifth of each recording."""
+"""One frame in so many calibrates, and as many judge; together they are the last fifth of each recording."""
 
 GAP_NS = 500_000_000
-"""Frames so shortly before those are left out: they look the same."""
+"""Frames less than this before those are left out, because they look the same."""
 
 EVERYWHERE_M = 1e5
 SQUARE = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
@@ -61,11 +61,11 @@ def read_recordings(
     """Read labelled recordings, and keep a part of each apart.
 
     Args:
-        recordings: Each the name of one.
-        folder: Where frames are written, an empty one.
-        check: Raises where the settings of a recording do not suit.
-        told: Told of each recording before it is read.
-        **options: As of `lidcam.process`, `settings` a sequence.
+        recordings: Names of the recordings.
+        folder: Empty folder for the frames.
+        check: Raises if the settings of a recording do not fit.
+        told: Called with each recording before it is read.
+        **options: As in `lidcam.process`; `settings` is a sequence.
 
     Raises:
         LidcamError: a recording cannot be read, has no truth, or there are too few frames.
@@ -92,7 +92,7 @@ def read_recordings(
 
 
 def _parted(frames: Sequence[tuple[int, Path]]) -> tuple[list[Path], list[Path], list[Path]]:
-    """Frames in order of time to learn from, to calibrate and to judge by: in blocks, as neighbours look the same."""
+    """Split frames in order of time into blocks to learn from, calibrate and judge by, as neighbours look the same."""
     half = len(frames) // MIN_FRAMES
     first = len(frames) - 2 * half
     paths = [path for _, path in frames]
@@ -102,7 +102,7 @@ def _parted(frames: Sequence[tuple[int, Path]]) -> tuple[list[Path], list[Path],
 
 
 class _Kept(RunObserver):
-    """Keeps the points of each frame of a run in files, and then what is truly there."""
+    """Keeps the points of each frame of a run in files, and then the true objects."""
 
     def __init__(self, recording: str, folder: Path, check: Callable[[Config], object]) -> None:
         self._recording, self._folder, self._check = recording, folder, check
@@ -127,7 +127,7 @@ class _Kept(RunObserver):
         saved(self._folder / f"{result.bundle.index}.cloud", needed)
 
     def labelled(self) -> list[tuple[int, Path]]:
-        """The stamps and files of the frames that the truth covers; the result of the run is removed."""
+        """The stamps and files of the frames that the truth covers; removes the result of the run."""
         out, frames = self._folder / "result.mcap", []
         with open_result(out) as result, open_truth(result) as truth:
             for frame in EvaluationFrames(result, truth):
@@ -168,7 +168,7 @@ class _Kept(RunObserver):
 
 
 def _objects_of(frames: Sequence[Path]) -> Objects:
-    """The objects of frames that have enough points to be put elsewhere."""
+    """The objects in frames that have enough points to be put into other frames."""
     parts, position, lidar = [], [], []
     for path in frames:
         frame = loaded(path)

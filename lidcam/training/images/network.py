@@ -1,8 +1,8 @@
-"""The network in PyTorch: convolutions over the image, and a head for the objects around the cells of three grids each.
+"""The network in PyTorch: convolutions over the image, and three grids, each with a head for the objects at its cells.
 
-The grids, and what is said of each cell, are those of YOLOX (Ge et al., 2021); it is much smaller, so that one core of
-a processor trains and runs it. Coarse grids, which see more of the image, tell fine ones what they see (Lin et al.,
-"Feature pyramid networks", 2017).
+The grids and the numbers of each cell are those of YOLOX (Ge et al., 2021); the network is much smaller, so that one
+processor core can train and run it. Coarse grids, which see more of the image, pass what they see to the finer ones
+(Lin et al., "Feature pyramid networks", 2017).
 """
 
 import math
@@ -17,14 +17,14 @@ BLOCKS = (((12, 2), (20, 2), (32, 2), (32, 1)), ((48, 2), (48, 1)), ((64, 2), (6
 """Channels and strides of the convolutions up to each of the grids."""
 
 WIDTH = 32
-"""Channels of the heads. Grids do not share one: their numbers differ, and normalisation by common ones fails."""
+"""Channels of the heads. Each grid has its own head: their numbers differ, and a shared normalisation fails."""
 
 LIKELY = 0.01
 """Probability of an object in each cell before anything is learned."""
 
 
 class ImageNetwork(nn.Module):
-    """From images to the numbers of each cell."""
+    """Turns images into the numbers of each cell."""
 
     def __init__(self, classes: int) -> None:
         super().__init__()
@@ -44,8 +44,8 @@ class ImageNetwork(nn.Module):
     def forward(self, images: Tensor) -> Tensor:
         """(B, A, 5 + C) for images (B, 3, H, W), blue first, 0 to 255, whose height and width are multiples of 32.
 
-        Of each cell, in the order of YOLOX: the middle of a box and the logarithms of its width and height, in cells,
-        log odds that there is one, and of each class.
+        Numbers of each cell, in the order of YOLOX: the middle of a box and the logarithms of its width and height, in
+        cells; the log odds that there is a box; and the log odds of each class.
         """
         found = []
         for block in self.blocks:

@@ -13,7 +13,7 @@ __all__ = ["onnx_bytes"]
 
 
 def onnx_bytes(network: ImageNetwork, classes: Sequence[str]) -> bytes:
-    """The content of a file, its weights in half precision; the same network makes the same bytes."""
+    """The content of a file with weights in half precision; the same network gives the same bytes."""
     graph, image, found = Graph(half=True), "images", []
     blocks: list[Any] = [*network.blocks]
     laterals: list[Any] = [*network.laterals]
@@ -23,7 +23,7 @@ def onnx_bytes(network: ImageNetwork, classes: Sequence[str]) -> bytes:
     total, rows = "", []
     heads: list[Any] = [*network.heads]
     for own, head in zip(found[::-1], heads[::-1], strict=True):
-        # Pixels are repeated, as in the training.
+        # Enlarge by repeating pixels, as in the training.
         total = graph.add("Add", own, _doubled(graph, total)) if total else own
         *convolved, last = head
         said = convolution(graph, convolutions(graph, graph.add("Relu", total), convolved), last)

@@ -25,35 +25,35 @@ CLASSES = ("car", "pedestrian", "cyclist", "truck", "bus")
 WORLDS_OF_A_ROUND = 6
 ROUNDS_OF_A_WORLD = 4
 CUTS_OF_A_ROUND = 1200
-"""Each round brings new worlds, and cuts come from those of the last rounds, too: a render takes as long as thirty cuts
-are learned from.
+"""Each round brings new worlds, but cuts also come from the worlds of the last rounds: rendering an image takes as long
+as learning from thirty cuts.
 """
 
 IMAGES_OF_A_WORLD = 6
 BETWEEN_NS = 300_000_000
-"""From an image to the next one of a world."""
+"""Time between two images of a world."""
 
 IMAGE_PX = (512, 384)
 CUT_PX = (320, 256)
-"""Width and height. A network of convolutions does not mind the size."""
+"""Width and height. A convolutional network works with any size."""
 
 MIN_VISIBLE, MIN_HEIGHT_PX = 0.3, 12.0
-"""What is hidden more, or lower, need not be found, and may be: as of simulated detectors of scenarios."""
+"""Objects that are less visible, or lower, may be found but need not be, as for scenarios' simulated detectors."""
 
 LIMITS_PX = (64.0, 144.0)
-"""The finest grid finds objects whose longer side is less than the first, the coarsest those beyond the second."""
+"""The finest grid finds objects with a longer side below the first limit, the coarsest those from the second up."""
 
 SIGMA_CELLS = 0.8
 UNSURE, NEAR = 0.9, 0.4
-"""See `lidcam.training.pillars.scenes`: heights of bells around the middle of an object."""
+"""Heights of the bells around the middle of an object, see `lidcam.training.pillars.scenes`."""
 
 
 class Picture(NamedTuple):
     """An image and M objects in it.
 
     Attributes:
-        rgb: (H, W, 3)
-        xyxy: (M, 4) left, top, right, bottom of the pixels that show them.
+        rgb: (H, W, 3) pixels.
+        xyxy: (M, 4) left, top, right, bottom of the pixels that show each object.
         classes: (M,) rows of `CLASSES`.
         is_sure: (M,) whether they have to be found.
     """
@@ -65,14 +65,14 @@ class Picture(NamedTuple):
 
 
 class Cut(NamedTuple):
-    """A part of an image as the network takes it, and what it should say of the A cells.
+    """A part of an image as the network takes it, and the output it should give for the A cells.
 
     Attributes:
         image: (3, H, W) float32 blue, green, red, 0 to 255.
         heat: (A,) float32, 1 in the cell where the middle of an object is.
         cells: (K,) cells that learn a box.
-        xyxy: (K, 4) float32 the box.
-        classes: (K,) its class.
+        xyxy: (K, 4) float32 box of each.
+        classes: (K,) class of each.
     """
 
     image: F32
@@ -83,7 +83,7 @@ class Cut(NamedTuple):
 
 
 def cuts(seed: int) -> Iterator[Cut]:
-    """Parts of images of worlds from a number on, without end; always the same."""
+    """An endless, reproducible stream of parts of images, of worlds from a number on."""
     for row in count():
         draw, first = np.random.default_rng([seed, row]), seed + max(row + 1 - ROUNDS_OF_A_WORLD, 0) * WORLDS_OF_A_ROUND
         known = [one for world in range(first, seed + (row + 1) * WORLDS_OF_A_ROUND) for one in pictures(world)]
@@ -93,7 +93,7 @@ def cuts(seed: int) -> Iterator[Cut]:
 
 @lru_cache(WORLDS_OF_A_ROUND * ROUNDS_OF_A_WORLD)
 def pictures(world: int) -> tuple[Picture, ...]:
-    """Images of a world, each by another camera; the families of worlds take turns."""
+    """Images of a world, each from another camera; the families of worlds take turns."""
     return tuple(_pictures(world))
 
 
@@ -150,7 +150,7 @@ def _camera(family: Family, scenario: Scenario, draw: np.random.Generator) -> tu
 
 
 def _cut(picture: Picture, draw: np.random.Generator) -> Picture:
-    """A part of an image, mostly around an object, mirrored and tinted by chance."""
+    """A part of an image, mostly around an object, randomly mirrored and tinted."""
     size: I64 = np.array(CUT_PX)
     room = np.array(IMAGE_PX) - size
     corner = draw.integers(0, room + 1)
@@ -171,7 +171,7 @@ def _cut(picture: Picture, draw: np.random.Generator) -> Picture:
 
 
 def learnable(cut: Picture) -> Cut:
-    """A part of an image with what the network should say of it."""
+    """A part of an image with the output that the network should give for it."""
     column_row, stride_px = (cells.astype(np.float64) for cells in cells_of(cut.rgb.shape[:2]))
     low, high = cut.xyxy[:, :2], cut.xyxy[:, 2:]
     own_px = np.array([8, 16, 32])[np.digitize((high - low).max(1), LIMITS_PX)]

@@ -37,13 +37,13 @@ BATCH = 8
 RATE, DECAY, WARM_STEPS = 3e-3, 1e-2, 100
 MAX_GRADIENT = 10.0
 MOMENTUM = 0.99
-"""Of the loss that is shown."""
+"""Momentum of the running mean of the loss that is shown."""
 
 MAX_LOG_SIZE = 5.0
-"""A box is at most so large, by the logarithm in cells: before anything is learned, exponentials may be anything."""
+"""Limit on the logarithm of a box's size in cells: early in training, exponentials may take any value."""
 
 HELD_OUT = 1_000_000
-"""Worlds from this number on, added to the seed, judge the network and do not train it."""
+"""Worlds from this number (plus the seed) on judge the network and do not train it."""
 
 MAX_HELD_OUT = 30
 FITTING = 0.95
@@ -51,14 +51,14 @@ FITTING = 0.95
 
 MIN_IOU = 0.5
 LEAST_SCORE = 0.02
-"""Of boxes that tell how likely one of a score is right."""
+"""Least score of the boxes that show how likely a box with a given score is right."""
 
 Told = Callable[[float, str], object]
-"""Called with the share that is done, and what to say beside."""
+"""Called with the share that is done, and a text to show with it."""
 
 
 def train_images(out: Path, steps: int, seed: int, *, told: Told) -> str:
-    """Train a network and write it as an ONNX file; its card in Markdown.
+    """Train a network, write it as an ONNX file, and return its card in Markdown.
 
     Args:
         out: File to write.
@@ -73,7 +73,7 @@ def train_images(out: Path, steps: int, seed: int, *, told: Told) -> str:
 
 
 def judge(network: ImageNetwork, out: Path, steps: int, seed: int, *, told: Told) -> str:
-    """Write a network whose scores are about probabilities by what it finds in some worlds; its card, by others."""
+    """Write a network whose scores are calibrated on some worlds; return its card, with figures from other worlds."""
     half = min(max(steps // 100, 1), MAX_HELD_OUT // 2)
 
     def seen(first: int) -> Iterator[_Judged]:
@@ -95,12 +95,12 @@ def judge(network: ImageNetwork, out: Path, steps: int, seed: int, *, told: Told
 
 
 def fitted(seed: int, steps: int, told: Callable[[int, float], object]) -> ImageNetwork:
-    """A network after so many steps, on one thread: the same for the same seed.
+    """Train a network for so many steps on one thread; the same seed gives the same network.
 
     Args:
         seed: Number of the first world.
         steps: Number of steps.
-        told: Called after each step with how many are done, and the mean loss of late.
+        told: Called after each step with the number of steps done, and the recent mean loss.
     """
     torch.set_num_threads(1)
     with torch.random.fork_rng():
@@ -145,7 +145,7 @@ def loss_of(network: Callable[[Tensor], Tensor], batch: Sequence[Cut]) -> Tensor
 
 
 def _generalised_iou(first: Tensor, second: Tensor) -> Tensor:
-    """As `pair_overlaps_xyxy`, for training."""
+    """Like `pair_overlaps_xyxy`, but for training."""
 
     def area(low: Tensor, high: Tensor) -> Tensor:
         return (high - low).clamp(min=0).prod(1)
@@ -158,7 +158,7 @@ def _generalised_iou(first: Tensor, second: Tensor) -> Tensor:
 
 
 class _Judged(NamedTuple):
-    """Boxes found in images (N,), and the class of each object that has to be found (M,)."""
+    """Boxes found in images (N,), and the classes of the objects that have to be found (M,)."""
 
     scores: F64
     classes: I64
@@ -187,7 +187,7 @@ def _joined(judged: Iterable[_Judged]) -> _Judged:
 
 
 def _figures(found: _Judged) -> str:
-    """A table in Markdown."""
+    """The figures as a Markdown table."""
     lines = ["| class | objects | found | false | AP |", "| --- | --- | --- | --- | --- |"]
     for row, name in enumerate(CLASSES):
         rows, count = found.classes == row, int((found.objects == row).sum())

@@ -1,4 +1,4 @@
-"""From a checkpoint, or an exported network, of a kit to a file that `--model-3d` takes."""
+"""Conversion of a kit's checkpoint or exported network to a file that `--model-3d` takes."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -28,7 +28,7 @@ EXPORTS: dict[tuple[str, ...], tuple[tuple[str, ...], ...]] = {
     ("voxels", "num_points", "coors"): (MMDEPLOY, tuple(f"{name}0" for name in MMDEPLOY)),
     ("voxels", "voxel_num_points", "voxel_coords"): (("cls_preds", "box_preds", "dir_cls_preds"),),
 }
-"""Outputs by inputs: those of mmdeploy, and those that OpenPCDet's own modules name, whose channels are last."""
+"""Outputs by inputs: for mmdeploy, and for exports with the names of OpenPCDet's modules, with channels last."""
 
 
 class Converted(NamedTuple):
@@ -43,8 +43,8 @@ def converted(network: Path, config: Path | None, given: Data) -> Converted:
 
     Args:
         network: Checkpoint, or ONNX file.
-        config: Configuration; None: what mmdetection3d put into the checkpoint.
-        given: What is said of its data set.
+        config: Configuration; None: the one that mmdetection3d put into the checkpoint.
+        given: What the user says about its data set.
 
     Raises:
         ModelError: a file cannot be read, or lidcam cannot run the network.
@@ -75,10 +75,10 @@ def _model(path: Path, text: str, given: Data) -> KitModel:
 
 @contextmanager
 def _named(path: Path) -> Iterator[None]:
-    """Name the configuration that something is wrong with.
+    """Name the faulty configuration in errors.
 
     Raises:
-        ModelError: it was raised without the name, or a value is missing, or another thing.
+        ModelError: one was raised without the name, or a value is missing or unexpected.
     """
     try:
         yield
@@ -93,7 +93,7 @@ def _named(path: Path) -> Iterator[None]:
 
 
 def _exported(path: Path, model: KitModel) -> Converted:
-    """With the nodes behind it that make boxes of its outputs."""
+    """The exported network, followed by nodes that turn its outputs into boxes."""
     session, head = OnnxSession(path, threads=1, provider="cpu"), model.head
     inputs, outputs = (tuple(name for name, _, _ in values) for values in (session.inputs, session.outputs))
     if not isinstance(head, AnchorHead) or outputs not in EXPORTS.get(inputs, ()):

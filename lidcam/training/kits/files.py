@@ -23,7 +23,7 @@ class Checkpoint(NamedTuple):
     """What a checkpoint holds.
 
     Attributes:
-        weights: By name of the layer.
+        weights: Weights by name of the layer.
         config: The configuration that mmdetection3d puts beside them; empty: none.
     """
 
@@ -32,7 +32,7 @@ class Checkpoint(NamedTuple):
 
 
 class _Left:
-    """Stands for objects of classes that are not needed, of which nothing is called."""
+    """Stands for objects of classes that are not needed; none of their code is called."""
 
     def __init__(self, *_: object) -> None:
         pass
@@ -45,7 +45,7 @@ def read_checkpoint(path: Path) -> Checkpoint:
     """Read a checkpoint of either kit as tensors and plain values: objects of other classes are left out.
 
     Raises:
-        ModelError: it cannot be read so, or was trained by a version whose boxes mean something else.
+        ModelError: it cannot be read this way, or was trained by a version whose boxes mean something else.
     """
     expected = f"{path}: expected a checkpoint of OpenPCDet or mmdetection3d"
     try:
@@ -55,8 +55,8 @@ def read_checkpoint(path: Path) -> Checkpoint:
         meta = held.get("meta", {})
         config = str(meta.get("cfg") or meta.get("config") or "")
         version = str(meta.get("mmdet3d_version", "1"))
-    except Exception as err:  # the errors of pickled files have no base of their own
-        cause = err.__context__ or err  # PyTorch's own error is advice to read the file unsafely
+    except Exception as err:  # errors of pickled files share no base class
+        cause = err.__context__ or err  # PyTorch's own error advises to read the file unsafely
         told = one_line(f"{type(cause).__name__}: {cause}", max_characters=300)
         reason = "no such file" if isinstance(err, FileNotFoundError) else told
         raise ModelError(f"{expected}, found {reason}") from err
@@ -68,10 +68,10 @@ def read_checkpoint(path: Path) -> Checkpoint:
 
 
 def _loaded(path: Path) -> Any:
-    """With stand-ins for all classes that PyTorch does not know to be safe: the log of mmengine, for one."""
+    """Load it with stand-ins for all classes that PyTorch does not know to be safe, such as the log of mmengine."""
     try:
         strange = torch.serialization.get_unsafe_globals_in_checkpoint(path)
-    except Exception:  # of the older format, that of OpenPCDet, it cannot be told
+    except Exception:  # the older format, which OpenPCDet uses, does not say
         strange = []
     with torch.serialization.safe_globals([(_Left, name) for name in strange]):
         return torch.load(path, map_location="cpu", weights_only=True)
@@ -85,8 +85,8 @@ def read_config(path: Path, text: str = "") -> dict[str, Any]:
     """Read a configuration: YAML of OpenPCDet with the files that it is based on; JSON or Python of mmengine.
 
     Args:
-        path: Its file, or the one that a text comes from.
-        text: Python; empty: what is in the file.
+        path: Its file, or the file that the text comes from.
+        text: Python; empty: read the file.
 
     Raises:
         ModelError: it cannot be read, or is based on files that would have to be executed.
@@ -104,7 +104,7 @@ def read_config(path: Path, text: str = "") -> dict[str, Any]:
 
 
 def _python(text: str) -> dict[str, Any]:
-    """What is assigned in it; what would have to be computed is left out."""
+    """The values that it assigns, except those that would have to be computed."""
     found: dict[str, Any] = {}
     for line in ast.parse(text.removeprefix("Config:\n")).body:
         if isinstance(line, ast.Assign) and isinstance(line.targets[0], ast.Name):
@@ -116,7 +116,7 @@ def _python(text: str) -> dict[str, Any]:
 
 
 def _value(node: ast.expr) -> Any:
-    """Of a literal; `dict(a=1)` is one, too, and tuples are lists."""
+    """The value of a literal; `dict(a=1)` counts as one, and tuples become lists."""
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "dict" and not node.args:
         return {str(one.arg): _value(one.value) for one in node.keywords}
     if isinstance(node, ast.Dict):
@@ -127,7 +127,7 @@ def _value(node: ast.expr) -> Any:
 
 
 def _with_bases(config: Any, path: Path) -> Any:
-    """With what it is based on, which is named from the folder `tools` of OpenPCDet."""
+    """The configuration merged with its base files, whose paths start from the folder `tools` of OpenPCDet."""
     if not isinstance(config, dict):
         return config
     config = {key: _with_bases(value, path) for key, value in config.items()}

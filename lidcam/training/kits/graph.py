@@ -15,10 +15,10 @@ from pipeline.detectors.pillars.kits import KIT_INPUTS, KIT_OUTPUTS
 __all__ = ["Rows", "add_anchor_boxes", "add_network", "by_row"]
 
 MAX_BOXES = 1000
-"""The likeliest ones of a network, or of each group of classes; of those in one place lidcam keeps the best."""
+"""How many of the likeliest boxes a network, or each group of classes, gives; lidcam keeps the best in each place."""
 
 UNLIKELY = -30.0
-"""Log odds of the classes of other groups."""
+"""Log odds that a box gets for the classes of other groups."""
 
 
 class Image(NamedTuple):
@@ -29,7 +29,7 @@ class Image(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """What a head says: values of N anchors, or cells, by rows along y; those of a cell follow each other.
+    """The output of a head: values of N anchors, or cells, in rows along y; anchors of a cell follow each other.
 
     Attributes:
         classes: (N, C) log odds.
@@ -62,12 +62,12 @@ def add_network(graph: Graph, model: KitModel, weights: Weights) -> None:
 
 
 def by_row(graph: Graph, image: str, numbers: int) -> str:
-    """An image as rows of so many numbers."""
+    """Reshape an image into rows of so many numbers."""
     return graph.add("Reshape", graph.add("Transpose", image, perm=[0, 2, 3, 1]), np.array([-1, numbers]))
 
 
 def add_anchor_boxes(graph: Graph, model: KitModel, head: AnchorHead, rows: Rows) -> None:
-    """Add what makes boxes of what is said of anchors, with the outputs `KIT_OUTPUTS`."""
+    """Add the nodes that turn the values of anchors into boxes, with the outputs `KIT_OUTPUTS`."""
     cells, count = _output_cells(model), np.array(len(head.anchors))
     likely = _likeliest(graph, rows.classes, len(model.specs.classes), int(count * cells.prod()))
     low, high = (np.array([getattr(one, name) for one in head.anchors]) for name in ("low_m", "high_m"))
@@ -142,7 +142,7 @@ def _add_center_boxes(graph: Graph, model: KitModel, head: CenterHead, weights: 
 
 
 def _encoded(graph: Graph, model: KitModel, weights: Weights) -> Image:
-    """The pillars as an image: of each the maximum over its points."""
+    """The pillars as an image that holds the maximum over the points of each."""
     (columns, rows), eps = model.specs.grid.cells, model.encoder.eps
     points, before, last = KIT_INPUTS[0], len(model.specs.features), len(model.encoder.channels) - 1
     for row, channels in enumerate(model.encoder.channels):
@@ -172,7 +172,7 @@ def _backbone(graph: Graph, model: KitModel, weights: Weights, image: Image) -> 
 
 
 def _raised(graph: Graph, model: KitModel, weights: Weights, image: Image, block: int) -> str:
-    """A block in the size of the output."""
+    """A block, scaled to the size of the output."""
     parts, name = model.backbone, f"{model.names.ups}.{block}"
     channels, stride, pair = parts.up_channels[block], parts.up_strides[block], (f"{name}.0", f"{name}.1")
     if stride < 1 or (stride == 1 and parts.convolves):
@@ -186,7 +186,7 @@ def _raised(graph: Graph, model: KitModel, weights: Weights, image: Image, block
 
 
 def _output_cells(model: KitModel) -> I64:
-    """(2,) cells of the output along x and y."""
+    """(2,) number of cells of the output along x and y."""
     size, sizes = np.array(model.specs.grid.cells), []
     for stride, up in zip(model.backbone.strides, model.backbone.up_strides, strict=True):
         size = (size - 1) // stride + 1
@@ -206,7 +206,7 @@ def _convolved(
     stride: int,
     part: Backbone | CenterHead,
 ) -> Image:
-    """A convolution, the normalisation behind it, and what is positive of that."""
+    """A convolution, its normalisation and a ReLU."""
     shape, has_bias = (channels, image.channels, kernel, kernel), isinstance(part, CenterHead) and part.has_bias
     folded = weights.folded(pair, shape, part.eps, has_bias=has_bias)
     made = graph.add("Conv", image.name, *folded, strides=[stride, stride], pads=[kernel // 2] * 4)
@@ -223,7 +223,7 @@ def _columns(graph: Graph, rows: str, *wanted: int) -> str:
 
 
 def _column_row(graph: Graph, cell: str, columns: int) -> str:
-    """(K, 2) float32 of cells (K,)."""
+    """(K, 2) float32 column and row of cells (K,)."""
     flat, count = graph.add("Reshape", cell, np.array([-1, 1])), np.array(columns)
     return graph.add(
         "Cast", graph.add("Concat", graph.add("Mod", flat, count), graph.add("Div", flat, count), axis=1), to=FLOAT
@@ -231,7 +231,7 @@ def _column_row(graph: Graph, cell: str, columns: int) -> str:
 
 
 def _likeliest(graph: Graph, log_odds: str, kinds: int, count: int) -> str:
-    """(K,) which of a number of rows have the likeliest classes."""
+    """(K,) numbers of the rows, of so many, that have the likeliest classes."""
     best = log_odds if kinds == 1 else graph.add("TopK", log_odds, np.array([1]), axis=1)
     flat = graph.add("Reshape", best, np.array([-1]))
     return f"{graph.add('TopK', flat, np.array([min(count, MAX_BOXES)]))}.second"

@@ -24,8 +24,8 @@ def mmdet3d_model(config: dict[str, Any], given: Data) -> KitModel:
     """The network of a configuration.
 
     Raises:
-        ModelError: it is none in pillars, or has parts of another kind.
-        LookupError, TypeError, ValueError: something is not there, or another thing.
+        ModelError: the network is not in pillars, or has other parts.
+        LookupError, TypeError, ValueError: a value is missing or unexpected.
     """
     model, prefix = config["model"], "pts_" if "pts_voxel_encoder" in config["model"] else ""
     own = {key.removeprefix(prefix): part for key, part in model.items() if isinstance(part, dict)}
@@ -70,7 +70,7 @@ def mmdet3d_model(config: dict[str, Any], given: Data) -> KitModel:
 
 
 def _features(encoder: dict[str, Any]) -> list[Feature]:
-    """Of the points; where `legacy`, which is the default, places are overwritten by those in the pillar."""
+    """Features of the points. With `legacy`, the default, the place in the pillar overwrites the place of a point."""
     check(encoder.get("mode", "max"), "max", "voxel_encoder.mode")
     raw = raw_features(POINT[: encoder["in_channels"]])
     cluster, center = encoder.get("with_cluster_center", True), encoder.get("with_voxel_center", True)

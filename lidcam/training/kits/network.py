@@ -1,4 +1,4 @@
-"""What a network of a kit consists of, in the words of neither kit."""
+"""The parts of a kit's network, in terms that both kits share."""
 
 from typing import Annotated
 
@@ -17,15 +17,16 @@ class Names(SettingsModel):
     """How a kit names its layers.
 
     Attributes:
-        encoder: Before those of the encoder, and so on.
-        blocks: Of the backbone.
-        ups: Of what brings its blocks to one size.
-        head: Of the head.
+        encoder: Prefix of the encoder's layers.
+        blocks: Prefix of the backbone's blocks.
+        ups: Prefix of the layers that bring these blocks to one size.
+        head: Prefix of the head's layers.
         first: Place of the first convolution in a block.
-        boxes: The layer of anchors' boxes.
-        heads: The heads of groups of classes.
-        pair: A convolution and the normalisation behind it.
-        heat: The branch of a head for its classes; then for places, heights, sizes and headings.
+        boxes: The layer for the boxes of anchors.
+        heads: The heads of the groups of classes.
+        pair: A convolution and the normalisation that follows it.
+        heat: The branch of a head for its classes.
+        branches: Its branches for places, heights, sizes and headings.
     """
 
     encoder: str
@@ -41,7 +42,7 @@ class Names(SettingsModel):
 
 
 class Encoder(SettingsModel):
-    """Layers over the points of a pillar; behind all but the last stands their maximum beside each point."""
+    """Layers over the points of a pillar; after each but the last, the pillar's maximum is added to each point."""
 
     channels: Annotated[tuple[Channels, ...], Field(min_length=1, max_length=8)]
     eps: Positive = 1e-3
@@ -51,13 +52,14 @@ class Backbone(SettingsModel):
     """Convolutions over the ground.
 
     Attributes:
-        channels: Of each block.
-        layers: Convolutions of it behind the first.
-        strides: Of the first.
-        up_channels: Of what it is brought to.
-        up_strides: By how much; below 1 it becomes smaller.
-        convolves: Whether a stride of 1 is a convolution, else the reverse of one.
-        eps: Of normalisation.
+        channels: Channels of each block.
+        layers: Convolutions of each block after the first.
+        strides: Stride of the first convolution of each block.
+        up_channels: Channels of each block after scaling.
+        up_strides: Factor by which each block is scaled; below 1 it becomes smaller.
+        convolves: Whether a factor of 1 is a convolution; otherwise it is a transposed one.
+        eps: Epsilon of the normalisations of the blocks.
+        up_eps: The same for the scaling layers.
     """
 
     channels: Annotated[tuple[Channels, ...], Field(min_length=1, max_length=8)]
@@ -81,10 +83,10 @@ class Anchor(SettingsModel):
     """A box in each cell of the output.
 
     Attributes:
-        low_m: Place of the first one along x and y, or with `is_centred` corner of its cell.
-        high_m: Place of the last one, or corner of its cell.
-        is_centred: Whether they stand in the middle of the cells.
-        z_m: Middle of the box.
+        low_m: Place of the first box along x and y; with `is_centred`, the corner of its cell.
+        high_m: Place of the last box, or the corner of its cell.
+        is_centred: Whether boxes stand in the middle of their cells.
+        z_m: Height of the middle of the box.
         size_m: Length, width, height.
         yaw_rad: Heading.
     """
@@ -98,14 +100,14 @@ class Anchor(SettingsModel):
 
 
 class AnchorHead(SettingsModel):
-    """Boxes by what differs from anchors.
+    """Boxes as differences from anchors.
 
     Attributes:
-        anchors: Of each cell.
-        code: Numbers of a box.
-        directions: Parts of a full turn that are told apart; 0: none.
-        offset_rad: Where the first begins.
-        limit: How far a heading may lie before it, in parts.
+        anchors: Anchors of each cell.
+        code: How many numbers describe a box.
+        directions: How many parts of a full turn the network distinguishes; 0: none.
+        offset_rad: Heading at which the first part begins.
+        limit: How far before that a heading may lie, in parts.
     """
 
     anchors: Annotated[tuple[Anchor, ...], Field(min_length=1, max_length=64)]
@@ -122,13 +124,13 @@ class CenterHead(SettingsModel):
         tasks: Classes of each group.
         shared: Channels of what all groups share.
         width: Channels of the branches.
-        kernel: Of their convolutions.
-        heat_layers: Convolutions of the branch of classes.
-        branches: Numbers and convolutions of the others, by name.
-        has_bias: Whether convolutions before a normalisation have one.
-        sine_first: Whether the sine of the heading stands before its cosine.
-        eps: Of normalisation.
-        stride: Pillars of a cell.
+        kernel: Kernel size of their convolutions.
+        heat_layers: Number of convolutions in the branch for classes.
+        branches: How many numbers and convolutions the other branches have, by name.
+        has_bias: Whether convolutions before a normalisation have a bias.
+        sine_first: Whether the sine of the heading comes before its cosine.
+        eps: Epsilon of the normalisations.
+        stride: Pillars along each side of a cell.
     """
 
     tasks: Annotated[tuple[tuple[str, ...], ...], Field(min_length=1, max_length=64)]
@@ -147,12 +149,12 @@ class KitModel(SettingsModel):
     """A network and how its layers are named.
 
     Attributes:
-        names: Of its layers.
-        specs: What its file will say of it.
-        raw: What the kit knows of each point by itself.
-        encoder: Over the points of a pillar.
-        backbone: Over the ground.
-        head: What says where objects are.
+        names: Names of its layers.
+        specs: What its file will say about it.
+        raw: Features of each point by itself.
+        encoder: Layers over the points of a pillar.
+        backbone: Convolutions over the ground.
+        head: Layers that locate objects.
     """
 
     names: Names

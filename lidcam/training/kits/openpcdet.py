@@ -31,8 +31,8 @@ def openpcdet_model(config: dict[str, Any], given: Data) -> KitModel:
     """The network of a configuration.
 
     Raises:
-        ModelError: it is none in pillars, or has parts of another kind.
-        LookupError, TypeError, ValueError: something is not there, or another thing.
+        ModelError: the network is not in pillars, or has other parts.
+        LookupError, TypeError, ValueError: a value is missing or unexpected.
     """
     model, data, names = config["MODEL"], config["DATA_CONFIG"], config["CLASS_NAMES"]
     parts = {key: part["NAME"] for key, part in model.items() if isinstance(part, dict) and "NAME" in part}

@@ -1,4 +1,4 @@
-"""What both kits have in common, and what lidcam runs of them."""
+"""What both kits have in common, and which of their parts lidcam runs."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -13,15 +13,15 @@ OFFSETS: list[Feature] = ["dx_mean", "dy_mean", "dz_mean", "dx_cell", "dy_cell",
 KNOWN: list[Feature] = ["x", "y", "z", "intensity"]
 
 SPARSE = "Sparse", "BackBone8x", "UNet"
-"""In the names of parts with such convolutions, which onnxruntime has none of."""
+"""Texts in the names of parts with sparse convolutions, which onnxruntime lacks."""
 
 
 class Data(NamedTuple):
     """What a network was trained with.
 
     Attributes:
-        ground_z_m: Where the ground is, from the lidar; None if nobody says.
-        intensity_max: The highest intensity; None if nobody says.
+        ground_z_m: Height of the ground from the lidar; None: unknown.
+        intensity_max: The highest intensity; None: unknown.
     """
 
     ground_z_m: float | None
@@ -33,7 +33,7 @@ DATA_SETS = {"KittiDataset": Data(-1.73, 1), "NuScenesDataset": Data(-1.84, 255)
 
 
 def check(found: object, expected: object, what: str) -> None:
-    """Refuse what lidcam does not run.
+    """Refuse a value that lidcam does not run.
 
     Raises:
         ModelError: another value was found.
@@ -43,15 +43,15 @@ def check(found: object, expected: object, what: str) -> None:
 
 
 def check_parts(name: str, parts: Mapping[str, str], known: Mapping[str, Sequence[str]]) -> None:
-    """Refuse networks that are made of other parts.
+    """Refuse networks that have other parts.
 
     Args:
-        name: Of the network.
-        parts: The kinds of its parts, by what they are for.
+        name: Name of the network.
+        parts: The kinds of its parts, by purpose.
         known: The kinds that lidcam runs.
 
     Raises:
-        ModelError: there is another one, or one is missing.
+        ModelError: a part is of another kind, or missing.
     """
     strange = [
         f"{part} {kind}" + " (sparse convolutions)" * any(word in kind for word in SPARSE)
@@ -64,7 +64,7 @@ def check_parts(name: str, parts: Mapping[str, str], known: Mapping[str, Sequenc
 
 
 def raw_features(names: Iterable[str]) -> list[Feature]:
-    """What is known of each point by itself."""
+    """The features of each point by itself."""
     return [next((one for one in KNOWN if one == name), "zero") for name in names]
 
 
@@ -82,12 +82,12 @@ def specs_of(
         classes: Names of its classes.
         limits: Lowest x, y, z and highest x, y, z of its points.
         cell: Sides of a pillar, and its height.
-        features: Of its points.
-        max_points: In a pillar.
+        features: Features of its points.
+        max_points: Points in a pillar.
         data: What it was trained with.
 
     Raises:
-        ModelError: nobody says where the ground was, or there is more than one layer of cells.
+        ModelError: the height of the ground is unknown, or there is more than one layer of cells.
     """
     low, high = limits[:3], limits[3:]
     columns, rows, layers = (round((end - start) / side) for start, end, side in zip(low, high, cell, strict=True))
@@ -109,6 +109,6 @@ def specs_of(
 
 
 def data_of(name: Any, given: Data) -> Data:
-    """What is given, else what is known of a data set."""
+    """The values given, or else those known for the data set."""
     known = DATA_SETS.get(name, Data(None, None))
     return Data(*(of_set if one is None else one for one, of_set in zip(given, known, strict=True)))

@@ -12,11 +12,11 @@ __all__ = ["Weights"]
 
 SHOWN = 4
 UNUSED = ("num_batches_tracked", "global_step")
-"""Counters of the trainings."""
+"""Counters that a training keeps."""
 
 
 class Weights:
-    """Gives each layer its weights, and knows which fitted none."""
+    """Gives each layer its weights, and keeps track of weights that fitted no layer."""
 
     def __init__(self, path: Path, weights: Mapping[str, F64]) -> None:
         self._path = path
@@ -25,7 +25,7 @@ class Weights:
         self._other: list[str] = []
 
     def __call__(self, name: str, *shape: int) -> F64:
-        """Those of a name; a zero where they are missing or of another shape, which `check` tells."""
+        """The weights of that name; zero if they are missing or have another shape, which `check` reports."""
         found = self._left.pop(name, None)
         if found is not None and found.shape == shape:
             return found
@@ -38,14 +38,14 @@ class Weights:
     def folded(
         self, pair: tuple[str, str], shape: tuple[int, ...], eps: float, *, axis: int = 0, has_bias: bool = False
     ) -> tuple[F64, F64]:
-        """Weights and bias of a layer, with the normalisation behind it.
+        """Weights and bias of a layer with its normalisation folded in.
 
         Args:
             pair: Names of the layer and of the normalisation.
-            shape: Of the layer's weights.
-            eps: Of the normalisation.
-            axis: Of the layer's outputs.
-            has_bias: Whether the layer has one.
+            shape: Shape of the layer's weights.
+            eps: Epsilon of the normalisation.
+            axis: Axis of the layer's outputs.
+            has_bias: Whether the layer has a bias.
         """
         layer, norm = pair
         count = shape[axis]
@@ -59,10 +59,10 @@ class Weights:
         return weight * scale.reshape(along), shift + (bias - mean) * scale
 
     def check(self) -> None:
-        """Whether all layers had theirs, and nothing is left.
+        """Check that every layer had its weights, and that none are left.
 
         Raises:
-            ModelError: no; the layers are named.
+            ModelError: not so; it names the layers.
         """
         faults = ("missing", self._missing), ("of another shape", self._other), ("not of this network", [*self._left])
         told = [f"{len(names)} {fault}: {_some(names)}" for fault, names in faults if names]

@@ -1,4 +1,4 @@
-"""A network fitted to scenes that are made meanwhile, from a checkpoint on if there is one."""
+"""A network fitted to scenes that are made during the training, from a checkpoint if there is one."""
 
 import os
 import time
@@ -26,28 +26,28 @@ __all__ = ["BATCH", "Checkpoint", "fitted"]
 BATCH = 4
 RATE, DECAY, WARM_STEPS = 2e-3, 1e-2, 100
 RATE_ONWARD = 5e-4
-"""Highest rate of a training that begins with the weights of another network."""
+"""Highest learning rate of a training that starts from the weights of another network."""
 
 MAX_GRADIENT = 10.0
 MOMENTUM = 0.99
-"""Of the loss that is shown."""
+"""Momentum of the running mean of the loss that is shown."""
 
 CHECKPOINT_EVERY_S = 60.0
 
 Told = Callable[[int, float], object]
-"""Called after each step with how many are done, and the mean loss of late."""
+"""Called after each step with the number of steps done, and the recent mean loss."""
 
 
 class Checkpoint(NamedTuple):
-    """Where a training keeps its state, and what it has to be of.
+    """Where a training keeps its state, and which training it is.
 
     Attributes:
-        path: Its file; whole at any time.
-        worlds: Families of worlds; the state may be of others with the same grid and classes.
+        path: The file, which is complete at any time.
+        worlds: Families of worlds; the saved state may have others with the same grid and classes.
         seed: Number of the first world.
-        recordings: Labelled recordings to learn from, which need not be those of the state.
-        has_worlds: Whether worlds are learned from beside these.
-        begin: Network of `lidcam train pillars` to begin with: a name of `EMBEDDED` or a path; empty: random weights.
+        recordings: Labelled recordings to learn from; the saved state may have others.
+        has_worlds: Whether to learn from worlds as well.
+        begin: Network of `lidcam train pillars` to start from: a name of `EMBEDDED` or a path; empty: random weights.
         bfloat16: Whether the network computes in bfloat16, which halves the time on processors that have it.
     """
 
@@ -66,7 +66,7 @@ class Checkpoint(NamedTuple):
 
     @property
     def text(self) -> str:
-        """What is learned from and how, in Markdown."""
+        """What the network learns from and how, in Markdown."""
         return self.source.text + ", in bfloat16" * self.bfloat16
 
     def save(
@@ -77,7 +77,7 @@ class Checkpoint(NamedTuple):
         loss: float,
         history: Sequence[tuple[int, str]] = (),
     ) -> None:
-        """Replace the file; the history has steps, and what was learned from since each.
+        """Replace the file. The history lists steps, and what was learned from since each of them.
 
         Raises:
             OutputError: it cannot be written.
@@ -93,10 +93,10 @@ class Checkpoint(NamedTuple):
             part.replace(self.path)
 
     def load(self) -> dict[str, Any]:
-        """What was saved; earlier versions knew worlds only.
+        """Read the saved state; files of earlier versions knew only worlds.
 
         Raises:
-            LidcamError: the file cannot be read, or is of another training.
+            LidcamError: the file cannot be read, or belongs to another training.
         """
         expected = f"{self.path}: expected the state of a training of --family {self.worlds} --seed {self.seed}"
         try:
@@ -104,7 +104,7 @@ class Checkpoint(NamedTuple):
             state.setdefault("history", [(0, Source(state["family"]).text)])
             state.setdefault("begin", "")
             found = f"--family {state['family']} --seed {state['seed']}"
-        except Exception as err:  # the errors of pickled files have no base of their own
+        except Exception as err:  # errors of pickled files share no base class
             raise LidcamError(f"{expected}, found {one_line(err, max_characters=200)}") from err
         known: Worlds = state["family"]
         is_same = (GRIDS.get(known), CLASSES.get(known)) == (GRIDS[self.worlds], CLASSES[self.worlds])
@@ -116,12 +116,12 @@ class Checkpoint(NamedTuple):
 def fitted(
     checkpoint: Checkpoint, steps: int, *, workers: int, told: Told, every_s: float = CHECKPOINT_EVERY_S
 ) -> PillarNetwork:
-    """A network after so many steps, on the first CUDA device if there is one.
+    """Train a network for so many steps, on the first CUDA device if there is one.
 
-    On a processor it is the same for the same seed and number of threads, whether it was stopped in between or not.
+    On a processor, the same seed and number of threads give the same network, even if the training was interrupted.
 
     Args:
-        checkpoint: Where its state is; where the file exists, training goes on from it.
+        checkpoint: Where its state is; if the file exists, training continues from it.
         steps: Number of steps in all.
         workers: Processes that make scenes.
         told: Told of progress.
@@ -166,7 +166,7 @@ def fitted(
 
 
 def _batches(source: Source, seed: int, step: int, steps: int, workers: int) -> Generator[list[Scene]]:
-    """Those of the steps from one on."""
+    """The batches of the steps from `step` up to `steps`."""
     of_a_round = SCENES_OF_A_ROUND // BATCH
     first, last = step // of_a_round, -(-steps // of_a_round)
     with closing(rounds(source, seed, first, last, workers)) as made:
@@ -175,7 +175,7 @@ def _batches(source: Source, seed: int, step: int, steps: int, workers: int) -> 
 
 
 def _share(step: int, steps: int) -> float:
-    """Of the highest rate in a step: a short rise, and a fall along a cosine."""
+    """Share of the highest rate in a step: a short rise, then a fall along a cosine."""
     return min((step + 1) / WARM_STEPS, 1.0) * (0.5 + 0.5 * float(np.cos(np.pi * step / max(steps, 1))))
 
 
@@ -187,7 +187,7 @@ def _learn(
     bfloat16: bool,
     device: torch.device,
 ) -> float:
-    """One step; its loss."""
+    """Run one step and return its loss."""
     for group in optimiser.param_groups:
         group["lr"] = rate
     network.train()

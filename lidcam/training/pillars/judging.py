@@ -1,4 +1,4 @@
-"""What a network does in worlds that it was not trained on: its scores made probabilities, its errors, its figures."""
+"""A network in worlds that it was not trained on: the calibration of its scores, its errors and its figures."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -24,21 +24,21 @@ LEAST_LOG_ODDS = -4.0
 
 GATES_M = {"car": 2.0, "pedestrian": 0.6, "cyclist": 0.9, "truck": 2.5, "bus": 2.5}
 SANDBOX_GATE_M = 0.15
-"""A box is right if an object of its class that is no other box's is nearer than this."""
+"""A box is right if an object of its class is nearer than this and belongs to no other box."""
 
 PRIOR = 1e-3
-"""Weight of the calibration that changes nothing: a class of few examples stays near it."""
+"""Weight of the calibration that changes nothing: a class with few examples stays near it."""
 
 
 class Judged(NamedTuple):
     """The boxes of all sweeps, and how many objects they should find.
 
     Attributes:
-        log_odds: (N,)
+        log_odds: (N,) log odds of each box.
         classes: (N,) rows of `CLASSES`.
-        is_right: (N,)
-        errors: (N, 3) of x, y and heading of right ones, metres and radians; else NaN.
-        objects: (C,) objects of `MIN_POINTS` points and more within the grid.
+        is_right: (N,) whether each box is right.
+        errors: (N, 3) errors in x, y and heading of right boxes, metres and radians; NaN for others.
+        objects: (C,) number of objects with `MIN_POINTS` points or more within the grid.
     """
 
     log_odds: F64
@@ -49,7 +49,7 @@ class Judged(NamedTuple):
 
 
 def judged(network: PillarNetwork, worlds: Worlds, numbers: range) -> Iterator[Judged]:
-    """The boxes that a network finds in each of the worlds of some numbers."""
+    """The boxes that a network finds in each world with one of these numbers."""
     step = SWEEPS_PER_WORLD // SWEEPS_OF_A_WORLD
     for number in numbers:
         parts = []
@@ -60,14 +60,14 @@ def judged(network: PillarNetwork, worlds: Worlds, numbers: range) -> Iterator[J
 
 
 def judged_frame(network: PillarNetwork, worlds: Worlds, frame: LabelledFrame) -> Judged:
-    """The boxes that a network finds in what is labelled of a frame."""
+    """The boxes that a network finds in the labelled part of a frame."""
     found = network(frame.position, LEAST_LOG_ODDS)
     known = frame.is_labelled(found.centers[:, :2])
     return _judged_sweep(worlds, Found._make(one[known] for one in found), known_to(worlds, frame))
 
 
 def joined(parts: Sequence[Judged]) -> Judged:
-    """All boxes of all parts, of which there is one."""
+    """All boxes of all parts; at least one part is needed."""
     *columns, objects = zip(*parts, strict=True)
     return Judged._make([*(np.concatenate(one) for one in columns), np.sum(objects, axis=0)])
 
@@ -97,7 +97,7 @@ def _judged_sweep(worlds: Worlds, found: Found, true: TrueBoxes) -> Judged:
 
 
 def calibration(found: Judged) -> F64:
-    """(C, 2) factor and sum that make log odds of each class those of a box being right (Platt, 1999)."""
+    """(C, 2) factor and offset that turn the log odds of each class into those of a right box (Platt, 1999)."""
     answer = []
     for name in range(len(found.objects)):
         rows = found.classes == name
@@ -113,7 +113,7 @@ def calibration(found: Judged) -> F64:
 
 
 def with_errors(classes: Sequence[str], found: Judged) -> tuple[FoundClass, ...]:
-    """Classes with the standard deviations of right boxes; headings may be turned round."""
+    """Classes with the standard deviations of right boxes; swapped front and rear is no error of heading."""
     made = []
     for row, name in enumerate(classes):
         errors = found.errors[(found.classes == row) & found.is_right]
@@ -131,7 +131,7 @@ def _not_turned(yaw_errors: F64) -> F64:
 
 
 def figures(classes: Sequence[str], found: Judged) -> str:
-    """A table in Markdown of each class, of boxes whose scores are calibrated."""
+    """A Markdown table with a row for each class, for boxes whose scores are calibrated."""
     lines = [
         "| class | objects | found | false | AP | ECE | position | heading | turned |",
         "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",

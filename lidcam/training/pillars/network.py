@@ -24,7 +24,7 @@ LIKELY = 0.01
 
 
 class PillarNetwork(nn.Module):
-    """From the points in pillars to the numbers of each cell of the output."""
+    """Turns the points in pillars into the numbers of each cell of the output."""
 
     def __init__(self, classes: int) -> None:
         super().__init__()
@@ -44,19 +44,19 @@ class PillarNetwork(nn.Module):
 
     @property
     def last_bias(self) -> Tensor:
-        """(classes + `BOX_NUMBERS`,) added to the numbers of each cell."""
+        """(classes + `BOX_NUMBERS`,) bias of the numbers of each cell."""
         return cast(Tensor, self.last.bias)
 
     def forward(self, features: Tensor, pillar: Tensor, frames: int, cells: int, *, bfloat16: bool = False) -> Tensor:
-        """(B, classes + `BOX_NUMBERS`, H, W) numbers, the first the log odds that an object of a class is there.
+        """(B, classes + `BOX_NUMBERS`, H, W) numbers; the first are the log odds that an object of each class is there.
 
         Args:
-            features: (P, F) of the points of all frames.
-            pillar: (P,) int64 pillar of each; those of a frame follow those of the one before.
+            features: (P, F) features of the points of all frames.
+            pillar: (P,) int64 pillar of each point; pillars are numbered on from frame to frame.
             frames: Number of frames, B.
             cells: Pillars along x and along y.
-            bfloat16: Whether convolutions compute in bfloat16. The encoder does not: oneDNN would keep its code for
-                each number of points, some megabytes in each step.
+            bfloat16: Whether convolutions compute in bfloat16. The encoder does not, because oneDNN would keep code
+                for each number of points, some megabytes in each step.
         """
         encoded = self.encoder(features)
         canvas = encoded.new_zeros((frames * cells * cells, WIDTH))

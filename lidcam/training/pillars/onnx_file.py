@@ -21,12 +21,12 @@ __all__ = ["onnx_bytes", "take_weights"]
 
 
 def onnx_bytes(network: PillarNetwork, specs: PillarSpecs, learned: Grid) -> bytes:
-    """The content of a file; the same network makes the same bytes.
+    """The content of a file; the same network gives the same bytes.
 
     Args:
         network: The network.
-        specs: What the file says of it. Its grid may be larger than the one learned in: convolutions are the same
-            everywhere.
+        specs: What the file says about it. The grid may be larger than the one it learned in, because convolutions are
+            the same everywhere.
         learned: The grid that it learned in.
     """
     network = network.eval().cpu()
@@ -56,16 +56,16 @@ def onnx_bytes(network: PillarNetwork, specs: PillarSpecs, learned: Grid) -> byt
 
 
 def take_weights(network: PillarNetwork, file: Path, classes: Sequence[str], learned: Grid) -> None:
-    """Put the weights of a file that `onnx_bytes` made into a network.
+    """Load the weights of a file from `onnx_bytes` into a network.
 
     Args:
-        network: To be changed.
+        network: The network to change.
         file: The file.
         classes: What the network finds.
         learned: The grid that it learns in.
 
     Raises:
-        ModelError: the file cannot be read, or is of another network.
+        ModelError: the file cannot be read, or holds another kind of network.
     """
     specs = WrittenNetwork(file).specs
     wanted = f"{file}: expected a network of this version of lidcam that finds {', '.join(classes)} in pillars of"
@@ -85,7 +85,7 @@ def take_weights(network: PillarNetwork, file: Path, classes: Sequence[str], lea
 
 
 def _told_distance(written: Grid, learned: Grid) -> F32:
-    """(F, 1) factors of weights by feature: the distance is told in half sides of the grid."""
+    """(F, 1) factors of weights by feature, because the distance is measured in half sides of the grid."""
     factors = np.ones((len(FEATURES), 1), np.float32)
     factors[FEATURES.index("distance")] = written.half_m / learned.half_m
     return factors

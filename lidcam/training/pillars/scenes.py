@@ -1,4 +1,4 @@
-"""Scenes to learn from: points in pillars of simulated sweeps, and what each cell of the output should say."""
+"""Scenes to learn from: points in pillars of simulated sweeps, and the output that each cell should give."""
 
 from collections.abc import Generator
 from concurrent.futures import ProcessPoolExecutor
@@ -50,10 +50,10 @@ GRIDS: dict[Worlds, Grid] = {
     **dict.fromkeys(FULL_SIZE, Grid(cell_m=0.32, cells=256, low_m=0.2, high_m=4.0)),
     "sandbox": Grid(cell_m=0.04, cells=192, low_m=0.02, high_m=0.5),
 }
-"""What is learned in."""
+"""Grids that networks learn in."""
 
 WRITTEN_GRIDS = GRIDS | {"sandbox": GRIDS["sandbox"].model_copy(update={"cells": 256})}
-"""What networks are written for."""
+"""Grids that networks are written for."""
 
 CLASSES: dict[Worlds, tuple[str, ...]] = {
     **dict.fromkeys(FULL_SIZE, NAMES),
@@ -62,34 +62,34 @@ CLASSES: dict[Worlds, tuple[str, ...]] = {
 
 WORLDS_OF_A_ROUND = 4
 SWEEPS_OF_A_WORLD = 8
-"""Building a world takes as long as ten of its sweeps."""
+"""Building a world takes as long as making ten of its sweeps."""
 
 SCENES_OF_A_ROUND = WORLDS_OF_A_ROUND * SWEEPS_OF_A_WORLD
 
 MIN_POINTS = 5
-"""Objects of fewer points need not be found, and may be."""
+"""Objects with fewer points may be found but need not be."""
 
 LEAST_SIGMA_CELLS = 0.8
 SIGMA_OF_WIDTH = 0.35
-"""Standard deviation of the bell around a centre, in output cells, and as a share of the object's width."""
+"""Standard deviation of the bell around a centre: least one in output cells, and as a share of the object's width."""
 
 UNSURE = 0.9
-"""Height of the bell of an object that need not be found: it is told neither that it is there nor that it is not."""
+"""Height of the bell for an object that need not be found: it is learned neither as there nor as not there."""
 
 NEAR = 0.4
-"""Cells where the bell is at least so high learn the box, too."""
+"""Cells where the bell is at least this high also learn the box."""
 
 UNLABELLED = 0.999
-"""Height where the truth says nothing: so near to 1 that nothing is learned."""
+"""Height where the truth says nothing; so near to 1 that the network learns nothing there."""
 
 
 class Source(NamedTuple):
     """Where scenes come from.
 
     Attributes:
-        worlds: Families of worlds, whose grid and classes are learned.
+        worlds: Families of worlds, which set the grid and the classes.
         recordings: Labelled recordings; None: worlds alone.
-        has_worlds: Whether half of the scenes are of worlds where there are recordings, or none.
+        has_worlds: Whether half of the scenes come from worlds if there are recordings, instead of none.
     """
 
     worlds: Worlds
@@ -98,25 +98,25 @@ class Source(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The same in Markdown."""
+        """The source in Markdown."""
         if self.recordings is None:
             return f"{WORLDS} (`{self.worlds}`)"
         share = f"as many sweeps of {WORLDS} (`{self.worlds}`) and\n  " if self.has_worlds else ""
         return f"{share}frames of {self.recordings.text}"
 
     def is_recorded(self, number: int) -> bool:
-        """Whether the scenes of a number are of recordings, and not of the world of this number."""
+        """Whether the scenes with this number come from recordings, not from the world with this number."""
         return self.recordings is not None and (not self.has_worlds or number % 2 == 1)
 
 
 def family_of(worlds: Worlds, number: int) -> Family:
-    """Family of the world of a number; of `all` two worlds each in turn."""
+    """Family of the world with a number; `all` takes two worlds of each family in turn."""
     both: tuple[Family, Family] = ("road", "crossing")
     return both[number // 2 % 2] if worlds == "all" else worlds
 
 
 class Targets(NamedTuple):
-    """What the output should say.
+    """The output that a network should give.
 
     Attributes:
         heat: (C, H, W) float32, 1 where the centre of an object is.
@@ -132,7 +132,7 @@ class Targets(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """A frame as the network takes it, and its targets; see `pillars`."""
+    """A frame as the network takes it (see `pillars`), and its targets."""
 
     features: F32
     pillar: I64
@@ -140,9 +140,9 @@ class Scene(NamedTuple):
 
 
 def rounds(source: Source, seed: int, first: int, last: int, workers: int) -> Generator[list[Scene]]:
-    """The scenes of rounds of worlds or frames from one number to before another, mixed.
+    """The mixed scenes of the rounds of worlds or frames from `first` up to, but not including, `last`.
 
-    They are the same for any number of processes; with several, those of the next round are made meanwhile.
+    They are the same for any number of processes. Several processes make the next round ahead.
     """
     of_world = partial(_scenes, source)
     worlds = [range(seed + row * WORLDS_OF_A_ROUND, seed + (row + 1) * WORLDS_OF_A_ROUND) for row in range(first, last)]
@@ -164,7 +164,7 @@ def _mixed(source: Source, seed: int, row: int, scenes: list[Scene]) -> list[Sce
 
 
 def _scenes(source: Source, number: int) -> list[Scene]:
-    """Some sweeps of a world, or frames of recordings, turned, mirrored and stretched."""
+    """Sweeps of a world, or frames of recordings; turned, mirrored and stretched."""
     family, grid, found = family_of(source.worlds, number), GRIDS[source.worlds], []
     if source.recordings is not None and source.is_recorded(number):
         draw = random_numbers_of(family, number, 3)
@@ -178,7 +178,7 @@ def _scenes(source: Source, number: int) -> list[Scene]:
 
 
 def scene(family: Family, seed: int) -> tuple[F64, TrueBoxes]:
-    """The points (N, 3) of a sweep as `PillarPoints` gives them, and what is truly there."""
+    """The points (N, 3) of a sweep as `PillarPoints` gives them, and the true objects."""
     taken = sweep(family, seed)
     combined, points = _frame(family, taken)
     names = ["truck" if name == "van" else name for name in taken.class_names]
@@ -203,12 +203,12 @@ def _config(family: Family) -> Config:
 
 
 def known_to(worlds: Worlds, frame: LabelledFrame) -> TrueBoxes:
-    """The objects of a frame that are of the classes of worlds."""
+    """The objects of a frame whose classes occur in these worlds."""
     return frame.true.select(frame.true.classes < len(CLASSES[worlds]))
 
 
 def targets_of_frame(worlds: Worlds, frame: LabelledFrame) -> Targets:
-    """What the output of a network should say of a frame, and where that is not known."""
+    """The output that a network should give for a frame, and where that is unknown."""
     grid = GRIDS[worlds]
     targets, side = targets_of(known_to(worlds, frame), grid, len(CLASSES[worlds])), grid.cells // STRIDE
     along_m = (np.arange(side) + 0.5) * STRIDE * grid.cell_m - grid.half_m
@@ -218,7 +218,7 @@ def targets_of_frame(worlds: Worlds, frame: LabelledFrame) -> Targets:
 
 
 def targets_of(true: TrueBoxes, grid: Grid, classes: int) -> Targets:
-    """What the output of a network should say of boxes."""
+    """The output that a network should give for these boxes."""
     side = grid.cells // STRIDE
     at = output_cells(true.centers, grid)
     inside = ((at >= 0) & (at < side)).all(1)

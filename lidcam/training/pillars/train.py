@@ -27,7 +27,7 @@ from pipeline.detectors.pillars.network import FoundClass, PillarNetwork, Pillar
 __all__ = ["train_pillars"]
 
 HELD_OUT = 1_000_000
-"""Worlds from this number on, added to the seed, are not trained on: some calibrate the network, others judge it."""
+"""Worlds from this number (plus the seed) on are not trained on: some calibrate the network, others judge it."""
 
 MAX_HELD_OUT = 80
 
@@ -35,16 +35,16 @@ FITTING = 0.98
 """Share of the time that the steps take."""
 
 Told = Callable[[float, str], object]
-"""Called with the share that is done, and what to say beside."""
+"""Called with the share that is done, and a text to show with it."""
 
 
 def train_pillars(
     checkpoint: Checkpoint, out: Path, steps: int, *, workers: int, told: Told, every_s: float = CHECKPOINT_EVERY_S
 ) -> str:
-    """Train a network, or go on from its checkpoint, and write it as an ONNX file; its card in Markdown.
+    """Train a network, or continue from its checkpoint, write it as an ONNX file, and return its card in Markdown.
 
     Args:
-        checkpoint: Where the state of the training is, its worlds and their first number.
+        checkpoint: Where the state of the training is, with its worlds and their first number.
         out: File to write.
         steps: Number of steps in all.
         workers: Processes that make scenes.
@@ -64,7 +64,7 @@ def train_pillars(
     half = min(max(steps // 100, 1), MAX_HELD_OUT // 2)
 
     def seen(part: int) -> dict[str, Judged]:
-        """Boxes in what was kept apart, by where it is of; the first part calibrates, the second judges."""
+        """Boxes in the data kept apart, by source; the first part calibrates, the second judges."""
         net, found, first = PillarNetwork(out), {}, HELD_OUT + seed + part * half
         if checkpoint.has_worlds:
             found[WORLDS] = joined([*_told_of(judged(net, worlds, range(first, first + half)), part)])
@@ -81,7 +81,7 @@ def train_pillars(
     specs = PillarSpecs(classes=tuple(FoundClass(name=name) for name in CLASSES[worlds]), grid=WRITTEN_GRIDS[worlds])
     out.write_bytes(onnx_bytes(network, specs, GRIDS[worlds]))
     parts = seen(0)
-    if recordings is not None and checkpoint.has_worlds:  # as much as the worlds count
+    if recordings is not None and checkpoint.has_worlds:  # give them as much weight as the worlds
         sweeps = half * SWEEPS_OF_A_WORLD
         parts["recordings"] = joined([parts["recordings"]] * max(sweeps // len(recordings.calibrate), 1))
     found = joined([*parts.values()])
@@ -93,7 +93,7 @@ def train_pillars(
 
 
 def _calibrate(network: torch_network.PillarNetwork, by_class: F64) -> None:
-    """Change the last layer so that the log odds of each class are multiplied and raised, (C, 2)."""
+    """Change the last layer to apply a factor and an offset to the log odds of each class, (C, 2)."""
     factor, offset = torch.from_numpy(by_class.T.astype(np.float32))
     last, classes = network.cpu().last, slice(len(by_class))
     with torch.no_grad():

@@ -1,1 +1,1 @@
-"""3D boxes by a network: points in pillars, convolutions over the ground, centres of objects."""
+"""3D boxes from a network: points in pillars, convolutions over the ground, centres of objects."""

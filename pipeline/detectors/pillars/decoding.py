@@ -10,8 +10,9 @@ from pipeline.detectors.pillars.grid import STRIDE, Grid
 __all__ = ["BOX_NUMBERS", "Found", "box_numbers", "boxes_of", "output_cells"]
 
 BOX_NUMBERS = 8
-"""Of each cell after the classes: place of the centre along x and y from the middle of the cell, in cells; its height
-above the ground, metres; logarithms of length, width and height, metres; sine and cosine of the heading."""
+"""Numbers of each cell after those of the classes: place of the centre along x and y from the middle of the cell, in
+cells; its height above the ground, metres; logarithms of length, width and height, metres; sine and cosine of the
+heading."""
 
 MAX_BOXES = 300
 MAX_LOG_M = 4.0
@@ -24,7 +25,7 @@ class Found(NamedTuple):
         centers: (N, 3) x, y, and height of the middle above the ground, metres.
         sizes: (N, 3) length, width, height, metres.
         yaws: (N,) headings, radians.
-        log_odds: (N,) of the class.
+        log_odds: (N,) log odds of the class.
         classes: (N,) rows of the network's classes.
     """
 
@@ -36,23 +37,23 @@ class Found(NamedTuple):
 
 
 def box_numbers(centers: F64, sizes: F64, yaws: F64, cell_xy: F64, grid: Grid) -> F64:
-    """(N, 8) `BOX_NUMBERS` of boxes, as of `Found`, for output cells (N, 2) column and row."""
+    """(N, 8) `BOX_NUMBERS` of boxes as in `Found`, for output cells (N, 2) given as column and row."""
     place = (centers[:, :2] + grid.half_m) / (STRIDE * grid.cell_m) - 0.5
     return np.column_stack([place - cell_xy, centers[:, 2], np.log(sizes), np.sin(yaws), np.cos(yaws)])
 
 
 def output_cells(centers: F64, grid: Grid) -> F64:
-    """(N, 2) column and row of the output cells of boxes' centres (N, 3), whole numbers."""
+    """(N, 2) column and row of the output cells that hold boxes' centres (N, 3), whole numbers."""
     return np.floor((centers[:, :2] + grid.half_m) / (STRIDE * grid.cell_m))
 
 
 def boxes_of(output: F32, grid: Grid, least_log_odds: float) -> Found:
-    """The boxes of peaks, likelier ones first; the order of boxes that are equally likely follows their cells.
+    """The boxes at the peaks, likelier ones first; equally likely boxes keep the order of their cells.
 
     Args:
-        output: (C + 8, H, W) of a network.
+        output: (C + 8, H, W) output of a network.
         grid: Its grid.
-        least_log_odds: Peaks below are left out.
+        least_log_odds: Lower peaks are left out.
     """
     odds, numbers = output[:-BOX_NUMBERS], output[-BOX_NUMBERS:]
     around = np.pad(odds, ((0, 0), (1, 1), (1, 1)), constant_values=-np.inf)

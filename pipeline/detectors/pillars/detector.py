@@ -1,4 +1,4 @@
-"""The engine: points above the ground to proposed boxes, by a network in pillars."""
+"""The engine: a network in pillars turns points above the ground into proposed boxes."""
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from pipeline.detectors.protocols import Candidates3D
 __all__ = ["PillarDetector", "PillarPoints"]
 
 LEAST = 0.02
-"""Boxes that are less probable are never proposed."""
+"""Boxes with a lower probability are never proposed."""
 
 
 class PillarPoints:
@@ -35,14 +35,14 @@ class PillarPoints:
         return np.asarray(points.position - np.append(self.middle_xy, 0.0))
 
     def with_ground(self, combined: CombinedCloud) -> tuple[F64, F32]:
-        """(N, 3) the same of all points, also those of the ground, and their intensities (N,)."""
+        """(N, 3) the same for all points, including the ground, and their intensities (N,)."""
         clouds = combined.detection_cloud, combined.ground_cloud
         position = np.concatenate([one.xyz for one in clouds]) - np.append(self.middle_xy, 0.0)
         position[:, 2] -= self.ground_m(combined, position[:, :2])
         return position, np.concatenate([one.intensity for one in clouds])
 
     def ground_m(self, combined: CombinedCloud, xy: F64) -> F64:
-        """(N,) height of the ground in the site frame at places (N, 2) from the middle."""
+        """(N,) height of the ground in the site frame at places (N, 2) that are relative to the middle."""
         return self._fitter.ground_m(combined, xy + self.middle_xy)
 
 
@@ -74,11 +74,11 @@ class PillarDetector:
         self._covariances = np.array([np.diag(one) for one in variances])
 
     def reaches(self, xy: F64) -> Bools:
-        """(N,) whether places (N, 2) of the site frame are in the grid of the network."""
+        """(N,) whether places (N, 2) in the site frame are in the grid of the network."""
         return self._network.reaches(xy - self._points.middle_xy)
 
     def __call__(self, combined: CombinedCloud) -> Candidates3D:
-        """Boxes with a point or more in them, or within half a pillar beside: a box may be a little too small."""
+        """Boxes with a point in them or within half a pillar of them, because a box may be a little too small."""
         least = float(np.log(LEAST / (1 - LEAST)))
         if isinstance(self._network, KitNetwork):
             found = self._network(*self._points.with_ground(combined), least)

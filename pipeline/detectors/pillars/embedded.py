@@ -8,16 +8,16 @@ from pipeline.core.errors import ModelError
 __all__ = ["EMBEDDED", "existing_network_file", "network_file"]
 
 EMBEDDED = {name: Path(__file__).with_name(f"{name}.onnx") for name in ("traffic", "sandbox")}
-"""By name: for road users of full size, and for model cars. The file ending in `.md` beside each is its card."""
+"""Files by name: for road users of full size, and for model cars. The `.md` file beside each is its card."""
 
 
 def network_file(model: Path) -> Path:
-    """The file of a network that settings name: its path, or a name of `EMBEDDED`. It may be missing."""
+    """The file of the network that the settings give by path or by a name in `EMBEDDED`. It may be missing."""
     return EMBEDDED.get(str(model), model)
 
 
 def existing_network_file(model: Path) -> Path:
-    """The same.
+    """The same file, which must exist.
 
     Raises:
         ModelError: it is missing.

@@ -1,6 +1,6 @@
-"""The engine: boxes of a network in pillars, fitted again to the points in them.
+"""The engine: boxes of a network in pillars, fitted to the points in them.
 
-A network knows where objects are and where their front is; points in a box give its sides more exactly.
+The network knows where objects are and where their front is; the points in a box give its sides more exactly.
 """
 
 import numpy as np
@@ -21,9 +21,10 @@ from pipeline.detectors.protocols import Candidates3D
 __all__ = ["FittedPillarDetector"]
 
 SAME_BOX_IOU, SAME_HEADING_SIGMAS = 0.25, 1.5
-"""A box that shares less ground with its fit to the points in it, or whose heading is off by more standard deviations
-of the network's, keeps its own place, size and heading: what is in it is a part of the object, or more than it. Of 0.2
-to 0.7, and of 1 to 2.5 (22 to 56 degrees for cars, 38 to 95 for cyclists), about the best in drawn worlds."""
+"""A box keeps its own place, size and heading if it shares less ground than this with the box fitted to its points, or
+if their headings differ by more than so many of the network's standard deviations. Its points are then only a part of
+the object, or more than the object. Of 0.2 to 0.7, and of 1 to 2.5 (22 to 56 degrees for cars, 38 to 95 for cyclists),
+these values were about the best in drawn worlds."""
 
 
 class FittedPillarDetector:
@@ -40,20 +41,20 @@ class FittedPillarDetector:
         self._refit = Refitter(fitter, config.detect3d.cluster, config.classes)
 
     def __call__(self, combined: CombinedCloud) -> Candidates3D:
-        """Boxes of the network, fitted to their points as far as these agree."""
+        """Boxes of the network, fitted to their points where the fit agrees with the network."""
         boxes = self.boxes(combined)
         return Candidates3D.of(boxes, boxes.scores.astype(np.float64), combined)
 
     def boxes(self, combined: CombinedCloud) -> Boxes3D:
-        """The same, likelier ones first, without those on the ground of a likelier one."""
+        """The same boxes, likelier ones first, without those that share the ground of a likelier one."""
         found = likely_boxes(combined, self._site_frame, self._network(combined), 0.0)
         fitted, _ = self._refit(combined, found, np.arange(len(found)))
-        turn = np.abs(wrap_angle(2 * (fitted.yaws - found.yaws))) / 2  # front and rear are the network's
+        turn = np.abs(wrap_angle(2 * (fitted.yaws - found.yaws))) / 2  # the network decides front and rear
         agree = (pair_ious(found, fitted).bev >= SAME_BOX_IOU) & (
             turn <= SAME_HEADING_SIGMAS * np.sqrt(found.covariances[:, 2, 2])
         )
         return found.joined(fitted).select(np.arange(len(found)) + len(found) * agree)
 
     def reaches(self, xy: F64) -> Bools:
-        """(N,) whether places (N, 2) of the site frame are in the grid of the network."""
+        """(N,) whether places (N, 2) in the site frame are in the grid of the network."""
         return self._network.reaches(xy)

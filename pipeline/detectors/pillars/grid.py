@@ -1,7 +1,7 @@
-"""Pillars: the cells of a grid over the ground, and what a network is told of the points above each.
+"""Pillars: the cells of a grid over the ground, and the features that a network gets of the points above each cell.
 
 After Lang et al., "PointPillars: Fast encoders for object detection from point clouds", CVPR 2019. Intensities are left
-out: they differ between lidars, and those of the simulator are not those of any.
+out: they differ between lidars, and the simulator's match no real lidar.
 """
 
 import numpy as np
@@ -12,14 +12,14 @@ from pipeline.core.settings.model import Count, Positive, SettingsModel
 __all__ = ["FEATURES", "STRIDE", "Grid", "pillars"]
 
 FEATURES = ("height", "dx_mean", "dy_mean", "dheight_mean", "dx_cell", "dy_cell", "log_points", "distance")
-"""What is known of each point: its height above the ground, where it is from the mean of the points of its pillar and
-from the middle of the pillar, the logarithm of their number, and how far it is from the middle of the grid."""
+"""Features of each point: its height above the ground, its offset from the mean of the points of its pillar and from
+the middle of the pillar, the logarithm of their number, and its distance from the middle of the grid."""
 
 STRIDE = 2
 """Pillars along x and y for each cell of the network's output."""
 
 STEP_M = 2.0**-14
-"""Coordinates are rounded to it, so that sums of them are exact, and the same for any order of the points."""
+"""Coordinates are rounded to this step, so that their sums are exact and the same for any order of the points."""
 
 
 class Grid(SettingsModel):
@@ -28,8 +28,8 @@ class Grid(SettingsModel):
     Attributes:
         cell_m: Side of a pillar, metres.
         cells: Pillars along x and along y, a multiple of 8.
-        low_m: Points lower than this above the ground are left out.
-        high_m: Points at least as high are left out.
+        low_m: Points at a lower height above the ground are left out.
+        high_m: Points at this height or higher are left out.
     """
 
     cell_m: Positive
@@ -39,12 +39,12 @@ class Grid(SettingsModel):
 
     @property
     def half_m(self) -> float:
-        """Half of its side."""
+        """Half the side of the square."""
         return self.cell_m * self.cells / 2
 
 
 def pillars(position: F64, grid: Grid) -> tuple[F32, I64]:
-    """What a network is told of the points within the grid.
+    """The features that a network gets of the points within the grid.
 
     Args:
         position: (N, 3) x and y from the middle of the grid, and height above the ground, metres.

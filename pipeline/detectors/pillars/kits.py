@@ -1,7 +1,7 @@
 """Networks of OpenPCDet and mmdetection3d, as `lidcam train convert` writes them.
 
-They count heights from the lidar, which stood at one height above the ground in all of their data, and want
-intensities. Both are put to that scale here, above the ground that was found.
+They measure heights from the lidar, which stood at one height above the ground in all of their data, and need
+intensities. This module converts both to that scale, starting from the ground that was found.
 """
 
 from pathlib import Path
@@ -20,31 +20,31 @@ from pipeline.detectors.pillars.network import FoundClass, specs_in
 __all__ = ["KEY", "KIT_INPUTS", "KIT_OUTPUTS", "Feature", "KitGrid", "KitNetwork", "KitSpecs", "kit_pillars"]
 
 KEY = "lidcam.kit"
-"""Under this name the metadata of a file holds its `KitSpecs`."""
+"""Name under which the metadata of a file holds its `KitSpecs`."""
 
 KIT_INPUTS = "features", "pillar"
-"""(R, F) float32 and (R, 1) int64 of layout `points`, see `kit_pillars`."""
+"""(R, F) float32 and (R, 1) int64 in layout `points`, see `kit_pillars`."""
 
 KIT_OUTPUTS = "boxes", "log_odds"
 """(K, 8) float32: centre, length, width and height in the kit's frame, metres; sine and cosine of the heading. And (K,
-C) float32 of each class."""
+C) float32 log odds of each class."""
 
 Feature = Literal[
     "x", "y", "z", "intensity", "zero", "dx_mean", "dy_mean", "dz_mean", "dx_cell", "dy_cell", "dz_cell", "distance"
 ]
-"""What a kit tells of a point: its place, its intensity, where it is from the mean of the points of its pillar and from
-the middle of the pillar, its distance from the lidar. Zero stands for what lidcam does not know (the age of a sweep,
-which is 0 for the last one; elongation)."""
+"""Features that a kit uses of a point: its place, its intensity, its offset from the mean of the points of its pillar
+and from the middle of the pillar, its distance from the lidar. Zero stands for values that lidcam does not know (the
+age of a sweep, which is 0 for the last one; elongation)."""
 
 MAX_SIDE = 2048
 
 
 class KitGrid(SettingsModel):
-    """The pillars of a kit: those from one corner to before another, by rows along y.
+    """The pillars of a kit, from one corner up to another, which is excluded; in rows along y.
 
     Attributes:
         low_m: Corner of the lowest coordinates, x, y, z from the lidar.
-        high_z_m: Points that are at least as high are left out.
+        high_z_m: Points at this height or higher are left out.
         cell_m: Sides of a pillar along x and y.
         cells: Pillars along x and y.
     """
@@ -62,17 +62,17 @@ class KitGrid(SettingsModel):
 
 
 class KitSpecs(SettingsModel):
-    """What a file says of its network.
+    """What a file says about its network.
 
     Attributes:
-        classes: Of its output, in order.
-        layout: What its inputs are: `points`, `KIT_INPUTS`; `voxels`, points (V, M, F) of each pillar, the number of
-            these (V,), and batch, layer, row and column of the pillar (V, 4).
-        features: Of its points, in order.
-        max_points: Points that the kit puts into a pillar. Where there are fewer, the place of a point is left empty,
-            which counts as a point of zeros; 0: no such places.
+        classes: Classes of its output, in order.
+        layout: What its inputs are. `points`: `KIT_INPUTS`. `voxels`: the points (V, M, F) of each pillar, their number
+            (V,), and the batch, layer, row and column of the pillar (V, 4).
+        features: Features of its points, in order.
+        max_points: Points that the kit puts into a pillar. If there are fewer, the kit leaves places empty, and these
+            count as points of zeros; 0: it leaves none empty.
         grid: Its grid.
-        ground_z_m: Where the ground is in its data, from the lidar.
+        ground_z_m: Height of the ground in its data, from the lidar.
         intensity_max: The highest intensity in its data.
     """
 
@@ -86,13 +86,13 @@ class KitSpecs(SettingsModel):
 
 
 class KitPoints(NamedTuple):
-    """The N points within a grid, by rising pillar, in each of them in the order of the cloud.
+    """The N points within a grid, sorted by pillar, and in the order of the cloud within a pillar.
 
     Attributes:
-        columns: (N,) float64 of each `Feature`.
-        pillar: (N,) row of the pillar times the number of columns, plus its column.
-        starts: (P,) first point of each pillar with points.
-        counts: (P,) how many it has.
+        columns: (N,) float64 values of each `Feature`.
+        pillar: (N,) row of each point's pillar times the number of columns, plus its column.
+        starts: (P,) first point of each pillar that has points.
+        counts: (P,) number of its points.
     """
 
     columns: dict[Feature, F64]
@@ -102,12 +102,12 @@ class KitPoints(NamedTuple):
 
 
 def kit_points(position: F64, intensity: F32, specs: KitSpecs) -> KitPoints:
-    """What a kit can know of points.
+    """All features that a kit may use of points.
 
     Args:
         position: (N, 3) x and y from the middle of the lidars, and height above the ground, metres.
-        intensity: (N,) from 0 to 1, or where one is higher, to 255.
-        specs: Of the network.
+        intensity: (N,) from 0 to 1, or if any is above 1, from 0 to 255.
+        specs: Specs of the network.
     """
     grid = specs.grid
     xyz = position + np.array([0.0, 0.0, specs.ground_z_m])
@@ -139,7 +139,7 @@ def kit_points(position: F64, intensity: F32, specs: KitSpecs) -> KitPoints:
 
 
 def kit_pillars(points: KitPoints, specs: KitSpecs) -> tuple[F32, I64]:
-    """(R, F) float32 of points, behind them zeros for each pillar that is not full, and (R, 1) their pillars."""
+    """(R, F) float32 features of points, then a row of zeros per pillar that is not full; and (R, 1) their pillars."""
     features = np.column_stack([points.columns[name] for name in specs.features])
     empty = points.pillar[points.starts[points.counts < specs.max_points]]
     features = np.concatenate([features, np.zeros((len(empty), len(specs.features)))])
@@ -153,7 +153,7 @@ class KitNetwork:
         """Take a file.
 
         Raises:
-            ModelError: what it says of itself is wrong.
+            ModelError: what the file says about itself is wrong.
         """
         self._path, self._session = path, session
         self.specs = specs_in(session, path, KEY, KitSpecs, "a 3D network that `lidcam train convert` wrote")
@@ -163,7 +163,7 @@ class KitNetwork:
             raise ModelError(f"{path}: expected outputs {expected}, found {names}, or other inputs: convert it anew")
 
     def reaches(self, xy: F64) -> Bools:
-        """(N,) whether places (N, 2) from the middle are in the grid."""
+        """(N,) whether places (N, 2) that are relative to the middle are in the grid."""
         column_row = (xy - self.specs.grid.low_m[:2]) / self.specs.grid.cell_m
         return np.asarray(((column_row >= 0) & (column_row < self.specs.grid.cells)).all(1))
 
@@ -173,7 +173,7 @@ class KitNetwork:
         Args:
             position: (N, 3) x and y from the middle of the lidars, and height above the ground, metres.
             intensity: (N,) see `kit_points`.
-            least_log_odds: Less likely ones are left out.
+            least_log_odds: Boxes with lower log odds are left out.
 
         Raises:
             ModelError: the network fails.

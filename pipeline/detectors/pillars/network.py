@@ -17,7 +17,7 @@ from pipeline.detectors.pillars.grid import FEATURES, STRIDE, Grid, pillars
 __all__ = ["INPUTS", "KEY", "FoundClass", "PillarNetwork", "PillarSpecs", "specs_in"]
 
 KEY = "lidcam.pillars"
-"""Under this name the metadata of a file holds its `PillarSpecs`."""
+"""Name under which the metadata of a file holds its `PillarSpecs`."""
 
 INPUTS = "features", "pillar"
 """(P, F) float32 and (P, 1) int64, see `pillars`; the output is (1, C + 8, H, W) float32, see `boxes_of`."""
@@ -33,7 +33,7 @@ class FoundClass(SettingsModel):
     Attributes:
         name: Its name.
         sigma_m: Standard deviation of its place along x and along y, metres.
-        sigma_rad: Standard deviation of its heading.
+        sigma_rad: Standard deviation of its heading, radians.
     """
 
     name: Label
@@ -42,11 +42,11 @@ class FoundClass(SettingsModel):
 
 
 class PillarSpecs(SettingsModel):
-    """What a file says of its network.
+    """What a file says about its network.
 
     Attributes:
-        classes: Of its output, in order.
-        features: Of its points, in order.
+        classes: Classes of its output, in order.
+        features: Features of its points, in order.
         grid: Its grid.
     """
 
@@ -56,17 +56,17 @@ class PillarSpecs(SettingsModel):
 
 
 def specs_in(session: OnnxSession, path: Path, key: str, model: type[Specs], what: str) -> Specs:
-    """What a file says of its network.
+    """What a file says about its network.
 
     Args:
         session: The loaded file.
-        path: Where it is.
-        key: Name of its metadata.
-        model: What these should be.
-        what: The same in words: `a 3D network`.
+        path: Path of the file.
+        key: Name of the metadata that say it.
+        model: What these metadata should contain.
+        what: The expected file in words, such as `a 3D network`.
 
     Raises:
-        ModelError: it says nothing, or another thing.
+        ModelError: the metadata are missing or not as expected.
     """
     expected = f"{path}: expected {what}"
     if key not in session.metadata:
@@ -80,17 +80,17 @@ def specs_in(session: OnnxSession, path: Path, key: str, model: type[Specs], wha
 
 
 class PillarNetwork:
-    """A loaded network; the same boxes for the same points, in any order of these."""
+    """A loaded network. It gives the same boxes for the same points, whatever their order."""
 
     def __init__(self, path: Path, session: OnnxSession | None = None) -> None:
         """Load a file.
 
         Args:
             path: The file.
-            session: The same, where it is loaded already.
+            session: The loaded file, if it is loaded already.
 
         Raises:
-            ModelError: it cannot be loaded, or says nothing of its pillars.
+            ModelError: it cannot be loaded, or says nothing about its pillars.
         """
         self._path = path
         self._session = session or OnnxSession(path, threads=1, provider="cpu")
@@ -108,7 +108,7 @@ class PillarNetwork:
         return specs
 
     def reaches(self, xy: F64) -> Bools:
-        """(N,) whether places (N, 2) from the middle are in the grid."""
+        """(N,) whether places (N, 2) that are relative to the middle are in the grid."""
         return np.asarray((np.abs(xy) < self.specs.grid.half_m).all(1))
 
     def __call__(self, position: F64, least_log_odds: float) -> Found:
@@ -116,7 +116,7 @@ class PillarNetwork:
 
         Args:
             position: (N, 3) x and y from the middle of the grid, and height above the ground, metres.
-            least_log_odds: Less likely ones are left out.
+            least_log_odds: Boxes with lower log odds are left out.
 
         Raises:
             ModelError: the network fails.
