@@ -31,7 +31,13 @@ MAY_IMPORT = {
     "pipeline.fusion": {"pipeline.core", "pipeline.detectors"},
     "pipeline.stages": {"pipeline.core", "pipeline.filters", "pipeline.fusion", "pipeline.detectors"},
 }
-EXITS = {"lidcam.program", "lidcam.__main__", "pipeline.core.compiled.beside", "pipeline.parallel.worker"}
+EXITS = {
+    "lidcam.program",
+    "lidcam.__main__",
+    "pipeline.core.compiled.beside",
+    "pipeline.parallel.pool",
+    "pipeline.parallel.worker",
+}
 SOURCES = sources(ROOT)
 
 

@@ -1,9 +1,7 @@
 """Examples to learn from: clusters of simulated sweeps, their features, and what they truly are."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from multiprocessing import get_context
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -19,6 +17,7 @@ from pipeline.core.rig import LidarSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.cluster.features import FEATURES
 from pipeline.detectors.cluster.learned import FeatureFinder
+from pipeline.parallel.pool import process_pool
 from pipeline.stages.combine import Combine
 from pipeline.stages.detect3d import Detect3D
 
@@ -97,7 +96,7 @@ def _made(of_number: Callable[[int], Examples], numbers: range, workers: int) ->
     if workers == 1:
         yield from map(of_number, numbers)
         return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with process_pool(workers) as pool:
         yield from pool.map(of_number, numbers)
 
 

@@ -7,10 +7,9 @@ another lidar in another place, share one world, because building a world takes 
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import lru_cache
-from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -33,6 +32,7 @@ from bags.simulator.world.places.places import height_of, mesh_of
 from bags.simulator.worlds.draw import Family, random_lidar, random_numbers_of, random_scenario
 from bags.simulator.worlds.site import first_state
 from pipeline.core.arrays import F32, F64, I32, I64
+from pipeline.parallel.pool import process_pool
 
 load_libusb()
 import open3d as _open3d  # noqa: E402  (needs libusb first)
@@ -99,7 +99,7 @@ def sweeps(family: Family, seeds: range, *, workers: int = 1) -> Iterator[Traini
         yield from (sweep(family, seed) for seed in seeds)
         return
     blocks = iter([seeds[row : row + SWEEPS_PER_WORLD] for row in range(0, len(seeds), SWEEPS_PER_WORLD)])
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with process_pool(workers) as pool:
         waiting: deque[Future[list[TrainingSweep]]] = deque()
         while True:
             while len(waiting) < 2 * workers and (block := next(blocks, None)) is not None:

@@ -1,9 +1,7 @@
 """Scenes to learn from: points in pillars of simulated sweeps, and the output that each cell should give."""
 
 from collections.abc import Generator
-from concurrent.futures import ProcessPoolExecutor
 from functools import cache, partial
-from multiprocessing import get_context
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -20,6 +18,7 @@ from pipeline.core.settings.load import load_config
 from pipeline.detectors.pillars.decoding import box_numbers, output_cells
 from pipeline.detectors.pillars.detector import PillarPoints
 from pipeline.detectors.pillars.grid import STRIDE, Grid, pillars
+from pipeline.parallel.pool import process_pool
 from pipeline.stages.combine import Combine
 
 __all__ = [
@@ -150,7 +149,7 @@ def rounds(source: Source, seed: int, first: int, last: int, workers: int) -> Ge
         for row, one in enumerate(worlds, first):
             yield _mixed(source, seed, row, [made for world in one for made in of_world(world)])
         return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with process_pool(workers) as pool:
         waiting = [pool.map(of_world, one) for one in worlds[:2]]
         for row in range(first, last):
             scenes = [made for of_one in waiting.pop(0) for made in of_one]

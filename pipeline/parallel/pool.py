@@ -1,0 +1,27 @@
+"""A pool of processes for work that is not frames of a recording."""
+
+import multiprocessing
+import os
+from concurrent.futures import ProcessPoolExecutor
+from threading import Thread
+
+__all__ = ["process_pool"]
+
+
+def process_pool(workers: int) -> ProcessPoolExecutor:
+    """A pool of fresh interpreters that end when this process does, even if a signal kills it.
+
+    Those of a plain pool would wait for work forever.
+    """
+    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_end_with_parent)
+
+
+def _end_with_parent() -> None:
+    Thread(target=_wait_for_parent, daemon=True).start()
+
+
+def _wait_for_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
