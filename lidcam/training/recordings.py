@@ -73,6 +73,7 @@ def read_recordings(
     options["settings"] = (*options.get("settings", ()), *ONLY_CLOUDS)
     names: list[str] = []
     parts: tuple[list[Path], ...] = [], [], []
+    found_count = 0
     for number, recording in enumerate(recordings):
         told(number / len(recordings), f"reading {recording}")
         own = folder / str(number)
@@ -80,13 +81,17 @@ def read_recordings(
         kept = _Kept(recording, own, check)
         report = process_recording(make_job(recording, own / "result.mcap", **options), kept)
         names += [f"{file.name}, SHA-256\n  {file.sha256 or 'not known'}" for file in report.inputs.files]
-        for part, found in zip(parts, _parted(kept.labelled()), strict=True):
+        frames = kept.labelled()
+        found_count += len(frames)
+        for part, found in zip(parts, _parted(frames), strict=True):
             part += found
     train, calibrate, judge = map(tuple, parts)
-    if not calibrate:
+    if not (train and calibrate):
+        apart = len(calibrate) + len(judge)
         raise RecordingError(
-            f"{', '.join(recordings)}: expected a recording of {MIN_FRAMES} frames with truth or more, some of which "
-            f"are kept apart, found {len(train)} in all"
+            f"{', '.join(recordings)}: expected a recording of {MIN_FRAMES} frames with truth or more, of which the "
+            f"last fifth is kept apart, and a gap of {GAP_NS / 1e9:g} s before it left out; found {found_count} in "
+            f"all, {len(train)} to learn from and {apart} kept apart; give a longer one"
         )
     return Recordings(train, calibrate, judge, saved(folder / "objects", _objects_of(train)), tuple(names))
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lidcam.training import recordings
 from lidcam.training.labelled import Recordings, loaded
 from lidcam.training.pillars.scenes import Source, rounds
 from lidcam.training.recordings import read_recordings
@@ -61,9 +62,13 @@ def test_scenes_are_the_same_for_any_number_of_processes(sandbox: Recordings) ->
     ("settings", "duration_s", "message"),
     [
         (["output.copy_topics=[]"], 0.3, r"sandbox.bag: expected topics of truth to learn from, found none$"),
-        ([], 0.5, r"expected a recording of 10 frames with truth or more, .* found [345] in all$"),
+        ([], 0.5, r"expected a recording of 10 frames with truth or more, .* found [345] in all, .* and 0 kept apart"),
+        ([], 1.2, r"the last fifth is kept apart, and a gap of 1 s .* found 1[01] in all, 0 to learn from and 2 kept"),
     ],
 )
-def test_recordings_that_do_not_do(tmp_path: Path, settings: list[str], duration_s: float, message: str) -> None:
+def test_recordings_that_do_not_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, settings: list[str], duration_s: float, message: str
+) -> None:
+    monkeypatch.setattr(recordings, "GAP_NS", 1_000_000_000)
     with pytest.raises(RecordingError, match=message):
         read(tmp_path / "a", *settings, duration_s=duration_s)
