@@ -8,6 +8,7 @@ from lidcam.training.card import figures
 from lidcam.training.examples import Examples, examples_of_frame, examples_of_recordings, examples_of_worlds
 from lidcam.training.fit import EPOCHS, NETWORKS, PRIORS, calibrated, fitted
 from lidcam.training.labelled import WORLDS, Recordings, loaded
+from pipeline.core.errors import RecordingError
 from pipeline.detectors.cluster.network import ClusterNetwork
 
 __all__ = ["Trained", "train_clusters"]
@@ -43,6 +44,9 @@ def train_clusters(
     """Train on worlds of one or both families, numbered from the seed on, on recordings, or on equal parts of the two.
 
     Worlds and frames that are kept apart judge the network.
+
+    Raises:
+        RecordingError: no object is labelled in the frames to learn from, or in those to calibrate with.
     """
     families: tuple[Family, ...] = () if family is None else ("road", "crossing") if family == "all" else (family,)
     held_out = max(int(worlds * HELD_OUT_SHARE), 2)
@@ -68,6 +72,12 @@ def train_clusters(
         found["calibrate"] += [examples_of_frame(loaded(path)) for path in recordings.calibrate]
         apart.append(("recordings", Examples.joined([examples_of_frame(loaded(path)) for path in recordings.judge])))
     train, calibrate = Examples.joined(found["train"]), Examples.joined(found["calibrate"])
+    for use, examples in (("learn from", train), ("calibrate with", calibrate)):
+        if not examples.kinds.any():
+            raise RecordingError(
+                f"training of clusters: expected labelled objects that clusters find, found none in the frames to "
+                f"{use}; give other recordings, or --family for worlds as well"
+            )
 
     def fitting(epoch: int, loss: float) -> None:
         of = EPOCHS * NETWORKS

@@ -67,7 +67,7 @@ class ClusterNetwork:
         """The network of a file.
 
         Raises:
-            ModelError: it cannot be read, or is no such file, or of other features.
+            ModelError: it cannot be read, or is no such file, of other features, or not finite.
         """
         expected = f"{path}: expected weights that `lidcam train clusters` wrote"
         try:
@@ -86,6 +86,9 @@ class ClusterNetwork:
                 [arrays[f"{kind}{row}"].astype(np.float64) for row in range(layers)] for kind in ("weights", "biases")
             ]
             network = cls(arrays["mean"].astype(float), arrays["deviation"].astype(float), *map(tuple, parts))
+            numbers = network.mean, network.deviation, *network.weights, *network.biases
+            if not all(np.isfinite(array).all() for array in numbers):
+                raise ModelError(f"{expected}, found numbers that are not finite: train it anew")
             shape = network(np.zeros((1, len(FEATURES)))).shape
         except (KeyError, ValueError) as err:
             raise ModelError(f"{expected}, found arrays that do not fit each other: {one_line(err)}") from err

@@ -11,6 +11,7 @@ from lidcam.training.examples import examples_of_frame
 from lidcam.training.labelled import LabelledFrame, Objects, Recordings, TrueBoxes, points_in_boxes, saved
 from lidcam.training.pillars.scenes import UNLABELLED, known_to, targets_of_frame
 from pipeline.core.arrays import F64
+from pipeline.core.errors import RecordingError
 
 CAR = 4.0, 1.8, 1.5
 
@@ -75,6 +76,17 @@ def test_clusters_of_frames_alone_are_learned(tmp_path: Path, monkeypatch: pytes
     assert "drawn worlds" not in card
     assert network.to_bytes() == trained().network.to_bytes()
     assert told == [*sorted(told[: len(told) // 2])] * 2
+
+
+@pytest.mark.parametrize("bare", ["learn from", "calibrate with"])
+@pytest.mark.parametrize("region_m", [1.0, 40.0], ids=["nothing is known", "all is background"])
+def test_clusters_are_not_learned_without_objects(tmp_path: Path, bare: str, region_m: float) -> None:
+    without = FRAME._replace(reach=np.array([0, 0, region_m]), true=boxes())
+    full, empty = saved(tmp_path / "full", FRAME), saved(tmp_path / "empty", without)
+    train, calibrate = (empty, full) if bare == "learn from" else (full, empty)
+    recordings = Recordings((train,), (calibrate,), (full,), saved(tmp_path / "c", Objects(boxes(), [], [])), ("a",))
+    with pytest.raises(RecordingError, match=f"expected labelled objects .* found none in the frames to {bare}"):
+        train_clusters(None, 1, 0, workers=1, told=lambda *_: None, recordings=recordings)
 
 
 def test_objects_are_put_where_nothing_is() -> None:

@@ -67,9 +67,11 @@ MISFIT = {
         (NAMED | {"features": np.array(["range"])}, "other features"),
         (NAMED, "other shapes|do not fit"),
         (NAMED | MISFIT, "do not fit"),
+        (NAMED | MISFIT | {"weights0": np.full((1, WIDTH, 5), np.nan)}, "not finite"),
+        (NAMED | MISFIT | {"weights0": np.ones((1, WIDTH, 5)), "mean": np.full(WIDTH, np.inf)}, "not finite"),
         ({"features": np.array([None], dtype=object)}, "pickle"),
     ],
-    ids=["nothing", "features", "no layers", "shapes", "pickle"],
+    ids=["nothing", "features", "no layers", "shapes", "NaN", "infinite", "pickle"],
 )
 def test_other_archives_are_refused(tmp_path: Path, arrays: dict[str, object], told: str) -> None:
     with pytest.raises(ModelError, match=told):
