@@ -33,16 +33,15 @@ class Detect2D:
         Raises:
             ConfigError: none of the detector's labels belongs to a class.
         """
-        class_ids = {label.strip().lower(): class_id for label, class_id in class_id_of_label.items()}
         labels = [label.strip().lower() for label in detector.labels]
-        self._class_ids = np.array([class_ids.get(label, -1) for label in labels], np.int32)
+        self._class_ids = np.array([class_id_of_label.get(label, -1) for label in labels], np.int32)
         self._joins_riders = finds_riders_apart(labels)
         self._is_person = np.array([label == PERSON for label in labels])
         self._is_ridden = np.array([label in RIDDEN for label in labels])
         if not (self._class_ids >= 0).any():
             raise ConfigError(
                 f"classes: expected labels that the 2D detector knows ({', '.join(detector.labels[:8])}, ...), "
-                f"found {', '.join(class_ids)}; add them to classes.N.labels"
+                f"found {', '.join(class_id_of_label)}; add them to classes.N.labels"
             )
         self._cameras = [camera.name for camera in rig.cameras]
         self._settings = settings

@@ -106,7 +106,7 @@ class RecordedBoxes:
         self._topics = {camera.name: camera.boxes_topic for camera in rig.cameras if camera.boxes_topic}
         self._min_score = config.detect2d.min_score
         self._limits = config.limits
-        self._class_ids = {label.strip().lower(): row for label, row in config.class_id_of_label.items()}
+        self._class_ids = config.class_id_of_label
         self._numbered: tuple[str, ...] = ()
         if config.detect2d.class_numbers == "coco":
             self._class_ids = {label: row for label, row in self._class_ids.items() if not label.isdecimal()}

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.core.arrays import F64
-from pipeline.core.settings.classes import ClassPrior
 from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
 from readers.natural_order import natural_key
 
@@ -15,7 +14,6 @@ __all__ = [
     "MAX_OFF_UNIT",
     "Labelled",
     "Labelled2D",
-    "class_ids_of_labels",
     "label_files",
     "truth_boxes_2d",
     "truth_boxes_3d",
@@ -64,15 +62,10 @@ class Labelled2D:
     is_ignored: bool = False
 
 
-def class_ids_of_labels(classes: Sequence[ClassPrior]) -> dict[str, int]:
-    """Row of the classes by each name that they have, in lower case; of two with one name the last, as in detection."""
-    return {name.strip().lower(): row for row, prior in enumerate(classes) for name in (prior.name, *prior.labels)}
-
-
 def truth_boxes_3d(
     stamp_ns: int, frame_id: str, objects: Sequence[Labelled], class_ids: Mapping[str, int]
 ) -> TruthBoxes3D:
-    """Objects at one moment; `class_ids` are those of `class_ids_of_labels`."""
+    """Objects at one moment; `class_ids` are those of `Config.class_id_of_label`."""
     return TruthBoxes3D(
         stamp_ns=stamp_ns,
         frame_id=frame_id,
@@ -89,7 +82,7 @@ def truth_boxes_3d(
 
 
 def truth_boxes_2d(stamp_ns: int, objects: Sequence[Labelled2D], class_ids: Mapping[str, int]) -> TruthBoxes2D:
-    """Objects in one image; `class_ids` are those of `class_ids_of_labels`."""
+    """Objects in one image; `class_ids` are those of `Config.class_id_of_label`."""
     return TruthBoxes2D(
         stamp_ns=stamp_ns,
         xyxy=np.array([one.xyxy for one in objects], np.float32).reshape(-1, 4),

@@ -26,7 +26,7 @@ from pipeline.core.small_files import read_small_text
 from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
 from readers.messages.objects.found import check_boxes
 from readers.rig.importers.kitti import KittiCalibration, kitti_calibration
-from readers.truth.boxes import Labelled, Labelled2D, class_ids_of_labels, label_files, truth_boxes_2d, truth_boxes_3d
+from readers.truth.boxes import Labelled, Labelled2D, label_files, truth_boxes_2d, truth_boxes_3d
 from readers.truth.source import TruthSource
 
 __all__ = ["KittiFile", "KittiLabel", "KittiTruth", "is_kitti_text", "parse_kitti_labels"]
@@ -209,7 +209,7 @@ class KittiTruth(TruthSource):
         self._rig, self._lidar, self._limits = rig, _lidar_of(rig, path), config.limits
         self._level = config.evaluate.kitti_difficulty
         self._has_region = config.evaluate.region is not None
-        self._class_ids = class_ids_of_labels(config.classes)
+        self._class_ids = config.class_id_of_label
         first = _labels_of(self._files[0])
         if first.is_tracking and len(self._files) > 1:
             raise RecordingError(

@@ -71,7 +71,7 @@ def class_names_of(labels: Names) -> Names:
 
 
 def moment_of(found: Detections3D, class_ids: Mapping[str, int]) -> Moment:
-    """The objects of a message; `class_ids` are those of `class_ids_of_labels`."""
+    """The objects of a message; `class_ids` are those of `Config.class_id_of_label`."""
     counts = found.counts
     pixels = f"{IMAGE_PIXELS}/"
     return Moment(

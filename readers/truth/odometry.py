@@ -17,7 +17,7 @@ from readers.messages.odometry import ODOMETRY, decode_odometry
 from readers.messages.tf import RecordedTransforms
 from readers.notes import Notes
 from readers.recording import Recording
-from readers.truth.boxes import Labelled, class_ids_of_labels, truth_boxes_3d
+from readers.truth.boxes import Labelled, truth_boxes_3d
 from readers.truth.moment import STEP_BACK_NS
 from readers.truth.source import TruthSource
 
@@ -103,7 +103,7 @@ class OdometryTruth(TruthSource):
                     f"{', '.join(map(str, recording.paths))}: truth.{name} of the rig: expected {ODOMETRY} on "
                     f"{vehicle.topic}, found {what}; recorded odometry: {names}"
                 )
-        self._class_ids = class_ids_of_labels(config.classes)
+        self._class_ids = config.class_id_of_label
         for name, vehicle in vehicles.items():
             if vehicle.label.strip().lower() not in self._class_ids:
                 raise ConfigError(

@@ -15,7 +15,7 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.evaluation_frame import TruthBoxes3D
 from readers.messages.objects.found import check_boxes
-from readers.truth.boxes import Labelled, class_ids_of_labels, label_files, truth_boxes_3d
+from readers.truth.boxes import Labelled, label_files, truth_boxes_3d
 from readers.truth.moment import STEP_BACK_NS, Moment
 from readers.truth.openlabel_text import Cuboid, OpenLabel, OpenLabelFrame, read_openlabel
 from readers.truth.source import TruthSource
@@ -43,7 +43,7 @@ class OpenLabelTruth(TruthSource):
 
     def __init__(self, path: Path, rig: Rig, config: Config) -> None:
         self._files = label_files(path, "json") if path.is_dir() else [path]
-        self._rig, self._class_ids, self._limits = rig, class_ids_of_labels(config.classes), config.limits
+        self._rig, self._class_ids, self._limits = rig, config.class_id_of_label, config.limits
         self._tracks: dict[str, int] = {}
         self._known: Mapping[str, F64] = _frames_of(rig)
         self._without = 0

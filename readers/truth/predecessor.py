@@ -21,7 +21,7 @@ from pipeline.core.settings.config import Config
 from pipeline.core.small_files import read_small_text
 from pipeline.evaluation.evaluation_frame import TruthBoxes3D
 from readers.files.evaluation_folder import START_NS, STEP_NS
-from readers.truth.boxes import MAX_OFF_UNIT, Labelled, class_ids_of_labels, label_files, truth_boxes_3d
+from readers.truth.boxes import MAX_OFF_UNIT, Labelled, label_files, truth_boxes_3d
 from readers.truth.source import TruthSource
 
 __all__ = ["CAR", "PredecessorTruth"]
@@ -55,7 +55,7 @@ class PredecessorTruth(TruthSource):
         self._rows = _read_rows(files[-1])
         self._is_box = self._rows.shape[1] == 7 and not _are_quaternions(self._rows)
         self._rig, self._car = rig, next(iter(rig.truth.values()), CAR)
-        self._class_ids = class_ids_of_labels(config.classes)
+        self._class_ids = config.class_id_of_label
         self.description = f"the car's odometry in {files[-1]}"
 
     @property

@@ -19,7 +19,6 @@ from readers.messages.vision.detections2d import decode_detections2d
 from readers.messages.vision.detections3d import decode_detections3d
 from readers.notes import Notes
 from readers.recording import Recording
-from readers.truth.boxes import class_ids_of_labels
 from readers.truth.moment import STEP_BACK_NS, Moment, class_ids_of, class_names_of, moment_of, object_ids, total
 from readers.truth.source import TruthSource
 from readers.truth.timeline import Timeline
@@ -51,7 +50,7 @@ class RecordedTruth(TruthSource):
         self, recording: Recording, topics: TruthTopics, cameras: Sequence[CameraSensor], config: Config
     ) -> None:
         self._topics, self._limits = topics, config.limits
-        self._class_ids = class_ids_of_labels(config.classes)
+        self._class_ids = config.class_id_of_label
         self._notes = Notes()
         self._wanted = topics.objects
         if config.evaluate.truth_time == "points":

@@ -29,6 +29,11 @@ class ClassPrior(SettingsModel):
     frequency: Positive = 1.0
     labels: tuple[Label, ...] = ()
 
+    @property
+    def known_as(self) -> tuple[str, ...]:
+        """Name and labels as they are looked up: in small letters, without space around them."""
+        return tuple(name.strip().lower() for name in (self.name, *self.labels))
+
 
 ROAD_CLASSES = (
     ClassPrior(

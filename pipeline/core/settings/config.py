@@ -75,5 +75,8 @@ class Config(SettingsModel):
 
     @property
     def class_id_of_label(self) -> dict[str, int]:
-        """Class id by label of a 2D detector, which may also be the class's own name."""
-        return {label: class_id for class_id, prior in enumerate(self.classes) for label in (prior.name, *prior.labels)}
+        """Class id by label of a detector or of truth, or by the class's own name; in small letters (`known_as`).
+
+        Of two classes with one label the last has it.
+        """
+        return {label: class_id for class_id, prior in enumerate(self.classes) for label in prior.known_as}

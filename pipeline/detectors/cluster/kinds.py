@@ -29,7 +29,7 @@ def kinds_of(classes: Sequence[ClassPrior]) -> Bools:
     found = np.zeros((len(classes), len(KINDS)), np.bool_)
     roads = {prior.name: prior for prior in ROAD_CLASSES}
     for row, prior in enumerate(classes):
-        names = [name for name in KIND_OF_NAME if name in (prior.name, *prior.labels)]
+        names = [name for name in KIND_OF_NAME if name in prior.known_as]
         fitting = [name for name in names if _is_of_size(prior, roads[name])]
         if not fitting:
             raise ConfigError(

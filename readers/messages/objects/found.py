@@ -52,7 +52,7 @@ class ObjectClasses:
 
     def __init__(self, config: Config) -> None:
         numbering = config.detect3d.recorded.class_numbers
-        known = {label.strip().lower(): row for label, row in config.class_id_of_label.items()}
+        known = config.class_id_of_label
         self._ids = (
             known if numbering == "labels" else {name: row for name, row in known.items() if not name.isdecimal()}
         )

@@ -32,7 +32,6 @@ from readers.messages.vision.detections3d import decode_detections3d
 from readers.messages.vision.track_ids import track_ids
 from readers.results.result import open_result
 from readers.rig.rig_file import rig_yaml
-from readers.truth.boxes import class_ids_of_labels
 from readers.truth.moment import moment_of
 from readers.truth.open import OpenTruth, open_truth
 from readers.truth.source import TruthSource
@@ -182,7 +181,7 @@ class Still(TruthSource):
     def at(self, stamp_ns: int, *, frame: int) -> TruthBoxes3D | None:
         del frame
         message = truth_message(stamp_ns, [true_object("car", (10, 0, 0), name="a")])
-        return moment_of(decode_detections3d(message), class_ids_of_labels(CONFIG.classes)).boxes
+        return moment_of(decode_detections3d(message), CONFIG.class_id_of_label).boxes
 
 
 def test_truth_of_another_kind_is_projected_into_images(tmp_path: Path) -> None:

@@ -11,11 +11,10 @@ from pipeline.core.settings.config import Config
 from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
 from readers.messages.vision.detections3d import decode_detections3d
 from readers.messages.vision.track_ids import track_ids
-from readers.truth.boxes import class_ids_of_labels
 from readers.truth.moment import Moment, class_ids_of, counted, moment_of, projected_truth, total
 
 CONFIG = Config()
-CLASSES = class_ids_of_labels(CONFIG.classes)
+CLASSES = CONFIG.class_id_of_label
 NAMES = CONFIG.class_names
 STAMP_NS = 1_700_000_000_000_000_000
 

@@ -104,3 +104,7 @@ def test_labels_lead_to_classes() -> None:
     config = Config()
     assert config.class_names[config.class_id_of_label["person"]] == "pedestrian"
     assert config.class_id_of_label["car"] == 0
+    size = {"size_m": [4, 2, 1.5], "max_size_m": [5, 2.2, 2]}
+    capitals = load_config(None, {"classes": [{"name": "Car", "labels": [" Van", "TRUCK"], **size}]})
+    assert capitals.class_id_of_label == {"car": 0, "van": 0, "truck": 0}
+    assert capitals.class_names == ("Car",)

@@ -25,9 +25,10 @@ RIDER: Box = (8.0, 4.0, 0.95, 0.7, 0.4, 1.5, 1.0)
 def test_kinds_of_classes() -> None:
     assert kinds_of(ROAD_CLASSES).nonzero()[1].tolist() == [1, 2, 3, 4, 4]
     motor = ClassPrior(
-        name="vehicle", size_m=(4.5, 1.8, 1.6), max_size_m=(16, 3.2, 4.2), labels=("car", "truck", "bus")
+        name="vehicle", size_m=(4.5, 1.8, 1.6), max_size_m=(16, 3.2, 4.2), labels=("Car", "truck", "bus")
     )
     assert kinds_of([motor]).nonzero()[1].tolist() == [1, 4]
+    assert kinds_of([ROAD_CLASSES[0].model_copy(update={"name": "CAR", "labels": ()})]).nonzero()[1].tolist() == [1]
 
 
 @pytest.mark.parametrize(
