@@ -1,6 +1,6 @@
 """The commands `lidcam train ...`."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -113,7 +113,7 @@ def clusters(
             given = _read(
                 recordings,
                 folder,
-                _check_classes,
+                family,
                 config=config_file,
                 settings=settings or (),
                 rig=rig_files,
@@ -202,7 +202,7 @@ def pillars(
             state.unlink()
         with TemporaryDirectory() as folder:
             given = _read(
-                recordings, folder, config=config_file, settings=settings or (), rig=rig_files, workers=workers
+                recordings, folder, family, config=config_file, settings=settings or (), rig=rig_files, workers=workers
             )
             embedded = "sandbox" if family == "sandbox" else "traffic"
             first = begin or (embedded if given else "none")
@@ -304,7 +304,7 @@ def _check_torch(what: str) -> None:
 def _read(
     recordings: Sequence[str] | None,
     folder: str,
-    check: "Callable[[Config], object]" = lambda _: None,
+    family: str | None,
     **options: Unpack["JobOptions"],
 ) -> "LabelledRecordings | None":
     """Recordings to learn from; None if there are none."""
@@ -314,18 +314,25 @@ def _read(
     from lidcam.training.recordings import read_recordings
 
     with show_training() as told:
-        return read_recordings(recordings, Path(folder), check=check, told=told, **options)
+        return read_recordings(
+            recordings, Path(folder), check=partial(_check_classes, family=family), told=told, **options
+        )
 
 
-def _check_classes(config: "Config") -> None:
-    """Refuse recordings of classes that the network does not know."""
+def _check_classes(config: "Config", *, family: str | None) -> None:
+    """Refuse recordings of classes, or of a size, that the network does not know."""
     from pipeline.detectors.cluster.kinds import knows
 
-    if not knows(config.classes):
-        raise ConfigError(
-            f"training of clusters: expected road users of full size, as of --config road, found the classes "
-            f"{', '.join(config.class_names)}; for model sites there is lidcam train pillars --family sandbox"
-        )
+    is_sandbox = family == "sandbox"
+    if knows(config.classes) != is_sandbox:
+        return
+    expected, remedy = "road users of full size, as of --config road", "for model sites there is lidcam train pillars"
+    if is_sandbox:
+        expected, remedy = "model cars, as of --config sandbox", "leave out"
+    raise ConfigError(
+        f"training from recordings: expected {expected}, found the classes {', '.join(config.class_names)}; {remedy} "
+        "--family sandbox"
+    )
 
 
 def _check_old(path: Path, *, overwrite: bool) -> None:

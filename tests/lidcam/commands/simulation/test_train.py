@@ -44,11 +44,27 @@ def test_a_network_is_not_converted_onto_itself(tmp_path: Path) -> None:
     assert "is an input of this run" in str(done.exception)
 
 
-def test_a_model_site_has_no_clusters_to_train(tmp_path: Path) -> None:
-    sandbox = Path(__file__).resolve().parents[4] / "bags" / "sandbox.bag"
-    done = CliRunner().invoke(
-        app, ["train", "clusters", "--recordings", str(sandbox), "--out", str(tmp_path / "mine.npz")]
-    )
+@pytest.mark.parametrize(
+    ("recording", "command", "expected"),
+    [
+        ("sandbox.bag", ["clusters", "--out", "mine.npz"], "road users of full size, as of --config road"),
+        ("sandbox.bag", ["pillars", "--steps", "1", "--out", "mine.onnx"], "road users of full size, as of"),
+        (
+            "crossing.mcap",
+            ["pillars", "--steps", "1", "--out", "mine.onnx", "--family", "sandbox"],
+            "model cars, as of --config sandbox",
+        ),
+    ],
+)
+def test_recordings_of_other_sizes_are_not_learned_from(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, recording: str, command: list[str], expected: str
+) -> None:
+    if command[0] != "clusters":
+        pytest.importorskip("torch", reason="needs the extra train")
+    monkeypatch.chdir(tmp_path)
+    bags = Path(__file__).resolve().parents[4] / "bags"
+    done = CliRunner().invoke(app, ["train", *command, "--recordings", str(bags / recording)])
     assert isinstance(done.exception, ConfigError)
-    assert "expected road users of full size, as of --config road, found the classes car; " in str(done.exception)
+    assert f"expected {expected}" in str(done.exception)
+    assert "found the classes car" in str(done.exception)
     assert not [*tmp_path.iterdir()]
