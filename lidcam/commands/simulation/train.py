@@ -195,7 +195,8 @@ def pillars(
     from writers.outputs.transaction import OutputTransaction
 
     card, state, processes = out.with_suffix(".md"), out.with_suffix(".ckpt"), workers or usable_cores()
-    with OutputTransaction([out, card], check_old=partial(_check_old, overwrite=overwrite or resume)) as outputs:
+    may_replace = overwrite or (resume and state.exists())
+    with OutputTransaction([out, card], check_old=partial(_check_old, overwrite=may_replace)) as outputs:
         if state.exists() and not resume:
             if not overwrite:
                 raise OutputError(f"{state}: exists; go on with --resume, or begin anew with --overwrite")

@@ -17,6 +17,7 @@ from pipeline.core.errors import ConfigError, OutputError
         (("pillars", "--steps", "1", "--out", "mine.onnx"), "mine.onnx"),
         (("pillars", "--steps", "1", "--out", "mine.onnx"), "mine.md"),
         (("pillars", "--steps", "1", "--out", "mine.onnx"), "mine.ckpt"),
+        (("pillars", "--steps", "1", "--out", "mine.onnx", "--resume", "--workers", "1"), "mine.onnx"),
         (("convert", "net.pth", "--out", "mine.onnx"), "mine.onnx"),
         (("images", "--steps", "1", "--out", "mine.onnx"), "mine.onnx"),
     ],
