@@ -191,22 +191,25 @@ def pillars(
     from lidcam.printing.progress import show_training
     from lidcam.training.pillars.fit import Checkpoint
     from lidcam.training.pillars.train import train_pillars
+    from pipeline.detectors.pillars.embedded import existing_network_file
     from pipeline.parallel.cores import usable_cores
     from writers.outputs.transaction import OutputTransaction
 
     card, state, processes = out.with_suffix(".md"), out.with_suffix(".ckpt"), workers or usable_cores()
     may_replace = overwrite or (resume and state.exists())
     with OutputTransaction([out, card], check_old=partial(_check_old, overwrite=may_replace)) as outputs:
-        if state.exists() and not resume:
-            if not overwrite:
-                raise OutputError(f"{state}: exists; go on with --resume, or begin anew with --overwrite")
-            state.unlink()
+        if state.exists() and not (resume or overwrite):
+            raise OutputError(f"{state}: exists; go on with --resume, or begin anew with --overwrite")
         with TemporaryDirectory() as folder:
             given = _read(
                 recordings, folder, family, config=config_file, settings=settings or (), rig=rig_files, workers=workers
             )
             embedded = "sandbox" if family == "sandbox" else "traffic"
             first = begin or (embedded if given else "none")
+            if not resume:
+                if first != "none":
+                    existing_network_file(Path(first))
+                state.unlink(missing_ok=True)
             worlds = family or "road"
             has_worlds = bool(family) or not given
             checkpoint = Checkpoint(

@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from lidcam.commands import app
-from pipeline.core.errors import ConfigError, OutputError
+from pipeline.core.errors import ConfigError, ModelError, OutputError, RecordingError
 
 
 @pytest.mark.parametrize(
@@ -34,6 +34,17 @@ def test_what_is_there_stays(
     assert f"{name}: exists; " in str(done.exception)
     assert [path.name for path in tmp_path.iterdir()] == [name]
     assert (tmp_path / name).read_text(encoding="utf-8") == "mine"
+
+
+@pytest.mark.parametrize("option", ["--recordings", "--from"])
+def test_the_state_of_a_training_stays_until_another_begins(tmp_path: Path, option: str) -> None:
+    pytest.importorskip("torch", reason="needs the extra train")
+    state = tmp_path / "mine.ckpt"
+    state.write_text("mine", encoding="utf-8")
+    command = ["pillars", "--steps", "1", "--out", str(tmp_path / "mine.onnx"), "--overwrite"]
+    done = CliRunner().invoke(app, ["train", *command, option, str(tmp_path / "none")])
+    assert isinstance(done.exception, (RecordingError, ModelError))
+    assert state.read_text(encoding="utf-8") == "mine"
 
 
 def test_a_network_is_not_converted_onto_itself(tmp_path: Path) -> None:
