@@ -53,7 +53,8 @@ class PillarDetector:
         """Load the network.
 
         Raises:
-            ModelError: there is none, it cannot be loaded, or none of its classes is configured.
+            ModelError: there is none, it cannot be loaded, none of its classes is configured, or its pillars are
+                wider than all those that are.
         """
         path = config.detect3d.model
         if path is None:
@@ -70,6 +71,13 @@ class PillarDetector:
         if (self._class_ids < 0).all():
             names = ", ".join(one.name for one in found)
             raise ModelError(f"{path}: finds {names}; expected one that is a class or a label of a class in `classes`")
+        widest = max((config.classes[one] for one in self._class_ids if one >= 0), key=lambda prior: prior.size_m[1])
+        if widest.size_m[1] < self._network.cell_m:
+            raise ModelError(
+                f"{path}: has pillars of {self._network.cell_m:g} m, expected narrower ones than the classes it finds "
+                f"({widest.name} {widest.size_m[1]:g} m); take a network that was trained for this size, or another "
+                "--config"
+            )
         variances = [(one.sigma_m**2, one.sigma_m**2, one.sigma_rad**2) for one in found]
         self._covariances = np.array([np.diag(one) for one in variances])
 

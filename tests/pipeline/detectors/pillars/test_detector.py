@@ -18,6 +18,7 @@ PERSON: Box = (5.0, 6.0, 0.9, 0.6, 0.6, 1.75, 0.0)
 EMPTY: Box = (-9.0, -9.0, 0.8, 4.2, 1.75, 1.5, 0.0)
 CLASSES: list[dict[str, Any]] = [{"name": "Pedestrian"}, {"name": "car", "sigma_m": 0.2, "sigma_rad": 0.1}]
 LIDAR = (0.0, 0.0, 1.8)
+MODEL_CAR = "classes=[{name: car, size_m: [0.33, 0.22, 0.21], max_size_m: [0.42, 0.28, 0.26]}]"
 
 
 def write(path: Path, **said: object) -> Path:
@@ -59,6 +60,11 @@ def test_nothing_is_found_where_nothing_is_seen(tmp_path: Path) -> None:
         ({"features": ["x"]}, (), "found other features or another grid: train it anew"),
         ({"classes": [{"name": "tram"}, {"name": "dog"}]}, (), "finds tram, dog; expected one that is a class"),
         ({"classes": [{"name": "car"}]}, (), r"numbers \(1, 9, 32, 32\), found float32 \(1, 10, 32, 32\)"),
+        (
+            {},
+            (MODEL_CAR,),
+            r"has pillars of 0\.5 m, expected narrower ones .* \(car 0\.22 m\)",
+        ),
         (None, ("detect3d.method=pillars",), "give --model-3d FILE.onnx or set detect3d.model"),
     ],
 )
