@@ -69,7 +69,7 @@ class Evidence(NamedTuple):
         boxes: The boxes.
         learned: (N,) log odds by the score of clusters; 0 for boxes of the network if that is not the learned one.
         network: (N,) log odds by the network; NaN where it has no box.
-        is_reached: (N,) whether the grid of the network reaches them.
+        is_reached: (N,) whether the network knows such objects, and its grid reaches them.
     """
 
     boxes: Boxes3D
@@ -95,6 +95,8 @@ class CombinedDetector:
         is_known = knows(config.classes)
         self._learned = LearnedScores(rig, config) if is_known else None
         self._kinds = kinds_of(config.classes).argmax(1) if is_known else np.zeros(len(config.classes), np.int64)
+        # Classes of one kind may stand for each other: a truck of clusters is a bus of the network.
+        self._groups = np.where(self._kinds == UNKNOWN, len(KINDS) + np.arange(len(self._kinds)), self._kinds)
         self._clusters, self._network = ClusterDetector(rig, config), FittedPillarDetector(rig, config)
         self._site_frame, self._min_score = rig.site_frame, config.detect3d.min_score
 
@@ -117,7 +119,8 @@ class CombinedDetector:
         yaws[cluster] += np.pi * (np.cos(yaws[cluster] - found.yaws[partner]) < 0)
         boxes = found.joined(replace(clusters, yaws=wrap_angle(yaws)))
         learned = np.concatenate([self._learned_of(combined, found), clusters.scores])
-        is_reached = self._network.reaches(boxes.centers[:, :2])
+        is_found = np.isin(self._groups, self._groups[self._network.class_ids])
+        is_reached = is_found[boxes.class_ids] & self._network.reaches(boxes.centers[:, :2])
         return Evidence(boxes, logit(learned), np.append(network, beside), is_reached)
 
     def _learned_of(self, combined: CombinedCloud, found: Boxes3D) -> F64:
@@ -127,8 +130,11 @@ class CombinedDetector:
         return np.asarray(self._learned.by_class(combined, found)[np.arange(len(found)), found.class_ids])
 
     def _partners(self, clusters: Boxes3D, found: Boxes3D) -> tuple[Indices, Indices]:
-        """Clusters, and for each the likeliest box of the network of its kind that shares its ground."""
-        same = self._kinds[clusters.class_ids][:, None] == self._kinds[found.class_ids]
+        """Clusters, and for each the likeliest box of the network that shares its ground, of its kind.
+
+        Of a class that is of no kind, it is one of its class.
+        """
+        same = self._groups[clusters.class_ids][:, None] == self._groups[found.class_ids]
         rows, columns = np.nonzero(same & (overlap_shares(clusters, found) > OVERLAP_SHARE))
         cluster, first = np.unique(rows, return_index=True)  # likelier ones first
         return cluster, columns[first]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, Bools
+from pipeline.core.arrays import F32, F64, I64, Bools
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.errors import ModelError
 from pipeline.core.geometry.regions import points_in_footprints
@@ -80,6 +80,11 @@ class PillarDetector:
             )
         variances = [(one.sigma_m**2, one.sigma_m**2, one.sigma_rad**2) for one in found]
         self._covariances = np.array([np.diag(one) for one in variances])
+
+    @property
+    def class_ids(self) -> I64:
+        """(M,) configured classes that the network finds."""
+        return self._class_ids[self._class_ids >= 0]
 
     def reaches(self, xy: F64) -> Bools:
         """(N,) whether places (N, 2) in the site frame are in the grid of the network."""

@@ -5,7 +5,7 @@ The network knows where objects are and where their front is; the points in a bo
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools
+from pipeline.core.arrays import F64, I64, Bools
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes3D
 from pipeline.core.geometry.boxes import wrap_angle
@@ -54,6 +54,11 @@ class FittedPillarDetector:
             turn <= SAME_HEADING_SIGMAS * np.sqrt(found.covariances[:, 2, 2])
         )
         return found.joined(fitted).select(np.arange(len(found)) + len(found) * agree)
+
+    @property
+    def class_ids(self) -> I64:
+        """(M,) classes that the network finds."""
+        return self._network.class_ids
 
     def reaches(self, xy: F64) -> Bools:
         """(N,) whether places (N, 2) in the site frame are in the grid of the network."""

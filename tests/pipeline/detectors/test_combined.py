@@ -30,12 +30,13 @@ LEARNED = dict(zip(KINDS, (0.05, 0.6, 0.3, 0.03, 0.02), strict=True))
 LOG_ODDS = 3.0
 
 
-def detector(tmp_path: Path, boxes: list[F64], name: str = "car", method: str = "combined") -> Detect3D:
-    """With a network that finds these boxes, each with `LOG_ODDS`; the score of all clusters is `LEARNED`."""
+def detector(tmp_path: Path, boxes: list[F64], names: tuple[str, ...] = ("car",), method: str = "combined") -> Detect3D:
+    """With a network that finds these boxes of the first class with `LOG_ODDS`; the score of clusters is `LEARNED`."""
     rows = np.array(boxes).reshape(-1, 7)
     odds, classes = np.full(len(rows), LOG_ODDS), [0] * len(rows)
-    numbers = numbers_of(rows[:, :3], rows[:, 3:6], rows[:, 6], odds, classes, 1)
-    model, weights = write_pillars(tmp_path / "net.onnx", numbers, [{"name": name}]), tmp_path / "net.npz"
+    numbers = numbers_of(rows[:, :3], rows[:, 3:6], rows[:, 6], odds, classes, len(names))
+    model = write_pillars(tmp_path / "net.onnx", numbers, [{"name": one} for one in names])
+    weights = tmp_path / "net.npz"
     said = np.log(list(LEARNED.values()))
     layer = np.zeros((1, len(FEATURES), len(KINDS))), said[None, None]
     none = np.zeros(len(FEATURES))
@@ -90,9 +91,9 @@ def test_what_one_of_them_misses(tmp_path: Path) -> None:
 
 
 def test_of_people_the_learned_score_is_not_raised(tmp_path: Path) -> None:
-    cloud, boxes = combined(scan(LIDAR, [PERSON])), [np.array(PERSON)]
-    assert log_odds(detector(tmp_path, boxes, "pedestrian", "pillars")(cloud), PERSON) == pytest.approx(LOG_ODDS)
-    found = at(detector(tmp_path, boxes, "pedestrian")(cloud), PERSON)
+    cloud, boxes, names = combined(scan(LIDAR, [PERSON])), [np.array(PERSON)], ("pedestrian", "car")
+    assert log_odds(detector(tmp_path, boxes, names, "pillars")(cloud), PERSON) == pytest.approx(LOG_ODDS)
+    found = at(detector(tmp_path, boxes, names)(cloud), PERSON)
     np.testing.assert_allclose(found.scores, LEARNED["pedestrian"], rtol=1e-3)
 
 
@@ -102,6 +103,26 @@ def test_the_order_of_points_does_not_matter(tmp_path: Path) -> None:
     first, again = detect(combined(points)), detect(combined(np.random.default_rng(0).permutation(points)))
     for name in ("centers", "sizes", "yaws", "scores", "class_ids", "covariances"):
         np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
+
+
+def test_a_network_that_knows_no_cars_does_not_speak_against_them(tmp_path: Path) -> None:
+    boxes = detector(tmp_path, [], ("pedestrian",))(combined(scan(LIDAR, [CAR])))
+    np.testing.assert_allclose(boxes.scores, LEARNED["car"], rtol=1e-3)
+
+
+def test_clusters_of_one_unknown_class_are_not_joined_with_boxes_of_another(tmp_path: Path) -> None:
+    row = np.array(CAR)[None]
+    numbers = numbers_of(row[:, :3], row[:, 3:6], row[:, 6], np.array([LOG_ODDS]), [0], 1)
+    model = write_pillars(tmp_path / "net.onnx", numbers, [{"name": "sled"}])
+    cart, sled = "size_m: [4.2, 1.75, 1.5], max_size_m: [5, 2, 2]", "size_m: [3, 1, 1], max_size_m: [4, 2, 2]"
+    settings = (
+        f"classes=[{{name: cart, {cart}}}, {{name: sled, {sled}}}]",
+        f"detect3d.model={model}",
+        "detect3d.method=combined",
+    )
+    boxes = Detect3D(rig(LIDAR), load_config("road", settings))(combined(scan(LIDAR, [CAR])))
+    assert boxes.class_ids.tolist() == [1]
+    assert log_odds(boxes, CAR) == pytest.approx(LOG_ODDS, abs=1e-3)
 
 
 def test_classes_that_the_learned_score_does_not_know(tmp_path: Path) -> None:
