@@ -9,6 +9,7 @@ from pipeline.core.geometry.regions import points_in_footprints
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.cluster.fitting import BoxFitter
+from pipeline.detectors.log_odds import logit, sigmoid
 from pipeline.detectors.onnx.session import OnnxSession
 from pipeline.detectors.pillars.embedded import existing_network_file
 from pipeline.detectors.pillars.kits import KEY, KitNetwork
@@ -90,7 +91,7 @@ class PillarDetector:
 
     def __call__(self, combined: CombinedCloud) -> Candidates3D:
         """Boxes with a point in them or within half a pillar of them, because a box may be a little too small."""
-        least = float(np.log(LEAST / (1 - LEAST)))
+        least = float(logit(np.array(LEAST)))
         if isinstance(self._network, KitNetwork):
             found = self._network(*self._points.with_ground(combined), least)
         else:
@@ -108,7 +109,7 @@ class PillarDetector:
             centers[kept],
             found.sizes[kept],
             found.yaws[kept],
-            1 / (1 + np.exp(-found.log_odds[kept])),
+            sigmoid(found.log_odds[kept]),
             self._class_ids[found.classes[kept]],
             points[kept],
             self._covariances[found.classes[kept]],
