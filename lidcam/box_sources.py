@@ -43,14 +43,16 @@ def engine_3d(config: Config) -> str:
 
 
 def network_3d(config: Config) -> Path | None:
-    """The file of the 3D network that finds boxes: as set, or the one that comes with lidcam for these classes, if any.
+    """The file of the 3D network that finds boxes: as set, or the one that comes with lidcam for these classes.
 
-    A `detect3d.score` without a method asks for clusters alone, whose score it is.
+    None if no network finds them. A `detect3d.score` without a method asks for clusters alone, whose score it is.
     """
     detect3d = config.detect3d
+    if detect3d.method not in {"auto", "pillars", "combined"}:
+        return None
     if detect3d.model is not None:
         return network_file(detect3d.model)
-    is_wanted = detect3d.method in {"pillars", "combined"} or (detect3d.method, detect3d.score) == ("auto", "auto")
+    is_wanted = detect3d.method != "auto" or detect3d.score == "auto"
     return EMBEDDED["traffic"] if is_wanted and knows(config.classes) else None
 
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from lidcam.box_sources import box_source, check_box_source, engine_3d, network_3d
+from lidcam.box_sources import box_source, check_box_source, engine_3d
 from lidcam.build import build_graph
 from lidcam.checks.calibration.check import CalibrationCheck
 from lidcam.checks.class_numbers import class_number_warnings
@@ -38,11 +38,12 @@ from lidcam.frames import (
 from lidcam.job import Job
 from lidcam.outputs.allowed import check_no_input
 from lidcam.outputs.copied import choose_copied, choose_drawn, truth_frames
+from lidcam.outputs.input_files import input_files, read_named_files
 from lidcam.outputs.kinds import drawn_scenes
 from lidcam.outputs.open import how_to_open, make_pages, open_outputs, open_writers, written_files
 from lidcam.report import InputReport, RunReport, SensorReport, TimingReport, unused_topics
 from lidcam.settings.choice import use_settings
-from lidcam.settings.effect import named_files, settings_sha256
+from lidcam.settings.effect import settings_sha256
 from lidcam.summary import DropTable, RunProgress, Tally
 from lidcam.tracks import tracked
 from pipeline.core.errors import RecordingError, short_memory_told
@@ -52,7 +53,7 @@ from pipeline.parallel.process import WorkerProcess, copied_workers
 from pipeline.parallel.run import Limits, run_parallel
 from pipeline.stages.sync.synchronize import SyncStats
 from pipeline.tracking.trackers import object_tracker
-from readers.input_file import InputFile, InputFiles, read_input_file
+from readers.input_file import InputFile, InputFiles
 from readers.open import open_recording
 from readers.recording import ReadOptions, Recording
 from readers.rig.discovery import Discovery, discover_rig
@@ -94,12 +95,12 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunRepor
             is left behind.
     """
     observer = observer or RunObserver()
-    named = {key: read_input_file(path) for key, path in named_files(job.config).items()}
+    named = read_named_files(job)
     with open_outputs(job) as outputs, opened(job) as run:
         written = written_files(job)
         with ExitStack() as stack:
             observer.opened(run.source)
-            inputs = stack.enter_context(closing(_input_files(run.source, named, is_written=bool(written))))
+            inputs = stack.enter_context(closing(input_files(run.source, named, is_written=bool(written))))
             writers = open_writers(job, run.source, inputs, outputs, stack, run.report)
             # Closed before the writers are, also when the observer raises: then no stage is at work any more.
             folder = written[0].parent if written else None
@@ -361,21 +362,6 @@ class Run:
             if drop.topic not in motion_topics:
                 for _ in range(count):
                     self._drops.add_bad(drop)
-
-
-def _input_files(source: RunInput, named: Mapping[str, InputFile], *, is_written: bool) -> InputFiles:
-    """The files of the recording, with checksums if results say what they are of.
-
-    Not of a part of a recording: to read the rest as well takes minutes where it is large.
-    """
-    recording, window = source.recording, source.window
-    is_whole = window.start_ns is None and (window.stop_ns is None or window.stop_ns > recording.end_ns)
-    if box_source(source.config, source.rig) != "onnx":
-        named = {key: file for key, file in named.items() if not key.startswith("network")}
-    model = network_3d(source.config)
-    if model and engine_3d(source.config) in {"pillars", "combined"} and "detect3d.model" not in named:
-        named = {**named, "detect3d.model": read_input_file(model)}  # what comes with lidcam, chosen by the recording
-    return InputFiles(recording.opened, named, with_checksums=is_written and is_whole)
 
 
 def _share(recording: Recording, log_time_ns: int) -> float:

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 from counting import CLASSES, RANGE_M, excused
-from labelled_frames import LabelledFrame, labelled_frames, write_recording
+from labelled_frames import Label, LabelledFrame, labelled_frames, write_recording
 from scipy.optimize import minimize
 
 from lidcam.build import decided
@@ -37,6 +37,7 @@ from pipeline.core.association import class_agreement
 from pipeline.core.detections import Boxes3D, Hypotheses
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.boxes import wrap_angle
+from pipeline.core.geometry.transform import Transform
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.detection.criteria import Criteria
 from pipeline.evaluation.detection.gathering import Gathering
@@ -130,9 +131,9 @@ class Collector(RunObserver):
 def weighed(given: str, folder: Path, settings: Sequence[str]) -> list[Weighed]:
     """Process what was given on the command line, and find its truth."""
     path, _, model = given.partition(",")
-    if not Path(path).is_dir():
-        return [_recorded(path, folder, settings, Path(model) if model else None)]
     frames = [*labelled_frames(Path(path))]
+    if not frames:  # bags of ROS 2 are folders, too
+        return [_recorded(path, folder, settings, Path(model) if model else None)]
     return [_labelled(frame, Path(model), 1 / len(frames), folder, settings) for frame in frames]
 
 
@@ -162,23 +163,7 @@ def _labelled(frame: LabelledFrame, model: Path, weight: float, folder: Path, se
     )
     (hypotheses, visibility, alone), source = collector.frames[0], collector.source
     T_site_lidar = source.rig.lidars[0].T_site_lidar
-    names = source.config.class_names
-    poses = T_site_lidar.matrix @ np.stack([one.T_lidar_box for one in frame.labels])
-    count = len(poses)
-    class_ids = [names.index(CLASSES[one.label]) if one.label in CLASSES else UNKNOWN for one in frame.labels]
-    truth = TruthBoxes3D(
-        0,
-        source.rig.site_frame,
-        poses[:, :3, 3],
-        np.array([one.size_m for one in frame.labels], np.float64),
-        wrap_angle(np.arctan2(poses[:, 1, 0], poses[:, 0, 0])),
-        np.array(class_ids, np.int32),
-        np.array([one.label for one in frame.labels], np.str_),
-        np.full(count, UNKNOWN, np.int64),
-        np.full(count, UNKNOWN, np.int32),
-        np.full(count, UNKNOWN, np.int32),
-        np.array(class_ids) == UNKNOWN,
-    )
+    truth = labelled_boxes(frame.labels, T_site_lidar, source.config.class_names)
     T_lidar_site = T_site_lidar.inverse()
     ignored = [
         excused(frame, centers) | (np.hypot(centers[:, 0], centers[:, 1]) > RANGE_M)
@@ -187,6 +172,26 @@ def _labelled(frame: LabelledFrame, model: Path, weight: float, folder: Path, se
     found = WeighedFrame(hypotheses.boxes, hypotheses.lidar_count, visibility, alone, truth, (ignored[0], ignored[1]))
     config = decided(source.config, source.rig)
     return Weighed(frame.name, weight, config, tuple(one.name for one in source.rig.cameras), [found])
+
+
+def labelled_boxes(labels: Sequence[Label], T_site_lidar: Transform, names: Sequence[str]) -> TruthBoxes3D:
+    """Labels as boxes in the site frame, with classes by these names."""
+    poses = T_site_lidar.matrix @ np.array([one.T_lidar_box for one in labels]).reshape(-1, 4, 4)
+    count = len(poses)
+    class_ids = np.array([names.index(CLASSES[one.label]) if one.label in CLASSES else UNKNOWN for one in labels])
+    return TruthBoxes3D(
+        0,
+        T_site_lidar.dst,
+        poses[:, :3, 3],
+        np.array([one.size_m for one in labels], np.float64).reshape(-1, 3),
+        wrap_angle(np.arctan2(poses[:, 1, 0], poses[:, 0, 0])),
+        class_ids.astype(np.int32),
+        np.array([one.label for one in labels], np.str_),
+        np.full(count, UNKNOWN, np.int64),
+        np.full(count, UNKNOWN, np.int32),
+        np.full(count, UNKNOWN, np.int32),
+        class_ids == UNKNOWN,
+    )
 
 
 def probabilities(run: Weighed, by: Coefficients) -> tuple[list[F64], list[F64], list[F64]]:

@@ -9,16 +9,14 @@ streets, less than in drawn worlds. Where the network has no box, only boxes in 
 """
 
 import argparse
-from functools import partial
-from multiprocessing import Pool
 
 import numpy as np
-from held_out_worlds import FIRST_WORLD, SWEEPS_OF_A_WORLD, combined_cloud
+from held_out_worlds import FIRST_WORLD, combined_cloud
 from scipy.optimize import minimize
 
 from bags.simulator.worlds.draw import Family
 from bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, sweep
-from lidcam.training.examples import KIND_OF_CLASS, MIN_POINTS, kinds_of_boxes
+from lidcam.training.examples import KIND_OF_CLASS, MIN_POINTS, SWEEPS_OF_A_WORLD, kinds_of_boxes
 from lidcam.training.fit import PRIORS
 from pipeline.core.arrays import F64
 from pipeline.core.settings.load import load_config
@@ -38,9 +36,8 @@ def main() -> None:
     parser.add_argument("--model", default="traffic")
     given = parser.parse_args()
     families: list[Family] = ["road", "crossing"]
-    tasks = [(family, row) for row in range(given.worlds // 2) for family in families]
-    with Pool(1) as pool:
-        table = np.concatenate(pool.starmap(partial(_rows, given.model), tasks, chunksize=len(tasks)))
+    worlds = [(family, row) for row in range(given.worlds // 2) for family in families]
+    table = np.concatenate([_rows(given.model, family, row) for family, row in worlds])
     kind, is_right, learned, network, reached = table.T
     has_box = ~np.isnan(network)
     for row, name in enumerate(KINDS[1:], 1):

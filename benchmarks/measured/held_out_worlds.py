@@ -11,6 +11,7 @@ was found. An object counts if 10 points and more are on it and it is within 60 
 """
 
 import argparse
+import re
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
@@ -23,7 +24,7 @@ from bags.simulator.scenario.sensors import LidarScenario
 from bags.simulator.worlds.draw import Family
 from bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, TrainingSweep, sweep
 from lidcam.build import decided
-from lidcam.training.examples import cloud_of, rig_of
+from lidcam.training.examples import SWEEPS_OF_A_WORLD, cloud_of, rig_of
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes3D
 from pipeline.core.frame import SensorBundle
@@ -38,7 +39,6 @@ from pipeline.stages.detect3d import Detect3D
 FIRST_WORLD = 2_000_000
 """Trainings take worlds from their seed on, and judge themselves in those from a million on."""
 
-SWEEPS_OF_A_WORLD = 4
 EVALUATED = ("evaluate.max_range_m=60", "evaluate.min_lidar_points=10", "evaluate.iou=[0.5]", "evaluate.bootstrap=100")
 LEAST = {"all": 0.0, "calibrated": 0.05, "reported": 0.5}
 
@@ -55,9 +55,9 @@ def main() -> None:
     parser.add_argument("--height-m", type=float)
     parser.add_argument("detectors", nargs="+", metavar="NAME:SETTING,...")
     given = parser.parse_args()
-    detectors = {name: tuple(rest.split(",")) for name, _, rest in (one.partition(":") for one in given.detectors)}
+    detectors = dict(map(named_settings, given.detectors))
     evaluation = DetectionEvaluation(load_config(given.family, EVALUATED), ())
-    look = partial(_world, given.family, detectors, partial(_changed, given.elevations, given.height_m))
+    look = partial(look_at_world, given.family, detectors, partial(_changed, given.elevations, given.height_m))
     for row, (truth, found) in enumerate(_looked(look, given.worlds, given.workers)):
         sources = {
             f"{name} {kind}": SourceBoxes(kept, np.full(len(kept), UNKNOWN, np.int64))
@@ -67,6 +67,12 @@ def main() -> None:
         }
         evaluation.add(EvaluationFrame(row, 0, truth, sources))
     _print_table(evaluation.figures()["sources"], list(detectors))
+
+
+def named_settings(given: str) -> tuple[str, tuple[str, ...]]:
+    """NAME and its settings; a comma parts them where a key follows, so that values may be lists."""
+    name, _, rest = given.partition(":")
+    return name, tuple(re.split(r",(?=[^,=\[\]{}]+=)", rest)) if rest else ()
 
 
 def _looked(look: Callable[[int], list[Found]], worlds: int, workers: int) -> Iterator[Found]:
@@ -83,7 +89,7 @@ def _changed(elevations_deg: tuple[float, ...] | None, height_m: float | None, l
     return lidar.model_copy(update=changes | ({"elevations_deg": elevations_deg} if elevations_deg else {}))
 
 
-def _world(
+def look_at_world(
     family: Family,
     detectors: dict[str, tuple[str, ...]],
     changed: Callable[[LidarScenario], LidarScenario],
@@ -95,10 +101,11 @@ def _world(
     answer = []
     for seed in range(first, first + SWEEPS_PER_WORLD, step):
         taken = sweep(family, seed, changed)
-        config = next(iter(configs.values()))
-        rig, combined = combined_cloud(taken, config)
-        found = {name: Detect3D(rig, decided(one, rig))(combined) for name, one in configs.items()}
-        answer.append((_truth(taken, config, rig.site_frame), found))
+        found = {}
+        for name, config in configs.items():
+            rig, combined = combined_cloud(taken, config)
+            found[name] = Detect3D(rig, decided(config, rig))(combined)
+        answer.append((_truth(taken, load_config(family), rig_of([taken]).site_frame), found))
     return answer
 
 

@@ -183,5 +183,6 @@ def _frame(
 
 def _png_size(path: Path) -> tuple[int, int]:
     """Width and height, which stand at a fixed place (PNG specification, IHDR)."""
-    head = path.open("rb").read(24)
+    with path.open("rb") as file:
+        head = file.read(24)
     return int.from_bytes(head[16:20], "big"), int.from_bytes(head[20:24], "big")

@@ -96,10 +96,9 @@ def _print_table(counts: Counts) -> None:
         by_label = [counts[source][label] for label in CLASSES]
         cells = [f"{sum(len(one.found) for one in of)} | {sum(one.false for one in of)}" for of in by_label]
         cars = [found for one in by_label[0] for found in one.found]
-        position_m, yaw_deg = (
-            (f"{mean:.{n}f}" for mean, n in zip(np.mean(cars, 0), (2, 1), strict=True)) if cars else "--"
-        )
-        print(f"| {name} | {' | '.join(cells)} | {position_m} m | {yaw_deg} deg |")
+        position_m, yaw_deg = np.mean(cars, 0) if cars else (np.nan, np.nan)
+        errors = f"{position_m:.2f} m | {yaw_deg:.1f} deg" if cars else "-- | --"
+        print(f"| {name} | {' | '.join(cells)} | {errors} |")
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ class PointCloud:
         stamp_ns: Origin of `time_offset_ns`.
         frame_id: Frame of `xyz`.
         xyz: (N, 3) float32, metres; all finite.
-        intensity: (N,) float32 in the sensor's own scale; zeros where the sensor reports none.
+        intensity: (N,) float32 in the sensor's own scale, all finite; zeros where the sensor reports none.
         ring: (N,) uint16 laser index; zeros where the sensor reports none.
         time_offset_ns: (N,) int32, time of each point minus `stamp_ns`; zeros where the sensor reports none.
         has_time: Whether `time_offset_ns` was measured.

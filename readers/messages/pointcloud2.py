@@ -54,7 +54,8 @@ def decode_pointcloud2(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LI
 
     Returns:
         The cloud at the message's stamp. Points with a coordinate that is not finite in float32 are removed and counted
-        in `nan_dropped`. Rings are clipped to 0 to 65535.
+        in `nan_dropped`. Intensities that are not finite are 0, as where there are none. Rings are clipped to 0 to
+        65535.
 
     Raises:
         MessageError: not a PointCloud2; x, y or z is missing; sizes, offsets and data contradict each other; or there
@@ -82,7 +83,7 @@ def decode_pointcloud2(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LI
         stamp_ns=message.stamp_ns,
         frame_id=clean_frame(cloud.header.frame_id),
         xyz=xyz,
-        intensity=np.zeros(n, np.float32) if intensity is None else _as_float32(intensity),
+        intensity=np.zeros(n, np.float32) if intensity is None else _as_intensity(intensity),
         ring=np.zeros(n, np.uint16) if ring is None else _as_uint16(ring),
         time_offset_ns=np.zeros(n, np.int32) if time_offset_ns is None else time_offset_ns,
         has_time=time_offset_ns is not None,
@@ -142,9 +143,9 @@ def _finite_points(axes: list[Array]) -> tuple[F32, slice | Bools]:
     return xyz[keep], keep
 
 
-def _as_float32(values: Array) -> F32:
+def _as_intensity(values: Array) -> F32:
     with np.errstate(over="ignore", invalid="ignore"):
-        return np.array(values, np.float32)
+        return np.nan_to_num(np.array(values, np.float32), copy=False, posinf=0.0, neginf=0.0)
 
 
 def _as_uint16(values: Array) -> U16:

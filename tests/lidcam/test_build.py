@@ -45,7 +45,7 @@ def test_where_the_score_of_clusters_is_learned(
         (("detect3d.method=pillars",), "road", "pillars", EMBEDDED["traffic"]),
         (("detect3d.model=mine.onnx",), "road", "combined", Path("mine.onnx")),
         ((), "sandbox", "combined", EMBEDDED["sandbox"]),
-        (("detect3d.method=cluster",), "sandbox", "cluster", EMBEDDED["sandbox"]),
+        (("detect3d.method=cluster",), "sandbox", "cluster", None),
         (("detect3d.model=mine.onnx",), "sandbox", "combined", Path("mine.onnx")),
         ((UNKNOWN_CLASS,), "road", "cluster", None),
         (("detect3d.model=mine.onnx", "detect3d.method=pillars"), "road", "pillars", Path("mine.onnx")),

@@ -5,9 +5,7 @@ has beyond that is left out: points between two surfaces at edges, second echoes
 another lidar in another place, share one world, because building a world takes longer than casting its beams.
 """
 
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -32,14 +30,13 @@ from bags.simulator.world.places.places import height_of, mesh_of
 from bags.simulator.worlds.draw import Family, random_lidar, random_numbers_of, random_scenario
 from bags.simulator.worlds.site import first_state
 from pipeline.core.arrays import F32, F64, I32, I64
-from pipeline.parallel.pool import process_pool
 
 load_libusb()
 import open3d as _open3d  # noqa: E402  (needs libusb first)
 
 open3d: Any = _open3d  # its stubs lack arrays
 
-__all__ = ["SWEEPS_PER_WORLD", "TrainingSweep", "sweep", "sweeps"]
+__all__ = ["SWEEPS_PER_WORLD", "TrainingSweep", "sweep"]
 
 SWEEPS_PER_WORLD = 16
 """Seeds `k * SWEEPS_PER_WORLD` and the following are of one world."""
@@ -57,7 +54,6 @@ class TrainingSweep:
 
     Attributes:
         points: (N, 4) float32 x, y, z in metres, and intensity from 0 to 255.
-        object_of_point: (N,) int32 row of the object that each point is on; -1 for none.
         centers: (M, 3) centre of the box of each road user, metres; those that no point is on, too.
         sizes: (M, 3) length, width, height, metres; see the ground truth of recordings for what they hold.
         yaws: (M,) headings, radians about +z.
@@ -68,7 +64,6 @@ class TrainingSweep:
     """
 
     points: F32
-    object_of_point: I32
     centers: F64
     sizes: F64
     yaws: F64
@@ -88,29 +83,6 @@ def sweep(family: Family, seed: int, changed: Callable[[LidarScenario], LidarSce
     """
     world_seed, number = divmod(seed, SWEEPS_PER_WORLD)
     return _world(family, world_seed).sweep(family, world_seed, number, changed or (lambda lidar: lidar))
-
-
-def sweeps(family: Family, seeds: range, *, workers: int = 1) -> Iterator[TrainingSweep]:
-    """The sweeps of seeds, in their order, whatever the number of processes.
-
-    Close the generator to end the processes before it is exhausted.
-    """
-    if workers == 1:
-        yield from (sweep(family, seed) for seed in seeds)
-        return
-    blocks = iter([seeds[row : row + SWEEPS_PER_WORLD] for row in range(0, len(seeds), SWEEPS_PER_WORLD)])
-    with process_pool(workers) as pool:
-        waiting: deque[Future[list[TrainingSweep]]] = deque()
-        while True:
-            while len(waiting) < 2 * workers and (block := next(blocks, None)) is not None:
-                waiting.append(pool.submit(_block, family, block))
-            if not waiting:
-                return
-            yield from waiting.popleft().result()
-
-
-def _block(family: Family, seeds: range) -> list[TrainingSweep]:
-    return [sweep(family, seed) for seed in seeds]
 
 
 @lru_cache(2)
@@ -176,14 +148,14 @@ class _World:
         points[:, :3] *= range_m[:, None]
         points[:, :3] += T_out[:3, 3].astype(np.float32)
         points[:, 3] = np.clip(np.rint(scaled), 0, 255)
-        on = (body.take(some) - 1).astype(np.int32)
-        counts = np.bincount(on[on >= 0], minlength=len(self._boxes)).astype(np.int32)
+        # Body 0 is the world, which stands still.
+        counts = np.bincount(body.take(some), minlength=1 + len(self._boxes))[1:].astype(np.int32)
         back = np.linalg.inv(base)
         centers = self._boxes[:, :3] @ back[:3, :3].T + back[:3, 3]
         yaws = self._boxes[:, 6] + np.arctan2(back[1, 0], back[0, 0])
         yaws = np.arctan2(np.sin(yaws), np.cos(yaws))
         return TrainingSweep(
-            points, on, centers, self._boxes[:, 3:6].copy(), yaws, self._class_names, counts, T_out[:3, 3].copy(), lidar
+            points, centers, self._boxes[:, 3:6].copy(), yaws, self._class_names, counts, T_out[:3, 3].copy(), lidar
         )
 
     def _surfaces(self, origin: F64, directions: F32, draw: np.random.Generator) -> tuple[I64, F32, I64, F64]:

@@ -61,8 +61,7 @@ class CompletedBoxes:
         misfit: (C,) float64 squared deviation from the size prior in standard deviations, halved.
         center_std_m: (C, 2) float64 standard deviation of the centre along length and width.
         faces_m2: (C,) float64 area of the box visible to the lidars, from their mean direction.
-        is_slender: (C,) bool, the class is that of a pedestrian or a rider, by its proportions.
-        rides: (C,) bool, it is that of a rider.
+        rides: (C,) bool, the class is that of a rider, by its proportions.
     """
 
     class_ids: I64
@@ -72,7 +71,6 @@ class CompletedBoxes:
     misfit: F64
     center_std_m: F64
     faces_m2: F64
-    is_slender: Bools
     rides: Bools
 
 
@@ -147,7 +145,7 @@ def complete_boxes(
 
 @compiled(
     "Tuple((int64[::1], float64[:, ::1], float64[:, ::1], float64[::1], float64[::1], float64[:, ::1], float64[::1], "
-    f"boolean[::1], boolean[::1]))({_TABLE}, {_TABLE}, {_LIST}, {_LIST}, {_LIST}, {_LIST}, {_TABLE}, {_TABLE}, "
+    f"boolean[::1]))({_TABLE}, {_TABLE}, {_LIST}, {_LIST}, {_LIST}, {_LIST}, {_TABLE}, {_TABLE}, "
     f"Array(int64, 1, 'C', readonly=True), {_TABLE}, {_TABLE}, {_LIST}, Array(int64, 1, 'C', readonly=True))"
 )
 def _completed(
@@ -164,7 +162,7 @@ def _completed(
     limit_m: F64,
     rarity: F64,
     given_ids: I64,
-) -> tuple[I64, F64, F64, F64, F64, F64, F64, Bools, Bools]:
+) -> tuple[I64, F64, F64, F64, F64, F64, F64, Bools]:
     """The fields of `CompletedBoxes`.
 
     Args:
@@ -185,7 +183,7 @@ def _completed(
     clusters, lidars = lidar_share.shape
     found, center_xy, sizes = np.empty(clusters, np.int64), np.empty((clusters, 2)), np.empty((clusters, 3))
     yaw_rad, misfit, std_m = np.empty(clusters), np.empty(clusters), np.empty((clusters, 2))
-    faces_m2, slender, rides = np.empty(clusters), np.empty(clusters, np.bool_), np.empty(clusters, np.bool_)
+    faces_m2, rides = np.empty(clusters), np.empty(clusters, np.bool_)
     extent, middle, seen, measured, visible = np.empty(2), np.empty(2), np.empty(2), np.empty(3), np.empty(3)
     towards, full, center = np.empty((lidars, 2)), np.empty(2), np.empty(2)
     for c in range(clusters):
@@ -226,7 +224,7 @@ def _completed(
         narrow, wide, height = min(narrow, wide), max(narrow, wide), mean_m[choice, 2]
         is_slender, is_round = narrow <= SLENDER_SHARE * height, narrow > ROUND_SHARE * wide
         anchored = (ROUND_ANCHOR if is_round else 0.0) if is_slender else 1.0
-        slender[c], rides[c] = is_slender, is_slender and not is_round
+        rides[c] = is_slender and not is_round
         height = top_m[c] if top_m[c] >= WHOLE_SHARE * height else height
         turn = choice % 2  # 1: the length lies along the second axis
         for axis in range(2):
@@ -254,4 +252,4 @@ def _completed(
         center_xy[c, 1] = center[0] * sin[c] + center[1] * cos[c]
         yaw = angle_rad[c] + (np.pi / 2 if turn else 0.0)
         yaw_rad[c] = yaw - np.pi if yaw > np.pi / 2 else yaw
-    return found, center_xy, sizes, yaw_rad, misfit, std_m, faces_m2, slender, rides
+    return found, center_xy, sizes, yaw_rad, misfit, std_m, faces_m2, rides

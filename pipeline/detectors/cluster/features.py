@@ -5,6 +5,7 @@ import numpy as np
 from pipeline.core.arrays import F64, I64
 from pipeline.core.compiled import compiled
 from pipeline.core.detections import Boxes3D
+from pipeline.detectors.log_odds import logit
 
 __all__ = ["FEATURES", "REACH_M", "box_features"]
 
@@ -22,9 +23,6 @@ LAYERS_M = np.array([0.3, 0.6, 0.9, 1.2, 1.5, 1.9])
 
 PROFILES_M = np.array([0.0, 0.6, 1.2, 1.9])
 """Heights above the ground between which extents are measured."""
-
-SCORE_LIMIT = 0.002
-"""Scores nearer to 0 or 1 than this count as this."""
 
 FEATURES = (
     *("score", "range", "length", "width", "height", "car", "pedestrian", "cyclist", "large", "turn"),
@@ -61,8 +59,7 @@ def box_features(boxes: Boxes3D, kinds: I64, position: F64, starts: I64, lidar_x
         [(heading * to_lidar).sum(1), heading[:, 0] * to_lidar[:, 1] - heading[:, 1] * to_lidar[:, 0]]
     )
     sight /= np.maximum(np.linalg.norm(sight, axis=1), 1e-9)[:, None]
-    score = boxes.scores.astype(np.float64).clip(SCORE_LIMIT, 1 - SCORE_LIMIT)
-    found[:, 0], found[:, 1], found[:, 2:5] = np.log(score / (1 - score)), np.log(range_m), boxes.sizes
+    found[:, 0], found[:, 1], found[:, 2:5] = logit(boxes.scores.astype(np.float64)), np.log(range_m), boxes.sizes
     found[rows, 4 + kinds] = 1.0
     found[:, 9] = np.abs(sight[:, 0])
     counts = _shapes(position, starts, np.column_stack([boxes.centers[:, :2], boxes.sizes]), heading, sight, found)

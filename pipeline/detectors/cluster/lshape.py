@@ -13,7 +13,6 @@ import numpy as np
 
 from pipeline.core.arrays import F64, I64
 from pipeline.core.compiled import compiled, inlined
-from pipeline.core.geometry.boxes import rotations_2d
 
 __all__ = ["Rectangles", "fit_rectangles", "principal_axes", "quantiles_by_cluster", "rectangles_along"]
 
@@ -58,11 +57,6 @@ class Rectangles:
     low: F64
     high: F64
     residual_m: F64
-
-    @property
-    def axes(self) -> F64:
-        """(C, 2, 2): unit vector of each axis, x and y."""
-        return rotations_2d(-self.angle_rad)
 
 
 def fit_rectangles(xy: F64, starts: I64) -> Rectangles:

@@ -62,7 +62,8 @@ class OnnxDetector2D:
                 a trial fails, or it does not take the size that is set.
         """
         self._path, self._settings = path, settings
-        self._session = OnnxSession(path, threads=self._settings.threads, provider=self._settings.provider)
+        remedy = "lidcam fetch yolox-nano downloads one"
+        self._session = OnnxSession(path, threads=settings.threads, provider=settings.provider, remedy=remedy)
         try:
             self._load()
         except (ConfigError, ModelError) as err:

@@ -67,8 +67,14 @@ class OnnxSession:
         metadata: Metadata of the file.
     """
 
-    def __init__(self, path: Path, *, threads: int, provider: Provider) -> None:
+    def __init__(self, path: Path, *, threads: int, provider: Provider, remedy: str = "") -> None:
         """Load a network.
+
+        Args:
+            path: Its file.
+            threads: How many a run may use.
+            provider: What runs it.
+            remedy: What to do if there is no such file, to be told.
 
         Raises:
             ModelError: the file does not exist, onnxruntime cannot load it, or it has no such provider.
@@ -77,7 +83,7 @@ class OnnxSession:
             raise ModelError(f"{path}: expected a path in UTF-8, as onnxruntime needs it; rename it")
         try:
             if not path.is_file():
-                found = "a folder" if path.is_dir() else "no such file; lidcam fetch yolox-nano downloads one"
+                found = "a folder" if path.is_dir() else "; ".join(filter(None, ("no such file", remedy)))
                 raise ModelError(f"{path}: expected an ONNX file, found {found}")
         except OSError as err:
             raise ModelError(f"{path}: expected an ONNX file that can be read: {err.strerror}") from err

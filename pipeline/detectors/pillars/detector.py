@@ -9,6 +9,7 @@ from pipeline.core.geometry.regions import points_in_footprints
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.cluster.fitting import BoxFitter
+from pipeline.detectors.log_odds import logit, sigmoid
 from pipeline.detectors.onnx.session import OnnxSession
 from pipeline.detectors.pillars.embedded import existing_network_file
 from pipeline.detectors.pillars.kits import KEY, KitNetwork
@@ -35,11 +36,22 @@ class PillarPoints:
         return np.asarray(points.position - np.append(self.middle_xy, 0.0))
 
     def with_ground(self, combined: CombinedCloud) -> tuple[F64, F32]:
-        """(N, 3) the same for all points, including the ground, and their intensities (N,)."""
+        """(N, 3) the same for all points, including the ground, and their intensities (N,) from 0 to 1.
+
+        Those of a lidar are from 0 to 255 if any is above 1. Where nobody knows which lidar measured the ground, this
+        is decided for all lidars together.
+        """
         clouds = combined.detection_cloud, combined.ground_cloud
         position = np.concatenate([one.xyz for one in clouds]) - np.append(self.middle_xy, 0.0)
         position[:, 2] -= self.ground_m(combined, position[:, :2])
-        return position, np.concatenate([one.intensity for one in clouds])
+        intensity = np.concatenate([one.intensity for one in clouds])
+        lidar = np.zeros(len(intensity), np.uint8)
+        if combined.ground_lidar_index is not None:
+            lidar = np.concatenate([combined.detection_lidar_index, combined.ground_lidar_index])
+        highest = np.zeros(256, np.float32)
+        np.maximum.at(highest, lidar, intensity)
+        full = np.where(highest > 1, np.float32(255), np.float32(1))
+        return position, np.clip(intensity / full[lidar], 0, 1)
 
     def ground_m(self, combined: CombinedCloud, xy: F64) -> F64:
         """(N,) height of the ground in the site frame at places (N, 2) that are relative to the middle."""
@@ -92,7 +104,7 @@ class PillarDetector:
 
     def __call__(self, combined: CombinedCloud) -> Candidates3D:
         """Boxes with a point in them or within half a pillar of them, because a box may be a little too small."""
-        least = float(np.log(LEAST / (1 - LEAST)))
+        least = float(logit(np.array(LEAST)))
         if isinstance(self._network, KitNetwork):
             found = self._network(*self._points.with_ground(combined), least)
         else:
@@ -110,7 +122,7 @@ class PillarDetector:
             centers[kept],
             found.sizes[kept],
             found.yaws[kept],
-            1 / (1 + np.exp(-found.log_odds[kept])),
+            sigmoid(found.log_odds[kept]),
             self._class_ids[found.classes[kept]],
             points[kept],
             self._covariances[found.classes[kept]],

@@ -106,7 +106,7 @@ def kit_points(position: F64, intensity: F32, specs: KitSpecs) -> KitPoints:
 
     Args:
         position: (N, 3) x and y from the middle of the lidars, and height above the ground, metres.
-        intensity: (N,) from 0 to 1, or if any is above 1, from 0 to 255.
+        intensity: (N,) from 0 to 1.
         specs: Specs of the network.
     """
     grid = specs.grid
@@ -120,12 +120,11 @@ def kit_points(position: F64, intensity: F32, specs: KitSpecs) -> KitPoints:
     xyz, column_row = xyz[rows], column_row[rows]
     _, starts, counts = np.unique(pillar, return_index=True, return_counts=True)
     means = np.add.reduceat(xyz, starts) / counts[:, None] if len(starts) else xyz
-    full = 255.0 if intensity.max(initial=0) > 1 else 1.0
     middle = np.append(
         (column_row + 0.5) * grid.cell_m, np.full((len(rows), 1), (grid.high_z_m - grid.low_m[2]) / 2), 1
     )
     columns: dict[Feature, F64] = {
-        "intensity": np.clip(intensity[rows] / full, 0, 1) * specs.intensity_max,
+        "intensity": np.asarray(intensity[rows] * specs.intensity_max, np.float64),
         "zero": np.zeros(len(rows)),
         "distance": np.linalg.norm(xyz, axis=1),
     }
@@ -172,7 +171,7 @@ class KitNetwork:
 
         Args:
             position: (N, 3) x and y from the middle of the lidars, and height above the ground, metres.
-            intensity: (N,) see `kit_points`.
+            intensity: (N,) from 0 to 1.
             least_log_odds: Boxes with lower log odds are left out.
 
         Raises:

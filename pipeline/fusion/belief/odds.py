@@ -12,6 +12,7 @@ import numpy as np
 from pipeline.core.arrays import F64, I32, U8, Bools
 from pipeline.core.detections import Source
 from pipeline.core.settings.classes import ClassPrior
+from pipeline.detectors.log_odds import logit, sigmoid
 from pipeline.fusion.belief.visibility import Visibility
 
 __all__ = [
@@ -28,9 +29,6 @@ __all__ = [
     "shown",
 ]
 
-
-SCORE_LIMIT = 0.002
-"""Scores nearer to 0 or 1 than this count as this."""
 
 MAX_LOG_ODDS = 7.0
 """No object is surer than 0.999, and none more impossible than 0.001."""
@@ -108,15 +106,9 @@ in five frames, and people in the distance whom nobody labelled.
 """
 
 
-def logit(scores: F64) -> F64:
-    """Log odds of scores in [0, 1], which are limited by `SCORE_LIMIT`."""
-    limited = scores.clip(SCORE_LIMIT, 1 - SCORE_LIMIT)
-    return np.asarray(np.log(limited / (1 - limited)))
-
-
 def probability(log_odds: F64) -> F64:
     """Probability of log odds, which are limited by `MAX_LOG_ODDS`."""
-    return np.asarray(1 / (1 + np.exp(-log_odds.clip(-MAX_LOG_ODDS, MAX_LOG_ODDS))))
+    return sigmoid(log_odds.clip(-MAX_LOG_ODDS, MAX_LOG_ODDS))
 
 
 def log_odds_before_cameras(

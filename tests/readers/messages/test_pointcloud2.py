@@ -157,6 +157,12 @@ def test_intensity(name: str, code: str) -> None:
     np.testing.assert_array_equal(decode(**{name: np.array([0, 9, 200], code)}).intensity, [0, 9, 200])
 
 
+@pytest.mark.parametrize("code", ["f4", "f8"])
+def test_intensities_that_are_not_finite_are_none(code: str) -> None:
+    intensity = decode(intensity=np.array([0.5, np.nan, np.inf if code == "f4" else 1e300], code)).intensity
+    np.testing.assert_array_equal(intensity, [0.5, 0, 0])
+
+
 @pytest.mark.parametrize("name", ["ring", "channel", "laser_id", "line"])
 @pytest.mark.parametrize("code", ["u1", "i1", "u2", "i4", "f4"])
 def test_ring(name: str, code: str) -> None:

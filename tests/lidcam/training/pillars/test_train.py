@@ -206,7 +206,7 @@ def test_a_training_begins_with_an_embedded_network(tmp_path: Path, monkeypatch:
     ("file", "worlds", "message"),
     [
         ("sandbox", "road", r"finds car, pedestrian, .* in pillars of 0.32 m, found car in 0.04 m"),
-        ("none.onnx", "road", "none.onnx: expected an ONNX file, found no such file"),
+        ("none.onnx", "road", "none.onnx: expected an ONNX file, found no such file$"),
         ("constant.onnx", "sandbox", "found one with other layers: train it anew"),
     ],
 )

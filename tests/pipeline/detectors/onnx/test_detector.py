@@ -112,7 +112,7 @@ def network(rows: Array, *, size_px: tuple[int, int] = SIZE_PX, **settings: Any)
 @pytest.mark.parametrize(
     ("make", "told"),
     [
-        (lambda _: None, "expected an ONNX file, found no such file"),
+        (lambda _: None, "expected an ONNX file, found no such file; lidcam fetch yolox-nano downloads one"),
         (folder, "expected an ONNX file, found a folder"),
         (lambda path: path.write_text("this is no network\n"), "expected an ONNX file that onnxruntime can load"),
         (Path.touch, "expected an ONNX file that onnxruntime can load"),

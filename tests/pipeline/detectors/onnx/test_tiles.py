@@ -90,9 +90,12 @@ def test_what_tiles_show(left: list[Row], right: list[Row], expected: list[Row])
     assert joined(left, right) == expected
 
 
-def test_boxes_that_are_no_boxes() -> None:
+def test_boxes_that_are_no_boxes_stay_as_they_are() -> None:
     rows: list[Row] = [(np.nan, 0, 120, 40, 0.9, 0), (50, 10, 40, 40, 0.9, 0), (0, 0, np.inf, 40, 0.9, 0)]
-    assert len(join_tiles([candidates(*rows), candidates(*rows)], [LEFT, RIGHT], min_score=0.3).scores) >= 4
+    expected = np.array([row[:4] for row in (*rows, *rows)])
+    expected[3:, ::2] += RIGHT.left
+    found = join_tiles([candidates(*rows), candidates(*rows)], [LEFT, RIGHT], min_score=0.3)
+    np.testing.assert_array_equal(found.xyxy, expected)
 
 
 def test_a_network_of_one_size_sees_a_wide_picture_in_tiles(tmp_path: Path) -> None:

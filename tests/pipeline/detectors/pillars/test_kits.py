@@ -104,7 +104,18 @@ def test_points_of_the_ground_are_told_too() -> None:
     cloud = replace(points.detection_cloud, xyz=ground, intensity=np.array([7], np.float32))
     told = PillarPoints(rig((5.0, 0.0, 1.8)), load_config("road")).with_ground(replace(points, ground_cloud=cloud))
     np.testing.assert_allclose(told[0], [[1, 2, 1], [2, 2, 0]])
-    assert told[1].tolist() == [0, 7]
+    np.testing.assert_allclose(told[1], [0, 7 / 255])
+
+
+def test_each_lidar_has_its_own_scale_of_intensities() -> None:
+    """The first lidar reports 0 to 1, the second 0 to 255, which only its point of the ground shows."""
+    points = combined(np.array([[6.0, 2.0, 1.5], [6.0, 3.0, 1.5]]), np.array([[7.0, 2.0, 1.5]]))
+    cloud = replace(points.detection_cloud, intensity=np.array([0.5, 1, 1], np.float32))
+    ground = replace(cloud, intensity=np.array([0.25, 51, 0], np.float32))
+    index = np.array([0, 1, 1], np.uint8)
+    both = replace(points, detection_cloud=cloud, ground_cloud=ground, ground_lidar_index=index)
+    told = PillarPoints(rig(LIDAR, LIDAR), load_config("road")).with_ground(both)[1]
+    np.testing.assert_allclose(told, [0.5, 1, 1 / 255, 0.25, 0.2, 0])
 
 
 def test_features_of_points() -> None:
@@ -112,7 +123,7 @@ def test_features_of_points() -> None:
     position = np.array(
         [[1.1, 0.3, 1.5], [4.0, 0.0, 0.5], [1.3, 0.4, 0.5], [-0.1, 0, 1], [16.0, 0, 1], [1, 1, 2.5], [1, 1, -1.6]]
     )
-    intensity = np.array([51, 255, 0, 9, 9, 9, 9], np.float32)
+    intensity = np.array([0.2, 1, 0, 0.5, 0.5, 0.5, 0.5], np.float32)
     specs = KitSpecs.model_validate(SPECS)
     features, pillar = kit_pillars(kit_points(position, intensity, specs), specs)
     assert features.dtype == np.float32
@@ -126,5 +137,3 @@ def test_features_of_points() -> None:
     np.testing.assert_allclose(features, expected, atol=1e-6)
     anywhere = specs.model_copy(update={"max_points": 0})
     assert len(kit_pillars(kit_points(position, intensity, anywhere), anywhere)[1]) == 3
-    shares = kit_points(position, intensity / np.float32(255), specs)
-    np.testing.assert_allclose(shares.columns["intensity"], [255, 51, 0], rtol=1e-6)

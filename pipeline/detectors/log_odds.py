@@ -1,0 +1,21 @@
+"""Probabilities as log odds, log p / (1 - p), and back."""
+
+import numpy as np
+
+from pipeline.core.arrays import F64
+
+__all__ = ["logit", "sigmoid"]
+
+SCORE_LIMIT = 0.002
+"""Scores nearer to 0 or 1 than this count as this."""
+
+
+def logit(scores: F64) -> F64:
+    """Log odds of scores in [0, 1], which are limited by `SCORE_LIMIT`."""
+    limited = scores.clip(SCORE_LIMIT, 1 - SCORE_LIMIT)
+    return np.asarray(np.log(limited / (1 - limited)))
+
+
+def sigmoid(log_odds: F64) -> F64:
+    """Probabilities of log odds."""
+    return np.asarray(1 / (1 + np.exp(-log_odds)))
