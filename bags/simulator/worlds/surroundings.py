@@ -65,16 +65,17 @@ def frontage(site: Site, begin: Place, yaw_deg: float, length_m: float) -> None:
 def island(site: Site, at: Place, yaw_deg: float) -> None:
     """Add a planted bed with low shrubs, as long as a parked car and in its place, often with a tree."""
     turned = yaw_deg + site.between(-6, 6)
-    kind = site.pick("hedge", "hedge", "bush", "bush", "grass", "box")
+    kind = site.pick("hedge", "hedge", "bush", "bush", "box")
     size = (site.between(2.0, 5.5), site.between(1.0, 2.3), site.between(0.3, 1.5))
     if not site.thing(kind, *at, size, yaw_deg=turned, color=_green(site)):
         return
     turn = math.radians(turned)
     for _ in range(int(site.draw.integers(0, 3))):
-        off, wide = site.between(-0.4, 0.4) * size[0], site.between(0.5, 2.0)
+        wide = site.between(0.5, size[1])
+        off = site.between(-0.5, 0.5) * (size[0] - wide)
         place = at[0] + off * math.cos(turn), at[1] + off * math.sin(turn)
-        size_of_bush = (wide, wide * site.between(0.6, 1.3), site.between(0.4, 1.8))
-        site.thing("bush", *place, size_of_bush, color=_green(site), margin_m=-1.0)
+        size_of_bush = (wide, wide * site.between(0.6, 1.0), site.between(0.4, 1.8))
+        site.thing("bush", *place, size_of_bush, yaw_deg=turned, color=_green(site), margin_m=-1.0)
     if site.chance(0.6):
         wide, high = site.between(2.0, 6.0), site.between(3.0, 9.0)
         site.thing("tree", *at, (wide, wide, high), yaw_deg=turned, color=_green(site), margin_m=-1.0)
