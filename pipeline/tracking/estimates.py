@@ -38,9 +38,9 @@ ALIKE = 4.0
 SHARED_ERROR = 0.5
 """Share of the variance of a measurement that all measurements of a track have in common, so that it stays."""
 
-FRONT_SHARE, STANDING_SHARE = 0.5, 0.3
-"""What moved by these shares of its length shows which end is its front; what moved by less gets the direction of the
-lane beside it, or without one the front that most of its boxes have."""
+FRONT_SHARE = 0.75
+"""What moved by this share of its length shows which end is its front; what moved by less gets the direction of the
+lane beside it, or without one the front that most of its boxes have. Boxes of few points wander by half a length."""
 
 DRIVEN_SHARE = 3.0
 """What came so many lengths far shows the direction of a lane; less may be a wrong assignment."""
@@ -333,7 +333,7 @@ def _fronts(
     agreeing = np.cos(hits.sightings.boxes[:, 2] - motions.states[rows, HEADING])
     most = np.bincount(hits.tracks, hits.sightings.beliefs * np.sign(agreeing), count)
     first = motions.states[courses.starts[:-1], : HEADING + 1]
-    stands = (np.abs(along_m) < STANDING_SHARE * of_class.units_m) & of_class.have_axis
+    stands = (np.abs(along_m) < FRONT_SHARE * of_class.units_m) & of_class.have_axis
     vehicles = np.flatnonzero(stands & of_class.are_solid)
     lasts_s = scene.stamps_s[courses.lasts] - scene.stamps_s[courses.firsts]
     drives = (np.abs(along_m) > DRIVEN_SHARE * of_class.units_m) & of_class.have_axis & (lasts_s > STANDING_S)

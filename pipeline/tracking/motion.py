@@ -51,7 +51,8 @@ class Priors(Table):
     Attributes:
         lengths_m: (C,) length of the class, metres.
         units_m: (C,) length in which its motion is measured: limited, as long vehicles are no faster.
-        noise: (C, 4) densities of acceleration, yaw acceleration, place and heading.
+        noise: (C, 5) densities of acceleration, yaw acceleration, place and heading; and the speed, m/s, from which on
+            it turns freely: slower it does so less, and does not turn where it stands. 0 for people.
         speeds: (C,) standard deviation of the speed of what is seen for the first time, m/s.
         have_axis: (C,) bool, whether the box shows the axis of the motion: not of people on foot.
         are_solid: (C,) bool, whether points show its ends: not of thin wheels and limbs.
@@ -73,7 +74,14 @@ class Priors(Table):
         # People accelerate as if they were three times as long.
         units = np.where(walks, 3.0 * lengths, np.minimum(lengths, LONG_M))
         noise = np.stack(
-            [(0.5 * units) ** 2, np.where(walks, 3.0, 5.0), (0.02 * units) ** 2, np.where(walks, 0.3, 0.01)], 1
+            [
+                (0.5 * units) ** 2,
+                np.where(walks, 3.0, 5.0),
+                (0.02 * units) ** 2,
+                np.where(walks, 0.3, 0.01),
+                np.where(walks, 0.0, units),
+            ],
+            1,
         )
         return cls(lengths, units, noise, np.where(walks, 0.8, 2.5) * units, ~walks, ~walks & (heights < 2 * widths))
 
@@ -101,7 +109,7 @@ def predicted(motions: Motions, after_s: F64 | float, noise: F64) -> tuple[Motio
     Args:
         motions: N tracks.
         after_s: (N,) seconds, or one number; may be negative.
-        noise: (N, 4) as in `Priors`.
+        noise: (N, 5) as in `Priors`.
     """
     after_s = np.broadcast_to(np.asarray(after_s, np.float64), (len(motions),))
     states, slopes = _turned(motions.states, after_s)
@@ -186,7 +194,9 @@ def _turned(states: F64, after_s: F64) -> tuple[F64, F64]:
 def _process_noise(states: F64, after_s: F64, noise: F64) -> F64:
     """(N, 5, 5) of white acceleration along the heading, white yaw acceleration, and what the model leaves out."""
     cos, sin = np.cos(states[:, HEADING]), np.sin(states[:, HEADING])
-    acceleration, turning, place, heading = noise.T
+    acceleration, turning, place, heading, rolling_m_s = noise.T
+    rolls = np.minimum(np.abs(states[:, SPEED]) / np.maximum(rolling_m_s, 1e-9), 1.0)
+    turning = np.where(rolling_m_s > 0, turning * rolls**2, turning)
     along = acceleration * after_s**3 / 3 + place * after_s
     across = place * after_s
     out = np.zeros((len(states), STATE, STATE))

@@ -70,8 +70,8 @@ COASTING_S = 0.3
 NEAR_SHARE = 0.4
 """No track begins nearer to another than this share of the length of its class."""
 
-FRONT_SHARE = 0.5
-"""What has moved by this share of its length shows which end is its front."""
+FRONT_SHARE = 0.75
+"""What has moved by this share of its length shows which end is its front; before, it is the one of most boxes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,6 +88,7 @@ class _Live(Table):
     frames: I64
     hits: I64
     along_m: F64
+    front_votes: F64
     size_sums: F64
     size_weights: F64
     heights_m: F64
@@ -222,6 +223,8 @@ class OnlineTracker:
         weight = sightings.beliefs[rows] ** 2
         sums[tracks] += weight[:, None] * sightings.sizes[rows]
         weights[tracks] += weight
+        front_votes = live.front_votes.copy()
+        front_votes[tracks] += sightings.beliefs[rows] * np.sign(np.cos(boxes[rows, 2] - after.states[:, HEADING]))
         heights_m[tracks] = sightings.heights_m[rows]
         shared = live.shared.copy()
         shared[tracks] = SHARED_ERROR * noise[rows, :2, :2]
@@ -234,6 +237,7 @@ class OnlineTracker:
             seen_s=seen_s,
             frames=live.frames + 1,
             hits=hits,
+            front_votes=front_votes,
             size_sums=sums,
             size_weights=weights,
             heights_m=heights_m,
@@ -241,20 +245,21 @@ class OnlineTracker:
         )
 
     def _settle_fronts(self) -> None:
-        """Turn round what drives backwards all the time; from then on, places are those of the rear axles."""
+        """Turn round what drives backwards all the time, and before that shows, what most boxes show turned round.
+
+        From when it shows on, places are those of the rear axles.
+        """
         live = self._live
         lengths = live.sizes[:, 0]
         moved = np.abs(live.along_m) > FRONT_SHARE * np.minimum(lengths, self._priors.units_m[live.class_ids])
-        turned = moved & (live.along_m < 0)
         known = live.fronts_known | moved
+        turned = np.where(known, moved & (live.along_m < 0), live.front_votes < 0)
         if not turned.any() and not (known & ~live.fronts_known).any():
             return
-        states, along_m = live.states.copy(), live.along_m.copy()
         centers = at_centers(live.motions, live.rear_m)
         states = centers.states.copy()
         states[turned, HEADING] += np.pi
         states[turned, SPEED] *= -1
-        along_m[turned] *= -1
         signs = np.where(turned, -1.0, 1.0)
         covariances = centers.covariances.copy()
         covariances[:, SPEED] *= signs[:, None]
@@ -265,7 +270,8 @@ class OnlineTracker:
             live,
             states=after.states,
             covariances=after.covariances,
-            along_m=along_m,
+            along_m=signs * live.along_m,
+            front_votes=signs * live.front_votes,
             rear_m=rear_m,
             fronts_known=known,
         )
@@ -306,6 +312,7 @@ class OnlineTracker:
             np.zeros(n, np.int64),
             np.ones(n, np.int64),
             np.zeros(n),
+            beliefs,
             weights[:, None] * sightings.sizes[rows],
             weights,
             sightings.heights_m[rows],
@@ -352,6 +359,7 @@ def _none(class_count: int) -> _Live:
         zeros,
         numbers,
         numbers,
+        zeros,
         zeros,
         np.zeros((0, 3)),
         zeros,

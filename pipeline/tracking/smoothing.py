@@ -33,7 +33,7 @@ class Courses(Table):
         lasts: (T,) int64, last frame.
         states: (T, 5) in the first frame; the places are those of the rear axles.
         covariances: (T, 5, 5) of them.
-        noise: (T, 4), as in `Priors`.
+        noise: (T, 5), as in `Priors`.
         speeds: (T,) standard deviation of the speed of the class, m/s.
         rear_m: (T,) how far the rear axles are behind the centres.
     """

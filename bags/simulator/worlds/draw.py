@@ -21,7 +21,7 @@ from bags.simulator.vehicles.footprints import Rectangle, overlap, things_in_the
 from bags.simulator.world.places.open_world import open_height
 from bags.simulator.worlds.layouts import LAYOUTS
 from bags.simulator.worlds.site import Site
-from bags.simulator.worlds.surroundings import clutter, frontage
+from bags.simulator.worlds.surroundings import clutter, frontage, island
 
 __all__ = ["FAMILIES", "Family", "random_lidar", "random_numbers_of", "random_scenario"]
 
@@ -207,16 +207,21 @@ def _street(draw: np.random.Generator, family: Family) -> dict[str, Any]:
 
 
 def _parked(site: Site, half: float, parking: float, cross_x: float, cross_half: float) -> None:
-    """Vehicles at the kerb, along or across, and in yards at any heading."""
+    """Vehicles at the kerb, along or across, with planted beds between them, and in yards at any heading."""
     for side in (1, -1):
         across, full = site.chance(0.25), site.between(0.0, 1.0)
+        planted = site.pick(0.0, 0.1, 0.35)
         along = -REACH_M + site.between(0, 6)
         while along < REACH_M:
             step = site.between(2.5, 3.4) if across else site.between(4.9, 7.0)
-            if abs(along - cross_x) > cross_half + 6 and site.chance(full * 0.8):
-                heading = site.pick(0.0, 180.0) + (90.0 if across else 0.0) + site.about(0, 3, -10, 10)
+            if abs(along - cross_x) > cross_half + 6:
+                row_deg = 90.0 if across else 0.0
                 y = half + site.between(2.2, 3.2) if across else half - (parking / 2 if parking else -1.3)
-                _at_rest(site.large if site.chance(0.08) else site.car, along, side * y, heading)
+                if site.chance(full * 0.8):
+                    heading = site.pick(0.0, 180.0) + row_deg + site.about(0, 3, -10, 10)
+                    _at_rest(site.large if site.chance(0.08) else site.car, along, side * y, heading)
+                elif site.chance(planted):
+                    island(site, (along, side * y), row_deg)
             along += step
     for _ in range(int(site.draw.integers(0, 12))):
         y = site.pick(-1, 1) * site.between(half + 3, half + 25)

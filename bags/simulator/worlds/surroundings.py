@@ -4,7 +4,7 @@ import math
 
 from bags.simulator.worlds.site import Site
 
-__all__ = ["clutter", "frontage"]
+__all__ = ["clutter", "frontage", "island"]
 
 Place = tuple[float, float]
 
@@ -62,6 +62,25 @@ def frontage(site: Site, begin: Place, yaw_deg: float, length_m: float) -> None:
         done += piece + (site.between(0, 5) if site.chance(0.5) else 0.2)
 
 
+def island(site: Site, at: Place, yaw_deg: float) -> None:
+    """Add a planted bed with low shrubs, as long as a parked car and in its place, often with a tree."""
+    turned = yaw_deg + site.between(-6, 6)
+    kind = site.pick("hedge", "hedge", "bush", "bush", "box")
+    size = (site.between(2.0, 5.5), site.between(1.0, 2.3), site.between(0.3, 1.5))
+    if not site.thing(kind, *at, size, yaw_deg=turned, color=_green(site)):
+        return
+    turn = math.radians(turned)
+    for _ in range(int(site.draw.integers(0, 3))):
+        wide = site.between(0.5, size[1])
+        off = site.between(-0.5, 0.5) * (size[0] - wide)
+        place = at[0] + off * math.cos(turn), at[1] + off * math.sin(turn)
+        size_of_bush = (wide, wide * site.between(0.6, 1.0), site.between(0.4, 1.8))
+        site.thing("bush", *place, size_of_bush, yaw_deg=turned, color=_green(site), margin_m=-1.0)
+    if site.chance(0.6):
+        wide, high = site.between(2.0, 6.0), site.between(3.0, 9.0)
+        site.thing("tree", *at, (wide, wide, high), yaw_deg=turned, color=_green(site), margin_m=-1.0)
+
+
 def plant(site: Site, at: Place) -> None:
     """Add a bush, from knee height to that of a van, or grass."""
     wide, high = site.between(0.4, 3.6), site.between(0.4, 2.2 if site.chance(0.5) else 4.0)
@@ -107,6 +126,20 @@ def _furniture(site: Site, at: Place, yaw_deg: float) -> None:
     site.thing(kind, *at, size, yaw_deg=yaw_deg + site.pick(0, 90) + site.between(-10, 10))
 
 
+def _person_sized(site: Site, at: Place, yaw_deg: float) -> None:
+    """A post, a statue, a parking meter, a traffic light, a dustbin on a pole: as high and wide as a person."""
+    high, wide = site.between(1.1, 2.3), site.between(0.15, 0.65)
+    kind = site.pick("cylinder", "box", "cone", "lump", "bush", "conifer")
+    if site.chance(0.6):
+        site.thing(kind, *at, (wide, wide * site.between(0.5, 1.0), high), yaw_deg=yaw_deg + site.between(0, 90))
+        return
+    thick, head = site.between(0.06, 0.2), site.between(0.25, 1.2)
+    low = round(max(high - head - site.between(0.0, 0.3), 0.1), 3)
+    size = (max(wide, 0.22), max(wide * site.between(0.5, 1.0), 0.22), head)
+    if site.thing("box", *at, size, yaw_deg=yaw_deg + site.between(0, 90), bottom_m=low):
+        site.thing("cylinder", *at, (thick, thick, high), margin_m=-1.0)
+
+
 def _bicycles(site: Site, at: Place, yaw_deg: float) -> None:
     """A row of parked bicycles."""
     turn = math.radians(yaw_deg)
@@ -148,4 +181,17 @@ def _tree(site: Site, at: Place, _: float) -> None:
     tree(site, at)
 
 
-CLUTTER = (_pole, _pole, _furniture, _furniture, _bicycles, _plants, _plants, _car_sized, _large, _tree)
+CLUTTER = (
+    _pole,
+    _pole,
+    _person_sized,
+    _person_sized,
+    _furniture,
+    _furniture,
+    _bicycles,
+    _plants,
+    _plants,
+    _car_sized,
+    _large,
+    _tree,
+)

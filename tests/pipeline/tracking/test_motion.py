@@ -36,11 +36,11 @@ def test_any_number_of_tracks_is_predicted(count: int) -> None:
 
 @given(state=STATES, seconds=SECONDS)
 def test_derivatives_are_those_of_differences(state: np.ndarray, seconds: float) -> None:
-    _, slopes = predicted(motions(state), seconds, np.zeros((1, 4)))
+    _, slopes = predicted(motions(state), seconds, np.zeros((1, 5)))
     step = 1e-6
     ends = [
         [
-            predicted(motions(state + sign * step * np.eye(5)[i]), seconds, np.zeros((1, 4)))[0].states[0]
+            predicted(motions(state + sign * step * np.eye(5)[i]), seconds, np.zeros((1, 5)))[0].states[0]
             for i in range(5)
         ]
         for sign in (1, -1)
@@ -64,7 +64,7 @@ def test_small_steps_drive_a_circle() -> None:
     speed, turn = 5.0, 0.5
     now = motions(np.array([[0.0, 0.0, 0.0, speed, turn]]))
     for _ in range(100):
-        now, _ = predicted(now, 0.05, np.zeros((1, 4)))
+        now, _ = predicted(now, 0.05, np.zeros((1, 5)))
     radius, angle = speed / turn, turn * 5.0
     np.testing.assert_allclose(now.states[0, :2], [radius * np.sin(angle), radius * (1 - np.cos(angle))], atol=0.01)
 

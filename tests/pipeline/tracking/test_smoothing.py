@@ -6,7 +6,7 @@ import pytest
 from pipeline.tracking.smoothing import Cells, Courses, smoothed
 
 ACCELERATION, PLACE = 0.7, 1e-3
-NOISE = np.array([ACCELERATION, 1e-9, PLACE, 1e-9])
+NOISE = np.array([ACCELERATION, 1e-9, PLACE, 1e-9, 0.0])
 START = np.diag([1.0, 1.0, 1e-8, 4.0, 1e-8])
 
 

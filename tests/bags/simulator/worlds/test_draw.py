@@ -3,6 +3,7 @@ import pytest
 
 from bags.simulator.recorder.stage import Stage
 from bags.simulator.scenario.scenario import Scenario
+from bags.simulator.vehicles.traffic import Traffic
 from bags.simulator.worlds.draw import FAMILIES, Family, random_scenario
 from bags.simulator.worlds.layouts import LAYOUTS
 
@@ -24,8 +25,13 @@ def test_a_seed_has_one_scenario_whose_world_can_be_built(family: Family) -> Non
     assert len(stage.scene.movers) == len(scenario.vehicles) - bool(scenario.ego)
 
 
-def test_fifty_seeds_have_seen_it_all() -> None:
-    drawn = [random_scenario(FAMILIES[seed % 3], seed) for seed in range(50)]
+@pytest.mark.parametrize(("family", "seed"), [("road", 900_003), ("road", 900_009), ("crossing", 900_007)])
+def test_nobody_stands_in_a_planted_bed(family: Family, seed: int) -> None:
+    Traffic(random_scenario(family, seed))  # raises if anybody does
+
+
+def test_sixty_seeds_have_seen_it_all() -> None:
+    drawn = [random_scenario(FAMILIES[seed % 3], seed) for seed in range(60)]
     users = [vehicle for scenario in drawn for vehicle in scenario.vehicles.values()]
     assert {user.shape for user in users} == {"model_car", "car", "van", "truck", "bus", "cyclist", "pedestrian"}
     assert {user.body for user in users if user.shape == "car"} == {"hatchback", "saloon", "estate", "mpv"}
