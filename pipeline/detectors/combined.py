@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, Bools, Indices
+from pipeline.core.arrays import F64, Bools, Indices
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes3D
 from pipeline.core.errors import ModelError
@@ -23,13 +23,11 @@ from pipeline.detectors.boxes import likely_boxes
 from pipeline.detectors.cluster.detector import ClusterDetector
 from pipeline.detectors.cluster.kinds import KINDS, kinds_of, knows
 from pipeline.detectors.cluster.learned import LearnedScores
+from pipeline.detectors.log_odds import logit, sigmoid
 from pipeline.detectors.pillars.fitted import FittedPillarDetector
 from pipeline.detectors.protocols import Candidates3D
 
 __all__ = ["CombinedDetector", "Evidence"]
-
-SCORE_LIMIT = 0.002
-"""Scores nearer to 0 or 1 than this count as this."""
 
 UNKNOWN, PERSON = KINDS.index("background"), KINDS.index("pedestrian")
 
@@ -103,7 +101,7 @@ class CombinedDetector:
     def __call__(self, combined: CombinedCloud) -> Candidates3D:
         """Boxes of the network, fitted to their points, and clusters that have the direction of such a box."""
         evidence = self.evidence(combined)
-        return Candidates3D.of(evidence.boxes, 1 / (1 + np.exp(-self._log_odds(evidence))), combined)
+        return Candidates3D.of(evidence.boxes, sigmoid(self._log_odds(evidence)), combined)
 
     def evidence(self, combined: CombinedCloud) -> Evidence:
         """The boxes of a frame, and what both make of them."""
@@ -111,7 +109,7 @@ class CombinedDetector:
         if self._learned is not None:
             clusters = self._learned(combined, clusters)
         found = self._network.boxes(combined)
-        network = logit(found.scores)
+        network = logit(found.scores.astype(np.float64))
         cluster, partner = self._partners(clusters, found)
         beside, yaws = np.full(len(clusters), np.nan), clusters.yaws.copy()
         kinds = self._kinds[clusters.class_ids[cluster]]
@@ -121,7 +119,7 @@ class CombinedDetector:
         learned = np.concatenate([self._learned_of(combined, found), clusters.scores])
         is_found = np.isin(self._groups, self._groups[self._network.class_ids])
         is_reached = is_found[boxes.class_ids] & self._network.reaches(boxes.centers[:, :2])
-        return Evidence(boxes, logit(learned), np.append(network, beside), is_reached)
+        return Evidence(boxes, logit(learned.astype(np.float64)), np.append(network, beside), is_reached)
 
     def _learned_of(self, combined: CombinedCloud, found: Boxes3D) -> F64:
         """(N,) learned score of boxes of the network as their class; without one, a half."""
@@ -149,9 +147,3 @@ class CombinedDetector:
         joint = both[:, 0] + both[:, 1] * learned + both[:, 2] * network
         joint = np.where(kinds == PERSON, np.minimum(joint, learned), joint)
         return np.where(np.isnan(network), missed, joint)
-
-
-def logit(scores: F32 | F64) -> F64:
-    """Log odds of probabilities, limited by `SCORE_LIMIT`."""
-    limited = scores.astype(np.float64).clip(SCORE_LIMIT, 1 - SCORE_LIMIT)
-    return np.asarray(np.log(limited / (1 - limited)))

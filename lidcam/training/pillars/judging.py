@@ -14,6 +14,7 @@ from pipeline.core.arrays import F64, I64, Bools
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.geometry.overlaps import without_overlaps
 from pipeline.core.geometry.rotated_iou import BoxArrays
+from pipeline.detectors.log_odds import sigmoid
 from pipeline.detectors.pillars.decoding import Found
 from pipeline.detectors.pillars.network import FoundClass, PillarNetwork
 
@@ -138,7 +139,7 @@ def figures(classes: Sequence[str], found: Judged) -> str:
     ]
     for row, name in enumerate(classes):
         rows = found.classes == row
-        score, is_right = 1 / (1 + np.exp(-found.log_odds[rows])), found.is_right[rows]
+        score, is_right = sigmoid(found.log_odds[rows]), found.is_right[rows]
         taken, objects = score >= 0.5, int(found.objects[row])
         found_share = is_right.sum() / max(objects, 1)
         precision = average_precision(score, is_right) * found_share if found_share else 0.0
