@@ -23,7 +23,7 @@ from pipeline.tracking.motion import (
     at_rear_axles,
 )
 from pipeline.tracking.quantiles import quantiles
-from pipeline.tracking.sightings import FrameSightings, Sightings, measured
+from pipeline.tracking.sightings import ALIKE, FrameSightings, Sightings, measured
 from pipeline.tracking.smoothing import Cells, Courses, smoothed
 from pipeline.tracking.standing import AXIS_RAD, STANDING_S, find_parked, find_standing
 
@@ -31,9 +31,6 @@ __all__ = ["Estimates", "Known", "Scene", "estimated", "renumbered"]
 
 JUMP_SHARE = 0.03
 """As in `pipeline.tracking.online`; less, as the size of a track is settled."""
-
-ALIKE = 4.0
-"""So many measurements in a row say as much as one: neighbouring frames share most of their error."""
 
 SHARED_ERROR = 0.5
 """Share of the variance of a measurement that all measurements of a track have in common, so that it stays."""
@@ -213,7 +210,7 @@ def estimated(scene: Scene, track_of: I64, priors: Priors, known: Known | None =
     courses = _courses(scene, hits, boxes, noise, of_class)
     cells, rows = _cells(courses, hits, boxes, noise)
     motions = smoothed(courses, cells, scene.stamps_s)
-    stand = find_standing(scene.stamps_s, courses, motions, of_class)
+    stand = find_standing(scene.stamps_s, courses, cells, motions, of_class)
     stand, axes = find_parked(courses, cells, motions, of_class, stand)
     has_axis = np.isfinite(axes)[courses.cell_tracks]
     motions.states[has_axis, HEADING] = axes[courses.cell_tracks[has_axis]]

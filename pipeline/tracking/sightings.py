@@ -7,7 +7,7 @@ import numpy as np
 from pipeline.core.arrays import F64, I32, I64, U8, Bools, Table
 from pipeline.tracking.motion import Priors
 
-__all__ = ["FrameSightings", "Sightings", "measured"]
+__all__ = ["ALIKE", "FrameSightings", "Sightings", "measured"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +70,9 @@ class FrameSightings:
         """Yaw of the site frame in the fixed frame."""
         return float(np.arctan2(self.T_fixed_site[1, 0], self.T_fixed_site[0, 0]))
 
+
+ALIKE = 4.0
+"""So many measurements in a row say as much as one: neighbouring frames share most of their error."""
 
 UNKNOWN_SIGMA_SHARE, UNKNOWN_SIGMA_RAD = 0.05, 0.1
 """Standard deviations of boxes whose covariance is unknown: of the place as a share of the length, of the yaw."""

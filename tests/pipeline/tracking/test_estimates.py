@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from tracked_scenes import CAR, PERIOD_S, PRIORS, START_NS, Mover, scene, straight
+from tracked_scenes import CAR, PERIOD_S, PRIORS, START_NS, Mover, Place, scene, straight
 
 from pipeline.tracking.estimates import Known, Scene, estimated
 from pipeline.tracking.motion import HEADING, TURN
@@ -101,6 +101,23 @@ def test_boxes_across_a_vehicle_that_stands_do_not_turn_it_round() -> None:
     frames = scene([Mover(lambda t: (0.9 * (t > 2.4), 0.0, across.get(round(t / PERIOD_S), 0.0)))], 40)
     found = estimated(*one_track(frames), PRIORS)
     assert np.cos(found.motions.states[:, HEADING]).min() > 0.8
+
+
+def wandering(t: float) -> tuple[float, float, float]:
+    """Places of a parked car of few points: off by up to two metres at first, then less."""
+    return 2.0 * np.sin(37.0 * t) * max(0.1, 1.0 - t), 0.3 * np.sin(23.0 * t), 0.0
+
+
+def there_and_back(t: float) -> tuple[float, float, float]:
+    return 2.0 * np.sin(np.pi * t / 3.0), 0.0, 0.0
+
+
+@pytest.mark.parametrize(
+    ("place", "stands"), [(wandering, True), (straight(0, 0, 0, 0.4), False), (there_and_back, False)]
+)
+def test_what_stands_by_the_scatter_of_its_places(place: Place, stands: bool) -> None:
+    found = estimated(*one_track(scene([Mover(place)], 30)), PRIORS)
+    assert found.stand.all() == stands
 
 
 def test_what_waits_for_long_drives_off_all_the_same() -> None:
