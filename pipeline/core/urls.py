@@ -31,7 +31,7 @@ def shown_url(url: str) -> str:
     authority, slash, path = shown.partition("/")
     host = authority.rpartition("@")[2]
     port = host.rpartition("]")[2].partition(":")[2]
-    if port and (not port.isdigit() or "@" in rest.removeprefix(authority)):
+    if (port and not port.isdigit()) or (":" in host and "@" in rest.removeprefix(authority)):
         return f"{start}..."
     return f"{start}{host}{slash}{path}{MORE if more else ''}"
 
