@@ -2,6 +2,7 @@
 # make gate     measure the outputs of the demo, and compare them with golden results
 # make test     lint, types, tests
 # make check    lint and types only
+# make coverage the tests once more, with the share of the lines that they run
 # make fuzz     hostile inputs for every decoder, MINUTES=15 of them (Linux)
 # make campaign signals, kills, damaged and hostile inputs: MINUTES=30 of them (Linux)
 # make golden   write the golden results anew, after a change that is meant
@@ -27,7 +28,7 @@ COMPILE = UV_CUSTOM_COMPILE_COMMAND='make locks' $(UV) pip compile --quiet --uni
 # Where this is set, as in some containers, each of the hundreds of programs that the tests start compiles all sources anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo gate golden test check pytest fuzz campaign samples bench numbers site locks
+.PHONY: demo gate golden test check pytest coverage fuzz campaign samples bench numbers site locks
 .DELETE_ON_ERROR:
 
 $(INSTALLED): pyproject.toml constraints-run.txt
@@ -74,8 +75,13 @@ test: $(INSTALLED_ALL)
 	@$(MAKE) --no-print-directory --jobs=2 check pytest
 
 # The files in their order, in which slow ones stand first: that of xdist puts a file of one test last, however long that takes.
+PARALLEL = -n auto --dist loadfile --no-loadscope-reorder
 pytest: $(INSTALLED_ALL)
-	$(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder --cov --cov-report=term:skip-covered
+	$(BIN)/pytest $(PARALLEL)
+
+# Half as long again: what is traced takes almost twice the time.
+coverage: $(INSTALLED_ALL)
+	$(BIN)/pytest $(PARALLEL) --cov --cov-report=term:skip-covered
 
 fuzz: $(INSTALLED_ALL)
 	$(BIN)/python tests/fuzz/fuzz.py $(MINUTES:%=--minutes=%)

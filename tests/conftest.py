@@ -2,17 +2,10 @@
 
 import gc
 
-import pytest
 from hypothesis import settings
-from less_tracing import LessTracing
 
 settings.register_profile("lidcam", deadline=None, max_examples=50)
 settings.load_profile("lidcam")
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    """Trace less where coverage is counted."""
-    config.pluginmanager.register(LessTracing())
 
 
 def pytest_collection_finish() -> None:

@@ -31,7 +31,7 @@ def frames_in(path: Path) -> int:
 @pytest.mark.parametrize(
     "command",
     [
-        pytest.param("inspect {sandbox}", marks=pytest.mark.traced_processes),
+        "inspect {sandbox}",
         "process {sandbox} out.mcap --duration 0.4 --print-detections",
         "process {sandbox} out.mcap --duration 0.4 --verbose 2>&1",
     ],
@@ -152,7 +152,6 @@ def test_the_shell_completes(line: str, found: list[str], tmp_path: Path) -> Non
     assert done.stderr == ""
 
 
-@pytest.mark.traced_processes
 def test_completion_is_installed_for_the_shell(tmp_path: Path) -> None:
     # The shell is the parent process: bash that has only one command to run would be replaced by it.
     done = shell(f"{PROGRAM} --install-completion; exit $?", tmp_path, HOME=str(tmp_path))

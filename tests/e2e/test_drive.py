@@ -101,7 +101,6 @@ def drives(path: Path, car: str) -> list[tuple[float, float]]:
     return [one for number, one in enumerate(told) if number == 0 or told[number - 1] != one]
 
 
-@pytest.mark.traced_processes
 def test_all_keys(driver: Driver) -> None:
     driver.wait_for(b"car1 at")
     for key in "wasdx2w1w":

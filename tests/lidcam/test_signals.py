@@ -9,8 +9,6 @@ from signal import SIGHUP, SIGTERM
 
 import pytest
 
-pytestmark = pytest.mark.traced_processes
-
 BEGIN = """
 import os, signal, sys
 from pathlib import Path

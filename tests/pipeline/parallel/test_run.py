@@ -20,10 +20,8 @@ from pipeline.parallel.process import copied_workers
 from pipeline.parallel.run import Limits, run_parallel
 from pipeline.parallel.worker import MakeGraph, WorkerTraceback
 
-pytestmark = [
-    pytest.mark.traced_processes,
-    pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork:DeprecationWarning"),  # threads of the test runner
-]
+# The test runner has threads.
+pytestmark = pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork:DeprecationWarning")
 
 ways = pytest.mark.parametrize("way", ["interpreter", "copy"], indirect=True)
 """How other processes start."""

@@ -11,7 +11,6 @@ from typing import Any, Literal
 import pytest
 import zstandard
 from builders import odometry, raw, serialize, tf_message, transform_stamped, write_mcap, write_rosbag1, write_rosbag2
-from less_tracing import untraced
 from mcap.data_stream import RecordBuilder
 from mcap.records import Channel as McapChannel
 from mcap.records import Chunk, ChunkIndex, DataEnd, Footer, Header, Message, Schema, Statistics
@@ -36,8 +35,7 @@ def at_most(mib: float) -> Iterator[None]:
     """Hold the block to an amount of memory."""
     tracemalloc.start()
     try:
-        with untraced():
-            yield
+        yield
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()

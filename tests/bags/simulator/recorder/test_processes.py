@@ -41,7 +41,6 @@ def test_without_sensors_there_is_one_worker_with_nothing_to_do() -> None:
     assert shared_out(Scenario(world="sandbox"), 3) == [()]
 
 
-@pytest.mark.traced_processes
 def test_a_process_measures_what_this_one_would_and_ends() -> None:
     commands = {"car1": AckermannCommand(0.3, 0.1)}
     stage = Stage(task().scenario, driven=("car1",))
@@ -61,7 +60,6 @@ def test_a_process_measures_what_this_one_would_and_ends() -> None:
         assert mine._replace(hits=its.hits, hit_offsets_ns=its.hit_offsets_ns) == its
 
 
-@pytest.mark.traced_processes
 def test_its_errors_come_out() -> None:
     wrong = task(vehicles__car2__route="", vehicles__car2__start=[-1.5, 1.35, 0])
     with SensingProcess(wrong) as process:

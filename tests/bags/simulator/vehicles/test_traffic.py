@@ -202,7 +202,6 @@ def test_who_cannot_be_driven() -> None:
 # --- the scenarios that come with lidcam
 
 
-@pytest.mark.untraced
 @pytest.mark.parametrize("name", ["sandbox", "crossing", "vehicle"])
 def test_traffic_flows_and_nobody_touches_anybody(name: str) -> None:
     scenario = load_scenario(name)
