@@ -23,7 +23,7 @@ from pipeline.tracking.motion import (
     at_rear_axles,
 )
 from pipeline.tracking.quantiles import quantiles
-from pipeline.tracking.sightings import ALIKE, FrameSightings, Sightings, measured
+from pipeline.tracking.sightings import ALIKE, FRONT_SHARE, SHARED_ERROR, FrameSightings, Sightings, measured
 from pipeline.tracking.smoothing import Cells, Courses, smoothed
 from pipeline.tracking.standing import AXIS_RAD, STANDING_S, find_parked, find_standing
 
@@ -31,13 +31,6 @@ __all__ = ["Estimates", "Known", "Scene", "estimated", "renumbered"]
 
 JUMP_SHARE = 0.03
 """As in `pipeline.tracking.online`; less, as the size of a track is settled."""
-
-SHARED_ERROR = 0.5
-"""Share of the variance of a measurement that all measurements of a track have in common, so that it stays."""
-
-FRONT_SHARE = 0.75
-"""What moved by this share of its length shows which end is its front; what moved by less gets the direction of the
-lane beside it, or without one the front that most of its boxes have. Boxes of few points wander by half a length."""
 
 DRIVEN_SHARE = 3.0
 """What came so many lengths far shows the direction of a lane; less may be a wrong assignment."""

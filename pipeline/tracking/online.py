@@ -30,7 +30,7 @@ from pipeline.tracking.motion import (
     updated,
 )
 from pipeline.tracking.rows import NOT_SEEN, TrackRows
-from pipeline.tracking.sightings import FrameSightings, Sightings, measured
+from pipeline.tracking.sightings import FRONT_SHARE, SHARED_ERROR, FrameSightings, Sightings, measured
 
 __all__ = ["OnlineTracker"]
 
@@ -47,9 +47,6 @@ SAME_CLASS, OTHER_CLASS = 0.9, 0.02
 
 LOST_S, LOST_NEW_S, NEW_HITS = 1.0, 0.3, 3
 """A track ends after so long without a sighting; after the second time if it has fewer sightings than this."""
-
-SHARED_ERROR = 0.5
-"""Share of the variance of a measurement that all measurements of a track have in common, so that it stays."""
 
 EVIDENCE_SHARE = 0.5
 """Share of the evidence of one frame that counts: frames are not independent."""
@@ -69,9 +66,6 @@ COASTING_S = 0.3
 
 NEAR_SHARE = 0.4
 """No track begins nearer to another than this share of the length of its class."""
-
-FRONT_SHARE = 0.75
-"""What has moved by this share of its length shows which end is its front; before, it is the one of most boxes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

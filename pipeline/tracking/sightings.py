@@ -7,7 +7,7 @@ import numpy as np
 from pipeline.core.arrays import F64, I32, I64, U8, Bools, Table
 from pipeline.tracking.motion import Priors
 
-__all__ = ["ALIKE", "FrameSightings", "Sightings", "measured"]
+__all__ = ["ALIKE", "FRONT_SHARE", "SHARED_ERROR", "FrameSightings", "Sightings", "measured"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,6 +73,13 @@ class FrameSightings:
 
 ALIKE = 4.0
 """So many measurements in a row say as much as one: neighbouring frames share most of their error."""
+
+SHARED_ERROR = 0.5
+"""Share of the variance of a measurement that all measurements of a track have in common, so that it stays."""
+
+FRONT_SHARE = 0.75
+"""What moved by this share of its length shows which end is its front; boxes of few points wander by half a length.
+What moved by less gets the front that most of its boxes have, or offline the direction of the lane beside it."""
 
 UNKNOWN_SIGMA_SHARE, UNKNOWN_SIGMA_RAD = 0.05, 0.1
 """Standard deviations of boxes whose covariance is unknown: of the place as a share of the length, of the yaw."""
