@@ -68,7 +68,7 @@ golden: $(INSTALLED)
 check: $(INSTALLED_ALL)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy lidcam pipeline readers writers bags tests benchmarks
+	$(BIN)/mypy lidcam tests benchmarks
 
 # Types are checked on one core beside the first tests.
 test: $(INSTALLED_ALL)
@@ -105,7 +105,7 @@ site: $(INSTALLED_ALL)
 
 config/default.yaml: $(wildcard pipeline/core/settings/*.py) $(INSTALLED_ALL)
 	@printf '# The defaults of every setting: a printed copy of pipeline/core/settings/, which explains each one.\n# Copy the part that you want to change into a file of your own and pass it with --config.\n\n' > $@
-	@$(BIN)/python -c 'from pipeline.core.settings.config import Config; from pipeline.core.settings.load import dump_config; print(dump_config(Config()), end="")' >> $@
+	@$(BIN)/python -c 'from lidcam.pipeline.core.settings.config import Config; from lidcam.pipeline.core.settings.load import dump_config; print(dump_config(Config()), end="")' >> $@
 
 locks:
 	$(COMPILE) --extra sim --extra foxglove --extra video --extra notebook --extra http --extra s3 --extra ray --extra dev --output-file constraints.txt pyproject.toml constraints.in

@@ -24,20 +24,20 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from bags.simulator.world.open3d_runtime import load_libusb
-from pipeline.core.arrays import F32, F64
-from pipeline.core.clouds import PointCloud
-from pipeline.core.frame import SensorBundle
-from pipeline.core.geometry.pose_samples import PoseSamples
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import LidarSensor, Rig
-from pipeline.core.settings.combine import CombineConfig, GroundConfig, OutlierConfig
-from pipeline.filters.ground import find_ground
-from pipeline.filters.ground_kernels import COMPILED, parted
-from pipeline.filters.motion import coordinates, deskew
-from pipeline.filters.outliers import statistical_inliers
-from pipeline.filters.relief import find_relief
-from pipeline.stages.combine import Combine
+from lidcam.bags.simulator.world.open3d_runtime import load_libusb
+from lidcam.pipeline.core.arrays import F32, F64
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import LidarSensor, Rig
+from lidcam.pipeline.core.settings.combine import CombineConfig, GroundConfig, OutlierConfig
+from lidcam.pipeline.filters.ground import find_ground
+from lidcam.pipeline.filters.ground_kernels import COMPILED, parted
+from lidcam.pipeline.filters.motion import coordinates, deskew
+from lidcam.pipeline.filters.outliers import statistical_inliers
+from lidcam.pipeline.filters.relief import find_relief
+from lidcam.pipeline.stages.combine import Combine
 
 SWEEP_NS = 100_000_000
 

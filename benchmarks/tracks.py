@@ -16,13 +16,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.core.detections import Boxes3D
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.evaluation_frame import EvaluationFrame, SourceBoxes
-from pipeline.tracking.motion import Priors
-from pipeline.tracking.offline import OfflineTracker
-from pipeline.tracking.online import OnlineTracker
-from pipeline.tracking.sightings import FrameSightings, Sightings
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, SourceBoxes
+from lidcam.pipeline.tracking.motion import Priors
+from lidcam.pipeline.tracking.offline import OfflineTracker
+from lidcam.pipeline.tracking.online import OnlineTracker
+from lidcam.pipeline.tracking.sightings import FrameSightings, Sightings
 
 sys.path.insert(0, str(Path(__file__).parent / "measured"))
 

@@ -21,11 +21,11 @@ from pathlib import Path
 import numpy as np
 import velodyne_decoder as vd
 
-from bags.simulator.sensors.velodyne_packets import VelodyneSensor
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.settings.recording import VelodyneLidarConfig
-from readers.velodyne.decoder import VelodyneDecoder
-from readers.velodyne.scan import SCAN, parse_velodyne_scan
+from lidcam.bags.simulator.sensors.velodyne_packets import VelodyneSensor
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.settings.recording import VelodyneLidarConfig
+from lidcam.readers.velodyne.decoder import VelodyneDecoder
+from lidcam.readers.velodyne.scan import SCAN, parse_velodyne_scan
 
 CHANNEL = Channel("/velodyne_packets", SCAN, "cdr")
 

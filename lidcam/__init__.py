@@ -8,33 +8,7 @@
 The names are those of `lidcam.api`. They are loaded when they are first used, so `import lidcam` is instant.
 """
 
-from importlib.util import find_spec
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-HOME = Path(__file__).resolve().parents[1]
-PACKAGES = ("pipeline", "readers", "writers", "bags")
-"""Common names: another folder of that name on the path would be imported instead."""
-
-
-def _check_own_packages() -> None:
-    """Look where the packages would be imported from.
-
-    Raises:
-        ImportError: one would come from elsewhere.
-    """
-    for name in PACKAGES:
-        spec = find_spec(name)
-        found = [] if spec is None else [Path(place).resolve() for place in spec.submodule_search_locations or ()]
-        if found != [HOME / name]:
-            place = ", ".join(map(str, found)) or (spec.origin if spec and spec.origin else "nothing")
-            raise ImportError(
-                f"lidcam: expected its package {name!r} in {HOME / name}, found {place}: rename that folder, take it "
-                "off PYTHONPATH, or start from another folder"
-            )
-
-
-_check_own_packages()
 
 if TYPE_CHECKING:
     from lidcam.api import *  # noqa: F403

@@ -1,7 +1,7 @@
 """The programs `lidcam` and `lidcam-process`, and `python -m lidcam`.
 
 Ctrl-C, SIGTERM and SIGHUP end a program at once, with one line and the exit code of shells. No exception is raised,
-which a library or a finaliser could lose: `pipeline.core.ending` removes what has to go.
+which a library or a finaliser could lose: `lidcam.pipeline.core.ending` removes what has to go.
 """
 
 import os
@@ -10,9 +10,7 @@ import signal
 import sys
 from types import FrameType
 
-from pipeline.core.ending import undo_all
-
-__all__ = ["end_at_signals", "main", "main_process"]
+from lidcam.pipeline.core.ending import undo_all
 
 if not hasattr(signal, "SIGHUP"):
     sys.exit("lidcam: error: Windows is not supported yet: install lidcam in WSL (`wsl --install`), or in a container")

@@ -20,14 +20,9 @@ from lidcam.notebook.decoded import decode_clouds, decode_images
 from lidcam.notebook.loaded import load_result
 from lidcam.notebook.objects import ObjectCollector
 from lidcam.notebook.result import RunResult, ShownInspection
-from lidcam.report import DropCount, RunReport, UnusedTopic
-from lidcam.run import RunObserver, process_recording
-from lidcam.run import iter_frames as frames_of
-from lidcam.settings.choice import UsedSettings, choose_settings
-from lidcam.summary import RunProgress
-from pipeline.core.clouds import CombinedCloud, PointCloud
-from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Matches
-from pipeline.core.errors import (
+from lidcam.pipeline.core.clouds import CombinedCloud, PointCloud
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Matches
+from lidcam.pipeline.core.errors import (
     CalibrationError,
     ConfigError,
     FrameError,
@@ -37,17 +32,22 @@ from pipeline.core.errors import (
     OutputError,
     RecordingError,
 )
-from pipeline.core.frame import FrameResult, SensorBundle
-from pipeline.core.messages import RawMessage
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.load import load_config
-from readers import open as containers
-from readers.recording import Loss, Recording
-from readers.rig.rig_file import load_rig
-from readers.rig.schema import RigFile
-from readers.rig.sensor_topics import SensorFault
-from writers.tables.objects import Objects
+from lidcam.pipeline.core.frame import FrameResult, SensorBundle
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.readers import open as containers
+from lidcam.readers.recording import Loss, Recording
+from lidcam.readers.rig.rig_file import load_rig
+from lidcam.readers.rig.schema import RigFile
+from lidcam.readers.rig.sensor_topics import SensorFault
+from lidcam.report import DropCount, RunReport, UnusedTopic
+from lidcam.run import RunObserver, process_recording
+from lidcam.run import iter_frames as frames_of
+from lidcam.settings.choice import UsedSettings, choose_settings
+from lidcam.summary import RunProgress
+from lidcam.writers.tables.objects import Objects
 
 __all__ = [
     "Boxes2D",

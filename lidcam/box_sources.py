@@ -6,20 +6,18 @@ from pathlib import Path
 from typing import Any, Literal
 
 from lidcam.networks.known import NETWORKS, network_path
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Boxes2D, Boxes3D
-from pipeline.core.errors import ModelError, RecordingError
-from pipeline.core.frame import Decoded, SensorBundle
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.detectors.cluster.kinds import knows
-from pipeline.detectors.pillars.embedded import EMBEDDED, network_file
-from pipeline.graph import Graph, Node
-from readers.recording import Recording
-from readers.rig.sensor_topics import BOXES, IMAGE
-from readers.streams.decoders import ImageDecoder, OnBadMessage, RecordedBoxes
-
-__all__ = ["BoxSource", "add_boxes2d", "add_boxes3d", "box_source", "check_box_source", "engine_3d", "network_3d"]
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D
+from lidcam.pipeline.core.errors import ModelError, RecordingError
+from lidcam.pipeline.core.frame import Decoded, SensorBundle
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.detectors.cluster.kinds import knows
+from lidcam.pipeline.detectors.pillars.embedded import EMBEDDED, network_file
+from lidcam.pipeline.graph import Graph, Node
+from lidcam.readers.recording import Recording
+from lidcam.readers.rig.sensor_topics import BOXES, IMAGE
+from lidcam.readers.streams.decoders import ImageDecoder, OnBadMessage, RecordedBoxes
 
 BoxSource = Literal["onnx", "recorded", "none"]
 
@@ -82,12 +80,15 @@ def add_boxes3d(
     graph: Graph[SensorBundle], config: Config, rig: Rig, combined: Node[CombinedCloud], *, on_bad: OnBadMessage
 ) -> tuple[Node[Decoded[Boxes3D]], Node[Boxes3D]]:
     """The decoded messages of recorded 3D detectors, none if they are not used; and the frame's 3D boxes."""
-    from pipeline.stages.detect3d import Detect3D, Recorded3D  # behind the imports of programs that detect nothing
+    from lidcam.pipeline.stages.detect3d import (
+        Detect3D,
+        Recorded3D,
+    )  # behind the imports of programs that detect nothing
 
     if config.detect3d.method != "recorded":
         nothing = graph.add("no recorded 3D boxes", _no_boxes3d, graph.frame, timed=False)
         return nothing, graph.add("detect 3D", Detect3D(rig, config), combined)
-    from readers.streams.recorded3d import RecordedBoxes3D
+    from lidcam.readers.streams.recorded3d import RecordedBoxes3D
 
     recorded = graph.add("read 3D boxes", RecordedBoxes3D(rig, config, on_bad=on_bad), graph.frame)
     return recorded, graph.add("join 3D boxes", Recorded3D(rig), graph.frame, recorded)
@@ -113,8 +114,8 @@ def add_boxes2d(
         raise ModelError("2D detection by onnx needs a model: give --model-2d FILE.onnx or set detect2d.model")
     if str(model) in NETWORKS and not isfile(network_path(model)):  # noqa: PTH113  # Path.is_file may raise
         raise ModelError(f"{model}: is not on this machine yet: run lidcam fetch {model}")
-    from pipeline.detectors.onnx.detector import OnnxDetector2D
-    from pipeline.stages.detect2d import Detect2D
+    from lidcam.pipeline.detectors.onnx.detector import OnnxDetector2D
+    from lidcam.pipeline.stages.detect2d import Detect2D
 
     images = graph.add("decode images", ImageDecoder(rig, config, on_bad=on_bad), graph.frame)
     detector = OnnxDetector2D(network_path(model), config.detect2d)

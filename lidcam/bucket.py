@@ -5,12 +5,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pipeline.core.errors import LidcamError, OutputError, RecordingError, is_short_memory
-from readers.files.remote import REMEDY, file_system, meaning_of
-from readers.location import RemotePath
-from readers.natural_order import natural_key
-
-__all__ = ["Bucket", "check_output", "is_bucket"]
+from lidcam.pipeline.core.errors import LidcamError, OutputError, RecordingError, is_short_memory
+from lidcam.readers.files.remote import REMEDY, file_system, meaning_of
+from lidcam.readers.location import RemotePath
+from lidcam.readers.natural_order import natural_key
 
 T = TypeVar("T")
 

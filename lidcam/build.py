@@ -7,35 +7,33 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 from lidcam.box_sources import add_boxes2d, add_boxes3d, box_source, engine_3d, network_3d
-from pipeline.core.arrays import F64
-from pipeline.core.association import class_agreement
-from pipeline.core.clouds import CombinedCloud, PointCloud
-from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Hypotheses, Matches
-from pipeline.core.frame import Decoded, FrameResult, SensorBundle
-from pipeline.core.messages import Drop
-from pipeline.core.rig import CameraSensor, Rig
-from pipeline.core.settings.config import Config
-from pipeline.detectors.cluster.fitting import BoxFitter
-from pipeline.detectors.cluster.kinds import knows
-from pipeline.fusion.belief.visibility import find_visibility
-from pipeline.fusion.cameras.placing import Placed
-from pipeline.fusion.zones import select_by_zones
-from pipeline.graph import Graph, Node
-from pipeline.stages.associate import Associate
-from pipeline.stages.believe import Believe
-from pipeline.stages.classify import Classify
-from pipeline.stages.combine import Combine
-from pipeline.stages.fuse import Fuse
-from pipeline.stages.odometry import FindOdometry
-from pipeline.stages.place import Place
-from pipeline.stages.propose import Propose, Proposed
-from pipeline.stages.refine import Refine
-from pipeline.stages.reshape import Reshape
-from pipeline.stages.views import Views
-from pipeline.tracking.ends import find_ends
-from readers.streams.decoders import CloudDecoder, OnBadMessage
-
-__all__ = ["build_graph", "decided"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.association import class_agreement
+from lidcam.pipeline.core.clouds import CombinedCloud, PointCloud
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Hypotheses, Matches
+from lidcam.pipeline.core.frame import Decoded, FrameResult, SensorBundle
+from lidcam.pipeline.core.messages import Drop
+from lidcam.pipeline.core.rig import CameraSensor, Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
+from lidcam.pipeline.detectors.cluster.kinds import knows
+from lidcam.pipeline.fusion.belief.visibility import find_visibility
+from lidcam.pipeline.fusion.cameras.placing import Placed
+from lidcam.pipeline.fusion.zones import select_by_zones
+from lidcam.pipeline.graph import Graph, Node
+from lidcam.pipeline.stages.associate import Associate
+from lidcam.pipeline.stages.believe import Believe
+from lidcam.pipeline.stages.classify import Classify
+from lidcam.pipeline.stages.combine import Combine
+from lidcam.pipeline.stages.fuse import Fuse
+from lidcam.pipeline.stages.odometry import FindOdometry
+from lidcam.pipeline.stages.place import Place
+from lidcam.pipeline.stages.propose import Propose, Proposed
+from lidcam.pipeline.stages.refine import Refine
+from lidcam.pipeline.stages.reshape import Reshape
+from lidcam.pipeline.stages.views import Views
+from lidcam.pipeline.tracking.ends import find_ends
+from lidcam.readers.streams.decoders import CloudDecoder, OnBadMessage
 
 
 def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Graph[SensorBundle], Node[FrameResult]]:

@@ -3,8 +3,6 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-__all__ = ["compiled_together"]
-
 
 @contextmanager
 def compiled_together(*, shown: bool = False) -> Iterator[None]:
@@ -13,9 +11,9 @@ def compiled_together(*, shown: bool = False) -> Iterator[None]:
     Args:
         shown: Draw a bar on a terminal, or log lines of progress.
     """
+    from lidcam.pipeline.core.compiled import compiled_beside
+    from lidcam.pipeline.parallel.cores import usable_cores
     from lidcam.printing.progress import show_compiling  # not at the top: `lidcam --help` needs no numpy
-    from pipeline.core.compiled import compiled_beside
-    from pipeline.parallel.cores import usable_cores
 
     if not shown:
         with compiled_beside(usable_cores()):

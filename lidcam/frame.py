@@ -3,12 +3,10 @@
 from dataclasses import dataclass, fields
 from typing import Self
 
-from pipeline.core.arrays import U8
-from pipeline.core.frame import FrameResult
-from pipeline.core.text import brief
-from writers.pictures.scene import Scene, Scenes
-
-__all__ = ["Frame"]
+from lidcam.pipeline.core.arrays import U8
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.text import brief
+from lidcam.writers.pictures.scene import Scene, Scenes
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -6,36 +6,20 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from lidcam.box_sources import box_source
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.messages import Drop, RawMessage
+from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.stages.sync.clocks import Clocks
+from lidcam.pipeline.stages.sync.synchronize import SyncStats, synchronize
+from lidcam.readers.recording import Recording
+from lidcam.readers.streams.copied import CopiedMessages
+from lidcam.readers.streams.motion import MotionBuffer, MotionSource
+from lidcam.readers.video.streams import VideoStreams, video_topics
 from lidcam.settings.choice import AS_GIVEN, UsedSettings
 from lidcam.summary import DropTable
-from pipeline.core.errors import ConfigError
-from pipeline.core.frame import SensorBundle
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.messages import Drop, RawMessage
-from pipeline.core.rig import CameraSensor, LidarSensor, Rig
-from pipeline.core.settings.config import Config
-from pipeline.stages.sync.clocks import Clocks
-from pipeline.stages.sync.synchronize import SyncStats, synchronize
-from readers.recording import Recording
-from readers.streams.copied import CopiedMessages
-from readers.streams.motion import MotionBuffer, MotionSource
-from readers.video.streams import VideoStreams, video_topics
-
-__all__ = [
-    "NOT_EVERY",
-    "RunInput",
-    "TimeWindow",
-    "bundles",
-    "decoded_topics",
-    "expected_frames",
-    "no_frames",
-    "reference_topic",
-    "required_topics",
-    "sensor_clocks",
-    "synchronized_topics",
-    "time_window",
-]
-
 
 NOT_EVERY = "of a frame that sync.every leaves out"
 """Why messages are not used that nobody wants."""

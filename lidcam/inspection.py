@@ -11,25 +11,23 @@ from lidcam.checks.incomplete import damage_lines, left_out_lines
 from lidcam.checks.warning import RunWarning
 from lidcam.frames import TimeWindow
 from lidcam.job import RigSource, read_rig
+from lidcam.pipeline.core.errors import CalibrationError, RecordingError, short_memory_told
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.text import brief
+from lidcam.readers.location import Location, RemotePath
+from lidcam.readers.open import open_recording
+from lidcam.readers.recording import Loss, ReadOptions, Recording
+from lidcam.readers.rig.calibration import SensorSource
+from lidcam.readers.rig.discovery import calibrated_rig
+from lidcam.readers.rig.draft import draft_yaml
+from lidcam.readers.rig.search import FoundSensors, find_sensors
+from lidcam.readers.rig.sensor_topics import SensorFault
+from lidcam.readers.streams.motion import find_motion_source
+from lidcam.readers.streams.per_sensor import sensor_messages
+from lidcam.readers.streams.survey import TopicSurvey, survey
 from lidcam.report import loss_records
 from lidcam.settings.choice import SettingsChoice, UsedSettings, use_settings, used_record
-from pipeline.core.errors import CalibrationError, RecordingError, short_memory_told
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.text import brief
-from readers.location import Location, RemotePath
-from readers.open import open_recording
-from readers.recording import Loss, ReadOptions, Recording
-from readers.rig.calibration import SensorSource
-from readers.rig.discovery import calibrated_rig
-from readers.rig.draft import draft_yaml
-from readers.rig.search import FoundSensors, find_sensors
-from readers.rig.sensor_topics import SensorFault
-from readers.streams.motion import find_motion_source
-from readers.streams.per_sensor import sensor_messages
-from readers.streams.survey import TopicSurvey, survey
-
-__all__ = ["Inspection", "inspect_open", "inspect_recording", "inspection_tree"]
 
 INSPECTED_NS = 5_000_000_000
 """How much of a recording on a server is looked at: enough for the rate of a topic of 1 Hz."""

@@ -8,30 +8,17 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TypedDict, get_args
 
+from lidcam.pipeline.core.errors import CalibrationError, ConfigError, OutputError
+from lidcam.pipeline.core.settings.bundled import bundled, preset_or_file
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.text import brief
+from lidcam.readers.location import Location, RemotePath, location
+from lidcam.readers.rig.merge import merge_rigs
+from lidcam.readers.rig.rig_file import load_rig
+from lidcam.readers.rig.schema import RigFile
+from lidcam.readers.streams.decoders import OnBadMessage
 from lidcam.settings.choice import SettingsChoice, choose_settings
 from lidcam.settings.effect import named_files
-from pipeline.core.errors import CalibrationError, ConfigError, OutputError
-from pipeline.core.settings.bundled import bundled, preset_or_file
-from pipeline.core.settings.config import Config
-from pipeline.core.text import brief
-from readers.location import Location, RemotePath, location
-from readers.rig.merge import merge_rigs
-from readers.rig.rig_file import load_rig
-from readers.rig.schema import RigFile
-from readers.streams.decoders import OnBadMessage
-
-__all__ = [
-    "FilePath",
-    "Job",
-    "JobOptions",
-    "PathOrUrl",
-    "RigSource",
-    "Settings",
-    "locations",
-    "make_job",
-    "read_files",
-    "read_rig",
-]
 
 DEFAULT_SETTINGS = SettingsChoice(Config())
 

@@ -19,12 +19,10 @@ from typing import NoReturn
 from typer.exceptions import TyperException
 
 from lidcam.commands.verdict import FAILED, INCOMPLETE
+from lidcam.pipeline.core.errors import CheckError, IncompleteError, LidcamError, short_memory_told
+from lidcam.pipeline.core.text import one_line
 from lidcam.printing.escaping import visible, visible_lines
 from lidcam.printing.log import configure_logging, verdict_log
-from pipeline.core.errors import CheckError, IncompleteError, LidcamError, short_memory_told
-from pipeline.core.text import one_line
-
-__all__ = ["run_program"]
 
 logger = logging.getLogger(__name__)
 

@@ -9,30 +9,16 @@ from lidcam.box_sources import BoxSource
 from lidcam.checks.incomplete import absent_lines, changed_lines, damage_lines, left_out_lines
 from lidcam.checks.missing import MissingSensor
 from lidcam.checks.warning import RunWarning
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.text import brief
+from lidcam.pipeline.evaluation.road_users import RoadUsers
+from lidcam.readers.input_file import InputFile
+from lidcam.readers.location import RemotePath
+from lidcam.readers.messages.tf import TF_TYPES
+from lidcam.readers.recording import Loss, Recording
+from lidcam.readers.rig.calibration import SensorSource
+from lidcam.readers.rig.sensor_topics import CAMERA_INFO, SensorFault
 from lidcam.settings.choice import UsedSettings
-from pipeline.core.rig import Rig
-from pipeline.core.text import brief
-from pipeline.evaluation.road_users import RoadUsers
-from readers.input_file import InputFile
-from readers.location import RemotePath
-from readers.messages.tf import TF_TYPES
-from readers.recording import Loss, Recording
-from readers.rig.calibration import SensorSource
-from readers.rig.sensor_topics import CAMERA_INFO, SensorFault
-
-__all__ = [
-    "DropCount",
-    "DropReport",
-    "FrameReport",
-    "InputReport",
-    "RunReport",
-    "SensorReport",
-    "TimingReport",
-    "UnusedTopic",
-    "loss_records",
-    "report_tree",
-    "unused_topics",
-]
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,6 @@ from lidcam.job import Job
 from lidcam.run import RunObserver, process_recording
 from lidcam.summary import RunProgress
 
-__all__ = ["check_rig"]
-
 
 def check_rig(job: Job, observer: RunObserver | None = None) -> SelfCheck:
     """Process a recording, and judge its rig.

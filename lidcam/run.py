@@ -41,28 +41,26 @@ from lidcam.outputs.copied import choose_copied, choose_drawn, truth_frames
 from lidcam.outputs.input_files import input_files, read_named_files
 from lidcam.outputs.kinds import drawn_scenes
 from lidcam.outputs.open import how_to_open, make_pages, open_outputs, open_writers, written_files
+from lidcam.pipeline.core.errors import RecordingError, short_memory_told
+from lidcam.pipeline.core.frame import FrameResult, SensorBundle
+from lidcam.pipeline.parallel.cores import usable_cores
+from lidcam.pipeline.parallel.process import WorkerProcess, copied_workers
+from lidcam.pipeline.parallel.run import Limits, run_parallel
+from lidcam.pipeline.stages.sync.synchronize import SyncStats
+from lidcam.pipeline.tracking.trackers import object_tracker
+from lidcam.readers.input_file import InputFile, InputFiles
+from lidcam.readers.open import open_recording
+from lidcam.readers.recording import ReadOptions, Recording
+from lidcam.readers.rig.discovery import Discovery, discover_rig
+from lidcam.readers.rig.sensor_topics import CLOUD
+from lidcam.readers.streams.motion import find_motion_source
+from lidcam.readers.streams.per_sensor import sensor_messages
 from lidcam.report import InputReport, RunReport, SensorReport, TimingReport, unused_topics
 from lidcam.settings.choice import use_settings
 from lidcam.settings.effect import settings_sha256
 from lidcam.summary import DropTable, RunProgress, Tally
 from lidcam.tracks import tracked
-from pipeline.core.errors import RecordingError, short_memory_told
-from pipeline.core.frame import FrameResult, SensorBundle
-from pipeline.parallel.cores import usable_cores
-from pipeline.parallel.process import WorkerProcess, copied_workers
-from pipeline.parallel.run import Limits, run_parallel
-from pipeline.stages.sync.synchronize import SyncStats
-from pipeline.tracking.trackers import object_tracker
-from readers.input_file import InputFile, InputFiles
-from readers.open import open_recording
-from readers.recording import ReadOptions, Recording
-from readers.rig.discovery import Discovery, discover_rig
-from readers.rig.sensor_topics import CLOUD
-from readers.streams.motion import find_motion_source
-from readers.streams.per_sensor import sensor_messages
-from writers.base import ResultWriter
-
-__all__ = ["Run", "RunObserver", "iter_frames", "process_recording"]
+from lidcam.writers.base import ResultWriter
 
 logger = logging.getLogger(__name__)
 

@@ -3,18 +3,16 @@
 from collections import Counter
 from dataclasses import dataclass
 
+from lidcam.pipeline.core.detections import Source, source_names
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.messages import Drop
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.road_users import RoadUserTally
+from lidcam.pipeline.stages.sync.synchronize import SyncStats
+from lidcam.readers.streams.decoders import OnBadMessage
 from lidcam.report import DropCount, DropReport, FrameReport
-from pipeline.core.detections import Source, source_names
-from pipeline.core.errors import MessageError
-from pipeline.core.frame import FrameResult
-from pipeline.core.messages import Drop
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.road_users import RoadUserTally
-from pipeline.stages.sync.synchronize import SyncStats
-from readers.streams.decoders import OnBadMessage
-
-__all__ = ["DropTable", "RunProgress", "Tally"]
 
 
 class DropTable:

@@ -14,13 +14,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Protocol, cast
 
-from pipeline.core.detections import Fused
-from pipeline.core.errors import OutputError
-from pipeline.core.frame import FrameResult
-from pipeline.graph import Stamped
-from pipeline.parallel.transfer import dump, load
-
-__all__ = ["FrameTracker", "tracked"]
+from lidcam.pipeline.core.detections import Fused
+from lidcam.pipeline.core.errors import OutputError
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.graph import Stamped
+from lidcam.pipeline.parallel.transfer import dump, load
 
 FILE_BYTES = 64 << 20
 """Size from which on a file gets no more frames: so much more than the frames that wait lies on the disk, at most."""

@@ -1,4 +1,4 @@
-"""A typed stage graph, declared top to bottom; `pipeline.parallel` shares its frames among processes.
+"""A typed stage graph, declared top to bottom; `lidcam.pipeline.parallel` shares its frames among processes.
 
 A stage is any callable. `Graph.add` returns a handle that carries the stage's output type, so the type checker finds
 wrong wiring. A stage can only read existing handles, so the graph has no cycles, and declaration order is execution
@@ -10,8 +10,6 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, Protocol, TypedDict, TypeVar, Unpack, overload
-
-__all__ = ["Graph", "Node", "Parts", "Stamped"]
 
 A = TypeVar("A")
 B = TypeVar("B")

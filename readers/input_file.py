@@ -8,11 +8,9 @@ from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
-from pipeline.core.errors import RecordingError
-from pipeline.parallel.background import Background
-from readers.location import Location, RemotePath
-
-__all__ = ["InputFile", "InputFiles", "OpenedFile", "read_input_file", "read_opened_files"]
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.parallel.background import Background
+from lidcam.readers.location import Location, RemotePath
 
 END_BYTES = 1 << 16
 """Bytes read at the beginning and at the end of a file for a fingerprint: the first clouds or images, and the index."""

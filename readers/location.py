@@ -5,10 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from urllib.parse import unquote, urlsplit
 
-from pipeline.core.errors import RecordingError
-from pipeline.core.urls import MORE, shown_url
-
-__all__ = ["Location", "RemotePath", "location"]
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.urls import MORE, shown_url
 
 URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://(.*)", re.DOTALL)
 

@@ -2,8 +2,6 @@
 
 import re
 
-__all__ = ["natural_key"]
-
 
 def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
     """Sorts `cam2` before `cam10`; total over all strings."""

@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass, field
 
-__all__ = ["Notes"]
-
 MAX_KINDS = 100
 """Kinds of notes that are counted separately: their texts may contain names from a file."""
 

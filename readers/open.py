@@ -12,19 +12,19 @@ from itertools import combinations
 from pathlib import Path
 from typing import BinaryIO
 
-from pipeline.core.errors import RecordingError
-from pipeline.core.messages import RawMessage
-from readers.files.container import Source
-from readers.files.copies import completed, unpacked, whole_pages
-from readers.files.damage import DamageError, Losses, library_errors
-from readers.files.evaluation_folder import EvaluationFolder, is_evaluation_folder
-from readers.files.rosbag2_folder import contradiction, folder_metadata, recording_files, unlisted_files
-from readers.files.sqlite.pages import journals_of
-from readers.files.temporary import remove_abandoned
-from readers.input_file import OpenedFile
-from readers.location import Location, RemotePath
-from readers.messages.registry import types_of
-from readers.recording import (
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.files.container import Source
+from lidcam.readers.files.copies import completed, unpacked, whole_pages
+from lidcam.readers.files.damage import DamageError, Losses, library_errors
+from lidcam.readers.files.evaluation_folder import EvaluationFolder, is_evaluation_folder
+from lidcam.readers.files.rosbag2_folder import contradiction, folder_metadata, recording_files, unlisted_files
+from lidcam.readers.files.sqlite.pages import journals_of
+from lidcam.readers.files.temporary import remove_abandoned
+from lidcam.readers.input_file import OpenedFile
+from lidcam.readers.location import Location, RemotePath
+from lidcam.readers.messages.registry import types_of
+from lidcam.readers.recording import (
     DEFAULT_READ_OPTIONS,
     Closing,
     Loss,
@@ -35,8 +35,6 @@ from readers.recording import (
     TopicInfo,
     merge_topics,
 )
-
-__all__ = ["open_recording"]
 
 ROSBAG1_MAGIC = b"#ROSBAG V2.0\n"
 MCAP_MAGIC = b"\x89MCAP0\r\n"
@@ -269,8 +267,8 @@ def _open_file(original: OpenedFile, index: int, stack: ExitStack, options: Read
     path, stream = original.path, original.stream
     is_recovering = options.recovery != "none"
     if isinstance(path, RemotePath):
-        from readers.files.mcap.mcap_file import McapFile
-        from readers.files.remote import open_remote
+        from lidcam.readers.files.mcap.mcap_file import McapFile
+        from lidcam.readers.files.remote import open_remote
 
         path, remote = open_remote(path, options.limits)
         stack.callback(remote.close)
@@ -318,12 +316,12 @@ def _check_is_mcap(path: RemotePath, stream: BinaryIO) -> None:
 
 def _file_of_kind(source: Source, path: Path, content: Path, stream: BinaryIO, magic: bytes) -> RecordingFile:
     if magic.startswith(ROSBAG1_MAGIC):
-        from readers.files.rosbag1.rosbag1_file import Rosbag1File
+        from lidcam.readers.files.rosbag1.rosbag1_file import Rosbag1File
 
         return Rosbag1File(source, stream)
     if not magic.startswith((MCAP_MAGIC, SQLITE_MAGIC)):
-        from readers.files.pcap.packets import is_capture
-        from readers.files.pcap.pcap_file import PcapFile
+        from lidcam.readers.files.pcap.packets import is_capture
+        from lidcam.readers.files.pcap.pcap_file import PcapFile
 
         if is_capture(magic):
             return PcapFile(source, stream)
@@ -333,10 +331,10 @@ def _file_of_kind(source: Source, path: Path, content: Path, stream: BinaryIO, m
     if path.name in metadata.file_names:
         source = replace(source, metadata=metadata)
     if magic.startswith(MCAP_MAGIC):
-        from readers.files.mcap.mcap_file import McapFile
+        from lidcam.readers.files.mcap.mcap_file import McapFile
 
         return McapFile(source, stream)
-    from readers.files.sqlite.sqlite_file import SqliteFile
+    from lidcam.readers.files.sqlite.sqlite_file import SqliteFile
 
     return SqliteFile(source, stream, content)
 

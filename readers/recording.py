@@ -5,22 +5,11 @@ from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, Protocol, Self
 
-from pipeline.core.errors import RecordingError
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from readers.input_file import OpenedFile
-from readers.location import Location
-
-__all__ = [
-    "DEFAULT_READ_OPTIONS",
-    "Closing",
-    "Loss",
-    "ReadOptions",
-    "Recording",
-    "RecordingFile",
-    "TopicInfo",
-    "merge_topics",
-]
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.readers.input_file import OpenedFile
+from lidcam.readers.location import Location
 
 RosVersion = Literal["ROS 1", "ROS 2", "no ROS"]
 

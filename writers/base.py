@@ -3,17 +3,15 @@
 from types import TracebackType
 from typing import Protocol, Self
 
-from pipeline.core.frame import FrameResult
-from pipeline.core.messages import Drop
-
-__all__ = ["ResultWriter"]
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.messages import Drop
 
 
 class ResultWriter(Protocol):
     """Writes the frames of one run, in order.
 
     A context manager: what is written is complete when the block ends without error. It gets its name afterwards, with
-    all other outputs of the run (`writers.outputs.transaction`), or is discarded with them. Not thread-safe.
+    all other outputs of the run (`lidcam.writers.outputs.transaction`), or is discarded with them. Not thread-safe.
 
     Attributes:
         name: Short name of the kind of output, for timings and messages.

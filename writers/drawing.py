@@ -5,36 +5,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64, Bools, Indices
-from pipeline.core.camera import CameraModel
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import NO_HYPOTHESIS, Boxes2D, Boxes3D, Matches, Source, source_names
-from pipeline.core.frame import FrameResult
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.optics.drawn_edges import draw_edges
-from pipeline.core.tracks import NO_TRACK
-from writers.palette import CAMERA_ONLY, MATCHED, Rgb, class_color
-
-__all__ = [
-    "ARROW_SHARE",
-    "ELLIPSE_CORNERS",
-    "STRONG_SCORE",
-    "DrawnBoxes2D",
-    "ObjectEdges",
-    "arrow_lengths",
-    "drawn_boxes_2d",
-    "ground_ellipses",
-    "height_range",
-    "labels_in_the_clear",
-    "object_colors",
-    "object_edges",
-    "object_labels",
-    "predicted_objects",
-    "roofs",
-    "strong_objects",
-    "thin_objects",
-    "track_numbers",
-]
+from lidcam.pipeline.core.arrays import F32, F64, I64, Bools, Indices
+from lidcam.pipeline.core.camera import CameraModel
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.detections import NO_HYPOTHESIS, Boxes2D, Boxes3D, Matches, Source, source_names
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.optics.drawn_edges import draw_edges
+from lidcam.pipeline.core.tracks import NO_TRACK
+from lidcam.writers.palette import CAMERA_ONLY, MATCHED, Rgb, class_color
 
 ObjectEdges = tuple[F32, Indices]
 

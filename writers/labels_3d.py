@@ -4,12 +4,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.frame import FrameResult
-from writers.drawing import roofs, strong_objects
-from writers.viewpoint import SceneSurvey, Viewpoint
-
-__all__ = ["LabelPlaces", "labels_apart"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.writers.drawing import roofs, strong_objects
+from lidcam.writers.viewpoint import SceneSurvey, Viewpoint
 
 _VIEW_PX, _LINE_PX, _LETTER_PX, _PADDING_PX = 480.0, 26.0, 7.5, 18.0
 """Height of a usual view, height of a label, width of its letters, and what is left and right of them."""

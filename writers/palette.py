@@ -4,23 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import U8, Array, Indices
-
-__all__ = [
-    "CAMERA_ONLY",
-    "CHANGED",
-    "EQUAL",
-    "GROUND",
-    "HEIGHT_COLORS",
-    "LOST",
-    "MATCHED",
-    "NEW",
-    "TRUTH",
-    "ZONE",
-    "Rgb",
-    "class_color",
-    "height_rows",
-]
+from lidcam.pipeline.core.arrays import U8, Array, Indices
 
 
 class Rgb(NamedTuple):

@@ -6,8 +6,6 @@ from operator import itemgetter
 from statistics import median
 from typing import Literal, NamedTuple
 
-__all__ = ["OBJECTS_TITLE", "SKEW_TITLE", "Panels", "ScenePanels", "arrange", "scene_panels"]
-
 WINDOW_PX = (1600, 920)
 """The panels' share of a usual window."""
 

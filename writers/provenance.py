@@ -4,9 +4,7 @@ import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from pipeline.core.text import visible
-
-__all__ = ["Provenance"]
+from lidcam.pipeline.core.text import visible
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,13 +6,11 @@ stands now.
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.frame import FrameResult, own_motion
-from pipeline.core.settings.combine import MotionConfig
-from pipeline.core.tracks import NO_TRACK
-from writers.drawing import track_numbers
-
-__all__ = ["Trails"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.frame import FrameResult, own_motion
+from lidcam.pipeline.core.settings.combine import MotionConfig
+from lidcam.pipeline.core.tracks import NO_TRACK
+from lidcam.writers.drawing import track_numbers
 
 TRAIL_S = 3.0
 """Length of a trail."""

@@ -9,10 +9,8 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from pipeline.core.frame import SensorBundle
-from pipeline.core.true_boxes import TrueBoxes
-
-__all__ = ["FrameTime", "TruthTimes"]
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.true_boxes import TrueBoxes
 
 SAME_CLOCK_NS = 2_000_000_000
 """Truth whose stamp is farther from every frame has another clock: then it goes by the times of recording."""

@@ -6,14 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Array, Bools
-from pipeline.core.detections import Boxes3D
-from pipeline.core.frame import FrameResult
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.rig import CameraSensor, Rig
-from writers.drawing import strong_objects
-
-__all__ = ["SURVEYED_FRAMES", "SceneSurvey", "Viewpoint", "cameras_in_order", "front_of_rig"]
+from lidcam.pipeline.core.arrays import F64, Array, Bools
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.rig import CameraSensor, Rig
+from lidcam.writers.drawing import strong_objects
 
 SURVEYED_FRAMES = 10
 """Frames with points or objects after which the eye is placed."""

@@ -2,12 +2,10 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.geometry.polygons import clipped_polygon
-from pipeline.core.rig import Rig
-from writers.viewpoint import SceneSurvey
-
-__all__ = ["drawn_zones", "zone_texts"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.geometry.polygons import clipped_polygon
+from lidcam.pipeline.core.rig import Rig
+from lidcam.writers.viewpoint import SceneSurvey
 
 
 def drawn_zones(survey: SceneSurvey) -> tuple[list[F64], F64]:

@@ -31,20 +31,19 @@ from lidcam.build import decided
 from lidcam.evaluation.frames import EvaluationFrames
 from lidcam.frames import RunInput
 from lidcam.job import make_job
-from lidcam.run import RunObserver, process_recording
-from pipeline.core.arrays import F64, I32, U8, Bools
-from pipeline.core.association import class_agreement
-from pipeline.core.detections import Boxes3D, Hypotheses
-from pipeline.core.frame import FrameResult
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.detection.criteria import Criteria
-from pipeline.evaluation.detection.gathering import Gathering
-from pipeline.evaluation.detection.tables import IGNORED
-from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D
-from pipeline.fusion.belief.memory import RecallCounts
-from pipeline.fusion.belief.odds import (
+from lidcam.pipeline.core.arrays import F64, I32, U8, Bools
+from lidcam.pipeline.core.association import class_agreement
+from lidcam.pipeline.core.detections import Boxes3D, Hypotheses
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.detection.criteria import Criteria
+from lidcam.pipeline.evaluation.detection.gathering import Gathering
+from lidcam.pipeline.evaluation.detection.tables import IGNORED
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D
+from lidcam.pipeline.fusion.belief.memory import RecallCounts
+from lidcam.pipeline.fusion.belief.odds import (
     FITTED,
     Coefficients,
     at_its_place,
@@ -55,9 +54,10 @@ from pipeline.fusion.belief.odds import (
     reach_of_classes,
     shown,
 )
-from pipeline.fusion.belief.visibility import Visibility, find_visibility
-from readers.results.result import open_result
-from readers.truth.open import open_truth
+from lidcam.pipeline.fusion.belief.visibility import Visibility, find_visibility
+from lidcam.readers.results.result import open_result
+from lidcam.readers.truth.open import open_truth
+from lidcam.run import RunObserver, process_recording
 
 OPEN = ("fuse.min_score=0.0", "track.mode=none", "output.images=false", "output.clouds=false")
 

@@ -14,14 +14,14 @@ import numpy as np
 from held_out_worlds import FIRST_WORLD, combined_cloud
 from scipy.optimize import minimize
 
-from bags.simulator.worlds.draw import Family
-from bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, sweep
+from lidcam.bags.simulator.worlds.draw import Family
+from lidcam.bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, sweep
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.pipeline.detectors.cluster.kinds import KINDS, kinds_of
+from lidcam.pipeline.detectors.combined import CombinedDetector
 from lidcam.training.examples import KIND_OF_CLASS, MIN_POINTS, SWEEPS_OF_A_WORLD, kinds_of_boxes
 from lidcam.training.fit import PRIORS
-from pipeline.core.arrays import F64
-from pipeline.core.settings.load import load_config
-from pipeline.detectors.cluster.kinds import KINDS, kinds_of
-from pipeline.detectors.combined import CombinedDetector
 
 WORLDS_BEFORE = 100_000
 """From so many worlds before those that judge."""

@@ -5,13 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from labelled_frames import Label, LabelledFrame
 
-from pipeline.core.arrays import F64, Bools
-from pipeline.core.detections import Boxes3D
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.geometry.transform import Transform
-from pipeline.evaluation.assignment import assign_nearest
-
-__all__ = ["CLASSES", "RANGE_M", "Count", "count_frame", "excused"]
+from lidcam.pipeline.core.arrays import F64, Bools
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.evaluation.assignment import assign_nearest
 
 CLASSES = {"Car": "car", "Pedestrian": "pedestrian", "Cyclist": "bicycle"}
 """Labelled classes that are counted, and the classes of the settings that they are."""

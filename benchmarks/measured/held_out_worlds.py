@@ -20,21 +20,21 @@ from typing import Any
 
 import numpy as np
 
-from bags.simulator.scenario.sensors import LidarScenario
-from bags.simulator.worlds.draw import Family
-from bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, TrainingSweep, sweep
+from lidcam.bags.simulator.scenario.sensors import LidarScenario
+from lidcam.bags.simulator.worlds.draw import Family
+from lidcam.bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, TrainingSweep, sweep
 from lidcam.build import decided
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.pipeline.evaluation.detection.detection_evaluation import DetectionEvaluation
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D
+from lidcam.pipeline.stages.combine import Combine
+from lidcam.pipeline.stages.detect3d import Detect3D
 from lidcam.training.examples import SWEEPS_OF_A_WORLD, cloud_of, rig_of
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Boxes3D
-from pipeline.core.frame import SensorBundle
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.load import load_config
-from pipeline.evaluation.detection.detection_evaluation import DetectionEvaluation
-from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D
-from pipeline.stages.combine import Combine
-from pipeline.stages.detect3d import Detect3D
 
 FIRST_WORLD = 2_000_000
 """Trainings take worlds from their seed on, and judge themselves in those from a million on."""

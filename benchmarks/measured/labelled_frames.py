@@ -12,14 +12,12 @@ from pathlib import Path
 import numpy as np
 from mcap.writer import Writer
 
-from pipeline.core.arrays import F32, F64
-from pipeline.core.camera import CameraModel
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.ros.messages import ROS2
-from readers.rig.importers.kitti import kitti_calibration
-from readers.truth.kitti import LEFT_COLOUR_CAMERA, KittiLabel, parse_kitti_labels
-
-__all__ = ["Label", "LabelledFrame", "labelled_frames", "write_recording"]
+from lidcam.pipeline.core.arrays import F32, F64
+from lidcam.pipeline.core.camera import CameraModel
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.ros.messages import ROS2
+from lidcam.readers.rig.importers.kitti import kitti_calibration
+from lidcam.readers.truth.kitti import LEFT_COLOUR_CAMERA, KittiLabel, parse_kitti_labels
 
 STAMP_NS = 1_316_000_000 * 10**9
 LIDAR_FRAME, CAMERA_FRAME = "velodyne", "camera_optical"

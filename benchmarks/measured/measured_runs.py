@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from readers.results.result import open_result
+from lidcam.readers.results.result import open_result
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -10,20 +10,18 @@ import numpy as np
 from measured_runs import MeasuredRun
 from surroundings import Surroundings
 
-from bags.simulator.scenario.load import load_scenario
+from lidcam.bags.simulator.scenario.load import load_scenario
 from lidcam.page.pictures import MISTAKE_COLORS, cut_out
-from pipeline.core.arrays import F64, U8
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.messages import RawMessage
-from pipeline.core.rig import CameraSensor, Rig
-from readers.messages.image import decode_compressed_image
-from readers.open import open_recording
-from readers.recording import Recording
-from readers.results.result import open_result
-from readers.truth.site import SitePoses
-
-__all__ = ["KINDS", "Look", "looks", "write_images"]
+from lidcam.pipeline.core.arrays import F64, U8
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.rig import CameraSensor, Rig
+from lidcam.readers.messages.image import decode_compressed_image
+from lidcam.readers.open import open_recording
+from lidcam.readers.recording import Recording
+from lidcam.readers.results.result import open_result
+from lidcam.readers.truth.site import SitePoses
 
 KINDS = ("false", "missed")
 TILE_PX = 208, 156

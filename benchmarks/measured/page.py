@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-__all__ = ["write_part"]
-
 
 def write_part(page: Path, name: str, text: str) -> None:
     """Write the lines between `<!-- NAME: begin -->` and `<!-- NAME: end -->` anew.

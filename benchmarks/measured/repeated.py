@@ -5,8 +5,6 @@ from pathlib import Path
 
 from rosbags.rosbag1 import Reader, Writer
 
-__all__ = ["repeated"]
-
 WITHOUT_HEADER = {"tf2_msgs/msg/TFMessage", "std_msgs/msg/Float64"}
 """Of the types of the recordings here; all others begin with one."""
 

@@ -5,8 +5,6 @@ from typing import Any
 
 from lidcam.printing.numbers import NONE, number, share, signed
 
-__all__ = ["by_class", "classes_met", "side_by_side", "table", "verdicts"]
-
 Tree = Mapping[str, Any]
 
 FOUND: Mapping[str, Callable[[Tree], str]] = {

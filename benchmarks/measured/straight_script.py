@@ -24,7 +24,7 @@ import onnxruntime
 from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 
-from bags.simulator.world.open3d_runtime import load_libusb
+from lidcam.bags.simulator.world.open3d_runtime import load_libusb
 
 load_libusb()  # Open3D's wheel wants it, which a bare machine lacks
 

@@ -5,13 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from bags.simulator.scenario.scenario import Scenario
-from bags.simulator.world.open3d_runtime import load_libusb
-from bags.simulator.world.places.places import mesh_of
-from pipeline.core.arrays import F64
-from pipeline.core.geometry.boxes import rotations_2d
-
-__all__ = ["NOTHING", "Surroundings"]
+from lidcam.bags.simulator.scenario.scenario import Scenario
+from lidcam.bags.simulator.world.open3d_runtime import load_libusb
+from lidcam.bags.simulator.world.places.places import mesh_of
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.geometry.boxes import rotations_2d
 
 NOTHING = "nothing that stands there"
 

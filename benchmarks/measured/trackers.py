@@ -8,14 +8,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.detections import Boxes3D
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.assignment import assign_nearest
-from pipeline.evaluation.evaluation_frame import EvaluationFrame, SourceBoxes
-
-__all__ = ["SOURCE", "ab3dmot", "nearest_neighbour"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.assignment import assign_nearest
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, SourceBoxes
 
 SOURCE = "fused"
 """The source whose boxes are tracked."""

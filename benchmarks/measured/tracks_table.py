@@ -11,14 +11,12 @@ from trackers import SOURCE, ab3dmot, nearest_neighbour
 
 from lidcam.evaluation.evaluators import measure
 from lidcam.evaluation.frames import EvaluationFrames
+from lidcam.pipeline.evaluation.detection.detection_evaluation import DetectionEvaluation
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, SourceBoxes
+from lidcam.pipeline.evaluation.tracking.tracking_evaluation import TrackingEvaluation
 from lidcam.printing.numbers import NONE, number, percent, share
-from pipeline.evaluation.detection.detection_evaluation import DetectionEvaluation
-from pipeline.evaluation.evaluation_frame import EvaluationFrame, SourceBoxes
-from pipeline.evaluation.tracking.tracking_evaluation import TrackingEvaluation
-from readers.results.result import open_result
-from readers.truth.open import open_truth
-
-__all__ = ["CLASSES", "measured_tracks", "tracks_table"]
+from lidcam.readers.results.result import open_result
+from lidcam.readers.truth.open import open_truth
 
 Tree = Mapping[str, Any]
 

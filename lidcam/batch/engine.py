@@ -6,8 +6,6 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from typing import TypeVar
 
-__all__ = ["JOB_MIB", "Engine", "Outcome"]
-
 JOB_MIB = 1500
 """Memory that a job may take; docs/reliability.md."""
 

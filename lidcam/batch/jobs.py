@@ -8,13 +8,11 @@ from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
 from lidcam.bucket import Bucket, is_bucket
-from pipeline.core.errors import LidcamError, RecordingError
-from readers.files.evaluation_folder import is_evaluation_folder
-from readers.location import Location, RemotePath, location
-from readers.natural_order import natural_key
-from readers.open import open_recording
-
-__all__ = ["BatchJob", "find_jobs"]
+from lidcam.pipeline.core.errors import LidcamError, RecordingError
+from lidcam.readers.files.evaluation_folder import is_evaluation_folder
+from lidcam.readers.location import Location, RemotePath, location
+from lidcam.readers.natural_order import natural_key
+from lidcam.readers.open import open_recording
 
 ENDINGS = (".bag", ".mcap", ".db3", ".pcap", ".pcapng", ".bag.zst", ".mcap.zst", ".db3.zst")
 """Of recordings, where a folder is searched. A file that is named itself may be called anything."""

@@ -12,9 +12,7 @@ from tempfile import TemporaryDirectory, TemporaryFile
 from threading import Lock
 
 from lidcam.batch.engine import ENDED, JOB_MIB, Engine, Outcome
-from pipeline.parallel.cores import usable_cores
-
-__all__ = ["PROCESS", "LocalEngine", "jobs_that_fit"]
+from lidcam.pipeline.parallel.cores import usable_cores
 
 PROCESS = ("-m", "lidcam", "process")
 """What Python runs."""

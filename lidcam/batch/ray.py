@@ -14,9 +14,7 @@ from typing import Any, TypeVar
 
 from lidcam.batch.engine import ENDED, JOB_MIB, Engine, Outcome
 from lidcam.batch.local import PROCESS
-from pipeline.core.errors import LidcamError, WorkerError
-
-__all__ = ["RayEngine"]
+from lidcam.pipeline.core.errors import LidcamError, WorkerError
 
 logger = logging.getLogger(__name__)
 

@@ -8,11 +8,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from lidcam.batch.jobs import BatchJob
-from readers.files.evaluation_folder import is_evaluation_folder
-from readers.files.remote import open_remote
-from readers.location import Location, RemotePath
-
-__all__ = ["FOLDER", "JobRecord", "job_key", "read_record", "record_of", "record_text", "write_record"]
+from lidcam.readers.files.evaluation_folder import is_evaluation_folder
+from lidcam.readers.files.remote import open_remote
+from lidcam.readers.location import Location, RemotePath
 
 FOLDER = ".lidcam-batch"
 """In the folder of the results."""

@@ -11,10 +11,8 @@ from lidcam.batch.engine import Engine
 from lidcam.batch.jobs import BatchJob
 from lidcam.batch.records import JobRecord, State, job_key
 from lidcam.batch.store import Store, open_store
-from pipeline.core.errors import OutputError, RecordingError
-from readers.location import Location
-
-__all__ = ["BatchOptions", "run_batch"]
+from lidcam.pipeline.core.errors import OutputError, RecordingError
+from lidcam.readers.location import Location
 
 logger = logging.getLogger(__name__)
 

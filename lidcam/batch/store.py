@@ -9,10 +9,8 @@ from typing import Protocol
 
 from lidcam.batch.records import FOLDER, JobRecord, read_record, record_of, record_text, write_record
 from lidcam.bucket import Bucket, check_output
-from pipeline.core.errors import OutputError
-from readers.location import Location, RemotePath
-
-__all__ = ["BucketStore", "FolderStore", "Store", "open_store"]
+from lidcam.pipeline.core.errors import OutputError
+from lidcam.readers.location import Location, RemotePath
 
 
 class Store(Protocol):

@@ -8,8 +8,6 @@ import pyarrow.parquet as pq
 
 from lidcam.batch.records import JobRecord
 
-__all__ = ["TABLE", "table_of"]
-
 TABLE = "_jobs.parquet"
 """In the folder of the results. Readers of a folder of tables pass over names that begin so."""
 

@@ -4,9 +4,7 @@ import re
 from collections.abc import Mapping
 
 from lidcam.checks.warning import RunWarning
-from pipeline.core.settings.config import Config
-
-__all__ = ["class_number_warnings"]
+from lidcam.pipeline.core.settings.config import Config
 
 MAX_LISTED = 10
 """Numbers that are named."""

@@ -4,11 +4,9 @@ from collections.abc import Mapping, Sequence
 
 from lidcam.checks.missing import MissingSensor, never_used, with_camera
 from lidcam.checks.warning import RunWarning
-from pipeline.core.rig import Rig
-from pipeline.stages.sync.clocks import Clocks, TimeJump
-from pipeline.stages.sync.policy import DropReason
-
-__all__ = ["clock_notes", "clocks_off", "jump_warnings", "late_warnings"]
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.stages.sync.clocks import Clocks, TimeJump
+from lidcam.pipeline.stages.sync.policy import DropReason
 
 MAX_JUMPS_NAMED = 5
 """Jumps with a warning of their own."""

@@ -6,10 +6,8 @@ Where there are 2D boxes, they have the last word: what stays below is mostly wa
 import numpy as np
 
 from lidcam.checks.warning import RunWarning
-from pipeline.core.frame import FrameResult
-from pipeline.core.settings.config import Config
-
-__all__ = ["DoubtedCheck"]
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.settings.config import Config
 
 LIKELY = 0.2
 """Least probability of what is likely there."""

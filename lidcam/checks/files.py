@@ -4,12 +4,10 @@ from collections.abc import Sequence
 from itertools import islice
 
 from lidcam.checks.warning import RunWarning
-from pipeline.core.errors import RecordingError
-from pipeline.core.frame import FrameResult
-from readers.location import Location
-from readers.recording import Recording
-
-__all__ = ["FileCheck", "check_not_empty"]
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.readers.location import Location
+from lidcam.readers.recording import Recording
 
 OVERLAP_NS = 1_000_000_000
 """Parts of one recording overlap by less: a recorder that changes files does not wait for the last messages."""

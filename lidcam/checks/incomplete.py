@@ -4,10 +4,8 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 
 from lidcam.checks.missing import MissingSensor, absent_sensors
-from readers.recording import Loss
-from readers.rig.sensor_topics import SensorFault
-
-__all__ = ["absent_lines", "changed_lines", "damage_lines", "left_out_lines"]
+from lidcam.readers.recording import Loss
+from lidcam.readers.rig.sensor_topics import SensorFault
 
 
 def left_out_lines(faults: Sequence[SensorFault]) -> list[str]:

@@ -4,19 +4,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from lidcam.checks.warning import RunWarning
-from pipeline.core.rig import BOXES_SUFFIX, Rig
-from pipeline.stages.sync.attendance import Absence
-
-__all__ = [
-    "MissingSensor",
-    "SilentSpan",
-    "absence_warnings",
-    "absent_sensors",
-    "missing_sensors",
-    "never_used",
-    "silence_warnings",
-    "with_camera",
-]
+from lidcam.pipeline.core.rig import BOXES_SUFFIX, Rig
+from lidcam.pipeline.stages.sync.attendance import Absence
 
 MAX_SPANS_NAMED = 3
 """Spans of silence in the text about one sensor."""

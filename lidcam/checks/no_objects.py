@@ -1,15 +1,13 @@
 """Runs without a single object: which step left nothing, and what to try."""
 
 from lidcam.checks.warning import RunWarning
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.detectors.cluster.detector import ClusterDetector
+from lidcam.readers.recording import Recording
 from lidcam.settings.choice import UsedSettings
 from lidcam.settings.scene import MODEL_EXTENT_M, judge, measure_scene, scene_text
-from pipeline.core.frame import FrameResult
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.detectors.cluster.detector import ClusterDetector
-from readers.recording import Recording
-
-__all__ = ["ObjectCheck"]
 
 
 class ObjectCheck:

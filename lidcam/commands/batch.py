@@ -25,13 +25,11 @@ from lidcam.commands.options import (
 )
 from lidcam.commands.verdict import Verdict
 from lidcam.printing.log import remark_log
-from readers.location import location
+from lidcam.readers.location import location
 
 if TYPE_CHECKING:
     from lidcam.batch.engine import Engine
     from lidcam.batch.records import JobRecord
-
-__all__ = ["BATCH_EXAMPLES", "batch"]
 
 # \b keeps the lines of a paragraph as they are.
 BATCH_EXAMPLES = """\b
@@ -121,9 +119,9 @@ def batch(
     from lidcam.batch.store import open_store
     from lidcam.batch.table import TABLE, table_of
     from lidcam.job import make_job
+    from lidcam.pipeline.parallel.cores import usable_cores
     from lidcam.printing.batch import print_batch, shown_batch
     from lidcam.printing.terminal import console, show_json
-    from pipeline.parallel.cores import usable_cores
 
     if address is not None and engine != "ray":
         raise typer.BadParameter("expected --engine ray with it", param_hint="--address")

@@ -11,16 +11,14 @@ import typer
 
 from lidcam.commands.options import AsJson, JsonFile, Overwrite, Setting, ends_in, with_log_options
 from lidcam.commands.verdict import Verdict
+from lidcam.pipeline.core.errors import LidcamError
 from lidcam.printing.log import remark_log
-from pipeline.core.errors import LidcamError
 
 if TYPE_CHECKING:
-    from pipeline.core.settings.evaluate import CompareConfig
-    from pipeline.evaluation.comparison.comparison import Comparison
-    from pipeline.evaluation.comparison.frames import FramePair
-    from readers.results.result import Result
-
-__all__ = ["COMPARE_EXAMPLES", "AllowedDifference", "compare"]
+    from lidcam.pipeline.core.settings.evaluate import CompareConfig
+    from lidcam.pipeline.evaluation.comparison.comparison import Comparison
+    from lidcam.pipeline.evaluation.comparison.frames import FramePair
+    from lidcam.readers.results.result import Result
 
 # \b keeps the lines of a paragraph as they are.
 COMPARE_EXAMPLES = """\b
@@ -109,15 +107,15 @@ def compare(
     from lidcam.job import read_files
     from lidcam.outputs.allowed import MERGED, TEXT, check_no_input, check_replaced
     from lidcam.outputs.merged import write_both
+    from lidcam.pipeline.core.settings.load import load_config
     from lidcam.printing.comparison import print_comparison
     from lidcam.printing.folding import show_line
     from lidcam.printing.terminal import console, show_json
+    from lidcam.readers.input_file import read_opened_files
+    from lidcam.readers.results.result import open_result
     from lidcam.settings.effect import COMPARING, check_effect
-    from pipeline.core.settings.load import load_config
-    from readers.input_file import read_opened_files
-    from readers.results.result import open_result
-    from writers.foxglove.layout import layout_path
-    from writers.outputs.transaction import OutputTransaction
+    from lidcam.writers.foxglove.layout import layout_path
+    from lidcam.writers.outputs.transaction import OutputTransaction
 
     check_effect(settings or (), COMPARING)
     config = load_config(config_file, settings or ()).compare
@@ -186,9 +184,9 @@ def _comparison(
     Raises:
         LidcamError: the results are of two sites, or have no source or camera of such a name.
     """
-    from pipeline.evaluation.comparison.comparison import Comparison
-    from pipeline.evaluation.comparison.differences import Channel
-    from pipeline.evaluation.comparison.object_changes import KINDS
+    from lidcam.pipeline.evaluation.comparison.comparison import Comparison
+    from lidcam.pipeline.evaluation.comparison.differences import Channel
+    from lidcam.pipeline.evaluation.comparison.object_changes import KINDS
 
     frames = first.rig.site_frame, second.rig.site_frame
     if frames[0] != frames[1]:
@@ -222,8 +220,8 @@ def _recordings_note(first: "Result", second: "Result") -> Iterator[str]:
 
 def _pairs(first: "Result", second: "Result", config: "CompareConfig", stack: ExitStack) -> Iterator["FramePair"]:
     """The frames of both, with progress."""
+    from lidcam.pipeline.evaluation.comparison.frames import paired_frames
     from lidcam.printing.progress import show_progress
-    from pipeline.evaluation.comparison.frames import paired_frames
 
     start_ns = min(first.recording.start_ns, second.recording.start_ns)
     end_ns = max(first.recording.end_ns, second.recording.end_ns)

@@ -10,8 +10,6 @@ import typer
 from lidcam.commands.options import AsJson, with_log_options
 from lidcam.printing.escaping import visible_lines
 
-__all__ = ["config_app"]
-
 # \b keeps the lines of a paragraph as they are.
 CONFIG_EXAMPLES = """\b
 Examples:
@@ -53,9 +51,9 @@ def config_show(
     """Print all settings of a preset or a file, as YAML to copy."""
     from rich.text import Text
 
+    from lidcam.pipeline.core.settings.bundled import settings_file
+    from lidcam.pipeline.core.settings.load import dump_config, load_config
     from lidcam.printing.terminal import console, show_json
-    from pipeline.core.settings.bundled import settings_file
-    from pipeline.core.settings.load import dump_config, load_config
 
     config = load_config(name)
     if as_json:
@@ -105,6 +103,6 @@ def _show_pairs(title: str, pairs: Mapping[str, str]) -> None:
 
 
 def _text(value: Any) -> str:
-    from pipeline.core.settings.validation import found
+    from lidcam.pipeline.core.settings.validation import found
 
     return found(value) if isinstance(value, str | int | float | list | None) else json.dumps(value)

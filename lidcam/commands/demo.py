@@ -8,14 +8,12 @@ from typing import Annotated
 
 import typer
 
-import bags
+import lidcam.bags
 from lidcam.commands.options import Overwrite, with_log_options
 from lidcam.commands.process import run_process
-from pipeline.core.errors import OutputError
+from lidcam.pipeline.core.errors import OutputError
 
-__all__ = ["demo"]
-
-SAMPLE = Path(bags.__file__).with_name("sandbox.bag")
+SAMPLE = Path(lidcam.bags.__file__).with_name("sandbox.bag")
 
 
 @with_log_options
@@ -50,7 +48,7 @@ def demo(
 
 def _copy_sample(path: Path, *, overwrite: bool) -> None:
     from lidcam.outputs.allowed import SIMULATED, check_replaced
-    from writers.outputs.transaction import OutputTransaction
+    from lidcam.writers.outputs.transaction import OutputTransaction
 
     if path.is_file() and filecmp.cmp(SAMPLE, path, shallow=False):
         return

@@ -17,8 +17,6 @@ from lidcam.commands.options import (
 )
 from lidcam.commands.verdict import Verdict
 
-__all__ = ["EVALUATE_EXAMPLES", "evaluate"]
-
 # \b keeps the lines of a paragraph as they are.
 EVALUATE_EXAMPLES = """\b
 Exit codes: 0 done, and all requirements are met; 1 a requirement is not met,

@@ -9,8 +9,6 @@ from lidcam.commands.options import Truth, with_log_options
 from lidcam.commands.verdict import Verdict
 from lidcam.printing.log import remark_log
 
-__all__ = ["EXPORT_EXAMPLES", "FormatName", "export"]
-
 FormatName = Literal["kitti", "kitti-tracking", "nuscenes", "openlabel"]
 
 # \b keeps the lines of a paragraph as they are.
@@ -48,7 +46,7 @@ def export(
     from lidcam.job import locations
     from lidcam.outputs.allowed import Replaceable, check_no_input, check_replaced
     from lidcam.printing.progress import show_progress
-    from writers.outputs.transaction import OutputTransaction
+    from lidcam.writers.outputs.transaction import OutputTransaction
 
     given = tuple(locations(truth or ()))
     options = ExportOptions(confirmed=only is not None, every=every, camera=camera, truth=given)

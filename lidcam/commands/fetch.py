@@ -8,8 +8,6 @@ from lidcam.commands.options import with_log_options
 from lidcam.networks.known import NETWORKS, NetworkName
 from lidcam.printing.log import remark_log
 
-__all__ = ["FETCH_EXAMPLES", "fetch"]
-
 # \b keeps the lines of a paragraph as they are.
 FETCH_EXAMPLES = """\b
 Examples:

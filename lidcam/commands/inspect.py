@@ -11,17 +11,15 @@ from lidcam.commands.options import AsJson, ConfigFile, Overwrite, RigFile, Sett
 from lidcam.commands.verdict import Verdict, first_of
 from lidcam.compiling import compiled_together
 from lidcam.printing.log import is_verbose, remark_log
-from readers.location import location
+from lidcam.readers.location import location
 
 if TYPE_CHECKING:
     from lidcam.checks.calibration.self_check import SelfCheck
     from lidcam.inspection import Inspection
+    from lidcam.readers.location import Location
+    from lidcam.readers.recording import Recording, TopicInfo
     from lidcam.settings.choice import SettingsChoice
-    from readers.location import Location
-    from readers.recording import Recording, TopicInfo
-    from writers.outputs.transaction import OutputFile
-
-__all__ = ["INSPECT_EXAMPLES", "inspect"]
+    from lidcam.writers.outputs.transaction import OutputFile
 
 # \b keeps the lines of a paragraph as they are.
 INSPECT_EXAMPLES = """\b
@@ -71,13 +69,13 @@ def inspect(
     from lidcam.inspection import inspect_open, inspect_recording
     from lidcam.job import read_files
     from lidcam.outputs.allowed import REPAIRED, TEXT, check_no_input, check_replaced
+    from lidcam.readers.open import open_recording
+    from lidcam.readers.recording import ReadOptions
+    from lidcam.readers.rig.rig_file import rig_yaml
+    from lidcam.readers.streams.per_sensor import sensor_messages
     from lidcam.settings.choice import choose_settings
-    from readers.open import open_recording
-    from readers.recording import ReadOptions
-    from readers.rig.rig_file import rig_yaml
-    from readers.streams.per_sensor import sensor_messages
-    from writers.outputs.marks import marked_yaml
-    from writers.outputs.transaction import OutputTransaction
+    from lidcam.writers.outputs.marks import marked_yaml
+    from lidcam.writers.outputs.transaction import OutputTransaction
 
     if check and repair is not None:
         raise typer.BadParameter("not together with --repair: check the repaired recording", param_hint="--check")
@@ -172,7 +170,7 @@ def _print(
 def _repair(recording: "Recording", output: "OutputFile") -> Iterator[str]:
     """Write what can be read of a recording; name the topics that cannot be read."""
     from lidcam.report import loss_records
-    from writers.mcap.repair import write_repaired
+    from lidcam.writers.mcap.repair import write_repaired
 
     def lost() -> Iterator[dict[str, str]]:
         for record in loss_records(recording.losses):

@@ -12,12 +12,10 @@ from lidcam.commands.verdict import Verdict
 from lidcam.outputs.allowed import TEXT, check_no_input, check_replaced
 from lidcam.printing.escaping import json_text
 from lidcam.printing.log import remark_log
-from readers.input_file import InputFile
-from readers.location import Location
-from writers.outputs.marks import marked_json
-from writers.outputs.transaction import OutputTransaction
-
-__all__ = ["SCHEMA_NAME", "SCHEMA_VERSION", "figures_document", "json_output"]
+from lidcam.readers.input_file import InputFile
+from lidcam.readers.location import Location
+from lidcam.writers.outputs.marks import marked_json
+from lidcam.writers.outputs.transaction import OutputTransaction
 
 SCHEMA_NAME = "lidcam.figures"
 """docs/figures.schema.json describes it."""

@@ -10,37 +10,8 @@ from typing import Annotated, Literal, TypeVar
 
 import typer
 
+from lidcam.pipeline.core.errors import ConfigError
 from lidcam.printing.log import Verbosity, configure_logging
-from pipeline.core.errors import ConfigError
-
-__all__ = [
-    "AsJson",
-    "ConfigFile",
-    "CopyTopics",
-    "Duration",
-    "Every",
-    "Format",
-    "JsonFile",
-    "Model2d",
-    "Model3d",
-    "OnBad",
-    "Overwrite",
-    "RecordingOut",
-    "Require",
-    "RigFile",
-    "Scenario",
-    "Seed",
-    "Setting",
-    "Start",
-    "Truth",
-    "Version",
-    "Workers",
-    "duration",
-    "ends_in",
-    "requirement_errors",
-    "seconds",
-    "with_log_options",
-]
 
 logger = logging.getLogger(__name__)
 
@@ -110,7 +81,7 @@ def _version(wanted: bool) -> None:
 
 
 def _scenarios(incomplete: str) -> list[str]:
-    from bags.simulator.scenario.load import scenario_names  # the shell asks; other commands do without
+    from lidcam.bags.simulator.scenario.load import scenario_names  # the shell asks; other commands do without
 
     return [name for name in scenario_names() if name.startswith(incomplete)]
 

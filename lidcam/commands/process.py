@@ -32,17 +32,15 @@ from lidcam.commands.options import (
 from lidcam.commands.strict import MAX_DROPPED_PERCENT, strict_failure
 from lidcam.commands.verdict import Verdict
 from lidcam.compiling import compiled_together
+from lidcam.pipeline.parallel.cores import THREADS_OF_LIBRARIES
 from lidcam.printing.log import is_verbose, remark_log
-from pipeline.parallel.cores import THREADS_OF_LIBRARIES
-from readers.location import location
+from lidcam.readers.location import location
 
 if TYPE_CHECKING:
     from lidcam.evaluation.evaluation import Evaluation
     from lidcam.evaluation.requirement import Requirement
     from lidcam.job import Job
     from lidcam.report import RunReport
-
-__all__ = ["PROCESS_EXAMPLES", "process", "run_process"]
 
 logger = logging.getLogger(__name__)
 

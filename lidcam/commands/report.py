@@ -8,8 +8,6 @@ import typer
 from lidcam.commands.options import Overwrite, ends_in, with_log_options
 from lidcam.printing.log import remark_log
 
-__all__ = ["REPORT_EXAMPLES", "report"]
-
 # \b keeps the lines of a paragraph as they are.
 REPORT_EXAMPLES = """\b
 Examples:
@@ -34,7 +32,7 @@ def report(
     from lidcam.outputs.allowed import PAGE, check_no_input, check_replaced
     from lidcam.page.make import make_page
     from lidcam.printing.progress import show_progress
-    from writers.outputs.transaction import OutputTransaction
+    from lidcam.writers.outputs.transaction import OutputTransaction
 
     page = out or result.with_suffix(".html")
     check_no_input([page], [result])

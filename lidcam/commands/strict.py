@@ -9,8 +9,6 @@ if TYPE_CHECKING:
     from lidcam.report import RunReport
 
 
-__all__ = ["MAX_DROPPED_PERCENT", "strict_failure"]
-
 MAX_DROPPED_PERCENT = 5.0
 """Of a topic, unless the user says otherwise: what a lost message now and then costs."""
 

@@ -3,9 +3,7 @@
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from pipeline.core.errors import CheckError, IncompleteError
-
-__all__ = ["DONE", "FAILED", "INCOMPLETE", "Verdict", "first_of"]
+from lidcam.pipeline.core.errors import CheckError, IncompleteError
 
 DONE = 0
 """Exit code: nothing is missing."""

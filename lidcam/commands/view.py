@@ -6,9 +6,7 @@ from typing import Annotated
 import typer
 
 from lidcam.commands.options import with_log_options
-from pipeline.core.errors import OutputError
-
-__all__ = ["VIEW_EXAMPLES", "view"]
+from lidcam.pipeline.core.errors import OutputError
 
 # \b keeps the lines of a paragraph as they are.
 VIEW_EXAMPLES = """\b
@@ -39,7 +37,7 @@ def view(
     if not result.is_file():
         raise OutputError(f"{result}: expected a result to open, found no such file")
     if result.suffix == ".rrd":
-        from writers.rerun.viewer import check_display, viewer_program  # loads Rerun
+        from lidcam.writers.rerun.viewer import check_display, viewer_program  # loads Rerun
 
         check_display(str(result), f"`rerun --web-viewer {result}` shows it in a browser")
         command, environment = viewer_program(str(result))

@@ -2,11 +2,9 @@
 
 from collections import Counter
 
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, Figures
-from pipeline.evaluation.ignoring import is_evaluated, is_within
-
-__all__ = ["FrameCounts"]
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, Figures
+from lidcam.pipeline.evaluation.ignoring import is_evaluated, is_within
 
 _REASONS = ("without_class", "marked_as_ignored", "outside", "unseen")
 """Why a true object is not evaluated; the first one that holds counts."""

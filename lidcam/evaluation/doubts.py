@@ -5,8 +5,6 @@ from typing import Any
 
 from lidcam.checks.warning import RunWarning
 
-__all__ = ["doubts"]
-
 ALL = "all"
 """In place of a class: the figures of all objects."""
 

@@ -13,18 +13,16 @@ from lidcam.evaluation.evaluators import evaluators_of, known_figures, measure, 
 from lidcam.evaluation.figures import NamedFigures
 from lidcam.evaluation.frames import EvaluationFrames
 from lidcam.evaluation.requirement import check_names
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Evaluator
+from lidcam.readers.input_file import InputFile, read_input_file, read_opened_files
+from lidcam.readers.location import Location
+from lidcam.readers.results.result import Result, open_result
+from lidcam.readers.rig.schema import RigFile
+from lidcam.readers.rig.search import zones_of
+from lidcam.readers.truth.open import OpenTruth, open_truth
 from lidcam.settings.effect import settings_sha256
-from pipeline.core.errors import RecordingError
-from pipeline.core.rig import Rig
-from pipeline.evaluation.evaluation_frame import EvaluationFrame, Evaluator
-from readers.input_file import InputFile, read_input_file, read_opened_files
-from readers.location import Location
-from readers.results.result import Result, open_result
-from readers.rig.schema import RigFile
-from readers.rig.search import zones_of
-from readers.truth.open import OpenTruth, open_truth
-
-__all__ = ["Progress", "evaluate_result", "not_shown"]
 
 Advance = Callable[[float, str], None]
 Progress = Callable[[float], AbstractContextManager[Advance]]

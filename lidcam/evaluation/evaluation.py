@@ -10,14 +10,12 @@ from lidcam.checks.warning import RunWarning
 from lidcam.evaluation.figures import NamedFigures
 from lidcam.evaluation.requirement import Outcome, Requirement, read_requirements
 from lidcam.job import FilePath, PathOrUrl, RigSource, Settings, locations, read_rig
+from lidcam.pipeline.core.errors import CalibrationError
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.readers.input_file import InputFile
+from lidcam.readers.location import Location
+from lidcam.readers.rig.schema import RigFile
 from lidcam.settings.effect import EVALUATING, check_effect
-from pipeline.core.errors import CalibrationError
-from pipeline.core.settings.load import load_config
-from readers.input_file import InputFile
-from readers.location import Location
-from readers.rig.schema import RigFile
-
-__all__ = ["Evaluation", "EvaluationJob", "Truth", "make_evaluation_job"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,11 +8,11 @@ import numpy as np
 
 from lidcam.evaluation.counts import FrameCounts
 from lidcam.evaluation.figures import NamedFigures
-from pipeline.core.detections import Boxes2D, Boxes3D
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.detection.detection_evaluation import DetectionEvaluation
-from pipeline.evaluation.evaluation_frame import (
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.detection.detection_evaluation import DetectionEvaluation
+from lidcam.pipeline.evaluation.evaluation_frame import (
     EvaluationFrame,
     Evaluator,
     ImageBoxes,
@@ -20,11 +20,9 @@ from pipeline.evaluation.evaluation_frame import (
     TruthBoxes2D,
     TruthBoxes3D,
 )
-from pipeline.evaluation.mistakes import Mistakes
-from pipeline.evaluation.tracking.tracking_evaluation import TrackingEvaluation
-from pipeline.evaluation.unlabelled.unlabelled_evaluation import UnlabelledEvaluation
-
-__all__ = ["evaluators_of", "known_figures", "measure", "timed"]
+from lidcam.pipeline.evaluation.mistakes import Mistakes
+from lidcam.pipeline.evaluation.tracking.tracking_evaluation import TrackingEvaluation
+from lidcam.pipeline.evaluation.unlabelled.unlabelled_evaluation import UnlabelledEvaluation
 
 
 def evaluators_of(config: Config, rig: Rig) -> tuple[Evaluator, ...]:

@@ -4,9 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any
 
-from pipeline.evaluation.evaluation_frame import Figure, Figures
-
-__all__ = ["LABELS", "NamedFigures"]
+from lidcam.pipeline.evaluation.evaluation_frame import Figure, Figures
 
 LEFT_OUT = "sources."
 """The beginning of a name that may be left out: `fused.car.recall` is `sources.fused.car.recall`."""

@@ -3,16 +3,14 @@
 from collections.abc import Iterator
 from dataclasses import replace
 
-from pipeline.core.detections import Boxes2D
-from pipeline.evaluation.evaluation_frame import EvaluationFrame, ImageBoxes, TruthBoxes2D, TruthBoxes3D
-from pipeline.fusion.zones import is_reported
-from readers.notes import Notes
-from readers.results.result import Result, ResultFrame
-from readers.truth.moment import projected_truth
-from readers.truth.open import OpenTruth
-from readers.truth.site import SitePoses, boxes_in_site
-
-__all__ = ["EvaluationFrames"]
+from lidcam.pipeline.core.detections import Boxes2D
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, ImageBoxes, TruthBoxes2D, TruthBoxes3D
+from lidcam.pipeline.fusion.zones import is_reported
+from lidcam.readers.notes import Notes
+from lidcam.readers.results.result import Result, ResultFrame
+from lidcam.readers.truth.moment import projected_truth
+from lidcam.readers.truth.open import OpenTruth
+from lidcam.readers.truth.site import SitePoses, boxes_in_site
 
 NOT_COVERED = "frames without truth at their time"
 NO_POSE = "frames without truth, because where the site frame was at their time is not recorded"

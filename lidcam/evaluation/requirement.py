@@ -9,11 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from lidcam.evaluation.figures import LABELS, NamedFigures
-from pipeline.core.errors import ConfigError
-from pipeline.core.small_files import read_small_text
-from pipeline.evaluation.evaluation_frame import Figure
-
-__all__ = ["EXAMPLE", "Outcome", "Requirement", "RequirementError", "check_names", "read_requirements"]
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.pipeline.core.small_files import read_small_text
+from lidcam.pipeline.evaluation.evaluation_frame import Figure
 
 EXAMPLE = "fused.car.ap_bev_r40_50 >= 0.9"
 

@@ -9,12 +9,10 @@ from lidcam.checks.incomplete import damage_lines
 from lidcam.evaluation.evaluate import Progress, not_shown
 from lidcam.export.formats import FORMATS, ExportOptions
 from lidcam.export.scene import ResultScene
-from pipeline.core.errors import OutputError
-from readers.results.result import open_result
-from writers.outputs.errors import output_errors
-from writers.outputs.transaction import OutputFile
-
-__all__ = ["Exported", "export_results"]
+from lidcam.pipeline.core.errors import OutputError
+from lidcam.readers.results.result import open_result
+from lidcam.writers.outputs.errors import output_errors
+from lidcam.writers.outputs.transaction import OutputFile
 
 DEFAULT = ExportOptions()
 

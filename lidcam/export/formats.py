@@ -4,13 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from readers.location import Location
-from writers.datasets.frame import DatasetWriter
-from writers.datasets.kitti import KittiTrackingWriter, KittiWriter
-from writers.datasets.nuscenes import NuScenesWriter
-from writers.datasets.openlabel import OpenLabelWriter
-
-__all__ = ["FORMATS", "ExportOptions"]
+from lidcam.readers.location import Location
+from lidcam.writers.datasets.frame import DatasetWriter
+from lidcam.writers.datasets.kitti import KittiTrackingWriter, KittiWriter
+from lidcam.writers.datasets.nuscenes import NuScenesWriter
+from lidcam.writers.datasets.openlabel import OpenLabelWriter
 
 
 @dataclass(frozen=True, slots=True)

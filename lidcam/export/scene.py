@@ -11,21 +11,21 @@ import numpy.typing as npt
 from lidcam.evaluation.frames import EvaluationFrames
 from lidcam.export.formats import ExportOptions
 from lidcam.notebook.loaded import load_result
-from pipeline.core.arrays import F64, I32, Bools, join_rows
-from pipeline.core.clouds import PointCloud
-from pipeline.core.errors import MessageError, RecordingError
-from pipeline.core.messages import RawMessage
-from pipeline.core.rig import CameraSensor
-from pipeline.core.settings.config import Config
-from pipeline.core.tracks import NO_TRACK
-from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, TruthBoxes3D
-from pipeline.evaluation.ignoring import is_evaluated
-from readers.messages.image import decode_any_image
-from readers.messages.pointcloud2 import decode_pointcloud2
-from readers.results.result import SOURCE_TOPICS, Result
-from readers.truth.open import open_truth
-from readers.truth.site import SitePoses
-from writers.datasets.frame import (
+from lidcam.pipeline.core.arrays import F64, I32, Bools, join_rows
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.errors import MessageError, RecordingError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.tracks import NO_TRACK
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, TruthBoxes3D
+from lidcam.pipeline.evaluation.ignoring import is_evaluated
+from lidcam.readers.messages.image import decode_any_image
+from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
+from lidcam.readers.results.result import SOURCE_TOPICS, Result
+from lidcam.readers.truth.open import open_truth
+from lidcam.readers.truth.site import SitePoses
+from lidcam.writers.datasets.frame import (
     DatasetBoxes,
     DatasetFrame,
     DatasetImage,
@@ -33,9 +33,7 @@ from writers.datasets.frame import (
     DatasetWriter,
     undistorted,
 )
-from writers.tables.objects import Objects
-
-__all__ = ["ResultScene"]
+from lidcam.writers.tables.objects import Objects
 
 CLOUD, GROUND = "/point_cloud_combined", "/ground_cloud"
 FUSED = SOURCE_TOPICS["fused"]

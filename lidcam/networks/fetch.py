@@ -9,11 +9,9 @@ from urllib.parse import urlsplit
 from urllib.request import HTTPRedirectHandler, Request, build_opener
 
 from lidcam.networks.known import NETWORKS, KnownNetwork, network_path
-from pipeline.core.errors import ModelError
-from writers.outputs.errors import output_errors
-from writers.outputs.transaction import OutputTransaction
-
-__all__ = ["fetch_network", "is_fetched"]
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.writers.outputs.errors import output_errors
+from lidcam.writers.outputs.transaction import OutputTransaction
 
 TIMEOUT_S = 30
 """Of the server's silence."""

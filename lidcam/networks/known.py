@@ -5,9 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from pipeline.core.errors import ModelError
-
-__all__ = ["EMBEDDED", "NETWORKS", "KnownNetwork", "NetworkName", "network_path", "networks_folder"]
+from lidcam.pipeline.core.errors import ModelError
 
 NetworkName = Literal["yolox-nano", "yolox-tiny", "yolox-s"]
 

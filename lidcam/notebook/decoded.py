@@ -1,16 +1,14 @@
 """The messages of a frame, decoded for notebooks: what its cameras and lidars measured."""
 
-from pipeline.core.arrays import U8
-from pipeline.core.clouds import PointCloud
-from pipeline.core.frame import FrameResult
-from pipeline.core.settings.config import Config
-from readers.messages.image import decode_any_image
-from readers.messages.registry import decode_as
-from readers.rig.sensor_topics import CLOUD
-from readers.velodyne.decoder import VelodyneDecoders
-from readers.velodyne.scan import SCAN
-
-__all__ = ["decode_clouds", "decode_images"]
+from lidcam.pipeline.core.arrays import U8
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.messages.image import decode_any_image
+from lidcam.readers.messages.registry import decode_as
+from lidcam.readers.rig.sensor_topics import CLOUD
+from lidcam.readers.velodyne.decoder import VelodyneDecoders
+from lidcam.readers.velodyne.scan import SCAN
 
 
 def decode_images(frame: FrameResult, config: Config | None = None) -> dict[str, U8]:

@@ -9,6 +9,21 @@ import numpy as np
 
 from lidcam.checks.missing import MissingSensor, SilentSpan
 from lidcam.checks.warning import RunWarning
+from lidcam.pipeline.core.arrays import join_rows
+from lidcam.pipeline.core.detections import Source
+from lidcam.pipeline.core.errors import MessageError, RecordingError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.tracks import NO_TRACK
+from lidcam.pipeline.evaluation.road_users import RoadUserTally
+from lidcam.readers.input_file import InputFile
+from lidcam.readers.messages.deserialize import deserialize_as
+from lidcam.readers.messages.objects.tracks import decode_tracks
+from lidcam.readers.messages.vision.detections3d import decode_detections3d
+from lidcam.readers.messages.vision.track_ids import track_ids
+from lidcam.readers.recording import Loss
+from lidcam.readers.results.result import SOURCE_TOPICS, TRACKS_TOPIC, Result, open_result
+from lidcam.readers.rig.calibration import SensorSource
+from lidcam.readers.rig.sensor_topics import SensorFault
 from lidcam.report import (
     DropCount,
     DropReport,
@@ -21,25 +36,8 @@ from lidcam.report import (
 )
 from lidcam.settings.choice import UsedSettings
 from lidcam.settings.effect import settings_sha256
-from pipeline.core.arrays import join_rows
-from pipeline.core.detections import Source
-from pipeline.core.errors import MessageError, RecordingError
-from pipeline.core.messages import RawMessage
-from pipeline.core.tracks import NO_TRACK
-from pipeline.evaluation.road_users import RoadUserTally
-from readers.input_file import InputFile
-from readers.messages.deserialize import deserialize_as
-from readers.messages.objects.tracks import decode_tracks
-from readers.messages.vision.detections3d import decode_detections3d
-from readers.messages.vision.track_ids import track_ids
-from readers.recording import Loss
-from readers.results.result import SOURCE_TOPICS, TRACKS_TOPIC, Result, open_result
-from readers.rig.calibration import SensorSource
-from readers.rig.sensor_topics import SensorFault
-from writers.messages.scene import ZONE_ID
-from writers.tables.objects import Objects
-
-__all__ = ["load_result"]
+from lidcam.writers.messages.scene import ZONE_ID
+from lidcam.writers.tables.objects import Objects
 
 FUSED, SCENE, SCENE_TYPE = SOURCE_TOPICS["fused"], "/fused/scene", "foxglove_msgs/msg/SceneUpdate"
 """Topics of the fused objects as boxes, and of the drawn objects, whose metadata say what their boxes do not."""

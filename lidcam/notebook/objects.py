@@ -4,12 +4,10 @@ from collections.abc import Callable
 
 from lidcam.frame import Frame
 from lidcam.frames import RunInput
+from lidcam.pipeline.core.arrays import join_rows
 from lidcam.run import RunObserver
 from lidcam.summary import RunProgress
-from pipeline.core.arrays import join_rows
-from writers.tables.objects import Objects
-
-__all__ = ["ObjectCollector"]
+from lidcam.writers.tables.objects import Objects
 
 
 class ObjectCollector(RunObserver):

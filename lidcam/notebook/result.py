@@ -7,14 +7,12 @@ from typing import Any, Self
 import numpy as np
 
 from lidcam.inspection import Inspection
+from lidcam.pipeline.core.errors import LidcamError
+from lidcam.pipeline.core.text import brief
+from lidcam.pipeline.core.tracks import NO_TRACK
 from lidcam.report import DropCount, RunReport
-from pipeline.core.errors import LidcamError
-from pipeline.core.text import brief
-from pipeline.core.tracks import NO_TRACK
-from writers.palette import class_color
-from writers.tables.objects import Objects
-
-__all__ = ["RunResult", "ShownInspection"]
+from lidcam.writers.palette import class_color
+from lidcam.writers.tables.objects import Objects
 
 
 class ShownInspection(Inspection):

@@ -7,8 +7,6 @@ from typing import Any
 from lidcam.job import Job
 from lidcam.report import RunReport, report_tree
 
-__all__ = ["account_text"]
-
 MAX_LISTED = 20
 """Damaged parts and topics of one list: the result says how many more there are."""
 

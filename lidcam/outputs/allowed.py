@@ -1,7 +1,7 @@
 """Outputs must never replace an input of the run, or a file that lidcam did not write itself.
 
-Its own files are recognised by the marks that they carry (`writers.outputs.marks`). An unfinished or damaged file is
-not recognised; one that cannot be read raises OSError.
+Its own files are recognised by the marks that they carry (`lidcam.writers.outputs.marks`). An unfinished or damaged
+file is not recognised; one that cannot be read raises OSError.
 """
 
 import os
@@ -15,34 +15,15 @@ from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
 from rosbags.rosbag1 import Reader
 
-from pipeline.core.errors import OutputError
-from pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
-from readers.location import Location
-from writers.clouds.pcd import PCD_HEAD
-from writers.outputs import marks
-from writers.outputs.errors import output_errors
-from writers.outputs.marks import is_unchanged_text
-from writers.outputs.work_folder import folder_prefix
-from writers.tables.writer import CSV_HEADER
-
-__all__ = [
-    "MERGED",
-    "PAGE",
-    "REPAIRED",
-    "SIMULATED",
-    "TEXT",
-    "Replaceable",
-    "check_no_input",
-    "check_replaced",
-    "is_marked_clouds",
-    "is_marked_csv",
-    "is_marked_film",
-    "is_marked_mcap",
-    "is_marked_page",
-    "is_marked_parquet",
-    "is_marked_pictures",
-    "is_marked_rrd",
-]
+from lidcam.pipeline.core.errors import OutputError
+from lidcam.pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
+from lidcam.readers.location import Location
+from lidcam.writers.clouds.pcd import PCD_HEAD
+from lidcam.writers.outputs import marks
+from lidcam.writers.outputs.errors import output_errors
+from lidcam.writers.outputs.marks import is_unchanged_text
+from lidcam.writers.outputs.work_folder import folder_prefix
+from lidcam.writers.tables.writer import CSV_HEADER
 
 SQLITE_SUFFIXES = ("-journal", "-wal", "-shm")
 """Endings of files beside a database that are a part of it."""

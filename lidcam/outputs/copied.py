@@ -4,20 +4,18 @@ from collections.abc import Collection, Iterable
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from readers.messages.odometry import ODOMETRY
-from readers.messages.vision.detections3d import DETECTIONS_3D
-from readers.recording import Recording, TopicInfo
-from readers.rig.discovery import Discovery
-from readers.rig.first_messages import FirstMessages
-from readers.rig.topic_names import is_truth
-from readers.truth.topics import WHEN_MEASURED
-from writers.mcap.writer import reserved_topics
-from writers.messages.edge_scenes import truth_scene_topic
-
-__all__ = ["choose_copied", "choose_drawn", "truth_frames"]
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.messages.odometry import ODOMETRY
+from lidcam.readers.messages.vision.detections3d import DETECTIONS_3D
+from lidcam.readers.recording import Recording, TopicInfo
+from lidcam.readers.rig.discovery import Discovery
+from lidcam.readers.rig.first_messages import FirstMessages
+from lidcam.readers.rig.topic_names import is_truth
+from lidcam.readers.truth.topics import WHEN_MEASURED
+from lidcam.writers.mcap.writer import reserved_topics
+from lidcam.writers.messages.edge_scenes import truth_scene_topic
 
 ROS_ENCODINGS = frozenset({"ros1", "cdr"})
 

@@ -5,10 +5,8 @@ from collections.abc import Mapping
 from lidcam.box_sources import box_source, network_3d
 from lidcam.frames import RunInput
 from lidcam.job import Job
+from lidcam.readers.input_file import InputFile, InputFiles, read_input_file
 from lidcam.settings.effect import named_files
-from readers.input_file import InputFile, InputFiles, read_input_file
-
-__all__ = ["input_files", "read_named_files"]
 
 
 def read_named_files(job: Job) -> dict[str, InputFile]:

@@ -19,23 +19,21 @@ from lidcam.outputs.allowed import (
     is_marked_pictures,
     is_marked_rrd,
 )
-from pipeline.core.errors import ConfigError, OutputError, RecordingError
-from pipeline.core.settings.config import Config
-from readers.messages.image import decode_any_image
-from writers.base import ResultWriter
-from writers.clouds.writer import ObjectCloudsWriter
-from writers.foxglove.layout import layout_path
-from writers.live.pace import Pace
-from writers.mcap.writer import McapResultWriter
-from writers.outputs.marks import RESULT
-from writers.outputs.transaction import OutputFile, OutputTransaction
-from writers.pictures.matches import MatchesWriter
-from writers.pictures.scene import Scenes
-from writers.provenance import Provenance
-from writers.rerun.environment import without_rerun_variables
-from writers.tables.writer import CsvObjectsWriter, ParquetObjectsWriter
-
-__all__ = ["MATCHES", "OUTPUTS", "OutputKind", "drawn_scenes", "live_views"]
+from lidcam.pipeline.core.errors import ConfigError, OutputError, RecordingError
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.messages.image import decode_any_image
+from lidcam.writers.base import ResultWriter
+from lidcam.writers.clouds.writer import ObjectCloudsWriter
+from lidcam.writers.foxglove.layout import layout_path
+from lidcam.writers.live.pace import Pace
+from lidcam.writers.mcap.writer import McapResultWriter
+from lidcam.writers.outputs.marks import RESULT
+from lidcam.writers.outputs.transaction import OutputFile, OutputTransaction
+from lidcam.writers.pictures.matches import MatchesWriter
+from lidcam.writers.pictures.scene import Scenes
+from lidcam.writers.provenance import Provenance
+from lidcam.writers.rerun.environment import without_rerun_variables
+from lidcam.writers.tables.writer import CsvObjectsWriter, ParquetObjectsWriter
 
 MATCHES = "save_matches"
 """The option of a job that names the folder of pictures."""
@@ -85,7 +83,7 @@ def _rrd(path: Path, outputs: OutputTransaction, source: RunInput, provenance: P
 
 def _rerun(output: OutputFile | None, source: RunInput, provenance: Provenance) -> ResultWriter:
     with without_rerun_variables():
-        from writers.rerun.writer import RerunResultWriter  # loads Rerun, which takes half a second
+        from lidcam.writers.rerun.writer import RerunResultWriter  # loads Rerun, which takes half a second
 
     decode = partial(decode_any_image, limits=source.config.limits)
     return RerunResultWriter(output, source.rig, source.config, provenance, decode_any_image=decode)
@@ -98,7 +96,7 @@ def drawn_scenes(source: RunInput) -> Scenes:
 
 def _film(path: Path, outputs: OutputTransaction, source: RunInput, provenance: Provenance) -> ResultWriter:
     try:
-        from writers.pictures.film import FilmWriter
+        from lidcam.writers.pictures.film import FilmWriter
     except ModuleNotFoundError as err:
         raise OutputError(f"{path}: a film needs PyAV: pip install 'lidcam[video]'") from err
     _check_images(path, source)
@@ -180,7 +178,7 @@ def live_views(job: Job, source: RunInput, provenance: Provenance) -> Iterator[R
     if job.foxglove is not None:
         if find_spec("foxglove") is None:
             raise OutputError("--foxglove needs foxglove-sdk, which is not installed: pip install 'lidcam[foxglove]'")
-        from writers.live.server import FoxgloveServer  # an extra
+        from lidcam.writers.live.server import FoxgloveServer  # an extra
 
         title = ", ".join(known["name"] for known in provenance.inputs) or "lidcam"
         yield FoxgloveServer(*job.foxglove, title, source.rig, source.config, frames=source.truth_frames)

@@ -5,20 +5,18 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from pipeline.core.errors import RecordingError
-from pipeline.evaluation.comparison.comparison import Comparison
-from pipeline.evaluation.comparison.frames import FramePair
-from readers.open import open_recording
-from readers.recording import ReadOptions
-from readers.results.result import Result
-from writers.drawing import STRONG_SCORE
-from writers.foxglove.layout import foxglove_layout, layout_path
-from writers.mcap.merged import MergedSide, write_merged
-from writers.messages.compared import compared_scene, empty_scene
-from writers.outputs.transaction import OutputTransaction
-from writers.viewpoint import SceneSurvey
-
-__all__ = ["NAMES", "write_both"]
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.evaluation.comparison.comparison import Comparison
+from lidcam.pipeline.evaluation.comparison.frames import FramePair
+from lidcam.readers.open import open_recording
+from lidcam.readers.recording import ReadOptions
+from lidcam.readers.results.result import Result
+from lidcam.writers.drawing import STRONG_SCORE
+from lidcam.writers.foxglove.layout import foxglove_layout, layout_path
+from lidcam.writers.mcap.merged import MergedSide, write_merged
+from lidcam.writers.messages.compared import compared_scene, empty_scene
+from lidcam.writers.outputs.transaction import OutputTransaction
+from lidcam.writers.viewpoint import SceneSurvey
 
 NAMES = ("a", "b")
 """Prefixes of the topics and the sensors' frames of each result."""

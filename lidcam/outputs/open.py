@@ -13,16 +13,14 @@ from lidcam.job import Job
 from lidcam.outputs.account import account_text
 from lidcam.outputs.allowed import TEXT, Replaceable, check_no_input, check_replaced
 from lidcam.outputs.kinds import MATCHES, OUTPUTS, OutputKind, live_views
+from lidcam.pipeline.core.errors import OutputError
+from lidcam.readers.input_file import InputFiles
+from lidcam.readers.rig.rig_file import rig_yaml
 from lidcam.report import RunReport
 from lidcam.settings.effect import lasting_settings
-from pipeline.core.errors import OutputError
-from readers.input_file import InputFiles
-from readers.rig.rig_file import rig_yaml
-from writers.base import ResultWriter
-from writers.outputs.transaction import OutputTransaction
-from writers.provenance import Provenance
-
-__all__ = ["how_to_open", "make_pages", "open_outputs", "open_writers", "written_files"]
+from lidcam.writers.base import ResultWriter
+from lidcam.writers.outputs.transaction import OutputTransaction
+from lidcam.writers.provenance import Provenance
 
 
 def open_outputs(job: Job) -> OutputTransaction:

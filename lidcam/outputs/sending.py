@@ -6,12 +6,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from lidcam.bucket import Bucket, check_output
+from lidcam.pipeline.core.errors import OutputError
+from lidcam.readers.files.temporary import temporary_folder
+from lidcam.readers.location import Location, RemotePath
 from lidcam.report import RunReport
-from pipeline.core.errors import OutputError
-from readers.files.temporary import temporary_folder
-from readers.location import Location, RemotePath
-
-__all__ = ["Sending", "sent_when_complete"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,24 +11,22 @@ from lidcam.evaluation.evaluate import Progress, evaluate_result, not_shown
 from lidcam.evaluation.evaluation import Evaluation, EvaluationJob
 from lidcam.page import sections
 from lidcam.page.pictures import CLOUD_TOPIC, mistake_image
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.settings.load import dump_config
+from lidcam.pipeline.evaluation.detection.plots import DetectionPlots
 from lidcam.printing.evaluation import headlines, own_tables, truth_tables
 from lidcam.printing.folding import Folded
 from lidcam.printing.mistakes import mistake_note
-from pipeline.core.errors import MessageError
-from pipeline.core.settings.load import dump_config
-from pipeline.evaluation.detection.plots import DetectionPlots
-from readers.messages.pointcloud2 import decode_pointcloud2
-from readers.results.result import Result, open_result
-from readers.truth.site import SitePoses
-from writers.report import accuracy, html, plots
-from writers.report.collector import ReportCollector
-from writers.report.grid import SparseGrid
-from writers.report.html import Raw
-from writers.report.page import page
-from writers.report.site_map import map_figure
-from writers.report.values import Figure
-
-__all__ = ["make_page"]
+from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
+from lidcam.readers.results.result import Result, open_result
+from lidcam.readers.truth.site import SitePoses
+from lidcam.writers.report import accuracy, html, plots
+from lidcam.writers.report.collector import ReportCollector
+from lidcam.writers.report.grid import SparseGrid
+from lidcam.writers.report.html import Raw
+from lidcam.writers.report.page import page
+from lidcam.writers.report.site_map import map_figure
+from lidcam.writers.report.values import Figure
 
 CLOUDS = 48
 """Clouds of the background, evenly over the recording."""

@@ -7,15 +7,13 @@ from typing import Any
 import cv2
 import numpy as np
 
-from pipeline.core.arrays import F64, U8
-from pipeline.core.errors import MessageError
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.rig import CameraSensor
-from readers.messages.image import decode_any_image
-from readers.messages.pointcloud2 import decode_pointcloud2
-from readers.results.result import Result
-
-__all__ = ["CLOUD_TOPIC", "MISTAKE_COLORS", "cut_out", "mistake_image"]
+from lidcam.pipeline.core.arrays import F64, U8
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.readers.messages.image import decode_any_image
+from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
+from lidcam.readers.results.result import Result
 
 CLOUD_TOPIC = "/point_cloud_combined"
 

@@ -6,17 +6,15 @@ from typing import Any
 import numpy as np
 
 from lidcam.checks.warning import RunWarning
+from lidcam.pipeline.core.arrays import Bools
+from lidcam.pipeline.core.settings.engines import ENGINES
+from lidcam.pipeline.evaluation.road_users import RoadUserTable
 from lidcam.printing.console import BOX_SOURCES
 from lidcam.printing.numbers import number, percent
-from pipeline.core.arrays import Bools
-from pipeline.core.settings.engines import ENGINES
-from pipeline.evaluation.road_users import RoadUserTable
-from writers.report import html
-from writers.report.collector import ReportCollector
-from writers.report.html import Raw
-from writers.report.page import class_name
-
-__all__ = ["doubts", "dropped", "movements", "origin", "users_table", "verdict"]
+from lidcam.writers.report import html
+from lidcam.writers.report.collector import ReportCollector
+from lidcam.writers.report.html import Raw
+from lidcam.writers.report.page import class_name
 
 FASTER = 85
 """The speed that 85 % of road users stay below is what roads are designed for."""

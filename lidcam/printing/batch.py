@@ -10,8 +10,6 @@ from lidcam.batch.records import JobRecord
 from lidcam.printing.progress import show_share
 from lidcam.printing.tables import ColumnsTable
 
-__all__ = ["print_batch", "shown_batch"]
-
 MOST_SHOWN = 100
 """Characters of a message in the table on the screen; the file has all of it."""
 

@@ -5,12 +5,10 @@ from typing import Any
 
 from rich.console import Console
 
+from lidcam.pipeline.core.settings.evaluate import CompareConfig
+from lidcam.pipeline.evaluation.comparison.object_changes import KINDS
 from lidcam.printing.folding import show_line, show_table
 from lidcam.printing.tables import ColumnsTable
-from pipeline.core.settings.evaluate import CompareConfig
-from pipeline.evaluation.comparison.object_changes import KINDS
-
-__all__ = ["print_comparison"]
 
 ALL = "all"
 _UNITS = {"moved": " m", "turned": " deg", "resized": " m"}

@@ -7,6 +7,12 @@ import numpy as np
 from rich.console import Console
 
 from lidcam.checks.warning import RunWarning
+from lidcam.pipeline.core.detections import NO_HYPOTHESIS, Boxes3D, Fused, source_names
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.engines import ENGINES
+from lidcam.pipeline.core.tracks import NO_TRACK, Tracks
 from lidcam.printing.folding import show_line, show_table
 from lidcam.printing.tables import (
     changes_table,
@@ -21,22 +27,14 @@ from lidcam.printing.tables import (
     stages_table,
     topics_table,
 )
+from lidcam.readers.messages.tf import TF_TYPES
+from lidcam.readers.recording import Loss
+from lidcam.readers.rig.sensor_topics import CAMERA_INFO, SensorFault
+from lidcam.readers.streams.survey import TopicSurvey
 from lidcam.report import RunReport, loss_records
-from pipeline.core.detections import NO_HYPOTHESIS, Boxes3D, Fused, source_names
-from pipeline.core.frame import FrameResult
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.engines import ENGINES
-from pipeline.core.tracks import NO_TRACK, Tracks
-from readers.messages.tf import TF_TYPES
-from readers.recording import Loss
-from readers.rig.sensor_topics import CAMERA_INFO, SensorFault
-from readers.streams.survey import TopicSurvey
 
 if TYPE_CHECKING:  # a run inspects nothing
     from lidcam.inspection import Inspection
-
-__all__ = ["BOX_SOURCES", "print_detections", "print_inspection", "print_matches", "print_report"]
 
 MAX_LISTED = 10
 """Names in one line."""

@@ -8,10 +8,8 @@ escape sequences, and a URL without its secrets. Libraries and outputs keep the 
 import json
 from typing import Any
 
-from pipeline.core.text import visible as printable
-from pipeline.core.urls import without_secrets
-
-__all__ = ["json_text", "printable_lines", "visible", "visible_lines"]
+from lidcam.pipeline.core.text import visible as printable
+from lidcam.pipeline.core.urls import without_secrets
 
 
 def visible(text: str) -> str:

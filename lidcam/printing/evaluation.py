@@ -13,8 +13,6 @@ from lidcam.printing.mistakes import mistakes_table
 from lidcam.printing.numbers import NONE, number, percent, share, signed
 from lidcam.printing.tables import ColumnsTable
 
-__all__ = ["headlines", "own_tables", "print_evaluation", "truth_tables"]
-
 ALL = "all"
 """In place of a class: the figure of all objects, or the mean of the classes."""
 

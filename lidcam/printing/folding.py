@@ -15,8 +15,6 @@ from rich.text import Text
 
 from lidcam.printing.escaping import visible
 
-__all__ = ["Folded", "folded_lines", "show_line", "show_table"]
-
 MAX_COLUMNS = 10_000
 """More than any table is wide."""
 

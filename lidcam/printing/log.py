@@ -14,11 +14,9 @@ from enum import IntEnum
 from pathlib import Path
 from typing import Any
 
+from lidcam.pipeline.core.compile_log import compile_log
+from lidcam.pipeline.core.errors import OutputError
 from lidcam.printing.escaping import visible, visible_lines
-from pipeline.core.compile_log import compile_log
-from pipeline.core.errors import OutputError
-
-__all__ = ["PACKAGES", "Verbosity", "configure_logging", "is_verbose", "progress_log", "remark_log", "verdict_log"]
 
 PACKAGES = ("lidcam", "pipeline", "readers", "writers", "bags")
 """Our own loggers; libraries log too much to be read."""

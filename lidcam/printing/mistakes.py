@@ -7,8 +7,6 @@ from rich.table import Table
 
 from lidcam.printing.tables import ColumnsTable
 
-__all__ = ["mistake_note", "mistakes_table"]
-
 MAX_PRINTED = 3
 """Of each kind; the JSON has more."""
 

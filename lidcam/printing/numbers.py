@@ -1,7 +1,5 @@
 """How numbers stand in tables."""
 
-__all__ = ["NONE", "number", "percent", "share", "signed"]
-
 NONE = "-"
 """In place of a figure that is not defined."""
 

@@ -13,8 +13,6 @@ from lidcam.printing.escaping import visible
 from lidcam.printing.log import progress_log
 from lidcam.printing.terminal import console
 
-__all__ = ["Advance", "show_compiling", "show_progress", "show_share", "show_training"]
-
 LINE_EVERY_S = 10.0
 """Wall time from one line to the next."""
 

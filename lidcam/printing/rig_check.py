@@ -7,11 +7,9 @@ from rich.console import Console
 
 from lidcam.checks.calibration.judged import SCALES
 from lidcam.checks.calibration.self_check import SelfCheck
+from lidcam.pipeline.core.arrays import F64, Bools
 from lidcam.printing.folding import show_line, show_table
 from lidcam.printing.tables import ColumnsTable
-from pipeline.core.arrays import F64, Bools
-
-__all__ = ["check_tree", "print_check"]
 
 VALUES = ("pitch_deg", "yaw_deg", "roll_deg", "x_m", "y_m", "z_m", "time_ms")
 """Of a camera: rotation about x, y and z of its optical frame, translation along them, and how late its images are."""

@@ -9,16 +9,14 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from lidcam.frames import RunInput
+from lidcam.pipeline.core.frame import FrameResult
 from lidcam.printing.console import print_detections, print_matches
 from lidcam.printing.progress import show_progress
 from lidcam.run import RunObserver
 from lidcam.summary import RunProgress
-from pipeline.core.frame import FrameResult
 
 if TYPE_CHECKING:
     from lidcam.evaluation.requirement import Requirement
-
-__all__ = ["ShownProgress", "shown_run"]
 
 SOURCES = ("lidar", "fused")
 """Of 3D boxes, in every result."""

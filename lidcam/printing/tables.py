@@ -9,27 +9,12 @@ from rich.style import StyleType
 from rich.table import Table
 
 from lidcam.checks.missing import MissingSensor
+from lidcam.pipeline.core.rig import BOXES_SUFFIX, OUTSIDE_ZONES
+from lidcam.pipeline.evaluation.road_users import RoadUsers, ZoneChange
 from lidcam.printing.folding import Folded
+from lidcam.readers.rig.calibration import SensorSource
+from lidcam.readers.streams.survey import TopicSurvey
 from lidcam.report import DropCount
-from pipeline.core.rig import BOXES_SUFFIX, OUTSIDE_ZONES
-from pipeline.evaluation.road_users import RoadUsers, ZoneChange
-from readers.rig.calibration import SensorSource
-from readers.streams.survey import TopicSurvey
-
-__all__ = [
-    "ColumnsTable",
-    "changes_table",
-    "drops_table",
-    "losses_table",
-    "missing_table",
-    "objects_table",
-    "pairs_table",
-    "points_table",
-    "road_users_table",
-    "sensors_table",
-    "stages_table",
-    "topics_table",
-]
 
 
 def objects_table(objects: Mapping[tuple[str, str], int], zones: Sequence[str], frames: int) -> Table:

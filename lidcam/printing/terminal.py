@@ -11,9 +11,7 @@ from rich.segment import Segment
 from rich.text import Text
 
 from lidcam.printing.escaping import json_text, printable_lines, visible
-from writers.tables.html import HTML_WIDTH, recorded_html
-
-__all__ = ["console", "printed_html", "show_json"]
+from lidcam.writers.tables.html import HTML_WIDTH, recorded_html
 
 
 class _Console(Console):

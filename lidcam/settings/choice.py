@@ -6,26 +6,15 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
+from lidcam.pipeline.core.settings.bundled import PRESETS
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.pipeline.core.text import brief
+from lidcam.readers.recording import Recording
+from lidcam.readers.rig.discovery import Discovery
+from lidcam.readers.rig.schema import RigFile
+from lidcam.readers.rig.search import zones_of
 from lidcam.settings.scene import SceneSize, judge, measure_scene, scene_text
-from pipeline.core.settings.bundled import PRESETS
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.load import load_config
-from pipeline.core.text import brief
-from readers.recording import Recording
-from readers.rig.discovery import Discovery
-from readers.rig.schema import RigFile
-from readers.rig.search import zones_of
-
-__all__ = [
-    "AS_GIVEN",
-    "DEFAULTS",
-    "GIVEN",
-    "SettingsChoice",
-    "UsedSettings",
-    "choose_settings",
-    "use_settings",
-    "used_record",
-]
 
 DEFAULTS = "defaults"
 GIVEN = "as given"

@@ -6,13 +6,11 @@ from os.path import isfile
 from pathlib import Path
 
 from lidcam.networks.known import network_path
-from pipeline.core.errors import ConfigError
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.load import dump_config
-from pipeline.core.text import visible
-from pipeline.detectors.pillars.embedded import network_file
-
-__all__ = ["COMPARING", "EVALUATING", "check_effect", "lasting_settings", "named_files", "settings_sha256"]
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.load import dump_config
+from lidcam.pipeline.core.text import visible
+from lidcam.pipeline.detectors.pillars.embedded import network_file
 
 EVALUATING = ("evaluate", "classes", "associate", "combine", "limits")
 """The sections that an evaluation reads: of `associate` for 2D boxes without truth, of `combine` for odometry."""

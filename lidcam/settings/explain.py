@@ -8,13 +8,11 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from pipeline.core.errors import ConfigError
-from pipeline.core.settings.bundled import PRESETS, bundled
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.load import load_config
-from pipeline.core.settings.validation import Place, expected, unknown_key
-
-__all__ = ["Explanation", "explain", "preset_summaries"]
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.pipeline.core.settings.bundled import PRESETS, bundled
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.pipeline.core.settings.validation import Place, expected, unknown_key
 
 UNITS = {
     "per_m": "per metre",

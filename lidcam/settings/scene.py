@@ -5,16 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64
-from pipeline.core.frame import SensorBundle
-from pipeline.core.rig import Rig
-from pipeline.core.settings.combine import GroundConfig
-from pipeline.core.settings.config import Config
-from pipeline.filters.ground import find_ground
-from readers.recording import Recording
-from readers.streams.decoders import CloudDecoder
-
-__all__ = ["MODEL_EXTENT_M", "SceneSize", "judge", "measure_scene", "scene_text"]
+from lidcam.pipeline.core.arrays import F32, F64
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.combine import GroundConfig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.filters.ground import find_ground
+from lidcam.readers.recording import Recording
+from lidcam.readers.streams.decoders import CloudDecoder
 
 CLOUDS = 3
 """Clouds that are taken of each lidar: the first sweep may be a part of one."""

@@ -2,12 +2,10 @@
 
 import numpy as np
 
+from lidcam.pipeline.core.arrays import F64, Bools
+from lidcam.pipeline.detectors.cluster.kinds import KINDS
 from lidcam.training.examples import Examples
 from lidcam.training.fit import PRIORS, log_loss
-from pipeline.core.arrays import F64, Bools
-from pipeline.detectors.cluster.kinds import KINDS
-
-__all__ = ["average_precision", "calibration_error", "figures"]
 
 BINS = 10
 LEAST = 0.05

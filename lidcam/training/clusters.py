@@ -3,15 +3,13 @@
 from collections.abc import Callable, Iterable
 from typing import Literal, NamedTuple
 
-from bags.simulator.worlds.draw import Family
+from lidcam.bags.simulator.worlds.draw import Family
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.detectors.cluster.network import ClusterNetwork
 from lidcam.training.card import figures
 from lidcam.training.examples import Examples, examples_of_frame, examples_of_recordings, examples_of_worlds
 from lidcam.training.fit import EPOCHS, NETWORKS, PRIORS, calibrated, fitted
 from lidcam.training.labelled import WORLDS, Recordings, loaded
-from pipeline.core.errors import RecordingError
-from pipeline.detectors.cluster.network import ClusterNetwork
-
-__all__ = ["Trained", "train_clusters"]
 
 HELD_OUT = 1_000_000
 """Worlds from this number (plus the seed) on are not trained on: some calibrate the network, others judge it."""

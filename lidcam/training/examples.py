@@ -6,30 +6,20 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from bags.simulator.worlds.draw import Family
-from bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, TrainingSweep, sweep
+from lidcam.bags.simulator.worlds.draw import Family
+from lidcam.bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, TrainingSweep, sweep
+from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.core.clouds import CombinedCloud, Plane, PointCloud
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import LidarSensor, Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.detectors.cluster.features import FEATURES
+from lidcam.pipeline.detectors.cluster.learned import FeatureFinder
+from lidcam.pipeline.parallel.pool import process_pool
+from lidcam.pipeline.stages.combine import Combine
+from lidcam.pipeline.stages.detect3d import Detect3D
 from lidcam.training.labelled import NAMES, LabelledFrame, Recordings
-from pipeline.core.arrays import F64, I64
-from pipeline.core.clouds import CombinedCloud, Plane, PointCloud
-from pipeline.core.frame import SensorBundle
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import LidarSensor, Rig
-from pipeline.core.settings.config import Config
-from pipeline.detectors.cluster.features import FEATURES
-from pipeline.detectors.cluster.learned import FeatureFinder
-from pipeline.parallel.pool import process_pool
-from pipeline.stages.combine import Combine
-from pipeline.stages.detect3d import Detect3D
-
-__all__ = [
-    "Examples",
-    "cloud_of",
-    "examples_of_frame",
-    "examples_of_recordings",
-    "examples_of_worlds",
-    "kinds_of_boxes",
-    "rig_of",
-]
 
 SWEEPS_OF_A_WORLD = 4
 """Each has another lidar in another place. More sweeps add little, since the same objects stand there."""

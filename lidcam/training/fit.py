@@ -8,13 +8,11 @@ from itertools import pairwise
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.detectors.cluster.features import FEATURES
+from lidcam.pipeline.detectors.cluster.kinds import KINDS
+from lidcam.pipeline.detectors.cluster.network import ClusterNetwork, softmax
 from lidcam.training.examples import Examples
-from pipeline.core.arrays import F64, I64
-from pipeline.detectors.cluster.features import FEATURES
-from pipeline.detectors.cluster.kinds import KINDS
-from pipeline.detectors.cluster.network import ClusterNetwork, softmax
-
-__all__ = ["EPOCHS", "NETWORKS", "PRIORS", "calibrated", "fitted", "log_loss"]
 
 EPOCHS = 20
 NETWORKS = 3

@@ -10,24 +10,11 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64, U8, Bools, Rows
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.geometry.polygons import first_polygon_with
-from pipeline.core.geometry.regions import points_in_footprints
-from pipeline.parallel.transfer import dump, load
-
-__all__ = [
-    "NAMES",
-    "WORLDS",
-    "LabelledFrame",
-    "Objects",
-    "Recordings",
-    "TrueBoxes",
-    "loaded",
-    "points_in_boxes",
-    "saved",
-    "varied",
-]
+from lidcam.pipeline.core.arrays import F32, F64, I64, U8, Bools, Rows
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.geometry.polygons import first_polygon_with
+from lidcam.pipeline.core.geometry.regions import points_in_footprints
+from lidcam.pipeline.parallel.transfer import dump, load
 
 NAMES = ("car", "pedestrian", "cyclist", "truck", "bus")
 """Classes of labelled frames. A van counts as a truck, as it does among the classes of lidcam."""

@@ -9,10 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.arrays import F32, Array
-from pipeline.detectors.onnx.messages import MANY, ONE, model_class
-
-__all__ = ["FLOAT", "INT64", "Graph", "Value", "numbers_in"]
+from lidcam.pipeline.core.arrays import F32, Array
+from lidcam.pipeline.detectors.onnx.messages import MANY, ONE, model_class
 
 Value = tuple[str, int, Sequence[int | str]]
 """Name, type of the elements, and dimensions of an input or output; free dimensions have names."""

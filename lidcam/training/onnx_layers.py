@@ -9,10 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from lidcam.pipeline.core.arrays import Array
 from lidcam.training.onnx_graph import Graph
-from pipeline.core.arrays import Array
-
-__all__ = ["convolution", "convolutions", "normalised", "parameters", "tensors"]
 
 
 def convolutions(graph: Graph, image: str, layers: Iterable[Any]) -> str:

@@ -11,6 +11,17 @@ from lidcam.evaluation.frames import EvaluationFrames
 from lidcam.frame import Frame
 from lidcam.frames import RunInput
 from lidcam.job import JobOptions, make_job
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.detectors.pillars.detector import PillarPoints
+from lidcam.pipeline.evaluation.evaluation_frame import TruthBoxes3D
+from lidcam.pipeline.evaluation.ignoring import is_evaluated
+from lidcam.pipeline.parallel.transfer import load
+from lidcam.readers.results.result import open_result
+from lidcam.readers.truth.open import open_truth
 from lidcam.run import RunObserver, process_recording
 from lidcam.training.labelled import (
     MIN_PASTED_POINTS,
@@ -23,19 +34,6 @@ from lidcam.training.labelled import (
     points_in_boxes,
     saved,
 )
-from pipeline.core.arrays import F64
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.errors import RecordingError
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.detectors.pillars.detector import PillarPoints
-from pipeline.evaluation.evaluation_frame import TruthBoxes3D
-from pipeline.evaluation.ignoring import is_evaluated
-from pipeline.parallel.transfer import load
-from readers.results.result import open_result
-from readers.truth.open import open_truth
-
-__all__ = ["read_recordings"]
 
 ONLY_CLOUDS = "detect2d.method=none", "track.mode=none", "output.images=false", "output.clouds=false"
 """Settings that switch off what the clouds do not need."""

@@ -16,17 +16,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.calibration.motions import cluster_covariance, motion, turned
-from pipeline.calibration.pairs import TrackedPairs
-from pipeline.core.arrays import F64, I64, Bools
-from pipeline.core.detections import Boxes3D, Source
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.rig import CameraSensor
-from pipeline.core.settings.fuse import FuseConfig
-from pipeline.fusion.projection import CameraArrays, project_edges, rounded_outline
-from pipeline.fusion.refining.box_prior import box_prior
-
-__all__ = ["CameraError", "camera_error"]
+from lidcam.pipeline.calibration.motions import cluster_covariance, motion, turned
+from lidcam.pipeline.calibration.pairs import TrackedPairs
+from lidcam.pipeline.core.arrays import F64, I64, Bools
+from lidcam.pipeline.core.detections import Boxes3D, Source
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.core.settings.fuse import FuseConfig
+from lidcam.pipeline.fusion.projection import CameraArrays, project_edges, rounded_outline
+from lidcam.pipeline.fusion.refining.box_prior import box_prior
 
 MIN_PAIRS, MIN_TRACKS = 60, 2
 """A camera with fewer pairs, or pairs of fewer tracks, is not judged."""

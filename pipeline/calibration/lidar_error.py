@@ -11,10 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.calibration.motions import cluster_covariance, turned
-from pipeline.core.arrays import F64, I64
-
-__all__ = ["LidarError", "lidar_error"]
+from lidcam.pipeline.calibration.motions import cluster_covariance, turned
+from lidcam.pipeline.core.arrays import F64, I64
 
 MAX_POINTS, MAX_OTHERS, NEIGHBOURS = 1500, 30_000, 16
 """Points of the second lidar that are compared in each frame, and of the first, every n-th of them; points of a

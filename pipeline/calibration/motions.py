@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64
-
-__all__ = ["cluster_covariance", "motion", "turned"]
+from lidcam.pipeline.core.arrays import F64, I64
 
 
 def turned(vectors: F64) -> F64:

@@ -9,14 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Table, check_array
-from pipeline.core.camera import BORDER_PX
-from pipeline.core.frame import FrameResult
-from pipeline.core.geometry.pose_samples import PoseSamples
-from pipeline.core.geometry.poses import interpolate_poses
-from pipeline.core.tracks import NO_TRACK
-
-__all__ = ["TrackedPairs", "tracked_pairs"]
+from lidcam.pipeline.core.arrays import F64, I64, Table, check_array
+from lidcam.pipeline.core.camera import BORDER_PX
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
+from lidcam.pipeline.core.geometry.poses import interpolate_poses
+from lidcam.pipeline.core.tracks import NO_TRACK
 
 MAX_HIDDEN = 0.3
 """Pairs of which nearer objects hide more are left out, and those at the border of the image: edges err there."""

@@ -10,28 +10,6 @@ import numpy.typing as npt
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-__all__ = [
-    "F32",
-    "F64",
-    "I16",
-    "I32",
-    "I64",
-    "U8",
-    "U16",
-    "U32",
-    "U64",
-    "Array",
-    "Bools",
-    "Indices",
-    "Record",
-    "Rows",
-    "Table",
-    "check_array",
-    "first_of_runs",
-    "join_rows",
-    "select_rows",
-]
-
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
 I16 = npt.NDArray[np.int16]

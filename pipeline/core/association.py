@@ -15,21 +15,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64
-from pipeline.core.settings.classes import ClassPrior
-from pipeline.core.settings.fuse import AssociateConfig
-
-__all__ = [
-    "FREEDOM",
-    "class_agreement",
-    "class_confusion",
-    "class_distances",
-    "class_ratios",
-    "detector_variances",
-    "fit_ratios",
-    "rectangle_features",
-    "squared_distances",
-]
+from lidcam.pipeline.core.arrays import F32, F64
+from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.core.settings.fuse import AssociateConfig
 
 FREEDOM = 4.0
 """Degrees of freedom of the t distribution."""

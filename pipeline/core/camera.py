@@ -14,11 +14,9 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import F32, F64, Bools
-from pipeline.core.errors import CalibrationError
-from pipeline.core.geometry.box_edges import edges_ahead
-
-__all__ = ["BORDER_PX", "EDGE_SHARES", "NEAR_M", "CameraModel", "DistortionModel"]
+from lidcam.pipeline.core.arrays import F32, F64, Bools
+from lidcam.pipeline.core.errors import CalibrationError
+from lidcam.pipeline.core.geometry.box_edges import edges_ahead
 
 DistortionModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
 

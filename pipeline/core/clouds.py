@@ -7,10 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import F32, F64, I32, U8, U16, Rows, check_array, select_rows
-from pipeline.core.text import brief
-
-__all__ = ["CombinedCloud", "Plane", "PointCloud", "Relief"]
+from lidcam.pipeline.core.arrays import F32, F64, I32, U8, U16, Rows, check_array, select_rows
+from lidcam.pipeline.core.text import brief
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,8 +1,6 @@
-"""The log of what is compiled; apart from `pipeline.core.compiled`, so that `lidcam --help` need not import that."""
+"""The log of compiled functions, in a file of its own: `lidcam --help` need not import numba."""
 
 import logging
 
-__all__ = ["compile_log"]
-
-compile_log = logging.getLogger("pipeline.compiled")
+compile_log = logging.getLogger("lidcam.pipeline.compiled")
 """At level INFO: a function is compiled because it was not kept. It may take a while, once."""

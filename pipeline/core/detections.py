@@ -7,21 +7,9 @@ from typing import Self
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I32, I64, U8, Rows, check_array, join_rows, select_rows
-from pipeline.core.text import brief
-from pipeline.core.tracks import Tracks
-
-__all__ = [
-    "NO_HYPOTHESIS",
-    "Boxes2D",
-    "Boxes3D",
-    "Detections",
-    "Fused",
-    "Hypotheses",
-    "Matches",
-    "Source",
-    "source_names",
-]
+from lidcam.pipeline.core.arrays import F32, F64, I32, I64, U8, Rows, check_array, join_rows, select_rows
+from lidcam.pipeline.core.text import brief
+from lidcam.pipeline.core.tracks import Tracks
 
 NO_HYPOTHESIS = -1
 """In place of a hypothesis's row, for an object that nothing in its frame shows."""

@@ -7,8 +7,6 @@ end in this way; elsewhere a signal is what Python makes of it, and the usual cl
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
-__all__ = ["undo_all", "undone_at_once"]
-
 _undoings: dict[object, Callable[[], object]] = {}
 
 

@@ -22,24 +22,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from pipeline.core.text import visible
-
-__all__ = [
-    "CalibrationError",
-    "CheckError",
-    "ConfigError",
-    "FrameError",
-    "IncompleteError",
-    "LidcamError",
-    "MessageError",
-    "ModelError",
-    "OutputError",
-    "RecordingError",
-    "ShortMemoryError",
-    "WorkerError",
-    "is_short_memory",
-    "short_memory_told",
-]
+from lidcam.pipeline.core.text import visible
 
 MAX_CHARACTERS = 4000
 

@@ -7,19 +7,17 @@ from typing import TypeVar
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Detections, Fused, Hypotheses, Matches
-from pipeline.core.errors import FrameError
-from pipeline.core.geometry.pose_samples import OdometryPose, PoseSamples
-from pipeline.core.geometry.poses import interpolate_poses
-from pipeline.core.messages import Drop, RawMessage
-from pipeline.core.rig import CameraSensor
-from pipeline.core.settings.combine import MotionConfig
-from pipeline.core.text import brief
-from pipeline.core.true_boxes import TrueBoxes
-
-__all__ = ["Decoded", "FrameResult", "Missing", "SensorBundle", "own_motion"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.detections import Detections, Fused, Hypotheses, Matches
+from lidcam.pipeline.core.errors import FrameError
+from lidcam.pipeline.core.geometry.pose_samples import OdometryPose, PoseSamples
+from lidcam.pipeline.core.geometry.poses import interpolate_poses
+from lidcam.pipeline.core.messages import Drop, RawMessage
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.core.settings.combine import MotionConfig
+from lidcam.pipeline.core.text import brief
+from lidcam.pipeline.core.true_boxes import TrueBoxes
 
 T = TypeVar("T")
 

@@ -3,9 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from pipeline.core.text import brief
-
-__all__ = ["MAX_TIME_NS", "Channel", "Drop", "RawMessage", "time_fault"]
+from lidcam.pipeline.core.text import brief
 
 MAX_TIME_NS = 2**31 * 10**9 - 1
 """The last time that a ROS 2 header can hold, in January 2038. MCAP, ROS 1, numpy and the viewers reach further."""

@@ -6,25 +6,12 @@ from typing import Literal
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64, check_array
-from pipeline.core.camera import CameraModel
-from pipeline.core.errors import CalibrationError, FrameError
-from pipeline.core.geometry.polygons import first_polygon_with
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.text import brief
-
-__all__ = [
-    "BOXES_SUFFIX",
-    "OUTSIDE_ZONES",
-    "CameraSensor",
-    "LidarSensor",
-    "RecordedDetector",
-    "Rig",
-    "TruthVehicle",
-    "Zone",
-    "ZoneUse",
-    "default_zones",
-]
+from lidcam.pipeline.core.arrays import F32, F64, I64, check_array
+from lidcam.pipeline.core.camera import CameraModel
+from lidcam.pipeline.core.errors import CalibrationError, FrameError
+from lidcam.pipeline.core.geometry.polygons import first_polygon_with
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.text import brief
 
 OUTSIDE_ZONES = "outside"
 """Name for the place of objects that no zone holds."""

@@ -5,9 +5,7 @@ from errno import EFBIG, EINVAL
 from pathlib import Path
 from stat import S_ISREG
 
-from pipeline.core.errors import LidcamError
-
-__all__ = ["read_small_file", "read_small_text"]
+from lidcam.pipeline.core.errors import LidcamError
 
 
 def read_small_file(path: Path, max_bytes: int) -> bytes:

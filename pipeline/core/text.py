@@ -8,9 +8,7 @@ from reprlib import Repr
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # `--help` needs no numpy
-    from pipeline.core.arrays import Array
-
-__all__ = ["brief", "one_line", "visible"]
+    from lidcam.pipeline.core.arrays import Array
 
 
 def one_line(found: object, *, max_characters: int | None = None) -> str:

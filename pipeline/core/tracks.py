@@ -5,10 +5,8 @@ from typing import Self
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, Table, check_array
-from pipeline.core.text import brief
-
-__all__ = ["NO_TRACK", "Tracks"]
+from lidcam.pipeline.core.arrays import F64, I64, Bools, Table, check_array
+from lidcam.pipeline.core.text import brief
 
 NO_TRACK = 0
 """In place of a track's number, for an object that belongs to no track."""

@@ -5,9 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, check_array
-
-__all__ = ["TrueBoxes"]
+from lidcam.pipeline.core.arrays import F64, check_array
 
 
 @dataclass(frozen=True, slots=True, eq=False)

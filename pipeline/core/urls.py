@@ -2,8 +2,6 @@
 
 import re
 
-__all__ = ["MORE", "shown_url", "without_secrets"]
-
 MORE = "?..."
 """In place of a query or a fragment."""
 

@@ -2,14 +2,12 @@
 
 import numpy as np
 
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Boxes3D, Source
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.geometry.overlaps import without_overlaps
-from pipeline.core.geometry.rotated_iou import BoxArrays
-from pipeline.detectors.protocols import Candidates3D
-
-__all__ = ["likely_boxes"]
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.detections import Boxes3D, Source
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.geometry.overlaps import without_overlaps
+from lidcam.pipeline.core.geometry.rotated_iou import BoxArrays
+from lidcam.pipeline.detectors.protocols import Candidates3D
 
 
 def likely_boxes(combined: CombinedCloud, site_frame: str, found: Candidates3D, min_score: float) -> Boxes3D:

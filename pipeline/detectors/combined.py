@@ -11,23 +11,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools, Indices
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Boxes3D
-from pipeline.core.errors import ModelError
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.geometry.overlaps import OVERLAP_SHARE, overlap_shares
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.detectors.boxes import likely_boxes
-from pipeline.detectors.cluster.detector import ClusterDetector
-from pipeline.detectors.cluster.kinds import KINDS, kinds_of, knows
-from pipeline.detectors.cluster.learned import LearnedScores
-from pipeline.detectors.log_odds import logit, sigmoid
-from pipeline.detectors.pillars.fitted import FittedPillarDetector
-from pipeline.detectors.protocols import Candidates3D
-
-__all__ = ["CombinedDetector", "Evidence"]
+from lidcam.pipeline.core.arrays import F64, Bools, Indices
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.geometry.overlaps import OVERLAP_SHARE, overlap_shares
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.detectors.boxes import likely_boxes
+from lidcam.pipeline.detectors.cluster.detector import ClusterDetector
+from lidcam.pipeline.detectors.cluster.kinds import KINDS, kinds_of, knows
+from lidcam.pipeline.detectors.cluster.learned import LearnedScores
+from lidcam.pipeline.detectors.log_odds import logit, sigmoid
+from lidcam.pipeline.detectors.pillars.fitted import FittedPillarDetector
+from lidcam.pipeline.detectors.protocols import Candidates3D
 
 UNKNOWN, PERSON = KINDS.index("background"), KINDS.index("pedestrian")
 

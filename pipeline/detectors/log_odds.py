@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-
-__all__ = ["logit", "sigmoid"]
+from lidcam.pipeline.core.arrays import F64
 
 SCORE_LIMIT = 0.002
 """Scores nearer to 0 or 1 than this count as this."""

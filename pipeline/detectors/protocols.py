@@ -5,11 +5,9 @@ from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64, U8
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Boxes3D
-
-__all__ = ["Candidates2D", "Candidates3D", "Detector2D", "Detector3D"]
+from lidcam.pipeline.core.arrays import F32, F64, I64, U8
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.detections import Boxes3D
 
 
 class Candidates2D(NamedTuple):

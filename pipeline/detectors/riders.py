@@ -5,10 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.core.arrays import Bools
-from pipeline.core.detections import Boxes2D
-
-__all__ = ["PERSON", "RIDDEN", "finds_riders_apart", "join_riders"]
+from lidcam.pipeline.core.arrays import Bools
+from lidcam.pipeline.core.detections import Boxes2D
 
 PERSON = "person"
 RIDDEN = frozenset({"bicycle", "motorcycle", "bike", "motorbike"})

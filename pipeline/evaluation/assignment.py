@@ -10,17 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, I64, Bools, Indices
-
-__all__ = [
-    "assign_heaviest",
-    "assign_nearest",
-    "conflicts",
-    "dense_assignment",
-    "far_cost",
-    "is_alone",
-    "pairs_of_equal",
-]
+from lidcam.pipeline.core.arrays import F64, I32, I64, Bools, Indices
 
 
 def is_alone(first: I64, second: I64) -> Bools:

@@ -7,25 +7,8 @@ from typing import Protocol, Self, TypeAlias, Union
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import F32, F64, I32, I64, Bools, Rows, Table, check_array, select_rows
-from pipeline.core.detections import Boxes2D, Boxes3D
-
-__all__ = [
-    "SOURCES",
-    "UNKNOWN",
-    "EvaluationFrame",
-    "Evaluator",
-    "Figure",
-    "Figures",
-    "FrameSync",
-    "ImageBoxes",
-    "Motion",
-    "Names",
-    "SourceBoxes",
-    "TruthBoxes2D",
-    "TruthBoxes3D",
-    "in_order",
-]
+from lidcam.pipeline.core.arrays import F32, F64, I32, I64, Bools, Rows, Table, check_array, select_rows
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D
 
 Names = npt.NDArray[np.str_]
 

@@ -2,12 +2,10 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools
-from pipeline.core.geometry.polygons import first_polygon_with
-from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
-
-__all__ = ["is_counted", "is_evaluated", "is_within"]
+from lidcam.pipeline.core.arrays import F64, Bools
+from lidcam.pipeline.core.geometry.polygons import first_polygon_with
+from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
 
 
 def is_within(centers: F64, config: EvaluateConfig) -> Bools:

@@ -10,17 +10,15 @@ from typing import Literal
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, Indices
-from pipeline.core.detections import Boxes3D
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.detection.criteria import Criteria
-from pipeline.evaluation.detection.matching import match_other_classes, match_position
-from pipeline.evaluation.detection.tables import FALSE
-from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, Figures, TruthBoxes3D
-from pipeline.evaluation.ignoring import is_evaluated, is_within
-from pipeline.evaluation.near_objects import Candidates, FoundObjects, TrueObjects, pairs_near
-
-__all__ = ["Mistake", "Mistakes"]
+from lidcam.pipeline.core.arrays import F64, I32, Indices
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.detection.criteria import Criteria
+from lidcam.pipeline.evaluation.detection.matching import match_other_classes, match_position
+from lidcam.pipeline.evaluation.detection.tables import FALSE
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, Figures, TruthBoxes3D
+from lidcam.pipeline.evaluation.ignoring import is_evaluated, is_within
+from lidcam.pipeline.evaluation.near_objects import Candidates, FoundObjects, TrueObjects, pairs_near
 
 MAX_PAUSE_NS = 2_000_000_000
 """An error that comes back at the same place after a longer pause is another mistake."""

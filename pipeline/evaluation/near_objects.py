@@ -6,13 +6,11 @@ from typing import Literal
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, I64, Bools, Indices, Table, join_rows
-from pipeline.core.detections import Boxes3D
-from pipeline.core.geometry.rotated_iou import BoxArrays, OrientedBoxes, pair_ious
-from pipeline.evaluation.assignment import pairs_of_equal
-from pipeline.evaluation.evaluation_frame import Motion, SourceBoxes, TruthBoxes3D
-
-__all__ = ["NEAR_M", "Candidates", "FoundObjects", "Measure", "TrueObjects", "pairs_near"]
+from lidcam.pipeline.core.arrays import F64, I32, I64, Bools, Indices, Table, join_rows
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.geometry.rotated_iou import BoxArrays, OrientedBoxes, pair_ious
+from lidcam.pipeline.evaluation.assignment import pairs_of_equal
+from lidcam.pipeline.evaluation.evaluation_frame import Motion, SourceBoxes, TruthBoxes3D
 
 NEAR_M = 4.0
 """Largest distance of the centres at which two boxes are compared, for objects as long as a car."""

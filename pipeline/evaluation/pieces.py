@@ -2,12 +2,10 @@
 
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from pipeline.core.arrays import join_rows
+from lidcam.pipeline.core.arrays import join_rows
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
-
-__all__ = ["Pieces"]
 
 MAX_LOOSE = 256
 """Pieces that stand by themselves at most: an array of a few rows takes more memory than the rows."""

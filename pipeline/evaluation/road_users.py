@@ -6,14 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, I64, Array
-from pipeline.core.frame import FrameResult
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.text import brief
-from pipeline.core.tracks import NO_TRACK
-
-__all__ = ["RoadUserCount", "RoadUserTable", "RoadUserTally", "RoadUsers", "ZoneChange"]
+from lidcam.pipeline.core.arrays import F64, I32, I64, Array
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.text import brief
+from lidcam.pipeline.core.tracks import NO_TRACK
 
 
 @dataclass(frozen=True, slots=True)

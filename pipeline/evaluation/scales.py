@@ -5,20 +5,8 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import F64, I64, Bools
-from pipeline.core.settings.config import Config
-
-__all__ = [
-    "NUSCENES_RANGES_M",
-    "decimal",
-    "is_flip",
-    "length_scales",
-    "nuscenes_ranges_m",
-    "range_edges_m",
-    "range_names",
-    "range_rows",
-    "rows_of_ranges",
-]
+from lidcam.pipeline.core.arrays import F64, I64, Bools
+from lidcam.pipeline.core.settings.config import Config
 
 REFERENCE_LENGTH_M = 4.0
 """Length of the car for which the distances of nuScenes were chosen."""

@@ -4,11 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, I64, Bools, Indices, first_of_runs
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.evaluation.evaluation_frame import UNKNOWN
-
-__all__ = ["ground_poses", "ground_turns", "has_moved", "true_velocities"]
+from lidcam.pipeline.core.arrays import F64, I32, I64, Bools, Indices, first_of_runs
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
 
 MAX_SPAN_NS = 1_500_000_000
 """From the frame before to the frame after: of labels at 2 Hz three in a row count, as in nuScenes."""

@@ -1,15 +1,13 @@
 """Points in their order along a curve that fills space, so that those near in the order are near in space.
 
 Hilbert's curve, computed after Skilling (Programming the Hilbert curve, AIP Conference Proceedings 707, 2004).
-Compiled: see `pipeline.core.compiled`.
+Compiled: see `lidcam.pipeline.core.compiled`.
 """
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I32, I64
-from pipeline.core.compiled import compiled, inlined
-
-__all__ = ["CELLS", "curve_order"]
+from lidcam.pipeline.core.arrays import F32, F64, I32, I64
+from lidcam.pipeline.core.compiled import compiled, inlined
 
 AXIS_BITS = 11
 

@@ -11,12 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64, Bools
-from pipeline.core.clouds import Plane
-from pipeline.core.settings.combine import GroundConfig
-
-__all__ = ["PLAIN", "GroundPasses", "find_ground"]
-
+from lidcam.pipeline.core.arrays import F32, F64, I64, Bools
+from lidcam.pipeline.core.clouds import Plane
+from lidcam.pipeline.core.settings.combine import GroundConfig
 
 SAMPLE_POINTS = 6000
 """Planes are sampled from, and scored on, at most this many points, every n-th of the cloud."""

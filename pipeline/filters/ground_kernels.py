@@ -1,17 +1,14 @@
 """Passes over all points that find the ground and the points on it; compiled.
 
-The passes of `pipeline.filters.ground`, where they are explained; sums run in the order of the points.
+The passes of `lidcam.pipeline.filters.ground`, where they are explained; sums run in the order of the points.
 """
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I32, I64, Bools
-from pipeline.core.compiled import compiled, inlined
-from pipeline.core.geometry.bilinear import between
-from pipeline.filters.ground import GroundPasses
-
-__all__ = ["COMPILED", "parted"]
-
+from lidcam.pipeline.core.arrays import F32, F64, I32, I64, Bools
+from lidcam.pipeline.core.compiled import compiled, inlined
+from lidcam.pipeline.core.geometry.bilinear import between
+from lidcam.pipeline.filters.ground import GroundPasses
 
 MAX_CELL = 2.0**30
 """As in `ground`."""

@@ -5,12 +5,10 @@ In motion compensation the scene is assumed static in the fixed frame; moving ob
 
 import numpy as np
 
-from pipeline.core.arrays import F32, I64, Bools
-from pipeline.core.compiled import compiled
-from pipeline.core.geometry.pose_samples import PoseSamples
-from pipeline.core.geometry.poses import interpolate_poses
-
-__all__ = ["coordinates", "deskew", "in_range", "moved"]
+from lidcam.pipeline.core.arrays import F32, I64, Bools
+from lidcam.pipeline.core.compiled import compiled
+from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
+from lidcam.pipeline.core.geometry.poses import interpolate_poses
 
 STEP_NS = 1_000_000
 """Poses are interpolated so often, points linearly between: within 13 um at 100 m while turning at 1 rad/s."""

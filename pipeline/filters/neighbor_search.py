@@ -2,18 +2,16 @@
 
 The points are sorted along a curve and cut into runs of neighbours, with a box around each run and around each block
 of runs. The points of a run look for neighbours together: boxes and points that are farther away than the neighbours
-found so far are left out. Compiled: see `pipeline.core.compiled`.
+found so far are left out. Compiled: see `lidcam.pipeline.core.compiled`.
 
 The innermost loops go through the points of a run, or through boxes, so that the compiler makes vectors of them.
 """
 
 import numpy as np
 
-from pipeline.core.arrays import F32
-from pipeline.core.compiled import compiled, inlined
-from pipeline.filters.curve import curve_order
-
-__all__ = ["mean_neighbor_distance_m"]
+from lidcam.pipeline.core.arrays import F32
+from lidcam.pipeline.core.compiled import compiled, inlined
+from lidcam.pipeline.filters.curve import curve_order
 
 RUN = 32
 """Points of a run, and runs of a block. LLVM takes loops of sixteen steps apart before it makes vectors of them."""

@@ -7,10 +7,8 @@ exact duplicates.
 
 import numpy as np
 
-from pipeline.core.arrays import F32, Bools
-from pipeline.filters.neighbor_search import mean_neighbor_distance_m
-
-__all__ = ["statistical_inliers"]
+from lidcam.pipeline.core.arrays import F32, Bools
+from lidcam.pipeline.filters.neighbor_search import mean_neighbor_distance_m
 
 
 def statistical_inliers(xyz: F32, *, neighbors: int, std_ratio: float) -> Bools:

@@ -11,13 +11,10 @@ from functools import cache
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64
-from pipeline.core.clouds import Plane, Relief
-from pipeline.core.compiled import compiled, inlined
-from pipeline.core.settings.combine import GroundConfig
-
-__all__ = ["find_relief"]
-
+from lidcam.pipeline.core.arrays import F32, F64, I64
+from lidcam.pipeline.core.clouds import Plane, Relief
+from lidcam.pipeline.core.compiled import compiled, inlined
+from lidcam.pipeline.core.settings.combine import GroundConfig
 
 CELL_PER_DISTANCE = 10.0
 """Edge of a cell of the surface, as a multiple of `distance_m`."""

@@ -5,10 +5,8 @@ Compiled here, since importing `scipy.optimize` for one function would take a fi
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Indices
-from pipeline.core.compiled import compiled
-
-__all__ = ["assign"]
+from lidcam.pipeline.core.arrays import F64, Indices
+from lidcam.pipeline.core.compiled import compiled
 
 
 def assign(costs: F64) -> tuple[Indices, Indices]:

@@ -6,10 +6,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from pipeline.core.arrays import F32, I32, I64, Indices, Table, select_rows
-from pipeline.core.detections import Boxes2D
-
-__all__ = ["FoundBoxes", "pairs_of_images"]
+from lidcam.pipeline.core.arrays import F32, I32, I64, Indices, Table, select_rows
+from lidcam.pipeline.core.detections import Boxes2D
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,23 +16,12 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools, Indices, Rows, Table, check_array
-from pipeline.core.geometry.box_edges import BOX_EDGES
-from pipeline.core.geometry.boxes import UNIT_CORNERS
-from pipeline.core.optics.lenses import Lenses
-from pipeline.core.optics.outlines import outermost_points
-from pipeline.core.rig import CameraSensor
-
-__all__ = [
-    "PARAMETERS",
-    "CameraArrays",
-    "Outline",
-    "ProjectedEdges",
-    "camera_arrays",
-    "cuboid_outline",
-    "project_edges",
-    "rounded_outline",
-]
+from lidcam.pipeline.core.arrays import F64, Bools, Indices, Rows, Table, check_array
+from lidcam.pipeline.core.geometry.box_edges import BOX_EDGES
+from lidcam.pipeline.core.geometry.boxes import UNIT_CORNERS
+from lidcam.pipeline.core.optics.lenses import Lenses
+from lidcam.pipeline.core.optics.outlines import outermost_points
+from lidcam.pipeline.core.rig import CameraSensor
 
 PARAMETERS = ("x", "y", "yaw", "length", "width", "height", "z")
 """Parameters of the derivatives, in order: metres and radians; x, y, z of the centre, in the site frame."""

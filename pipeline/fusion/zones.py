@@ -5,12 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools
-from pipeline.core.detections import Fused
-from pipeline.core.geometry.polygons import first_polygon_with
-from pipeline.core.rig import Zone, ZoneUse
-
-__all__ = ["is_reported", "select_by_zones"]
+from lidcam.pipeline.core.arrays import F64, I64, Bools
+from lidcam.pipeline.core.detections import Fused
+from lidcam.pipeline.core.geometry.polygons import first_polygon_with
+from lidcam.pipeline.core.rig import Zone, ZoneUse
 
 OUTSIDE = "outside of all zones of use detect"
 """Why an object is not reported that no zone asks for."""

@@ -4,8 +4,6 @@ import threading
 from collections import deque
 from collections.abc import Callable
 
-__all__ = ["Background"]
-
 
 class Background:
     """Does jobs one after another on a thread of its own, which starts with the first of them.

@@ -4,8 +4,6 @@ import math
 import os
 from pathlib import Path
 
-__all__ = ["THREADS_OF_LIBRARIES", "usable_cores"]
-
 THREADS_OF_LIBRARIES = "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"
 """Environment variables for the number of threads of OpenMP and OpenBLAS, and of OpenCV, whose idle threads spin. The
 libraries read them once, when they are loaded."""

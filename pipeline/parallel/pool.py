@@ -5,8 +5,6 @@ import os
 from concurrent.futures import ProcessPoolExecutor
 from threading import Thread
 
-__all__ = ["process_pool"]
-
 
 def process_pool(workers: int) -> ProcessPoolExecutor:
     """A pool of fresh interpreters that end when this process does, even if a signal kills it.

@@ -20,16 +20,16 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, cast
 
-from pipeline.core.ending import undone_at_once
-from pipeline.core.errors import WorkerError
-from pipeline.graph import Graph, Node
-from pipeline.parallel.cores import THREADS_OF_LIBRARIES
-from pipeline.parallel.transfer import connected, receive, send
-from pipeline.parallel.worker import Answer, Question, Ready, Setup, serve
+from lidcam.pipeline.core.ending import undone_at_once
+from lidcam.pipeline.core.errors import WorkerError
+from lidcam.pipeline.graph import Graph, Node
+from lidcam.pipeline.parallel.cores import THREADS_OF_LIBRARIES
+from lidcam.pipeline.parallel.transfer import connected, receive, send
+from lidcam.pipeline.parallel.worker import Answer, Question, Ready, Setup, serve
 
-__all__ = ["Crew", "WorkerProcess", "copied_workers"]
-
-CODE = "import sys; sys.path[:] = sys.argv[2:]; from pipeline.parallel.worker import serve; serve(int(sys.argv[1]))"
+CODE = (
+    "import sys; sys.path[:] = sys.argv[2:]; from lidcam.pipeline.parallel.worker import serve; serve(int(sys.argv[1]))"
+)
 """Imports no module of the user's by name, so a script needs no guard, and passes the path of modules on."""
 
 FROM_OUTSIDE = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

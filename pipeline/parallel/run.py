@@ -11,12 +11,10 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-from pipeline.core.errors import WorkerError
-from pipeline.graph import Graph, Node, Stamped
-from pipeline.parallel.process import Crew, WorkerProcess
-from pipeline.parallel.worker import Answer, Failure, MakeGraph, Question, Setup, log_levels
-
-__all__ = ["Limits", "run_parallel", "worthwhile"]
+from lidcam.pipeline.core.errors import WorkerError
+from lidcam.pipeline.graph import Graph, Node, Stamped
+from lidcam.pipeline.parallel.process import Crew, WorkerProcess
+from lidcam.pipeline.parallel.worker import Answer, Failure, MakeGraph, Question, Setup, log_levels
 
 START_S = 1.0
 """Processor time until a process works on its first frame, in seconds: it imports libraries. 0 awaits all processes."""

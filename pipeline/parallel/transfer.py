@@ -15,8 +15,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["arrived", "connected", "dump", "load", "receive", "send"]
-
 BESIDE_BYTES = 1 << 14
 """From this size on, an array travels beside the pickle."""
 

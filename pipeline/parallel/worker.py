@@ -18,11 +18,9 @@ from logging.handlers import QueueHandler
 from queue import SimpleQueue
 from typing import Any, NamedTuple, NoReturn, cast
 
-from pipeline.core.errors import LidcamError, is_short_memory
-from pipeline.graph import Graph, Node
-from pipeline.parallel.transfer import arrived, receive, send
-
-__all__ = ["Answer", "Failure", "MakeGraph", "Question", "Ready", "Setup", "WorkerTraceback", "log_levels", "serve"]
+from lidcam.pipeline.core.errors import LidcamError, is_short_memory
+from lidcam.pipeline.graph import Graph, Node
+from lidcam.pipeline.parallel.transfer import arrived, receive, send
 
 SWITCH_S = 0.0005
 """Time after which the threads that send and receive get the interpreter: the other process waits for them."""

@@ -2,11 +2,11 @@
 
 Each 3D box is projected into the images, together with the uncertainty of its place and yaw. A pair of a 3D and a 2D
 box is worth the logarithm of how much likelier it is that both are one object than that the 2D box shows something else
-(`pipeline.core.association`), by place and size, both classes, the 2D box's score, and the share of the object that
-others hide (`pipeline.fusion.matching.in_view`); of a hidden object the visible part is compared as well as the whole.
-In each camera the assignment with the largest sum is taken. Then each camera is assigned again, with the place and the
-class by the other cameras and its direction by its other pairs (`pipeline.fusion.matching.agreement`), until nothing
-changes.
+(`lidcam.pipeline.core.association`), by place and size, both classes, the 2D box's score, and the share of the object
+that others hide (`lidcam.pipeline.fusion.matching.in_view`); of a hidden object the visible part is compared as well as
+the whole. In each camera the assignment with the largest sum is taken. Then each camera is assigned again, with the
+place and the class by the other cameras and its direction by its other pairs
+(`lidcam.pipeline.fusion.matching.agreement`), until nothing changes.
 """
 
 import itertools
@@ -15,22 +15,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64, Bools, Indices, Table, first_of_runs
-from pipeline.core.association import (
+from lidcam.pipeline.core.arrays import F32, F64, I64, Bools, Indices, Table, first_of_runs
+from lidcam.pipeline.core.association import (
     class_confusion,
     detector_variances,
     fit_ratios,
     rectangle_features,
     squared_distances,
 )
-from pipeline.core.detections import Boxes2D, Boxes3D, Matches
-from pipeline.core.geometry.boxes import pair_overlaps_xyxy
-from pipeline.core.rig import CameraSensor, Rig
-from pipeline.core.settings.classes import ClassPrior
-from pipeline.core.settings.fuse import AssociateConfig
-from pipeline.fusion.assignment import assign
-from pipeline.fusion.found import FoundBoxes, pairs_of_images
-from pipeline.fusion.matching.agreement import (
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Matches
+from lidcam.pipeline.core.geometry.boxes import pair_overlaps_xyxy
+from lidcam.pipeline.core.rig import CameraSensor, Rig
+from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.core.settings.fuse import AssociateConfig
+from lidcam.pipeline.fusion.assignment import assign
+from lidcam.pipeline.fusion.found import FoundBoxes, pairs_of_images
+from lidcam.pipeline.fusion.matching.agreement import (
     BoxBelief,
     MatchedPairs,
     agreed_with_others,
@@ -40,10 +40,8 @@ from pipeline.fusion.matching.agreement import (
     prior_covariances,
     spread,
 )
-from pipeline.fusion.matching.in_view import InView, hidden_parts, project_into_views
-from pipeline.fusion.projection import CameraArrays, camera_arrays
-
-__all__ = ["Associate", "Pairs", "best_pairs", "near_pairs"]
+from lidcam.pipeline.fusion.matching.in_view import InView, hidden_parts, project_into_views
+from lidcam.pipeline.fusion.projection import CameraArrays, camera_arrays
 
 ROUNDS = 3
 """Largest number of rounds through the cameras."""

@@ -11,15 +11,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools
-from pipeline.core.detections import Hypotheses
-from pipeline.core.frame import SensorBundle, own_motion
-from pipeline.core.rig import Rig
-from pipeline.core.settings.classes import ClassPrior
-from pipeline.core.settings.combine import MotionConfig
-from pipeline.core.settings.fuse import FuseConfig
-from pipeline.fusion.belief.memory import Memory, RecallCounts
-from pipeline.fusion.belief.odds import (
+from lidcam.pipeline.core.arrays import F64, Bools
+from lidcam.pipeline.core.detections import Hypotheses
+from lidcam.pipeline.core.frame import SensorBundle, own_motion
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.core.settings.combine import MotionConfig
+from lidcam.pipeline.core.settings.fuse import FuseConfig
+from lidcam.pipeline.fusion.belief.memory import Memory, RecallCounts
+from lidcam.pipeline.fusion.belief.odds import (
     FITTED,
     at_its_place,
     camera_evidence,
@@ -29,9 +29,7 @@ from pipeline.fusion.belief.odds import (
     reach_of_classes,
     shown,
 )
-from pipeline.fusion.belief.visibility import Visibility
-
-__all__ = ["Believe"]
+from lidcam.pipeline.fusion.belief.visibility import Visibility
 
 
 class Believe:

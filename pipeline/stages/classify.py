@@ -10,12 +10,10 @@ from functools import cache
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, Bools, Indices
-from pipeline.core.association import class_distances
-from pipeline.core.detections import Boxes2D, Hypotheses
-from pipeline.core.settings.classes import ClassPrior
-
-__all__ = ["Classify", "class_log_odds", "confusion", "vote_log_odds"]
+from lidcam.pipeline.core.arrays import F64, I32, Bools, Indices
+from lidcam.pipeline.core.association import class_distances
+from lidcam.pipeline.core.detections import Boxes2D, Hypotheses
+from lidcam.pipeline.core.settings.classes import ClassPrior
 
 ALIKE = 0.45
 """The share of votes for another class falls to 1/e with each such step of the logarithms of length, width, height."""

@@ -6,19 +6,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F32, U8, Bools, Indices
-from pipeline.core.clouds import CombinedCloud, Plane, PointCloud, Relief
-from pipeline.core.frame import SensorBundle
-from pipeline.core.geometry.pose_samples import PoseSamples
-from pipeline.core.rig import LidarSensor, Rig
-from pipeline.core.settings.combine import CombineConfig, MotionConfig
-from pipeline.filters.ground import find_ground
-from pipeline.filters.ground_kernels import COMPILED, parted
-from pipeline.filters.motion import coordinates, deskew, in_range, moved
-from pipeline.filters.outliers import statistical_inliers
-from pipeline.filters.relief import find_relief
-
-__all__ = ["Combine"]
+from lidcam.pipeline.core.arrays import F32, U8, Bools, Indices
+from lidcam.pipeline.core.clouds import CombinedCloud, Plane, PointCloud, Relief
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
+from lidcam.pipeline.core.rig import LidarSensor, Rig
+from lidcam.pipeline.core.settings.combine import CombineConfig, MotionConfig
+from lidcam.pipeline.filters.ground import find_ground
+from lidcam.pipeline.filters.ground_kernels import COMPILED, parted
+from lidcam.pipeline.filters.motion import coordinates, deskew, in_range, moved
+from lidcam.pipeline.filters.outliers import statistical_inliers
+from lidcam.pipeline.filters.relief import find_relief
 
 
 class Combine:

@@ -7,16 +7,14 @@ from itertools import product
 import cv2
 import numpy as np
 
-from pipeline.core.arrays import Indices
-from pipeline.core.detections import Boxes2D
-from pipeline.core.errors import ConfigError
-from pipeline.core.optics.images import Image
-from pipeline.core.rig import Rig
-from pipeline.core.settings.detect import Detect2DConfig
-from pipeline.detectors.protocols import Candidates2D, Detector2D
-from pipeline.detectors.riders import PERSON, RIDDEN, finds_riders_apart, join_riders
-
-__all__ = ["Detect2D", "suppress_overlaps"]
+from lidcam.pipeline.core.arrays import Indices
+from lidcam.pipeline.core.detections import Boxes2D
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.pipeline.core.optics.images import Image
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.detect import Detect2DConfig
+from lidcam.pipeline.detectors.protocols import Candidates2D, Detector2D
+from lidcam.pipeline.detectors.riders import PERSON, RIDDEN, finds_riders_apart, join_riders
 
 
 class Detect2D:

@@ -6,20 +6,18 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Boxes3D
-from pipeline.core.errors import ModelError
-from pipeline.core.frame import SensorBundle
-from pipeline.core.geometry.overlaps import without_overlaps
-from pipeline.core.geometry.rotated_iou import BoxArrays
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.engines import ENGINES
-from pipeline.detectors.boxes import likely_boxes
-from pipeline.detectors.cluster.learned import LearnedScores
-from pipeline.detectors.protocols import Candidates3D, Detector3D
-
-__all__ = ["Detect3D", "Recorded3D"]
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.geometry.overlaps import without_overlaps
+from lidcam.pipeline.core.geometry.rotated_iou import BoxArrays
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.engines import ENGINES
+from lidcam.pipeline.detectors.boxes import likely_boxes
+from lidcam.pipeline.detectors.cluster.learned import LearnedScores
+from lidcam.pipeline.detectors.protocols import Candidates3D, Detector3D
 
 
 class Detect3D:

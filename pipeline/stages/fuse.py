@@ -4,13 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, Bools, Indices
-from pipeline.core.detections import Boxes3D, Fused, Hypotheses
-from pipeline.core.geometry.overlaps import OVERLAP_SHARE, overlap_shares, without_overlaps
-from pipeline.core.settings.fuse import FuseConfig
-
-__all__ = ["Fuse"]
-
+from lidcam.pipeline.core.arrays import F32, F64, Bools, Indices
+from lidcam.pipeline.core.detections import Boxes3D, Fused, Hypotheses
+from lidcam.pipeline.core.geometry.overlaps import OVERLAP_SHARE, overlap_shares, without_overlaps
+from lidcam.pipeline.core.settings.fuse import FuseConfig
 
 HALF_SCORE_POINTS = 10.0
 """Something unknown of so many points scores 0.5, of three times as many 0.75."""

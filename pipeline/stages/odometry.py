@@ -21,14 +21,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.geometry.pose_samples import OdometryPose
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.geometry.pose_samples import OdometryPose
 
 if TYPE_CHECKING:
     from small_gicp import KdTree, PointCloud, RegistrationResult
-
-__all__ = ["FindOdometry"]
 
 UNITS_PER_EXTENT = 20
 """The extent of a cloud (median distance of its points from their middle) in units: 0.3 m on roads, 8 cm in models.

@@ -6,18 +6,16 @@ from functools import partial
 
 import numpy as np
 
-from pipeline.core.arrays import first_of_runs
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Boxes2D, Boxes3D, Source
-from pipeline.core.rig import CameraSensor, Rig
-from pipeline.core.settings.classes import ClassPrior
-from pipeline.core.settings.fuse import FuseConfig
-from pipeline.fusion.cameras.merging import merge_sightings, moments
-from pipeline.fusion.cameras.placing import Placed, Placements, SizePriors, place
-from pipeline.fusion.cameras.sightings import Noise, see
-from pipeline.fusion.found import FoundBoxes
-
-__all__ = ["Place"]
+from lidcam.pipeline.core.arrays import first_of_runs
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Source
+from lidcam.pipeline.core.rig import CameraSensor, Rig
+from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.core.settings.fuse import FuseConfig
+from lidcam.pipeline.fusion.cameras.merging import merge_sightings, moments
+from lidcam.pipeline.fusion.cameras.placing import Placed, Placements, SizePriors, place
+from lidcam.pipeline.fusion.cameras.sightings import Noise, see
+from lidcam.pipeline.fusion.found import FoundBoxes
 
 GROUND_SHARE = 0.25
 """Standard deviation of the ground's height, as a share of `combine.ground.distance_m`."""

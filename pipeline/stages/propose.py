@@ -6,21 +6,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Boxes3D, Matches, Source
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.geometry.overlaps import OVERLAP_SHARE, overlap_shares, without_overlaps
-from pipeline.core.geometry.rotated_iou import ious
-from pipeline.core.rig import Rig
-from pipeline.core.settings.classes import ClassPrior
-from pipeline.core.settings.detect import ClusterConfig
-from pipeline.detectors.cluster.fitting import BoxFitter
-from pipeline.detectors.protocols import Candidates3D
-from pipeline.fusion.cameras.placing import Placed
-from pipeline.fusion.cameras.sightings import Sightings
-from pipeline.fusion.proposals.fitted import ObjectFitter
-from pipeline.fusion.proposals.parting import (
+from lidcam.pipeline.core.arrays import F64, I64, Bools
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.detections import Boxes3D, Matches, Source
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.geometry.overlaps import OVERLAP_SHARE, overlap_shares, without_overlaps
+from lidcam.pipeline.core.geometry.rotated_iou import ious
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.core.settings.detect import ClusterConfig
+from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
+from lidcam.pipeline.detectors.protocols import Candidates3D
+from lidcam.pipeline.fusion.cameras.placing import Placed
+from lidcam.pipeline.fusion.cameras.sightings import Sightings
+from lidcam.pipeline.fusion.proposals.fitted import ObjectFitter
+from lidcam.pipeline.fusion.proposals.parting import (
     choose_parts,
     find_duplicates,
     find_enclosing,
@@ -28,8 +28,6 @@ from pipeline.fusion.proposals.parting import (
     find_partners,
     has_room,
 )
-
-__all__ = ["Propose", "Proposed"]
 
 SAME_IOU = 0.5
 """A box of the lidars and one proposed by a 2D box that overlap as much are one, matched or not."""

@@ -1,9 +1,10 @@
 """Refinement: boxes fitted to the 2D boxes of all cameras that see them.
 
 Place, heading, length and width of a matched box become what its prior and the edges of its 2D boxes say together
-(`pipeline.fusion.refining`), with the covariance of that. `measured_ns` moves towards the images as far as the place
-comes from them. A box keeps what it has where no 2D box was matched with it, where it is not in view as a whole, and
-where the fit explains the images no better than the box did, or takes it too far away. Height, z, score and class stay.
+(`lidcam.pipeline.fusion.refining`), with the covariance of that. `measured_ns` moves towards the images as far as the
+place comes from them. A box keeps what it has where no 2D box was matched with it, where it is not in view as a whole,
+and where the fit explains the images no better than the box did, or takes it too far away. Height, z, score and class
+stay.
 """
 
 from collections.abc import Mapping
@@ -11,17 +12,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.core.arrays import first_of_runs
-from pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Source
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.rig import CameraSensor, Rig
-from pipeline.core.settings.fuse import FuseConfig
-from pipeline.fusion.projection import Outline, cuboid_outline, rounded_outline
-from pipeline.fusion.refining.box_prior import box_prior
-from pipeline.fusion.refining.edges import MeasuredEdges, doubted_edges, measured_edges, moved_by_borders
-from pipeline.fusion.refining.refinement import better_turned, predicted_edges, refine_boxes, with_turned
-
-__all__ = ["Refine"]
+from lidcam.pipeline.core.arrays import first_of_runs
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Source
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.rig import CameraSensor, Rig
+from lidcam.pipeline.core.settings.fuse import FuseConfig
+from lidcam.pipeline.fusion.projection import Outline, cuboid_outline, rounded_outline
+from lidcam.pipeline.fusion.refining.box_prior import box_prior
+from lidcam.pipeline.fusion.refining.edges import MeasuredEdges, doubted_edges, measured_edges, moved_by_borders
+from lidcam.pipeline.fusion.refining.refinement import better_turned, predicted_edges, refine_boxes, with_turned
 
 
 class Refine:

@@ -10,15 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Boxes3D, Hypotheses
-from pipeline.core.settings.classes import ClassPrior
-from pipeline.core.settings.detect import Detect3DConfig
-from pipeline.core.settings.engines import ENGINES
-from pipeline.detectors.cluster.fitting import BoxFitter
-from pipeline.detectors.cluster.refitting import Refitter
-
-__all__ = ["Reshape"]
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.detections import Boxes3D, Hypotheses
+from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.core.settings.detect import Detect3DConfig
+from lidcam.pipeline.core.settings.engines import ENGINES
+from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
+from lidcam.pipeline.detectors.cluster.refitting import Refitter
 
 
 class Reshape:

@@ -1,8 +1,8 @@
 """Views: where each camera stood when it took its image, as seen from the site frame at the frame's time.
 
 The messages of one frame are measured at different times. In the time between them a rig on a vehicle moves: at 20 m/s
-and 50 ms by a metre. The clouds are moved to the frame's time (`pipeline.filters.motion`); boxes from them fit into an
-image only if the camera is placed where it was at the time of the image.
+and 50 ms by a metre. The clouds are moved to the frame's time (`lidcam.pipeline.filters.motion`); boxes from them fit
+into an image only if the camera is placed where it was at the time of the image.
 """
 
 from collections.abc import Mapping
@@ -10,13 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.core.frame import SensorBundle
-from pipeline.core.geometry.poses import interpolate_poses
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import CameraSensor, Rig
-from pipeline.core.settings.combine import MotionConfig
-
-__all__ = ["Views"]
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.geometry.poses import interpolate_poses
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import CameraSensor, Rig
+from lidcam.pipeline.core.settings.combine import MotionConfig
 
 STILL = 1e-9
 """Motion whose matrix differs from identity by less, in metres and radians, is rounding."""

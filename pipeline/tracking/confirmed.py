@@ -8,13 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.core.arrays import I64
-from pipeline.core.detections import Fused
-from pipeline.core.frame import FrameResult
-from pipeline.core.tracks import NO_TRACK
-from pipeline.fusion.belief.memory import MAX_AGE_S
-
-__all__ = ["Confirmations", "matched_rows"]
+from lidcam.pipeline.core.arrays import I64
+from lidcam.pipeline.core.detections import Fused
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.tracks import NO_TRACK
+from lidcam.pipeline.fusion.belief.memory import MAX_AGE_S
 
 
 def matched_rows(frame: FrameResult) -> dict[str, I64]:

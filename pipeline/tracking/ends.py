@@ -4,12 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Fused
-from pipeline.core.geometry.regions import points_in_footprints
-
-__all__ = ["find_ends"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.detections import Fused
+from lidcam.pipeline.core.geometry.regions import points_in_footprints
 
 AROUND_SHARE = 0.62, 0.72, 0.6
 """Points within these shares of length, width and height of the centre of a box belong to it: also what it misses."""

@@ -10,9 +10,9 @@ from typing import Self
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, Indices, Table, first_of_runs, join_rows
-from pipeline.tracking.lanes import driven_paths, lane_directions
-from pipeline.tracking.motion import (
+from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices, Table, first_of_runs, join_rows
+from lidcam.pipeline.tracking.lanes import driven_paths, lane_directions
+from lidcam.pipeline.tracking.motion import (
     HEADING,
     SPEED,
     STATE,
@@ -22,15 +22,13 @@ from pipeline.tracking.motion import (
     at_centers,
     at_rear_axles,
 )
-from pipeline.tracking.quantiles import quantiles
-from pipeline.tracking.sightings import ALIKE, FRONT_SHARE, SHARED_ERROR, FrameSightings, Sightings, measured
-from pipeline.tracking.smoothing import Cells, Courses, smoothed
-from pipeline.tracking.standing import AXIS_RAD, STANDING_S, find_parked, find_standing
-
-__all__ = ["Estimates", "Known", "Scene", "estimated", "renumbered"]
+from lidcam.pipeline.tracking.quantiles import quantiles
+from lidcam.pipeline.tracking.sightings import ALIKE, FRONT_SHARE, SHARED_ERROR, FrameSightings, Sightings, measured
+from lidcam.pipeline.tracking.smoothing import Cells, Courses, smoothed
+from lidcam.pipeline.tracking.standing import AXIS_RAD, STANDING_S, find_parked, find_standing
 
 JUMP_SHARE = 0.03
-"""As in `pipeline.tracking.online`; less, as the size of a track is settled."""
+"""As in `lidcam.pipeline.tracking.online`; less, as the size of a track is settled."""
 
 DRIVEN_SHARE = 3.0
 """What came so many lengths far shows the direction of a lane; less may be a wrong assignment."""

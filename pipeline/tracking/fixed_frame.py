@@ -7,18 +7,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.core.arrays import F64, join_rows
-from pipeline.core.detections import NO_HYPOTHESIS, Boxes3D, Fused, Source
-from pipeline.core.frame import FrameResult
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.rig import Rig, Zone
-from pipeline.core.tracks import Tracks
-from pipeline.fusion.zones import select_by_zones
-from pipeline.tracking.motion import HEADING, SPEED, TURN
-from pipeline.tracking.rows import TrackRows
-from pipeline.tracking.sightings import FrameSightings, Sightings
-
-__all__ = ["NO_TRACK_REASON", "SightingsOf", "with_tracks"]
+from lidcam.pipeline.core.arrays import F64, join_rows
+from lidcam.pipeline.core.detections import NO_HYPOTHESIS, Boxes3D, Fused, Source
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.rig import Rig, Zone
+from lidcam.pipeline.core.tracks import Tracks
+from lidcam.pipeline.fusion.zones import select_by_zones
+from lidcam.pipeline.tracking.motion import HEADING, SPEED, TURN
+from lidcam.pipeline.tracking.rows import TrackRows
+from lidcam.pipeline.tracking.sightings import FrameSightings, Sightings
 
 NO_TRACK_REASON = "part of no track that is probable enough"
 """Why an object that a frame by itself would report is left out."""

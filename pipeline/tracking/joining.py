@@ -2,14 +2,12 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Indices
-from pipeline.core.geometry.overlaps import OVERLAP_SHARE
-from pipeline.core.geometry.rotated_iou import BoxArrays, shared_ground
-from pipeline.fusion.assignment import assign
-from pipeline.tracking.estimates import Estimates
-from pipeline.tracking.motion import HEADING, SPEED, Motions, Priors, predicted
-
-__all__ = ["joined_in_place", "joined_over_gaps"]
+from lidcam.pipeline.core.arrays import F64, I64, Indices
+from lidcam.pipeline.core.geometry.overlaps import OVERLAP_SHARE
+from lidcam.pipeline.core.geometry.rotated_iou import BoxArrays, shared_ground
+from lidcam.pipeline.fusion.assignment import assign
+from lidcam.pipeline.tracking.estimates import Estimates
+from lidcam.pipeline.tracking.motion import HEADING, SPEED, Motions, Priors, predicted
 
 FARTHEST = 16.0
 """Squared Mahalanobis distance of place and velocity, halfway, up to which two tracks may be one."""

@@ -2,10 +2,8 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.tracking.motion import HEADING, SPEED, Motions
-
-__all__ = ["driven_paths", "lane_directions"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.tracking.motion import HEADING, SPEED, Motions
 
 DRIVES_PER_S = 0.5
 """What drives moves by more than this share of the length of what stands in a second; slower, it may be parking."""

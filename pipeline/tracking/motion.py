@@ -14,23 +14,8 @@ from typing import Self
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools, Table
-from pipeline.core.settings.classes import ClassPrior
-
-__all__ = [
-    "HEADING",
-    "SPEED",
-    "STATE",
-    "TURN",
-    "Motions",
-    "Priors",
-    "at_centers",
-    "at_rear_axles",
-    "expected",
-    "innovations",
-    "predicted",
-    "updated",
-]
+from lidcam.pipeline.core.arrays import F64, Bools, Table
+from lidcam.pipeline.core.settings.classes import ClassPrior
 
 STATE, HEADING, SPEED, TURN = 5, 2, 3, 4
 """Length of a state; place of the heading, the speed and the yaw rate in it."""

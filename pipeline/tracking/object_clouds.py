@@ -9,12 +9,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64
-from pipeline.core.clouds import PointCloud
-from pipeline.core.detections import Fused, Source
-from pipeline.core.tracks import NO_TRACK
-
-__all__ = ["ObjectCloud", "points_in_objects", "voxel_of"]
+from lidcam.pipeline.core.arrays import F32, F64, I64
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.detections import Fused, Source
+from lidcam.pipeline.core.tracks import NO_TRACK
 
 MARGIN = 0.1
 """Points belong to an object up to this share of its length, width and height beyond its box; half of it at each end.

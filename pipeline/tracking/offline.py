@@ -12,17 +12,16 @@ from itertools import pairwise
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, first_of_runs
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.fusion.belief.odds import logit, probability
-from pipeline.tracking.estimates import Estimates, Known, Scene, estimated, renumbered
-from pipeline.tracking.joining import joined_in_place, joined_over_gaps
-from pipeline.tracking.motion import HEADING, Priors
-from pipeline.tracking.online import OnlineTracker
-from pipeline.tracking.rows import NOT_SEEN, TrackRows
-from pipeline.tracking.sightings import FrameSightings
-
-__all__ = ["OfflineTracker"]
+from lidcam.pipeline.core.arrays import F64, I64, Bools, first_of_runs
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.detectors.log_odds import logit
+from lidcam.pipeline.fusion.belief.odds import probability
+from lidcam.pipeline.tracking.estimates import Estimates, Known, Scene, estimated, renumbered
+from lidcam.pipeline.tracking.joining import joined_in_place, joined_over_gaps
+from lidcam.pipeline.tracking.motion import HEADING, Priors
+from lidcam.pipeline.tracking.online import OnlineTracker
+from lidcam.pipeline.tracking.rows import NOT_SEEN, TrackRows
+from lidcam.pipeline.tracking.sightings import FrameSightings
 
 OVERLAP_BEYOND_GAP_S = 2.0
 """Windows overlap by the longest gap and so much more."""

@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, Indices, Table, join_rows
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.fusion.assignment import assign
-from pipeline.fusion.belief.odds import logit, probability
-from pipeline.tracking.motion import (
+from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices, Table, join_rows
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.detectors.log_odds import logit
+from lidcam.pipeline.fusion.assignment import assign
+from lidcam.pipeline.fusion.belief.odds import probability
+from lidcam.pipeline.tracking.motion import (
     HEADING,
     SPEED,
     STATE,
@@ -29,10 +30,8 @@ from pipeline.tracking.motion import (
     predicted,
     updated,
 )
-from pipeline.tracking.rows import NOT_SEEN, TrackRows
-from pipeline.tracking.sightings import FRONT_SHARE, SHARED_ERROR, FrameSightings, Sightings, measured
-
-__all__ = ["OnlineTracker"]
+from lidcam.pipeline.tracking.rows import NOT_SEEN, TrackRows
+from lidcam.pipeline.tracking.sightings import FRONT_SHARE, SHARED_ERROR, FrameSightings, Sightings, measured
 
 GATE, GATE_WEAK = 16.0, 9.0
 """Squared Mahalanobis distance in x and y up to which a sighting may belong to a track: of what the frame by itself

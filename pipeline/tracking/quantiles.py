@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64
-
-__all__ = ["quantiles"]
+from lidcam.pipeline.core.arrays import F64, I64
 
 
 def quantiles(values: F64, weights: F64, groups: I64, count: int, share: float) -> F64:

@@ -5,9 +5,7 @@ from typing import Self
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, Table
-
-__all__ = ["NOT_SEEN", "TrackRows"]
+from lidcam.pipeline.core.arrays import F64, I64, Bools, Table
 
 NOT_SEEN = -1
 """In place of a sighting, where the frame shows nothing of a track."""
@@ -19,7 +17,8 @@ class TrackRows(Table):
 
     Attributes:
         ids: (N,) int64.
-        states: (N, 5) float64, as in `pipeline.tracking.motion`, at the frame's stamp; places are those of the centres.
+        states: (N, 5) float64, as in `lidcam.pipeline.tracking.motion`, at the frame's stamp; places are those of the
+            centres.
         covariances: (N, 5, 5) float64.
         heights_m: (N,) float64, z of the centre.
         sizes: (N, 3) float64.

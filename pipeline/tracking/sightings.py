@@ -4,10 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, I64, U8, Bools, Table
-from pipeline.tracking.motion import Priors
-
-__all__ = ["ALIKE", "FRONT_SHARE", "SHARED_ERROR", "FrameSightings", "Sightings", "measured"]
+from lidcam.pipeline.core.arrays import F64, I32, I64, U8, Bools, Table
+from lidcam.pipeline.tracking.motion import Priors
 
 
 @dataclass(frozen=True, slots=True, eq=False)

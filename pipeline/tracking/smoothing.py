@@ -9,10 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, Indices, Table
-from pipeline.tracking.motion import SPEED, STATE, TURN, Motions, expected, innovations, predicted, updated
-
-__all__ = ["Cells", "Courses", "smoothed"]
+from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices, Table
+from lidcam.pipeline.tracking.motion import SPEED, STATE, TURN, Motions, expected, innovations, predicted, updated
 
 ROBUST = 9.0
 """Squared Mahalanobis distance beyond which a measurement counts less."""

@@ -2,13 +2,11 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools, first_of_runs
-from pipeline.tracking.motion import SPEED, Motions, Priors
-from pipeline.tracking.quantiles import quantiles
-from pipeline.tracking.sightings import ALIKE
-from pipeline.tracking.smoothing import Cells, Courses
-
-__all__ = ["AXIS_RAD", "STANDING_S", "find_parked", "find_standing"]
+from lidcam.pipeline.core.arrays import F64, Bools, first_of_runs
+from lidcam.pipeline.tracking.motion import SPEED, Motions, Priors
+from lidcam.pipeline.tracking.quantiles import quantiles
+from lidcam.pipeline.tracking.sightings import ALIKE
+from lidcam.pipeline.tracking.smoothing import Cells, Courses
 
 SLOW_SHARE, STANDING_S, STAYS_SHARE = 0.08, 1.0, 0.12
 """What stands: slower than this share of its length a second, for so long, and stays within this share of it."""

@@ -3,20 +3,18 @@
 from collections import deque
 from typing import Protocol
 
-from pipeline.core.arrays import I64
-from pipeline.core.detections import Fused
-from pipeline.core.frame import FrameResult
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.tracking.confirmed import Confirmations, matched_rows
-from pipeline.tracking.fixed_frame import SightingsOf, with_tracks
-from pipeline.tracking.motion import Priors
-from pipeline.tracking.offline import OfflineTracker
-from pipeline.tracking.online import OnlineTracker
-from pipeline.tracking.rows import TrackRows
-from pipeline.tracking.sightings import FrameSightings
-
-__all__ = ["ObjectTracker", "object_tracker"]
+from lidcam.pipeline.core.arrays import I64
+from lidcam.pipeline.core.detections import Fused
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.tracking.confirmed import Confirmations, matched_rows
+from lidcam.pipeline.tracking.fixed_frame import SightingsOf, with_tracks
+from lidcam.pipeline.tracking.motion import Priors
+from lidcam.pipeline.tracking.offline import OfflineTracker
+from lidcam.pipeline.tracking.online import OnlineTracker
+from lidcam.pipeline.tracking.rows import TrackRows
+from lidcam.pipeline.tracking.sightings import FrameSightings
 
 
 class Tracker(Protocol):

@@ -13,17 +13,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import I64
-from pipeline.core.errors import RecordingError, is_short_memory
-from pipeline.core.messages import Channel, RawMessage
-from readers.files.container import Container, read_exactly
-from readers.files.damage import LIBRARY_ERRORS
-from readers.files.decompress import check_file_size, decompressed
-from readers.files.passes import JUMP_NS, pass_starts
-from readers.location import RemotePath
-from readers.messages.header_stamp import stamp_or_log_time
-
-__all__ = ["ChunkCache", "ChunkPlace", "ChunkedFile", "Entry", "detach"]
+from lidcam.pipeline.core.arrays import I64
+from lidcam.pipeline.core.errors import RecordingError, is_short_memory
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.readers.files.container import Container, read_exactly
+from lidcam.readers.files.damage import LIBRARY_ERRORS
+from lidcam.readers.files.decompress import check_file_size, decompressed
+from lidcam.readers.files.passes import JUMP_NS, pass_starts
+from lidcam.readers.location import RemotePath
+from lidcam.readers.messages.header_stamp import stamp_or_log_time
 
 CACHE_BYTES = 64 << 20
 

@@ -4,13 +4,11 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import BinaryIO
 
-from pipeline.core.errors import RecordingError
-from readers.files.damage import Losses
-from readers.files.rosbag2_folder import FolderMetadata
-from readers.location import Location
-from readers.recording import Loss, ReadOptions
-
-__all__ = ["Container", "Source", "read_exactly"]
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.readers.files.damage import Losses
+from lidcam.readers.files.rosbag2_folder import FolderMetadata
+from lidcam.readers.location import Location
+from lidcam.readers.recording import Loss, ReadOptions
 
 LARGE_BYTES = 1 << 20
 

@@ -10,13 +10,11 @@ from typing import BinaryIO
 
 import zstandard
 
-from pipeline.core.errors import RecordingError
-from pipeline.core.settings.recording import LimitsConfig
-from readers.files.damage import Losses
-from readers.files.sqlite.pages import count_pages, unapplied
-from readers.files.temporary import temporary_folder
-
-__all__ = ["completed", "unpacked", "whole_pages"]
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.readers.files.damage import Losses
+from lidcam.readers.files.sqlite.pages import count_pages, unapplied
+from lidcam.readers.files.temporary import temporary_folder
 
 PIECE = 1 << 20
 DISK_RESERVE = 1 << 28

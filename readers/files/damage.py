@@ -18,12 +18,10 @@ import zstandard
 from mcap.exceptions import McapError
 from rosbags.rosbag1 import ReaderError
 
-from pipeline.core.errors import LidcamError, RecordingError, is_short_memory, short_memory_told
-from pipeline.core.text import one_line
-from readers.location import Location
-from readers.recording import DEFAULT_READ_OPTIONS, Loss, ReadOptions
-
-__all__ = ["LIBRARY_ERRORS", "DamageError", "DamageGuard", "Losses", "library_errors"]
+from lidcam.pipeline.core.errors import LidcamError, RecordingError, is_short_memory, short_memory_told
+from lidcam.pipeline.core.text import one_line
+from lidcam.readers.location import Location
+from lidcam.readers.recording import DEFAULT_READ_OPTIONS, Loss, ReadOptions
 
 LIBRARY_ERRORS: tuple[type[Exception], ...] = (
     ReaderError,

@@ -6,19 +6,9 @@ from typing import BinaryIO, NamedTuple
 import zstandard
 from lz4.frame import LZ4FrameDecompressor
 
-from pipeline.core.errors import RecordingError
-from pipeline.core.settings.recording import LimitsConfig
-from readers.location import Location
-
-__all__ = [
-    "Unpacked",
-    "check_chunk_size",
-    "check_complete",
-    "check_file_size",
-    "compression_of",
-    "decompressed",
-    "unpack",
-]
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.readers.location import Location
 
 PIECE = 1 << 22
 MAX_AT_ONCE = 1 << 22

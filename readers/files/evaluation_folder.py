@@ -12,14 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.errors import RecordingError, is_short_memory
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.ros.messages import ROS2
-from pipeline.core.settings.recording import LimitsConfig
-from pipeline.core.text import one_line
-from readers.recording import Loss, RosVersion, TopicInfo
-
-__all__ = ["CAMERAS", "CLOUD_TOPIC", "START_NS", "STEP_NS", "EvaluationFolder", "is_evaluation_folder"]
+from lidcam.pipeline.core.errors import RecordingError, is_short_memory
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.ros.messages import ROS2
+from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.core.text import one_line
+from lidcam.readers.recording import Loss, RosVersion, TopicInfo
 
 START_NS = 1_000_000_000 * 10**9
 """Stamp of frame 0: a round number, so that nobody takes it for a time of measurement."""

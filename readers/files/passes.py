@@ -9,9 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.core.arrays import I64, Bools
-
-__all__ = ["JUMP_NS", "pass_starts"]
+from lidcam.pipeline.core.arrays import I64, Bools
 
 JUMP_NS = 1_000_000_000
 """Log times of a topic that go back by more than this are no disorder."""

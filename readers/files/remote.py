@@ -15,11 +15,9 @@ from functools import partial
 from tempfile import TemporaryFile
 from typing import Any, BinaryIO, TypeVar, cast
 
-from pipeline.core.errors import RecordingError, is_short_memory
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from readers.location import RemotePath
-
-__all__ = ["REMEDY", "RemoteFile", "file_system", "meaning_of", "open_remote", "warn_of_full_read"]
+from lidcam.pipeline.core.errors import RecordingError, is_short_memory
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.readers.location import RemotePath
 
 logger = logging.getLogger(__name__)
 

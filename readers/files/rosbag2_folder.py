@@ -8,12 +8,10 @@ from typing import Any
 
 import yaml
 
-from pipeline.core.errors import RecordingError
-from pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
-from pipeline.core.text import one_line
-from readers.natural_order import natural_key
-
-__all__ = ["FolderMetadata", "contradiction", "folder_metadata", "recording_files", "unlisted_files"]
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
+from lidcam.pipeline.core.text import one_line
+from lidcam.readers.natural_order import natural_key
 
 METADATA = "metadata.yaml"
 STORAGE_SUFFIXES = (".db3", ".mcap")

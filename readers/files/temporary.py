@@ -17,9 +17,7 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
-from pipeline.core.ending import undone_at_once
-
-__all__ = ["PREFIX", "remove_abandoned", "temporary_folder"]
+from lidcam.pipeline.core.ending import undone_at_once
 
 PREFIX = "lidcam-unpacked-"
 _OURS = re.compile(rf"{PREFIX}[a-z0-9_]{{8}}")

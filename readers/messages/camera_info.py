@@ -13,14 +13,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import F64
-from pipeline.core.camera import CameraModel, DistortionModel
-from pipeline.core.errors import CalibrationError
-from pipeline.core.geometry.transform import Transform, rotation_fault
-from pipeline.core.text import one_line
-from readers.messages.tf import clean_frame
-
-__all__ = ["DISTORTION_MODELS", "camera_model", "distortion_model", "rectified_camera_model"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.camera import CameraModel, DistortionModel
+from lidcam.pipeline.core.errors import CalibrationError
+from lidcam.pipeline.core.geometry.transform import Transform, rotation_fault
+from lidcam.pipeline.core.text import one_line
+from lidcam.readers.messages.tf import clean_frame
 
 DISTORTION_MODELS: dict[str, DistortionModel] = {
     "plumb_bob": "plumb_bob",

@@ -6,8 +6,6 @@ four-byte encapsulation whose second byte says which end comes first (OMG formal
 
 import struct
 
-__all__ = ["Cursor"]
-
 _UINT32 = {"<": struct.Struct("<I"), ">": struct.Struct(">I")}
 _ENCAPSULATION_BYTES = 4
 

@@ -17,15 +17,13 @@ from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from pipeline.core.errors import MessageError, is_short_memory
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.ros.typestores import known_type, known_types
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from pipeline.core.text import one_line
-from readers.messages.boundary.size_limits import count_items, size_fault
-from readers.messages.registry import TYPES
-
-__all__ = ["definition_problem", "deserialize", "deserialize_as", "type_parts", "typestore_for"]
+from lidcam.pipeline.core.errors import MessageError, is_short_memory
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.ros.typestores import known_type, known_types
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.text import one_line
+from lidcam.readers.messages.boundary.size_limits import count_items, size_fault
+from lidcam.readers.messages.registry import TYPES
 
 # rosbag2 joins the IDL texts of a type and its dependencies under such headings.
 IDL_HEADING = re.compile(r"^={80}\nIDL: .*\n", re.MULTILINE)

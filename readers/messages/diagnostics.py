@@ -2,12 +2,10 @@
 
 from collections.abc import Mapping
 
-from pipeline.core.messages import RawMessage
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from readers.messages.boundary.decoding import decoder
-from readers.messages.deserialize import deserialize_as
-
-__all__ = ["DIAGNOSTICS", "decode_diagnostics"]
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.deserialize import deserialize_as
 
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 

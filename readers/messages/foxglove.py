@@ -13,15 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.arrays import F64, U8
-from pipeline.core.errors import MessageError, is_short_memory
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.ros.messages import POINT_FIELD_DATATYPES, ROS2
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from pipeline.core.text import one_line
-
-__all__ = ["ROS_TYPES", "ros_channel", "to_ros"]
+from lidcam.pipeline.core.arrays import F64, U8
+from lidcam.pipeline.core.errors import MessageError, is_short_memory
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.ros.messages import POINT_FIELD_DATATYPES, ROS2
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.text import one_line
 
 Fields = dict[str, Any]
 

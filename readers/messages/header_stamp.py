@@ -5,11 +5,9 @@ from functools import lru_cache
 
 from rosbags.interfaces import Nodetype
 
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import Channel
-from readers.messages.deserialize import typestore_for
-
-__all__ = ["stamp_or_log_time"]
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import Channel
+from lidcam.readers.messages.deserialize import typestore_for
 
 HEADER = "std_msgs/msg/Header"
 TIMESTAMP = "timestamp", "builtin_interfaces/msg/Time"

@@ -4,15 +4,15 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.arrays import U8
-from pipeline.core.errors import MessageError, is_short_memory
-from pipeline.core.messages import RawMessage
-from pipeline.core.optics.images import Image
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from pipeline.core.text import one_line
-from readers.messages.boundary.decoding import decoder
-from readers.messages.deserialize import deserialize_as
-from readers.messages.image_encodings import (
+from lidcam.pipeline.core.arrays import U8
+from lidcam.pipeline.core.errors import MessageError, is_short_memory
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.optics.images import Image
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.text import one_line
+from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.deserialize import deserialize_as
+from lidcam.readers.messages.image_encodings import (
     PACKED,
     PLANAR,
     PackedEncoding,
@@ -21,11 +21,9 @@ from readers.messages.image_encodings import (
     planar_rows,
     planar_to_rgb,
 )
-from readers.messages.image_header import KINDS, image_size
-from readers.messages.registry import decode_as
-from readers.messages.tf import clean_frame
-
-__all__ = ["COMPRESSED_IMAGE", "RAW_IMAGE", "decode_any_image", "decode_compressed_image", "decode_image"]
+from lidcam.readers.messages.image_header import KINDS, image_size
+from lidcam.readers.messages.registry import decode_as
+from lidcam.readers.messages.tf import clean_frame
 
 RAW_IMAGE, COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 

@@ -18,11 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import U8
-from pipeline.core.errors import MessageError
-from pipeline.core.settings.recording import LimitsConfig
-
-__all__ = ["PACKED", "PLANAR", "PackedEncoding", "check_pixels", "packed_to_rgb", "planar_rows", "planar_to_rgb"]
+from lidcam.pipeline.core.arrays import U8
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.settings.recording import LimitsConfig
 
 
 class PackedEncoding(NamedTuple):

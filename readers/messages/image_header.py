@@ -13,8 +13,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:  # Pillow is imported when a picture is looked at, and of its formats only those that come
     from PIL.ImageFile import ImageFile
 
-__all__ = ["KINDS", "image_size"]
-
 KINDS = "JPEG, PNG, WebP, AVIF, TIFF or BMP"
 
 MAX_SCANS = 100

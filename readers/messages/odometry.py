@@ -1,14 +1,12 @@
 """Decodes nav_msgs/Odometry."""
 
-from pipeline.core.errors import FrameError, MessageError
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.messages import RawMessage
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from readers.messages.boundary.decoding import decoder
-from readers.messages.deserialize import deserialize_as
-from readers.messages.tf import clean_frame
-
-__all__ = ["ODOMETRY", "decode_odometry"]
+from lidcam.pipeline.core.errors import FrameError, MessageError
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.deserialize import deserialize_as
+from lidcam.readers.messages.tf import clean_frame
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 

@@ -27,9 +27,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from pipeline.core.arrays import I32, Array
-
-__all__ = ["MAX_OFFSET_NS", "TIME_FIELDS", "point_time_offsets"]
+from lidcam.pipeline.core.arrays import I32, Array
 
 logger = logging.getLogger(__name__)
 

@@ -9,18 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.arrays import F32, U16, Array, Bools
-from pipeline.core.clouds import PointCloud
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import RawMessage
-from pipeline.core.ros.messages import POINT_FIELD_DATATYPES
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from readers.messages.boundary.decoding import decoder
-from readers.messages.deserialize import deserialize_as
-from readers.messages.point_time import TIME_FIELDS, point_time_offsets
-from readers.messages.tf import clean_frame
-
-__all__ = ["INTENSITY_FIELDS", "RING_FIELDS", "decode_pointcloud2"]
+from lidcam.pipeline.core.arrays import F32, U16, Array, Bools
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.ros.messages import POINT_FIELD_DATATYPES
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.deserialize import deserialize_as
+from lidcam.readers.messages.point_time import TIME_FIELDS, point_time_offsets
+from lidcam.readers.messages.tf import clean_frame
 
 INTENSITY_FIELDS = (
     "intensity",

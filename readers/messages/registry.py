@@ -6,10 +6,8 @@ A decoder is imported when its first message comes.
 from importlib import import_module
 from typing import Any, Literal, NamedTuple
 
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import RawMessage
-
-__all__ = ["TYPES", "Kind", "MessageType", "decode_as", "types_of"]
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import RawMessage
 
 Kind = Literal[
     "cloud", "image", "camera info", "2D boxes", "3D boxes", "odometry", "transforms", "diagnostics", "tracks"
@@ -29,32 +27,32 @@ class MessageType(NamedTuple):
 
 
 TYPES: dict[str, MessageType] = {
-    "sensor_msgs/msg/PointCloud2": MessageType("cloud", "readers.messages.pointcloud2:decode_pointcloud2"),
-    "velodyne_msgs/msg/VelodyneScan": MessageType("cloud", "readers.velodyne.scan"),
-    "sensor_msgs/msg/Image": MessageType("image", "readers.messages.image:decode_image"),
-    "sensor_msgs/msg/CompressedImage": MessageType("image", "readers.messages.image:decode_compressed_image"),
-    "foxglove_msgs/msg/CompressedVideo": MessageType("image", "readers.video.packets"),
-    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": MessageType("image", "readers.video.packets"),
-    "sensor_msgs/msg/CameraInfo": MessageType("camera info", "readers.messages.camera_info"),
+    "sensor_msgs/msg/PointCloud2": MessageType("cloud", "lidcam.readers.messages.pointcloud2:decode_pointcloud2"),
+    "velodyne_msgs/msg/VelodyneScan": MessageType("cloud", "lidcam.readers.velodyne.scan"),
+    "sensor_msgs/msg/Image": MessageType("image", "lidcam.readers.messages.image:decode_image"),
+    "sensor_msgs/msg/CompressedImage": MessageType("image", "lidcam.readers.messages.image:decode_compressed_image"),
+    "foxglove_msgs/msg/CompressedVideo": MessageType("image", "lidcam.readers.video.packets"),
+    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": MessageType("image", "lidcam.readers.video.packets"),
+    "sensor_msgs/msg/CameraInfo": MessageType("camera info", "lidcam.readers.messages.camera_info"),
     "vision_msgs/msg/Detection2DArray": MessageType(
-        "2D boxes", "readers.messages.vision.detections2d:decode_detections2d"
+        "2D boxes", "lidcam.readers.messages.vision.detections2d:decode_detections2d"
     ),
     "vision_msgs/msg/Detection3DArray": MessageType(
-        "3D boxes", "readers.messages.vision.detections3d:decode_detected_boxes"
+        "3D boxes", "lidcam.readers.messages.vision.detections3d:decode_detected_boxes"
     ),
     "autoware_perception_msgs/msg/DetectedObjects": MessageType(
-        "3D boxes", "readers.messages.objects.autoware:decode_detected_objects"
+        "3D boxes", "lidcam.readers.messages.objects.autoware:decode_detected_objects"
     ),
     "autoware_auto_perception_msgs/msg/DetectedObjects": MessageType(
-        "3D boxes", "readers.messages.objects.autoware:decode_detected_objects"
+        "3D boxes", "lidcam.readers.messages.objects.autoware:decode_detected_objects"
     ),
-    "nav_msgs/msg/Odometry": MessageType("odometry", "readers.messages.odometry:decode_odometry"),
-    "tf/msg/tfMessage": MessageType("transforms", "readers.messages.tf:decode_transforms"),
-    "tf2_msgs/msg/TFMessage": MessageType("transforms", "readers.messages.tf:decode_transforms"),
+    "nav_msgs/msg/Odometry": MessageType("odometry", "lidcam.readers.messages.odometry:decode_odometry"),
+    "tf/msg/tfMessage": MessageType("transforms", "lidcam.readers.messages.tf:decode_transforms"),
+    "tf2_msgs/msg/TFMessage": MessageType("transforms", "lidcam.readers.messages.tf:decode_transforms"),
     "diagnostic_msgs/msg/DiagnosticArray": MessageType(
-        "diagnostics", "readers.messages.diagnostics:decode_diagnostics"
+        "diagnostics", "lidcam.readers.messages.diagnostics:decode_diagnostics"
     ),
-    "lidcam_msgs/msg/TrackArray": MessageType("tracks", "readers.messages.objects.tracks:decode_tracks"),
+    "lidcam_msgs/msg/TrackArray": MessageType("tracks", "lidcam.readers.messages.objects.tracks:decode_tracks"),
 }
 """By name as rosbags writes it. Decoders of one kind take and return the same: a cloud's as `decode_pointcloud2`, an
 image's as `decode_image`, one of 3D boxes as `decode_detected_objects`."""

@@ -16,17 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.errors import CalibrationError, FrameError, MessageError
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.geometry.transform_tree import TransformTree
-from pipeline.core.messages import Drop, RawMessage
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from readers.messages.boundary.decoding import decoder
-from readers.messages.deserialize import deserialize_as
-from readers.messages.registry import types_of
-from readers.recording import Recording
-
-__all__ = ["TF_TYPES", "RecordedTransforms", "clean_frame", "decode_transforms", "read_transforms", "tf_topics"]
+from lidcam.pipeline.core.errors import CalibrationError, FrameError, MessageError
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.geometry.transform_tree import TransformTree
+from lidcam.pipeline.core.messages import Drop, RawMessage
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.deserialize import deserialize_as
+from lidcam.readers.messages.registry import types_of
+from lidcam.readers.recording import Recording
 
 TF_TYPES = types_of("transforms")
 

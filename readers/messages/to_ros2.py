@@ -18,17 +18,15 @@ from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.ros.messages import ROS2
-from pipeline.core.ros.typestores import known_type
-from pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER, COUNT_NUMBERS, count_of
-from pipeline.core.settings.classes import ClassPrior
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from readers.messages.boundary.decoding import decoder
-from readers.messages.deserialize import deserialize, type_parts, typestore_for
-
-__all__ = ["class_name_of_number", "name_of_number", "to_ros2"]
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.ros.messages import ROS2
+from lidcam.pipeline.core.ros.typestores import known_type
+from lidcam.pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER, COUNT_NUMBERS, count_of
+from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.deserialize import deserialize, type_parts, typestore_for
 
 HEADER = "std_msgs/msg/Header"
 

@@ -8,18 +8,16 @@ import numpy as np
 import yaml
 from pydantic import ValidationError
 
-from pipeline.core.arrays import F64
-from pipeline.core.camera import CameraModel
-from pipeline.core.errors import CalibrationError, RecordingError
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import CameraSensor, LidarSensor, Rig
-from pipeline.core.settings.bounded_yaml import parse_yaml
-from pipeline.core.settings.config import Config
-from readers.results.attached_records import ACCOUNT, CONFIG, RIG
-from readers.rig.schema import CameraEntry, LidarEntry, parse_rig
-from readers.rig.search import zones_of
-
-__all__ = ["attached_account", "attached_config", "attached_rig"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.camera import CameraModel
+from lidcam.pipeline.core.errors import CalibrationError, RecordingError
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from lidcam.pipeline.core.settings.bounded_yaml import parse_yaml
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.results.attached_records import ACCOUNT, CONFIG, RIG
+from lidcam.readers.rig.schema import CameraEntry, LidarEntry, parse_rig
+from lidcam.readers.rig.search import zones_of
 
 MAX_ROUNDS = 20
 """Times that settings are judged anew after those that do not fit were left out."""

@@ -9,10 +9,8 @@ from mcap.reader import SeekingReader
 from mcap.records import Attachment, Chunk, McapRecord, Metadata
 from mcap.stream_reader import StreamReader
 
-from pipeline.core.errors import RecordingError
-from readers.files.damage import DamageGuard, library_errors
-
-__all__ = ["ACCOUNT", "CONFIG", "RIG", "AttachedRecords", "is_result", "read_records"]
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.readers.files.damage import DamageGuard, library_errors
 
 RESULT = "lidcam"
 """Name of the metadata record of a result."""

@@ -12,26 +12,24 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.detections import Boxes2D, Boxes3D
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import RawMessage
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import UNKNOWN_CLASS, Config
-from pipeline.core.settings.load import load_config
-from pipeline.core.settings.recording import LimitsConfig
-from pipeline.evaluation.evaluation_frame import SOURCES, UNKNOWN, FrameSync, Motion, SourceBoxes
-from readers.messages.diagnostics import decode_diagnostics
-from readers.messages.objects.tracks import TRACKS, decode_tracks
-from readers.messages.vision.detections2d import DETECTIONS_2D, decode_detections2d
-from readers.messages.vision.detections3d import DETECTIONS_3D, Detections3D, decode_detections3d
-from readers.messages.vision.track_ids import track_ids
-from readers.notes import Notes
-from readers.open import open_recording
-from readers.recording import DEFAULT_READ_OPTIONS, Closing, ReadOptions, Recording
-from readers.results.attached import attached_account, attached_config, attached_rig
-from readers.results.attached_records import ACCOUNT, CONFIG, RIG, read_records
-
-__all__ = ["RESULT_TOPICS", "Result", "ResultFrame", "open_result"]
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import UNKNOWN_CLASS, Config
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.evaluation.evaluation_frame import SOURCES, UNKNOWN, FrameSync, Motion, SourceBoxes
+from lidcam.readers.messages.diagnostics import decode_diagnostics
+from lidcam.readers.messages.objects.tracks import TRACKS, decode_tracks
+from lidcam.readers.messages.vision.detections2d import DETECTIONS_2D, decode_detections2d
+from lidcam.readers.messages.vision.detections3d import DETECTIONS_3D, Detections3D, decode_detections3d
+from lidcam.readers.messages.vision.track_ids import track_ids
+from lidcam.readers.notes import Notes
+from lidcam.readers.open import open_recording
+from lidcam.readers.recording import DEFAULT_READ_OPTIONS, Closing, ReadOptions, Recording
+from lidcam.readers.results.attached import attached_account, attached_config, attached_rig
+from lidcam.readers.results.attached_records import ACCOUNT, CONFIG, RIG, read_records
 
 SOURCE_TOPICS = {source: f"/{source}/detections" for source in SOURCES}
 """Topics of 3D boxes by source."""

@@ -9,12 +9,10 @@ topic is left is left out.
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import NamedTuple, TypeVar
 
-from readers.recording import Recording
-from readers.rig.schema import CameraEntry, LidarEntry
-from readers.rig.sensor_topics import BOXES, CLOUD, IMAGE, CameraTopics, Findings, readable_topics
-from readers.rig.topic_names import place, sensor_names, transport_free
-
-__all__ = ["AssignedCamera", "AssignedLidar", "assign_cameras", "assign_lidars"]
+from lidcam.readers.recording import Recording
+from lidcam.readers.rig.schema import CameraEntry, LidarEntry
+from lidcam.readers.rig.sensor_topics import BOXES, CLOUD, IMAGE, CameraTopics, Findings, readable_topics
+from lidcam.readers.rig.topic_names import place, sensor_names, transport_free
 
 E = TypeVar("E", LidarEntry, CameraEntry)
 

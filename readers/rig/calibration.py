@@ -6,32 +6,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.camera import CameraModel
-from pipeline.core.errors import CalibrationError, FrameError
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import CameraSensor, LidarSensor
-from readers.messages.camera_info import camera_model, distortion_model, rectified_camera_model
-from readers.messages.tf import RecordedTransforms, clean_frame
-from readers.rig.assignment import AssignedCamera, AssignedLidar
-from readers.rig.extrinsics import decompose_projection, rigid_transform
-from readers.rig.first_messages import FirstMessages
-from readers.rig.schema import POSE, CameraEntry, LidarEntry
-from readers.rig.sensor_topics import BOXES, CAMERA_INFO, CLOUD, IMAGE, CameraTopics
-from readers.rig.topic_names import is_rectified, transport_free
-
-__all__ = [
-    "OWN_SITE",
-    "Frames",
-    "Lens",
-    "SensorSource",
-    "calibrate_camera",
-    "calibrate_lidar",
-    "camera_extrinsics",
-    "camera_frame",
-    "camera_intrinsics",
-    "check_complete",
-    "recorded_size",
-]
+from lidcam.pipeline.core.camera import CameraModel
+from lidcam.pipeline.core.errors import CalibrationError, FrameError
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import CameraSensor, LidarSensor
+from lidcam.readers.messages.camera_info import camera_model, distortion_model, rectified_camera_model
+from lidcam.readers.messages.tf import RecordedTransforms, clean_frame
+from lidcam.readers.rig.assignment import AssignedCamera, AssignedLidar
+from lidcam.readers.rig.extrinsics import decompose_projection, rigid_transform
+from lidcam.readers.rig.first_messages import FirstMessages
+from lidcam.readers.rig.schema import POSE, CameraEntry, LidarEntry
+from lidcam.readers.rig.sensor_topics import BOXES, CAMERA_INFO, CLOUD, IMAGE, CameraTopics
+from lidcam.readers.rig.topic_names import is_rectified, transport_free
 
 OWN_SITE = "its frame is the site frame"
 """Source of the pose of a lidar that has the site frame."""

@@ -4,22 +4,20 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from itertools import count, pairwise
 
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import RecordedDetector, Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.recording import TopicsConfig
-from pipeline.evaluation.evaluation_frame import SOURCES
-from readers.messages.registry import types_of
-from readers.messages.tf import RecordedTransforms, clean_frame
-from readers.messages.vision.detections3d import DETECTIONS_3D
-from readers.recording import Recording, TopicInfo
-from readers.rig.calibration import OWN_SITE, SensorSource
-from readers.rig.first_messages import FirstMessages
-from readers.rig.sensor_topics import Findings, configured_topics, topics_with_messages
-from readers.rig.topic_names import is_truth
-from readers.streams.motion import find_motion_source
-
-__all__ = ["BOXES_3D", "OWN_BOXES", "boxes_frame", "calibrated_detectors", "find_detector_topics", "usable_boxes"]
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import RecordedDetector, Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.recording import TopicsConfig
+from lidcam.pipeline.evaluation.evaluation_frame import SOURCES
+from lidcam.readers.messages.registry import types_of
+from lidcam.readers.messages.tf import RecordedTransforms, clean_frame
+from lidcam.readers.messages.vision.detections3d import DETECTIONS_3D
+from lidcam.readers.recording import Recording, TopicInfo
+from lidcam.readers.rig.calibration import OWN_SITE, SensorSource
+from lidcam.readers.rig.first_messages import FirstMessages
+from lidcam.readers.rig.sensor_topics import Findings, configured_topics, topics_with_messages
+from lidcam.readers.rig.topic_names import is_truth
+from lidcam.readers.streams.motion import find_motion_source
 
 BOXES_3D = types_of("3D boxes")
 

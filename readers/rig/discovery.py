@@ -3,19 +3,17 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from pipeline.core.errors import CalibrationError, LidcamError
-from pipeline.core.rig import CameraSensor, LidarSensor, Rig
-from pipeline.core.settings.config import Config
-from readers.messages.tf import RecordedTransforms
-from readers.recording import Recording
-from readers.rig.assignment import AssignedCamera, AssignedLidar
-from readers.rig.calibration import OWN_SITE, Frames, SensorSource, calibrate_camera, calibrate_lidar
-from readers.rig.detectors import calibrated_detectors
-from readers.rig.schema import RigFile
-from readers.rig.search import FoundSensors, find_sensors
-from readers.rig.sensor_topics import Findings, SensorFault
-
-__all__ = ["Discovery", "calibrated_rig", "discover_rig", "parents_first"]
+from lidcam.pipeline.core.errors import CalibrationError, LidcamError
+from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.messages.tf import RecordedTransforms
+from lidcam.readers.recording import Recording
+from lidcam.readers.rig.assignment import AssignedCamera, AssignedLidar
+from lidcam.readers.rig.calibration import OWN_SITE, Frames, SensorSource, calibrate_camera, calibrate_lidar
+from lidcam.readers.rig.detectors import calibrated_detectors
+from lidcam.readers.rig.schema import RigFile
+from lidcam.readers.rig.search import FoundSensors, find_sensors
+from lidcam.readers.rig.sensor_topics import Findings, SensorFault
 
 Assigned = AssignedLidar | AssignedCamera
 

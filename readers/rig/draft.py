@@ -3,11 +3,11 @@
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
-from pipeline.core.errors import LidcamError
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import Zone
-from readers.rig.assignment import AssignedCamera, AssignedLidar
-from readers.rig.calibration import (
+from lidcam.pipeline.core.errors import LidcamError
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import Zone
+from lidcam.readers.rig.assignment import AssignedCamera, AssignedLidar
+from lidcam.readers.rig.calibration import (
     Frames,
     Lens,
     calibrate_lidar,
@@ -17,14 +17,12 @@ from readers.rig.calibration import (
     check_complete,
     recorded_size,
 )
-from readers.rig.discovery import calibrated_rig, parents_first
-from readers.rig.first_messages import FirstMessages
-from readers.rig.rig_file import RIG_HEADER, Row, dumped, matrix_rows, time_offset, truth_tree, zone_tree
-from readers.rig.schema import TODO
-from readers.rig.search import FoundSensors
-from readers.rig.sensor_topics import CLOUD
-
-__all__ = ["draft_yaml"]
+from lidcam.readers.rig.discovery import calibrated_rig, parents_first
+from lidcam.readers.rig.first_messages import FirstMessages
+from lidcam.readers.rig.rig_file import RIG_HEADER, Row, dumped, matrix_rows, time_offset, truth_tree, zone_tree
+from lidcam.readers.rig.schema import TODO
+from lidcam.readers.rig.search import FoundSensors
+from lidcam.readers.rig.sensor_topics import CLOUD
 
 T = TypeVar("T")
 

@@ -3,12 +3,9 @@
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import F64
-from pipeline.core.errors import CalibrationError
-from pipeline.core.geometry.transform import Transform, rotation_fault
-
-__all__ = ["decompose_projection", "rigid_transform"]
-
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.errors import CalibrationError
+from lidcam.pipeline.core.geometry.transform import Transform, rotation_fault
 
 ROUNDED = 1e-6
 """A rotation further from orthonormal was rounded in its file: the nearest rotation replaces it."""

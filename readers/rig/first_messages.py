@@ -3,21 +3,19 @@
 from collections.abc import Collection
 from typing import Any, NamedTuple
 
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import RawMessage
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig, VelodyneConfig
-from readers.messages.boundary.decoding import decoder
-from readers.messages.deserialize import deserialize
-from readers.messages.image import COMPRESSED_IMAGE
-from readers.messages.image_header import image_size
-from readers.messages.tf import clean_frame
-from readers.recording import Recording
-from readers.velodyne.decoder import VelodyneDecoders
-from readers.velodyne.scan import SCAN
-from readers.video.packets import VIDEO, read_packet
-from readers.video.streams import first_image_size
-
-__all__ = ["FirstMessages"]
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig, VelodyneConfig
+from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.deserialize import deserialize
+from lidcam.readers.messages.image import COMPRESSED_IMAGE
+from lidcam.readers.messages.image_header import image_size
+from lidcam.readers.messages.tf import clean_frame
+from lidcam.readers.recording import Recording
+from lidcam.readers.velodyne.decoder import VelodyneDecoders
+from lidcam.readers.velodyne.scan import SCAN
+from lidcam.readers.video.packets import VIDEO, read_packet
+from lidcam.readers.video.streams import first_image_size
 
 TRIES = 20
 """Messages that are tried per topic: a recording may begin with a few damaged ones."""

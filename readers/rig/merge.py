@@ -8,15 +8,13 @@ from collections.abc import Mapping, Sequence
 from functools import reduce
 from typing import Any
 
-from pipeline.core.errors import CalibrationError
-from pipeline.core.settings.validation import checked
-from readers.messages.tf import clean_frame
-from readers.rig.extrinsics import decompose_projection
-from readers.rig.importers.matrices import flat
-from readers.rig.schema import POSE, RigFile
-from readers.rig.topic_names import transport_free
-
-__all__ = ["merge_rigs"]
+from lidcam.pipeline.core.errors import CalibrationError
+from lidcam.pipeline.core.settings.validation import checked
+from lidcam.readers.messages.tf import clean_frame
+from lidcam.readers.rig.extrinsics import decompose_projection
+from lidcam.readers.rig.importers.matrices import flat
+from lidcam.readers.rig.schema import POSE, RigFile
+from lidcam.readers.rig.topic_names import transport_free
 
 Entry = dict[str, Any]
 

@@ -6,24 +6,12 @@ from typing import Any
 
 import yaml
 
-from pipeline.core.arrays import F64
-from pipeline.core.errors import CalibrationError
-from pipeline.core.rig import Rig, TruthVehicle, Zone
-from pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, yaml_mapping
-from pipeline.core.small_files import read_small_text
-from readers.rig.schema import RigFile, parse_rig
-
-__all__ = [
-    "RIG_HEADER",
-    "Row",
-    "dumped",
-    "load_rig",
-    "matrix_rows",
-    "rig_yaml",
-    "time_offset",
-    "truth_tree",
-    "zone_tree",
-]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.errors import CalibrationError
+from lidcam.pipeline.core.rig import Rig, TruthVehicle, Zone
+from lidcam.pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, yaml_mapping
+from lidcam.pipeline.core.small_files import read_small_text
+from lidcam.readers.rig.schema import RigFile, parse_rig
 
 
 def load_rig(path: str | Path) -> RigFile:
@@ -37,10 +25,10 @@ def load_rig(path: str | Path) -> RigFile:
         ConfigError: the file is not a YAML mapping.
     """
     # Most runs have no rig file.
-    from readers.rig.importers.autoware import import_autoware
-    from readers.rig.importers.kalibr import import_kalibr
-    from readers.rig.importers.kitti import import_kitti
-    from readers.rig.importers.predecessor import import_calib_txt, import_geometry
+    from lidcam.readers.rig.importers.autoware import import_autoware
+    from lidcam.readers.rig.importers.kalibr import import_kalibr
+    from lidcam.readers.rig.importers.kitti import import_kitti
+    from lidcam.readers.rig.importers.predecessor import import_calib_txt, import_geometry
 
     path = Path(path)
     text = read_small_text(path, MAX_YAML_BYTES, "a rig file", CalibrationError)

@@ -13,14 +13,12 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from pipeline.core.arrays import F64
-from pipeline.core.errors import CalibrationError
-from pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy
-from pipeline.core.rig import TruthVehicle
-from pipeline.core.settings.recording import ZoneConfig
-from pipeline.core.settings.validation import checked
-
-__all__ = ["POSE", "TODO", "CameraEntry", "LidarEntry", "Pose", "RigFile", "TruthEntry", "parse_rig"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.errors import CalibrationError
+from lidcam.pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy
+from lidcam.pipeline.core.rig import TruthVehicle
+from lidcam.pipeline.core.settings.recording import ZoneConfig
+from lidcam.pipeline.core.settings.validation import checked
 
 TODO = "TODO"
 """A value that is still to be given."""

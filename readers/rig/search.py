@@ -6,21 +6,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.errors import CalibrationError, FrameError, RecordingError
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import Zone
-from pipeline.core.settings.config import Config
-from readers.messages.tf import RecordedTransforms, clean_frame, read_transforms
-from readers.recording import Recording, TopicInfo
-from readers.rig.assignment import AssignedCamera, AssignedLidar, assign_cameras, assign_lidars
-from readers.rig.detectors import BOXES_3D, boxes_frame, find_detector_topics, usable_boxes
-from readers.rig.extrinsics import rigid_transform
-from readers.rig.first_messages import FirstMessages
-from readers.rig.schema import Edges, RigFile
-from readers.rig.sensor_topics import CAMERA_INFO, CLOUD, Findings, find_camera_topics, find_lidar_topics
-from readers.rig.topic_names import place
-
-__all__ = ["FoundSensors", "find_sensors", "zones_of"]
+from lidcam.pipeline.core.errors import CalibrationError, FrameError, RecordingError
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import Zone
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.messages.tf import RecordedTransforms, clean_frame, read_transforms
+from lidcam.readers.recording import Recording, TopicInfo
+from lidcam.readers.rig.assignment import AssignedCamera, AssignedLidar, assign_cameras, assign_lidars
+from lidcam.readers.rig.detectors import BOXES_3D, boxes_frame, find_detector_topics, usable_boxes
+from lidcam.readers.rig.extrinsics import rigid_transform
+from lidcam.readers.rig.first_messages import FirstMessages
+from lidcam.readers.rig.schema import Edges, RigFile
+from lidcam.readers.rig.sensor_topics import CAMERA_INFO, CLOUD, Findings, find_camera_topics, find_lidar_topics
+from lidcam.readers.rig.topic_names import place
 
 BEYOND_SITE = frozenset({"earth", "utm"})
 """Frames with coordinates of millions of metres, in which float32 points would lose their centimetres."""

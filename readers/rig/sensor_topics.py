@@ -13,29 +13,14 @@ from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import NamedTuple
 
-from pipeline.core.settings.recording import TopicsConfig
-from readers.messages.registry import types_of
-from readers.natural_order import natural_key
-from readers.recording import Recording, TopicInfo
-from readers.rig.first_messages import FirstMessages
-from readers.rig.topic_names import is_measured_image, is_truth, pair_score, place, transport_free
-from readers.velodyne.scan import SCAN
-from readers.video.packets import VIDEO
-
-__all__ = [
-    "BOXES",
-    "CAMERA_INFO",
-    "CLOUD",
-    "IMAGE",
-    "CameraTopics",
-    "Findings",
-    "SensorFault",
-    "configured_topics",
-    "find_camera_topics",
-    "find_lidar_topics",
-    "readable_topics",
-    "topics_with_messages",
-]
+from lidcam.pipeline.core.settings.recording import TopicsConfig
+from lidcam.readers.messages.registry import types_of
+from lidcam.readers.natural_order import natural_key
+from lidcam.readers.recording import Recording, TopicInfo
+from lidcam.readers.rig.first_messages import FirstMessages
+from lidcam.readers.rig.topic_names import is_measured_image, is_truth, pair_score, place, transport_free
+from lidcam.readers.velodyne.scan import SCAN
+from lidcam.readers.video.packets import VIDEO
 
 CLOUD, IMAGE = types_of("cloud"), types_of("image")
 CAMERA_INFO, BOXES = types_of("camera info"), types_of("2D boxes")

@@ -12,9 +12,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain, count, takewhile
 
-from readers.natural_order import natural_key
-
-__all__ = ["is_measured_image", "is_rectified", "is_truth", "pair_score", "place", "sensor_names", "transport_free"]
+from lidcam.readers.natural_order import natural_key
 
 TRANSPORTS = frozenset({"compressed", "compressedDepth", "theora", "ffmpeg", "foxglove", "zstd"})
 ROLE_WORDS = frozenset(

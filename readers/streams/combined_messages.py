@@ -12,15 +12,13 @@ from itertools import islice
 
 from rosbags.interfaces import Nodetype
 
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from readers.messages.boundary.decoding import decoder
-from readers.messages.deserialize import deserialize, typestore_for
-from readers.messages.header_stamp import stamp_or_log_time
-from readers.recording import Recording
-
-__all__ = ["Parts", "find_combined", "split"]
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.deserialize import deserialize, typestore_for
+from lidcam.readers.messages.header_stamp import stamp_or_log_time
+from lidcam.readers.recording import Recording
 
 PART_TYPES = frozenset({"sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/PointCloud2"})
 

@@ -5,18 +5,16 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 
-from pipeline.core.errors import MessageError
-from pipeline.core.frame import SensorBundle
-from pipeline.core.messages import Drop, RawMessage, time_fault
-from pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER
-from pipeline.core.settings.classes import ClassPrior
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from pipeline.core.true_boxes import TrueBoxes
-from readers.messages.to_ros2 import name_of_number, to_ros2
-from readers.messages.vision.detections3d import decode_detections3d
-from readers.recording import Recording
-
-__all__ = ["MARGIN_NS", "CopiedMessages"]
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.messages import Drop, RawMessage, time_fault
+from lidcam.pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER
+from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.true_boxes import TrueBoxes
+from lidcam.readers.messages.to_ros2 import name_of_number, to_ros2
+from lidcam.readers.messages.vision.detections3d import decode_detections3d
+from lidcam.readers.recording import Recording
 
 MARGIN_NS = 2_000_000_000
 """Messages recorded so long before and after a window are copied, too: truth is interpolated at its first and last

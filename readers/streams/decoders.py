@@ -5,22 +5,20 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Literal, TypeVar
 
-from pipeline.core.clouds import PointCloud
-from pipeline.core.detections import Boxes2D
-from pipeline.core.errors import MessageError
-from pipeline.core.frame import Decoded, SensorBundle
-from pipeline.core.messages import Drop, RawMessage
-from pipeline.core.optics.images import Image
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.detectors.onnx.class_names import COCO_LABELS
-from readers.messages.image import decode_any_image
-from readers.messages.registry import decode_as
-from readers.messages.vision.detections2d import Detections2D
-from readers.velodyne.decoder import VelodyneDecoders
-from readers.velodyne.scan import PACKET_BYTES, SCAN
-
-__all__ = ["CloudDecoder", "ImageDecoder", "RecordedBoxes"]
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.detections import Boxes2D
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.frame import Decoded, SensorBundle
+from lidcam.pipeline.core.messages import Drop, RawMessage
+from lidcam.pipeline.core.optics.images import Image
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.detectors.onnx.class_names import COCO_LABELS
+from lidcam.readers.messages.image import decode_any_image
+from lidcam.readers.messages.registry import decode_as
+from lidcam.readers.messages.vision.detections2d import Detections2D
+from lidcam.readers.velodyne.decoder import VelodyneDecoders
+from lidcam.readers.velodyne.scan import PACKET_BYTES, SCAN
 
 T = TypeVar("T")
 OnBadMessage = Literal["skip", "fail"]

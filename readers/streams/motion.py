@@ -12,22 +12,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64
-from pipeline.core.errors import ConfigError, FrameError, MessageError
-from pipeline.core.geometry.pose_samples import PoseSamples
-from pipeline.core.geometry.poses import interpolate_poses
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.messages import Drop, RawMessage, time_fault
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from readers.messages.odometry import ODOMETRY, decode_odometry
-from readers.messages.tf import TF_TYPES, RecordedTransforms, clean_frame, decode_transforms, tf_topics
-from readers.recording import Recording
-from readers.rig.first_messages import FirstMessages
-
-__all__ = ["MotionBuffer", "MotionSource", "find_motion_source", "links_up"]
-
+from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.core.errors import ConfigError, FrameError, MessageError
+from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
+from lidcam.pipeline.core.geometry.poses import interpolate_poses
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.messages import Drop, RawMessage, time_fault
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.readers.messages.odometry import ODOMETRY, decode_odometry
+from lidcam.readers.messages.tf import TF_TYPES, RecordedTransforms, clean_frame, decode_transforms, tf_topics
+from lidcam.readers.recording import Recording
+from lidcam.readers.rig.first_messages import FirstMessages
 
 KEPT_NS = 5_000_000_000
 """How long poses are kept: messages leave the synchroniser a few periods after they were recorded."""

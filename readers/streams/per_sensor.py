@@ -8,17 +8,15 @@ without PyAV its topics cannot be read.
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from readers.messages.foxglove import ROS_TYPES, ros_channel, to_ros
-from readers.recording import Closing, Loss, Recording, TopicInfo, merge_topics
-from readers.streams.combined_messages import Parts, find_combined, split
-from readers.velodyne.packet import PACKET, packet_problem, scan_channel
-from readers.velodyne.scan import SCAN
-from readers.velodyne.sweeps import PAUSE_NS, gather_sweeps
-from readers.video.packets import VIDEO, missing_decoder
-
-__all__ = ["sensor_messages"]
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.readers.messages.foxglove import ROS_TYPES, ros_channel, to_ros
+from lidcam.readers.recording import Closing, Loss, Recording, TopicInfo, merge_topics
+from lidcam.readers.streams.combined_messages import Parts, find_combined, split
+from lidcam.readers.velodyne.packet import PACKET, packet_problem, scan_channel
+from lidcam.readers.velodyne.scan import SCAN
+from lidcam.readers.velodyne.sweeps import PAUSE_NS, gather_sweeps
+from lidcam.readers.video.packets import VIDEO, missing_decoder
 
 
 def sensor_messages(recording: Recording, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Recording:

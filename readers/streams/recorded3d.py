@@ -4,21 +4,19 @@ from collections import Counter
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.detections import Boxes3D, Source
-from pipeline.core.errors import MessageError
-from pipeline.core.frame import Decoded, SensorBundle
-from pipeline.core.geometry.pose_samples import PoseSamples
-from pipeline.core.geometry.posed_boxes import upright_boxes
-from pipeline.core.geometry.poses import interpolate_poses
-from pipeline.core.messages import Drop
-from pipeline.core.rig import RecordedDetector, Rig
-from pipeline.core.settings.config import Config
-from readers.messages.objects.found import FoundObjects, ObjectClasses
-from readers.messages.registry import decode_as
-from readers.streams.decoders import OnBadMessage
-
-__all__ = ["RecordedBoxes3D"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.detections import Boxes3D, Source
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.frame import Decoded, SensorBundle
+from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
+from lidcam.pipeline.core.geometry.posed_boxes import upright_boxes
+from lidcam.pipeline.core.geometry.poses import interpolate_poses
+from lidcam.pipeline.core.messages import Drop
+from lidcam.pipeline.core.rig import RecordedDetector, Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.messages.objects.found import FoundObjects, ObjectClasses
+from lidcam.readers.messages.registry import decode_as
+from lidcam.readers.streams.decoders import OnBadMessage
 
 
 class RecordedBoxes3D:

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64
-from pipeline.core.messages import time_fault
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from readers.messages.deserialize import definition_problem
-from readers.recording import Recording, TopicInfo
-
-__all__ = ["TopicSurvey", "survey"]
+from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.core.messages import time_fault
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.readers.messages.deserialize import definition_problem
+from lidcam.readers.recording import Recording, TopicInfo
 
 logger = logging.getLogger(__name__)
 

@@ -6,19 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
-from readers.natural_order import natural_key
-
-__all__ = [
-    "MAX_OFF_UNIT",
-    "Labelled",
-    "Labelled2D",
-    "label_files",
-    "truth_boxes_2d",
-    "truth_boxes_3d",
-    "yaw_of",
-]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
+from lidcam.readers.natural_order import natural_key
 
 MAX_OFF_UNIT = 0.01
 """How far from 1 the length of a quaternion may be."""

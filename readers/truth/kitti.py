@@ -17,19 +17,17 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.errors import RecordingError
-from pipeline.core.rig import CameraSensor, LidarSensor, Rig
-from pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES
-from pipeline.core.settings.config import Config
-from pipeline.core.small_files import read_small_text
-from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
-from readers.messages.objects.found import check_boxes
-from readers.rig.importers.kitti import KittiCalibration, kitti_calibration
-from readers.truth.boxes import Labelled, Labelled2D, label_files, truth_boxes_2d, truth_boxes_3d
-from readers.truth.source import TruthSource
-
-__all__ = ["KittiFile", "KittiLabel", "KittiTruth", "is_kitti_text", "parse_kitti_labels"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from lidcam.pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.small_files import read_small_text
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
+from lidcam.readers.messages.objects.found import check_boxes
+from lidcam.readers.rig.importers.kitti import KittiCalibration, kitti_calibration
+from lidcam.readers.truth.boxes import Labelled, Labelled2D, label_files, truth_boxes_2d, truth_boxes_3d
+from lidcam.readers.truth.source import TruthSource
 
 DONT_CARE = "DontCare"
 

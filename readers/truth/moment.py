@@ -5,25 +5,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, I64, Rows
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.rig import CameraSensor
-from pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER, IMAGE_PIXELS, LIDAR_POINTS
-from pipeline.evaluation.evaluation_frame import UNKNOWN, Names, TruthBoxes2D, TruthBoxes3D
-from readers.messages.vision.detections3d import Detections3D
-from readers.messages.vision.track_ids import track_ids
-
-__all__ = [
-    "STEP_BACK_NS",
-    "Moment",
-    "class_ids_of",
-    "class_names_of",
-    "counted",
-    "moment_of",
-    "object_ids",
-    "projected_truth",
-    "total",
-]
+from lidcam.pipeline.core.arrays import F64, I32, I64, Rows
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER, IMAGE_PIXELS, LIDAR_POINTS
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, Names, TruthBoxes2D, TruthBoxes3D
+from lidcam.readers.messages.vision.detections3d import Detections3D
+from lidcam.readers.messages.vision.track_ids import track_ids
 
 STEP_BACK_NS = 2_000_000_000
 """How far stamps that truth is asked for may step back: the images of a frame lie before and after its stamp."""

@@ -6,22 +6,20 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.errors import ConfigError, FrameError, MessageError, RecordingError
-from pipeline.core.geometry.poses import interpolate_poses
-from pipeline.core.messages import RawMessage
-from pipeline.core.rig import TruthVehicle
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.evaluation_frame import TruthBoxes3D
-from readers.messages.odometry import ODOMETRY, decode_odometry
-from readers.messages.tf import RecordedTransforms
-from readers.notes import Notes
-from readers.recording import Recording
-from readers.truth.boxes import Labelled, truth_boxes_3d
-from readers.truth.moment import STEP_BACK_NS
-from readers.truth.source import TruthSource
-
-__all__ = ["LEAD_NS", "MAX_GAP_NS", "OdometryTruth"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.errors import ConfigError, FrameError, MessageError, RecordingError
+from lidcam.pipeline.core.geometry.poses import interpolate_poses
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.rig import TruthVehicle
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.evaluation_frame import TruthBoxes3D
+from lidcam.readers.messages.odometry import ODOMETRY, decode_odometry
+from lidcam.readers.messages.tf import RecordedTransforms
+from lidcam.readers.notes import Notes
+from lidcam.readers.recording import Recording
+from lidcam.readers.truth.boxes import Labelled, truth_boxes_3d
+from lidcam.readers.truth.moment import STEP_BACK_NS
+from lidcam.readers.truth.source import TruthSource
 
 MAX_GAP_NS = 1_000_000_000
 """Poses farther apart than this say nothing of the time between them."""

@@ -4,25 +4,23 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from pipeline.core.errors import RecordingError
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from readers.files.pcap.packets import is_capture
-from readers.location import Location
-from readers.messages.tf import read_transforms
-from readers.open import MCAP_MAGIC, ROSBAG1_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC, open_recording
-from readers.recording import Closing, ReadOptions, Recording
-from readers.results.attached_records import is_result
-from readers.results.result import RESULT_TOPICS, Result
-from readers.truth.kitti import KittiTruth, is_kitti_text
-from readers.truth.odometry import OdometryTruth
-from readers.truth.openlabel import OpenLabelTruth, is_openlabel
-from readers.truth.predecessor import PredecessorTruth
-from readers.truth.recorded import RecordedTruth
-from readers.truth.source import TruthSource
-from readers.truth.topics import find_truth_topics
-
-__all__ = ["OpenTruth", "open_labels", "open_truth"]
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.files.pcap.packets import is_capture
+from lidcam.readers.location import Location
+from lidcam.readers.messages.tf import read_transforms
+from lidcam.readers.open import MCAP_MAGIC, ROSBAG1_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC, open_recording
+from lidcam.readers.recording import Closing, ReadOptions, Recording
+from lidcam.readers.results.attached_records import is_result
+from lidcam.readers.results.result import RESULT_TOPICS, Result
+from lidcam.readers.truth.kitti import KittiTruth, is_kitti_text
+from lidcam.readers.truth.odometry import OdometryTruth
+from lidcam.readers.truth.openlabel import OpenLabelTruth, is_openlabel
+from lidcam.readers.truth.predecessor import PredecessorTruth
+from lidcam.readers.truth.recorded import RecordedTruth
+from lidcam.readers.truth.source import TruthSource
+from lidcam.readers.truth.topics import find_truth_topics
 
 _RECORDINGS = (ROSBAG1_MAGIC, MCAP_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC)
 _RECORDING_SUFFIXES = (".mcap", ".db3", ".zstd")

@@ -9,19 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.errors import RecordingError
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.evaluation_frame import TruthBoxes3D
-from readers.messages.objects.found import check_boxes
-from readers.truth.boxes import Labelled, label_files, truth_boxes_3d
-from readers.truth.moment import STEP_BACK_NS, Moment
-from readers.truth.openlabel_text import Cuboid, OpenLabel, OpenLabelFrame, read_openlabel
-from readers.truth.source import TruthSource
-from readers.truth.timeline import Timeline
-
-__all__ = ["OpenLabelTruth", "is_openlabel"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.evaluation_frame import TruthBoxes3D
+from lidcam.readers.messages.objects.found import check_boxes
+from lidcam.readers.truth.boxes import Labelled, label_files, truth_boxes_3d
+from lidcam.readers.truth.moment import STEP_BACK_NS, Moment
+from lidcam.readers.truth.openlabel_text import Cuboid, OpenLabel, OpenLabelFrame, read_openlabel
+from lidcam.readers.truth.source import TruthSource
+from lidcam.readers.truth.timeline import Timeline
 
 
 def is_openlabel(head: str) -> bool:

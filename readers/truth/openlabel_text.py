@@ -12,16 +12,14 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StrictFloat, field_validator, model_validator
 
-from pipeline.core.arrays import F64
-from pipeline.core.errors import RecordingError
-from pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy
-from pipeline.core.messages import time_fault
-from pipeline.core.settings.validation import checked
-from pipeline.core.small_files import read_small_text
-from pipeline.evaluation.evaluation_frame import UNKNOWN
-from readers.truth.boxes import MAX_OFF_UNIT
-
-__all__ = ["Cuboid", "OpenLabel", "OpenLabelFrame", "read_openlabel"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy
+from lidcam.pipeline.core.messages import time_fault
+from lidcam.pipeline.core.settings.validation import checked
+from lidcam.pipeline.core.small_files import read_small_text
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
+from lidcam.readers.truth.boxes import MAX_OFF_UNIT
 
 MAX_OPENLABEL_BYTES = 64 << 20
 """Of one file; of a longer sequence each frame is a file of its own."""

@@ -13,18 +13,16 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.errors import RecordingError
-from pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy
-from pipeline.core.rig import Rig, TruthVehicle
-from pipeline.core.settings.config import Config
-from pipeline.core.small_files import read_small_text
-from pipeline.evaluation.evaluation_frame import TruthBoxes3D
-from readers.files.evaluation_folder import START_NS, STEP_NS
-from readers.truth.boxes import MAX_OFF_UNIT, Labelled, label_files, truth_boxes_3d
-from readers.truth.source import TruthSource
-
-__all__ = ["CAR", "PredecessorTruth"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy
+from lidcam.pipeline.core.rig import Rig, TruthVehicle
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.small_files import read_small_text
+from lidcam.pipeline.evaluation.evaluation_frame import TruthBoxes3D
+from lidcam.readers.files.evaluation_folder import START_NS, STEP_NS
+from lidcam.readers.truth.boxes import MAX_OFF_UNIT, Labelled, label_files, truth_boxes_3d
+from lidcam.readers.truth.source import TruthSource
 
 MAX_ODOMETRY_BYTES = 256 << 20
 """More than an hour at 400 Hz."""

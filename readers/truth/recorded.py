@@ -9,22 +9,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import RawMessage
-from pipeline.core.rig import CameraSensor
-from pipeline.core.ros.vision_numbers import IMAGE_PIXELS
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
-from readers.messages.vision.detections2d import decode_detections2d
-from readers.messages.vision.detections3d import decode_detections3d
-from readers.notes import Notes
-from readers.recording import Recording
-from readers.truth.moment import STEP_BACK_NS, Moment, class_ids_of, class_names_of, moment_of, object_ids, total
-from readers.truth.source import TruthSource
-from readers.truth.timeline import Timeline
-from readers.truth.topics import TruthTopics
-
-__all__ = ["RecordedTruth"]
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.core.ros.vision_numbers import IMAGE_PIXELS
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
+from lidcam.readers.messages.vision.detections2d import decode_detections2d
+from lidcam.readers.messages.vision.detections3d import decode_detections3d
+from lidcam.readers.notes import Notes
+from lidcam.readers.recording import Recording
+from lidcam.readers.truth.moment import STEP_BACK_NS, Moment, class_ids_of, class_names_of, moment_of, object_ids, total
+from lidcam.readers.truth.source import TruthSource
+from lidcam.readers.truth.timeline import Timeline
+from lidcam.readers.truth.topics import TruthTopics
 
 READ_ALONG_NS = 1_000_000_000
 """How long after the objects of a time the boxes of its images are recorded at the latest: cameras deliver late."""

@@ -7,20 +7,18 @@ from functools import cached_property
 
 import numpy as np
 
-from pipeline.core.errors import FrameError, LidcamError
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.geometry.poses import interpolate_poses
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.recording import LimitsConfig
-from pipeline.evaluation.evaluation_frame import TruthBoxes3D
-from readers.messages.tf import RecordedTransforms, read_transforms, tf_topics
-from readers.recording import Recording
-from readers.streams.motion import MotionBuffer, MotionSource, find_motion_source, links_up
-from readers.truth.moment import STEP_BACK_NS
-
-__all__ = ["SitePoses", "boxes_in_site"]
+from lidcam.pipeline.core.errors import FrameError, LidcamError
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.geometry.poses import interpolate_poses
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.evaluation.evaluation_frame import TruthBoxes3D
+from lidcam.readers.messages.tf import RecordedTransforms, read_transforms, tf_topics
+from lidcam.readers.recording import Recording
+from lidcam.readers.streams.motion import MotionBuffer, MotionSource, find_motion_source, links_up
+from lidcam.readers.truth.moment import STEP_BACK_NS
 
 MAX_EXTRAPOLATION_S, MAX_GAP_S = 0.2, 1.0
 """As for clouds: beyond the poses, or between two that are farther apart, the motion is not known."""

@@ -3,10 +3,8 @@
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
-from pipeline.evaluation.evaluation_frame import TruthBoxes2D, TruthBoxes3D
-from readers.truth.moment import Moment
-
-__all__ = ["TruthSource"]
+from lidcam.pipeline.evaluation.evaluation_frame import TruthBoxes2D, TruthBoxes3D
+from lidcam.readers.truth.moment import Moment
 
 
 class TruthSource(ABC):

@@ -11,12 +11,10 @@ from itertools import islice
 
 import numpy as np
 
-from pipeline.core.arrays import I32, Indices, join_rows
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
-from readers.truth.moment import STEP_BACK_NS, Moment
-
-__all__ = ["Timeline"]
+from lidcam.pipeline.core.arrays import I32, Indices, join_rows
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
+from lidcam.readers.truth.moment import STEP_BACK_NS, Moment
 
 MAX_GAP_PERIODS = 2.5
 """Messages further apart say nothing of the time between them: at most one may be missing."""

@@ -4,13 +4,11 @@ import re
 from collections.abc import Collection
 from typing import NamedTuple
 
-from pipeline.core.errors import ConfigError
-from readers.messages.vision.detections2d import DETECTIONS_2D
-from readers.messages.vision.detections3d import DETECTIONS_3D
-from readers.recording import Recording
-from readers.rig.topic_names import is_truth
-
-__all__ = ["TruthTopics", "find_truth_topics"]
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.readers.messages.vision.detections2d import DETECTIONS_2D
+from lidcam.readers.messages.vision.detections3d import DETECTIONS_3D
+from lidcam.readers.recording import Recording
+from lidcam.readers.rig.topic_names import is_truth
 
 WHEN_MEASURED = "_when_measured"
 """Ends the name of the topic that has the same objects where the lidars measured them."""

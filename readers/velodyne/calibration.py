@@ -5,13 +5,11 @@ from pathlib import Path
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from pipeline.core.arrays import F64
-from pipeline.core.errors import CalibrationError
-from pipeline.core.settings.bounded_yaml import read_yaml
-from pipeline.core.settings.validation import checked
-from readers.velodyne.models import LaserTable, RangeCorrections, VelodyneModel
-
-__all__ = ["read_velodyne_calibration"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.errors import CalibrationError
+from lidcam.pipeline.core.settings.bounded_yaml import read_yaml
+from lidcam.pipeline.core.settings.validation import checked
+from lidcam.readers.velodyne.models import LaserTable, RangeCorrections, VelodyneModel
 
 
 class _Laser(BaseModel):

@@ -15,15 +15,15 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.core.arrays import I64, Bools
-from pipeline.core.clouds import PointCloud
-from pipeline.core.errors import CalibrationError, ConfigError, MessageError
-from pipeline.core.messages import Drop, RawMessage
-from pipeline.core.settings.recording import VelodyneConfig, VelodyneLidarConfig
-from readers.messages.boundary.decoding import decoder
-from readers.messages.point_time import MAX_OFFSET_NS
-from readers.velodyne.calibration import read_velodyne_calibration
-from readers.velodyne.models import (
+from lidcam.pipeline.core.arrays import I64, Bools
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.errors import CalibrationError, ConfigError, MessageError
+from lidcam.pipeline.core.messages import Drop, RawMessage
+from lidcam.pipeline.core.settings.recording import VelodyneConfig, VelodyneLidarConfig
+from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.point_time import MAX_OFFSET_NS
+from lidcam.readers.velodyne.calibration import read_velodyne_calibration
+from lidcam.readers.velodyne.models import (
     BLOCK_FLAGS,
     MODELS,
     VLS128_FIRST_FIRMWARE,
@@ -31,10 +31,8 @@ from readers.velodyne.models import (
     VelodyneModel,
     built_in_table,
 )
-from readers.velodyne.points import LAST, STRONGEST, UNKNOWN_RETURN, Beams, Layout, cloud_of
-from readers.velodyne.scan import VelodynePackets, parse_velodyne_scan
-
-__all__ = ["VelodyneDecoder", "VelodyneDecoders"]
+from lidcam.readers.velodyne.points import LAST, STRONGEST, UNKNOWN_RETURN, Beams, Layout, cloud_of
+from lidcam.readers.velodyne.scan import VelodynePackets, parse_velodyne_scan
 
 RETURN_MODES = {0x37: STRONGEST, 0x38: LAST}
 DUAL = 0x39

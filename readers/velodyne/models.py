@@ -14,10 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, U16, check_array
-
-__all__ = ["BLOCK_FLAGS", "MODELS", "LaserTable", "RangeCorrections", "VelodyneModel", "built_in_table"]
-
+from lidcam.pipeline.core.arrays import F64, U16, check_array
 
 BLOCK_FLAGS = (0xEEFF, 0xDDFF, 0xCCFF, 0xBBFF)
 """First two bytes (little endian) of a block, by bank of lasers."""

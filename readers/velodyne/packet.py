@@ -9,22 +9,12 @@ from functools import lru_cache
 
 from rosbags.interfaces import Nodetype
 
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.ros.messages import ROS2
-from readers.messages.cursor import Cursor
-from readers.messages.deserialize import typestore_for
-from readers.velodyne.scan import PACKET_BYTES, SCAN
-
-__all__ = [
-    "PACKET",
-    "packet_channel",
-    "packet_data",
-    "packet_message_data",
-    "packet_problem",
-    "scan_channel",
-    "scan_data",
-]
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.ros.messages import ROS2
+from lidcam.readers.messages.cursor import Cursor
+from lidcam.readers.messages.deserialize import typestore_for
+from lidcam.readers.velodyne.scan import PACKET_BYTES, SCAN
 
 PACKET = "velodyne_msgs/msg/VelodynePacket"
 

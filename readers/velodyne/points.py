@@ -4,12 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64, U8, U16, Array, Indices
-from pipeline.core.clouds import PointCloud
-from readers.velodyne.models import BLOCK_FLAGS, LaserTable, RangeCorrections, VelodyneModel
-from readers.velodyne.scan import SLOTS, VelodynePackets
-
-__all__ = ["LAST", "STRONGEST", "UNKNOWN_RETURN", "Beams", "Layout", "cloud_of"]
+from lidcam.pipeline.core.arrays import F32, F64, I64, U8, U16, Array, Indices
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.readers.velodyne.models import BLOCK_FLAGS, LaserTable, RangeCorrections, VelodyneModel
+from lidcam.readers.velodyne.scan import SLOTS, VelodynePackets
 
 # `PointCloud.return_type`
 UNKNOWN_RETURN = 0

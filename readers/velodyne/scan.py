@@ -9,14 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import I64, U8, Array, Bools, check_array
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import Channel, RawMessage
-from readers.messages.cursor import Cursor
-from readers.messages.deserialize import typestore_for
-from readers.messages.tf import clean_frame
-
-__all__ = ["PACKET_BYTES", "SCAN", "SLOTS", "VelodynePackets", "parse_velodyne_scan"]
+from lidcam.pipeline.core.arrays import I64, U8, Array, Bools, check_array
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.readers.messages.cursor import Cursor
+from lidcam.readers.messages.deserialize import typestore_for
+from lidcam.readers.messages.tf import clean_frame
 
 SCAN = "velodyne_msgs/msg/VelodyneScan"
 

@@ -12,16 +12,14 @@ import cv2
 import numpy as np
 from av.codec.context import Flags
 
-from pipeline.core.errors import MessageError, is_short_memory
-from pipeline.core.messages import Channel, RawMessage, time_fault
-from pipeline.core.ros.messages import ROS2
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from pipeline.core.text import one_line
-from readers.messages.image import COMPRESSED_IMAGE
-from readers.video.h264_gaps import GapFinder
-from readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME, VideoPacket, read_packet
-
-__all__ = ["VideoDecoder"]
+from lidcam.pipeline.core.errors import MessageError, is_short_memory
+from lidcam.pipeline.core.messages import Channel, RawMessage, time_fault
+from lidcam.pipeline.core.ros.messages import ROS2
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.text import one_line
+from lidcam.readers.messages.image import COMPRESSED_IMAGE
+from lidcam.readers.video.h264_gaps import GapFinder
+from lidcam.readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME, VideoPacket, read_packet
 
 MAX_PIXELS = 1 << 25
 """Size of an image, a little over 8K: a decoder keeps up to 17 of them, as large as the first packet claims."""

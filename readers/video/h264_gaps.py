@@ -6,8 +6,6 @@ reference images only; a missing image that no other refers to goes unnoticed an
 
 import re
 
-__all__ = ["GapFinder"]
-
 _PARAMETERS = re.compile(rb"\x00\x00\x01[\x07\x27\x47\x67]")
 _SLICE = re.compile(rb"\x00\x00\x01[\x01\x05\x21\x25\x41\x45\x61\x65]")
 _IDR = 5

@@ -12,23 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import U8
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import RawMessage
-from readers.messages.boundary.decoding import decoder
-from readers.messages.deserialize import deserialize
-from readers.messages.tf import clean_frame
-
-__all__ = [
-    "AFTER_DAMAGE",
-    "BEFORE_KEY_FRAME",
-    "COMPRESSED_VIDEO",
-    "FFMPEG_PACKET",
-    "VIDEO",
-    "VideoPacket",
-    "missing_decoder",
-    "read_packet",
-]
+from lidcam.pipeline.core.arrays import U8
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.deserialize import deserialize
+from lidcam.readers.messages.tf import clean_frame
 
 COMPRESSED_VIDEO = "foxglove_msgs/msg/CompressedVideo"
 FFMPEG_PACKET = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"

@@ -11,18 +11,16 @@ from dataclasses import replace
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from pipeline.core.errors import MessageError
-from pipeline.core.frame import Missing, SensorBundle
-from pipeline.core.messages import Drop, RawMessage
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from readers.messages.image import decode_any_image
-from readers.recording import Recording
-from readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME, VIDEO, read_packet
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.frame import Missing, SensorBundle
+from lidcam.pipeline.core.messages import Drop, RawMessage
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.readers.messages.image import decode_any_image
+from lidcam.readers.recording import Recording
+from lidcam.readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME, VIDEO, read_packet
 
 if TYPE_CHECKING:
-    from readers.video.decoder import VideoDecoder
-
-__all__ = ["LOOK_BACK_NS", "VideoStreams", "first_image_size", "video_topics"]
+    from lidcam.readers.video.decoder import VideoDecoder
 
 LOOK_BACK_NS = 10_000_000_000
 """How far back of a window the last key frame is sought: many encoders send one every 250 images or sooner."""
@@ -141,7 +139,7 @@ class VideoStreams:
 
 
 def _decoder(topic: str, limits: LimitsConfig) -> "VideoDecoder":
-    from readers.video.decoder import VideoDecoder  # needs PyAV, which is optional
+    from lidcam.readers.video.decoder import VideoDecoder  # needs PyAV, which is optional
 
     return VideoDecoder(topic, limits=limits)
 

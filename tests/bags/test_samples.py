@@ -12,10 +12,10 @@ import yaml
 from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
-from bags.simulator.recorder.true_rig import true_rig
-from bags.simulator.scenario.load import load_scenario
-from bags.simulator.scenario.scenario import Scenario
-from readers.rig.rig_file import load_rig
+from lidcam.bags.simulator.recorder.true_rig import true_rig
+from lidcam.bags.simulator.scenario.load import load_scenario
+from lidcam.bags.simulator.scenario.scenario import Scenario
+from lidcam.readers.rig.rig_file import load_rig
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "bags" / "README.md").read_text(encoding="utf-8")

@@ -8,8 +8,8 @@ from belief_fit import labelled_boxes, weighed
 from held_out_worlds import look_at_world, named_settings
 from labelled_frames import labelled_frames
 
-from pipeline.core.errors import RecordingError
-from pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.geometry.transform import Transform
 
 CALIBRATION = "\n".join(
     [f"P{camera}: 700 0 600 0 0 700 180 0 0 0 1 0" for camera in range(4)]

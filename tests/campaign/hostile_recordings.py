@@ -39,7 +39,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
 from video import encode
 
-from pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.messages import Channel, RawMessage
 
 Hostile = Callable[[Random, Path], list[Path]]
 Messages = Iterator[RawMessage]

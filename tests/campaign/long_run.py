@@ -33,10 +33,10 @@ from builders import (
 from mcap.reader import make_reader
 
 from lidcam.job import make_job
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.open import open_recording
 from lidcam.run import RunObserver, process_recording
 from lidcam.summary import RunProgress
-from pipeline.core.messages import RawMessage
-from readers.open import open_recording
 
 START_NS, STEP_NS = 1_700_000_000 * 10**9, 100_000_000
 VARIANTS = 20

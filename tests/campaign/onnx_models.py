@@ -17,7 +17,7 @@ import numpy as np
 from onnx_files import FLOAT, _bytes, _int, _ints, _node, _tensor, _value, _varint_field, write_model, write_yolox
 from onnx_networks import INT64, write_network
 
-from pipeline.core.arrays import Array
+from lidcam.pipeline.core.arrays import Array
 
 MAX_SECONDS = 90.0
 MAX_MIB = 5000
@@ -44,9 +44,9 @@ import resource, sys
 resource.setrlimit(resource.RLIMIT_AS, (16 << 30, 16 << 30))
 from pathlib import Path
 import numpy as np
-from pipeline.core.errors import LidcamError
-from pipeline.core.settings.detect import Detect2DConfig
-from pipeline.detectors.onnx.detector import OnnxDetector2D
+from lidcam.pipeline.core.errors import LidcamError
+from lidcam.pipeline.core.settings.detect import Detect2DConfig
+from lidcam.pipeline.detectors.onnx.detector import OnnxDetector2D
 try:
     found = OnnxDetector2D(Path(sys.argv[1]), Detect2DConfig())([np.zeros((48, 64, 3), np.uint8)] * 3)
 except LidcamError as err:

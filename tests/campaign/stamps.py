@@ -22,9 +22,9 @@ from mcap.reader import make_reader
 from small_drive import START_NS, small_drive
 
 from lidcam import api
-from pipeline.core.errors import LidcamError
-from pipeline.core.frame import FrameResult
-from pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.errors import LidcamError
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.messages import RawMessage
 
 Form = Literal["rosbag1", "mcap", "sqlite"]
 Motion = Literal["odometry", "tf"]

@@ -7,8 +7,8 @@ from command import Lidcam, Run, called
 from helpers import CLUSTERS
 from results import fused_objects
 
-from pipeline.core.messages import RawMessage
-from readers.open import open_recording
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.open import open_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 FRAMES = 6

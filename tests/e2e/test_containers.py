@@ -14,8 +14,8 @@ from foxglove_messages import twin
 from helpers import CLUSTERS
 from results import Found, fused_objects, messages_of, stamp_of, topics_of
 
-from pipeline.core.messages import RawMessage
-from readers.messages.deserialize import deserialize
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.messages.deserialize import deserialize
 
 CLOUD_TOPICS = [f"/velodyne{i}_points" for i in (1, 2, 3)]
 NUMBERS = (11, 12, 13, 14, 41, 42, 43, 44)

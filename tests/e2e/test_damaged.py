@@ -12,7 +12,7 @@ from helpers import CLUSTERS
 from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.messages import RawMessage
 
 STEP_NS = 100_000_000
 CLOUD = "sensor_msgs/msg/PointCloud2"

@@ -29,10 +29,10 @@ from pillar_files import write_pillars
 from range_server import range_server
 from velodyne import random_packets
 
-from pipeline.core.messages import RawMessage
-from pipeline.detectors.cluster.network import EMBEDDED
-from pipeline.detectors.pillars.decoding import BOX_NUMBERS
-from readers.open import open_recording
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.detectors.cluster.network import EMBEDDED
+from lidcam.pipeline.detectors.pillars.decoding import BOX_NUMBERS
+from lidcam.readers.open import open_recording
 
 SANDBOX, CROSSING = ROOT / "bags" / "sandbox.bag", ROOT / "bags" / "crossing.mcap"
 SCENARIOS = ROOT / "config" / "scenarios"

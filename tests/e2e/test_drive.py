@@ -18,7 +18,7 @@ from command import Lidcam
 from rosbags.highlevel import AnyReader
 from small_scenario import write_small_scenario
 
-from pipeline.core.ros.typestores import message_types
+from lidcam.pipeline.core.ros.typestores import message_types
 
 PROGRAM = Path(sys.executable).with_name("lidcam")
 

@@ -12,8 +12,8 @@ from command import Lidcam
 from onnx_files import write_yolox
 from small_drive import small_drive
 
-from pipeline.core.messages import RawMessage
-from readers.results.result import open_result
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.results.result import open_result
 
 
 def clouds() -> list[RawMessage]:

@@ -18,7 +18,7 @@ from command import Lidcam
 from document_commands import ROOT
 from helpers import CLUSTERS
 
-from pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.messages import RawMessage
 
 WORKFLOW = ROOT / "docs" / "workflow.yml"
 BUCKET_WORKFLOW = WORKFLOW.with_name("bucket-workflow.yml")

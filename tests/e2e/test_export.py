@@ -10,9 +10,9 @@ from command import Lidcam
 from helpers import CLUSTERS
 
 import lidcam as front_door
-from readers.results.result import open_result
-from readers.rig.importers.kitti import kitti_calibration
-from readers.truth.kitti import parse_kitti_labels
+from lidcam.readers.results.result import open_result
+from lidcam.readers.rig.importers.kitti import kitti_calibration
+from lidcam.readers.truth.kitti import parse_kitti_labels
 
 
 @pytest.mark.parametrize("name", ["kitti", "kitti-tracking", "nuscenes", "openlabel"])

@@ -11,7 +11,7 @@ from helpers import CLUSTERS
 from mcap.reader import make_reader
 
 import lidcam
-from pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.frame import FrameResult
 
 SANDBOX = Path(__file__).resolve().parents[2] / "bags" / "sandbox.bag"
 
@@ -121,7 +121,7 @@ def test_a_run_keeps_the_pace_of_its_recording(monkeypatch: pytest.MonkeyPatch) 
         nonlocal now_s
         now_s += seconds
 
-    monkeypatch.setattr("writers.live.pace.time", SimpleNamespace(monotonic=lambda: now_s, sleep=sleep))
+    monkeypatch.setattr("lidcam.writers.live.pace.time", SimpleNamespace(monotonic=lambda: now_s, sleep=sleep))
     lidcam.process(
         SANDBOX,
         config="sandbox",

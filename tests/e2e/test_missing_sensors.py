@@ -12,7 +12,7 @@ from command import Lidcam
 from helpers import CLUSTERS
 from results import messages_of
 
-from pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.messages import RawMessage
 
 START_NS = 1_700_000_000 * 10**9
 STEP_NS = 100_000_000

@@ -11,8 +11,8 @@ from helpers import CLUSTERS
 from results import messages_of, stamp_of, topics_of
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.arrays import F64, I64
-from pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.core.messages import RawMessage
 
 SPEED_M_S, TURN_RAD_S = 15.0, 0.4
 START_NS = 1_600_000_000_000_000_000

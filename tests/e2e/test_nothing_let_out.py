@@ -12,7 +12,7 @@ from no_internet import KILLED, NEEDS, forbid_internet
 from onnx_files import write_yolox
 from small_scenario import write_small_scenario
 
-from pipeline.core.compiled.functions import cache_folder
+from lidcam.pipeline.core.compiled.functions import cache_folder
 
 pytestmark = pytest.mark.skipif(bool(NEEDS), reason=NEEDS)
 

@@ -20,7 +20,7 @@ from lidcam.batch.jobs import find_jobs
 from lidcam.batch.local import LocalEngine
 from lidcam.batch.records import job_key
 from lidcam.batch.run import BatchOptions, run_batch
-from readers.location import RemotePath
+from lidcam.readers.location import RemotePath
 
 SHORT = ("--duration", "0.4", "--set", "output.images=false", "--set", CLUSTERS, "--workers", 1, "-q")
 

@@ -16,7 +16,7 @@ from small_drive import small_drive
 from video import psnr_db
 
 import lidcam as library
-from pipeline.core.arrays import U8
+from lidcam.pipeline.core.arrays import U8
 
 PROGRAM = Path(sys.executable).with_name("lidcam-process")
 PART = ("--config", "sandbox", "--duration", "0.3", "--set", CLUSTERS)
@@ -93,7 +93,7 @@ def test_images_that_are_not_read(option: str, name: str, tmp_path: Path, sandbo
 def test_a_film_without_the_extra(
     tmp_path: Path, sandbox: Path, lidcam: Lidcam, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delitem(sys.modules, "writers.pictures.film", raising=False)
+    monkeypatch.delitem(sys.modules, "lidcam.writers.pictures.film", raising=False)
     monkeypatch.setitem(sys.modules, "av", None)
     done = lidcam("process", sandbox, tmp_path / "out.mcap", "--video", tmp_path / "out.mp4", *PART)
     assert done.error_line.endswith("out.mp4: a film needs PyAV: pip install 'lidcam[video]'")

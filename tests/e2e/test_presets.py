@@ -9,10 +9,10 @@ from command import Lidcam
 from mcap.reader import make_reader
 
 import lidcam as library
-from bags.simulator.scenario.load import load_scenario, scenario_names
+from lidcam.bags.simulator.scenario.load import load_scenario, scenario_names
+from lidcam.pipeline.core.settings.bundled import PRESETS
+from lidcam.pipeline.core.settings.load import load_config
 from lidcam.report import report_tree
-from pipeline.core.settings.bundled import PRESETS
-from pipeline.core.settings.load import load_config
 
 BAGS = Path(__file__).resolve().parents[2] / "bags"
 JUDGED = {

@@ -22,8 +22,8 @@ from small_drive import small_drive
 
 import lidcam
 from lidcam.outputs.kinds import OUTPUTS, OutputKind
-from pipeline.core.messages import RawMessage
-from readers.messages.pointcloud2 import decode_pointcloud2
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
 
 SANDBOX = Path(__file__).resolve().parents[2] / "bags" / "sandbox.bag"
 
@@ -49,7 +49,7 @@ def run(folder: Path, module: str, rows: str, *commands: tuple[object, ...]) -> 
 ENGINE = '''
 import numpy as np
 
-from pipeline.detectors.protocols import Candidates3D
+from lidcam.pipeline.detectors.protocols import Candidates3D
 
 
 class Toy:
@@ -66,7 +66,7 @@ class Toy:
         return Candidates3D(center, size, 0 * one, 0.9 * one, np.array([self.car]), counts, covariances, 0 * counts)
 '''
 ENGINE_ROWS = """
-from pipeline.core.settings.engines import ENGINES, Engine3D
+from lidcam.pipeline.core.settings.engines import ENGINES, Engine3D
 
 ENGINES["toy"] = Engine3D("toy:Toy", "by a toy")
 ENGINES["big"] = Engine3D("toy:Toy", "by a large toy", package="nowhere_at_all", extra="toys")
@@ -144,10 +144,10 @@ SPHERES = "toy_msgs/msg/Spheres"
 DECODER = '''
 import numpy as np
 
-from pipeline.core.clouds import PointCloud
-from pipeline.core.settings.recording import DEFAULT_LIMITS
-from readers.messages.boundary.decoding import decoder
-from readers.messages.deserialize import deserialize
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS
+from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.deserialize import deserialize
 
 @decoder
 def decode_spheres(message, *, limits=DEFAULT_LIMITS, others=0):
@@ -158,7 +158,7 @@ def decode_spheres(message, *, limits=DEFAULT_LIMITS, others=0):
     return PointCloud(message.stamp_ns, read.header.frame_id, rows[:, :3].copy(), rows[:, 3].copy(), *none)
 '''
 MESSAGE_ROW = """
-from readers.messages.registry import TYPES, MessageType
+from lidcam.readers.messages.registry import TYPES, MessageType
 
 TYPES["toy_msgs/msg/Spheres"] = MessageType("cloud", "toy:decode_spheres")
 """

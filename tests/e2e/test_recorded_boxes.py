@@ -15,15 +15,15 @@ from rich.console import Console
 
 from lidcam.inspection import inspect_recording
 from lidcam.job import make_job
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.settings.config import Config
 from lidcam.printing.console import print_inspection
+from lidcam.readers.messages.vision.detections3d import decode_detections3d
+from lidcam.readers.open import open_recording
 from lidcam.report import RunReport, report_tree
 from lidcam.run import process_recording
 from lidcam.settings.choice import SettingsChoice
-from pipeline.core.errors import RecordingError
-from pipeline.core.messages import RawMessage
-from pipeline.core.settings.config import Config
-from readers.messages.vision.detections3d import decode_detections3d
-from readers.open import open_recording
 
 SECONDS = 0.5
 SMALL = ("output.images=false", "output.clouds=false", "output.layout=false", "fuse.min_score=0")
@@ -115,7 +115,7 @@ def places(objects: list[Found]) -> list[list[float]]:
 def test_boxes_of_lidars_and_cameras_without_any_cloud(
     clusters: Path, sandbox: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pipeline.parallel.run.START_S", 0.0)  # no recording is too short for two processes
+    monkeypatch.setattr("lidcam.pipeline.parallel.run.START_S", 0.0)  # no recording is too short for two processes
     boxes = given_back(clusters)
     source = write(tmp_path / "in.bag", of_sandbox(sandbox, without="/velodyne"), boxes[:1] + boxes[2:])
     reports = [

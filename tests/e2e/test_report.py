@@ -14,7 +14,7 @@ from small_drive import small_drive
 
 import lidcam
 from lidcam.page.make import make_page
-from readers.results.result import open_result
+from lidcam.readers.results.result import open_result
 
 SANDBOX = Path(__file__).resolve().parents[2] / "bags" / "sandbox.bag"
 EMBEDDED = re.compile(r'<script type="application/json" id="figures">(.*?)</script>', re.DOTALL)

@@ -13,9 +13,9 @@ from helpers import CLUSTERS
 from results import fused_objects, messages_of, stamp_of, topics_of
 from video import compressed_video, encode, ffmpeg_packet, psnr_db
 
-from pipeline.core.messages import RawMessage
-from readers.messages.deserialize import deserialize
-from readers.messages.image import decode_any_image
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.messages.deserialize import deserialize
+from lidcam.readers.messages.image import decode_any_image
 
 GOP = 3
 NUMBERS = (11, 12, 13, 14, 41, 42, 43, 44)
@@ -145,7 +145,7 @@ def test_without_the_decoder(
     process: Process, film: Path, first_result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each camera is left out with one line that says what to install; the lidars go on."""
-    monkeypatch.setattr("readers.video.packets.find_spec", lambda _: None)
+    monkeypatch.setattr("lidcam.readers.video.packets.find_spec", lambda _: None)
     code, _, err = process(film, tmp_path / "out.mcap")
     assert code == 3
     assert err.count("pip install 'lidcam[video]'") >= len(NUMBERS)

@@ -16,7 +16,7 @@ HELD = """
 import signal
 import sys
 import lidcam.run
-import pipeline.parallel.run
+import lidcam.pipeline.parallel.run
 from lidcam.__main__ import main
 
 write = lidcam.run._written
@@ -27,7 +27,7 @@ def held(*args):
     return write(*args)
 
 lidcam.run._written = held
-pipeline.parallel.run.START_S = 0.0
+lidcam.pipeline.parallel.run.START_S = 0.0
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it in what it runs in the background
 main()
 """

@@ -7,8 +7,8 @@ import pytest
 import yaml
 
 import lidcam
-from readers.rig.rig_file import rig_yaml
-from readers.rig.schema import RigFile, parse_rig
+from lidcam.readers.rig.rig_file import rig_yaml
+from lidcam.readers.rig.schema import RigFile, parse_rig
 
 BAGS = Path(__file__).resolve().parents[2] / "bags"
 TURN_RAD = np.radians(2.0)

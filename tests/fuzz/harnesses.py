@@ -28,31 +28,31 @@ from memory_recording import MemoryRecording
 from message_harnesses import ENCODINGS, LIMITS, MESSAGES, T0, Encoding, Harness, hold, images, info
 
 from lidcam.evaluation.frames import EvaluationFrames
-from pipeline.core.errors import LidcamError
-from pipeline.core.frame import FrameResult
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.rig import LidarSensor, Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.load import dump_config, load_config
-from readers.files.rosbag2_folder import recording_files
-from readers.messages.deserialize import deserialize
-from readers.open import open_recording
-from readers.recording import ReadOptions, Recording
-from readers.results.result import open_result
-from readers.rig.discovery import discover_rig
-from readers.rig.rig_file import load_rig, rig_yaml
-from readers.streams.motion import find_motion_source
-from readers.streams.per_sensor import sensor_messages
-from readers.streams.survey import survey
-from readers.truth.kitti import KittiTruth
-from readers.truth.open import open_truth
-from readers.truth.openlabel import OpenLabelTruth
-from readers.truth.predecessor import PredecessorTruth
-from readers.velodyne.calibration import read_velodyne_calibration
-from readers.velodyne.models import MODELS
-from writers.mcap.writer import McapResultWriter
-from writers.outputs.transaction import OutputFile
+from lidcam.pipeline.core.errors import LidcamError
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.rig import LidarSensor, Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.load import dump_config, load_config
+from lidcam.readers.files.rosbag2_folder import recording_files
+from lidcam.readers.messages.deserialize import deserialize
+from lidcam.readers.open import open_recording
+from lidcam.readers.recording import ReadOptions, Recording
+from lidcam.readers.results.result import open_result
+from lidcam.readers.rig.discovery import discover_rig
+from lidcam.readers.rig.rig_file import load_rig, rig_yaml
+from lidcam.readers.streams.motion import find_motion_source
+from lidcam.readers.streams.per_sensor import sensor_messages
+from lidcam.readers.streams.survey import survey
+from lidcam.readers.truth.kitti import KittiTruth
+from lidcam.readers.truth.open import open_truth
+from lidcam.readers.truth.openlabel import OpenLabelTruth
+from lidcam.readers.truth.predecessor import PredecessorTruth
+from lidcam.readers.velodyne.calibration import read_velodyne_calibration
+from lidcam.readers.velodyne.models import MODELS
+from lidcam.writers.mcap.writer import McapResultWriter
+from lidcam.writers.outputs.transaction import OutputFile
 
 CORPUS = Path(__file__).parent / "corpus"
 MAX_MESSAGES = 3000

@@ -25,30 +25,30 @@ from object_messages import Recorded, autoware_message, autoware_object
 from track_messages import track, track_array
 from video import CODECS, compressed_video, encode, ffmpeg_packet, moving
 
-from pipeline.core.errors import LidcamError
-from pipeline.core.frame import SensorBundle
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.rig import RecordedDetector, Rig
-from pipeline.core.ros.typestores import message_types
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.recording import LimitsConfig
-from pipeline.stages.detect3d import Recorded3D
-from readers.messages.camera_info import camera_model, rectified_camera_model
-from readers.messages.deserialize import definition_problem, deserialize, typestore_for
-from readers.messages.diagnostics import decode_diagnostics
-from readers.messages.image import decode_any_image
-from readers.messages.objects.tracks import decode_tracks
-from readers.messages.odometry import decode_odometry
-from readers.messages.pointcloud2 import decode_pointcloud2
-from readers.messages.tf import decode_transforms, read_transforms
-from readers.messages.to_ros2 import to_ros2
-from readers.messages.vision.detections2d import decode_detections2d
-from readers.messages.vision.detections3d import decode_detections3d
-from readers.streams.recorded3d import RecordedBoxes3D
-from readers.velodyne.decoder import VelodyneDecoders
-from readers.velodyne.models import MODELS
-from readers.video.decoder import VideoDecoder
+from lidcam.pipeline.core.errors import LidcamError
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.rig import RecordedDetector, Rig
+from lidcam.pipeline.core.ros.typestores import message_types
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.stages.detect3d import Recorded3D
+from lidcam.readers.messages.camera_info import camera_model, rectified_camera_model
+from lidcam.readers.messages.deserialize import definition_problem, deserialize, typestore_for
+from lidcam.readers.messages.diagnostics import decode_diagnostics
+from lidcam.readers.messages.image import decode_any_image
+from lidcam.readers.messages.objects.tracks import decode_tracks
+from lidcam.readers.messages.odometry import decode_odometry
+from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
+from lidcam.readers.messages.tf import decode_transforms, read_transforms
+from lidcam.readers.messages.to_ros2 import to_ros2
+from lidcam.readers.messages.vision.detections2d import decode_detections2d
+from lidcam.readers.messages.vision.detections3d import decode_detections3d
+from lidcam.readers.streams.recorded3d import RecordedBoxes3D
+from lidcam.readers.velodyne.decoder import VelodyneDecoders
+from lidcam.readers.velodyne.models import MODELS
+from lidcam.readers.video.decoder import VideoDecoder
 
 T0 = 1_700_000_000 * 10**9
 Encoding = Literal["ros1", "cdr"]

@@ -8,8 +8,8 @@ from lidar_scene import rig
 from seen_boxes import camera_at
 
 from lidcam.build import decided
-from pipeline.core.settings.load import load_config
-from pipeline.detectors.pillars.embedded import EMBEDDED
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.pipeline.detectors.pillars.embedded import EMBEDDED
 
 LIDARS = rig((0.0, 0.0, 1.8))
 UNKNOWN_CLASS = "classes=[{name: crane, size_m: [9, 3, 5], max_size_m: [12, 4, 6], labels: [crane]}]"

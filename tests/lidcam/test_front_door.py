@@ -17,7 +17,7 @@ from results import fused_objects
 
 import lidcam
 from lidcam import api
-from pipeline.core.detections import source_names
+from lidcam.pipeline.core.detections import source_names
 
 ROOT = Path(__file__).resolve().parents[2]
 SANDBOX, CONFIG = ROOT / "bags" / "sandbox.bag", ROOT / "config" / "sandbox.yaml"

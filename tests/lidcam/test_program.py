@@ -10,8 +10,8 @@ import typer
 from logging_state import kept_logging
 
 from lidcam.commands import app, process_app
+from lidcam.pipeline.core.errors import CheckError, IncompleteError, RecordingError
 from lidcam.program import run_program
-from pipeline.core.errors import CheckError, IncompleteError, RecordingError
 
 HOSTILE, SHOWN = "a\x1b]0;t\x07\x9b2J\nError: faked", "a\\x1b]0;t\\x07\\x9b2J\\nError: faked"
 

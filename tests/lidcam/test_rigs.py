@@ -8,11 +8,11 @@ from builders import image, pointcloud2, raw
 from memory_recording import MemoryRecording
 
 from lidcam.job import make_job, read_rig
-from pipeline.core.errors import CalibrationError
-from pipeline.core.settings.bundled import bundled
-from pipeline.core.settings.config import Config
-from readers.rig.discovery import discover_rig
-from readers.rig.schema import RigFile
+from lidcam.pipeline.core.errors import CalibrationError
+from lidcam.pipeline.core.settings.bundled import bundled
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.rig.discovery import discover_rig
+from lidcam.readers.rig.schema import RigFile
 
 CAMERAS = (11, 12, 13, 14, 41, 42, 43, 44)
 

@@ -14,22 +14,22 @@ from memory_recording import MemoryRecording
 from reports import changed, printed
 
 from lidcam.frames import RunInput, TimeWindow, synchronized_topics
+from lidcam.pipeline.core.camera import CameraModel
+from lidcam.pipeline.core.errors import ConfigError, RecordingError
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.geometry.transform_tree import TransformTree
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.track import TrackConfig
+from lidcam.pipeline.evaluation.road_users import RoadUserCount, RoadUsers, ZoneChange
+from lidcam.readers.messages.tf import RecordedTransforms
+from lidcam.readers.rig.discovery import Discovery
+from lidcam.readers.streams.motion import MotionSource
 from lidcam.report import RunReport, report_tree
 from lidcam.run import Run
 from lidcam.summary import DropTable, Tally
-from pipeline.core.camera import CameraModel
-from pipeline.core.errors import ConfigError, RecordingError
-from pipeline.core.frame import FrameResult
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.geometry.transform_tree import TransformTree
-from pipeline.core.messages import RawMessage
-from pipeline.core.rig import CameraSensor, LidarSensor, Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.track import TrackConfig
-from pipeline.evaluation.road_users import RoadUserCount, RoadUsers, ZoneChange
-from readers.messages.tf import RecordedTransforms
-from readers.rig.discovery import Discovery
-from readers.streams.motion import MotionSource
 
 STEP_NS = 100_000_000
 START_NS = 1_600_000_000_000_000_000

@@ -14,7 +14,7 @@ import os, signal, sys
 from pathlib import Path
 from lidcam.__main__ import end_at_signals
 end_at_signals()
-from pipeline.core.ending import undone_at_once
+from lidcam.pipeline.core.ending import undone_at_once
 
 kept = Path(sys.argv[1])
 kept.touch()

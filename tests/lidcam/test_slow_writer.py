@@ -13,13 +13,13 @@ from small_drive import CAMERA_K, START_NS, STEP_NS, small_drive
 
 from lidcam.frames import bundles
 from lidcam.job import make_job
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.parallel.background import Background
 from lidcam.run import RunObserver, process_recording
 from lidcam.summary import RunProgress
-from pipeline.core.frame import SensorBundle
-from pipeline.core.messages import RawMessage
-from pipeline.parallel.background import Background
-from writers.mcap.chunk import Chunk
-from writers.mcap.output import CHUNK_BYTES
+from lidcam.writers.mcap.chunk import Chunk
+from lidcam.writers.mcap.output import CHUNK_BYTES
 
 FRAMES = 16
 IMAGE_PX = 480, 640, 3
@@ -104,10 +104,10 @@ def test_no_more_waits_than_the_frames_in_work_and_some_chunks(
     workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     watch = Watch()
-    monkeypatch.setattr("pipeline.parallel.run.START_S", 0.0)
-    monkeypatch.setattr("writers.mcap.output.WAITING_BYTES", WAITING_BYTES)
-    monkeypatch.setattr("writers.mcap.output.Background", SlowDisk)
-    monkeypatch.setattr("writers.mcap.output.Chunk", CountedChunk)
+    monkeypatch.setattr("lidcam.pipeline.parallel.run.START_S", 0.0)
+    monkeypatch.setattr("lidcam.writers.mcap.output.WAITING_BYTES", WAITING_BYTES)
+    monkeypatch.setattr("lidcam.writers.mcap.output.Background", SlowDisk)
+    monkeypatch.setattr("lidcam.writers.mcap.output.Chunk", CountedChunk)
     monkeypatch.setattr("lidcam.run.bundles", lambda *args: watch.reading(bundles(*args)))
     write_mcap(path := tmp_path / "drive.mcap", drive())
     settings = {"track.mode": "none", "detect3d.method": "cluster"}

@@ -20,12 +20,12 @@ from small_drive import small_drive
 
 import lidcam
 from lidcam.job import make_job
+from lidcam.pipeline.core.detections import Fused
+from lidcam.pipeline.core.frame import FrameResult
 from lidcam.report import report_tree
 from lidcam.run import RunObserver, process_recording
 from lidcam.summary import RunProgress
 from lidcam.tracks import FrameTracker, tracked
-from pipeline.core.detections import Fused
-from pipeline.core.frame import FrameResult
 
 FRAMES = 12
 NEVER = 1000
@@ -217,7 +217,7 @@ class Told(RunObserver):
 
 @pytest.fixture
 def recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr("pipeline.parallel.run.START_S", 0.0)
+    monkeypatch.setattr("lidcam.pipeline.parallel.run.START_S", 0.0)
     write_mcap(path := tmp_path / "drive.mcap", small_drive("cdr", frames=FRAMES, kinds=("images", "boxes")))
     return path
 

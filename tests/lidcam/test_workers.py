@@ -12,16 +12,16 @@ from small_drive import small_drive
 
 import lidcam
 from lidcam.frames import expected_frames
+from lidcam.pipeline.core.messages import RawMessage
 from lidcam.report import report_tree
 from lidcam.run import opened
-from pipeline.core.messages import RawMessage
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(autouse=True)
 def _processes_from_the_first_frame_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pipeline.parallel.run.START_S", 0.0)
+    monkeypatch.setattr("lidcam.pipeline.parallel.run.START_S", 0.0)
 
 
 def drive(bad: tuple[int, ...] = ()) -> list[RawMessage]:

@@ -6,7 +6,7 @@ from pathlib import Path
 import mypy.api
 import pytest
 
-from pipeline.graph import Graph, Node
+from lidcam.pipeline.graph import Graph, Node
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def test_wrong_wiring_is_refused() -> None:
 
 def test_time_is_counted_by_stage_but_for_what_only_puts_together(monkeypatch: pytest.MonkeyPatch) -> None:
     seconds = iter(range(100))
-    monkeypatch.setattr("pipeline.graph.time.perf_counter", lambda: next(seconds))
+    monkeypatch.setattr("lidcam.pipeline.graph.time.perf_counter", lambda: next(seconds))
     graph = Graph(Frame)
     first = graph.add("work", add_one, graph.frame)
     last = graph.add("join", plus, first, first, timed=False)
@@ -143,7 +143,7 @@ def test_time_is_counted_by_stage_but_for_what_only_puts_together(monkeypatch: p
 
 
 WIRING = """
-from pipeline.graph import Graph, Node
+from lidcam.pipeline.graph import Graph, Node
 
 class Frame:
     index = 0

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.core.errors import RecordingError
-from readers import input_file
-from readers.input_file import (
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.readers import input_file
+from lidcam.readers.input_file import (
     BLOCK_BYTES,
     END_BYTES,
     STEP_BYTES,
@@ -22,7 +22,7 @@ from readers.input_file import (
     read_input_file,
     read_opened_files,
 )
-from readers.location import Location, RemotePath
+from lidcam.readers.location import Location, RemotePath
 
 FACTS = (("size", "1234"), ("etag", '"x"'))
 

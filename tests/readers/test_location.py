@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.core.errors import RecordingError
-from readers.location import Location, RemotePath, location
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.readers.location import Location, RemotePath, location
 
 
 @pytest.mark.parametrize(

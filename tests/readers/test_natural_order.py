@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from readers.natural_order import natural_key
+from lidcam.readers.natural_order import natural_key
 
 
 @given(st.lists(st.text(), unique=True))

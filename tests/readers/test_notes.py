@@ -1,4 +1,4 @@
-from readers.notes import MAX_KINDS, Notes
+from lidcam.readers.notes import MAX_KINDS, Notes
 
 
 def test_notes_are_counted_by_kind() -> None:

@@ -13,11 +13,11 @@ from helpers import shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.core.errors import RecordingError
-from pipeline.core.messages import RawMessage
-from readers.messages.deserialize import deserialize
-from readers.open import open_recording
-from readers.recording import DEFAULT_READ_OPTIONS, ReadOptions
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.messages.deserialize import deserialize
+from lidcam.readers.open import open_recording
+from lidcam.readers.recording import DEFAULT_READ_OPTIONS, ReadOptions
 
 T0 = 1_700_000_000 * 10**9
 ODOMETRY = "nav_msgs/msg/Odometry"

@@ -23,10 +23,10 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-from pipeline.core.arrays import Array
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.ros.typestores import message_types
-from readers.messages.deserialize import typestore_for
+from lidcam.pipeline.core.arrays import Array
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.ros.typestores import message_types
+from lidcam.readers.messages.deserialize import typestore_for
 
 Fields = Mapping[str, Any]
 Encoding = Literal["ros1", "cdr"]

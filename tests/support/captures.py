@@ -7,7 +7,7 @@ from typing import Any
 
 import dpkt
 
-from pipeline.core.arrays import I64, U8
+from lidcam.pipeline.core.arrays import I64, U8
 
 PCAP_FORMS = {
     "little, us": ("<", 0xA1B2C3D4, 1000),

@@ -7,8 +7,8 @@ from builders import Encoding, header, raw, store_for
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from pipeline.core.messages import RawMessage
-from readers.messages.deserialize import deserialize
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.messages.deserialize import deserialize
 
 CAMERAS, CLOUDS = "msgs/msg/MsgCamera", "msgs/msg/ListPointCloud"
 DEFINITIONS = {

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from detections import boxes2d, boxes3d
 
-from pipeline.core.detections import Boxes2D
-from pipeline.evaluation.evaluation_frame import UNKNOWN, SourceBoxes
+from lidcam.pipeline.core.detections import Boxes2D
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, SourceBoxes
 
 Row = tuple[float, float, float, float, float, float, float]
 

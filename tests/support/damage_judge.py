@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from sound_recordings import CHECKED, KINDS, Recovery, Seen, SoundRecording, read_all, sound_recording, write_files
 
-from pipeline.core.errors import LidcamError
+from lidcam.pipeline.core.errors import LidcamError
 
 SECTOR = 512
 MAX_GROWTH_MIB = 400

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.camera import CameraModel
-from pipeline.core.detections import Boxes2D, Boxes3D
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import CameraSensor, Rig
+from lidcam.pipeline.core.camera import CameraModel
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import CameraSensor, Rig
 
 # Optical axes (right, down, forward) of a camera that looks along the site's x axis.
 LOOK_FORWARD = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])

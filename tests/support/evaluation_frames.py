@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from detections import boxes3d
 
-from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, ImageBoxes, SourceBoxes, TruthBoxes3D
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, ImageBoxes, SourceBoxes, TruthBoxes3D
 
 FRAME_NS = 100_000_000
 

@@ -7,13 +7,13 @@ import numpy as np
 import numpy.typing as npt
 from evaluation_frames import source_boxes, truth_boxes
 
-from pipeline.core.arrays import F64
-from pipeline.core.detections import Boxes2D
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.rig import Zone
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.detection.detection_evaluation import DetectionEvaluation
-from pipeline.evaluation.evaluation_frame import (
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.detections import Boxes2D
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.rig import Zone
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.detection.detection_evaluation import DetectionEvaluation
+from lidcam.pipeline.evaluation.evaluation_frame import (
     UNKNOWN,
     EvaluationFrame,
     ImageBoxes,

@@ -16,8 +16,8 @@ from google.protobuf import timestamp_pb2
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
 from google.protobuf.message_factory import GetMessages
 
-from pipeline.core.messages import Channel, RawMessage
-from readers.messages.deserialize import deserialize
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.readers.messages.deserialize import deserialize
 
 Encoding = Literal["protobuf", "json"]
 Fields = Mapping[str, Any]

@@ -9,17 +9,26 @@ import numpy.typing as npt
 from builders import header, image, raw
 from detections import boxes3d, forward_camera
 
-from pipeline.core.clouds import CombinedCloud, Plane, PointCloud
-from pipeline.core.detections import NO_HYPOTHESIS, Boxes2D, Boxes3D, Detections, Fused, Hypotheses, Matches, Source
-from pipeline.core.frame import FrameResult, SensorBundle
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.geometry.pose_samples import PoseSamples
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.messages import Channel, Drop, RawMessage
-from pipeline.core.rig import LidarSensor, Rig, Zone
-from pipeline.core.settings.config import Config
-from pipeline.core.tracks import Tracks
-from writers.provenance import Provenance
+from lidcam.pipeline.core.clouds import CombinedCloud, Plane, PointCloud
+from lidcam.pipeline.core.detections import (
+    NO_HYPOTHESIS,
+    Boxes2D,
+    Boxes3D,
+    Detections,
+    Fused,
+    Hypotheses,
+    Matches,
+    Source,
+)
+from lidcam.pipeline.core.frame import FrameResult, SensorBundle
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.messages import Channel, Drop, RawMessage
+from lidcam.pipeline.core.rig import LidarSensor, Rig, Zone
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.tracks import Tracks
+from lidcam.writers.provenance import Provenance
 
 START_NS = 1_700_000_000_123_456_789
 PERIOD_NS = 100_000_000

@@ -9,11 +9,11 @@ import numpy as np
 from detections import boxes2d, boxes3d, camera_rig
 from helpers import shared
 
-from pipeline.core.arrays import Bools
-from pipeline.core.camera import CameraModel
-from pipeline.core.detections import Boxes2D, Boxes3D
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import CameraSensor, Rig
+from lidcam.pipeline.core.arrays import Bools
+from lidcam.pipeline.core.camera import CameraModel
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import CameraSensor, Rig
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,13 @@
 """Stages of fusion with the settings that a whole `Config` has for them, as `lidcam/build.py` makes them."""
 
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.detectors.cluster.fitting import BoxFitter
-from pipeline.stages.associate import Associate
-from pipeline.stages.believe import Believe
-from pipeline.stages.place import Place
-from pipeline.stages.propose import Propose
-from pipeline.stages.reshape import Reshape
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
+from lidcam.pipeline.stages.associate import Associate
+from lidcam.pipeline.stages.believe import Believe
+from lidcam.pipeline.stages.place import Place
+from lidcam.pipeline.stages.propose import Propose
+from lidcam.pipeline.stages.reshape import Reshape
 
 CONFIG = Config()
 

@@ -12,18 +12,6 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-__all__ = [
-    "FLOORS",
-    "ImportGraph",
-    "circles",
-    "module_name",
-    "our_imports",
-    "package_of",
-    "read_import_graph",
-    "room_of",
-    "sources",
-]
-
 FLOORS = {"lidcam": 4, "bags": 3, "readers": 2, "writers": 2, "pipeline": 1}
 """An import points down, or stays in its package; readers and writers do not know each other."""
 
@@ -66,14 +54,15 @@ class ImportGraph:
 
 
 def sources(root: Path) -> list[Path]:
-    """Every source file of the five packages, in order."""
+    """Every source file of the five packages, in order; the links in `lidcam/` are not followed."""
     return sorted(path for package in FLOORS for path in (root / package).rglob("*.py"))
 
 
 def module_name(path: Path, root: Path) -> str:
     """The name under which a file is imported."""
     parts = path.relative_to(root).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+    inside = parts if parts[0] == "lidcam" else ("lidcam", *parts)
+    return ".".join(inside[:-1] if inside[-1] == "__init__" else inside)
 
 
 @cache
@@ -86,7 +75,7 @@ def our_imports(path: Path) -> frozenset[str]:
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: imports are absolute"
             names.add(node.module or "")
-    return frozenset(name for name in names if package_of(name) in FLOORS)
+    return frozenset(name for name in names if name.split(".")[0] == "lidcam")
 
 
 def _statements(tree: ast.AST) -> Iterator[ast.AST]:
@@ -101,8 +90,9 @@ def _statements(tree: ast.AST) -> Iterator[ast.AST]:
 
 
 def package_of(module: str) -> str:
-    """The package that a module belongs to."""
-    return module.split(".")[0]
+    """The folder at the top of the repository that a module lies in."""
+    parts = module.split(".")
+    return parts[1] if len(parts) > 1 and parts[1] in FLOORS else parts[0]
 
 
 def room_of(module: str, root: Path = ROOT) -> str:

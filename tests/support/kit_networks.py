@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from pipeline.core.arrays import F64
+from lidcam.pipeline.core.arrays import F64
 
 RANGE = [0.0, -4.0, -3.0, 8.0, 4.0, 1.0]
 CELL = [0.5, 0.5, 4.0]

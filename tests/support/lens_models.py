@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.core.camera import CameraModel, DistortionModel
+from lidcam.pipeline.core.camera import CameraModel, DistortionModel
 
 LENS_MODELS: dict[str, tuple[DistortionModel, list[float]]] = {
     "none": ("plumb_bob", []),

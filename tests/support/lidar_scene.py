@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64
-from pipeline.core.clouds import CombinedCloud, Plane, PointCloud, Relief
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import LidarSensor, Rig
+from lidcam.pipeline.core.arrays import F32, F64
+from lidcam.pipeline.core.clouds import CombinedCloud, Plane, PointCloud, Relief
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import LidarSensor, Rig
 
 Box = tuple[float, float, float, float, float, float, float]
 """x, y, z of the centre, length, width, height, yaw."""

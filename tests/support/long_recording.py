@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from builders import pointcloud2, raw, tf_message, transform_stamped, write_mcap
 
-from pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.messages import RawMessage
 
 START_NS = 1_700_000_000 * 10**9
 SECOND_NS = 10**9

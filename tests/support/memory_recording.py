@@ -4,9 +4,9 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 
-from pipeline.core.messages import RawMessage
-from readers.input_file import OpenedFile
-from readers.recording import Closing, Loss, TopicInfo, merge_topics
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.input_file import OpenedFile
+from lidcam.readers.recording import Closing, Loss, TopicInfo, merge_topics
 
 
 class MemoryRecording(Closing):

@@ -6,7 +6,7 @@ from typing import Any
 import builders
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.messages import RawMessage
 
 
 def message_of_layout(

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from rosbags.typesys import Stores
 
-from pipeline.core.ros.typestores import RosVersion, release_types
-from readers.messages.deserialize import type_parts
+from lidcam.pipeline.core.ros.typestores import RosVersion, release_types
+from lidcam.readers.messages.deserialize import type_parts
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("lidcam", "bags", "readers", "writers", "pipeline")

@@ -9,9 +9,9 @@ import numpy as np
 from builders import Fields, header, serialize
 from message_layouts import message_of_layout
 
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.ros.typestores import message_types
-from pipeline.core.ros.vision_numbers import CLASS_NUMBERS
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.ros.typestores import message_types
+from lidcam.pipeline.core.ros.vision_numbers import CLASS_NUMBERS
 
 Format = Literal["ros1", "foxy", "galactic", "humble", "autoware", "autoware_auto"]
 FORMATS: tuple[Format, ...] = ("ros1", "foxy", "galactic", "humble", "autoware", "autoware_auto")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.core.arrays import Array
+from lidcam.pipeline.core.arrays import Array
 
 FLOAT, DOUBLE = 1, 11
 ATTRIBUTE_INT, ATTRIBUTE_INTS = 2, 7

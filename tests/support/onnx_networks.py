@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from onnx_files import FLOAT, _int, _ints, _node, _tensor, _value, write_model
 
-from pipeline.core.arrays import Array
+from lidcam.pipeline.core.arrays import Array
 
 INT64, FLOAT16 = 7, 10
 KINDS = {np.dtype(np.float32): FLOAT, np.dtype(np.int64): INT64, np.dtype(np.float16): FLOAT16}

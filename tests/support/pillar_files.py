@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 from onnx_files import FLOAT, _int, _ints, _node, _tensor, _value, write_model
 
-from pipeline.core.arrays import F32, F64
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Boxes3D
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.detectors.boxes import likely_boxes
-from pipeline.detectors.pillars.decoding import BOX_NUMBERS, box_numbers, output_cells
-from pipeline.detectors.pillars.detector import PillarDetector
-from pipeline.detectors.pillars.grid import FEATURES, STRIDE, Grid
-from pipeline.detectors.pillars.network import KEY
+from lidcam.pipeline.core.arrays import F32, F64
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.detectors.boxes import likely_boxes
+from lidcam.pipeline.detectors.pillars.decoding import BOX_NUMBERS, box_numbers, output_cells
+from lidcam.pipeline.detectors.pillars.detector import PillarDetector
+from lidcam.pipeline.detectors.pillars.grid import FEATURES, STRIDE, Grid
+from lidcam.pipeline.detectors.pillars.network import KEY
 
 GRID = Grid(cell_m=0.5, cells=64, low_m=0.2, high_m=4.0)
 INT64 = 7

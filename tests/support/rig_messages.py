@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from builders import Fields, camera_info, detection2d_array, image, pointcloud2, raw, tf_message, transform_stamped
 
-from pipeline.core.messages import RawMessage
-from readers.rig.discovery import Discovery
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.rig.discovery import Discovery
 
 K = np.array([[500.0, 0, 32.0], [0, 500.0, 24.0], [0, 0, 1]])
 

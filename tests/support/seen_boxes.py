@@ -5,13 +5,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from detections import boxes2d
 
-from pipeline.core.arrays import F64
-from pipeline.core.camera import CameraModel, DistortionModel
-from pipeline.core.detections import Boxes2D
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import CameraSensor
-from pipeline.fusion.projection import CameraArrays, ProjectedEdges, project_edges
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.camera import CameraModel, DistortionModel
+from lidcam.pipeline.core.detections import Boxes2D
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.fusion.projection import CameraArrays, ProjectedEdges, project_edges
 
 Box = tuple[float, float, float, float, float, float, float]
 """x, y, z of the centre, length, width, height, yaw."""

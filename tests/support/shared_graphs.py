@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.errors import MessageError
-from pipeline.graph import Graph, Node
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.graph import Graph, Node
 
 POINTS = 30_000
-logger = logging.getLogger("pipeline.test")
+logger = logging.getLogger("lidcam.pipeline.test")
 
 
 @dataclass(frozen=True)

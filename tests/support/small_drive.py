@@ -21,7 +21,7 @@ from builders import (
 )
 from small_scenario import write_small_scenario
 
-from pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.messages import RawMessage
 
 START_NS = 1_700_000_000 * 10**9
 STEP_NS = 100_000_000

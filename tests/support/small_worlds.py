@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bags.simulator.world.meshes.mesh import Material, Mesh, box, merged, polygon
-from bags.simulator.world.motion import FixedPath, Path, Poses, upright_poses
-from bags.simulator.world.mover import Mover, Part, UprightBox
-from bags.simulator.world.rays import Rays
-from bags.simulator.world.scene import Scene
-from pipeline.core.arrays import F64, I64
-from pipeline.core.geometry.transform import Transform
+from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh, box, merged, polygon
+from lidcam.bags.simulator.world.motion import FixedPath, Path, Poses, upright_poses
+from lidcam.bags.simulator.world.mover import Mover, Part, UprightBox
+from lidcam.bags.simulator.world.rays import Rays
+from lidcam.bags.simulator.world.scene import Scene
+from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.core.geometry.transform import Transform
 
 WHITE = Material("white", (1.0, 1.0, 1.0), 1.0)
 GREY = Material("grey", (0.5, 0.5, 0.5), 0.25)

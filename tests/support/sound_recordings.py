@@ -17,9 +17,9 @@ from builders import image, odometry, raw, time, write_mcap, write_rosbag1, writ
 from captures import capture_of, interface, ng_packet, pcap, section
 from mcap.writer import IndexType
 
-from pipeline.core.messages import RawMessage
-from readers.open import open_recording
-from readers.recording import Loss, ReadOptions
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.open import open_recording
+from lidcam.readers.recording import Loss, ReadOptions
 
 T0_NS = 1_700_000_000 * 10**9
 ODOMETRY, IMAGE, STAMP = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Image", "builtin_interfaces/msg/Time"

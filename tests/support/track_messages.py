@@ -7,7 +7,7 @@ import builders
 import numpy as np
 from message_layouts import message_of_layout
 
-from pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.messages import RawMessage
 
 TRACK_ARRAY = "lidcam_msgs/msg/TrackArray"
 DEFINITIONS = {

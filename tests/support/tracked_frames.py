@@ -8,9 +8,9 @@ import numpy as np
 from detections import boxes3d
 from frames import PERIOD_NS, START_NS, frame
 
-from pipeline.core.detections import Fused
-from pipeline.core.frame import FrameResult
-from pipeline.core.tracks import Tracks
+from lidcam.pipeline.core.detections import Fused
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.tracks import Tracks
 
 
 class Seen(NamedTuple):

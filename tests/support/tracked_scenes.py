@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.settings.classes import ROAD_CLASSES
-from pipeline.tracking.motion import Priors
-from pipeline.tracking.sightings import FrameSightings, Sightings
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.settings.classes import ROAD_CLASSES
+from lidcam.pipeline.tracking.motion import Priors
+from lidcam.pipeline.tracking.sightings import FrameSightings, Sightings
 
 PRIORS = Priors.of_classes(ROAD_CLASSES)
 CAR, PEDESTRIAN, BICYCLE, TRUCK, BUS = range(5)

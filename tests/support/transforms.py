@@ -3,7 +3,7 @@
 import numpy as np
 from hypothesis import strategies as st
 
-from pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.geometry.transform import Transform
 
 metres = st.floats(-1e3, 1e3)
 vectors = st.tuples(metres, metres, metres)

@@ -6,9 +6,9 @@ from typing import Any
 
 from builders import Encoding, Fields, header, raw
 
-from pipeline.core.messages import RawMessage
-from pipeline.core.ros.typestores import message_types
-from pipeline.core.ros.vision_numbers import CLASS_NUMBERS, COUNT_NUMBERS
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.ros.typestores import message_types
+from lidcam.pipeline.core.ros.vision_numbers import CLASS_NUMBERS, COUNT_NUMBERS
 
 DETECTIONS_3D = "vision_msgs/msg/Detection3DArray"
 

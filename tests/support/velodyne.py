@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 import velodyne_decoder as vd
 
-from pipeline.core.arrays import I64, U8
-from pipeline.core.clouds import PointCloud
-from pipeline.core.messages import Channel, RawMessage
-from readers.velodyne.models import MODELS, LaserTable, VelodyneModel, built_in_table
+from lidcam.pipeline.core.arrays import I64, U8
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.readers.velodyne.models import MODELS, LaserTable, VelodyneModel, built_in_table
 
 SCAN = "velodyne_msgs/msg/VelodyneScan"
 TOPIC = "/velodyne_packets"

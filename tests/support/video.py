@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 from builders import header, raw, time
 
-from pipeline.core.arrays import U8
-from pipeline.core.messages import RawMessage
-from readers.messages.image import decode_any_image
+from lidcam.pipeline.core.arrays import U8
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.messages.image import decode_any_image
 
 os.environ.setdefault("SVT_LOG", "0")  # or the encoder of AV1 tells of itself on stderr
 

@@ -9,15 +9,15 @@ from detections import boxes2d, boxes3d, forward_camera
 from frames import frame
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.arrays import F64, I64
-from pipeline.core.detections import Detections, Fused, Hypotheses, Matches
-from pipeline.core.frame import FrameResult
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.geometry.pose_samples import PoseSamples
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import CameraSensor
-from pipeline.core.settings.fuse import FuseConfig
-from pipeline.core.tracks import Tracks
+from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.core.detections import Detections, Fused, Hypotheses, Matches
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.core.settings.fuse import FuseConfig
+from lidcam.pipeline.core.tracks import Tracks
 
 CUBOIDS = FuseConfig(corner_rounding=0.0, underside=0.0, cabin=0.0)
 """Settings by which objects are the boxes that `passing` shows."""

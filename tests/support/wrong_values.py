@@ -8,8 +8,8 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic_core._pydantic_core import list_all_errors
 
-from pipeline.core.errors import LidcamError
-from pipeline.core.settings.validation import Place, key_places
+from lidcam.pipeline.core.errors import LidcamError
+from lidcam.pipeline.core.settings.validation import Place, key_places
 
 WRONG: tuple[Any, ...] = (
     None,

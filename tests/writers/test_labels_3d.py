@@ -3,9 +3,9 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from pipeline.core.arrays import F64
-from writers.labels_3d import labels_apart
-from writers.viewpoint import Viewpoint
+from lidcam.pipeline.core.arrays import F64
+from lidcam.writers.labels_3d import labels_apart
+from lidcam.writers.viewpoint import Viewpoint
 
 FOV_Y_DEG, HEIGHT_PX = 55.0, 480.0
 EYE = Viewpoint(np.array([-30.0, 2.0, 30.0]), np.array([0.0, 2.0, 0.0]), np.array([1.0, 0.0]))

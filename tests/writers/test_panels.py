@@ -1,6 +1,6 @@
 import pytest
 
-from writers.panels import arrange
+from lidcam.writers.panels import arrange
 
 
 @pytest.mark.parametrize(

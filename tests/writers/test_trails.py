@@ -4,10 +4,10 @@ import numpy as np
 from detections import boxes3d
 from frames import CONFIG, PERIOD_NS, START_NS, frame, tracks_of
 
-from pipeline.core.arrays import F64
-from pipeline.core.frame import FrameResult
-from pipeline.core.geometry.pose_samples import PoseSamples
-from writers.trails import TRAIL_S, Trails
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
+from lidcam.writers.trails import TRAIL_S, Trails
 
 FRAMES_OF_TRAIL = round(TRAIL_S * 1e9 / PERIOD_NS) + 1
 

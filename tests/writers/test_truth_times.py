@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-import writers.truth_times as tested
-from pipeline.core.frame import SensorBundle
-from pipeline.core.true_boxes import TrueBoxes
-from writers.truth_times import TruthTimes
+import lidcam.writers.truth_times as tested
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.true_boxes import TrueBoxes
+from lidcam.writers.truth_times import TruthTimes
 
 SECOND = 1_000_000_000
 NOTHING = np.zeros((0, 3))

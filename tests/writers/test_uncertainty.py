@@ -5,8 +5,8 @@ from detections import boxes3d
 from hypothesis import given
 from hypothesis import strategies as st
 
-from writers.drawing import ELLIPSE_CORNERS as CORNERS
-from writers.drawing import ground_ellipses
+from lidcam.writers.drawing import ELLIPSE_CORNERS as CORNERS
+from lidcam.writers.drawing import ground_ellipses
 
 FACTORS = st.floats(0.01, 10.0)
 

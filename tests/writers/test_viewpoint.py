@@ -8,13 +8,13 @@ from frames import frame
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.arrays import F64
-from pipeline.core.clouds import CombinedCloud, PointCloud
-from pipeline.core.detections import Fused
-from pipeline.core.frame import FrameResult
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import CameraSensor, LidarSensor, Rig
-from writers.viewpoint import SURVEYED_FRAMES, SceneSurvey, Viewpoint, cameras_in_order, front_of_rig
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.clouds import CombinedCloud, PointCloud
+from lidcam.pipeline.core.detections import Fused
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from lidcam.writers.viewpoint import SURVEYED_FRAMES, SceneSurvey, Viewpoint, cameras_in_order, front_of_rig
 
 ASPECT, FOV_Y_DEG = 1.3, 55.0
 

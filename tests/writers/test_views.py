@@ -8,21 +8,21 @@ import pytest
 from detections import forward_camera
 from frames import CONFIG, COVARIANCE, RIG, START_NS, frame, tracks_of
 
-from pipeline.core.detections import Fused, Source
-from pipeline.core.frame import FrameResult, Missing
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.messages import Drop
-from pipeline.core.optics.drawn_edges import draw_edges
-from pipeline.core.rig import CameraSensor
-from pipeline.core.ros.messages import ROS2
-from writers.drawing import ARROW_SHARE, object_edges, object_labels, roofs
-from writers.messages.annotations import image_annotations
-from writers.messages.diagnostics import diagnostics
-from writers.messages.scene import marker_array, scene_update, zone_entities
-from writers.palette import CAMERA_ONLY, MATCHED, class_color
-from writers.trails import Trails
-from writers.viewpoint import SceneSurvey
+from lidcam.pipeline.core.detections import Fused, Source
+from lidcam.pipeline.core.frame import FrameResult, Missing
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.messages import Drop
+from lidcam.pipeline.core.optics.drawn_edges import draw_edges
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.core.ros.messages import ROS2
+from lidcam.writers.drawing import ARROW_SHARE, object_edges, object_labels, roofs
+from lidcam.writers.messages.annotations import image_annotations
+from lidcam.writers.messages.diagnostics import diagnostics
+from lidcam.writers.messages.scene import marker_array, scene_update, zone_entities
+from lidcam.writers.palette import CAMERA_ONLY, MATCHED, class_color
+from lidcam.writers.trails import Trails
+from lidcam.writers.viewpoint import SceneSurvey
 
 NAMES, UPWARDS = CONFIG.class_names, np.array([0.0, 0.0, 0.5])
 

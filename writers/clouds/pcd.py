@@ -10,10 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F32
-from writers.outputs.marks import OBJECT_CLOUD
-
-__all__ = ["PCD_HEAD", "PcdFacts", "read_pcd", "write_pcd"]
+from lidcam.pipeline.core.arrays import F32
+from lidcam.writers.outputs.marks import OBJECT_CLOUD
 
 FIELDS = "x y z intensity time"
 COUNT = len(FIELDS.split())

@@ -10,15 +10,13 @@ from typing import Self
 
 import numpy as np
 
-from pipeline.core.frame import FrameResult
-from pipeline.core.messages import Drop
-from pipeline.core.settings.run import OutputConfig
-from pipeline.tracking.object_clouds import ObjectCloud, points_in_objects, voxel_of
-from writers.clouds.pcd import PcdFacts, read_pcd, write_pcd
-from writers.outputs.errors import output_errors
-from writers.outputs.transaction import OutputFile
-
-__all__ = ["ObjectCloudsWriter"]
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.messages import Drop
+from lidcam.pipeline.core.settings.run import OutputConfig
+from lidcam.pipeline.tracking.object_clouds import ObjectCloud, points_in_objects, voxel_of
+from lidcam.writers.clouds.pcd import PcdFacts, read_pcd, write_pcd
+from lidcam.writers.outputs.errors import output_errors
+from lidcam.writers.outputs.transaction import OutputFile
 
 ENDED_NS = 5_000_000_000
 """What was not seen for so long has probably gone."""
@@ -42,7 +40,7 @@ class _Open:
 
 
 class ObjectCloudsWriter:
-    """Writes `track_NUMBER_CLASS.pcd` of each object that the lidars see; a `writers.base.ResultWriter`."""
+    """Writes `track_NUMBER_CLASS.pcd` of each object that the lidars see; a `lidcam.writers.base.ResultWriter`."""
 
     name = "clouds"
 

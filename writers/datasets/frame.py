@@ -10,22 +10,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import F32, F64, I32, I64, U8, Table, check_array
-from pipeline.core.camera import CameraModel
-from pipeline.core.clouds import PointCloud
-from pipeline.core.errors import OutputError
-from pipeline.core.rig import CameraSensor, Rig
-
-__all__ = [
-    "DatasetBoxes",
-    "DatasetFrame",
-    "DatasetImage",
-    "DatasetScene",
-    "DatasetWriter",
-    "pinhole",
-    "undistorted",
-    "write_image",
-]
+from lidcam.pipeline.core.arrays import F32, F64, I32, I64, U8, Table, check_array
+from lidcam.pipeline.core.camera import CameraModel
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.errors import OutputError
+from lidcam.pipeline.core.rig import CameraSensor, Rig
 
 JPEG_QUALITY = 95
 

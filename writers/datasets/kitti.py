@@ -12,14 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.camera import NEAR_M, CameraModel
-from pipeline.core.errors import OutputError
-from pipeline.core.geometry.boxes import box_corners, wrap_angle
-from pipeline.core.rig import CameraSensor
-from writers.datasets.frame import DatasetBoxes, DatasetFrame, DatasetScene, pinhole, write_image
-
-__all__ = ["KITTI_NAMES", "KittiTrackingWriter", "KittiWriter", "level_rectification"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.camera import NEAR_M, CameraModel
+from lidcam.pipeline.core.errors import OutputError
+from lidcam.pipeline.core.geometry.boxes import box_corners, wrap_angle
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.writers.datasets.frame import DatasetBoxes, DatasetFrame, DatasetScene, pinhole, write_image
 
 KITTI_NAMES: Mapping[str, str] = {
     "car": "Car",

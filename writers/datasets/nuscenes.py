@@ -14,11 +14,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from pipeline.core.arrays import F64, I32
-from pipeline.core.geometry.rotations import quaternion_of_matrix
-from writers.datasets.frame import DatasetBoxes, DatasetFrame, DatasetScene, write_image
-
-__all__ = ["NUSCENES_NAMES", "VERSION", "NuScenesWriter"]
+from lidcam.pipeline.core.arrays import F64, I32
+from lidcam.pipeline.core.geometry.rotations import quaternion_of_matrix
+from lidcam.writers.datasets.frame import DatasetBoxes, DatasetFrame, DatasetScene, write_image
 
 VERSION = "v1.0-lidcam"
 """Name of the folder of tables, which the devkit is given."""

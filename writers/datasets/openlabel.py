@@ -8,11 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.clouds import PointCloud
-from writers.datasets.frame import DatasetBoxes, DatasetFrame, DatasetScene, write_image
-
-__all__ = ["OpenLabelWriter"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.writers.datasets.frame import DatasetBoxes, DatasetFrame, DatasetScene, write_image
 
 CLOUD = "lidar"
 """Name of the stream of clouds."""

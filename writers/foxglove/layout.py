@@ -12,13 +12,11 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from pipeline.core.rig import CameraSensor, Rig
-from writers.messages.edge_scenes import PLACED_SCENE, truth_scene_topic
-from writers.outputs.marks import marked_json
-from writers.panels import OBJECTS_TITLE, SKEW_TITLE, Panels, ScenePanels, arrange, scene_panels
-from writers.viewpoint import SceneSurvey, Viewpoint, cameras_in_order
-
-__all__ = ["COMPARED", "FOV_Y_DEG", "foxglove_layout", "label_eye", "layout_path"]
+from lidcam.pipeline.core.rig import CameraSensor, Rig
+from lidcam.writers.messages.edge_scenes import PLACED_SCENE, truth_scene_topic
+from lidcam.writers.outputs.marks import marked_json
+from lidcam.writers.panels import OBJECTS_TITLE, SKEW_TITLE, Panels, ScenePanels, arrange, scene_panels
+from lidcam.writers.viewpoint import SceneSurvey, Viewpoint, cameras_in_order
 
 COMPARED = "/compare/scene"
 """Topic of what differs between two results."""

@@ -3,10 +3,8 @@
 import time
 from contextlib import AbstractContextManager
 
-from pipeline.core.frame import FrameResult
-from pipeline.core.messages import Drop
-
-__all__ = ["Pace"]
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.messages import Drop
 
 
 class Pace(AbstractContextManager["Pace"]):

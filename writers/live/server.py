@@ -9,17 +9,15 @@ from typing import Self
 import foxglove
 from foxglove.websocket import Capability, ChannelView, Client, ServerListener, WebSocketServer
 
-from pipeline.core.errors import OutputError
-from pipeline.core.frame import FrameResult
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.messages import Drop
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from writers.mcap.chunk import Buffer
-from writers.mcap.output import MessageSink
-from writers.mcap.writer import ResultMessages
-
-__all__ = ["FoxgloveServer"]
+from lidcam.pipeline.core.errors import OutputError
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.messages import Drop
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.writers.mcap.chunk import Buffer
+from lidcam.writers.mcap.output import MessageSink
+from lidcam.writers.mcap.writer import ResultMessages
 
 LATCHED = "/tf_static"
 """Topic that has one message, which whoever subscribes later gets, too."""

@@ -10,8 +10,6 @@ import zstandard
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex
 
-__all__ = ["Buffer", "Chunk", "Compress", "Compression", "compressor"]
-
 Compression = Literal["none", "lz4", "zstd"]
 Buffer = bytes | memoryview
 Compress = Callable[[Sequence[Buffer]], Sequence[Buffer]]

@@ -10,19 +10,17 @@ from dataclasses import dataclass
 from heapq import merge
 from typing import Any
 
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.rig import Rig
-from pipeline.core.ros.messages import ROS2
-from pipeline.core.ros.qos import LATCHED_YAML
-from writers.foxglove.layout import COMPARED
-from writers.mcap.output import mcap_file
-from writers.messages.images import COMPRESSED
-from writers.outputs.errors import output_errors
-from writers.outputs.marks import MERGED
-from writers.outputs.transaction import OutputFile
-
-__all__ = ["MergedSide", "write_merged"]
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.ros.messages import ROS2
+from lidcam.pipeline.core.ros.qos import LATCHED_YAML
+from lidcam.writers.foxglove.layout import COMPARED
+from lidcam.writers.mcap.output import mcap_file
+from lidcam.writers.messages.images import COMPRESSED
+from lidcam.writers.outputs.errors import output_errors
+from lidcam.writers.outputs.marks import MERGED
+from lidcam.writers.outputs.transaction import OutputFile
 
 _TF, _TF_STATIC, _TF_TYPE = "/tf", "/tf_static", "tf2_msgs/msg/TFMessage"
 _CAMERA_TYPES = {

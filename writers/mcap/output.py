@@ -30,13 +30,11 @@ from mcap.records import (
 from mcap.records import Channel as ChannelRecord
 from mcap.writer import MCAP0_MAGIC
 
-from pipeline.core.messages import Channel
-from pipeline.core.ros.messages import ROS2
-from pipeline.parallel.background import Background
-from writers.mcap.chunk import Buffer, Chunk, Compression, compressor
-from writers.outputs.marks import LIBRARY
-
-__all__ = ["McapOutput", "MessageSink", "mcap_file"]
+from lidcam.pipeline.core.messages import Channel
+from lidcam.pipeline.core.ros.messages import ROS2
+from lidcam.pipeline.parallel.background import Background
+from lidcam.writers.mcap.chunk import Buffer, Chunk, Compression, compressor
+from lidcam.writers.outputs.marks import LIBRARY
 
 CHUNK_BYTES = 1 << 20
 """An image or cloud is about one chunk: a viewer that shows one topic unpacks little else."""

@@ -2,13 +2,11 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 
-from pipeline.core.messages import Channel, RawMessage
-from writers.mcap.output import mcap_file
-from writers.outputs.errors import output_errors
-from writers.outputs.marks import REPAIRED
-from writers.outputs.transaction import OutputFile
-
-__all__ = ["write_repaired"]
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.writers.mcap.output import mcap_file
+from lidcam.writers.outputs.errors import output_errors
+from lidcam.writers.outputs.marks import REPAIRED
+from lidcam.writers.outputs.transaction import OutputFile
 
 PROFILES = {frozenset({"ros1"}): "ros1", frozenset({"cdr"}): "ros2"}
 

@@ -13,38 +13,36 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, Self
 
-from pipeline.core.detections import Boxes2D
-from pipeline.core.errors import MessageError, OutputError
-from pipeline.core.frame import FrameResult
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.messages import Channel, Drop, RawMessage, time_fault
-from pipeline.core.rig import CameraSensor, Rig
-from pipeline.core.ros.messages import ROS2
-from pipeline.core.ros.qos import LATCHED_YAML
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.run import OutputConfig
-from pipeline.core.true_boxes import TrueBoxes
-from writers.drawing import ObjectEdges, object_edges, object_labels, track_numbers
-from writers.foxglove.layout import FOV_Y_DEG, foxglove_layout, label_eye
-from writers.labels_3d import LabelPlaces
-from writers.mcap.chunk import Buffer
-from writers.mcap.output import McapOutput, MessageSink, mcap_file
-from writers.messages.annotations import image_annotations
-from writers.messages.detections import detections_2d, detections_3d, lidcam_objects, track_array
-from writers.messages.diagnostics import diagnostics
-from writers.messages.edge_scenes import PLACED, PLACED_SCENE, placed_scene, truth_scene, truth_scene_topic
-from writers.messages.images import COMPRESSED, image_cdr
-from writers.messages.scene import marker_array, scene_update, zone_entities
-from writers.messages.sensors import camera_info, cloud_message, moving_transform, static_transforms
-from writers.outputs.errors import output_errors
-from writers.outputs.marks import INPUTS, RESULT
-from writers.outputs.transaction import OutputFile
-from writers.provenance import Provenance
-from writers.trails import Trails
-from writers.truth_times import FrameTime, TruthTimes
-from writers.viewpoint import SceneSurvey
-
-__all__ = ["McapResultWriter", "ResultMessages", "reserved_topics"]
+from lidcam.pipeline.core.detections import Boxes2D
+from lidcam.pipeline.core.errors import MessageError, OutputError
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.messages import Channel, Drop, RawMessage, time_fault
+from lidcam.pipeline.core.rig import CameraSensor, Rig
+from lidcam.pipeline.core.ros.messages import ROS2
+from lidcam.pipeline.core.ros.qos import LATCHED_YAML
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.run import OutputConfig
+from lidcam.pipeline.core.true_boxes import TrueBoxes
+from lidcam.writers.drawing import ObjectEdges, object_edges, object_labels, track_numbers
+from lidcam.writers.foxglove.layout import FOV_Y_DEG, foxglove_layout, label_eye
+from lidcam.writers.labels_3d import LabelPlaces
+from lidcam.writers.mcap.chunk import Buffer
+from lidcam.writers.mcap.output import McapOutput, MessageSink, mcap_file
+from lidcam.writers.messages.annotations import image_annotations
+from lidcam.writers.messages.detections import detections_2d, detections_3d, lidcam_objects, track_array
+from lidcam.writers.messages.diagnostics import diagnostics
+from lidcam.writers.messages.edge_scenes import PLACED, PLACED_SCENE, placed_scene, truth_scene, truth_scene_topic
+from lidcam.writers.messages.images import COMPRESSED, image_cdr
+from lidcam.writers.messages.scene import marker_array, scene_update, zone_entities
+from lidcam.writers.messages.sensors import camera_info, cloud_message, moving_transform, static_transforms
+from lidcam.writers.outputs.errors import output_errors
+from lidcam.writers.outputs.marks import INPUTS, RESULT
+from lidcam.writers.outputs.transaction import OutputFile
+from lidcam.writers.provenance import Provenance
+from lidcam.writers.trails import Trails
+from lidcam.writers.truth_times import FrameTime, TruthTimes
+from lidcam.writers.viewpoint import SceneSurvey
 
 TRACKS = "/tracks"
 """Topic of the tracks; it has a message in each frame where objects are tracked."""

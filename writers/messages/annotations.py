@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64
-from pipeline.core.frame import FrameResult
-from pipeline.core.rig import CameraSensor
-from pipeline.core.ros.messages import ROS2
-from writers.drawing import (
+from lidcam.pipeline.core.arrays import F32, F64, I64
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.core.ros.messages import ROS2
+from lidcam.writers.drawing import (
     DrawnBoxes2D,
     ObjectEdges,
     drawn_boxes_2d,
@@ -19,9 +19,7 @@ from writers.drawing import (
     strong_objects,
     thin_objects,
 )
-from writers.messages.parts import colors, opaque, split
-
-__all__ = ["image_annotations"]
+from lidcam.writers.messages.parts import colors, opaque, split
 
 LABEL_SHARE = 1 / 24
 """Height of the letters as a share of the image's: legible in a panel of 200 px."""

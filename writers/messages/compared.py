@@ -3,14 +3,12 @@
 from collections.abc import Sequence
 from typing import Any
 
-from pipeline.core.detections import Boxes3D
-from pipeline.core.geometry.boxes import UNIT_CORNERS
-from pipeline.evaluation.comparison.object_changes import PAIR_KINDS, Changes, Objects
-from writers.messages.parts import box_poses, entities, labels, opaque, outlines, whole_scene
-from writers.messages.scene import label_places
-from writers.palette import CHANGED, EQUAL, LOST, NEW, Rgb
-
-__all__ = ["compared_scene", "empty_scene"]
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.geometry.boxes import UNIT_CORNERS
+from lidcam.pipeline.evaluation.comparison.object_changes import PAIR_KINDS, Changes, Objects
+from lidcam.writers.messages.parts import box_poses, entities, labels, opaque, outlines, whole_scene
+from lidcam.writers.messages.scene import label_places
+from lidcam.writers.palette import CHANGED, EQUAL, LOST, NEW, Rgb
 
 _BOLD_PX, _FINE_PX = 3.0, 1.0
 

@@ -5,15 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64
-from pipeline.core.detections import Boxes2D, Boxes3D, source_names
-from pipeline.core.geometry.polygons import first_polygon_with
-from pipeline.core.rig import Zone, default_zones
-from pipeline.core.ros.messages import ROS2
-from pipeline.core.tracks import NO_TRACK, Tracks
-from writers.messages.parts import box_poses, vectors
-
-__all__ = ["detections_2d", "detections_3d", "lidcam_objects", "track_array"]
+from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, source_names
+from lidcam.pipeline.core.geometry.polygons import first_polygon_with
+from lidcam.pipeline.core.rig import Zone, default_zones
+from lidcam.pipeline.core.ros.messages import ROS2
+from lidcam.pipeline.core.tracks import NO_TRACK, Tracks
+from lidcam.writers.messages.parts import box_poses, vectors
 
 # Rows of a 6 x 6 covariance over x, y, z and the rotations about x, y, z that a covariance over x, y, yaw has.
 _X_Y_YAW = np.array([0, 1, 5])

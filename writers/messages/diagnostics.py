@@ -5,14 +5,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pipeline.core.detections import Source
-from pipeline.core.frame import FrameResult, Missing
-from pipeline.core.messages import Drop
-from pipeline.core.rig import Rig
-from pipeline.core.ros.messages import ROS2
-from pipeline.core.tracks import NO_TRACK
-
-__all__ = ["diagnostics"]
+from lidcam.pipeline.core.detections import Source
+from lidcam.pipeline.core.frame import FrameResult, Missing
+from lidcam.pipeline.core.messages import Drop
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.ros.messages import ROS2
+from lidcam.pipeline.core.tracks import NO_TRACK
 
 Values = Sequence[tuple[str, str]]
 

@@ -5,15 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.detections import Boxes3D
-from pipeline.core.geometry.boxes import UNIT_CORNERS, box_corners
-from pipeline.core.true_boxes import TrueBoxes
-from writers.drawing import ground_ellipses
-from writers.messages.parts import box_poses, ellipses, entities, labels, opaque, outlines, whole_scene
-from writers.palette import CAMERA_ONLY, TRUTH
-
-__all__ = ["PLACED", "PLACED_SCENE", "placed_scene", "truth_scene", "truth_scene_topic"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.geometry.boxes import UNIT_CORNERS, box_corners
+from lidcam.pipeline.core.true_boxes import TrueBoxes
+from lidcam.writers.drawing import ground_ellipses
+from lidcam.writers.messages.parts import box_poses, ellipses, entities, labels, opaque, outlines, whole_scene
+from lidcam.writers.palette import CAMERA_ONLY, TRUTH
 
 PLACED = "/cameras/detections"
 PLACED_SCENE = "/cameras/scene"

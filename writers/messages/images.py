@@ -2,12 +2,10 @@
 
 from typing import Any
 
-from pipeline.core.errors import MessageError, is_short_memory
-from pipeline.core.messages import RawMessage
-from pipeline.core.ros.messages import ROS2
-from pipeline.core.ros.typestores import message_types
-
-__all__ = ["COMPRESSED", "image_cdr", "read_image"]
+from lidcam.pipeline.core.errors import MessageError, is_short_memory
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.ros.messages import ROS2
+from lidcam.pipeline.core.ros.typestores import message_types
 
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 IMAGE_TYPES = ("sensor_msgs/msg/Image", COMPRESSED)

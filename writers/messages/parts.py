@@ -6,27 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Array
-from pipeline.core.detections import Boxes3D
-from pipeline.core.geometry.box_edges import BOX_EDGES
-from pipeline.core.ros.messages import ROS2
-
-__all__ = [
-    "LABEL_PX",
-    "box_poses",
-    "colors",
-    "ellipses",
-    "entities",
-    "labels",
-    "opaque",
-    "outlines",
-    "places_as_poses",
-    "points",
-    "split",
-    "strips",
-    "vectors",
-    "whole_scene",
-]
+from lidcam.pipeline.core.arrays import F64, Array
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.geometry.box_edges import BOX_EDGES
+from lidcam.pipeline.core.ros.messages import ROS2
 
 LABEL_PX = 13.0
 

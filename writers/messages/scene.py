@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.detections import Boxes3D, source_names
-from pipeline.core.frame import FrameResult
-from pipeline.core.geometry.boxes import UNIT_CORNERS
-from pipeline.core.ros.messages import ROS2
-from pipeline.core.tracks import NO_TRACK
-from writers.drawing import (
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.detections import Boxes3D, source_names
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.boxes import UNIT_CORNERS
+from lidcam.pipeline.core.ros.messages import ROS2
+from lidcam.pipeline.core.tracks import NO_TRACK
+from lidcam.writers.drawing import (
     ARROW_SHARE,
     arrow_lengths,
     ground_ellipses,
@@ -27,7 +27,7 @@ from writers.drawing import (
     thin_objects,
     track_numbers,
 )
-from writers.messages.parts import (
+from lidcam.writers.messages.parts import (
     box_poses,
     colors,
     ellipses,
@@ -41,11 +41,9 @@ from writers.messages.parts import (
     vectors,
     whole_scene,
 )
-from writers.palette import ZONE
-from writers.viewpoint import SceneSurvey
-from writers.zones import drawn_zones, zone_texts
-
-__all__ = ["LABEL_SHARE", "ZONE_ID", "label_places", "marker_array", "scene_update", "zone_entities"]
+from lidcam.writers.palette import ZONE
+from lidcam.writers.viewpoint import SceneSurvey
+from lidcam.writers.zones import drawn_zones, zone_texts
 
 ZONE_ID = "zone-"
 """Beginning of the id of a zone's entity, before its name."""

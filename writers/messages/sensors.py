@@ -5,14 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.clouds import PointCloud
-from pipeline.core.geometry.pose_samples import PoseSamples
-from pipeline.core.geometry.poses import interpolate_poses
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import CameraSensor, Rig
-from pipeline.core.ros.messages import ROS2
-
-__all__ = ["camera_info", "cloud_message", "moving_transform", "static_transforms"]
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
+from lidcam.pipeline.core.geometry.poses import interpolate_poses
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import CameraSensor, Rig
+from lidcam.pipeline.core.ros.messages import ROS2
 
 _COEFFICIENTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
 

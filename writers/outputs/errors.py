@@ -4,9 +4,7 @@ import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 
-from pipeline.core.errors import OutputError
-
-__all__ = ["output_errors"]
+from lidcam.pipeline.core.errors import OutputError
 
 
 @contextlib.contextmanager

@@ -6,26 +6,6 @@ A text carries its checksum, so that a text that somebody has edited is not repl
 import re
 from hashlib import sha256
 
-__all__ = [
-    "APPLICATION",
-    "BAG_CALLER",
-    "FILM",
-    "FOLDER_DATA",
-    "INPUTS",
-    "LIBRARY",
-    "MATCHES",
-    "MERGED",
-    "OBJECTS",
-    "OBJECT_CLOUD",
-    "PAGE",
-    "REPAIRED",
-    "RESULT",
-    "SIMULATED",
-    "is_unchanged_text",
-    "marked_json",
-    "marked_yaml",
-]
-
 LIBRARY = "lidcam"
 """In the header of an MCAP. Without a version: the same results have the same bytes whichever version of the MCAP
 library wrote them."""

@@ -8,12 +8,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from pipeline.core.errors import OutputError
-from writers.outputs.errors import output_errors
-from writers.outputs.work_folder import WorkFolder
-
-__all__ = ["OutputFile", "OutputTransaction"]
-
+from lidcam.pipeline.core.errors import OutputError
+from lidcam.writers.outputs.errors import output_errors
+from lidcam.writers.outputs.work_folder import WorkFolder
 
 FOUND = {
     stat.S_IFREG: "a file",

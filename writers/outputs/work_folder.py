@@ -19,10 +19,8 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from pipeline.core.ending import undone_at_once
-from pipeline.core.errors import OutputError
-
-__all__ = ["WorkFolder", "folder_prefix"]
+from lidcam.pipeline.core.ending import undone_at_once
+from lidcam.pipeline.core.errors import OutputError
 
 FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 LOCK = os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC

@@ -5,17 +5,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, U8, Array
-from pipeline.core.clouds import PointCloud
-from pipeline.core.frame import FrameResult
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.rig import Rig
-from writers.drawing import arrow_lengths, ground_ellipses, object_colors, object_labels, strong_objects, thin_objects
-from writers.palette import GROUND, HEIGHT_COLORS, class_color, height_rows
-from writers.pictures.canvas import FAINT_TEXT, TEXT, Canvas, Color, Label
-from writers.viewpoint import front_of_rig
-
-__all__ = ["Area", "SiteMap", "area_of", "draw_above"]
+from lidcam.pipeline.core.arrays import F64, U8, Array
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.rig import Rig
+from lidcam.writers.drawing import (
+    arrow_lengths,
+    ground_ellipses,
+    object_colors,
+    object_labels,
+    strong_objects,
+    thin_objects,
+)
+from lidcam.writers.palette import GROUND, HEIGHT_COLORS, class_color, height_rows
+from lidcam.writers.pictures.canvas import FAINT_TEXT, TEXT, Canvas, Color, Label
+from lidcam.writers.viewpoint import front_of_rig
 
 _GRID: Color = (38, 42, 48)
 _ZONE: Color = (126, 138, 170)

@@ -6,10 +6,10 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, U8
-from pipeline.core.frame import FrameResult
-from pipeline.core.rig import CameraSensor
-from writers.drawing import (
+from lidcam.pipeline.core.arrays import F32, F64, U8
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.writers.drawing import (
     drawn_boxes_2d,
     object_colors,
     object_edges,
@@ -17,10 +17,8 @@ from writers.drawing import (
     strong_objects,
     thin_objects,
 )
-from writers.palette import MATCHED, class_color
-from writers.pictures.canvas import TEXT, Canvas, Label
-
-__all__ = ["Look", "draw_camera"]
+from lidcam.writers.palette import MATCHED, class_color
+from lidcam.writers.pictures.canvas import TEXT, Canvas, Label
 
 Look = Literal["full", "compact"]
 """`compact`: thin lines and short texts, without the lines between what belongs together."""

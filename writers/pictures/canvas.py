@@ -8,10 +8,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import F64, U8
-from pipeline.core.text import visible
-
-__all__ = ["FAINT_TEXT", "TEXT", "Canvas", "Color", "Label"]
+from lidcam.pipeline.core.arrays import F64, U8
+from lidcam.pipeline.core.text import visible
 
 Color = tuple[int, int, int]
 """Red, green, blue from 0 to 255."""

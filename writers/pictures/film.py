@@ -11,16 +11,14 @@ from typing import Any, Self
 import av
 from av.video.reformatter import ColorRange, Colorspace
 
-from pipeline.core.arrays import U8
-from pipeline.core.frame import FrameResult
-from pipeline.core.messages import Drop
-from writers.outputs.errors import output_errors
-from writers.outputs.marks import FILM
-from writers.outputs.transaction import OutputFile
-from writers.pictures.scene import SIZE_PX, Scenes
-from writers.provenance import Provenance
-
-__all__ = ["FilmWriter"]
+from lidcam.pipeline.core.arrays import U8
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.messages import Drop
+from lidcam.writers.outputs.errors import output_errors
+from lidcam.writers.outputs.marks import FILM
+from lidcam.writers.outputs.transaction import OutputFile
+from lidcam.writers.pictures.scene import SIZE_PX, Scenes
+from lidcam.writers.provenance import Provenance
 
 TICKS_PER_S = 1000
 TICK_S = Fraction(1, TICKS_PER_S)
@@ -45,7 +43,7 @@ BT709 = 1
 
 
 class FilmWriter:
-    """Writes an `.mp4`; a `writers.base.ResultWriter`.
+    """Writes an `.mp4`; a `lidcam.writers.base.ResultWriter`.
 
     Its tag `comment` has, as JSON, where the result comes from (`Provenance.metadata`).
     """

@@ -7,21 +7,19 @@ from typing import Self
 
 from PIL import Image
 
-from pipeline.core.frame import FrameResult
-from pipeline.core.messages import Drop
-from writers.outputs.errors import output_errors
-from writers.outputs.marks import MATCHES
-from writers.outputs.transaction import OutputFile
-from writers.pictures.scene import Scenes
-from writers.provenance import Provenance
-
-__all__ = ["MatchesWriter"]
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.messages import Drop
+from lidcam.writers.outputs.errors import output_errors
+from lidcam.writers.outputs.marks import MATCHES
+from lidcam.writers.outputs.transaction import OutputFile
+from lidcam.writers.pictures.scene import Scenes
+from lidcam.writers.provenance import Provenance
 
 JPEG_QUALITY, MAX_COMMENT = 90, 65_000
 
 
 class MatchesWriter:
-    """Writes `frame_NUMBER_CAMERA.jpg` of each image; a `writers.base.ResultWriter`.
+    """Writes `frame_NUMBER_CAMERA.jpg` of each image; a `lidcam.writers.base.ResultWriter`.
 
     A comment in each file has, as JSON, camera, frame, `stamp_ns` and where the result comes from
     (`Provenance.metadata`).

@@ -9,22 +9,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, U8
-from pipeline.core.errors import ConfigError, MessageError
-from pipeline.core.frame import FrameResult, Missing
-from pipeline.core.messages import Drop, RawMessage
-from pipeline.core.optics.images import Image
-from pipeline.core.rig import CameraSensor, Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.text import brief
-from writers.drawing import height_range, strong_objects
-from writers.pictures.above import Area, SiteMap, area_of, draw_above
-from writers.pictures.camera import Look, draw_camera
-from writers.pictures.canvas import FAINT_TEXT, Canvas
-from writers.trails import Trails
-from writers.viewpoint import cameras_in_order
-
-__all__ = ["SIZE_PX", "Drawn", "Scene", "Scenes"]
+from lidcam.pipeline.core.arrays import F64, U8
+from lidcam.pipeline.core.errors import ConfigError, MessageError
+from lidcam.pipeline.core.frame import FrameResult, Missing
+from lidcam.pipeline.core.messages import Drop, RawMessage
+from lidcam.pipeline.core.optics.images import Image
+from lidcam.pipeline.core.rig import CameraSensor, Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.text import brief
+from lidcam.writers.drawing import height_range, strong_objects
+from lidcam.writers.pictures.above import Area, SiteMap, area_of, draw_above
+from lidcam.writers.pictures.camera import Look, draw_camera
+from lidcam.writers.pictures.canvas import FAINT_TEXT, Canvas
+from lidcam.writers.trails import Trails
+from lidcam.writers.viewpoint import cameras_in_order
 
 SIZE_PX = (1920, 1080)
 """Of a picture of all cameras."""

@@ -4,10 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.evaluation.detection.plots import DetectionPlots
-from writers.report.values import Figure, nice, per, rounded
-
-__all__ = ["curves_figure", "error_map"]
+from lidcam.pipeline.evaluation.detection.plots import DetectionPlots
+from lidcam.writers.report.values import Figure, nice, per, rounded
 
 MAX_CELLS = 40
 """Of a side of the map of errors."""

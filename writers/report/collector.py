@@ -2,17 +2,15 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.tracks import NO_TRACK
-from pipeline.evaluation.evaluation_frame import EvaluationFrame, Figures, SourceBoxes
-from pipeline.evaluation.road_users import RoadUserTally
-from writers.report.courses import Courses
-from writers.report.grid import SparseGrid
-from writers.report.timeline import Timeline
-
-__all__ = ["ReportCollector"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.tracks import NO_TRACK
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Figures, SourceBoxes
+from lidcam.pipeline.evaluation.road_users import RoadUserTally
+from lidcam.writers.report.courses import Courses
+from lidcam.writers.report.grid import SparseGrid
+from lidcam.writers.report.timeline import Timeline
 
 MAX_PLACES = 4_000
 """Cells of a map of objects without tracks."""

@@ -4,9 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64
-
-__all__ = ["Courses"]
+from lidcam.pipeline.core.arrays import F64, I64
 
 MAX_POINTS = 60_000
 """Corners of all polylines together; of more, each is drawn with fewer."""

@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64
-
-__all__ = ["SparseGrid"]
+from lidcam.pipeline.core.arrays import F64, I64
 
 _MIDDLE = 1 << 30
 """Column and row of the origin: both fit into 31 bits and stand together in one key."""

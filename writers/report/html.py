@@ -5,9 +5,7 @@ from html import escape
 from string import Template
 from typing import Any
 
-from pipeline.core.text import visible
-
-__all__ = ["Raw", "figure", "filled", "image", "more", "paragraph", "section", "table", "text", "text_block"]
+from lidcam.pipeline.core.text import visible
 
 
 class Raw(str):

@@ -4,12 +4,10 @@ import json
 from collections.abc import Mapping
 from importlib.resources import files
 
-from writers.outputs.marks import PAGE
-from writers.palette import Rgb, class_color
-from writers.report.html import Raw, filled, text
-from writers.report.values import Figure
-
-__all__ = ["class_name", "page"]
+from lidcam.writers.outputs.marks import PAGE
+from lidcam.writers.palette import Rgb, class_color
+from lidcam.writers.report.html import Raw, filled, text
+from lidcam.writers.report.values import Figure
 
 CLASSES = 6
 """Colours of classes; they repeat after these."""
@@ -74,7 +72,7 @@ def class_name(class_id: int, name: str) -> Raw:
 
 
 def _text(name: str) -> str:
-    return files("writers.report").joinpath(name).read_text(encoding="utf-8")
+    return files("lidcam.writers.report").joinpath(name).read_text(encoding="utf-8")
 
 
 def _json(tree: object) -> str:

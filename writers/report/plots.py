@@ -4,12 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.core.rig import Rig
-from pipeline.evaluation.road_users import RoadUserTable
-from writers.report.collector import ReportCollector
-from writers.report.values import Figure, nice, per, rounded, seconds_axis
-
-__all__ = ["dwell_figure", "objects_figure", "sensors_figure", "skew_figure", "speeds_figure"]
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.evaluation.road_users import RoadUserTable
+from lidcam.writers.report.collector import ReportCollector
+from lidcam.writers.report.values import Figure, nice, per, rounded, seconds_axis
 
 
 def objects_figure(seen: ReportCollector, class_names: Sequence[str], places: Sequence[str]) -> Figure:

@@ -7,14 +7,12 @@ from typing import Any
 import cv2
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.geometry.polygons import clipped_polygon
-from pipeline.core.rig import Rig
-from writers.report.collector import ReportCollector
-from writers.report.grid import SparseGrid
-from writers.report.values import Figure, nice, rounded
-
-__all__ = ["map_figure"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.geometry.polygons import clipped_polygon
+from lidcam.pipeline.core.rig import Rig
+from lidcam.writers.report.collector import ReportCollector
+from lidcam.writers.report.grid import SparseGrid
+from lidcam.writers.report.values import Figure, nice, rounded
 
 MAX_PIXELS = 1400
 """Of the longer side of the background."""

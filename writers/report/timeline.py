@@ -4,9 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-
-__all__ = ["Timeline"]
+from lidcam.pipeline.core.arrays import F64
 
 MAX_STEPS = 480
 """Steps of time on a page; a phone has fewer columns of pixels, a desk has not many more."""

@@ -9,9 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import F64
-
-__all__ = ["Figure", "Numbers", "nice", "per", "rounded", "seconds_axis"]
+from lidcam.pipeline.core.arrays import F64
 
 Figure: TypeAlias = dict[str, Any]
 Numbers: TypeAlias = npt.NDArray[np.integer] | npt.NDArray[np.floating]

@@ -7,13 +7,13 @@ import numpy as np
 import pyarrow as pa
 import rerun as rr
 
-from pipeline.core.arrays import F32, F64, U8, Bools
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Boxes3D, source_names
-from pipeline.core.frame import FrameResult
-from pipeline.core.rig import CameraSensor
-from pipeline.core.true_boxes import TrueBoxes
-from writers.drawing import (
+from lidcam.pipeline.core.arrays import F32, F64, U8, Bools
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.detections import Boxes3D, source_names
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.core.true_boxes import TrueBoxes
+from lidcam.writers.drawing import (
     DrawnBoxes2D,
     ObjectEdges,
     arrow_lengths,
@@ -24,27 +24,7 @@ from writers.drawing import (
     strong_objects,
     thin_objects,
 )
-from writers.palette import CAMERA_ONLY, GROUND, HEIGHT_COLORS, TRUTH, Rgb, height_rows
-
-__all__ = [
-    "Look",
-    "boxes_2d",
-    "cloud_points",
-    "edges_2d",
-    "faces_3d",
-    "ground_points",
-    "heading_arrows",
-    "label_lines",
-    "labels_2d",
-    "object_ellipses",
-    "object_facts",
-    "object_texts",
-    "objects_3d",
-    "placed_boxes",
-    "placed_ellipses",
-    "trails",
-    "truth_boxes",
-]
+from lidcam.writers.palette import CAMERA_ONLY, GROUND, HEIGHT_COLORS, TRUTH, Rgb, height_rows
 
 Look = Literal["strong", "thin", "faint"]
 

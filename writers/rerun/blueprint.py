@@ -4,11 +4,9 @@ from typing import Any
 
 import rerun.blueprint as rrb
 
-from pipeline.core.rig import CameraSensor, Rig
-from writers.panels import OBJECTS_TITLE, SKEW_TITLE, Panels, arrange, scene_panels
-from writers.viewpoint import SceneSurvey, Viewpoint, cameras_in_order
-
-__all__ = ["FIXED", "FOV_Y_DEG", "LABELS", "LOG", "NUMBERS", "PLACED", "WAY", "blueprint", "camera_path", "place_eye"]
+from lidcam.pipeline.core.rig import CameraSensor, Rig
+from lidcam.writers.panels import OBJECTS_TITLE, SKEW_TITLE, Panels, arrange, scene_panels
+from lidcam.writers.viewpoint import SceneSurvey, Viewpoint, cameras_in_order
 
 BACKGROUND = (13, 16, 23)
 FOV_Y_DEG = 55.0

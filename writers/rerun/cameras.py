@@ -6,19 +6,17 @@ from typing import Any
 import cv2
 import rerun as rr
 
-from pipeline.core.errors import MessageError
-from pipeline.core.frame import FrameResult, Missing
-from pipeline.core.messages import Drop, RawMessage
-from pipeline.core.optics.images import Image
-from pipeline.core.rig import CameraSensor
-from pipeline.core.settings.config import Config
-from writers.drawing import ObjectEdges, drawn_boxes_2d
-from writers.messages.images import COMPRESSED, read_image
-from writers.rerun import archetypes
-from writers.rerun.blueprint import camera_path
-from writers.rerun.news import News
-
-__all__ = ["CameraLog"]
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.frame import FrameResult, Missing
+from lidcam.pipeline.core.messages import Drop, RawMessage
+from lidcam.pipeline.core.optics.images import Image
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.writers.drawing import ObjectEdges, drawn_boxes_2d
+from lidcam.writers.messages.images import COMPRESSED, read_image
+from lidcam.writers.rerun import archetypes
+from lidcam.writers.rerun.blueprint import camera_path
+from lidcam.writers.rerun.news import News
 
 JPEG_QUALITY = 90
 _MAGIC = {b"\xff\xd8\xff": "image/jpeg", b"\x89PN": "image/png"}

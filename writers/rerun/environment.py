@@ -4,8 +4,6 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-__all__ = ["without_rerun_variables"]
-
 
 @contextmanager
 def without_rerun_variables() -> Iterator[None]:

@@ -2,8 +2,6 @@
 
 from collections.abc import Iterable
 
-__all__ = ["News"]
-
 
 class News:
     """Remembers at which paths nothing is drawn; at `empty` ones, nothing is at first."""

@@ -2,12 +2,12 @@
 
 import rerun as rr
 
-from pipeline.core.arrays import Bools
-from pipeline.core.frame import FrameResult
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.tracks import NO_TRACK
-from writers.drawing import (
+from lidcam.pipeline.core.arrays import Bools
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.tracks import NO_TRACK
+from lidcam.writers.drawing import (
     object_labels,
     predicted_objects,
     roofs,
@@ -15,16 +15,14 @@ from writers.drawing import (
     thin_objects,
     track_numbers,
 )
-from writers.labels_3d import LabelPlaces
-from writers.palette import ZONE
-from writers.rerun import archetypes
-from writers.rerun.blueprint import FOV_Y_DEG, LABELS, NUMBERS, PLACED, place_eye
-from writers.rerun.news import News
-from writers.trails import Trails
-from writers.viewpoint import SceneSurvey
-from writers.zones import drawn_zones, zone_texts
-
-__all__ = ["ObjectLog"]
+from lidcam.writers.labels_3d import LabelPlaces
+from lidcam.writers.palette import ZONE
+from lidcam.writers.rerun import archetypes
+from lidcam.writers.rerun.blueprint import FOV_Y_DEG, LABELS, NUMBERS, PLACED, place_eye
+from lidcam.writers.rerun.news import News
+from lidcam.writers.trails import Trails
+from lidcam.writers.viewpoint import SceneSurvey
+from lidcam.writers.zones import drawn_zones, zone_texts
 
 _OF_TRACKS = ("world/predicted", "world/predicted/uncertainty", "world/trails")
 

@@ -15,9 +15,7 @@ from pathlib import Path
 
 import rerun as rr
 
-from pipeline.core.errors import OutputError
-
-__all__ = ["RerunStream"]
+from lidcam.pipeline.core.errors import OutputError
 
 PIPE_BYTES = 1 << 20
 TICK_S = 1.0

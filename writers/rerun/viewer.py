@@ -7,9 +7,7 @@ import sys
 
 import rerun as rr
 
-from pipeline.core.errors import OutputError
-
-__all__ = ["RerunViewer", "check_display", "start_viewer", "viewer_program"]
+from lidcam.pipeline.core.errors import OutputError
 
 logger = logging.getLogger(__name__)
 

@@ -15,25 +15,25 @@ from typing import Self
 import numpy as np
 import rerun as rr
 
-from pipeline.core.frame import FrameResult
-from pipeline.core.geometry.poses import interpolate_poses
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.messages import Drop, RawMessage
-from pipeline.core.optics.images import Image
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.text import visible
-from pipeline.core.true_boxes import TrueBoxes
-from writers.drawing import (
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.poses import interpolate_poses
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.messages import Drop, RawMessage
+from lidcam.pipeline.core.optics.images import Image
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.text import visible
+from lidcam.pipeline.core.true_boxes import TrueBoxes
+from lidcam.writers.drawing import (
     height_range,
     object_edges,
 )
-from writers.outputs.errors import output_errors
-from writers.outputs.transaction import OutputFile
-from writers.palette import CAMERA_ONLY, MATCHED, class_color
-from writers.provenance import Provenance
-from writers.rerun import archetypes
-from writers.rerun.blueprint import (
+from lidcam.writers.outputs.errors import output_errors
+from lidcam.writers.outputs.transaction import OutputFile
+from lidcam.writers.palette import CAMERA_ONLY, MATCHED, class_color
+from lidcam.writers.provenance import Provenance
+from lidcam.writers.rerun import archetypes
+from lidcam.writers.rerun.blueprint import (
     FIXED,
     LOG,
     WAY,
@@ -41,15 +41,13 @@ from writers.rerun.blueprint import (
     camera_path,
     place_eye,
 )
-from writers.rerun.cameras import CameraLog
-from writers.rerun.environment import without_rerun_variables
-from writers.rerun.objects import ObjectLog
-from writers.rerun.stream import RerunStream
-from writers.rerun.viewer import RerunViewer
-from writers.truth_times import FrameTime, TruthTimes
-from writers.viewpoint import SceneSurvey
-
-__all__ = ["RerunResultWriter"]
+from lidcam.writers.rerun.cameras import CameraLog
+from lidcam.writers.rerun.environment import without_rerun_variables
+from lidcam.writers.rerun.objects import ObjectLog
+from lidcam.writers.rerun.stream import RerunStream
+from lidcam.writers.rerun.viewer import RerunViewer
+from lidcam.writers.truth_times import FrameTime, TruthTimes
+from lidcam.writers.viewpoint import SceneSurvey
 
 FLUSH_TICK_S = 86400
 """Rerun cuts data into chunks by size and by this time; a day, so that the clock decides nothing."""

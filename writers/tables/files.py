@@ -8,12 +8,10 @@ from typing import IO, Any
 
 import numpy as np
 
-from pipeline.core.arrays import Array
-from writers.outputs.errors import output_errors
-from writers.outputs.marks import OBJECTS
-from writers.outputs.transaction import OutputTransaction
-
-__all__ = ["column_metadata", "csv_header", "parquet_metadata", "save_csv", "save_parquet", "write_rows"]
+from lidcam.pipeline.core.arrays import Array
+from lidcam.writers.outputs.errors import output_errors
+from lidcam.writers.outputs.marks import OBJECTS
+from lidcam.writers.outputs.transaction import OutputTransaction
 
 UNITS = {"_m_s": "m/s", "_rad_s": "rad/s", "_m": "m", "_rad": "rad", "_ns": "ns", "_s": "s"}
 """By the end of a column's name; the first that fits."""

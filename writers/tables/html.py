@@ -6,8 +6,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:  # rich takes 30 ms
     from rich.console import Console, RenderableType
 
-__all__ = ["HTML_WIDTH", "as_html", "as_text", "recorded_html"]
-
 HTML_WIDTH = 300
 """Characters of a line: a page can be scrolled."""
 

@@ -9,18 +9,16 @@ from typing import TYPE_CHECKING, Any, Self, overload
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I32, I64, U8, Array, Bools, Rows, check_array, join_rows, select_rows
-from pipeline.core.detections import source_names
-from pipeline.core.frame import FrameResult
-from pipeline.core.rig import Rig
-from pipeline.core.tracks import NO_TRACK, Tracks
-from writers.tables.files import column_metadata, save_csv, save_parquet
-from writers.tables.html import as_html, as_text
+from lidcam.pipeline.core.arrays import F32, F64, I32, I64, U8, Array, Bools, Rows, check_array, join_rows, select_rows
+from lidcam.pipeline.core.detections import source_names
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.tracks import NO_TRACK, Tracks
+from lidcam.writers.tables.files import column_metadata, save_csv, save_parquet
+from lidcam.writers.tables.html import as_html, as_text
 
 if TYPE_CHECKING:
     from rich.table import Table
-
-__all__ = ["Objects"]
 
 MAX_SHOWN = 10
 """Rows that the text form shows."""

@@ -9,17 +9,15 @@ from contextlib import ExitStack, suppress
 from types import TracebackType
 from typing import Self
 
-from pipeline.core.arrays import join_rows
-from pipeline.core.frame import FrameResult
-from pipeline.core.messages import Drop
-from pipeline.core.rig import Rig
-from writers.outputs.errors import output_errors
-from writers.outputs.transaction import OutputFile
-from writers.provenance import Provenance
-from writers.tables.files import csv_header, parquet_metadata, write_rows
-from writers.tables.objects import Objects
-
-__all__ = ["CSV_HEADER", "CsvObjectsWriter", "ParquetObjectsWriter"]
+from lidcam.pipeline.core.arrays import join_rows
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.messages import Drop
+from lidcam.pipeline.core.rig import Rig
+from lidcam.writers.outputs.errors import output_errors
+from lidcam.writers.outputs.transaction import OutputFile
+from lidcam.writers.provenance import Provenance
+from lidcam.writers.tables.files import csv_header, parquet_metadata, write_rows
+from lidcam.writers.tables.objects import Objects
 
 CSV_HEADER = csv_header(Objects.empty(Rig("", (), (), ()), ()).columns)
 """First line of a CSV table, by which it is known."""
@@ -29,7 +27,7 @@ GROUP_ROWS = 1 << 16
 
 
 class _ObjectsWriter(ABC):
-    """What the writers have in common; a `writers.base.ResultWriter`."""
+    """What the writers have in common; a `lidcam.writers.base.ResultWriter`."""
 
     name: str
 

@@ -1,19 +1,17 @@
 """Driving the cars of a scenario with keys, step by step.
 
-Keys come from a script or, with `bags.simulator.drive.terminal`, from a terminal.
+Keys come from a script or, with `lidcam.bags.simulator.drive.terminal`, from a terminal.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from bags.simulator.recorder.recorded import STEP_NS, Recorded
-from bags.simulator.vehicles.keys import RemoteControl
+from lidcam.bags.simulator.recorder.recorded import STEP_NS, Recorded
+from lidcam.bags.simulator.vehicles.keys import RemoteControl
 
 if TYPE_CHECKING:
-    from bags.simulator.recorder.simulation import Simulation
-
-__all__ = ["Keyboard", "Pressed", "ScriptedKeys", "drive"]
+    from lidcam.bags.simulator.recorder.simulation import Simulation
 
 
 class Pressed(NamedTuple):

@@ -7,16 +7,14 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from bags.simulator.recorder.recorded import Recorded
-from bags.simulator.recorder.simulation import Simulation
-from bags.simulator.recorder.states import TRUTH_TOPIC
-from bags.simulator.recorder.true_rig import T_carrier_sensor
-from bags.simulator.scenario.sensors import SensorScenario
-from bags.simulator.sensors.lens import camera_model
-from pipeline.core.ros.typestores import message_types
-from writers.rerun.viewer import start_viewer
-
-__all__ = ["LiveView"]
+from lidcam.bags.simulator.recorder.recorded import Recorded
+from lidcam.bags.simulator.recorder.simulation import Simulation
+from lidcam.bags.simulator.recorder.states import TRUTH_TOPIC
+from lidcam.bags.simulator.recorder.true_rig import T_carrier_sensor
+from lidcam.bags.simulator.scenario.sensors import SensorScenario
+from lidcam.bags.simulator.sensors.lens import camera_model
+from lidcam.pipeline.core.ros.typestores import message_types
+from lidcam.writers.rerun.viewer import start_viewer
 
 BOX_COLOR = (255, 170, 40)
 

@@ -12,10 +12,8 @@ from functools import partial
 from types import FrameType
 from typing import Any
 
-from bags.simulator.drive.driving import Pressed
-from pipeline.core.ending import undone_at_once
-
-__all__ = ["TerminalKeys", "terminal_keys"]
+from lidcam.bags.simulator.drive.driving import Pressed
+from lidcam.pipeline.core.ending import undone_at_once
 
 ASK_NS = 50_000_000
 """Keys are read at least this often in simulated time."""
@@ -25,7 +23,7 @@ ENDINGS = (signal.SIGINT, signal.SIGHUP)
 
 
 class TerminalKeys:
-    """Keys of an open terminal; see `bags.simulator.drive.driving.Keyboard`.
+    """Keys of an open terminal; see `lidcam.bags.simulator.drive.driving.Keyboard`.
 
     Simulated time never runs ahead of real time.
     """
@@ -41,18 +39,18 @@ class TerminalKeys:
         self._ended = True
 
     def pressed(self, now_ns: int) -> Pressed:
-        """See `bags.simulator.drive.driving.Keyboard`."""
+        """See `lidcam.bags.simulator.drive.driving.Keyboard`."""
         del now_ns
         self._read(0.0)
         keys, self._keys = self._keys, ""
         return Pressed(keys, self._ended)
 
     def next_ns(self, now_ns: int) -> int:
-        """See `bags.simulator.drive.driving.Keyboard`."""
+        """See `lidcam.bags.simulator.drive.driving.Keyboard`."""
         return now_ns + ASK_NS
 
     def wait(self, until_ns: int) -> None:
-        """See `bags.simulator.drive.driving.Keyboard`; returns early at the end of input, not at a key."""
+        """See `lidcam.bags.simulator.drive.driving.Keyboard`; returns early at the end of input, not at a key."""
         while not self._ended and (left_s := self._begin + until_ns * 1e-9 - time.monotonic()) > 0:
             self._read(left_s)
 

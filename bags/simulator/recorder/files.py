@@ -13,25 +13,14 @@ from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 
-from bags.simulator.recorder.recorded import Recorded
-from pipeline.core.errors import OutputError
-from pipeline.core.ros.qos import LATCHED, LATCHED_YAML_HUMBLE
-from pipeline.core.ros.typestores import RosVersion, message_types
-from writers.mcap.output import McapOutput, mcap_file
-from writers.outputs.errors import output_errors
-from writers.outputs.marks import BAG_CALLER, FOLDER_DATA, SIMULATED, marked_yaml
-from writers.outputs.transaction import OutputTransaction
-
-__all__ = [
-    "FORMATS",
-    "RecordingFormat",
-    "WriteMessage",
-    "format_of",
-    "recording_file",
-    "recording_names",
-    "recording_outputs",
-    "ros_version_of",
-]
+from lidcam.bags.simulator.recorder.recorded import Recorded
+from lidcam.pipeline.core.errors import OutputError
+from lidcam.pipeline.core.ros.qos import LATCHED, LATCHED_YAML_HUMBLE
+from lidcam.pipeline.core.ros.typestores import RosVersion, message_types
+from lidcam.writers.mcap.output import McapOutput, mcap_file
+from lidcam.writers.outputs.errors import output_errors
+from lidcam.writers.outputs.marks import BAG_CALLER, FOLDER_DATA, SIMULATED, marked_yaml
+from lidcam.writers.outputs.transaction import OutputTransaction
 
 RecordingFormat = Literal["ros1", "sqlite3", "mcap"]
 WriteMessage = Callable[[Recorded, int], None]

@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from bags.simulator.recorder.recorded import Recorded
-from pipeline.core.arrays import I64, U8
-from pipeline.core.camera import CameraModel
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.ros.messages import RosMessages
-from pipeline.core.ros.vision_numbers import (
+from lidcam.bags.simulator.recorder.recorded import Recorded
+from lidcam.pipeline.core.arrays import I64, U8
+from lidcam.pipeline.core.camera import CameraModel
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.ros.messages import RosMessages
+from lidcam.pipeline.core.ros.vision_numbers import (
     CLASS_NUMBERS,
     COUNT_NUMBERS,
     IMAGE_PIXELS,
@@ -20,8 +20,6 @@ from pipeline.core.ros.vision_numbers import (
     OF_CAMERA,
     OF_LIDAR,
 )
-
-__all__ = ["Hypothesis", "MessageFactory", "TrueObject", "ViewedObject", "class_of", "counted", "counted_by"]
 
 NO_POSE = (0.0, 0.0, 0.0)
 FIRST_NUMBERS = {LIDAR_POINTS: OF_LIDAR, IMAGE_PIXELS: OF_CAMERA}

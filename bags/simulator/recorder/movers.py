@@ -4,20 +4,18 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
-from bags.simulator.scenario.traffic import VehicleScenario
-from bags.simulator.world.bodies.cars import car, model_car
-from bags.simulator.world.bodies.commercial import bus, truck, van
-from bags.simulator.world.bodies.cyclist import cyclist_parts
-from bags.simulator.world.bodies.dimensions import SHAPES, shape_of
-from bags.simulator.world.bodies.hulls import front_wheel
-from bags.simulator.world.bodies.joints import ArticulatedPath, Carrier, RaisedPath, steered_wheel
-from bags.simulator.world.bodies.pedestrian import pedestrian_parts
-from bags.simulator.world.meshes.materials import paint
-from bags.simulator.world.meshes.mesh import Mesh
-from bags.simulator.world.mover import Mover, Part, UprightBox
-from pipeline.core.arrays import F64
-
-__all__ = ["build_mover"]
+from lidcam.bags.simulator.scenario.traffic import VehicleScenario
+from lidcam.bags.simulator.world.bodies.cars import car, model_car
+from lidcam.bags.simulator.world.bodies.commercial import bus, truck, van
+from lidcam.bags.simulator.world.bodies.cyclist import cyclist_parts
+from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, shape_of
+from lidcam.bags.simulator.world.bodies.hulls import front_wheel
+from lidcam.bags.simulator.world.bodies.joints import ArticulatedPath, Carrier, RaisedPath, steered_wheel
+from lidcam.bags.simulator.world.bodies.pedestrian import pedestrian_parts
+from lidcam.bags.simulator.world.meshes.materials import paint
+from lidcam.bags.simulator.world.meshes.mesh import Mesh
+from lidcam.bags.simulator.world.mover import Mover, Part, UprightBox
+from lidcam.pipeline.core.arrays import F64
 
 BODIES = {"model_car": model_car, "car": car, "van": van, "truck": truck, "bus": bus}
 """Body of each motor vehicle, made from its colour, in the base frame; the front wheels are separate parts."""

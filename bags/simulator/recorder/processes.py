@@ -13,15 +13,13 @@ from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Self
 
-from bags.simulator.recorder.recorded import Measured, SensingTask
-from bags.simulator.scenario.scenario import Scenario
-from bags.simulator.scenario.sensors import CameraScenario, LidarScenario
-from bags.simulator.vehicles.ackermann import AckermannCommand
-from pipeline.core.ending import undone_at_once
-from pipeline.core.errors import LidcamError
-from readers.velodyne.models import MODELS
-
-__all__ = ["SensingProcess", "shared_out"]
+from lidcam.bags.simulator.recorder.recorded import Measured, SensingTask
+from lidcam.bags.simulator.scenario.scenario import Scenario
+from lidcam.bags.simulator.scenario.sensors import CameraScenario, LidarScenario
+from lidcam.bags.simulator.vehicles.ackermann import AckermannCommand
+from lidcam.pipeline.core.ending import undone_at_once
+from lidcam.pipeline.core.errors import LidcamError
+from lidcam.readers.velodyne.models import MODELS
 
 LIDAR_COST = 0.8
 CAMERA_COST, MOVING_CAMERA_COST = 0.05, 1.1
@@ -113,8 +111,8 @@ class SensingProcess:
 def _serve(pipe: Connection) -> None:
     """The main loop of a process: the task comes in, then requests; measurements and errors go out until it closes."""
     try:
-        from bags.simulator.recorder.sensing import Sensing  # Open3D, which this module does without
-        from bags.simulator.recorder.stage import Stage
+        from lidcam.bags.simulator.recorder.sensing import Sensing  # Open3D, which this module does without
+        from lidcam.bags.simulator.recorder.stage import Stage
 
         task: SensingTask = pipe.recv()
         stage = Stage(task.scenario, driven=task.driven)

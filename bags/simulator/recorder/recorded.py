@@ -2,11 +2,9 @@
 
 from typing import NamedTuple
 
-from bags.simulator.scenario.scenario import Scenario
-from pipeline.core.arrays import I64
-from pipeline.core.ros.typestores import RosVersion
-
-__all__ = ["STEP_NS", "Measured", "Recorded", "SensingTask"]
+from lidcam.bags.simulator.scenario.scenario import Scenario
+from lidcam.pipeline.core.arrays import I64
+from lidcam.pipeline.core.ros.typestores import RosVersion
 
 STEP_NS = 100_000_000
 """Default step of a simulation."""

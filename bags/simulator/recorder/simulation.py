@@ -7,21 +7,19 @@ seed and its own number.
 from collections import deque
 from collections.abc import Iterator, Sequence
 
-from bags.simulator.recorder.messages import MessageFactory
-from bags.simulator.recorder.processes import SensingProcess
-from bags.simulator.recorder.recorded import STEP_NS, Measured, Recorded, SensingTask
-from bags.simulator.recorder.sensing import Sensing
-from bags.simulator.recorder.stage import Stage
-from bags.simulator.recorder.states import States, moments
-from bags.simulator.recorder.true_rig import recorded_extrinsics
-from bags.simulator.vehicles.ackermann import AckermannCommand
-from bags.simulator.vehicles.trajectory import State
-
-__all__ = ["Simulation"]
+from lidcam.bags.simulator.recorder.messages import MessageFactory
+from lidcam.bags.simulator.recorder.processes import SensingProcess
+from lidcam.bags.simulator.recorder.recorded import STEP_NS, Measured, Recorded, SensingTask
+from lidcam.bags.simulator.recorder.sensing import Sensing
+from lidcam.bags.simulator.recorder.stage import Stage
+from lidcam.bags.simulator.recorder.states import States, moments
+from lidcam.bags.simulator.recorder.true_rig import recorded_extrinsics
+from lidcam.bags.simulator.vehicles.ackermann import AckermannCommand
+from lidcam.bags.simulator.vehicles.trajectory import State
 
 
 class Simulation:
-    """A running scenario; `bags.simulator.recorder.start.simulating` starts one, with processes for other sensors."""
+    """A running scenario; `recorder.start.simulating` starts one, with processes for other sensors."""
 
     def __init__(self, task: SensingTask, others: Sequence[SensingProcess] = ()) -> None:
         self.scenario, self.ros_version = task.scenario, task.ros_version

@@ -4,19 +4,17 @@ from collections.abc import Collection
 
 import numpy as np
 
-from bags.simulator.recorder.movers import build_mover
-from bags.simulator.recorder.true_rig import carrier_frame
-from bags.simulator.scenario.scenario import Scenario
-from bags.simulator.scenario.sensors import SensorScenario
-from bags.simulator.vehicles.traffic import Traffic
-from bags.simulator.world.bodies.dimensions import shape_of
-from bags.simulator.world.bodies.joints import RaisedPath
-from bags.simulator.world.motion import FixedPath, MountedPath, Path
-from bags.simulator.world.places.places import height_of, mesh_of
-from bags.simulator.world.scene import Scene
-from pipeline.core.geometry.transform import Transform
-
-__all__ = ["Stage"]
+from lidcam.bags.simulator.recorder.movers import build_mover
+from lidcam.bags.simulator.recorder.true_rig import carrier_frame
+from lidcam.bags.simulator.scenario.scenario import Scenario
+from lidcam.bags.simulator.scenario.sensors import SensorScenario
+from lidcam.bags.simulator.vehicles.traffic import Traffic
+from lidcam.bags.simulator.world.bodies.dimensions import shape_of
+from lidcam.bags.simulator.world.bodies.joints import RaisedPath
+from lidcam.bags.simulator.world.motion import FixedPath, MountedPath, Path
+from lidcam.bags.simulator.world.places.places import height_of, mesh_of
+from lidcam.bags.simulator.world.scene import Scene
+from lidcam.pipeline.core.geometry.transform import Transform
 
 KEPT_NS = 1_000_000_000
 """The past is kept for this long beyond what measurements under way need."""

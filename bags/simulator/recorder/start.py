@@ -5,15 +5,13 @@ from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
-from bags.simulator.recorder.processes import SensingProcess, shared_out
-from bags.simulator.recorder.recorded import SensingTask
-from bags.simulator.scenario.scenario import Scenario
-from pipeline.core.ros.typestores import RosVersion
+from lidcam.bags.simulator.recorder.processes import SensingProcess, shared_out
+from lidcam.bags.simulator.recorder.recorded import SensingTask
+from lidcam.bags.simulator.scenario.scenario import Scenario
+from lidcam.pipeline.core.ros.typestores import RosVersion
 
 if TYPE_CHECKING:
-    from bags.simulator.recorder.simulation import Simulation
-
-__all__ = ["simulating"]
+    from lidcam.bags.simulator.recorder.simulation import Simulation
 
 
 @contextmanager
@@ -32,6 +30,6 @@ def simulating(
     with ExitStack() as stack:
         tasks = [SensingTask(scenario, tuple(driven), ros_version, names) for names in others]
         processes = [stack.enter_context(SensingProcess(task)) for task in tasks]
-        from bags.simulator.recorder.simulation import Simulation  # Open3D takes a second or two
+        from lidcam.bags.simulator.recorder.simulation import Simulation  # Open3D takes a second or two
 
         yield Simulation(SensingTask(scenario, tuple(driven), ros_version, mine), processes)

@@ -5,17 +5,21 @@ from typing import Any
 
 import numpy as np
 
-from bags.simulator.recorder.messages import Hypothesis, MessageFactory, TrueObject, class_of, counted, counted_by
-from bags.simulator.recorder.recorded import Measured, Recorded
-from bags.simulator.recorder.stage import Stage
-from bags.simulator.scenario.scenario import EGO_FRAME
-from bags.simulator.scenario.traffic import command_topic, controller_topics
-from bags.simulator.world.bodies.dimensions import shape_of
-from pipeline.core.arrays import I64
-from pipeline.core.ros.vision_numbers import IMAGE_PIXELS, LIDAR_POINTS
-
-__all__ = ["MEASURED_TRUTH_TOPIC", "TRUTH_TOPIC", "States", "moments"]
-
+from lidcam.bags.simulator.recorder.messages import (
+    Hypothesis,
+    MessageFactory,
+    TrueObject,
+    class_of,
+    counted,
+    counted_by,
+)
+from lidcam.bags.simulator.recorder.recorded import Measured, Recorded
+from lidcam.bags.simulator.recorder.stage import Stage
+from lidcam.bags.simulator.scenario.scenario import EGO_FRAME
+from lidcam.bags.simulator.scenario.traffic import command_topic, controller_topics
+from lidcam.bags.simulator.world.bodies.dimensions import shape_of
+from lidcam.pipeline.core.arrays import I64
+from lidcam.pipeline.core.ros.vision_numbers import IMAGE_PIXELS, LIDAR_POINTS
 
 TRUTH_TOPIC = "/ground_truth/objects"
 MEASURED_TRUTH_TOPIC = "/ground_truth/objects_when_measured"

@@ -3,14 +3,12 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bags.simulator.scenario.scenario import EGO_FRAME, Scenario
-from bags.simulator.scenario.sensors import CameraScenario, SensorScenario
-from bags.simulator.sensors.lens import camera_model
-from bags.simulator.world.motion import T_BODY_OPTICAL
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import CameraSensor, LidarSensor, Rig, default_zones
-
-__all__ = ["T_carrier_sensor", "carrier_frame", "recorded_extrinsics", "true_rig"]
+from lidcam.bags.simulator.scenario.scenario import EGO_FRAME, Scenario
+from lidcam.bags.simulator.scenario.sensors import CameraScenario, SensorScenario
+from lidcam.bags.simulator.sensors.lens import camera_model
+from lidcam.bags.simulator.world.motion import T_BODY_OPTICAL
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig, default_zones
 
 
 def carrier_frame(scenario: Scenario, sensor: SensorScenario) -> str:

@@ -3,14 +3,12 @@
 from pathlib import Path
 from typing import Any
 
-from bags.simulator.scenario.scenario import Scenario, listed
-from pipeline.core.errors import ConfigError
-from pipeline.core.settings.bounded_yaml import read_yaml
-from pipeline.core.settings.bundled import bundled
-from pipeline.core.settings.load import set_values
-from pipeline.core.settings.validation import checked, did_you_mean
-
-__all__ = ["load_scenario", "overridden", "scenario_file", "scenario_names"]
+from lidcam.bags.simulator.scenario.scenario import Scenario, listed
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.pipeline.core.settings.bounded_yaml import read_yaml
+from lidcam.pipeline.core.settings.bundled import bundled
+from lidcam.pipeline.core.settings.load import set_values
+from lidcam.pipeline.core.settings.validation import checked, did_you_mean
 
 
 def scenario_names() -> list[str]:

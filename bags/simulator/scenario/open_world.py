@@ -4,10 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from bags.simulator.scenario.sensors import Metres
-from pipeline.core.settings.model import NotNegative, Positive, SettingsModel, Share
-
-__all__ = ["GroundScenario", "RoadScenario", "ThingKind", "ThingScenario"]
+from lidcam.bags.simulator.scenario.sensors import Metres
+from lidcam.pipeline.core.settings.model import NotNegative, Positive, SettingsModel, Share
 
 ThingKind = Literal[
     "box", "cylinder", "cone", "lump", "fence", "bicycle", "tree", "conifer", "bush", "hedge", "grass", "table"

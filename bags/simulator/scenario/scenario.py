@@ -9,12 +9,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from bags.simulator.scenario.open_world import GroundScenario, ThingScenario
-from bags.simulator.scenario.sensors import COEFFICIENTS, CameraScenario, LidarScenario, Name
-from bags.simulator.scenario.traffic import RouteScenario, VehicleScenario
-from pipeline.core.settings.model import NotNegative, Positive, SettingsModel
-
-__all__ = ["EGO_FRAME", "RecordingScenario", "Scenario", "SunScenario", "camera_truth_topics", "listed"]
+from lidcam.bags.simulator.scenario.open_world import GroundScenario, ThingScenario
+from lidcam.bags.simulator.scenario.sensors import COEFFICIENTS, CameraScenario, LidarScenario, Name
+from lidcam.bags.simulator.scenario.traffic import RouteScenario, VehicleScenario
+from lidcam.pipeline.core.settings.model import NotNegative, Positive, SettingsModel
 
 EGO_FRAME = "base_link"
 """Base frame of the vehicle that carries sensors (REP 105)."""

@@ -6,20 +6,9 @@ import numpy as np
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Share
-from pipeline.core.settings.validation import Noun
-
-__all__ = [
-    "COEFFICIENTS",
-    "CameraScenario",
-    "Detector2DScenario",
-    "LidarScenario",
-    "Metres",
-    "Miscalibration",
-    "Name",
-    "SensorScenario",
-]
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Share
+from lidcam.pipeline.core.settings.validation import Noun
 
 Metres = Annotated[float, Field(ge=-1e5, le=1e5)]
 """A coordinate: further out, single precision cannot hold millimetres."""
@@ -92,7 +81,7 @@ class LidarScenario(SensorScenario):
     """A spinning lidar.
 
     Attributes:
-        model: A Velodyne model of `readers.velodyne.models`, or `linear`: evenly spread beams.
+        model: A Velodyne model of `lidcam.readers.velodyne.models`, or `linear`: evenly spread beams.
         beams: Number of beams of a `linear` lidar.
         elevation_deg: Lowest and highest beam of a `linear` lidar.
         elevations_deg: All beams of a `linear` lidar, at uneven steps; then `beams` and `elevation_deg` do not count.

@@ -4,10 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from bags.simulator.scenario.sensors import Metres
-from pipeline.core.settings.model import NotNegative, Positive, SettingsModel, Share
-
-__all__ = ["CarBody", "Posture", "RouteScenario", "VehicleScenario", "command_topic", "controller_topics"]
+from lidcam.bags.simulator.scenario.sensors import Metres
+from lidcam.pipeline.core.settings.model import NotNegative, Positive, SettingsModel, Share
 
 CarBody = Literal["hatchback", "saloon", "estate", "mpv"]
 Posture = Literal["upright", "sitting", "stooping", "reaching"]
@@ -44,7 +42,7 @@ class VehicleScenario(SettingsModel):
     """A vehicle, cyclist or pedestrian: its looks, start and driver.
 
     Attributes:
-        shape: Its body (`bags.simulator.world.bodies.dimensions`).
+        shape: Its body (`lidcam.bags.simulator.world.bodies.dimensions`).
         color: Colour of its paint or jacket, each in [0, 1].
         scale: Factors of the length, width and height of its shape; for people about the same in all three.
         body: Form of a `car`.

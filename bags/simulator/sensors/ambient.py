@@ -3,11 +3,8 @@
 import cv2
 import numpy as np
 
-from bags.simulator.world.scene import Scene
-from pipeline.core.arrays import F32
-
-__all__ = ["sky_light"]
-
+from lidcam.bags.simulator.world.scene import Scene
+from lidcam.pipeline.core.arrays import F32
 
 GRID_PX = 4
 """Skylight varies slowly: it is sampled at every fourth pixel of every fourth row."""

@@ -9,13 +9,10 @@ from math import ceil
 
 import numpy as np
 
-from bags.simulator.scenario.sensors import LidarScenario
-from bags.simulator.sensors.velodyne_packets import Beams, EncodedPackets, VelodyneSensor
-from pipeline.core.arrays import F64, U8
-from readers.velodyne.models import MODELS, built_in_table
-
-__all__ = ["LinearPattern", "VelodynePattern", "pattern_of"]
-
+from lidcam.bags.simulator.scenario.sensors import LidarScenario
+from lidcam.bags.simulator.sensors.velodyne_packets import Beams, EncodedPackets, VelodyneSensor
+from lidcam.pipeline.core.arrays import F64, U8
+from lidcam.readers.velodyne.models import MODELS, built_in_table
 
 MS = 1_000_000
 LINEAR_RANGE_STEP_M = 0.002

@@ -8,19 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bags.simulator.scenario.scenario import SunScenario
-from bags.simulator.scenario.sensors import CameraScenario
-from bags.simulator.sensors.film import Film
-from bags.simulator.sensors.lens import Lens, camera_model
-from bags.simulator.sensors.light import Light
-from bags.simulator.sensors.moving import put_movers
-from bags.simulator.sensors.still import Still, take_still
-from bags.simulator.world.motion import T_BODY_OPTICAL, FixedPath, MountedPath, Path, Poses
-from bags.simulator.world.scene import Scene
-from pipeline.core.arrays import F64, I16, I64, U8
-from pipeline.core.camera import CameraModel
-
-__all__ = ["Camera", "CameraImage"]
+from lidcam.bags.simulator.scenario.scenario import SunScenario
+from lidcam.bags.simulator.scenario.sensors import CameraScenario
+from lidcam.bags.simulator.sensors.film import Film
+from lidcam.bags.simulator.sensors.lens import Lens, camera_model
+from lidcam.bags.simulator.sensors.light import Light
+from lidcam.bags.simulator.sensors.moving import put_movers
+from lidcam.bags.simulator.sensors.still import Still, take_still
+from lidcam.bags.simulator.world.motion import T_BODY_OPTICAL, FixedPath, MountedPath, Path, Poses
+from lidcam.bags.simulator.world.scene import Scene
+from lidcam.pipeline.core.arrays import F64, I16, I64, U8
+from lidcam.pipeline.core.camera import CameraModel
 
 MAX_MOMENTS = 9
 """Maximum number of instants averaged for a blurred image."""

@@ -5,14 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bags.simulator.scenario.sensors import Detector2DScenario
-from bags.simulator.sensors.camera import CameraImage
-from bags.simulator.sensors.timing import random_numbers
-from bags.simulator.sensors.visibility import visible_boxes
-from pipeline.core.arrays import F64, I64, Table
-
-__all__ = ["NO_MOVER", "Detected", "detect"]
-
+from lidcam.bags.simulator.scenario.sensors import Detector2DScenario
+from lidcam.bags.simulator.sensors.camera import CameraImage
+from lidcam.bags.simulator.sensors.timing import random_numbers
+from lidcam.bags.simulator.sensors.visibility import visible_boxes
+from lidcam.pipeline.core.arrays import F64, I64, Table
 
 NO_MOVER = -1
 """Mover row of a false box."""

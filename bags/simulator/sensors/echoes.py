@@ -10,13 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from bags.simulator.world.meshes.mesh import Material
-from bags.simulator.world.rays import STATIC, Hits
-from bags.simulator.world.surfaces.textures import surface_reflectivity
-from pipeline.core.arrays import F64, I64, Table
-
-__all__ = ["NO_ECHO", "Echoes", "Optics", "Reflected", "distinct_echoes", "intensity", "returned_share"]
-
+from lidcam.bags.simulator.world.meshes.mesh import Material
+from lidcam.bags.simulator.world.rays import STATIC, Hits
+from lidcam.bags.simulator.world.surfaces.textures import surface_reflectivity
+from lidcam.pipeline.core.arrays import F64, I64, Table
 
 NO_ECHO = 0.0
 """Range without an echo."""

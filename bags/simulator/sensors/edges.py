@@ -4,11 +4,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from bags.simulator.world.placed import dotted
-from pipeline.core.arrays import F64, I64, Bools
-
-__all__ = ["SKY_M", "Side", "edge_beams"]
-
+from lidcam.bags.simulator.world.placed import dotted
+from lidcam.pipeline.core.arrays import F64, I64, Bools
 
 SKY_M = 1e5
 """Range of a beam that hits nothing."""

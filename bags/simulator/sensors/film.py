@@ -4,11 +4,8 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from bags.simulator.sensors.timing import random_numbers
-from pipeline.core.arrays import F32, F64, I16, I64, U8
-
-__all__ = ["Film", "srgb_from_linear"]
-
+from lidcam.bags.simulator.sensors.timing import random_numbers
+from lidcam.pipeline.core.arrays import F32, F64, I16, I64, U8
 
 FRACTION = 64
 """Images are kept in this fraction of a pixel value until noise is added."""

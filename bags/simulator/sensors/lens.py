@@ -5,12 +5,9 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from bags.simulator.scenario.sensors import CameraScenario
-from pipeline.core.arrays import F32, F64, I64, Bools
-from pipeline.core.camera import NEAR_M, CameraModel
-
-__all__ = ["Lens", "camera_model"]
-
+from lidcam.bags.simulator.scenario.sensors import CameraScenario
+from lidcam.pipeline.core.arrays import F32, F64, I64, Bools
+from lidcam.pipeline.core.camera import NEAR_M, CameraModel
 
 ROUND_TRIP_PX = 0.005
 """A pixel whose ray projects further away from it than this lies outside the lens."""

@@ -10,21 +10,18 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from bags.simulator.scenario.sensors import LidarScenario
-from bags.simulator.sensors.beams import VelodynePattern, pattern_of
-from bags.simulator.sensors.echoes import NO_ECHO, Echoes, Optics, Reflected, distinct_echoes, intensity
-from bags.simulator.sensors.edges import SKY_M, Side, edge_beams
-from bags.simulator.sensors.timing import random_numbers
-from bags.simulator.sensors.velodyne_packets import Beams, EncodedPackets
-from bags.simulator.world.motion import FixedPath, Path, turned
-from bags.simulator.world.placed import dotted
-from bags.simulator.world.rays import Hits, Rays
-from bags.simulator.world.scene import Scene
-from bags.simulator.world.span import Span
-from pipeline.core.arrays import F32, F64, I64, U8, U16, join_rows
-
-__all__ = ["Lidar", "Sweep"]
-
+from lidcam.bags.simulator.scenario.sensors import LidarScenario
+from lidcam.bags.simulator.sensors.beams import VelodynePattern, pattern_of
+from lidcam.bags.simulator.sensors.echoes import NO_ECHO, Echoes, Optics, Reflected, distinct_echoes, intensity
+from lidcam.bags.simulator.sensors.edges import SKY_M, Side, edge_beams
+from lidcam.bags.simulator.sensors.timing import random_numbers
+from lidcam.bags.simulator.sensors.velodyne_packets import Beams, EncodedPackets
+from lidcam.bags.simulator.world.motion import FixedPath, Path, turned
+from lidcam.bags.simulator.world.placed import dotted
+from lidcam.bags.simulator.world.rays import Hits, Rays
+from lidcam.bags.simulator.world.scene import Scene
+from lidcam.bags.simulator.world.span import Span
+from lidcam.pipeline.core.arrays import F32, F64, I64, U8, U16, join_rows
 
 # Columns of `Echoes`, and return types as in `PointCloud.return_type`
 STRONGEST, LAST = 0, 1

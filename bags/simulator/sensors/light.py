@@ -12,13 +12,10 @@ from functools import cache
 import cv2
 import numpy as np
 
-from bags.simulator.scenario.scenario import SunScenario
-from bags.simulator.world.meshes.mesh import Material
-from bags.simulator.world.placed import dotted
-from pipeline.core.arrays import F32, F64, I64
-
-__all__ = ["Light", "Shading"]
-
+from lidcam.bags.simulator.scenario.scenario import SunScenario
+from lidcam.bags.simulator.world.meshes.mesh import Material
+from lidcam.bags.simulator.world.placed import dotted
+from lidcam.pipeline.core.arrays import F32, F64, I64
 
 SUN_RGB = np.array([1.15, 1.08, 0.95], np.float32)  # irradiance facing the sun
 SKY_IRRADIANCE_RGB = np.array([0.30, 0.36, 0.46], np.float32)  # irradiance facing up

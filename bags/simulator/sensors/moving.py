@@ -8,17 +8,15 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from bags.simulator.sensors.lens import Lens
-from bags.simulator.sensors.light import Light
-from bags.simulator.sensors.still import BESIDE_PX, Still, contrasts, lit_surfaces, turned
-from bags.simulator.world.motion import Poses
-from bags.simulator.world.placed import PartHits, PartSurfaces, PlacedPart, passing_rays
-from bags.simulator.world.rays import STATIC, Surfaces
-from bags.simulator.world.scene import Scene
-from pipeline.core.arrays import F32, F64, I16, I64, Bools
-from pipeline.core.geometry.boxes import box_corners
-
-__all__ = ["Moving", "put_movers"]
+from lidcam.bags.simulator.sensors.lens import Lens
+from lidcam.bags.simulator.sensors.light import Light
+from lidcam.bags.simulator.sensors.still import BESIDE_PX, Still, contrasts, lit_surfaces, turned
+from lidcam.bags.simulator.world.motion import Poses
+from lidcam.bags.simulator.world.placed import PartHits, PartSurfaces, PlacedPart, passing_rays
+from lidcam.bags.simulator.world.rays import STATIC, Surfaces
+from lidcam.bags.simulator.world.scene import Scene
+from lidcam.pipeline.core.arrays import F32, F64, I16, I64, Bools
+from lidcam.pipeline.core.geometry.boxes import box_corners
 
 Window = tuple[int, int, int, int]
 EMPTY: Window = (0, 0, 0, 0)

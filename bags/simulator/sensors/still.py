@@ -5,17 +5,14 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from bags.simulator.sensors.ambient import sky_light
-from bags.simulator.sensors.lens import Lens
-from bags.simulator.sensors.light import Light, Shading
-from bags.simulator.world.motion import Poses
-from bags.simulator.world.rays import Surfaces
-from bags.simulator.world.scene import Scene
-from bags.simulator.world.surfaces.textures import surface_rgb
-from pipeline.core.arrays import F32, Bools
-
-__all__ = ["BESIDE_PX", "Still", "contrasts", "lit_surfaces", "take_still", "turned"]
-
+from lidcam.bags.simulator.sensors.ambient import sky_light
+from lidcam.bags.simulator.sensors.lens import Lens
+from lidcam.bags.simulator.sensors.light import Light, Shading
+from lidcam.bags.simulator.world.motion import Poses
+from lidcam.bags.simulator.world.rays import Surfaces
+from lidcam.bags.simulator.world.scene import Scene
+from lidcam.bags.simulator.world.surfaces.textures import surface_rgb
+from lidcam.pipeline.core.arrays import F32, Bools
 
 BESIDE_PX = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
 """The four sample points of a pixel that differs from its neighbours (anti-aliasing)."""

@@ -9,9 +9,7 @@ from zlib import crc32
 
 import numpy as np
 
-from bags.simulator.scenario.sensors import SensorScenario
-
-__all__ = ["Measurement", "Timing", "random_numbers"]
+from lidcam.bags.simulator.scenario.sensors import SensorScenario
 
 MS = 1_000_000
 

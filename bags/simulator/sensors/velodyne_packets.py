@@ -1,6 +1,6 @@
 """Velodyne sensors (VLP-16, HDL-32E, VLP-32C): directions and times of beams, and data packets from ranges.
 
-The inverse of `readers.velodyne.decoder`, written independently. As in the manuals the head spins evenly, block
+The inverse of `lidcam.readers.velodyne.decoder`, written independently. As in the manuals the head spins evenly, block
 azimuths are rounded to 0.01 degrees, packet times to microseconds, ranges to the model's step.
 """
 
@@ -9,11 +9,8 @@ from typing import Literal
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, U8, U16
-from readers.velodyne.models import BLOCK_FLAGS, MODELS, LaserTable, VelodyneModel, built_in_table
-
-__all__ = ["Beams", "EncodedPackets", "VelodyneSensor"]
-
+from lidcam.pipeline.core.arrays import F64, I64, U8, U16
+from lidcam.readers.velodyne.models import BLOCK_FLAGS, MODELS, LaserTable, VelodyneModel, built_in_table
 
 BLOCKS, SLOTS = 12, 32
 HOUR_US = 3_600_000_000

@@ -4,13 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bags.simulator.sensors.camera import Camera, CameraImage
-from bags.simulator.world.motion import Poses
-from bags.simulator.world.mover import Mover, Part, placed_vertices
-from pipeline.core.arrays import F64, I64
-from pipeline.core.camera import NEAR_M, CameraModel
-
-__all__ = ["Visibility", "projected_box", "visibility", "visible_boxes"]
+from lidcam.bags.simulator.sensors.camera import Camera, CameraImage
+from lidcam.bags.simulator.world.motion import Poses
+from lidcam.bags.simulator.world.mover import Mover, Part, placed_vertices
+from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.core.camera import NEAR_M, CameraModel
 
 EDGES = ((0, 1), (1, 2), (2, 0))
 """The corners of each edge of a triangle."""

@@ -8,9 +8,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from bags.simulator.vehicles.trajectory import State
-
-__all__ = ["Ackermann", "AckermannCommand", "ControllerCommands"]
+from lidcam.bags.simulator.vehicles.trajectory import State
 
 
 @dataclass(frozen=True, slots=True)

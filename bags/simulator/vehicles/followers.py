@@ -6,17 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bags.simulator.vehicles.ackermann import Ackermann, AckermannCommand
-from bags.simulator.vehicles.footprints import Rectangle, discs_of
-from bags.simulator.vehicles.habits import Habits
-from bags.simulator.vehicles.right_of_way import Stretch, Traveller, distance_to_stop
-from bags.simulator.vehicles.routes import Route, pure_pursuit
-from bags.simulator.vehicles.trajectory import State
-from bags.simulator.world.bodies.dimensions import Shape
-from pipeline.core.arrays import F64
-
-__all__ = ["Follower", "Seen", "following_acceleration"]
-
+from lidcam.bags.simulator.vehicles.ackermann import Ackermann, AckermannCommand
+from lidcam.bags.simulator.vehicles.footprints import Rectangle, discs_of
+from lidcam.bags.simulator.vehicles.habits import Habits
+from lidcam.bags.simulator.vehicles.right_of_way import Stretch, Traveller, distance_to_stop
+from lidcam.bags.simulator.vehicles.routes import Route, pure_pursuit
+from lidcam.bags.simulator.vehicles.trajectory import State
+from lidcam.bags.simulator.world.bodies.dimensions import Shape
+from lidcam.pipeline.core.arrays import F64
 
 STANDING_M_S = 0.02
 NEAR_LINE = 0.4

@@ -9,14 +9,11 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from bags.simulator.scenario.open_world import ThingScenario
-from bags.simulator.vehicles.trajectory import State
-from bags.simulator.world.bodies.dimensions import Shape
-from bags.simulator.world.meshes.mesh import Mesh
-from pipeline.core.arrays import F64, I64
-
-__all__ = ["Obstacles", "Rectangle", "discs_of", "footprint", "obstacles_of", "overlap", "things_in_the_way"]
-
+from lidcam.bags.simulator.scenario.open_world import ThingScenario
+from lidcam.bags.simulator.vehicles.trajectory import State
+from lidcam.bags.simulator.world.bodies.dimensions import Shape
+from lidcam.bags.simulator.world.meshes.mesh import Mesh
+from lidcam.pipeline.core.arrays import F64, I64
 
 TRUNK_SHARE = 0.12
 """Width of a trunk as a share of the crown's."""

@@ -4,10 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from bags.simulator.vehicles.ackermann import Ackermann
-from bags.simulator.world.bodies.dimensions import shape_of
-
-__all__ = ["HABITS", "Habits", "chassis_of"]
+from lidcam.bags.simulator.vehicles.ackermann import Ackermann
+from lidcam.bags.simulator.world.bodies.dimensions import shape_of
 
 
 @dataclass(frozen=True, slots=True)

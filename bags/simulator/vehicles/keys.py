@@ -3,9 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from bags.simulator.vehicles.ackermann import AckermannCommand
-
-__all__ = ["QUIT", "RemoteControl", "command_of", "commands_of_keys", "script_keys"]
+from lidcam.bags.simulator.vehicles.ackermann import AckermannCommand
 
 SPEED_M_S = 0.3
 STEERING_RAD = 0.7 * 0.7

@@ -12,11 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import label
 
-from bags.simulator.vehicles.routes import Route
-from bags.simulator.world.bodies.dimensions import Shape
-from pipeline.core.arrays import F64, I64, Bools
-
-__all__ = ["Stretch", "Traveller", "distance_to_stop", "shared_stretches"]
+from lidcam.bags.simulator.vehicles.routes import Route
+from lidcam.bags.simulator.world.bodies.dimensions import Shape
+from lidcam.pipeline.core.arrays import F64, I64, Bools
 
 SAME_WAY_RAD = math.radians(20)
 """Routes at a smaller angle do not cross: the one behind follows."""

@@ -8,12 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from bags.simulator.scenario.traffic import RouteScenario
-from pipeline.core.arrays import F64
-from pipeline.core.errors import ConfigError
-
-__all__ = ["Route", "RoutePoint", "pure_pursuit"]
-
+from lidcam.bags.simulator.scenario.traffic import RouteScenario
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.errors import ConfigError
 
 SHORTEST_M = 1e-9
 """Shorter pieces are rounding errors."""

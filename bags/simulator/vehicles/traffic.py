@@ -5,22 +5,27 @@ from bisect import bisect_right
 from collections.abc import Collection, Mapping
 from types import MappingProxyType
 
-from bags.simulator.scenario.scenario import Scenario, listed
-from bags.simulator.scenario.traffic import VehicleScenario
-from bags.simulator.vehicles.ackermann import Ackermann, AckermannCommand
-from bags.simulator.vehicles.followers import Follower, Seen
-from bags.simulator.vehicles.footprints import Obstacles, Rectangle, footprint, obstacles_of, overlap, things_in_the_way
-from bags.simulator.vehicles.habits import HABITS, chassis_of
-from bags.simulator.vehicles.keys import commands_of_keys
-from bags.simulator.vehicles.right_of_way import Stretch, Traveller, shared_stretches
-from bags.simulator.vehicles.routes import Route
-from bags.simulator.vehicles.trajectory import State, Trajectory
-from bags.simulator.world.bodies.dimensions import shape_of
-from bags.simulator.world.meshes.mesh import Mesh
-from bags.simulator.world.places.places import static_mesh
-from pipeline.core.errors import ConfigError
-
-__all__ = ["STEP_NS", "Traffic"]
+from lidcam.bags.simulator.scenario.scenario import Scenario, listed
+from lidcam.bags.simulator.scenario.traffic import VehicleScenario
+from lidcam.bags.simulator.vehicles.ackermann import Ackermann, AckermannCommand
+from lidcam.bags.simulator.vehicles.followers import Follower, Seen
+from lidcam.bags.simulator.vehicles.footprints import (
+    Obstacles,
+    Rectangle,
+    footprint,
+    obstacles_of,
+    overlap,
+    things_in_the_way,
+)
+from lidcam.bags.simulator.vehicles.habits import HABITS, chassis_of
+from lidcam.bags.simulator.vehicles.keys import commands_of_keys
+from lidcam.bags.simulator.vehicles.right_of_way import Stretch, Traveller, shared_stretches
+from lidcam.bags.simulator.vehicles.routes import Route
+from lidcam.bags.simulator.vehicles.trajectory import State, Trajectory
+from lidcam.bags.simulator.world.bodies.dimensions import shape_of
+from lidcam.bags.simulator.world.meshes.mesh import Mesh
+from lidcam.bags.simulator.world.places.places import static_mesh
+from lidcam.pipeline.core.errors import ConfigError
 
 STEP_NS = 10_000_000
 """Time step."""

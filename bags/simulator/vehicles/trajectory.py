@@ -4,11 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bags.simulator.world.motion import Poses, upright_poses
-from pipeline.core.arrays import F64, I64
-
-__all__ = ["State", "Trajectory"]
-
+from lidcam.bags.simulator.world.motion import Poses, upright_poses
+from lidcam.pipeline.core.arrays import F64, I64
 
 FIRST_ROOM = 256
 
@@ -34,7 +31,7 @@ class State(NamedTuple):
 
 
 class Trajectory:
-    """States at rising times, linear in between; a `bags.simulator.world.motion.Path`.
+    """States at rising times, linear in between; a `lidcam.bags.simulator.world.motion.Path`.
 
     Before its first state it is at rest there; times after its last state are refused.
     """

@@ -5,10 +5,8 @@ from typing import Protocol
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Table, check_array
-from pipeline.core.geometry.transform import Transform
-
-__all__ = ["T_BODY_OPTICAL", "FixedPath", "MountedPath", "Path", "Poses", "turned", "upright_poses"]
+from lidcam.pipeline.core.arrays import F64, I64, Table, check_array
+from lidcam.pipeline.core.geometry.transform import Transform
 
 T_BODY_OPTICAL = Transform("body", "optical", np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]))
 """From a camera's optical axes (x right, y down, z forward) to those of its body (x forward, y left, z up); REP 103."""

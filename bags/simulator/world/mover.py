@@ -5,11 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bags.simulator.world.meshes.mesh import Mesh
-from bags.simulator.world.motion import Path, turned
-from pipeline.core.arrays import F64
-
-__all__ = ["Mover", "Part", "UprightBox", "placed_vertices"]
+from lidcam.bags.simulator.world.meshes.mesh import Mesh
+from lidcam.bags.simulator.world.motion import Path, turned
+from lidcam.pipeline.core.arrays import F64
 
 Vector = tuple[float, float, float]
 

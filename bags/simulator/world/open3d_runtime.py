@@ -10,9 +10,7 @@ import sys
 
 import libusb_package
 
-from pipeline.core.errors import LidcamError
-
-__all__ = ["check_libraries", "load_libusb"]
+from lidcam.pipeline.core.errors import LidcamError
 
 LIBRARIES = {
     "libEGL.so.1": "libegl1",

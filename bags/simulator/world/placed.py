@@ -7,19 +7,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import F32, F64, I64, U32, Bools
-
-__all__ = [
-    "FEW_RAYS",
-    "PartHits",
-    "PartSurfaces",
-    "PlacedPart",
-    "dotted",
-    "mapped",
-    "packed",
-    "passing_rays",
-    "threads_for",
-]
+from lidcam.pipeline.core.arrays import F32, F64, I64, U32, Bools
 
 Floats = F32 | F64
 Real = TypeVar("Real", np.float32, np.float64)

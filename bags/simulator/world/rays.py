@@ -4,9 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64, Table, check_array
-
-__all__ = ["NO_MATERIAL", "STATIC", "Hits", "Rays", "Surfaces"]
+from lidcam.pipeline.core.arrays import F32, F64, I64, Table, check_array
 
 STATIC = -1
 """Mover row of the static world."""

@@ -10,21 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from bags.simulator.world.meshes.mesh import Material, Mesh
-from bags.simulator.world.motion import Path, Poses, turned
-from bags.simulator.world.mover import Mover
-from bags.simulator.world.open3d_runtime import load_libusb
-from bags.simulator.world.placed import FEW_RAYS, Floats, PlacedPart, dotted, packed, passing_rays, threads_for
-from bags.simulator.world.rays import NO_MATERIAL, STATIC, Hits, Rays, Surfaces
-from bags.simulator.world.span import Span
-from pipeline.core.arrays import F32, F64, I64, Bools
+from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh
+from lidcam.bags.simulator.world.motion import Path, Poses, turned
+from lidcam.bags.simulator.world.mover import Mover
+from lidcam.bags.simulator.world.open3d_runtime import load_libusb
+from lidcam.bags.simulator.world.placed import FEW_RAYS, Floats, PlacedPart, dotted, packed, passing_rays, threads_for
+from lidcam.bags.simulator.world.rays import NO_MATERIAL, STATIC, Hits, Rays, Surfaces
+from lidcam.bags.simulator.world.span import Span
+from lidcam.pipeline.core.arrays import F32, F64, I64, Bools
 
 load_libusb()
 import open3d as _open3d  # noqa: E402  (needs libusb first)
 
 open3d: Any = _open3d  # its stubs lack arrays
-
-__all__ = ["Scene"]
 
 Columns = tuple[F64, F64, I64, I64, F64]
 

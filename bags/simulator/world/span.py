@@ -4,11 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bags.simulator.world.motion import Path, Poses
-from bags.simulator.world.rays import Rays
-from pipeline.core.arrays import F64, I64
-
-__all__ = ["Span"]
+from lidcam.bags.simulator.world.motion import Path, Poses
+from lidcam.bags.simulator.world.rays import Rays
+from lidcam.pipeline.core.arrays import F64, I64
 
 SAMPLE_NS = 2_000_000
 """Motion is taken as linear for this long: at 10 rad/s that is right to 0.05 mm at a distance of one metre."""

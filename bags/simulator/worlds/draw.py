@@ -13,17 +13,15 @@ from zlib import crc32
 
 import numpy as np
 
-from bags.simulator.scenario.open_world import GroundScenario, RoadScenario, ThingScenario
-from bags.simulator.scenario.scenario import Scenario
-from bags.simulator.scenario.sensors import CameraScenario, LidarScenario
-from bags.simulator.scenario.traffic import VehicleScenario
-from bags.simulator.vehicles.footprints import Rectangle, overlap, things_in_the_way
-from bags.simulator.world.places.open_world import open_height
-from bags.simulator.worlds.layouts import LAYOUTS
-from bags.simulator.worlds.site import Site
-from bags.simulator.worlds.surroundings import clutter, frontage, island
-
-__all__ = ["FAMILIES", "Family", "random_lidar", "random_numbers_of", "random_scenario"]
+from lidcam.bags.simulator.scenario.open_world import GroundScenario, RoadScenario, ThingScenario
+from lidcam.bags.simulator.scenario.scenario import Scenario
+from lidcam.bags.simulator.scenario.sensors import CameraScenario, LidarScenario
+from lidcam.bags.simulator.scenario.traffic import VehicleScenario
+from lidcam.bags.simulator.vehicles.footprints import Rectangle, overlap, things_in_the_way
+from lidcam.bags.simulator.world.places.open_world import open_height
+from lidcam.bags.simulator.worlds.layouts import LAYOUTS
+from lidcam.bags.simulator.worlds.site import Site
+from lidcam.bags.simulator.worlds.surroundings import clutter, frontage, island
 
 Family = Literal["sandbox", "crossing", "road"]
 FAMILIES: tuple[Family, ...] = ("sandbox", "crossing", "road")

@@ -5,9 +5,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from readers.velodyne.models import built_in_table
-
-__all__ = ["LAYOUTS"]
+from lidcam.readers.velodyne.models import built_in_table
 
 
 def _even(low: float, high: float, beams: int) -> tuple[float, ...]:

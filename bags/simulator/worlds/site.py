@@ -6,14 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from bags.simulator.scenario.open_world import ThingKind, ThingScenario
-from bags.simulator.scenario.traffic import RouteScenario, VehicleScenario
-from bags.simulator.vehicles.footprints import Rectangle, footprint, overlap, things_in_the_way
-from bags.simulator.vehicles.routes import Route
-from bags.simulator.vehicles.trajectory import State
-from bags.simulator.world.bodies.dimensions import SHAPES, shape_of
-
-__all__ = ["Site", "first_state"]
+from lidcam.bags.simulator.scenario.open_world import ThingKind, ThingScenario
+from lidcam.bags.simulator.scenario.traffic import RouteScenario, VehicleScenario
+from lidcam.bags.simulator.vehicles.footprints import Rectangle, footprint, overlap, things_in_the_way
+from lidcam.bags.simulator.vehicles.routes import Route
+from lidcam.bags.simulator.vehicles.trajectory import State
+from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, shape_of
 
 Box = tuple[float, float, float]
 

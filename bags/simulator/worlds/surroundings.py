@@ -2,9 +2,7 @@
 
 import math
 
-from bags.simulator.worlds.site import Site
-
-__all__ = ["clutter", "frontage", "island"]
+from lidcam.bags.simulator.worlds.site import Site
 
 Place = tuple[float, float]
 

@@ -12,38 +12,36 @@ from typing import Any
 
 import numpy as np
 
-from bags.simulator.recorder.movers import build_mover
-from bags.simulator.scenario.scenario import Scenario
-from bags.simulator.scenario.sensors import LidarScenario
-from bags.simulator.sensors.echoes import intensity, returned_share
-from bags.simulator.vehicles.footprints import Rectangle, footprint, overlap
-from bags.simulator.vehicles.routes import Route
-from bags.simulator.vehicles.trajectory import State, Trajectory
-from bags.simulator.world.bodies.dimensions import SHAPES, shape_of
-from bags.simulator.world.bodies.joints import RaisedPath
-from bags.simulator.world.meshes.mesh import Material, Mesh
-from bags.simulator.world.motion import Poses
-from bags.simulator.world.mover import placed_vertices
-from bags.simulator.world.open3d_runtime import load_libusb
-from bags.simulator.world.placed import dotted, mapped, packed
-from bags.simulator.world.places.places import height_of, mesh_of
-from bags.simulator.worlds.draw import Family, random_lidar, random_numbers_of, random_scenario
-from bags.simulator.worlds.site import first_state
-from pipeline.core.arrays import F32, F64, I32, I64
+from lidcam.bags.simulator.recorder.movers import build_mover
+from lidcam.bags.simulator.scenario.scenario import Scenario
+from lidcam.bags.simulator.scenario.sensors import LidarScenario
+from lidcam.bags.simulator.sensors.echoes import intensity, returned_share
+from lidcam.bags.simulator.vehicles.footprints import Rectangle, footprint, overlap
+from lidcam.bags.simulator.vehicles.routes import Route
+from lidcam.bags.simulator.vehicles.trajectory import State, Trajectory
+from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, shape_of
+from lidcam.bags.simulator.world.bodies.joints import RaisedPath
+from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh
+from lidcam.bags.simulator.world.motion import Poses
+from lidcam.bags.simulator.world.mover import placed_vertices
+from lidcam.bags.simulator.world.open3d_runtime import load_libusb
+from lidcam.bags.simulator.world.placed import dotted, mapped, packed
+from lidcam.bags.simulator.world.places.places import height_of, mesh_of
+from lidcam.bags.simulator.worlds.draw import Family, random_lidar, random_numbers_of, random_scenario
+from lidcam.bags.simulator.worlds.site import first_state
+from lidcam.pipeline.core.arrays import F32, F64, I32, I64
 
 load_libusb()
 import open3d as _open3d  # noqa: E402  (needs libusb first)
 
 open3d: Any = _open3d  # its stubs lack arrays
 
-__all__ = ["SWEEPS_PER_WORLD", "TrainingSweep", "sweep"]
-
 SWEEPS_PER_WORLD = 16
 """Seeds `k * SWEEPS_PER_WORLD` and the following are of one world."""
 
 SPECKLE = 0.06
 BEHIND_M = 1e-3
-"""See `bags.simulator.sensors.lidar`."""
+"""See `lidcam.bags.simulator.sensors.lidar`."""
 
 FIRST_NS = np.zeros(1, np.int64)
 

@@ -14,14 +14,12 @@ import numpy as np
 
 from lidcam.checks.calibration.evenly_kept import EvenlyKept
 from lidcam.checks.warning import RunWarning
-from pipeline.core.arrays import F32, F64, I64
-from pipeline.core.detections import Boxes3D
-from pipeline.core.frame import FrameResult
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.geometry.rotations import matrix_of_rpy
-from pipeline.core.rig import CameraSensor, Rig
-
-__all__ = ["CameraFit"]
+from lidcam.pipeline.core.arrays import F32, F64, I64
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.geometry.rotations import matrix_of_rpy
+from lidcam.pipeline.core.rig import CameraSensor, Rig
 
 MAX_FRAMES = 32
 """Frames that are kept, spread over the run."""

@@ -3,11 +3,9 @@
 import numpy as np
 
 from lidcam.checks.warning import RunWarning
-from pipeline.core.arrays import F32, F64
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import CameraSensor, Rig
-
-__all__ = ["CameraPoints"]
+from lidcam.pipeline.core.arrays import F32, F64
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import CameraSensor, Rig
 
 MAX_POINTS, MAX_CLOUDS = 3000, 20
 """Points of a cloud that are projected, every n-th of it, and clouds that are looked at."""

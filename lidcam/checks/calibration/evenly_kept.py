@@ -3,8 +3,6 @@
 from collections.abc import Iterator
 from typing import Generic, TypeVar
 
-__all__ = ["EvenlyKept"]
-
 T = TypeVar("T")
 
 

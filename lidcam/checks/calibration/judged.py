@@ -5,12 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from lidcam.checks.warning import RunWarning
-from pipeline.calibration.camera_error import CameraError
-from pipeline.calibration.lidar_error import LidarError
-from pipeline.core.arrays import Bools
-from pipeline.core.rig import CameraSensor, LidarSensor
-
-__all__ = ["CameraJudged", "LidarsJudged", "camera_warning", "lidars_warning"]
+from lidcam.pipeline.calibration.camera_error import CameraError
+from lidcam.pipeline.calibration.lidar_error import LidarError
+from lidcam.pipeline.core.arrays import Bools
+from lidcam.pipeline.core.rig import CameraSensor, LidarSensor
 
 REMEDY = "see what `lidcam inspect --check` says of it, or calibrate it again"
 

@@ -12,13 +12,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from lidcam.checks.warning import RunWarning
-from pipeline.core.clouds import Plane, PointCloud
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import LidarSensor, Rig
-from pipeline.core.settings.combine import CombineConfig
-from pipeline.filters.ground import find_ground
-
-__all__ = ["inverted_lidars", "tilted_lidars"]
+from lidcam.pipeline.core.clouds import Plane, PointCloud
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import LidarSensor, Rig
+from lidcam.pipeline.core.settings.combine import CombineConfig
+from lidcam.pipeline.filters.ground import find_ground
 
 FAR = 3.0
 """Ground that is this many tolerances (`combine.ground.height_tolerance_m`) away is somewhere else."""

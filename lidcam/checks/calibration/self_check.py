@@ -16,20 +16,18 @@ import numpy as np
 from lidcam.checks.calibration.evenly_kept import EvenlyKept
 from lidcam.checks.calibration.judged import CameraJudged, LidarsJudged, camera_warning, lidars_warning
 from lidcam.checks.warning import RunWarning
-from pipeline.calibration.camera_error import camera_error
-from pipeline.calibration.lidar_error import LidarError, lidar_error
-from pipeline.calibration.motions import motion
-from pipeline.calibration.pairs import TrackedPairs, tracked_pairs
-from pipeline.core.arrays import F64, Bools, join_rows
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Boxes3D
-from pipeline.core.frame import FrameResult
-from pipeline.core.geometry.regions import points_in_footprints
-from pipeline.core.rig import CameraSensor, LidarSensor, Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.tracks import NO_TRACK
-
-__all__ = ["SelfCheck"]
+from lidcam.pipeline.calibration.camera_error import camera_error
+from lidcam.pipeline.calibration.lidar_error import LidarError, lidar_error
+from lidcam.pipeline.calibration.motions import motion
+from lidcam.pipeline.calibration.pairs import TrackedPairs, tracked_pairs
+from lidcam.pipeline.core.arrays import F64, Bools, join_rows
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.regions import points_in_footprints
+from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.tracks import NO_TRACK
 
 MAX_FRAMES, MAX_CLOUDS = 400, 2
 """Frames of which the pairs of a camera are kept, and whose clouds are, spread over the run."""

@@ -9,17 +9,15 @@ import typer
 
 from lidcam.commands.options import Format, Overwrite, RecordingOut, Scenario, Seed, Setting, duration, with_log_options
 from lidcam.commands.simulation.simulate import check_simulator
+from lidcam.pipeline.core.errors import ConfigError
 from lidcam.printing.escaping import visible
 from lidcam.printing.log import progress_log
-from pipeline.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from bags.simulator.drive.driving import Keyboard
-    from bags.simulator.drive.live_view import LiveView
-    from bags.simulator.recorder.simulation import Simulation
-    from bags.simulator.vehicles.keys import RemoteControl
-
-__all__ = ["DRIVE_EXAMPLES", "drive"]
+    from lidcam.bags.simulator.drive.driving import Keyboard
+    from lidcam.bags.simulator.drive.live_view import LiveView
+    from lidcam.bags.simulator.recorder.simulation import Simulation
+    from lidcam.bags.simulator.vehicles.keys import RemoteControl
 
 # \b keeps the lines of a paragraph as they are.
 DRIVE_EXAMPLES = """\b
@@ -56,7 +54,7 @@ def drive(
 ) -> None:
     """Drive the cars of a scenario from the keyboard, and record it."""
     check_simulator()
-    from bags.simulator.drive.driving import drive as driven
+    from lidcam.bags.simulator.drive.driving import drive as driven
     from lidcam.commands.simulation.scenario import recording_to, scenario_of
 
     found = scenario_of(scenario, settings or (), duration_s=duration_s, seed=seed)
@@ -86,8 +84,8 @@ def _keyboard(
     keys: str | None, interval_s: float, drivable: tuple[str, ...], resources: contextlib.ExitStack
 ) -> "Keyboard":
     """The keys that are given, else those of the terminal, else those on standard input."""
-    from bags.simulator.drive.driving import ScriptedKeys
-    from bags.simulator.drive.terminal import terminal_keys
+    from lidcam.bags.simulator.drive.driving import ScriptedKeys
+    from lidcam.bags.simulator.drive.terminal import terminal_keys
 
     if keys is None and sys.stdin.isatty():
         return resources.enter_context(terminal_keys(sys.stdin.fileno()))
@@ -101,7 +99,7 @@ def _checked(keys: str, drivable: tuple[str, ...]) -> str:
     Raises:
         ConfigError: a key has no meaning.
     """
-    from bags.simulator.vehicles.keys import script_keys
+    from lidcam.bags.simulator.vehicles.keys import script_keys
 
     known = script_keys(drivable)
     if wrong := next((key for key in keys if key not in known), ""):
@@ -142,6 +140,6 @@ class _StatusLine:
 
 
 def _viewer(simulation: "Simulation") -> "LiveView":
-    from bags.simulator.drive.live_view import LiveView  # Rerun, which a drive without a view does not need
+    from lidcam.bags.simulator.drive.live_view import LiveView  # Rerun, which a drive without a view does not need
 
     return LiveView(simulation).spawn()

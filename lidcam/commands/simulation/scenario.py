@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import yaml
 
-from bags.simulator.recorder.files import (
+from lidcam.bags.simulator.recorder.files import (
     RecordingFormat,
     WriteMessage,
     format_of,
@@ -16,19 +16,17 @@ from bags.simulator.recorder.files import (
     recording_outputs,
     ros_version_of,
 )
-from bags.simulator.recorder.recorded import Recorded
-from bags.simulator.recorder.start import simulating
-from bags.simulator.scenario.load import load_scenario, overridden
-from bags.simulator.scenario.scenario import Scenario
+from lidcam.bags.simulator.recorder.recorded import Recorded
+from lidcam.bags.simulator.recorder.start import simulating
+from lidcam.bags.simulator.scenario.load import load_scenario, overridden
+from lidcam.bags.simulator.scenario.scenario import Scenario
 from lidcam.outputs.allowed import SIMULATED, TEXT, check_no_input, check_replaced
 from lidcam.printing.log import remark_log
-from readers.rig.rig_file import rig_yaml
+from lidcam.readers.rig.rig_file import rig_yaml
 
 if TYPE_CHECKING:
-    from bags.simulator.recorder.simulation import Simulation
-    from bags.simulator.worlds.draw import Family
-
-__all__ = ["Recorder", "drawn_scenario", "recording_to", "scenario_of"]
+    from lidcam.bags.simulator.recorder.simulation import Simulation
+    from lidcam.bags.simulator.worlds.draw import Family
 
 
 def scenario_of(name: str, settings: Sequence[str], *, duration_s: float | None, seed: int | None) -> Scenario:
@@ -56,7 +54,7 @@ def drawn_scenario(
     Raises:
         ConfigError: a value does not fit.
     """
-    from bags.simulator.worlds.draw import random_scenario  # OpenCV
+    from lidcam.bags.simulator.worlds.draw import random_scenario  # OpenCV
 
     scenario = overridden(random_scenario(family, 1 if seed is None else seed), tuple(settings))
     return scenario if duration_s is None else scenario.model_copy(update={"duration_s": duration_s})
@@ -115,7 +113,7 @@ def recording_to(
         recording_outputs(output, format, check_old=check_old) as outputs,
         simulating(scenario, ros_version=ros_version_of(format), workers=workers, driven=driven) as simulation,
     ):
-        from bags.simulator.recorder.true_rig import true_rig  # OpenCV, which a simulation has loaded by now
+        from lidcam.bags.simulator.recorder.true_rig import true_rig  # OpenCV, which a simulation has loaded by now
 
         rig = rig_yaml(true_rig(scenario))
         with recording_file(outputs, output, format, rig_yaml=rig, scenario_yaml=text) as write:

@@ -6,9 +6,7 @@ from typing import Annotated, Literal
 import typer
 
 from lidcam.commands.options import Format, Overwrite, RecordingOut, Scenario, Seed, Setting, duration, with_log_options
-from pipeline.core.errors import LidcamError
-
-__all__ = ["SIMULATE_EXAMPLES", "check_simulator", "simulate"]
+from lidcam.pipeline.core.errors import LidcamError
 
 RANDOM = "random"
 """Name of the scenarios that are drawn from a seed."""
@@ -28,7 +26,7 @@ Examples:
 
 def _show(name: str | None) -> None:
     if name is not None:
-        from bags.simulator.scenario.load import scenario_file
+        from lidcam.bags.simulator.scenario.load import scenario_file
 
         typer.echo(scenario_file(name).read_text(encoding="utf-8"), nl=False)
         raise typer.Exit
@@ -95,6 +93,6 @@ def check_simulator() -> None:
     for package in ("open3d", "libusb_package"):
         if find_spec(package) is None:
             raise LidcamError(f"the simulator needs {package}, which is not installed: pip install 'lidcam[sim]'")
-    from bags.simulator.world.open3d_runtime import check_libraries
+    from lidcam.bags.simulator.world.open3d_runtime import check_libraries
 
     check_libraries()

@@ -11,14 +11,12 @@ import typer
 
 from lidcam.commands.options import ConfigFile, Overwrite, RigFile, Setting, ends_in, with_log_options
 from lidcam.commands.simulation.simulate import check_simulator
-from pipeline.core.errors import ConfigError, LidcamError, OutputError
+from lidcam.pipeline.core.errors import ConfigError, LidcamError, OutputError
 
 if TYPE_CHECKING:
     from lidcam.job import JobOptions
+    from lidcam.pipeline.core.settings.config import Config
     from lidcam.training.labelled import Recordings as LabelledRecordings
-    from pipeline.core.settings.config import Config
-
-__all__ = ["train_app"]
 
 train_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 
@@ -101,11 +99,11 @@ def clusters(
     On simulated worlds, on labelled recordings, or on both.
     """
     check_simulator()
+    from lidcam.pipeline.parallel.cores import usable_cores
     from lidcam.printing.progress import show_training
     from lidcam.training.clusters import train_clusters
-    from pipeline.parallel.cores import usable_cores
-    from writers.outputs.errors import output_errors
-    from writers.outputs.transaction import OutputTransaction
+    from lidcam.writers.outputs.errors import output_errors
+    from lidcam.writers.outputs.transaction import OutputTransaction
 
     card, processes = out.with_suffix(".md"), workers or usable_cores()
     with OutputTransaction([out, card], check_old=partial(_check_old, overwrite=overwrite)) as outputs:
@@ -188,12 +186,12 @@ def pillars(
     """
     check_simulator()
     _check_torch("the training")
+    from lidcam.pipeline.detectors.pillars.embedded import existing_network_file
+    from lidcam.pipeline.parallel.cores import usable_cores
     from lidcam.printing.progress import show_training
     from lidcam.training.pillars.fit import Checkpoint
     from lidcam.training.pillars.train import train_pillars
-    from pipeline.detectors.pillars.embedded import existing_network_file
-    from pipeline.parallel.cores import usable_cores
-    from writers.outputs.transaction import OutputTransaction
+    from lidcam.writers.outputs.transaction import OutputTransaction
 
     card, state, processes = out.with_suffix(".md"), out.with_suffix(".ckpt"), workers or usable_cores()
     may_replace = overwrite or (resume and state.exists())
@@ -257,7 +255,7 @@ def convert(
     from lidcam.outputs.allowed import check_no_input
     from lidcam.training.kits.convert import converted
     from lidcam.training.kits.parts import Data
-    from writers.outputs.transaction import OutputTransaction
+    from lidcam.writers.outputs.transaction import OutputTransaction
 
     check_no_input([out], [network, *([config] if config else [])])
     with OutputTransaction([out], check_old=partial(_check_old, overwrite=overwrite)) as outputs:
@@ -290,7 +288,7 @@ def images(
     _check_torch("the training")
     from lidcam.printing.progress import show_training
     from lidcam.training.images.train import train_images
-    from writers.outputs.transaction import OutputTransaction
+    from lidcam.writers.outputs.transaction import OutputTransaction
 
     card = out.with_suffix(".md")
     with OutputTransaction([out, card], check_old=partial(_check_old, overwrite=overwrite)) as outputs:
@@ -325,7 +323,7 @@ def _read(
 
 def _check_classes(config: "Config", *, family: str | None) -> None:
     """Refuse recordings of classes, or of a size, that the network does not know."""
-    from pipeline.detectors.cluster.kinds import knows
+    from lidcam.pipeline.detectors.cluster.kinds import knows
 
     is_sandbox = family == "sandbox"
     if knows(config.classes) != is_sandbox:

@@ -11,8 +11,6 @@ from typing import cast
 import torch
 from torch import Tensor, nn
 
-__all__ = ["ImageNetwork"]
-
 BLOCKS = (((12, 2), (20, 2), (32, 2), (32, 1)), ((48, 2), (48, 1)), ((64, 2), (64, 1), (64, 1)))
 """Channels and strides of the convolutions up to each of the grids."""
 

@@ -1,4 +1,4 @@
-"""A trained network as an ONNX file, with the outputs of YOLOX, which `pipeline.detectors.onnx` reads."""
+"""A trained network as an ONNX file, with the outputs of YOLOX, which `lidcam.pipeline.detectors.onnx` reads."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,8 +8,6 @@ import numpy as np
 from lidcam.training.images.network import ImageNetwork
 from lidcam.training.onnx_graph import FLOAT, Graph
 from lidcam.training.onnx_layers import convolution, convolutions
-
-__all__ = ["onnx_bytes"]
 
 
 def onnx_bytes(network: ImageNetwork, classes: Sequence[str]) -> bytes:

@@ -8,16 +8,14 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from bags.simulator.recorder.stage import Stage
-from bags.simulator.scenario.scenario import Scenario, SunScenario
-from bags.simulator.scenario.sensors import CameraScenario
-from bags.simulator.sensors.camera import Camera, CameraImage
-from bags.simulator.sensors.visibility import visible_boxes
-from bags.simulator.worlds.draw import FAMILIES, Family, random_lidar, random_numbers_of, random_scenario
-from pipeline.core.arrays import F32, F64, I64, U8, Bools
-from pipeline.detectors.onnx.layouts.cells import cells_of
-
-__all__ = ["CLASSES", "CUTS_OF_A_ROUND", "WORLDS_OF_A_ROUND", "Cut", "Picture", "cuts", "learnable", "pictures"]
+from lidcam.bags.simulator.recorder.stage import Stage
+from lidcam.bags.simulator.scenario.scenario import Scenario, SunScenario
+from lidcam.bags.simulator.scenario.sensors import CameraScenario
+from lidcam.bags.simulator.sensors.camera import Camera, CameraImage
+from lidcam.bags.simulator.sensors.visibility import visible_boxes
+from lidcam.bags.simulator.worlds.draw import FAMILIES, Family, random_lidar, random_numbers_of, random_scenario
+from lidcam.pipeline.core.arrays import F32, F64, I64, U8, Bools
+from lidcam.pipeline.detectors.onnx.layouts.cells import cells_of
 
 CLASSES = ("car", "pedestrian", "cyclist", "truck", "bus")
 """A van counts as a truck, as it does among the classes of lidcam."""

@@ -9,6 +9,14 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from lidcam.pipeline.core.arrays import F64, I64, Bools
+from lidcam.pipeline.core.detections import Boxes2D
+from lidcam.pipeline.core.geometry.boxes import iou_xyxy
+from lidcam.pipeline.core.settings.detect import Detect2DConfig
+from lidcam.pipeline.detectors.log_odds import logit
+from lidcam.pipeline.detectors.onnx.detector import OnnxDetector2D
+from lidcam.pipeline.detectors.onnx.layouts.cells import cells_of
+from lidcam.pipeline.stages.detect2d import suppress_overlaps
 from lidcam.training.card import average_precision
 from lidcam.training.images.network import ImageNetwork
 from lidcam.training.images.onnx_file import onnx_bytes
@@ -22,16 +30,6 @@ from lidcam.training.images.pictures import (
     pictures,
 )
 from lidcam.training.pillars.judging import Judged, calibration
-from pipeline.core.arrays import F64, I64, Bools
-from pipeline.core.detections import Boxes2D
-from pipeline.core.geometry.boxes import iou_xyxy
-from pipeline.core.settings.detect import Detect2DConfig
-from pipeline.detectors.onnx.detector import OnnxDetector2D
-from pipeline.detectors.onnx.layouts.cells import cells_of
-from pipeline.fusion.belief.odds import logit
-from pipeline.stages.detect2d import suppress_overlaps
-
-__all__ = ["fitted", "judge", "loss_of", "train_images"]
 
 BATCH = 8
 RATE, DECAY, WARM_STEPS = 3e-3, 1e-2, 100

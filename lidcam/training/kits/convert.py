@@ -8,6 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.core.text import one_line
+from lidcam.pipeline.detectors.onnx.session import OnnxSession
+from lidcam.pipeline.detectors.pillars.kits import KEY, KIT_INPUTS, KIT_OUTPUTS, KitSpecs
 from lidcam.training.kits.files import read_checkpoint, read_config
 from lidcam.training.kits.graph import Rows, add_anchor_boxes, add_network, by_row
 from lidcam.training.kits.mmdet3d import mmdet3d_model
@@ -16,12 +20,6 @@ from lidcam.training.kits.openpcdet import openpcdet_model
 from lidcam.training.kits.parts import Data
 from lidcam.training.kits.weights import Weights
 from lidcam.training.onnx_graph import FLOAT, INT64, Graph, Value
-from pipeline.core.errors import ModelError
-from pipeline.core.text import one_line
-from pipeline.detectors.onnx.session import OnnxSession
-from pipeline.detectors.pillars.kits import KEY, KIT_INPUTS, KIT_OUTPUTS, KitSpecs
-
-__all__ = ["Converted", "converted"]
 
 MMDEPLOY = "cls_score", "bbox_pred", "dir_cls_pred"
 EXPORTS: dict[tuple[str, ...], tuple[tuple[str, ...], ...]] = {

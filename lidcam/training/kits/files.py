@@ -8,13 +8,11 @@ import numpy as np
 import torch
 import yaml
 
-from pipeline.core.arrays import F64
-from pipeline.core.errors import ModelError
-from pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
-from pipeline.core.small_files import read_small_text
-from pipeline.core.text import one_line
-
-__all__ = ["Checkpoint", "read_checkpoint", "read_config"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
+from lidcam.pipeline.core.small_files import read_small_text
+from lidcam.pipeline.core.text import one_line
 
 BASE = "_BASE_CONFIG_"
 

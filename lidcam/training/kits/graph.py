@@ -5,14 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lidcam.pipeline.core.arrays import I64
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.detectors.pillars.kits import KIT_INPUTS, KIT_OUTPUTS
 from lidcam.training.kits.network import AnchorHead, Backbone, CenterHead, KitModel
 from lidcam.training.kits.weights import Weights
 from lidcam.training.onnx_graph import FLOAT, Graph
-from pipeline.core.arrays import I64
-from pipeline.core.errors import ModelError
-from pipeline.detectors.pillars.kits import KIT_INPUTS, KIT_OUTPUTS
-
-__all__ = ["Rows", "add_anchor_boxes", "add_network", "by_row"]
 
 MAX_BOXES = 1000
 """How many of the likeliest boxes a network, or each group of classes, gives; lidcam keeps the best in each place."""

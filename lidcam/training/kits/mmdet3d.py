@@ -3,11 +3,9 @@
 import math
 from typing import Any
 
+from lidcam.pipeline.detectors.pillars.kits import Feature
 from lidcam.training.kits.network import Anchor, AnchorHead, Backbone, CenterHead, Encoder, KitModel, Names
 from lidcam.training.kits.parts import OFFSETS, Data, check, check_parts, data_of, raw_features, specs_of
-from pipeline.detectors.pillars.kits import Feature
-
-__all__ = ["mmdet3d_model"]
 
 PARTS = {
     "voxel_encoder": ("PillarFeatureNet",),

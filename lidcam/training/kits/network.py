@@ -4,10 +4,8 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from pipeline.core.settings.model import Positive, SettingsModel
-from pipeline.detectors.pillars.kits import Feature, KitSpecs
-
-__all__ = ["Anchor", "AnchorHead", "Backbone", "CenterHead", "Encoder", "KitModel", "Names"]
+from lidcam.pipeline.core.settings.model import Positive, SettingsModel
+from lidcam.pipeline.detectors.pillars.kits import Feature, KitSpecs
 
 Channels = Annotated[int, Field(ge=1, le=2048)]
 Few = Annotated[int, Field(ge=0, le=64)]

@@ -5,8 +5,6 @@ from typing import Any
 from lidcam.training.kits.network import Anchor, AnchorHead, Backbone, CenterHead, Encoder, KitModel, Names
 from lidcam.training.kits.parts import OFFSETS, Data, check, check_parts, data_of, raw_features, specs_of
 
-__all__ = ["openpcdet_model"]
-
 NAMES = Names(
     encoder="vfe.pfn_layers",
     blocks="backbone_2d.blocks",

@@ -3,11 +3,9 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from pipeline.core.errors import ModelError
-from pipeline.detectors.pillars.kits import Feature, KitGrid, KitSpecs
-from pipeline.detectors.pillars.network import FoundClass
-
-__all__ = ["OFFSETS", "Data", "check", "check_parts", "data_of", "raw_features", "specs_of"]
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.detectors.pillars.kits import Feature, KitGrid, KitSpecs
+from lidcam.pipeline.detectors.pillars.network import FoundClass
 
 OFFSETS: list[Feature] = ["dx_mean", "dy_mean", "dz_mean", "dx_cell", "dy_cell", "dz_cell"]
 KNOWN: list[Feature] = ["x", "y", "z", "intensity"]

@@ -5,10 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.errors import ModelError
-
-__all__ = ["Weights"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.errors import ModelError
 
 SHOWN = 4
 UNUSED = ("num_batches_tracked", "global_step")

@@ -12,16 +12,14 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from lidcam.pipeline.core.errors import LidcamError
+from lidcam.pipeline.core.text import one_line
+from lidcam.pipeline.detectors.pillars.embedded import existing_network_file
 from lidcam.training.labelled import Recordings
 from lidcam.training.pillars.network import PillarNetwork
 from lidcam.training.pillars.onnx_file import take_weights
 from lidcam.training.pillars.scenes import CLASSES, GRIDS, SCENES_OF_A_ROUND, Scene, Source, Worlds, rounds
-from pipeline.core.errors import LidcamError
-from pipeline.core.text import one_line
-from pipeline.detectors.pillars.embedded import existing_network_file
-from writers.outputs.errors import output_errors
-
-__all__ = ["BATCH", "Checkpoint", "fitted"]
+from lidcam.writers.outputs.errors import output_errors
 
 BATCH = 4
 RATE, DECAY, WARM_STEPS = 2e-3, 1e-2, 100

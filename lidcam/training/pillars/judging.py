@@ -6,19 +6,17 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD
+from lidcam.bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD
+from lidcam.pipeline.core.arrays import F64, I64, Bools
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.geometry.overlaps import without_overlaps
+from lidcam.pipeline.core.geometry.rotated_iou import BoxArrays
+from lidcam.pipeline.detectors.log_odds import sigmoid
+from lidcam.pipeline.detectors.pillars.decoding import Found
+from lidcam.pipeline.detectors.pillars.network import FoundClass, PillarNetwork
 from lidcam.training.card import average_precision, calibration_error
 from lidcam.training.labelled import LabelledFrame, TrueBoxes
 from lidcam.training.pillars.scenes import CLASSES, MIN_POINTS, WRITTEN_GRIDS, Worlds, family_of, known_to, scene
-from pipeline.core.arrays import F64, I64, Bools
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.geometry.overlaps import without_overlaps
-from pipeline.core.geometry.rotated_iou import BoxArrays
-from pipeline.detectors.log_odds import sigmoid
-from pipeline.detectors.pillars.decoding import Found
-from pipeline.detectors.pillars.network import FoundClass, PillarNetwork
-
-__all__ = ["SWEEPS_OF_A_WORLD", "Judged", "calibration", "figures", "joined", "judged", "judged_frame", "with_errors"]
 
 SWEEPS_OF_A_WORLD = 4
 LEAST_LOG_ODDS = -4.0

@@ -10,10 +10,8 @@ from typing import cast
 import torch
 from torch import Tensor, nn
 
-from pipeline.detectors.pillars.decoding import BOX_NUMBERS
-from pipeline.detectors.pillars.grid import FEATURES, STRIDE
-
-__all__ = ["WIDTH", "PillarNetwork"]
+from lidcam.pipeline.detectors.pillars.decoding import BOX_NUMBERS
+from lidcam.pipeline.detectors.pillars.grid import FEATURES, STRIDE
 
 WIDTH = 32
 BLOCKS = (32, 2), (64, 3), (96, 3)

@@ -7,17 +7,15 @@ from typing import Any
 import numpy as np
 import torch
 
+from lidcam.pipeline.core.arrays import F32
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.detectors.pillars.decoding import BOX_NUMBERS
+from lidcam.pipeline.detectors.pillars.grid import FEATURES, STRIDE, Grid
+from lidcam.pipeline.detectors.pillars.network import INPUTS, KEY, PillarSpecs
+from lidcam.pipeline.detectors.pillars.network import PillarNetwork as WrittenNetwork
 from lidcam.training.onnx_graph import FLOAT, INT64, Graph, numbers_in
 from lidcam.training.onnx_layers import convolution, convolutions, normalised, parameters, tensors
 from lidcam.training.pillars.network import WIDTH, PillarNetwork
-from pipeline.core.arrays import F32
-from pipeline.core.errors import ModelError
-from pipeline.detectors.pillars.decoding import BOX_NUMBERS
-from pipeline.detectors.pillars.grid import FEATURES, STRIDE, Grid
-from pipeline.detectors.pillars.network import INPUTS, KEY, PillarSpecs
-from pipeline.detectors.pillars.network import PillarNetwork as WrittenNetwork
-
-__all__ = ["onnx_bytes", "take_weights"]
 
 
 def onnx_bytes(network: PillarNetwork, specs: PillarSpecs, learned: Grid) -> bytes:

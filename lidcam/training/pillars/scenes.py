@@ -6,39 +6,20 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from bags.simulator.worlds.draw import Family, random_numbers_of
-from bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, TrainingSweep, sweep
+from lidcam.bags.simulator.worlds.draw import Family, random_numbers_of
+from lidcam.bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, TrainingSweep, sweep
+from lidcam.pipeline.core.arrays import F32, F64, I64
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.pipeline.detectors.pillars.decoding import box_numbers, output_cells
+from lidcam.pipeline.detectors.pillars.detector import PillarPoints
+from lidcam.pipeline.detectors.pillars.grid import STRIDE, Grid, pillars
+from lidcam.pipeline.parallel.pool import process_pool
+from lidcam.pipeline.stages.combine import Combine
 from lidcam.training.examples import cloud_of, rig_of
 from lidcam.training.labelled import NAMES, WORLDS, LabelledFrame, Recordings, TrueBoxes, varied
-from pipeline.core.arrays import F32, F64, I64
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.frame import SensorBundle
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.load import load_config
-from pipeline.detectors.pillars.decoding import box_numbers, output_cells
-from pipeline.detectors.pillars.detector import PillarPoints
-from pipeline.detectors.pillars.grid import STRIDE, Grid, pillars
-from pipeline.parallel.pool import process_pool
-from pipeline.stages.combine import Combine
-
-__all__ = [
-    "CLASSES",
-    "GRIDS",
-    "MIN_POINTS",
-    "SCENES_OF_A_ROUND",
-    "WORLDS_OF_A_ROUND",
-    "WRITTEN_GRIDS",
-    "Scene",
-    "Source",
-    "Targets",
-    "Worlds",
-    "family_of",
-    "known_to",
-    "rounds",
-    "scene",
-    "targets_of",
-    "targets_of_frame",
-]
 
 Worlds = Literal["road", "crossing", "sandbox", "all"]
 """Families of worlds to learn from; `all`: roads and crossings."""

@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.detectors.pillars.network import FoundClass, PillarNetwork, PillarSpecs
 from lidcam.training.labelled import WORLDS, loaded
 from lidcam.training.pillars import network as torch_network
 from lidcam.training.pillars.fit import BATCH, CHECKPOINT_EVERY_S, Checkpoint, fitted
@@ -21,10 +23,6 @@ from lidcam.training.pillars.judging import (
 )
 from lidcam.training.pillars.onnx_file import onnx_bytes
 from lidcam.training.pillars.scenes import CLASSES, GRIDS, MIN_POINTS, WRITTEN_GRIDS
-from pipeline.core.arrays import F64
-from pipeline.detectors.pillars.network import FoundClass, PillarNetwork, PillarSpecs
-
-__all__ = ["train_pillars"]
 
 HELD_OUT = 1_000_000
 """Worlds from this number (plus the seed) on are not trained on: some calibrate the network, others judge it."""

@@ -14,9 +14,7 @@ from importlib import import_module
 from pathlib import Path
 from threading import Thread
 
-from pipeline.core.compile_log import compile_log
-
-__all__ = ["Progress", "compiled_beside", "kernel_sources", "one_compiled", "serve"]
+from lidcam.pipeline.core.compile_log import compile_log
 
 Progress = Callable[[int, int], object]
 """Called with the number of functions that are compiled by now, and the number of all."""
@@ -24,9 +22,9 @@ Progress = Callable[[int, int], object]
 MAX_PROCESSES = 8
 """Each holds 200 MB and takes a second to start; more of them than this save nothing."""
 
-_ROOT = Path(__file__).parents[3]
-_IMPORT = "from pipeline.core.compiled import "
-_SERVE = "from pipeline.core.compiled.beside import serve; serve()"
+_ROOT = Path(__file__).parents[4]
+_IMPORT = "from lidcam.pipeline.core.compiled import "
+_SERVE = "from lidcam.pipeline.core.compiled.beside import serve; serve()"
 
 
 @dataclass

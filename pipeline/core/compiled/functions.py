@@ -15,10 +15,10 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
-from pipeline.core.compile_log import compile_log
-from pipeline.core.compiled.beside import kernel_sources, one_compiled
-from pipeline.core.errors import ConfigError
-from pipeline.core.text import one_line
+from lidcam.pipeline.core.compile_log import compile_log
+from lidcam.pipeline.core.compiled.beside import kernel_sources, one_compiled
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.pipeline.core.text import one_line
 
 SETTINGS_OF_NUMBA = Path(".numba_config.yaml")
 """Which numba reads in the current folder as it is imported."""
@@ -30,8 +30,6 @@ except Exception as err:
         raise
     told = f"{SETTINGS_OF_NUMBA.absolute()}: expected settings of numba, found {one_line(err)}; mend or remove it"
     raise ConfigError(told) from err
-
-__all__ = ["cache_folder", "compiled", "inlined"]
 
 P = ParamSpec("P")
 R = TypeVar("R")

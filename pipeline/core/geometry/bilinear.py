@@ -1,9 +1,7 @@
 """Values between the nodes of a grid: a part of compiled functions (`Relief.offset_m` does it for arrays)."""
 
-from pipeline.core.arrays import F64
-from pipeline.core.compiled import inlined
-
-__all__ = ["between"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.compiled import inlined
 
 
 @inlined

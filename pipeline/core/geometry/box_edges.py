@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools
-
-__all__ = ["BOX_EDGES", "clip_segments", "edges_ahead", "sample_by_angle"]
+from lidcam.pipeline.core.arrays import F64, Bools
 
 BOX_EDGES = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]])
 """The two corners of each edge of a box, in the order of `box_corners`."""

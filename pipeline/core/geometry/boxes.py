@@ -3,16 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import F64, Array
-
-__all__ = [
-    "UNIT_CORNERS",
-    "box_corners",
-    "iou_xyxy",
-    "pair_overlaps_xyxy",
-    "rotations_2d",
-    "wrap_angle",
-]
+from lidcam.pipeline.core.arrays import F64, Array
 
 UNIT_CORNERS = np.array(
     [[1.0, 1, -1], [-1, 1, -1], [-1, -1, -1], [1, -1, -1], [1, 1, 1], [-1, 1, 1], [-1, -1, 1], [1, -1, 1]]

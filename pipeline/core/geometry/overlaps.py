@@ -4,10 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Indices
-from pipeline.core.geometry.rotated_iou import BoxArrays, OrientedBoxes, ious, shared_ground
-
-__all__ = ["OVERLAP_SHARE", "overlap_shares", "without_overlaps"]
+from lidcam.pipeline.core.arrays import F64, Indices
+from lidcam.pipeline.core.geometry.rotated_iou import BoxArrays, OrientedBoxes, ious, shared_ground
 
 OVERLAP_SHARE = 0.25
 """If one of two boxes has more than this share of its ground inside the other, they are taken for one object."""

@@ -4,9 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64
-
-__all__ = ["clipped_polygon", "first_polygon_with"]
+from lidcam.pipeline.core.arrays import F64, I64
 
 
 def first_polygon_with(polygons: Sequence[F64], points: F64) -> I64:

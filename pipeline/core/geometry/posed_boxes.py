@@ -5,10 +5,8 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Rows, check_array, select_rows
-from pipeline.core.geometry.boxes import wrap_angle
-
-__all__ = ["PosedBoxes", "UprightBoxes", "upright_boxes"]
+from lidcam.pipeline.core.arrays import F64, Rows, check_array, select_rows
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
 
 _FROM_Z = np.array([2, 1, 0])
 """Axes of a box in the order in which they are asked whether they point up: of equally steep ones z is taken."""

@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64
-
-__all__ = ["interpolate_poses"]
+from lidcam.pipeline.core.arrays import F64, I64
 
 
 def interpolate_poses(stamps_ns: I64, poses: F64, wanted_ns: I64) -> F64:

@@ -2,11 +2,9 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64
-from pipeline.core.compiled import compiled, inlined
-from pipeline.core.geometry.boxes import rotations_2d
-
-__all__ = ["points_in_footprints", "points_in_regions"]
+from lidcam.pipeline.core.arrays import F32, F64, I64
+from lidcam.pipeline.core.compiled import compiled, inlined
+from lidcam.pipeline.core.geometry.boxes import rotations_2d
 
 RUN = 16
 """So many points that follow each other are looked at together: neighbours in a scan are neighbours in space."""

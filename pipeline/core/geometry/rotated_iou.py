@@ -4,9 +4,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-
-__all__ = ["BoxArrays", "Ious", "OrientedBoxes", "ious", "pair_ious", "shared_ground"]
+from lidcam.pipeline.core.arrays import F64
 
 BLOCK = 1 << 12
 """Pairs that are compared at once: memory is bounded."""

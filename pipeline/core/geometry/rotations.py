@@ -10,9 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import F64
-
-__all__ = ["matrix_of_quaternion", "matrix_of_rpy", "quaternion_of_matrix"]
+from lidcam.pipeline.core.arrays import F64
 
 
 def matrix_of_quaternion(xyzw: npt.ArrayLike) -> F64:

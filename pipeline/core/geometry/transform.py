@@ -9,11 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import F64, Array, check_array
-from pipeline.core.errors import FrameError
-from pipeline.core.geometry.rotations import matrix_of_quaternion, quaternion_of_matrix
-
-__all__ = ["Transform", "rotation_fault"]
+from lidcam.pipeline.core.arrays import F64, Array, check_array
+from lidcam.pipeline.core.errors import FrameError
+from lidcam.pipeline.core.geometry.rotations import matrix_of_quaternion, quaternion_of_matrix
 
 ROTATION_TOLERANCE = 1e-3
 """Largest entry of R R^T - I accepted as rounding: calibration files often carry three or four digits."""

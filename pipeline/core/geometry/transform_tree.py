@@ -5,11 +5,9 @@ from collections import deque
 
 import numpy as np
 
-from pipeline.core.errors import FrameError
-from pipeline.core.geometry.poses import interpolate_poses
-from pipeline.core.geometry.transform import Transform
-
-__all__ = ["TransformTree"]
+from lidcam.pipeline.core.errors import FrameError
+from lidcam.pipeline.core.geometry.poses import interpolate_poses
+from lidcam.pipeline.core.geometry.transform import Transform
 
 MAX_LINKS = 1000
 """Longest chain of transforms; a robot has a dozen."""

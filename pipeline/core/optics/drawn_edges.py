@@ -4,12 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, Indices
-from pipeline.core.camera import NEAR_M, CameraModel
-from pipeline.core.geometry.box_edges import clip_segments, edges_ahead, sample_by_angle
-from pipeline.core.optics.lenses import Lenses
-
-__all__ = ["draw_edges"]
+from lidcam.pipeline.core.arrays import F32, F64, Indices
+from lidcam.pipeline.core.camera import NEAR_M, CameraModel
+from lidcam.pipeline.core.geometry.box_edges import clip_segments, edges_ahead, sample_by_angle
+from lidcam.pipeline.core.optics.lenses import Lenses
 
 SAMPLES, BEND_PX = 25, 0.5
 """Points by which a bent edge is drawn, and how far an edge may bend and still be drawn by its ends."""

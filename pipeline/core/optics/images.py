@@ -4,9 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import U8, check_array
-
-__all__ = ["Image"]
+from lidcam.pipeline.core.arrays import U8, check_array
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,12 +19,10 @@ from typing import Self
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools, Rows, check_array, select_rows
-from pipeline.core.camera import EDGE_SHARES, NEAR_M, CameraModel
-from pipeline.core.compiled import compiled, inlined
-from pipeline.core.geometry.box_edges import edges_ahead
-
-__all__ = ["BLOCK", "LENSES", "LIST", "TABLE", "Lenses", "lens_of", "pixel_of", "slopes_of"]
+from lidcam.pipeline.core.arrays import F64, Bools, Rows, check_array, select_rows
+from lidcam.pipeline.core.camera import EDGE_SHARES, NEAR_M, CameraModel
+from lidcam.pipeline.core.compiled import compiled, inlined
+from lidcam.pipeline.core.geometry.box_edges import edges_ahead
 
 LIST = "Array(float64, 1, 'C', True)"
 TABLE = "Array(float64, 2, 'C', True)"

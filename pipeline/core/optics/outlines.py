@@ -2,11 +2,9 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools, Indices
-from pipeline.core.compiled import compiled, inlined
-from pipeline.core.optics.lenses import BLOCK, LENSES, LIST, TABLE, lens_of, pixel_of, slopes_of
-
-__all__ = ["outermost_points"]
+from lidcam.pipeline.core.arrays import F64, Bools, Indices
+from lidcam.pipeline.core.compiled import compiled, inlined
+from lidcam.pipeline.core.optics.lenses import BLOCK, LENSES, LIST, TABLE, lens_of, pixel_of, slopes_of
 
 Axis = tuple[float, float, float]
 

@@ -9,11 +9,9 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
-from pipeline.core.arrays import F64, U8, Array
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.ros.typestores import RosVersion, message_types
-
-__all__ = ["POINT_FIELD_DATATYPES", "ROS2", "RosMessages"]
+from lidcam.pipeline.core.arrays import F64, U8, Array
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.ros.typestores import RosVersion, message_types
 
 POINT_FIELD_DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
 """sensor_msgs/PointField's number for each numpy type."""

@@ -2,8 +2,6 @@
 
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
-__all__ = ["LATCHED", "LATCHED_YAML", "LATCHED_YAML_HUMBLE"]
-
 _FOREVER = QosTime(2147483647, 4294967295)
 
 LATCHED = Qos(

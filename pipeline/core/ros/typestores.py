@@ -14,8 +14,6 @@ from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-__all__ = ["RosVersion", "extra_types", "known_type", "known_types", "message_types", "release_types"]
-
 RosVersion = Literal[1, 2]
 
 _SEPARATOR = "=" * 80 + "\nMSG: "
@@ -29,7 +27,7 @@ def extra_types(ros_version: RosVersion) -> Typesdict:
     """The types of `definitions/`, by name."""
     types: Typesdict = {}
     for folder in ("both", f"ros{ros_version}"):
-        packages = files("pipeline.core.ros").joinpath("definitions", folder).iterdir()
+        packages = files("lidcam.pipeline.core.ros").joinpath("definitions", folder).iterdir()
         for file in sorted(packages, key=lambda file: file.name):
             for block in file.read_text(encoding="utf-8").split(_SEPARATOR)[1:]:
                 name, _, text = block.partition("\n")
@@ -40,7 +38,9 @@ def extra_types(ros_version: RosVersion) -> Typesdict:
 @cache
 def message_types(ros_version: RosVersion) -> Typestore:
     """The types of ROS 1 Noetic or ROS 2 Humble that lidcam names, and those that they contain."""
-    text = files("pipeline.core.ros").joinpath("definitions", f"ros{ros_version}.json").read_text(encoding="utf-8")
+    text = (
+        files("lidcam.pipeline.core.ros").joinpath("definitions", f"ros{ros_version}.json").read_text(encoding="utf-8")
+    )
     store = Typestore()
     store.register({name: _tuples(definition) for name, definition in json.loads(text).items()})
     return store

@@ -7,8 +7,6 @@ the sensors in the order of the scenario.
 
 from functools import lru_cache
 
-__all__ = ["CLASS_NUMBERS", "CLASS_OF_NUMBER", "COUNT_NUMBERS", "IMAGE_PIXELS", "LIDAR_POINTS", "count_of"]
-
 CLASS_NUMBERS = {"car": 1, "pedestrian": 2, "cyclist": 3, "van": 4, "truck": 5, "bus": 6}
 """The first three as in the predecessor system."""
 

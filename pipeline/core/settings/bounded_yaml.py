@@ -5,10 +5,8 @@ from typing import Any
 
 import yaml
 
-from pipeline.core.errors import ConfigError
-from pipeline.core.small_files import read_small_text
-
-__all__ = ["MAX_YAML_BYTES", "parse_yaml", "read_yaml", "yaml_mapping"]
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.pipeline.core.small_files import read_small_text
 
 MAX_YAML_BYTES = 1 << 20
 MAX_YAML_BRACKETS = 30

@@ -5,20 +5,16 @@ from contextlib import suppress
 from os import PathLike, fspath
 from pathlib import Path
 
-from pipeline.core.errors import ConfigError, LidcamError
-from pipeline.core.settings.validation import did_you_mean
-
-__all__ = ["PRESETS", "bundled", "preset_or_file", "settings_file"]
+from lidcam.pipeline.core.errors import ConfigError, LidcamError
+from lidcam.pipeline.core.settings.validation import did_you_mean
 
 PRESETS = ("sandbox", "crossing", "road")
 """Settings for a kind of site, by name."""
 
 
 def bundled(*parts: str) -> Path:
-    """A file or folder of `config/`: inside the installed package, or beside the packages of a checkout."""
-    package = Path(__file__).parents[2]
-    installed = package / "config"
-    return (installed if installed.is_dir() else package.parent / "config").joinpath(*parts)
+    """A file or folder of `config/`, which lies inside the package."""
+    return Path(__file__).parents[3].joinpath("config", *parts)
 
 
 def settings_file(name: str | PathLike[str]) -> Path:

@@ -1,8 +1,6 @@
 """Classes of road users, with their sizes."""
 
-from pipeline.core.settings.model import Label, Positive, SettingsModel
-
-__all__ = ["ROAD_CLASSES", "ClassPrior"]
+from lidcam.pipeline.core.settings.model import Label, Positive, SettingsModel
 
 
 class ClassPrior(SettingsModel):

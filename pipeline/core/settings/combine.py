@@ -4,9 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Topic
-
-__all__ = ["CombineConfig", "GroundConfig", "MotionConfig", "OutlierConfig"]
+from lidcam.pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Topic
 
 
 class MotionConfig(SettingsModel):

@@ -8,18 +8,16 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
-from pipeline.core.settings.combine import CombineConfig
-from pipeline.core.settings.detect import Detect2DConfig, Detect3DConfig
-from pipeline.core.settings.evaluate import CompareConfig, EvaluateConfig
-from pipeline.core.settings.fuse import AssociateConfig, FuseConfig
-from pipeline.core.settings.model import SettingsModel
-from pipeline.core.settings.recording import LimitsConfig, RigConfig, TopicsConfig, VelodyneConfig
-from pipeline.core.settings.run import OutputConfig, RunConfig
-from pipeline.core.settings.sync import SyncConfig
-from pipeline.core.settings.track import TrackConfig
-
-__all__ = ["ALL_CLASSES", "UNKNOWN_CLASS", "Config"]
+from lidcam.pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
+from lidcam.pipeline.core.settings.combine import CombineConfig
+from lidcam.pipeline.core.settings.detect import Detect2DConfig, Detect3DConfig
+from lidcam.pipeline.core.settings.evaluate import CompareConfig, EvaluateConfig
+from lidcam.pipeline.core.settings.fuse import AssociateConfig, FuseConfig
+from lidcam.pipeline.core.settings.model import SettingsModel
+from lidcam.pipeline.core.settings.recording import LimitsConfig, RigConfig, TopicsConfig, VelodyneConfig
+from lidcam.pipeline.core.settings.run import OutputConfig, RunConfig
+from lidcam.pipeline.core.settings.sync import SyncConfig
+from lidcam.pipeline.core.settings.track import TrackConfig
 
 ALL_CLASSES = "all"
 """In place of a class, in the names of figures."""

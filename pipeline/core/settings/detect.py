@@ -5,18 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
-from pipeline.core.settings.engines import ENGINES
-from pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Share
-
-__all__ = [
-    "ClusterConfig",
-    "Detect2DConfig",
-    "Detect3DConfig",
-    "NetworkColors",
-    "NetworkLayout",
-    "Provider",
-    "Recorded3DConfig",
-]
+from lidcam.pipeline.core.settings.engines import ENGINES
+from lidcam.pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Share
 
 if TYPE_CHECKING:
     Method3D = str

@@ -2,19 +2,17 @@
 
 from dataclasses import dataclass
 
-__all__ = ["ENGINES", "Engine3D"]
-
 
 @dataclass(frozen=True, slots=True)
 class Engine3D:
     """Where the 3D boxes of a frame come from.
 
     Attributes:
-        maker: `module:name` of what makes the engine, a `pipeline.detectors.protocols.Detector3D`, from rig and
+        maker: `module:name` of what makes the engine, a `lidcam.pipeline.detectors.protocols.Detector3D`, from rig and
             settings; imported where it is used. Empty: nothing looks at the cloud.
         words: Where the boxes come from, for tables.
         scores_are_probabilities: Whether a score is the probability that there is an object. Other scores are
-            calibrated by `pipeline.fusion.belief`.
+            calibrated by `lidcam.pipeline.fusion.belief`.
         boxes_are_completed: Whether boxes are what is seen, completed to the size of their class, so that a box whose
             class changes is completed anew.
         package: A package that it needs and `pip install lidcam` does not bring; empty: none.
@@ -31,14 +29,14 @@ class Engine3D:
 
 ENGINES: dict[str, Engine3D] = {
     "cluster": Engine3D(
-        "pipeline.detectors.cluster.detector:ClusterDetector",
+        "lidcam.pipeline.detectors.cluster.detector:ClusterDetector",
         "by clusters of points",
         scores_are_probabilities=False,
         boxes_are_completed=True,
     ),
-    "pillars": Engine3D("pipeline.detectors.pillars.fitted:FittedPillarDetector", "by a network"),
+    "pillars": Engine3D("lidcam.pipeline.detectors.pillars.fitted:FittedPillarDetector", "by a network"),
     "combined": Engine3D(
-        "pipeline.detectors.combined:CombinedDetector",
+        "lidcam.pipeline.detectors.combined:CombinedDetector",
         "by a network and clusters",
         boxes_are_completed=True,
     ),

@@ -5,9 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from pipeline.core.settings.model import Corners, Count, NotNegative, Positive, SettingsModel, Share
-
-__all__ = ["CompareConfig", "EvaluateConfig"]
+from lidcam.pipeline.core.settings.model import Corners, Count, NotNegative, Positive, SettingsModel, Share
 
 IouThreshold = Annotated[float, Field(gt=0, le=1)]
 

@@ -4,9 +4,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from pipeline.core.settings.model import NotNegative, Positive, SettingsModel, Share
-
-__all__ = ["AssociateConfig", "FuseConfig"]
+from lidcam.pipeline.core.settings.model import NotNegative, Positive, SettingsModel, Share
 
 
 class AssociateConfig(SettingsModel):

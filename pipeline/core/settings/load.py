@@ -6,13 +6,11 @@ from typing import Any
 
 import yaml
 
-from pipeline.core.errors import ConfigError
-from pipeline.core.settings.bounded_yaml import parse_yaml, read_yaml
-from pipeline.core.settings.bundled import settings_file
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.validation import checked
-
-__all__ = ["dump_config", "load_config", "set_values"]
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.pipeline.core.settings.bounded_yaml import parse_yaml, read_yaml
+from lidcam.pipeline.core.settings.bundled import settings_file
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.validation import checked
 
 
 def load_config(

@@ -5,21 +5,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator
 
-from pipeline.core.settings.validation import Noun, found
-
-__all__ = [
-    "Corners",
-    "Count",
-    "FrameName",
-    "Label",
-    "NotNegative",
-    "Positive",
-    "SettingsModel",
-    "Share",
-    "Topic",
-    "ZoneName",
-]
-
+from lidcam.pipeline.core.settings.validation import Noun, found
 
 MIN_POSITIVE, MAX_NUMBER = 1e-9, 9e9
 """Seconds beyond do not fit into 64 bits of nanoseconds, and what is divided by less overflows."""

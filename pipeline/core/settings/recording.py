@@ -4,17 +4,7 @@ from typing import Any, Literal
 
 from pydantic import Field, model_serializer, model_validator
 
-from pipeline.core.settings.model import Corners, Count, FrameName, Positive, SettingsModel, Topic, ZoneName
-
-__all__ = [
-    "DEFAULT_LIMITS",
-    "LimitsConfig",
-    "RigConfig",
-    "TopicsConfig",
-    "VelodyneConfig",
-    "VelodyneLidarConfig",
-    "ZoneConfig",
-]
+from lidcam.pipeline.core.settings.model import Corners, Count, FrameName, Positive, SettingsModel, Topic, ZoneName
 
 VelodyneModelName = Literal[
     "auto", "VLP-16", "Puck Hi-Res", "HDL-32E", "HDL-64E S2", "HDL-64E S3", "VLP-32A", "VLP-32B", "VLP-32C", "VLS-128"

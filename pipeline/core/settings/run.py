@@ -2,9 +2,7 @@
 
 from typing import Literal
 
-from pipeline.core.settings.model import Count, SettingsModel
-
-__all__ = ["OutputConfig", "RunConfig"]
+from lidcam.pipeline.core.settings.model import Count, SettingsModel
 
 
 class OutputConfig(SettingsModel):

@@ -2,9 +2,7 @@
 
 from typing import Literal
 
-from pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Topic
-
-__all__ = ["SyncConfig"]
+from lidcam.pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Topic
 
 
 class SyncConfig(SettingsModel):

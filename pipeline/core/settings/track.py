@@ -2,9 +2,7 @@
 
 from typing import Literal
 
-from pipeline.core.settings.model import Positive, SettingsModel
-
-__all__ = ["TrackConfig"]
+from lidcam.pipeline.core.settings.model import Positive, SettingsModel
 
 
 class TrackConfig(SettingsModel):

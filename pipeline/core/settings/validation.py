@@ -14,20 +14,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from pipeline.core.errors import ConfigError, LidcamError
-
-__all__ = [
-    "Noun",
-    "Part",
-    "Place",
-    "checked",
-    "did_you_mean",
-    "expected",
-    "fields_by_key",
-    "found",
-    "key_places",
-    "unknown_key",
-]
+from lidcam.pipeline.core.errors import ConfigError, LidcamError
 
 M = TypeVar("M", bound=BaseModel)
 

@@ -12,10 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64
-from pipeline.core.compiled import compiled, inlined
-
-__all__ = ["Cells", "ascending", "cluster_points", "thin_points"]
+from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.core.compiled import compiled, inlined
 
 LINK_CELL_SHARE = 0.6
 """Edge of the linked cells, as a share of the link distance; finer cells cost more and change little."""

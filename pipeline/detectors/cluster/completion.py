@@ -12,12 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools
-from pipeline.core.compiled import compiled
-from pipeline.core.settings.classes import ClassPrior
-from pipeline.detectors.cluster.lshape import Rectangles
-
-__all__ = ["CompletedBoxes", "Kinds", "complete_boxes"]
+from lidcam.pipeline.core.arrays import F64, I64, Bools
+from lidcam.pipeline.core.compiled import compiled
+from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.detectors.cluster.lshape import Rectangles
 
 SHORT_SHARE = 0.2
 """Standard deviation of a measured extent below the prior, as a share of the prior; a side may be partly hidden."""

@@ -5,18 +5,15 @@ from functools import cache
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, select_rows
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.compiled import compiled
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.detectors.cluster.clusters import cluster_points
-from pipeline.detectors.cluster.fitting import BoxFitter, Fitted, ThinnedPoints, rows_of
-from pipeline.detectors.cluster.sight import Sight
-from pipeline.detectors.protocols import Candidates3D
-
-__all__ = ["ClusterDetector"]
-
+from lidcam.pipeline.core.arrays import F64, I64, select_rows
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.compiled import compiled
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.detectors.cluster.clusters import cluster_points
+from lidcam.pipeline.detectors.cluster.fitting import BoxFitter, Fitted, ThinnedPoints, rows_of
+from lidcam.pipeline.detectors.cluster.sight import Sight
+from lidcam.pipeline.detectors.protocols import Candidates3D
 
 CEILING_SHARE = 1.15
 """Points above this multiple of the tallest class are left out: a cluster that reaches it is too tall for any class."""

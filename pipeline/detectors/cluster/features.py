@@ -2,12 +2,10 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64
-from pipeline.core.compiled import compiled
-from pipeline.core.detections import Boxes3D
-from pipeline.detectors.log_odds import logit
-
-__all__ = ["FEATURES", "REACH_M", "box_features"]
+from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.core.compiled import compiled
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.detectors.log_odds import logit
 
 REACH_M = 1.0
 """Points up to this far beside a box are looked at: a wall, a hedge and a pole go on there, and a car does not."""

@@ -6,27 +6,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I32, I64, U8, Bools, Indices, Record, join_rows, select_rows
-from pipeline.core.clouds import CombinedCloud, Plane
-from pipeline.core.compiled import compiled
-from pipeline.core.geometry.bilinear import between
-from pipeline.core.rig import Rig
-from pipeline.core.settings.classes import ClassPrior
-from pipeline.core.settings.detect import ClusterConfig
-from pipeline.detectors.cluster.clusters import thin_points
-from pipeline.detectors.cluster.completion import CompletedBoxes, Kinds, complete_boxes
-from pipeline.detectors.cluster.lshape import (
+from lidcam.pipeline.core.arrays import F32, F64, I32, I64, U8, Bools, Indices, Record, join_rows, select_rows
+from lidcam.pipeline.core.clouds import CombinedCloud, Plane
+from lidcam.pipeline.core.compiled import compiled
+from lidcam.pipeline.core.geometry.bilinear import between
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.core.settings.detect import ClusterConfig
+from lidcam.pipeline.detectors.cluster.clusters import thin_points
+from lidcam.pipeline.detectors.cluster.completion import CompletedBoxes, Kinds, complete_boxes
+from lidcam.pipeline.detectors.cluster.lshape import (
     Rectangles,
     fit_rectangles,
     principal_axes,
     quantiles_by_cluster,
     rectangles_along,
 )
-from pipeline.detectors.cluster.scores import box_covariances, box_scores
-from pipeline.detectors.protocols import Candidates3D
-
-__all__ = ["AboveGround", "BoxFitter", "Fitted", "ThinnedPoints", "rows_of"]
-
+from lidcam.pipeline.detectors.cluster.scores import box_covariances, box_scores
+from lidcam.pipeline.detectors.protocols import Candidates3D
 
 THIN_SHARE = 0.2
 """Points in a cell of this share of the link distance become one: dense surfaces say no more than sparse ones."""

@@ -4,11 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.core.arrays import Bools
-from pipeline.core.errors import ConfigError
-from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
-
-__all__ = ["KINDS", "kinds_of", "knows"]
+from lidcam.pipeline.core.arrays import Bools
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
 
 KINDS = ("background", "car", "pedestrian", "cyclist", "large vehicle")
 """What a cluster can be, in the order of the probabilities. A large vehicle is a van, a truck or a bus."""

@@ -4,19 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Boxes3D
-from pipeline.core.geometry.regions import points_in_footprints
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.detectors.cluster.features import REACH_M, box_features
-from pipeline.detectors.cluster.fitting import BoxFitter
-from pipeline.detectors.cluster.kinds import kinds_of
-from pipeline.detectors.cluster.network import EMBEDDED, ClusterNetwork
-from pipeline.detectors.cluster.refitting import Refitter
-
-__all__ = ["FeatureFinder", "LearnedScores"]
+from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.geometry.regions import points_in_footprints
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.detectors.cluster.features import REACH_M, box_features
+from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
+from lidcam.pipeline.detectors.cluster.kinds import kinds_of
+from lidcam.pipeline.detectors.cluster.network import EMBEDDED, ClusterNetwork
+from lidcam.pipeline.detectors.cluster.refitting import Refitter
 
 MIN_PROBABILITY = 0.15
 """A box whose new class is less probable keeps its own: it is most probably no object, whatever its class."""

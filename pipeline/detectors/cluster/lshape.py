@@ -11,11 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64
-from pipeline.core.compiled import compiled, inlined
-
-__all__ = ["Rectangles", "fit_rectangles", "principal_axes", "quantiles_by_cluster", "rectangles_along"]
-
+from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.core.compiled import compiled, inlined
 
 COARSE_STEP_DEG = 3.0
 FINE_STEP_DEG = 0.5

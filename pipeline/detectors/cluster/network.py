@@ -8,14 +8,12 @@ from typing import Any, Self
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.errors import ModelError
-from pipeline.core.small_files import read_small_file
-from pipeline.core.text import one_line
-from pipeline.detectors.cluster.features import FEATURES
-from pipeline.detectors.cluster.kinds import KINDS
-
-__all__ = ["EMBEDDED", "ClusterNetwork", "softmax"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.core.small_files import read_small_file
+from lidcam.pipeline.core.text import one_line
+from lidcam.pipeline.detectors.cluster.features import FEATURES
+from lidcam.pipeline.detectors.cluster.kinds import KINDS
 
 EMBEDDED = Path(__file__).with_name("road.npz")
 """The weights that travel with lidcam; `road.md` beside it says how they were made."""

@@ -5,17 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Indices
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Boxes3D
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.geometry.regions import points_in_footprints
-from pipeline.core.settings.classes import ClassPrior
-from pipeline.core.settings.detect import ClusterConfig
-from pipeline.detectors.cluster.fitting import BoxFitter
-
-__all__ = ["Refitter"]
-
+from lidcam.pipeline.core.arrays import F64, I64, Indices
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.geometry.regions import points_in_footprints
+from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.core.settings.detect import ClusterConfig
+from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
 
 MARGIN_SHARE = 0.5
 """Points this share of the link distance outside a box belong to it: a few of them lie outside its sides."""

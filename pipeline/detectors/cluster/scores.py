@@ -2,13 +2,10 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64
-from pipeline.core.geometry.boxes import rotations_2d
-from pipeline.detectors.cluster.completion import CompletedBoxes
-from pipeline.detectors.cluster.lshape import Rectangles
-
-__all__ = ["box_covariances", "box_scores"]
-
+from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.core.geometry.boxes import rotations_2d
+from lidcam.pipeline.detectors.cluster.completion import CompletedBoxes
+from lidcam.pipeline.detectors.cluster.lshape import Rectangles
 
 FULL_VIEW_SHARE = 0.25
 """An object that returns this share of the points expected in full view gets half of the best score: black paint

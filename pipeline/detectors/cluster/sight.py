@@ -4,12 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools
-from pipeline.core.compiled import compiled
-from pipeline.detectors.cluster.clusters import ascending
-
-__all__ = ["Sight"]
-
+from lidcam.pipeline.core.arrays import F64, I64, Bools
+from lidcam.pipeline.core.compiled import compiled
+from lidcam.pipeline.detectors.cluster.clusters import ascending
 
 SECTOR_RAD = np.deg2rad(1.0)
 """Points whose azimuths differ by less stand in one line of sight, roughly."""

@@ -6,11 +6,9 @@ from typing import Any
 
 import yaml
 
-from pipeline.core.errors import ConfigError, ModelError
-from pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
-from pipeline.core.small_files import read_small_file
-
-__all__ = ["COCO91_LABELS", "COCO_LABELS", "class_names"]
+from lidcam.pipeline.core.errors import ConfigError, ModelError
+from lidcam.pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
+from lidcam.pipeline.core.small_files import read_small_file
 
 # fmt: off
 COCO_LABELS: tuple[str, ...] = (

@@ -11,19 +11,17 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.core.arrays import F32, U8, Array
-from pipeline.core.errors import ConfigError, ModelError
-from pipeline.core.settings.detect import Detect2DConfig
-from pipeline.detectors.onnx.class_names import class_names
-from pipeline.detectors.onnx.inputs import input_size, read_inputs
-from pipeline.detectors.onnx.layouts.layout import Layout, Size
-from pipeline.detectors.onnx.layouts.recognition import Trial, recognise
-from pipeline.detectors.onnx.preprocessing import Preprocessing
-from pipeline.detectors.onnx.session import MAX_BATCH_BYTES, OnnxSession
-from pipeline.detectors.onnx.tiles import Tile, join_tiles, tiles_of
-from pipeline.detectors.protocols import Candidates2D
-
-__all__ = ["OnnxDetector2D"]
+from lidcam.pipeline.core.arrays import F32, U8, Array
+from lidcam.pipeline.core.errors import ConfigError, ModelError
+from lidcam.pipeline.core.settings.detect import Detect2DConfig
+from lidcam.pipeline.detectors.onnx.class_names import class_names
+from lidcam.pipeline.detectors.onnx.inputs import input_size, read_inputs
+from lidcam.pipeline.detectors.onnx.layouts.layout import Layout, Size
+from lidcam.pipeline.detectors.onnx.layouts.recognition import Trial, recognise
+from lidcam.pipeline.detectors.onnx.preprocessing import Preprocessing
+from lidcam.pipeline.detectors.onnx.session import MAX_BATCH_BYTES, OnnxSession
+from lidcam.pipeline.detectors.onnx.tiles import Tile, join_tiles, tiles_of
+from lidcam.pipeline.detectors.protocols import Candidates2D
 
 logger = logging.getLogger(__name__)
 

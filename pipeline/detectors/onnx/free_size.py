@@ -10,10 +10,8 @@ from typing import Any
 
 from google.protobuf.message import DecodeError, EncodeError
 
-from pipeline.core.errors import ModelError
-from pipeline.detectors.onnx.messages import MANY, ONE, model_class
-
-__all__ = ["free_size"]
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.detectors.onnx.messages import MANY, ONE, model_class
 
 FIELDS = {
     "Model": [("graph", 7, ONE, "Graph")],

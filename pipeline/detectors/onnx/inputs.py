@@ -7,10 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.arrays import F32, Array
-from pipeline.core.errors import ModelError
-
-__all__ = ["NetworkInputs", "Value", "input_size", "listed", "read_inputs"]
+from lidcam.pipeline.core.arrays import F32, Array
+from lidcam.pipeline.core.errors import ModelError
 
 Value = tuple[str, Sequence[int | str | None], str]
 """Name, shape and type of an input or an output."""

@@ -7,10 +7,8 @@ from typing import Literal, NamedTuple
 import cv2
 import numpy as np
 
-from pipeline.core.arrays import F32, U8, Array
-from pipeline.core.settings.detect import NetworkColors
-
-__all__ = ["Place", "Placement", "Preprocessing"]
+from lidcam.pipeline.core.arrays import F32, U8, Array
+from lidcam.pipeline.core.settings.detect import NetworkColors
 
 Placement = Literal["top_left", "center", "stretched"]
 """Scaled to fit, at the top left or in the centre; or scaled to fill, and so out of shape."""

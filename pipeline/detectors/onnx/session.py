@@ -15,14 +15,12 @@ from typing import Any, Self
 
 import numpy as np
 
-from pipeline.core.arrays import Array
-from pipeline.core.errors import ModelError, is_short_memory
-from pipeline.core.settings.detect import Provider
-from pipeline.core.text import one_line
-from pipeline.detectors.onnx.free_size import free_size
-from pipeline.detectors.onnx.inputs import Value
-
-__all__ = ["MAX_BATCH_BYTES", "OnnxSession", "check_runs_on", "providers_for"]
+from lidcam.pipeline.core.arrays import Array
+from lidcam.pipeline.core.errors import ModelError, is_short_memory
+from lidcam.pipeline.core.settings.detect import Provider
+from lidcam.pipeline.core.text import one_line
+from lidcam.pipeline.detectors.onnx.free_size import free_size
+from lidcam.pipeline.detectors.onnx.inputs import Value
 
 MAX_SECONDS = 30
 """To load a file, and for each image of a batch: the largest YOLOX takes 5 s of a slow core."""

@@ -5,11 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import U8, Bools
-from pipeline.detectors.onnx.layouts.layout import Size
-from pipeline.detectors.protocols import Candidates2D
-
-__all__ = ["Tile", "join_tiles", "tiles_of"]
+from lidcam.pipeline.core.arrays import U8, Bools
+from lidcam.pipeline.detectors.onnx.layouts.layout import Size
+from lidcam.pipeline.detectors.protocols import Candidates2D
 
 OVERLAP = 0.2
 """Of the length of a tile, which the next one shows, too."""

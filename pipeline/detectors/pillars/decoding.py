@@ -4,10 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64
-from pipeline.detectors.pillars.grid import STRIDE, Grid
-
-__all__ = ["BOX_NUMBERS", "Found", "box_numbers", "boxes_of", "output_cells"]
+from lidcam.pipeline.core.arrays import F32, F64, I64
+from lidcam.pipeline.detectors.pillars.grid import STRIDE, Grid
 
 BOX_NUMBERS = 8
 """Numbers of each cell after those of the classes: place of the centre along x and y from the middle of the cell, in

@@ -2,21 +2,19 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64, Bools
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.errors import ModelError
-from pipeline.core.geometry.regions import points_in_footprints
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.detectors.cluster.fitting import BoxFitter
-from pipeline.detectors.log_odds import logit, sigmoid
-from pipeline.detectors.onnx.session import OnnxSession
-from pipeline.detectors.pillars.embedded import existing_network_file
-from pipeline.detectors.pillars.kits import KEY, KitNetwork
-from pipeline.detectors.pillars.network import PillarNetwork
-from pipeline.detectors.protocols import Candidates3D
-
-__all__ = ["PillarDetector", "PillarPoints"]
+from lidcam.pipeline.core.arrays import F32, F64, I64, Bools
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.core.geometry.regions import points_in_footprints
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
+from lidcam.pipeline.detectors.log_odds import logit, sigmoid
+from lidcam.pipeline.detectors.onnx.session import OnnxSession
+from lidcam.pipeline.detectors.pillars.embedded import existing_network_file
+from lidcam.pipeline.detectors.pillars.kits import KEY, KitNetwork
+from lidcam.pipeline.detectors.pillars.network import PillarNetwork
+from lidcam.pipeline.detectors.protocols import Candidates3D
 
 LEAST = 0.02
 """Boxes with a lower probability are never proposed."""

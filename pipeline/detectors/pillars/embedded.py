@@ -3,9 +3,7 @@
 from os.path import isfile
 from pathlib import Path
 
-from pipeline.core.errors import ModelError
-
-__all__ = ["EMBEDDED", "existing_network_file", "network_file"]
+from lidcam.pipeline.core.errors import ModelError
 
 EMBEDDED = {name: Path(__file__).with_name(f"{name}.onnx") for name in ("traffic", "sandbox")}
 """Files by name: for road users of full size, and for model cars. The `.md` file beside each is its card."""

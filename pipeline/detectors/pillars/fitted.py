@@ -5,20 +5,18 @@ The network knows where objects are and where their front is; the points in a bo
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Boxes3D
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.geometry.rotated_iou import pair_ious
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.detectors.boxes import likely_boxes
-from pipeline.detectors.cluster.fitting import BoxFitter
-from pipeline.detectors.cluster.refitting import Refitter
-from pipeline.detectors.pillars.detector import PillarDetector
-from pipeline.detectors.protocols import Candidates3D
-
-__all__ = ["FittedPillarDetector"]
+from lidcam.pipeline.core.arrays import F64, I64, Bools
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.geometry.rotated_iou import pair_ious
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.detectors.boxes import likely_boxes
+from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
+from lidcam.pipeline.detectors.cluster.refitting import Refitter
+from lidcam.pipeline.detectors.pillars.detector import PillarDetector
+from lidcam.pipeline.detectors.protocols import Candidates3D
 
 SAME_BOX_IOU, SAME_HEADING_SIGMAS = 0.25, 1.5
 """A box keeps its own place, size and heading if it shares less ground than this with the box fitted to its points, or

@@ -6,10 +6,8 @@ out: they differ between lidars, and the simulator's match no real lidar.
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64
-from pipeline.core.settings.model import Count, Positive, SettingsModel
-
-__all__ = ["FEATURES", "STRIDE", "Grid", "pillars"]
+from lidcam.pipeline.core.arrays import F32, F64, I64
+from lidcam.pipeline.core.settings.model import Count, Positive, SettingsModel
 
 FEATURES = ("height", "dx_mean", "dy_mean", "dheight_mean", "dx_cell", "dy_cell", "log_points", "distance")
 """Features of each point: its height above the ground, its offset from the mean of the points of its pillar and from

@@ -10,14 +10,12 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from pipeline.core.arrays import F32, F64, I64, Bools
-from pipeline.core.errors import ModelError
-from pipeline.core.settings.model import NotNegative, Positive, SettingsModel
-from pipeline.detectors.onnx.session import OnnxSession
-from pipeline.detectors.pillars.decoding import Found
-from pipeline.detectors.pillars.network import FoundClass, specs_in
-
-__all__ = ["KEY", "KIT_INPUTS", "KIT_OUTPUTS", "Feature", "KitGrid", "KitNetwork", "KitSpecs", "kit_pillars"]
+from lidcam.pipeline.core.arrays import F32, F64, I64, Bools
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.core.settings.model import NotNegative, Positive, SettingsModel
+from lidcam.pipeline.detectors.onnx.session import OnnxSession
+from lidcam.pipeline.detectors.pillars.decoding import Found
+from lidcam.pipeline.detectors.pillars.network import FoundClass, specs_in
 
 KEY = "lidcam.kit"
 """Name under which the metadata of a file holds its `KitSpecs`."""

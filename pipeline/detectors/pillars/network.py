@@ -6,15 +6,13 @@ from typing import Annotated, TypeVar
 import numpy as np
 from pydantic import Field, ValidationError
 
-from pipeline.core.arrays import F64, Bools
-from pipeline.core.errors import ModelError
-from pipeline.core.settings.model import Label, NotNegative, SettingsModel
-from pipeline.core.text import one_line
-from pipeline.detectors.onnx.session import OnnxSession
-from pipeline.detectors.pillars.decoding import BOX_NUMBERS, Found, boxes_of
-from pipeline.detectors.pillars.grid import FEATURES, STRIDE, Grid, pillars
-
-__all__ = ["INPUTS", "KEY", "FoundClass", "PillarNetwork", "PillarSpecs", "specs_in"]
+from lidcam.pipeline.core.arrays import F64, Bools
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.core.settings.model import Label, NotNegative, SettingsModel
+from lidcam.pipeline.core.text import one_line
+from lidcam.pipeline.detectors.onnx.session import OnnxSession
+from lidcam.pipeline.detectors.pillars.decoding import BOX_NUMBERS, Found, boxes_of
+from lidcam.pipeline.detectors.pillars.grid import FEATURES, STRIDE, Grid, pillars
 
 KEY = "lidcam.pillars"
 """Name under which the metadata of a file holds its `PillarSpecs`."""

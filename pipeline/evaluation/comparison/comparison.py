@@ -7,12 +7,12 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from pipeline.core.detections import Boxes2D, Boxes3D
-from pipeline.core.settings.classes import ClassPrior
-from pipeline.core.settings.evaluate import CompareConfig
-from pipeline.evaluation.comparison.differences import Channel, Difference, Episodes, Listing
-from pipeline.evaluation.comparison.frames import ComparedFrame, FramePair
-from pipeline.evaluation.comparison.object_changes import (
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D
+from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.core.settings.evaluate import CompareConfig
+from lidcam.pipeline.evaluation.comparison.differences import Channel, Difference, Episodes, Listing
+from lidcam.pipeline.evaluation.comparison.frames import ComparedFrame, FramePair
+from lidcam.pipeline.evaluation.comparison.object_changes import (
     PAIR_KINDS,
     Boxes,
     Changes,
@@ -25,10 +25,8 @@ from pipeline.evaluation.comparison.object_changes import (
     source_changes,
     source_objects,
 )
-from pipeline.evaluation.comparison.tally import Tally
-from pipeline.evaluation.evaluation_frame import SourceBoxes
-
-__all__ = ["Compared", "Comparison"]
+from lidcam.pipeline.evaluation.comparison.tally import Tally
+from lidcam.pipeline.evaluation.evaluation_frame import SourceBoxes
 
 MAX_LISTED = 1000
 """Differences that are kept, the earliest ones; all are counted."""

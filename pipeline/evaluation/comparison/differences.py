@@ -7,10 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.evaluation.comparison.object_changes import KINDS, Kind, pairs_of_least_cost
-
-__all__ = ["Channel", "Difference", "Episode", "Episodes", "Listing"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.evaluation.comparison.object_changes import KINDS, Kind, pairs_of_least_cost
 
 Channel = tuple[Literal["sources", "images"], str]
 """A source of 3D boxes, or a camera with its 2D boxes."""

@@ -4,14 +4,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from pipeline.core.detections import Boxes2D
-from pipeline.evaluation.evaluation_frame import SourceBoxes
-
-__all__ = ["ComparedFrame", "FramePair", "paired_frames"]
+from lidcam.pipeline.core.detections import Boxes2D
+from lidcam.pipeline.evaluation.evaluation_frame import SourceBoxes
 
 
 class ComparedFrame(Protocol):
-    """One frame of a result: `readers.results.result.ResultFrame`."""
+    """One frame of a result: `lidcam.readers.results.result.ResultFrame`."""
 
     @property
     def index(self) -> int:

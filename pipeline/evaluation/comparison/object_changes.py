@@ -6,29 +6,13 @@ from typing import Generic, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Array, Bools, Indices, check_array
-from pipeline.core.detections import Boxes2D, Boxes3D
-from pipeline.core.geometry.boxes import iou_xyxy, wrap_angle
-from pipeline.core.settings.classes import ClassPrior
-from pipeline.core.settings.evaluate import CompareConfig
-from pipeline.evaluation.assignment import assign_heaviest
-from pipeline.evaluation.evaluation_frame import UNKNOWN, SourceBoxes
-
-__all__ = [
-    "KINDS",
-    "PAIR_KINDS",
-    "Boxes",
-    "Changes",
-    "Kind",
-    "KnownClasses",
-    "Objects",
-    "Tracks",
-    "image_changes",
-    "image_objects",
-    "pairs_of_least_cost",
-    "source_changes",
-    "source_objects",
-]
+from lidcam.pipeline.core.arrays import F64, I64, Array, Bools, Indices, check_array
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D
+from lidcam.pipeline.core.geometry.boxes import iou_xyxy, wrap_angle
+from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.core.settings.evaluate import CompareConfig
+from lidcam.pipeline.evaluation.assignment import assign_heaviest
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, SourceBoxes
 
 Kind = Literal["lost", "new", "moved", "turned", "resized", "relabelled", "rescored", "reidentified"]
 """How an object of the second result B differs from that of the first one A.

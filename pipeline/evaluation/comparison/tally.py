@@ -5,10 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.arrays import Bools, Indices
-from pipeline.evaluation.comparison.object_changes import KINDS, PAIR_KINDS, Changes, Kind
-
-__all__ = ["Tally"]
+from lidcam.pipeline.core.arrays import Bools, Indices
+from lidcam.pipeline.evaluation.comparison.object_changes import KINDS, PAIR_KINDS, Changes, Kind
 
 
 class Tally:

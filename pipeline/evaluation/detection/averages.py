@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.evaluation.detection.criteria import DISTANCES_M, Criteria
-from pipeline.evaluation.detection.curves import (
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.evaluation.detection.criteria import DISTANCES_M, Criteria
+from lidcam.pipeline.evaluation.detection.curves import (
     average_precision,
     curve_of,
     interpolated_ap,
@@ -18,20 +18,9 @@ from pipeline.evaluation.detection.curves import (
     mean_errors,
     points_of,
 )
-from pipeline.evaluation.detection.errors import Column, bird_eye_m
-from pipeline.evaluation.detection.tables import FoundTable, Scored, TruthTable
-from pipeline.evaluation.scales import NUSCENES_RANGES_M, decimal
-
-__all__ = [
-    "Averages",
-    "ap_by_distance_name",
-    "distance_figures",
-    "mean_figures",
-    "mean_nuscenes_figures",
-    "nuscenes_figures",
-    "overlap_figures",
-    "overlap_name",
-]
+from lidcam.pipeline.evaluation.detection.errors import Column, bird_eye_m
+from lidcam.pipeline.evaluation.detection.tables import FoundTable, Scored, TruthTable
+from lidcam.pipeline.evaluation.scales import NUSCENES_RANGES_M, decimal
 
 Averages = dict[str, float | None]
 

@@ -5,19 +5,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I32, Bools, Rows, select_rows
-from pipeline.core.settings.config import ALL_CLASSES, Config
-from pipeline.evaluation.assignment import pairs_of_equal
-from pipeline.evaluation.detection.averages import Averages, mean_figures
-from pipeline.evaluation.detection.counts import count_figures
-from pipeline.evaluation.detection.curves import average_precision, curve_of, ratio
-from pipeline.evaluation.detection.gathering import check_values
-from pipeline.evaluation.detection.matching import by_falling_score, match_by_score, ranks_by_score
-from pipeline.evaluation.detection.tables import FALSE, IGNORED
-from pipeline.evaluation.evaluation_frame import UNKNOWN, Figures, ImageBoxes, TruthBoxes2D
-from pipeline.evaluation.pieces import Pieces
-
-__all__ = ["CameraImages"]
+from lidcam.pipeline.core.arrays import F32, F64, I32, Bools, Rows, select_rows
+from lidcam.pipeline.core.settings.config import ALL_CLASSES, Config
+from lidcam.pipeline.evaluation.assignment import pairs_of_equal
+from lidcam.pipeline.evaluation.detection.averages import Averages, mean_figures
+from lidcam.pipeline.evaluation.detection.counts import count_figures
+from lidcam.pipeline.evaluation.detection.curves import average_precision, curve_of, ratio
+from lidcam.pipeline.evaluation.detection.gathering import check_values
+from lidcam.pipeline.evaluation.detection.matching import by_falling_score, match_by_score, ranks_by_score
+from lidcam.pipeline.evaluation.detection.tables import FALSE, IGNORED
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, Figures, ImageBoxes, TruthBoxes2D
+from lidcam.pipeline.evaluation.pieces import Pieces
 
 MIN_IOU = 0.5
 """IoU of upright rectangles from which a detection counts as right."""

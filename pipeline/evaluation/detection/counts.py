@@ -6,11 +6,9 @@ Verification of forecasts expressed in terms of probability, 1950.
 
 import numpy as np
 
-from pipeline.core.arrays import F32, Bools
-from pipeline.evaluation.detection.curves import Curve, ratio
-from pipeline.evaluation.evaluation_frame import Figures
-
-__all__ = ["calibration_figures", "count_figures", "threshold_figures"]
+from lidcam.pipeline.core.arrays import F32, Bools
+from lidcam.pipeline.evaluation.detection.curves import Curve, ratio
+from lidcam.pipeline.evaluation.evaluation_frame import Figures
 
 _PRECISIONS = (0.5, 0.8, 0.9)
 _BINS = 10

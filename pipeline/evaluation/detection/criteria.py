@@ -5,12 +5,10 @@ from typing import Literal
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, Bools, check_array
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.near_objects import NEAR_M, Candidates, Measure
-from pipeline.evaluation.scales import length_scales
-
-__all__ = ["DISTANCES_M", "Criteria", "Criterion"]
+from lidcam.pipeline.core.arrays import F64, I32, Bools, check_array
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.near_objects import NEAR_M, Candidates, Measure
+from lidcam.pipeline.evaluation.scales import length_scales
 
 DISTANCES_M = (0.5, 1.0, 2.0, NEAR_M)
 """Distances of the centres below which a detection counts as right (Caesar et al., nuScenes, CVPR 2020, 3.1)."""

@@ -10,18 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import F32, F64, I64, Bools, Table, check_array
-
-__all__ = [
-    "Curve",
-    "average_precision",
-    "curve_of",
-    "interpolated_ap",
-    "last_of_equals",
-    "mean_errors",
-    "points_of",
-    "ratio",
-]
+from lidcam.pipeline.core.arrays import F32, F64, I64, Bools, Table, check_array
 
 _RECALLS = np.linspace(0, 1, 101)
 _MIN_PRECISION = 0.1

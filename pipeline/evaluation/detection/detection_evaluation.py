@@ -4,17 +4,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.core.rig import Zone
-from pipeline.core.settings.config import ALL_CLASSES, Config
-from pipeline.evaluation.detection.camera_images import CameraImages
-from pipeline.evaluation.detection.counts import threshold_figures
-from pipeline.evaluation.detection.fusion_gain import fusion_gain
-from pipeline.evaluation.detection.gathering import Gathering
-from pipeline.evaluation.detection.resampling import Resampling
-from pipeline.evaluation.detection.source import Site, Source
-from pipeline.evaluation.evaluation_frame import EvaluationFrame, Figures, in_order
-
-__all__ = ["DetectionEvaluation"]
+from lidcam.pipeline.core.rig import Zone
+from lidcam.pipeline.core.settings.config import ALL_CLASSES, Config
+from lidcam.pipeline.evaluation.detection.camera_images import CameraImages
+from lidcam.pipeline.evaluation.detection.counts import threshold_figures
+from lidcam.pipeline.evaluation.detection.fusion_gain import fusion_gain
+from lidcam.pipeline.evaluation.detection.gathering import Gathering
+from lidcam.pipeline.evaluation.detection.resampling import Resampling
+from lidcam.pipeline.evaluation.detection.source import Site, Source
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Figures, in_order
 
 
 class DetectionEvaluation:

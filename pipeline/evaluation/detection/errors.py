@@ -5,23 +5,11 @@ from enum import IntEnum
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import F64, I32, Bools, Indices
-from pipeline.core.detections import Boxes3D
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.evaluation.evaluation_frame import Figures, TruthBoxes3D
-from pipeline.evaluation.scales import is_flip
-
-__all__ = [
-    "CHI2_95",
-    "Column",
-    "bird_eye_m",
-    "error_figures",
-    "errors_of_pairs",
-    "motion_figures",
-    "nees_figures",
-    "spread",
-]
-
+from lidcam.pipeline.core.arrays import F64, I32, Bools, Indices
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.evaluation.evaluation_frame import Figures, TruthBoxes3D
+from lidcam.pipeline.evaluation.scales import is_flip
 
 MIN_VARIANCE, MAX_VARIANCE, MIN_RATIO = 1e-12, 1e12, 1e-10
 """Least variance of an axis of a covariance that can be used, largest one, and least share of the one in the other:

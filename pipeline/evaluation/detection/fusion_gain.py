@@ -6,15 +6,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import F64
-from pipeline.core.settings.config import ALL_CLASSES
-from pipeline.evaluation.detection.averages import overlap_name
-from pipeline.evaluation.detection.errors import bird_eye_m
-from pipeline.evaluation.detection.resampling import Resampling, sampled_ap
-from pipeline.evaluation.detection.source import Source
-from pipeline.evaluation.evaluation_frame import Figures
-
-__all__ = ["fusion_gain"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.settings.config import ALL_CLASSES
+from lidcam.pipeline.evaluation.detection.averages import overlap_name
+from lidcam.pipeline.evaluation.detection.errors import bird_eye_m
+from lidcam.pipeline.evaluation.detection.resampling import Resampling, sampled_ap
+from lidcam.pipeline.evaluation.detection.source import Source
+from lidcam.pipeline.evaluation.evaluation_frame import Figures
 
 _FUSED = "fused"
 _IOU = 0.5

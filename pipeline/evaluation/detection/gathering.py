@@ -4,22 +4,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I32, Bools
-from pipeline.core.geometry.polygons import first_polygon_with
-from pipeline.core.rig import Zone
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.detection.criteria import Criteria
-from pipeline.evaluation.detection.errors import Column, errors_of_pairs
-from pipeline.evaluation.detection.matching import match_criteria, match_other_classes
-from pipeline.evaluation.detection.tables import FALSE, FoundTable, Labels, TruthTable
-from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame
-from pipeline.evaluation.ignoring import is_counted, is_evaluated, is_within
-from pipeline.evaluation.near_objects import Candidates, FoundObjects, TrueObjects, pairs_near
-from pipeline.evaluation.pieces import Pieces
-from pipeline.evaluation.scales import nuscenes_ranges_m, range_edges_m, range_rows
-from pipeline.evaluation.true_motion import ground_poses, ground_turns
-
-__all__ = ["Gathering", "check_values"]
+from lidcam.pipeline.core.arrays import F32, F64, I32, Bools
+from lidcam.pipeline.core.geometry.polygons import first_polygon_with
+from lidcam.pipeline.core.rig import Zone
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.detection.criteria import Criteria
+from lidcam.pipeline.evaluation.detection.errors import Column, errors_of_pairs
+from lidcam.pipeline.evaluation.detection.matching import match_criteria, match_other_classes
+from lidcam.pipeline.evaluation.detection.tables import FALSE, FoundTable, Labels, TruthTable
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame
+from lidcam.pipeline.evaluation.ignoring import is_counted, is_evaluated, is_within
+from lidcam.pipeline.evaluation.near_objects import Candidates, FoundObjects, TrueObjects, pairs_near
+from lidcam.pipeline.evaluation.pieces import Pieces
+from lidcam.pipeline.evaluation.scales import nuscenes_ranges_m, range_edges_m, range_rows
+from lidcam.pipeline.evaluation.true_motion import ground_poses, ground_turns
 
 _MAX_FRAMES = 128
 _MAX_PAIRS = 1 << 18

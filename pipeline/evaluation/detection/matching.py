@@ -4,21 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.core.arrays import F32, I32, Bools, Indices
-from pipeline.core.detections import Boxes3D
-from pipeline.evaluation.detection.criteria import Criterion
-from pipeline.evaluation.detection.tables import FALSE, IGNORED
-from pipeline.evaluation.evaluation_frame import TruthBoxes3D
-from pipeline.evaluation.near_objects import Candidates
-
-__all__ = [
-    "by_falling_score",
-    "match_by_score",
-    "match_criteria",
-    "match_other_classes",
-    "match_position",
-    "ranks_by_score",
-]
+from lidcam.pipeline.core.arrays import F32, I32, Bools, Indices
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.evaluation.detection.criteria import Criterion
+from lidcam.pipeline.evaluation.detection.tables import FALSE, IGNORED
+from lidcam.pipeline.evaluation.evaluation_frame import TruthBoxes3D
+from lidcam.pipeline.evaluation.near_objects import Candidates
 
 
 def by_falling_score(scores: F32) -> Indices:

@@ -4,17 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.detection.criteria import Criteria
-from pipeline.evaluation.detection.matching import match_position
-from pipeline.evaluation.detection.tables import FALSE
-from pipeline.evaluation.evaluation_frame import EvaluationFrame, Figures
-from pipeline.evaluation.ignoring import is_evaluated, is_within
-from pipeline.evaluation.near_objects import FoundObjects, TrueObjects, pairs_near
-from pipeline.evaluation.pieces import Pieces
-
-__all__ = ["DetectionPlots", "Places"]
+from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.detection.criteria import Criteria
+from lidcam.pipeline.evaluation.detection.matching import match_position
+from lidcam.pipeline.evaluation.detection.tables import FALSE
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Figures
+from lidcam.pipeline.evaluation.ignoring import is_evaluated, is_within
+from lidcam.pipeline.evaluation.near_objects import FoundObjects, TrueObjects, pairs_near
+from lidcam.pipeline.evaluation.pieces import Pieces
 
 SCORES = 200
 """Steps of the score: so many points has a curve of precision over recall."""

@@ -11,10 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I32, I64, Bools, Indices, check_array
-from pipeline.evaluation.detection.curves import average_precision, last_of_equals
-
-__all__ = ["Resampling", "sampled_ap"]
+from lidcam.pipeline.core.arrays import F32, F64, I32, I64, Bools, Indices, check_array
+from lidcam.pipeline.evaluation.detection.curves import average_precision, last_of_equals
 
 _BLOCK_NS = 1_000_000_000
 _MAX_BLOCKS = 1000

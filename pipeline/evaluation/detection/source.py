@@ -6,10 +6,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, Bools, Indices
-from pipeline.core.rig import Zone
-from pipeline.core.settings.config import ALL_CLASSES, Config
-from pipeline.evaluation.detection.averages import (
+from lidcam.pipeline.core.arrays import F64, I32, Bools, Indices
+from lidcam.pipeline.core.rig import Zone
+from lidcam.pipeline.core.settings.config import ALL_CLASSES, Config
+from lidcam.pipeline.evaluation.detection.averages import (
     Averages,
     ap_by_distance_name,
     distance_figures,
@@ -18,10 +18,10 @@ from pipeline.evaluation.detection.averages import (
     nuscenes_figures,
     overlap_figures,
 )
-from pipeline.evaluation.detection.counts import calibration_figures, count_figures
-from pipeline.evaluation.detection.criteria import DISTANCES_M, Criteria
-from pipeline.evaluation.detection.curves import Curve, curve_of, ratio
-from pipeline.evaluation.detection.errors import (
+from lidcam.pipeline.evaluation.detection.counts import calibration_figures, count_figures
+from lidcam.pipeline.evaluation.detection.criteria import DISTANCES_M, Criteria
+from lidcam.pipeline.evaluation.detection.curves import Curve, curve_of, ratio
+from lidcam.pipeline.evaluation.detection.errors import (
     CHI2_95,
     Column,
     bird_eye_m,
@@ -30,14 +30,12 @@ from pipeline.evaluation.detection.errors import (
     nees_figures,
     spread,
 )
-from pipeline.evaluation.detection.gathering import Gathering
-from pipeline.evaluation.detection.matching import by_falling_score
-from pipeline.evaluation.detection.tables import FALSE, IGNORED, FoundTable, Scored, TruthTable, scored
-from pipeline.evaluation.evaluation_frame import UNKNOWN, Figures
-from pipeline.evaluation.scales import range_edges_m, range_names
-from pipeline.evaluation.true_motion import has_moved, true_velocities
-
-__all__ = ["Part", "Site", "Source"]
+from lidcam.pipeline.evaluation.detection.gathering import Gathering
+from lidcam.pipeline.evaluation.detection.matching import by_falling_score
+from lidcam.pipeline.evaluation.detection.tables import FALSE, IGNORED, FoundTable, Scored, TruthTable, scored
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, Figures
+from lidcam.pipeline.evaluation.scales import range_edges_m, range_names
+from lidcam.pipeline.evaluation.true_motion import has_moved, true_velocities
 
 _POINTS = {"0": (0, 0), "1_5": (1, 5), "6_20": (6, 20), "21_50": (21, 50), "51_200": (51, 200), "over_200": (201, None)}
 

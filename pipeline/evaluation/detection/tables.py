@@ -4,10 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I32, I64, Bools, Indices, Table, check_array
-from pipeline.evaluation.evaluation_frame import Names
-
-__all__ = ["FALSE", "IGNORED", "FoundTable", "Labels", "Scored", "TruthTable", "scored"]
+from lidcam.pipeline.core.arrays import F32, F64, I32, I64, Bools, Indices, Table, check_array
+from lidcam.pipeline.evaluation.evaluation_frame import Names
 
 FALSE = -1
 """In place of the row of a true object: the detection shows none."""

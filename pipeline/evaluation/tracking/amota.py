@@ -5,11 +5,9 @@ Weng et al., "3D multi-object tracking: a baseline and new evaluation metrics", 
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools
-from pipeline.evaluation.tracking.clear import match_clear
-from pipeline.evaluation.tracking.table import TrackTable
-
-__all__ = ["amota_figures"]
+from lidcam.pipeline.core.arrays import F64, Bools
+from lidcam.pipeline.evaluation.tracking.clear import match_clear
+from lidcam.pipeline.evaluation.tracking.table import TrackTable
 
 MIN_RECALL, RECALLS = 0.1, 40
 

@@ -9,11 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, check_array
-from pipeline.evaluation.assignment import conflicts, dense_assignment, far_cost, is_alone
-from pipeline.evaluation.tracking.table import TrackTable
-
-__all__ = ["ClearCounts", "Matches", "clear_figures", "count_clear", "match_clear"]
+from lidcam.pipeline.core.arrays import F64, I64, Bools, check_array
+from lidcam.pipeline.evaluation.assignment import conflicts, dense_assignment, far_cost, is_alone
+from lidcam.pipeline.evaluation.tracking.table import TrackTable
 
 MOSTLY_TRACKED, MOSTLY_LOST = 0.8, 0.2
 """Shares of its frames in which an object is matched: from the one on, and below the other."""

@@ -8,18 +8,16 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, I64, Bools, Indices, first_of_runs, select_rows
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.assignment import assign_nearest
-from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, in_order
-from pipeline.evaluation.ignoring import is_evaluated, is_within
-from pipeline.evaluation.near_objects import Candidates, FoundObjects, TrueObjects, pairs_near
-from pipeline.evaluation.pieces import Pieces
-from pipeline.evaluation.scales import length_scales
-from pipeline.evaluation.tracking.table import TrackRows, TrackTable
-from pipeline.evaluation.true_motion import ground_poses
-
-__all__ = ["MAX_DISTANCE_M", "Collection"]
+from lidcam.pipeline.core.arrays import F64, I32, I64, Bools, Indices, first_of_runs, select_rows
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.assignment import assign_nearest
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, in_order
+from lidcam.pipeline.evaluation.ignoring import is_evaluated, is_within
+from lidcam.pipeline.evaluation.near_objects import Candidates, FoundObjects, TrueObjects, pairs_near
+from lidcam.pipeline.evaluation.pieces import Pieces
+from lidcam.pipeline.evaluation.scales import length_scales
+from lidcam.pipeline.evaluation.tracking.table import TrackRows, TrackTable
+from lidcam.pipeline.evaluation.true_motion import ground_poses
 
 MAX_DISTANCE_M = 2.0
 """From this distance on nothing is matched (nuScenes tracking task), for objects as long as a car."""

@@ -8,14 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, I64, Bools, Indices, check_array, join_rows
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.evaluation.scales import is_flip
-from pipeline.evaluation.tracking.clear import Matches
-from pipeline.evaluation.tracking.table import TrackTable
-from pipeline.evaluation.true_motion import has_moved
-
-__all__ = ["Courses", "course_figures", "follow", "total_courses"]
+from lidcam.pipeline.core.arrays import F64, I32, I64, Bools, Indices, check_array, join_rows
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.evaluation.scales import is_flip
+from lidcam.pipeline.evaluation.tracking.clear import Matches
+from lidcam.pipeline.evaluation.tracking.table import TrackTable
+from lidcam.pipeline.evaluation.true_motion import has_moved
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,11 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, check_array
-from pipeline.evaluation.assignment import assign_heaviest
-from pipeline.evaluation.tracking.table import TrackTable
-
-__all__ = ["HotaCounts", "count_hota", "hota_figures", "similarity_of_distance"]
+from lidcam.pipeline.core.arrays import F64, check_array
+from lidcam.pipeline.evaluation.assignment import assign_heaviest
+from lidcam.pipeline.evaluation.tracking.table import TrackTable
 
 ALPHAS = np.arange(1, 20) / 20
 """Similarities from which a pair is a match: 0.05 to 0.95."""

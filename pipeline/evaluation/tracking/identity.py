@@ -7,10 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import I64
-from pipeline.evaluation.tracking.table import TrackTable
-
-__all__ = ["IdentityCounts", "count_identity", "identity_figures"]
+from lidcam.pipeline.core.arrays import I64
+from lidcam.pipeline.evaluation.tracking.table import TrackTable
 
 
 @dataclass(frozen=True, slots=True)

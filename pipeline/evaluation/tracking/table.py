@@ -4,11 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, I64, Bools, Rows, Table, check_array
-from pipeline.core.geometry.rotated_iou import OrientedBoxes
-from pipeline.evaluation.near_objects import Candidates
-
-__all__ = ["TrackRows", "TrackTable"]
+from lidcam.pipeline.core.arrays import F64, I32, I64, Bools, Rows, Table, check_array
+from lidcam.pipeline.core.geometry.rotated_iou import OrientedBoxes
+from lidcam.pipeline.evaluation.near_objects import Candidates
 
 
 @dataclass(frozen=True, slots=True, eq=False)

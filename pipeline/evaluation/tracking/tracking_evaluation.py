@@ -6,18 +6,16 @@ from typing import TypeVar
 
 import numpy as np
 
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.evaluation_frame import EvaluationFrame, Figure, Figures
-from pipeline.evaluation.scales import nuscenes_ranges_m, range_edges_m, range_names, rows_of_ranges
-from pipeline.evaluation.tracking.amota import amota_figures
-from pipeline.evaluation.tracking.clear import ClearCounts, clear_figures, count_clear, match_clear
-from pipeline.evaluation.tracking.collect import Collection
-from pipeline.evaluation.tracking.courses import course_figures, follow, total_courses
-from pipeline.evaluation.tracking.hota import HotaCounts, count_hota, hota_figures, similarity_of_distance
-from pipeline.evaluation.tracking.identity import IdentityCounts, count_identity, identity_figures
-from pipeline.evaluation.tracking.table import TrackTable
-
-__all__ = ["TrackingEvaluation"]
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Figure, Figures
+from lidcam.pipeline.evaluation.scales import nuscenes_ranges_m, range_edges_m, range_names, rows_of_ranges
+from lidcam.pipeline.evaluation.tracking.amota import amota_figures
+from lidcam.pipeline.evaluation.tracking.clear import ClearCounts, clear_figures, count_clear, match_clear
+from lidcam.pipeline.evaluation.tracking.collect import Collection
+from lidcam.pipeline.evaluation.tracking.courses import course_figures, follow, total_courses
+from lidcam.pipeline.evaluation.tracking.hota import HotaCounts, count_hota, hota_figures, similarity_of_distance
+from lidcam.pipeline.evaluation.tracking.identity import IdentityCounts, count_identity, identity_figures
+from lidcam.pipeline.evaluation.tracking.table import TrackTable
 
 Counts = TypeVar("Counts", ClearCounts, HotaCounts, IdentityCounts)
 

@@ -9,11 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, select_rows
-from pipeline.core.detections import Boxes3D
-from pipeline.evaluation.assignment import assign_nearest
-
-__all__ = ["MAX_GAP_FRAMES", "MAX_GAP_S", "Linker"]
+from lidcam.pipeline.core.arrays import F64, I64, select_rows
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.evaluation.assignment import assign_nearest
 
 MAX_GAP_FRAMES = 5
 """A chain ends after more frames without a box, or after `MAX_GAP_S`."""

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64
-from pipeline.core.association import (
+from lidcam.pipeline.core.arrays import F32, F64
+from lidcam.pipeline.core.association import (
     class_confusion,
     class_ratios,
     detector_variances,
@@ -11,14 +11,12 @@ from pipeline.core.association import (
     rectangle_features,
     squared_distances,
 )
-from pipeline.core.detections import Boxes2D, Boxes3D
-from pipeline.core.geometry.boxes import box_corners, pair_overlaps_xyxy
-from pipeline.core.rig import CameraSensor
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.assignment import assign_heaviest, pairs_of_equal
-from pipeline.evaluation.evaluation_frame import Figures
-
-__all__ = ["Residuals"]
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D
+from lidcam.pipeline.core.geometry.boxes import box_corners, pair_overlaps_xyxy
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.assignment import assign_heaviest, pairs_of_equal
+from lidcam.pipeline.evaluation.evaluation_frame import Figures
 
 BLOCK_FRAMES = 64
 """Frames are compared in blocks: projecting many boxes at once takes little longer than projecting one."""

@@ -5,18 +5,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, select_rows
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.rig import CameraSensor
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, Figure, Figures, SourceBoxes, in_order
-from pipeline.evaluation.ignoring import is_within
-from pipeline.evaluation.pieces import Pieces
-from pipeline.evaluation.scales import is_flip
-from pipeline.evaluation.unlabelled.linking import MAX_GAP_FRAMES, Linker
-from pipeline.evaluation.unlabelled.residuals import Residuals
-
-__all__ = ["UnlabelledEvaluation"]
+from lidcam.pipeline.core.arrays import F64, I64, select_rows
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, Figure, Figures, SourceBoxes, in_order
+from lidcam.pipeline.evaluation.ignoring import is_within
+from lidcam.pipeline.evaluation.pieces import Pieces
+from lidcam.pipeline.evaluation.scales import is_flip
+from lidcam.pipeline.evaluation.unlabelled.linking import MAX_GAP_FRAMES, Linker
+from lidcam.pipeline.evaluation.unlabelled.residuals import Residuals
 
 _FUSED = "fused"
 """The source whose boxes are compared with images."""

@@ -13,14 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, Bools, Indices, join_rows, select_rows
-from pipeline.core.detections import Boxes3D
-from pipeline.core.settings.classes import ClassPrior
-from pipeline.fusion.assignment import assign
-from pipeline.fusion.belief.odds import Coefficients, joined_without_each, probability
-from pipeline.fusion.belief.visibility import Visibility
-
-__all__ = ["Memory", "RecallCounts"]
+from lidcam.pipeline.core.arrays import F64, I32, Bools, Indices, join_rows, select_rows
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.fusion.assignment import assign
+from lidcam.pipeline.fusion.belief.odds import Coefficients, joined_without_each, probability
+from lidcam.pipeline.fusion.belief.visibility import Visibility
 
 SIZE_EDGES_PX = (12.0, 24.0, 48.0, 96.0)
 """Sizes in the image, geometric means of width and height, between which recall is counted apart."""

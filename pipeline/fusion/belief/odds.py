@@ -9,26 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, U8, Bools
-from pipeline.core.detections import Source
-from pipeline.core.settings.classes import ClassPrior
-from pipeline.detectors.log_odds import logit, sigmoid
-from pipeline.fusion.belief.visibility import Visibility
-
-__all__ = [
-    "FITTED",
-    "Coefficients",
-    "at_its_place",
-    "camera_evidence",
-    "joined",
-    "joined_without_each",
-    "log_odds_before_cameras",
-    "logit",
-    "probability",
-    "reach_of_classes",
-    "shown",
-]
-
+from lidcam.pipeline.core.arrays import F64, I32, U8, Bools
+from lidcam.pipeline.core.detections import Source
+from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.detectors.log_odds import logit, sigmoid
+from lidcam.pipeline.fusion.belief.visibility import Visibility
 
 MAX_LOG_ODDS = 7.0
 """No object is surer than 0.999, and none more impossible than 0.001."""

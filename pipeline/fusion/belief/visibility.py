@@ -16,15 +16,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, Bools, Indices, check_array
-from pipeline.core.camera import BORDER_PX, CameraModel
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.compiled import compiled
-from pipeline.core.detections import Boxes2D, Hypotheses
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.rig import CameraSensor
-
-__all__ = ["Visibility", "find_visibility", "hidden_by_points"]
+from lidcam.pipeline.core.arrays import F32, F64, Bools, Indices, check_array
+from lidcam.pipeline.core.camera import BORDER_PX, CameraModel
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.compiled import compiled
+from lidcam.pipeline.core.detections import Boxes2D, Hypotheses
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.rig import CameraSensor
 
 MAX_POINTS = 3000
 """Points that are looked at in a frame, evenly chosen from all: what hides an object is large."""

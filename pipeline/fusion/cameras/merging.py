@@ -11,12 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Indices, first_of_runs
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.fusion.assignment import assign
-from pipeline.fusion.cameras.placing import HEADINGS, Placements
-
-__all__ = ["Moments", "mean_places", "merge_sightings", "moments"]
+from lidcam.pipeline.core.arrays import F64, I64, Indices, first_of_runs
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.fusion.assignment import assign
+from lidcam.pipeline.fusion.cameras.placing import HEADINGS, Placements
 
 GATE = 13.8
 """Largest squared Mahalanobis distance of two sightings of one object: 0.1 % of normal errors in a plane are larger."""

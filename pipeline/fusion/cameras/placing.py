@@ -14,12 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Table
-from pipeline.core.detections import Boxes3D
-from pipeline.core.settings.classes import ClassPrior
-from pipeline.fusion.cameras.sightings import Noise, Observed, Sightings, observe
-
-__all__ = ["HEADINGS", "Placed", "Placements", "SizePriors", "place"]
+from lidcam.pipeline.core.arrays import F64, I64, Table
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.fusion.cameras.sightings import Noise, Observed, Sightings, observe
 
 HEADINGS = np.arange(12) * (np.pi / 12)
 """The headings tried, radians about +z of the site; front and rear look alike."""

@@ -9,15 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, Table
-from pipeline.core.camera import BORDER_PX
-from pipeline.core.detections import Boxes2D
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.rig import CameraSensor
-from pipeline.fusion.found import FoundBoxes, pairs_of_images
-from pipeline.fusion.projection import CameraArrays, camera_arrays
-
-__all__ = ["CUT_SHARE", "Noise", "Observed", "Sightings", "observe", "see"]
+from lidcam.pipeline.core.arrays import F64, I64, Bools, Table
+from lidcam.pipeline.core.camera import BORDER_PX
+from lidcam.pipeline.core.detections import Boxes2D
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.fusion.found import FoundBoxes, pairs_of_images
+from lidcam.pipeline.fusion.projection import CameraArrays, camera_arrays
 
 MIN_PX = 0.5
 """A box that is narrower or lower shows nothing."""

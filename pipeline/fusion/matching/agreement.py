@@ -13,21 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I32, I64
-from pipeline.core.association import FREEDOM
-from pipeline.core.detections import Boxes3D
-
-__all__ = [
-    "BoxBelief",
-    "MatchedPairs",
-    "Others",
-    "agreed_with_others",
-    "before_matching",
-    "common_shifts",
-    "feature_jacobian",
-    "prior_covariances",
-    "spread",
-]
+from lidcam.pipeline.core.arrays import F32, F64, I32, I64
+from lidcam.pipeline.core.association import FREEDOM
+from lidcam.pipeline.core.detections import Boxes3D
 
 UNKNOWN_SHARE, UNKNOWN_YAW = 0.1, 0.2
 """Standard deviations where a box has no covariance: of its place, as a share of length and width; of its yaw."""

@@ -11,16 +11,14 @@ from functools import lru_cache
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64, Bools, Indices, Table, first_of_runs
-from pipeline.core.camera import NEAR_M
-from pipeline.core.detections import Boxes3D
-from pipeline.core.errors import FrameError
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.rig import CameraSensor
-from pipeline.fusion.found import pairs_of_images
-from pipeline.fusion.projection import CameraArrays, cuboid_outline, project_edges
-
-__all__ = ["InView", "hidden_parts", "project_into_views"]
+from lidcam.pipeline.core.arrays import F32, F64, I64, Bools, Indices, Table, first_of_runs
+from lidcam.pipeline.core.camera import NEAR_M
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.errors import FrameError
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.fusion.found import pairs_of_images
+from lidcam.pipeline.fusion.projection import CameraArrays, cuboid_outline, project_edges
 
 MAX_COVERS = 8
 """Of more boxes in front of one, those that cover most of it count."""

@@ -6,19 +6,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.geometry.boxes import pair_overlaps_xyxy
-from pipeline.core.rig import Rig
-from pipeline.core.settings.classes import ClassPrior
-from pipeline.core.settings.detect import ClusterConfig
-from pipeline.detectors.cluster.fitting import BoxFitter
-from pipeline.detectors.protocols import Candidates3D
-from pipeline.fusion.cameras.merging import mean_places
-from pipeline.fusion.cameras.placing import Placements
-from pipeline.fusion.cameras.sightings import Sightings
-from pipeline.fusion.projection import project_edges
-from pipeline.fusion.proposals.frustums import (
+from lidcam.pipeline.core.arrays import F64, I64, Bools
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.geometry.boxes import pair_overlaps_xyxy
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.core.settings.detect import ClusterConfig
+from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
+from lidcam.pipeline.detectors.protocols import Candidates3D
+from lidcam.pipeline.fusion.cameras.merging import mean_places
+from lidcam.pipeline.fusion.cameras.placing import Placements
+from lidcam.pipeline.fusion.cameras.sightings import Sightings
+from lidcam.pipeline.fusion.projection import project_edges
+from lidcam.pipeline.fusion.proposals.frustums import (
     MAX_OFF,
     Expected,
     FrustumPoints,
@@ -26,9 +26,7 @@ from pipeline.fusion.proposals.frustums import (
     heading_of,
     points_in_frustums,
 )
-from pipeline.fusion.proposals.parting import share_points
-
-__all__ = ["FittedObjects", "ObjectFitter"]
+from lidcam.pipeline.fusion.proposals.parting import share_points
 
 MIN_POINTS = 4
 """An object of fewer points is noise; the 2D box makes up for what few points do not say."""

@@ -10,13 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64, Table, first_of_runs
-from pipeline.core.geometry.regions import points_in_regions
-from pipeline.core.settings.detect import ClusterConfig
-from pipeline.detectors.cluster.clusters import cluster_points, thin_points
-from pipeline.fusion.cameras.sightings import Sightings
-
-__all__ = ["Expected", "FrustumPoints", "Segments", "choose_segments", "heading_of", "points_in_frustums"]
+from lidcam.pipeline.core.arrays import F32, F64, I64, Table, first_of_runs
+from lidcam.pipeline.core.geometry.regions import points_in_regions
+from lidcam.pipeline.core.settings.detect import ClusterConfig
+from lidcam.pipeline.detectors.cluster.clusters import cluster_points, thin_points
+from lidcam.pipeline.fusion.cameras.sightings import Sightings
 
 SHRINK_SHARE = 0.03
 """A frustum is narrower than its 2D box by this share at either side: edges of boxes stand off, and show what is

@@ -4,22 +4,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64, Bools, first_of_runs
-from pipeline.core.detections import Boxes3D, Matches
-from pipeline.core.geometry.boxes import iou_xyxy
-from pipeline.core.geometry.regions import points_in_footprints
-from pipeline.fusion.cameras.sightings import Sightings
-from pipeline.fusion.proposals.frustums import FrustumPoints
-
-__all__ = [
-    "choose_parts",
-    "find_duplicates",
-    "find_enclosing",
-    "find_merged",
-    "find_partners",
-    "has_room",
-    "share_points",
-]
+from lidcam.pipeline.core.arrays import F32, F64, I64, Bools, first_of_runs
+from lidcam.pipeline.core.detections import Boxes3D, Matches
+from lidcam.pipeline.core.geometry.boxes import iou_xyxy
+from lidcam.pipeline.core.geometry.regions import points_in_footprints
+from lidcam.pipeline.fusion.cameras.sightings import Sightings
+from lidcam.pipeline.fusion.proposals.frustums import FrustumPoints
 
 DUPLICATE_IOU = 0.6
 """A 2D box that overlaps a matched one of its image as much shows the same object."""

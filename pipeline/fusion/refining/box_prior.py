@@ -4,12 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.detections import Boxes3D, Source
-from pipeline.core.geometry.boxes import rotations_2d
-from pipeline.core.settings.fuse import FuseConfig
-
-__all__ = ["STATES", "BoxPrior", "box_prior", "known_covariances"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.detections import Boxes3D, Source
+from lidcam.pipeline.core.geometry.boxes import rotations_2d
+from lidcam.pipeline.core.settings.fuse import FuseConfig
 
 STATES = ("x", "y", "yaw", "length", "width", "speed along", "speed across")
 """Order of the state: metres, radians, metres per second along the axes of the box."""

@@ -11,15 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, Table
-from pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses
-from pipeline.core.geometry.box_edges import BOX_EDGES
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.rig import CameraSensor
-from pipeline.core.settings.fuse import FuseConfig
-from pipeline.fusion.projection import CameraArrays, camera_arrays
-
-__all__ = ["MeasuredEdges", "camera_shifts", "doubted_edges", "measured_edges", "moved_by_borders"]
+from lidcam.pipeline.core.arrays import F64, I64, Bools, Table
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses
+from lidcam.pipeline.core.geometry.box_edges import BOX_EDGES
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.core.settings.fuse import FuseConfig
+from lidcam.pipeline.fusion.projection import CameraArrays, camera_arrays
 
 NANOSECONDS = 1e-9
 

@@ -20,14 +20,12 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, Indices, first_of_runs
-from pipeline.core.detections import Boxes3D
-from pipeline.core.geometry.boxes import rotations_2d, wrap_angle
-from pipeline.fusion.projection import Outline, project_edges
-from pipeline.fusion.refining.box_prior import MAX_YAW_RAD, SQUARE, BoxPrior
-from pipeline.fusion.refining.edges import MeasuredEdges
-
-__all__ = ["RefinedBoxes", "better_turned", "predicted_edges", "refine_boxes", "with_turned"]
+from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices, first_of_runs
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.geometry.boxes import rotations_2d, wrap_angle
+from lidcam.pipeline.fusion.projection import Outline, project_edges
+from lidcam.pipeline.fusion.refining.box_prior import MAX_YAW_RAD, SQUARE, BoxPrior
+from lidcam.pipeline.fusion.refining.edges import MeasuredEdges
 
 YAWS, SPAN = 5, 2.5
 """Number of headings that are tried at once, and their reach to both sides, standard deviations."""

@@ -10,9 +10,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Generic, NamedTuple, TypeVar
 
-from pipeline.stages.sync.policy import DropReason, OnItemDrop
-
-__all__ = ["ApproximateTime"]
+from lidcam.pipeline.stages.sync.policy import DropReason, OnItemDrop
 
 T = TypeVar("T")
 

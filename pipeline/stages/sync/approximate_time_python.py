@@ -8,9 +8,7 @@ many in the number of topics; here the same combination is found without trying 
 from collections.abc import Sequence
 from typing import Generic, TypeVar
 
-from pipeline.stages.sync.policy import DropReason, OnItemDrop
-
-__all__ = ["ApproximateTimePython", "first_combination"]
+from lidcam.pipeline.stages.sync.policy import DropReason, OnItemDrop
 
 T = TypeVar("T")
 

@@ -4,9 +4,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-from pipeline.core.frame import Missing
-
-__all__ = ["Absence", "Attendance", "Silence"]
+from lidcam.pipeline.core.frame import Missing
 
 MAX_SILENCES = 100
 """Spans kept for each topic; further ones prolong the last."""

@@ -12,9 +12,7 @@ from dataclasses import dataclass, field
 from itertools import groupby
 from typing import Literal, NamedTuple
 
-from pipeline.core.messages import Drop, RawMessage, time_fault
-
-__all__ = ["Clocks", "TimeJump"]
+from lidcam.pipeline.core.messages import Drop, RawMessage, time_fault
 
 JUMP_NS = 1_000_000_000
 """Steps beyond this are no disorder between messages, nor a change in how long they take to the recorder."""

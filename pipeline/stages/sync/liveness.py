@@ -9,8 +9,6 @@ from collections.abc import Sequence
 from itertools import pairwise
 from statistics import median
 
-__all__ = ["MAX_PERIODS", "Liveness"]
-
 MAX_PERIODS = 2.5
 """A message is overdue after this many periods of its topic: one lost message makes two."""
 

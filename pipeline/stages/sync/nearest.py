@@ -8,9 +8,7 @@ from bisect import insort
 from collections.abc import Collection, Mapping, Sequence
 from typing import Generic, TypeVar
 
-from pipeline.stages.sync.policy import DropReason, OnItemDrop
-
-__all__ = ["Nearest", "NearestPartners"]
+from lidcam.pipeline.stages.sync.policy import DropReason, OnItemDrop
 
 R = TypeVar("R")
 T = TypeVar("T")

@@ -8,13 +8,11 @@ with the messages that are in no set yet.
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
-from pipeline.core.messages import RawMessage
-from pipeline.stages.sync.attendance import Attendance
-from pipeline.stages.sync.liveness import MAX_PERIODS, Liveness
-from pipeline.stages.sync.nearest import NearestPartners
-from pipeline.stages.sync.policy import OnItemDrop, Policy
-
-__all__ = ["FoundSet", "Item", "PartialSets"]
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.stages.sync.attendance import Attendance
+from lidcam.pipeline.stages.sync.liveness import MAX_PERIODS, Liveness
+from lidcam.pipeline.stages.sync.nearest import NearestPartners
+from lidcam.pipeline.stages.sync.policy import OnItemDrop, Policy
 
 
 class Item(NamedTuple):

@@ -4,8 +4,6 @@ from collections.abc import Callable, Sequence
 from enum import StrEnum
 from typing import Protocol, TypeVar
 
-__all__ = ["DropReason", "OnItemDrop", "Policy"]
-
 T = TypeVar("T")
 
 

@@ -5,19 +5,17 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-from pipeline.core.errors import ConfigError, RecordingError
-from pipeline.core.frame import SensorBundle
-from pipeline.core.messages import Drop, RawMessage
-from pipeline.core.settings.sync import SyncConfig
-from pipeline.stages.sync.approximate_time import ApproximateTime
-from pipeline.stages.sync.approximate_time_python import ApproximateTimePython
-from pipeline.stages.sync.attendance import Attendance
-from pipeline.stages.sync.liveness import Liveness
-from pipeline.stages.sync.nearest import Nearest
-from pipeline.stages.sync.partial_sets import FoundSet, PartialSets
-from pipeline.stages.sync.policy import OnItemDrop, Policy
-
-__all__ = ["SyncStats", "synchronize"]
+from lidcam.pipeline.core.errors import ConfigError, RecordingError
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.messages import Drop, RawMessage
+from lidcam.pipeline.core.settings.sync import SyncConfig
+from lidcam.pipeline.stages.sync.approximate_time import ApproximateTime
+from lidcam.pipeline.stages.sync.approximate_time_python import ApproximateTimePython
+from lidcam.pipeline.stages.sync.attendance import Attendance
+from lidcam.pipeline.stages.sync.liveness import Liveness
+from lidcam.pipeline.stages.sync.nearest import Nearest
+from lidcam.pipeline.stages.sync.partial_sets import FoundSet, PartialSets
+from lidcam.pipeline.stages.sync.policy import OnItemDrop, Policy
 
 T = TypeVar("T")
 

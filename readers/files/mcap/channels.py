@@ -11,11 +11,9 @@ from mcap.records import Channel as RecordedChannel
 from mcap.records import Schema
 from rosbags.typesys.msg import normalize_msgtype
 
-from pipeline.core.messages import Channel
-from pipeline.core.text import one_line
-from readers.messages.foxglove import ROS_TYPES
-
-__all__ = ["channel_of", "message_type"]
+from lidcam.pipeline.core.messages import Channel
+from lidcam.pipeline.core.text import one_line
+from lidcam.readers.messages.foxglove import ROS_TYPES
 
 Encoding = Literal["ros1", "cdr", "protobuf", "json"]
 Definition = Literal["ros1msg", "ros2msg", "ros2idl", "protobuf", "jsonschema"]

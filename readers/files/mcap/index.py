@@ -18,21 +18,9 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Header, Schema, Statistics
 
-from readers.files.chunked import ChunkPlace, Entry
-from readers.files.container import read_exactly
-from readers.files.mcap.records import END_OF_TIME_NS, INDEX_HEAD, PAIR_BYTES, RECORD_HEAD, UINT64, record_at
-
-__all__ = [
-    "FOOTER",
-    "MAGIC_BYTES",
-    "Contents",
-    "checksum_of",
-    "contents_of_summary",
-    "end_of_records",
-    "is_summary_sound",
-    "read_profile",
-    "summary_start",
-]
+from lidcam.readers.files.chunked import ChunkPlace, Entry
+from lidcam.readers.files.container import read_exactly
+from lidcam.readers.files.mcap.records import END_OF_TIME_NS, INDEX_HEAD, PAIR_BYTES, RECORD_HEAD, UINT64, record_at
 
 FOOTER = struct.Struct("<BQQQI")  # record head, start of the summary, start of its offsets, crc of the summary
 MAGIC_BYTES = 8

@@ -7,18 +7,16 @@ chunks that overlap in time, and it reads a file without chunk index into memory
 import numpy as np
 from mcap.opcode import Opcode
 
-from pipeline.core.arrays import I64
-from pipeline.core.messages import Channel
-from readers.files.chunked import ChunkedFile, ChunkPlace, Entry
-from readers.files.container import read_exactly
-from readers.files.mcap.channels import channel_of, message_type
-from readers.files.mcap.index import Contents, contents_of_summary, read_profile
-from readers.files.mcap.records import INDEX_HEAD, PAIR_BYTES, RECORD_HEAD, entry_of, load_chunk, records_in
-from readers.files.mcap.recovery import contents_of_scan
-from readers.files.remote import warn_of_full_read
-from readers.recording import RosVersion, TopicInfo, merge_topics
-
-__all__ = ["McapFile"]
+from lidcam.pipeline.core.arrays import I64
+from lidcam.pipeline.core.messages import Channel
+from lidcam.readers.files.chunked import ChunkedFile, ChunkPlace, Entry
+from lidcam.readers.files.container import read_exactly
+from lidcam.readers.files.mcap.channels import channel_of, message_type
+from lidcam.readers.files.mcap.index import Contents, contents_of_summary, read_profile
+from lidcam.readers.files.mcap.records import INDEX_HEAD, PAIR_BYTES, RECORD_HEAD, entry_of, load_chunk, records_in
+from lidcam.readers.files.mcap.recovery import contents_of_scan
+from lidcam.readers.files.remote import warn_of_full_read
+from lidcam.readers.recording import RosVersion, TopicInfo, merge_topics
 
 
 class McapFile(ChunkedFile):

@@ -12,29 +12,10 @@ from typing import BinaryIO, NamedTuple
 import zstandard
 from mcap.opcode import Opcode
 
-from pipeline.core.settings.recording import LimitsConfig
-from readers.files.chunked import Entry
-from readers.files.container import read_exactly
-from readers.files.decompress import check_chunk_size, check_complete, unpack
-
-__all__ = [
-    "END_OF_TIME_NS",
-    "INDEX_HEAD",
-    "MESSAGE_HEAD",
-    "OPCODES",
-    "PAIR_BYTES",
-    "RECORD_HEAD",
-    "UINT64",
-    "ChunkHead",
-    "Record",
-    "entry_of",
-    "find_record",
-    "listed_messages",
-    "load_chunk",
-    "read_chunk_head",
-    "record_at",
-    "records_in",
-]
+from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.readers.files.chunked import Entry
+from lidcam.readers.files.container import read_exactly
+from lidcam.readers.files.decompress import check_chunk_size, check_complete, unpack
 
 RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of the content
 MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time

@@ -8,14 +8,21 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema, Statistics
 
-from pipeline.core.errors import RecordingError
-from pipeline.core.settings.recording import LimitsConfig
-from readers.files.chunked import ChunkPlace, Entry
-from readers.files.container import read_exactly
-from readers.files.damage import LIBRARY_ERRORS, Losses
-from readers.files.decompress import check_file_size
-from readers.files.mcap.index import MAGIC_BYTES, Contents, checksum_of, end_of_records, is_summary_sound, summary_start
-from readers.files.mcap.records import (
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.readers.files.chunked import ChunkPlace, Entry
+from lidcam.readers.files.container import read_exactly
+from lidcam.readers.files.damage import LIBRARY_ERRORS, Losses
+from lidcam.readers.files.decompress import check_file_size
+from lidcam.readers.files.mcap.index import (
+    MAGIC_BYTES,
+    Contents,
+    checksum_of,
+    end_of_records,
+    is_summary_sound,
+    summary_start,
+)
+from lidcam.readers.files.mcap.records import (
     MESSAGE_HEAD,
     OPCODES,
     RECORD_HEAD,
@@ -28,8 +35,6 @@ from readers.files.mcap.records import (
     record_at,
     records_in,
 )
-
-__all__ = ["contents_of_scan"]
 
 MESSAGE_OPCODES = {Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX}
 

@@ -10,9 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import BinaryIO, NamedTuple
 
-from readers.files.damage import Losses
-
-__all__ = ["CapturedPacket", "Window", "captured_packets", "is_capture"]
+from lidcam.readers.files.damage import Losses
 
 HEAD_BYTES = 160
 """First bytes of a packet that are examined: more than all headers before a Velodyne's data."""

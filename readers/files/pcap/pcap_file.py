@@ -12,16 +12,14 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
-from pipeline.core.arrays import Indices
-from pipeline.core.messages import RawMessage
-from readers.files.container import Container
-from readers.files.pcap.packets import Window, captured_packets
-from readers.files.pcap.udp import CUT_SHORT, FRAGMENTS, NOT_IPV4, NOT_UDP, UNKNOWN_LINK, find_udp
-from readers.recording import RosVersion, TopicInfo, merge_topics
-from readers.velodyne.packet import packet_channel, packet_message_data
-from readers.velodyne.scan import PACKET_BYTES
-
-__all__ = ["PcapFile"]
+from lidcam.pipeline.core.arrays import Indices
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.files.container import Container
+from lidcam.readers.files.pcap.packets import Window, captured_packets
+from lidcam.readers.files.pcap.udp import CUT_SHORT, FRAGMENTS, NOT_IPV4, NOT_UDP, UNKNOWN_LINK, find_udp
+from lidcam.readers.recording import RosVersion, TopicInfo, merge_topics
+from lidcam.readers.velodyne.packet import packet_channel, packet_message_data
+from lidcam.readers.velodyne.scan import PACKET_BYTES
 
 DATA_PORT = 2368
 POSITION_BYTES = 554

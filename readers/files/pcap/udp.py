@@ -2,8 +2,6 @@
 
 from typing import NamedTuple
 
-__all__ = ["CUT_SHORT", "FRAGMENTS", "NOT_IPV4", "NOT_UDP", "UNKNOWN_LINK", "Udp", "find_udp"]
-
 ETHERNET, RAW_IP, SLL, SLL2 = 1, frozenset({12, 14, 101, 228, 229}), 113, 276
 NULL, LOOP = 0, 108
 VLAN_TAGS = frozenset({0x8100, 0x88A8, 0x9100})

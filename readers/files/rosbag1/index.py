@@ -9,11 +9,9 @@ from typing import BinaryIO, NamedTuple
 from rosbags.rosbag1.reader import Header, normalize
 from rosbags.typesys.msg import normalize_msgtype
 
-from pipeline.core.messages import Channel
-from readers.files.chunked import ChunkPlace
-from readers.files.rosbag1.records import CHUNK, CHUNK_INFO, CONNECTION, HEADER, MAGIC_BYTES, Record, read_record
-
-__all__ = ["ChunkData", "Contents", "channel_of", "contents_of_index"]
+from lidcam.pipeline.core.messages import Channel
+from lidcam.readers.files.chunked import ChunkPlace
+from lidcam.readers.files.rosbag1.records import CHUNK, CHUNK_INFO, CONNECTION, HEADER, MAGIC_BYTES, Record, read_record
 
 COMPRESSIONS = {b"none": "none", b"bz2": "bz2", b"lz4": "lz4"}
 UINT32_PAIR = struct.Struct("<II")

@@ -7,24 +7,7 @@ from io import BytesIO
 from itertools import islice
 from typing import BinaryIO, NamedTuple
 
-from pipeline.core.settings.recording import LimitsConfig
-
-__all__ = [
-    "CHUNK",
-    "CHUNK_INFO",
-    "CONNECTION",
-    "HEADER",
-    "INDEX",
-    "MAGIC_BYTES",
-    "MESSAGE",
-    "MESSAGE_BEGIN",
-    "UINT32",
-    "Record",
-    "contents_of_chunk",
-    "find_record",
-    "looks_like_record",
-    "read_record",
-]
+from lidcam.pipeline.core.settings.recording import LimitsConfig
 
 MAGIC_BYTES = 13
 """The first record begins behind these."""

@@ -6,12 +6,12 @@ from typing import BinaryIO
 
 import numpy as np
 
-from pipeline.core.settings.recording import LimitsConfig
-from readers.files.chunked import ChunkPlace
-from readers.files.damage import Losses
-from readers.files.decompress import check_complete, check_file_size, compression_of, unpack
-from readers.files.rosbag1.index import ChunkData, Contents, channel_of
-from readers.files.rosbag1.records import (
+from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.readers.files.chunked import ChunkPlace
+from lidcam.readers.files.damage import Losses
+from lidcam.readers.files.decompress import check_complete, check_file_size, compression_of, unpack
+from lidcam.readers.files.rosbag1.index import ChunkData, Contents, channel_of
+from lidcam.readers.files.rosbag1.records import (
     CHUNK,
     CHUNK_INFO,
     CONNECTION,
@@ -25,8 +25,6 @@ from readers.files.rosbag1.records import (
     looks_like_record,
     read_record,
 )
-
-__all__ = ["contents_of_scan"]
 
 MAX_RUN_BYTES = 4 << 20
 """Messages that are not compressed are read in runs of adjacent records, of about this size at most."""

@@ -9,16 +9,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pipeline.core.arrays import I64
-from readers.files.chunked import ChunkedFile, ChunkPlace, Entry
-from readers.files.container import read_exactly
-from readers.files.decompress import check_chunk_size, check_complete, unpack
-from readers.files.rosbag1.index import contents_of_index
-from readers.files.rosbag1.records import INDEX, MESSAGE, MESSAGE_BEGIN, UINT32, contents_of_chunk, read_record
-from readers.files.rosbag1.recovery import contents_of_scan
-from readers.recording import RosVersion, TopicInfo, merge_topics
-
-__all__ = ["Rosbag1File"]
+from lidcam.pipeline.core.arrays import I64
+from lidcam.readers.files.chunked import ChunkedFile, ChunkPlace, Entry
+from lidcam.readers.files.container import read_exactly
+from lidcam.readers.files.decompress import check_chunk_size, check_complete, unpack
+from lidcam.readers.files.rosbag1.index import contents_of_index
+from lidcam.readers.files.rosbag1.records import INDEX, MESSAGE, MESSAGE_BEGIN, UINT32, contents_of_chunk, read_record
+from lidcam.readers.files.rosbag1.recovery import contents_of_scan
+from lidcam.readers.recording import RosVersion, TopicInfo, merge_topics
 
 UINT32S = struct.Struct("<II")
 ENTRY = np.dtype([("sec", "<u4"), ("nanosec", "<u4"), ("offset", "<u4")])

@@ -12,13 +12,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import I64
-from pipeline.core.errors import RecordingError
-from pipeline.core.text import one_line
-from readers.files.damage import DamageGuard, Losses
-from readers.location import Location
-
-__all__ = ["Contents", "contents_of_tables"]
+from lidcam.pipeline.core.arrays import I64
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.text import one_line
+from lidcam.readers.files.damage import DamageGuard, Losses
+from lidcam.readers.location import Location
 
 ROWS_AT_ONCE = 1 << 14
 END_OF_IDS = 1 << 63

@@ -7,8 +7,6 @@ bytes are wrong, and reads zeros for the missing part of the last page.
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
-__all__ = ["PageCount", "count_pages", "journals_of", "unapplied"]
-
 DATABASE_HEADER_BYTES = 100
 PAGE_BYTES = frozenset(1 << n for n in range(9, 17))
 

@@ -13,19 +13,17 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 from rosbags.typesys.msg import normalize_msgtype
 
-from pipeline.core.arrays import I64
-from pipeline.core.errors import RecordingError
-from pipeline.core.messages import Channel, RawMessage
-from readers.files.container import Container, Source
-from readers.files.damage import LIBRARY_ERRORS
-from readers.files.decompress import decompressed
-from readers.files.passes import pass_starts
-from readers.files.sqlite.index import contents_of_tables
-from readers.files.sqlite.pages import count_pages
-from readers.messages.header_stamp import stamp_or_log_time
-from readers.recording import RosVersion, TopicInfo, merge_topics
-
-__all__ = ["SqliteFile"]
+from lidcam.pipeline.core.arrays import I64
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.readers.files.container import Container, Source
+from lidcam.readers.files.damage import LIBRARY_ERRORS
+from lidcam.readers.files.decompress import decompressed
+from lidcam.readers.files.passes import pass_starts
+from lidcam.readers.files.sqlite.index import contents_of_tables
+from lidcam.readers.files.sqlite.pages import count_pages
+from lidcam.readers.messages.header_stamp import stamp_or_log_time
+from lidcam.readers.recording import RosVersion, TopicInfo, merge_topics
 
 DEFINITION_FORMATS: dict[str, Literal["ros2msg", "ros2idl"]] = {"ros2msg": "ros2msg", "ros2idl": "ros2idl"}
 

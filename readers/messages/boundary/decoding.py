@@ -15,11 +15,9 @@ from collections.abc import Callable
 from functools import wraps
 from typing import Any, TypeVar, cast
 
-from pipeline.core.errors import LidcamError, MessageError, is_short_memory
-from pipeline.core.messages import RawMessage
-from pipeline.core.text import one_line
-
-__all__ = ["decoder"]
+from lidcam.pipeline.core.errors import LidcamError, MessageError, is_short_memory
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.text import one_line
 
 Decode = TypeVar("Decode", bound=Callable[..., Any])
 

@@ -13,9 +13,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys.store import Typestore
 
-from readers.messages.cursor import Cursor
-
-__all__ = ["MAX_FIELDS", "MAX_NESTING", "count_items", "size_fault"]
+from lidcam.readers.messages.cursor import Cursor
 
 MAX_FIELDS = 5000
 """Values in a message: a list counts as one, an array of messages as all its elements."""

@@ -8,15 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.geometry.rotations import matrix_of_quaternion
-from pipeline.core.messages import RawMessage
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from readers.messages.boundary.decoding import decoder
-from readers.messages.deserialize import deserialize_as
-from readers.messages.objects.found import AUTOWARE_LABELS, FoundObjects, ObjectClasses, check_boxes, found_objects
-
-__all__ = ["DETECTED_OBJECTS", "decode_detected_objects"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.geometry.rotations import matrix_of_quaternion
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.deserialize import deserialize_as
+from lidcam.readers.messages.objects.found import (
+    AUTOWARE_LABELS,
+    FoundObjects,
+    ObjectClasses,
+    check_boxes,
+    found_objects,
+)
 
 DETECTED_OBJECTS = frozenset(
     {"autoware_perception_msgs/msg/DetectedObjects", "autoware_auto_perception_msgs/msg/DetectedObjects"}

@@ -6,16 +6,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I32, Bools
-from pipeline.core.errors import MessageError
-from pipeline.core.geometry.posed_boxes import PosedBoxes
-from pipeline.core.geometry.rotations import matrix_of_quaternion
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.recording import LimitsConfig
-from pipeline.detectors.onnx.class_names import COCO_LABELS
-from readers.messages.tf import clean_frame
-
-__all__ = ["AUTOWARE_LABELS", "FoundObjects", "ObjectClasses", "check_boxes", "found_objects"]
+from lidcam.pipeline.core.arrays import F32, F64, I32, Bools
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.geometry.posed_boxes import PosedBoxes
+from lidcam.pipeline.core.geometry.rotations import matrix_of_quaternion
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.detectors.onnx.class_names import COCO_LABELS
+from lidcam.readers.messages.tf import clean_frame
 
 AUTOWARE_LABELS = (
     "unknown", "car", "truck", "bus", "trailer", "motorcycle", "bicycle", "pedestrian", "animal", "hazard",

@@ -7,16 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.arrays import Bools, check_array
-from pipeline.core.messages import RawMessage
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from pipeline.core.tracks import NO_TRACK, Tracks
-from readers.messages.boundary.decoding import decoder
-from readers.messages.deserialize import deserialize_as
-from readers.messages.objects.found import check_boxes
-from readers.messages.tf import clean_frame
-
-__all__ = ["TRACKS", "FoundTracks", "decode_tracks"]
+from lidcam.pipeline.core.arrays import Bools, check_array
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.tracks import NO_TRACK, Tracks
+from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.deserialize import deserialize_as
+from lidcam.readers.messages.objects.found import check_boxes
+from lidcam.readers.messages.tf import clean_frame
 
 TRACKS = "lidcam_msgs/msg/TrackArray"
 

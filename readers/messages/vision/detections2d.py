@@ -16,16 +16,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, Bools
-from pipeline.core.detections import Boxes2D
-from pipeline.core.messages import RawMessage
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from pipeline.evaluation.evaluation_frame import Names
-from readers.messages.boundary.decoding import decoder
-from readers.messages.tf import clean_frame
-from readers.messages.vision.hypotheses import best_and_counts, box_rows
-
-__all__ = ["DETECTIONS_2D", "Detections2D", "decode_detections2d"]
+from lidcam.pipeline.core.arrays import F32, F64, Bools
+from lidcam.pipeline.core.detections import Boxes2D
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.evaluation.evaluation_frame import Names
+from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.tf import clean_frame
+from lidcam.readers.messages.vision.hypotheses import best_and_counts, box_rows
 
 DETECTIONS_2D = "vision_msgs/msg/Detection2DArray"
 

@@ -17,16 +17,14 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, check_array
-from pipeline.core.messages import RawMessage
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from pipeline.evaluation.evaluation_frame import Names
-from readers.messages.boundary.decoding import decoder
-from readers.messages.objects.found import FoundObjects, ObjectClasses, found_objects
-from readers.messages.tf import clean_frame
-from readers.messages.vision.hypotheses import BoxRows, best_and_counts, box_rows
-
-__all__ = ["DETECTIONS_3D", "Detections3D", "decode_detected_boxes", "decode_detections3d"]
+from lidcam.pipeline.core.arrays import F32, F64, check_array
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.evaluation.evaluation_frame import Names
+from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.objects.found import FoundObjects, ObjectClasses, found_objects
+from lidcam.readers.messages.tf import clean_frame
+from lidcam.readers.messages.vision.hypotheses import BoxRows, best_and_counts, box_rows
 
 DETECTIONS_3D = "vision_msgs/msg/Detection3DArray"
 

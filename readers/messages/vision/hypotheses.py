@@ -6,14 +6,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Indices
-from pipeline.core.messages import RawMessage
-from pipeline.core.ros.vision_numbers import count_of
-from pipeline.core.settings.recording import LimitsConfig
-from readers.messages.deserialize import deserialize_as
-from readers.messages.objects.found import check_boxes
-
-__all__ = ["BoxRows", "best_and_counts", "box_rows"]
+from lidcam.pipeline.core.arrays import F64, Indices
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.ros.vision_numbers import count_of
+from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.readers.messages.deserialize import deserialize_as
+from lidcam.readers.messages.objects.found import check_boxes
 
 _NO_COVARIANCE = np.zeros(36)
 

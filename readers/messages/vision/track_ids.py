@@ -5,10 +5,8 @@ from hashlib import blake2b
 
 import numpy as np
 
-from pipeline.core.arrays import I64
-from pipeline.evaluation.evaluation_frame import UNKNOWN, Names
-
-__all__ = ["track_ids"]
+from lidcam.pipeline.core.arrays import I64
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, Names
 
 _MAX_DIGITS = 18
 _OF_NAMES = 1 << 62

@@ -16,10 +16,8 @@ from math import degrees
 from pathlib import Path
 from typing import Any
 
-from readers.rig.importers.matrices import shaped
-from readers.rig.schema import RigFile, parse_rig
-
-__all__ = ["import_autoware"]
+from lidcam.readers.rig.importers.matrices import shaped
+from lidcam.readers.rig.schema import RigFile, parse_rig
 
 KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
 CAMERA_LINK, OPTICAL_LINK = "camera_link", "camera_optical_link"

@@ -12,11 +12,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pipeline.core.errors import CalibrationError
-from readers.rig.importers.matrices import flat, shaped
-from readers.rig.schema import RigFile, parse_rig
-
-__all__ = ["IMU_FRAME", "import_kalibr"]
+from lidcam.pipeline.core.errors import CalibrationError
+from lidcam.readers.rig.importers.matrices import flat, shaped
+from lidcam.readers.rig.schema import RigFile, parse_rig
 
 IMU_FRAME = "imu"
 

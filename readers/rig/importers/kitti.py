@@ -12,16 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.errors import CalibrationError
-from pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES
-from pipeline.core.settings.model import MAX_NUMBER
-from pipeline.core.small_files import read_small_text
-from readers.rig.importers.matrices import camera_entry, flat, shaped
-from readers.rig.schema import LidarEntry, RigFile
-
-__all__ = ["KittiCalibration", "import_kitti", "kitti_calibration"]
-
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.errors import CalibrationError
+from lidcam.pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES
+from lidcam.pipeline.core.settings.model import MAX_NUMBER
+from lidcam.pipeline.core.small_files import read_small_text
+from lidcam.readers.rig.importers.matrices import camera_entry, flat, shaped
+from lidcam.readers.rig.schema import LidarEntry, RigFile
 
 KITTI_CAMERAS = (2, 3, 0, 1)
 """Colour cameras first: a recording with one camera has the left colour camera, `image_2`."""

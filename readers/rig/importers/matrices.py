@@ -5,12 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.errors import CalibrationError
-from readers.rig.extrinsics import decompose_projection
-from readers.rig.schema import CameraEntry
-
-__all__ = ["camera_entry", "flat", "shaped"]
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.errors import CalibrationError
+from lidcam.readers.rig.extrinsics import decompose_projection
+from lidcam.readers.rig.schema import CameraEntry
 
 
 def camera_entry(T_camera_site: F64, projection: F64) -> CameraEntry:

@@ -13,11 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.errors import CalibrationError
-from readers.rig.importers.matrices import camera_entry, shaped
-from readers.rig.schema import RigFile, parse_rig
-
-__all__ = ["import_calib_txt", "import_geometry"]
+from lidcam.pipeline.core.errors import CalibrationError
+from lidcam.readers.rig.importers.matrices import camera_entry, shaped
+from lidcam.readers.rig.schema import RigFile, parse_rig
 
 COLUMNS = 1 + 16 + 12
 

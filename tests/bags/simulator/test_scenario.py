@@ -6,12 +6,12 @@ import pytest
 import yaml
 from wrong_values import mistakes, words_of_the_library
 
-from bags.simulator.recorder.true_rig import true_rig
-from bags.simulator.scenario.load import load_scenario
-from bags.simulator.scenario.scenario import Scenario
-from pipeline.core.errors import ConfigError
-from pipeline.core.geometry.transform import rotation_fault
-from pipeline.core.settings.validation import checked
+from lidcam.bags.simulator.recorder.true_rig import true_rig
+from lidcam.bags.simulator.scenario.load import load_scenario
+from lidcam.bags.simulator.scenario.scenario import Scenario
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.pipeline.core.geometry.transform import rotation_fault
+from lidcam.pipeline.core.settings.validation import checked
 
 ROOT = Path(__file__).resolve().parents[3]
 LIDAR = {"topic": "/points", "frame_id": "lidar", "position_m": [0, 0, 1]}

@@ -5,8 +5,8 @@ from builders import write_mcap
 from small_drive import small_drive
 
 from lidcam.batch.jobs import find_jobs
-from pipeline.core.errors import RecordingError
-from readers.location import RemotePath
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.readers.location import RemotePath
 
 
 @pytest.fixture

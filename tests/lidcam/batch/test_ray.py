@@ -14,7 +14,7 @@ from lidcam.batch.local import LocalEngine
 from lidcam.batch.ray import RayEngine, _task
 from lidcam.batch.records import JobRecord
 from lidcam.batch.run import BatchOptions, run_batch
-from pipeline.core.errors import LidcamError, WorkerError
+from lidcam.pipeline.core.errors import LidcamError, WorkerError
 
 ray = pytest.importorskip("ray", reason="Ray is not installed")
 cluster_utils = pytest.importorskip("ray.cluster_utils")

@@ -3,8 +3,8 @@ from collections.abc import Mapping
 import pytest
 
 from lidcam.checks.class_numbers import class_number_warnings
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.load import load_config
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.load import load_config
 
 
 @pytest.mark.parametrize(

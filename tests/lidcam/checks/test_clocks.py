@@ -5,8 +5,8 @@ from frames import RIG
 
 from lidcam.checks.clocks import MAX_JUMPS_NAMED, clock_notes, clocks_off, jump_warnings, late_warnings
 from lidcam.checks.missing import MissingSensor
-from pipeline.stages.sync.clocks import Clocks, TimeJump
-from pipeline.stages.sync.policy import DropReason
+from lidcam.pipeline.stages.sync.clocks import Clocks, TimeJump
+from lidcam.pipeline.stages.sync.policy import DropReason
 
 S = 10**9
 

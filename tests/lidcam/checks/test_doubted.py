@@ -8,8 +8,8 @@ from detections import boxes3d
 from frames import CONFIG, frame
 
 from lidcam.checks.doubted import DoubtedCheck
-from pipeline.core.detections import Fused, Hypotheses
-from pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.detections import Fused, Hypotheses
+from lidcam.pipeline.core.frame import FrameResult
 
 CAR, PEDESTRIAN = 0, 1
 BOX = (5.0, 1.0, 0.5, 0.6, 0.6, 1.7, 0.0)

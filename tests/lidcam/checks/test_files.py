@@ -8,7 +8,7 @@ import pytest
 from frames import frame
 
 from lidcam.checks.files import FileCheck
-from pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.frame import FrameResult
 
 PATHS = tuple(Path(name) for name in ("a.bag", "b.bag", "c.bag", "d.bag"))
 TENTH_NS = 100_000_000

@@ -8,12 +8,12 @@ from reports import changed, sound_report
 
 from lidcam.checks.incomplete import absent_lines, damage_lines
 from lidcam.checks.missing import MissingSensor, SilentSpan
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import Drop
+from lidcam.readers.recording import Loss
+from lidcam.readers.rig.sensor_topics import SensorFault
 from lidcam.report import DropCount
 from lidcam.summary import DropTable
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import Drop
-from readers.recording import Loss
-from readers.rig.sensor_topics import SensorFault
 
 BAG, OTHER = Path("drive.bag"), Path("a.bag")
 

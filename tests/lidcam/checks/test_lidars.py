@@ -7,8 +7,8 @@ import pytest
 from frames import RIG, frame
 
 from lidcam.checks.lidars import LidarCheck
-from pipeline.core.frame import FrameResult
-from pipeline.core.messages import Drop
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.messages import Drop
 
 
 def measured(points: Mapping[str, int]) -> FrameResult:

@@ -2,7 +2,7 @@ import pytest
 from frames import RIG
 
 from lidcam.checks.missing import MissingSensor, SilentSpan, absence_warnings, missing_sensors, silence_warnings
-from pipeline.stages.sync.attendance import Absence, Silence
+from lidcam.pipeline.stages.sync.attendance import Absence, Silence
 
 S = 10**9
 START_NS = 1_700_000_000 * S

@@ -14,8 +14,8 @@ from results import fused_objects, messages_of, topics_of
 import lidcam
 from lidcam.commands.compare import AllowedDifference
 from lidcam.commands.compare import compare as run_compare
-from pipeline.core.errors import CheckError, IncompleteError, LidcamError, OutputError, RecordingError
-from pipeline.evaluation.comparison.object_changes import KINDS
+from lidcam.pipeline.core.errors import CheckError, IncompleteError, LidcamError, OutputError, RecordingError
+from lidcam.pipeline.evaluation.comparison.object_changes import KINDS
 
 ROOT = Path(__file__).parents[3]
 FUSED = "/fused/detections"

@@ -17,7 +17,14 @@ from lidcam.commands.process import run_process
 from lidcam.evaluation.evaluation import make_evaluation_job
 from lidcam.evaluation.requirement import Requirement, read_requirements
 from lidcam.job import make_job
-from pipeline.core.errors import CalibrationError, CheckError, ConfigError, IncompleteError, LidcamError, RecordingError
+from lidcam.pipeline.core.errors import (
+    CalibrationError,
+    CheckError,
+    ConfigError,
+    IncompleteError,
+    LidcamError,
+    RecordingError,
+)
 
 SANDBOX = ROOT / "bags" / "sandbox.bag"
 SMALL = ["output.images=false", "output.clouds=false", "output.layout=false", CLUSTERS]

@@ -11,8 +11,8 @@ from builders import odometry, pointcloud2, raw, write_rosbag1
 from logging_state import kept_logging
 
 from lidcam.commands.inspect import inspect
-from pipeline.core.errors import CheckError, IncompleteError
-from readers.rig.rig_file import load_rig
+from lidcam.pipeline.core.errors import CheckError, IncompleteError
+from lidcam.readers.rig.rig_file import load_rig
 
 STEP_NS = 100_000_000
 NOWHERE = "rig.site_frame=nowhere"

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from lidcam.commands.json_output import json_output
-from pipeline.core.errors import LidcamError, OutputError
+from lidcam.pipeline.core.errors import LidcamError, OutputError
 
 
 def write(path: Path, tree: object, *, overwrite: bool = False) -> None:

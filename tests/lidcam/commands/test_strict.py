@@ -7,9 +7,9 @@ from reports import changed, sound_report
 
 from lidcam.checks.missing import MissingSensor, SilentSpan
 from lidcam.commands.strict import strict_failure
+from lidcam.readers.recording import Loss
+from lidcam.readers.rig.sensor_topics import SensorFault
 from lidcam.report import DropCount, RunReport
-from readers.recording import Loss
-from readers.rig.sensor_topics import SensorFault
 
 
 def with_drops(used: int, *drops: DropCount) -> RunReport:

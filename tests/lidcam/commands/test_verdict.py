@@ -3,7 +3,7 @@
 import pytest
 
 from lidcam.commands.verdict import Verdict, first_of
-from pipeline.core.errors import CheckError, IncompleteError
+from lidcam.pipeline.core.errors import CheckError, IncompleteError
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,8 @@
 from evaluation_frames import frame_of, rows_at, truth_boxes
 
 from lidcam.evaluation.counts import FrameCounts
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.evaluation_frame import Evaluator
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.evaluation_frame import Evaluator
 
 
 def test_without_frames() -> None:

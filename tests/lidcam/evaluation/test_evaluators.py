@@ -10,8 +10,8 @@ from evaluation_frames import frame_of, rows_at, source_boxes, truth_boxes
 
 from lidcam.evaluation.evaluators import evaluators_of, known_figures, measure, timed
 from lidcam.evaluation.figures import NamedFigures
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.evaluation_frame import SOURCES, EvaluationFrame, ImageBoxes
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.evaluation_frame import SOURCES, EvaluationFrame, ImageBoxes
 
 RIG, RIG_WITH_CAMERA = camera_rig(), camera_rig(forward_camera())
 

@@ -13,14 +13,14 @@ import pytest
 from lidcam.evaluation.evaluators import evaluators_of, measure
 from lidcam.evaluation.figures import NamedFigures
 from lidcam.evaluation.frames import EvaluationFrames
-from pipeline.core.arrays import Indices
-from pipeline.core.detections import Boxes3D
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.evaluation_frame import EvaluationFrame, SourceBoxes
-from readers.results.result import open_result
-from readers.truth.open import open_truth
+from lidcam.pipeline.core.arrays import Indices
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, SourceBoxes
+from lidcam.readers.results.result import open_result
+from lidcam.readers.truth.open import open_truth
 
 ROOT = Path(__file__).resolve().parents[3]
 FRAME = 6

@@ -20,23 +20,23 @@ from truth_messages import true_object, truth_message, visible_message
 from lidcam import process
 from lidcam.commands.simulation.simulate import simulate
 from lidcam.evaluation.frames import EvaluationFrames
-from pipeline.core.detections import Source
-from pipeline.core.errors import FrameError
-from pipeline.core.frame import FrameResult
-from pipeline.core.geometry.boxes import iou_xyxy, wrap_angle
-from pipeline.core.messages import RawMessage
-from pipeline.core.ros.typestores import message_types
-from pipeline.core.settings.load import dump_config
-from pipeline.evaluation.evaluation_frame import EvaluationFrame, TruthBoxes2D, TruthBoxes3D
-from readers.messages.vision.detections3d import decode_detections3d
-from readers.messages.vision.track_ids import track_ids
-from readers.results.result import open_result
-from readers.rig.rig_file import rig_yaml
-from readers.truth.moment import moment_of
-from readers.truth.open import OpenTruth, open_truth
-from readers.truth.source import TruthSource
-from writers.mcap.writer import McapResultWriter
-from writers.outputs.transaction import OutputFile
+from lidcam.pipeline.core.detections import Source
+from lidcam.pipeline.core.errors import FrameError
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.boxes import iou_xyxy, wrap_angle
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.ros.typestores import message_types
+from lidcam.pipeline.core.settings.load import dump_config
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, TruthBoxes2D, TruthBoxes3D
+from lidcam.readers.messages.vision.detections3d import decode_detections3d
+from lidcam.readers.messages.vision.track_ids import track_ids
+from lidcam.readers.results.result import open_result
+from lidcam.readers.rig.rig_file import rig_yaml
+from lidcam.readers.truth.moment import moment_of
+from lidcam.readers.truth.open import OpenTruth, open_truth
+from lidcam.readers.truth.source import TruthSource
+from lidcam.writers.mcap.writer import McapResultWriter
+from lidcam.writers.outputs.transaction import OutputFile
 
 BAGS = Path(__file__).resolve().parents[3] / "bags"
 

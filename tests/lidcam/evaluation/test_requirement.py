@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from lidcam.evaluation.figures import NamedFigures
 from lidcam.evaluation.requirement import OPERATORS, Requirement, RequirementError, check_names, read_requirements
-from pipeline.evaluation.evaluation_frame import Figures
+from lidcam.pipeline.evaluation.evaluation_frame import Figures
 
 TREE: dict[str, Any] = {
     "sources": {

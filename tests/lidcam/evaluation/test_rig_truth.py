@@ -6,9 +6,9 @@ import numpy as np
 
 import lidcam
 from lidcam.evaluation.frames import EvaluationFrames
-from readers.results.result import open_result
-from readers.rig.schema import parse_rig
-from readers.truth.open import open_truth
+from lidcam.readers.results.result import open_result
+from lidcam.readers.rig.schema import parse_rig
+from lidcam.readers.truth.open import open_truth
 
 ROOT = Path(__file__).resolve().parents[3]
 TRUTH = {

@@ -20,10 +20,10 @@ from range_server import RangeServer, range_server
 
 from lidcam.networks.fetch import _SafeRedirects
 from lidcam.networks.known import NETWORKS, KnownNetwork, network_path, networks_folder
-from pipeline.core.errors import ModelError
-from pipeline.core.settings.detect import Detect2DConfig
-from pipeline.detectors.onnx.detector import OnnxDetector2D
-from readers.results.result import open_result
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.core.settings.detect import Detect2DConfig
+from lidcam.pipeline.detectors.onnx.detector import OnnxDetector2D
+from lidcam.readers.results.result import open_result
 
 SANDBOX = Path(__file__).resolve().parents[3] / "bags" / "sandbox.bag"
 NAME = "yolox-nano"
@@ -131,7 +131,7 @@ def test_no_space(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("writers.outputs.work_folder.os.fsync", full)
+    monkeypatch.setattr("lidcam.writers.outputs.work_folder.os.fsync", full)
     done = called(tmp_path, "fetch", NAME)
     folder = networks_folder()
     assert (done.code, list(folder.iterdir())) == (1, [])

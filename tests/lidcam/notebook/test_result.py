@@ -12,8 +12,8 @@ from helpers import CLUSTERS
 
 import lidcam
 from lidcam.notebook import loaded
-from writers.palette import class_color
-from writers.tables.objects import ARRAYS
+from lidcam.writers.palette import class_color
+from lidcam.writers.tables.objects import ARRAYS
 
 BAGS = Path(__file__).resolve().parents[3] / "bags"
 CROSSING = BAGS / "crossing.mcap"

@@ -8,14 +8,14 @@ from frames import RIG
 from memory_recording import MemoryRecording
 
 from lidcam.outputs.copied import choose_copied, choose_drawn, truth_frames
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.geometry.transform_tree import TransformTree
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.rig import TruthVehicle
-from pipeline.core.settings.config import Config
-from readers.messages.tf import RecordedTransforms
-from readers.recording import TopicInfo
-from readers.rig.discovery import Discovery
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.geometry.transform_tree import TransformTree
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.rig import TruthVehicle
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.messages.tf import RecordedTransforms
+from lidcam.readers.recording import TopicInfo
+from lidcam.readers.rig.discovery import Discovery
 
 OUT = [Path("out.mcap"), Path("out.rrd")]
 ODOM, BOXES = "nav_msgs/msg/Odometry", "vision_msgs/msg/Detection3DArray"

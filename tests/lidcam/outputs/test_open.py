@@ -14,11 +14,11 @@ from onnx_files import write_yolox
 import lidcam
 from lidcam.job import make_job
 from lidcam.outputs.allowed import RRD_STORE
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.detectors.pillars.embedded import EMBEDDED
+from lidcam.readers.results.result import open_result
 from lidcam.run import RunObserver, process_recording
-from pipeline.core.frame import FrameResult
-from pipeline.core.messages import RawMessage
-from pipeline.detectors.pillars.embedded import EMBEDDED
-from readers.results.result import open_result
 
 SANDBOX = Path(__file__).resolve().parents[3] / "bags/sandbox.bag"
 SMALL = {"output.images": False, "output.clouds": False, "detect3d.method": "cluster"}

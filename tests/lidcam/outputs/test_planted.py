@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from command import called
 
-from pipeline.core.errors import OutputError
-from writers.outputs.transaction import OutputTransaction
+from lidcam.pipeline.core.errors import OutputError
+from lidcam.writers.outputs.transaction import OutputTransaction
 
 SAMPLE = Path(__file__).resolve().parents[3] / "bags" / "sandbox.bag"
 

@@ -13,14 +13,14 @@ from mcap.writer import Writer
 from small_drive import small_drive
 
 import lidcam
-from bags.simulator.recorder.files import RecordingFormat, recording_file, recording_outputs, ros_version_of
-from bags.simulator.recorder.messages import MessageFactory
+from lidcam.bags.simulator.recorder.files import RecordingFormat, recording_file, recording_outputs, ros_version_of
+from lidcam.bags.simulator.recorder.messages import MessageFactory
 from lidcam.commands.inspect import inspect as run_inspect
 from lidcam.outputs.allowed import MERGED, REPAIRED, SIMULATED, TEXT, check_no_input, check_replaced
 from lidcam.outputs.kinds import MATCHES, OUTPUTS
-from pipeline.core.errors import OutputError
-from pipeline.core.messages import RawMessage
-from writers.outputs.marks import is_unchanged_text, marked_json, marked_yaml
+from lidcam.pipeline.core.errors import OutputError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.writers.outputs.marks import is_unchanged_text, marked_json, marked_yaml
 
 OWN = {
     "mcap": OUTPUTS[".mcap"].is_result,

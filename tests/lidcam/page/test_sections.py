@@ -10,10 +10,10 @@ from frames import CONFIG, RIG
 
 from lidcam.checks.warning import RunWarning
 from lidcam.page import sections
-from pipeline.evaluation.evaluation_frame import Motion, SourceBoxes
-from writers.report import html
-from writers.report.collector import ReportCollector
-from writers.report.page import page
+from lidcam.pipeline.evaluation.evaluation_frame import Motion, SourceBoxes
+from lidcam.writers.report import html
+from lidcam.writers.report.collector import ReportCollector
+from lidcam.writers.report.page import page
 
 HOSTILE = "<script>alert(1)</script>"
 WARNING = RunWarning("cam0", "silent throughout", "check its driver")

@@ -14,12 +14,12 @@ from lidcam.evaluation.evaluation import Evaluation, Truth
 from lidcam.evaluation.evaluators import evaluators_of, measure
 from lidcam.evaluation.figures import NamedFigures
 from lidcam.evaluation.requirement import read_requirements
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Motion
 from lidcam.printing.evaluation import print_evaluation
 from lidcam.printing.terminal import console
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.evaluation_frame import EvaluationFrame, Motion
-from readers.input_file import InputFile
+from lidcam.readers.input_file import InputFile
 
 RIG = Rig("site", (), (), ())
 CAR_AT, VAN_AT = (5.0, 0.0), (20.0, 5.0)

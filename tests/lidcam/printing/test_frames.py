@@ -7,10 +7,10 @@ import numpy as np
 from frames import CONFIG, RIG, frame, tracks_of
 from rich.console import Console
 
+from lidcam.pipeline.core.detections import Fused, Matches, Source
+from lidcam.pipeline.core.frame import FrameResult
 from lidcam.printing.console import print_detections, print_matches
 from lidcam.summary import Tally
-from pipeline.core.detections import Fused, Matches, Source
-from pipeline.core.frame import FrameResult
 
 BOTH, CAMERA, LIDAR, PREDICTED = Source.BOTH, Source.CAMERA, Source.LIDAR, Source.PREDICTED
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from logging_state import kept_logging
 
+from lidcam.pipeline.core.errors import OutputError
 from lidcam.printing.log import Verbosity, configure_logging, progress_log, remark_log, verdict_log
-from pipeline.core.errors import OutputError
 
 
 @pytest.fixture(autouse=True)
@@ -20,7 +20,7 @@ def as_it_was() -> Iterator[None]:
 
 
 def tell_everything() -> None:
-    logging.getLogger("readers.open").debug("debug")
+    logging.getLogger("lidcam.readers.open").debug("debug")
     logging.getLogger("lidcam.run").info("info")
     logging.getLogger("lidcam.run").warning("warning")
     logging.getLogger("lidcam.program").error("error")
@@ -64,7 +64,7 @@ def test_errors_are_red_on_a_terminal(
         (Verbosity.NORMAL, False, NORMAL),
         (Verbosity.NORMAL, True, [line for line in NORMAL if "progress" not in line]),  # there a bar is drawn
         (Verbosity.QUIET, False, ["lidcam: error: error", LAST]),
-        (Verbosity.VERBOSE, True, ["readers.open: debug", "lidcam: info", *NORMAL]),
+        (Verbosity.VERBOSE, True, ["lidcam.readers.open: debug", "lidcam: info", *NORMAL]),
     ],
 )
 def test_stderr(
@@ -95,7 +95,7 @@ def test_a_log_file_gets_everything_with_times(tmp_path: Path, verbosity: Verbos
     time_of = re.compile(r"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z ")
     assert all(time_of.match(line) for line in lines)
     quiet = verbosity == Verbosity.QUIET
-    expected = ["DEBUG   readers.open: debug", "INFO    lidcam.run: info", "WARNING lidcam.run: warning"]
+    expected = ["DEBUG   lidcam.readers.open: debug", "INFO    lidcam.run: info", "WARNING lidcam.run: warning"]
     expected += ["ERROR   lidcam.program: error", "WARNING library: warning of a library"]
     expected += [] if quiet else ["INFO    lidcam.progress: progress"]
     assert [time_of.sub("", line) for line in lines] == [

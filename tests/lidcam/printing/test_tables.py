@@ -4,6 +4,7 @@ import pytest
 from rich.console import Console, RenderableType
 
 from lidcam.checks.missing import MissingSensor, SilentSpan
+from lidcam.pipeline.evaluation.road_users import RoadUserCount, RoadUsers, ZoneChange
 from lidcam.printing.folding import show_table
 from lidcam.printing.numbers import number, percent, share, signed
 from lidcam.printing.tables import (
@@ -14,8 +15,7 @@ from lidcam.printing.tables import (
     sensors_table,
     stages_table,
 )
-from pipeline.evaluation.road_users import RoadUserCount, RoadUsers, ZoneChange
-from readers.rig.calibration import SensorSource
+from lidcam.readers.rig.calibration import SensorSource
 
 OBJECTS = {("car", "north"): 6, ("car", "outside"): 1, ("bus", "south"): 3}
 

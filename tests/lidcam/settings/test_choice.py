@@ -2,11 +2,11 @@ from pathlib import Path
 
 import pytest
 
+from lidcam.pipeline.core.settings.bundled import PRESETS
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.load import load_config
 from lidcam.settings.choice import UsedSettings, choose_settings, used_record
 from lidcam.settings.scene import SceneSize, judge
-from pipeline.core.settings.bundled import PRESETS
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.load import load_config
 
 ALLOWED = {"combine", "detect3d", "detect2d", "associate", "fuse", "classes"}
 

@@ -1,8 +1,8 @@
 import pytest
 
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.pipeline.core.settings.load import load_config
 from lidcam.settings.effect import COMPARING, EVALUATING, check_effect, settings_sha256
-from pipeline.core.errors import ConfigError
-from pipeline.core.settings.load import load_config
 
 
 @pytest.mark.parametrize(

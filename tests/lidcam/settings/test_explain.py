@@ -1,11 +1,11 @@
 import pytest
 
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.pipeline.core.settings.bundled import PRESETS
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.fuse import FuseConfig
+from lidcam.pipeline.core.settings.validation import key_places
 from lidcam.settings.explain import explain, preset_summaries
-from pipeline.core.errors import ConfigError
-from pipeline.core.settings.bundled import PRESETS
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.fuse import FuseConfig
-from pipeline.core.settings.validation import key_places
 
 KEYS = [key for key, _ in key_places(Config)]
 

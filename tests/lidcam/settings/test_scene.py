@@ -9,15 +9,15 @@ import pytest
 from builders import pointcloud2, raw
 from memory_recording import MemoryRecording
 
+from lidcam.pipeline.core.arrays import F32
+from lidcam.pipeline.core.geometry.transform_tree import TransformTree
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.messages.tf import RecordedTransforms
+from lidcam.readers.rig.discovery import Discovery
 from lidcam.settings.choice import choose_settings, use_settings
 from lidcam.settings.scene import MAX_MESSAGES, SceneSize, measure_scene
-from pipeline.core.arrays import F32
-from pipeline.core.geometry.transform_tree import TransformTree
-from pipeline.core.messages import RawMessage
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from readers.messages.tf import RecordedTransforms
-from readers.rig.discovery import Discovery
 
 START_NS = 1_600_000_000_000_000_000
 PERIOD_NS = 100_000_000

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from lidcam.pipeline.detectors.cluster.features import FEATURES
 from lidcam.training.examples import examples_of_worlds
-from pipeline.detectors.cluster.features import FEATURES
 
 
 def test_several_lidars_on_masts_see_all_kinds_in_two_worlds() -> None:

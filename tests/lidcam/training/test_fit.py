@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lidcam.pipeline.core.arrays import I64
+from lidcam.pipeline.detectors.cluster.features import FEATURES
 from lidcam.training import fit
 from lidcam.training.card import calibration_error, figures
 from lidcam.training.examples import Examples, kinds_of_boxes
 from lidcam.training.fit import calibrated, fitted, log_loss
-from pipeline.core.arrays import I64
-from pipeline.detectors.cluster.features import FEATURES
 
 
 def examples(count: int, seed: int = 0) -> Examples:

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.errors import RecordingError
 from lidcam.training import fit
 from lidcam.training.clusters import Trained, train_clusters
 from lidcam.training.examples import examples_of_frame
 from lidcam.training.labelled import LabelledFrame, Objects, Recordings, TrueBoxes, points_in_boxes, saved
 from lidcam.training.pillars.scenes import UNLABELLED, known_to, targets_of_frame
-from pipeline.core.arrays import F64
-from pipeline.core.errors import RecordingError
 
 CAR = 4.0, 1.8, 1.5
 

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lidcam.pipeline.core.errors import RecordingError
 from lidcam.training import recordings
 from lidcam.training.labelled import Recordings, loaded
 from lidcam.training.pillars.scenes import Source, rounds
 from lidcam.training.recordings import read_recordings
-from pipeline.core.errors import RecordingError
 
 SANDBOX = Path(__file__).resolve().parents[3] / "bags" / "sandbox.bag"
 

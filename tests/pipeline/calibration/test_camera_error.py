@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from wrong_cameras import CAMERA, CUBOIDS, passing, without_tracks
 
-from pipeline.calibration.camera_error import MIN_PAIRS, CameraError, camera_error
-from pipeline.calibration.pairs import tracked_pairs
-from pipeline.core.arrays import join_rows
-from pipeline.core.frame import FrameResult
+from lidcam.pipeline.calibration.camera_error import MIN_PAIRS, CameraError, camera_error
+from lidcam.pipeline.calibration.pairs import tracked_pairs
+from lidcam.pipeline.core.arrays import join_rows
+from lidcam.pipeline.core.frame import FrameResult
 
 LIDAR_XY = np.zeros((1, 2))
 DEGREE = np.pi / 180

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pipeline.calibration.lidar_error import lidar_error
-from pipeline.core.arrays import F64
+from lidcam.pipeline.calibration.lidar_error import lidar_error
+from lidcam.pipeline.core.arrays import F64
 
 FIRST, SECOND = np.array([-2.0, 0, 1.8]), np.array([2.0, 1, 1.6])
 ROOM = np.array([[-10.0, -8, 0], [10, 8, 5]])

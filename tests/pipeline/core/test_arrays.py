@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.arrays import F64, I64, Rows, check_array, first_of_runs, select_rows
+from lidcam.pipeline.core.arrays import F64, I64, Rows, check_array, first_of_runs, select_rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)

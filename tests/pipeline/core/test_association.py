@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import multivariate_t
 
-from pipeline.core.association import (
+from lidcam.pipeline.core.association import (
     FREEDOM,
     class_agreement,
     class_confusion,
@@ -14,8 +14,8 @@ from pipeline.core.association import (
     rectangle_features,
     squared_distances,
 )
-from pipeline.core.settings.classes import ROAD_CLASSES
-from pipeline.core.settings.fuse import AssociateConfig
+from lidcam.pipeline.core.settings.classes import ROAD_CLASSES
+from lidcam.pipeline.core.settings.fuse import AssociateConfig
 
 CAR, PEDESTRIAN, BICYCLE, TRUCK, BUS = range(5)
 

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.arrays import F64
-from pipeline.core.camera import CameraModel
-from pipeline.core.errors import CalibrationError
-from pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.camera import CameraModel
+from lidcam.pipeline.core.errors import CalibrationError
+from lidcam.pipeline.core.geometry.boxes import box_corners
 
 K = np.array([[520.0, 0.0, 333.0], [0.0, 510.0, 251.0], [0.0, 0.0, 1.0]])
 OPTICAL = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])  # site axes (x forward, z up) to optical ones

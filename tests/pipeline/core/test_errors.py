@@ -6,7 +6,13 @@ import cv2
 import numpy as np
 import pytest
 
-from pipeline.core.errors import LidcamError, RecordingError, ShortMemoryError, is_short_memory, short_memory_told
+from lidcam.pipeline.core.errors import (
+    LidcamError,
+    RecordingError,
+    ShortMemoryError,
+    is_short_memory,
+    short_memory_told,
+)
 
 
 def opencv(code: int) -> cv2.error:

@@ -5,7 +5,7 @@ import pytest
 from lidar_scene import combined
 from scipy.interpolate import RegularGridInterpolator
 
-from pipeline.core.clouds import Plane, Relief
+from lidcam.pipeline.core.clouds import Plane, Relief
 
 PLANE = Plane(np.array([0.0, 0.0, 1.0]), -0.5)
 

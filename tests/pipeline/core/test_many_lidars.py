@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.core.errors import CalibrationError
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import LidarSensor, Rig
+from lidcam.pipeline.core.errors import CalibrationError
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import LidarSensor, Rig
 
 
 def test_no_more_lidars_than_a_byte_counts() -> None:

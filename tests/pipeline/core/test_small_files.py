@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.core.errors import CalibrationError
-from pipeline.core.small_files import read_small_text
+from lidcam.pipeline.core.errors import CalibrationError
+from lidcam.pipeline.core.small_files import read_small_text
 
 
 def read(path: Path) -> str:

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from pipeline.core.text import brief, one_line, visible
+from lidcam.pipeline.core.text import brief, one_line, visible
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.core.detections import Boxes3D, Fused
-from pipeline.core.tracks import NO_TRACK, Tracks
+from lidcam.pipeline.core.detections import Boxes3D, Fused
+from lidcam.pipeline.core.tracks import NO_TRACK, Tracks
 
 
 @pytest.mark.parametrize("count", [0, 1, 3])

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.urls import shown_url, without_secrets
+from lidcam.pipeline.core.urls import shown_url, without_secrets
 
 
 @pytest.mark.parametrize(

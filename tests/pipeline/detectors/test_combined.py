@@ -7,15 +7,15 @@ import pytest
 from lidar_scene import Box, combined, rig, scan
 from pillar_files import numbers_of, write_pillars
 
-from pipeline.core.arrays import F64
-from pipeline.core.detections import Boxes3D
-from pipeline.core.errors import ModelError
-from pipeline.core.settings.load import load_config
-from pipeline.detectors.cluster.features import FEATURES
-from pipeline.detectors.cluster.kinds import KINDS
-from pipeline.detectors.cluster.network import ClusterNetwork
-from pipeline.detectors.combined import AHEAD, FITTED
-from pipeline.stages.detect3d import Detect3D
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.pipeline.detectors.cluster.features import FEATURES
+from lidcam.pipeline.detectors.cluster.kinds import KINDS
+from lidcam.pipeline.detectors.cluster.network import ClusterNetwork
+from lidcam.pipeline.detectors.combined import AHEAD, FITTED
+from lidcam.pipeline.stages.detect3d import Detect3D
 
 LIDAR = (0.0, 0.0, 1.8)
 CAR: Box = (8.2, -3.1, 0.75, 4.2, 1.75, 1.5, 2.5)

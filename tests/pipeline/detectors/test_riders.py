@@ -4,8 +4,8 @@ from detections import boxes2d
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.detections import Boxes2D
-from pipeline.detectors.riders import finds_riders_apart, join_riders
+from lidcam.pipeline.core.detections import Boxes2D
+from lidcam.pipeline.detectors.riders import finds_riders_apart, join_riders
 
 PEDESTRIAN, BICYCLE = 1, 2
 Row = tuple[float, float, float, float, float, int]

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.arrays import F64, I64, Bools
-from pipeline.evaluation.assignment import assign_heaviest, assign_nearest, conflicts
+from lidcam.pipeline.core.arrays import F64, I64, Bools
+from lidcam.pipeline.evaluation.assignment import assign_heaviest, assign_nearest, conflicts
 
 EDGES = st.dictionaries(
     st.tuples(st.integers(0, 5), st.integers(0, 5)), st.floats(0.01, 2.0).map(lambda value: round(value, 3)), max_size=9

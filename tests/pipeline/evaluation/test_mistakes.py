@@ -3,9 +3,9 @@ from typing import Any
 import numpy as np
 from evaluation_frames import frame_of, source_boxes, truth_boxes
 
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.evaluation_frame import EvaluationFrame, TruthBoxes3D
-from pipeline.evaluation.mistakes import Mistakes
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, TruthBoxes3D
+from lidcam.pipeline.evaluation.mistakes import Mistakes
 
 CONFIG = Config()
 TRUCK = 3

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from pipeline.core.arrays import F64, I64
-from pipeline.evaluation.pieces import MAX_LOOSE, Pieces
+from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.evaluation.pieces import MAX_LOOSE, Pieces
 
 
 @dataclass(frozen=True)

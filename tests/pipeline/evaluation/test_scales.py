@@ -1,9 +1,16 @@
 import numpy as np
 import pytest
 
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.scales import is_flip, length_scales, nuscenes_ranges_m, range_edges_m, range_names, range_rows
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
+from lidcam.pipeline.evaluation.scales import (
+    is_flip,
+    length_scales,
+    nuscenes_ranges_m,
+    range_edges_m,
+    range_names,
+    range_rows,
+)
 
 NUSCENES = Config(evaluate=EvaluateConfig(distances="nuscenes"))
 

@@ -5,9 +5,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.arrays import F64
-from pipeline.evaluation.evaluation_frame import UNKNOWN
-from pipeline.evaluation.true_motion import ground_poses, ground_turns, has_moved, true_velocities
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
+from lidcam.pipeline.evaluation.true_motion import ground_poses, ground_turns, has_moved, true_velocities
 
 STEP_NS = 100_000_000
 

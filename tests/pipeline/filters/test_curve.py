@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.filters.curve import CELLS, CROWD, curve_order
+from lidcam.pipeline.filters.curve import CELLS, CROWD, curve_order
 
 
 def test_a_walk_along_the_curve_goes_from_cell_to_cell() -> None:

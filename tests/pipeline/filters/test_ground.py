@@ -8,11 +8,11 @@ from helpers import shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.core.arrays import F32, F64
-from pipeline.core.clouds import Plane
-from pipeline.core.settings.combine import GroundConfig
-from pipeline.filters.ground import find_ground
-from pipeline.filters.ground_kernels import COMPILED
+from lidcam.pipeline.core.arrays import F32, F64
+from lidcam.pipeline.core.clouds import Plane
+from lidcam.pipeline.core.settings.combine import GroundConfig
+from lidcam.pipeline.filters.ground import find_ground
+from lidcam.pipeline.filters.ground_kernels import COMPILED
 
 ORIGIN = np.zeros((1, 3))
 FINITE_SCENES = ("odd_cloud2_small", "odd_dups", "odd_tiny", "s10k_0", "s10k_1", "s30k_0")

@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from pipeline.core.arrays import F32
-from pipeline.core.clouds import Relief
-from pipeline.filters.ground import PLAIN
-from pipeline.filters.ground_kernels import COMPILED, parted
+from lidcam.pipeline.core.arrays import F32
+from lidcam.pipeline.core.clouds import Relief
+from lidcam.pipeline.filters.ground import PLAIN
+from lidcam.pipeline.filters.ground_kernels import COMPILED, parted
 
 PLANE = np.array([0.05, -0.1, 0.9937303, 1.2], np.float32)
 LAYER_M = np.float32(0.1)

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial import cKDTree
 
-from pipeline.core.arrays import F32, F64
-from pipeline.filters.neighbor_search import mean_neighbor_distance_m
-from pipeline.filters.outliers import statistical_inliers
+from lidcam.pipeline.core.arrays import F32, F64
+from lidcam.pipeline.filters.neighbor_search import mean_neighbor_distance_m
+from lidcam.pipeline.filters.outliers import statistical_inliers
 
 SCENES = ("odd_cloud2_small", "odd_dups", "odd_nan", "odd_tiny", "s10k_0", "s10k_1", "s30k_0")
 

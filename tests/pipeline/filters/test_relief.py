@@ -5,10 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pipeline.core.arrays import F32, F64
-from pipeline.core.clouds import Plane, Relief
-from pipeline.core.settings.combine import GroundConfig
-from pipeline.filters.relief import find_relief
+from lidcam.pipeline.core.arrays import F32, F64
+from lidcam.pipeline.core.clouds import Plane, Relief
+from lidcam.pipeline.core.settings.combine import GroundConfig
+from lidcam.pipeline.filters.relief import find_relief
 
 Heights = Callable[[F64], F64]
 """Z at points (N, 2)."""

@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
-from pipeline.fusion.assignment import assign
+from lidcam.pipeline.fusion.assignment import assign
 
 
 @given(st.integers(0, 7), st.integers(0, 7), st.integers(0, 2**32 - 1), st.booleans())

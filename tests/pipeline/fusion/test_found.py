@@ -1,8 +1,8 @@
 import numpy as np
 from detections import boxes2d
 
-from pipeline.core.detections import Boxes2D
-from pipeline.fusion.found import FoundBoxes
+from lidcam.pipeline.core.detections import Boxes2D
+from lidcam.pipeline.fusion.found import FoundBoxes
 
 ONE = [(0.0, 0.0, 5.0, 5.0, 0.5, 0), (1.0, 0.0, 5.0, 5.0, 0.9, 1), (0.0, 0.0, 4.0, 5.0, 0.5, 0)]
 TWO = [(7.0, 0.0, 9.0, 5.0, 0.3, 2)]

@@ -6,12 +6,18 @@ from hypothesis import strategies as st
 from lens_models import LENS_MODELS, lens
 from seen_boxes import edges_in_view
 
-from pipeline.core.arrays import F64
-from pipeline.core.camera import CameraModel
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import CameraSensor
-from pipeline.fusion.projection import CameraArrays, ProjectedEdges, cuboid_outline, project_edges, rounded_outline
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.camera import CameraModel
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.fusion.projection import (
+    CameraArrays,
+    ProjectedEdges,
+    cuboid_outline,
+    project_edges,
+    rounded_outline,
+)
 
 STEP = 1e-6
 

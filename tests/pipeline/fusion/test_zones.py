@@ -4,9 +4,9 @@ from detections import boxes3d
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.detections import Fused
-from pipeline.core.rig import Zone, ZoneUse
-from pipeline.fusion.zones import is_reported, select_by_zones
+from lidcam.pipeline.core.detections import Fused
+from lidcam.pipeline.core.rig import Zone, ZoneUse
+from lidcam.pipeline.fusion.zones import is_reported, select_by_zones
 
 
 def square(name: str, x: float, y: float, side: float, use: ZoneUse = "count") -> Zone:

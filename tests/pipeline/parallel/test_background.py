@@ -3,7 +3,7 @@ from typing import Any
 
 import pytest
 
-from pipeline.parallel.background import Background
+from lidcam.pipeline.parallel.background import Background
 
 
 def failing() -> None:

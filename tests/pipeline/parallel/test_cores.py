@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.parallel.cores import usable_cores
+from lidcam.pipeline.parallel.cores import usable_cores
 
 
 @pytest.mark.parametrize(
@@ -21,18 +21,18 @@ def test_a_container_has_fewer_cores_than_its_machine(
     limit: str, expected: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "cpu.max").write_text(limit, encoding="ascii")
-    monkeypatch.setattr("pipeline.parallel.cores.CGROUP_LIMIT", tmp_path / "cpu.max")
+    monkeypatch.setattr("lidcam.pipeline.parallel.cores.CGROUP_LIMIT", tmp_path / "cpu.max")
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)))
     assert usable_cores() == expected
 
 
 def test_no_container(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pipeline.parallel.cores.CGROUP_LIMIT", tmp_path / "none")
+    monkeypatch.setattr("lidcam.pipeline.parallel.cores.CGROUP_LIMIT", tmp_path / "none")
     assert usable_cores() == len(os.sched_getaffinity(0))
 
 
 def test_a_system_that_tells_nothing_of_affinity(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pipeline.parallel.cores.CGROUP_LIMIT", tmp_path / "none")
+    monkeypatch.setattr("lidcam.pipeline.parallel.cores.CGROUP_LIMIT", tmp_path / "none")
     monkeypatch.delattr(os, "sched_getaffinity")
     monkeypatch.setattr(os, "cpu_count", lambda: 6)
     assert usable_cores() == 6

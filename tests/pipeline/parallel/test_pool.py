@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.parallel.pool import process_pool
+from lidcam.pipeline.parallel.pool import process_pool
 
 PROGRAM = """
 import os, time
-from pipeline.parallel.pool import process_pool
+from lidcam.pipeline.parallel.pool import process_pool
 
 if __name__ == "__main__":
     with process_pool(2) as pool:

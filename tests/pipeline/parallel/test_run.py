@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from shared_graphs import Frame, Seen, frames, make_graph, make_nothing, make_random
 
-from pipeline.core.errors import MessageError, WorkerError
-from pipeline.graph import Graph, Node
-from pipeline.parallel.process import copied_workers
-from pipeline.parallel.run import Limits, run_parallel
-from pipeline.parallel.worker import MakeGraph, WorkerTraceback
+from lidcam.pipeline.core.errors import MessageError, WorkerError
+from lidcam.pipeline.graph import Graph, Node
+from lidcam.pipeline.parallel.process import copied_workers
+from lidcam.pipeline.parallel.run import Limits, run_parallel
+from lidcam.pipeline.parallel.worker import MakeGraph, WorkerTraceback
 
 # The test runner has threads.
 pytestmark = pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork:DeprecationWarning")
@@ -31,8 +31,8 @@ ways = pytest.mark.parametrize("way", ["interpreter", "copy"], indirect=True)
 def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """How other processes start; they are there from the first frame on."""
     name: str = getattr(request, "param", "interpreter")
-    monkeypatch.setattr("pipeline.parallel.run.START_S", 0.0)
-    monkeypatch.setattr("pipeline.parallel.process._may_fork", lambda: name == "copy")
+    monkeypatch.setattr("lidcam.pipeline.parallel.run.START_S", 0.0)
+    monkeypatch.setattr("lidcam.pipeline.parallel.process._may_fork", lambda: name == "copy")
     return name
 
 
@@ -204,9 +204,9 @@ def test_a_process_that_hangs_does_not_hold_up_the_end() -> None:
 @ways
 @pytest.mark.parametrize("level", [logging.DEBUG, logging.INFO])
 def test_the_log_of_other_processes(level: int, caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level(level, "pipeline.test")
+    caplog.set_level(level, "lidcam.pipeline.test")
     list(run(iter(frames(12)), partial(make_graph, "log")))
-    told = [record.getMessage() for record in caplog.records if record.name == "pipeline.test"]
+    told = [record.getMessage() for record in caplog.records if record.name == "lidcam.pipeline.test"]
     expected = [f"frame {i}: told" for i in range(12)]
     if level == logging.DEBUG:
         expected = [line for i in range(12) for line in (f"frame {i}", f"frame {i}: told")]
@@ -260,7 +260,7 @@ def test_no_copy_is_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
 SCRIPT = """
 import signal, sys
 sys.path[:] = sys.argv[1:]
-from pipeline.parallel.process import copied_workers
+from lidcam.pipeline.parallel.process import copied_workers
 from shared_graphs import make_graph
 with copied_workers(*make_graph(), workers=4, frames=1000):
     print(*open("/proc/thread-self/children").read().split(), flush=True)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.parallel.transfer import BESIDE_BYTES, HELD_BYTES, MAX_PARTS, connected, dump, load, receive, send
+from lidcam.pipeline.parallel.transfer import BESIDE_BYTES, HELD_BYTES, MAX_PARTS, connected, dump, load, receive, send
 
 
 @pytest.fixture(scope="module")

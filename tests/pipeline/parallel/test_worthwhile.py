@@ -1,6 +1,6 @@
 import pytest
 
-from pipeline.parallel.run import worthwhile
+from lidcam.pipeline.parallel.run import worthwhile
 
 
 @pytest.mark.parametrize(
@@ -18,5 +18,5 @@ def test_processes_where_they_are_worth_their_start(workers: int, left: int, fra
 
 
 def test_a_start_that_costs_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pipeline.parallel.run.START_S", 0.0)
+    monkeypatch.setattr("lidcam.pipeline.parallel.run.START_S", 0.0)
     assert worthwhile(4, 0, 0.001) == 4

@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from pipeline.core.arrays import F64, Array
-from pipeline.core.detections import Boxes2D, Boxes3D, Matches
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.rig import CameraSensor, Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.fuse import AssociateConfig
-from pipeline.stages.associate import Pairs, best_pairs
+from lidcam.pipeline.core.arrays import F64, Array
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Matches
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.rig import CameraSensor, Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.fuse import AssociateConfig
+from lidcam.pipeline.stages.associate import Pairs, best_pairs
 
 Row = tuple[float, ...]
 

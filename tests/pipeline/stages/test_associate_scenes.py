@@ -12,18 +12,18 @@ from fusion_stages import associate_of
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.arrays import F64
-from pipeline.core.detections import Boxes2D, Boxes3D
-from pipeline.core.frame import SensorBundle
-from pipeline.core.geometry.boxes import box_corners, iou_xyxy
-from pipeline.core.geometry.pose_samples import PoseSamples
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.rig import CameraSensor
-from pipeline.core.settings.config import Config
-from pipeline.fusion.matching.in_view import hidden_parts, project_into_views
-from pipeline.fusion.projection import CameraArrays
-from pipeline.stages.views import Views
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.geometry.boxes import box_corners, iou_xyxy
+from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.fusion.matching.in_view import hidden_parts, project_into_views
+from lidcam.pipeline.fusion.projection import CameraArrays
+from lidcam.pipeline.stages.views import Views
 
 Key = tuple[str, int]
 CAR, PEDESTRIAN, BUS = 0, 1, 4

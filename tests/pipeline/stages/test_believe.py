@@ -7,17 +7,17 @@ from detections import boxes2d, boxes3d, camera_rig, forward_camera
 from fusion_stages import believe_of
 from lidar_scene import combined
 
-from pipeline.core.arrays import F64
-from pipeline.core.association import class_agreement
-from pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Matches
-from pipeline.core.frame import SensorBundle
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.geometry.pose_samples import PoseSamples
-from pipeline.core.settings.classes import ROAD_CLASSES
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.detect import Detect3DConfig
-from pipeline.core.settings.fuse import FuseConfig
-from pipeline.fusion.belief.visibility import Visibility, find_visibility
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.association import class_agreement
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Matches
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
+from lidcam.pipeline.core.settings.classes import ROAD_CLASSES
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.detect import Detect3DConfig
+from lidcam.pipeline.core.settings.fuse import FuseConfig
+from lidcam.pipeline.fusion.belief.visibility import Visibility, find_visibility
 
 CONFIG = Config()
 VIEW = forward_camera()

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from detections import boxes2d, boxes3d
 
-from pipeline.core.arrays import F64
-from pipeline.core.detections import Boxes2D, Hypotheses, Matches
-from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
-from pipeline.stages.classify import Classify, class_log_odds, confusion
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.detections import Boxes2D, Hypotheses, Matches
+from lidcam.pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
+from lidcam.pipeline.stages.classify import Classify, class_log_odds, confusion
 
 CAR, PEDESTRIAN, BICYCLE, TRUCK, BUS = range(5)
 SIZES = [prior.size_m for prior in ROAD_CLASSES]

@@ -9,15 +9,15 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.arrays import F32, F64
-from pipeline.core.clouds import CombinedCloud, PointCloud
-from pipeline.core.errors import FrameError
-from pipeline.core.frame import SensorBundle
-from pipeline.core.geometry.pose_samples import PoseSamples
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import LidarSensor, Rig
-from pipeline.core.settings.combine import CombineConfig, GroundConfig, MotionConfig, OutlierConfig
-from pipeline.stages.combine import Combine
+from lidcam.pipeline.core.arrays import F32, F64
+from lidcam.pipeline.core.clouds import CombinedCloud, PointCloud
+from lidcam.pipeline.core.errors import FrameError
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import LidarSensor, Rig
+from lidcam.pipeline.core.settings.combine import CombineConfig, GroundConfig, MotionConfig, OutlierConfig
+from lidcam.pipeline.stages.combine import Combine
 
 Triple = tuple[float, float, float]
 MS = 1_000_000

@@ -10,16 +10,16 @@ from helpers import shared
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.arrays import U8
-from pipeline.core.errors import ConfigError
-from pipeline.core.geometry.boxes import iou_xyxy
-from pipeline.core.optics.images import Image
-from pipeline.core.settings.classes import ClassPrior
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.detect import Detect2DConfig
-from pipeline.detectors.onnx.detector import OnnxDetector2D
-from pipeline.detectors.protocols import Candidates2D, Detector2D
-from pipeline.stages.detect2d import Detect2D, suppress_overlaps
+from lidcam.pipeline.core.arrays import U8
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.pipeline.core.geometry.boxes import iou_xyxy
+from lidcam.pipeline.core.optics.images import Image
+from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.detect import Detect2DConfig
+from lidcam.pipeline.detectors.onnx.detector import OnnxDetector2D
+from lidcam.pipeline.detectors.protocols import Candidates2D, Detector2D
+from lidcam.pipeline.stages.detect2d import Detect2D, suppress_overlaps
 
 LABELS = ("person", "kite", "car", "bicycle", "motorcycle")
 Row = tuple[float, float, float, float, float, str]

@@ -10,17 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lidar_scene import Box, combined, rig, scan, turned
 
-from pipeline.core.arrays import F64
-from pipeline.core.clouds import CombinedCloud, Plane, PointCloud
-from pipeline.core.detections import Boxes3D
-from pipeline.core.frame import SensorBundle
-from pipeline.core.rig import RecordedDetector, Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.load import load_config
-from pipeline.detectors.cluster import detector
-from pipeline.detectors.protocols import Candidates3D
-from pipeline.stages.combine import Combine
-from pipeline.stages.detect3d import Detect3D, Recorded3D
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.clouds import CombinedCloud, Plane, PointCloud
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.rig import RecordedDetector, Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.pipeline.detectors.cluster import detector
+from lidcam.pipeline.detectors.protocols import Candidates3D
+from lidcam.pipeline.stages.combine import Combine
+from lidcam.pipeline.stages.detect3d import Detect3D, Recorded3D
 
 ROOT = Path(__file__).parents[3]
 LIDAR = (0.0, 0.0, 1.8)

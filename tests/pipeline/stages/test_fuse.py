@@ -6,10 +6,10 @@ from detections import boxes3d
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.detections import Hypotheses, Matches
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.fuse import FuseConfig
-from pipeline.stages.fuse import Fuse
+from lidcam.pipeline.core.detections import Hypotheses, Matches
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.fuse import FuseConfig
+from lidcam.pipeline.stages.fuse import Fuse
 
 CLASSES = len(Config().classes)
 PLACE = (5.0, 1.0, 0.5, 4.0, 1.8, 1.5, 0.3)

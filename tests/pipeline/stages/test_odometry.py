@@ -8,9 +8,9 @@ import pytest
 from lidar_scene import combined
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.arrays import F64
-from pipeline.core.geometry.pose_samples import OdometryPose
-from pipeline.stages.odometry import MOST_POINTS, FindOdometry
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.geometry.pose_samples import OdometryPose
+from lidcam.pipeline.stages.odometry import MOST_POINTS, FindOdometry
 
 PERIOD_NS = 100_000_000
 START_NS = 1_600_000_000_000_000_000

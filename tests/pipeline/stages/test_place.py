@@ -10,17 +10,17 @@ from helpers import shared
 from lidar_scene import combined
 from seen_boxes import Box, camera_at, seen_by, views_of
 
-from pipeline.core.camera import CameraModel
-from pipeline.core.clouds import CombinedCloud, Plane, PointCloud
-from pipeline.core.detections import Boxes2D, Boxes3D, Source
-from pipeline.core.frame import SensorBundle
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import CameraSensor, LidarSensor, Rig
-from pipeline.core.settings.config import Config
-from pipeline.stages.combine import Combine
-from pipeline.stages.place import Place
-from readers.rig.importers.kitti import kitti_calibration
-from readers.truth.kitti import LEFT_COLOUR_CAMERA, parse_kitti_labels
+from lidcam.pipeline.core.camera import CameraModel
+from lidcam.pipeline.core.clouds import CombinedCloud, Plane, PointCloud
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Source
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.stages.combine import Combine
+from lidcam.pipeline.stages.place import Place
+from lidcam.readers.rig.importers.kitti import kitti_calibration
+from lidcam.readers.truth.kitti import LEFT_COLOUR_CAMERA, parse_kitti_labels
 
 CONFIG = Config()
 CAR, PEDESTRIAN = 0, 1

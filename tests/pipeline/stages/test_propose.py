@@ -10,14 +10,14 @@ from fusion_stages import associate_of, place_of, propose_of
 from lidar_scene import combined, rig, scan
 from seen_boxes import Box, camera_at, seen_by, views_of
 
-from pipeline.core.arrays import F64
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Boxes2D, Boxes3D, Source
-from pipeline.core.rig import CameraSensor, Rig
-from pipeline.core.settings.config import Config
-from pipeline.stages import propose as propose_stage
-from pipeline.stages.detect3d import Detect3D
-from pipeline.stages.propose import Proposed
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Source
+from lidcam.pipeline.core.rig import CameraSensor, Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.stages import propose as propose_stage
+from lidcam.pipeline.stages.detect3d import Detect3D
+from lidcam.pipeline.stages.propose import Proposed
 
 CONFIG = Config()
 CAR, PEDESTRIAN, BICYCLE = 0, 1, 2

@@ -10,16 +10,16 @@ from fusion_stages import associate_of
 from scipy.stats import chi2
 from seen_boxes import edges_in_view
 
-from pipeline.core.arrays import F64, Bools
-from pipeline.core.camera import CameraModel
-from pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Matches, Source
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import CameraSensor, Rig
-from pipeline.core.settings.fuse import FuseConfig
-from pipeline.fusion.projection import CameraArrays
-from pipeline.fusion.refining.edges import moved_by_borders
-from pipeline.stages.refine import Refine
+from lidcam.pipeline.core.arrays import F64, Bools
+from lidcam.pipeline.core.camera import CameraModel
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Matches, Source
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import CameraSensor, Rig
+from lidcam.pipeline.core.settings.fuse import FuseConfig
+from lidcam.pipeline.fusion.projection import CameraArrays
+from lidcam.pipeline.fusion.refining.edges import moved_by_borders
+from lidcam.pipeline.stages.refine import Refine
 
 EXACT_CUBOIDS = {
     "size_sigma": 0.0,

@@ -7,11 +7,11 @@ import pytest
 from fusion_stages import reshape_of
 from lidar_scene import Box, combined, rig, scan
 
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Boxes3D, Hypotheses
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.load import load_config
-from pipeline.stages.detect3d import Detect3D
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.detections import Boxes3D, Hypotheses
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.pipeline.stages.detect3d import Detect3D
 
 LIDAR = (0.0, 0.0, 1.8)
 CAR, PEDESTRIAN, BICYCLE, TRUCK, BUS = range(5)

@@ -9,14 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.arrays import F64
-from pipeline.core.errors import FrameError
-from pipeline.core.frame import SensorBundle
-from pipeline.core.geometry.pose_samples import PoseSamples
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.rig import CameraSensor, Rig
-from pipeline.core.settings.combine import MotionConfig
-from pipeline.stages.views import Views
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.errors import FrameError
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.rig import CameraSensor, Rig
+from lidcam.pipeline.core.settings.combine import MotionConfig
+from lidcam.pipeline.stages.views import Views
 
 MS = 1_000_000
 STAMP_NS = 1_600_000_000_000_000_000

@@ -5,8 +5,8 @@ import pytest
 from detections import boxes3d
 from frames import tracks_of
 
-from pipeline.core.detections import NO_HYPOTHESIS, Fused
-from pipeline.tracking.confirmed import Confirmations
+from lidcam.pipeline.core.detections import NO_HYPOTHESIS, Fused
+from lidcam.pipeline.tracking.confirmed import Confirmations
 
 Words = Mapping[str, Sequence[int]]
 

@@ -5,9 +5,9 @@ import pytest
 from detections import boxes3d
 from frames import frame
 
-from pipeline.core.clouds import CombinedCloud, PointCloud
-from pipeline.core.detections import Boxes3D, Fused
-from pipeline.tracking.ends import find_ends
+from lidcam.pipeline.core.clouds import CombinedCloud, PointCloud
+from lidcam.pipeline.core.detections import Boxes3D, Fused
+from lidcam.pipeline.tracking.ends import find_ends
 
 
 def cloud(xyz: np.ndarray, time_ns: np.ndarray) -> CombinedCloud:

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from tracked_scenes import CAR, PERIOD_S, PRIORS, START_NS, Mover, Place, scene, straight
 
-from pipeline.tracking.estimates import Known, Scene, estimated
-from pipeline.tracking.motion import HEADING, TURN
-from pipeline.tracking.sightings import FrameSightings
+from lidcam.pipeline.tracking.estimates import Known, Scene, estimated
+from lidcam.pipeline.tracking.motion import HEADING, TURN
+from lidcam.pipeline.tracking.sightings import FrameSightings
 
 
 def one_track(frames: list[FrameSightings]) -> tuple[Scene, np.ndarray]:

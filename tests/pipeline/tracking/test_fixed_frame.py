@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from frames import RIG, frame
 
-from pipeline.core.detections import NO_HYPOTHESIS, Fused, Source
-from pipeline.core.frame import FrameResult
-from pipeline.core.geometry.pose_samples import PoseSamples
-from pipeline.core.rig import Zone
-from pipeline.core.settings.load import load_config
-from pipeline.tracking.fixed_frame import NO_TRACK_REASON, SightingsOf, with_tracks
-from pipeline.tracking.motion import HEADING, SPEED
-from pipeline.tracking.rows import NOT_SEEN, TrackRows
-from pipeline.tracking.sightings import FrameSightings
-from pipeline.tracking.trackers import object_tracker
+from lidcam.pipeline.core.detections import NO_HYPOTHESIS, Fused, Source
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
+from lidcam.pipeline.core.rig import Zone
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.pipeline.tracking.fixed_frame import NO_TRACK_REASON, SightingsOf, with_tracks
+from lidcam.pipeline.tracking.motion import HEADING, SPEED
+from lidcam.pipeline.tracking.rows import NOT_SEEN, TrackRows
+from lidcam.pipeline.tracking.sightings import FrameSightings
+from lidcam.pipeline.tracking.trackers import object_tracker
 
 CONFIG = load_config()
 CLASSES = len(CONFIG.classes)

@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.settings.classes import ROAD_CLASSES
-from pipeline.tracking.motion import (
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.settings.classes import ROAD_CLASSES
+from lidcam.pipeline.tracking.motion import (
     Motions,
     Priors,
     at_centers,

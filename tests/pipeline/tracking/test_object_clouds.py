@@ -5,9 +5,9 @@ import pytest
 from detections import boxes3d
 from frames import tracks_of
 
-from pipeline.core.clouds import PointCloud
-from pipeline.core.detections import Fused, Source
-from pipeline.tracking.object_clouds import ObjectCloud, points_in_objects, voxel_of
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.detections import Fused, Source
+from lidcam.pipeline.tracking.object_clouds import ObjectCloud, points_in_objects, voxel_of
 
 SIZE = np.array([4.0, 2.0, 1.5])
 

@@ -15,10 +15,10 @@ from tracked_scenes import (
     straight,
 )
 
-from pipeline.tracking.motion import HEADING, REAR_SHARE, SPEED
-from pipeline.tracking.offline import OfflineTracker
-from pipeline.tracking.rows import NOT_SEEN, TrackRows
-from pipeline.tracking.sightings import FrameSightings
+from lidcam.pipeline.tracking.motion import HEADING, REAR_SHARE, SPEED
+from lidcam.pipeline.tracking.offline import OfflineTracker
+from lidcam.pipeline.tracking.rows import NOT_SEEN, TrackRows
+from lidcam.pipeline.tracking.sightings import FrameSightings
 
 CARS = [Mover(straight(-30, 0, 0, 8.0)), Mover(straight(30, 4, np.pi, 6.0)), Mover(straight(5, -8, 1.0, 0.0))]
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from tracked_scenes import CAR, PEDESTRIAN, PERIOD_S, PRIORS, Mover, scene, straight
 
-from pipeline.tracking.motion import HEADING, SPEED
-from pipeline.tracking.online import OnlineTracker
-from pipeline.tracking.rows import NOT_SEEN, TrackRows
-from pipeline.tracking.sightings import FrameSightings
+from lidcam.pipeline.tracking.motion import HEADING, SPEED
+from lidcam.pipeline.tracking.online import OnlineTracker
+from lidcam.pipeline.tracking.rows import NOT_SEEN, TrackRows
+from lidcam.pipeline.tracking.sightings import FrameSightings
 
 
 def tracked(frames: list[FrameSightings]) -> list[TrackRows]:

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.tracking.quantiles import quantiles
+from lidcam.pipeline.tracking.quantiles import quantiles
 
 
 @given(

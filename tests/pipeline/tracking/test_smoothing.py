@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.tracking.smoothing import Cells, Courses, smoothed
+from lidcam.pipeline.tracking.smoothing import Cells, Courses, smoothed
 
 ACCELERATION, PLACE = 0.7, 1e-3
 NOISE = np.array([ACCELERATION, 1e-9, PLACE, 1e-9, 0.0])

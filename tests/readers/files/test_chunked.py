@@ -1,6 +1,6 @@
 import pytest
 
-from readers.files.chunked import ChunkCache, detach
+from lidcam.readers.files.chunked import ChunkCache, detach
 
 
 def test_cache_keeps_the_chunks_used_last() -> None:

@@ -17,8 +17,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sound_recordings import KINDS, read_all, sound_recording, write_files
 
-from pipeline.core.errors import RecordingError
-from readers.recording import Loss
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.readers.recording import Loss
 
 Content = tuple[str, int, str]
 """Topic, log time, MD5 of the bytes."""

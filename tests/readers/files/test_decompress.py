@@ -7,10 +7,10 @@ import lz4.frame
 import pytest
 from builders import odometry, raw, write_mcap, write_rosbag1
 
-from pipeline.core.settings.recording import LimitsConfig
-from readers.files.decompress import unpack
-from readers.open import open_recording
-from readers.recording import ReadOptions
+from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.readers.files.decompress import unpack
+from lidcam.readers.open import open_recording
+from lidcam.readers.recording import ReadOptions
 
 
 def packed(data: bytes, compression: str) -> bytes:

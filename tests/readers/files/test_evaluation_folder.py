@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from pipeline.core.errors import RecordingError
-from pipeline.core.settings.recording import LimitsConfig
-from readers.files.evaluation_folder import (
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.readers.files.evaluation_folder import (
     CAMERAS,
     CLOUD_TOPIC,
     START_NS,
@@ -14,10 +14,10 @@ from readers.files.evaluation_folder import (
     EvaluationFolder,
     is_evaluation_folder,
 )
-from readers.input_file import read_input_file
-from readers.messages.image import decode_any_image
-from readers.messages.pointcloud2 import decode_pointcloud2
-from readers.open import open_recording
+from lidcam.readers.input_file import read_input_file
+from lidcam.readers.messages.image import decode_any_image
+from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
+from lidcam.readers.open import open_recording
 
 LEFT, LAST = "/image_raw_11/compressed", "/image_raw_44/compressed"
 

@@ -16,14 +16,14 @@ from mcap.records import Channel as McapChannel
 from mcap.records import Chunk, ChunkIndex, DataEnd, Footer, Header, Message, Schema, Statistics
 from memory_recording import MemoryRecording
 
-from pipeline.core.errors import FrameError, LidcamError, MessageError, RecordingError
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from readers.files.damage import Losses
-from readers.messages.deserialize import definition_problem, deserialize
-from readers.messages.tf import read_transforms
-from readers.open import open_recording
-from readers.recording import ReadOptions
+from lidcam.pipeline.core.errors import FrameError, LidcamError, MessageError, RecordingError
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.readers.files.damage import Losses
+from lidcam.readers.messages.deserialize import definition_problem, deserialize
+from lidcam.readers.messages.tf import read_transforms
+from lidcam.readers.open import open_recording
+from lidcam.readers.recording import ReadOptions
 
 MIB = 1 << 20
 ODOMETRY = "nav_msgs/msg/Odometry"

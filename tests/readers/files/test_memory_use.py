@@ -5,8 +5,8 @@ from typing import Any, Literal
 import pytest
 from builders import raw, write_mcap, write_rosbag1, write_rosbag2
 
-from pipeline.core.messages import RawMessage
-from readers.open import open_recording
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.open import open_recording
 
 MEGABYTE = 1 << 20
 

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import IndexType
 
-from pipeline.core.messages import RawMessage
-from readers.files.passes import JUMP_NS, pass_starts
-from readers.open import open_recording
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.files.passes import JUMP_NS, pass_starts
+from lidcam.readers.open import open_recording
 
 MS = 1_000_000
 START_NS = 1_700_000_000 * 10**9

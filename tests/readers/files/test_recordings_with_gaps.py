@@ -8,11 +8,11 @@ import pytest
 from builders import detection2d_array, odometry, raw, store_for, write_rosbag1, write_rosbag2
 from memory_recording import MemoryRecording
 
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import RawMessage
-from readers.messages.deserialize import deserialize
-from readers.open import open_recording
-from readers.streams.survey import survey
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.messages.deserialize import deserialize
+from lidcam.readers.open import open_recording
+from lidcam.readers.streams.survey import survey
 
 T0 = 1_700_000_000 * 10**9
 ODOMETRY, BOXES = "nav_msgs/msg/Odometry", "vision_msgs/msg/Detection2DArray"

@@ -19,12 +19,12 @@ from hypothesis import strategies as st
 from long_recording import LENGTH_S, SECOND_NS, START_NS, write_long_recording
 from range_server import RangeServer, range_server
 
-import readers.files.remote as remote
-from pipeline.core.errors import RecordingError
-from readers.files.remote import PAGE_BYTES, open_remote
-from readers.location import RemotePath
-from readers.open import open_recording
-from readers.recording import DEFAULT_READ_OPTIONS, ReadOptions
+import lidcam.readers.files.remote as remote
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.readers.files.remote import PAGE_BYTES, open_remote
+from lidcam.readers.location import RemotePath
+from lidcam.readers.open import open_recording
+from lidcam.readers.recording import DEFAULT_READ_OPTIONS, ReadOptions
 
 
 @pytest.fixture(scope="module")

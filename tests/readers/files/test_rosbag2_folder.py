@@ -4,9 +4,9 @@ from pathlib import Path
 import pytest
 from builders import odometry, raw, write_rosbag2
 
-from pipeline.core.errors import RecordingError
-from readers.files.rosbag2_folder import FolderMetadata, folder_metadata, recording_files
-from readers.open import open_recording
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.readers.files.rosbag2_folder import FolderMetadata, folder_metadata, recording_files
+from lidcam.readers.open import open_recording
 
 T0 = 1_700_000_000 * 10**9
 

@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 from builders import pointcloud2, raw, write_mcap, write_rosbag1, write_rosbag2
 
-from pipeline.core.errors import MessageError, ShortMemoryError
-from pipeline.core.messages import RawMessage
-from readers.messages.deserialize import deserialize
-from readers.open import open_recording
-from readers.recording import ReadOptions
+from lidcam.pipeline.core.errors import MessageError, ShortMemoryError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.messages.deserialize import deserialize
+from lidcam.readers.open import open_recording
+from lidcam.readers.recording import ReadOptions
 
 ROOT = Path(__file__).resolve().parents[3]
 CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -31,9 +31,9 @@ def none_left(*_: Any, **__: Any) -> Any:
 @pytest.mark.parametrize(
     ("kind", "place"),
     [
-        ("mcap", "readers.files.mcap.records.zstandard.decompress"),
-        ("bag", "readers.files.rosbag1.rosbag1_file.unpack"),
-        ("sqlite", "readers.files.sqlite.sqlite_file.decompressed"),
+        ("mcap", "lidcam.readers.files.mcap.records.zstandard.decompress"),
+        ("bag", "lidcam.readers.files.rosbag1.rosbag1_file.unpack"),
+        ("sqlite", "lidcam.readers.files.sqlite.sqlite_file.decompressed"),
     ],
 )
 def test_of_every_container(
@@ -66,8 +66,8 @@ CHILD = """
 import resource, sys
 sys.path.insert(0, sys.argv[2])
 from pathlib import Path
-from readers.open import open_recording
-from pipeline.core.errors import ShortMemoryError
+from lidcam.readers.open import open_recording
+from lidcam.pipeline.core.errors import ShortMemoryError
 with open_recording([Path(sys.argv[1])]) as recording:
     messages = recording.messages()
     next(messages)

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from readers.files.temporary import PREFIX, remove_abandoned, temporary_folder
+from lidcam.readers.files.temporary import PREFIX, remove_abandoned, temporary_folder
 
 CHILD = """
 import sys, time
-from readers.files.temporary import temporary_folder
+from lidcam.readers.files.temporary import temporary_folder
 with temporary_folder() as folder:
     (folder / "unpacked.bag").touch()
     print(folder, flush=True)

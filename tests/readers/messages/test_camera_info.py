@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from builders import Fields, camera_info, raw
 
-from pipeline.core.errors import CalibrationError
-from readers.messages.camera_info import camera_model, rectified_camera_model
-from readers.messages.deserialize import deserialize
+from lidcam.pipeline.core.errors import CalibrationError
+from lidcam.readers.messages.camera_info import camera_model, rectified_camera_model
+from lidcam.readers.messages.deserialize import deserialize
 
 K = np.array([[520.0, 0.0, 333.0], [0.0, 510.0, 251.0], [0.0, 0.0, 1.0]])
 POINTS = np.array([[0.0, 0.0, 5.0], [1.0, 0.4, 4.0], [-1.5, -0.7, 6.0], [0.9, 0.9, 3.0]])

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.arrays import Array
-from pipeline.core.errors import MessageError
-from pipeline.core.optics.images import Image
-from pipeline.core.settings.recording import LimitsConfig
-from readers.messages.image import decode_compressed_image
-from readers.messages.image_header import image_size
+from lidcam.pipeline.core.arrays import Array
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.optics.images import Image
+from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.readers.messages.image import decode_compressed_image
+from lidcam.readers.messages.image_header import image_size
 
 STAMP_NS = 1_700_000_000_123_456_789
 

@@ -4,9 +4,9 @@ from typing import Literal
 import pytest
 from builders import detection2d_array, odometry, raw, store_for
 
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import Channel, RawMessage
-from readers.messages.deserialize import deserialize, typestore_for
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.readers.messages.deserialize import deserialize, typestore_for
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 RULE = "=" * 80

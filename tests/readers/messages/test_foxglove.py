@@ -14,16 +14,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.arrays import F64
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import RawMessage
-from pipeline.core.settings.recording import LimitsConfig
-from readers.messages.camera_info import camera_model
-from readers.messages.deserialize import deserialize
-from readers.messages.foxglove import _message_class, _read_fields, to_ros
-from readers.messages.image import decode_any_image
-from readers.messages.pointcloud2 import decode_pointcloud2
-from readers.messages.tf import decode_transforms
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.readers.messages.camera_info import camera_model
+from lidcam.readers.messages.deserialize import deserialize
+from lidcam.readers.messages.foxglove import _message_class, _read_fields, to_ros
+from lidcam.readers.messages.image import decode_any_image
+from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
+from lidcam.readers.messages.tf import decode_transforms
 
 STAMP = 1_700_000_000_123_456_789
 LOGGED = STAMP + 50_000_000

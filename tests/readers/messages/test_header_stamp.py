@@ -6,8 +6,8 @@ from builders import channel, header, odometry, raw, store_for, tf_message, tran
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.messages import Channel
-from readers.messages.header_stamp import stamp_or_log_time
+from lidcam.pipeline.core.messages import Channel
+from lidcam.readers.messages.header_stamp import stamp_or_log_time
 
 STAMP = 1_316_000_000_123_456_789
 WITH_HEADER: dict[str, Any] = {

@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.arrays import Array
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import RawMessage
-from pipeline.core.optics.images import Image
-from readers.messages.image import decode_any_image, decode_image
-from readers.messages.image_encodings import PACKED, PLANAR
+from lidcam.pipeline.core.arrays import Array
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.optics.images import Image
+from lidcam.readers.messages.image import decode_any_image, decode_image
+from lidcam.readers.messages.image_encodings import PACKED, PLANAR
 
 STAMP_NS = 1_700_000_000_123_456_789
 MSGTYPE = "sensor_msgs/msg/Image"

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.errors import MessageError
-from pipeline.core.geometry.transform import Transform
-from readers.messages.odometry import decode_odometry
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.readers.messages.odometry import decode_odometry
 
 STAMP_NS = 1_700_000_000_123_456_789
 MSGTYPE = "nav_msgs/msg/Odometry"

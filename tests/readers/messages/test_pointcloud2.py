@@ -8,11 +8,11 @@ from builders import POINT_FIELD_DATATYPES, Fields
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.arrays import Array
-from pipeline.core.clouds import PointCloud
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import RawMessage
-from readers.messages.pointcloud2 import decode_pointcloud2
+from lidcam.pipeline.core.arrays import Array
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
 
 STAMP_NS = 1_700_000_000_123_456_789
 XYZ = np.array([[1, 2, 3], [-4, 5.5, 6], [7, 8, -9]], np.float32)

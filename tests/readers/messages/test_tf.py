@@ -5,11 +5,11 @@ import pytest
 from builders import Fields, raw, tf_message, transform_stamped
 from memory_recording import MemoryRecording
 
-import readers.messages.tf as tf_module
-from pipeline.core.errors import FrameError
-from pipeline.core.messages import RawMessage
-from pipeline.core.settings.recording import LimitsConfig
-from readers.messages.tf import decode_transforms, read_transforms
+import lidcam.readers.messages.tf as tf_module
+from lidcam.pipeline.core.errors import FrameError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.readers.messages.tf import decode_transforms, read_transforms
 
 SECOND = 10**9
 TFM = "tf2_msgs/msg/TFMessage"

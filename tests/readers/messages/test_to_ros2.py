@@ -11,12 +11,12 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.ros.messages import RosMessages
-from pipeline.core.ros.typestores import release_types
-from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
-from readers.messages.to_ros2 import RENAMED, class_name_of_number, name_of_number, to_ros2
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.ros.messages import RosMessages
+from lidcam.pipeline.core.ros.typestores import release_types
+from lidcam.pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
+from lidcam.readers.messages.to_ros2 import RENAMED, class_name_of_number, name_of_number, to_ros2
 
 ROS1 = RosMessages(1)
 STAMP_NS = 1_600_000_000_123_456_789

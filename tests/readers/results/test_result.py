@@ -16,19 +16,19 @@ from mcap.writer import Writer
 from memory_recording import MemoryRecording
 from track_messages import track, track_array
 
-from pipeline.core.errors import CalibrationError, ConfigError, RecordingError
-from pipeline.core.frame import FrameResult
-from pipeline.core.messages import RawMessage
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.load import dump_config, load_config
-from pipeline.evaluation.evaluation_frame import UNKNOWN
-from readers.results.attached_records import is_result
-from readers.results.result import Result, open_result
-from readers.rig.rig_file import rig_yaml
-from writers.mcap.writer import McapResultWriter
-from writers.outputs.marks import MERGED
-from writers.outputs.transaction import OutputFile
+from lidcam.pipeline.core.errors import CalibrationError, ConfigError, RecordingError
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.load import dump_config, load_config
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
+from lidcam.readers.results.attached_records import is_result
+from lidcam.readers.results.result import Result, open_result
+from lidcam.readers.rig.rig_file import rig_yaml
+from lidcam.writers.mcap.writer import McapResultWriter
+from lidcam.writers.outputs.marks import MERGED
+from lidcam.writers.outputs.transaction import OutputFile
 
 FRAMES = 3
 

@@ -7,13 +7,13 @@ from combined_messages import CAMERAS, CLOUDS, combined
 from memory_recording import MemoryRecording
 from rig_messages import cloud, image_message, static
 
-from pipeline.core.errors import CalibrationError, RecordingError
-from pipeline.core.messages import RawMessage
-from pipeline.core.settings.config import Config
-from readers.rig.discovery import Discovery, discover_rig
-from readers.rig.first_messages import FirstMessages
-from readers.rig.sensor_topics import Findings, find_camera_topics, find_lidar_topics
-from readers.streams.per_sensor import sensor_messages
+from lidcam.pipeline.core.errors import CalibrationError, RecordingError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.rig.discovery import Discovery, discover_rig
+from lidcam.readers.rig.first_messages import FirstMessages
+from lidcam.readers.rig.sensor_topics import Findings, find_camera_topics, find_lidar_topics
+from lidcam.readers.streams.per_sensor import sensor_messages
 
 FUSED = cloud("/point_cloud_combined", "base")
 LIST = combined("/pointcloud_list", CLOUDS, [cloud("/x", "a"), cloud("/y", "b")], 9, "cdr")

@@ -9,11 +9,11 @@ from message_layouts import message_of_layout
 from object_messages import Recorded, boxes_message, objects_message
 from rig_messages import cloud, static
 
-from pipeline.core.errors import CalibrationError, RecordingError
-from pipeline.core.messages import RawMessage
-from pipeline.core.settings.config import Config
-from readers.rig.discovery import Discovery, discover_rig
-from readers.rig.schema import RigFile
+from lidcam.pipeline.core.errors import CalibrationError, RecordingError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.rig.discovery import Discovery, discover_rig
+from lidcam.readers.rig.schema import RigFile
 
 MS = 1_000_000
 BOXES = "vision_msgs/msg/Detection3DArray"

@@ -9,11 +9,11 @@ from builders import Fields, header, raw, tf_message, transform_stamped
 from memory_recording import MemoryRecording
 from rig_messages import K, boxes_2d, cloud, image_message, info, reasons, static
 
-from pipeline.core.errors import CalibrationError, RecordingError
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.settings.config import Config
-from readers.rig.discovery import Discovery, discover_rig
-from readers.rig.schema import RigFile
+from lidcam.pipeline.core.errors import CalibrationError, RecordingError
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.rig.discovery import Discovery, discover_rig
+from lidcam.readers.rig.schema import RigFile
 
 OPTICAL = (-0.5, 0.5, -0.5, 0.5)  # REP 103: optical axes in a body frame
 

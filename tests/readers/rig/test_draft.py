@@ -12,14 +12,14 @@ import yaml
 from memory_recording import MemoryRecording
 from rig_messages import K, boxes_2d, reasons, static
 
-from pipeline.core.errors import CalibrationError
-from pipeline.core.messages import RawMessage
-from pipeline.core.settings.config import Config
-from readers.rig.discovery import discover_rig
-from readers.rig.draft import draft_yaml
-from readers.rig.rig_file import load_rig
-from readers.rig.schema import RigFile, parse_rig
-from readers.rig.search import find_sensors
+from lidcam.pipeline.core.errors import CalibrationError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.rig.discovery import discover_rig
+from lidcam.readers.rig.draft import draft_yaml
+from lidcam.readers.rig.rig_file import load_rig
+from lidcam.readers.rig.schema import RigFile, parse_rig
+from lidcam.readers.rig.search import find_sensors
 
 
 def cloud(number: int, frame: str | None = None) -> RawMessage:

@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.camera import CameraModel
-from pipeline.core.errors import CalibrationError
-from readers.rig.extrinsics import decompose_projection, rigid_transform
+from lidcam.pipeline.core.camera import CameraModel
+from lidcam.pipeline.core.errors import CalibrationError
+from lidcam.readers.rig.extrinsics import decompose_projection, rigid_transform
 
 
 @given(

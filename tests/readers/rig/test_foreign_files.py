@@ -11,11 +11,11 @@ from memory_recording import MemoryRecording
 from rig_messages import cloud, image_message, static
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.errors import CalibrationError
-from pipeline.core.messages import RawMessage
-from pipeline.core.settings.config import Config
-from readers.rig.discovery import Discovery, discover_rig
-from readers.rig.rig_file import load_rig
+from lidcam.pipeline.core.errors import CalibrationError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.rig.discovery import Discovery, discover_rig
+from lidcam.readers.rig.rig_file import load_rig
 
 F64 = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -12,11 +12,11 @@ from helpers import shared
 from memory_recording import MemoryRecording
 from rig_messages import cloud, image_message, static
 
-from pipeline.core.errors import CalibrationError, ConfigError
-from pipeline.core.messages import RawMessage
-from pipeline.core.settings.config import Config
-from readers.rig.discovery import Discovery, discover_rig
-from readers.rig.rig_file import load_rig
+from lidcam.pipeline.core.errors import CalibrationError, ConfigError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.rig.discovery import Discovery, discover_rig
+from lidcam.readers.rig.rig_file import load_rig
 
 # The predecessor's cameras (its published figures): all alike, no distortion.
 C2P = [[504.78216005824515, 0, 320.5, 0], [0, 504.78216005824515, 240.5, 0], [0, 0, 1, 0]]

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.errors import CalibrationError
-from pipeline.core.rig import TruthVehicle
-from readers.rig.merge import merge_rigs
-from readers.rig.schema import RigFile, parse_rig
+from lidcam.pipeline.core.errors import CalibrationError
+from lidcam.pipeline.core.rig import TruthVehicle
+from lidcam.readers.rig.merge import merge_rigs
+from lidcam.readers.rig.schema import RigFile, parse_rig
 
 EYE = np.eye(4).tolist()
 K = [[500.0, 0.0, 32.0], [0.0, 500.0, 24.0], [0.0, 0.0, 1.0]]

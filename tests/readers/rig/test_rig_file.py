@@ -10,13 +10,13 @@ from rig_messages import cloud, image_message, reasons
 from scipy.spatial.transform import Rotation
 from wrong_values import mistakes, words_of_the_library
 
-from pipeline.core.errors import CalibrationError, ConfigError
-from pipeline.core.messages import RawMessage
-from pipeline.core.rig import Rig, TruthVehicle
-from pipeline.core.settings.config import Config
-from readers.rig.discovery import Discovery, discover_rig
-from readers.rig.rig_file import load_rig, rig_yaml
-from readers.rig.schema import RigFile, parse_rig
+from lidcam.pipeline.core.errors import CalibrationError, ConfigError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.rig import Rig, TruthVehicle
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.rig.discovery import Discovery, discover_rig
+from lidcam.readers.rig.rig_file import load_rig, rig_yaml
+from lidcam.readers.rig.schema import RigFile, parse_rig
 
 EYE = np.eye(4).tolist()
 SQUARE = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]

@@ -10,10 +10,10 @@ import yaml
 from builders import image, pointcloud2, raw
 from memory_recording import MemoryRecording
 
-from pipeline.core.settings.config import Config
-from readers.rig.discovery import discover_rig
-from readers.rig.rig_file import load_rig
-from readers.rig.schema import CameraEntry, LidarEntry, Pose, RigFile, TruthEntry
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.rig.discovery import discover_rig
+from lidcam.readers.rig.rig_file import load_rig
+from lidcam.readers.rig.schema import CameraEntry, LidarEntry, Pose, RigFile, TruthEntry
 
 PAGE = (Path(__file__).parents[3] / "docs" / "rig.md").read_text(encoding="utf-8")
 EXAMPLE = PAGE.split("```yaml\n")[1].split("```")[0]

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from readers.rig.topic_names import (
+from lidcam.readers.rig.topic_names import (
     is_measured_image,
     is_rectified,
     is_truth,

@@ -12,12 +12,12 @@ from builders import header, image, odometry, raw
 from combined_messages import CAMERAS, combined
 from memory_recording import MemoryRecording
 
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import RawMessage
-from readers.messages.deserialize import deserialize
-from readers.messages.image import decode_any_image
-from readers.recording import Recording
-from readers.streams.per_sensor import sensor_messages
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.messages.deserialize import deserialize
+from lidcam.readers.messages.image import decode_any_image
+from lidcam.readers.recording import Recording
+from lidcam.readers.streams.per_sensor import sensor_messages
 
 T0 = 1_700_000_000 * 10**9
 LOGGED = T0 + 10**9

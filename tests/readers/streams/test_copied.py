@@ -5,10 +5,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from memory_recording import MemoryRecording
 
-from pipeline.core.frame import SensorBundle
-from pipeline.core.messages import Drop, RawMessage
-from pipeline.core.settings.recording import LimitsConfig
-from readers.streams.copied import MARGIN_NS, MESSAGE_BYTES, CopiedMessages
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.messages import Drop, RawMessage
+from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.readers.streams.copied import MARGIN_NS, MESSAGE_BYTES, CopiedMessages
 
 SEC = 1_000_000_000
 ODOM = "nav_msgs/msg/Odometry"

@@ -3,15 +3,15 @@ import pytest
 from builders import detection2d_array, image, pointcloud2, raw
 from velodyne import random_packets, scan
 
-from pipeline.core.camera import CameraModel
-from pipeline.core.errors import MessageError
-from pipeline.core.frame import SensorBundle
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.messages import RawMessage
-from pipeline.core.rig import CameraSensor, LidarSensor, Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.load import load_config
-from readers.streams.decoders import CloudDecoder, ImageDecoder, RecordedBoxes
+from lidcam.pipeline.core.camera import CameraModel
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.readers.streams.decoders import CloudDecoder, ImageDecoder, RecordedBoxes
 
 TOPIC = "/velodyne_packets"
 

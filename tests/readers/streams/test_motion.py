@@ -9,13 +9,13 @@ from builders import Fields, odometry, pointcloud2, raw, tf_message, transform_s
 from memory_recording import MemoryRecording
 from scipy.spatial.transform import Rotation, Slerp
 
-from pipeline.core.errors import ConfigError
-from pipeline.core.geometry.pose_samples import PoseSamples
-from pipeline.core.messages import Drop, RawMessage
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.recording import LimitsConfig
-from readers.rig.discovery import discover_rig
-from readers.streams.motion import MotionBuffer, MotionSource, find_motion_source
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
+from lidcam.pipeline.core.messages import Drop, RawMessage
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.readers.rig.discovery import discover_rig
+from lidcam.readers.streams.motion import MotionBuffer, MotionSource, find_motion_source
 
 MS = 1_000_000
 ODOMETRY = "nav_msgs/msg/Odometry"

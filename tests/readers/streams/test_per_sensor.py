@@ -9,10 +9,10 @@ from foxglove_messages import foxglove_raw
 from memory_recording import MemoryRecording
 from numpy import zeros
 
-from pipeline.core.errors import RecordingError
-from pipeline.core.messages import RawMessage
-from pipeline.core.settings.recording import LimitsConfig
-from readers.streams.per_sensor import sensor_messages
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.readers.streams.per_sensor import sensor_messages
 
 T0 = 1_700_000_000 * 10**9
 ODOMETRY = raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=T0), T0)

@@ -6,16 +6,16 @@ import pytest
 from object_messages import FORMATS, Format, Recorded, objects_message
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.arrays import F64
-from pipeline.core.detections import Boxes3D, Source
-from pipeline.core.errors import FrameError, MessageError
-from pipeline.core.frame import Decoded, SensorBundle
-from pipeline.core.geometry.pose_samples import PoseSamples
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.messages import RawMessage
-from pipeline.core.rig import RecordedDetector, Rig
-from pipeline.core.settings.config import Config
-from readers.streams.recorded3d import RecordedBoxes3D
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.detections import Boxes3D, Source
+from lidcam.pipeline.core.errors import FrameError, MessageError
+from lidcam.pipeline.core.frame import Decoded, SensorBundle
+from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.rig import RecordedDetector, Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.streams.recorded3d import RecordedBoxes3D
 
 MS = 1_000_000
 NOW_NS = 1_600_000_000_000_000_000

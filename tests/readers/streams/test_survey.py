@@ -7,10 +7,10 @@ import pytest
 from builders import odometry, raw
 from memory_recording import MemoryRecording
 
-from pipeline.core.arrays import I64
-from pipeline.core.messages import RawMessage
-from pipeline.core.settings.recording import LimitsConfig
-from readers.streams.survey import survey
+from lidcam.pipeline.core.arrays import I64
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.readers.streams.survey import survey
 
 SECOND_NS = 1_000_000_000
 EVERY_100_MS = np.arange(50) * SECOND_NS // 10

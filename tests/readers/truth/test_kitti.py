@@ -5,14 +5,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.core.camera import CameraModel
-from pipeline.core.errors import CalibrationError, RecordingError
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import CameraSensor, LidarSensor, Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.load import load_config
-from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
-from readers.truth.kitti import KittiTruth, is_kitti_text
+from lidcam.pipeline.core.camera import CameraModel
+from lidcam.pipeline.core.errors import CalibrationError, RecordingError
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
+from lidcam.readers.truth.kitti import KittiTruth, is_kitti_text
 
 K = np.array([[700.0, 0, 600], [0, 700, 180], [0, 0, 1]])
 T_RECT_VELO = np.array([[0.0, -1, 0, 0.01], [0, 0, -1, -0.08], [1, 0, 0, -0.27], [0, 0, 0, 1]])

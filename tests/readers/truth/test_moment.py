@@ -6,12 +6,12 @@ from detections import forward_camera
 from evaluation_frames import truth_boxes
 from truth_messages import true_object, truth_message
 
-from pipeline.core.rig import CameraSensor
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
-from readers.messages.vision.detections3d import decode_detections3d
-from readers.messages.vision.track_ids import track_ids
-from readers.truth.moment import Moment, class_ids_of, counted, moment_of, projected_truth, total
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
+from lidcam.readers.messages.vision.detections3d import decode_detections3d
+from lidcam.readers.messages.vision.track_ids import track_ids
+from lidcam.readers.truth.moment import Moment, class_ids_of, counted, moment_of, projected_truth, total
 
 CONFIG = Config()
 CLASSES = CONFIG.class_id_of_label

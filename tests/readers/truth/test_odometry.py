@@ -8,14 +8,14 @@ from hypothesis import strategies as st
 from memory_recording import MemoryRecording
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.errors import ConfigError, RecordingError
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.geometry.transform_tree import TransformTree
-from pipeline.core.messages import RawMessage
-from pipeline.core.rig import TruthVehicle
-from pipeline.core.settings.config import Config
-from readers.messages.tf import RecordedTransforms
-from readers.truth.odometry import LEAD_NS, MAX_GAP_NS, OdometryTruth
+from lidcam.pipeline.core.errors import ConfigError, RecordingError
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.geometry.transform_tree import TransformTree
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.rig import TruthVehicle
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.messages.tf import RecordedTransforms
+from lidcam.readers.truth.odometry import LEAD_NS, MAX_GAP_NS, OdometryTruth
 
 MS = 1_000_000
 START_NS = 1_700_000_000 * 10**9

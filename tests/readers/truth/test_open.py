@@ -10,21 +10,21 @@ import pytest
 from builders import odometry, raw, write_mcap
 from frames import CONFIG, PERIOD_NS, PROVENANCE, RIG, START_NS, frame
 
-from pipeline.core.errors import RecordingError
-from pipeline.core.messages import RawMessage
-from pipeline.core.rig import Rig, TruthVehicle
-from pipeline.core.settings.load import dump_config
-from readers.results.attached_records import read_records
-from readers.results.result import Result, open_result
-from readers.rig.rig_file import rig_yaml
-from readers.truth.kitti import KittiTruth
-from readers.truth.odometry import OdometryTruth
-from readers.truth.open import open_labels, open_truth
-from readers.truth.openlabel import OpenLabelTruth
-from readers.truth.predecessor import PredecessorTruth
-from readers.truth.source import TruthSource
-from writers.mcap.writer import McapResultWriter
-from writers.outputs.transaction import OutputFile
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.rig import Rig, TruthVehicle
+from lidcam.pipeline.core.settings.load import dump_config
+from lidcam.readers.results.attached_records import read_records
+from lidcam.readers.results.result import Result, open_result
+from lidcam.readers.rig.rig_file import rig_yaml
+from lidcam.readers.truth.kitti import KittiTruth
+from lidcam.readers.truth.odometry import OdometryTruth
+from lidcam.readers.truth.open import open_labels, open_truth
+from lidcam.readers.truth.openlabel import OpenLabelTruth
+from lidcam.readers.truth.predecessor import PredecessorTruth
+from lidcam.readers.truth.source import TruthSource
+from lidcam.writers.mcap.writer import McapResultWriter
+from lidcam.writers.outputs.transaction import OutputFile
 
 CAR = TruthVehicle("/car/odom", "car", (4, 2, 1.5), (0, 0, 0.75))
 LABEL = "Car 0.10 1 -1.57 500.0 150.0 600.0 220.0 1.50 1.80 4.20 2.0 1.6 20.0 -1.570796"

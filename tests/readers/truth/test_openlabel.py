@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.camera import CameraModel
-from pipeline.core.errors import RecordingError
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import CameraSensor, LidarSensor, Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.load import load_config
-from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
-from readers.truth.openlabel import OpenLabelTruth, is_openlabel
+from lidcam.pipeline.core.camera import CameraModel
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
+from lidcam.readers.truth.openlabel import OpenLabelTruth, is_openlabel
 
 START_S = 1_646_667_310
 T_SITE_LIDAR = np.array([[0.0, -1, 0, 10], [1, 0, 0, 20], [0, 0, 1, 7], [0, 0, 0, 1]])
@@ -249,7 +249,7 @@ def test_more_boxes_in_a_frame_than_may_be(tmp_path: Path) -> None:
 
 
 def test_more_values_in_a_file_than_may_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("readers.truth.openlabel_text.MAX_OPENLABEL_VALUES", 20)
+    monkeypatch.setattr("lidcam.readers.truth.openlabel_text.MAX_OPENLABEL_VALUES", 20)
     with pytest.raises(RecordingError, match=r"at most 20 values, found \d+: give a folder with a file for each frame"):
         truth(tmp_path, tree({"0": frame(BOX, BOX)}))
 

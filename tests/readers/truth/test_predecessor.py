@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from frames import RIG
 
-from pipeline.core.errors import RecordingError
-from pipeline.core.rig import Rig, TruthVehicle
-from pipeline.core.settings.config import Config
-from readers.files.evaluation_folder import START_NS, STEP_NS
-from readers.truth.predecessor import CAR, PredecessorTruth
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.rig import Rig, TruthVehicle
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.files.evaluation_folder import START_NS, STEP_NS
+from lidcam.readers.truth.predecessor import CAR, PredecessorTruth
 
 POSES = "1 2 0.1 0 0 0.6 0.8\n3 4 0.1 0 0 0 1\n"
 

@@ -7,14 +7,14 @@ from detections import forward_camera
 from memory_recording import MemoryRecording
 from truth_messages import true_object, truth_message, visible_message
 
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.ros.typestores import message_types
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.load import load_config
-from pipeline.evaluation.evaluation_frame import UNKNOWN
-from readers.messages.vision.track_ids import track_ids
-from readers.truth.recorded import RecordedTruth
-from readers.truth.topics import TruthTopics, find_truth_topics
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.ros.typestores import message_types
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
+from lidcam.readers.messages.vision.track_ids import track_ids
+from lidcam.readers.truth.recorded import RecordedTruth
+from lidcam.readers.truth.topics import TruthTopics, find_truth_topics
 
 S = 10**9
 BOXES_2D = "vision_msgs/msg/Detection2DArray"

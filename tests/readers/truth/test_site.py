@@ -7,13 +7,13 @@ from evaluation_frames import truth_boxes
 from memory_recording import MemoryRecording
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.errors import FrameError
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.messages import RawMessage
-from pipeline.core.rig import LidarSensor, Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.load import load_config
-from readers.truth.site import SitePoses, boxes_in_site
+from lidcam.pipeline.core.errors import FrameError
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.rig import LidarSensor, Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.readers.truth.site import SitePoses, boxes_in_site
 
 S = 10**9
 STEP_NS = 100_000_000

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
-from readers.truth.moment import STEP_BACK_NS, Moment
-from readers.truth.timeline import MAX_EXTRAPOLATION_PERIODS, PROBED, Timeline
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
+from lidcam.readers.truth.moment import STEP_BACK_NS, Moment
+from lidcam.readers.truth.timeline import MAX_EXTRAPOLATION_PERIODS, PROBED, Timeline
 
 PERIOD_NS = 100_000_000
 SPEED_M_S = 10.0

@@ -6,9 +6,9 @@ from builders import raw
 from memory_recording import MemoryRecording
 from truth_messages import true_object, truth_message, visible_message
 
-from pipeline.core.errors import ConfigError
-from readers.results.result import RESULT_TOPICS
-from readers.truth.topics import TruthTopics, find_truth_topics
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.readers.results.result import RESULT_TOPICS
+from lidcam.readers.truth.topics import TruthTopics, find_truth_topics
 
 CAR = [true_object("car", (0, 0, 0))]
 

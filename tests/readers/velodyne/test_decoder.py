@@ -10,14 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from velodyne import SCAN, START_NS, TOPIC, assert_as_judged, judged, random_packets, recorded_scans, scan
 
-from pipeline.core.clouds import PointCloud
-from pipeline.core.errors import CalibrationError, ConfigError, MessageError
-from pipeline.core.messages import Drop
-from pipeline.core.settings.recording import VelodyneConfig, VelodyneLidarConfig
-from readers.velodyne.calibration import read_velodyne_calibration
-from readers.velodyne.decoder import VelodyneDecoder, VelodyneDecoders
-from readers.velodyne.models import MODELS
-from readers.velodyne.scan import parse_velodyne_scan
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.errors import CalibrationError, ConfigError, MessageError
+from lidcam.pipeline.core.messages import Drop
+from lidcam.pipeline.core.settings.recording import VelodyneConfig, VelodyneLidarConfig
+from lidcam.readers.velodyne.calibration import read_velodyne_calibration
+from lidcam.readers.velodyne.decoder import VelodyneDecoder, VelodyneDecoders
+from lidcam.readers.velodyne.models import MODELS
+from lidcam.readers.velodyne.scan import parse_velodyne_scan
 
 NAMED = [name for name, model in MODELS.items() if model.product is not None]
 AMBIGUOUS = {"VLP-32A", "VLP-32B"}

@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 from memory_recording import MemoryRecording
 from velodyne import START_NS, packet_stream, random_packets, recorded_scans
 
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import Channel, RawMessage
-from readers.messages.deserialize import deserialize
-from readers.streams.per_sensor import sensor_messages
-from readers.streams.survey import survey
-from readers.velodyne import sweeps as velodyne_sweeps
-from readers.velodyne.packet import PACKET
-from readers.velodyne.scan import SCAN, parse_velodyne_scan
-from readers.velodyne.sweeps import PAUSE_NS
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.readers.messages.deserialize import deserialize
+from lidcam.readers.streams.per_sensor import sensor_messages
+from lidcam.readers.streams.survey import survey
+from lidcam.readers.velodyne import sweeps as velodyne_sweeps
+from lidcam.readers.velodyne.packet import PACKET
+from lidcam.readers.velodyne.scan import SCAN, parse_velodyne_scan
+from lidcam.readers.velodyne.sweeps import PAUSE_NS
 
 TOPIC = "/velodyne_packets"
 MS = 1_000_000

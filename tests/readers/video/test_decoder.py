@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from video import CODECS, PERIOD_NS, T0, encode, ffmpeg, ffmpeg_packet, foxglove, moving, pixels, psnr_db
 
-from pipeline.core.messages import RawMessage
-from pipeline.core.settings.recording import LimitsConfig
-from readers.video.decoder import MAX_HELD, VideoDecoder
-from readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.readers.video.decoder import MAX_HELD, VideoDecoder
+from lidcam.readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME
 
 COUNT, GOP = 9, 4
 NONSENSE = b"\0\0\0\1\x41" + b"nonsense" * 20

@@ -3,8 +3,8 @@
 import pytest
 from video import T0, Packet, compressed_video, encode, moving
 
-from readers.video.h264_gaps import GapFinder
-from readers.video.packets import read_packet
+from lidcam.readers.video.h264_gaps import GapFinder
+from lidcam.readers.video.packets import read_packet
 
 COUNT = 40
 STREAMS = {

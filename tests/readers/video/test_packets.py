@@ -8,10 +8,10 @@ from builders import header, serialize, store_for
 from rosbags.typesys import get_types_from_msg
 from video import CODECS, T0, compressed_video, encode, ffmpeg, ffmpeg_packet, foxglove, moving
 
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import Channel, RawMessage
-from readers.messages.header_stamp import stamp_or_log_time
-from readers.video.packets import COMPRESSED_VIDEO, FFMPEG_PACKET, read_packet
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.readers.messages.header_stamp import stamp_or_log_time
+from lidcam.readers.video.packets import COMPRESSED_VIDEO, FFMPEG_PACKET, read_packet
 
 FOXGLOVE = ("h264", "h265", "vp9", "av1")
 

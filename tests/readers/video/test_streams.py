@@ -11,19 +11,19 @@ from foxglove_messages import foxglove_raw, twin
 from memory_recording import MemoryRecording
 from video import PERIOD_NS, T0, compressed_video, encode, ffmpeg, foxglove, moving, pixels, psnr_db
 
-from pipeline.core.frame import SensorBundle
-from pipeline.core.messages import Drop, RawMessage
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.recording import TopicsConfig
-from pipeline.core.settings.sync import SyncConfig
-from pipeline.stages.sync.synchronize import synchronize
-from readers.rig.discovery import Discovery, discover_rig
-from readers.rig.first_messages import FirstMessages
-from readers.rig.sensor_topics import Findings, find_camera_topics
-from readers.streams.per_sensor import sensor_messages
-from readers.streams.survey import survey
-from readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME
-from readers.video.streams import LOOK_BACK_NS, VideoStreams, first_image_size, video_topics
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.messages import Drop, RawMessage
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.recording import TopicsConfig
+from lidcam.pipeline.core.settings.sync import SyncConfig
+from lidcam.pipeline.stages.sync.synchronize import synchronize
+from lidcam.readers.rig.discovery import Discovery, discover_rig
+from lidcam.readers.rig.first_messages import FirstMessages
+from lidcam.readers.rig.sensor_topics import Findings, find_camera_topics
+from lidcam.readers.streams.per_sensor import sensor_messages
+from lidcam.readers.streams.survey import survey
+from lidcam.readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME
+from lidcam.readers.video.streams import LOOK_BACK_NS, VideoStreams, first_image_size, video_topics
 
 COUNT, GOP = 12, 4
 IMAGES = moving(COUNT)
@@ -70,7 +70,7 @@ def test_a_window_shows_what_the_whole_shows(first: int) -> None:
 
 
 def test_looking_back_holds_little(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("readers.video.streams.MAX_HELD_BYTES", 1000)
+    monkeypatch.setattr("lidcam.readers.video.streams.MAX_HELD_BYTES", 1000)
     for first in (GOP - 1, COUNT - 1):
         assert [m.data for m in window(first)] == [m.data for m in streamed(FILM)][first:]
 
@@ -211,7 +211,7 @@ def test_depth_as_video_is_no_image() -> None:
 
 
 def test_without_the_decoder_the_topic_cannot_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("readers.video.packets.find_spec", lambda _: None)
+    monkeypatch.setattr("lidcam.readers.video.packets.find_spec", lambda _: None)
     remedy = "it is video, which needs PyAV: pip install 'lidcam[video]'"
     for film in (FILM, [twin(message, "protobuf") for message in FILM]):
         found = rig_of(film)

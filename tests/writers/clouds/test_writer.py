@@ -10,12 +10,12 @@ import pytest
 from frames import CONFIG, PERIOD_NS, START_NS
 from tracked_frames import Seen, tracked_frame
 
-from pipeline.core.clouds import PointCloud
-from pipeline.core.errors import OutputError
-from pipeline.core.frame import FrameResult
-from pipeline.core.settings.run import OutputConfig
-from writers.clouds.writer import ObjectCloudsWriter
-from writers.outputs.transaction import OutputFile
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.errors import OutputError
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.settings.run import OutputConfig
+from lidcam.writers.clouds.writer import ObjectCloudsWriter
+from lidcam.writers.outputs.transaction import OutputFile
 
 NAMES = ("car", "a b/c")
 

@@ -8,18 +8,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.core.camera import CameraModel
-from pipeline.core.clouds import PointCloud
-from pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import CameraSensor, LidarSensor, Rig
-from pipeline.core.settings.config import Config
-from readers.truth.kitti import KittiTruth, parse_kitti_labels
-from readers.truth.openlabel import OpenLabelTruth
-from writers.datasets.frame import DatasetBoxes, DatasetFrame, DatasetImage, DatasetScene, DatasetWriter, undistorted
-from writers.datasets.kitti import KittiTrackingWriter, KittiWriter
-from writers.datasets.nuscenes import VERSION, NuScenesWriter
-from writers.datasets.openlabel import OpenLabelWriter
+from lidcam.pipeline.core.camera import CameraModel
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.truth.kitti import KittiTruth, parse_kitti_labels
+from lidcam.readers.truth.openlabel import OpenLabelTruth
+from lidcam.writers.datasets.frame import (
+    DatasetBoxes,
+    DatasetFrame,
+    DatasetImage,
+    DatasetScene,
+    DatasetWriter,
+    undistorted,
+)
+from lidcam.writers.datasets.kitti import KittiTrackingWriter, KittiWriter
+from lidcam.writers.datasets.nuscenes import VERSION, NuScenesWriter
+from lidcam.writers.datasets.openlabel import OpenLabelWriter
 
 STAMP_NS = 1_700_000_000_123_456_789
 K = np.array([[300.0, 0, 320], [0, 300, 240], [0, 0, 1]])

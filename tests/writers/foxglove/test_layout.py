@@ -7,9 +7,9 @@ import pytest
 from detections import forward_camera
 from frames import RIG, frame
 
-from pipeline.core.rig import Rig
-from writers.foxglove.layout import foxglove_layout
-from writers.viewpoint import SceneSurvey
+from lidcam.pipeline.core.rig import Rig
+from lidcam.writers.foxglove.layout import foxglove_layout
+from lidcam.writers.viewpoint import SceneSurvey
 
 SITE = {"/point_cloud_combined", "/ground_cloud", "/fused/scene", "/fused/markers", "/diagnostics", "/tf_static"}
 CAMERAS = {f"/{name}/{leaf}" for name in ("left", "right") for leaf in ("camera_info", "annotations")}

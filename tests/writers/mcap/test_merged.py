@@ -8,12 +8,12 @@ import pytest
 from detections import camera_rig, forward_camera
 from results import messages_of, topics_of
 
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.ros.messages import ROS2
-from writers.mcap.merged import MergedSide, write_merged
-from writers.messages.compared import empty_scene
-from writers.outputs.transaction import OutputFile
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.ros.messages import ROS2
+from lidcam.writers.mcap.merged import MergedSide, write_merged
+from lidcam.writers.messages.compared import empty_scene
+from lidcam.writers.outputs.transaction import OutputFile
 
 RIG = camera_rig(forward_camera())
 IDENTITY = (0.0, 0.0, 0.0, 1.0)

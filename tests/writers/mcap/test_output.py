@@ -11,9 +11,9 @@ from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
-from writers.mcap.chunk import LZ4_LEVEL, Compression
-from writers.mcap.output import CHUNK_BYTES, mcap_file
-from writers.outputs.marks import LIBRARY
+from lidcam.writers.mcap.chunk import LZ4_LEVEL, Compression
+from lidcam.writers.mcap.output import CHUNK_BYTES, mcap_file
+from lidcam.writers.outputs.marks import LIBRARY
 
 SCHEMAS = [("a/msg/A", "ros2msg", b"int8 a"), ("b/msg/B", "ros2msg", b"")]
 Messages = list[tuple[int, int, bytes]]

@@ -15,18 +15,18 @@ from mcap.reader import make_reader
 from results import messages_of, topics_of
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.detections import Source
-from pipeline.core.errors import OutputError
-from pipeline.core.frame import FrameResult
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.messages import Channel, Drop, RawMessage
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from pipeline.core.true_boxes import TrueBoxes
-from writers.base import ResultWriter
-from writers.foxglove.layout import layout_path
-from writers.mcap.writer import McapResultWriter, reserved_topics
-from writers.outputs.transaction import OutputFile, OutputTransaction
+from lidcam.pipeline.core.detections import Source
+from lidcam.pipeline.core.errors import OutputError
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.messages import Channel, Drop, RawMessage
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.true_boxes import TrueBoxes
+from lidcam.writers.base import ResultWriter
+from lidcam.writers.foxglove.layout import layout_path
+from lidcam.writers.mcap.writer import McapResultWriter, reserved_topics
+from lidcam.writers.outputs.transaction import OutputFile, OutputTransaction
 
 PER_CAMERA = {
     "camera_info": "sensor_msgs/msg/CameraInfo",

@@ -2,13 +2,13 @@ from typing import Any
 
 from compared_frames import Row, objects
 
-from pipeline.core.ros.messages import ROS2
-from pipeline.core.settings.classes import ROAD_CLASSES
-from pipeline.core.settings.evaluate import CompareConfig
-from pipeline.evaluation.comparison.object_changes import KnownClasses, Tracks, source_changes, source_objects
-from pipeline.evaluation.evaluation_frame import SourceBoxes
-from writers.messages.compared import compared_scene, empty_scene
-from writers.palette import CHANGED, EQUAL, LOST, NEW
+from lidcam.pipeline.core.ros.messages import ROS2
+from lidcam.pipeline.core.settings.classes import ROAD_CLASSES
+from lidcam.pipeline.core.settings.evaluate import CompareConfig
+from lidcam.pipeline.evaluation.comparison.object_changes import KnownClasses, Tracks, source_changes, source_objects
+from lidcam.pipeline.evaluation.evaluation_frame import SourceBoxes
+from lidcam.writers.messages.compared import compared_scene, empty_scene
+from lidcam.writers.palette import CHANGED, EQUAL, LOST, NEW
 
 NAMES = [prior.name for prior in ROAD_CLASSES]
 KNOWN = KnownClasses.of(ROAD_CLASSES, NAMES)

@@ -8,16 +8,16 @@ from frames import CONFIG, RIG, START_NS, tracks_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.detections import Boxes3D, Source
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.rig import Zone
-from pipeline.core.ros.messages import ROS2
-from pipeline.core.ros.typestores import message_types
-from pipeline.core.tracks import Tracks
-from pipeline.evaluation.evaluation_frame import UNKNOWN
-from readers.messages.vision.detections3d import decode_detections3d
-from readers.messages.vision.track_ids import track_ids
-from writers.messages.detections import detections_2d, detections_3d, lidcam_objects, track_array
+from lidcam.pipeline.core.detections import Boxes3D, Source
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.rig import Zone
+from lidcam.pipeline.core.ros.messages import ROS2
+from lidcam.pipeline.core.ros.typestores import message_types
+from lidcam.pipeline.core.tracks import Tracks
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
+from lidcam.readers.messages.vision.detections3d import decode_detections3d
+from lidcam.readers.messages.vision.track_ids import track_ids
+from lidcam.writers.messages.detections import detections_2d, detections_3d, lidcam_objects, track_array
 
 NAMES = CONFIG.class_names
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from frames import CONFIG, START_NS, frame
 
-from pipeline.core.detections import Source
-from pipeline.core.ros.messages import ROS2
-from pipeline.core.true_boxes import TrueBoxes
-from writers.messages.edge_scenes import placed_scene, truth_scene
+from lidcam.pipeline.core.detections import Source
+from lidcam.pipeline.core.ros.messages import ROS2
+from lidcam.pipeline.core.true_boxes import TrueBoxes
+from lidcam.writers.messages.edge_scenes import placed_scene, truth_scene
 
 CAMERA, LIDAR = Source.CAMERA, Source.LIDAR
 

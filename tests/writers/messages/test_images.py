@@ -5,9 +5,9 @@ import pytest
 from frames import START_NS, image_message
 from rosbags.typesys import Stores, get_typestore
 
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import RawMessage
-from writers.messages.images import image_cdr, read_image
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.writers.messages.images import image_cdr, read_image
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 ROS1 = get_typestore(Stores.ROS1_NOETIC)

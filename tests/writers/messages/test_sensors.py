@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from pipeline.core.clouds import PointCloud
-from pipeline.core.ros.messages import ROS2
-from writers.messages.sensors import cloud_message
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.ros.messages import ROS2
+from lidcam.writers.messages.sensors import cloud_message
 
 STAMP_NS = 1_700_000_000_123_456_789
 STORE = get_typestore(Stores.ROS2_HUMBLE)

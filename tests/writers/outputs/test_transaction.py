@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.core.ending import undo_all
-from pipeline.core.errors import OutputError
-from writers.outputs.transaction import OutputTransaction
+from lidcam.pipeline.core.ending import undo_all
+from lidcam.pipeline.core.errors import OutputError
+from lidcam.writers.outputs.transaction import OutputTransaction
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -247,7 +247,7 @@ def test_a_folder_that_is_replaced_meanwhile_gets_nothing(tmp_path: Path, kind: 
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from writers.outputs.transaction import OutputTransaction
+from lidcam.writers.outputs.transaction import OutputTransaction
 
 step, folder = int(sys.argv[1]), Path(sys.argv[2])
 paths = [folder / name for name in ("out.mcap", "out.rrd", "out.foxglove.json")]
@@ -291,7 +291,7 @@ def test_a_run_killed_at_any_step_leaves_whole_files_and_the_next_one_cleans_up(
 
 
 ENDED = KILLED.replace("os.kill(os.getpid(), signal.SIGKILL)", "undo_all(), os._exit(130)").replace(
-    "import os, signal, sys", "import os, signal, sys\nfrom pipeline.core.ending import undo_all"
+    "import os, signal, sys", "import os, signal, sys\nfrom lidcam.pipeline.core.ending import undo_all"
 )
 
 

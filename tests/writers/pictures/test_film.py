@@ -11,12 +11,12 @@ import pytest
 from frames import CONFIG, PROVENANCE, RIG, START_NS, frame
 from video import psnr_db
 
-from pipeline.core.arrays import U8
-from pipeline.core.frame import FrameResult
-from readers.messages.image import decode_any_image
-from writers.outputs.transaction import OutputFile
-from writers.pictures.film import FilmWriter
-from writers.pictures.scene import SIZE_PX, Scenes
+from lidcam.pipeline.core.arrays import U8
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.readers.messages.image import decode_any_image
+from lidcam.writers.outputs.transaction import OutputFile
+from lidcam.writers.pictures.film import FilmWriter
+from lidcam.writers.pictures.scene import SIZE_PX, Scenes
 
 FRAME = frame()
 

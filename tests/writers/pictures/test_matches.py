@@ -7,11 +7,11 @@ from pathlib import Path
 from frames import CONFIG, PROVENANCE, RIG, frame
 from PIL import Image
 
-from pipeline.core.messages import Drop
-from readers.messages.image import decode_any_image
-from writers.outputs.transaction import OutputFile
-from writers.pictures.matches import MatchesWriter
-from writers.pictures.scene import Scenes
+from lidcam.pipeline.core.messages import Drop
+from lidcam.readers.messages.image import decode_any_image
+from lidcam.writers.outputs.transaction import OutputFile
+from lidcam.writers.pictures.matches import MatchesWriter
+from lidcam.writers.pictures.scene import Scenes
 
 
 def test_one_file_per_camera_and_frame(tmp_path: Path) -> None:

@@ -9,17 +9,17 @@ import pytest
 from frames import CONFIG, RIG, frame, tracks_of
 from tracked_frames import Seen, tracked_frame
 
-from pipeline.core.arrays import F64, U8
-from pipeline.core.camera import CameraModel
-from pipeline.core.errors import ConfigError
-from pipeline.core.frame import FrameResult, Missing
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
-from readers.messages.image import decode_any_image
-from writers.palette import CAMERA_ONLY, MATCHED, Rgb, class_color
-from writers.pictures.above import SiteMap, area_of
-from writers.pictures.scene import SIZE_PX, Drawn, Scenes
+from lidcam.pipeline.core.arrays import F64, U8
+from lidcam.pipeline.core.camera import CameraModel
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.pipeline.core.frame import FrameResult, Missing
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.messages.image import decode_any_image
+from lidcam.writers.palette import CAMERA_ONLY, MATCHED, Rgb, class_color
+from lidcam.writers.pictures.above import SiteMap, area_of
+from lidcam.writers.pictures.scene import SIZE_PX, Drawn, Scenes
 
 
 def drawn(result: FrameResult, rig: Rig = RIG, camera: str = "", config: Config = CONFIG) -> Drawn:

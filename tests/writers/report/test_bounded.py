@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from writers.report import courses as courses_module
-from writers.report import timeline as timeline_module
-from writers.report.courses import Courses
-from writers.report.grid import SparseGrid
-from writers.report.timeline import MAX_STEPS, Timeline
+from lidcam.writers.report import courses as courses_module
+from lidcam.writers.report import timeline as timeline_module
+from lidcam.writers.report.courses import Courses
+from lidcam.writers.report.grid import SparseGrid
+from lidcam.writers.report.timeline import MAX_STEPS, Timeline
 
 
 def test_a_grid_of_nothing_and_of_one() -> None:

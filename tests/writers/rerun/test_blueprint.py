@@ -5,9 +5,9 @@ import rerun.blueprint as rrb
 from detections import forward_camera
 from frames import RIG
 
-from pipeline.core.rig import Rig
-from writers.rerun.blueprint import blueprint, place_eye
-from writers.viewpoint import SceneSurvey
+from lidcam.pipeline.core.rig import Rig
+from lidcam.writers.rerun.blueprint import blueprint, place_eye
+from lidcam.writers.viewpoint import SceneSurvey
 
 
 def rig(*sizes_px: tuple[int, int]) -> Rig:

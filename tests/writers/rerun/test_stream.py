@@ -13,14 +13,14 @@ import rerun as rr
 from frames import CONFIG, PROVENANCE, RIG, frame
 from rerun.chunk import RrdReader
 
-import writers.rerun.stream
-import writers.rerun.writer
-from pipeline.core.errors import OutputError
-from pipeline.core.messages import RawMessage
-from pipeline.core.optics.images import Image
-from writers.outputs.transaction import OutputTransaction
-from writers.rerun.stream import RerunStream
-from writers.rerun.writer import RerunResultWriter
+import lidcam.writers.rerun.stream
+import lidcam.writers.rerun.writer
+from lidcam.pipeline.core.errors import OutputError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.optics.images import Image
+from lidcam.writers.outputs.transaction import OutputTransaction
+from lidcam.writers.rerun.stream import RerunStream
+from lidcam.writers.rerun.writer import RerunResultWriter
 
 WRITE_BYTES = 4000
 
@@ -98,7 +98,7 @@ def test_rerun_itself_does_not_go_on(disk: Disk, tmp_path: Path, monkeypatch: py
     def never(timeout_sec: float) -> None:
         raise RuntimeError(f"Flush timed out after {timeout_sec} s")
 
-    monkeypatch.setattr(writers.rerun.stream, "STALL_S", 0.0)
+    monkeypatch.setattr(lidcam.writers.rerun.stream, "STALL_S", 0.0)
     monkeypatch.setattr(logged, "flush", never)
     with pytest.raises(OutputError, match=r"out.rrd: Rerun has not written for 0 s \(Flush timed out"):
         stream.flush()
@@ -129,7 +129,7 @@ def test_a_writer_that_fails_at_its_end_leaves_no_thread(tmp_path: Path, monkeyp
     def fail(*_: object) -> None:
         raise ZeroDivisionError("a bug")
 
-    monkeypatch.setattr(writers.rerun.writer, "place_eye", fail)
+    monkeypatch.setattr(lidcam.writers.rerun.writer, "place_eye", fail)
     with (
         pytest.raises(ZeroDivisionError),
         OutputTransaction([path]) as outputs,

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 import rerun as rr
 
-from pipeline.core.errors import OutputError
-from writers.rerun.viewer import RerunViewer
+from lidcam.pipeline.core.errors import OutputError
+from lidcam.writers.rerun.viewer import RerunViewer
 
 
 @pytest.fixture

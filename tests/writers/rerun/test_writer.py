@@ -9,23 +9,23 @@ import numpy as np
 import pytest
 from frames import CONFIG, PROVENANCE, RIG, START_NS, frame, tracks_of
 
-from pipeline.core.arrays import F32
-from pipeline.core.clouds import CombinedCloud, PointCloud
-from pipeline.core.detections import Source
-from pipeline.core.errors import MessageError
-from pipeline.core.frame import FrameResult, Missing
-from pipeline.core.messages import Drop, RawMessage
-from pipeline.core.optics.images import Image
-from pipeline.core.settings.config import Config
-from pipeline.core.true_boxes import TrueBoxes
-from writers.base import ResultWriter
-from writers.drawing import DrawnBoxes2D
-from writers.outputs.transaction import OutputTransaction
-from writers.palette import MATCHED
-from writers.provenance import Provenance
-from writers.rerun.archetypes import MAX_POINTS, cloud_points, labels_2d
-from writers.rerun.writer import RerunResultWriter
-from writers.viewpoint import SURVEYED_FRAMES
+from lidcam.pipeline.core.arrays import F32
+from lidcam.pipeline.core.clouds import CombinedCloud, PointCloud
+from lidcam.pipeline.core.detections import Source
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.frame import FrameResult, Missing
+from lidcam.pipeline.core.messages import Drop, RawMessage
+from lidcam.pipeline.core.optics.images import Image
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.true_boxes import TrueBoxes
+from lidcam.writers.base import ResultWriter
+from lidcam.writers.drawing import DrawnBoxes2D
+from lidcam.writers.outputs.transaction import OutputTransaction
+from lidcam.writers.palette import MATCHED
+from lidcam.writers.provenance import Provenance
+from lidcam.writers.rerun.archetypes import MAX_POINTS, cloud_points, labels_2d
+from lidcam.writers.rerun.writer import RerunResultWriter
+from lidcam.writers.viewpoint import SURVEYED_FRAMES
 
 RERUN = Path(sys.executable).with_name("rerun")
 
@@ -306,6 +306,6 @@ def test_an_image_that_was_dropped_is_not_shown(tmp_path: Path) -> None:
 
 
 def test_the_eye_is_placed_once_in_a_long_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("writers.rerun.writer.MAX_WAITING_FRAMES", 5)
+    monkeypatch.setattr("lidcam.writers.rerun.writer.MAX_WAITING_FRAMES", 5)
     write(tmp_path / "out.rrd", [frame(row) for row in range(SURVEYED_FRAMES + 2)])
     assert printed(tmp_path).count("EyeControls3D:position") == 2  # of the scene, and from above

@@ -10,13 +10,13 @@ from frames import CONFIG, RIG, frame
 from pyarrow.parquet import read_table
 from tracked_frames import Seen, tracked_frame
 
-from pipeline.core.arrays import join_rows
-from pipeline.core.errors import OutputError
-from pipeline.core.frame import FrameResult
-from pipeline.core.rig import Rig
-from writers.outputs.transaction import OutputTransaction
-from writers.tables.objects import Objects
-from writers.tables.writer import CsvObjectsWriter
+from lidcam.pipeline.core.arrays import join_rows
+from lidcam.pipeline.core.errors import OutputError
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.rig import Rig
+from lidcam.writers.outputs.transaction import OutputTransaction
+from lidcam.writers.tables.objects import Objects
+from lidcam.writers.tables.writer import CsvObjectsWriter
 
 NAMES = CONFIG.object_names
 MOTION = ("speed_m_s", "vx_m_s", "vy_m_s", "yaw_rate_rad_s", "existence", "age_s")

@@ -18,14 +18,14 @@ from pyarrow import parquet
 from tracked_frames import Seen, tracked_frame
 
 from lidcam.outputs.allowed import is_marked_csv, is_marked_parquet
-from pipeline.core.arrays import join_rows
-from pipeline.core.errors import OutputError
-from pipeline.core.frame import FrameResult
-from writers.base import ResultWriter
-from writers.outputs.transaction import OutputFile
-from writers.tables import writer as tables
-from writers.tables.objects import Objects
-from writers.tables.writer import CsvObjectsWriter, ParquetObjectsWriter
+from lidcam.pipeline.core.arrays import join_rows
+from lidcam.pipeline.core.errors import OutputError
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.writers.base import ResultWriter
+from lidcam.writers.outputs.transaction import OutputFile
+from lidcam.writers.tables import writer as tables
+from lidcam.writers.tables.objects import Objects
+from lidcam.writers.tables.writer import CsvObjectsWriter, ParquetObjectsWriter
 
 NAMES = CONFIG.object_names
 FRAMES = [

@@ -4,10 +4,10 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from bags.simulator.world.bodies.dimensions import SHAPES
-from bags.simulator.world.bodies.hulls import Hull, both_sides, rear_wheels, underbody
-from bags.simulator.world.meshes.lofts import loft
-from bags.simulator.world.meshes.materials import (
+from lidcam.bags.simulator.world.bodies.dimensions import SHAPES
+from lidcam.bags.simulator.world.bodies.hulls import Hull, both_sides, rear_wheels, underbody
+from lidcam.bags.simulator.world.meshes.lofts import loft
+from lidcam.bags.simulator.world.meshes.materials import (
     CHROME,
     DARK,
     GLASS,
@@ -18,9 +18,7 @@ from bags.simulator.world.meshes.materials import (
     TAIL_LAMP,
     paint,
 )
-from bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, box, merged
-
-__all__ = ["car", "model_car"]
+from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, box, merged
 
 INTERIOR = Material("interior", (0.18, 0.17, 0.17), 0.15)
 

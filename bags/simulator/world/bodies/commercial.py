@@ -4,10 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from bags.simulator.world.bodies.dimensions import SHAPES
-from bags.simulator.world.bodies.hulls import Hull, both_sides, rear_wheels, screen, underbody
-from bags.simulator.world.meshes.lofts import loft, panel
-from bags.simulator.world.meshes.materials import (
+from lidcam.bags.simulator.world.bodies.dimensions import SHAPES
+from lidcam.bags.simulator.world.bodies.hulls import Hull, both_sides, rear_wheels, screen, underbody
+from lidcam.bags.simulator.world.meshes.lofts import loft, panel
+from lidcam.bags.simulator.world.meshes.materials import (
     DARK,
     GLASS,
     HEADLAMP,
@@ -19,9 +19,7 @@ from bags.simulator.world.meshes.materials import (
     TAIL_LAMP,
     paint,
 )
-from bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, box, cylinder, merged
-
-__all__ = ["bus", "truck", "van"]
+from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, box, cylinder, merged
 
 
 def van(color: Rgb) -> Mesh:

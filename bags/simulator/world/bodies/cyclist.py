@@ -8,8 +8,8 @@ from functools import cache
 
 import numpy as np
 
-from bags.simulator.world.bodies.dimensions import SHAPES
-from bags.simulator.world.bodies.figures import (
+from lidcam.bags.simulator.world.bodies.dimensions import SHAPES
+from lidcam.bags.simulator.world.bodies.figures import (
     HIP_Y_M,
     REFERENCE,
     Looks,
@@ -19,15 +19,13 @@ from bags.simulator.world.bodies.figures import (
     shin_mesh,
     thigh_mesh,
 )
-from bags.simulator.world.bodies.joints import WALKED, ArticulatedPath, Carrier, pitched, steered_fork
-from bags.simulator.world.meshes.lofts import ellipses, limb, torus
-from bags.simulator.world.meshes.materials import CHROME, DARK, HEADLAMP, METAL, RUBBER, TAIL_LAMP
-from bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, box, cylinder, merged, sphere
-from bags.simulator.world.motion import Poses
-from bags.simulator.world.mover import Part
-from pipeline.core.arrays import F64
-
-__all__ = ["CRANK_CYCLE_M", "bicycle", "cyclist_parts"]
+from lidcam.bags.simulator.world.bodies.joints import WALKED, ArticulatedPath, Carrier, pitched, steered_fork
+from lidcam.bags.simulator.world.meshes.lofts import ellipses, limb, torus
+from lidcam.bags.simulator.world.meshes.materials import CHROME, DARK, HEADLAMP, METAL, RUBBER, TAIL_LAMP
+from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, box, cylinder, merged, sphere
+from lidcam.bags.simulator.world.motion import Poses
+from lidcam.bags.simulator.world.mover import Part
+from lidcam.pipeline.core.arrays import F64
 
 CRANK = (0.44, 0.29)  # x and z of the crank axle
 CRANK_M, PEDAL_Y_M = 0.17, 0.13

@@ -4,8 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-__all__ = ["SHAPES", "Shape", "shape_of"]
-
 Vector = tuple[float, float, float]
 
 

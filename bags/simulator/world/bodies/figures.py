@@ -6,10 +6,8 @@ from zlib import crc32
 
 import numpy as np
 
-from bags.simulator.world.meshes.lofts import ellipses, limb
-from bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, merged, sphere
-
-__all__ = ["HIP_Y_M", "REFERENCE", "Looks", "head", "looks_of", "recolored", "shin_mesh", "thigh_mesh"]
+from lidcam.bags.simulator.world.meshes.lofts import ellipses, limb
+from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, merged, sphere
 
 HIP_Y_M = 0.095
 """From the middle plane to the hip joint."""

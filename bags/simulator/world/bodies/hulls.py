@@ -8,13 +8,11 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from bags.simulator.world.bodies.dimensions import SHAPES, Shape
-from bags.simulator.world.meshes.lofts import loft, panel, wheel
-from bags.simulator.world.meshes.materials import DARK, RUBBER
-from bags.simulator.world.meshes.mesh import Material, Mesh, box, cylinder, merged
-from pipeline.core.arrays import F64
-
-__all__ = ["Hull", "both_sides", "front_wheel", "rear_wheels", "screen", "underbody"]
+from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, Shape
+from lidcam.bags.simulator.world.meshes.lofts import loft, panel, wheel
+from lidcam.bags.simulator.world.meshes.materials import DARK, RUBBER
+from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh, box, cylinder, merged
+from lidcam.pipeline.core.arrays import F64
 
 Edge = tuple[float, float, float]
 

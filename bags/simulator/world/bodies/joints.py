@@ -6,22 +6,9 @@ from typing import Protocol
 
 import numpy as np
 
-from bags.simulator.world.bodies.dimensions import Shape
-from bags.simulator.world.motion import Poses
-from pipeline.core.arrays import F64, I64
-
-__all__ = [
-    "SPEED",
-    "STEERING",
-    "WALKED",
-    "ArticulatedPath",
-    "Carrier",
-    "RaisedPath",
-    "pitched",
-    "steered_fork",
-    "steered_wheel",
-]
-
+from lidcam.bags.simulator.world.bodies.dimensions import Shape
+from lidcam.bags.simulator.world.motion import Poses
+from lidcam.pipeline.core.arrays import F64, I64
 
 SPEED = 3
 STEERING = 4
@@ -34,7 +21,7 @@ class Carrier(Protocol):
     """The path of an articulated thing: a `Trajectory` or a `RaisedPath`."""
 
     def states(self, times_ns: I64) -> F64:
-        """(N, 6) columns as the fields of `bags.simulator.vehicles.trajectory.State`, at times (N,)."""
+        """(N, 6) columns as the fields of `lidcam.bags.simulator.vehicles.trajectory.State`, at times (N,)."""
 
     def poses(self, times_ns: I64) -> Poses:
         """Poses (N) of the base frame at times (N,)."""

@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from bags.simulator.world.bodies.figures import (
+from lidcam.bags.simulator.world.bodies.figures import (
     HIP_Y_M,
     REFERENCE,
     Looks,
@@ -20,14 +20,12 @@ from bags.simulator.world.bodies.figures import (
     shin_mesh,
     thigh_mesh,
 )
-from bags.simulator.world.bodies.joints import SPEED, WALKED, ArticulatedPath, Carrier, pitched
-from bags.simulator.world.meshes.lofts import ellipses, limb
-from bags.simulator.world.meshes.mesh import Mesh, Rgb, merged, sphere
-from bags.simulator.world.motion import Poses
-from bags.simulator.world.mover import Part
-from pipeline.core.arrays import F64
-
-__all__ = ["CYCLE_M", "pedestrian_parts"]
+from lidcam.bags.simulator.world.bodies.joints import SPEED, WALKED, ArticulatedPath, Carrier, pitched
+from lidcam.bags.simulator.world.meshes.lofts import ellipses, limb
+from lidcam.bags.simulator.world.meshes.mesh import Mesh, Rgb, merged, sphere
+from lidcam.bags.simulator.world.motion import Poses
+from lidcam.bags.simulator.world.mover import Part
+from lidcam.pipeline.core.arrays import F64
 
 Limb = Literal["thigh", "shin", "arm"]
 

@@ -1,6 +1,6 @@
 """Closed bodies beyond boxes and cylinders: lofts, tori, wheels, panels.
 
-Triangles run counter-clockwise seen from outside, as in `bags.simulator.world.meshes.mesh`.
+Triangles run counter-clockwise seen from outside, as in `lidcam.bags.simulator.world.meshes.mesh`.
 """
 
 from collections.abc import Callable, Sequence
@@ -8,10 +8,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from bags.simulator.world.meshes.mesh import Material, Mesh, cylinder, merged, ring_faces
-from pipeline.core.arrays import F64, I64
-
-__all__ = ["ellipses", "limb", "loft", "panel", "torus", "wheel"]
+from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh, cylinder, merged, ring_faces
+from lidcam.pipeline.core.arrays import F64, I64
 
 
 def loft(

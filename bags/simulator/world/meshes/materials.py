@@ -1,21 +1,6 @@
 """Materials that several bodies share."""
 
-from bags.simulator.world.meshes.mesh import Material
-
-__all__ = [
-    "CHROME",
-    "DARK",
-    "GLASS",
-    "HEADLAMP",
-    "METAL",
-    "PLATE",
-    "PLATE_YELLOW",
-    "RUBBER",
-    "SEAM",
-    "SIGNAL",
-    "TAIL_LAMP",
-    "paint",
-]
+from lidcam.bags.simulator.world.meshes.mesh import Material
 
 RUBBER = Material("rubber", (0.16, 0.16, 0.165), 0.06)
 DARK = Material("dark plastic", (0.13, 0.13, 0.14), 0.08, mirror=0.02)

@@ -11,23 +11,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import F64, I64, check_array
-
-__all__ = [
-    "OWN",
-    "Look",
-    "Material",
-    "Mesh",
-    "Rgb",
-    "Texture",
-    "box",
-    "cylinder",
-    "merged",
-    "polygon",
-    "prism",
-    "ring_faces",
-    "sphere",
-]
+from lidcam.pipeline.core.arrays import F64, I64, check_array
 
 Rgb = tuple[float, float, float]
 Texture = Literal[

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bags.simulator.world.meshes.materials import METAL
-from bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, Texture, box, cylinder, merged, polygon, prism
-from bags.simulator.world.places.furniture import (
+from lidcam.bags.simulator.world.meshes.materials import METAL
+from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, Texture, box, cylinder, merged, polygon, prism
+from lidcam.bags.simulator.world.places.furniture import (
     BAY_M,
     bench,
     hedge,
@@ -20,9 +20,7 @@ from bags.simulator.world.places.furniture import (
     traffic_light,
     tree,
 )
-from pipeline.core.arrays import F64
-
-__all__ = ["KERB_M", "MAST_TOP_M", "crossing", "crossing_height"]
+from lidcam.pipeline.core.arrays import F64
 
 KERB_M = 0.12
 MAST_TOP_M = 5.8

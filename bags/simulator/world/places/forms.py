@@ -5,11 +5,9 @@ from functools import cache
 
 import numpy as np
 
-from bags.simulator.world.bodies.cyclist import bicycle
-from bags.simulator.world.meshes.mesh import Material, Mesh, box, cylinder, merged, sphere
-from pipeline.core.arrays import F64
-
-__all__ = ["VARIANTS", "form"]
+from lidcam.bags.simulator.world.bodies.cyclist import bicycle
+from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh, box, cylinder, merged, sphere
+from lidcam.pipeline.core.arrays import F64
 
 VARIANTS = 8
 """Different meshes of each form that is drawn."""

@@ -5,24 +5,10 @@ from zlib import crc32
 
 import numpy as np
 
-from bags.simulator.world.meshes.lofts import loft
-from bags.simulator.world.meshes.materials import DARK, METAL
-from bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, Texture, box, cylinder, merged, sphere
-from pipeline.core.arrays import F64
-
-__all__ = [
-    "BAY_M",
-    "bench",
-    "conifer",
-    "hedge",
-    "house",
-    "lamp_post",
-    "litter_bin",
-    "round_sign",
-    "traffic_light",
-    "tree",
-    "triangle_sign",
-]
+from lidcam.bags.simulator.world.meshes.lofts import loft
+from lidcam.bags.simulator.world.meshes.materials import DARK, METAL
+from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, Texture, box, cylinder, merged, sphere
+from lidcam.pipeline.core.arrays import F64
 
 BAY_M = 2.6
 """Width of a facade bay with one window: walls on multiples of it cut no window."""

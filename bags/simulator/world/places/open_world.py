@@ -5,12 +5,10 @@ from zlib import crc32
 
 import numpy as np
 
-from bags.simulator.scenario.open_world import GroundScenario, ThingScenario
-from bags.simulator.world.meshes.mesh import Material, Mesh, merged
-from bags.simulator.world.places.forms import PLAIN, VARIANTS, form
-from pipeline.core.arrays import F64, Bools
-
-__all__ = ["open_height", "open_mesh"]
+from lidcam.bags.simulator.scenario.open_world import GroundScenario, ThingScenario
+from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh, merged
+from lidcam.bags.simulator.world.places.forms import PLAIN, VARIANTS, form
+from lidcam.pipeline.core.arrays import F64, Bools
 
 ASPHALT = Material("asphalt", (0.30, 0.30, 0.31), 0.18, texture="asphalt")
 VERGE = Material("verge", (0.36, 0.46, 0.24), 0.4, texture="grass")

@@ -6,15 +6,13 @@ from typing import Literal
 
 import numpy as np
 
-from bags.simulator.scenario.scenario import Scenario
-from bags.simulator.world.meshes.mesh import Mesh
-from bags.simulator.world.places.crossing import crossing, crossing_height
-from bags.simulator.world.places.open_world import open_height, open_mesh
-from bags.simulator.world.places.sandbox import sandbox
-from bags.simulator.world.places.street import street, street_height
-from pipeline.core.arrays import F64
-
-__all__ = ["World", "ground_height", "height_of", "mesh_of", "static_mesh"]
+from lidcam.bags.simulator.scenario.scenario import Scenario
+from lidcam.bags.simulator.world.meshes.mesh import Mesh
+from lidcam.bags.simulator.world.places.crossing import crossing, crossing_height
+from lidcam.bags.simulator.world.places.open_world import open_height, open_mesh
+from lidcam.bags.simulator.world.places.sandbox import sandbox
+from lidcam.bags.simulator.world.places.street import street, street_height
+from lidcam.pipeline.core.arrays import F64
 
 World = Literal["sandbox", "crossing", "street"]
 

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, Texture, box, merged, polygon, prism
-from bags.simulator.world.places.furniture import (
+from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, Texture, box, merged, polygon, prism
+from lidcam.bags.simulator.world.places.furniture import (
     BAY_M,
     bench,
     hedge,
@@ -17,9 +17,7 @@ from bags.simulator.world.places.furniture import (
     tree,
     triangle_sign,
 )
-from pipeline.core.arrays import F64
-
-__all__ = ["street", "street_height"]
+from lidcam.pipeline.core.arrays import F64
 
 KERB_M = 0.12
 FROM_M, TO_M = -150.0, 250.0

@@ -2,11 +2,9 @@
 
 import numpy as np
 
-from bags.simulator.world.meshes.mesh import OWN, Look
-from bags.simulator.world.surfaces.noise import grain
-from pipeline.core.arrays import F32, U8, Bools
-
-__all__ = ["GROUND_LOOKS", "crossing_ground", "sandbox_ground", "street_ground"]
+from lidcam.bags.simulator.world.meshes.mesh import OWN, Look
+from lidcam.bags.simulator.world.surfaces.noise import grain
+from lidcam.pipeline.core.arrays import F32, U8, Bools
 
 Drawn = tuple[U8, F32]
 

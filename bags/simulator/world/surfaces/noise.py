@@ -4,9 +4,7 @@ from functools import cache
 
 import numpy as np
 
-from pipeline.core.arrays import F32
-
-__all__ = ["cells", "grain"]
+from lidcam.pipeline.core.arrays import F32
 
 SIZE = 512  # a power of two: positions wrap by masking bits
 

@@ -11,12 +11,10 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from bags.simulator.world.meshes.mesh import OWN, Look, Material, Rgb, Texture
-from bags.simulator.world.surfaces.grounds import GROUND_LOOKS, crossing_ground, sandbox_ground, street_ground
-from bags.simulator.world.surfaces.noise import cells, grain
-from pipeline.core.arrays import F32, F64, I64, U8
-
-__all__ = ["linear", "surface_reflectivity", "surface_rgb"]
+from lidcam.bags.simulator.world.meshes.mesh import OWN, Look, Material, Rgb, Texture
+from lidcam.bags.simulator.world.surfaces.grounds import GROUND_LOOKS, crossing_ground, sandbox_ground, street_ground
+from lidcam.bags.simulator.world.surfaces.noise import cells, grain
+from lidcam.pipeline.core.arrays import F32, F64, I64, U8
 
 Floats = F32 | F64
 Drawn = tuple[U8, F32]

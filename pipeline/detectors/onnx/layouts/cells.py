@@ -6,11 +6,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from pipeline.core.arrays import F32, Array
-from pipeline.detectors.onnx.layouts.layout import Size, best_class, check_shape, corners_of
-from pipeline.detectors.protocols import Candidates2D
-
-__all__ = ["STRIDES_PX", "YoloV5Reader", "YoloV8Reader", "YoloxReader", "cell_count", "cells_of", "is_in_pixels"]
+from lidcam.pipeline.core.arrays import F32, Array
+from lidcam.pipeline.detectors.onnx.layouts.layout import Size, best_class, check_shape, corners_of
+from lidcam.pipeline.detectors.protocols import Candidates2D
 
 STRIDES_PX = (8, 16, 32)
 

@@ -6,13 +6,11 @@ from typing import Protocol
 
 import numpy as np
 
-from pipeline.core.arrays import F32, I64, Array
-from pipeline.core.errors import ModelError
-from pipeline.core.settings.detect import NetworkColors, NetworkLayout
-from pipeline.detectors.onnx.preprocessing import Placement
-from pipeline.detectors.protocols import Candidates2D
-
-__all__ = ["Layout", "Reader", "Size", "best_class", "check_shape", "corners_of"]
+from lidcam.pipeline.core.arrays import F32, I64, Array
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.core.settings.detect import NetworkColors, NetworkLayout
+from lidcam.pipeline.detectors.onnx.preprocessing import Placement
+from lidcam.pipeline.detectors.protocols import Candidates2D
 
 Size = tuple[int, int]
 """Height and width of a network's input, pixels."""

@@ -5,12 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F32, Array
-from pipeline.core.errors import ModelError
-from pipeline.detectors.onnx.layouts.layout import Size, best_class, check_shape, corners_of
-from pipeline.detectors.protocols import Candidates2D
-
-__all__ = ["DetrReader", "DfineReader", "EndToEndReader", "RtDetrListReader", "RtDetrReader"]
+from lidcam.pipeline.core.arrays import F32, Array
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.detectors.onnx.layouts.layout import Size, best_class, check_shape, corners_of
+from lidcam.pipeline.detectors.protocols import Candidates2D
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import Array
-from pipeline.core.errors import ModelError
-from pipeline.core.settings.detect import NetworkColors, NetworkLayout
-from pipeline.detectors.onnx.layouts.cells import (
+from lidcam.pipeline.core.arrays import Array
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.core.settings.detect import NetworkColors, NetworkLayout
+from lidcam.pipeline.detectors.onnx.layouts.cells import (
     STRIDES_PX,
     YoloV5Reader,
     YoloV8Reader,
@@ -16,16 +16,14 @@ from pipeline.detectors.onnx.layouts.cells import (
     cell_count,
     is_in_pixels,
 )
-from pipeline.detectors.onnx.layouts.layout import Layout, Size
-from pipeline.detectors.onnx.layouts.queries import (
+from lidcam.pipeline.detectors.onnx.layouts.layout import Layout, Size
+from lidcam.pipeline.detectors.onnx.layouts.queries import (
     DetrReader,
     DfineReader,
     EndToEndReader,
     RtDetrListReader,
     RtDetrReader,
 )
-
-__all__ = ["Trial", "recognise"]
 
 PYRAMIDS_PX = (STRIDES_PX, (8, 16, 32, 64), (4, 8, 16, 32))
 """Strides of the grids of YOLO networks; the usual ones first."""

@@ -8,11 +8,11 @@ import pytest
 import rerun as rr
 from small_scenario import small_scenario
 
-from bags.simulator.drive.live_view import LiveView
-from bags.simulator.recorder.start import simulating
-from bags.simulator.scenario.scenario import Scenario
-from pipeline.core.errors import OutputError
-from pipeline.core.ros.typestores import RosVersion
+from lidcam.bags.simulator.drive.live_view import LiveView
+from lidcam.bags.simulator.recorder.start import simulating
+from lidcam.bags.simulator.scenario.scenario import Scenario
+from lidcam.pipeline.core.errors import OutputError
+from lidcam.pipeline.core.ros.typestores import RosVersion
 
 RERUN = Path(sys.executable).with_name("rerun")
 RIDING = {"mounted_on": "car2", "position_m": [0.0, 0.0, 0.4]}

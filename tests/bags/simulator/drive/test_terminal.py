@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from bags.simulator.drive.driving import Pressed
-from bags.simulator.drive.terminal import TerminalKeys, terminal_keys
-from pipeline.core.ending import undo_all
+from lidcam.bags.simulator.drive.driving import Pressed
+from lidcam.bags.simulator.drive.terminal import TerminalKeys, terminal_keys
+from lidcam.pipeline.core.ending import undo_all
 
 Terminal = tuple[int, int]  # what a user's hand holds, and the program's end
 

@@ -10,7 +10,7 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from bags.simulator.recorder.files import (
+from lidcam.bags.simulator.recorder.files import (
     FORMATS,
     RecordingFormat,
     WriteMessage,
@@ -19,22 +19,29 @@ from bags.simulator.recorder.files import (
     recording_outputs,
     ros_version_of,
 )
-from bags.simulator.recorder.messages import MessageFactory, TrueObject, ViewedObject, class_of, counted, counted_by
-from pipeline.core.arrays import Array
-from pipeline.core.camera import CameraModel
-from pipeline.core.errors import OutputError
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.messages import RawMessage
-from readers.messages.camera_info import camera_model
-from readers.messages.deserialize import deserialize
-from readers.messages.image import decode_any_image
-from readers.messages.odometry import decode_odometry
-from readers.messages.pointcloud2 import decode_pointcloud2
-from readers.messages.tf import decode_transforms
-from readers.messages.vision.detections2d import decode_detections2d
-from readers.open import open_recording
-from readers.velodyne.scan import parse_velodyne_scan
-from writers.outputs.marks import is_unchanged_text
+from lidcam.bags.simulator.recorder.messages import (
+    MessageFactory,
+    TrueObject,
+    ViewedObject,
+    class_of,
+    counted,
+    counted_by,
+)
+from lidcam.pipeline.core.arrays import Array
+from lidcam.pipeline.core.camera import CameraModel
+from lidcam.pipeline.core.errors import OutputError
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.messages.camera_info import camera_model
+from lidcam.readers.messages.deserialize import deserialize
+from lidcam.readers.messages.image import decode_any_image
+from lidcam.readers.messages.odometry import decode_odometry
+from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
+from lidcam.readers.messages.tf import decode_transforms
+from lidcam.readers.messages.vision.detections2d import decode_detections2d
+from lidcam.readers.open import open_recording
+from lidcam.readers.velodyne.scan import parse_velodyne_scan
+from lidcam.writers.outputs.marks import is_unchanged_text
 
 START_NS = 1_700_000_000 * 10**9
 STAMP_NS = 2_345_678_901

@@ -7,15 +7,15 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
-from bags.simulator.recorder.movers import build_mover
-from bags.simulator.scenario.traffic import VehicleScenario
-from bags.simulator.vehicles.trajectory import State, Trajectory
-from bags.simulator.world.bodies.cyclist import CRANK_CYCLE_M
-from bags.simulator.world.bodies.dimensions import SHAPES, shape_of
-from bags.simulator.world.bodies.joints import steered_wheel
-from bags.simulator.world.bodies.pedestrian import CYCLE_M
-from bags.simulator.world.mover import Mover, placed_vertices
-from pipeline.core.arrays import F64
+from lidcam.bags.simulator.recorder.movers import build_mover
+from lidcam.bags.simulator.scenario.traffic import VehicleScenario
+from lidcam.bags.simulator.vehicles.trajectory import State, Trajectory
+from lidcam.bags.simulator.world.bodies.cyclist import CRANK_CYCLE_M
+from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, shape_of
+from lidcam.bags.simulator.world.bodies.joints import steered_wheel
+from lidcam.bags.simulator.world.bodies.pedestrian import CYCLE_M
+from lidcam.bags.simulator.world.mover import Mover, placed_vertices
+from lidcam.pipeline.core.arrays import F64
 
 SECOND_NS = 10**9
 MOMENTS = [int(t) for t in np.linspace(0, SECOND_NS, 25)]

@@ -7,15 +7,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_scenario import small_scenario
 
-from bags.simulator.recorder.processes import SensingProcess, shared_out
-from bags.simulator.recorder.recorded import SensingTask
-from bags.simulator.recorder.sensing import Sensing
-from bags.simulator.recorder.stage import Stage
-from bags.simulator.scenario.load import load_scenario
-from bags.simulator.scenario.scenario import Scenario
-from bags.simulator.vehicles.ackermann import AckermannCommand
-from pipeline.core.ending import undo_all
-from pipeline.core.errors import ConfigError, LidcamError
+from lidcam.bags.simulator.recorder.processes import SensingProcess, shared_out
+from lidcam.bags.simulator.recorder.recorded import SensingTask
+from lidcam.bags.simulator.recorder.sensing import Sensing
+from lidcam.bags.simulator.recorder.stage import Stage
+from lidcam.bags.simulator.scenario.load import load_scenario
+from lidcam.bags.simulator.scenario.scenario import Scenario
+from lidcam.bags.simulator.vehicles.ackermann import AckermannCommand
+from lidcam.pipeline.core.ending import undo_all
+from lidcam.pipeline.core.errors import ConfigError, LidcamError
 
 UNTIL_NS = 150_000_000
 

@@ -12,10 +12,10 @@ from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 from small_scenario import SMALL, write_small_scenario
 
-from bags.simulator.scenario.traffic import controller_topics
+from lidcam.bags.simulator.scenario.traffic import controller_topics
 from lidcam.commands.simulation.simulate import simulate as record
-from pipeline.core.arrays import F64
-from pipeline.core.ros.typestores import message_types
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.ros.typestores import message_types
 
 MS = 1_000_000
 START_NS = 1_700_000_000 * 10**9

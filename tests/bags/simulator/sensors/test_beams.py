@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from bags.simulator.scenario.sensors import LidarScenario
-from bags.simulator.sensors.beams import VelodynePattern, pattern_of
-from bags.simulator.sensors.velodyne_packets import Beams
-from readers.velodyne.models import MODELS, built_in_table
+from lidcam.bags.simulator.scenario.sensors import LidarScenario
+from lidcam.bags.simulator.sensors.beams import VelodynePattern, pattern_of
+from lidcam.bags.simulator.sensors.velodyne_packets import Beams
+from lidcam.readers.velodyne.models import MODELS, built_in_table
 
 VELODYNES = ["VLP-16", "Puck Hi-Res", "HDL-32E", "VLP-32A", "VLP-32C"]
 

@@ -6,17 +6,17 @@ import pytest
 import small_worlds
 from small_worlds import EvenPath
 
-from bags.simulator.scenario.scenario import SunScenario
-from bags.simulator.scenario.sensors import CameraScenario
-from bags.simulator.sensors.ambient import sky_light
-from bags.simulator.sensors.camera import Camera, CameraImage
-from bags.simulator.vehicles.trajectory import State, Trajectory
-from bags.simulator.world.meshes.mesh import Material, Mesh, box, merged, polygon
-from bags.simulator.world.motion import FixedPath, MountedPath, Path
-from bags.simulator.world.mover import Mover
-from bags.simulator.world.scene import Scene
-from pipeline.core.arrays import F64
-from pipeline.core.geometry.transform import Transform
+from lidcam.bags.simulator.scenario.scenario import SunScenario
+from lidcam.bags.simulator.scenario.sensors import CameraScenario
+from lidcam.bags.simulator.sensors.ambient import sky_light
+from lidcam.bags.simulator.sensors.camera import Camera, CameraImage
+from lidcam.bags.simulator.vehicles.trajectory import State, Trajectory
+from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh, box, merged, polygon
+from lidcam.bags.simulator.world.motion import FixedPath, MountedPath, Path
+from lidcam.bags.simulator.world.mover import Mover
+from lidcam.bags.simulator.world.scene import Scene
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.geometry.transform import Transform
 
 GROUND = Material("ground", (0.55, 0.55, 0.55))
 BLACK = Material("black", (0.05, 0.05, 0.05))

@@ -3,10 +3,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bags.simulator.scenario.sensors import Detector2DScenario
-from bags.simulator.sensors.camera import CameraImage
-from bags.simulator.sensors.detector2d import NO_MOVER, Detected, detect
-from bags.simulator.sensors.visibility import visible_boxes
+from lidcam.bags.simulator.scenario.sensors import Detector2DScenario
+from lidcam.bags.simulator.sensors.camera import CameraImage
+from lidcam.bags.simulator.sensors.detector2d import NO_MOVER, Detected, detect
+from lidcam.bags.simulator.sensors.visibility import visible_boxes
 
 CLASSES = ("car", "pedestrian", "truck")
 

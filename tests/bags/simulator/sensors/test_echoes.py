@@ -2,9 +2,17 @@ import numpy as np
 import pytest
 from small_worlds import BLACK, GLASS, GREY, RETRO, WHITE
 
-from bags.simulator.sensors.echoes import NO_ECHO, Echoes, Optics, Reflected, distinct_echoes, intensity, returned_share
-from bags.simulator.world.meshes.mesh import Material
-from bags.simulator.world.rays import Hits
+from lidcam.bags.simulator.sensors.echoes import (
+    NO_ECHO,
+    Echoes,
+    Optics,
+    Reflected,
+    distinct_echoes,
+    intensity,
+    returned_share,
+)
+from lidcam.bags.simulator.world.meshes.mesh import Material
+from lidcam.bags.simulator.world.rays import Hits
 
 MIRROR = Material("mirror", (1, 1, 1), 1.0, mirror=0.5)
 PALETTE = (WHITE, GREY, BLACK, RETRO, GLASS, MIRROR)

@@ -3,8 +3,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bags.simulator.sensors.edges import Side, edge_beams
-from pipeline.core.arrays import F64, Bools
+from lidcam.bags.simulator.sensors.edges import Side, edge_beams
+from lidcam.pipeline.core.arrays import F64, Bools
 
 ELEVATION = np.deg2rad([2.0, -10.0, 10.0])
 ORDER = np.array([1, 0, 2])  # of laser ids from the lowest up

@@ -3,9 +3,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from bags.simulator.sensors.lens import Lens
-from pipeline.core.arrays import F64
-from pipeline.core.camera import CameraModel, DistortionModel
+from lidcam.bags.simulator.sensors.lens import Lens
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.camera import CameraModel, DistortionModel
 
 LENSES: dict[str, tuple[DistortionModel, tuple[float, ...], float]] = {
     "none": ("plumb_bob", (0.0,) * 5, 500.0),

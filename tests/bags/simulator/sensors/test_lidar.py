@@ -5,16 +5,16 @@ import pytest
 from small_worlds import GLASS, GREY, RETRO, WHITE, EvenPath, box_mover, fixed_at, scene, wall
 from velodyne import scan
 
-from bags.simulator.scenario.sensors import LidarScenario
-from bags.simulator.sensors.lidar import Lidar, Sweep
-from bags.simulator.world.meshes.mesh import Material, box, polygon
-from bags.simulator.world.motion import MountedPath, Path
-from bags.simulator.world.scene import Scene
-from pipeline.core.arrays import F64, I64
-from pipeline.core.clouds import PointCloud
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.settings.recording import VelodyneLidarConfig
-from readers.velodyne.decoder import VelodyneDecoder
+from lidcam.bags.simulator.scenario.sensors import LidarScenario
+from lidcam.bags.simulator.sensors.lidar import Lidar, Sweep
+from lidcam.bags.simulator.world.meshes.mesh import Material, box, polygon
+from lidcam.bags.simulator.world.motion import MountedPath, Path
+from lidcam.bags.simulator.world.scene import Scene
+from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.settings.recording import VelodyneLidarConfig
+from lidcam.readers.velodyne.decoder import VelodyneDecoder
 
 EXACT: dict[str, Any] = {"range_noise_m": 0.0, "dropout": 0.0}
 NARROW: dict[str, Any] = {**EXACT, "divergence_mrad": 0.0}

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bags.simulator.scenario.sensors import SensorScenario
-from bags.simulator.sensors.timing import Measurement, Timing
+from lidcam.bags.simulator.scenario.sensors import SensorScenario
+from lidcam.bags.simulator.sensors.timing import Measurement, Timing
 
 MS = 1_000_000
 

@@ -4,12 +4,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from velodyne import assert_as_judged, judged, scan
 
-from bags.simulator.sensors.velodyne_packets import EncodedPackets, VelodyneSensor
-from pipeline.core.arrays import F64, U8
-from pipeline.core.clouds import PointCloud
-from pipeline.core.settings.recording import VelodyneLidarConfig
-from readers.velodyne.decoder import VelodyneDecoder
-from readers.velodyne.models import MODELS
+from lidcam.bags.simulator.sensors.velodyne_packets import EncodedPackets, VelodyneSensor
+from lidcam.pipeline.core.arrays import F64, U8
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.settings.recording import VelodyneLidarConfig
+from lidcam.readers.velodyne.decoder import VelodyneDecoder
+from lidcam.readers.velodyne.models import MODELS
 
 MODES = ("strongest", "last", "dual")
 START_NS = 1_000_000_000_000

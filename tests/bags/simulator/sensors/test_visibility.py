@@ -8,18 +8,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_worlds import EvenPath, box_mover, scene
 
-from bags.simulator.recorder.movers import build_mover
-from bags.simulator.scenario.scenario import SunScenario
-from bags.simulator.scenario.sensors import CameraScenario
-from bags.simulator.scenario.traffic import VehicleScenario
-from bags.simulator.sensors.camera import Camera, CameraImage
-from bags.simulator.sensors.visibility import Visibility, visibility
-from bags.simulator.vehicles.trajectory import State, Trajectory
-from bags.simulator.world.meshes.mesh import Mesh, box
-from bags.simulator.world.motion import FixedPath, MountedPath, Path
-from bags.simulator.world.mover import Mover, placed_vertices
-from pipeline.core.arrays import F64
-from pipeline.core.geometry.boxes import box_corners
+from lidcam.bags.simulator.recorder.movers import build_mover
+from lidcam.bags.simulator.scenario.scenario import SunScenario
+from lidcam.bags.simulator.scenario.sensors import CameraScenario
+from lidcam.bags.simulator.scenario.traffic import VehicleScenario
+from lidcam.bags.simulator.sensors.camera import Camera, CameraImage
+from lidcam.bags.simulator.sensors.visibility import Visibility, visibility
+from lidcam.bags.simulator.vehicles.trajectory import State, Trajectory
+from lidcam.bags.simulator.world.meshes.mesh import Mesh, box
+from lidcam.bags.simulator.world.motion import FixedPath, MountedPath, Path
+from lidcam.bags.simulator.world.mover import Mover, placed_vertices
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.geometry.boxes import box_corners
 
 LENSES: dict[str, dict[str, Any]] = {
     "pinhole": {},

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bags.simulator.vehicles.ackermann import Ackermann, AckermannCommand
-from bags.simulator.vehicles.habits import HABITS, chassis_of
-from bags.simulator.vehicles.trajectory import State
-from bags.simulator.world.bodies.dimensions import SHAPES
+from lidcam.bags.simulator.vehicles.ackermann import Ackermann, AckermannCommand
+from lidcam.bags.simulator.vehicles.habits import HABITS, chassis_of
+from lidcam.bags.simulator.vehicles.trajectory import State
+from lidcam.bags.simulator.world.bodies.dimensions import SHAPES
 
 CAR = Ackermann(
     wheel_base_m=2.7,

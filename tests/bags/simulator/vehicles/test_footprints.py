@@ -6,12 +6,12 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from bags.simulator.vehicles.footprints import Obstacles, Rectangle, discs_of, footprint, obstacles_of, overlap
-from bags.simulator.vehicles.trajectory import State
-from bags.simulator.world.bodies.dimensions import SHAPES
-from bags.simulator.world.meshes.materials import METAL
-from bags.simulator.world.meshes.mesh import box, cylinder, merged, polygon
-from pipeline.core.arrays import F64
+from lidcam.bags.simulator.vehicles.footprints import Obstacles, Rectangle, discs_of, footprint, obstacles_of, overlap
+from lidcam.bags.simulator.vehicles.trajectory import State
+from lidcam.bags.simulator.world.bodies.dimensions import SHAPES
+from lidcam.bags.simulator.world.meshes.materials import METAL
+from lidcam.bags.simulator.world.meshes.mesh import box, cylinder, merged, polygon
+from lidcam.pipeline.core.arrays import F64
 
 PLACE, TURN, SIZE = st.floats(-4, 4), st.floats(-7, 7), st.floats(0.1, 5)
 RECTANGLE = st.builds(Rectangle, PLACE, PLACE, TURN, SIZE, SIZE)

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bags.simulator.scenario.traffic import RouteScenario
-from bags.simulator.vehicles.routes import Route, RoutePoint, pure_pursuit
-from pipeline.core.arrays import F64
-from pipeline.core.errors import ConfigError
+from lidcam.bags.simulator.scenario.traffic import RouteScenario
+from lidcam.bags.simulator.vehicles.routes import Route, RoutePoint, pure_pursuit
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.errors import ConfigError
 
 Corners = tuple[tuple[float, ...], ...]
 SQUARE: Corners = ((0, 0), (10, 0), (10, 10), (0, 10))

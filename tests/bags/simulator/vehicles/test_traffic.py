@@ -4,18 +4,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bags.simulator.scenario.load import load_scenario
-from bags.simulator.scenario.scenario import Scenario
-from bags.simulator.vehicles.ackermann import AckermannCommand
-from bags.simulator.vehicles.footprints import footprint, overlap
-from bags.simulator.vehicles.habits import HABITS
-from bags.simulator.vehicles.traffic import STEP_NS, Traffic
-from bags.simulator.vehicles.trajectory import State
-from bags.simulator.world.bodies.dimensions import SHAPES
-from bags.simulator.world.meshes.materials import METAL
-from bags.simulator.world.meshes.mesh import Mesh, box
-from pipeline.core.arrays import F64
-from pipeline.core.errors import ConfigError
+from lidcam.bags.simulator.scenario.load import load_scenario
+from lidcam.bags.simulator.scenario.scenario import Scenario
+from lidcam.bags.simulator.vehicles.ackermann import AckermannCommand
+from lidcam.bags.simulator.vehicles.footprints import footprint, overlap
+from lidcam.bags.simulator.vehicles.habits import HABITS
+from lidcam.bags.simulator.vehicles.traffic import STEP_NS, Traffic
+from lidcam.bags.simulator.vehicles.trajectory import State
+from lidcam.bags.simulator.world.bodies.dimensions import SHAPES
+from lidcam.bags.simulator.world.meshes.materials import METAL
+from lidcam.bags.simulator.world.meshes.mesh import Mesh, box
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.errors import ConfigError
 
 SECOND = 10**9
 NOTHING = box((500, 500, 0.5), (1, 1, 1), METAL)

@@ -3,8 +3,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from small_worlds import EvenPath
 
-from bags.simulator.world.motion import MountedPath, Poses, turned
-from pipeline.core.geometry.transform import Transform
+from lidcam.bags.simulator.world.motion import MountedPath, Poses, turned
+from lidcam.pipeline.core.geometry.transform import Transform
 
 
 def some_poses(count: int, seed: int = 0) -> Poses:

@@ -4,9 +4,9 @@ import sys
 
 import pytest
 
-from bags.simulator.world import open3d_runtime
-from bags.simulator.world.open3d_runtime import check_libraries
-from pipeline.core.errors import LidcamError
+from lidcam.bags.simulator.world import open3d_runtime
+from lidcam.bags.simulator.world.open3d_runtime import check_libraries
+from lidcam.pipeline.core.errors import LidcamError
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the names are those of Linux")

@@ -4,12 +4,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_worlds import BLACK, GREY, WHITE, EvenPath, box_mover, fixed_at, random_rays, scene, wall
 
-from bags.simulator.world.meshes.mesh import box
-from bags.simulator.world.motion import MountedPath, turned
-from bags.simulator.world.rays import STATIC, Hits, Rays
-from bags.simulator.world.scene import Scene
-from pipeline.core.arrays import F64
-from pipeline.core.geometry.transform import Transform
+from lidcam.bags.simulator.world.meshes.mesh import box
+from lidcam.bags.simulator.world.motion import MountedPath, turned
+from lidcam.bags.simulator.world.rays import STATIC, Hits, Rays
+from lidcam.bags.simulator.world.scene import Scene
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.geometry.transform import Transform
 
 TURNING = EvenPath((0.5, -1.0, -0.4), (30.0, 8.0, 0.0), 0.3, 3.0)
 

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from bags.simulator.recorder.stage import Stage
-from bags.simulator.scenario.scenario import Scenario
-from bags.simulator.vehicles.traffic import Traffic
-from bags.simulator.worlds.draw import FAMILIES, Family, random_scenario
-from bags.simulator.worlds.layouts import LAYOUTS
+from lidcam.bags.simulator.recorder.stage import Stage
+from lidcam.bags.simulator.scenario.scenario import Scenario
+from lidcam.bags.simulator.vehicles.traffic import Traffic
+from lidcam.bags.simulator.worlds.draw import FAMILIES, Family, random_scenario
+from lidcam.bags.simulator.worlds.layouts import LAYOUTS
 
 
 def layout_of(scenario: Scenario) -> str:

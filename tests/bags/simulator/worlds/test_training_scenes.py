@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from bags.simulator.worlds.draw import FAMILIES, Family
-from bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, TrainingSweep, sweep
-from pipeline.core.arrays import I64
+from lidcam.bags.simulator.worlds.draw import FAMILIES, Family
+from lidcam.bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, TrainingSweep, sweep
+from lidcam.pipeline.core.arrays import I64
 
 
 def test_a_seed_has_one_sweep() -> None:

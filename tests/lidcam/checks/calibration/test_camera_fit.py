@@ -10,12 +10,12 @@ from frames import RIG, frame
 from scipy.spatial.transform import Rotation
 
 from lidcam.checks.calibration.camera_fit import CameraFit
-from pipeline.core.arrays import F64
-from pipeline.core.detections import Boxes2D, Detections
-from pipeline.core.frame import FrameResult
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import CameraSensor, Rig
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.detections import Boxes2D, Detections
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import CameraSensor, Rig
 
 CAR = (4.2, 1.8, 1.5)
 

@@ -8,8 +8,8 @@ from detections import forward_camera
 from frames import RIG
 
 from lidcam.checks.calibration.camera_points import MAX_CLOUDS, CameraPoints
-from pipeline.core.arrays import F32
-from pipeline.core.rig import Rig
+from lidcam.pipeline.core.arrays import F32
+from lidcam.pipeline.core.rig import Rig
 
 MANY = 600
 AHEAD = np.repeat(np.array([[10, 0, 0], [12, 1, 0.5]], np.float32), MANY, 0)

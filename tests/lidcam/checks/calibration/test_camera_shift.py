@@ -10,9 +10,9 @@ from detections import boxes2d, boxes3d, camera_rig, forward_camera
 from frames import frame
 
 from lidcam.checks.calibration.camera_shift import MAX_FRAMES, MIN_FRAMES, CameraShift
-from pipeline.core.arrays import F64
-from pipeline.core.detections import Detections, Hypotheses, Matches
-from pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.detections import Detections, Hypotheses, Matches
+from lidcam.pipeline.core.frame import FrameResult
 
 SIZE = np.array([60.0, 40.0])
 PX_PER_DEG = 500 * np.pi / 180

@@ -14,11 +14,11 @@ from helpers import CLUSTERS
 
 import lidcam
 from lidcam.checks.calibration.check import CalibrationCheck, check_first_clouds
-from pipeline.core.frame import FrameResult
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.messages import RawMessage
-from pipeline.core.rig import LidarSensor, Rig
-from pipeline.core.settings.config import Config
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.rig import LidarSensor, Rig
+from lidcam.pipeline.core.settings.config import Config
 
 ROOT = Path(__file__).resolve().parents[4]
 SANDBOX = ROOT / "bags" / "sandbox.bag"

@@ -8,10 +8,10 @@ from frames import RIG
 from scipy.spatial.transform import Rotation
 
 from lidcam.checks.calibration.lidar_ground import inverted_lidars, tilted_lidars
-from pipeline.core.clouds import PointCloud
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import LidarSensor, Rig
-from pipeline.core.settings.combine import CombineConfig
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import LidarSensor, Rig
+from lidcam.pipeline.core.settings.combine import CombineConfig
 
 POSES = {"a": ([3.0, 1, 1.8], [0, 0, 20]), "b": ([-2.0, 0, 2.4], [2, -3, 130]), "c": ([0.0, -5, 1.2], [0, 5, -70])}
 

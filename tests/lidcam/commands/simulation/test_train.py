@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from lidcam.commands import app
-from pipeline.core.errors import ConfigError, ModelError, OutputError, RecordingError
+from lidcam.pipeline.core.errors import ConfigError, ModelError, OutputError, RecordingError
 
 
 @pytest.mark.parametrize(

@@ -13,11 +13,11 @@ from command import called
 
 torch = pytest.importorskip("torch", reason="needs the extra train")
 
+from lidcam.pipeline.detectors.onnx.layouts.cells import YoloxReader, cell_count, cells_of
 from lidcam.training.images import pictures, train
 from lidcam.training.images.network import ImageNetwork
 from lidcam.training.images.onnx_file import onnx_bytes
 from lidcam.training.images.pictures import CLASSES, Cut, Picture, learnable
-from pipeline.detectors.onnx.layouts.cells import YoloxReader, cell_count, cells_of
 
 SIZE_PX = (160, 192)
 

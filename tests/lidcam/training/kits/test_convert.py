@@ -25,12 +25,12 @@ from typer.testing import CliRunner
 
 import lidcam
 from lidcam.commands import app
+from lidcam.pipeline.core.arrays import F32, F64
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.detectors.onnx.session import OnnxSession
+from lidcam.pipeline.detectors.pillars.kits import KitNetwork
 from lidcam.training.kits.convert import converted
 from lidcam.training.kits.parts import Data
-from pipeline.core.arrays import F32, F64
-from pipeline.core.errors import ModelError
-from pipeline.detectors.onnx.session import OnnxSession
-from pipeline.detectors.pillars.kits import KitNetwork
 
 SANDBOX = Path(__file__).resolve().parents[4] / "bags" / "sandbox.bag"
 NOTHING = Data(None, None)

@@ -14,7 +14,12 @@ from pillar_files import write_pillars
 torch = pytest.importorskip("torch", reason="needs the extra train")
 
 import lidcam
-from bags.simulator.worlds.draw import random_numbers_of
+from lidcam.bags.simulator.worlds.draw import random_numbers_of
+from lidcam.pipeline.core.errors import LidcamError
+from lidcam.pipeline.detectors.pillars.decoding import BOX_NUMBERS, boxes_of
+from lidcam.pipeline.detectors.pillars.embedded import EMBEDDED
+from lidcam.pipeline.detectors.pillars.grid import FEATURES, pillars
+from lidcam.pipeline.detectors.pillars.network import FoundClass, PillarNetwork, PillarSpecs
 from lidcam.training.labelled import Recordings, TrueBoxes
 from lidcam.training.pillars import fit
 from lidcam.training.pillars import network as torch_network
@@ -32,11 +37,6 @@ from lidcam.training.pillars.scenes import (
     family_of,
     targets_of,
 )
-from pipeline.core.errors import LidcamError
-from pipeline.detectors.pillars.decoding import BOX_NUMBERS, boxes_of
-from pipeline.detectors.pillars.embedded import EMBEDDED
-from pipeline.detectors.pillars.grid import FEATURES, pillars
-from pipeline.detectors.pillars.network import FoundClass, PillarNetwork, PillarSpecs
 
 SANDBOX = Path(__file__).resolve().parents[4] / "bags" / "sandbox.bag"
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.core.compiled import beside
+from lidcam.pipeline.core.compiled import beside
 
 ONE = """
-from pipeline.core.compiled import compiled
+from lidcam.pipeline.core.compiled import compiled
 
 @compiled("int64(int64)")
 def {name}(value):
@@ -19,7 +19,7 @@ def {name}(value):
 PROGRAM = """
 import sys, time
 from pathlib import Path
-from pipeline.core.compiled import beside, compiled_beside, functions
+from lidcam.pipeline.core.compiled import beside, compiled_beside, functions
 
 folder, told = functions.cache_folder(), []
 sources = [(beside._ROOT / name, "\\n@compiled(") for name in ("first.py", "last.py")]

@@ -15,12 +15,12 @@ import numba
 import numpy as np
 import pytest
 
-from pipeline.core.compiled import beside, functions
-from pipeline.core.compiled.functions import cache_folder
+from lidcam.pipeline.core.compiled import beside, functions
+from lidcam.pipeline.core.compiled.functions import cache_folder
 
 KERNELS = '''
 import numpy as np
-from pipeline.core.compiled import compiled, inlined
+from lidcam.pipeline.core.compiled import compiled, inlined
 
 LARGEST = 3
 
@@ -219,7 +219,7 @@ def test_plain_functions_for_a_debugger(tmp_path: Path, monkeypatch: pytest.Monk
 def test_settings_of_numba_in_the_current_folder_that_cannot_be_read(tmp_path: Path, content: bytes) -> None:
     (tmp_path / ".numba_config.yaml").write_bytes(content)
     env = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    command = [sys.executable, "-P", "-c", "import pipeline.core.compiled"]
+    command = [sys.executable, "-P", "-c", "import lidcam.pipeline.core.compiled"]
     done = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True, check=False)
     assert f"ConfigError: {tmp_path}/.numba_config.yaml: expected settings of numba, found " in done.stderr
 
@@ -242,7 +242,7 @@ def test_compiled_functions_use_numbers_and_functions_of_kernel_files_alone() ->
     """What a compiled function takes from another file would not be in the key of what is kept."""
     texts = dict(beside.kernel_sources())
     known = {".".join(path.relative_to(beside._ROOT).with_suffix("").parts) for path in texts}
-    known |= {"pipeline.core.arrays", "pipeline.core.compiled"}
+    known |= {"lidcam.pipeline.core.arrays", "lidcam.pipeline.core.compiled"}
     assert len(known) > 5
     for path, text in texts.items():
         tree = ast.parse(text)
@@ -250,7 +250,7 @@ def test_compiled_functions_use_numbers_and_functions_of_kernel_files_alone() ->
             alias.asname or alias.name
             for node in tree.body
             if isinstance(node, ast.ImportFrom)
-            and str(node.module).startswith("pipeline.")
+            and str(node.module).startswith("lidcam.pipeline.")
             and node.module not in known
             for alias in node.names
         }

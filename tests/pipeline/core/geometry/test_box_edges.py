@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.geometry.box_edges import clip_segments, edges_ahead, sample_by_angle
-from pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.geometry.box_edges import clip_segments, edges_ahead, sample_by_angle
+from lidcam.pipeline.core.geometry.boxes import box_corners
 
 WIDTH, HEIGHT = 640.0, 480.0
 coordinates = st.floats(-2000, 2000).map(lambda value: round(value, 3)) | st.sampled_from([0.0, WIDTH, HEIGHT])

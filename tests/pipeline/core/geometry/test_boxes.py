@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.geometry.boxes import box_corners, iou_xyxy, wrap_angle
+from lidcam.pipeline.core.geometry.boxes import box_corners, iou_xyxy, wrap_angle
 
 
 @given(st.floats(-1e6, 1e6))

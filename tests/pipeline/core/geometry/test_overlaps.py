@@ -5,10 +5,10 @@ import pytest
 import shapely
 from detections import boxes3d
 
-from pipeline.core.geometry import overlaps
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.geometry.overlaps import overlap_shares, without_overlaps
-from pipeline.core.geometry.rotated_iou import BoxArrays
+from lidcam.pipeline.core.geometry import overlaps
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.geometry.overlaps import overlap_shares, without_overlaps
+from lidcam.pipeline.core.geometry.rotated_iou import BoxArrays
 
 
 def overlaps_by_pairs(boxes: BoxArrays) -> list[int]:

@@ -2,7 +2,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from pipeline.core.geometry.polygons import clipped_polygon, first_polygon_with
+from lidcam.pipeline.core.geometry.polygons import clipped_polygon, first_polygon_with
 
 LOW, HIGH = np.array([-2.0, -1.0]), np.array([3.0, 2.0])
 

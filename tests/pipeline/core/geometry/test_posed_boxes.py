@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.arrays import F64
-from pipeline.core.geometry.posed_boxes import PosedBoxes, UprightBoxes, upright_boxes
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.geometry.posed_boxes import PosedBoxes, UprightBoxes, upright_boxes
 
 OPTICAL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 """R_site_camera of a camera that looks along the site's x axis."""

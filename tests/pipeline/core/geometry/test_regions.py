@@ -5,8 +5,8 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.geometry.regions import points_in_footprints
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.geometry.regions import points_in_footprints
 
 
 @given(seed=st.integers(0, 10_000), points=st.integers(0, 300), boxes=st.integers(0, 6))

@@ -8,8 +8,8 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.geometry.rotated_iou import BoxArrays, Ious, ious, pair_ious, shared_ground
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.geometry.rotated_iou import BoxArrays, Ious, ious, pair_ious, shared_ground
 
 Row = tuple[float, float, float, float, float, float, float]
 TOLERANCE = 1e-9

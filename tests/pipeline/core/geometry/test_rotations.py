@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy, quaternion_of_matrix
+from lidcam.pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy, quaternion_of_matrix
 
 ANGLES = st.tuples(*[st.floats(-10, 10)] * 3)
 QUATERNIONS = st.tuples(*[st.floats(-2, 2)] * 4).filter(lambda xyzw: math.hypot(*xyzw) > 1e-3)

@@ -4,9 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from transforms import shift, transforms, vectors
 
-from pipeline.core.arrays import F64
-from pipeline.core.errors import FrameError
-from pipeline.core.geometry.transform import Transform, rotation_fault
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.errors import FrameError
+from lidcam.pipeline.core.geometry.transform import Transform, rotation_fault
 
 
 @given(transforms())

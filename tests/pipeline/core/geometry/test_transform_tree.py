@@ -4,9 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from transforms import shift, transforms
 
-from pipeline.core.errors import FrameError
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.geometry.transform_tree import TransformTree
+from lidcam.pipeline.core.errors import FrameError
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.geometry.transform_tree import TransformTree
 
 SECOND = 10**9
 

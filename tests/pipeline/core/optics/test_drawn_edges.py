@@ -6,11 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from lens_models import LENS_MODELS, lens
 
-from pipeline.core.arrays import F32, F64, Indices
-from pipeline.core.camera import CameraModel
-from pipeline.core.geometry.box_edges import BOX_EDGES
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.optics.drawn_edges import draw_edges
+from lidcam.pipeline.core.arrays import F32, F64, Indices
+from lidcam.pipeline.core.camera import CameraModel
+from lidcam.pipeline.core.geometry.box_edges import BOX_EDGES
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.optics.drawn_edges import draw_edges
 
 UNFOLDED = {name: model for name, model in LENS_MODELS.items() if name != "plumb_bob_folding"}
 """Where a lens folds in the image, the edge ends up to a sample before that."""

@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from lens_models import LENS_MODELS, lens
 
-from pipeline.core.arrays import F64
-from pipeline.core.optics.lenses import Lenses
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.optics.lenses import Lenses
 
 ALL = [lens(model, distortion) for model, distortion in LENS_MODELS.values()]
 points = arrays(np.float64, (3, 3), elements=st.floats(-1, 1)).map(lambda p: p * [4, 3, 2] + [0, 0, 4])

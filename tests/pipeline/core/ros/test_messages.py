@@ -3,7 +3,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.core.ros.messages import ROS2
+from lidcam.pipeline.core.ros.messages import ROS2
 
 MARKER, DETECTION = "visualization_msgs/msg/Marker", "vision_msgs/msg/Detection3D"
 

@@ -5,8 +5,8 @@ from helpers import shared
 from named_types import RELEASES, file_of, named_types
 from rosbags.typesys import Stores, get_typestore
 
-from pipeline.core.ros.messages import ROS2
-from pipeline.core.ros.typestores import RosVersion, extra_types, message_types, release_types
+from lidcam.pipeline.core.ros.messages import ROS2
+from lidcam.pipeline.core.ros.typestores import RosVersion, extra_types, message_types, release_types
 
 TYPES = (
     "foxglove_msgs/msg/ImageAnnotations",

@@ -1,6 +1,6 @@
 import pytest
 
-from pipeline.core.ros.vision_numbers import CLASS_NUMBERS, CLASS_OF_NUMBER, COUNT_NUMBERS, count_of
+from lidcam.pipeline.core.ros.vision_numbers import CLASS_NUMBERS, CLASS_OF_NUMBER, COUNT_NUMBERS, count_of
 
 
 @pytest.mark.parametrize(

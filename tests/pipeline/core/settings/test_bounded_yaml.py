@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pipeline.core.errors import ConfigError
-from pipeline.core.settings.bounded_yaml import parse_yaml, read_yaml
-from pipeline.core.settings.load import load_config
-from readers.rig.rig_file import load_rig
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.pipeline.core.settings.bounded_yaml import parse_yaml, read_yaml
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.readers.rig.rig_file import load_rig
 
 LAUGHS = "a: &a [1, 1]\n" + "\n".join(
     f"{chr(98 + i)}: &{chr(98 + i)} [{', '.join([f'*{chr(97 + i)}'] * 9)}]" for i in range(20)

@@ -2,9 +2,9 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.core.errors import ConfigError
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.load import dump_config, load_config
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.load import dump_config, load_config
 
 ROOT = Path(__file__).resolve().parents[4]
 

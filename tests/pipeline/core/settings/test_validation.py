@@ -6,11 +6,11 @@ import pytest
 from pydantic import Field
 from wrong_values import mistakes, words_of_the_library
 
-from pipeline.core.errors import CalibrationError, ConfigError
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.load import set_values
-from pipeline.core.settings.model import Count, Positive, SettingsModel, Topic
-from pipeline.core.settings.validation import checked, key_places
+from lidcam.pipeline.core.errors import CalibrationError, ConfigError
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.load import set_values
+from lidcam.pipeline.core.settings.model import Count, Positive, SettingsModel, Topic
+from lidcam.pipeline.core.settings.validation import checked, key_places
 
 
 def message(model: type[SettingsModel], tree: dict[str, Any]) -> str:

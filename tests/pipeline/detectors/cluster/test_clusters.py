@@ -9,8 +9,8 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist, pdist
 
-from pipeline.core.arrays import F64, I64
-from pipeline.detectors.cluster.clusters import LINK_CELL_SHARE, cluster_points, thin_points
+from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.detectors.cluster.clusters import LINK_CELL_SHARE, cluster_points, thin_points
 
 
 def line(*x: float) -> F64:

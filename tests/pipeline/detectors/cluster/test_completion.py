@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from pipeline.core.arrays import I64
-from pipeline.core.settings.config import Config
-from pipeline.detectors.cluster.completion import CompletedBoxes, Kinds, complete_boxes
-from pipeline.detectors.cluster.lshape import Rectangles
+from lidcam.pipeline.core.arrays import I64
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.detectors.cluster.completion import CompletedBoxes, Kinds, complete_boxes
+from lidcam.pipeline.detectors.cluster.lshape import Rectangles
 
 PRIORS = Config().classes
 KINDS = Kinds.of(PRIORS)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from lidar_scene import combined, rig
 
-from pipeline.core.arrays import F64
-from pipeline.core.clouds import CombinedCloud, Plane, Relief
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.detect import ClusterConfig
-from pipeline.detectors.cluster.detector import ClusterDetector, _extents
-from pipeline.detectors.cluster.fitting import BoxFitter
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.clouds import CombinedCloud, Plane, Relief
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.detect import ClusterConfig
+from lidcam.pipeline.detectors.cluster.detector import ClusterDetector, _extents
+from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
 
 LIDARS = np.array([[0.0, 0.0, 1.8], [3.0, -1.0, 2.0]])
 SLOPE = Plane(np.array([-0.1, 0.02, 1.0]) / np.sqrt(1.0104), 0.2)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from detections import boxes3d
 
-from pipeline.core.arrays import F64
-from pipeline.detectors.cluster.features import FEATURES, box_features
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.detectors.cluster.features import FEATURES, box_features
 
 LIDARS = np.array([[0.0, 0.0], [30.0, 5.0]])
 BOX = np.array([10.0, 4.0, 0.9, 4.0, 1.8, 1.8, 0.6])  # x, y, z, length, width, height, yaw

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from lidar_scene import Box, combined, rig, scan
 
-from pipeline.core.arrays import I64
-from pipeline.core.clouds import CombinedCloud, Plane
-from pipeline.core.settings.config import Config
-from pipeline.detectors.cluster.detector import ClusterDetector
-from pipeline.detectors.cluster.fitting import BoxFitter
-from pipeline.detectors.protocols import Candidates3D
+from lidcam.pipeline.core.arrays import I64
+from lidcam.pipeline.core.clouds import CombinedCloud, Plane
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.detectors.cluster.detector import ClusterDetector
+from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
+from lidcam.pipeline.detectors.protocols import Candidates3D
 
 LIDAR = (0.0, 0.0, 1.8)
 CONFIG = Config()

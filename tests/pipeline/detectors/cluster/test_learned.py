@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from lidar_scene import Box, combined, rig, scan
 
-from pipeline.core.arrays import F64
-from pipeline.core.errors import ConfigError
-from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
-from pipeline.core.settings.load import load_config
-from pipeline.detectors.cluster.kinds import kinds_of
-from pipeline.detectors.cluster.learned import LearnedScores
-from pipeline.stages.detect3d import Detect3D
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.pipeline.detectors.cluster.kinds import kinds_of
+from lidcam.pipeline.detectors.cluster.learned import LearnedScores
+from lidcam.pipeline.stages.detect3d import Detect3D
 
 LIDAR = (0.0, 0.0, 1.8)
 CAR, PEDESTRIAN, BICYCLE, TRUCK, BUS = range(5)

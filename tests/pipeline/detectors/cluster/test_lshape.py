@@ -3,9 +3,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.core.arrays import F64, I64
-from pipeline.core.geometry.boxes import rotations_2d
-from pipeline.detectors.cluster.lshape import fit_rectangles, principal_axes, quantiles_by_cluster, rectangles_along
+from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.core.geometry.boxes import rotations_2d
+from lidcam.pipeline.detectors.cluster.lshape import (
+    fit_rectangles,
+    principal_axes,
+    quantiles_by_cluster,
+    rectangles_along,
+)
 
 ONE = np.array([0])
 

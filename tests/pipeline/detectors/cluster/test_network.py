@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.core.errors import ModelError
-from pipeline.detectors.cluster.features import FEATURES
-from pipeline.detectors.cluster.kinds import KINDS
-from pipeline.detectors.cluster.network import EMBEDDED, ClusterNetwork
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.detectors.cluster.features import FEATURES
+from lidcam.pipeline.detectors.cluster.kinds import KINDS
+from lidcam.pipeline.detectors.cluster.network import EMBEDDED, ClusterNetwork
 
 DRAW = np.random.default_rng(0)
 WIDTH = len(FEATURES)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from lidar_scene import Box, combined, rig, scan
 
-from pipeline.core.arrays import F64
-from pipeline.core.settings.config import Config
-from pipeline.detectors.cluster.fitting import BoxFitter
-from pipeline.detectors.protocols import Candidates3D
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
+from lidcam.pipeline.detectors.protocols import Candidates3D
 
 LIDAR = (0.0, 0.0, 1.8)
 CAR, PEDESTRIAN, BICYCLE = range(3)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from lidar_scene import Box, combined, rig, scan
 
-from pipeline.core.arrays import F64, I64
-from pipeline.core.settings.config import Config
-from pipeline.detectors.cluster.sight import HIDDEN_SHARE, NEARER_SHARE, SECTOR_RAD, SECTORS, Sight
-from pipeline.stages.detect3d import Detect3D
+from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.detectors.cluster.sight import HIDDEN_SHARE, NEARER_SHARE, SECTOR_RAD, SECTORS, Sight
+from lidcam.pipeline.stages.detect3d import Detect3D
 
 LIDAR = (0.0, 0.0, 1.8)
 TRUCK = 3

@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.core.errors import ConfigError, ModelError
-from pipeline.detectors.onnx.class_names import COCO_LABELS, class_names
+from lidcam.pipeline.core.errors import ConfigError, ModelError
+from lidcam.pipeline.detectors.onnx.class_names import COCO_LABELS, class_names
 
 
 @pytest.mark.parametrize(

@@ -9,12 +9,12 @@ from helpers import shared
 from onnx_files import DOUBLE, write_yolox
 from onnx_networks import write_network
 
-from pipeline.core.arrays import U8, Array
-from pipeline.core.errors import ModelError
-from pipeline.core.settings.detect import Detect2DConfig
-from pipeline.detectors.onnx import detector as onnx_detector
-from pipeline.detectors.onnx.detector import OnnxDetector2D
-from pipeline.detectors.onnx.session import OnnxSession
+from lidcam.pipeline.core.arrays import U8, Array
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.core.settings.detect import Detect2DConfig
+from lidcam.pipeline.detectors.onnx import detector as onnx_detector
+from lidcam.pipeline.detectors.onnx.detector import OnnxDetector2D
+from lidcam.pipeline.detectors.onnx.session import OnnxSession
 
 SIZE_PX = (64, 96)  # height, width of the networks that are made here
 ANCHORS = 8 * 12 + 4 * 6 + 2 * 3

@@ -6,13 +6,13 @@ import pytest
 from onnx_files import FLOAT, _bytes, _tensor, _varint_field, write_yolox
 from onnx_networks import write_convolutional, write_network
 
-from pipeline.core.arrays import Array
-from pipeline.core.errors import ModelError
-from pipeline.core.settings.detect import Detect2DConfig
-from pipeline.detectors.onnx import session
-from pipeline.detectors.onnx.detector import OnnxDetector2D
-from pipeline.detectors.onnx.free_size import free_size
-from pipeline.detectors.onnx.session import OnnxSession
+from lidcam.pipeline.core.arrays import Array
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.core.settings.detect import Detect2DConfig
+from lidcam.pipeline.detectors.onnx import session
+from lidcam.pipeline.detectors.onnx.detector import OnnxDetector2D
+from lidcam.pipeline.detectors.onnx.free_size import free_size
+from lidcam.pipeline.detectors.onnx.session import OnnxSession
 
 
 def convolutional(path: Path) -> Path:

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.errors import ModelError
-from pipeline.detectors.onnx.inputs import Value, input_size, read_inputs
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.detectors.onnx.inputs import Value, input_size, read_inputs
 
 IMAGES: Value = ("images", [1, 3, 64, 96], "tensor(float)")
 SIZES: Value = ("orig_target_sizes", ["N", 2], "tensor(int64)")

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from pipeline.core.settings.detect import NetworkColors
-from pipeline.detectors.onnx.preprocessing import Placement, Preprocessing
+from lidcam.pipeline.core.settings.detect import NetworkColors
+from lidcam.pipeline.detectors.onnx.preprocessing import Placement, Preprocessing
 
 RED_GREEN_BLUE = (30, 20, 10)
 

@@ -9,11 +9,11 @@ import onnx_models
 import pytest
 from onnx_files import FLOAT, _bytes, _int, _ints, _node, _tensor, _value, _varint_field
 
-from pipeline.core.errors import ModelError
-from pipeline.core.settings.detect import Detect2DConfig
-from pipeline.detectors.onnx import session
-from pipeline.detectors.onnx.detector import OnnxDetector2D
-from pipeline.detectors.onnx.session import check_runs_on, providers_for
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.core.settings.detect import Detect2DConfig
+from lidcam.pipeline.detectors.onnx import session
+from lidcam.pipeline.detectors.onnx.detector import OnnxDetector2D
+from lidcam.pipeline.detectors.onnx.session import check_runs_on, providers_for
 
 CPU, CUDA = "CPUExecutionProvider", "CUDAExecutionProvider"
 

@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from onnx_files import write_yolox
 
-from pipeline.core.settings.detect import Detect2DConfig
-from pipeline.detectors.onnx.detector import OnnxDetector2D
-from pipeline.detectors.onnx.tiles import Tile, join_tiles, tiles_of
-from pipeline.detectors.protocols import Candidates2D
+from lidcam.pipeline.core.settings.detect import Detect2DConfig
+from lidcam.pipeline.detectors.onnx.detector import OnnxDetector2D
+from lidcam.pipeline.detectors.onnx.tiles import Tile, join_tiles, tiles_of
+from lidcam.pipeline.detectors.protocols import Candidates2D
 
 Row = tuple[float, float, float, float, float, int]
 LEFT, RIGHT = Tile(0, 0, 120, 50), Tile(80, 0, 200, 50)

@@ -8,10 +8,10 @@ import pytest
 from lidar_scene import Box, combined, rig, scan, turned
 from pillar_files import GRID, boxes_found, numbers_of, write_pillars
 
-from pipeline.core.errors import ModelError
-from pipeline.core.settings.load import load_config
-from pipeline.detectors.pillars.grid import FEATURES, pillars
-from pipeline.stages.detect3d import Detect3D
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.pipeline.detectors.pillars.grid import FEATURES, pillars
+from lidcam.pipeline.stages.detect3d import Detect3D
 
 CAR: Box = (8.2, -3.1, 0.8, 4.2, 1.75, 1.5, 2.5)
 PERSON: Box = (5.0, 6.0, 0.9, 0.6, 0.6, 1.75, 0.0)

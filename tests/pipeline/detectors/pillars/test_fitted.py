@@ -7,8 +7,8 @@ import pytest
 from lidar_scene import Box, combined, rig, scan
 from pillar_files import numbers_of, write_pillars
 
-from pipeline.core.settings.load import load_config
-from pipeline.stages.detect3d import Detect3D
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.pipeline.stages.detect3d import Detect3D
 
 CAR: Box = (8.2, -3.1, 0.8, 4.2, 1.75, 1.5, 2.5)
 LIDAR = (0.0, 0.0, 1.8)

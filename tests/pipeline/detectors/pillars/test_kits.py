@@ -13,12 +13,12 @@ from lidar_scene import Box, combined, rig, scan, turned
 from onnx_files import FLOAT, _node, _tensor, _value, write_model
 from pillar_files import boxes_found
 
-from pipeline.core.clouds import CombinedCloud, Plane
-from pipeline.core.detections import Boxes3D
-from pipeline.core.errors import ModelError
-from pipeline.core.settings.load import load_config
-from pipeline.detectors.pillars.detector import PillarPoints
-from pipeline.detectors.pillars.kits import KEY, KitSpecs, kit_pillars, kit_points
+from lidcam.pipeline.core.clouds import CombinedCloud, Plane
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.pipeline.detectors.pillars.detector import PillarPoints
+from lidcam.pipeline.detectors.pillars.kits import KEY, KitSpecs, kit_pillars, kit_points
 
 CAR: Box = (8.2, -3.1, 0.8, 4.2, 1.75, 1.5, 2.5)
 LIDAR = (0.0, 0.0, 1.8)

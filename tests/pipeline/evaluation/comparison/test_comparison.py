@@ -8,14 +8,14 @@ from detections import boxes2d
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
-from pipeline.core.settings.evaluate import CompareConfig
-from pipeline.evaluation.comparison import comparison as module
-from pipeline.evaluation.comparison.comparison import Comparison
-from pipeline.evaluation.comparison.differences import Channel
-from pipeline.evaluation.comparison.frames import paired_frames
-from pipeline.evaluation.comparison.object_changes import KINDS, Kind
-from pipeline.evaluation.evaluation_frame import SourceBoxes
+from lidcam.pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
+from lidcam.pipeline.core.settings.evaluate import CompareConfig
+from lidcam.pipeline.evaluation.comparison import comparison as module
+from lidcam.pipeline.evaluation.comparison.comparison import Comparison
+from lidcam.pipeline.evaluation.comparison.differences import Channel
+from lidcam.pipeline.evaluation.comparison.frames import paired_frames
+from lidcam.pipeline.evaluation.comparison.object_changes import KINDS, Kind
+from lidcam.pipeline.evaluation.evaluation_frame import SourceBoxes
 
 CAR, PEDESTRIAN, BICYCLE = 0, 1, 2
 CHANNELS: tuple[Channel, ...] = (("sources", "fused"), ("images", "cam"))

@@ -3,7 +3,7 @@ from compared_frames import Frame
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.evaluation.comparison.frames import paired_frames
+from lidcam.pipeline.evaluation.comparison.frames import paired_frames
 
 MAX_APART_NS = 10
 Pairs = list[tuple[int | None, int | None]]

@@ -6,12 +6,12 @@ from evaluation_scenes import boxes3d, evaluated, truth3d
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.geometry.rotated_iou import ious
-from pipeline.core.settings.classes import ClassPrior
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.detection.curves import average_precision, curve_of
-from pipeline.evaluation.evaluation_frame import EvaluationFrame
+from lidcam.pipeline.core.geometry.rotated_iou import ious
+from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
+from lidcam.pipeline.evaluation.detection.curves import average_precision, curve_of
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame
 
 NAMES = ("car", "van")
 CONFIG = Config(

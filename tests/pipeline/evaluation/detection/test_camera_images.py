@@ -8,10 +8,10 @@ from evaluation_scenes import evaluated, image, truth2d
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.geometry.boxes import iou_xyxy
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, ImageBoxes
+from lidcam.pipeline.core.geometry.boxes import iou_xyxy
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, ImageBoxes
 
 CAR, PEDESTRIAN = 0, 1
 CONFIG = Config(evaluate=EvaluateConfig(min_image_pixels=50))
@@ -128,5 +128,5 @@ def test_equal_to_matching_image_by_image(seed: int) -> None:
 def test_images_matched_together_are_as_if_matched_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     images = [image(moved(row), [0.9], [CAR], truth2d(BOX, [CAR])) for row in range(0, 50, 10)]
     together = figures(*images)
-    monkeypatch.setattr("pipeline.evaluation.detection.camera_images.MAX_IMAGES", 2)
+    monkeypatch.setattr("lidcam.pipeline.evaluation.detection.camera_images.MAX_IMAGES", 2)
     assert figures(*images) == together

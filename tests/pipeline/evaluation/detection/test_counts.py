@@ -8,10 +8,10 @@ from evaluation_scenes import boxes3d, evaluated, truth3d
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.detection.counts import calibration_figures, count_figures, threshold_figures
-from pipeline.evaluation.detection.curves import curve_of
-from pipeline.evaluation.evaluation_frame import EvaluationFrame
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.detection.counts import calibration_figures, count_figures, threshold_figures
+from lidcam.pipeline.evaluation.detection.curves import curve_of
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame
 
 
 def plain_points(detections: list[tuple[float, bool]], truth: int) -> list[dict[str, float]]:

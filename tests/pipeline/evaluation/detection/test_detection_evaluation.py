@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from evaluation_scenes import boxes3d, evaluated, truth3d
 
-from pipeline.core.rig import Zone
-from pipeline.core.settings.classes import ClassPrior
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D
+from lidcam.pipeline.core.rig import Zone
+from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D
 
 CAR, VAN = 0, 1
 SIZE_M = (4.0, 2.0, 1.5)
@@ -255,7 +255,7 @@ def test_frames_matched_together_are_as_if_matched_alone(monkeypatch: pytest.Mon
     ]
     together = evaluated(frames, config())
     for name, limit in (("_MAX_FRAMES", 2), ("_MAX_PAIRS", 1)):
-        monkeypatch.setattr(f"pipeline.evaluation.detection.gathering.{name}", limit)
+        monkeypatch.setattr(f"lidcam.pipeline.evaluation.detection.gathering.{name}", limit)
         assert evaluated(frames, config()) == together
 
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from evaluation_scenes import boxes3d, evaluated, truth3d
 
-from pipeline.core.settings.classes import ClassPrior
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.detection.curves import average_precision, curve_of
-from pipeline.evaluation.detection.resampling import Resampling, sampled_ap
-from pipeline.evaluation.evaluation_frame import EvaluationFrame
+from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
+from lidcam.pipeline.evaluation.detection.curves import average_precision, curve_of
+from lidcam.pipeline.evaluation.detection.resampling import Resampling, sampled_ap
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame
 
 SAMPLES = 100
 CLASSES = tuple(ClassPrior(name=name, size_m=(4.0, 2.0, 1.5), max_size_m=(9.0, 9.0, 9.0)) for name in ("car", "bus"))

@@ -8,10 +8,10 @@ from evaluation_scenes import boxes3d, evaluated, truth3d
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.core.arrays import join_rows
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.evaluation_frame import EvaluationFrame, SourceBoxes
+from lidcam.pipeline.core.arrays import join_rows
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, SourceBoxes
 
 CONFIG = Config(evaluate=EvaluateConfig(bootstrap=100, ranges_m=(0, 1000)))
 SEEDS = st.integers(0, 2**32 - 1)

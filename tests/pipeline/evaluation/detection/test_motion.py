@@ -9,12 +9,12 @@ from evaluation_frames import frame_of, source_boxes, truth_boxes
 from evaluation_scenes import evaluated
 from scipy.stats import chi2, multivariate_normal
 
-from pipeline.core.arrays import F64
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.detection.errors import CHI2_95, Column
-from pipeline.evaluation.evaluation_frame import EvaluationFrame, Motion, SourceBoxes
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
+from lidcam.pipeline.evaluation.detection.errors import CHI2_95, Column
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Motion, SourceBoxes
 
 SIZE_M = (4.0, 1.7, 1.5)
 CONFIG = Config(evaluate=EvaluateConfig(bootstrap=100))

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from evaluation_scenes import boxes3d, evaluated, truth3d
 
-from pipeline.core.settings.classes import ClassPrior
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.evaluation_frame import EvaluationFrame
-from pipeline.evaluation.scales import NUSCENES_RANGES_M
+from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame
+from lidcam.pipeline.evaluation.scales import NUSCENES_RANGES_M
 
 RECORDED = json.loads((Path(__file__).parent / "recorded" / "nuscenes.json").read_text())
 SIZE_M = (4.0, 2.0, 1.5)

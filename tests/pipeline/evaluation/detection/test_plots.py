@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from evaluation_frames import frame_of, source_boxes, truth_boxes
 
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.detection import plots as plots_module
-from pipeline.evaluation.detection.detection_evaluation import DetectionEvaluation
-from pipeline.evaluation.detection.plots import DetectionPlots
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.detection import plots as plots_module
+from lidcam.pipeline.evaluation.detection.detection_evaluation import DetectionEvaluation
+from lidcam.pipeline.evaluation.detection.plots import DetectionPlots
 
 CONFIG, CAR = Config(), 0
 SIZE = (4.0, 1.7, 1.5)

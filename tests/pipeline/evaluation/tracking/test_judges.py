@@ -9,8 +9,8 @@ import pytest
 from evaluation_frames import frame_of, source_boxes, truth_boxes
 from track_cases import CASES, LENGTH_M, TIES, TIES_OF_TRACKS, WIDTH_M, TrackCase
 
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.tracking.tracking_evaluation import TrackingEvaluation
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.tracking.tracking_evaluation import TrackingEvaluation
 
 APART = {"perfect", "nothing_found", "barely_found", *(name for name in CASES if name.startswith("separated"))}
 

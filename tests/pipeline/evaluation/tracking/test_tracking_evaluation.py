@@ -8,11 +8,11 @@ from evaluation_frames import frame_of, source_boxes, truth_boxes
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.arrays import F64
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.evaluation_frame import EvaluationFrame, TruthBoxes3D
-from pipeline.evaluation.tracking.tracking_evaluation import TrackingEvaluation
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, TruthBoxes3D
+from lidcam.pipeline.evaluation.tracking.tracking_evaluation import TrackingEvaluation
 
 CAR, PEDESTRIAN = (4.0, 1.7, 1.5), (0.6, 0.6, 1.7)
 ERRORS = ("misses", "false_positives", "id_switches", "fragmentations", "heading_flips")
@@ -287,7 +287,7 @@ def test_boxes_without_a_track_of_their_own_are_counted() -> None:
 def test_long_recordings_are_those_of_all_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     frames = silent(followed(30, tracks=(3,) * 13 + (4,) * 17), 20)
     whole = tracking(frames)
-    monkeypatch.setattr("pipeline.evaluation.tracking.collect.BLOCK_FRAMES", 7)
+    monkeypatch.setattr("lidcam.pipeline.evaluation.tracking.collect.BLOCK_FRAMES", 7)
     assert tracking(frames) == whole
     assert errors(whole["fused"]["car"]) == {"misses": 1, "fragmentations": 1, "id_switches": 1}
 

@@ -9,12 +9,12 @@ from evaluation_frames import frame_of, source_boxes
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.core.errors import FrameError
-from pipeline.core.rig import CameraSensor
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.evaluation_frame import EvaluationFrame, ImageBoxes, SourceBoxes
-from pipeline.evaluation.unlabelled.unlabelled_evaluation import UnlabelledEvaluation
+from lidcam.pipeline.core.errors import FrameError
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, ImageBoxes, SourceBoxes
+from lidcam.pipeline.evaluation.unlabelled.unlabelled_evaluation import UnlabelledEvaluation
 
 CAR, TRUCK = (4.0, 1.7, 1.5), (8.0, 2.5, 3.2)
 CAR_ID, TRUCK_ID = 0, 3
@@ -167,7 +167,7 @@ def test_residuals_are_those_of_all_blocks(monkeypatch: pytest.MonkeyPatch) -> N
     assert (whole["matches"], whole["offset_u_p50_px"]) == (5, pytest.approx(4, abs=1e-3))
     assert whole["offset_u_abs_p90_px"] == pytest.approx(np.percentile([0, 2, 4, 6, 8], 90), abs=1e-3)
     assert whole["offset_v_p50_px"] == pytest.approx(-3, abs=1e-3)
-    monkeypatch.setattr("pipeline.evaluation.unlabelled.residuals.BLOCK_FRAMES", 3)
+    monkeypatch.setattr("lidcam.pipeline.evaluation.unlabelled.residuals.BLOCK_FRAMES", 3)
     assert image_figures(frames) == whole
     evaluation = UnlabelledEvaluation(Config(), (CAMERA,))
     for frame in frames:

@@ -3,12 +3,12 @@ import numpy.typing as npt
 import pytest
 from detections import boxes3d
 
-from pipeline.core.arrays import F64
-from pipeline.core.detections import Boxes3D
-from pipeline.core.settings.config import Config
-from pipeline.fusion.belief.memory import HALF_LIFE_S, MAX_AGE_S, MEMORY, PRIOR_RECALL, Memory, RecallCounts
-from pipeline.fusion.belief.odds import FITTED
-from pipeline.fusion.belief.visibility import Visibility
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.fusion.belief.memory import HALF_LIFE_S, MAX_AGE_S, MEMORY, PRIOR_RECALL, Memory, RecallCounts
+from lidcam.pipeline.fusion.belief.odds import FITTED
+from lidcam.pipeline.fusion.belief.visibility import Visibility
 
 STILL = np.eye(4)
 CAR, PEDESTRIAN = (4.0, 1.8, 1.5, 0.0), (0.6, 0.6, 1.7, 0.0)

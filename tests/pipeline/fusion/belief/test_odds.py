@@ -3,20 +3,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.detections import Source
-from pipeline.core.settings.classes import ROAD_CLASSES
-from pipeline.fusion.belief.odds import (
+from lidcam.pipeline.core.detections import Source
+from lidcam.pipeline.core.settings.classes import ROAD_CLASSES
+from lidcam.pipeline.detectors.log_odds import logit
+from lidcam.pipeline.fusion.belief.odds import (
     FITTED,
     at_its_place,
     camera_evidence,
     joined,
     joined_without_each,
     log_odds_before_cameras,
-    logit,
     probability,
     reach_of_classes,
 )
-from pipeline.fusion.belief.visibility import Visibility
+from lidcam.pipeline.fusion.belief.visibility import Visibility
 
 SCORE = st.floats(0, 1)
 LIDAR = np.full(3, 20, np.int32), np.zeros(3, np.uint8), np.ones(3, np.bool_)

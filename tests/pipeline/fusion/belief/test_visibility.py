@@ -5,14 +5,14 @@ import pytest
 from detections import boxes2d, boxes3d, forward_camera
 from lidar_scene import combined
 
-from pipeline.core.arrays import F32, F64
-from pipeline.core.association import class_agreement
-from pipeline.core.detections import Boxes3D, Hypotheses, Matches
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import CameraSensor
-from pipeline.core.settings.classes import ROAD_CLASSES
-from pipeline.fusion.belief.visibility import find_visibility, hidden_by_points
+from lidcam.pipeline.core.arrays import F32, F64
+from lidcam.pipeline.core.association import class_agreement
+from lidcam.pipeline.core.detections import Boxes3D, Hypotheses, Matches
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.core.settings.classes import ROAD_CLASSES
+from lidcam.pipeline.fusion.belief.visibility import find_visibility, hidden_by_points
 
 VIEW = forward_camera()  # 640 x 480 px, f = 500 px, seen along x
 CAR = (20.0, 0.0, 0.0, 4.0, 1.8, 1.5, 0.0)

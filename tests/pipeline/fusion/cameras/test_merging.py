@@ -6,13 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from seen_boxes import camera_at, seen_by, views_of
 
-from pipeline.core.arrays import F64
-from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.rig import CameraSensor
-from pipeline.core.settings.classes import ROAD_CLASSES
-from pipeline.fusion.cameras.merging import Moments, mean_places, merge_sightings, moments
-from pipeline.fusion.cameras.placing import HEADINGS, Placements, SizePriors, place
-from pipeline.fusion.cameras.sightings import Noise, Sightings, see
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.core.settings.classes import ROAD_CLASSES
+from lidcam.pipeline.fusion.cameras.merging import Moments, mean_places, merge_sightings, moments
+from lidcam.pipeline.fusion.cameras.placing import HEADINGS, Placements, SizePriors, place
+from lidcam.pipeline.fusion.cameras.sightings import Noise, Sightings, see
 
 CAR, PEDESTRIAN = 0, 1
 NORTH = camera_at("north", (0.0, 20.0, 5.0), yaw_deg=-90, pitch_deg=10)

@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from seen_boxes import Box, camera_at, seen_by, views_of
 
-from pipeline.core.arrays import F64
-from pipeline.core.rig import CameraSensor
-from pipeline.core.settings.classes import ROAD_CLASSES
-from pipeline.fusion.cameras.merging import Moments, mean_places, moments
-from pipeline.fusion.cameras.placing import SizePriors, place
-from pipeline.fusion.cameras.sightings import Noise, see
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.core.settings.classes import ROAD_CLASSES
+from lidcam.pipeline.fusion.cameras.merging import Moments, mean_places, moments
+from lidcam.pipeline.fusion.cameras.placing import SizePriors, place
+from lidcam.pipeline.fusion.cameras.sightings import Noise, see
 
 PRIORS = SizePriors.of(ROAD_CLASSES)
 NOISE = Noise(1.5, 0.03, 0.05, 0.008, 0.002)

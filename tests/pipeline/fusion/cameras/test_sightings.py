@@ -9,9 +9,9 @@ from hypothesis.extra.numpy import arrays
 from lens_models import LENS_MODELS, lens
 from seen_boxes import camera_at, views_of
 
-from pipeline.core.arrays import F64
-from pipeline.core.optics.lenses import Lenses
-from pipeline.fusion.cameras.sightings import Noise, Observed, observe, see
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.optics.lenses import Lenses
+from lidcam.pipeline.fusion.cameras.sightings import Noise, Observed, observe, see
 
 CAMERA = camera_at("cam", (0.0, 0.0, 1.6))
 

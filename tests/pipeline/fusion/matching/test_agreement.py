@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from detections import boxes3d
 
-from pipeline.core.arrays import F64
-from pipeline.core.association import class_confusion, class_ratios
-from pipeline.core.settings.classes import ROAD_CLASSES
-from pipeline.fusion.matching.agreement import (
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.association import class_confusion, class_ratios
+from lidcam.pipeline.core.settings.classes import ROAD_CLASSES
+from lidcam.pipeline.fusion.matching.agreement import (
     BoxBelief,
     MatchedPairs,
     agreed_with_others,

@@ -6,15 +6,15 @@ from detections import boxes3d, forward_camera
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from pipeline.core.arrays import F32
-from pipeline.core.camera import NEAR_M
-from pipeline.core.detections import Boxes3D
-from pipeline.core.errors import FrameError
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import CameraSensor
-from pipeline.fusion.matching.in_view import InView, hidden_parts, project_into_views
-from pipeline.fusion.projection import CameraArrays
+from lidcam.pipeline.core.arrays import F32
+from lidcam.pipeline.core.camera import NEAR_M
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.errors import FrameError
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.fusion.matching.in_view import InView, hidden_parts, project_into_views
+from lidcam.pipeline.fusion.projection import CameraArrays
 
 RIGHT = np.array([[-1.0, 0, 0, 0], [0, 0, -1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 LENS = forward_camera("lens", distortion=[-0.2, 0.05, 0.001, -0.002, 0.01])

@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from seen_boxes import camera_at, views_of
 
-from pipeline.core.arrays import F64
-from pipeline.core.settings.detect import ClusterConfig
-from pipeline.fusion.cameras.sightings import Sightings, see
-from pipeline.fusion.proposals.frustums import (
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.settings.detect import ClusterConfig
+from lidcam.pipeline.fusion.cameras.sightings import Sightings, see
+from lidcam.pipeline.fusion.proposals.frustums import (
     SHRINK_SHARE,
     Expected,
     FrustumPoints,

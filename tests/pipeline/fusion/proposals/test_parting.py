@@ -3,11 +3,11 @@ import pytest
 from detections import boxes2d, boxes3d
 from seen_boxes import camera_at, views_of
 
-from pipeline.core.arrays import F64, I64
-from pipeline.core.detections import Matches
-from pipeline.fusion.cameras.sightings import see
-from pipeline.fusion.proposals.frustums import FrustumPoints
-from pipeline.fusion.proposals.parting import (
+from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.core.detections import Matches
+from lidcam.pipeline.fusion.cameras.sightings import see
+from lidcam.pipeline.fusion.proposals.frustums import FrustumPoints
+from lidcam.pipeline.fusion.proposals.parting import (
     choose_parts,
     find_duplicates,
     find_enclosing,

@@ -4,10 +4,10 @@ from detections import boxes3d
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from pipeline.core.arrays import F64
-from pipeline.core.detections import Boxes3D
-from pipeline.core.settings.fuse import FuseConfig
-from pipeline.fusion.refining.box_prior import box_prior, known_covariances
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.settings.fuse import FuseConfig
+from lidcam.pipeline.fusion.refining.box_prior import box_prior, known_covariances
 
 LIDARS = np.array([[0.0, 0.0], [3.0, -1.0]])
 

@@ -6,10 +6,10 @@ from detections import boxes3d, forward_camera
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.arrays import F64
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.fusion.projection import CameraArrays
-from pipeline.fusion.refining.edges import MEDIAN_SPREAD, SURE, camera_shifts, moved_by_borders
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.fusion.projection import CameraArrays
+from lidcam.pipeline.fusion.refining.edges import MEDIAN_SPREAD, SURE, camera_shifts, moved_by_borders
 
 
 @given(st.integers(0, 2**31), st.integers(0, 12), st.integers(1, 4))

@@ -1,5 +1,5 @@
-from pipeline.core.frame import Missing
-from pipeline.stages.sync.attendance import MAX_SILENCES, Absence, Attendance, Silence
+from lidcam.pipeline.core.frame import Missing
+from lidcam.pipeline.stages.sync.attendance import MAX_SILENCES, Absence, Attendance, Silence
 
 
 def test_nothing_missing() -> None:

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.messages import Channel, Drop, RawMessage
-from pipeline.stages.sync.clocks import NO_LOG_TIME, NO_TIME, OTHER_SIDE, OUTLIER, ZERO, Clocks, TimeJump
+from lidcam.pipeline.core.messages import Channel, Drop, RawMessage
+from lidcam.pipeline.stages.sync.clocks import NO_LOG_TIME, NO_TIME, OTHER_SIDE, OUTLIER, ZERO, Clocks, TimeJump
 
 S = 10**9
 MS = 10**6

@@ -1,6 +1,6 @@
 import pytest
 
-from pipeline.stages.sync.liveness import Liveness
+from lidcam.pipeline.stages.sync.liveness import Liveness
 
 MS = 1_000_000
 

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.core.errors import ConfigError
-from pipeline.core.frame import Missing, SensorBundle
-from pipeline.core.messages import Channel, Drop, RawMessage
-from pipeline.core.settings.sync import SyncConfig
-from pipeline.stages.sync.policy import DropReason
-from pipeline.stages.sync.synchronize import SyncStats, synchronize
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.pipeline.core.frame import Missing, SensorBundle
+from lidcam.pipeline.core.messages import Channel, Drop, RawMessage
+from lidcam.pipeline.core.settings.sync import SyncConfig
+from lidcam.pipeline.stages.sync.policy import DropReason
+from lidcam.pipeline.stages.sync.synchronize import SyncStats, synchronize
 
 MS = 1_000_000
 policies = pytest.mark.parametrize("policy", ["approximate_time", "approximate_time_python", "nearest"])

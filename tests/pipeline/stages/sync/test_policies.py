@@ -13,10 +13,10 @@ from helpers import shared
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from pipeline.stages.sync.approximate_time import ApproximateTime
-from pipeline.stages.sync.approximate_time_python import ApproximateTimePython, first_combination
-from pipeline.stages.sync.nearest import Nearest
-from pipeline.stages.sync.policy import DropReason, Policy
+from lidcam.pipeline.stages.sync.approximate_time import ApproximateTime
+from lidcam.pipeline.stages.sync.approximate_time_python import ApproximateTimePython, first_combination
+from lidcam.pipeline.stages.sync.nearest import Nearest
+from lidcam.pipeline.stages.sync.policy import DropReason, Policy
 
 MS = 1_000_000
 PolicyName = Literal["approximate_time", "approximate_time_python", "nearest"]

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.errors import ConfigError
-from pipeline.core.frame import SensorBundle
-from pipeline.core.messages import Channel, Drop, RawMessage
-from pipeline.core.settings.sync import SyncConfig
-from pipeline.stages.sync.policy import DropReason
-from pipeline.stages.sync.synchronize import SyncStats
-from pipeline.stages.sync.synchronize import synchronize as synchronize_
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.messages import Channel, Drop, RawMessage
+from lidcam.pipeline.core.settings.sync import SyncConfig
+from lidcam.pipeline.stages.sync.policy import DropReason
+from lidcam.pipeline.stages.sync.synchronize import SyncStats
+from lidcam.pipeline.stages.sync.synchronize import synchronize as synchronize_
 
 MS = 1_000_000
 CONFIGS = [SyncConfig(policy=name) for name in ("approximate_time", "approximate_time_python", "nearest")]

@@ -2,10 +2,10 @@
 
 import pytest
 
-from pipeline.core.errors import RecordingError
-from pipeline.core.messages import Channel, Drop, RawMessage
-from pipeline.core.settings.sync import SyncConfig
-from pipeline.stages.sync.synchronize import synchronize
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.messages import Channel, Drop, RawMessage
+from lidcam.pipeline.core.settings.sync import SyncConfig
+from lidcam.pipeline.stages.sync.synchronize import synchronize
 
 
 def message(topic: str, stamp_ms: int, size: int) -> RawMessage:

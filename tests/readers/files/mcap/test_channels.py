@@ -9,12 +9,12 @@ from foxglove_messages import foxglove_raw
 from mcap.records import Channel as RecordedChannel
 from mcap.records import Schema
 
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import Channel
-from readers.files.mcap.channels import channel_of
-from readers.messages.deserialize import deserialize
-from readers.open import open_recording
-from readers.streams.per_sensor import sensor_messages
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import Channel
+from lidcam.readers.files.mcap.channels import channel_of
+from lidcam.readers.messages.deserialize import deserialize
+from lidcam.readers.open import open_recording
+from lidcam.readers.streams.per_sensor import sensor_messages
 
 T0 = 1_700_000_000 * 10**9
 ODOMETRY = "nav_msgs/msg/Odometry"

@@ -9,9 +9,9 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from numpy import zeros
 
-from pipeline.core.errors import RecordingError
-from pipeline.core.messages import RawMessage
-from readers.open import open_recording
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.open import open_recording
 
 T0 = 1_700_000_000 * 10**9
 ODOMETRY = "nav_msgs/msg/Odometry"

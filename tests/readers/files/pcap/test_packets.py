@@ -6,8 +6,8 @@ import dpkt
 import pytest
 from captures import PCAP_FORMS, block, interface, ng_packet, pcap, section
 
-from readers.files.damage import Losses
-from readers.files.pcap.packets import CapturedPacket, captured_packets, is_capture
+from lidcam.readers.files.damage import Losses
+from lidcam.readers.files.pcap.packets import CapturedPacket, captured_packets, is_capture
 
 AT_NS = 1_600_000_000_123_456_000
 PACKETS = [(AT_NS + n * 1_000_000, bytes([n]) * (40 + n)) for n in range(6)]

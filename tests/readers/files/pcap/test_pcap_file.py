@@ -8,11 +8,11 @@ from builders import pointcloud2, raw, write_rosbag1, write_rosbag2
 from captures import capture_of, ethernet, interface, ip_packet, ng_packet, pcap, section
 from velodyne import START_NS, random_packets
 
-from pipeline.core.errors import RecordingError
-from pipeline.core.messages import RawMessage
-from readers.messages.deserialize import deserialize
-from readers.open import open_recording
-from readers.recording import ReadOptions
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.messages.deserialize import deserialize
+from lidcam.readers.open import open_recording
+from lidcam.readers.recording import ReadOptions
 
 TOPIC = "/velodyne_192_168_1_201/packets"
 PAYLOAD, STAMPS_NS = random_packets("VLP-16", packets=40, start=0)

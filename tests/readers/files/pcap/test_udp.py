@@ -5,7 +5,7 @@ import dpkt
 import pytest
 from captures import ethernet, ip_packet
 
-from readers.files.pcap.udp import CUT_SHORT, FRAGMENTS, NOT_IPV4, NOT_UDP, UNKNOWN_LINK, Udp, find_udp
+from lidcam.readers.files.pcap.udp import CUT_SHORT, FRAGMENTS, NOT_IPV4, NOT_UDP, UNKNOWN_LINK, Udp, find_udp
 
 DATA = b"velodyne" * 20
 IPV4 = bytes(ip_packet(DATA))

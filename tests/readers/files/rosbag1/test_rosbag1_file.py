@@ -9,7 +9,7 @@ import pytest
 from builders import odometry, raw, write_rosbag1
 from helpers import shared
 
-from readers.open import open_recording
+from lidcam.readers.open import open_recording
 
 SOUND = [
     *(f"seed_{kind}.bag" for kind in ("none", "none_chunky", "bz2", "bz2_chunky", "lz4", "lz4_chunky")),

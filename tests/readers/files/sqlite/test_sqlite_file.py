@@ -4,11 +4,11 @@ from pathlib import Path
 import pytest
 from builders import odometry, raw, write_rosbag2
 
-from pipeline.core.errors import RecordingError
-from pipeline.core.messages import RawMessage
-from readers.messages.deserialize import deserialize
-from readers.open import open_recording
-from readers.recording import ReadOptions
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.messages.deserialize import deserialize
+from lidcam.readers.open import open_recording
+from lidcam.readers.recording import ReadOptions
 
 T0 = 1_700_000_000 * 10**9
 ODOMETRY = "nav_msgs/msg/Odometry"

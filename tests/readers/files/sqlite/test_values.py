@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from sound_recordings import read_all, sound_recording, write_files
 
-from pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.errors import RecordingError
 
 SOUND = sound_recording("sqlite")
 ROWS = len(SOUND.messages)

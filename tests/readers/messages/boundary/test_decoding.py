@@ -2,9 +2,9 @@
 
 import pytest
 
-from pipeline.core.errors import ConfigError, MessageError
-from pipeline.core.messages import Channel, RawMessage
-from readers.messages.boundary.decoding import decoder
+from lidcam.pipeline.core.errors import ConfigError, MessageError
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.readers.messages.boundary.decoding import decoder
 
 MESSAGE = RawMessage(0, 0, (0, 0), b"abc", Channel("/t", "a/msg/B", "cdr"))
 

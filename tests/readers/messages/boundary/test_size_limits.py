@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import Channel, RawMessage
-from readers.messages.boundary.size_limits import _Counting, count_items
-from readers.messages.deserialize import deserialize, typestore_for
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.readers.messages.boundary.size_limits import _Counting, count_items
+from lidcam.readers.messages.deserialize import deserialize, typestore_for
 
 RULE = "=" * 80
 DEFINITION = (

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from object_messages import Recorded, autoware_message, autoware_object
 
-from pipeline.core.errors import MessageError
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.recording import LimitsConfig
-from readers.messages.objects.autoware import ANY_HEADING_RAD2, decode_detected_objects
-from readers.messages.objects.found import FoundObjects, ObjectClasses
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.readers.messages.objects.autoware import ANY_HEADING_RAD2, decode_detected_objects
+from lidcam.readers.messages.objects.found import FoundObjects, ObjectClasses
 
 CLASSES = ObjectClasses(Config())
 HALF = np.sqrt(0.5)

@@ -6,12 +6,12 @@ import pytest
 from object_messages import FORMATS, Format, Recorded, objects_message
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.errors import MessageError
-from pipeline.core.settings.config import Config
-from pipeline.core.settings.recording import LimitsConfig
-from readers.messages.objects.autoware import DETECTED_OBJECTS, decode_detected_objects
-from readers.messages.objects.found import FoundObjects, ObjectClasses
-from readers.messages.vision.detections3d import decode_detected_boxes
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.readers.messages.objects.autoware import DETECTED_OBJECTS, decode_detected_objects
+from lidcam.readers.messages.objects.found import FoundObjects, ObjectClasses
+from lidcam.readers.messages.vision.detections3d import decode_detected_boxes
 
 STAMP_NS = 1_700_000_000_123_456_789
 CONFIG = Config()

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from track_messages import track, track_array
 
-from pipeline.core.errors import MessageError
-from pipeline.core.settings.recording import LimitsConfig
-from readers.messages.objects.tracks import decode_tracks
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.readers.messages.objects.tracks import decode_tracks
 
 STAMP_NS = 1_700_000_000_123_456_789
 

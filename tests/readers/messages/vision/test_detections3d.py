@@ -8,15 +8,15 @@ from builders import Fields
 from message_layouts import message_of_layout
 from object_messages import Format, Recorded, boxes_message
 
-from pipeline.core.detections import Boxes3D
-from pipeline.core.errors import MessageError
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.ros.messages import ROS2
-from pipeline.evaluation.evaluation_frame import UNKNOWN
-from readers.messages.deserialize import typestore_for
-from readers.messages.vision.detections3d import Detections3D, decode_detections3d
-from readers.messages.vision.track_ids import track_ids
-from writers.messages.detections import detections_3d
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.ros.messages import ROS2
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
+from lidcam.readers.messages.deserialize import typestore_for
+from lidcam.readers.messages.vision.detections3d import Detections3D, decode_detections3d
+from lidcam.readers.messages.vision.track_ids import track_ids
+from lidcam.writers.messages.detections import detections_3d
 
 STAMP_NS = 1_700_000_000_123_456_789
 MSGTYPE = "vision_msgs/msg/Detection3DArray"

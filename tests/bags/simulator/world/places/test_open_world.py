@@ -3,11 +3,11 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from bags.simulator.scenario.open_world import GroundScenario, RoadScenario, ThingKind, ThingScenario
-from bags.simulator.vehicles.footprints import things_in_the_way
-from bags.simulator.world.places.open_world import open_height, open_mesh
-from bags.simulator.world.rays import Rays
-from bags.simulator.world.scene import Scene
+from lidcam.bags.simulator.scenario.open_world import GroundScenario, RoadScenario, ThingKind, ThingScenario
+from lidcam.bags.simulator.vehicles.footprints import things_in_the_way
+from lidcam.bags.simulator.world.places.open_world import open_height, open_mesh
+from lidcam.bags.simulator.world.rays import Rays
+from lidcam.bags.simulator.world.scene import Scene
 
 ROAD = RoadScenario(from_m=(-50, 0), to_m=(50, 0), width_m=8)
 GROUND = GroundScenario(

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from meshes import open_edges
 
-from bags.simulator.world.meshes.mesh import Mesh
-from bags.simulator.world.places.crossing import MAST_TOP_M
-from bags.simulator.world.places.places import World, ground_height, static_mesh
-from bags.simulator.world.places.sandbox import NORTH_CAMERAS, SOUTH_CAMERAS
-from bags.simulator.world.rays import Rays
-from bags.simulator.world.scene import Scene
+from lidcam.bags.simulator.world.meshes.mesh import Mesh
+from lidcam.bags.simulator.world.places.crossing import MAST_TOP_M
+from lidcam.bags.simulator.world.places.places import World, ground_height, static_mesh
+from lidcam.bags.simulator.world.places.sandbox import NORTH_CAMERAS, SOUTH_CAMERAS
+from lidcam.bags.simulator.world.rays import Rays
+from lidcam.bags.simulator.world.scene import Scene
 
 WORLDS: tuple[World, ...] = get_args(World)
 

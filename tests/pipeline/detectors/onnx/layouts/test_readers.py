@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from onnx_networks import FLOAT16, write_convolutional, write_network
 
-from pipeline.core.arrays import U8, Array
-from pipeline.core.errors import ModelError
-from pipeline.core.settings.detect import Detect2DConfig
-from pipeline.detectors.onnx.detector import OnnxDetector2D
+from lidcam.pipeline.core.arrays import U8, Array
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.core.settings.detect import Detect2DConfig
+from lidcam.pipeline.detectors.onnx.detector import OnnxDetector2D
 
 SIZE_PX = (64, 96)
 CELLS = 8 * 12 + 4 * 6 + 2 * 3

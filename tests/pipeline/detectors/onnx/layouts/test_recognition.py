@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from pipeline.core.arrays import Array
-from pipeline.core.errors import ModelError
-from pipeline.core.settings.detect import NetworkLayout
-from pipeline.detectors.onnx.layouts.layout import Layout
-from pipeline.detectors.onnx.layouts.recognition import Trial, recognise
+from lidcam.pipeline.core.arrays import Array
+from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.core.settings.detect import NetworkLayout
+from lidcam.pipeline.detectors.onnx.layouts.layout import Layout
+from lidcam.pipeline.detectors.onnx.layouts.recognition import Trial, recognise
 
 SIZE_PX = (640, 640)
 CELLS = 8400
