@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 else:
 
     def __getattr__(name: str) -> Any:
-        from lidcam.compiling import compiled_together
+        from lidcam.cli.printing.compiling import compiled_together
 
         with compiled_together():
             import lidcam.api as api

@@ -22,8 +22,8 @@ REASONS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SI
 def main() -> None:
     """The program `lidcam`."""
     end_at_signals()
-    from lidcam.commands import app  # loads libraries: from here on, Ctrl-C ends the program well
-    from lidcam.program import run_program
+    from lidcam.cli import app  # loads libraries: from here on, Ctrl-C ends the program well
+    from lidcam.cli.program import run_program
 
     run_program(app, "lidcam")
 
@@ -31,8 +31,8 @@ def main() -> None:
 def main_process() -> None:
     """The program `lidcam-process`: `lidcam process`."""
     end_at_signals()
-    from lidcam.commands import process_app  # as above
-    from lidcam.program import run_program
+    from lidcam.cli import process_app  # as above
+    from lidcam.cli.program import run_program
 
     run_program(process_app, "lidcam-process")
 

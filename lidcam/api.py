@@ -6,16 +6,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Unpack
 
-from lidcam.checks.missing import MissingSensor
-from lidcam.checks.warning import RunWarning
 from lidcam.evaluation.evaluate import evaluate_result
 from lidcam.evaluation.evaluation import Evaluation, make_evaluation_job
 from lidcam.evaluation.figures import NamedFigures
 from lidcam.evaluation.requirement import Requirement, RequirementError
-from lidcam.frame import Frame
-from lidcam.frames import RunInput
 from lidcam.inspection import Inspection, inspect_recording
-from lidcam.job import FilePath, Job, JobOptions, PathOrUrl, RigSource, Settings, locations, make_job
 from lidcam.notebook.decoded import decode_clouds, decode_images
 from lidcam.notebook.loaded import load_result
 from lidcam.notebook.objects import ObjectCollector
@@ -37,16 +32,21 @@ from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.load import load_config
+from lidcam.processing import RunObserver, process_recording
+from lidcam.processing import iter_frames as frames_of
 from lidcam.readers import open as containers
 from lidcam.readers.recording import Loss, Recording
 from lidcam.readers.rig.rig_file import load_rig
 from lidcam.readers.rig.schema import RigFile
 from lidcam.readers.rig.sensor_topics import SensorFault
-from lidcam.report import DropCount, RunReport, UnusedTopic
-from lidcam.run import RunObserver, process_recording
-from lidcam.run import iter_frames as frames_of
-from lidcam.settings.choice import UsedSettings, choose_settings
-from lidcam.summary import RunProgress
+from lidcam.run.choice import UsedSettings, choose_settings
+from lidcam.run.frame import Frame
+from lidcam.run.frames import RunInput
+from lidcam.run.job import FilePath, Job, JobOptions, PathOrUrl, RigSource, Settings, locations, make_job
+from lidcam.run.missing import MissingSensor
+from lidcam.run.summary import DropCount, RunSummary, UnusedTopic
+from lidcam.run.tally import RunProgress
+from lidcam.run.warning import RunWarning
 from lidcam.writers.tables.objects import Objects
 
 __all__ = [
@@ -86,8 +86,8 @@ __all__ = [
     "RunInput",
     "RunObserver",
     "RunProgress",
-    "RunReport",
     "RunResult",
+    "RunSummary",
     "RunWarning",
     "SensorBundle",
     "SensorFault",
@@ -142,7 +142,7 @@ def process(
 
 
 def _progress_bar(stack: ExitStack) -> RunObserver:
-    from lidcam.printing.running import ShownProgress  # with rich, which takes a while to load
+    from lidcam.cli.printing.running import ShownProgress  # with rich, which takes a while to load
 
     return ShownProgress(stack, whatever_is_logged=True)
 

@@ -4,13 +4,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from lidcam.box_sources import BoxSource, box_source, engine_3d
 from lidcam.checks.calibration.check import check_first_clouds
 from lidcam.checks.files import check_not_empty
-from lidcam.checks.incomplete import damage_lines, left_out_lines
-from lidcam.checks.warning import RunWarning
-from lidcam.frames import TimeWindow
-from lidcam.job import RigSource, read_rig
 from lidcam.pipeline.core.errors import CalibrationError, RecordingError, short_memory_told
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
@@ -26,8 +21,13 @@ from lidcam.readers.rig.sensor_topics import SensorFault
 from lidcam.readers.streams.motion import find_motion_source
 from lidcam.readers.streams.per_sensor import sensor_messages
 from lidcam.readers.streams.survey import TopicSurvey, survey
-from lidcam.report import loss_records
-from lidcam.settings.choice import SettingsChoice, UsedSettings, use_settings, used_record
+from lidcam.run.box_sources import BoxSource, box_source, engine_3d
+from lidcam.run.choice import SettingsChoice, UsedSettings, use_settings, used_record
+from lidcam.run.frames import TimeWindow
+from lidcam.run.incomplete import damage_lines, left_out_lines
+from lidcam.run.job import RigSource, read_rig
+from lidcam.run.summary import loss_records
+from lidcam.run.warning import RunWarning
 
 INSPECTED_NS = 5_000_000_000
 """How much of a recording on a server is looked at: enough for the rate of a topic of 1 Hz."""

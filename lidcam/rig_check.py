@@ -1,11 +1,11 @@
 """The check of a rig by the recording itself: a run that writes nothing, and what it says of poses and clocks."""
 
 from lidcam.checks.calibration.self_check import SelfCheck
-from lidcam.frame import Frame
-from lidcam.frames import RunInput
-from lidcam.job import Job
-from lidcam.run import RunObserver, process_recording
-from lidcam.summary import RunProgress
+from lidcam.processing import RunObserver, process_recording
+from lidcam.run.frame import Frame
+from lidcam.run.frames import RunInput
+from lidcam.run.job import Job
+from lidcam.run.tally import RunProgress
 
 
 def check_rig(job: Job, observer: RunObserver | None = None) -> SelfCheck:

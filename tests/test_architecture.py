@@ -37,7 +37,7 @@ MAY_IMPORT = {
     },
 }
 EXITS = {
-    "lidcam.program",
+    "lidcam.cli.program",
     "lidcam.__main__",
     "lidcam.pipeline.core.compiled.beside",
     "lidcam.pipeline.parallel.pool",

@@ -13,7 +13,7 @@ from document_commands import ROOT, pages
 from typer.main import get_command
 
 import lidcam.api
-from lidcam.commands import process_app
+from lidcam.cli import process_app
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 OF_EVERY_COMMAND = {"--help", "--version"}

@@ -27,10 +27,7 @@ from counting import CLASSES, RANGE_M, excused
 from labelled_frames import Label, LabelledFrame, labelled_frames, write_recording
 from scipy.optimize import minimize
 
-from lidcam.build import decided
 from lidcam.evaluation.frames import EvaluationFrames
-from lidcam.frames import RunInput
-from lidcam.job import make_job
 from lidcam.pipeline.core.arrays import F64, I32, U8, Bools
 from lidcam.pipeline.core.association import class_agreement
 from lidcam.pipeline.core.detections import Boxes3D, Hypotheses
@@ -55,9 +52,12 @@ from lidcam.pipeline.fusion.belief.odds import (
     shown,
 )
 from lidcam.pipeline.fusion.belief.visibility import Visibility, find_visibility
+from lidcam.processing import RunObserver, process_recording
 from lidcam.readers.results.result import open_result
 from lidcam.readers.truth.open import open_truth
-from lidcam.run import RunObserver, process_recording
+from lidcam.run.build import decided
+from lidcam.run.frames import RunInput
+from lidcam.run.job import make_job
 
 OPEN = ("fuse.min_score=0.0", "track.mode=none", "output.images=false", "output.clouds=false")
 

@@ -23,7 +23,6 @@ import numpy as np
 from lidcam.bags.simulator.scenario.sensors import LidarScenario
 from lidcam.bags.simulator.worlds.draw import Family
 from lidcam.bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, TrainingSweep, sweep
-from lidcam.build import decided
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.frame import SensorBundle
@@ -34,6 +33,7 @@ from lidcam.pipeline.evaluation.detection.detection_evaluation import DetectionE
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D
 from lidcam.pipeline.stages.combine import Combine
 from lidcam.pipeline.stages.detect3d import Detect3D
+from lidcam.run.build import decided
 from lidcam.training.examples import SWEEPS_OF_A_WORLD, cloud_of, rig_of
 
 FIRST_WORLD = 2_000_000

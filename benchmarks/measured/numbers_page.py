@@ -17,7 +17,7 @@ from mistake_images import KINDS, Look, looks, write_images
 from side_by_side import by_class, side_by_side, table, verdicts
 from tracks_table import measured_tracks, tracks_table
 
-from lidcam.printing.numbers import NONE, number, percent, share, signed
+from lidcam.cli.printing.numbers import NONE, number, percent, share, signed
 
 PAGE = ROOT / "docs" / "numbers.md"
 Tree = Mapping[str, Any]

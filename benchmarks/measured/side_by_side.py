@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from lidcam.printing.numbers import NONE, number, share, signed
+from lidcam.cli.printing.numbers import NONE, number, share, signed
 
 Tree = Mapping[str, Any]
 

@@ -9,12 +9,12 @@ from typing import Any
 from side_by_side import table
 from trackers import SOURCE, ab3dmot, nearest_neighbour
 
+from lidcam.cli.printing.numbers import NONE, number, percent, share
 from lidcam.evaluation.evaluators import measure
 from lidcam.evaluation.frames import EvaluationFrames
 from lidcam.pipeline.evaluation.detection.detection_evaluation import DetectionEvaluation
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, SourceBoxes
 from lidcam.pipeline.evaluation.tracking.tracking_evaluation import TrackingEvaluation
-from lidcam.printing.numbers import NONE, number, percent, share
 from lidcam.readers.results.result import open_result
 from lidcam.readers.truth.open import open_truth
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
-from lidcam.bucket import Bucket, is_bucket
+from lidcam.outputs.bucket import Bucket, is_bucket
 from lidcam.pipeline.core.errors import LidcamError, RecordingError
 from lidcam.readers.files.evaluation_folder import is_evaluation_folder
 from lidcam.readers.location import Location, RemotePath, location

@@ -8,7 +8,7 @@ from tempfile import TemporaryFile
 from typing import Protocol
 
 from lidcam.batch.records import FOLDER, JobRecord, read_record, record_of, record_text, write_record
-from lidcam.bucket import Bucket, check_output
+from lidcam.outputs.bucket import Bucket, check_output
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.readers.location import Location, RemotePath
 

@@ -3,8 +3,8 @@
 import re
 from collections.abc import Mapping
 
-from lidcam.checks.warning import RunWarning
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.run.warning import RunWarning
 
 MAX_LISTED = 10
 """Numbers that are named."""

@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 
-from lidcam.checks.missing import MissingSensor, never_used, with_camera
-from lidcam.checks.warning import RunWarning
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.stages.sync.clocks import Clocks, TimeJump
 from lidcam.pipeline.stages.sync.policy import DropReason
+from lidcam.run.missing import MissingSensor, never_used, with_camera
+from lidcam.run.warning import RunWarning
 
 MAX_JUMPS_NAMED = 5
 """Jumps with a warning of their own."""

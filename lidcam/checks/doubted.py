@@ -5,9 +5,9 @@ Where there are 2D boxes, they have the last word: what stays below is mostly wa
 
 import numpy as np
 
-from lidcam.checks.warning import RunWarning
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.run.warning import RunWarning
 
 LIKELY = 0.2
 """Least probability of what is likely there."""

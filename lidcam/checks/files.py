@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from itertools import islice
 
-from lidcam.checks.warning import RunWarning
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.readers.location import Location
 from lidcam.readers.recording import Recording
+from lidcam.run.warning import RunWarning
 
 OVERLAP_NS = 1_000_000_000
 """Parts of one recording overlap by less: a recorder that changes files does not wait for the last messages."""

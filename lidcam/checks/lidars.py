@@ -2,9 +2,9 @@
 
 from collections import Counter
 
-from lidcam.checks.warning import RunWarning
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import Rig
+from lidcam.run.warning import RunWarning
 
 MIN_EMPTY, MIN_SHARE = 3, 0.1
 """Fewer empty messages than these are no fault: a driver's first sweep, or one from which the network lost packets."""

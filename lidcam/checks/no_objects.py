@@ -1,13 +1,13 @@
 """Runs without a single object: which step left nothing, and what to try."""
 
-from lidcam.checks.warning import RunWarning
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.detectors.cluster.detector import ClusterDetector
 from lidcam.readers.recording import Recording
-from lidcam.settings.choice import UsedSettings
-from lidcam.settings.scene import MODEL_EXTENT_M, judge, measure_scene, scene_text
+from lidcam.run.choice import UsedSettings
+from lidcam.run.scene import MODEL_EXTENT_M, judge, measure_scene, scene_text
+from lidcam.run.warning import RunWarning
 
 
 class ObjectCheck:

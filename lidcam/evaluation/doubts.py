@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from lidcam.checks.warning import RunWarning
+from lidcam.run.warning import RunWarning
 
 ALL = "all"
 """In place of a class: the figures of all objects."""

@@ -6,7 +6,6 @@ from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
-from lidcam.checks.incomplete import changed_lines, damage_lines
 from lidcam.evaluation.doubts import doubts
 from lidcam.evaluation.evaluation import Evaluation, EvaluationJob, Truth
 from lidcam.evaluation.evaluators import evaluators_of, known_figures, measure, timed
@@ -22,11 +21,12 @@ from lidcam.readers.results.result import Result, open_result
 from lidcam.readers.rig.schema import RigFile
 from lidcam.readers.rig.search import zones_of
 from lidcam.readers.truth.open import OpenTruth, open_truth
-from lidcam.settings.effect import settings_sha256
+from lidcam.run.effect import settings_sha256
+from lidcam.run.incomplete import changed_lines, damage_lines
 
 Advance = Callable[[float, str], None]
 Progress = Callable[[float], AbstractContextManager[Advance]]
-"""Shows how many of so many recorded seconds are done, and some facts, as `lidcam.printing.progress.show_progress`."""
+"""Shows the share of the recorded seconds that is done, as `lidcam.cli.printing.progress.show_progress` does."""
 
 
 def not_shown(_: float) -> AbstractContextManager[Advance]:

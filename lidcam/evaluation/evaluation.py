@@ -6,16 +6,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lidcam.checks.warning import RunWarning
 from lidcam.evaluation.figures import NamedFigures
 from lidcam.evaluation.requirement import Outcome, Requirement, read_requirements
-from lidcam.job import FilePath, PathOrUrl, RigSource, Settings, locations, read_rig
 from lidcam.pipeline.core.errors import CalibrationError
 from lidcam.pipeline.core.settings.load import load_config
 from lidcam.readers.input_file import InputFile
 from lidcam.readers.location import Location
 from lidcam.readers.rig.schema import RigFile
-from lidcam.settings.effect import EVALUATING, check_effect
+from lidcam.run.effect import EVALUATING, check_effect
+from lidcam.run.job import FilePath, PathOrUrl, RigSource, Settings, locations, read_rig
+from lidcam.run.warning import RunWarning
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from lidcam.checks.missing import MissingSensor, SilentSpan
-from lidcam.checks.warning import RunWarning
 from lidcam.pipeline.core.arrays import join_rows
 from lidcam.pipeline.core.detections import Source
 from lidcam.pipeline.core.errors import MessageError, RecordingError
@@ -24,18 +22,20 @@ from lidcam.readers.recording import Loss
 from lidcam.readers.results.result import SOURCE_TOPICS, TRACKS_TOPIC, Result, open_result
 from lidcam.readers.rig.calibration import SensorSource
 from lidcam.readers.rig.sensor_topics import SensorFault
-from lidcam.report import (
+from lidcam.run.choice import UsedSettings
+from lidcam.run.effect import settings_sha256
+from lidcam.run.missing import MissingSensor, SilentSpan
+from lidcam.run.summary import (
     DropCount,
-    DropReport,
-    FrameReport,
-    InputReport,
-    RunReport,
-    SensorReport,
-    TimingReport,
+    DropSummary,
+    FrameSummary,
+    InputSummary,
+    RunSummary,
+    SensorSummary,
+    TimingSummary,
     UnusedTopic,
 )
-from lidcam.settings.choice import UsedSettings
-from lidcam.settings.effect import settings_sha256
+from lidcam.run.warning import RunWarning
 from lidcam.writers.messages.scene import ZONE_ID
 from lidcam.writers.tables.objects import Objects
 
@@ -46,7 +46,7 @@ MAX_SCENE_ITEMS = 2_000_000
 """Points of lines and other parts of one drawing."""
 
 
-def load_result(path: Path) -> tuple[RunReport, Objects]:
+def load_result(path: Path) -> tuple[RunSummary, Objects]:
     """The report and the objects of the run that wrote a result.
 
     Times of the clock, and where other outputs lie, are not in a result. `settings.name` is the whole line that the run
@@ -117,15 +117,15 @@ def _objects(index: int, messages: Mapping[str, RawMessage], result: Result) -> 
     )
 
 
-def _report(result: Result, path: Path, users: RoadUserTally) -> RunReport:
+def _report(result: Result, path: Path, users: RoadUserTally) -> RunSummary:
     account: Mapping[str, Any] = result.account
     motion, sync, more = account["motion"], account["sync"], account["losses_more"]
     files = tuple(_input_files(result.metadata))
     losses = [(Path(one["file"]), one["position"], one["reason"]) for one in account["losses"]]
     sizes = [(one["size"], one["messages"]) for one in account["losses"]]
     silences = [tuple(SilentSpan(**span) for span in one["silences"]) for one in account["missing"]]
-    return RunReport(
-        inputs=InputReport(
+    return RunSummary(
+        inputs=InputSummary(
             files=files,
             changed=tuple(file.name for file in files if file.is_changed),
             messages_used=account["messages_used"],
@@ -133,7 +133,7 @@ def _report(result: Result, path: Path, users: RoadUserTally) -> RunReport:
             unused_topics=tuple(UnusedTopic(topic, count, "") for topic, count in account["unused_topics"].items()),
             losses=tuple(Loss(*loss, *size) for loss, size in zip(losses, sizes, strict=True)),
         ),
-        frames=FrameReport(
+        frames=FrameSummary(
             count=account["frames"],
             objects={(one["class"], one["zone"] or ""): one["count"] for one in account["objects"]},
             sources=account["object_sources"],
@@ -146,14 +146,14 @@ def _report(result: Result, path: Path, users: RoadUserTally) -> RunReport:
             points=account["points"],
             **sync,
         ),
-        drops=DropReport(
+        drops=DropSummary(
             messages=tuple(DropCount(**one) for one in account["drops"]),
             boxes=account["unused_boxes"],
             boxes3d=account["unused_boxes3d"],
             boxes_without_object=account["boxes_without_object"],
             objects=account["objects_left_out"],
         ),
-        sensors=SensorReport(
+        sensors=SensorSummary(
             rig=result.rig,
             calibration=tuple(SensorSource(**one) for one in account["calibration"]),
             faults=tuple(SensorFault(**one) for one in account["faults"]),
@@ -165,7 +165,7 @@ def _report(result: Result, path: Path, users: RoadUserTally) -> RunReport:
             box_source_3d=account["box_source_3d"],
             motion_topics=tuple(motion["topics"]),
         ),
-        timing=TimingReport({}, math.nan, math.nan),
+        timing=TimingSummary({}, math.nan, math.nan),
         settings=UsedSettings(result.metadata["settings"], "given"),
         settings_sha256=settings_sha256(result.config),
         notes=(*account["notes"], *([f"{more} more damaged parts, which the result does not list"] if more else [])),

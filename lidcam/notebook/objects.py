@@ -2,11 +2,11 @@
 
 from collections.abc import Callable
 
-from lidcam.frame import Frame
-from lidcam.frames import RunInput
 from lidcam.pipeline.core.arrays import join_rows
-from lidcam.run import RunObserver
-from lidcam.summary import RunProgress
+from lidcam.processing import RunObserver
+from lidcam.run.frame import Frame
+from lidcam.run.frames import RunInput
+from lidcam.run.tally import RunProgress
 from lidcam.writers.tables.objects import Objects
 
 

@@ -10,7 +10,7 @@ from lidcam.inspection import Inspection
 from lidcam.pipeline.core.errors import LidcamError
 from lidcam.pipeline.core.text import brief
 from lidcam.pipeline.core.tracks import NO_TRACK
-from lidcam.report import DropCount, RunReport
+from lidcam.run.summary import DropCount, RunSummary
 from lidcam.writers.palette import class_color
 from lidcam.writers.tables.objects import Objects
 
@@ -26,8 +26,8 @@ class ShownInspection(Inspection):
         return cls(*(getattr(found, field.name) for field in fields(found)))
 
     def _repr_html_(self) -> str:
-        from lidcam.printing.console import print_inspection
-        from lidcam.printing.terminal import printed_html
+        from lidcam.cli.printing.console import print_inspection
+        from lidcam.cli.printing.terminal import printed_html
 
         return printed_html(lambda out: print_inspection(out, self))
 
@@ -41,7 +41,7 @@ class RunResult:
         objects: The fused objects of all frames.
     """
 
-    report: RunReport
+    report: RunSummary
     objects: Objects
 
     __repr__ = brief
@@ -58,8 +58,8 @@ class RunResult:
 
     def _repr_html_(self) -> str:
         """For notebooks: the final tables of the command line."""
-        from lidcam.printing.console import print_report
-        from lidcam.printing.terminal import printed_html
+        from lidcam.cli.printing.console import print_report
+        from lidcam.cli.printing.terminal import printed_html
 
         return printed_html(lambda out: print_report(out, self.report))
 

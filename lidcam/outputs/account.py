@@ -4,19 +4,19 @@ import json
 from dataclasses import asdict
 from typing import Any
 
-from lidcam.job import Job
-from lidcam.report import RunReport, report_tree
+from lidcam.run.job import Job
+from lidcam.run.summary import RunSummary, summary_tree
 
 MAX_LISTED = 20
 """Damaged parts and topics of one list: the result says how many more there are."""
 
 
-def account_text(report: RunReport, job: Job) -> str:
+def account_text(report: RunSummary, job: Job) -> str:
     """The report of a run as JSON, without times of the clock and without folders of this machine.
 
-    Keys are those of `report_tree` and `warnings`, `notes`, `incomplete`, `calibration`.
+    Keys are those of `summary_tree` and `warnings`, `notes`, `incomplete`, `calibration`.
     """
-    tree = report_tree(report)
+    tree = summary_tree(report)
     for key in ("timing", "outputs", "road_users"):  # the clock's, this machine's; and what the result itself has
         del tree[key]
     losses = tree.pop("losses")

@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping
 
-from lidcam.box_sources import box_source, network_3d
-from lidcam.frames import RunInput
-from lidcam.job import Job
 from lidcam.readers.input_file import InputFile, InputFiles, read_input_file
-from lidcam.settings.effect import named_files
+from lidcam.run.box_sources import box_source, network_3d
+from lidcam.run.effect import named_files
+from lidcam.run.frames import RunInput
+from lidcam.run.job import Job
 
 
 def read_named_files(job: Job) -> dict[str, InputFile]:

@@ -6,9 +6,6 @@ from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
-from lidcam.box_sources import box_source
-from lidcam.frames import RunInput
-from lidcam.job import Job
 from lidcam.outputs.allowed import (
     is_marked_clouds,
     is_marked_csv,
@@ -22,6 +19,9 @@ from lidcam.outputs.allowed import (
 from lidcam.pipeline.core.errors import ConfigError, OutputError, RecordingError
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.readers.messages.image import decode_any_image
+from lidcam.run.box_sources import box_source
+from lidcam.run.frames import RunInput
+from lidcam.run.job import Job
 from lidcam.writers.base import ResultWriter
 from lidcam.writers.clouds.writer import ObjectCloudsWriter
 from lidcam.writers.foxglove.layout import layout_path
@@ -159,7 +159,7 @@ OUTPUTS: dict[str, OutputKind] = {
         is_marked_page,
         "Report",
         lambda path, _: f"open {path} in a browser",
-        of_result="lidcam.page.make:make_page",
+        of_result="lidcam.outputs.report.make:make_page",
     ),
 }
 """By the ending of their names; a folder of clouds has none, and that of pictures has an option of its own."""

@@ -8,16 +8,16 @@ from importlib.metadata import version
 from itertools import chain
 from pathlib import Path
 
-from lidcam.frames import RunInput
-from lidcam.job import Job
 from lidcam.outputs.account import account_text
 from lidcam.outputs.allowed import TEXT, Replaceable, check_no_input, check_replaced
 from lidcam.outputs.kinds import MATCHES, OUTPUTS, OutputKind, live_views
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.readers.input_file import InputFiles
 from lidcam.readers.rig.rig_file import rig_yaml
-from lidcam.report import RunReport
-from lidcam.settings.effect import lasting_settings
+from lidcam.run.effect import lasting_settings
+from lidcam.run.frames import RunInput
+from lidcam.run.job import Job
+from lidcam.run.summary import RunSummary
 from lidcam.writers.base import ResultWriter
 from lidcam.writers.outputs.transaction import OutputTransaction
 from lidcam.writers.provenance import Provenance
@@ -83,7 +83,7 @@ def open_writers(
     inputs: InputFiles,
     outputs: OutputTransaction,
     stack: ExitStack,
-    report: Callable[[], RunReport],
+    report: Callable[[], RunSummary],
 ) -> list[ResultWriter]:
     """The writers of a job's outputs and views, open; they end with `stack`, before the outputs get their names.
 

@@ -5,11 +5,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from lidcam.bucket import Bucket, check_output
+from lidcam.outputs.bucket import Bucket, check_output
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.readers.files.temporary import temporary_folder
 from lidcam.readers.location import Location, RemotePath
-from lidcam.report import RunReport
+from lidcam.run.summary import RunSummary
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +26,7 @@ class Sending:
     remote: tuple[tuple[Path, Bucket], ...] = ()
     overwrite: bool = False
 
-    def send(self, report: RunReport) -> RunReport:
+    def send(self, report: RunSummary) -> RunSummary:
         """Put what was written to its places, the result last; the report with these places.
 
         Raises:

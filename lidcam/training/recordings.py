@@ -8,9 +8,6 @@ from typing import Unpack, cast
 import numpy as np
 
 from lidcam.evaluation.frames import EvaluationFrames
-from lidcam.frame import Frame
-from lidcam.frames import RunInput
-from lidcam.job import JobOptions, make_job
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.errors import RecordingError
@@ -20,9 +17,12 @@ from lidcam.pipeline.detectors.pillars.detector import PillarPoints
 from lidcam.pipeline.evaluation.evaluation_frame import TruthBoxes3D
 from lidcam.pipeline.evaluation.ignoring import is_evaluated
 from lidcam.pipeline.parallel.transfer import load
+from lidcam.processing import RunObserver, process_recording
 from lidcam.readers.results.result import open_result
 from lidcam.readers.truth.open import open_truth
-from lidcam.run import RunObserver, process_recording
+from lidcam.run.frame import Frame
+from lidcam.run.frames import RunInput
+from lidcam.run.job import JobOptions, make_job
 from lidcam.training.labelled import (
     MIN_PASTED_POINTS,
     NAMES,

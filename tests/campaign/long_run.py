@@ -32,11 +32,11 @@ from builders import (
 )
 from mcap.reader import make_reader
 
-from lidcam.job import make_job
 from lidcam.pipeline.core.messages import RawMessage
+from lidcam.processing import RunObserver, process_recording
 from lidcam.readers.open import open_recording
-from lidcam.run import RunObserver, process_recording
-from lidcam.summary import RunProgress
+from lidcam.run.job import make_job
+from lidcam.run.tally import RunProgress
 
 START_NS, STEP_NS = 1_700_000_000 * 10**9, 100_000_000
 VARIANTS = 20

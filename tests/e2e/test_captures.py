@@ -13,10 +13,10 @@ from logging_state import kept_logging
 from results import fused_objects, messages_of, topics_of
 from velodyne import START_NS, packet_stream, random_packets
 
-from lidcam.commands.inspect import inspect
-from lidcam.commands.process import run_process
-from lidcam.job import make_job
+from lidcam.cli.inspect import inspect
+from lidcam.cli.process import run_process
 from lidcam.pipeline.core.errors import CalibrationError, ConfigError, IncompleteError, MessageError, RecordingError
+from lidcam.run.job import make_job
 
 PAYLOAD, STAMPS_NS = random_packets("VLP-16", packets=170, start=0)
 LEFT, RIGHT = "/velodyne_10_0_0_1/packets", "/velodyne_10_0_0_2/packets"

@@ -43,7 +43,7 @@ EXCEPTIONS = {
     r"apt-get ": "needs root and Debian",
     r"rerun ": "opens a window",
     r"python benchmarks/measured/real_frames.py ": "needs labelled frames of KITTI, which nobody may hand on",
-    r"lidcam view ": "opens a window: tests/lidcam/commands/test_view.py opens others in its place",
+    r"lidcam view ": "opens a window: tests/lidcam/cli/test_view.py opens others in its place",
     r"lidcam fetch ": "needs the internet: tests/lidcam/networks fetches from a server on this machine",
     r"lidcam train ": "takes minutes: tests/lidcam/training learns from a few worlds",
     r"python benchmarks/measured/speed_page.py ": "takes minutes and writes a page of the documents",

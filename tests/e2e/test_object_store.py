@@ -151,7 +151,7 @@ def test_a_store_that_does_not_take_a_result(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     if size == "in parts":
-        monkeypatch.setattr("lidcam.bucket.PART_BYTES", 5 << 20)
+        monkeypatch.setattr("lidcam.outputs.bucket.PART_BYTES", 5 << 20)
         monkeypatch.setattr("lidcam.outputs.sending.Sending.send", padded(11 << 20))
     store.fail("PUT /fleet/out.mcap", times=10**6, **failure)
     run = lidcam("process", drive, "s3://fleet/out.mcap", *SHORT)
@@ -171,7 +171,7 @@ def padded(size: int) -> object:
     def padded_send(self: Sending, report: object) -> object:
         for path in self.local:
             path.write_bytes(path.read_bytes().ljust(size, b"\0"))
-        return send(self, report)  # type: ignore[arg-type]  # a RunReport, only passed on
+        return send(self, report)  # type: ignore[arg-type]  # a RunSummary, only passed on
 
     return padded_send
 

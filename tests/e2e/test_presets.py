@@ -12,7 +12,7 @@ import lidcam as library
 from lidcam.bags.simulator.scenario.load import load_scenario, scenario_names
 from lidcam.pipeline.core.settings.bundled import PRESETS
 from lidcam.pipeline.core.settings.load import load_config
-from lidcam.report import report_tree
+from lidcam.run.summary import summary_tree
 
 BAGS = Path(__file__).resolve().parents[2] / "bags"
 JUDGED = {
@@ -50,7 +50,7 @@ def test_the_sample_of_the_crossing_gives_what_its_settings_give(lidcam: Lidcam,
     tree = json.loads(done.out)
     assert tree["settings"]["name"] == "crossing"
     named = library.process(BAGS / "crossing.mcap", config="crossing", duration_s=0.8).report
-    assert tree["objects"] == report_tree(named)["objects"]
+    assert tree["objects"] == summary_tree(named)["objects"]
     assert all(entry["zone"] is None for entry in tree["objects"]), "nobody asked for zones"
     assert sum(entry["count"] for entry in tree["objects"]) > 20
 

@@ -13,17 +13,17 @@ from reports import printed
 from results import Found, fused_objects, topics_of
 from rich.console import Console
 
+from lidcam.cli.printing.console import print_inspection
 from lidcam.inspection import inspect_recording
-from lidcam.job import make_job
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.printing.console import print_inspection
+from lidcam.processing import process_recording
 from lidcam.readers.messages.vision.detections3d import decode_detections3d
 from lidcam.readers.open import open_recording
-from lidcam.report import RunReport, report_tree
-from lidcam.run import process_recording
-from lidcam.settings.choice import SettingsChoice
+from lidcam.run.choice import SettingsChoice
+from lidcam.run.job import make_job
+from lidcam.run.summary import RunSummary, summary_tree
 
 SECONDS = 0.5
 SMALL = ("output.images=false", "output.clouds=false", "output.layout=false", "fuse.min_score=0")
@@ -31,7 +31,7 @@ RECORDED = (*SMALL, "detect3d.method=recorded")
 DETECTOR, LATE_NS = "/detector/objects", 70_000_000
 
 
-def process(recording: Path, out: Path, *settings: str, config: str | None = None, workers: int = 1) -> RunReport:
+def process(recording: Path, out: Path, *settings: str, config: str | None = None, workers: int = 1) -> RunSummary:
     return process_recording(make_job(recording, out, config=config, settings=settings, workers=workers))
 
 
@@ -105,7 +105,7 @@ def test_lidcams_own_boxes_given_back_make_the_same_objects(clusters: Path, sand
     assert (report.frames.without_boxes3d, dict(report.drops.boxes3d)) == (0, {})
     assert report.inputs.messages_used[DETECTOR] == report.frames.count
     assert re.search(rf"3D boxes +recorded from {DETECTOR}$", printed(report), re.MULTILINE)
-    assert report_tree(report)["boxes3d_topics"] == [DETECTOR]
+    assert summary_tree(report)["boxes3d_topics"] == [DETECTOR]
 
 
 def places(objects: list[Found]) -> list[list[float]]:

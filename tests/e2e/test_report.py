@@ -13,7 +13,7 @@ from helpers import CLUSTERS
 from small_drive import small_drive
 
 import lidcam
-from lidcam.page.make import make_page
+from lidcam.outputs.report.make import make_page
 from lidcam.readers.results.result import open_result
 
 SANDBOX = Path(__file__).resolve().parents[2] / "bags" / "sandbox.bag"

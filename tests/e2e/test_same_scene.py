@@ -27,12 +27,12 @@ from results import Found, fused_objects
 from velodyne import packet_stream, scan
 
 from lidcam.bags.simulator.sensors.velodyne_packets import VelodyneSensor
-from lidcam.job import make_job
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.recording import VelodyneLidarConfig
+from lidcam.processing import process_recording
 from lidcam.readers.velodyne.decoder import VelodyneDecoder
-from lidcam.run import process_recording
+from lidcam.run.job import make_job
 
 START_NS = 1_600_000_000_000_000_000
 HEIGHT_M = 1.9

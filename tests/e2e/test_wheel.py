@@ -107,7 +107,7 @@ def test_wheel_runs_elsewhere(tmp_path: Path) -> None:
     failed = subprocess.run(simulate, cwd=elsewhere, capture_output=True, text=True, check=False)
     assert failed.returncode == 1
     assert "which is not installed: pip install 'lidcam[sim]'" in failed.stderr
-    code = "import lidcam; from lidcam.commands.demo import SAMPLE; print(lidcam.inspect(SAMPLE).settings)"
+    code = "import lidcam; from lidcam.cli.demo import SAMPLE; print(lidcam.inspect(SAMPLE).settings)"
     assert "sandbox" in run(python, "-c", code, cwd=elsewhere)
     assert "distance_m: 0.06" in run(python.with_name("lidcam"), "config", "show", "sandbox", cwd=elsewhere)
     write_mcap(elsewhere / "in.mcap", small_drive("cdr", frames=4))

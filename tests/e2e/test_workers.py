@@ -15,18 +15,18 @@ from helpers import CLUSTERS
 HELD = """
 import signal
 import sys
-import lidcam.run
+import lidcam.processing
 import lidcam.pipeline.parallel.run
 from lidcam.__main__ import main
 
-write = lidcam.run._written
+write = lidcam.processing._written
 
 def held(*args):
     print("held", file=sys.stderr, flush=True)
     sys.stdin.read()  # until the test lets go
     return write(*args)
 
-lidcam.run._written = held
+lidcam.processing._written = held
 lidcam.pipeline.parallel.run.START_S = 0.0
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it in what it runs in the background
 main()

@@ -7,9 +7,9 @@ import pytest
 from reports import printed
 from results import fused_objects, messages_of
 
-from lidcam.job import make_job
-from lidcam.report import RunReport, report_tree
-from lidcam.run import process_recording
+from lidcam.processing import process_recording
+from lidcam.run.job import make_job
+from lidcam.run.summary import RunSummary, summary_tree
 
 SOUTH = [[-99, -99], [99, -99], [99, 0], [-99, 0]]
 SETTINGS = {
@@ -21,13 +21,13 @@ SETTINGS = {
 }
 
 
-def process(sandbox: Path, out: Path, **zones: Any) -> RunReport:
+def process(sandbox: Path, out: Path, **zones: Any) -> RunSummary:
     job = make_job(sandbox, out, config="sandbox", settings={**SETTINGS, "rig.zones": zones}, duration_s=0.3, workers=1)
     return process_recording(job)
 
 
 @pytest.fixture(scope="module")
-def plain(sandbox: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, RunReport]:
+def plain(sandbox: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, RunSummary]:
     """Without zones."""
     out = tmp_path_factory.mktemp("plain") / "out.mcap"
     return out, process(sandbox, out)
@@ -38,7 +38,7 @@ def plain(sandbox: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path
     [("ignore", False, "in zone south of use ignore"), ("detect", True, "outside of all zones of use detect")],
 )
 def test_objects_that_are_not_reported_are_counted(
-    use: str, in_south: bool, reason: str, sandbox: Path, tmp_path: Path, plain: tuple[Path, RunReport]
+    use: str, in_south: bool, reason: str, sandbox: Path, tmp_path: Path, plain: tuple[Path, RunSummary]
 ) -> None:
     report = process(sandbox, tmp_path / "out.mcap", south={"corners": SOUTH, "use": use})
     before, after = fused_objects(plain[0]), fused_objects(tmp_path / "out.mcap")
@@ -47,7 +47,7 @@ def test_objects_that_are_not_reported_are_counted(
     left_out = sum(map(len, before.values())) - sum(map(len, kept.values()))
     assert left_out > 0
     assert dict(report.drops.objects) == {reason: left_out}
-    assert report_tree(report)["objects_left_out"] == {reason: left_out}
+    assert summary_tree(report)["objects_left_out"] == {reason: left_out}
     assert {zone for _, zone in report.frames.objects} == ({"south"} if in_south else {""})
     assert f"objects not reported: {left_out}, {reason}" in printed(report)
     for topic in ("/lidar/detections", "/cameras/detections"):

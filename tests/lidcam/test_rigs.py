@@ -7,12 +7,12 @@ import pytest
 from builders import image, pointcloud2, raw
 from memory_recording import MemoryRecording
 
-from lidcam.job import make_job, read_rig
 from lidcam.pipeline.core.errors import CalibrationError
 from lidcam.pipeline.core.settings.bundled import bundled
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.readers.rig.discovery import discover_rig
 from lidcam.readers.rig.schema import RigFile
+from lidcam.run.job import make_job, read_rig
 
 CAMERAS = (11, 12, 13, 14, 41, 42, 43, 44)
 

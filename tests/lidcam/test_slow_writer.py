@@ -11,13 +11,13 @@ import pytest
 from builders import camera_info, image, raw, write_mcap
 from small_drive import CAMERA_K, START_NS, STEP_NS, small_drive
 
-from lidcam.frames import bundles
-from lidcam.job import make_job
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.parallel.background import Background
-from lidcam.run import RunObserver, process_recording
-from lidcam.summary import RunProgress
+from lidcam.processing import RunObserver, process_recording
+from lidcam.run.frames import bundles
+from lidcam.run.job import make_job
+from lidcam.run.tally import RunProgress
 from lidcam.writers.mcap.chunk import Chunk
 from lidcam.writers.mcap.output import CHUNK_BYTES
 
@@ -108,7 +108,7 @@ def test_no_more_waits_than_the_frames_in_work_and_some_chunks(
     monkeypatch.setattr("lidcam.writers.mcap.output.WAITING_BYTES", WAITING_BYTES)
     monkeypatch.setattr("lidcam.writers.mcap.output.Background", SlowDisk)
     monkeypatch.setattr("lidcam.writers.mcap.output.Chunk", CountedChunk)
-    monkeypatch.setattr("lidcam.run.bundles", lambda *args: watch.reading(bundles(*args)))
+    monkeypatch.setattr("lidcam.processing.bundles", lambda *args: watch.reading(bundles(*args)))
     write_mcap(path := tmp_path / "drive.mcap", drive())
     settings = {"track.mode": "none", "detect3d.method": "cluster"}
     process_recording(make_job(path, tmp_path / "out.mcap", settings=settings, workers=workers), watch)

@@ -11,10 +11,10 @@ from helpers import CLUSTERS
 from small_drive import small_drive
 
 import lidcam
-from lidcam.frames import expected_frames
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.report import report_tree
-from lidcam.run import opened
+from lidcam.processing import opened
+from lidcam.run.frames import expected_frames
+from lidcam.run.summary import summary_tree
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -35,8 +35,8 @@ def drive(bad: tuple[int, ...] = ()) -> list[RawMessage]:
     return [m for m in messages if not (m.topic.startswith("/cam") and m.stamp_ns in quiet)]
 
 
-def told(report: lidcam.RunReport) -> dict[str, Any]:
-    tree = report_tree(report)
+def told(report: lidcam.RunSummary) -> dict[str, Any]:
+    tree = summary_tree(report)
     assert all(milliseconds >= 0 for milliseconds in tree.pop("timing")["stage_ms"].values())
     return {**tree, "outputs": [], "warnings": [asdict(warning) for warning in report.warnings]}
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from typer.main import get_command
 
-from lidcam.commands import app
+from lidcam.cli import app
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = ("lidcam", "lidcam-process", "pip", "make", "rerun", "python", "python3", "apt-get")

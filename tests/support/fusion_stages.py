@@ -1,4 +1,4 @@
-"""Stages of fusion with the settings that a whole `Config` has for them, as `lidcam/build.py` makes them."""
+"""Stages of fusion with the settings that a whole `Config` has for them, as `lidcam/run/build.py` makes them."""
 
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from lidcam.printing.log import PACKAGES, progress_log, remark_log
+from lidcam.cli.printing.log import PACKAGES, progress_log, remark_log
 
 NAMES = (*PACKAGES, progress_log.name, remark_log.name)
 

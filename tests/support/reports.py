@@ -10,24 +10,24 @@ from helpers import CLUSTERS
 from rich.console import Console
 
 import lidcam
-from lidcam.printing.console import print_report
-from lidcam.report import RunReport
+from lidcam.cli.printing.console import print_report
+from lidcam.run.summary import RunSummary
 
 
 @cache
-def sound_report() -> RunReport:
+def sound_report() -> RunSummary:
     """Of a part of the sample, in which nothing is amiss."""
     recording = Path(__file__).resolve().parents[2] / "bags" / "sandbox.bag"
     return lidcam.process(recording, settings=[CLUSTERS], duration_s=0.3).report
 
 
-def printed(report: RunReport) -> str:
+def printed(report: RunSummary) -> str:
     """The tables and remarks, without blanks at the ends of lines."""
     with StringIO() as out:
         print_report(Console(width=200, file=out), report)
         return "\n".join(line.rstrip() for line in out.getvalue().splitlines())
 
 
-def changed(report: RunReport, **groups: dict[str, Any]) -> RunReport:
+def changed(report: RunSummary, **groups: dict[str, Any]) -> RunSummary:
     """A report with other values in its groups, as `inputs={"losses": ()}`."""
     return replace(report, **{name: replace(getattr(report, name), **values) for name, values in groups.items()})

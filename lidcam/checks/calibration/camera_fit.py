@@ -13,13 +13,13 @@ from typing import NamedTuple
 import numpy as np
 
 from lidcam.checks.calibration.evenly_kept import EvenlyKept
-from lidcam.checks.warning import RunWarning
 from lidcam.pipeline.core.arrays import F32, F64, I64
 from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.geometry.boxes import box_corners
 from lidcam.pipeline.core.geometry.rotations import matrix_of_rpy
 from lidcam.pipeline.core.rig import CameraSensor, Rig
+from lidcam.run.warning import RunWarning
 
 MAX_FRAMES = 32
 """Frames that are kept, spread over the run."""

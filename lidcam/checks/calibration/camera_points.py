@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from lidcam.checks.warning import RunWarning
 from lidcam.pipeline.core.arrays import F32, F64
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraSensor, Rig
+from lidcam.run.warning import RunWarning
 
 MAX_POINTS, MAX_CLOUDS = 3000, 20
 """Points of a cloud that are projected, every n-th of it, and clouds that are looked at."""

@@ -13,12 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from lidcam.checks.calibration.evenly_kept import EvenlyKept
-from lidcam.checks.warning import RunWarning
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.camera import BORDER_PX
 from lidcam.pipeline.core.detections import Boxes2D, Hypotheses, Matches
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import CameraSensor, Rig
+from lidcam.run.warning import RunWarning
 
 MAX_FRAMES = 64
 """Frames that are kept of each camera, spread over the run."""

@@ -9,13 +9,13 @@ from lidcam.checks.calibration.camera_fit import CameraFit
 from lidcam.checks.calibration.camera_points import CameraPoints
 from lidcam.checks.calibration.camera_shift import CameraShift
 from lidcam.checks.calibration.lidar_ground import inverted_lidars, tilted_lidars
-from lidcam.checks.warning import RunWarning
 from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.frame import FrameResult, SensorBundle
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.readers.streams.decoders import CloudDecoder
+from lidcam.run.warning import RunWarning
 
 MAX_POINTS = 200_000
 """Points of each lidar that are looked at, every n-th: their clouds are held for the whole run."""

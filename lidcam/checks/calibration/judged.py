@@ -4,11 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidcam.checks.warning import RunWarning
 from lidcam.pipeline.calibration.camera_error import CameraError
 from lidcam.pipeline.calibration.lidar_error import LidarError
 from lidcam.pipeline.core.arrays import Bools
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor
+from lidcam.run.warning import RunWarning
 
 REMEDY = "see what `lidcam inspect --check` says of it, or calibrate it again"
 

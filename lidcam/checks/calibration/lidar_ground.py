@@ -11,12 +11,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from lidcam.checks.warning import RunWarning
 from lidcam.pipeline.core.clouds import Plane, PointCloud
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import LidarSensor, Rig
 from lidcam.pipeline.core.settings.combine import CombineConfig
 from lidcam.pipeline.filters.ground import find_ground
+from lidcam.run.warning import RunWarning
 
 FAR = 3.0
 """Ground that is this many tolerances (`combine.ground.height_tolerance_m`) away is somewhere else."""

@@ -15,7 +15,6 @@ import numpy as np
 
 from lidcam.checks.calibration.evenly_kept import EvenlyKept
 from lidcam.checks.calibration.judged import CameraJudged, LidarsJudged, camera_warning, lidars_warning
-from lidcam.checks.warning import RunWarning
 from lidcam.pipeline.calibration.camera_error import camera_error
 from lidcam.pipeline.calibration.lidar_error import LidarError, lidar_error
 from lidcam.pipeline.calibration.motions import motion
@@ -28,6 +27,7 @@ from lidcam.pipeline.core.geometry.regions import points_in_footprints
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.tracks import NO_TRACK
+from lidcam.run.warning import RunWarning
 
 MAX_FRAMES, MAX_CLOUDS = 400, 2
 """Frames of which the pairs of a camera are kept, and whose clouds are, spread over the run."""

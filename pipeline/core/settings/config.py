@@ -1,7 +1,7 @@
 """All settings, one model per stage, with defaults.
 
 A YAML file overrides single values; an unknown key is an error. `config/default.yaml` is a printed copy of the
-defaults. The wiring of the stages is not a setting: see `lidcam/build.py`.
+defaults. The wiring of the stages is not a setting: see `lidcam/run/build.py`.
 """
 
 from typing import Annotated

@@ -4,9 +4,9 @@ import pytest
 from frames import RIG
 
 from lidcam.checks.clocks import MAX_JUMPS_NAMED, clock_notes, clocks_off, jump_warnings, late_warnings
-from lidcam.checks.missing import MissingSensor
 from lidcam.pipeline.stages.sync.clocks import Clocks, TimeJump
 from lidcam.pipeline.stages.sync.policy import DropReason
+from lidcam.run.missing import MissingSensor
 
 S = 10**9
 

@@ -10,13 +10,13 @@ from memory_recording import MemoryRecording
 
 import lidcam
 from lidcam.checks.no_objects import ObjectCheck
-from lidcam.checks.warning import RunWarning
 from lidcam.pipeline.core.detections import Fused
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import RecordedDetector, Rig
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.settings.choice import AS_GIVEN, UsedSettings
-from lidcam.settings.scene import SceneSize
+from lidcam.run.choice import AS_GIVEN, UsedSettings
+from lidcam.run.scene import SceneSize
+from lidcam.run.warning import RunWarning
 
 ROOT = Path(__file__).resolve().parents[3]
 SANDBOX = ROOT / "bags" / "sandbox.bag"

@@ -18,7 +18,7 @@ from small_scenario import write_small_scenario
 from truth_messages import true_object, truth_message, visible_message
 
 from lidcam import process
-from lidcam.commands.simulation.simulate import simulate
+from lidcam.cli.simulation.simulate import simulate
 from lidcam.evaluation.frames import EvaluationFrames
 from lidcam.pipeline.core.detections import Source
 from lidcam.pipeline.core.errors import FrameError

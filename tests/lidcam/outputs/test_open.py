@@ -12,13 +12,13 @@ from mcap.reader import make_reader
 from onnx_files import write_yolox
 
 import lidcam
-from lidcam.job import make_job
 from lidcam.outputs.allowed import RRD_STORE
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.detectors.pillars.embedded import EMBEDDED
+from lidcam.processing import RunObserver, process_recording
 from lidcam.readers.results.result import open_result
-from lidcam.run import RunObserver, process_recording
+from lidcam.run.job import make_job
 
 SANDBOX = Path(__file__).resolve().parents[3] / "bags/sandbox.bag"
 SMALL = {"output.images": False, "output.clouds": False, "detect3d.method": "cluster"}

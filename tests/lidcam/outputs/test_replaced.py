@@ -15,7 +15,7 @@ from small_drive import small_drive
 import lidcam
 from lidcam.bags.simulator.recorder.files import RecordingFormat, recording_file, recording_outputs, ros_version_of
 from lidcam.bags.simulator.recorder.messages import MessageFactory
-from lidcam.commands.inspect import inspect as run_inspect
+from lidcam.cli.inspect import inspect as run_inspect
 from lidcam.outputs.allowed import MERGED, REPAIRED, SIMULATED, TEXT, check_no_input, check_replaced
 from lidcam.outputs.kinds import MATCHES, OUTPUTS
 from lidcam.pipeline.core.errors import OutputError

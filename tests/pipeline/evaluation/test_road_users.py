@@ -13,7 +13,7 @@ from tracked_frames import Seen, tracked_frame
 
 from lidcam.pipeline.core.rig import Rig, Zone
 from lidcam.pipeline.evaluation.road_users import RoadUserCount, RoadUsers, RoadUserTally, ZoneChange
-from lidcam.summary import Tally
+from lidcam.run.tally import Tally
 
 SQUARE = np.array([[-10.0, 0.0], [10.0, 0.0], [10.0, 10.0], [-10.0, 10.0]])
 ZONED = replace(RIG, zones=(Zone("north", SQUARE), Zone("south", SQUARE * [1, -1]), Zone("off", SQUARE * 3, "ignore")))

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from small_scenario import SMALL, write_small_scenario
 
 from lidcam.bags.simulator.scenario.traffic import controller_topics
-from lidcam.commands.simulation.simulate import simulate as record
+from lidcam.cli.simulation.simulate import simulate as record
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.ros.typestores import message_types
 

@@ -9,11 +9,11 @@ from detections import forward_camera
 from wrong_cameras import CAMERA, CUBOIDS, passing, without_tracks
 
 from lidcam.checks.calibration.self_check import SelfCheck
+from lidcam.cli.printing.rig_check import check_tree, print_check
+from lidcam.cli.printing.terminal import console
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.printing.rig_check import check_tree, print_check
-from lidcam.printing.terminal import console
 
 RIG = Rig("site", (), (CAMERA, forward_camera("silent")), ())
 CONFIG = Config(fuse=CUBOIDS)

@@ -24,7 +24,7 @@ from onnx_files import FLOAT, _node, _tensor, _value, write_model
 from typer.testing import CliRunner
 
 import lidcam
-from lidcam.commands import app
+from lidcam.cli import app
 from lidcam.pipeline.core.arrays import F32, F64
 from lidcam.pipeline.core.errors import ModelError
 from lidcam.pipeline.detectors.onnx.session import OnnxSession

@@ -1,0 +1,54 @@
+"""The command line: one file per command. Heavy imports stand in the functions that do the work, so help is instant."""
+
+import typer
+
+from lidcam.cli.batch import BATCH_EXAMPLES, batch
+from lidcam.cli.compare import COMPARE_EXAMPLES, compare
+from lidcam.cli.config import config_app
+from lidcam.cli.demo import demo
+from lidcam.cli.evaluate import EVALUATE_EXAMPLES, evaluate
+from lidcam.cli.export import EXPORT_EXAMPLES, export
+from lidcam.cli.fetch import FETCH_EXAMPLES, fetch
+from lidcam.cli.inspect import INSPECT_EXAMPLES, inspect
+from lidcam.cli.options import Version
+from lidcam.cli.process import PROCESS_EXAMPLES, process
+from lidcam.cli.report import REPORT_EXAMPLES, report
+from lidcam.cli.simulation.drive import DRIVE_EXAMPLES, drive
+from lidcam.cli.simulation.simulate import SIMULATE_EXAMPLES, simulate
+from lidcam.cli.simulation.train import train_app
+from lidcam.cli.view import VIEW_EXAMPLES, view
+
+__all__ = ["app", "process_app"]
+
+HELP_NAMES = {"help_option_names": ["-h", "--help"]}
+
+app = typer.Typer(
+    context_settings=HELP_NAMES,
+    help="Recorded lidar and camera topics in, fused objects out. No ROS installed.",
+    no_args_is_help=True,
+    rich_markup_mode=None,  # plain text: the same on a terminal, in a log and in a file
+    pretty_exceptions_enable=False,
+)
+process_app = typer.Typer(context_settings=HELP_NAMES, rich_markup_mode=None, pretty_exceptions_enable=False)
+
+# The help lists them in this order.
+app.command(epilog=PROCESS_EXAMPLES)(process)
+app.command(epilog=BATCH_EXAMPLES)(batch)
+app.command(epilog=INSPECT_EXAMPLES)(inspect)
+app.command(epilog=EVALUATE_EXAMPLES)(evaluate)
+app.command(epilog=COMPARE_EXAMPLES)(compare)
+app.command(epilog=EXPORT_EXAMPLES)(export)
+app.command(epilog=REPORT_EXAMPLES)(report)
+app.command(epilog=VIEW_EXAMPLES)(view)
+app.command()(demo)
+app.command(epilog=FETCH_EXAMPLES)(fetch)
+app.command(epilog=SIMULATE_EXAMPLES)(simulate)
+app.command(epilog=DRIVE_EXAMPLES)(drive)
+app.add_typer(train_app, name="train", help="Train networks of your own on simulated worlds.")
+app.add_typer(config_app, name="config", help="The presets, and what the settings mean.")
+process_app.command(epilog=PROCESS_EXAMPLES)(process)
+
+
+@app.callback()
+def _common(_: Version = False) -> None:
+    pass

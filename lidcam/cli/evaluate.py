@@ -1,0 +1,108 @@
+"""The command `lidcam evaluate`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lidcam.cli.options import (
+    AsJson,
+    JsonFile,
+    Overwrite,
+    Require,
+    Setting,
+    Truth,
+    requirement_errors,
+    with_log_options,
+)
+from lidcam.cli.verdict import Verdict
+
+# \b keeps the lines of a paragraph as they are.
+EVALUATE_EXAMPLES = """\b
+Exit codes: 0 done, and all requirements are met; 1 a requirement is not met,
+with a line each, or nothing could be evaluated; 2 wrong usage; 3 done, but
+part of the result is damaged.
+
+\b
+Examples:
+  lidcam evaluate out.mcap
+  lidcam evaluate out.mcap --truth drive.bag --json-file figures.json
+  lidcam evaluate out.mcap --require "fused.car.recall >= 0.8"
+  lidcam evaluate out.mcap --require @gate.txt
+  lidcam evaluate out.mcap --set evaluate.max_range_m=40
+"""
+
+
+@with_log_options
+def evaluate(
+    result: Annotated[Path, typer.Argument(metavar="RESULT.mcap", help="What `lidcam process` wrote.")],
+    truth: Truth = None,
+    truth_topic: Annotated[
+        str,
+        typer.Option(
+            metavar="TOPIC", help="The topic of the truth; without it, the one that is called so.", show_default=False
+        ),
+    ] = "",
+    requirements: Require = None,
+    rig_files: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--rig",
+            metavar="FILE",
+            help="A rig file, of which the zones and the vehicles of the truth count; sensors are those of the result. "
+            "May be repeated.",
+        ),
+    ] = None,
+    config_file: Annotated[
+        str | None,
+        typer.Option("--config", metavar="FILE", help="Take the section evaluate of these settings, not the result's."),
+    ] = None,
+    settings: Setting = None,
+    as_json: AsJson = False,
+    json_file: JsonFile = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Measure a result: against truth, and without it.
+
+    Detection, calibration of scores, gain by fusion, tracks; by class, range
+    and zone.
+    """
+    from lidcam.cli.json_output import figures_document, json_output
+    from lidcam.cli.printing.evaluation import print_evaluation
+    from lidcam.cli.printing.progress import show_progress
+    from lidcam.cli.printing.terminal import console, show_json
+    from lidcam.evaluation.evaluate import evaluate_result
+    from lidcam.evaluation.evaluation import make_evaluation_job
+    from lidcam.run.job import read_files
+
+    with requirement_errors():
+        job = make_evaluation_job(
+            result,
+            truth=truth or (),
+            truth_topic=truth_topic,
+            requirements=requirements or (),
+            rig=rig_files,
+            config=config_file,
+            settings=settings or (),
+        )
+        gates = [Path(one[1:]) for one in requirements or () if one.startswith("@")]
+        inputs = (job.result, *job.truth, *read_files(config_file, rig_files), *gates)
+        with json_output(json_file, inputs=inputs, overwrite=overwrite) as write_json:
+            evaluation = evaluate_result(job, show_progress)
+            verdict = Verdict(evaluation.failures, evaluation.incomplete)
+            tree = figures_document(
+                "evaluate",
+                inputs=evaluation.inputs,
+                settings={"name": evaluation.settings_name, "sha256": evaluation.settings_sha256},
+                truth=evaluation.truth.tree() if evaluation.truth else None,
+                figures=evaluation.tree(),
+                verdict=verdict,
+                warnings=evaluation.warnings,
+                notes=evaluation.notes,
+            )
+            write_json(tree)
+    if as_json:
+        show_json(console(), tree)
+    else:
+        print_evaluation(console(), evaluation)
+    verdict.end()

@@ -1,0 +1,62 @@
+"""The command `lidcam export`."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from lidcam.cli.options import Truth, with_log_options
+from lidcam.cli.printing.log import remark_log
+from lidcam.cli.verdict import Verdict
+
+FormatName = Literal["kitti", "kitti-tracking", "nuscenes", "openlabel"]
+
+# \b keeps the lines of a paragraph as they are.
+EXPORT_EXAMPLES = """\b
+Examples:
+  lidcam export out.mcap --format kitti --out dataset
+  lidcam export out.mcap --format nuscenes --only confirmed --out set
+"""
+
+
+@with_log_options
+def export(
+    results: Annotated[list[Path], typer.Argument(metavar="RESULT.mcap...", help="What `lidcam process` wrote.")],
+    format_name: Annotated[FormatName, typer.Option("--format", help="Layout of the data set.")],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="The new folder; it is empty, or not there yet.")],
+    only: Annotated[
+        Literal["confirmed"] | None, typer.Option("--only", help="Only objects that a camera confirms.")
+    ] = None,
+    every: Annotated[int, typer.Option("--every", min=1, metavar="N", help="Every Nth frame only.")] = 1,
+    camera: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME", help="KITTI's image_2; without it, the first camera with images.", show_default=False
+        ),
+    ] = "",
+    truth: Truth = None,
+) -> None:
+    """Write results as a data set: clouds, images, calibration, boxes.
+
+    Labels are the truth where there is one, else what lidcam found; that is
+    written with its scores in any case, as the format's own kit evaluates it.
+    """
+    from lidcam.cli.printing.progress import show_progress
+    from lidcam.outputs.allowed import Replaceable, check_no_input, check_replaced
+    from lidcam.outputs.export.export import export_results
+    from lidcam.outputs.export.formats import ExportOptions
+    from lidcam.run.job import locations
+    from lidcam.writers.outputs.transaction import OutputTransaction
+
+    given = tuple(locations(truth or ()))
+    options = ExportOptions(confirmed=only is not None, every=every, camera=camera, truth=given)
+    check_no_input([out], [*results, *given])
+    empty = Replaceable(lambda path: not any(path.iterdir()), "exists and is not empty", only_own=True)
+    check_old = check_replaced(lambda _: empty, overwrite=False)
+    with OutputTransaction([out], folders=[out], check_old=check_old) as outputs:
+        done = export_results(results, outputs[out], format_name, options, show_progress)
+    for line in done.remarks:
+        remark_log.info("%s", line)
+    labels = "" if done.true_objects is None else f", {done.true_objects} true ones"
+    remark_log.info("wrote %s: %d frames, %d objects%s", out, done.frames, done.objects, labels)
+    Verdict((), done.incomplete).end()

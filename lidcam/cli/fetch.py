@@ -1,0 +1,41 @@
+"""The command `lidcam fetch`."""
+
+from typing import Annotated
+
+import typer
+
+from lidcam.cli.options import with_log_options
+from lidcam.cli.printing.log import remark_log
+from lidcam.networks.known import NETWORKS, NetworkName
+
+# \b keeps the lines of a paragraph as they are.
+FETCH_EXAMPLES = """\b
+Examples:
+  lidcam fetch yolox-nano
+  lidcam-process drive.bag out.mcap --model-2d yolox-nano
+"""
+
+
+@with_log_options
+def fetch(
+    name: Annotated[NetworkName, typer.Argument(metavar="NAME", help="yolox-nano, yolox-tiny or yolox-s.")],
+) -> None:
+    """Download a 2D network from its maker, once.
+
+    It goes into your data folder, and only if size and SHA-256 are right. `--model-2d NAME` then runs it. No other
+    command downloads a network.
+    """
+    from pathlib import Path
+
+    from lidcam.cli.printing.folding import show_line
+    from lidcam.cli.printing.terminal import console
+    from lidcam.networks.fetch import fetch_network, is_fetched
+    from lidcam.networks.known import network_path
+
+    network, out = NETWORKS[name], console()
+    show_line(out, f"{name}, {network.size_bytes / 1e6:.1f} MB: {network.address}")
+    show_line(out, f"licence {network.licence}: {network.licence_address}")
+    if is_fetched(name):
+        remark_log.info("%s is there already", network_path(Path(name)))
+    else:
+        remark_log.info("wrote %s", fetch_network(name))

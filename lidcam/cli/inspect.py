@@ -1,0 +1,193 @@
+"""The command `lidcam inspect`."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lidcam.cli.options import AsJson, ConfigFile, Overwrite, RigFile, Setting, ends_in, with_log_options
+from lidcam.cli.printing.compiling import compiled_together
+from lidcam.cli.printing.log import is_verbose, remark_log
+from lidcam.cli.verdict import Verdict, first_of
+from lidcam.readers.location import location
+
+if TYPE_CHECKING:
+    from lidcam.checks.calibration.self_check import SelfCheck
+    from lidcam.inspection import Inspection
+    from lidcam.readers.location import Location
+    from lidcam.readers.recording import Recording, TopicInfo
+    from lidcam.run.choice import SettingsChoice
+    from lidcam.writers.outputs.transaction import OutputFile
+
+# \b keeps the lines of a paragraph as they are.
+INSPECT_EXAMPLES = """\b
+Exit codes: 0 sound, and all sensors can be used; 3 messages are lost, or
+sensors would be left out; 1 nothing can be processed; 2 wrong usage. With
+--repair, 0 says that every message was copied.
+
+\b
+Examples:
+  lidcam inspect drive.bag
+  lidcam inspect drive.bag --write-rig rig.yaml
+  lidcam inspect bag_folder --json
+  lidcam inspect broken.bag --repair whole.mcap
+  lidcam inspect drive.bag --check --write-rig fixed.yaml
+  lidcam inspect s3://bucket/drive.mcap
+"""
+
+
+@with_log_options
+def inspect(
+    paths: Annotated[list[str], typer.Argument(metavar="IN [IN ...]", help="Recording (one, or parts of one).")],
+    config_file: ConfigFile = None,
+    settings: Setting = None,
+    rig_files: RigFile = None,
+    write_rig: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a starting rig (YAML).")] = None,
+    repair: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT.mcap",
+            callback=ends_in(".mcap"),
+            help="Write every message that can still be read to a clean MCAP.",
+        ),
+    ] = None,
+    check: Annotated[
+        bool,
+        typer.Option("--check", help="Process all of it to check poses and clocks; --write-rig writes them corrected."),
+    ] = False,
+    overwrite: Overwrite = False,
+    as_json: AsJson = False,
+) -> None:
+    """Show what is in a recording and what lidcam would use.
+
+    Topics, types, rates, gaps, sensors, where their calibration comes from, and what is damaged.
+    """
+    from lidcam.inspection import inspect_open, inspect_recording
+    from lidcam.outputs.allowed import REPAIRED, TEXT, check_no_input, check_replaced
+    from lidcam.readers.open import open_recording
+    from lidcam.readers.recording import ReadOptions
+    from lidcam.readers.rig.rig_file import rig_yaml
+    from lidcam.readers.streams.per_sensor import sensor_messages
+    from lidcam.run.choice import choose_settings
+    from lidcam.run.frames import TimeWindow
+    from lidcam.run.incomplete import damage_lines
+    from lidcam.run.job import read_files
+    from lidcam.writers.outputs.marks import marked_yaml
+    from lidcam.writers.outputs.transaction import OutputTransaction
+
+    if check and repair is not None:
+        raise typer.BadParameter("not together with --repair: check the repaired recording", param_hint="--check")
+    inputs = tuple(map(location, paths))
+    choice = choose_settings(config_file, settings or ())
+    files = [file for file in (repair, write_rig) if file is not None]
+    check_no_input(files, (*inputs, *read_files(config_file, rig_files)))
+    check_old = check_replaced(lambda path: REPAIRED if path == repair else TEXT, overwrite=overwrite)
+    remarks: list[str] = []
+    verdict: Verdict | None = None
+    checked: SelfCheck | None = None
+    with OutputTransaction(files, check_old=check_old) as outputs:
+        if repair is None:
+            inspection = inspect_recording(inputs, choice, rig_files)
+            check_no_input(files, inspection.files)
+        else:
+            limits = choice.config.limits
+            with (
+                open_recording(inputs, ReadOptions("full_scan", limits)) as recorded,
+                sensor_messages(recorded, limits=limits) as recording,
+            ):
+                check_no_input(files, recording.paths)
+                inspection = inspect_open(recording, choice, rig_files, TimeWindow())
+                remarks += _repair(recorded, outputs[repair])
+                inspection = replace(inspection, losses=recorded.losses)
+                verdict = Verdict((), (*damage_lines(recorded.losses), *_not_copied(recorded)))
+        if check and not inspection.problem:
+            checked = _checked(inputs, choice, rig_files)
+        if write_rig is not None and checked is not None:
+            outputs[write_rig].write_text(marked_yaml(rig_yaml(checked.corrected())))
+            remarks.insert(0, f"wrote {write_rig}: {len(checked.warnings)} corrections")
+        elif write_rig is not None:
+            if not inspection.draft:  # print what was found, and end without any output
+                problem = f"{write_rig}: no rig to write: {inspection.problem}"
+                _print(inspection, Verdict((problem,)), as_json=as_json, repaired=repair is not None)
+            outputs[write_rig].write_text(marked_yaml(inspection.draft))
+            remarks.insert(0, f"wrote {write_rig}")
+    for remark in remarks:  # the files have their names now
+        remark_log.info("%s", remark)
+    verdict = verdict or _verdict(inspection, needs_rig=write_rig is None)
+    _print(inspection, verdict, as_json=as_json, repaired=repair is not None, checked=checked)
+
+
+def _verdict(inspection: "Inspection", *, needs_rig: bool) -> Verdict:
+    """Of an inspection; one that wrote a rig to start from has not failed."""
+    problem = f"lidcam could not process it: {inspection.problem}" if inspection.problem else ""
+    if problem and needs_rig:
+        return Verdict((f"{', '.join(map(str, inspection.files))}: {problem}",))
+    return Verdict((), (*([problem] * bool(problem)), *inspection.incomplete))
+
+
+def _checked(inputs: "Sequence[Location]", choice: "SettingsChoice", rig_files: Sequence[str] | None) -> "SelfCheck":
+    """The rig, judged by all of the recording."""
+    with compiled_together(shown=True):
+        from lidcam.rig_check import check_rig
+    from lidcam.cli.printing.running import shown_run
+    from lidcam.cli.printing.terminal import console
+    from lidcam.run.job import Job, read_rig
+
+    with shown_run(console()) as observer:
+        return check_rig(Job(tuple(inputs), settings=choice, rig=read_rig(rig_files)), observer)
+
+
+def _print(
+    inspection: "Inspection", verdict: Verdict, *, as_json: bool, repaired: bool, checked: "SelfCheck | None" = None
+) -> None:
+    """Print what was found, and end with the verdict."""
+    from lidcam.cli.printing.console import print_inspection
+    from lidcam.cli.printing.terminal import console, show_json
+    from lidcam.inspection import inspection_tree
+
+    out = console()
+    if as_json:
+        tree = inspection_tree(inspection) | verdict.tree()
+        if checked is not None:
+            from lidcam.cli.printing.rig_check import check_tree
+
+            tree |= {"check": check_tree(checked)}
+        show_json(out, tree)
+    else:
+        sound = "every message was copied" if repaired else "sound, and all of its sensors can be used"
+        failed = f"lidcam could not process it: {inspection.problem}"
+        told = failed if verdict.failures else first_of(verdict.incomplete) or sound
+        print_inspection(out, inspection, told, every_topic=is_verbose())
+        if checked is not None:
+            from lidcam.cli.printing.rig_check import print_check
+
+            print_check(out, checked)
+    verdict.end()
+
+
+def _repair(recording: "Recording", output: "OutputFile") -> Iterator[str]:
+    """Write what can be read of a recording; name the topics that cannot be read."""
+    from lidcam.run.summary import loss_records
+    from lidcam.writers.mcap.repair import write_repaired
+
+    def lost() -> Iterator[dict[str, str]]:
+        for record in loss_records(recording.losses):
+            values = record | {"file": location(record["file"]).name}
+            yield {key: "unknown" if value is None else str(value) for key, value in values.items()}
+
+    channels = [channel for info in recording.topics for channel in info.channels]
+    count = write_repaired(output, channels, recording.messages(), lost=lost())
+    yield f"wrote {output.path}: {count} messages"
+    for info in _unreadable(recording):
+        yield f"not copied: {info.topic}, {info.message_count} messages: {info.unreadable}"
+
+
+def _not_copied(recording: "Recording") -> Iterator[str]:
+    for info in _unreadable(recording):
+        yield f"{info.topic}: {info.message_count} messages not copied"
+
+
+def _unreadable(recording: "Recording") -> list["TopicInfo"]:
+    return [info for info in recording.topics if info.unreadable and info.message_count]

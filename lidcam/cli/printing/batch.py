@@ -1,0 +1,43 @@
+"""What a batch shows: a bar while it runs, a table when it is done."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+from rich.console import Console
+
+from lidcam.batch.jobs import BatchJob
+from lidcam.batch.records import JobRecord
+from lidcam.cli.printing.progress import show_share
+from lidcam.cli.printing.tables import ColumnsTable
+
+MOST_SHOWN = 100
+"""Characters of a message in the table on the screen; the file has all of it."""
+
+
+@contextmanager
+def shown_batch(jobs: Sequence[BatchJob]) -> Iterator[Callable[[JobRecord], None]]:
+    """Progress over the bytes of all recordings; to be called with the record of each that has ended."""
+    sizes = {job.name: job.bytes or 1 for job in jobs}
+    total, done, ended, failed = sum(sizes.values()), 0, 0, 0
+    with show_share() as show:
+
+        def told(record: JobRecord) -> None:
+            nonlocal done, ended, failed
+            done, ended, failed = done + sizes[record.name], ended + 1, failed + (record.state == "failed")
+            show(f"{ended} of {len(jobs)} recordings, {failed} failed", done / total, record.name)
+
+        yield told
+
+
+def print_batch(out: Console, records: Sequence[JobRecord]) -> None:
+    """Print a row for each recording."""
+    table = ColumnsTable(
+        "recordings", "recording", "state", "frames", "objects", "dropped", "s", "MiB", "message",
+        text_columns=("state", "message"),
+    )  # fmt: skip
+    for one in records:
+        objects = str(sum((one.objects or {}).values()))
+        figures = (str(one.frames), objects, str(one.dropped)) if one.state != "failed" else ("", "", "")
+        message = one.message if len(one.message) <= MOST_SHOWN else f"{one.message[:MOST_SHOWN].rstrip()} ..."
+        table.add_row(one.name, one.state, *figures, f"{one.wall_s:.1f}", f"{one.peak_mib:.0f}", message)
+    out.print(table)

@@ -1,0 +1,23 @@
+"""The first run on a machine: what it is made of is compiled while it is imported."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def compiled_together(*, shown: bool = False) -> Iterator[None]:
+    """Import what a run is made of in this block: all cores share what has to be compiled.
+
+    Args:
+        shown: Draw a bar on a terminal, or log lines of progress.
+    """
+    from lidcam.cli.printing.progress import show_compiling  # not at the top: `lidcam --help` needs no numpy
+    from lidcam.pipeline.core.compiled import compiled_beside
+    from lidcam.pipeline.parallel.cores import usable_cores
+
+    if not shown:
+        with compiled_beside(usable_cores()):
+            yield
+        return
+    with show_compiling() as progress, compiled_beside(usable_cores(), progress):
+        yield

@@ -1,0 +1,317 @@
+"""Printing of inspections, frames, and the final tables of a run."""
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.console import Console
+
+from lidcam.cli.printing.folding import show_line, show_table
+from lidcam.cli.printing.tables import (
+    changes_table,
+    drops_table,
+    losses_table,
+    missing_table,
+    objects_table,
+    pairs_table,
+    points_table,
+    road_users_table,
+    sensors_table,
+    stages_table,
+    topics_table,
+)
+from lidcam.pipeline.core.detections import NO_HYPOTHESIS, Boxes3D, Fused, source_names
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.engines import ENGINES
+from lidcam.pipeline.core.tracks import NO_TRACK, Tracks
+from lidcam.readers.messages.tf import TF_TYPES
+from lidcam.readers.recording import Loss
+from lidcam.readers.rig.sensor_topics import CAMERA_INFO, SensorFault
+from lidcam.readers.streams.survey import TopicSurvey
+from lidcam.run.summary import RunSummary, loss_records
+from lidcam.run.warning import RunWarning
+
+if TYPE_CHECKING:  # a run inspects nothing
+    from lidcam.inspection import Inspection
+
+MAX_LISTED = 10
+"""Names in one line."""
+
+MAX_LOSSES = 20
+"""Damaged parts in the table."""
+
+BOX_SOURCES = {
+    "onnx": "from the 2D network",
+    "recorded": "as recorded",
+    "none": "none: lidar-only; recorded 2D boxes, or --model-2d FILE.onnx, bring the cameras in",
+}
+_GEOMETRY = {
+    "lidar": "of lidars alone",
+    "camera": "of cameras alone",
+    "both": "of both",
+    "predicted": "predicted by tracks",
+}
+_NO_MOTION = "none: no odometry or tf of the site frame, or switched off"
+
+
+def print_detections(out: Console, frame: FrameResult, config: Config) -> None:
+    """Print the boxes of the lidars, those that the cameras alone place, and the fused objects with their sources."""
+    lidar, placed, fused = frame.detections.lidar, frame.detections.placed, frame.fused
+    out.print(f"frame {frame.bundle.index}  stamp {frame.bundle.stamp_ns} ns  {len(lidar)} lidar detections")
+    _print_boxes(out, lidar, config, [f"{count} points" for count in lidar.point_counts.tolist()])
+    if placed is not None:
+        out.print(f"  {len(placed)} placed by the cameras alone")
+        deviations_m = np.sqrt(placed.covariances[:, [0, 1], [0, 1]].sum(1)).tolist()
+        _print_boxes(out, placed, config, [f"+- {deviation_m:.2f} m" for deviation_m in deviations_m])
+    out.print(f"  {len(fused.objects)} fused objects")
+    columns = zip(source_names(fused.objects.sources), fused.rows.tolist(), fused.matched.tolist(), strict=True)
+    origins = [
+        name if row == NO_HYPOTHESIS else f"{name}, of row {row}, {cameras} cam" for name, row, cameras in columns
+    ]
+    remarks = [", ".join(filter(None, pair)) for pair in zip(_told_of_tracks(fused), origins, strict=True)]
+    _print_boxes(out, fused.objects, config, remarks)
+
+
+def _told_of_tracks(fused: Fused) -> list[str]:
+    """Number, speed and age of the track of each object; empty of one without."""
+    tracks = Tracks.none(len(fused.objects)) if fused.tracks is None else fused.tracks
+    columns = zip(tracks.ids.tolist(), tracks.speeds.tolist(), tracks.ages_s.tolist(), strict=True)
+    return [
+        f"track {number}, {speed_m_s:.1f} m/s, {age_s:.1f} s old" if number != NO_TRACK else ""
+        for number, speed_m_s, age_s in columns
+    ]
+
+
+def _print_boxes(out: Console, boxes: Boxes3D, config: Config, remarks: Sequence[str]) -> None:
+    for row, remark in enumerate(remarks):
+        (x, y, z), (length, width, height) = boxes.centers[row], boxes.sizes[row]
+        out.print(
+            f"  {row:3} {config.object_names[boxes.class_ids[row]]:10} score {boxes.scores[row]:.2f}"
+            f"  x {x:8.2f} y {y:8.2f} z {z:6.2f}  l {length:5.2f} w {width:5.2f} h {height:5.2f}"
+            f"  yaw {boxes.yaws[row]:6.3f}  {remark}",
+        )
+
+
+def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
+    """Which 2D box is which object in one frame, and what only one sensor saw.
+
+    Objects have their row among the fused ones. A 3D box that is not reported has its row in what was weighed: the
+    lidars' detections, then those that 2D boxes propose.
+    """
+    hypotheses, fused = frame.hypotheses, frame.fused
+    names = [f"object {row}" for row in range(len(fused.objects))]
+    if fused.tracks is not None:
+        numbers = fused.tracks.ids.tolist()
+        names = [
+            f"{name} (track {number})" if number != NO_TRACK else name
+            for name, number in zip(names, numbers, strict=True)
+        ]
+    reported = {row: name for row, name in zip(fused.rows.tolist(), names, strict=True) if row != NO_HYPOTHESIS}
+
+    def name_of(row: int) -> str:
+        return reported.get(row, f"3D box {row} (not reported)")
+
+    out.print(f"frame {frame.bundle.index}  stamp {frame.bundle.stamp_ns} ns  matches")
+    matched: set[int] = set()
+    for camera, boxes2d in frame.detections.cameras.items():
+        matches = frame.matches[camera]
+        for (row3d, row2d), iou in zip(matches.pairs.tolist(), matches.iou.tolist(), strict=True):
+            name = config.class_names[boxes2d.class_ids[row2d]]
+            out.print(f"  {camera}: 2D box {row2d} ({name}) is {name_of(row3d)}, IoU {iou:.2f}")
+            matched.add(row3d)
+        alone = sorted(set(range(len(boxes2d))) - set(matches.pairs[:, 1].tolist()))
+        if alone:
+            out.print(f"  {camera}: seen by the camera alone: {', '.join(map(str, alone))}")
+    proposed = range(hypotheses.lidar_count, len(hypotheses.boxes))
+    for row, source in zip(proposed, source_names(hypotheses.boxes.sources[hypotheses.lidar_count :]), strict=True):
+        where = "with points of the lidars" if source == "both" else "placed by the cameras alone"
+        out.print(f"  {name_of(row)}: proposed by 2D boxes, {where}")
+    alone = sorted(set(range(hypotheses.lidar_count)) - matched)
+    listed = [reported[row] for row in alone if row in reported]
+    others = [str(row) for row in alone if row not in reported]
+    listed += [f"3D box{'es' * (len(others) > 1)} {', '.join(others)} (not reported)"] if others else []
+    out.print(f"  seen by the lidars alone: {', '.join(listed) or 'none'}")
+    predicted = [name for name, row in zip(names, fused.rows.tolist(), strict=True) if row == NO_HYPOTHESIS]
+    if predicted:
+        out.print(f"  seen by nothing, but predicted by their tracks: {', '.join(predicted)}")
+
+
+def print_report(out: Console, report: RunSummary, *, times: bool = False) -> None:
+    """The final tables of a run; with `times` that of the stages, too."""
+    inputs, frames, drops, sensors, timing = report.inputs, report.frames, report.drops, report.sensors, report.timing
+    zones = [zone.name for zone in sensors.rig.counted_zones]
+    if users := report.road_users:
+        show_table(out, road_users_table(users, zones))
+        out.print()
+        if users.changes:
+            show_table(out, changes_table(users.changes))
+            out.print()
+    show_line(out, f"objects, sum over {frames.count} frame{'s' * (frames.count != 1)}", "bold")
+    show_table(out, objects_table(frames.objects, zones, frames.count))
+    for reason, count in drops.objects.items():
+        show_line(out, f"  objects not reported: {count}, {reason}")
+    out.print()
+    show_table(out, drops_table(inputs.messages_used, drops.messages))
+    for drop in drops.messages:
+        if drop.example:
+            show_line(out, f"  {drop.reason}: {drop.example}", "dim")
+    for reason, count in drops.boxes.items():
+        show_line(out, f"  recorded 2D boxes not used: {count}, {reason}")
+    for reason, count in drops.boxes3d.items():
+        show_line(out, f"  recorded 3D boxes not used: {count}, {reason}")
+    for reason, count in drops.boxes_without_object.items():
+        show_line(out, f"  2D boxes without an object: {count}, {reason}")
+    if sensors.missing:
+        out.print()
+        show_table(out, missing_table(sensors.missing))
+    _print_losses(out, inputs.losses)
+    if times and timing.stage_seconds:
+        out.print()
+        show_table(out, stages_table(timing.stage_seconds, frames.count))
+    out.print()
+    show_table(out, points_table(frames.points, frames.count))
+    out.print()
+    facts = {
+        "frames": f"{frames.count}"
+        + (f", {timing.frames_per_second:.1f} a second" if timing.frames_per_second >= 0 else ""),
+        "sync skew": f"{frames.skew_mean_ms:.1f} ms mean, {frames.skew_max_ms:.1f} ms at most",
+        "motion": _motion(report),
+        "3D boxes": _boxes3d(report),
+        "2D boxes": BOX_SOURCES[sensors.box_source],
+        "confirmed": _confirmed(report),
+        "geometry": ", ".join(
+            f"{count} {_GEOMETRY[source]}" for source, count in frames.sources.items() if count or source != "predicted"
+        ),
+        **({"copied": _copied(report)} if inputs.copied else {}),
+        "settings": str(report.settings),
+        "written": ", ".join(map(str, (*report.outputs, *report.sent))),
+        **report.how_to_open,
+    }
+    show_table(out, pairs_table("run", facts))
+    _print_remarks(out, sensors.faults, report.notes)
+    if unused := inputs.unused_topics:
+        names = [
+            f"{topic.topic} ({topic.message_count}: {topic.problem})" if topic.problem else topic.topic
+            for topic in unused
+        ]
+        show_line(out, f"not used: {_listed(names)}")
+    _print_warnings(out, report.warnings)
+
+
+def _copied(report: RunSummary) -> str:
+    """How many messages, and of which topics."""
+    return f"{sum(report.inputs.copied.values())} messages: {_below_one_name(report.inputs.copied)}"
+
+
+def _below_one_name(topics: Iterable[str]) -> str:
+    """Topics in a line; several below one name are counted as one."""
+    below: dict[str, list[str]] = {}
+    for topic in topics:
+        below.setdefault("/".join(topic.split("/")[:2]), []).append(topic)
+    return _listed([f"{name}/* ({len(some)} topics)" if len(some) > 1 else some[0] for name, some in below.items()])
+
+
+def _motion(report: RunSummary) -> str:
+    frames, topics = report.frames, report.sensors.motion_topics
+    if topics:
+        lost = f"; {n} could not be registered" if (n := frames.odometry_predicted) else ""
+        corrected = f"; for tracks corrected by the clouds (small_gicp){lost}" if frames.odometry else ""
+        return f"{frames.compensated} of {frames.count} frames compensated, from {', '.join(topics)}{corrected}"
+    if not frames.odometry:
+        return _NO_MOTION
+    found = f"of tracks alone, from the clouds (small_gicp), {frames.odometry} of {frames.count} frames"
+    if not frames.odometry_predicted:
+        return found
+    return f"{found}; {frames.odometry_predicted} could not be registered and carry on at the last velocity"
+
+
+def _boxes3d(report: RunSummary) -> str:
+    source = _source_of_boxes3d(report.sensors.box_source_3d, report.sensors.rig)
+    missing = report.frames.without_boxes3d
+    return f"{source}; {missing} of {report.frames.count} frames have none" if missing else source
+
+
+def _source_of_boxes3d(source: str, rig: Rig) -> str:
+    words = ENGINES[source].words
+    return f"{words} from {_listed([one.topic for one in rig.detectors])}" if source == "recorded" else words
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
+    return f"{', '.join(names[:MAX_LISTED])}{more}"
+
+
+def _confirmed(report: RunSummary) -> str:
+    confirmed = f"{report.frames.confirmed} of {sum(report.frames.objects.values())} objects by a camera"
+    if report.sensors.box_source == "none" or not report.frames.without_boxes:
+        return confirmed
+    return f"{confirmed}; {report.frames.without_boxes} of {report.frames.count} frames have no 2D boxes of their own"
+
+
+def print_inspection(out: Console, inspection: "Inspection", verdict: str = "", *, every_topic: bool = False) -> None:
+    """Print the contents of a recording: the verdict first, and topics that would not be used in one line."""
+    seconds = (inspection.end_ns - inspection.start_ns) / 1e9
+    files = ", ".join(map(str, inspection.files))
+    show_line(out, f"{files}: {inspection.messages} messages, {seconds:.2f} s")
+    if verdict:
+        show_line(out, f"verdict: {verdict}", "bold")
+    out.print()
+    unused = () if every_topic else _unused(inspection)
+    show_table(out, topics_table([topic for topic in inspection.topics if topic not in unused]))
+    if unused:
+        show_line(out, f"other topics, listed with -v: {_below_one_name(topic.topic for topic in unused)}")
+    if inspection.stop_ns is not None:
+        looked_s = (inspection.stop_ns - inspection.start_ns) / 1e9
+        show_line(
+            out, f"apart from the counts, this is of the first {looked_s:g} s: files on a server are not read further"
+        )
+    _print_losses(out, inspection.losses)
+    out.print()
+    if inspection.rig is None:
+        if not verdict:
+            show_line(out, f"lidcam could not process it: {inspection.problem}")
+        return
+    show_line(out, f"site frame: {inspection.rig.site_frame}")
+    show_table(out, sensors_table(inspection.sensors))
+    _print_remarks(out, inspection.faults, inspection.notes)
+    show_line(out, f"motion: {', '.join(inspection.motion_topics) or _NO_MOTION}")
+    show_line(out, f"3D boxes: {_source_of_boxes3d(inspection.box_source_3d, inspection.rig)}")
+    show_line(out, f"2D boxes: {BOX_SOURCES[inspection.box_source]}")
+    show_line(out, f"settings: {inspection.settings}")
+    _print_warnings(out, inspection.warnings)
+
+
+def _unused(inspection: "Inspection") -> "Sequence[TopicSurvey]":
+    """The topics without a remark that neither sensors nor motion nor calibration come from."""
+    if inspection.rig is None:
+        return ()
+    used = {*inspection.motion_topics, *inspection.rig.sensor_of_topic, *(one.topic for one in inspection.faults)}
+    return [
+        topic
+        for topic in inspection.topics
+        if not (topic.topic in used or topic.problem or topic.backwards or topic.msgtype in CAMERA_INFO | TF_TYPES)
+    ]
+
+
+def _print_losses(out: Console, losses: Sequence[Loss]) -> None:
+    """The table of damaged parts, if there are any."""
+    if not losses:
+        return
+    out.print()
+    show_table(out, losses_table(loss_records(losses[:MAX_LOSSES])))
+    if len(losses) > MAX_LOSSES:
+        show_line(out, f"  and {len(losses) - MAX_LOSSES} more parts; --json lists all")
+
+
+def _print_remarks(out: Console, faults: Sequence[SensorFault], notes: Sequence[str]) -> None:
+    for fault in faults:
+        show_line(out, f"left out: {fault.subject}: {fault.reason}")
+    for note in notes:
+        show_line(out, f"note: {note}")
+
+
+def _print_warnings(out: Console, warnings: Sequence[RunWarning]) -> None:
+    for warning in warnings:
+        show_line(out, f"warning: {warning}", "yellow")

@@ -1,0 +1,154 @@
+"""The log of a program, besides its results: the one place that configures logging.
+
+Warnings and errors go to stderr; so do remarks ("wrote out.bag ...") and, where stderr is no terminal and no bar can be
+drawn, lines of progress. A log file gets everything, with times.
+"""
+
+import logging
+import os
+import re
+import sys
+import time
+from contextlib import suppress
+from enum import IntEnum
+from pathlib import Path
+from typing import Any
+
+from lidcam.cli.printing.escaping import visible, visible_lines
+from lidcam.pipeline.core.compile_log import compile_log
+from lidcam.pipeline.core.errors import OutputError
+
+PACKAGES = ("lidcam", "pipeline", "readers", "writers", "bags")
+"""Our own loggers; libraries log too much to be read."""
+
+remark_log = logging.getLogger("lidcam.remarks")
+"""Files that were written, at level INFO: shown unless --quiet is given."""
+
+progress_log = logging.getLogger("lidcam.progress")
+"""Progress of a command, at level INFO. Off with --quiet: then no bar is drawn, either."""
+
+
+verdict_log = logging.getLogger("lidcam.verdict")
+"""Why a command that has done its work does not end with 0: always shown, as the last line."""
+
+
+LOG_LINE = re.compile(rb"[-\d]{10}T[:\d]{8}\.\d{3}Z ")
+"""How each line of a log file begins."""
+
+_REMARKS = (remark_log.name, compile_log.name)
+
+
+class Verbosity(IntEnum):
+    """From which level on stderr shows the log."""
+
+    QUIET = logging.ERROR
+    NORMAL = logging.WARNING
+    VERBOSE = logging.DEBUG
+
+
+def configure_logging(verbosity: Verbosity = Verbosity.NORMAL, log_file: Path | None = None) -> None:
+    """Send the log of this program to stderr, and to a file; what was configured before is undone.
+
+    Args:
+        verbosity: The level from which stderr shows it; a file gets everything.
+        log_file: File to append to.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    handlers: list[logging.Handler] = [_Stderr(verbosity)]
+    if log_file is not None:
+        try:
+            _check_log(log_file)
+            file = logging.FileHandler(log_file, encoding="utf-8")
+        except OSError as err:
+            raise OutputError(f"{log_file}: expected a log file that can be written: {err.strerror}") from err
+        file.setFormatter(_timed())
+        handlers.append(file)
+    logging.basicConfig(level=logging.WARNING, handlers=handlers, force=True)
+    everything = log_file is not None or verbosity == Verbosity.VERBOSE
+    for name in PACKAGES:
+        logging.getLogger(name).setLevel(logging.DEBUG if everything else logging.INFO)
+    progress_log.setLevel(logging.ERROR if verbosity == Verbosity.QUIET else logging.NOTSET)
+
+
+def is_verbose() -> bool:
+    """Whether the whole log is shown on stderr."""
+    return any(isinstance(one, _Stderr) and one.verbosity == Verbosity.VERBOSE for one in logging.getLogger().handlers)
+
+
+def _check_log(path: Path) -> None:
+    """Check that a log can go on in a file: one that is new, empty, or a log; no link, which may lead anywhere.
+
+    Raises:
+        OutputError: it cannot.
+        OSError: it cannot be read.
+    """
+    if not os.path.lexists(path):
+        return
+    if path.is_symlink() or not path.is_file():
+        raise OutputError(f"{path}: expected a log file, found a link, a folder, a device or a pipe")
+    with path.open("rb") as file:
+        head = file.read(len("2026-01-01T00:00:00.000Z "))
+    if head and not LOG_LINE.fullmatch(head):
+        raise OutputError(f"{path}: expected a new file or an earlier log of lidcam, found another file")
+
+
+class _Stderr(logging.Handler):
+    """Writes to what `sys.stderr` is at the moment: a progress bar takes its place for a while."""
+
+    def __init__(self, verbosity: Verbosity) -> None:
+        super().__init__()
+        self.verbosity = verbosity
+        self.addFilter(self._is_shown)
+
+    def _is_shown(self, record: logging.LogRecord) -> bool:
+        if record.exc_info:
+            return False  # the interpreter prints the traceback
+        if record.levelno >= self.verbosity or record.name == verdict_log.name:
+            return True
+        is_remark = record.name in _REMARKS or (record.name == progress_log.name and not sys.stderr.isatty())
+        return is_remark and self.verbosity == Verbosity.NORMAL
+
+    def format(self, record: logging.LogRecord) -> str:
+        text = _visible(record)
+        if record.name in _REMARKS and record.levelno == logging.INFO:
+            return text
+        if record.levelno >= logging.ERROR:
+            return f"lidcam: error: {text}"
+        return f"lidcam: {text}" if record.levelno >= logging.INFO else f"{record.name}: {text}"
+
+    def emit(self, record: logging.LogRecord) -> None:
+        with suppress(OSError):  # nobody reads it any more, or its disk is full: no reason to end a run
+            text = self.format(record)
+            if record.levelno >= logging.WARNING and sys.stderr.isatty():
+                from rich.text import Text
+
+                from lidcam.cli.printing.terminal import console  # obeys NO_COLOR
+
+                style = "red" if record.levelno >= logging.ERROR else "yellow"
+                console(stderr=True).print(Text(text, style), soft_wrap=True)
+                return
+            sys.stderr.write(f"{text}\n")
+            sys.stderr.flush()
+
+
+class _Timed(logging.Formatter):
+    def formatMessage(self, record: logging.LogRecord) -> str:
+        record.message = _visible(record)
+        return super().formatMessage(record)
+
+    def formatException(self, ei: Any) -> str:
+        return visible_lines(super().formatException(ei))
+
+
+def _visible(record: logging.LogRecord) -> str:
+    """The message in one line, whatever it quotes."""
+    return visible(record.getMessage())
+
+
+def _timed() -> logging.Formatter:
+    """Lines with the time in UTC, the level and where they come from."""
+    formatter = _Timed("%(asctime)s.%(msecs)03dZ %(levelname)-7s %(name)s: %(message)s", "%Y-%m-%dT%H:%M:%S")
+    formatter.converter = time.gmtime
+    return formatter

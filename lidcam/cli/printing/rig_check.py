@@ -1,0 +1,89 @@
+"""What the check of a rig says of each sensor, as tables and as plain values."""
+
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from lidcam.checks.calibration.judged import SCALES
+from lidcam.checks.calibration.self_check import SelfCheck
+from lidcam.cli.printing.folding import show_line, show_table
+from lidcam.cli.printing.tables import ColumnsTable
+from lidcam.pipeline.core.arrays import F64, Bools
+
+VALUES = ("pitch_deg", "yaw_deg", "roll_deg", "x_m", "y_m", "z_m", "time_ms")
+"""Of a camera: rotation about x, y and z of its optical frame, translation along them, and how late its images are."""
+
+LIDAR_VALUES = ("about_x_deg", "about_y_deg", "about_z_deg", "x_m", "y_m", "z_m")
+
+NOT_JUDGED = "not judged"
+
+
+def print_check(out: Console, check: SelfCheck) -> None:
+    """Print what a check found; a `*` marks what is sure and large enough to be told, and stands alone then."""
+    cameras = ColumnsTable("cameras against lidars", "camera", "pairs", "tracks", *map(_heading, VALUES))
+    for camera, pairs, tracks, error, wrong in check.cameras:
+        cells = [NOT_JUDGED] if error is None else _cells(error.values, error.sigmas, wrong)
+        cameras.add_row(camera.name, str(pairs), str(tracks), *cells)
+    lidars = ColumnsTable(
+        "lidars against each other",
+        "lidar",
+        "against",
+        "points",
+        *map(_heading, LIDAR_VALUES),
+        text_columns=("against",),
+    )
+    for first, second, difference, wrong in check.lidars:
+        matches = "0" if difference is None else str(difference.matches)
+        cells = [NOT_JUDGED] if difference is None else _cells(difference.values, difference.sigmas, wrong)
+        lidars.add_row(second.name, first.name, matches, *cells)
+    for table in (cameras, lidars):
+        if table.row_count:
+            out.print()
+            show_table(out, table)
+    for warning in check.warnings:
+        show_line(out, f"warning: {warning}", "yellow")
+
+
+def check_tree(check: SelfCheck) -> dict[str, Any]:
+    """What a check found as plain values, for JSON; errors are null where a sensor is not judged."""
+    cameras = {
+        camera.name: {
+            "pairs": pairs,
+            "tracks": tracks,
+            "errors": None if error is None else _tree(VALUES, error.values, error.sigmas, wrong),
+        }
+        for camera, pairs, tracks, error, wrong in check.cameras
+    }
+    lidars = [
+        {
+            "lidar": second.name,
+            "against": first.name,
+            "points": 0 if error is None else error.matches,
+            "errors": None if error is None else _tree(LIDAR_VALUES, error.values, error.sigmas, wrong),
+        }
+        for first, second, error, wrong in check.lidars
+    ]
+    return {"cameras": cameras, "lidars": lidars, "warnings": [f"{warning}" for warning in check.warnings]}
+
+
+def _heading(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _cells(values: F64, sigmas: F64, wrong: Bools) -> list[str]:
+    scaled = zip(values * SCALES[: len(values)], sigmas * SCALES[: len(values)], wrong, strict=True)
+    digits = [2] * 6 + [0]
+    return [
+        f"{value:+.{places}f}±{sigma:.{places}f}{'*' if is_told else ''}" if sigma else ""
+        for places, (value, sigma, is_told) in zip(digits, scaled, strict=False)
+    ]
+
+
+def _tree(names: tuple[str, ...], values: F64, sigmas: F64, wrong: Bools) -> dict[str, Any]:
+    scales = SCALES[: len(names)]
+    columns = np.round(values * scales, 6), np.round(sigmas * scales, 6), wrong
+    return {
+        name: {"value": float(value), "sigma": float(sigma), "is_told": bool(is_told)} if sigma else None
+        for name, value, sigma, is_told in zip(names, *columns, strict=True)
+    }

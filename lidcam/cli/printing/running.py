@@ -1,0 +1,95 @@
+"""A run on the screen: its progress, and its frames where that is asked for."""
+
+import gc
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+
+from lidcam.cli.printing.console import print_detections, print_matches
+from lidcam.cli.printing.progress import show_progress
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.processing import RunObserver
+from lidcam.run.frames import RunInput
+from lidcam.run.tally import RunProgress
+
+if TYPE_CHECKING:
+    from lidcam.evaluation.requirement import Requirement
+
+SOURCES = ("lidar", "fused")
+"""Of 3D boxes, in every result."""
+
+
+@contextmanager
+def shown_run(
+    out: Console, requirements: "Sequence[Requirement]" = (), *, detections: bool = False, matches: bool = False
+) -> Iterator[RunObserver]:
+    """An observer that shows a run.
+
+    The requirements are checked when the recording is open. `detections` prints what each sensor and the fusion found,
+    `matches` which 2D box is which object, both frame by frame.
+
+    Raises:
+        RequirementError: a requirement names a figure that there cannot be.
+    """
+    with ExitStack() as stack:
+        yield _ShownRun(out, stack, requirements, detections=detections, matches=matches)
+
+
+class ShownProgress(RunObserver):
+    """Shows how far a run is, in recorded seconds, until the stack is closed.
+
+    `whatever_is_logged` as of `show_progress`.
+    """
+
+    def __init__(self, stack: ExitStack, *, whatever_is_logged: bool = False) -> None:
+        self._stack, self._whatever_is_logged = stack, whatever_is_logged
+
+    def opened(self, source: RunInput) -> None:
+        """Take over the seconds to be processed."""
+        recording, window = source.recording, source.window
+        self._start_ns = window.start_ns or recording.start_ns
+        stop_ns = min(window.stop_ns or recording.end_ns, recording.end_ns)
+        self._started_s = time.monotonic()
+        bar = show_progress((stop_ns - self._start_ns) / 1e9, whatever_is_logged=self._whatever_is_logged)
+        self._advance = self._stack.enter_context(bar)
+
+    def advanced(self, progress: RunProgress) -> None:
+        """Show how far the run is."""
+        rate_hz = progress.frames / max(time.monotonic() - self._started_s, 1e-3)
+        objects = f"{progress.objects} objects" if progress.objects else "no objects yet"  # offline, a window late
+        self._advance(
+            (progress.log_time_ns - self._start_ns) / 1e9,
+            f"{progress.frames} frames, {rate_hz:.1f} a second, {objects}, {progress.drops} dropped",
+        )
+
+
+class _ShownRun(RunObserver):
+    def __init__(
+        self, out: Console, stack: ExitStack, requirements: "Sequence[Requirement]", *, detections: bool, matches: bool
+    ) -> None:
+        self._out, self._requirements = out, requirements
+        self._detections, self._matches = detections, matches
+        # On a terminal, printed frames show the progress, and a bar would break into them.
+        self._progress = RunObserver() if out.is_terminal and (detections or matches) else ShownProgress(stack)
+
+    def opened(self, source: RunInput) -> None:
+        gc.freeze()  # libraries and stages stay: looking for garbage among them takes 5 ms a frame
+        if self._requirements:
+            from lidcam.evaluation.evaluators import known_figures
+            from lidcam.evaluation.requirement import check_names
+
+            check_names(self._requirements, known_figures(source.config, source.rig, SOURCES))
+        self._config = source.config
+        self._progress.opened(source)
+
+    def frame(self, result: FrameResult) -> None:
+        if self._detections:
+            print_detections(self._out, result, self._config)
+        if self._matches:
+            print_matches(self._out, result, self._config)
+
+    def advanced(self, progress: RunProgress) -> None:
+        self._progress.advanced(progress)

@@ -1,0 +1,57 @@
+"""A console that prints text as it is, to terminals, pipes and files; what a terminal would obey is made visible."""
+
+import os
+from collections.abc import Callable, Iterable
+from io import StringIO
+from typing import Any
+
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.highlighter import JSONHighlighter
+from rich.segment import Segment
+from rich.text import Text
+
+from lidcam.cli.printing.escaping import json_text, printable_lines, visible
+from lidcam.writers.tables.html import HTML_WIDTH, recorded_html
+
+
+class _Console(Console):
+    """A console that obeys nobody but this program, and whose reader may leave.
+
+    `lidcam ... | head` ends the listing, not the work.
+    """
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Every text that is printed or stands in a table, before its width is measured."""
+        return super().render_str(visible(text), **options)
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """All that is written, but for the codes that style it and move the cursor."""
+        for segment in super().render(renderable, options):
+            is_text = segment.control is None and not segment.text.isprintable()
+            yield Segment(printable_lines(segment.text), segment.style) if is_text else segment
+
+    def on_broken_pipe(self) -> None:
+        self.quiet = True
+        # Buffered text goes nowhere, and neither does text that is printed by other means.
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self.file.fileno())
+        os.close(nowhere)
+
+
+def console(*, stderr: bool = False) -> Console:
+    """A console that prints text as it is: names of topics and files may look like markup. Lines are not wrapped."""
+    return _Console(stderr=stderr, soft_wrap=True, markup=False, emoji=False)
+
+
+def printed_html(show: Callable[[Console], None]) -> str:
+    """What a function prints on a console, as HTML."""
+    options: dict[str, Any] = {"soft_wrap": True, "markup": False, "emoji": False, "force_jupyter": False}
+    out = _Console(file=StringIO(), record=True, width=HTML_WIDTH, **options)
+    show(out)
+    return recorded_html(out)
+
+
+def show_json(out: Console, tree: Any) -> None:
+    """Print one JSON document: in colours on a terminal, which take a while where there are thousands of figures."""
+    text = json_text(tree)
+    out.print(JSONHighlighter()(text) if out.is_terminal else Text(text), soft_wrap=True)

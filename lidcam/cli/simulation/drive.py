@@ -1,0 +1,145 @@
+"""The command `lidcam drive`."""
+
+import contextlib
+import logging
+import sys
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lidcam.cli.options import Format, Overwrite, RecordingOut, Scenario, Seed, Setting, duration, with_log_options
+from lidcam.cli.printing.escaping import visible
+from lidcam.cli.printing.log import progress_log
+from lidcam.cli.simulation.simulate import check_simulator
+from lidcam.pipeline.core.errors import ConfigError
+
+if TYPE_CHECKING:
+    from lidcam.bags.simulator.drive.driving import Keyboard
+    from lidcam.bags.simulator.drive.live_view import LiveView
+    from lidcam.bags.simulator.recorder.simulation import Simulation
+    from lidcam.bags.simulator.vehicles.keys import RemoteControl
+
+# \b keeps the lines of a paragraph as they are.
+DRIVE_EXAMPLES = """\b
+Keys: w forward, s back, a left, d right, x stop, 1 and 2 choose the car,
+o ends. A command holds until the next one.
+Examples:
+  lidcam drive sandbox out.bag --view
+  lidcam drive sandbox out.mcap --keys "wwadx2ww"
+"""
+
+
+@with_log_options
+def drive(
+    scenario: Scenario,
+    output: RecordingOut,
+    format_: Format = None,
+    keys: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KEYS", help="Press these keys one after another, as fast as the simulation runs, and end."
+        ),
+    ] = None,
+    key_interval: Annotated[
+        float, typer.Option(min=0.01, max=60, metavar="S", help="Simulated seconds from one of --keys to the next.")
+    ] = 0.5,
+    view: Annotated[bool, typer.Option("--view", help="Show it in the Rerun viewer meanwhile.")] = False,
+    duration_s: Annotated[
+        float | None,
+        typer.Option("--duration", min=0, metavar="S", callback=duration, help="End after S simulated seconds."),
+    ] = None,
+    seed: Seed = None,
+    settings: Setting = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Drive the cars of a scenario from the keyboard, and record it."""
+    check_simulator()
+    from lidcam.bags.simulator.drive.driving import drive as driven
+    from lidcam.cli.simulation.scenario import recording_to, scenario_of
+
+    found = scenario_of(scenario, settings or (), duration_s=duration_s, seed=seed)
+    drivable = tuple(name for name, vehicle in found.vehicles.items() if vehicle.commands)
+    if not drivable:
+        known = ", ".join(found.vehicles) or "none"
+        raise ConfigError(
+            f"{scenario}: expected a vehicle with `commands: true` to drive, found none; "
+            f"--set vehicles.NAME.commands=true makes it one of {known}"
+        )
+    with contextlib.ExitStack() as resources:
+        keyboard = _keyboard(keys, key_interval, drivable, resources)
+        opened = recording_to(output, format_, found, read=scenario, overwrite=overwrite, driven=drivable)
+        simulation, recorder = resources.enter_context(opened)
+        viewer = _viewer(simulation) if view else None
+        end_ns = None if duration_s is None else round(duration_s * 1e9)
+        status = resources.enter_context(contextlib.closing(_StatusLine()))
+        for recorded, control in driven(simulation, keyboard, drivable, end_ns=end_ns):
+            recorder.add(recorded)
+            if viewer is not None:
+                viewer.show(recorded)
+            status.show(simulation, control)
+    recorder.report(output, simulation.now_ns)
+
+
+def _keyboard(
+    keys: str | None, interval_s: float, drivable: tuple[str, ...], resources: contextlib.ExitStack
+) -> "Keyboard":
+    """The keys that are given, else those of the terminal, else those on standard input."""
+    from lidcam.bags.simulator.drive.driving import ScriptedKeys
+    from lidcam.bags.simulator.drive.terminal import terminal_keys
+
+    if keys is None and sys.stdin.isatty():
+        return resources.enter_context(terminal_keys(sys.stdin.fileno()))
+    given = "".join(sys.stdin.read().split()) if keys is None else keys
+    return ScriptedKeys(_checked(given, drivable), round(interval_s * 1e9))
+
+
+def _checked(keys: str, drivable: tuple[str, ...]) -> str:
+    """The keys of a script.
+
+    Raises:
+        ConfigError: a key has no meaning.
+    """
+    from lidcam.bags.simulator.vehicles.keys import script_keys
+
+    known = script_keys(drivable)
+    if wrong := next((key for key in keys if key not in known), ""):
+        raise ConfigError(f"keys: expected {' '.join(known)} (. waits), found {wrong!r} in {keys[:80]!r}")
+    return keys
+
+
+class _StatusLine:
+    """One line with the car that is driven and its state, on a terminal only."""
+
+    def __init__(self) -> None:
+        from lidcam.cli.printing.terminal import console
+
+        self._console = console(stderr=True)
+        self._shown = False
+
+    def show(self, simulation: "Simulation", control: "RemoteControl") -> None:
+        """Rewrite the line."""
+        if not self._console.is_terminal or not progress_log.isEnabledFor(logging.INFO):
+            return
+        state = simulation.state(control.chosen)
+        cars = " ".join(f"{number} {visible(name)}" for number, name in enumerate(control.vehicles, 1))
+        self._write(
+            f"\r{simulation.now_ns * 1e-9:6.1f} s  {visible(control.chosen)} at {state.x_m:6.2f} {state.y_m:6.2f} m, "
+            f"{state.speed_m_s:5.2f} m/s   w s a d x, {cars}, o ends \x1b[K"
+        )
+        self._shown = True
+
+    def close(self) -> None:
+        """End the line."""
+        if self._shown:
+            self._write("\n")
+
+    def _write(self, text: str) -> None:
+        with contextlib.suppress(OSError):  # the terminal has closed; the drive ends with its input
+            self._console.file.write(text)
+            self._console.file.flush()
+
+
+def _viewer(simulation: "Simulation") -> "LiveView":
+    from lidcam.bags.simulator.drive.live_view import LiveView  # Rerun, which a drive without a view does not need
+
+    return LiveView(simulation).spawn()

@@ -1,0 +1,120 @@
+"""The recording of a scenario to a file, for `lidcam simulate` and `lidcam drive`."""
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import yaml
+
+from lidcam.bags.simulator.recorder.files import (
+    RecordingFormat,
+    WriteMessage,
+    format_of,
+    recording_file,
+    recording_names,
+    recording_outputs,
+    ros_version_of,
+)
+from lidcam.bags.simulator.recorder.recorded import Recorded
+from lidcam.bags.simulator.recorder.start import simulating
+from lidcam.bags.simulator.scenario.load import load_scenario, overridden
+from lidcam.bags.simulator.scenario.scenario import Scenario
+from lidcam.cli.printing.log import remark_log
+from lidcam.outputs.allowed import SIMULATED, TEXT, check_no_input, check_replaced
+from lidcam.readers.rig.rig_file import rig_yaml
+
+if TYPE_CHECKING:
+    from lidcam.bags.simulator.recorder.simulation import Simulation
+    from lidcam.bags.simulator.worlds.draw import Family
+
+
+def scenario_of(name: str, settings: Sequence[str], *, duration_s: float | None, seed: int | None) -> Scenario:
+    """A scenario.
+
+    Args:
+        name: Of a bundled scenario, or a YAML file.
+        settings: Single values on top.
+        duration_s: Seconds to record; None: the scenario's.
+        seed: Seed of all noise; None: the scenario's.
+
+    Raises:
+        ConfigError: there is no such scenario, or a value does not fit.
+    """
+    scenario = load_scenario(name, tuple(settings))
+    given = {"seed": seed, "duration_s": duration_s}
+    return scenario.model_copy(update={key: value for key, value in given.items() if value is not None})
+
+
+def drawn_scenario(
+    family: "Family", settings: Sequence[str], *, duration_s: float | None, seed: int | None
+) -> Scenario:
+    """A scenario that is drawn from a seed, by default 1; other arguments as of `scenario_of`.
+
+    Raises:
+        ConfigError: a value does not fit.
+    """
+    from lidcam.bags.simulator.worlds.draw import random_scenario  # OpenCV
+
+    scenario = overridden(random_scenario(family, 1 if seed is None else seed), tuple(settings))
+    return scenario if duration_s is None else scenario.model_copy(update={"duration_s": duration_s})
+
+
+class Recorder:
+    """Writes messages to a file and counts them."""
+
+    def __init__(self, write: WriteMessage, start_ns: int) -> None:
+        self._write, self._start_ns = write, start_ns
+        self.messages = 0
+
+    def add(self, recorded: list[Recorded]) -> None:
+        """Write the messages of one step."""
+        for one in recorded:
+            self._write(one, self._start_ns)
+        self.messages += len(recorded)
+
+    def report(self, output: Path, now_ns: int) -> None:
+        """Log what was written."""
+        files = [output] if output.is_file() else sorted(output.iterdir())
+        size_mib = sum(file.stat().st_size for file in files) / 2**20
+        remark_log.info("wrote %s: %d messages, %.1f s, %.1f MiB", output, self.messages, now_ns * 1e-9, size_mib)
+
+
+@contextlib.contextmanager
+def recording_to(
+    output: Path,
+    format_: RecordingFormat | None,
+    scenario: Scenario,
+    *,
+    read: str,
+    overwrite: bool,
+    workers: int | None = None,
+    driven: tuple[str, ...] = (),
+) -> Iterator[tuple["Simulation", Recorder]]:
+    """A simulation and the file that it is recorded to.
+
+    Args:
+        output: The recording.
+        format_: Its format; None: the ending of its name decides.
+        scenario: The scenario.
+        read: The name that it was read from: the output may not replace that file.
+        overwrite: Replace also what is no simulated recording.
+        workers: Sensors simulated at once; None: one per core.
+        driven: Vehicles that wait at their start until they are driven.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    format = format_of(output, format_)
+    check_no_input(recording_names(output, format), [Path(read)])
+    check_old = check_replaced(lambda path: TEXT if path.suffix == ".yaml" else SIMULATED, overwrite=overwrite)
+    text = yaml.safe_dump(scenario.model_dump(mode="json"), sort_keys=False, default_flow_style=None, width=100)
+    with (
+        recording_outputs(output, format, check_old=check_old) as outputs,
+        simulating(scenario, ros_version=ros_version_of(format), workers=workers, driven=driven) as simulation,
+    ):
+        from lidcam.bags.simulator.recorder.true_rig import true_rig  # OpenCV, which a simulation has loaded by now
+
+        rig = rig_yaml(true_rig(scenario))
+        with recording_file(outputs, output, format, rig_yaml=rig, scenario_yaml=text) as write:
+            yield simulation, Recorder(write, scenario.start_ns)

@@ -1,0 +1,98 @@
+"""The command `lidcam simulate`."""
+
+from importlib.util import find_spec
+from typing import Annotated, Literal
+
+import typer
+
+from lidcam.cli.options import Format, Overwrite, RecordingOut, Scenario, Seed, Setting, duration, with_log_options
+from lidcam.pipeline.core.errors import LidcamError
+
+RANDOM = "random"
+"""Name of the scenarios that are drawn from a seed."""
+
+# \b keeps the lines of a paragraph as they are.
+SIMULATE_EXAMPLES = """\b
+Scenarios: sandbox, crossing, vehicle, random, or a YAML file of your own.
+Examples:
+  lidcam simulate sandbox out.bag --duration 10
+  lidcam simulate --show sandbox > my.yaml
+  lidcam simulate crossing out.mcap --seed 7
+  lidcam simulate my.yaml bag_folder --format sqlite3
+  lidcam simulate random out.mcap --family road --seed 7
+  lidcam simulate sandbox out.bag --set lidars.velodyne1.clock_offset_ms=20
+"""
+
+
+def _show(name: str | None) -> None:
+    if name is not None:
+        from lidcam.bags.simulator.scenario.load import scenario_file
+
+        typer.echo(scenario_file(name).read_text(encoding="utf-8"), nl=False)
+        raise typer.Exit
+
+
+@with_log_options
+def simulate(
+    scenario: Scenario,
+    output: RecordingOut,
+    format_: Format = None,
+    duration_s: Annotated[
+        float | None,
+        typer.Option(
+            "--duration", min=0, metavar="S", callback=duration, help="Seconds to record; without it, the scenario's."
+        ),
+    ] = None,
+    seed: Seed = None,
+    family: Annotated[
+        Literal["sandbox", "crossing", "road"] | None,
+        typer.Option("--family", help="Worlds that `random` draws from, by its seed. [default: road]"),
+    ] = None,
+    settings: Setting = None,
+    overwrite: Overwrite = False,
+    shown: Annotated[  # noqa: ARG001, its callback ends the command
+        str | None,
+        typer.Option("--show", metavar="NAME", callback=_show, is_eager=True, help="Print a scenario: YAML to copy."),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="Sensors simulated at once; the recording is the same. [default: cores]"),
+    ] = None,
+) -> None:
+    """Record a simulated scene.
+
+    Lidars, cameras, and the truth about what they see.
+    """
+    if family is not None and scenario != RANDOM:
+        raise typer.BadParameter(f"expected the scenario {RANDOM}, found {scenario}", param_hint="--family")
+    check_simulator()
+    from lidcam.cli.printing.progress import show_progress
+    from lidcam.cli.simulation.scenario import drawn_scenario, recording_to, scenario_of
+
+    if scenario == RANDOM:
+        found = drawn_scenario(family or "road", settings or (), duration_s=duration_s, seed=seed)
+    else:
+        found = scenario_of(scenario, settings or (), duration_s=duration_s, seed=seed)
+    with (
+        recording_to(output, format_, found, read=scenario, overwrite=overwrite, workers=workers) as opened,
+        show_progress(found.duration_s) as advance,
+    ):
+        simulation, recorder = opened
+        for recorded in simulation.run(found.duration_s):
+            recorder.add(recorded)
+            advance(simulation.now_ns * 1e-9, f"{recorder.messages} messages")
+    recorder.report(output, simulation.now_ns)
+
+
+def check_simulator() -> None:
+    """Whether the extra `sim` is installed, and the libraries of the system that it needs.
+
+    Raises:
+        LidcamError: something is missing.
+    """
+    for package in ("open3d", "libusb_package"):
+        if find_spec(package) is None:
+            raise LidcamError(f"the simulator needs {package}, which is not installed: pip install 'lidcam[sim]'")
+    from lidcam.bags.simulator.world.open3d_runtime import check_libraries
+
+    check_libraries()

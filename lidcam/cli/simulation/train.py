@@ -1,0 +1,343 @@
+"""The commands `lidcam train ...`."""
+
+from collections.abc import Sequence
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated, Literal, Unpack
+
+import typer
+
+from lidcam.cli.options import ConfigFile, Overwrite, RigFile, Setting, ends_in, with_log_options
+from lidcam.cli.simulation.simulate import check_simulator
+from lidcam.pipeline.core.errors import ConfigError, LidcamError, OutputError
+
+if TYPE_CHECKING:
+    from lidcam.pipeline.core.settings.config import Config
+    from lidcam.run.job import JobOptions
+    from lidcam.training.labelled import Recordings as LabelledRecordings
+
+train_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+
+ROAD = "Without it road, or the recordings alone."
+
+Recordings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--recordings",
+        metavar="RECORDING",
+        help="A recording with topics of truth to learn from; may be repeated. With --family, half of the scenes.",
+    ),
+]
+
+# \b keeps the lines of a paragraph as they are.
+CLUSTERS_EXAMPLES = """\b
+Examples:
+  lidcam train clusters --out mine.npz
+  lidcam train clusters --family all --worlds 600 --out mine.npz
+  lidcam train clusters --recordings labelled.mcap --family road --out mine.npz
+  lidcam-process drive.mcap out.mcap --set detect3d.weights=mine.npz
+"""
+PILLARS_EXAMPLES = """\b
+Examples:
+  lidcam train pillars --steps 20000 --out mine.onnx
+  lidcam train pillars --steps 20000 --out mine.onnx --resume
+  lidcam train pillars --steps 2000 --out mine.onnx \\
+    --recordings labelled.mcap --family all
+  lidcam-process drive.mcap out.mcap --model-3d mine.onnx
+"""
+CONVERT_EXAMPLES = """\b
+Examples:
+  lidcam train convert net.pth --config net.yaml --out mine.onnx
+  lidcam-process drive.mcap out.mcap --model-3d mine.onnx
+"""
+IMAGES_EXAMPLES = """\b
+Examples:
+  lidcam train images --steps 4000 --out detector.onnx
+  lidcam-process drive.mcap out.mcap --model-2d detector.onnx
+"""
+
+
+@train_app.callback()
+def _train() -> None:
+    pass
+
+
+@train_app.command(epilog=CLUSTERS_EXAMPLES)
+@with_log_options
+def clusters(
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", metavar="FILE.npz", callback=ends_in(".npz"), help="The weights; FILE.md beside it is their card."
+        ),
+    ],
+    family: Annotated[
+        Literal["road", "crossing", "all"] | None,
+        typer.Option(
+            "--family", help=f"Worlds to learn from: lidars on a car, on masts at a crossing, or both. {ROAD}"
+        ),
+    ] = None,
+    worlds: Annotated[
+        int, typer.Option(min=20, metavar="N", help="Worlds of each family, of four sweeps; of recordings as many.")
+    ] = 300,
+    recordings: Recordings = None,
+    config_file: ConfigFile = None,
+    settings: Setting = None,
+    rig_files: RigFile = None,
+    seed: Annotated[
+        int, typer.Option(min=0, metavar="N", help="Number of the first world; others, other weights.")
+    ] = 0,
+    workers: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Processes; the weights are the same. [default: cores]")
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Train the network that scores clusters of lidar points.
+
+    On simulated worlds, on labelled recordings, or on both.
+    """
+    check_simulator()
+    from lidcam.cli.printing.progress import show_training
+    from lidcam.pipeline.parallel.cores import usable_cores
+    from lidcam.training.clusters import train_clusters
+    from lidcam.writers.outputs.errors import output_errors
+    from lidcam.writers.outputs.transaction import OutputTransaction
+
+    card, processes = out.with_suffix(".md"), workers or usable_cores()
+    with OutputTransaction([out, card], check_old=partial(_check_old, overwrite=overwrite)) as outputs:
+        with TemporaryDirectory() as folder:
+            given = _read(
+                recordings,
+                folder,
+                family,
+                config=config_file,
+                settings=settings or (),
+                rig=rig_files,
+                workers=workers,
+            )
+            one = family if family or given else "road"
+            with show_training() as told:
+                trained = train_clusters(one, worlds, seed, workers=processes, told=told, recordings=given)
+        with output_errors(out), outputs[out].part.open("xb") as file:
+            file.write(trained.network.to_bytes())
+        outputs[card].write_text(trained.card)
+    typer.echo(trained.card)
+
+
+@train_app.command(epilog=PILLARS_EXAMPLES)
+@with_log_options
+def pillars(
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out",
+            metavar="FILE.onnx",
+            callback=ends_in(".onnx"),
+            help="The network; FILE.md beside it is its card, FILE.ckpt the state of the training.",
+        ),
+    ],
+    steps: Annotated[int, typer.Option(min=1, metavar="N", help="Steps in all, of four sweeps each.")],
+    family: Annotated[
+        Literal["road", "crossing", "all", "sandbox"] | None,
+        typer.Option(
+            "--family",
+            help=f"Worlds to learn from: a lidar on a car, on a mast at a crossing, either, at a table. {ROAD}",
+        ),
+    ] = None,
+    recordings: Recordings = None,
+    config_file: ConfigFile = None,
+    settings: Setting = None,
+    rig_files: RigFile = None,
+    seed: Annotated[
+        int, typer.Option(min=0, metavar="N", help="Number of the first world; others, another network.")
+    ] = 0,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="Processes that make sweeps; these are the same. [default: cores]"),
+    ] = None,
+    begin: Annotated[
+        str,
+        typer.Option(
+            "--from",
+            metavar="NAME",
+            help="Network to begin with: traffic, sandbox, FILE.onnx of such a training, or none. "
+            "[default: with --recordings the one that comes with lidcam, else none]",
+        ),
+    ] = "",
+    bfloat16: Annotated[
+        bool,
+        typer.Option(
+            "--bfloat16", help="Compute in bfloat16: half the time on processors that have it (AVX-512 BF16, AMX)."
+        ),
+    ] = False,
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume", help="Go on from FILE.ckpt, if there is one; also with more steps, or other recordings."
+        ),
+    ] = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """Train a network that finds 3D boxes; on a CUDA device if there is one.
+
+    On simulated worlds, on labelled recordings, or on both.
+    """
+    check_simulator()
+    _check_torch("the training")
+    from lidcam.cli.printing.progress import show_training
+    from lidcam.pipeline.detectors.pillars.embedded import existing_network_file
+    from lidcam.pipeline.parallel.cores import usable_cores
+    from lidcam.training.pillars.fit import Checkpoint
+    from lidcam.training.pillars.train import train_pillars
+    from lidcam.writers.outputs.transaction import OutputTransaction
+
+    card, state, processes = out.with_suffix(".md"), out.with_suffix(".ckpt"), workers or usable_cores()
+    may_replace = overwrite or (resume and state.exists())
+    with OutputTransaction([out, card], check_old=partial(_check_old, overwrite=may_replace)) as outputs:
+        if state.exists() and not (resume or overwrite):
+            raise OutputError(f"{state}: exists; go on with --resume, or begin anew with --overwrite")
+        with TemporaryDirectory() as folder:
+            given = _read(
+                recordings, folder, family, config=config_file, settings=settings or (), rig=rig_files, workers=workers
+            )
+            embedded = "sandbox" if family == "sandbox" else "traffic"
+            first = begin or (embedded if given else "none")
+            if not resume:
+                if first != "none":
+                    existing_network_file(Path(first))
+                state.unlink(missing_ok=True)
+            worlds = family or "road"
+            has_worlds = bool(family) or not given
+            checkpoint = Checkpoint(
+                state, worlds, seed, given, has_worlds, begin="" if first == "none" else first, bfloat16=bfloat16
+            )
+            with show_training() as told:
+                text = train_pillars(checkpoint, outputs[out].part, steps, workers=processes, told=told)
+        outputs[card].write_text(text)
+    typer.echo(text)
+
+
+@train_app.command(epilog=CONVERT_EXAMPLES)
+@with_log_options
+def convert(
+    network: Annotated[
+        Path,
+        typer.Argument(metavar="NETWORK", help="Checkpoint (.pth), or what OpenPCDet or mmdeploy exported (.onnx)."),
+    ],
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FILE.onnx", callback=ends_in(".onnx"), help="The network for --model-3d.")
+    ],
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            "--config",
+            metavar="FILE",
+            help="YAML of OpenPCDet; JSON or Python of mmdetection3d, with all in one file, read and not executed. "
+            "[default: what mmdetection3d put into the checkpoint]",
+        ),
+    ] = None,
+    ground_z: Annotated[
+        float | None,
+        typer.Option("--ground-z", metavar="M", help="Z of the ground in its data. [default: that of the data set]"),
+    ] = None,
+    intensity_max: Annotated[
+        float | None,
+        typer.Option(
+            "--intensity-max", metavar="N", help="Highest intensity in its data. [default: that of the data set]"
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Convert PointPillars or CenterPoint in pillars of OpenPCDet or mmdetection3d, to run them without PyTorch."""
+    _check_torch("reading a checkpoint")
+    from lidcam.outputs.allowed import check_no_input
+    from lidcam.training.kits.convert import converted
+    from lidcam.training.kits.parts import Data
+    from lidcam.writers.outputs.transaction import OutputTransaction
+
+    check_no_input([out], [network, *([config] if config else [])])
+    with OutputTransaction([out], check_old=partial(_check_old, overwrite=overwrite)) as outputs:
+        made = converted(network, config, Data(ground_z, intensity_max))
+        outputs[out].part.write_bytes(made.content)
+    specs, names = made.specs, ", ".join(one.name for one in made.specs.classes)
+    low, high = specs.grid.low_m, specs.grid.high_m
+    typer.echo(f"{out}: finds {names}")
+    typer.echo(f"x from {low[0]:g} to {high[0]:g} m, y from {low[1]:g} to {high[1]:g} m")
+    typer.echo(f"ground at {specs.ground_z_m:g} m, intensities to {specs.intensity_max:g}")
+
+
+@train_app.command(epilog=IMAGES_EXAMPLES)
+@with_log_options
+def images(
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", metavar="FILE.onnx", callback=ends_in(".onnx"), help="The network; FILE.md beside it is its card."
+        ),
+    ],
+    steps: Annotated[int, typer.Option(min=1, metavar="N", help="Steps, of eight parts of images each.")],
+    seed: Annotated[
+        int, typer.Option(min=0, metavar="N", help="Number of the first world; others, another network.")
+    ] = 0,
+    overwrite: Overwrite = False,
+) -> None:
+    """Train a network that finds 2D boxes in simulated images, on drawn worlds; in real images it is of no use."""
+    check_simulator()
+    _check_torch("the training")
+    from lidcam.cli.printing.progress import show_training
+    from lidcam.training.images.train import train_images
+    from lidcam.writers.outputs.transaction import OutputTransaction
+
+    card = out.with_suffix(".md")
+    with OutputTransaction([out, card], check_old=partial(_check_old, overwrite=overwrite)) as outputs:
+        with show_training() as told:
+            text = train_images(outputs[out].part, steps, seed, told=told)
+        outputs[card].write_text(text)
+    typer.echo(text)
+
+
+def _check_torch(what: str) -> None:
+    if find_spec("torch") is None:
+        raise LidcamError(f"{what} needs torch, which is not installed: pip install 'lidcam[train]'")
+
+
+def _read(
+    recordings: Sequence[str] | None,
+    folder: str,
+    family: str | None,
+    **options: Unpack["JobOptions"],
+) -> "LabelledRecordings | None":
+    """Recordings to learn from; None if there are none."""
+    if not recordings:
+        return None
+    from lidcam.cli.printing.progress import show_training
+    from lidcam.training.recordings import read_recordings
+
+    with show_training() as told:
+        return read_recordings(
+            recordings, Path(folder), check=partial(_check_classes, family=family), told=told, **options
+        )
+
+
+def _check_classes(config: "Config", *, family: str | None) -> None:
+    """Refuse recordings of classes, or of a size, that the network does not know."""
+    from lidcam.pipeline.detectors.cluster.kinds import knows
+
+    is_sandbox = family == "sandbox"
+    if knows(config.classes) != is_sandbox:
+        return
+    expected, remedy = "road users of full size, as of --config road", "for model sites there is lidcam train pillars"
+    if is_sandbox:
+        expected, remedy = "model cars, as of --config sandbox", "leave out"
+    raise ConfigError(
+        f"training from recordings: expected {expected}, found the classes {', '.join(config.class_names)}; {remedy} "
+        "--family sandbox"
+    )
+
+
+def _check_old(path: Path, *, overwrite: bool) -> None:
+    """Refuse to replace a file that is not meant to be."""
+    if not overwrite:
+        raise OutputError(f"{path}: exists; choose another name, or replace it with --overwrite")

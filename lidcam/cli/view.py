@@ -1,0 +1,54 @@
+"""The command `lidcam view`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lidcam.cli.options import with_log_options
+from lidcam.pipeline.core.errors import OutputError
+
+# \b keeps the lines of a paragraph as they are.
+VIEW_EXAMPLES = """\b
+Examples:
+  lidcam view out.rrd
+  lidcam view out.html
+  lidcam view out.mcap
+"""
+
+
+@with_log_options
+def view(
+    result: Annotated[
+        Path, typer.Argument(metavar="RESULT", help="What `lidcam process` wrote: .rrd, .html or .mcap.")
+    ],
+) -> None:
+    """Open a result: a .rrd in Rerun, a page in the browser.
+
+    For an .mcap it says how Foxglove opens it; without a display, what to do.
+    """
+    import subprocess
+    import webbrowser
+
+    from lidcam.cli.printing.folding import show_line
+    from lidcam.cli.printing.terminal import console
+    from lidcam.outputs.kinds import OUTPUTS
+
+    if not result.is_file():
+        raise OutputError(f"{result}: expected a result to open, found no such file")
+    if result.suffix == ".rrd":
+        from lidcam.writers.rerun.viewer import check_display, viewer_program  # loads Rerun
+
+        check_display(str(result), f"`rerun --web-viewer {result}` shows it in a browser")
+        command, environment = viewer_program(str(result))
+        if code := subprocess.run(command, env=environment, check=False).returncode:
+            raise OutputError(f"{result}: the Rerun viewer ended with {code}")
+    elif result.suffix == ".html":
+        if not webbrowser.open(result.resolve().as_uri()):
+            raise OutputError(f"{result}: found no browser to open it with; copy this one file to a machine with one")
+    elif result.suffix == ".mcap":
+        kind, layout = OUTPUTS[result.suffix], result.with_suffix(".foxglove.json")
+        show_line(console(), f"{kind.viewer}: {kind.how_to_open(result, (layout,) if layout.is_file() else ())}")
+        show_line(console(), "Rerun opens it, too, without the objects; what --rerun OUT.rrd writes has them.")
+    else:
+        raise OutputError(f"{result}: expected a name that ends in .rrd, .html or .mcap")

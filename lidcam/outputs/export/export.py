@@ -1,0 +1,89 @@
+"""Writes results as one data set."""
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from lidcam.evaluation.evaluate import Progress, not_shown
+from lidcam.outputs.export.formats import FORMATS, ExportOptions
+from lidcam.outputs.export.scene import ResultScene
+from lidcam.pipeline.core.errors import OutputError
+from lidcam.readers.results.result import open_result
+from lidcam.run.incomplete import damage_lines
+from lidcam.writers.outputs.errors import output_errors
+from lidcam.writers.outputs.transaction import OutputFile
+
+DEFAULT = ExportOptions()
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """What was exported.
+
+    Attributes:
+        frames: Number of frames that were read.
+        objects: Number of objects in them that the format can have.
+        true_objects: The same of the truth; None without truth.
+        remarks: What the user should know, a line each: what was left out, and why.
+        incomplete: Damaged parts of the results.
+    """
+
+    frames: int
+    objects: int
+    true_objects: int | None
+    remarks: tuple[str, ...]
+    incomplete: tuple[str, ...]
+
+
+def export_results(
+    results: Sequence[Path],
+    output: OutputFile,
+    format_name: str,
+    options: ExportOptions = DEFAULT,
+    show: Progress = not_shown,
+) -> Exported:
+    """Write results as one data set.
+
+    Args:
+        results: Files that `lidcam process` wrote, one scene each, with different names.
+        output: The new folder.
+        format_name: One of `FORMATS`.
+        options: What to write of them.
+        show: Shows the progress.
+
+    Raises:
+        LidcamError: a result cannot be read or has not what the format needs; the folder cannot be written.
+    """
+    names = [path.stem for path in results]
+    if same := next((name for name in names if names.count(name) > 1), None):
+        raise OutputError(f"expected results of different names, found two called {same}")
+    with output_errors(output.path):
+        output.part.mkdir()
+        writer = FORMATS[format_name](output.part, options)
+    remarks, incomplete, frames, objects, true_objects = list[str](), list[str](), 0, 0, list[int]()
+    for path in results:
+        with ExitStack() as stack:
+            result = stack.enter_context(open_result(path))
+            advance = stack.enter_context(show((result.recording.end_ns - result.recording.start_ns) / 1e9))
+            scene = ResultScene(result, format_name, writer, options, stack)
+            with output_errors(output.path):
+                writer.begin(scene.facts)
+            for frame in scene.frames():
+                with output_errors(output.path):
+                    writer.add(frame)
+                frames, objects = frames + 1, objects + len(frame.objects)
+                true_objects += [] if frame.truth is None else [len(frame.truth)]
+                advance((frame.stamp_ns - result.recording.start_ns) / 1e9, f"{frames} frames exported")
+            remarks += scene.notes
+            incomplete += damage_lines(result.recording.losses)
+    with output_errors(output.path):
+        writer.finish()
+    left_out = [f"left out: {count} {reason}" for reason, count in writer.left_out.items()]
+    return Exported(
+        frames,
+        objects,
+        sum(true_objects) if true_objects else None,
+        (*remarks, *writer.remarks, *left_out),
+        tuple(incomplete),
+    )

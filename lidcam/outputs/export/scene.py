@@ -1,0 +1,222 @@
+"""A result as a scene of a data set: its objects, the truth, clouds and images, frame by frame."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import replace
+from itertools import zip_longest
+
+import numpy as np
+import numpy.typing as npt
+
+from lidcam.evaluation.frames import EvaluationFrames
+from lidcam.notebook.loaded import load_result
+from lidcam.outputs.export.formats import ExportOptions
+from lidcam.pipeline.core.arrays import F64, I32, Bools, join_rows
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.errors import MessageError, RecordingError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.tracks import NO_TRACK
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, TruthBoxes3D
+from lidcam.pipeline.evaluation.ignoring import is_evaluated
+from lidcam.readers.messages.image import decode_any_image
+from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
+from lidcam.readers.results.result import SOURCE_TOPICS, Result
+from lidcam.readers.truth.open import open_truth
+from lidcam.readers.truth.site import SitePoses
+from lidcam.writers.datasets.frame import (
+    DatasetBoxes,
+    DatasetFrame,
+    DatasetImage,
+    DatasetScene,
+    DatasetWriter,
+    undistorted,
+)
+from lidcam.writers.tables.objects import Objects
+
+CLOUD, GROUND = "/point_cloud_combined", "/ground_cloud"
+FUSED = SOURCE_TOPICS["fused"]
+
+
+class ResultScene:
+    """A result, frame by frame as a data set has it.
+
+    Args:
+        result: The open result.
+        format_name: Of the data set.
+        writer: Says what its format has, and counts what is left out.
+        options: What of the result is wanted.
+        stack: Closes the truth.
+
+    Attributes:
+        facts: What all frames have in common.
+
+    Raises:
+        LidcamError: the format needs clouds, and the result has none; or the truth cannot be read.
+    """
+
+    def __init__(
+        self, result: Result, format_name: str, writer: DatasetWriter, options: ExportOptions, stack: ExitStack
+    ) -> None:
+        self._result, self._writer, self._options, self._format = result, writer, options, format_name
+        recorded = {info.topic for info in result.recording.topics if info.message_count}
+        if CLOUD not in recorded and writer.needs_clouds:
+            raise RecordingError(
+                f"{result.path}: {format_name} needs clouds ({CLOUD}), found none: process the recording again with "
+                "output.clouds=true"
+            )
+        images = {
+            f"/{camera.name}/image{suffix}": camera for camera in result.rig.cameras for suffix in ("", "/compressed")
+        }
+        self._images: Mapping[str, CameraSensor] = {topic: one for topic, one in images.items() if topic in recorded}
+        self._objects = load_result(result.path)[1]
+        self._unit: float | None = None
+        self._truth = stack.enter_context(open_truth(result, options.truth))
+        self._poses = SitePoses(self._truth.poses, result.rig, result.config)
+        self._names = _names(result.config, writer.names)
+        lidars = result.rig.lidars
+        only = lidars[0].T_site_lidar if len(lidars) == 1 else None
+        self._T_cloud_site = np.eye(4) if only is None else only.inverse().matrix
+        self.facts = DatasetScene(
+            name=result.path.stem,
+            origin=f"{result.path.stem} {sorted(result.metadata.items())}",
+            rig=result.rig,
+            cameras=tuple(camera for camera in result.rig.cameras if camera in self._images.values()),
+            T_site_cloud=np.eye(4) if only is None else only.matrix,
+            cloud_frame_id=result.rig.site_frame if only is None else only.src,
+        )
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know of the result."""
+        of_truth = () if self._truth.source is None else (f"truth: {self._truth.source.description}",)
+        missing = [camera.name for camera in self._result.rig.cameras if camera not in self.facts.cameras]
+        name = self._result.path.name
+        no_images = f"{name}: has no images of {', '.join(missing)}; output.images=true keeps those of the recording"
+        adrift = f"{name}: the sensors move, and the result does not say where to: nuScenes's poses stand still"
+        return (
+            *self._result.notes,
+            *of_truth,
+            *([no_images] if missing else []),
+            *([adrift] if self._result.is_adrift and self._format == "nuscenes" else []),
+        )
+
+    def frames(self) -> Iterator[DatasetFrame]:
+        """The frames, every so many."""
+        topics = [FUSED, CLOUD, GROUND, *self._images]
+        beside = self._result.messages_of_frames(topics)
+        for found, messages in zip_longest(EvaluationFrames(self._result, self._truth), beside):
+            fused = None if messages is None else messages.get(FUSED)
+            if found is None or fused is None or fused.stamp_ns != found.stamp_ns:
+                raise RecordingError(
+                    f"{self._result.path}: is damaged: what belongs to a frame does not stand together; process the "
+                    "recording anew"
+                )
+            if found.index % self._options.every:
+                continue
+            if self._truth.source is not None and found.truth is None:
+                self._writer.left_out["frames without truth at their time"] += 1
+                continue
+            yield self._frame(found, messages)
+
+    def _frame(self, found: EvaluationFrame, messages: Mapping[str, RawMessage]) -> DatasetFrame:
+        first, end = np.searchsorted(self._objects.frames, [found.index, found.index + 1])
+        objects = self._objects[int(first) : int(end)]
+        if self._options.confirmed:
+            objects = objects.select(objects.matched > 0)
+        return DatasetFrame(
+            index=found.index,
+            stamp_ns=found.stamp_ns,
+            T_fixed_site=found.T_fixed_site,
+            cloud=self._cloud(messages),
+            images=self._decoded(messages),
+            objects=self._named(_boxes(objects), objects.class_ids, "objects"),
+            truth=None if found.truth is None else self._true_boxes(found.truth),
+        )
+
+    def _cloud(self, messages: Mapping[str, RawMessage]) -> PointCloud | None:
+        parts = [self._decode_cloud(messages[topic]) for topic in (CLOUD, GROUND) if topic in messages]
+        if not parts:
+            return None
+        cloud = join_rows(*parts)
+        if self._unit is None and len(cloud):
+            self._unit = 255.0 if cloud.intensity.max() > 1 else 1.0
+        T = self._T_cloud_site
+        xyz = np.asarray(cloud.xyz @ T[:3, :3].T + T[:3, 3], np.float32)
+        intensity = np.clip(cloud.intensity / (self._unit or 1.0), 0, 1).astype(np.float32)
+        return replace(cloud, frame_id=self.facts.cloud_frame_id, xyz=xyz, intensity=intensity)
+
+    def _decode_cloud(self, message: RawMessage) -> PointCloud:
+        return decode_pointcloud2(message, limits=self._result.config.limits)
+
+    def _decoded(self, messages: Mapping[str, RawMessage]) -> dict[str, DatasetImage]:
+        images = {}
+        for topic, camera in self._images.items():
+            if topic not in messages:
+                continue
+            try:
+                rgb = decode_any_image(messages[topic], limits=self._result.config.limits).rgb
+            except MessageError:
+                self._writer.left_out[f"images of {camera.name} that cannot be decoded"] += 1
+                continue
+            stamp_ns = messages[topic].stamp_ns
+            pose = self._poses.T_fixed_site(stamp_ns)
+            fixed: F64 | None = None if pose is None else pose.matrix
+            images[camera.name] = DatasetImage(stamp_ns, undistorted(rgb, camera.model), fixed)
+        return images
+
+    def _true_boxes(self, truth: TruthBoxes3D) -> DatasetBoxes:
+        is_none = truth.class_ids == UNKNOWN
+        self._count("true objects of no class of the settings", is_none)
+        truth = truth.select(~is_none)
+        is_wanted = is_evaluated(truth, self._result.config.evaluate)
+        self._count("true objects that no sensor sees, or that are not evaluated", ~is_wanted)
+        truth = truth.select(is_wanted)
+        n = len(truth)
+        boxes = DatasetBoxes(
+            np.full(n, ""),
+            truth.centers,
+            truth.sizes,
+            truth.yaws,
+            np.ones(n, np.float32),
+            truth.track_ids,
+            np.full((n, 2), np.nan),
+            truth.lidar_points,
+        )
+        return self._named(boxes, truth.class_ids, "true objects")
+
+    def _named(self, boxes: DatasetBoxes, class_ids: I32, what: str) -> DatasetBoxes:
+        """The boxes by the format's names; those of a class that it has not are left out."""
+        boxes = replace(boxes, names=self._names[class_ids])
+        is_known = boxes.names != ""
+        for class_id in np.unique(class_ids[~is_known]):
+            name = self._result.config.object_names[class_id]
+            self._count(f"{what} of class {name}, which {self._format} does not have", class_ids == class_id)
+        return boxes.select(is_known)
+
+    def _count(self, reason: str, rows: Bools) -> None:
+        if rows.any():
+            self._writer.left_out[reason] += int(rows.sum())
+
+
+def _boxes(objects: Objects) -> DatasetBoxes:
+    return DatasetBoxes(
+        np.full(len(objects), ""),
+        objects.centers,
+        objects.sizes,
+        objects.yaws,
+        objects.scores,
+        np.where(objects.tracks == NO_TRACK, -1, objects.tracks),
+        objects.velocities,
+        objects.point_counts,
+    )
+
+
+def _names(config: Config, known: Mapping[str, str] | None) -> npt.NDArray[np.str_]:
+    """(N,) str, the format's name of each class of objects, by the class's name or its other names; empty without."""
+    if known is None:
+        return np.array(config.object_names, np.str_)
+    labels = {prior.name: (prior.name, *prior.labels) for prior in config.classes}
+    words = [[word.lower() for word in labels.get(name, (name,))] for name in config.object_names]
+    return np.array([next((known[word] for word in one if word in known), "") for one in words], np.str_)

@@ -1,0 +1,397 @@
+"""A run: open a recording, find its calibration, push its bundles through the stages, write, count.
+
+The command line, a notebook and a worker on a cluster call the same function. Nothing is printed here, and nothing is
+kept between runs.
+"""
+
+import logging
+import time
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from lidcam.checks.calibration.check import CalibrationCheck
+from lidcam.checks.class_numbers import class_number_warnings
+from lidcam.checks.clocks import clock_notes, clocks_off, jump_warnings, late_warnings
+from lidcam.checks.doubted import DoubtedCheck
+from lidcam.checks.files import FileCheck, check_not_empty
+from lidcam.checks.lidars import LidarCheck
+from lidcam.checks.no_objects import ObjectCheck
+from lidcam.outputs.allowed import check_no_input
+from lidcam.outputs.copied import choose_copied, choose_drawn, truth_frames
+from lidcam.outputs.input_files import input_files, read_named_files
+from lidcam.outputs.kinds import drawn_scenes
+from lidcam.outputs.open import how_to_open, make_pages, open_outputs, open_writers, written_files
+from lidcam.pipeline.core.errors import RecordingError, short_memory_told
+from lidcam.pipeline.core.frame import FrameResult, SensorBundle
+from lidcam.pipeline.parallel.cores import usable_cores
+from lidcam.pipeline.parallel.process import WorkerProcess, copied_workers
+from lidcam.pipeline.parallel.run import Limits, run_parallel
+from lidcam.pipeline.stages.sync.synchronize import SyncStats
+from lidcam.pipeline.tracking.trackers import object_tracker
+from lidcam.readers.input_file import InputFile, InputFiles
+from lidcam.readers.open import open_recording
+from lidcam.readers.recording import ReadOptions, Recording
+from lidcam.readers.rig.discovery import Discovery, discover_rig
+from lidcam.readers.rig.sensor_topics import CLOUD
+from lidcam.readers.streams.motion import find_motion_source
+from lidcam.readers.streams.per_sensor import sensor_messages
+from lidcam.run.box_sources import box_source, check_box_source, engine_3d
+from lidcam.run.build import build_graph
+from lidcam.run.choice import use_settings
+from lidcam.run.effect import settings_sha256
+from lidcam.run.frame import Frame
+from lidcam.run.frames import (
+    RunInput,
+    bundles,
+    decoded_topics,
+    expected_frames,
+    no_frames,
+    reference_topic,
+    sensor_clocks,
+    synchronized_topics,
+    time_window,
+)
+from lidcam.run.job import Job
+from lidcam.run.missing import MissingSensor, absence_warnings, missing_sensors, silence_warnings
+from lidcam.run.summary import InputSummary, RunSummary, SensorSummary, TimingSummary, unused_topics
+from lidcam.run.tally import DropTable, RunProgress, Tally
+from lidcam.run.tracks import tracked
+from lidcam.run.warning import RunWarning
+from lidcam.writers.base import ResultWriter
+
+logger = logging.getLogger(__name__)
+
+CLOUD_GROWTH, IMAGE_GROWTH = 16, 3
+"""Times the size of its message that the work on a cloud holds, and on an image, roughly."""
+
+
+class RunObserver:
+    """Looks on while a run goes on; the methods of this one do nothing."""
+
+    def opened(self, source: RunInput) -> None:
+        """The recording is open and its sensors are known."""
+
+    def frame(self, result: Frame) -> None:
+        """A frame has its tracks and is written. Frames come in order; with offline tracks, up to a window late."""
+
+    def advanced(self, progress: RunProgress) -> None:
+        """The run is so far now; called for each frame, when it and all that it completes are done or wait."""
+
+
+def process_recording(job: Job, observer: RunObserver | None = None) -> RunSummary:
+    """Process a recording to its end.
+
+    Args:
+        job: The recording, the settings and the outputs.
+        observer: Looks on.
+
+    Raises:
+        LidcamError: the input, the calibration, the settings or an output is at fault, or memory runs short; no output
+            is left behind.
+    """
+    observer = observer or RunObserver()
+    named = read_named_files(job)
+    with open_outputs(job) as outputs, opened(job) as run:
+        written = written_files(job)
+        with ExitStack() as stack:
+            observer.opened(run.source)
+            inputs = stack.enter_context(closing(input_files(run.source, named, is_written=bool(written))))
+            writers = open_writers(job, run.source, inputs, outputs, stack, run.report)
+            # Closed before the writers are, also when the observer raises: then no stage is at work any more.
+            folder = written[0].parent if written else None
+            frames = stack.enter_context(closing(run.frames(writers, folder, partial(_tell, run, inputs, observer))))
+            for frame in frames:
+                observer.frame(frame)
+            whole = inputs.finish()
+        make_pages(job, outputs)
+        changed = [file.path for file in (*whole, *inputs.named.values()) if file.is_changed]
+        return run.report(whole, written, how_to_open(job), changed)
+
+
+def iter_frames(job: Job) -> Generator[Frame, None, None]:
+    """The frames of a recording, in order, with their tracks; closes the recording when it ends or is closed.
+
+    With offline tracks the first frame comes when `track.window_s` of the recording are read.
+
+    Raises:
+        LidcamError: the input, the calibration or the settings are at fault.
+    """
+    with opened(job) as run:
+        yield from run.frames()
+
+
+@contextmanager
+def opened(job: Job) -> Iterator["Run"]:
+    """A run, ready to begin.
+
+    Raises:
+        LidcamError: the input, the calibration, the settings or an output is at fault.
+    """
+    options = ReadOptions("as_needed" if job.on_bad_message == "skip" else "none", job.config.limits)
+    with (
+        short_memory_told(f"process {', '.join(map(str, job.inputs))}"),
+        sensor_messages(open_recording(job.inputs, options), limits=options.limits) as recording,
+    ):
+        names = ", ".join(map(str, recording.paths))
+        seconds = (recording.end_ns - recording.start_ns) / 1e9
+        logger.info(
+            "%s: %d messages of %d topics, %.3f s", names, recording.message_count, len(recording.topics), seconds
+        )
+        for path in dict.fromkeys(loss.path for loss in recording.losses):
+            logger.warning("%s is damaged or was not closed: what can still be read is read", path)
+        check_not_empty(recording)
+        check_no_input(written_files(job), recording.paths)
+        window = time_window(recording, job.start_s, job.duration_s)
+        found = discover_rig(recording, job.config, job.rig, start_ns=window.start_ns, stop_ns=window.stop_ns)
+        for fault in found.faults:
+            logger.warning("%s is left out: %s", fault.sensor, fault.reason)
+        for sensor in found.sources:
+            logger.info("%s: %s, calibration: %s %s", sensor.sensor, sensor.topic, sensor.intrinsics, sensor.extrinsics)
+        motion = find_motion_source(recording, found.rig, found.transforms, job.config)
+        config, used, found = use_settings(job.settings, recording, found, job.rig, moves=motion is not None)
+        logger.info("settings: %s", used)
+        copied, notes = choose_copied(job.outputs, recording, found.rig, config)
+        found = replace(found, notes=(*found.notes, *notes))
+        drops = DropTable(job.on_bad_message)
+        drawn = choose_drawn(recording, copied)
+        frames = truth_frames(recording, copied, found, config)
+        source = RunInput(recording, found.rig, config, motion, window, used, copied, drawn, frames)
+        run = Run(source, found, drops)
+        with run.workers_started():
+            yield run
+
+
+class Run:
+    """One pass over an open recording.
+
+    Attributes:
+        source: The recording, its sensors and the settings.
+        found: How the sensors were found.
+    """
+
+    def __init__(self, source: RunInput, found: Discovery, drops: DropTable) -> None:
+        """Prepare the stages; `drops` gets the messages that are not used, and may end the run at the first bad one.
+
+        Raises:
+            ConfigError: the reference topic is not among those in use.
+            ModelError: the 2D network cannot be loaded.
+            RecordingError: 2D boxes are wanted of a recording without cameras.
+        """
+        self.source, self.found = source, found
+        self._drops, self._tally, self._stats = drops, Tally(source.config, source.rig), SyncStats()
+        self._passed, self._log_time_ns = 0, source.recording.start_ns
+        self._clocks = sensor_clocks(source.rig, drops)
+        self._checks = (
+            FileCheck(source.recording.paths),
+            LidarCheck(source.rig),
+            CalibrationCheck(source.rig, source.config),
+            ObjectCheck(source.recording, source.rig, source.config, source.settings, moves=source.motion is not None),
+            DoubtedCheck(source.config, has_2d_boxes=box_source(source.config, source.rig) != "none"),
+        )
+        started = time.perf_counter()
+        reference_topic(source.config, source.rig)
+        self._make_graph = partial(build_graph, source.config, source.rig, on_bad=drops.on_bad)
+        self._graph, self._result = self._make_graph()
+        self._tracker = object_tracker(source.config, source.rig)
+        check_box_source(source.config, source.recording, source.rig)
+        self._workers = source.config.run.workers or usable_cores()
+        self._processes: Sequence[WorkerProcess] = ()
+        self._seconds = time.perf_counter() - started  # loading a network belongs to a run
+
+    @contextmanager
+    def workers_started(self) -> Iterator[None]:
+        """Within the block, processes share the work. To be entered before outputs, which may have threads, open."""
+        graph, result, frames = self._graph, self._result, expected_frames(self.source)
+        with copied_workers(graph, result, workers=self._workers, frames=frames) as self._processes:
+            yield
+
+    def frames(
+        self,
+        writers: Sequence[ResultWriter] = (),
+        folder: Path | None = None,
+        passed: Callable[[], None] = lambda: None,
+    ) -> Generator[Frame, None, None]:
+        """The frames, in order, with their tracks, each written before it is yielded; to be read once.
+
+        Args:
+            writers: Get each frame before it is yielded.
+            folder: Where frames wait for their tracks; None for the system's temporary folder.
+            passed: Called for each frame that has passed the stages, when all frames that it completes were yielded.
+
+        Raises:
+            RecordingError: reading fails, or no messages belong together.
+            MessageError: a message cannot be decoded and bad messages end the run.
+            OutputError: a frame cannot be written, or cannot be kept for its tracks.
+            WorkerError: a process that shares the work cannot be started, or has died.
+        """
+        started, graph, scenes = time.perf_counter(), self._graph, drawn_scenes(self.source)
+        self._count_early_drops()
+        with ExitStack() as stack:
+            frames = stack.enter_context(closing(self._results(passed)))
+            if self._tracker is not None:
+                stage = partial(graph.stage, "track")
+                frames = stack.enter_context(closing(tracked(frames, self._tracker, folder, stage)))
+            for frame in frames:
+                for writer in writers:
+                    with graph.stage(f"write {writer.name}", frame.bundle):
+                        frame = _written(frame, writer)
+                self._tally.add(frame)
+                for check in self._checks:
+                    check.add(frame)
+                for drop in frame.drops:
+                    self._drops.add_bad(drop)
+                bundle, objects = frame.bundle, len(frame.fused.objects)
+                logger.debug(
+                    "frame %d, %d ns: %d topics, %d objects",
+                    bundle.index,
+                    bundle.stamp_ns,
+                    len(bundle.messages),
+                    objects,
+                )
+                yield Frame.of(frame, scenes)
+        self._seconds += time.perf_counter() - started
+        if self._tally.frames == 0:
+            raise RecordingError(no_frames(self.source, self._drops))
+
+    def _results(self, passed: Callable[[], None]) -> Generator[FrameResult, None, None]:
+        """What the stages make of the recording."""
+        with closing(self._stages()) as frames:
+            for frame in frames:
+                self._passed, self._log_time_ns = self._passed + 1, frame.bundle.log_time_ns
+                yield frame
+                passed()
+
+    def _stages(self) -> Generator[FrameResult, None, None]:
+        config, rig, workers = self.source.config, self.source.rig, self._workers
+        found = bundles(self.source, self._drops, self._stats, self._clocks)
+        if workers == 1:
+            return self._graph.run(self._result, found)
+        return run_parallel(
+            self._graph,
+            self._result,
+            found,
+            Limits(workers, config.run.window or 2 * workers + 1, _memory_of, config.limits.max_waiting_bytes),
+            make_graph=self._make_graph,
+            expected=expected_frames(self.source),
+            needed=partial(_needed, decoded=decoded_topics(config, rig)),
+            started=self._processes,
+        )
+
+    @property
+    def progress(self) -> RunProgress:
+        """How far the run is."""
+        return RunProgress(self._passed, self._tally.objects.total(), self._drops.total, self._log_time_ns)
+
+    def report(
+        self,
+        inputs: Sequence[InputFile] = (),
+        outputs: Sequence[Path] = (),
+        viewers: Mapping[str, str] | None = None,
+        changed: Sequence[str] = (),
+    ) -> RunSummary:
+        """The report so far.
+
+        Args:
+            inputs: The files that were read.
+            outputs: The files that were written.
+            viewers: How the outputs are opened, by the name of the viewer.
+            changed: Files that were changed while they were read.
+        """
+        source, found, tally, drops = self.source, self.found, self._tally, self._drops.rows
+        motion_topics = source.motion.topics if source.motion else ()
+        used = {*tally.messages, *(drop.topic for drop in drops), *motion_topics, *source.copied}
+        absences = self._stats.attendance.absences(synchronized_topics(source.config, source.rig))
+        missing = missing_sensors(absences, source.rig, of_frames=self._stats.sets, start_ns=source.recording.start_ns)
+        return RunSummary(
+            inputs=InputSummary(
+                files=tuple(inputs),
+                changed=tuple(changed),
+                messages_used=dict(sorted(tally.messages.items())),
+                copied={topic: tally.copied[topic] for topic in sorted(source.copied)},
+                unused_topics=unused_topics(source.recording, used),
+                losses=source.recording.losses,
+            ),
+            frames=tally.frame_report(self._stats),
+            drops=tally.drop_report(drops),
+            sensors=SensorSummary(
+                rig=source.rig,
+                calibration=found.sources,
+                faults=found.faults,
+                missing=tuple(missing),
+                box_source=box_source(source.config, source.rig),
+                box_source_3d=engine_3d(source.config),
+                motion_topics=motion_topics,
+            ),
+            timing=TimingSummary(
+                stage_seconds=dict(self._graph.seconds),
+                wall_seconds=self._seconds,
+                frames_per_second=tally.frames / self._seconds if self._seconds else 0.0,
+            ),
+            settings=source.settings,
+            settings_sha256=settings_sha256(source.config),
+            notes=(*found.notes, *clock_notes(self._clocks, source.rig.sensor_of_topic)),
+            warnings=tuple(self._warnings(missing)),
+            outputs=tuple(outputs),
+            how_to_open=viewers or {},
+            road_users=tally.road_users.road_users,
+        )
+
+    def _warnings(self, missing: Sequence[MissingSensor]) -> Iterator[RunWarning]:
+        rig, clocks, tally = self.source.rig, self._clocks, self._tally
+        yield from jump_warnings(clocks.jumps, start_ns=self.source.recording.start_ns)
+        yield from silence_warnings(missing)
+        drops = {(drop.topic, drop.reason): drop.count for drop in self._drops.rows}
+        yield from (
+            clocks_off(clocks.delays_ns, missing, rig)
+            or late_warnings(drops, self._stats.received, rig)
+            or absence_warnings(missing)
+        )
+        yield from class_number_warnings(tally.unused_boxes, self.source.config, tally.unused_boxes3d)
+        for check in self._checks:
+            yield from check.warnings
+
+    def _count_early_drops(self) -> None:
+        """Messages that were found bad while the rig was sought; those of the motion are met again."""
+        motion_topics = self.source.motion.topics if self.source.motion else ()
+        for drop, count in self.found.transforms.drops:
+            if drop.topic not in motion_topics:
+                for _ in range(count):
+                    self._drops.add_bad(drop)
+
+
+def _share(recording: Recording, log_time_ns: int) -> float:
+    """How much of a recording was logged by then, 0 to 1."""
+    return (log_time_ns - recording.start_ns) / max(recording.end_ns - recording.start_ns, 1)
+
+
+def _memory_of(bundle: SensorBundle) -> int:
+    """About how many bytes the work on a frame holds."""
+    in_work = sum(
+        len(message.data) * (CLOUD_GROWTH if message.channel.msgtype in CLOUD else IMAGE_GROWTH)
+        for message in bundle.messages.values()
+    )
+    return in_work + sum(len(message.data) for message in bundle.copied)
+
+
+def _needed(bundle: SensorBundle, decoded: Collection[str]) -> SensorBundle:
+    """A bundle without the data that no stage reads: of messages that are not decoded, only the stamps stay."""
+    messages = {
+        topic: message._replace(data=memoryview(message.data) if topic in decoded else b"")
+        for topic, message in bundle.messages.items()
+    }
+    return replace(bundle, messages=messages, copied=(), truth=())
+
+
+def _tell(run: Run, inputs: InputFiles, observer: RunObserver) -> None:
+    """One more frame has passed the stages."""
+    progress = run.progress
+    inputs.read_up_to(_share(run.source.recording, progress.log_time_ns))
+    observer.advanced(progress)
+
+
+def _written(result: FrameResult, writer: ResultWriter) -> FrameResult:
+    not_copied = writer.write(result)
+    return replace(result, drops=result.drops + not_copied) if not_copied else result

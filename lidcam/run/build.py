@@ -1,0 +1,167 @@
+"""How a bundle becomes a result: the stages of a frame; `lidcam.run.frames` says where bundles come from."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.association import class_agreement
+from lidcam.pipeline.core.clouds import CombinedCloud, PointCloud
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Hypotheses, Matches
+from lidcam.pipeline.core.frame import Decoded, FrameResult, SensorBundle
+from lidcam.pipeline.core.messages import Drop
+from lidcam.pipeline.core.rig import CameraSensor, Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
+from lidcam.pipeline.detectors.cluster.kinds import knows
+from lidcam.pipeline.fusion.belief.visibility import find_visibility
+from lidcam.pipeline.fusion.cameras.placing import Placed
+from lidcam.pipeline.fusion.zones import select_by_zones
+from lidcam.pipeline.graph import Graph, Node
+from lidcam.pipeline.stages.associate import Associate
+from lidcam.pipeline.stages.believe import Believe
+from lidcam.pipeline.stages.classify import Classify
+from lidcam.pipeline.stages.combine import Combine
+from lidcam.pipeline.stages.fuse import Fuse
+from lidcam.pipeline.stages.odometry import FindOdometry
+from lidcam.pipeline.stages.place import Place
+from lidcam.pipeline.stages.propose import Propose, Proposed
+from lidcam.pipeline.stages.refine import Refine
+from lidcam.pipeline.stages.reshape import Reshape
+from lidcam.pipeline.stages.views import Views
+from lidcam.pipeline.tracking.ends import find_ends
+from lidcam.readers.streams.decoders import CloudDecoder, OnBadMessage
+from lidcam.run.box_sources import add_boxes2d, add_boxes3d, box_source, engine_3d, network_3d
+
+
+def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Graph[SensorBundle], Node[FrameResult]]:
+    """The stages from a bundle of undecoded messages to a frame's result.
+
+    Args:
+        config: Settings.
+        rig: The sensors.
+        on_bad: What to do with a message that cannot be decoded.
+
+    Raises:
+        ModelError: a network cannot be loaded.
+    """
+    graph, config = Graph(SensorBundle), decided(config, rig)
+    # What each sensor alone sees.
+    clouds = graph.add("decode clouds", CloudDecoder(rig, config, on_bad=on_bad), graph.frame)
+    combined = graph.add("combine", Combine(rig, config.combine), graph.frame, clouds)
+    recorded3d, lidar = add_boxes3d(graph, config, rig, combined, on_bad=on_bad)
+    camera_data, boxes2d, riders = add_boxes2d(graph, config, rig, on_bad=on_bad)
+    views = graph.add("views", Views(rig, config.combine.motion), graph.frame)
+    place = Place(rig, config.fuse, config.classes, ground_distance_m=config.combine.ground.distance_m)
+    placed = graph.add("place", place, combined, boxes2d, views)
+    # What may be an object.
+    associate = Associate(rig, config.associate, config.classes)
+    matches = graph.add("associate", associate, lidar, boxes2d, views)
+    fitter = BoxFitter(rig, config.classes, config.detect3d.cluster)
+    propose = Propose(rig, fitter, config.detect3d.cluster, config.classes)
+    proposed = graph.add("propose", propose, combined, lidar, matches, placed)
+    hypotheses = graph.add("associate all", partial(_hypotheses, associate), lidar, matches, proposed, boxes2d, views)
+    # Class, place and existence.
+    hypotheses = graph.add("classify", Classify(config.classes, riders), hypotheses, boxes2d)
+    hypotheses = graph.add("reshape", Reshape(fitter, config.detect3d, config.classes), combined, hypotheses, lidar)
+    hypotheses = graph.add("refine", Refine(rig, config.fuse), hypotheses, boxes2d, views)
+    look = partial(find_visibility, agreement=class_agreement(config.classes, riders))
+    visibility = graph.add("visibility", look, hypotheses, boxes2d, views, combined)
+    believe = Believe(
+        rig,
+        config.fuse,
+        config.classes,
+        config.combine.motion,
+        scores_are_probabilities=config.detect3d.scores_are_probabilities,
+        has_network=config.detect3d.has_network,
+    )
+    beliefs = graph.add("believe", believe, hypotheses, visibility, graph.frame, ordered=True)
+    fused = graph.add("fuse", Fuse(config.fuse, class_count=len(config.classes)), hypotheses, beliefs)
+    fused = graph.add("zones", partial(select_by_zones, zones=rig.zones), fused)
+    detections = graph.add("detections", _detections, lidar, boxes2d, placed, timed=False)
+    unused = graph.add("unused", _Unused.of, clouds, recorded3d, camera_data, timed=False)
+    inputs = combined, detections, views, hypotheses, beliefs, fused, unused
+    result = graph.add("collect", _collect, graph.frame, *inputs, timed=False)
+    if config.track.mode != "none" and config.track.odometry == "auto" and rig.lidars:
+        result = graph.add("odometry", partial(_with_odometry, FindOdometry(), rig.site_frame), result, ordered=True)
+    return graph, graph.add("ends", _with_ends, result) if config.track.mode == "offline" else result
+
+
+def decided(config: Config, rig: Rig) -> Config:
+    """The settings with `detect3d.method`, `detect3d.model` and `detect3d.score` decided.
+
+    Where cameras have a word, the belief was fitted to the geometric score of clusters; with the learned one more false
+    objects are left (docs/fusion.md).
+    """
+    changed: dict[str, str | Path | None] = {"method": engine_3d(config), "model": network_3d(config)}
+    if config.detect3d.score == "auto":
+        is_learned = config.detect3d.weights or (box_source(config, rig) == "none" and knows(config.classes))
+        changed["score"] = "learned" if is_learned else "geometric"
+    return config.model_copy(update={"detect3d": config.detect3d.model_copy(update=changed)})
+
+
+def _hypotheses(
+    associate: Associate,
+    lidar: Boxes3D,
+    matches: Mapping[str, Matches],
+    proposed: Proposed,
+    boxes2d: Mapping[str, Boxes2D],
+    views: Mapping[str, CameraSensor],
+) -> Hypotheses:
+    """All boxes with their matches, which are those of the lidars' boxes where there are no others."""
+    boxes = proposed.boxes
+    if boxes is not lidar:
+        matches = associate(boxes, boxes2d, views)
+    return Hypotheses(boxes, matches, len(lidar), proposed.left_out)
+
+
+def _detections(lidar: Boxes3D, boxes2d: Mapping[str, Boxes2D], placed: Placed) -> Detections:
+    return Detections(lidar, boxes2d, placed.boxes if boxes2d else None)
+
+
+def _with_ends(result: FrameResult) -> FrameResult:
+    return replace(result, ends=find_ends(result.fused, result.combined))
+
+
+class _Unused(NamedTuple):
+    """Messages and boxes that could not be used; apart from the decoded data, which need not leave its process."""
+
+    drops: tuple[Drop, ...]
+    boxes: Mapping[str, int]
+    boxes3d: Mapping[str, int]
+
+    @classmethod
+    def of(cls, clouds: Decoded[PointCloud], recorded3d: Decoded[Boxes3D], camera_data: Decoded[Any]) -> Self:
+        drops = clouds.drops + recorded3d.drops + camera_data.drops
+        return cls(drops, camera_data.unused_boxes, recorded3d.unused_boxes)
+
+
+def _collect(
+    bundle: SensorBundle,
+    combined: CombinedCloud,
+    detections: Detections,
+    views: Mapping[str, CameraSensor],
+    hypotheses: Hypotheses,
+    beliefs: F64,
+    fused: Fused,
+    unused: _Unused,
+) -> FrameResult:
+    return FrameResult(
+        bundle=bundle,
+        combined=combined,
+        detections=detections,
+        views=views,
+        hypotheses=hypotheses,
+        beliefs=beliefs,
+        fused=fused,
+        drops=unused.drops,
+        unused_boxes=unused.boxes,
+        unused_boxes3d=unused.boxes3d,
+    )
+
+
+def _with_odometry(find: FindOdometry, site_frame: str, result: FrameResult) -> FrameResult:
+    recorded = result.bundle.pose_of(site_frame)
+    return replace(result, odometry=find(result.combined, result.bundle.stamp_ns, recorded))

@@ -1,0 +1,128 @@
+"""Which settings a run takes: those that are given, else the preset that suits the recording."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal
+
+from lidcam.pipeline.core.settings.bundled import PRESETS
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.pipeline.core.text import brief
+from lidcam.readers.recording import Recording
+from lidcam.readers.rig.discovery import Discovery
+from lidcam.readers.rig.schema import RigFile
+from lidcam.readers.rig.search import zones_of
+from lidcam.run.scene import SceneSize, judge, measure_scene, scene_text
+
+DEFAULTS = "defaults"
+GIVEN = "as given"
+
+RIVALS = {"sandbox": "road", "road": "crossing", "crossing": "road"}
+"""The preset that most likely fits where the judgement is wrong."""
+
+
+@dataclass(frozen=True, slots=True)
+class SettingsChoice:
+    """Settings before the recording is seen.
+
+    Attributes:
+        config: Settings that the recording is opened with, and that hold where there is nothing to choose.
+        name: Where they come from: a preset, a file, `defaults` or `as given`.
+        by_preset: The settings of each preset, among which the recording decides; empty where it does not.
+    """
+
+    config: Config
+    name: str = GIVEN
+    by_preset: Mapping[str, Config] = field(default_factory=dict)
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, slots=True)
+class UsedSettings:
+    """The settings of a run, and why these.
+
+    Attributes:
+        name: A preset, a file, `defaults` or `as given`.
+        how: `given`; `judged` from the recording; `not judged`, because its first clouds have no points.
+        size: The size that was judged by; None without judgement.
+        moves: Whether the recording has odometry or tf of the site frame.
+    """
+
+    name: str
+    how: Literal["given", "judged", "not judged"]
+    size: SceneSize | None = None
+    moves: bool = False
+
+    def __str__(self) -> str:
+        if self.how == "not judged":
+            return f"{self.name}, for there is no cloud to judge by; --config {', '.join(PRESETS)} or FILE overrides"
+        if self.size is None:
+            return self.name
+        seen = scene_text(self.size, moves=self.moves)
+        return f"{self.name}, judged from {seen}; --config {RIVALS[self.name]} overrides"
+
+
+AS_GIVEN = UsedSettings(GIVEN, "given")
+
+
+def choose_settings(
+    config: Config | str | PathLike[str] | None,
+    settings: Mapping[str, object] | Sequence[str] = (),
+    more: Mapping[str, object] | None = None,
+) -> SettingsChoice:
+    """The settings that are given; without any, those among which the recording decides.
+
+    Args:
+        config: Settings, the name of a preset, or a YAML file; None leaves the choice to the recording.
+        settings: Single settings on top, whichever it chooses.
+        more: Single settings on top of these.
+
+    Raises:
+        ConfigError: as of `load_config`.
+    """
+
+    def loaded(base: Config | str | PathLike[str] | None) -> Config:
+        found = load_config(base, settings)
+        return load_config(found, more) if more else found
+
+    if config is not None:
+        return SettingsChoice(loaded(config), GIVEN if isinstance(config, Config) else Path(config).name)
+    return SettingsChoice(loaded(None), DEFAULTS, {name: loaded(name) for name in PRESETS})
+
+
+def use_settings(
+    choice: SettingsChoice, recording: Recording, found: Discovery, rig_file: RigFile | None, *, moves: bool
+) -> tuple[Config, UsedSettings, Discovery]:
+    """The settings of an open recording: as given, or judged from its first clouds.
+
+    Args:
+        choice: The given settings, or those to choose from.
+        recording: Its beginning is read where there is a choice, whatever part of it is processed.
+        found: Its sensors.
+        rig_file: Its zones come before those of the settings.
+        moves: Whether the site frame is known to move.
+
+    Returns:
+        The settings, why these, and the sensors with the zones.
+
+    Raises:
+        RecordingError: as of `measure_scene`.
+    """
+    config, used = choice.config, UsedSettings(choice.name, "given")
+    if choice.by_preset:
+        size = measure_scene(recording, found.rig, choice.config)
+        if size is None:
+            used = UsedSettings(choice.name, "not judged")
+        else:
+            preset = judge(size, moves=moves)
+            config, used = choice.by_preset[preset], UsedSettings(preset, "judged", size, moves)
+    return config, used, replace(found, rig=replace(found.rig, zones=zones_of(rig_file, config)))
+
+
+def used_record(used: UsedSettings) -> dict[str, Any]:
+    """The settings of a run for machines."""
+    size: dict[str, Any] = {"extent_m": None, "lidar_height_m": None} if used.size is None else asdict(used.size)
+    return {"name": used.name, "how": used.how, "moves": used.moves, **size}

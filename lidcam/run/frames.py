@@ -1,0 +1,287 @@
+"""How a recording becomes bundles, from top to bottom; `lidcam.run.build` says how a bundle becomes a result."""
+
+import itertools
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.messages import Drop, RawMessage
+from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.stages.sync.clocks import Clocks
+from lidcam.pipeline.stages.sync.synchronize import SyncStats, synchronize
+from lidcam.readers.recording import Recording
+from lidcam.readers.streams.copied import CopiedMessages
+from lidcam.readers.streams.motion import MotionBuffer, MotionSource
+from lidcam.readers.video.streams import VideoStreams, video_topics
+from lidcam.run.box_sources import box_source
+from lidcam.run.choice import AS_GIVEN, UsedSettings
+from lidcam.run.tally import DropTable
+
+NOT_EVERY = "of a frame that sync.every leaves out"
+"""Why messages are not used that nobody wants."""
+
+
+@dataclass(frozen=True, slots=True)
+class TimeWindow:
+    """Part of a recording, by log time: `start_ns` included, `stop_ns` not; None is open."""
+
+    start_ns: int | None = None
+    stop_ns: int | None = None
+
+
+def time_window(recording: Recording, start_s: float, duration_s: float | None) -> TimeWindow:
+    """The part of a recording that is to be processed.
+
+    Args:
+        recording: The recording.
+        start_s: Seconds to skip.
+        duration_s: Seconds to process; None: to the end.
+
+    Raises:
+        ConfigError: it starts after the end of the recording.
+    """
+    start_ns = recording.start_ns + round(start_s * 1e9)
+    if start_ns > recording.end_ns:
+        seconds = (recording.end_ns - recording.start_ns) / 1e9
+        raise ConfigError(f"start at {start_s:g} s: the recording is only {seconds:.3f} s long")
+    stop_ns = None if duration_s is None else start_ns + round(duration_s * 1e9)
+    return TimeWindow(start_ns if start_s else None, stop_ns)
+
+
+@dataclass(frozen=True, slots=True)
+class RunInput:
+    """The source of bundles.
+
+    Attributes:
+        recording: The open recording, one topic per sensor.
+        rig: Its sensors.
+        config: Settings.
+        motion: Where the motion of the site frame comes from; None if it stands still.
+        window: Part of the recording.
+        settings: Why these settings.
+        copied: Topics whose messages are handed on with the bundles, for an output that copies them.
+        drawn: Those of them that are drawn beside the results: boxes of the truth.
+        truth_frames: T_site_frame of the fixed frames in which they stand, beside those of the sensors.
+    """
+
+    recording: Recording
+    rig: Rig
+    config: Config
+    motion: MotionSource | None = None
+    window: TimeWindow = TimeWindow()
+    settings: UsedSettings = AS_GIVEN
+    copied: tuple[str, ...] = ()
+    drawn: tuple[str, ...] = ()
+    truth_frames: tuple[Transform, ...] = ()
+
+
+def sensor_clocks(rig: Rig, drops: DropTable) -> Clocks:
+    """The clocks of the rig's sensors; `drops` gets the messages whose stamps cannot be used."""
+    sensors: list[tuple[str, LidarSensor | CameraSensor]] = [(lidar.topic, lidar) for lidar in rig.lidars]
+    sensors += [(topic, camera) for camera in rig.cameras for topic in (camera.topic, camera.boxes_topic)]
+    offsets_ns = {detector.topic: 0 for detector in rig.detectors}
+    offsets_ns |= {topic: sensor.time_offset_ns for topic, sensor in sensors}
+    return Clocks(offsets_ns, on_drop=drops.add_defect, on_bad=drops.add_bad)
+
+
+def bundles(source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks) -> Iterator[SensorBundle]:
+    """The bundles of a recording, in order, with the motion of the site frame around each and the messages to copy.
+
+    Where time jumps back, synchronisation and motion begin anew: no bundle mixes both sides.
+
+    Args:
+        source: The recording and its sensors.
+        drops: Gets every message that no bundle takes.
+        stats: Gets the spread of the stamps in each bundle, and what is missing.
+        clocks: Of `sensor_clocks`; gets the jumps of time.
+
+    Raises:
+        RecordingError: reading fails.
+        MessageError: a message cannot be decoded, and `drops` does not skip bad ones.
+    """
+    config, recording, window = source.config, source.recording, source.window
+    if not source.copied:
+        yield from _bundles(source, drops, stats, clocks, _messages(source))
+        return
+    copied = CopiedMessages(
+        source.copied,
+        config.classes,
+        drawn=source.drawn,
+        limits=config.limits,
+        on_drop=drops.add,
+        on_bad=drops.add_bad,
+    )
+    if window.start_ns is not None:
+        copied.read_ahead(recording, window.start_ns)
+    messages = copied.tap(_messages(source), _used_topics(source))
+    yield from copied.handed_on(_bundles(source, drops, stats, clocks, messages), recording, window.stop_ns)
+
+
+def _used_topics(source: RunInput) -> frozenset[str]:
+    """Topics that bundles are made from."""
+    motion_topics = source.motion.topics if source.motion else ()
+    return frozenset((*synchronized_topics(source.config, source.rig), *motion_topics))
+
+
+def _messages(source: RunInput) -> Iterator[RawMessage]:
+    """The messages of the window, for the bundles and to be copied."""
+    topics, window = {*_used_topics(source), *source.copied}, source.window
+    return source.recording.messages(topics, start_ns=window.start_ns, stop_ns=window.stop_ns)
+
+
+def _bundles(
+    source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks, messages: Iterable[RawMessage]
+) -> Iterator[SensorBundle]:
+    recording, window = source.recording, source.window
+    motion = MotionBuffer(source.motion, limits=source.config.limits, on_drop=drops.add_bad)
+    topics = synchronized_topics(source.config, source.rig)
+    video = VideoStreams(video_topics(recording, topics), limits=source.config.limits)
+    if window.start_ns is not None:
+        motion.read_ahead(recording, window.start_ns)
+        video.look_back(recording, window.start_ns)
+
+    numbers = itertools.count()
+    for part in clocks.parts(video.decoded(messages)):
+        found = _every(_synchronized(motion.tap(part), source, drops, stats), source.config.sync.every, numbers, drops)
+        found = video.without_blanks(found, on_drop=drops.add, on_bad=drops.add_bad)
+        yield from found if source.motion is None else _with_motion(found, motion)
+        motion = MotionBuffer(source.motion, limits=source.config.limits, on_drop=drops.add_bad)
+
+
+def _synchronized(
+    messages: Iterable[RawMessage], source: RunInput, drops: DropTable, stats: SyncStats
+) -> Iterator[SensorBundle]:
+    config, rig = source.config, source.rig
+    return synchronize(
+        messages,
+        synchronized_topics(config, rig),
+        config.sync,
+        reference=reference_topic(config, rig),
+        required=required_topics(config, rig),
+        on_drop=drops.add,
+        stats=stats,
+        max_waiting_bytes=config.limits.max_waiting_bytes,
+    )
+
+
+def _every(
+    found: Iterable[SensorBundle], every: int, numbers: Iterator[int], drops: DropTable
+) -> Iterator[SensorBundle]:
+    """The first of `every` bundles; `numbers` goes on over all parts of a recording."""
+    for bundle in found:
+        number = next(numbers)
+        if number % every == 0:
+            yield replace(bundle, index=number // every)
+        else:
+            for message in bundle.messages.values():
+                drops.add(Drop(message.topic, message.stamp_ns, NOT_EVERY))
+
+
+def synchronized_topics(config: Config, rig: Rig) -> tuple[str, ...]:
+    """Topics that make up a bundle: lidars, 3D boxes, then images where they are used or copied, then 2D boxes."""
+    source = box_source(config, rig)
+    topics = [lidar.topic for lidar in rig.lidars] + [detector.topic for detector in rig.detectors]
+    if config.output.images or source == "onnx":
+        topics += [camera.topic for camera in rig.cameras if camera.topic]
+    if source == "recorded":
+        topics += [camera.boxes_topic for camera in rig.cameras if camera.boxes_topic]
+    return tuple(topics)
+
+
+def decoded_topics(config: Config, rig: Rig) -> frozenset[str]:
+    """Those of them whose messages are decoded; images may be there to be copied only."""
+    topics = {lidar.topic for lidar in rig.lidars} | {detector.topic for detector in rig.detectors}
+    source = box_source(config, rig)
+    if source == "onnx":
+        topics.update(camera.topic for camera in rig.cameras)
+    if source == "recorded":
+        topics.update(camera.boxes_topic for camera in rig.cameras)
+    return frozenset(topics)
+
+
+def expected_frames(source: RunInput) -> int:
+    """About how many bundles there will be: as many as there are messages of the reference topic in the window."""
+    recording, window = source.recording, source.window
+    topic = reference_topic(source.config, source.rig)
+    count = sum(info.message_count for info in recording.topics if info.topic == topic)
+    start_ns = recording.start_ns if window.start_ns is None else window.start_ns
+    stop_ns = recording.end_ns if window.stop_ns is None else min(window.stop_ns, recording.end_ns)
+    share = (stop_ns - start_ns) / max(recording.end_ns - recording.start_ns, 1)
+    return math.ceil(count * min(share, 1.0) / source.config.sync.every)
+
+
+def required_topics(config: Config, rig: Rig) -> tuple[str, ...] | None:
+    """Topics that a bundle needs while they are alive, in the order of `synchronized_topics`; None: all, as in ROS.
+
+    Raises:
+        ConfigError: a configured one is not among the synchronised topics.
+    """
+    required = config.sync.required
+    if required == "all":
+        return None
+    sensors = {sensor.topic for sensor in rig.lidars or rig.detectors}
+    wanted = sensors if required == "lidars" else {*required}
+    topics = synchronized_topics(config, rig)
+    if unknown := sorted(wanted - {*topics}):
+        raise ConfigError(f"sync.required: {', '.join(unknown)} is not among the topics in use: {', '.join(topics)}")
+    wanted |= {config.sync.reference}
+    return tuple(topic for topic in topics if topic in wanted)
+
+
+def reference_topic(config: Config, rig: Rig) -> str:
+    """The topic whose message gives a frame its stamp, while it is alive.
+
+    Raises:
+        ConfigError: the configured one, or a required one, is not among the synchronised topics.
+    """
+    topics, required = synchronized_topics(config, rig), required_topics(config, rig)
+    reference = config.sync.reference or (required or topics)[0]
+    if reference not in topics:
+        raise ConfigError(f"sync.reference: {reference!r} is not among the topics in use: {', '.join(topics)}")
+    return reference
+
+
+def no_frames(source: RunInput, drops: DropTable) -> str:
+    """Why a run has no frames, and what to try."""
+    config, rig = source.config, source.rig
+    topics, required = synchronized_topics(config, rig), required_topics(config, rig)
+    needed = topics if required is None else required or topics[:1]
+    paths = ", ".join(str(path) for path in source.recording.paths)
+    if source.window != TimeWindow() and not any(drops.count(topic) for topic in topics):
+        return (
+            f"{paths}: expected messages of {', '.join(needed)} in the part given by start and duration, found none in "
+            "it; take a longer part"
+        )
+    found = ", ".join(f"{topic} {drops.count(topic)}" for topic in topics)
+    every = "topic" if required is None else f"required topic ({', '.join(needed)})"
+    return (
+        f"{paths}: no moment has a message of every {every}; "
+        f"messages by topic: {found}; require fewer with --set sync.required=[{needed[0]}], or widen "
+        "sync.max_interval_s"
+    )
+
+
+def _with_motion(found: Iterator[SensorBundle], motion: MotionBuffer) -> Iterator[SensorBundle]:
+    """Bundles with the poses around their stamps.
+
+    A bundle is complete when its last message is read, which may be before the poses of its sweep are: it waits for the
+    next bundle and takes the poses known by then.
+    """
+    waiting: SensorBundle | None = None
+    for bundle in found:
+        if waiting is not None:
+            yield _with_later_poses(waiting, motion)
+        waiting = replace(bundle, motion=motion.window(bundle.stamp_ns))
+    if waiting is not None:
+        yield _with_later_poses(waiting, motion)
+
+
+def _with_later_poses(bundle: SensorBundle, motion: MotionBuffer) -> SensorBundle:
+    later = motion.window(bundle.stamp_ns)
+    if later is None or (bundle.motion is not None and later.stamps_ns[0] > bundle.motion.stamps_ns[0]):
+        return bundle  # a pause so long that the buffer no longer holds this bundle's time
+    return replace(bundle, motion=later)

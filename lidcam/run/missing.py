@@ -1,0 +1,142 @@
+"""Sensors whose messages are missing from frames: silent for a span of time, or in no frame at all."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+from lidcam.pipeline.core.rig import BOXES_SUFFIX, Rig
+from lidcam.pipeline.stages.sync.attendance import Absence
+from lidcam.run.warning import RunWarning
+
+MAX_SPANS_NAMED = 3
+"""Spans of silence in the text about one sensor."""
+
+MIN_FRAMES = 10
+"""In fewer frames than these a sensor of a lower rate may be missing by chance."""
+
+
+@dataclass(frozen=True, slots=True)
+class SilentSpan:
+    """A span without messages of one sensor.
+
+    Attributes:
+        start_s: When its last message was recorded, in seconds since the start of the recording; None: there was none.
+        end_s: When its next message was recorded; None: none came.
+        frames: Number of frames in the span.
+    """
+
+    start_s: float | None
+    end_s: float | None
+    frames: int
+
+    def __str__(self) -> str:
+        if self.start_s is None and self.end_s is None:
+            return "silent throughout"
+        if self.start_s is None:
+            return f"silent until {self.end_s:.1f} s"
+        return f"silent from {self.start_s:.1f} s to {'the end' if self.end_s is None else f'{self.end_s:.1f} s'}"
+
+
+@dataclass(frozen=True, slots=True)
+class MissingSensor:
+    """A sensor without which frames had to do.
+
+    Attributes:
+        sensor: Its name, or that of its boxes.
+        topic: Its topic.
+        frames: Number of frames without it.
+        of_frames: Number of all frames.
+        silences: Spans in which it sent nothing; their frames are among `frames`.
+    """
+
+    sensor: str
+    topic: str
+    frames: int
+    of_frames: int
+    silences: tuple[SilentSpan, ...]
+
+    @property
+    def alive_frames(self) -> int:
+        """Number of frames without it that were taken while it sent messages."""
+        return self.frames - sum(span.frames for span in self.silences)
+
+    @property
+    def spans(self) -> str:
+        """The spans of silence, in words; empty without any."""
+        more = len(self.silences) - MAX_SPANS_NAMED
+        named = ", ".join(map(str, self.silences[:MAX_SPANS_NAMED]))
+        return f"{named} and {more} times more" if more > 0 else named
+
+    def __str__(self) -> str:
+        single = f"in {self.alive_frames} of {self.of_frames} frames" if self.alive_frames else ""
+        return "; ".join(filter(None, (self.spans, single)))
+
+
+def missing_sensors(absences: Sequence[Absence], rig: Rig, *, of_frames: int, start_ns: int) -> list[MissingSensor]:
+    """The absences in so many frames by sensor; `start_ns` is the log time at which the recording starts."""
+
+    def seconds(log_time_ns: int | None) -> float | None:
+        return None if log_time_ns is None else (log_time_ns - start_ns) / 1e9
+
+    return [
+        MissingSensor(
+            rig.sensor_of_topic[absence.topic],
+            absence.topic,
+            absence.frames,
+            of_frames,
+            tuple(SilentSpan(seconds(s.start_ns), seconds(s.end_ns), s.frames) for s in absence.silences),
+        )
+        for absence in absences
+    ]
+
+
+def silence_warnings(missing: Sequence[MissingSensor]) -> list[RunWarning]:
+    """One for all sensors that were silent at the same time; recorded boxes are silent with their camera."""
+    silent = {sensor.sensor for sensor in missing if sensor.silences}
+    by_finding: dict[str, list[MissingSensor]] = {}
+    for sensor in missing:
+        if sensor.sensor in silent and sensor.sensor.removesuffix(BOXES_SUFFIX) not in silent - {sensor.sensor}:
+            frames = sum(span.frames for span in sensor.silences)
+            finding = f"{sensor.spans}; {frames} of {sensor.of_frames} frames lack"
+            by_finding.setdefault(finding, []).append(sensor)
+    return [_silence_warning(finding, sensors) for finding, sensors in by_finding.items()]
+
+
+def _silence_warning(finding: str, sensors: Sequence[MissingSensor]) -> RunWarning:
+    if len(sensors) == 1:
+        (sensor,) = sensors
+        remedy = f"check the sensor, its driver and the recording of {sensor.topic}"
+        return RunWarning(sensor.sensor, f"{finding} it", remedy)
+    names = ", ".join(sensor.sensor for sensor in sensors)
+    return RunWarning(names, f"{finding} them", "check what they share: power, network, driver, or the recorder")
+
+
+def absent_sensors(missing: Sequence[MissingSensor]) -> list[MissingSensor]:
+    """Sensors that sent messages, none of which is in a frame, though there were frames enough.
+
+    A camera's boxes are named only without it.
+    """
+    absent = never_used(missing)
+    names = {sensor.sensor for sensor in absent}
+    return [sensor for sensor in absent if sensor.of_frames >= MIN_FRAMES and not with_camera(sensor.sensor, names)]
+
+
+def absence_warnings(missing: Sequence[MissingSensor]) -> list[RunWarning]:
+    """One for each sensor that sent messages, none of which is in a frame."""
+    return [
+        RunWarning(
+            sensor.sensor,
+            f"none of the {sensor.of_frames} frames has a message of it, though it was recorded",
+            "compare its stamps with those of the others, and see sync.slop_s and sync.max_interval_s",
+        )
+        for sensor in absent_sensors(missing)
+    ]
+
+
+def never_used(missing: Sequence[MissingSensor]) -> list[MissingSensor]:
+    """Sensors that sent messages, none of which is in a frame."""
+    return [sensor for sensor in missing if sensor.alive_frames and sensor.frames == sensor.of_frames]
+
+
+def with_camera(name: str, names: Collection[str]) -> bool:
+    """Whether a name is that of a camera's boxes, and the camera is named, too."""
+    return name.endswith(BOXES_SUFFIX) and name.removesuffix(BOXES_SUFFIX) in names

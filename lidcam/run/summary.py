@@ -1,0 +1,314 @@
+"""The report of a run: what it read, made, dropped and found, in groups."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.text import brief
+from lidcam.pipeline.evaluation.road_users import RoadUsers
+from lidcam.readers.input_file import InputFile
+from lidcam.readers.location import RemotePath
+from lidcam.readers.messages.tf import TF_TYPES
+from lidcam.readers.recording import Loss, Recording
+from lidcam.readers.rig.calibration import SensorSource
+from lidcam.readers.rig.sensor_topics import CAMERA_INFO, SensorFault
+from lidcam.run.box_sources import BoxSource
+from lidcam.run.choice import UsedSettings
+from lidcam.run.incomplete import absent_lines, changed_lines, damage_lines, left_out_lines
+from lidcam.run.missing import MissingSensor
+from lidcam.run.warning import RunWarning
+
+
+@dataclass(frozen=True, slots=True)
+class DropCount:
+    """How many messages of one topic, or parts of them, were dropped for one reason.
+
+    Attributes:
+        topic: Their topic.
+        reason: Why.
+        count: How many.
+        example: The finding in the first of them; may be empty.
+        unit: Whether whole messages were dropped, or parts of messages that were used.
+        is_defect: Whether the messages are at fault: they cannot be decoded, or their stamps are no times. The others
+            were sound and not needed.
+    """
+
+    topic: str
+    reason: str
+    count: int
+    example: str
+    unit: Literal["messages", "parts"] = "messages"
+    is_defect: bool = False
+
+    @property
+    def amount(self) -> str:
+        """How many of what."""
+        return f"{self.count} {self.unit if self.count != 1 else self.unit.removesuffix('s')}"
+
+
+@dataclass(frozen=True, slots=True)
+class UnusedTopic:
+    """A topic with messages that a run did not use: neither as data, nor as motion, nor as calibration.
+
+    Attributes:
+        topic: Its name.
+        message_count: Number of its messages.
+        problem: Why it cannot be read; empty if it can.
+    """
+
+    topic: str
+    message_count: int
+    problem: str
+
+
+def unused_topics(recording: Recording, used: Collection[str]) -> tuple[UnusedTopic, ...]:
+    """The topics with messages that were not used, calibration and transforms aside."""
+    return tuple(
+        UnusedTopic(info.topic, info.message_count, info.unreadable)
+        for info in recording.topics
+        if info.message_count and info.topic not in used and info.msgtype not in CAMERA_INFO | TF_TYPES
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class InputSummary:
+    """The files and messages that were read, and how many were used.
+
+    Attributes:
+        files: The files that were read.
+        changed: Files that were changed while they were read, those that the settings name among them.
+        messages_used: Number of messages used, by topic.
+        copied: Number of messages copied to the output, by topic.
+        unused_topics: Topics with messages that the run did not look at.
+        losses: Damaged parts of the files.
+    """
+
+    files: tuple[InputFile, ...]
+    changed: tuple[str, ...]
+    messages_used: Mapping[str, int]
+    copied: Mapping[str, int]
+    unused_topics: tuple[UnusedTopic, ...]
+    losses: tuple[Loss, ...]
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, slots=True)
+class FrameSummary:
+    """Counts over the frames.
+
+    Attributes:
+        count: Number of frames.
+        objects: Number of fused objects by (class name, zone name); the latter is empty where there are no zones.
+        sources: Number of fused objects by what their geometry comes from: `lidar`, `camera`, `both`, with
+            tracks also `predicted`.
+        confirmed: Number of fused objects that at least one camera confirms.
+        without_boxes: Number of frames for which no camera sent an image or boxes.
+        without_boxes3d: Number of frames for which no recorded 3D detector sent boxes; 0 where none is used.
+        compensated: Number of frames with a cloud that was moved to the frame's time.
+        odometry: Number of frames whose pose, for tracks, comes from the clouds or is corrected by them; 0 of a rig
+            that stands still.
+        odometry_predicted: Number of those in which the cloud could not be registered.
+        points: Lidar points by step of the combination, summed over the frames.
+        skew_mean_ms: Mean spread of the stamps in a bundle.
+        skew_max_ms: Largest spread.
+    """
+
+    count: int
+    objects: Mapping[tuple[str, str], int]
+    sources: Mapping[str, int]
+    confirmed: int
+    without_boxes: int
+    without_boxes3d: int
+    compensated: int
+    odometry: int
+    odometry_predicted: int
+    points: Mapping[str, int]
+    skew_mean_ms: float
+    skew_max_ms: float
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, slots=True)
+class DropSummary:
+    """Counts of what was not used or not reported, by reason.
+
+    Attributes:
+        messages: Messages, and parts of messages, by topic and reason.
+        boxes: Recorded 2D boxes that could not be used.
+        boxes3d: Recorded 3D boxes that could not be used.
+        boxes_without_object: 2D boxes without a 3D box that propose no object.
+        objects: Fused objects that are not reported.
+    """
+
+    messages: tuple[DropCount, ...]
+    boxes: Mapping[str, int]
+    boxes3d: Mapping[str, int]
+    boxes_without_object: Mapping[str, int]
+    objects: Mapping[str, int]
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, slots=True)
+class SensorSummary:
+    """The sensors, and where boxes and motion came from.
+
+    Attributes:
+        rig: The sensors, with their calibration and the zones.
+        calibration: Where the calibration of each sensor was found.
+        faults: Sensors that were left out, and why.
+        missing: Sensors without which frames had to do.
+        box_source: Where 2D boxes came from.
+        box_source_3d: Where the lidars' 3D boxes came from: a name of `ENGINES`.
+        motion_topics: Where the motion of the site frame came from; empty where it stands still.
+    """
+
+    rig: Rig
+    calibration: tuple[SensorSource, ...]
+    faults: tuple[SensorFault, ...]
+    missing: tuple[MissingSensor, ...]
+    box_source: BoxSource
+    box_source_3d: str
+    motion_topics: tuple[str, ...]
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, slots=True)
+class TimingSummary:
+    """Times of a run; of one that was read back from its result nothing is known: no stages, and NaN.
+
+    Attributes:
+        stage_seconds: Time spent per stage, summed over the frames and over all processes that shared them.
+        wall_seconds: For loading the stages, and from the first message to the last result.
+        frames_per_second: Frames by wall time.
+    """
+
+    stage_seconds: Mapping[str, float]
+    wall_seconds: float
+    frames_per_second: float
+
+
+@dataclass(frozen=True, slots=True)
+class RunSummary:
+    """Report of a run. Holds no open file: it can be pickled and sent between processes.
+
+    Attributes:
+        inputs: Files and messages.
+        frames: Counts over the frames.
+        drops: Messages, boxes and objects that were not used.
+        sensors: The sensors.
+        timing: Times.
+        settings: Which settings were used, and why these.
+        settings_sha256: Checksum of all of them that affect the result.
+        notes: Remarks on topics and sensors.
+        warnings: Reasons to doubt the result.
+        outputs: Files that were written, those that were sent to a server left out.
+        how_to_open: How the outputs are opened, by the name of the viewer.
+        road_users: Who was there, each track once; None where nothing is tracked.
+        sent: Where the others are.
+    """
+
+    inputs: InputSummary
+    frames: FrameSummary
+    drops: DropSummary
+    sensors: SensorSummary
+    timing: TimingSummary
+    settings: UsedSettings
+    settings_sha256: str
+    notes: tuple[str, ...]
+    warnings: tuple[RunWarning, ...]
+    outputs: tuple[Path, ...]
+    how_to_open: Mapping[str, str]
+    road_users: RoadUsers | None = None
+    sent: tuple[RemotePath, ...] = ()
+
+    __repr__ = brief
+
+    @property
+    def incomplete(self) -> tuple[str, ...]:
+        """Reasons why part of the recording could not be used, one short line each; empty if nothing is missing.
+
+        Sensors that were left out or are in no frame, messages that are at fault, messages lost to damage. Drops of
+        synchronisation and pauses of a sensor are not among them. A file that was changed while it was read is.
+        """
+        defects = (drop for drop in self.drops.messages if drop.is_defect)
+        return (
+            *left_out_lines(self.sensors.faults),
+            *absent_lines(self.sensors.missing),
+            *(f"{drop.topic}: {drop.amount} dropped: {drop.reason}" for drop in defects),
+            *damage_lines(self.inputs.losses),
+            *changed_lines(self.inputs.changed),
+        )
+
+
+def loss_records(losses: Sequence[Loss]) -> list[dict[str, Any]]:
+    """Damaged parts for machines: `file`, `position` and `size` in bytes, `messages`, `reason`; None is unknown."""
+    return [
+        {
+            "file": str(loss.path),
+            "position": loss.position,
+            "size": loss.size,
+            "messages": loss.messages,
+            "reason": loss.reason,
+        }
+        for loss in losses
+    ]
+
+
+def summary_tree(report: RunSummary) -> dict[str, Any]:
+    """The report of a run as plain values, for JSON, without what `lidcam.cli.envelope` puts around it."""
+    inputs, frames, drops, sensors, timing = report.inputs, report.frames, report.drops, report.sensors, report.timing
+    return {
+        "frames": frames.count,
+        "sync": {"skew_mean_ms": frames.skew_mean_ms, "skew_max_ms": frames.skew_max_ms},
+        "timing": {
+            "wall_s": timing.wall_seconds,
+            "frames_per_second": timing.frames_per_second,
+            "stage_ms": {name: 1e3 * spent / frames.count for name, spent in timing.stage_seconds.items()},
+        },
+        "box_source": sensors.box_source,
+        "box_source_3d": sensors.box_source_3d,
+        "boxes3d_topics": [detector.topic for detector in sensors.rig.detectors],
+        "motion": {
+            "topics": list(sensors.motion_topics),
+            "compensated_frames": frames.compensated,
+            "frames_from_clouds": frames.odometry,
+            "frames_predicted": frames.odometry_predicted,
+        },
+        "road_users": _road_users_tree(report.road_users),
+        "objects": [{"class": c, "zone": z or None, "count": count} for (c, z), count in frames.objects.items()],
+        "object_sources": dict(frames.sources),
+        "confirmed": frames.confirmed,
+        "frames_without_boxes": frames.without_boxes,
+        "frames_without_boxes3d": frames.without_boxes3d,
+        "points": dict(frames.points),
+        "messages_used": dict(inputs.messages_used),
+        "copied": dict(inputs.copied),
+        "drops": [asdict(drop) for drop in drops.messages],
+        "missing": [asdict(sensor) for sensor in sensors.missing],
+        "losses": loss_records(inputs.losses),
+        "unused_topics": {topic.topic: topic.message_count for topic in inputs.unused_topics},
+        "unused_boxes": dict(drops.boxes),
+        "unused_boxes3d": dict(drops.boxes3d),
+        "boxes_without_object": dict(drops.boxes_without_object),
+        "objects_left_out": dict(drops.objects),
+        "faults": [asdict(fault) for fault in sensors.faults],
+        "outputs": [str(place) for place in (*report.outputs, *report.sent)],
+    }
+
+
+def _road_users_tree(users: RoadUsers | None) -> dict[str, Any] | None:
+    """`counts` by class and zone (null: all of the site), `changes` from zone to zone."""
+    if users is None:
+        return None
+    counts = [asdict(one) | {"zone": one.zone or None} for one in users.counts]
+    changes = [asdict(one) for one in users.changes]
+    return {
+        name: [{"class": row.pop("class_name"), **row} for row in rows]
+        for name, rows in (("counts", counts), ("changes", changes))
+    }

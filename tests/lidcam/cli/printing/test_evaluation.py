@@ -1,0 +1,200 @@
+"""What is printed of an evaluation."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from io import StringIO
+from typing import Any
+
+import numpy as np
+import pytest
+from evaluation_frames import frame_of, rows_at, source_boxes, truth_boxes
+
+from lidcam.cli.printing.evaluation import print_evaluation
+from lidcam.cli.printing.terminal import console
+from lidcam.evaluation.evaluation import Evaluation, Truth
+from lidcam.evaluation.evaluators import evaluators_of, measure
+from lidcam.evaluation.figures import NamedFigures
+from lidcam.evaluation.requirement import read_requirements
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Motion
+from lidcam.readers.input_file import InputFile
+from lidcam.run.warning import RunWarning
+
+RIG = Rig("site", (), (), ())
+CAR_AT, VAN_AT = (5.0, 0.0), (20.0, 5.0)
+Place = tuple[float, float]
+
+
+def frames(
+    *, lidar: Sequence[Place], fused: Sequence[Place], truth: Sequence[Place] | None, count: int = 20, ids: bool = False
+) -> list[EvaluationFrame]:
+    """The same places in every frame: the first of them a car, the others of the second class."""
+
+    def classes(places: Sequence[Place]) -> list[int]:
+        return [int(place != CAR_AT) for place in places]
+
+    def found(places: Sequence[Place]) -> Any:
+        tracks = list(range(len(places))) if ids else None
+        return source_boxes(rows_at(places), tracks, class_ids=classes(places))
+
+    return [
+        frame_of(
+            k,
+            None if truth is None else truth_boxes(rows_at(truth), range(len(truth)), class_ids=classes(truth)),
+            {"lidar": found(lidar), "fused": found(fused)},
+        )
+        for k in range(count)
+    ]
+
+
+def printed(
+    measured: list[EvaluationFrame], *, requirements: Sequence[str] = (), warnings: Sequence[str] = (), **evaluate: Any
+) -> str:
+    config = Config.model_validate({"evaluate": {"bootstrap": 100, **evaluate}})
+    figures = NamedFigures(measure(measured, evaluators_of(config, RIG)))
+    has_truth = any(frame.truth is not None for frame in measured)
+    evaluation = Evaluation(
+        figures,
+        (InputFile("a/out.mcap", "out.mcap", 1, "0" * 64),),
+        "defaults",
+        "0" * 64,
+        Truth(("/truth of out.mcap",), ()) if has_truth else None,
+        tuple(requirement.check(figures) for requirement in read_requirements(requirements)),
+        tuple(RunWarning("fused", warning, "try this") for warning in warnings),
+        ("a note",),
+    )
+    out = console()
+    with StringIO() as text:
+        out.file = text
+        print_evaluation(out, evaluation)
+        return text.getvalue()
+
+
+def test_one_class_is_not_said_twice() -> None:
+    text = printed(frames(lidar=[], fused=[CAR_AT], truth=[CAR_AT]))
+    assert "20 of 20 frames have truth, from /truth of out.mcap; 20 true objects count\n" in text
+    assert "\ncar    lidar      20      0    0.00      -   0.00    0.00   0.00  0.00\n" in text
+    assert "\n       fused      20     20    1.00   1.00   0.00    1.00   1.00  1.00\n" in text
+    assert "\nall " not in text
+    assert "\npedestrian" not in text
+    assert "\nnote: a note\n" in text
+
+
+OVER = "lidar alone, seen from above"
+SHORT = "; the recording is too short to say how sure that is."
+
+
+@pytest.mark.parametrize(
+    ("lidar", "fused", "count", "told"),
+    [
+        ([], [CAR_AT], 20, f"Fusion adds 1.00 AP over {OVER}{SHORT}"),
+        ([CAR_AT], [], 20, f"Fusion takes away 1.00 AP from {OVER}{SHORT}"),
+        ([CAR_AT], [CAR_AT], 20, f"Fusion adds 0.00 AP over {OVER}{SHORT}"),
+        ([], [CAR_AT], 60, f"Fusion adds 1.00 AP (+1.00 to +1.00) over {OVER}."),
+        ([CAR_AT], [], 60, f"Fusion takes away 1.00 AP (-1.00 to -1.00) from {OVER}."),
+        (
+            [CAR_AT],
+            [CAR_AT],
+            60,
+            f"Fusion neither adds nor takes away AP for sure: +0.00 (+0.00 to +0.00) over {OVER}.",
+        ),
+    ],
+)
+def test_the_headline(lidar: list[Place], fused: list[Place], count: int, told: str) -> None:
+    text = printed(frames(lidar=lidar, fused=fused, truth=[CAR_AT], count=count))
+    assert text.splitlines()[2] == told
+    assert ("There is no interval: a recording of 2 s" in text) == (count == 20)
+    assert ("The interval is too narrow: a recording of 6 s" in text) == (count == 60)
+
+
+@pytest.mark.parametrize(
+    ("fused", "told"),
+    [
+        ([CAR_AT, VAN_AT], "fused finds 50 % of the true objects; 50 % of its boxes are right."),
+        ([], "fused finds 0 % of the true objects; it reports no box."),
+    ],
+)
+def test_how_much_is_found_comes_first(fused: list[Place], told: str) -> None:
+    text = printed(frames(lidar=[CAR_AT], fused=fused, truth=[CAR_AT, (60.0, 0.0)]))
+    assert text.splitlines()[1] == told
+
+
+def test_headings_that_are_flipped_are_told_from_axes() -> None:
+    found = frames(lidar=[CAR_AT], fused=[CAR_AT], truth=[CAR_AT])
+    turned = [
+        replace(
+            frame,
+            sources={
+                name: replace(source, boxes=replace(source.boxes, yaws=source.boxes.yaws + np.float32(np.deg2rad(175))))
+                for name, source in frame.sources.items()
+            },
+        )
+        for frame in found
+    ]
+    text = printed(turned)
+    assert "\nclass  source  position   95 %  heading  flips  axis  length  width   ECE\n" in text
+    assert "\n       fused      0.000  0.000    175.0  100 %   5.0   +0.00  +0.00" in text
+
+
+def test_without_truth() -> None:
+    text = printed(frames(lidar=[CAR_AT], fused=[CAR_AT], truth=None))
+    assert text.startswith("out.mcap: 20 frames, without truth: what needs it is not measured\n")
+    assert "detection" not in text
+    assert "Fusion" not in text
+    assert "without truth: chains of one object\n" in text
+    assert "\nfused             1.0       1" in text
+
+
+def test_nothing_found_and_nothing_there() -> None:
+    text = printed(frames(lidar=[], fused=[], truth=[]))
+    assert "\nFusion" not in text
+    assert "gain by fusion" not in text
+
+
+def test_tracks_are_printed_where_there_are_ids() -> None:
+    assert "\ntracks\n" not in printed(frames(lidar=[CAR_AT], fused=[CAR_AT], truth=[CAR_AT]))
+    text = printed(frames(lidar=[CAR_AT], fused=[CAR_AT], truth=[CAR_AT], ids=True))
+    assert "\ntracks\nclass  source  HOTA  DetA  AssA  MOTA  IDF1  switches  fragments  flips\n" in text
+    assert "\ncar    lidar   1.00  1.00  1.00  1.00  1.00         0          0      0\n" in text
+
+
+def test_motion_and_trust_of_tracks() -> None:
+    """The fused car stands and is said to creep at 0.5 m/s; a false track lasts 1.9 s."""
+    found = frames(lidar=[CAR_AT], fused=[CAR_AT, (60.0, 0.0)], truth=[CAR_AT], ids=True)
+    told = []
+    for k, frame in enumerate(found):
+        fused = frame.sources["fused"]
+        motion = Motion(np.array([[0.3, 0.4], [0.0, 0.0]]), np.zeros(2), np.array([k == 3, False]))
+        told.append(replace(frame, sources={**frame.sources, "fused": replace(fused, motion=motion)}))
+    text = printed(told)
+    assert (
+        "\nmotion and trust of tracks (m/s, degrees/s)\n"
+        "class       source  speed  yaw/s  flips  NEES  in 95 %  pred.  false  lasting\n"
+        "car         lidar       -      -      -   0.0    100 %      -      0        -\n"
+        "            fused    0.50    0.0      -   0.0    100 %  100 %      0        -\n"
+        "pedestrian  lidar       -      -      -     -        -      -      0        -\n"
+        "            fused       -      -      -     -        -      -      1      1.9\n"
+        "all         lidar       -      -      -   0.0    100 %      -      0        -\n"
+        "            fused    0.50    0.0      -   0.0    100 %  100 %      1      1.9\n"
+    ) in text
+
+
+def test_other_settings_have_other_names() -> None:
+    text = printed(frames(lidar=[CAR_AT], fused=[CAR_AT], truth=[CAR_AT]), iou=[0.25, 0.75], distances="nuscenes")
+    assert "at an IoU of 75 %, 40 recalls" in text
+    assert "as nuScenes has it." in text
+
+
+def test_requirements_and_warnings_come_last() -> None:
+    found = frames(lidar=[CAR_AT], fused=[CAR_AT], truth=[CAR_AT])
+    required = ["fused.car.recall > 0.5", "frames > 100", "fused.bus.recall > 0"]
+    lines = printed(found, requirements=required, warnings=["something"]).splitlines()
+    at = lines.index("required")
+    assert lines[at + 2 :] == [
+        "fused.car.recall     > 0.5      1  met",
+        "frames               > 100     20  not met",
+        "fused.bus.recall       > 0      -  not met",
+        "note: a note",
+        "warning: fused: something; try this",
+    ]

@@ -1,0 +1,83 @@
+"""Progress on terminals and elsewhere."""
+
+import io
+import logging
+
+import pytest
+from rich.console import Console
+
+from lidcam.cli.printing.log import progress_log
+from lidcam.cli.printing.progress import show_compiling, show_progress, show_training
+
+FACTS = "12 frames, 3.0 a second"
+
+
+class Clock:
+    """Wall time that stands still unless it is moved."""
+
+    now_s = 100.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+@pytest.fixture(autouse=True)
+def log(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, progress_log.name)
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_there_is_a_bar_on_terminals_only(is_terminal: bool) -> None:
+    text = io.StringIO()
+    with show_progress(4.0, err=Console(file=text, force_terminal=is_terminal, width=80)) as advance:
+        advance(2.5, FACTS)
+    assert ("2.5 of 4.0 s" in text.getvalue()) == is_terminal
+    assert (FACTS in text.getvalue()) == is_terminal
+
+
+def test_there_is_none_where_the_user_wants_quiet(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.ERROR, progress_log.name)
+    text, clock = io.StringIO(), Clock()
+    with show_progress(4.0, err=Console(file=text, force_terminal=True, width=80), clock=clock) as advance:
+        clock.now_s += 60
+        advance(2.5, FACTS)
+    assert text.getvalue() == ""
+    assert caplog.messages == []
+    with show_progress(4.0, err=Console(file=text, force_terminal=True, width=80), whatever_is_logged=True) as advance:
+        advance(2.5, FACTS)
+    assert FACTS in text.getvalue()
+
+
+def test_a_line_every_ten_seconds(caplog: pytest.LogCaptureFixture) -> None:
+    clock = Clock()
+    with show_progress(30.0, err=Console(file=io.StringIO()), clock=clock) as advance:
+        for second in range(26):
+            clock.now_s = 100.0 + second
+            advance(float(second), FACTS if second < 15 else "")
+    assert caplog.messages == [f"10.0 of 30.0 s, {FACTS}", "20.0 of 30.0 s"]
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_what_is_compiled_is_counted(caplog: pytest.LogCaptureFixture, is_terminal: bool) -> None:
+    text, clock = io.StringIO(), Clock()
+    with show_compiling(err=Console(file=text, force_terminal=is_terminal, width=80), clock=clock) as compiled:
+        assert text.getvalue() == ""  # nothing as long as nothing is compiled
+        compiled(1, 9)
+        for _ in range(2):  # two processes that compile the same function count it twice
+            clock.now_s += 11
+            compiled(3, 9)
+    assert ("compiling: 3 of 9" in text.getvalue()) == is_terminal
+    assert caplog.messages == ["compiling: 3 of 9"]
+
+
+def test_the_time_left_of_a_training_that_goes_on(caplog: pytest.LogCaptureFixture) -> None:
+    clock = Clock()
+    with show_training(err=Console(file=io.StringIO()), clock=clock) as told:
+        for share in (0.5, 0.51, 0.6):
+            clock.now_s += 60
+            told(share, "step 1")
+    assert caplog.messages == [
+        "training: 50%, step 1",
+        "training: 51%, about 49 min left, step 1",
+        "training: 60%, about 8 min left, step 1",
+    ]

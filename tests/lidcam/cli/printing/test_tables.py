@@ -1,0 +1,149 @@
+from io import StringIO
+
+import pytest
+from rich.console import Console, RenderableType
+
+from lidcam.cli.printing.folding import show_table
+from lidcam.cli.printing.numbers import number, percent, share, signed
+from lidcam.cli.printing.tables import (
+    changes_table,
+    missing_table,
+    objects_table,
+    road_users_table,
+    sensors_table,
+    stages_table,
+)
+from lidcam.pipeline.evaluation.road_users import RoadUserCount, RoadUsers, ZoneChange
+from lidcam.readers.rig.calibration import SensorSource
+from lidcam.run.missing import MissingSensor, SilentSpan
+
+OBJECTS = {("car", "north"): 6, ("car", "outside"): 1, ("bus", "south"): 3}
+
+
+def text(table: RenderableType) -> list[str]:
+    with StringIO() as out:
+        Console(file=out, width=200).print(table)
+        return [line.rstrip() for line in out.getvalue().splitlines()]
+
+
+def test_objects_by_zone() -> None:
+    assert text(objects_table(OBJECTS, ["north", "south"], 4)) == [
+        "class  north  south  outside  all  a frame",
+        "bus        0      3        0    3      0.8",
+        "car        6      0        1    7      1.8",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("objects", "zones", "frames", "row"),
+    [
+        ({("car", ""): 3}, [], 1, ["car", "3", "3.0"]),
+        ({("car", ""): 3}, [], 20, ["car", "3", "0.1"]),
+        ({("car", ""): 3}, [], 0, ["car", "3", "3.0"]),
+        ({}, [], 5, ["none", "0", "0.0"]),
+        ({}, ["a"], 5, ["none", "0", "0", "0", "0.0"]),
+    ],
+)
+def test_few_objects(objects: dict[tuple[str, str], int], zones: list[str], frames: int, row: list[str]) -> None:
+    header, found = text(objects_table(objects, zones, frames))
+    assert header.split() == ["class", *zones, *["outside"] * bool(zones), "all", "a", "frame"]
+    assert found.split() == row
+
+
+USERS = RoadUsers(
+    (
+        RoadUserCount("car", "north", 12, 8.25, 13.94),
+        RoadUserCount("car", "outside", 1, 0.0, 0.04),
+        RoadUserCount("car", "", 12, 8.0, 13.94),
+        RoadUserCount("pedestrian", "", 3, 1.31, 2.0),
+    ),
+    (ZoneChange("car", "north", "south", 7, 9.06),),
+)
+
+
+def test_road_users_by_zone() -> None:
+    assert text(road_users_table(USERS, ["north", "south"])) == [
+        "road users",
+        "class       zone     number  mean m/s  max m/s",
+        "car         north        12       8.2     13.9",
+        "            outside       1       0.0      0.0",
+        "            all          12       8.0     13.9",
+        "pedestrian  all           3       1.3      2.0",
+    ]
+    assert text(changes_table(USERS.changes)) == [
+        "road users from zone to zone",
+        "class  from   to     number  mean m/s",
+        "car    north  south       7       9.1",
+    ]
+
+
+def test_road_users_without_zones() -> None:
+    users = RoadUsers(USERS.counts[2:], ())
+    assert text(road_users_table(users, []))[1:] == [
+        "class       number  mean m/s  max m/s",
+        "car             12       8.0     13.9",
+        "pedestrian       3       1.3      2.0",
+    ]
+    for zones in ([], ["north"]):
+        assert text(road_users_table(RoadUsers((), ()), zones))[2].split() == ["none", "0"]
+
+
+@pytest.mark.parametrize("zone", ["a", "roundabout_entry_north_east", "the crossing of the two main roads"])
+def test_road_users_fit_a_terminal(zone: str) -> None:
+    counts = tuple(RoadUserCount("motorcyclist", name, 123_456, 12.3, 45.6) for name in (zone, "outside", ""))
+    changes = (ZoneChange("motorcyclist", zone, zone, 123_456, 12.3),)
+    out = Console(file=StringIO(), width=80, force_terminal=True, color_system=None)
+    show_table(out, road_users_table(RoadUsers(counts, changes), [zone]))
+    show_table(out, changes_table(changes))
+    assert isinstance(out.file, StringIO)
+    lines = out.file.getvalue().splitlines()
+    assert max(map(len, lines)) <= 80
+    assert sum("123456" in line for line in lines) == 4
+
+
+def test_sensors_with_a_time_offset_have_a_column_of_it() -> None:
+    lidar = SensorSource("top", "/points", "velodyne", "", "rig file")
+    camera = SensorSource("cam", "/image", "cam", "rig file", "rig file", -35.5)
+    assert "time offset" not in text(sensors_table([lidar]))[1]
+    _, header, *rows = text(sensors_table([lidar, camera]))
+    assert header.endswith("time offset")
+    assert [row.endswith("-35.5 ms") for row in rows] == [False, True]
+
+
+def test_missing_sensors() -> None:
+    """A camera and its boxes are one row if they agree."""
+    silent = MissingSensor("cam11", "/image_11", 20, 30, (SilentSpan(1.0, None, 20),))
+    names = {"a": 7, "b": 7, "a (boxes)": 7, "b (boxes)": 9, "c (boxes)": 7}
+    slow = [MissingSensor(name, f"/{name}", frames, 30, ()) for name, frames in names.items()]
+    assert text(missing_table([silent, *slow])) == [
+        "missing from frames",
+        "sensor           frames  when",
+        "cam11                20  silent from 1.0 s to the end",
+        "a and its boxes       7  in 7 of 30 frames",
+        "b                     7  in 7 of 30 frames",
+        "b (boxes)             9  in 9 of 30 frames",
+        "c (boxes)             7  in 7 of 30 frames",
+    ]
+
+
+def test_stages_that_take_no_time_are_not_in_the_table() -> None:
+    found = text(stages_table({"combine": 0.02, "no 2D boxes": 0.0001, "write": 0.0006}, 10))
+    assert [line.split()[0] for line in found[2:]] == ["combine", "write"]
+    assert [line.split()[-1] for line in found[2:]] == ["2.0", "0.1"]
+
+
+@pytest.mark.parametrize(
+    ("value", "plain", "with_sign", "in_percent"),
+    [
+        (None, "-", "-", "-"),
+        (0.0, "0.00", "+0.00", "0 %"),
+        (-0.001, "0.00", "+0.00", "0 %"),
+        (-0.006, "-0.01", "-0.01", "-1 %"),
+        (1.234, "1.23", "+1.23", "123 %"),
+    ],
+)
+def test_zero_has_no_minus_and_what_is_not_defined_is_a_dash(
+    value: float | None, plain: str, with_sign: str, in_percent: str
+) -> None:
+    assert (number(value, 2), share(value), signed(value, 2)) == (plain, plain, with_sign)
+    assert percent(value) == in_percent

@@ -1,0 +1,231 @@
+"""Comparison of results of a sample recording, and of copies of them with known faults."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jsonschema
+import pytest
+from logging_state import kept_logging
+from perturbed_results import Change, dropped, followed, of_class, perturbed, shifted, turned
+from results import fused_objects, messages_of, topics_of
+
+import lidcam
+from lidcam.cli.compare import AllowedDifference
+from lidcam.cli.compare import compare as run_compare
+from lidcam.pipeline.core.errors import CheckError, IncompleteError, LidcamError, OutputError, RecordingError
+from lidcam.pipeline.evaluation.comparison.object_changes import KINDS
+
+ROOT = Path(__file__).parents[3]
+FUSED = "/fused/detections"
+SCHEMA = jsonschema.Draft202012Validator(json.loads((ROOT / "docs/figures.schema.json").read_text(encoding="utf-8")))
+
+
+class Outcome(NamedTuple):
+    """What a comparison printed, and the lines that it failed with."""
+
+    out: str
+    failures: tuple[str, ...]
+
+    @property
+    def tree(self) -> Any:
+        """The JSON, which is as the schema says."""
+        found = json.loads(self.out)
+        SCHEMA.validate(found)
+        return found
+
+
+@pytest.fixture(scope="module")
+def result() -> Path:
+    """The result of the sample of the crossing, without images, clouds and truth."""
+    return ROOT / "tests" / "golden" / "crossing.mcap"
+
+
+@pytest.fixture(scope="module")
+def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three frames with all that is written."""
+    output = tmp_path_factory.mktemp("compare") / "sandbox.mcap"
+    lidcam.process(ROOT / "bags/sandbox.bag", output, config="sandbox", duration_s=0.35)
+    return output
+
+
+@pytest.fixture(scope="module")
+def car(result: Path) -> tuple[float, float]:
+    """Where the best car is in the first frame; it drives at 7 m/s and is seen in all frames."""
+    first = next(iter(fused_objects(result).values()))
+    best = max((one for one in first if one.label == "car"), key=lambda one: one.score)
+    return best.x, best.y
+
+
+@pytest.fixture
+def compare(capsys: pytest.CaptureFixture[str]) -> Any:
+    def compared(first: Path, second: Path, *settings: str, **options: Any) -> Outcome:
+        failures: tuple[str, ...] = ()
+        try:
+            with kept_logging():
+                run_compare(first, second, settings=settings, **options)
+        except CheckError as err:
+            failures = err.lines
+        return Outcome(capsys.readouterr().out, failures)
+
+    return compared
+
+
+@pytest.fixture
+def faulty(result: Path, tmp_path: Path) -> Any:
+    def changed(change: Change, topic: str = FUSED) -> Path:
+        return perturbed(result, tmp_path / "faulty.mcap", {topic: change})
+
+    return changed
+
+
+def kinds_of(counts: dict[str, Any]) -> dict[str, int]:
+    return {kind: counts[kind] for kind in KINDS if counts[kind]}
+
+
+def test_a_result_and_itself(compare: Any, result: Path) -> None:
+    same = compare(result, result)
+    assert not same.failures
+    assert "frames: 14 in both, 0 of them differ; 0 only in A, 0 only in B" in same.out
+    assert "difference" not in same.out
+    assert same.out.splitlines()[-1] == "verdict: equal within the tolerances"
+    lines = same.out.splitlines()
+    counted = [line.split()[:2] for line in lines if line.startswith(("lidar", "fused", "cameras", "camera_"))]
+    assert [row[1] for row in counted] == ["all"] * 7  # no class has anything to say
+    tree = compare(result, result, as_json=True).tree
+    assert (tree["command"], tree["exit_code"], tree["differences"]["count"]) == ("compare", 0, 0)
+    assert [one["path"] for one in tree["inputs"]] == [str(result)] * 2
+    channels = [*tree["sources"].values(), *tree["images"].values()]
+    for counts in channels:
+        assert counts["all"]["equal"] == counts["all"]["a"] == counts["all"]["b"]
+    assert list(tree["sources"]) == ["lidar", "cameras", "fused"]
+    assert sum(counts["all"]["equal"] for counts in channels) > 500
+
+
+def test_yaw_shifted_by_5_degrees(compare: Any, result: Path, faulty: Any) -> None:
+    other = faulty(turned(5))
+    found = compare(result, other)
+    assert found.failures == ("fused: expected at most 0 % of the objects to differ, found 100 %",)
+    assert sum("turned 5.000 deg" in line and "0-13" in line for line in found.out.splitlines()) >= 5
+    assert "the first 10 of" in found.out
+    counted = [line.split()[:2] for line in found.out.partition("2D boxes")[0].splitlines()]
+    assert [row for row in counted if row[:1] == ["lidar"]] == [["lidar", "all"]]
+    assert ["fused", "car"] in counted
+    assert found.out.splitlines()[-1] == "verdict: differs more than it may"
+    tree = compare(result, other, as_json=True).tree
+    sources = tree["sources"]
+    assert kinds_of(sources["fused"]["all"]) == {"turned": sources["fused"]["all"]["a"]}
+    assert sources["fused"]["all"]["largest_turned_deg"] == pytest.approx(5)
+    assert not kinds_of(sources["lidar"]["all"])
+    assert not compare(result, other, "compare.yaw_deg=5").failures
+    assert not compare(result, other, only=("lidar",)).failures
+    allowed = compare(result, other, allow=("turned",), lines=0)
+    assert not allowed.failures
+    assert allowed.out.splitlines()[-1] == "verdict: differs no more than it may"
+    assert "the first" not in allowed.out
+
+
+def test_a_car_missing_for_a_second(compare: Any, result: Path, faulty: Any, car: tuple[float, float]) -> None:
+    other = faulty(dropped(followed(*car, gate_m=2), range(2, 12)))
+    (line,) = (line for line in compare(result, other).out.splitlines() if "2-11" in line)
+    assert line.split()[:4] == ["fused", "car", "lost", "(score"]
+    tree = compare(result, other, as_json=True).tree
+    (only,) = tree["differences"]["listed"]
+    assert (only["first_frame"], only["last_frame"], only["frames"]) == (2, 11, 10)
+    assert only["last_s"] - only["first_s"] == pytest.approx(0.9, abs=0.01)
+    assert math.dist(only["place"][:2], car) < 2
+    assert kinds_of(tree["sources"]["fused"]["all"]) == {"lost": 10}
+    share = tree["sources"]["fused"]["all"]["different_percent"]
+    assert not compare(result, other, max_different=share + 0.01).failures
+    assert compare(result, other, max_different=share - 0.01).failures
+
+
+def test_2d_boxes(compare: Any, result: Path, faulty: Any) -> None:
+    topic = "/camera_north_east/detections"
+    found = compare(result, faulty(dropped(of_class("car")), topic))
+    (failure,) = found.failures
+    assert failure.startswith("camera_north_east: expected at most 0 %")
+    assert ["camera_north_east", "car", "lost", "(score"] in [line.split()[:4] for line in found.out.splitlines()]
+    other = faulty(shifted((1.5, 0)), topic)
+    assert "moved 1.5 px" in compare(result, other).out
+    assert not compare(result, other, "compare.pixels=1.5").failures
+
+
+def test_frames_of_one_alone(compare: Any, result: Path, tmp_path: Path) -> None:
+    other = perturbed(result, tmp_path / "faulty.mcap", {}, without_frames=[4, 5])
+    found = compare(result, other)
+    assert found.failures == ("frames: expected at most 0 % in one result alone, found 14.3 %",)
+    assert "frames: 12 in both, 0 of them differ; 2 only in A, 0 only in B" in found.out
+    assert not compare(result, other, allow=("frames",)).failures
+
+
+def test_both_in_one_file(compare: Any, sandbox: Path, tmp_path: Path) -> None:
+    other = perturbed(sandbox, tmp_path / "other.mcap", {FUSED: dropped()}, without_frames=[2])
+    merged = tmp_path / "both.mcap"
+    assert compare(sandbox, other, merged=merged).failures
+    topics = topics_of(merged)
+    assert {name: topics[f"/{name}/fused/detections"][1] for name in "ab"} == {"a": 3, "b": 2}
+    assert topics["/compare/scene"][1] == 3
+    assert [len(scene.entities) for _, scene in messages_of(merged, "/compare/scene")][2] == 0, "a frame of A alone"
+    lost = [entity for _, scene in messages_of(merged, "/compare/scene") for entity in scene.entities]
+    assert len(lost) == sum(map(len, [*fused_objects(sandbox).values()][:2])) > 0
+    layout = json.loads((tmp_path / "both.foxglove.json").read_text(encoding="utf-8"))["configById"]
+    assert {"/compare/scene", "/a/fused/scene", "/b/fused/scene", "/a/point_cloud_combined"} <= set(
+        layout["3D!scene"]["topics"]
+    )
+    seen = {topic for topic, one in layout["3D!scene"]["topics"].items() if one["visible"]}
+    assert {topic for topic in seen if "ground_truth" in topic} == {"/a/ground_truth/objects/scene"}
+    images = [panel["imageMode"] for name, panel in layout.items() if name.startswith("Image!")]
+    named = {*layout["3D!scene"]["topics"], *(one["imageTopic"] for one in images)}
+    named |= {topic for one in images for topic in (*one["annotations"], one["calibrationTopic"])}
+    assert named <= set(topics)
+    assert len(images) == 8
+    first_bytes = merged.read_bytes()
+    compare(sandbox, other, merged=merged)
+    assert merged.read_bytes() == first_bytes, "its own output is replaced, by the same bytes"
+
+
+def test_what_a_merged_file_must_not_replace(compare: Any, sandbox: Path, result: Path, tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="is an input of this run"):
+        compare(sandbox, sandbox, merged=sandbox)
+    taken = tmp_path / "taken.mcap"
+    taken.write_bytes(b"mine")
+    with pytest.raises(OutputError, match="exists and was not written by --merged"):
+        compare(sandbox, sandbox, merged=taken)
+    assert taken.read_bytes() == b"mine"
+    compare(sandbox, sandbox, merged=taken, overwrite=True, only=("cam11",))
+    assert [len(scene.entities) for _, scene in messages_of(taken, "/compare/scene")] == [0, 0, 0]
+    assert compare(result, sandbox, merged=tmp_path / "both.mcap").failures
+
+
+def test_what_cannot_be_compared(compare: Any, result: Path) -> None:
+    with pytest.raises(RecordingError, match="expected a result of lidcam, found a recording"):
+        compare(result, ROOT / "bags/crossing.mcap")
+    with pytest.raises(LidcamError, match=r"--only fusd: expected one of lidar, cameras, fused, camera_north_east"):
+        compare(result, result, only=("fusd",))
+
+
+def test_results_of_two_recordings_and_two_sites(compare: Any, result: Path, sandbox: Path, tmp_path: Path) -> None:
+    found = compare(result, sandbox)
+    assert "note: A and B are results of different recordings: crossing.mcap, sandbox.bag" in found.out
+    whole = compare(ROOT / "tests/golden/sandbox.mcap", sandbox)  # `sandbox` is the result of a part of it
+    assert "different recordings" not in whole.out
+
+    def moved(rig: str) -> str:
+        return rig.replace("site_frame: site", "site_frame: hall")
+
+    other = perturbed(sandbox, tmp_path / "other.mcap", {}, texts={"rig.yaml": moved})
+    with pytest.raises(LidcamError, match=r"other.mcap: expected objects in the frame of .*, 'site', found 'hall'"):
+        compare(sandbox, other)
+
+
+def test_a_damaged_result_is_incomplete(compare: Any, result: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(result.read_bytes()[: result.stat().st_size // 2])
+    with pytest.raises(IncompleteError, match=r"cut.mcap: damaged, .* lost"):
+        compare(cut, cut)
+
+
+def test_every_kind_can_be_allowed() -> None:
+    assert [*AllowedDifference] == [*KINDS, "frames"]

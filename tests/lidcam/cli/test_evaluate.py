@@ -1,0 +1,228 @@
+"""`lidcam evaluate` and `process --evaluate`: their output, and how they end."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+from document_commands import ROOT
+from helpers import CLUSTERS
+from logging_state import kept_logging
+from perturbed_results import perturbed
+
+from lidcam.cli.evaluate import evaluate
+from lidcam.cli.process import run_process
+from lidcam.evaluation.evaluation import make_evaluation_job
+from lidcam.evaluation.requirement import Requirement, read_requirements
+from lidcam.pipeline.core.errors import (
+    CalibrationError,
+    CheckError,
+    ConfigError,
+    IncompleteError,
+    LidcamError,
+    RecordingError,
+)
+from lidcam.run.job import make_job
+
+SANDBOX = ROOT / "bags" / "sandbox.bag"
+SMALL = ["output.images=false", "output.clouds=false", "output.layout=false", CLUSTERS]
+SCHEMA = json.loads((ROOT / "docs" / "figures.schema.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Half a second of the sample, with its truth and without images and clouds."""
+    path = tmp_path_factory.mktemp("result") / "out.mcap"
+    with kept_logging():
+        run_process(make_job(SANDBOX, path, config="sandbox", settings=SMALL, duration_s=0.5, workers=1))
+    return path
+
+
+def valid(text: str) -> dict[str, Any]:
+    """A document of the schema, without the constants that JSON does not have."""
+
+    def refuse(constant: str) -> None:
+        raise AssertionError(constant)
+
+    tree: dict[str, Any] = json.loads(text, parse_constant=refuse)
+    jsonschema.Draft202012Validator(SCHEMA).validate(tree)
+    return tree
+
+
+def evaluated(result: Path, *requirements: str, **options: Any) -> None:
+    with kept_logging():
+        evaluate(result, requirements=requirements, **options)
+
+
+def test_tables(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    evaluated(result, "fused.car.recall >= 0.9", "frames > 1")
+    out = capsys.readouterr().out
+    assert out.startswith(
+        "out.mcap: 4 of 4 frames have truth, from /ground_truth/objects of out.mcap (by its name); 8 true objects count"
+    )
+    assert "\ndetection\nclass  source   truth  boxes  recall  prec.  false  AP bev  AP 3D   mAP\ncar    lidar" in out
+    assert "errors of right boxes (metres, degrees)" in out
+    assert re.search(r"\n       cameras      8 ", out)
+    assert re.search(r"\ngain by fusion, with its interval of 95 %\nclass  over +AP bev", out)
+    assert re.search(r"\ncar    (lidar|cameras) +[+-]\d\.\d\d     -   -  ", out)  # too short for an interval
+    assert "  car: 0.0413, 0.0825, 0.165, 0.33 m\n" in out
+    assert "\nFusion " in out.partition("\ndetection")[0]
+    assert "\nall " not in out  # the only class says it
+    assert "fused.car.recall    >= 0.9      1  met\nframes" in out
+    rows = [line for line in out.splitlines()[3:] if line[:1] != " " and ". " not in line and ": " not in line]
+    assert len(rows) > 20
+    assert max(map(len, rows)) <= 80
+
+
+def test_json_in_a_file(result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "figures.json"
+    with pytest.raises(CheckError) as raised:
+        evaluated(result, "fused.car.precision > 2", "frames > 1", "frames < 1", json_file=file)
+    assert len(raised.value.lines) == 2
+    assert raised.value.lines[0] == "fused.car.precision: expected > 2, found 1"
+    assert raised.value.lines[1] == "frames: expected < 1, found 4"
+    assert "detection" in capsys.readouterr().out
+    tree = valid(file.read_text(encoding="utf-8"))
+    assert (tree["command"], tree["exit_code"], tree["frames"]) == ("evaluate", 1, 4)
+    assert [outcome["is_met"] for outcome in tree["requirements"]] == [False, True, False]
+    assert tree["truth"]["from"] == ["/ground_truth/objects of out.mcap (by its name)"]
+    assert tree["truth"]["inputs"] == tree["inputs"]
+    assert tree["sources"]["fused"]["car"]["truth"] == 8
+    assert tree["settings"]["name"] == "sandbox"
+
+
+def test_json_on_standard_output(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    evaluated(result, as_json=True)
+    first = valid(capsys.readouterr().out)
+    evaluated(result, as_json=True)
+    second = json.loads(capsys.readouterr().out)
+    assert first.pop("timing").keys() == second.pop("timing").keys()
+    assert first == second
+
+
+def test_settings_of_the_evaluation(result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "mine.yaml").write_text("evaluate: {iou: [0.25, 0.75]}\nfuse: {min_score: 0.99}\n", encoding="utf-8")
+    evaluated(result, config_file=str(tmp_path / "mine.yaml"), settings=["evaluate.max_range_m=0.1"], as_json=True)
+    tree = valid(capsys.readouterr().out)
+    assert "ap_bev_r40_75" in tree["sources"]["fused"]["car"]
+    assert "ap_bev_r40_50" not in tree["sources"]["fused"]["car"]
+    assert tree["truth_objects"]["outside"] == 8
+    assert [warning["subject"] for warning in tree["warnings"]] == ["truth"]
+
+
+@pytest.mark.parametrize("truth", ["", [str(SANDBOX), ""]])
+def test_an_empty_name_is_not_the_folder_that_one_is_in(result: Path, truth: Any) -> None:
+    with pytest.raises(LidcamError, match="expected a path or a URL, found an empty name"):
+        make_evaluation_job(result, truth=truth)
+
+
+def test_a_single_requirement(result: Path) -> None:
+    one = Requirement("frames", ">=", 3)
+    for requirements in ("frames >= 3", one, ["frames >= 3"], (one,)):
+        assert make_evaluation_job(result, requirements=requirements).requirements == (one,)
+
+
+@pytest.mark.parametrize("settings", [["fuse.min_score=0.9"], {"evaluate.max_range_m": 9, "fuse.min_score": 0.9}])
+def test_settings_that_change_nothing_are_refused(result: Path, settings: Any) -> None:
+    with pytest.raises(
+        ConfigError, match=r"^settings: fuse.min_score: expected a setting of evaluate, classes, .*proc"
+    ):
+        make_evaluation_job(result, settings=settings)
+
+
+@pytest.mark.parametrize(("use", "truth", "ignored"), [("count", 8, 0), ("ignore", 0, 8)])
+def test_zones_of_a_rig_file(
+    result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], use: str, truth: int, ignored: int
+) -> None:
+    rig = tmp_path / "zones.yaml"
+    corners = "[[-9, -9], [9, -9], [9, 9], [-9, 9]]"
+    rig.write_text(f"zones: {{all_of_it: {{corners: {corners}, use: {use}}}}}\n", encoding="utf-8")
+    required = ["fused.car.zones.all_of_it.truth == 8"] if use == "count" else []
+    evaluated(result, *required, rig_files=[str(rig)], as_json=True)
+    tree = valid(capsys.readouterr().out)
+    figures = tree["sources"]["fused"]["car"]
+    assert (figures["truth"], figures["ignored"], tree["exit_code"]) == (truth, ignored, 0)
+    assert {name: zone["truth"] for name, zone in figures["zones"].items()} == ({"all_of_it": 8} if truth else {})
+
+
+def test_a_rig_file_without_anything_to_evaluate_by(result: Path, tmp_path: Path) -> None:
+    rig = tmp_path / "rig.yaml"
+    rig.write_text("site_frame: map\n", encoding="utf-8")
+    with pytest.raises(CalibrationError, match="expected `truth` or `zones` in the rig file of an evaluation"):
+        make_evaluation_job(result, rig=rig)
+
+
+def test_without_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "out.mcap"
+    settings = [*SMALL, "output.copy_topics=[]"]
+    run_process(make_job(SANDBOX, path, config="sandbox", settings=settings, duration_s=0.3, workers=1))
+    capsys.readouterr()
+    with pytest.raises(
+        CheckError, match=r"^fused.car.recall: expected >= 0, found that it is not defined: there is no"
+    ):
+        evaluated(path, "fused.car.recall >= 0")
+    out = capsys.readouterr().out
+    assert out.startswith("out.mcap: 2 frames, without truth: what needs it is not measured\n")
+    assert "note: no truth: " in out
+    assert "(--truth)" in out
+    evaluated(path, as_json=True)
+    tree = valid(capsys.readouterr().out)
+    assert tree["truth"] is None
+    assert tree["frames_with_truth"] == 0
+
+
+def test_a_rig_file_says_which_odometry_is_truth(
+    result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = tmp_path / "truth.yaml"
+    entry = "{topic: /%s/base_pose_ground_truth, size_m: [0.33, 0.22, 0.21], class: car}"
+    rig.write_text(f"truth: {{car1: {entry % 'car1'}, car2: {entry % 'car2'}}}\n", encoding="utf-8")
+    evaluated(result, as_json=True, truth=[str(SANDBOX)], rig_files=[str(rig)])
+    tree = valid(capsys.readouterr().out)
+    assert tree["truth"]["from"][0].startswith("odometry /car1/base_pose_ground_truth, /car2/base_pose_ground_truth")
+    assert tree["sources"]["fused"]["car"]["truth"] == 8
+
+
+def test_a_result_without_frames(result: Path, tmp_path: Path) -> None:
+    empty = perturbed(result, tmp_path / "empty.mcap", {}, without_frames=range(100))
+    with pytest.raises(RecordingError, match=r"empty.mcap: expected a result with frames, found none"):
+        evaluated(empty)
+
+
+def test_a_damaged_result_is_incomplete(result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(result.read_bytes()[:33_000])
+    with pytest.raises(IncompleteError, match=r"cut.mcap: damaged"):
+        evaluated(cut, as_json=True)
+    tree = valid(capsys.readouterr().out)
+    assert tree["exit_code"] == 3
+
+
+def test_process_and_evaluate_in_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, file = tmp_path / "out.mcap", tmp_path / "figures.json"
+    job = make_job(SANDBOX, path, config="sandbox", settings=SMALL, duration_s=0.3, workers=1)
+    required = read_requirements(["fused.car.recall > 0.1", "frames > 100"])
+    with pytest.raises(CheckError, match=r"^frames: expected > 100, found 2$"):
+        run_process(job, json_file=file, requirements=required)
+    out = capsys.readouterr().out
+    assert out.startswith("road users")
+    assert "\nobjects, sum over 2 frames" in out
+    assert "\n\nout.mcap: 2 of 2 frames have truth" in out
+    tree = valid(file.read_text(encoding="utf-8"))
+    assert (tree["command"], tree["exit_code"]) == ("process", 1)
+    assert tree["timing"].keys() == {"wall_s", "frames_per_second", "stage_ms", "evaluation_s"}
+    assert tree["objects"]
+    evaluated(path, as_json=True)
+    alone = valid(capsys.readouterr().out)
+    assert alone["sources"] == tree["sources"]
+    assert alone["settings"]["sha256"] == tree["settings"]["sha256"]
+
+
+def test_process_without_evaluation_is_of_the_schema_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    job = make_job(SANDBOX, tmp_path / "out.mcap", config="sandbox", settings=[CLUSTERS], duration_s=0.3)
+    run_process(job, as_json=True)
+    tree = valid(capsys.readouterr().out)
+    assert "requirements" not in tree
+    assert tree["truth"] is None

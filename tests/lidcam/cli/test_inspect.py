@@ -1,0 +1,105 @@
+"""The verdict of an inspection: what it says, in which words, and what a rig or a repair that is asked for changes."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import typer
+from builders import odometry, pointcloud2, raw, write_rosbag1
+from logging_state import kept_logging
+
+from lidcam.cli.inspect import inspect
+from lidcam.pipeline.core.errors import CheckError, IncompleteError
+from lidcam.readers.rig.rig_file import load_rig
+
+STEP_NS = 100_000_000
+NOWHERE = "rig.site_frame=nowhere"
+
+
+def recording(path: Path, *lidars: str) -> Path:
+    messages = []
+    for number in range(3):
+        stamp_ns = 10**18 + number * STEP_NS
+        points = np.random.default_rng(number).uniform([3, -5, -1], [9, 5, 1], (200, 3))
+        for lidar in lidars:
+            cloud = pointcloud2(points, stamp_ns=stamp_ns, frame_id=lidar)
+            messages.append(raw(f"/{lidar}", "sensor_msgs/msg/PointCloud2", cloud, stamp_ns, encoding="ros1"))
+        messages.append(raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=stamp_ns), stamp_ns, encoding="ros1"))
+    write_rosbag1(path, messages)
+    return path
+
+
+def inspected(path: Path, *settings: str, **options: Any) -> None:
+    with kept_logging():
+        inspect([str(path)], settings=settings, as_json=True, **options)
+
+
+def printed(capsys: pytest.CaptureFixture[str]) -> tuple[str, list[str], int]:
+    tree = json.loads(capsys.readouterr().out)
+    return tree["failure"], tree["incomplete"], tree["exit_code"]
+
+
+def test_sound(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    inspected(recording(tmp_path / "a.bag", "top"))
+    assert printed(capsys) == ("", [], 0)
+
+
+def test_nothing_can_be_processed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = recording(tmp_path / "a.bag", "top")
+    with pytest.raises(CheckError, match="lidcam could not process it: ") as caught:
+        inspected(path, NOWHERE)
+    failure, incomplete, code = printed(capsys)
+    assert (failure, incomplete, code) == (str(caught.value), [], 1)
+    assert failure.startswith(f"{path}: ")
+
+
+def test_a_rig_to_start_from_is_no_failure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, rig = recording(tmp_path / "a.bag", "top"), tmp_path / "rig.yaml"
+    with pytest.raises(IncompleteError, match="lidcam could not process it: "):
+        inspected(path, NOWHERE, write_rig=rig)
+    failure, (incomplete,), code = printed(capsys)
+    assert (failure, code) == ("", 3)
+    assert incomplete.startswith("lidcam could not process it: ")
+    assert "TODO" in rig.read_text(encoding="utf-8")
+
+
+def test_without_sensors_there_is_no_rig(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, rig = recording(tmp_path / "a.bag"), tmp_path / "rig.yaml"
+    with pytest.raises(CheckError, match="no rig to write: "):
+        inspected(path, write_rig=rig)
+    assert printed(capsys)[2] == 1
+    assert not rig.exists()
+
+
+def test_a_repair_judges_the_copy_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    inspected(recording(tmp_path / "a.bag"), repair=tmp_path / "whole.mcap")
+    assert printed(capsys) == ("", [], 0)
+    assert (tmp_path / "whole.mcap").exists()
+
+
+def test_a_check_processes_the_recording_and_writes_the_rig_that_it_would_use(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, rig = recording(tmp_path / "a.bag", "top", "low"), tmp_path / "rig.yaml"
+    inspected(path, check=True, write_rig=rig, rig_files=[str(two_lidars(tmp_path))])
+    tree = json.loads(capsys.readouterr().out)
+    assert tree["check"] == {
+        "cameras": {},
+        "lidars": [{"lidar": "low", "against": "top", "points": 0, "errors": None}],
+        "warnings": [],
+    }
+    assert [*(load_rig(rig).lidars or {})] == ["top", "low"]
+
+
+def test_a_repair_is_not_checked(tmp_path: Path) -> None:
+    with pytest.raises(typer.BadParameter, match="not together with --repair"):
+        inspected(recording(tmp_path / "a.bag", "top"), check=True, repair=tmp_path / "whole.mcap")
+
+
+def two_lidars(folder: Path) -> Path:
+    path = folder / "given.yaml"
+    lidars = (f"  {name}: {{topic: /{name}, translation_m: [0, 0, {z}]}}\n" for name, z in (("top", 0), ("low", 1)))
+    path.write_text(f"site_frame: site\nlidars:\n{''.join(lidars)}")
+    return path

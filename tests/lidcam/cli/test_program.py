@@ -1,0 +1,140 @@
+"""Errors become one line and an exit code, or keep their traceback; wrong usage quotes what was given."""
+
+import errno
+import logging
+import sys
+from collections.abc import Iterator
+
+import pytest
+import typer
+from logging_state import kept_logging
+
+from lidcam.cli import app, process_app
+from lidcam.cli.program import run_program
+from lidcam.pipeline.core.errors import CheckError, IncompleteError, RecordingError
+
+HOSTILE, SHOWN = "a\x1b]0;t\x07\x9b2J\nError: faked", "a\\x1b]0;t\\x07\\x9b2J\\nError: faked"
+
+GONE = "the folder that this was started in is gone"
+
+
+@pytest.fixture(autouse=True)
+def as_it_was(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setattr(sys, "argv", ["lidcam"])
+    with kept_logging():
+        yield
+
+
+def noted() -> RecordingError:
+    error = RecordingError("drive.bag: expected a recording, found none")
+    error.add_note("while looking for lidars")
+    return error
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "told"),
+    [
+        (noted(), 1, "lidcam: error: drive.bag: expected a recording, found none (while looking for lidars)\n"),
+        (OSError(errno.ENOSPC, "No space left"), 1, "lidcam: error: standard output: No space left\n"),
+        (OSError(errno.EIO, "Input/output error"), 1, "lidcam: error: standard output: Input/output error\n"),
+        (OSError(errno.ENOSPC, "No space left", "a.mcap"), 1, "lidcam: error: a.mcap: No space left\n"),
+        (PermissionError(errno.EACCES, "Permission denied", "a/b"), 1, "lidcam: error: a/b: Permission denied\n"),
+        (FileNotFoundError(errno.ENOENT, "No such file"), 1, f"lidcam: error: {GONE}: change to another one\n"),
+        (CheckError("--strict: a"), 1, "lidcam: error: --strict: a\n"),
+        (IncompleteError("a; b"), 3, "lidcam: incomplete: a; b; exit code 3\n"),
+    ],
+)
+def test_known_errors_are_one_line(error: Exception, code: int, told: str, capsys: pytest.CaptureFixture[str]) -> None:
+    def program(*_: object, **__: object) -> None:
+        raise error
+
+    with pytest.raises(SystemExit) as end:
+        run_program(program, "lidcam")
+    assert end.value.code == code
+    assert capsys.readouterr().err == told
+
+
+@pytest.mark.parametrize("error", [ZeroDivisionError("a bug"), PermissionError(errno.EACCES, "Permission denied")])
+def test_bugs_keep_their_traceback(error: Exception, capsys: pytest.CaptureFixture[str]) -> None:
+    records: list[logging.LogRecord] = []
+
+    class Kept(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            records.append(record)
+
+    def program(*_: object, **__: object) -> None:
+        logging.getLogger("lidcam").setLevel(logging.DEBUG)  # as with a log file
+        logging.getLogger().addHandler(Kept())
+        raise error
+
+    with pytest.raises(type(error)):
+        run_program(program, "lidcam")
+    assert [record.exc_info[1] for record in records if record.exc_info] == [error]
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("program", "arguments", "told"),
+    [
+        (app, [HOSTILE], "No such command"),
+        (app, ["inspect", f"--{HOSTILE}"], "No such option"),
+        (app, ["process", "a.bag", f"{HOSTILE}.txt"], f"ends in .mcap, found {SHOWN}.txt"),
+        (process_app, ["a.bag", "b.mcap", "--workers", HOSTILE], "--workers"),
+        (process_app, ["a.bag", "b.mcap", "--on-bad-message", HOSTILE], "--on-bad-message"),
+        (app, ["config", "show", "road", HOSTILE], "unexpected extra argument"),
+    ],
+)
+def test_wrong_usage(
+    program: typer.Typer,
+    arguments: list[str],
+    told: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["lidcam", *arguments])
+    with pytest.raises(SystemExit) as end:
+        run_program(program, "lidcam")
+    assert end.value.code == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    usage, hint, blank, error, rest = err.split("\n")
+    assert usage.startswith("Usage: lidcam")
+    assert hint.startswith("Try 'lidcam")
+    assert (blank, rest) == ("", "")
+    assert error.startswith("Error: ")
+    assert told in error
+    assert err.replace("\n", "").isprintable()
+
+
+@pytest.mark.parametrize("arguments", [[], ["config"]])
+def test_without_arguments_the_whole_help_is_told(
+    arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["lidcam", *arguments])
+    with pytest.raises(SystemExit) as end:
+        run_program(app, "lidcam")
+    assert end.value.code == 2
+    assert len(capsys.readouterr().err.splitlines()) > 8
+
+
+def test_ctrl_c_is_130() -> None:
+    program = typer.Typer()
+
+    @program.command()
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(SystemExit) as end:
+        run_program(program, "lidcam")
+    assert end.value.code == 130
+
+
+def test_letters_that_a_terminal_does_not_know_end_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    program = typer.Typer()
+
+    @program.command()
+    def speaks() -> None:
+        typer.echo("\u00e9\udcff")
+
+    run_program(program, "lidcam")
+    assert capsys.readouterr().out == "\u00e9\\udcff\n"

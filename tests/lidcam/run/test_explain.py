@@ -1,0 +1,80 @@
+import pytest
+
+from lidcam.pipeline.core.errors import ConfigError
+from lidcam.pipeline.core.settings.bundled import PRESETS
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.fuse import FuseConfig
+from lidcam.pipeline.core.settings.validation import key_places
+from lidcam.run.explain import explain, preset_summaries
+
+KEYS = [key for key, _ in key_places(Config)]
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_every_key_is_explained(key: str) -> None:
+    found = explain(key)
+    assert found.key == key
+    assert found.meaning
+    assert "Attributes" not in found.meaning
+    assert found.keys or found.allowed
+
+
+def test_a_setting() -> None:
+    found = explain("detect3d.cluster.distance_m")
+    assert found.meaning == "Points nearer to each other than this belong together, close to a lidar."
+    assert (found.unit, found.allowed, found.default) == ("metres", "a number above 0", 0.4)
+    assert found.by_preset == {"sandbox": 0.06, "crossing": 0.4, "road": 0.4}
+    assert found.keys == {}
+
+
+def test_a_section_names_its_keys() -> None:
+    assert explain("fuse").meaning == "Fusion of matched boxes."
+    assert {*explain("fuse").keys} == {*FuseConfig.model_fields}
+    assert explain("fuse").keys["min_score"].startswith("Objects that are less probable are not reported.")
+    assert {*explain().keys} == {*Config.model_fields}
+    assert explain().keys["sync"] == "Finding the messages of one moment."
+    inherited = explain("velodyne.calibration")
+    assert inherited.meaning.startswith("YAML file of ROS's velodyne driver")
+
+
+@pytest.mark.parametrize(
+    ("key", "full"),
+    [
+        ("classes.size_m", "classes.*.size_m"),
+        ("classes.0.size_m", "classes.*.size_m"),
+        ("classes.0", "classes.*"),
+        ("velodyne.topics.model", "velodyne.topics.*.model"),
+        ("velodyne.topics./a.model", "velodyne.topics.*.model"),
+        ("rig.zones.lane", "rig.zones.*"),
+    ],
+)
+def test_elements_of_lists_and_mappings(key: str, full: str) -> None:
+    found = explain(key)
+    assert (found.key, found.default, found.by_preset) == (full, None, {})
+
+
+def test_unknown_keys() -> None:
+    with pytest.raises(ConfigError, match=r"did you mean 'detect3d.cluster.distance_m'\?"):
+        explain("detect3d.cluster.distance")
+    with pytest.raises(ConfigError, match=r"unknown key 'fuse.min_score.x'"):
+        explain("fuse.min_score.x")
+
+
+@pytest.mark.parametrize(
+    ("key", "unit"),
+    [
+        ("detect3d.cluster.distance_per_m", "per metre"),
+        ("detect3d.cluster.points_per_sr", "per steradian"),
+        ("combine.ground.max_tilt_deg", "degrees"),
+        ("run.workers", ""),
+    ],
+)
+def test_units_are_of_the_longest_ending(key: str, unit: str) -> None:
+    assert explain(key).unit == unit
+
+
+def test_presets_are_summed_up_in_a_sentence() -> None:
+    summaries = preset_summaries()
+    assert [*summaries] == [*PRESETS]
+    assert summaries["sandbox"].startswith("A model site at about 1:14")
+    assert all(text and not text.endswith(".") for text in summaries.values())

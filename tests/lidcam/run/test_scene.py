@@ -1,0 +1,143 @@
+"""The size of a scene, from clouds of a known floor."""
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
+
+import lidar_scene
+import numpy as np
+import pytest
+from builders import pointcloud2, raw
+from memory_recording import MemoryRecording
+
+from lidcam.pipeline.core.arrays import F32
+from lidcam.pipeline.core.geometry.transform_tree import TransformTree
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.messages.tf import RecordedTransforms
+from lidcam.readers.rig.discovery import Discovery
+from lidcam.run.choice import choose_settings, use_settings
+from lidcam.run.scene import MAX_MESSAGES, SceneSize, measure_scene
+
+START_NS = 1_600_000_000_000_000_000
+PERIOD_NS = 100_000_000
+
+
+class Counting(MemoryRecording):
+    """Counts the messages that are read."""
+
+    read = 0
+
+    def messages(
+        self, topics: Collection[str] | None = None, *, start_ns: int | None = None, stop_ns: int | None = None
+    ) -> Iterator[RawMessage]:
+        for message in super().messages(topics, start_ns=start_ns, stop_ns=stop_ns):
+            self.read += 1
+            yield message
+
+
+def rig(*heights_m: float, ground_height_m: float | None = None) -> Rig:
+    """Lidars `lidar0`, `lidar1`, ... this high above the site's origin."""
+    return replace(lidar_scene.rig(*((0.0, 0.0, one) for one in heights_m)), ground_height_m=ground_height_m)
+
+
+def floor(length_m: float, width_m: float, height_m: float) -> F32:
+    """A floor this far below the lidar, evenly covered, with a tenth of walls."""
+    rng = np.random.default_rng(1)
+    points = rng.uniform((-length_m / 2, -width_m / 2, 0), (length_m / 2, width_m / 2, 0), (6000, 3))
+    points[::10, 2] = rng.uniform(0, 0.1 * length_m, 600)
+    points[:, 2] -= height_m
+    return points.astype(np.float32)
+
+
+def cloud(lidar: int, xyz: F32, number: int = 0) -> RawMessage:
+    stamp_ns = START_NS + number * PERIOD_NS
+    return raw(f"/lidar{lidar}", "sensor_msgs/msg/PointCloud2", pointcloud2(xyz, stamp_ns=stamp_ns), stamp_ns)
+
+
+def measured(messages: Sequence[RawMessage], of: Rig) -> SceneSize:
+    found = measure_scene(MemoryRecording(messages), of, Config())
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize(("length_m", "width_m", "height_m"), [(8, 4, 0.3), (80, 60, 1.8), (60, 100, 6.5)])
+def test_extent_and_height(length_m: float, width_m: float, height_m: float) -> None:
+    found = measured([cloud(0, floor(length_m, width_m, height_m))], rig(height_m + 2))
+    assert found.extent_m == pytest.approx((0.9 * max(length_m, width_m), 0.9 * min(length_m, width_m)), rel=0.05)
+    assert found.lidar_height_m == pytest.approx(height_m, abs=0.02 + 0.01 * height_m)
+
+
+def test_the_height_is_the_median_of_the_lidars() -> None:
+    messages = [cloud(n, floor(40, 40, h)) for n, h in enumerate((0.5, 5.0, 6.0))]
+    assert measured(messages, rig(0.5, 5.0, 6.0)).lidar_height_m == pytest.approx(5.0, abs=0.05)
+
+
+def test_a_ground_that_the_rig_knows_is_not_sought() -> None:
+    wall = np.array([[1, y, z] for y in range(9) for z in range(9)], np.float32)
+    assert measured([cloud(0, wall)], rig(2.0)).lidar_height_m is None
+    assert measured([cloud(0, wall)], rig(2.0, ground_height_m=-1.5)).lidar_height_m == 3.5
+
+
+def test_beams_without_a_return_are_not_points() -> None:
+    xyz = np.concatenate([floor(8, 4, 0.3), np.zeros((60_000, 3), np.float32)])
+    assert measured([cloud(0, xyz)], rig(0.3)).extent_m[0] > 7
+
+
+@pytest.mark.parametrize(
+    "messages",
+    [
+        [],
+        [cloud(0, np.zeros((0, 3), np.float32))],
+        [cloud(0, np.zeros((9, 3), np.float32))],
+        [cloud(1, floor(1, 1, 1))],
+    ],
+    ids=["no message", "no points", "no returns", "another topic"],
+)
+def test_nothing_to_measure(messages: list[RawMessage]) -> None:
+    assert measure_scene(MemoryRecording(messages), rig(1.0), Config()) is None
+
+
+def broken(message: RawMessage) -> RawMessage:
+    return message._replace(data=bytes(message.data)[:-5])
+
+
+@pytest.mark.parametrize(("late", "read"), [([], 3), (range(50, 60), 23)], ids=["first clouds", "a late lidar"])
+def test_no_more_is_read_than_is_needed_and_no_lidar_is_waited_for_long(late: Sequence[int], read: int) -> None:
+    xyz = floor(8, 4, 0.3)
+    recording = Counting([cloud(0, xyz, n) for n in range(60)] + [cloud(1, xyz, n) for n in late])
+    assert measure_scene(recording, rig(*[0.3] * (1 + bool(late))), Config()) is not None
+    assert recording.read == read
+
+
+def test_a_first_cloud_that_is_broken_or_empty_is_passed_over() -> None:
+    good = floor(8, 4, 0.3)
+    messages = [broken(cloud(0, good)), cloud(0, np.zeros((0, 3), np.float32), 1), cloud(0, good, 2)]
+    assert measured(messages, rig(0.3)).extent_m[0] > 7
+
+
+def test_the_effort_is_bounded_where_no_cloud_can_be_decoded() -> None:
+    recording = Counting([broken(cloud(0, floor(8, 4, 0.3)))._replace(log_time_ns=START_NS + n) for n in range(300)])
+    assert measure_scene(recording, rig(0.3), Config()) is None
+    assert recording.read == MAX_MESSAGES
+
+
+FLOOR = [cloud(0, floor(8, 4, 0.3))]
+
+
+@pytest.mark.parametrize(
+    ("messages", "given", "config", "name", "how", "read"),
+    [
+        (FLOOR, Config(), Config(), "as given", "given", 0),
+        (FLOOR, None, choose_settings("sandbox").config, "sandbox", "judged", 1),
+        ([], None, Config(), "defaults", "not judged", 0),
+    ],
+    ids=["given", "not given", "without clouds"],
+)
+def test_what_is_not_given_is_judged(
+    messages: list[RawMessage], given: Config | None, config: Config, name: str, how: str, read: int
+) -> None:
+    recording = Counting(messages)
+    found = Discovery(rig(0.3), (), (), (), RecordedTransforms(TransformTree()))
+    chosen, used, _ = use_settings(choose_settings(given), recording, found, None, moves=False)
+    assert (chosen, used.name, used.how, recording.read) == (config, name, how, read)

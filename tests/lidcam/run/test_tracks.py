@@ -1,0 +1,311 @@
+"""Frames wait for their tracks: none is lost, altered or held in memory, whenever the tracker settles them."""
+
+import io
+import os
+import tempfile
+import tracemalloc
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from builders import write_mcap
+from helpers import CLUSTERS
+from hypothesis import given
+from hypothesis import strategies as st
+from small_drive import small_drive
+
+import lidcam
+from lidcam.pipeline.core.detections import Fused
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.processing import RunObserver, process_recording
+from lidcam.run.job import make_job
+from lidcam.run.summary import summary_tree
+from lidcam.run.tally import RunProgress
+from lidcam.run.tracks import FrameTracker, tracked
+
+FRAMES = 12
+NEVER = 1000
+
+
+class Late:
+    """Leaves all objects as they are; settles `step` frames as soon as so many and `delay` more are not settled."""
+
+    def __init__(self, delay: int, step: int = 1) -> None:
+        self._delay, self._step = delay, step
+        self._open: list[Fused] = []
+
+    def add(self, frame: FrameResult) -> list[Fused]:
+        self._open.append(marked(frame.fused, frame.bundle.index))
+        return self._take(self._step if len(self._open) >= self._delay + self._step else 0)
+
+    def finish(self) -> list[Fused]:
+        return self._take(len(self._open))
+
+    def _take(self, count: int) -> list[Fused]:
+        taken, self._open = self._open[:count], self._open[count:]
+        return taken
+
+
+class Scheduled(Late):
+    """Settles as many frames after each one as it is told, if there are so many."""
+
+    def __init__(self, counts: list[int]) -> None:
+        super().__init__(0)
+        self._counts = iter(counts)
+
+    def add(self, frame: FrameResult) -> list[Fused]:
+        self._open.append(marked(frame.fused, frame.bundle.index))
+        return self._take(next(self._counts))
+
+
+def marked(fused: Fused, index: int) -> Fused:
+    return replace(fused, left_out={"frame": index})
+
+
+@cache
+def one_frame() -> FrameResult:
+    with tempfile.TemporaryDirectory() as folder:
+        write_mcap(path := Path(folder) / "drive.mcap", small_drive("cdr", frames=2))
+        return list(lidcam.iter_frames(path, settings=[CLUSTERS], workers=1))[-1]
+
+
+def frames(count: int, *, extra_bytes: int = 0) -> Iterator[FrameResult]:
+    frame = one_frame()
+    for index in range(count):
+        beliefs = np.full(extra_bytes // 8, float(index)) if extra_bytes else frame.beliefs
+        yield replace(frame, bundle=replace(frame.bundle, index=index), beliefs=beliefs)
+
+
+@pytest.fixture
+def files(monkeypatch: pytest.MonkeyPatch) -> list[io.FileIO]:
+    """The files in which frames wait, those of the past, too."""
+    made: list[io.FileIO] = []
+    make = tempfile.TemporaryFile
+
+    def kept(**options: Any) -> Any:
+        file = make(**options)
+        made.append(file)
+        return file
+
+    monkeypatch.setattr("lidcam.run.tracks.tempfile.TemporaryFile", kept)
+    return made
+
+
+@given(st.lists(st.integers(0, 4), max_size=30), st.sampled_from([0, 60_000, 1 << 20]))
+def test_every_frame_comes_once_in_order_with_its_own_objects(counts: list[int], file_bytes: int) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("lidcam.run.tracks.FILE_BYTES", file_bytes)
+        found = list(tracked(frames(len(counts)), Scheduled(counts), None))
+    assert [frame.bundle.index for frame in found] == list(range(len(counts)))
+    assert [frame.fused.left_out for frame in found] == [{"frame": index} for index in range(len(counts))]
+
+
+@pytest.mark.parametrize("tracker", [Late(0), Late(1), Late(NEVER)])
+def test_a_frame_comes_back_as_it_was(tracker: FrameTracker) -> None:
+    before = one_frame()
+    for after in tracked(frames(3), tracker, None):
+        for name, message in before.bundle.messages.items():
+            same = after.bundle.messages[name]
+            assert bytes(same.data) == bytes(message.data)
+            assert same._replace(data=b"") == message._replace(data=b"")
+        np.testing.assert_array_equal(after.combined.cloud.xyz, before.combined.cloud.xyz, strict=True)
+        np.testing.assert_array_equal(after.beliefs, before.beliefs, strict=True)
+        assert {**after.views}.keys() == {**before.views}.keys()
+        assert after.bundle.stamp_ns == before.bundle.stamp_ns
+
+
+def test_what_is_settled_at_once_is_not_copied(files: list[io.FileIO]) -> None:
+    found = list(tracked(frames(5), Late(0), None))
+    assert all(frame.combined is one_frame().combined for frame in found)
+    assert files == []
+
+
+def test_no_frame_no_file(files: list[io.FileIO]) -> None:
+    assert list(tracked([], Late(3), None)) == []
+    assert files == []
+
+
+def test_frames_wait_on_the_disk_and_files_that_were_read_go(
+    files: list[io.FileIO], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    size, delay, step, file_bytes = 1 << 20, 5, 10, 3 << 20
+    monkeypatch.setattr("lidcam.run.tracks.FILE_BYTES", file_bytes)
+    one_frame()
+    on_disk = []
+    tracemalloc.start()
+    try:
+        for _ in tracked(frames(60, extra_bytes=size), Late(delay, step), None):
+            on_disk.append(sum(os.fstat(file.fileno()).st_size for file in files if not file.closed))
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 6 * size, "15 frames wait"
+    assert (delay + step - 2) * size < max(on_disk) < (delay + step + 1) * (size + 100_000) + file_bytes
+    assert all(file.closed for file in files)
+
+
+@pytest.mark.parametrize("delay", [1, 3, NEVER])
+def test_files_are_closed_when_the_frames_end_with_an_error(delay: int, files: list[io.FileIO]) -> None:
+    def failing() -> Iterator[FrameResult]:
+        yield from frames(6)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        list(tracked(failing(), Late(delay), None))
+    assert files
+    assert all(file.closed for file in files)
+
+
+def test_files_are_closed_when_nobody_wants_the_rest(files: list[io.FileIO]) -> None:
+    found = tracked(frames(6), Late(2), None)
+    next(found)
+    found.close()
+    assert files
+    assert all(file.closed for file in files)
+
+
+def test_a_tracker_that_miscounts_is_found_out() -> None:
+    class TooMany(Late):
+        def add(self, frame: FrameResult) -> list[Fused]:
+            return [frame.fused, frame.fused]
+
+    class TooFew(Late):
+        def finish(self) -> list[Fused]:
+            return super().finish()[1:]
+
+    with pytest.raises(ValueError, match="expected at most 1 settled frames, got 2"):
+        list(tracked(frames(3), TooMany(0), None))
+    with pytest.raises(ValueError, match="expected 2 settled frames at the end, got 1"):
+        list(tracked(frames(3), TooFew(2), None))
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full, the disk that is always full")
+def test_a_full_disk_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    full = lambda **_: open("/dev/full", "r+b", buffering=0)  # noqa: E731, PTH123, SIM115  # closed with the spool
+    monkeypatch.setattr("lidcam.run.tracks.tempfile.TemporaryFile", full)
+    with pytest.raises(lidcam.OutputError) as caught:
+        list(tracked(frames(3), Late(2), tmp_path))
+    assert str(caught.value) == (
+        f"{tmp_path}: frames that wait for their tracks cannot be kept there: No space left on device: free some "
+        "space, or set track.window_s to less"
+    )
+
+
+def test_a_folder_that_is_gone_is_told_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(lidcam.OutputError, match="gone: frames that wait for their tracks cannot be kept there: No su"):
+        list(tracked(frames(3), Late(2), tmp_path / "gone"))
+
+
+class Told(RunObserver):
+    """What a run tells, in its order: numbers of passed frames, and of frames."""
+
+    def __init__(self) -> None:
+        self.all: list[tuple[str, int]] = []
+        self.log_times_ns: list[int] = []
+
+    def frame(self, result: FrameResult) -> None:
+        self.all.append(("frame", result.bundle.index))
+
+    def advanced(self, progress: RunProgress) -> None:
+        self.all.append(("advanced", progress.frames))
+        self.log_times_ns.append(progress.log_time_ns)
+
+
+@pytest.fixture
+def recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr("lidcam.pipeline.parallel.run.START_S", 0.0)
+    write_mcap(path := tmp_path / "drive.mcap", small_drive("cdr", frames=FRAMES, kinds=("images", "boxes")))
+    return path
+
+
+def use(tracker: FrameTracker | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidcam.processing.object_tracker", lambda *_: tracker)
+
+
+def told(report: lidcam.RunSummary) -> dict[str, Any]:
+    return {**summary_tree(report), "timing": {}, "outputs": [], "frames_left_out": {}}
+
+
+class Silent(Late):
+    """As `Late`, and leaves no mark."""
+
+    def add(self, frame: FrameResult) -> list[Fused]:
+        settled = super().add(frame)
+        self._open = [replace(fused, left_out={}) for fused in self._open]
+        return [replace(fused, left_out={}) for fused in settled]
+
+
+def test_same_outputs_with_and_without_a_delay_for_any_workers(
+    recording: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written = []
+    for number, (tracker, workers) in enumerate(((None, 1), (Silent(4), 1), (Silent(3, 3), 2), (Silent(NEVER), 2))):
+        (folder := recording.parent / f"{number}").mkdir()
+        use(tracker, monkeypatch)
+        outputs = [folder / "out.mcap", folder / "out.rrd"]
+        report = lidcam.process(recording, outputs, settings=[CLUSTERS], workers=workers).report
+        stages = report.timing.stage_seconds
+        assert list(stages)[-3:] == (["track"] if tracker else [list(stages)[-3]]) + ["write mcap", "write rerun"]
+        assert ("track" in stages) == (tracker is not None)
+        written.append(((folder / "out.mcap").read_bytes(), told(report)))
+        assert {path.suffix for path in folder.iterdir()} <= {".mcap", ".rrd", ".json"}
+    assert all(one == written[0] for one in written)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_progress_moves_while_frames_wait(recording: Path, workers: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    use(Late(3, 2), monkeypatch)
+    observer = Told()
+    process_recording(make_job(recording, settings=[CLUSTERS], workers=workers), observer)
+    assert observer.all[:9] == [
+        *(("advanced", number) for number in (1, 2, 3, 4)),
+        ("frame", 0),
+        ("frame", 1),
+        ("advanced", 5),
+        ("advanced", 6),
+        ("frame", 2),
+    ]
+    assert [number for what, number in observer.all if what == "frame"] == list(range(FRAMES))
+    assert [number for what, number in observer.all if what == "advanced"] == list(range(1, FRAMES + 1))
+    assert observer.log_times_ns == sorted(set(observer.log_times_ns))
+
+
+@pytest.mark.parametrize("delay", [0, 4])
+def test_all_that_sees_results_sees_the_tracked_objects(
+    recording: Path, delay: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    use(Late(delay), monkeypatch)
+    report = lidcam.process(recording, recording.parent / "out.mcap", settings=[CLUSTERS], workers=1).report
+    assert report.drops.objects == {"frame": sum(range(FRAMES))}
+    use(Late(delay), monkeypatch)
+    passed = lidcam.iter_frames(recording, settings=[CLUSTERS], workers=1)
+    found = [frame.fused.left_out for frame in passed]
+    assert found == [{"frame": index} for index in range(FRAMES)]
+
+
+def test_leaving_the_loop_leaves_nothing(
+    recording: Path, files: list[io.FileIO], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    use(Late(4), monkeypatch)
+    rest = lidcam.iter_frames(recording, settings=[CLUSTERS], workers=2)
+    next(rest)
+    assert not all(file.closed for file in files)
+    rest.close()
+    assert all(file.closed for file in files)
+
+
+def test_an_error_of_the_tracker_names_the_frame(recording: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Broken(Late):
+        def add(self, frame: FrameResult) -> list[Fused]:
+            if frame.bundle.index == 5:
+                raise ArithmeticError
+            return super().add(frame)
+
+    use(Broken(3), monkeypatch)
+    with pytest.raises(ArithmeticError) as caught:
+        list(lidcam.iter_frames(recording, settings=[CLUSTERS], workers=1))
+    assert caught.value.__notes__[0].startswith("in stage track, frame 5, stamp ")
