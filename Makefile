@@ -1,6 +1,7 @@
 # make demo     process the sample recordings into out/
 # make gate     measure the outputs of the demo, and compare them with golden results
-# make test     lint, types, tests
+# make quick    lint, types and the tests of what changed, without Ray, PyTorch and a simulated S3: for each commit
+# make test     lint, types, all tests
 # make check    lint and types only
 # make coverage the tests once more, with the share of the lines that they run
 # make fuzz     hostile inputs for every decoder, MINUTES=15 of them (Linux)
@@ -16,6 +17,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/installed
+INSTALLED_QUICK := .venv/installed-quick
 INSTALLED_ALL := .venv/installed-all
 PIP = $(BIN)/python -m pip --disable-pip-version-check
 # Everything by its hash, and nothing that is not listed. Not compiled: most of it is never imported, and Python compiles what is.
@@ -28,7 +30,7 @@ COMPILE = UV_CUSTOM_COMPILE_COMMAND='make locks' $(UV) pip compile --quiet --uni
 # Where this is set, as in some containers, each of the hundreds of programs that the tests start compiles all sources anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo gate golden test check pytest coverage fuzz campaign samples bench numbers site locks
+.PHONY: demo gate golden quick test check pytest coverage fuzz campaign samples bench numbers site locks
 .DELETE_ON_ERROR:
 
 $(INSTALLED): pyproject.toml constraints-run.txt
@@ -44,8 +46,12 @@ $(INSTALLED): pyproject.toml constraints-run.txt
 $(INSTALLED_ALL): $(INSTALLED) constraints.txt
 	@echo 'Installing the extras and the tools of the tests into .venv: 930 MB to fetch, once'
 	$(LOCKED) constraints.txt
-	$(PIP) install --no-build-isolation --no-compile --editable '.[sim,train,foxglove,video,notebook,http,s3,ray,dev]'
+	$(PIP) install --no-build-isolation --no-compile --editable '.[sim,train,foxglove,video,notebook,http,s3,ray,test,dev]'
 	$(PIP) check
+	@touch $@
+
+$(INSTALLED_QUICK): $(INSTALLED) constraints-quick.txt
+	@test -f $(INSTALLED_ALL) || $(LOCKED) constraints-quick.txt
 	@touch $@
 
 demo: $(INSTALLED)
@@ -69,6 +75,15 @@ check: $(INSTALLED_ALL)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy lidcam tests benchmarks
+
+# Without the packages that are left out, what derives from them has no type.
+LOOSE = --cache-dir .mypy_cache/quick --ignore-missing-imports --allow-subclassing-any --allow-untyped-decorators --no-warn-unused-ignores --no-warn-return-any
+QUICK = $(filter-out tests/lidcam/training tests/lidcam/batch/test_ray.py tests/e2e/test_object_store.py,$(shell $(BIN)/python tests/support/changed_tests.py))
+quick: $(INSTALLED_QUICK)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy $(LOOSE) lidcam tests benchmarks
+	$(BIN)/pytest -q -n auto $(QUICK)
 
 # Types are checked on one core beside the first tests.
 test: $(INSTALLED_ALL)
@@ -108,8 +123,9 @@ config/default.yaml: $(wildcard pipeline/core/settings/*.py) $(INSTALLED_ALL)
 	@$(BIN)/python -c 'from lidcam.pipeline.core.settings.config import Config; from lidcam.pipeline.core.settings.load import dump_config; print(dump_config(Config()), end="")' >> $@
 
 locks:
-	$(COMPILE) --extra sim --extra foxglove --extra video --extra notebook --extra http --extra s3 --extra ray --extra dev --output-file constraints.txt pyproject.toml constraints.in
+	$(COMPILE) --extra sim --extra foxglove --extra video --extra notebook --extra http --extra s3 --extra ray --extra test --extra dev --output-file constraints.txt pyproject.toml constraints.in
 	$(COMPILE) --constraint constraints.txt --output-file constraints-run.txt pyproject.toml constraints-build.in
+	$(COMPILE) --constraint constraints.txt --extra test --output-file constraints-quick.txt pyproject.toml constraints-build.in
 
 docs/licences.md: $(INSTALLED_ALL)
 	$(BIN)/python tests/support/licences.py > $@

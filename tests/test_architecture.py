@@ -4,6 +4,7 @@ import ast
 from functools import cache
 from pathlib import Path
 
+from changed_tests import mirrored_tests
 from import_graph import (
     FLOORS,
     ImportGraph,
@@ -117,3 +118,24 @@ def test_only_packages_list_their_names() -> None:
 
 def _assigns(node: ast.stmt, name: str) -> bool:
     return isinstance(node, ast.Assign) and any(ast.unparse(target) == name for target in node.targets)
+
+
+def test_tests_of_a_change() -> None:
+    """What `make quick` runs."""
+    changed = [
+        "pipeline/graph.py",
+        "pipeline/stages/no_such.py",
+        "docs/a.md",
+        "tests/test_docs.py",
+        "tests/support/helpers.py",
+    ]
+    assert mirrored_tests(changed) == [
+        "tests/pipeline/stages",
+        "tests/pipeline/test_graph.py",
+        "tests/test_architecture.py",
+        "tests/test_docs.py",
+    ]
+    assert mirrored_tests(["pipeline/stages/fuse.py", "pipeline/stages/no_such.py"]) == [
+        "tests/pipeline/stages",
+        "tests/test_architecture.py",
+    ]

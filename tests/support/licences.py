@@ -12,7 +12,7 @@ from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[2]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-EXTRAS = ("foxglove", "video", "notebook", "http", "s3", "ray", "sim", "train", "dev")
+EXTRAS = ("foxglove", "video", "notebook", "http", "s3", "ray", "sim", "train", "test", "dev")
 LINUX = {"sys_platform": "linux", "os_name": "posix", "platform_system": "Linux"}
 
 TITLES = {
@@ -25,7 +25,8 @@ TITLES = {
     "ray": "Extra `ray`",
     "sim": "Extra `sim`",
     "train": "Extra `train`",
-    "dev": "Tools of the tests",
+    "test": "Tools of `make quick`",
+    "dev": "Tools of the other tests",
 }
 
 UNSAID = {
