@@ -4,7 +4,6 @@ The readers of a format are imported by the first file of it.
 """
 
 import heapq
-import resource
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -15,12 +14,10 @@ from typing import BinaryIO
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.readers.files.container import Source
-from lidcam.readers.files.copies import completed, unpacked, whole_pages
+from lidcam.readers.files.copies import completed, journals_of, unpacked, whole_pages
 from lidcam.readers.files.damage import DamageError, Losses, library_errors
 from lidcam.readers.files.evaluation_folder import EvaluationFolder, is_evaluation_folder
 from lidcam.readers.files.rosbag2_folder import contradiction, folder_metadata, recording_files, unlisted_files
-from lidcam.readers.files.sqlite.pages import journals_of
-from lidcam.readers.files.temporary import remove_abandoned
 from lidcam.readers.input_file import OpenedFile
 from lidcam.readers.location import Location, RemotePath
 from lidcam.readers.messages.registry import types_of
@@ -40,8 +37,6 @@ ROSBAG1_MAGIC = b"#ROSBAG V2.0\n"
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 SQLITE_MAGIC = b"SQLite format 3\0"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-DESCRIPTORS, OTHER_DESCRIPTORS = 3, 256
-"""Open at once for a file of a recording (a database that was unpacked), and for all else."""
 
 LONGEST_OVERLAP_NS = 500_000_000
 """Recorders write messages that are still on their way to the next part."""
@@ -67,11 +62,9 @@ def open_recording(paths: Sequence[Location], options: ReadOptions = DEFAULT_REA
     """
     if not paths:
         raise RecordingError(f"expected {EXPECTED}, got no path")
-    remove_abandoned()
     with ExitStack() as stack:
         opened: list[RecordingFile] = []
         files, unlisted = _all_files(paths), _unlisted(paths, options)
-        _allow_open_files(len(files))
         originals = [OpenedFile(path, _stream(path, stack)) for path in files]
         errors: list[DamageError] = []
         for index, original in enumerate(originals):
@@ -243,15 +236,6 @@ def _inode(file: Path) -> tuple[int, int]:
     with library_errors(file):
         status = file.stat()
     return status.st_dev, status.st_ino
-
-
-def _allow_open_files(count: int) -> None:
-    """Raise the limit of open files as far as so many parts of a recording need it, and the system allows it."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    wanted = DESCRIPTORS * count + OTHER_DESCRIPTORS
-    if soft != resource.RLIM_INFINITY and soft < wanted:
-        most = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
-        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
 
 def _stream(path: Location, stack: ExitStack) -> BinaryIO | None:

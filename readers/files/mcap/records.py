@@ -69,7 +69,6 @@ def load_chunk(
     *,
     size: int | None = None,
     is_cut: bool = False,
-    verify: bool = True,
 ) -> bytes:
     """The records of the chunk at `position`, decompressed, their checksum verified.
 
@@ -79,7 +78,6 @@ def load_chunk(
         limits: Bytes that it may unpack to.
         size: Bytes that it takes up in the file according to the index.
         is_cut: The file ends inside the chunk: return the complete records, without verifying a checksum.
-        verify: Whether to verify the checksum.
 
     Raises:
         ValueError: there is no chunk, its compression is unknown, or its size or checksum is wrong.
@@ -108,7 +106,7 @@ def load_chunk(
     chunk = _unpacked(stream, head, largest)
     if len(chunk) != head.uncompressed_size:
         raise ValueError(f"chunk at byte {position}: expected {head.uncompressed_size} bytes, found {len(chunk)}")
-    if verify and head.crc and zlib.crc32(chunk) != head.crc:
+    if head.crc and zlib.crc32(chunk) != head.crc:
         raise ValueError(f"chunk at byte {position}: crc {zlib.crc32(chunk):#010x} instead of {head.crc:#010x}")
     return chunk
 

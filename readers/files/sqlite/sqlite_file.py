@@ -17,11 +17,11 @@ from lidcam.pipeline.core.arrays import I64
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.readers.files.container import Container, Source
+from lidcam.readers.files.copies import count_pages
 from lidcam.readers.files.damage import LIBRARY_ERRORS
 from lidcam.readers.files.decompress import decompressed
 from lidcam.readers.files.passes import pass_starts
 from lidcam.readers.files.sqlite.index import contents_of_tables
-from lidcam.readers.files.sqlite.pages import count_pages
 from lidcam.readers.messages.header_stamp import stamp_or_log_time
 from lidcam.readers.recording import RosVersion, TopicInfo, merge_topics
 
@@ -62,7 +62,9 @@ class SqliteFile(Container):
             raise RecordingError(f"{self.path}: it was replaced while it was opened; run it again")
         distro = self._source.metadata.distro
         with self._losses.guard() as damage:
-            self._check_size()
+            pages = count_pages(self._stream)
+            if pages.expected > pages.whole:
+                raise EOFError(f"the file has {pages.whole} of {pages.expected} pages: it was cut off")
             contents = contents_of_tables(self._database, self.path, distro, self._losses)
         if damage.error:
             because = damage.reason
@@ -139,17 +141,6 @@ class SqliteFile(Container):
         if row is None or row[1] != log_time_ns:
             raise sqlite3.DatabaseError("its id leads to another row, or to none")
         return row[0]
-
-    def _check_size(self) -> None:
-        """Refuse a file that lacks pages.
-
-        Raises:
-            EOFError: pages are missing.
-            ValueError: its header is not that of a database.
-        """
-        pages = count_pages(self._stream)
-        if pages.expected > pages.whole:
-            raise EOFError(f"the file has {pages.whole} of {pages.expected} pages: it was cut off")
 
     def close(self) -> None:
         """Close the database."""

@@ -179,16 +179,6 @@ def test_what_damage_costs(
         assert told in reasons, kind
 
 
-def test_topics_that_only_a_damaged_chunk_names_are_read_and_told(tmp_path: Path) -> None:
-    sound = sound_recording("mcap-none")
-    content = bytearray(sound.files["rec.mcap"])[:15_000]  # without the summary, which repeats the names
-    content[content.index(b"base_link")] ^= 1
-    messages, losses = read_all(write_files(tmp_path, sound, {"rec.mcap": bytes(content)}), "as_needed")
-    assert {*messages} < {*sound.messages}
-    assert len(messages) > 3
-    assert [("crc" in loss.reason, "/odom" in loss.reason) for loss in losses[:2]] == [(True, False), (False, True)]
-
-
 # --- SQLite
 
 SQLITE = sound_recording("sqlite")

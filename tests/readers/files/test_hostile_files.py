@@ -264,16 +264,6 @@ def test_a_chunk_that_unpacks_to_more_than_it_says(tmp_path: Path, compression: 
         assert len(losses) == 1
 
 
-def test_an_index_that_names_a_chunk_again_and_again(tmp_path: Path) -> None:
-    only = chunk(records(*range(10)))
-    path = tmp_path / "a.mcap"
-    again = [index(FIRST_CHUNK, len(bytes_of(only)))] * 1000
-    path.write_bytes(mcap([SCHEMA, CHANNEL, only], [SCHEMA, CHANNEL, *again, statistics(10_000, 1000)]))
-    times, losses = read(path)
-    assert times == [*range(10)]
-    assert losses
-
-
 # --- SQLite
 
 

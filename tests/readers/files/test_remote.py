@@ -48,7 +48,6 @@ def server(content: bytes) -> Iterator[RangeServer]:
 @pytest.fixture(autouse=True)
 def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(remote, "RETRY_DELAYS_S", (0.0, 0.0, 0.0))
-    monkeypatch.setattr(remote, "REQUEST_SHARE", 1e9)  # requests are as large on a slow machine
 
 
 @pytest.fixture(autouse=True, scope="module")
