@@ -13,8 +13,7 @@ from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from lidcam.readers.messages.foxglove import ROS_TYPES, ros_channel, to_ros
 from lidcam.readers.recording import Closing, Loss, Recording, TopicInfo, merge_topics
 from lidcam.readers.streams.combined_messages import Parts, find_combined, split
-from lidcam.readers.velodyne.packet import PACKET, packet_problem, scan_channel
-from lidcam.readers.velodyne.scan import SCAN
+from lidcam.readers.velodyne.scan import PACKET, SCAN, packet_problem, scan_channel
 from lidcam.readers.velodyne.sweeps import PAUSE_NS, gather_sweeps
 from lidcam.readers.video.packets import VIDEO, missing_decoder
 

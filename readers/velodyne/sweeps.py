@@ -15,7 +15,7 @@ from collections.abc import Container, Iterable, Iterator
 
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import Channel, RawMessage
-from lidcam.readers.velodyne.packet import packet_data, scan_channel, scan_data
+from lidcam.readers.velodyne.scan import packet_data, scan_channel, scan_data
 
 PAUSE_NS = 500_000_000
 """Log time without a packet after which a sweep is complete; no sweep takes as long (300 turns a minute: 0.2 s)."""

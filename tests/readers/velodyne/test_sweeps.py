@@ -17,8 +17,7 @@ from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.streams.per_sensor import sensor_messages
 from lidcam.readers.streams.survey import survey
 from lidcam.readers.velodyne import sweeps as velodyne_sweeps
-from lidcam.readers.velodyne.packet import PACKET
-from lidcam.readers.velodyne.scan import SCAN, parse_velodyne_scan
+from lidcam.readers.velodyne.scan import PACKET, SCAN, parse_velodyne_scan
 from lidcam.readers.velodyne.sweeps import PAUSE_NS
 
 TOPIC = "/velodyne_packets"
