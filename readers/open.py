@@ -17,7 +17,7 @@ from lidcam.readers.files.container import Source
 from lidcam.readers.files.copies import completed, journals_of, unpacked, whole_pages
 from lidcam.readers.files.damage import DamageError, Losses, library_errors
 from lidcam.readers.files.evaluation_folder import EvaluationFolder, is_evaluation_folder
-from lidcam.readers.files.rosbag2_folder import contradiction, folder_metadata, recording_files, unlisted_files
+from lidcam.readers.files.rosbag2_folder import folder_metadata, recording_files, unlisted_files
 from lidcam.readers.input_file import OpenedFile
 from lidcam.readers.location import Location, RemotePath
 from lidcam.readers.messages.registry import types_of
@@ -279,11 +279,6 @@ def _open_file(original: OpenedFile, index: int, stack: ExitStack, options: Read
             content, stream = whole_pages(content, stream, stack)
         file = _file_of_kind(Source(path, index, options, losses), path, content, stream, magic)
         stack.callback(file.close)
-        if not magic.startswith((MCAP_MAGIC, SQLITE_MAGIC)) or any(loss.messages != 0 for loss in file.losses):
-            return file
-        reason, fewer = contradiction(folder_metadata(path.parent), path.name, file.message_count)
-        if reason:
-            losses.note(0, reason, messages=fewer)
     return file
 
 

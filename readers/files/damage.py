@@ -9,7 +9,6 @@ import sqlite3
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
@@ -40,9 +39,6 @@ LIBRARY_ERRORS: tuple[type[Exception], ...] = (
     TypeError,
     ValueError,
 )
-
-MAX_OTHERS = 1_000_000
-"""Unlisted losses that are remembered, so that each counts once."""
 
 
 class DamageError(RecordingError):
@@ -121,12 +117,13 @@ class Losses:
         key = (position, reason)
         if key in self._listed:
             return
-        loss = Loss(self.path, position, reason, size, messages)
         if len(self._listed) < self._max_listed:
-            self._listed[key] = loss
-        elif hash(key) not in self._others and len(self._others) < MAX_OTHERS:
+            self._listed[key] = Loss(self.path, position, reason, size, messages)
+        elif hash(key) not in self._others:
             self._others.add(hash(key))
-            self._rest = _sum(self._rest, loss, len(self._others))
+            first = self._rest or Loss(self.path, position, "", 0, 0)
+            more = f"{len(self._others)} further places, see limits.max_losses_listed"
+            self._rest = Loss(self.path, first.position, more, _sum(first.size, size), _sum(first.messages, messages))
 
     def listed(self) -> tuple[Loss, ...]:
         """The losses by position, and last the sum of those that are not listed."""
@@ -169,15 +166,8 @@ def library_errors(
         ) from err
 
 
-def _sum(rest: Loss | None, loss: Loss, count: int) -> Loss:
-    at_least = "" if count < MAX_OTHERS else " or more"
-    reason = f"{count}{at_least} further places, see limits.max_losses_listed; the first of them: "
-    if rest is None:
-        return replace(loss, reason=reason + loss.reason)
-    first = rest.reason.partition("the first of them: ")[2]
-    size = None if rest.size is None or loss.size is None else rest.size + loss.size
-    messages = None if rest.messages is None or loss.messages is None else rest.messages + loss.messages
-    return Loss(loss.path, rest.position, reason + first, size, messages)
+def _sum(one: int | None, other: int | None) -> int | None:
+    return None if one is None or other is None else one + other
 
 
 def _is_damage(err: Exception) -> bool:

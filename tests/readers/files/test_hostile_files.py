@@ -169,7 +169,7 @@ def test_losses_are_added_up() -> None:
     *listed, rest = losses.listed()
     assert [loss.position for loss in listed] == [0, 1]
     assert (rest.position, rest.size, rest.messages) == (2, 30, None)
-    assert rest.reason == "3 further places, see limits.max_losses_listed; the first of them: gone"
+    assert rest.reason == "3 further places, see limits.max_losses_listed"
 
 
 # --- MCAP files written by hand
@@ -312,14 +312,12 @@ LAUGHS = "\n".join(f"B b{i}" for i in range(10)) + parts(
 @pytest.mark.parametrize(
     ("text", "fault"),
     [
-        ("a/A a", "a/msg/A contains itself"),
         ("a/A[] a", "a/msg/A contains itself"),
         ("B b" + parts(("B", "C[3] c"), ("C", "A a")), "a/msg/A contains itself"),
         ("B[] b" + parts(("B", "uint8 X=1")), "is a list of empty messages"),
         ("B[100000000] b" + parts(("B", "uint8 x")), "more than 5000 values"),
         ("string[100000000] b", "more than 5000 values"),
         (LAUGHS, "more than 5000 values"),
-        ("\n".join(f"uint8 x{i}" for i in range(6000)), "more than 5000 values"),
         ("\n".join(f"uint8 x{i}" for i in range(40_000)), "expected at most 262144"),
         (
             "B0 b" + parts(*((f"B{i}", f"B{i + 1} b") for i in range(100)), ("B100", "uint8 x")),
