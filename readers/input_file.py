@@ -125,11 +125,6 @@ class InputFiles:
     It reads what was read for the frames a moment ago and lies in the system's cache. So the first frame does not wait
     until all of the recording was read, and a disk delivers it once. To be closed.
 
-    Args:
-        files: The files, in the order in which they are read.
-        named: Other files that a run reads, as they were before, by what they are.
-        with_checksums: Whether they are read as a whole; if not, only their sizes are known.
-
     Attributes:
         unread: The files before they are read, with their sizes.
         named: The other files; after `finish` it is known whether they were changed.

@@ -261,9 +261,6 @@ class ChunkCache:
 
     Messages are read in time order but chunks are in the order of writing, so chunks that overlap in time are read
     alternately. The bound keeps memory constant even if all chunks of a recording overlap.
-
-    Args:
-        max_bytes: Bytes that are kept.
     """
 
     def __init__(self, max_bytes: int = CACHE_BYTES) -> None:

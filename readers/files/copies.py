@@ -30,12 +30,7 @@ def unpacked(
 ) -> tuple[Path, BinaryIO]:
     """The content of a zstd-compressed file (rosbag2's compression mode `file`), as a file in a temporary folder.
 
-    Args:
-        path: The file.
-        packed: Its bytes.
-        stack: Removes the folder.
-        losses: Collects where the file is damaged; the content before is used.
-        limits: How much it may unpack to.
+    What comes before damage is used.
 
     Raises:
         RecordingError: it unpacks to more, or to more than the temporary folder has space for.

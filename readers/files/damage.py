@@ -48,9 +48,6 @@ class DamageError(RecordingError):
 class DamageGuard:
     """A context manager that suppresses errors caused by damage in a file; all other errors pass.
 
-    Args:
-        is_active: Whether to suppress any.
-
     Attributes:
         error: The error that was suppressed; None if there was none.
     """
@@ -77,12 +74,7 @@ class DamageGuard:
 
 
 class Losses:
-    """Parts of one file that could not be read; each loss is listed once, however often the file is read.
-
-    Args:
-        path: The file.
-        options: Whether damage is an error, and how many losses are listed one by one; the others are added up.
-    """
+    """Parts of one file that could not be read; each loss is listed once, however often the file is read."""
 
     def __init__(self, path: Location, options: ReadOptions = DEFAULT_READ_OPTIONS) -> None:
         self.path = path
@@ -135,12 +127,7 @@ class Losses:
 def library_errors(
     path: Location, *, progress: Callable[[], str] | None = None, is_recovering: bool = False
 ) -> Iterator[None]:
-    """Turn what a library raises while it reads `path` into a `RecordingError`.
-
-    Args:
-        path: The file.
-        progress: Says how far it was read.
-        is_recovering: Whether what can still be read was already tried.
+    """Turn what a library raises while it reads `path` into a `RecordingError`; `progress` says how far it was read.
 
     Raises:
         RecordingError: instead of any of `LIBRARY_ERRORS`; a `DamageError` if the content is at fault.

@@ -67,15 +67,9 @@ def check_complete(unpacked: Unpacked, compression: str) -> None:
 def unpack(
     stream: BinaryIO, position: int, end: int, compression: str, *, largest: int, size: int | None = None
 ) -> Unpacked:
-    """The content of the compressed data that begin at `position` and end before `end`.
+    """The content of the lz4 or bz2 data that begin at `position` and end before `end`; at most `largest` bytes.
 
-    Args:
-        stream: The file.
-        position: First byte of the data.
-        end: Byte after the data.
-        compression: `lz4` or `bz2`.
-        largest: Bytes that they may unpack to.
-        size: Their unpacked size according to the file: this much memory is allocated at once, and more if needed.
+    `size` is their unpacked size according to the file: this much is allocated at once, and more if needed.
 
     Raises:
         ValueError: they unpack to more.
@@ -107,12 +101,6 @@ def decompressed(data: bytes | memoryview, encoding: str, *, announced: bool, la
 
     metadata.yaml says whether it did, but is often lost. Zstd frames are recognised by their first bytes (RFC 8878,
     3.1.1), with which no CDR message can begin: its first byte is 0 (DDSI-RTPS 10.5).
-
-    Args:
-        data: As recorded.
-        encoding: Of the message (`Channel.encoding`).
-        announced: Whether metadata.yaml says that messages are compressed.
-        largest: Bytes that it may unpack to.
 
     Raises:
         ValueError: it unpacks to more.

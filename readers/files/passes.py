@@ -28,14 +28,9 @@ WITHIN_PERIODS = 1.5
 
 
 def pass_starts(log_times_ns: I64, topics: I64) -> Sequence[int]:
-    """Where the second and later passes begin.
+    """Rows at which the second and later passes begin, mostly none.
 
-    Args:
-        log_times_ns: (N,) log times in the order of the file.
-        topics: (N,) number of each message's topic.
-
-    Returns:
-        Rows of the first message of each pass but the first; mostly none.
+    Takes the log times (N,) in the order of the file, and the number of each message's topic.
     """
     if not len(log_times_ns):
         return ()

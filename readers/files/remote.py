@@ -61,10 +61,6 @@ class _AnswerError(Exception):
 class RemoteFile(io.BufferedIOBase):
     """A seekable file on a server.
 
-    Args:
-        path: Its location.
-        limits: How long a request may take.
-
     Attributes:
         path: The same, with the facts that the server gave.
         size: Size in bytes.

@@ -108,11 +108,7 @@ def decode_transforms(
 ) -> list[tuple[int, Transform | CalibrationError, str]]:
     """The transforms of one message: stamp in ns, T_parent_child or its fault, child frame.
 
-    Args:
-        message: The message.
-        limits: How much it may hold.
-        is_wanted: Whether transforms of these two frames are; sound ones that are not are left out, which saves most
-            of the time.
+    Sound ones of frames (parent, child) that are not wanted are left out, which saves most of the time.
 
     Raises:
         MessageError: the message cannot be decoded, or is not of `TF_TYPES`.
@@ -154,13 +150,9 @@ def read_transforms(
     stop_ns: int | None = None,
     limits: LimitsConfig = DEFAULT_LIMITS,
 ) -> RecordedTransforms:
-    """All of /tf_static, and /tf at the start of the recording and of the time window.
+    """All of /tf_static, and /tf at the start of the recording and of the time window (log times; `stop_ns` excluded).
 
-    Args:
-        recording: Open recording.
-        start_ns: Start of the window by log time; None is that of the recording.
-        stop_ns: Its end (exclusive).
-        limits: How many frames the transforms may name; messages of a topic that names more are dropped from there on.
+    Messages of a topic that names more frames than `limits` allow are dropped from there on.
     """
     static, dynamic = tf_topics(recording)
     fixed = TransformTree()

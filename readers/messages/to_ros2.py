@@ -72,10 +72,7 @@ def to_ros2(
 ) -> RawMessage:
     """The message as CDR, with the definition that its channel needs in a file; times and order are kept.
 
-    Args:
-        message: Any ROS message.
-        name_of: Name by number in ROS 1's vision_msgs.
-        limits: Limits of a message that is converted.
+    `name_of` gives the names of the numbers in ROS 1's vision_msgs.
 
     Raises:
         MessageError: the message could not be read, is none of ROS, or does not fit its definition.

@@ -74,13 +74,7 @@ class CopiedMessages:
     def handed_on(
         self, bundles: Iterable[SensorBundle], recording: Recording, stop_ns: int | None
     ) -> Iterator[SensorBundle]:
-        """The bundles with the messages to copy; the last one has those recorded after it, and just after a window.
-
-        Args:
-            bundles: In order, made from the stream that `tap` gives.
-            recording: The recording.
-            stop_ns: End of the window; None if the stream goes to the end of the recording.
-        """
+        """The bundles with the messages to copy; the last one has those recorded after it, and just after a window."""
         last: SensorBundle | None = None
         for bundle in bundles:
             if last is not None:

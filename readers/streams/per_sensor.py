@@ -21,10 +21,6 @@ from lidcam.readers.video.packets import VIDEO, missing_decoder
 def sensor_messages(recording: Recording, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Recording:
     """The recording with one topic and a ROS type for every sensor; closing it closes `recording`.
 
-    Args:
-        recording: Open recording.
-        limits: Sizes that a message may have that is split or converted.
-
     Raises:
         RecordingError: the recording cannot be read; it is then closed.
     """

@@ -98,14 +98,7 @@ def _problem(info: TopicInfo, faults: tuple[str, int]) -> str:
 
 
 def _topic_survey(info: TopicInfo, times_ns: I64, count: int, faults: tuple[str, int]) -> TopicSurvey:
-    """The statistics of a topic.
-
-    Args:
-        info: The topic.
-        times_ns: (N, 2) stamps and log times of its first messages.
-        count: Number of its messages.
-        faults: The first invalid time, and the number of them.
-    """
+    """The statistics of a topic from the stamps and log times (N, 2) of its first messages."""
     stamps_ns, log_ns = times_ns.T
     steps_s = np.diff(stamps_ns).astype(np.float64)
     steps_s /= 1e9

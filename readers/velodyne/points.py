@@ -71,14 +71,9 @@ class Beams:
 
 
 def cloud_of(packets: VelodynePackets, beams: Beams, device_us: I64, packet_ns: I64, stamp_ns: int) -> PointCloud:
-    """The points of packets that all have the layout of `beams`.
+    """The points of packets (one or more) that all have the layout of `beams`.
 
-    Args:
-        packets: P packets, at least one.
-        beams: Tables of the model and calibration.
-        device_us: (P,) time of each packet by the sensor's clock, from any origin.
-        packet_ns: (P,) time of each packet after `stamp_ns`.
-        stamp_ns: Stamp of the cloud.
+    The times of the packets (P,) are by the sensor's clock, from any origin, and after `stamp_ns`, the cloud's stamp.
     """
     layout = beams.layout
     blocks = packets.fields["blocks"][:, : layout.blocks]

@@ -42,14 +42,10 @@ def gather_sweeps(
 ) -> Iterator[RawMessage]:
     """Messages with those of the channels `packets` gathered into sweeps, in the order of (log time, order).
 
-    A packet that cannot be used is reported in `RawMessage.defects` of its sweep.
+    They begin `PAUSE_NS` before `start_ns` and end `PAUSE_NS` after `stop_ns`, so that the first and the last sweep are
+    the same as if everything were read.
 
-    Args:
-        messages: In the order of (log time, order), from `PAUSE_NS` before `start_ns` to `PAUSE_NS` after `stop_ns`, so
-            that the first and the last sweep are the same as if everything were read.
-        packets: Channels of VelodynePackets.
-        start_ns: Only sweeps and messages of this log time or later.
-        stop_ns: Only sweeps and messages before this log time.
+    A packet that cannot be used is reported in `RawMessage.defects` of its sweep.
     """
     first_ns = -1 if start_ns is None else start_ns
     waiting: list[tuple[int, tuple[int, ...], RawMessage]] = []

@@ -56,12 +56,7 @@ def first_image_size(
 
 
 class VideoStreams:
-    """The video topics of one pass over a recording.
-
-    Args:
-        topics: Of `video_topics`.
-        limits: How large an image may be.
-    """
+    """The video topics of one pass over a recording."""
 
     def __init__(self, topics: Iterable[str], *, limits: LimitsConfig = DEFAULT_LIMITS) -> None:
         self._decoders = {topic: _decoder(topic, limits) for topic in topics}
@@ -107,12 +102,9 @@ class VideoStreams:
     def without_blanks(
         self, bundles: Iterable[SensorBundle], *, on_drop: Callable[[Drop], None], on_bad: Callable[[Drop], None]
     ) -> Iterator[SensorBundle]:
-        """The bundles without the video messages that gave no image.
+        """The bundles, of messages from `decoded`, without the video messages that gave no image.
 
-        Args:
-            bundles: Of messages from `decoded`.
-            on_drop: Called for messages before the first key frame: most recordings begin between two.
-            on_bad: Called for all others.
+        Those before the first key frame go to `on_drop`, as most recordings begin between two; all others to `on_bad`.
         """
         for bundle in bundles:
             blank = [m for topic in self._decoders if (m := bundle.messages.get(topic)) is not None and m.problem]

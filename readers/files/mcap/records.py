@@ -70,14 +70,9 @@ def load_chunk(
     size: int | None = None,
     is_cut: bool = False,
 ) -> bytes:
-    """The records of the chunk at `position`, decompressed, their checksum verified.
+    """The records of the chunk at `position`, decompressed, their checksum verified. `size` is that of the index.
 
-    Args:
-        stream: The file.
-        position: First byte of the chunk.
-        limits: Bytes that it may unpack to.
-        size: Bytes that it takes up in the file according to the index.
-        is_cut: The file ends inside the chunk: return the complete records, without verifying a checksum.
+    If the file ends inside the chunk (`is_cut`), the complete records, without verifying a checksum.
 
     Raises:
         ValueError: there is no chunk, its compression is unknown, or its size or checksum is wrong.

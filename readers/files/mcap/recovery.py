@@ -35,11 +35,7 @@ MESSAGE_OPCODES = {Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX}
 def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str, limits: LimitsConfig) -> Contents:
     """The contents, found by reading the whole file once; one chunk at a time is in memory.
 
-    Args:
-        stream: The file.
-        losses: Collects what is damaged.
-        because: Why the summary is invalid; noted if no other damage is found. Empty if it may be valid.
-        limits: How much the file may unpack to.
+    `because` says why the summary is invalid, for a file without other damage; it is empty if it may be valid.
 
     Raises:
         RecordingError: it has more messages outside of chunks than may be held in memory.

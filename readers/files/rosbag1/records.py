@@ -87,12 +87,9 @@ class Record(NamedTuple):
 
 
 def read_record(stream: BinaryIO, position: int, end: int) -> Record | None:
-    """The record at `position`; None if no complete record begins there.
+    """The record at `position` of a file or an unpacked chunk; None if no complete one begins there before `end`.
 
-    Args:
-        stream: The file, or an unpacked chunk.
-        position: First byte of the record.
-        end: Where the stream ends. Only chunks may reach beyond it.
+    Only chunks may reach beyond the end.
     """
     if position + 8 > end:
         return None

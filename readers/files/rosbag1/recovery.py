@@ -33,11 +33,7 @@ CUT_INDEX = "the index at the end of the file is cut off; the messages were foun
 def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str, limits: LimitsConfig) -> Contents:
     """The contents, found by reading the whole file once; one chunk at a time is in memory.
 
-    Args:
-        stream: The file.
-        losses: Collects what is damaged.
-        because: Why the index is invalid; noted if no other damage is found. Empty if it may be valid.
-        limits: How much the file may unpack to.
+    `because` says why the index is invalid, for a file without other damage; it is empty if it may be valid.
     """
     scan = _Scan(stream, stream.seek(0, 2), losses, limits)
     scan.run()

@@ -41,14 +41,9 @@ class Contents(NamedTuple):
 def contents_of_tables(
     database: sqlite3.Connection, path: Location, distro: str, losses: Losses, *, because: str = ""
 ) -> Contents:
-    """Contents of the database at `path`.
+    """Contents of the database at `path`; `distro` is that of the folder, used if the tables name none.
 
-    Args:
-        database: The open database.
-        path: Named in errors.
-        distro: Used if the tables name no ROS 2 release.
-        losses: Collects messages that cannot be used.
-        because: Why SQLite cannot read all of it: then damaged pages are passed over. Empty if it can.
+    `because` says why SQLite cannot read all of it: then damaged pages are passed over. It is empty if it can.
 
     Raises:
         RecordingError: it is not a ROS 2 recording.

@@ -31,12 +31,7 @@ ROWS_AT_ONCE = 4096
 
 
 class SqliteFile(Container):
-    """One open .db3 file; see `RecordingFile`.
-
-    Args:
-        source: The file.
-        stream: Its uncompressed content.
-        content: Where that lies.
+    """One open .db3 file; see `RecordingFile`. `content` is where the uncompressed bytes of `stream` lie.
 
     Raises:
         RecordingError: another file has taken its place since it was opened.

@@ -35,12 +35,7 @@ class _FaultError(Exception):
 
 
 def size_fault(msgtype: str, types: Typesdict) -> str:
-    """Why messages of a type cannot be read at bounded cost; empty if they can.
-
-    Args:
-        msgtype: Name of the type.
-        types: The type and all types that it contains.
-    """
+    """Why messages of a type cannot be read at bounded cost; empty if they can. `types` has all that it contains."""
     known: dict[str, int] = {}
 
     def values(name: str, inside: tuple[str, ...]) -> int:
