@@ -91,7 +91,7 @@ class VelodyneDecoder:
         """
         packets = parse_velodyne_scan(message)
         drops = [_drop(message, "packets that cannot be decoded", fault, 1) for fault in message.defects]
-        recorded = len(packets.stamps_ns)
+        recorded = len(packets)
         if not recorded:
             nothing = PointCloud(
                 stamp_ns=message.stamp_ns,
@@ -116,7 +116,7 @@ class VelodyneDecoder:
         beams = self._beams_of(model, layout)
         known = _known_packets(packets, beams, message.topic)
         packets, device_us = packets.select(known), device_us[known]
-        if foreign := recorded - len(packets.stamps_ns):
+        if foreign := recorded - len(packets):
             reason = f"packets with blocks that a {model.name} does not send"
             drops.append(_drop(message, reason, f"{foreign} of {recorded} packets of the scan", foreign))
         times_ns = _packet_times(packets, device_us, message)

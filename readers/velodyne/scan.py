@@ -7,8 +7,8 @@ apart.
 
 import struct
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from rosbags.interfaces import Nodetype
@@ -36,7 +36,8 @@ _STAMPED_BYTES = _STAMP_BYTES + PACKET_BYTES
 _CDR_LITTLE_ENDIAN = b"\0\1\0\0"
 
 
-class VelodynePackets(NamedTuple):
+@dataclass(frozen=True, slots=True, eq=False)
+class VelodynePackets:
     """The packets of one scan in recorded order.
 
     Attributes:
@@ -48,6 +49,9 @@ class VelodynePackets(NamedTuple):
     frame_id: str
     stamps_ns: I64
     payload: U8
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
 
     @property
     def fields(self) -> Array:

@@ -4,7 +4,6 @@ Read with Python's sqlite3, so that messages of equal time come in the order of 
 data, and an empty serialization format is accepted.
 """
 
-import os
 import sqlite3
 from collections.abc import Collection, Iterator
 from pathlib import Path
@@ -14,7 +13,6 @@ import numpy as np
 from rosbags.typesys.msg import normalize_msgtype
 
 from lidcam.pipeline.core.arrays import I64
-from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.readers.files.container import Container, Source
 from lidcam.readers.files.copies import count_pages
@@ -45,7 +43,6 @@ class SqliteFile(Container):
         self._database = sqlite3.connect(uri, uri=True, check_same_thread=False)
         self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, source.options.limits.max_message_bytes)
         self._database.text_factory = lambda text: text.decode(errors="replace")
-        self._content = content
         try:
             super().__init__(source, stream)
         except BaseException:
@@ -53,8 +50,6 @@ class SqliteFile(Container):
             raise
 
     def _describe(self) -> None:
-        if not os.path.samestat(self._content.stat(), os.fstat(self._stream.fileno())):
-            raise RecordingError(f"{self.path}: it was replaced while it was opened; run it again")
         distro = self._source.metadata.distro
         with self._losses.guard() as damage:
             pages = count_pages(self._stream)

@@ -22,12 +22,6 @@ def test_cache_keeps_the_chunks_used_last() -> None:
     assert loaded == [1, 2, 3, 2, 2]
 
 
-def test_a_chunk_larger_than_the_cache_is_kept_alone() -> None:
-    cache = ChunkCache(max_bytes=4)
-    assert cache.get(1, lambda: b"0123456789") == b"0123456789"
-    assert cache.get(1, lambda: b"") == b"0123456789"
-
-
 @pytest.mark.parametrize(("start", "size"), [(0, 101), (100, 1), (0, -1)])
 def test_messages_beyond_the_chunk(start: int, size: int) -> None:
     with pytest.raises(ValueError, match="beyond its chunk"):

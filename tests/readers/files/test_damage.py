@@ -233,17 +233,3 @@ def test_a_damaged_index_of_sqlite_costs_nothing(tmp_path: Path) -> None:
     messages, (loss,) = altered(tmp_path, overwrite)
     assert (messages, loss.messages) == (SQLITE.messages, 0)
     assert "SQLite cannot read all of it (database disk image is malformed); 45 messages were found" in loss.reason
-
-
-def test_rows_that_only_the_index_counts_are_looked_for(tmp_path: Path) -> None:
-    """A changed number of rows in a page hides them from SQLite."""
-
-    def hide(path: Path, content: bytearray) -> None:
-        size, at = page_of(path, "messages")
-        leaf = (int.from_bytes(content[at + 8 : at + 12], "big") - 1) * size  # the last child
-        assert content[leaf] == 13
-        content[leaf + 4] -= 1
-
-    messages, losses = altered(tmp_path, hide)
-    assert len(messages) == len(SQLITE.messages) - 1
-    assert sum(loss.messages or 0 for loss in losses) == 1

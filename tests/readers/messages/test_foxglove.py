@@ -235,13 +235,6 @@ def test_more_values_than_a_message_may_hold(encoding: Encoding) -> None:
         _read_fields(message, limits=LimitsConfig(max_message_items=99))
 
 
-@both
-def test_points_and_pixels_are_no_values(encoding: Encoding) -> None:
-    limits = LimitsConfig(max_message_items=200)
-    for message in (cloud(5000), image_message()):
-        assert _read_fields(twin(message, encoding), limits=limits)
-
-
 def test_a_small_message_that_would_be_large_once_it_is_read() -> None:
     template = transforms_of(1, "protobuf")
     info = camera_info(np.eye(3), stamp_ns=1, width_px=1, height_px=1)

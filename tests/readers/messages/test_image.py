@@ -185,12 +185,6 @@ def test_contradictions_are_named(changes: dict[str, Any], match: str) -> None:
         decode_image(changed(**changes))
 
 
-def test_missing_padding_of_the_last_row_is_no_fault() -> None:
-    data = np.arange(4 * 20 - 2, dtype=np.uint8)
-    rgb = decode_image(changed(step=20, data=data)).rgb
-    np.testing.assert_array_equal(rgb[3, 5], data[-3:])
-
-
 @given(
     st.sampled_from([*PACKED, *PLANAR]), st.integers(0, 9), st.integers(0, 9), st.integers(0, 80), st.integers(0, 400)
 )

@@ -1,4 +1,3 @@
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -13,7 +12,6 @@ from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
 from lidcam.pipeline.core.messages import Drop, RawMessage
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.core.settings.recording import LimitsConfig
 from lidcam.readers.rig.discovery import discover_rig
 from lidcam.readers.streams.motion import MotionBuffer, MotionSource, find_motion_source
 
@@ -203,12 +201,6 @@ def test_disorder_and_repeats_do_not_matter() -> None:
     np.testing.assert_array_equal(one.T_fixed_moving, two.T_fixed_moving)
 
 
-@pytest.mark.parametrize("count", [0, 1])
-def test_fewer_than_two_poses_are_none(count: int) -> None:
-    buffer, _, _ = run(ODOM, *(odom(i) for i in range(count)))
-    assert buffer.window(0) is None
-
-
 @pytest.mark.parametrize(
     ("bad", "reason"),
     [
@@ -276,22 +268,3 @@ def test_a_first_pose_far_off_does_not_cost_the_others(kind: str, wrong_s: int) 
     poses = window(buffer, 1000 * 10**9 + 25 * 20 * MS)
     assert poses.stamps_ns[-1] == 1000 * 10**9 + 49 * 20 * MS
     assert len(poses.stamps_ns) >= 48
-
-
-def test_poses_go_on_after_a_pause() -> None:
-    messages = [odom(i) for i in (*range(20), *range(1000, 1020))]
-    source = moving_by(*messages)
-    buffer, _, drops = run(source, *messages)
-    assert not drops
-    poses = window(buffer, 1010 * 20 * MS)
-    assert len(poses.stamps_ns) == 20
-
-
-def test_a_larger_limit_of_a_message_reaches_the_motion() -> None:
-    others = [transform_stamped("base_link", f"f{i}", stamp_ns=0) for i in range(60)]
-    moves = [tf(transform_stamped("odom", "base_link", stamp_ns=i * MS), *others) for i in (1, 2)]
-    for most, dropped in ((20, 2), (1000, 0)):
-        drops: list[Drop] = []
-        limits = LimitsConfig(max_message_items=most)
-        deque(MotionBuffer(TF, limits=limits, on_drop=drops.append).tap(moves), maxlen=0)
-        assert len(drops) == dropped

@@ -41,15 +41,6 @@ def test_boxes_classes_and_scores(encoding: builders.Encoding) -> None:
     np.testing.assert_array_equal(found.boxes.class_ids, [1, 0])
 
 
-def test_best_hypothesis_counts() -> None:
-    found = decode(
-        detection(("car", 0.3), ("person", 0.9)),
-        detection(("car", 0.5), ("person", 0.5)),
-        detection(("car", math.nan), ("person", 0.1)),
-    )
-    np.testing.assert_array_equal(found.boxes.class_ids, [1, 0, 1])
-
-
 def test_ids_counts_and_other_classes() -> None:
     seen = {**detection(("car", 1.0), ("image_pixels", 250.0), ("occlusion", 0.25)), "id": "car7"}
     found = decode(seen, detection(("dog", 0.5), ("image_pixels", 9.0)), detection(("person", 1.0)), other_class_id=-1)
@@ -101,12 +92,6 @@ def test_numbers_as_classes() -> None:
     known = decode(*numbered, class_names=("person", "bicycle", "Car"))
     np.testing.assert_array_equal(known.boxes.class_ids, [0, 1])
     assert list(known.unused) == ["class '7' is not configured", "no class with a score"]
-
-
-def test_number_that_is_a_label() -> None:
-    raw = builders.raw("/boxes", MSGTYPE, {"detections": [detection(("2", 0.9))]}, STAMP_NS)
-    found = decode_detections2d(raw, {"2": 5, "car": 0}, class_names=("person", "bicycle", "car"))
-    np.testing.assert_array_equal(found.boxes.class_ids, [5])
 
 
 # --- older layouts, from the definitions of their time
