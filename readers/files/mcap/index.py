@@ -34,7 +34,6 @@ class Contents:
         loose: Messages outside of chunks.
         start_ns: Log time of the first message.
         end_ns: Log time of the last message (inclusive).
-        cut_chunk: Position of the chunk inside which a cut file ends.
     """
 
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -44,7 +43,6 @@ class Contents:
     loose: list[Entry] = field(default_factory=list)
     start_ns: int = 2**64
     end_ns: int = 0
-    cut_chunk: int | None = None
 
 
 def _reader(stream: BinaryIO, position: int, whence: int = 0) -> StreamReader:

@@ -24,7 +24,6 @@ from lidcam.readers.files.mcap.records import (
     find_record,
     listed_messages,
     load_chunk,
-    read_chunk_head,
     record_at,
     records_in,
 )
@@ -132,34 +131,11 @@ class _Scan:
         """Skip the damage at `position`; returns where the next record begins."""
         following = find_record(self._stream, search_from, self._end)
         self._last_chunk = position
-        if following == self._end and self._take_cut_chunk(position):
-            return self._end
         reason = "no record begins here: the bytes were overwritten"
         if following == self._end:
             reason = "the file ends in the middle of a record: it was cut off"
         self._bad[position] = (reason, following - position)
         return following
-
-    def _take_cut_chunk(self, position: int) -> bool:
-        """Take the complete records of a chunk inside which the file ends; False if it is no such chunk."""
-        self._stream.seek(position)
-        head = self._stream.read(RECORD_HEAD.size)
-        if len(head) < RECORD_HEAD.size or head[0] != Opcode.CHUNK:
-            return False
-        size = RECORD_HEAD.unpack(head)[1]
-        with self._losses.guard() as damage:
-            inner = read_chunk_head(self._stream)
-            chunk_end = inner.position + inner.size
-            if chunk_end != position + RECORD_HEAD.size + size or chunk_end < self._end:
-                return False
-            chunk = load_chunk(self._stream, position, self._limits, is_cut=True)
-        if damage.error:
-            return False
-        self._take_records(chunk, position, self._end - position)
-        self.contents.cut_chunk = position
-        reason = f"the file ends in the middle of a chunk: it was cut off ({len(chunk)} bytes of it could be unpacked)"
-        self._bad[position] = (reason, RECORD_HEAD.size + size)
-        return True
 
     def _take(self, record: Record) -> None:
         opcode = record.opcode
