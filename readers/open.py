@@ -38,8 +38,8 @@ MCAP_MAGIC = b"\x89MCAP0\r\n"
 SQLITE_MAGIC = b"SQLite format 3\0"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
-LONGEST_OVERLAP_NS = 500_000_000
-"""Recorders write messages that are still on their way to the next part."""
+MAX_OVERLAP_NS = 500_000_000
+"""Longest time over which two parts of one recording overlap: messages on their way come with the next part."""
 
 EXPECTED = (
     "a ROS 1 .bag (format 2.0), a ROS 2 .mcap or .db3 file, a ROS 2 bag folder, a .pcap or .pcapng capture, or an "
@@ -50,10 +50,12 @@ EXPECTED = (
 def open_recording(paths: Sequence[Location], options: ReadOptions = DEFAULT_READ_OPTIONS) -> Recording:
     """Open one recording, to be used as a context manager.
 
+    Formats are recognised by the first bytes, not by the name. MCAP files may be on a server; only the parts that are
+    needed are fetched.
+
     Args:
-        paths: A file, a ROS 2 bag folder, or all files of a split recording in their order. Formats are recognised by
-            the first bytes, not by the name. Messages of equal log time come in the order of the files. MCAP files may
-            be on a server; only the parts that are needed are fetched.
+        paths: A file, a ROS 2 bag folder, or all files of a split recording in their order, which is that of messages
+            of equal log time.
         options: How to read it.
 
     Raises:
@@ -107,7 +109,7 @@ def _check_follow_one_another(files: Sequence[RecordingFile]) -> None:
         shared = sorted(its_topics & others_topics)
         overlap_ns = min(one.end_ns, other.end_ns) - max(one.start_ns, other.start_ns)
         shorter_ns = min(one.end_ns - one.start_ns, other.end_ns - other.start_ns)
-        if shared and overlap_ns > max(LONGEST_OVERLAP_NS, shorter_ns // 2):
+        if shared and overlap_ns > max(MAX_OVERLAP_NS, shorter_ns // 2):
             raise RecordingError(
                 f"expected the parts of one recording, found two recordings of the same time: {one.path} and "
                 f"{other.path} both hold {shared[0]} over the same {overlap_ns / 1e9:.1f} s; process them one by one"
@@ -152,8 +154,7 @@ class _FilesRecording(Closing):
         self._unlisted = unlisted
         self._resources = resources
         self.paths = tuple(file.path for file in files)
-        # Of a file on a server, facts are known now.
-        known = zip(originals, self.paths, strict=True)
+        known = zip(originals, self.paths, strict=True)  # the facts of a file on a server, too
         self.opened = tuple(one if one.stream else OpenedFile(path) for one, path in known)
         self.topics: tuple[TopicInfo, ...] = merge_topics(info for file in files for info in file.topics)
         self.message_count = sum(file.message_count for file in files)

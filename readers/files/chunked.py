@@ -60,7 +60,7 @@ class ChunkPlace(NamedTuple):
 
 
 class ChunkedFile(Container):
-    """One open file; see `RecordingFile`. A subclass describes it by `_set_contents`, and reads its chunks."""
+    """One open file; see `RecordingFile`. A subclass calls `_set_contents`, and reads the chunks."""
 
     def _set_contents(
         self,
@@ -69,13 +69,9 @@ class ChunkedFile(Container):
         channels: dict[int, Channel],
         known_ids: Collection[int] | None,
     ) -> None:
-        """Say what is in the file.
+        """Set the chunks, the messages outside of them, and the channels that can be read, by id.
 
-        Args:
-            chunks: Where the chunks are.
-            loose: Messages outside of chunks.
-            channels: Those that can be read, by id.
-            known_ids: Ids of these and of those that cannot be read; None after a scan, which has noted others.
+        `known_ids` are those of all channels; None after a scan, which has noted others.
         """
         self._chunks, self._loose, self._channels = chunks, loose, channels
         self._known_ids = known_ids
