@@ -235,15 +235,11 @@ def _transforms(
     *,
     is_wanted: Callable[[str, str], bool] = lambda _parent, _child: True,
 ) -> Iterator[tuple[RawMessage, Transform | CalibrationError, str]]:
-    read_bytes, full = 0, set[str]()
+    read_bytes = 0
     for message in messages:
         read_bytes += len(message.data)
         if read_bytes > MAX_TF_BYTES:
             return
-        if message.topic in full:
-            first, count = drops[message.topic]
-            drops[message.topic] = first, count + 1
-            continue
         try:
             for _, transform, child in decode_transforms(message, limits=limits, is_wanted=is_wanted):
                 _add_frame(child, names, message.topic, limits)
@@ -252,8 +248,6 @@ def _transforms(
             drop = Drop(message.topic, message.stamp_ns, "cannot be decoded", str(err))
             first, count = drops.get(message.topic, (drop, 0))
             drops[message.topic] = first, count + 1
-            if len(names) >= limits.max_frames:  # to decode what follows takes minutes
-                full.add(message.topic)
 
 
 def _add_frame(child: str, names: set[str], topic: str, limits: LimitsConfig) -> None:

@@ -100,35 +100,28 @@ def _problem(info: TopicInfo, faults: tuple[str, int]) -> str:
 def _topic_survey(info: TopicInfo, times_ns: I64, count: int, faults: tuple[str, int]) -> TopicSurvey:
     """The statistics of a topic from the stamps and log times (N, 2) of its first messages."""
     stamps_ns, log_ns = times_ns.T
-    steps_s = np.diff(stamps_ns).astype(np.float64)
-    steps_s /= 1e9
-    backwards = int((steps_s < 0).sum())
-    is_forward = steps_s > 0
-    forward_s = steps_s if is_forward.all() else steps_s[is_forward]
-    del steps_s, is_forward
+    steps_s = np.diff(stamps_ns) / 1e9
+    forward_s = steps_s[steps_s > 0]
     period_s, is_even = _period(forward_s)
-    gaps = int((forward_s > GAP_PERIODS * period_s).sum()) if is_even else 0
-    longest_gap_s = float(forward_s.max()) if len(forward_s) else 0.0
-    del forward_s
     return TopicSurvey(
         topic=info.topic,
         msgtype=info.msgtype,
         count=count if info.gathered_from else info.message_count,
         rate_hz=1 / period_s if period_s else 0.0,
-        gaps=gaps,
-        longest_gap_s=longest_gap_s,
-        delay_s=float(np.median(log_ns - stamps_ns, overwrite_input=True)) / 1e9 if len(times_ns) else 0.0,
-        backwards=backwards,
+        gaps=int((forward_s > GAP_PERIODS * period_s).sum()) if is_even else 0,
+        longest_gap_s=float(forward_s.max(initial=0.0)),
+        delay_s=float(np.median(log_ns - stamps_ns)) / 1e9 if len(times_ns) else 0.0,
+        backwards=int((steps_s < 0).sum()),
         problem=_problem(info, faults),
     )
 
 
 def _period(steps_s: F64) -> tuple[float, bool]:
-    """Typical time between two stamps, 0 without steps, and whether they are evenly spaced; changes their order."""
+    """Typical time between two stamps, 0 without steps, and whether they are evenly spaced."""
     if not len(steps_s):
         return 0.0, False
     mean_s = float(steps_s.mean())
-    low_s, median_s, high_s = np.quantile(steps_s, [0.25, 0.5, 0.75], overwrite_input=True).tolist()
+    low_s, median_s, high_s = np.quantile(steps_s, [0.25, 0.5, 0.75]).tolist()
     if max(median_s - low_s, high_s - median_s) <= EVEN_SHARE * median_s:
         return median_s, True
     return mean_s, False

@@ -7,13 +7,12 @@ from dataclasses import dataclass, field
 from typing import BinaryIO
 
 from mcap.exceptions import McapError
-from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Header, Schema, Statistics
 from mcap.stream_reader import StreamReader
 
 from lidcam.readers.files.chunked import ChunkPlace, Entry
 from lidcam.readers.files.container import read_exactly
-from lidcam.readers.files.mcap.records import INDEX_HEAD, PAIR_BYTES, RECORD_HEAD, UINT64, record_at
+from lidcam.readers.files.mcap.records import INDEX_HEAD, PAIR_BYTES, RECORD_HEAD
 
 FOOTER = struct.Struct("<BQQQI")  # record head, start of the summary, start of its offsets, crc of the summary
 MAGIC_BYTES = 8
@@ -141,12 +140,3 @@ def end_of_records(stream: BinaryIO) -> int:
     magic = stream.read(MAGIC_BYTES)
     stream.seek(max(size - MAGIC_BYTES, 0))
     return size - MAGIC_BYTES if size > MAGIC_BYTES and stream.read() == magic else size
-
-
-def summary_start(stream: BinaryIO, end: int) -> int | None:
-    """Where the summary begins according to the footer; None if there is no footer."""
-    footer = record_at(stream, max(end - FOOTER.size, 0), end)
-    if footer is None or footer.opcode != Opcode.FOOTER:
-        return None
-    stream.seek(footer.content)
-    return int(UINT64.unpack(stream.read(UINT64.size))[0])

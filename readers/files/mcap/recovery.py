@@ -14,7 +14,7 @@ from lidcam.readers.files.chunked import ChunkPlace, Entry
 from lidcam.readers.files.container import read_exactly
 from lidcam.readers.files.damage import LIBRARY_ERRORS, Losses
 from lidcam.readers.files.decompress import check_file_size
-from lidcam.readers.files.mcap.index import MAGIC_BYTES, Contents, end_of_records, is_summary_sound, summary_start
+from lidcam.readers.files.mcap.index import MAGIC_BYTES, Contents, end_of_records, is_summary_sound
 from lidcam.readers.files.mcap.records import (
     MESSAGE_HEAD,
     OPCODES,
@@ -27,8 +27,6 @@ from lidcam.readers.files.mcap.records import (
     record_at,
     records_in,
 )
-
-MESSAGE_OPCODES = {Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX}
 
 
 def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str, limits: LimitsConfig) -> Contents:
@@ -61,8 +59,6 @@ class _Scan:
         self._last_chunk: int | None = None
         self._total: int | None = None
         self._data_end: int | None = None  # position of the record that ends the data
-        self._summary_start = summary_start(stream, end)
-        self._in_summary = False
 
     def run(self) -> None:
         """Scan from the beginning of the file to its end."""
@@ -139,13 +135,10 @@ class _Scan:
 
     def _take(self, record: Record) -> None:
         opcode = record.opcode
-        if self._in_summary and opcode in MESSAGE_OPCODES:
-            return  # it contains no messages
         if opcode in {Opcode.MESSAGE, Opcode.CHUNK}:
             self._take_messages(record)
         elif opcode == Opcode.DATA_END:
             self._data_end = record.start
-            self._in_summary = record.end == self._summary_start
         elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
             self._stream.seek(record.content)
             with self._losses.guard() as damage:

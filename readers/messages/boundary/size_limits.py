@@ -77,7 +77,8 @@ def count_items(store: Typestore, msgtype: str, encoding: str, data: bytes | mem
         for _, kind in store.fielddefs[name][1]:
             node, detail = kind
             if node == Nodetype.ARRAY:
-                skip_values(*detail[0], detail[1])
+                (inner, what), length = detail
+                skip_values(inner, what, length)
             elif node == Nodetype.SEQUENCE:
                 skip_list(*detail[0])
             else:
