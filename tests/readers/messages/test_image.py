@@ -10,8 +10,7 @@ from lidcam.pipeline.core.arrays import Array
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.optics.images import Image
-from lidcam.readers.messages.image import decode_any_image, decode_image
-from lidcam.readers.messages.image_encodings import PACKED, PLANAR
+from lidcam.readers.messages.image import decode_image
 
 STAMP_NS = 1_700_000_000_123_456_789
 MSGTYPE = "sensor_msgs/msg/Image"
@@ -185,24 +184,4 @@ def test_contradictions_are_named(changes: dict[str, Any], match: str) -> None:
         decode_image(changed(**changes))
 
 
-@given(
-    st.sampled_from([*PACKED, *PLANAR]), st.integers(0, 9), st.integers(0, 9), st.integers(0, 80), st.integers(0, 400)
-)
-def test_any_sizes_give_an_image_or_a_message_error(
-    encoding: str, height: int, width: int, step: int, size: int
-) -> None:
-    raw = changed(encoding, height=height, width=width, step=step, data=np.zeros(size, np.uint8))
-    try:
-        image = decode_image(raw)
-    except MessageError:
-        return
-    assert image.rgb.shape == (height, width, 3)
-
-
 # --- choice by type
-
-
-def test_message_of_another_type() -> None:
-    raw = builders.raw("/points", "sensor_msgs/msg/PointCloud2", {}, STAMP_NS)
-    with pytest.raises(MessageError, match=r"expected sensor_msgs/msg/Image or .*, found sensor_msgs/msg/PointCloud2"):
-        decode_any_image(raw)

@@ -148,17 +148,6 @@ def test_big_endian() -> None:
     np.testing.assert_array_equal(found.stamps_ns, stamps_ns)
 
 
-def test_first_firmware_of_the_hdl32_names_neither_model_nor_mode() -> None:
-    payload, stamps_ns = random_packets("HDL-32E", packets=5)
-    message = scan(with_factory(payload, 0, 0), stamps_ns)
-    with pytest.raises(MessageError, match="found product byte 0x00"):
-        decoder()(message)
-    cloud, named = decoder("HDL-32E")(message), decoder()(scan(payload, stamps_ns))
-    np.testing.assert_array_equal(cloud.xyz, named.xyz)
-    assert cloud.return_type is not None
-    assert not cloud.return_type.any()
-
-
 # --- times
 
 

@@ -12,9 +12,8 @@ from velodyne import START_NS, packet_stream, random_packets
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.streams.per_sensor import sensor_messages
-from lidcam.readers.streams.survey import survey
 from lidcam.readers.velodyne import sweeps as velodyne_sweeps
-from lidcam.readers.velodyne.scan import PACKET, SCAN, parse_velodyne_scan
+from lidcam.readers.velodyne.scan import SCAN, parse_velodyne_scan
 from lidcam.readers.velodyne.sweeps import PAUSE_NS
 
 TOPIC = "/velodyne_packets"
@@ -208,13 +207,3 @@ def test_a_window_holds_whole_sweeps() -> None:
             start_ns, stop_ns = found[first].log_time_ns, found[last].log_time_ns
             assert gathered(messages, start_ns=start_ns, stop_ns=stop_ns + 1) == found[first : last + 1]
             assert gathered(messages, start_ns=start_ns + 1, stop_ns=stop_ns) == found[first + 1 : last]
-
-
-def test_what_is_in_it() -> None:
-    payload, stamps_ns = random_packets("VLP-16", packets=300, start=0)
-    recording = sensor_messages(MemoryRecording(packet_stream(payload, stamps_ns)))
-    [info] = recording.topics
-    assert (info.msgtype, info.message_count, info.gathered_from) == (SCAN, 300, PACKET)
-    [topic] = survey(recording)
-    assert (topic.msgtype, topic.count) == (SCAN, 4)
-    assert topic.rate_hz == pytest.approx(10, rel=0.02)

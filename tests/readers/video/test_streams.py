@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from builders import camera_info, image, odometry, raw, tf_message, transform_stamped
 from builders import pointcloud2 as cloud
-from foxglove_messages import foxglove_raw, twin
+from foxglove_messages import twin
 from memory_recording import MemoryRecording
 from video import PERIOD_NS, T0, compressed_video, encode, ffmpeg, foxglove, moving, pixels, psnr_db
 
@@ -119,13 +119,6 @@ def test_foxglove_schemas_say_the_same(encoding: Any) -> None:
     assert [(t.topic, t.msgtype) for t in recording.topics] == [(TOPIC, "foxglove_msgs/msg/CompressedVideo")]
     found = [(m.stamp_ns, m.log_time_ns, m.data) for m in streamed(list(recording.messages()))]
     assert found == [(m.stamp_ns, m.log_time_ns, m.data) for m in streamed(FILM)]
-
-
-@pytest.mark.parametrize("fields", [{}, {"data": b"\1"}, {"format": "h264"}])
-def test_fields_that_a_foxglove_message_leaves_out(fields: dict[str, Any]) -> None:
-    message = foxglove_raw(TOPIC, "foxglove.CompressedVideo", fields, T0)
-    [found] = streamed(list(sensor_messages(MemoryRecording([message])).messages()))
-    assert (found.stamp_ns, bool(found.problem), found.data) == (T0, True, b"")
 
 
 def rig_of(film: Sequence[RawMessage], *, size: tuple[int, int] = (64, 48), **topics: Any) -> Discovery:

@@ -3,7 +3,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from builders import pointcloud2, raw, write_rosbag1, write_rosbag2
 from captures import capture_of, ethernet, interface, ip_packet, ng_packet, pcap, section
 from velodyne import START_NS, random_packets
 
@@ -72,13 +71,6 @@ def test_the_order_is_that_of_time(tmp_path: Path) -> None:
         assert (recording.message_count, recording.topics, recording.losses) == (0, (), ())
 
 
-def test_a_window(tmp_path: Path) -> None:
-    path = written(tmp_path, pcap(CAPTURE))
-    everything = read(path)
-    assert read(path, start_ns=int(STAMPS_NS[3]), stop_ns=int(STAMPS_NS[7])) == everything[3:7]
-    assert read(path, start_ns=int(STAMPS_NS[3]) + 1) == everything[4:]
-
-
 def test_other_traffic_is_counted(tmp_path: Path) -> None:
     fragment = ip_packet(PAYLOAD[0].tobytes())
     fragment.mf = 1
@@ -114,19 +106,6 @@ def test_packets_without_a_time_are_counted(tmp_path: Path) -> None:
 
 
 # --- files
-
-
-@pytest.mark.parametrize("ros", [1, 2])
-def test_beside_a_bag(ros: int, tmp_path: Path) -> None:
-    """The capture has no cameras and no transforms: a bag of the same drive may have them."""
-    encoding, write = ("ros1", write_rosbag1) if ros == 1 else ("cdr", write_rosbag2)
-    at_ns = int(STAMPS_NS[20]) + 5
-    cloud = raw("/points", "sensor_msgs/msg/PointCloud2", pointcloud2([[1, 2, 3]], stamp_ns=5), at_ns, None, encoding)  # type: ignore[arg-type]  # one of the two
-    write(tmp_path / "drive", [cloud])
-    with open_recording([tmp_path / "drive", written(tmp_path, pcap(CAPTURE))]) as recording:
-        found = list(recording.messages())
-    assert [message.topic for message in found].index("/points") == 21
-    assert len(found) == 41
 
 
 def test_truncated(tmp_path: Path) -> None:

@@ -3,10 +3,8 @@ from typing import Any
 
 import builders
 import numpy as np
-import pytest
 from object_messages import Recorded, autoware_message, autoware_object
 
-from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.readers.messages.objects.autoware import ANY_HEADING_RAD2, decode_detected_objects
 from lidcam.readers.messages.objects.found import FoundObjects, ObjectClasses
@@ -67,11 +65,3 @@ def test_without_a_recorded_definition_that_of_autoware_is_taken() -> None:
     message = autoware_message(5, [one()])
     bare = message._replace(channel=replace(message.channel, definition=""))
     assert len(decode_detected_objects(bare, CLASSES).boxes) == 1
-
-
-def test_a_type_of_the_same_name_with_other_fields() -> None:
-    message = autoware_message(5, [one()], topic="/o")
-    definition = message.channel.definition.replace("float32 existence_probability", "string existence_probability")
-    other = message._replace(channel=replace(message.channel, definition=definition))
-    with pytest.raises(MessageError, match=r"/o: .*(not a valid|cannot be used)"):
-        decode_detected_objects(other, CLASSES)
