@@ -52,7 +52,7 @@ class InputFile(NamedTuple):
 
     @property
     def provenance(self) -> dict[str, str]:
-        """Its record in a result, without the folder."""
+        """Record of the file in a result, without its folder."""
         if self.sha256 is not None:
             return {"name": self.name, "sha256": self.sha256}
         if "://" in self.path:
@@ -61,13 +61,13 @@ class InputFile(NamedTuple):
 
     @property
     def as_read(self) -> dict[str, str]:
-        """The rest of its record, known at the end of a run."""
+        """The rest of that record, known at the end of a run."""
         if self.is_changed:
             return {"changed": "while it was read"}
         return {} if self.sha256 is None else {"sha256": self.sha256}
 
     def tree(self) -> dict[str, Any]:
-        """As plain values, for JSON."""
+        """Plain values, for JSON."""
         facts = {key: value for key, value in self.server if key != "size"}
         return {"path": self.path, "bytes": self.bytes, "sha256": self.sha256, **facts}
 

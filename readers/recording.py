@@ -15,7 +15,7 @@ RosVersion = Literal["ROS 1", "ROS 2", "no ROS"]
 
 
 class ReadOptions(NamedTuple):
-    """How a recording is read.
+    """Options of reading a recording.
 
     Attributes:
         recovery: Treatment of damage. `none`: an error. `as_needed`: what can be read of a damaged file is read, and
@@ -104,7 +104,7 @@ class _Contents(Protocol):
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """The damage found so far, by file and position: reading on may find more."""
+        """The damage that was found, by file and position: reading on may find more."""
 
     def close(self) -> None:
         """Close the files; messages already yielded stay valid."""
@@ -136,11 +136,11 @@ class Recording(_Contents, Protocol):
 
     @property
     def paths(self) -> tuple[Location, ...]:
-        """Its files, in the order of `RawMessage.order[0]`."""
+        """Files, in the order of `RawMessage.order[0]`."""
 
     @property
     def opened(self) -> tuple[OpenedFile, ...]:
-        """The same as they were opened, for their checksums."""
+        """The files as they were opened, for their checksums."""
 
     def messages(
         self, topics: Collection[str] | None = None, *, start_ns: int | None = None, stop_ns: int | None = None

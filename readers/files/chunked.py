@@ -19,7 +19,7 @@ from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.readers.files.container import Container, read_exactly
 from lidcam.readers.files.damage import LIBRARY_ERRORS
 from lidcam.readers.files.decompress import check_file_size, decompressed
-from lidcam.readers.files.passes import JUMP_NS, pass_starts
+from lidcam.readers.files.passes import MIN_JUMP_NS, pass_starts
 from lidcam.readers.location import RemotePath
 from lidcam.readers.messages.header_stamp import stamp_or_log_time
 
@@ -30,7 +30,7 @@ FilePlace = tuple[int, int]
 
 
 class Entry(NamedTuple):
-    """Where the data of a message are: sorts by time, then position; `chunk` is 0 outside of chunks."""
+    """Place of the data of a message: sorts by time, then position; `chunk` is 0 outside of chunks."""
 
     log_time_ns: int
     chunk: int
@@ -106,7 +106,7 @@ class ChunkedFile(Container):
     def _messages_of(
         self, wanted: set[int], start_ns: int, stop_ns: int, begin: FilePlace, end: FilePlace
     ) -> Iterator[RawMessage]:
-        """Those of one pass of the recorder's clock, which lies between two places of the file."""
+        """Messages of one pass of the recorder's clock, which lies between two places of the file."""
 
         def is_taken(entry: Entry) -> bool:
             if entry.channel_id not in wanted or not start_ns <= entry.log_time_ns < stop_ns:
@@ -148,7 +148,7 @@ class ChunkedFile(Container):
                 yield RawMessage(stamp_or_log_time(channel, data, last_ns), last_ns, order, data, channel)
 
     def _check_waiting(self, left: Counter[int]) -> None:
-        """Refuse chunks that overlap in time so far that too many messages are in memory."""
+        """Refuse chunks whose overlap in time brings too many messages into memory."""
         if left.total() > self._limits.max_positions_waiting:
             raise RecordingError(
                 f"{self.path}: more than {self._limits.max_positions_waiting} messages of chunks that overlap in "
@@ -241,15 +241,15 @@ class ChunkedFile(Container):
         spans += [(entry.offset, entry.log_time_ns, entry.log_time_ns) for entry in self._loose]
         latest_ns = 0
         for _, start_ns, end_ns in sorted(spans):
-            if start_ns < latest_ns - JUMP_NS:
+            if start_ns < latest_ns - MIN_JUMP_NS:
                 return True
             latest_ns = max(latest_ns, end_ns)
         last = max(self._chunks, key=lambda place: place.position, default=None)
-        if last is None or last.end_ns - last.start_ns <= JUMP_NS:
+        if last is None or last.end_ns - last.start_ns <= MIN_JUMP_NS:
             return False
         rows = self._indexed(last)
         log_times_ns = rows[np.argsort(rows[:, 1]), 2]
-        return bool(len(rows)) and bool((np.maximum.accumulate(log_times_ns) - log_times_ns).max() > JUMP_NS)
+        return bool(len(rows)) and bool((np.maximum.accumulate(log_times_ns) - log_times_ns).max() > MIN_JUMP_NS)
 
 
 class ChunkCache:

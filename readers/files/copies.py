@@ -15,7 +15,7 @@ from lidcam.pipeline.core.settings.recording import LimitsConfig
 from lidcam.readers.files.damage import Losses
 from lidcam.readers.files.temporary import temporary_folder
 
-PIECE = 1 << 20
+PIECE_BYTES = 1 << 20
 DISK_RESERVE = 1 << 28
 """Bytes of the temporary folder's disk that are left free."""
 
@@ -42,7 +42,7 @@ def unpacked(
             content = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True, closefd=False)
             largest = limits.max_unpacked_bytes(os.fstat(packed.fileno()).st_size)
             left = min(largest, shutil.disk_usage(folder).free - DISK_RESERVE)
-            while piece := content.read(PIECE):
+            while piece := content.read(PIECE_BYTES):
                 left -= len(piece)
                 if left < 0:
                     raise RecordingError(

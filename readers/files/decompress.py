@@ -10,7 +10,7 @@ from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.settings.recording import LimitsConfig
 from lidcam.readers.location import Location
 
-PIECE = 1 << 22
+PIECE_BYTES = 1 << 22
 MAX_AT_ONCE = 1 << 22
 """The libraries allocate this much before they know how much a piece unpacks to."""
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
@@ -41,7 +41,7 @@ def check_chunk_size(size: int, largest: int) -> None:
 
 
 def check_file_size(path: Location, unpacked: int, packed: int, limits: LimitsConfig) -> None:
-    """Refuse a file of `packed` bytes whose chunks unpacked to so many in one reading, some of them again and again.
+    """Refuse a file of `packed` bytes whose chunks unpack to too many in one reading, each as often as it is read.
 
     Raises:
         RecordingError: these are too many.
@@ -85,7 +85,7 @@ def unpack(
     while not decompressor.eof:
         piece = b""
         if decompressor.needs_input:
-            piece = stream.read(min(PIECE, end - stream.tell()))
+            piece = stream.read(min(PIECE_BYTES, end - stream.tell()))
             if not piece:
                 break
         at_once = expected - total + 1 if total <= expected and size else MAX_AT_ONCE

@@ -29,8 +29,8 @@ MAX_KEPT_BYTES = 512 << 20
 """Size of the temporary file: several seconds of many cameras and lidars."""
 
 RETRY_DELAYS_S = (0.5, 1.0, 2.0)
-SILENCE_S = 30.0
-"""A server that sends nothing for this long counts as a lost connection."""
+MAX_SILENCE_S = 30.0
+"""Longest silence of a server before its connection counts as lost."""
 
 HEADERS = {"Accept-Encoding": "identity"}
 
@@ -252,7 +252,7 @@ def file_system(path: RemotePath, max_request_s: float = DEFAULT_LIMITS.max_requ
         if path.protocol in {"http", "https"}:
             from aiohttp import ClientTimeout
 
-            silence_s = min(SILENCE_S, max_request_s)
+            silence_s = min(MAX_SILENCE_S, max_request_s)
             timeout = ClientTimeout(total=max_request_s, sock_connect=silence_s, sock_read=silence_s)
             options["client_kwargs"] = {"timeout": timeout, "trust_env": True, "auto_decompress": False}  # HTTPS_PROXY
             options["headers"] = HEADERS

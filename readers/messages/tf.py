@@ -30,16 +30,16 @@ TF_TYPES = types_of("transforms")
 
 ODOMETRY_FRAMES = frozenset({"odom", "map", "earth"})
 PROBE_NS = 60_000_000_000
-"""How much of /tf is read before the run: enough to see every frame without reading a long recording twice."""
+"""Length of /tf that is read before the run: enough to see every frame without reading a long recording twice."""
 
 BEGINNING_NS = 2_000_000_000
-"""How much of /tf is read from the start, for any time window: fixed frames are sent more often than this."""
+"""Length of /tf that is read from the start, for any time window: fixed frames are sent more often than this."""
 
-STILL = 1e-6
+MAX_STILL_CHANGE = 1e-6
 """Largest change of a matrix entry (metres, or roughly radians) of a fixed frame."""
 
 MAX_TF_BYTES = 64 << 20
-"""Of /tf_static, and of what is probed of /tf: hours of a vehicle's fixed frames, sent ten times a second each."""
+"""Size of /tf_static, and of the part of /tf, that are read: hours of a vehicle's fixed frames at ten hertz."""
 
 NUMBERS = Struct("<7d")
 """Translation, and rotation x, y, z, w."""
@@ -177,7 +177,7 @@ def read_transforms(
             faults[child] = f"{transform} ({message.topic})"
         elif not fixed.is_static(child):
             first = seen.setdefault(child, transform)
-            same = first.dst == transform.dst and np.abs(first.matrix - transform.matrix).max() <= STILL
+            same = first.dst == transform.dst and np.abs(first.matrix - transform.matrix).max() <= MAX_STILL_CHANGE
             if not same or transform.dst in ODOMETRY_FRAMES:
                 moving[child] = transform.dst
     for child, transform in seen.items():

@@ -38,7 +38,7 @@ _BOXES_3D, _BOXES_2D = "vision_msgs/msg/Detection3DArray", "vision_msgs/msg/Dete
 VISION_ARRAYS = frozenset({_BOXES_2D, _BOXES_3D})
 
 INSTANCE = COUNT_NUMBERS["instance"]
-"""Of a hypothesis whose score says which object it is."""
+"""Number of the hypothesis whose score says which object it is."""
 
 
 def class_name_of_number(number: int, classes: Sequence[ClassPrior]) -> str:

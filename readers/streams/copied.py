@@ -17,8 +17,8 @@ from lidcam.readers.messages.vision.detections3d import decode_detections3d
 from lidcam.readers.recording import Recording
 
 MARGIN_NS = 2_000_000_000
-"""Messages recorded so long before and after a window are copied, too: truth is interpolated at its first and last
-frame, and may be recorded late."""
+"""Margin of a window on both sides, whose messages are copied, too: truth is interpolated at its first and last frame,
+and may be recorded late."""
 
 MESSAGE_BYTES = 500
 """Bytes that a message takes in memory beside its data."""

@@ -166,7 +166,7 @@ def _points(beams: Beams, place: Indices, range_m: F32, cos_azimuth: F32, sin_az
 def _corrected_points(
     beams: Beams, corrections: RangeCorrections, place: Indices, range_m: F32, cos_azimuth: F32, sin_azimuth: F32
 ) -> F32:
-    """As `_points`, with the two-point calibration of the HDL-64E (manual, appendix E).
+    """Points like those of `_points`, with the two-point calibration of the HDL-64E (manual, appendix E).
 
     z uses the mean of the corrections of x and y, as in velodyne_decoder; the manual uses that of y.
     """

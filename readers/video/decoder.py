@@ -50,7 +50,7 @@ class VideoDecoder:
         self._count = 0
         self._held: dict[int, tuple[RawMessage, str] | None] = {}
 
-    def add(self, message: RawMessage, *, show: bool = True) -> list[RawMessage]:
+    def add_message(self, message: RawMessage, *, show: bool = True) -> list[RawMessage]:
         """Take the next message; returns the messages that are done, in the order of their images.
 
         One that is not to be shown only serves to decode those after it.

@@ -134,7 +134,7 @@ def is_summary_sound(stream: BinaryIO) -> bool:
 
 
 def end_of_records(stream: BinaryIO) -> int:
-    """Where the last record ends: before the magic bytes, if the file ends with them."""
+    """End of the last record: before the magic bytes, if the file ends with them."""
     size = stream.seek(0, 2)
     stream.seek(0)
     magic = stream.read(MAGIC_BYTES)

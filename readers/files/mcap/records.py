@@ -214,7 +214,7 @@ def _frame_at(stream: BinaryIO, position: int, end: int) -> Record | None:
 
 
 def find_record(stream: BinaryIO, position: int, end: int) -> int:
-    """Where the next records begin at or after `position`; `end` if none do."""
+    """Start of the next records at or after `position`; `end` if there are none."""
     step = FIRST_BLOCK
     while position < end:
         stream.seek(position)

@@ -51,7 +51,7 @@ class _Scan:
         self.contents = Contents()
         self._stream = stream
         self._end = end
-        self._unpacked = 0  # bytes so far
+        self._unpacked = 0  # bytes of the chunks read
         self._losses = losses
         self._limits = limits
         self._listed: Counter[int] = Counter()  # messages by chunk, according to the indexes after each

@@ -46,7 +46,7 @@ def _u16(head: bytes, at: int) -> int:
 
 
 def _ipv4_begin(head: bytes, link_type: int) -> int | str:
-    """Where the IPv4 packet begins; or the kind of another packet."""
+    """Start of the IPv4 packet, or the kind of another packet."""
     if link_type == ETHERNET:
         at = 12
         while (kind := _u16(head, at)) in VLAN_TAGS:

@@ -18,7 +18,7 @@ UINT32_PAIR = struct.Struct("<II")
 
 
 class ChunkData(NamedTuple):
-    """Where a chunk's data are.
+    """Place of a chunk's data.
 
     Attributes:
         position: First byte of the data.

@@ -61,7 +61,7 @@ class _Scan:
         self._gaps: defaultdict[int, list[tuple[int, int, str]]] = defaultdict(list)
         self._in_chunk = self._in_index = False
         self._index_position = 0
-        self._unpacked = 0  # bytes so far
+        self._unpacked = 0  # bytes of the chunks read
 
     def run(self) -> None:
         """Scan from the beginning of the file to its end."""

@@ -113,7 +113,7 @@ def _rows(database: sqlite3.Connection) -> I64:
 
 
 def _rows_around_damage(database: sqlite3.Connection, losses: Losses, because: str) -> I64:
-    """As `_rows`, without the rows that SQLite cannot read or that hold no integers; these are noted as one loss."""
+    """Rows like those of `_rows`; the ones that SQLite cannot read, or that hold no integers, are noted as one loss."""
     rows = np.array([*_readable_rows(database)], np.int64).reshape(-1, 3)
     found, listed = len(rows), _count(database, "messages")  # by an index, if there is one
     missing: int | None = max(int(rows[-1, 1]) if found else 0, found) - found  # recorders number from 1

@@ -95,13 +95,13 @@ class SqliteFile(Container):
             yield from self._messages_of(self._of_topics(rows, wanted), start_ns, stop_ns)
 
     def _of_topics(self, rows: I64, topic_ids: Collection[int]) -> I64:
-        """Those of some topics; not copied where that is all."""
+        """Rows of some topics, not copied if these are all."""
         if self._counts.keys() <= {*topic_ids}:
             return rows
         return rows[np.isin(rows[:, 2], [*topic_ids])]
 
     def _messages_of(self, rows: I64, start_ns: int | None, stop_ns: int | None) -> Iterator[RawMessage]:
-        """Those of one pass of the recorder's clock."""
+        """Messages of one pass of the recorder's clock."""
         rows = rows[slice(*(None if t is None else int(np.searchsorted(rows[:, 0], t)) for t in (start_ns, stop_ns)))]
         for first in range(0, len(rows), ROWS_AT_ONCE):
             for log_time_ns, row_id, topic_id in rows[first : first + ROWS_AT_ONCE].tolist():

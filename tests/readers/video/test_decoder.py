@@ -18,7 +18,7 @@ NONSENSE = b"\0\0\0\1\x41" + b"nonsense" * 20
 
 def decoded(messages: list[RawMessage]) -> list[RawMessage]:
     decoder = VideoDecoder(messages[0].topic if messages else "/camera/video")
-    return [*(found for message in messages for found in decoder.add(message)), *decoder.flush()]
+    return [*(found for message in messages for found in decoder.add_message(message)), *decoder.flush()]
 
 
 def problems(messages: list[RawMessage]) -> list[str]:
@@ -136,7 +136,7 @@ def test_packets_that_give_no_image_do_not_pile_up() -> None:
     decoder = VideoDecoder(messages[0].topic)
     came = 0
     for count, message in enumerate(messages, 1):
-        came += len(decoder.add(message))
+        came += len(decoder.add_message(message))
         assert count - came <= MAX_HELD + 1
     assert came + len(decoder.flush()) == len(messages)
 
@@ -145,4 +145,4 @@ def test_the_settings_bound_the_size() -> None:
     messages = foxglove(encode(moving(2, 160, 120)))
     for mpx, is_shown in ((0.1, True), (0.01, False)):
         decoder = VideoDecoder(messages[0].topic, limits=LimitsConfig(max_image_mpx=mpx))
-        assert [not found.problem for message in messages for found in decoder.add(message)] == [is_shown] * 2
+        assert [not found.problem for message in messages for found in decoder.add_message(message)] == [is_shown] * 2
