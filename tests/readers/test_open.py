@@ -155,12 +155,6 @@ def test_messages_stay_valid_after_closing_and_reading_then_fails(tmp_path: Path
         next(recording.messages())
 
 
-def test_the_name_of_a_file_does_not_matter(tmp_path: Path) -> None:
-    messages = drive("ros1")
-    path = write(tmp_path, "bag-none", messages).rename(tmp_path / "recording.mcap")
-    assert plain(read(path)) == plain(messages)
-
-
 # --- what is no recording
 
 

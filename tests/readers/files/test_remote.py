@@ -166,11 +166,6 @@ def test_a_server_that_refuses(server: RangeServer, changes: dict[str, Any], exp
     assert error_of(at(server)) == f"{server.url}/minute.mcap: {expected}"
 
 
-def test_a_link_that_is_signed_for_get_only(server: RangeServer, minute: Path) -> None:
-    server.answers_head = False
-    assert taken(at(server), 10, 11) == taken(minute, 10, 11)
-
-
 def test_redirects_are_followed_without_a_password(server: RangeServer, minute: Path) -> None:
     with range_server() as first:
         first.redirects["/latest"] = f"{server.url}/minute.mcap"

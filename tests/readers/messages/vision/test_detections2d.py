@@ -143,13 +143,3 @@ def test_older_layouts(definitions: dict[str, str], encoding: builders.Encoding,
     np.testing.assert_array_equal(found.boxes.scores, [0.5])
     np.testing.assert_array_equal(found.boxes.class_ids, [0])
     assert found.ids.tolist() == [""]
-
-
-def test_negative_numbers_of_ros1_count_something() -> None:
-    results = [{"id": 1, "score": 1.0}, {"id": -2, "score": 99.0}, {"id": -3, "score": 4.0}, {"id": -77, "score": 5.0}]
-    raw = old_message(ROS1, "ros1", [{"results": results, "bbox": OLD_BOX}])
-    found = decode_detections2d(raw, {"1": 0})
-    np.testing.assert_array_equal(found.boxes.class_ids, [0])
-    np.testing.assert_array_equal(found.boxes.scores, [1.0])
-    counts = {name: values.tolist() for name, values in found.counts.items()}
-    assert counts == {"image_pixels": [99.0], "instance": [4.0], "-77": [5.0]}
