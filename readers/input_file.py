@@ -15,8 +15,11 @@ from lidcam.readers.location import Location, RemotePath
 END_BYTES = 1 << 16
 """Bytes read at the beginning and at the end of a file for a fingerprint: the first clouds or images, and the index."""
 
-BLOCK_BYTES, STEP_BYTES = 1 << 20, 1 << 22
-"""Bytes read at once for a checksum; fewer are not worth waking a thread."""
+BLOCK_BYTES = 1 << 20
+"""Bytes read at once for a checksum."""
+
+STEP_BYTES = 1 << 22
+"""Minimum number of bytes that is worth waking a thread."""
 
 
 class InputFile(NamedTuple):
@@ -25,10 +28,9 @@ class InputFile(NamedTuple):
     Attributes:
         path: As it was given, without credentials; a ROS 2 folder and a split recording are the files that they hold.
         name: Name of the file.
-        bytes: Its size; None where nothing says it: of a folder, and where a server does not.
-        sha256: Digest of its content, hexadecimal; of an evaluation folder, of the names and sizes of its files. None
-            where it was not read as a whole: of a file on a server, and where only a part was processed; and where it
-            was changed while it was read.
+        bytes: Its size; None of a folder, and where a server does not say it.
+        sha256: Digest of its content, hexadecimal. None where it was not read as a whole: of a file on a server, and
+            where only a part was processed; and where it was changed while it was read.
         server: Facts that the server gives: `size`, `etag`, `last_modified`.
         is_changed: Whether it was changed while it was read.
     """
@@ -42,7 +44,7 @@ class InputFile(NamedTuple):
 
     @classmethod
     def unread(cls, path: Location) -> "InputFile":
-        """Only what its path says, and its size: that of the file, or what the server said when it was opened."""
+        """A file by its path and size; of one on a server, the size that was given when it was opened."""
         if isinstance(path, RemotePath):
             size = dict(path.facts).get("size", "")
             return cls(str(path), path.name, int(size) if size.isdecimal() else None, None, path.facts)
@@ -50,7 +52,7 @@ class InputFile(NamedTuple):
 
     @property
     def provenance(self) -> dict[str, str]:
-        """The record of it in a result: not where it lay."""
+        """Record of the file in a result, without its folder."""
         if self.sha256 is not None:
             return {"name": self.name, "sha256": self.sha256}
         if "://" in self.path:
@@ -65,7 +67,7 @@ class InputFile(NamedTuple):
         return {} if self.sha256 is None else {"sha256": self.sha256}
 
     def tree(self) -> dict[str, Any]:
-        """As plain values, for JSON."""
+        """Plain values, for JSON."""
         facts = {key: value for key, value in self.server if key != "size"}
         return {"path": self.path, "bytes": self.bytes, "sha256": self.sha256, **facts}
 
@@ -89,11 +91,11 @@ def read_input_file(path: Location) -> InputFile:
 
 
 class OpenedFile:
-    """A file of a recording as it was opened: what takes its name later is another file.
+    """A file of a recording as it was opened; one that takes its name later is another file.
 
     Attributes:
         path: Where it was.
-        stream: Its bytes, open as long as the recording; None of a folder and of a file on a server.
+        stream: Its bytes, open as long as the recording; None of a file on a server.
         unread: Its name and its size, as it was opened.
     """
 
@@ -108,11 +110,7 @@ class OpenedFile:
         return self.stream is not None and _state(self.stream) != self._state
 
     def read(self, at: int, size: int) -> bytes:
-        """Bytes of it, wherever others read it; fewer at its end.
-
-        Raises:
-            RecordingError: it cannot be read.
-        """
+        """At most `size` bytes from `at` on; leaves the stream's position alone."""
         try:
             return b"" if self.stream is None else os.pread(self.stream.fileno(), size, at)
         except OSError as err:
@@ -120,19 +118,11 @@ class OpenedFile:
 
 
 class InputFiles:
-    """The files of a recording, with checksums that a thread computes while the run makes frames.
-
-    It reads what was read for the frames a moment ago and lies in the system's cache. So the first frame does not wait
-    until all of the recording was read, and a disk delivers it once. To be closed.
-
-    Args:
-        files: The files, in the order in which they are read.
-        named: Other files that a run reads, as they were before, by what they are.
-        with_checksums: Whether they are read as a whole; if not, only their sizes are known.
+    """The files of a recording, with checksums that a thread computes of what was just read for frames; to be closed.
 
     Attributes:
         unread: The files before they are read, with their sizes.
-        named: The other files; after `finish` it is known whether they were changed.
+        named: Other files that the run reads, by key; after `finish` it is known whether they were changed.
     """
 
     def __init__(self, files: Sequence[OpenedFile], named: Mapping[str, InputFile], *, with_checksums: bool) -> None:
@@ -147,11 +137,7 @@ class InputFiles:
         self._whole: tuple[InputFile, ...] | None = None
 
     def fingerprint(self) -> str:
-        """Hexadecimal; differs between inputs, and is known at once: of names, sizes, beginnings, ends, other files.
-
-        Raises:
-            RecordingError: a file cannot be read.
-        """
+        """Hexadecimal digest that is known at once: of names, sizes, beginnings and ends, and of the other files."""
         digest = sha256(repr([sorted(known.provenance.items()) for known in self.unread]).encode())
         for file in self._files:
             digest.update(file.read(0, END_BYTES))
@@ -160,14 +146,10 @@ class InputFiles:
         return digest.hexdigest()
 
     def read_up_to(self, share: float) -> None:
-        """Have the thread read on, to `share` (0 to 1) of all bytes; does not wait for it.
-
-        Raises:
-            RecordingError: a file could not be read.
-        """
+        """Have the thread read on, to `share` (0 to 1) of all bytes; does not wait for it."""
         due = round(min(share, 1.0) * self._total)
         while due - self._due >= STEP_BYTES:
-            self._add(STEP_BYTES)
+            self._add_step()
 
     def finish(self) -> tuple[InputFile, ...]:
         """The files as they were read, with their checksums; a file that was changed meanwhile has none.
@@ -177,7 +159,7 @@ class InputFiles:
         """
         if self._whole is None:
             while self._due < self._total:
-                self._add(STEP_BYTES)
+                self._add_step()
             if self._with_checksums:
                 self._background.add(lambda: self._advance(math.inf), 0)
                 self._background.finish()
@@ -197,10 +179,10 @@ class InputFiles:
         self._background.close()
         self._blocks.close()
 
-    def _add(self, size: int) -> None:
+    def _add_step(self) -> None:
         """Have a step read; between two of them `close` ends the thread."""
-        self._due += size
-        self._background.add(lambda: self._advance(size), 0)
+        self._due += STEP_BYTES
+        self._background.add(lambda: self._advance(STEP_BYTES), 0)
 
     def _advance(self, size: float) -> None:
         """On the thread."""
@@ -219,11 +201,7 @@ class InputFiles:
 
 
 def read_opened_files(files: Sequence[OpenedFile]) -> tuple[InputFile, ...]:
-    """The files of a recording as they were read, with their checksums.
-
-    Raises:
-        RecordingError: one cannot be read.
-    """
+    """The files of a recording as they were read, with their checksums."""
     with closing(InputFiles(files, {}, with_checksums=True)) as known:
         return known.finish()
 

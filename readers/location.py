@@ -1,4 +1,4 @@
-"""Where a recording is: a local path, or a URL whose credentials are never shown."""
+"""Locations of recordings: a local path, or a URL whose credentials are never shown."""
 
 import re
 from dataclasses import dataclass

@@ -4,7 +4,6 @@ The readers of a format are imported by the first file of it.
 """
 
 import heapq
-import resource
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -15,12 +14,10 @@ from typing import BinaryIO
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.readers.files.container import Source
-from lidcam.readers.files.copies import completed, unpacked, whole_pages
+from lidcam.readers.files.copies import completed, journals_of, unpacked, whole_pages
 from lidcam.readers.files.damage import DamageError, Losses, library_errors
 from lidcam.readers.files.evaluation_folder import EvaluationFolder, is_evaluation_folder
-from lidcam.readers.files.rosbag2_folder import contradiction, folder_metadata, recording_files, unlisted_files
-from lidcam.readers.files.sqlite.pages import journals_of
-from lidcam.readers.files.temporary import remove_abandoned
+from lidcam.readers.files.rosbag2_folder import folder_metadata, recording_files, unlisted_files
 from lidcam.readers.input_file import OpenedFile
 from lidcam.readers.location import Location, RemotePath
 from lidcam.readers.messages.registry import types_of
@@ -40,11 +37,9 @@ ROSBAG1_MAGIC = b"#ROSBAG V2.0\n"
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 SQLITE_MAGIC = b"SQLite format 3\0"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-DESCRIPTORS, OTHER_DESCRIPTORS = 3, 256
-"""Open at once for a file of a recording (a database that was unpacked), and for all else."""
 
-LONGEST_OVERLAP_NS = 500_000_000
-"""Recorders write messages that are still on their way to the next part."""
+MAX_OVERLAP_NS = 500_000_000
+"""Longest time over which two parts of one recording overlap: messages on their way come with the next part."""
 
 EXPECTED = (
     "a ROS 1 .bag (format 2.0), a ROS 2 .mcap or .db3 file, a ROS 2 bag folder, a .pcap or .pcapng capture, or an "
@@ -55,10 +50,12 @@ EXPECTED = (
 def open_recording(paths: Sequence[Location], options: ReadOptions = DEFAULT_READ_OPTIONS) -> Recording:
     """Open one recording, to be used as a context manager.
 
+    Formats are recognised by the first bytes, not by the name. MCAP files may be on a server; only the parts that are
+    needed are fetched.
+
     Args:
-        paths: A file, a ROS 2 bag folder, or all files of a split recording in their order. Formats are recognised by
-            the first bytes, not by the name. Messages of equal log time come in the order of the files. MCAP files may
-            be on a server; only the parts that are needed are fetched.
+        paths: A file, a ROS 2 bag folder, or all files of a split recording in their order, which is that of messages
+            of equal log time.
         options: How to read it.
 
     Raises:
@@ -67,11 +64,9 @@ def open_recording(paths: Sequence[Location], options: ReadOptions = DEFAULT_REA
     """
     if not paths:
         raise RecordingError(f"expected {EXPECTED}, got no path")
-    remove_abandoned()
     with ExitStack() as stack:
         opened: list[RecordingFile] = []
         files, unlisted = _all_files(paths), _unlisted(paths, options)
-        _allow_open_files(len(files))
         originals = [OpenedFile(path, _stream(path, stack)) for path in files]
         errors: list[DamageError] = []
         for index, original in enumerate(originals):
@@ -114,7 +109,7 @@ def _check_follow_one_another(files: Sequence[RecordingFile]) -> None:
         shared = sorted(its_topics & others_topics)
         overlap_ns = min(one.end_ns, other.end_ns) - max(one.start_ns, other.start_ns)
         shorter_ns = min(one.end_ns - one.start_ns, other.end_ns - other.start_ns)
-        if shared and overlap_ns > max(LONGEST_OVERLAP_NS, shorter_ns // 2):
+        if shared and overlap_ns > max(MAX_OVERLAP_NS, shorter_ns // 2):
             raise RecordingError(
                 f"expected the parts of one recording, found two recordings of the same time: {one.path} and "
                 f"{other.path} both hold {shared[0]} over the same {overlap_ns / 1e9:.1f} s; process them one by one"
@@ -159,8 +154,7 @@ class _FilesRecording(Closing):
         self._unlisted = unlisted
         self._resources = resources
         self.paths = tuple(file.path for file in files)
-        # Of a file on a server, facts are known now.
-        known = zip(originals, self.paths, strict=True)
+        known = zip(originals, self.paths, strict=True)  # the facts of a file on a server, too
         self.opened = tuple(one if one.stream else OpenedFile(path) for one, path in known)
         self.topics: tuple[TopicInfo, ...] = merge_topics(info for file in files for info in file.topics)
         self.message_count = sum(file.message_count for file in files)
@@ -245,15 +239,6 @@ def _inode(file: Path) -> tuple[int, int]:
     return status.st_dev, status.st_ino
 
 
-def _allow_open_files(count: int) -> None:
-    """Raise the limit of open files as far as so many parts of a recording need it, and the system allows it."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    wanted = DESCRIPTORS * count + OTHER_DESCRIPTORS
-    if soft != resource.RLIM_INFINITY and soft < wanted:
-        most = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
-        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
-
-
 def _stream(path: Location, stack: ExitStack) -> BinaryIO | None:
     """The bytes of a local file: what a run reads of it and what it computes the checksum of."""
     if isinstance(path, RemotePath) or path.is_dir():
@@ -295,11 +280,6 @@ def _open_file(original: OpenedFile, index: int, stack: ExitStack, options: Read
             content, stream = whole_pages(content, stream, stack)
         file = _file_of_kind(Source(path, index, options, losses), path, content, stream, magic)
         stack.callback(file.close)
-        if not magic.startswith((MCAP_MAGIC, SQLITE_MAGIC)) or any(loss.messages != 0 for loss in file.losses):
-            return file
-        reason, fewer = contradiction(folder_metadata(path.parent), path.name, file.message_count)
-        if reason:
-            losses.note(0, reason, messages=fewer)
     return file
 
 

@@ -15,13 +15,13 @@ RosVersion = Literal["ROS 1", "ROS 2", "no ROS"]
 
 
 class ReadOptions(NamedTuple):
-    """How a recording is read.
+    """Options of reading a recording.
 
     Attributes:
-        recovery: How damage is treated. `none`: it is an error. `as_needed`: read what can be read of a damaged file,
-            and list the rest in `Recording.losses`. `full_scan`: the same, but read every record once even if index or
+        recovery: Treatment of damage. `none`: an error. `as_needed`: what can be read of a damaged file is read, and
+            `Recording.losses` lists the rest. `full_scan`: the same, but every record is read once even if index or
             summary seem valid, which finds messages that these do not list.
-        limits: How much memory and disk space the recording may use.
+        limits: Memory and disk space that the recording may use.
     """
 
     recovery: Literal["none", "as_needed", "full_scan"] = "as_needed"
@@ -88,7 +88,7 @@ class Loss:
 class _Contents(Protocol):
     @property
     def topics(self) -> tuple[TopicInfo, ...]:
-        """Its topics, sorted by name and type."""
+        """Topics, sorted by name and type."""
 
     @property
     def start_ns(self) -> int:
@@ -104,7 +104,7 @@ class _Contents(Protocol):
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """The damage found so far, by file and position: reading on may find more."""
+        """The damage that was found, by file and position: reading on may find more."""
 
     def close(self) -> None:
         """Close the files; messages already yielded stay valid."""
@@ -124,10 +124,7 @@ class RecordingFile(_Contents, Protocol):
     def messages(
         self, topics: Collection[str] | None, *, start_ns: int | None, stop_ns: int | None
     ) -> Iterator[RawMessage]:
-        """As `Recording.messages`, in the order of (log time, position in the file).
-
-        Where log times jump back within the file and go over the same time once more (see `passes`), the messages
-        before the jump come first.
+        """As `Recording.messages`, in the order of (pass, see `passes`; log time; position in the file).
 
         Raises:
             Exception: any that the library raises, if the file is damaged and `ReadOptions.recovery` is `none`.
@@ -139,21 +136,18 @@ class Recording(_Contents, Protocol):
 
     @property
     def paths(self) -> tuple[Location, ...]:
-        """Its files, in the order of `RawMessage.order[0]`."""
+        """Files, in the order of `RawMessage.order[0]`."""
 
     @property
     def opened(self) -> tuple[OpenedFile, ...]:
-        """The same as they were opened, for their checksums."""
+        """The files as they were opened, for their checksums."""
 
     def messages(
         self, topics: Collection[str] | None = None, *, start_ns: int | None = None, stop_ns: int | None = None
     ) -> Iterator[RawMessage]:
-        """The messages in the order of (log time, file, position in the file), read lazily.
+        """The messages of some or all topics, log times from `start_ns` to before `stop_ns`, read lazily.
 
-        Args:
-            topics: Only these; all by default. Names that were not recorded are ignored.
-            start_ns: Only messages recorded at or after this time.
-            stop_ns: Only messages recorded before this time.
+        They come in the order of (log time, file, position in the file).
 
         Raises:
             RecordingError: the recording is damaged and `ReadOptions.recovery` is `none`; says how far it was read.

@@ -19,7 +19,7 @@ from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.readers.files.container import Container, read_exactly
 from lidcam.readers.files.damage import LIBRARY_ERRORS
 from lidcam.readers.files.decompress import check_file_size, decompressed
-from lidcam.readers.files.passes import JUMP_NS, pass_starts
+from lidcam.readers.files.passes import MIN_JUMP_NS, pass_starts
 from lidcam.readers.location import RemotePath
 from lidcam.readers.messages.header_stamp import stamp_or_log_time
 
@@ -30,7 +30,7 @@ FilePlace = tuple[int, int]
 
 
 class Entry(NamedTuple):
-    """Where the data of a message are: sorts by time, then position; `chunk` is 0 outside of chunks."""
+    """Place of the data of a message: sorts by time, then position; `chunk` is 0 outside of chunks."""
 
     log_time_ns: int
     chunk: int
@@ -60,7 +60,7 @@ class ChunkPlace(NamedTuple):
 
 
 class ChunkedFile(Container):
-    """One open file; see `RecordingFile`. A subclass describes it by `_set_contents`, and reads its chunks."""
+    """One open file; see `RecordingFile`. A subclass calls `_set_contents`, and reads the chunks."""
 
     def _set_contents(
         self,
@@ -69,13 +69,9 @@ class ChunkedFile(Container):
         channels: dict[int, Channel],
         known_ids: Collection[int] | None,
     ) -> None:
-        """Say what is in the file.
+        """Set the chunks, the messages outside of them, and the channels that can be read, by id.
 
-        Args:
-            chunks: Where the chunks are.
-            loose: Messages outside of chunks.
-            channels: Those that can be read, by id.
-            known_ids: Ids of these and of those that cannot be read; None after a scan, which has noted others.
+        `known_ids` are those of all channels; None after a scan, which has noted others.
         """
         self._chunks, self._loose, self._channels = chunks, loose, channels
         self._known_ids = known_ids
@@ -110,7 +106,7 @@ class ChunkedFile(Container):
     def _messages_of(
         self, wanted: set[int], start_ns: int, stop_ns: int, begin: FilePlace, end: FilePlace
     ) -> Iterator[RawMessage]:
-        """Those of one pass of the recorder's clock, which lies between two places of the file."""
+        """Messages of one pass of the recorder's clock, which lies between two places of the file."""
 
         def is_taken(entry: Entry) -> bool:
             if entry.channel_id not in wanted or not start_ns <= entry.log_time_ns < stop_ns:
@@ -152,7 +148,7 @@ class ChunkedFile(Container):
                 yield RawMessage(stamp_or_log_time(channel, data, last_ns), last_ns, order, data, channel)
 
     def _check_waiting(self, left: Counter[int]) -> None:
-        """Refuse chunks that overlap in time so far that too many messages are in memory."""
+        """Refuse chunks whose overlap in time brings too many messages into memory."""
         if left.total() > self._limits.max_positions_waiting:
             raise RecordingError(
                 f"{self.path}: more than {self._limits.max_positions_waiting} messages of chunks that overlap in "
@@ -245,15 +241,15 @@ class ChunkedFile(Container):
         spans += [(entry.offset, entry.log_time_ns, entry.log_time_ns) for entry in self._loose]
         latest_ns = 0
         for _, start_ns, end_ns in sorted(spans):
-            if start_ns < latest_ns - JUMP_NS:
+            if start_ns < latest_ns - MIN_JUMP_NS:
                 return True
             latest_ns = max(latest_ns, end_ns)
         last = max(self._chunks, key=lambda place: place.position, default=None)
-        if last is None or last.end_ns - last.start_ns <= JUMP_NS:
+        if last is None or last.end_ns - last.start_ns <= MIN_JUMP_NS:
             return False
         rows = self._indexed(last)
         log_times_ns = rows[np.argsort(rows[:, 1]), 2]
-        return bool(len(rows)) and bool((np.maximum.accumulate(log_times_ns) - log_times_ns).max() > JUMP_NS)
+        return bool(len(rows)) and bool((np.maximum.accumulate(log_times_ns) - log_times_ns).max() > MIN_JUMP_NS)
 
 
 class ChunkCache:
@@ -261,9 +257,6 @@ class ChunkCache:
 
     Messages are read in time order but chunks are in the order of writing, so chunks that overlap in time are read
     alternately. The bound keeps memory constant even if all chunks of a recording overlap.
-
-    Args:
-        max_bytes: Bytes that are kept.
     """
 
     def __init__(self, max_bytes: int = CACHE_BYTES) -> None:

@@ -33,12 +33,7 @@ class Source:
 
 
 class Container(ABC):
-    """One open file; see `RecordingFile`, whose other attributes a subclass sets in `_describe`.
-
-    Args:
-        source: The file.
-        stream: Its content, uncompressed; closed with it, but not where it cannot be read.
-    """
+    """One open file; see `RecordingFile`, whose other attributes a subclass sets in `_describe`. Closes its stream."""
 
     def __init__(self, source: Source, stream: BinaryIO) -> None:
         self.path = source.path

@@ -6,19 +6,23 @@ import sqlite3
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 import zstandard
 
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.settings.recording import LimitsConfig
 from lidcam.readers.files.damage import Losses
-from lidcam.readers.files.sqlite.pages import count_pages, unapplied
 from lidcam.readers.files.temporary import temporary_folder
 
-PIECE = 1 << 20
+PIECE_BYTES = 1 << 20
 DISK_RESERVE = 1 << 28
 """Bytes of the temporary folder's disk that are left free."""
+
+DATABASE_HEADER_BYTES = 100
+PAGE_BYTES = frozenset(1 << n for n in range(9, 17))
+JOURNAL_MAGIC_BYTES = 8
+LOG_HEADER_BYTES, LOG_PAGE_HEADER_BYTES = 32, 24
 
 
 def unpacked(
@@ -26,12 +30,7 @@ def unpacked(
 ) -> tuple[Path, BinaryIO]:
     """The content of a zstd-compressed file (rosbag2's compression mode `file`), as a file in a temporary folder.
 
-    Args:
-        path: The file.
-        packed: Its bytes.
-        stack: Removes the folder.
-        losses: Collects where the file is damaged; the content before is used.
-        limits: How much it may unpack to.
+    What comes before damage is used.
 
     Raises:
         RecordingError: it unpacks to more, or to more than the temporary folder has space for.
@@ -43,7 +42,7 @@ def unpacked(
             content = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True, closefd=False)
             largest = limits.max_unpacked_bytes(os.fstat(packed.fileno()).st_size)
             left = min(largest, shutil.disk_usage(folder).free - DISK_RESERVE)
-            while piece := content.read(PIECE):
+            while piece := content.read(PIECE_BYTES):
                 left -= len(piece)
                 if left < 0:
                     raise RecordingError(
@@ -54,6 +53,54 @@ def unpacked(
         if damage.error:
             losses.note(stream.tell(), f"the file does not unpack further ({damage.reason})")
     return copy, stack.enter_context(copy.open("rb"))
+
+
+class PageCount(NamedTuple):
+    """Pages of a database (https://www.sqlite.org/fileformat2.html).
+
+    Attributes:
+        page_bytes: Size of a page in bytes.
+        whole: Whole pages that the file has.
+        expected: Pages that it should have; 0 if an old SQLite wrote it, which did not count them.
+        rest: Bytes of the file behind the last whole page.
+    """
+
+    page_bytes: int
+    whole: int
+    expected: int
+    rest: int
+
+
+def count_pages(stream: BinaryIO) -> PageCount:
+    """The pages of a database.
+
+    Raises:
+        EOFError: the file ends inside its header.
+        ValueError: its header is not that of a database.
+    """
+    file_bytes = stream.seek(0, 2)
+    stream.seek(0)
+    header = stream.read(DATABASE_HEADER_BYTES)
+    if len(header) < DATABASE_HEADER_BYTES:
+        raise EOFError(f"expected {DATABASE_HEADER_BYTES} bytes of a database's header, found {len(header)}")
+    size = int.from_bytes(header[16:18], "big")
+    size = 1 << 16 if size == 1 else size
+    if size not in PAGE_BYTES:
+        raise ValueError(f"expected a power of two as the size of pages, found {size}")
+    is_counted = header[92:96] == header[24:28]  # the count is that of the last change
+    expected = int.from_bytes(header[28:32], "big") if is_counted else 0
+    return PageCount(size, file_bytes // size, expected, file_bytes % size)
+
+
+def journals_of(path: Path) -> list[Path]:
+    """The write-ahead log of a database, or the rollback journal of a half-done write; mostly none."""
+    wal, journal = (path.with_name(path.name + suffix) for suffix in ("-wal", "-journal"))
+    found = [wal] if wal.is_file() and wal.stat().st_size else []
+    if journal.is_file():
+        with journal.open("rb") as stream:
+            if any(stream.read(JOURNAL_MAGIC_BYTES)):  # zeros: the write was finished (journal_mode=PERSIST)
+                found.append(journal)
+    return found
 
 
 def completed(
@@ -68,11 +115,15 @@ def completed(
     names = ", ".join(journal.name for journal in journals)
     with losses.guard() as damage, closing(sqlite3.connect(copy)) as database:
         database.execute("SELECT count(*) FROM sqlite_master").fetchall()
+        ((page_bytes,),) = database.execute("PRAGMA page_size")
         ((_, applied, _),) = database.execute("PRAGMA wal_checkpoint(PASSIVE)")
         database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
         losses.note(0, f"the recorder did not close it; completed from {names} in a copy", messages=0)
-        for reason in filter(None, (unapplied(journal, folder, applied) for journal in journals)):
-            losses.note(0, reason)
+        logged = (journals[0].stat().st_size - LOG_HEADER_BYTES) // (page_bytes + LOG_PAGE_HEADER_BYTES)
+        if journals[0].name.endswith("-wal") and logged > max(applied, 0):
+            losses.note(
+                0, f"{logged - max(applied, 0)} pages of {names} are damaged, not committed, or of an older log"
+            )
     if damage.error:
         losses.note(0, f"the recorder did not close it, and {names} cannot be applied ({damage.reason})")
     for journal in journals:

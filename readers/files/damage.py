@@ -9,7 +9,6 @@ import sqlite3
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
@@ -41,9 +40,6 @@ LIBRARY_ERRORS: tuple[type[Exception], ...] = (
     ValueError,
 )
 
-MAX_OTHERS = 1_000_000
-"""Unlisted losses that are remembered, so that each counts once."""
-
 
 class DamageError(RecordingError):
     """A file is so damaged that it cannot be read, or not all of it."""
@@ -51,9 +47,6 @@ class DamageError(RecordingError):
 
 class DamageGuard:
     """A context manager that suppresses errors caused by damage in a file; all other errors pass.
-
-    Args:
-        is_active: Whether to suppress any.
 
     Attributes:
         error: The error that was suppressed; None if there was none.
@@ -81,12 +74,7 @@ class DamageGuard:
 
 
 class Losses:
-    """Parts of one file that could not be read; each loss is listed once, however often the file is read.
-
-    Args:
-        path: The file.
-        options: Whether damage is an error, and how many losses are listed one by one; the others are added up.
-    """
+    """Parts of one file that could not be read; each loss is listed once, however often the file is read."""
 
     def __init__(self, path: Location, options: ReadOptions = DEFAULT_READ_OPTIONS) -> None:
         self.path = path
@@ -121,12 +109,13 @@ class Losses:
         key = (position, reason)
         if key in self._listed:
             return
-        loss = Loss(self.path, position, reason, size, messages)
         if len(self._listed) < self._max_listed:
-            self._listed[key] = loss
-        elif hash(key) not in self._others and len(self._others) < MAX_OTHERS:
+            self._listed[key] = Loss(self.path, position, reason, size, messages)
+        elif hash(key) not in self._others:
             self._others.add(hash(key))
-            self._rest = _sum(self._rest, loss, len(self._others))
+            first = self._rest or Loss(self.path, position, "", 0, 0)
+            more = f"{len(self._others)} further places, see limits.max_losses_listed"
+            self._rest = Loss(self.path, first.position, more, _sum(first.size, size), _sum(first.messages, messages))
 
     def listed(self) -> tuple[Loss, ...]:
         """The losses by position, and last the sum of those that are not listed."""
@@ -138,12 +127,7 @@ class Losses:
 def library_errors(
     path: Location, *, progress: Callable[[], str] | None = None, is_recovering: bool = False
 ) -> Iterator[None]:
-    """Turn what a library raises while it reads `path` into a `RecordingError`.
-
-    Args:
-        path: The file.
-        progress: Says how far it was read.
-        is_recovering: Whether what can still be read was already tried.
+    """Turn what a library raises while it reads `path` into a `RecordingError`; `progress` says how far it was read.
 
     Raises:
         RecordingError: instead of any of `LIBRARY_ERRORS`; a `DamageError` if the content is at fault.
@@ -169,15 +153,8 @@ def library_errors(
         ) from err
 
 
-def _sum(rest: Loss | None, loss: Loss, count: int) -> Loss:
-    at_least = "" if count < MAX_OTHERS else " or more"
-    reason = f"{count}{at_least} further places, see limits.max_losses_listed; the first of them: "
-    if rest is None:
-        return replace(loss, reason=reason + loss.reason)
-    first = rest.reason.partition("the first of them: ")[2]
-    size = None if rest.size is None or loss.size is None else rest.size + loss.size
-    messages = None if rest.messages is None or loss.messages is None else rest.messages + loss.messages
-    return Loss(loss.path, rest.position, reason + first, size, messages)
+def _sum(one: int | None, other: int | None) -> int | None:
+    return None if one is None or other is None else one + other
 
 
 def _is_damage(err: Exception) -> bool:

@@ -10,7 +10,7 @@ from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.settings.recording import LimitsConfig
 from lidcam.readers.location import Location
 
-PIECE = 1 << 22
+PIECE_BYTES = 1 << 22
 MAX_AT_ONCE = 1 << 22
 """The libraries allocate this much before they know how much a piece unpacks to."""
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
@@ -41,7 +41,7 @@ def check_chunk_size(size: int, largest: int) -> None:
 
 
 def check_file_size(path: Location, unpacked: int, packed: int, limits: LimitsConfig) -> None:
-    """Refuse a file of `packed` bytes whose chunks unpacked to so many in one reading, some of them again and again.
+    """Refuse a file of `packed` bytes whose chunks unpack to too many in one reading, each as often as it is read.
 
     Raises:
         RecordingError: these are too many.
@@ -67,15 +67,9 @@ def check_complete(unpacked: Unpacked, compression: str) -> None:
 def unpack(
     stream: BinaryIO, position: int, end: int, compression: str, *, largest: int, size: int | None = None
 ) -> Unpacked:
-    """The content of the compressed data that begin at `position` and end before `end`.
+    """The content of the lz4 or bz2 data that begin at `position` and end before `end`; at most `largest` bytes.
 
-    Args:
-        stream: The file.
-        position: First byte of the data.
-        end: Byte after the data.
-        compression: `lz4` or `bz2`.
-        largest: Bytes that they may unpack to.
-        size: Their unpacked size according to the file: this much memory is allocated at once, and more if needed.
+    `size` is their unpacked size according to the file: this much is allocated at once, and more if needed.
 
     Raises:
         ValueError: they unpack to more.
@@ -91,7 +85,7 @@ def unpack(
     while not decompressor.eof:
         piece = b""
         if decompressor.needs_input:
-            piece = stream.read(min(PIECE, end - stream.tell()))
+            piece = stream.read(min(PIECE_BYTES, end - stream.tell()))
             if not piece:
                 break
         at_once = expected - total + 1 if total <= expected and size else MAX_AT_ONCE
@@ -107,12 +101,6 @@ def decompressed(data: bytes | memoryview, encoding: str, *, announced: bool, la
 
     metadata.yaml says whether it did, but is often lost. Zstd frames are recognised by their first bytes (RFC 8878,
     3.1.1), with which no CDR message can begin: its first byte is 0 (DDSI-RTPS 10.5).
-
-    Args:
-        data: As recorded.
-        encoding: Of the message (`Channel.encoding`).
-        announced: Whether metadata.yaml says that messages are compressed.
-        largest: Bytes that it may unpack to.
 
     Raises:
         ValueError: it unpacks to more.

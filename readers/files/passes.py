@@ -11,10 +11,10 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import I64, Bools
 
-JUMP_NS = 1_000_000_000
-"""Log times of a topic that go back by more than this are no disorder."""
+MIN_JUMP_NS = 1_000_000_000
+"""Minimum step back of a topic's log times that is no disorder."""
 
-MIN_BEFORE = 5
+MIN_MESSAGES_BEFORE = 5
 """Messages of the topic before a jump that are needed to know its period."""
 
 MAX_COMPARED = 20
@@ -23,19 +23,14 @@ MAX_COMPARED = 20
 MAX_JUMPS = 100
 """Jumps of topics that are examined: a shuffled file has as many as messages."""
 
-WITHIN_PERIODS = 1.5
-"""A time is covered if a message lies this near."""
+MAX_DISTANCE_PERIODS = 1.5
+"""Maximum distance, in periods, of a covered time from the nearest message."""
 
 
 def pass_starts(log_times_ns: I64, topics: I64) -> Sequence[int]:
-    """Where the second and later passes begin.
+    """Rows at which the second and later passes begin, mostly none.
 
-    Args:
-        log_times_ns: (N,) log times in the order of the file.
-        topics: (N,) number of each message's topic.
-
-    Returns:
-        Rows of the first message of each pass but the first; mostly none.
+    Takes the log times (N,) in the order of the file, and the number of each message's topic.
     """
     if not len(log_times_ns):
         return ()
@@ -43,11 +38,11 @@ def pass_starts(log_times_ns: I64, topics: I64) -> Sequence[int]:
     behind_ns -= log_times_ns
     longest_ns = behind_ns.max()
     del behind_ns
-    if longest_ns <= JUMP_NS:
+    if longest_ns <= MIN_JUMP_NS:
         return ()
     by_topic = np.argsort(topics, kind="stable")
     befores, afters = by_topic[:-1], by_topic[1:]
-    jumps = (topics[befores] == topics[afters]) & (log_times_ns[befores] - log_times_ns[afters] > JUMP_NS)
+    jumps = (topics[befores] == topics[afters]) & (log_times_ns[befores] - log_times_ns[afters] > MIN_JUMP_NS)
     rows = sorted(zip(afters[jumps].tolist(), befores[jumps].tolist(), strict=True))
     starts = [0]
     for row, before in rows[:MAX_JUMPS]:
@@ -62,10 +57,10 @@ def pass_starts(log_times_ns: I64, topics: I64) -> Sequence[int]:
 
 def _covers(before_ns: I64, after_ns: I64) -> bool:
     """Whether most of the times after a jump lie next to times before it."""
-    if len(before_ns) < MIN_BEFORE:
+    if len(before_ns) < MIN_MESSAGES_BEFORE:
         return False
     known_ns = np.sort(before_ns)
-    near_ns = WITHIN_PERIODS * float(np.median(np.diff(known_ns)))
+    near_ns = MAX_DISTANCE_PERIODS * float(np.median(np.diff(known_ns)))
     right = np.clip(np.searchsorted(known_ns, after_ns), 1, len(known_ns) - 1)
     distance_ns = np.minimum(np.abs(known_ns[right] - after_ns), np.abs(known_ns[right - 1] - after_ns))
     covered: Bools = distance_ns <= near_ns

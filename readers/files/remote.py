@@ -1,7 +1,7 @@
 """A file on a server as a stream that fetches only the parts that are read, by range requests of fsspec.
 
 Whole pages are fetched and kept in a temporary file: nothing is fetched twice until that is full, and memory does not
-grow. Sequential reading fetches more and more at once, up to a maximum. On web servers each request names the version
+grow. Sequential reading doubles what is fetched at once, up to a maximum. On web servers each request names the version
 of the file that was opened.
 """
 
@@ -29,11 +29,8 @@ MAX_KEPT_BYTES = 512 << 20
 """Size of the temporary file: several seconds of many cameras and lidars."""
 
 RETRY_DELAYS_S = (0.5, 1.0, 2.0)
-SILENCE_S = 30.0
-"""A server that sends nothing for this long counts as a lost connection."""
-
-REQUEST_SHARE = 0.2
-"""Share of the time that a request may take that one is meant to take."""
+MAX_SILENCE_S = 30.0
+"""Longest silence of a server before its connection counts as lost."""
 
 HEADERS = {"Accept-Encoding": "identity"}
 
@@ -64,10 +61,6 @@ class _AnswerError(Exception):
 class RemoteFile(io.BufferedIOBase):
     """A seekable file on a server.
 
-    Args:
-        path: Its location.
-        limits: How long a request may take.
-
     Attributes:
         path: The same, with the facts that the server gave.
         size: Size in bytes.
@@ -79,14 +72,12 @@ class RemoteFile(io.BufferedIOBase):
 
     def __init__(self, path: RemotePath, limits: LimitsConfig = DEFAULT_LIMITS) -> None:
         super().__init__()
-        self.path = path
+        self.path, self._limits = path, limits
         self._position = 0
         self._pages: set[int] = set()
         self._end_of_last = 0  # page after the last one fetched
-        self._run = 1  # pages fetched by the last miss
+        self._run_pages = 1  # fetched by the last miss
         self.is_wanted_whole = False
-        self._limits = limits
-        self._max_pages = MAX_REQUEST_PAGES  # fewer where the server is slow
         self._file: Any = None
         self._disconnect: Callable[[], None] = lambda: None
         self._kept: BinaryIO = TemporaryFile(prefix="lidcam-")  # noqa: SIM115  # closed by close()
@@ -95,14 +86,6 @@ class RemoteFile(io.BufferedIOBase):
         except BaseException:
             self.close()
             raise
-
-    def readable(self) -> bool:
-        """Always true."""
-        return True
-
-    def seekable(self) -> bool:
-        """Always true."""
-        return True
 
     def tell(self) -> int:
         """The current position."""
@@ -182,10 +165,10 @@ class RemoteFile(io.BufferedIOBase):
         missing = next((page for page in range(first, stop) if page not in self._pages), None)
         if missing is None:
             return
-        more = self._run * 2 if missing == self._end_of_last else 1
+        more = self._run_pages * 2 if missing == self._end_of_last else 1
         more = MAX_REQUEST_PAGES if self.is_wanted_whole else more
-        self._run = min(max(more, stop - first), MAX_REQUEST_PAGES)
-        stop = max(stop, min(missing + self._run, -(-self.size // PAGE_BYTES)))
+        self._run_pages = min(max(more, stop - first), MAX_REQUEST_PAGES)
+        stop = max(stop, min(missing + self._run_pages, -(-self.size // PAGE_BYTES)))
         if (len(self._pages) + stop - missing) * PAGE_BYTES > MAX_KEPT_BYTES:
             self._kept.truncate(0)
             self._pages.clear()
@@ -193,25 +176,13 @@ class RemoteFile(io.BufferedIOBase):
             if first in self._pages:
                 first += 1
                 continue
-            most = range(first, min(first + self._max_pages, stop))
-            first = self._fetch(first, next((page for page in most if page in self._pages), most.stop))
-
-    def _fetch(self, first: int, last: int) -> int:
-        """Fetch the pages from `first` up to `last`, which is returned, in one request."""
-        start, began_s = first * PAGE_BYTES, time.monotonic()
-        data = self._range(start, min(last * PAGE_BYTES, self.size))
-        self._adapt(len(data), time.monotonic() - began_s)
-        self._kept.seek(start)
-        self._kept.write(data)
-        self._pages.update(range(first, last))
-        self._end_of_last = last
-        return last
-
-    def _adapt(self, size: int, seconds: float) -> None:
-        """Ask for as much at once as takes a small part of the time that a request may take."""
-        rate = size / max(seconds, 1e-3)
-        pages = int(rate * self._limits.max_request_s * REQUEST_SHARE) // PAGE_BYTES
-        self._max_pages = min(max(pages, 1), MAX_REQUEST_PAGES)
+            most = range(first, min(first + MAX_REQUEST_PAGES, stop))
+            end = next((page for page in most if page in self._pages), most.stop)
+            data = self._range(first * PAGE_BYTES, min(end * PAGE_BYTES, self.size))
+            self._kept.seek(first * PAGE_BYTES)
+            self._kept.write(data)
+            self._pages.update(range(first, end))
+            first = self._end_of_last = end
 
     def _range(self, start: int, stop: int) -> bytes:
         def once() -> bytes:
@@ -281,7 +252,7 @@ def file_system(path: RemotePath, max_request_s: float = DEFAULT_LIMITS.max_requ
         if path.protocol in {"http", "https"}:
             from aiohttp import ClientTimeout
 
-            silence_s = min(SILENCE_S, max_request_s)
+            silence_s = min(MAX_SILENCE_S, max_request_s)
             timeout = ClientTimeout(total=max_request_s, sock_connect=silence_s, sock_read=silence_s)
             options["client_kwargs"] = {"timeout": timeout, "trust_env": True, "auto_decompress": False}  # HTTPS_PROXY
             options["headers"] = HEADERS

@@ -1,7 +1,6 @@
 """ROS 2 bag folders: their files, and the content of metadata.yaml."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -26,13 +25,11 @@ class FolderMetadata:
         file_names: The files in recording order.
         message_compression: Whether each message is compressed with zstd.
         distro: Name of the ROS 2 release, or empty.
-        counts: Number of messages by file name; empty if it does not say, or its own numbers differ from one another.
     """
 
     file_names: tuple[str, ...] = ()
     message_compression: bool = False
     distro: str = ""
-    counts: Mapping[str, int] = field(default_factory=dict)
 
 
 def unlisted_files(folder: Path) -> tuple[Path, ...]:
@@ -46,20 +43,6 @@ def unlisted_files(folder: Path) -> tuple[Path, ...]:
     files = [file for file in folder.iterdir() if _is_storage(file) and _storage_suffix(file) in suffixes]
     others = [file for file in files if _unpacked_name(file.name) not in listed]
     return tuple(sorted(others, key=lambda file: natural_key(file.name)))
-
-
-def contradiction(metadata: FolderMetadata, name: str, found: int) -> tuple[str, int]:
-    """How a file and metadata.yaml differ, and how many messages the file lacks; an empty reason if they agree.
-
-    Args:
-        metadata: Content of metadata.yaml.
-        name: Of the file.
-        found: Number of messages in the file.
-    """
-    said = metadata.counts.get(name, found)
-    if said == found:
-        return "", 0
-    return f"{METADATA} says {said} messages, the file has {found}", max(said - found, 0)
 
 
 def recording_files(folder: Path) -> tuple[Path, ...]:
@@ -117,25 +100,13 @@ def folder_metadata(folder: Path) -> FolderMetadata:
         raise RecordingError(
             f"{path}: expected compression zstd, found {compression!r}; convert it with `ros2 bag convert`"
         )
-    return FolderMetadata(names, mode == "message", distro, _counts(information, names))
+    return FolderMetadata(names, mode == "message", distro)
 
 
 @lru_cache(maxsize=1)
 def _parsed(text: bytes) -> Any:
     """Parsed once where it is read several times in a row, which takes a second for hundreds of topics."""
     return parse_yaml(text)
-
-
-def _counts(information: dict[str, Any], names: tuple[str, ...]) -> Mapping[str, int]:
-    """`FolderMetadata.counts`; values of another kind than expected count as missing."""
-    try:
-        total = int(information["message_count"])
-        if len(names) == 1:
-            return {names[0]: total}
-        counts = {PurePosixPath(file["path"]).name: int(file["message_count"]) for file in information["files"]}
-    except (LookupError, TypeError, ValueError, AttributeError):
-        return {}
-    return counts if sum(counts.values()) == total else {}
 
 
 def _unpacked_name(name: str) -> str:

@@ -64,10 +64,6 @@ def _other_fields_told() -> Iterator[None]:
 def camera_model(info: Any, *, frame_id: str = "") -> CameraModel:
     """Intrinsics of the raw image: K and the lens distortion, for the part of the sensor that was read out.
 
-    Args:
-        info: Decoded CameraInfo of ROS 1 (D, K, R, P) or ROS 2 (d, k, r, p).
-        frame_id: Optical frame; if empty, the one in `info`.
-
     Raises:
         CalibrationError: the camera is uncalibrated (K[0] = 0), a field is missing, or a value is invalid.
     """

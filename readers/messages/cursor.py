@@ -11,11 +11,7 @@ _ENCAPSULATION_BYTES = 4
 
 
 class Cursor:
-    """A place in a serialised message.
-
-    Args:
-        data: The message.
-        encoding: `ros1` or `cdr`.
+    """A place in a message that is serialised as `ros1` or `cdr`.
 
     Attributes:
         order: Byte order of numbers, `<` or `>`.

@@ -66,10 +66,9 @@ def deserialize(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -
     except Exception as err:  # the generated decoders let struct, index, value and unicode errors through
         if is_short_memory(err):
             raise
-        doubt = f"; {reason}" if (reason := _doubt(channel)) else ""
         raise MessageError(
             f"{channel.topic}: {len(message.data)} bytes are not a valid {channel.msgtype} "
-            f"({type(err).__name__}: {err}){doubt}"
+            f"({type(err).__name__}: {err})"
         ) from err
 
 
@@ -97,12 +96,9 @@ def typestore_for(channel: Channel) -> Typestore:
 
 
 def definition_problem(channel: Channel) -> str:
-    """Why the channel's messages cannot be decoded, or may be decoded wrongly; empty if no problem is known.
-
-    A recorded definition that does not match the recorded md5sum or hash is used: bytes of another layout rarely fit.
-    """
+    """Why the channel's messages cannot be decoded; empty if no problem is known."""
     store = _types_of(channel)
-    return store if isinstance(store, str) else _doubt(channel)
+    return store if isinstance(store, str) else ""
 
 
 @lru_cache(maxsize=1024)
@@ -174,13 +170,6 @@ def _other_digest(channel: Channel, store: Typestore) -> str:
     else:
         return ""
     return "" if found == channel.digest else f"{found}, not the recorded {channel.digest}"
-
-
-@lru_cache(maxsize=256)
-def _doubt(channel: Channel) -> str:
-    """How the recorded definition contradicts the recorded md5sum or hash; empty if it does not."""
-    other = _other_digest(channel, typestore_for(channel))
-    return f"the recorded definition is {other}" if other else ""
 
 
 def _release(channel: Channel) -> Stores:

@@ -45,11 +45,6 @@ def decode_pointcloud2(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LI
     Coordinates become float32 metres: steps of 8 micrometres at 100 m, but of half a metre at 5 000 km (clouds in UTM
     coordinates).
 
-    Args:
-        message: A PointCloud2.
-        limits: How many points it may have.
-        others: Points of the frame's other clouds.
-
     Returns:
         The cloud at the message's stamp. Points with a coordinate that is not finite in float32 are removed and counted
         in `nan_dropped`. Intensities that are not finite are 0, as where there are none. Rings are clipped to 0 to

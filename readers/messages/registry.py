@@ -64,13 +64,7 @@ def types_of(kind: Kind) -> frozenset[str]:
 
 
 def decode_as(kind: Kind, message: RawMessage, *arguments: Any, **options: Any) -> Any:
-    """The content of a message, by the decoder of its type.
-
-    Args:
-        kind: Kind that the message must be of.
-        message: The message.
-        *arguments: Further arguments that decoders of this kind take.
-        **options: The same, by name.
+    """The content of a message, by the decoder of its type, which gets the further arguments.
 
     Raises:
         MessageError: the message is of another kind, or cannot be decoded.

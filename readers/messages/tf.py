@@ -30,16 +30,16 @@ TF_TYPES = types_of("transforms")
 
 ODOMETRY_FRAMES = frozenset({"odom", "map", "earth"})
 PROBE_NS = 60_000_000_000
-"""How much of /tf is read before the run: enough to see every frame without reading a long recording twice."""
+"""Length of /tf that is read before the run: enough to see every frame without reading a long recording twice."""
 
 BEGINNING_NS = 2_000_000_000
-"""How much of /tf is read from the start, for any time window: fixed frames are sent more often than this."""
+"""Length of /tf that is read from the start, for any time window: fixed frames are sent more often than this."""
 
-STILL = 1e-6
+MAX_STILL_CHANGE = 1e-6
 """Largest change of a matrix entry (metres, or roughly radians) of a fixed frame."""
 
 MAX_TF_BYTES = 64 << 20
-"""Of /tf_static, and of what is probed of /tf: hours of a vehicle's fixed frames, sent ten times a second each."""
+"""Size of /tf_static, and of the part of /tf, that are read: hours of a vehicle's fixed frames at ten hertz."""
 
 NUMBERS = Struct("<7d")
 """Translation, and rotation x, y, z, w."""
@@ -108,11 +108,7 @@ def decode_transforms(
 ) -> list[tuple[int, Transform | CalibrationError, str]]:
     """The transforms of one message: stamp in ns, T_parent_child or its fault, child frame.
 
-    Args:
-        message: The message.
-        limits: How much it may hold.
-        is_wanted: Whether transforms of these two frames are; sound ones that are not are left out, which saves most
-            of the time.
+    Sound ones of frames (parent, child) that are not wanted are left out, which saves most of the time.
 
     Raises:
         MessageError: the message cannot be decoded, or is not of `TF_TYPES`.
@@ -154,13 +150,9 @@ def read_transforms(
     stop_ns: int | None = None,
     limits: LimitsConfig = DEFAULT_LIMITS,
 ) -> RecordedTransforms:
-    """All of /tf_static, and /tf at the start of the recording and of the time window.
+    """All of /tf_static, and /tf at the start of the recording and of the time window (log times; `stop_ns` excluded).
 
-    Args:
-        recording: Open recording.
-        start_ns: Start of the window by log time; None is that of the recording.
-        stop_ns: Its end (exclusive).
-        limits: How many frames the transforms may name; messages of a topic that names more are dropped from there on.
+    Messages of a topic that names more frames than `limits` allow are dropped from there on.
     """
     static, dynamic = tf_topics(recording)
     fixed = TransformTree()
@@ -185,7 +177,7 @@ def read_transforms(
             faults[child] = f"{transform} ({message.topic})"
         elif not fixed.is_static(child):
             first = seen.setdefault(child, transform)
-            same = first.dst == transform.dst and np.abs(first.matrix - transform.matrix).max() <= STILL
+            same = first.dst == transform.dst and np.abs(first.matrix - transform.matrix).max() <= MAX_STILL_CHANGE
             if not same or transform.dst in ODOMETRY_FRAMES:
                 moving[child] = transform.dst
     for child, transform in seen.items():
@@ -243,15 +235,11 @@ def _transforms(
     *,
     is_wanted: Callable[[str, str], bool] = lambda _parent, _child: True,
 ) -> Iterator[tuple[RawMessage, Transform | CalibrationError, str]]:
-    read_bytes, full = 0, set[str]()
+    read_bytes = 0
     for message in messages:
         read_bytes += len(message.data)
         if read_bytes > MAX_TF_BYTES:
             return
-        if message.topic in full:
-            first, count = drops[message.topic]
-            drops[message.topic] = first, count + 1
-            continue
         try:
             for _, transform, child in decode_transforms(message, limits=limits, is_wanted=is_wanted):
                 _add_frame(child, names, message.topic, limits)
@@ -260,8 +248,6 @@ def _transforms(
             drop = Drop(message.topic, message.stamp_ns, "cannot be decoded", str(err))
             first, count = drops.get(message.topic, (drop, 0))
             drops[message.topic] = first, count + 1
-            if len(names) >= limits.max_frames:  # to decode what follows takes minutes
-                full.add(message.topic)
 
 
 def _add_frame(child: str, names: set[str], topic: str, limits: LimitsConfig) -> None:

@@ -38,7 +38,7 @@ _BOXES_3D, _BOXES_2D = "vision_msgs/msg/Detection3DArray", "vision_msgs/msg/Dete
 VISION_ARRAYS = frozenset({_BOXES_2D, _BOXES_3D})
 
 INSTANCE = COUNT_NUMBERS["instance"]
-"""Of a hypothesis whose score says which object it is."""
+"""Number of the hypothesis whose score says which object it is."""
 
 
 def class_name_of_number(number: int, classes: Sequence[ClassPrior]) -> str:
@@ -72,10 +72,7 @@ def to_ros2(
 ) -> RawMessage:
     """The message as CDR, with the definition that its channel needs in a file; times and order are kept.
 
-    Args:
-        message: Any ROS message.
-        name_of: Name by number in ROS 1's vision_msgs.
-        limits: Limits of a message that is converted.
+    `name_of` gives the names of the numbers in ROS 1's vision_msgs.
 
     Raises:
         MessageError: the message could not be read, is none of ROS, or does not fit its definition.

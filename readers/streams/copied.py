@@ -17,8 +17,8 @@ from lidcam.readers.messages.vision.detections3d import decode_detections3d
 from lidcam.readers.recording import Recording
 
 MARGIN_NS = 2_000_000_000
-"""Messages recorded so long before and after a window are copied, too: truth is interpolated at its first and last
-frame, and may be recorded late."""
+"""Margin of a window on both sides, whose messages are copied, too: truth is interpolated at its first and last frame,
+and may be recorded late."""
 
 MESSAGE_BYTES = 500
 """Bytes that a message takes in memory beside its data."""
@@ -74,13 +74,7 @@ class CopiedMessages:
     def handed_on(
         self, bundles: Iterable[SensorBundle], recording: Recording, stop_ns: int | None
     ) -> Iterator[SensorBundle]:
-        """The bundles with the messages to copy; the last one has those recorded after it, and just after a window.
-
-        Args:
-            bundles: In order, made from the stream that `tap` gives.
-            recording: The recording.
-            stop_ns: End of the window; None if the stream goes to the end of the recording.
-        """
+        """The bundles with the messages to copy; the last one has those recorded after it, and just after a window."""
         last: SensorBundle | None = None
         for bundle in bundles:
             if last is not None:

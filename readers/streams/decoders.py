@@ -53,7 +53,7 @@ class CloudDecoder:
         return Decoded({name: cloud for name, (cloud, _) in decoded.items()}, drops)
 
     def _decode_one(self, message: RawMessage, others: int) -> tuple[PointCloud, tuple[Drop, ...]]:
-        """The cloud of a message in a frame whose other clouds have so many points."""
+        """The cloud of a message; `others` are the points of the frame's other clouds."""
         # Times of points and packets are by the sensor's clock, so they are decoded with its own stamp.
         offset_ns = self._offsets_ns[message.topic]
         if not offset_ns:

@@ -27,7 +27,7 @@ from lidcam.readers.recording import Recording
 from lidcam.readers.rig.first_messages import FirstMessages
 
 KEPT_NS = 5_000_000_000
-"""How long poses are kept: messages leave the synchroniser a few periods after they were recorded."""
+"""Time for which poses are kept: messages leave the synchroniser a few periods after they were recorded."""
 
 READ_AHEAD_NS = 2_000_000_000
 """Poses recorded this long before a window are read, too."""
@@ -160,11 +160,11 @@ class _Track:
         self.poses: list[F64] = []
         self._held: tuple[int, F64] | None = None
 
-    def add(self, stamp_ns: int, pose: F64) -> bool:
+    def add_pose(self, stamp_ns: int, pose: F64) -> bool:
         """Insert a pose, or replace that of the same stamp; forget those older than `KEPT_NS`.
 
-        One so far ahead that all others would be forgotten, or as far behind, is held until the next one agrees with
-        it: then the clock was set, or those before were wrong.
+        One that is more than `KEPT_NS` ahead or behind is held until the next one agrees with it: then the clock was
+        set, or those before were wrong.
 
         Returns:
             Whether the poses before it, the one that was held among them, are sound.
@@ -293,7 +293,7 @@ class MotionBuffer:
                     fault = fault or FrameError(f"{child}: {transform}")
                 elif transform.dst != self._parents[child]:
                     fault = fault or FrameError(f"{child} in {transform.dst!r}, expected {self._parents[child]!r}")
-                elif not self._tracks[child].add(stamp_ns, transform.matrix):
+                elif not self._tracks[child].add_pose(stamp_ns, transform.matrix):
                     fault = fault or FrameError(f"{child}: {_FAR_OFF}")
             if fault:
                 raise fault
@@ -301,5 +301,5 @@ class MotionBuffer:
         pose = decode_odometry(message, limits=self._limits)
         if pose.dst != self._source.fixed_frame_id:
             raise FrameError(f"pose in {pose.dst!r}, expected {self._source.fixed_frame_id!r} as in the first message")
-        if not self._tracks[next(iter(self._tracks))].add(message.stamp_ns, pose.matrix):
+        if not self._tracks[next(iter(self._tracks))].add_pose(message.stamp_ns, pose.matrix):
             raise FrameError(_FAR_OFF)

@@ -13,18 +13,13 @@ from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from lidcam.readers.messages.foxglove import ROS_TYPES, ros_channel, to_ros
 from lidcam.readers.recording import Closing, Loss, Recording, TopicInfo, merge_topics
 from lidcam.readers.streams.combined_messages import Parts, find_combined, split
-from lidcam.readers.velodyne.packet import PACKET, packet_problem, scan_channel
-from lidcam.readers.velodyne.scan import SCAN
+from lidcam.readers.velodyne.scan import PACKET, SCAN, packet_problem, scan_channel
 from lidcam.readers.velodyne.sweeps import PAUSE_NS, gather_sweeps
 from lidcam.readers.video.packets import VIDEO, missing_decoder
 
 
 def sensor_messages(recording: Recording, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Recording:
     """The recording with one topic and a ROS type for every sensor; closing it closes `recording`.
-
-    Args:
-        recording: Open recording.
-        limits: Sizes that a message may have that is split or converted.
 
     Raises:
         RecordingError: the recording cannot be read; it is then closed.

@@ -15,12 +15,12 @@ from lidcam.readers.recording import Recording, TopicInfo
 
 logger = logging.getLogger(__name__)
 
-GAP_PERIODS = 2.5
-"""A pause of more than this many periods is a gap: one lost message makes two periods."""
+MIN_GAP_PERIODS = 2.5
+"""Minimum length of a gap, in periods: one lost message makes two."""
 
-EVEN_SHARE = 0.5
-"""Stamps are evenly spaced if the middle half of their periods is within this share of the median. Those of sensors
-are, even with losses; events and transforms of several senders have no period."""
+MAX_UNEVEN_SHARE = 0.5
+"""Maximum distance of the middle half of the periods from their median, as a share of it, of evenly spaced stamps:
+those of sensors are, even with losses; events and transforms of several senders have no period."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,44 +98,30 @@ def _problem(info: TopicInfo, faults: tuple[str, int]) -> str:
 
 
 def _topic_survey(info: TopicInfo, times_ns: I64, count: int, faults: tuple[str, int]) -> TopicSurvey:
-    """The statistics of a topic.
-
-    Args:
-        info: The topic.
-        times_ns: (N, 2) stamps and log times of its first messages.
-        count: Number of its messages.
-        faults: The first invalid time, and the number of them.
-    """
+    """The statistics of a topic from the stamps and log times (N, 2) of its first messages."""
     stamps_ns, log_ns = times_ns.T
-    steps_s = np.diff(stamps_ns).astype(np.float64)
-    steps_s /= 1e9
-    backwards = int((steps_s < 0).sum())
-    is_forward = steps_s > 0
-    forward_s = steps_s if is_forward.all() else steps_s[is_forward]
-    del steps_s, is_forward
+    steps_s = np.diff(stamps_ns) / 1e9
+    forward_s = steps_s[steps_s > 0]
     period_s, is_even = _period(forward_s)
-    gaps = int((forward_s > GAP_PERIODS * period_s).sum()) if is_even else 0
-    longest_gap_s = float(forward_s.max()) if len(forward_s) else 0.0
-    del forward_s
     return TopicSurvey(
         topic=info.topic,
         msgtype=info.msgtype,
         count=count if info.gathered_from else info.message_count,
         rate_hz=1 / period_s if period_s else 0.0,
-        gaps=gaps,
-        longest_gap_s=longest_gap_s,
-        delay_s=float(np.median(log_ns - stamps_ns, overwrite_input=True)) / 1e9 if len(times_ns) else 0.0,
-        backwards=backwards,
+        gaps=int((forward_s > MIN_GAP_PERIODS * period_s).sum()) if is_even else 0,
+        longest_gap_s=float(forward_s.max(initial=0.0)),
+        delay_s=float(np.median(log_ns - stamps_ns)) / 1e9 if len(times_ns) else 0.0,
+        backwards=int((steps_s < 0).sum()),
         problem=_problem(info, faults),
     )
 
 
 def _period(steps_s: F64) -> tuple[float, bool]:
-    """Typical time between two stamps, 0 without steps, and whether they are evenly spaced; changes their order."""
+    """Typical time between two stamps, 0 without steps, and whether they are evenly spaced."""
     if not len(steps_s):
         return 0.0, False
     mean_s = float(steps_s.mean())
-    low_s, median_s, high_s = np.quantile(steps_s, [0.25, 0.5, 0.75], overwrite_input=True).tolist()
-    if max(median_s - low_s, high_s - median_s) <= EVEN_SHARE * median_s:
+    low_s, median_s, high_s = np.quantile(steps_s, [0.25, 0.5, 0.75]).tolist()
+    if max(median_s - low_s, high_s - median_s) <= MAX_UNEVEN_SHARE * median_s:
         return median_s, True
     return mean_s, False

@@ -7,7 +7,7 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F32, F64, I64, U8, U16, Array, Indices
 from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.readers.velodyne.models import BLOCK_FLAGS, LaserTable, RangeCorrections, VelodyneModel
-from lidcam.readers.velodyne.scan import SLOTS, VelodynePackets
+from lidcam.readers.velodyne.scan import RANGES_PER_BLOCK, VelodynePackets
 
 # `PointCloud.return_type`
 UNKNOWN_RETURN = 0
@@ -51,7 +51,7 @@ class Beams:
     """Lookup tables of one model, calibration and layout; those by place in the column have the shape (banks * 32,)."""
 
     def __init__(self, model: VelodyneModel, table: LaserTable, layout: Layout) -> None:
-        place = np.arange(model.banks * SLOTS)
+        place = np.arange(model.banks * RANGES_PER_BLOCK)
         laser = place % model.lasers
         slot_us = np.array(model.slot_us, np.float64).reshape(-1)
         column_us = np.arange(layout.columns) * model.column_us + model.first_us
@@ -71,20 +71,15 @@ class Beams:
 
 
 def cloud_of(packets: VelodynePackets, beams: Beams, device_us: I64, packet_ns: I64, stamp_ns: int) -> PointCloud:
-    """The points of packets that all have the layout of `beams`.
+    """The points of packets (one or more) that all have the layout of `beams`.
 
-    Args:
-        packets: P packets, at least one.
-        beams: Tables of the model and calibration.
-        device_us: (P,) time of each packet by the sensor's clock, from any origin.
-        packet_ns: (P,) time of each packet after `stamp_ns`.
-        stamp_ns: Stamp of the cloud.
+    The times of the packets (P,) are by the sensor's clock, from any origin, and after `stamp_ns`, the cloud's stamp.
     """
     layout = beams.layout
     blocks = packets.fields["blocks"][:, : layout.blocks]
     steps = blocks["echoes"]["range"].reshape(-1)
-    kept, firing, return_type = _measured(steps, len(packets), layout)
-    place = firing % (layout.banks * SLOTS)
+    kept, firing, return_type = _measured(steps, len(blocks), layout)
+    place = firing % (layout.banks * RANGES_PER_BLOCK)
     cos_azimuth, sin_azimuth = (grid.reshape(-1).take(firing) for grid in _headings(blocks, beams, device_us))
     steps = steps.take(kept)
     range_m = steps.astype(np.float32)
@@ -114,8 +109,8 @@ def _measured(steps: U16, packets: int, layout: Layout) -> tuple[Indices, Indice
     if len(layout.returns) == 1:
         kept = np.flatnonzero(measured)
         return kept, kept, np.full(len(kept), layout.returns[0], np.uint8)
-    pairs = steps.reshape(packets, -1, 2, layout.apart * SLOTS)  # both returns of a firing
-    firings = np.arange(len(steps) // 2).reshape(packets, -1, 1, layout.apart * SLOTS)
+    pairs = steps.reshape(packets, -1, 2, layout.apart * RANGES_PER_BLOCK)  # both returns of a firing
+    firings = np.arange(len(steps) // 2).reshape(packets, -1, 1, layout.apart * RANGES_PER_BLOCK)
     equal = pairs[:, :, 0] == pairs[:, :, 1]
     strongest, last = layout.returns.index(STRONGEST), layout.returns.index(LAST)
     types = np.empty(pairs.shape, np.uint8)
@@ -135,7 +130,7 @@ def _headings(blocks: Array, beams: Beams, device_us: I64) -> tuple[F32, F32]:
     layout = beams.layout
     azimuth = blocks["azimuth"][:, beams.blocks]
     rate = _turn_rate(azimuth[:, :, 0].astype(np.int64), beams.model, device_us).astype(np.float32)
-    small = (rate[:, None] * beams.slot_us - beams.azimuth_offset_rad).reshape(-1, 1, layout.banks, SLOTS)
+    small = (rate[:, None] * beams.slot_us - beams.azimuth_offset_rad).reshape(-1, 1, layout.banks, RANGES_PER_BLOCK)
     block = azimuth.astype(np.float32)[..., None] * np.float32(np.pi / 18000)
     cos_small, sin_small, cos_block, sin_block = np.cos(small), np.sin(small), np.cos(block), np.sin(block)
     return cos_block * cos_small - sin_block * sin_small, sin_block * cos_small + cos_block * sin_small
@@ -171,7 +166,7 @@ def _points(beams: Beams, place: Indices, range_m: F32, cos_azimuth: F32, sin_az
 def _corrected_points(
     beams: Beams, corrections: RangeCorrections, place: Indices, range_m: F32, cos_azimuth: F32, sin_azimuth: F32
 ) -> F32:
-    """As `_points`, with the two-point calibration of the HDL-64E (manual, appendix E).
+    """Points like those of `_points`, with the two-point calibration of the HDL-64E (manual, appendix E).
 
     z uses the mean of the corrections of x and y, as in velodyne_decoder; the manual uses that of y.
     """

@@ -1,33 +1,39 @@
-"""velodyne_msgs/VelodyneScan as bytes: header, then packets of a stamp and 1206 bytes each, viewed where they lie.
+"""velodyne_msgs/VelodyneScan and VelodynePacket as bytes: the 1206 bytes of each packet are viewed where they lie.
 
 The generic decoder takes 70 times as long: it makes an object of each packet. In CDR every stamp begins at a multiple
-of four bytes, so packets lie 1216 bytes apart, yet nothing fills up the last one; in ROS 1 they lie 1214 apart.
+of four bytes, so the packets of a scan lie 1216 bytes apart, yet nothing fills up the last one; in ROS 1 they lie 1214
+apart.
 """
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from rosbags.interfaces import Nodetype
 
-from lidcam.pipeline.core.arrays import I64, U8, Array, Bools, check_array
+from lidcam.pipeline.core.arrays import I64, U8, Array, Bools
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.ros.messages import ROS2
 from lidcam.readers.messages.cursor import Cursor
 from lidcam.readers.messages.deserialize import typestore_for
 from lidcam.readers.messages.tf import clean_frame
 
 SCAN = "velodyne_msgs/msg/VelodyneScan"
+PACKET = "velodyne_msgs/msg/VelodynePacket"
 
-SLOTS = 32
-"""Ranges per block."""
+RANGES_PER_BLOCK = 32
 
 _ECHO = np.dtype([("range", "<u2"), ("reflectivity", "u1")])
-_BLOCK = np.dtype([("flag", "<u2"), ("azimuth", "<u2"), ("echoes", _ECHO, SLOTS)])
+_BLOCK = np.dtype([("flag", "<u2"), ("azimuth", "<u2"), ("echoes", _ECHO, RANGES_PER_BLOCK)])
 _PACKET = np.dtype([("blocks", _BLOCK, 12), ("clock_us", "<u4"), ("mode", "u1"), ("product", "u1")])
 PACKET_BYTES = _PACKET.itemsize
 
-
 _STAMP_BYTES = 8
+_STAMPED_BYTES = _STAMP_BYTES + PACKET_BYTES
+_CDR_LITTLE_ENDIAN = b"\0\1\0\0"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,11 +49,6 @@ class VelodynePackets:
     frame_id: str
     stamps_ns: I64
     payload: U8
-
-    def __post_init__(self) -> None:
-        n = len(self.stamps_ns)
-        check_array("stamps_ns", self.stamps_ns, (n,), np.int64)
-        check_array("payload", self.payload, (n, PACKET_BYTES), np.uint8)
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -77,32 +78,80 @@ def parse_velodyne_scan(message: RawMessage) -> VelodynePackets:
     if channel.msgtype != SCAN:
         raise MessageError(f"{channel.topic}: expected {SCAN}, found {channel.msgtype}")
     typestore_for(channel)  # the definition is the usual one
+    is_ros1 = channel.encoding == "ros1"
+    cursor = Cursor(data, channel.encoding)
     try:
-        frame_id, count, start, order, stride = _layout(channel, data)
+        cursor.skip(4, 3 if is_ros1 else 2)  # the header's stamp, in ROS 1 behind its seq
+        frame_id, count = cursor.string(), cursor.uint32()
     except (struct.error, UnicodeDecodeError) as err:
         raise MessageError(
             f"{channel.topic}: {len(data)} bytes are not a valid {SCAN}: its header is cut off or damaged"
         ) from err
-    size = _STAMP_BYTES + PACKET_BYTES
-    needed = start + (count - 1) * stride + size if count else start
+    start, stride = cursor.at, _STAMPED_BYTES if is_ros1 else (_STAMPED_BYTES + 3) // 4 * 4
+    needed = start + (count - 1) * stride + _STAMPED_BYTES if count else start
     if needed > len(data):
-        whole = max(len(data) - start - size + stride, 0) // stride
         raise MessageError(
-            f"{channel.topic}: expected {count} packets in {needed} bytes, found {len(data)} bytes: "
-            f"the message ends after {whole} whole packets"
+            f"{channel.topic}: expected {count} packets in {needed} bytes, found {len(data)} bytes: it is cut off"
         )
     if not count:
         return VelodynePackets(clean_frame(frame_id), np.zeros(0, np.int64), np.zeros((0, PACKET_BYTES), np.uint8))
     buffer = np.frombuffer(data, np.uint8)
-    stamps = np.ndarray((count, 2), f"{order}u4", buffer, start, (stride, 4)).astype(np.int64)
+    stamps = np.ndarray((count, 2), f"{cursor.order}u4", buffer, start, (stride, 4)).astype(np.int64)
     payload = np.ndarray((count, PACKET_BYTES), np.uint8, buffer, start + _STAMP_BYTES, (stride, 1))
     return VelodynePackets(clean_frame(frame_id), stamps[:, 0] * 10**9 + stamps[:, 1], payload)
 
 
-def _layout(channel: Channel, data: bytes | memoryview) -> tuple[str, int, int, str, int]:
-    """Frame, number of packets, position of the first, byte order, and distance from one to the next."""
-    is_ros1, size = channel.encoding == "ros1", _STAMP_BYTES + PACKET_BYTES
-    cursor = Cursor(data, channel.encoding)
-    cursor.skip(4, 3 if is_ros1 else 2)  # the header's stamp, in ROS 1 behind its seq
-    frame_id, count = cursor.string(), cursor.uint32()
-    return frame_id, count, cursor.at, cursor.order, size if is_ros1 else (size + 3) // 4 * 4
+# --- single packets, and the scans that runs of them make: neither direction decodes
+
+
+def packet_channel(topic: str) -> Channel:
+    """A channel of VelodynePackets that were recorded without ROS."""
+    return Channel(topic, PACKET, "cdr", ROS2.definition(PACKET))
+
+
+def scan_channel(topic: str) -> Channel:
+    """The channel of the scans gathered from a topic's packets."""
+    return Channel(topic, SCAN, "cdr", ROS2.definition(SCAN))
+
+
+def packet_message_data(stamp_ns: int, payload: bytes | memoryview) -> bytes:
+    """A VelodynePacket of `packet_channel`."""
+    return _CDR_LITTLE_ENDIAN + struct.pack("<II", *divmod(stamp_ns, 10**9)) + payload
+
+
+def packet_data(message: RawMessage) -> bytes | memoryview:
+    """Stamp and payload of a VelodynePacket, little endian; `packet_problem` must be empty.
+
+    Raises:
+        MessageError: its bytes are not there, or end too soon.
+    """
+    data = message.data
+    if message.problem:
+        raise MessageError(f"{message.topic}: {message.problem}")
+    cursor = Cursor(data, message.channel.encoding)
+    start, end = cursor.at, cursor.at + _STAMPED_BYTES
+    if len(data) < end:
+        raise MessageError(f"{message.topic}: expected a {PACKET} of {end} bytes, found {len(data)} bytes")
+    if cursor.order == ">":
+        return struct.pack("<II", *struct.unpack_from(">II", data, start)) + data[start + 8 : end]
+    return data[start:end]
+
+
+def scan_data(packets: Sequence[bytes | memoryview]) -> bytes:
+    """A VelodyneScan of `scan_channel` from `packet_data`, one or more: the first packet's stamp, and no frame."""
+    head = _CDR_LITTLE_ENDIAN + packets[0][:8] + struct.pack("<I4xI", 1, len(packets))  # an empty name ends in a zero
+    return head + b"\0\0".join(packets)
+
+
+@lru_cache(maxsize=256)
+def packet_problem(channel: Channel) -> str:
+    """Why the VelodynePackets of a channel cannot be used; empty if they can."""
+    try:
+        fields = typestore_for(channel).fielddefs[PACKET][1]
+    except MessageError as err:
+        return str(err).removeprefix(f"{channel.topic}: ")
+    known = [
+        ("stamp", (Nodetype.NAME, "builtin_interfaces/msg/Time")),
+        ("data", (Nodetype.ARRAY, ((Nodetype.BASE, ("uint8", 0)), PACKET_BYTES))),
+    ]
+    return "" if fields == known else f"its definition of {PACKET} is not a stamp and uint8[{PACKET_BYTES}]"

@@ -15,16 +15,16 @@ from collections.abc import Container, Iterable, Iterator
 
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import Channel, RawMessage
-from lidcam.readers.velodyne.packet import packet_data, scan_channel, scan_data
+from lidcam.readers.velodyne.scan import packet_data, scan_channel, scan_data
 
 PAUSE_NS = 500_000_000
 """Log time without a packet after which a sweep is complete; no sweep takes as long (300 turns a minute: 0.2 s)."""
 
-HIDDEN_TURN_US = 50_000
+MIN_HIDDEN_TURN_US = 50_000
 """A turn at 1200 a minute, a Velodyne's maximum: azimuths do not show how often the head turned in a gap."""
 
-OVERTAKEN = 2_000
-"""Hundredths of a degree by which a late packet may lie behind the one that arrived before it."""
+MAX_OVERTAKEN = 2_000
+"""Maximum distance, in hundredths of a degree, of a late packet behind the one that arrived before it."""
 
 MAX_PACKETS = 4096
 """Packets per sweep: a VLS-128 at 300 turns a minute sends 2500 in dual return mode."""
@@ -42,14 +42,10 @@ def gather_sweeps(
 ) -> Iterator[RawMessage]:
     """Messages with those of the channels `packets` gathered into sweeps, in the order of (log time, order).
 
-    A packet that cannot be used is reported in `RawMessage.defects` of its sweep.
+    They begin `PAUSE_NS` before `start_ns` and end `PAUSE_NS` after `stop_ns`, so that the first and the last sweep are
+    the same as if everything were read.
 
-    Args:
-        messages: In the order of (log time, order), from `PAUSE_NS` before `start_ns` to `PAUSE_NS` after `stop_ns`, so
-            that the first and the last sweep are the same as if everything were read.
-        packets: Channels of VelodynePackets.
-        start_ns: Only sweeps and messages of this log time or later.
-        stop_ns: Only sweeps and messages before this log time.
+    A packet that cannot be used is reported in `RawMessage.defects` of its sweep.
     """
     first_ns = -1 if start_ns is None else start_ns
     waiting: list[tuple[int, tuple[int, ...], RawMessage]] = []
@@ -66,7 +62,7 @@ def gather_sweeps(
                 put(sweep.pause())
         if message.channel in packets:
             sweep = sweeps.get(message.topic) or sweeps.setdefault(message.topic, _Sweep(message.topic))
-            put(sweep.add(message))
+            put(sweep.add_packet(message))
         else:
             put(message)
         known = min((sweep.end for sweep in sweeps.values() if sweep.is_open), default=(now_ns, message.order))
@@ -104,7 +100,7 @@ class _Sweep:
         """Whether it has packets."""
         return bool(self._packets or self._defects)
 
-    def add(self, message: RawMessage) -> RawMessage | None:
+    def add_packet(self, message: RawMessage) -> RawMessage | None:
         """Add a packet; returns the sweep before it if the packet begins a new one."""
         done = None
         try:
@@ -133,7 +129,7 @@ class _Sweep:
         return RawMessage(sec * 10**9 + nanosec, log_time_ns, order, data, self._channel, defects=defects)
 
     def pause(self) -> RawMessage | None:
-        """As `close`; the next packet begins a new sweep at any azimuth."""
+        """End the sweep and return it; the next packet begins a new one at any azimuth."""
         self._clock_us = None
         return self.close()
 
@@ -143,11 +139,11 @@ class _Sweep:
         if flag != UPPER_BLOCK or azimuth >= TURN:  # not a valid azimuth
             return full
         since_us = 0 if self._clock_us is None else (clock_us - self._clock_us + HOUR_US // 2) % HOUR_US - HOUR_US // 2
-        missing = abs(since_us) >= HIDDEN_TURN_US
+        missing = abs(since_us) >= MIN_HIDDEN_TURN_US
         if missing or self._clock_us is None:
             self._turned, self._cut_at = azimuth, TURN
         else:
-            self._turned += (azimuth - self._azimuth + OVERTAKEN) % TURN - OVERTAKEN
+            self._turned += (azimuth - self._azimuth + MAX_OVERTAKEN) % TURN - MAX_OVERTAKEN
         self._azimuth, self._clock_us = azimuth, clock_us
         if self._turned < self._cut_at:
             return missing or full

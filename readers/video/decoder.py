@@ -38,10 +38,6 @@ class VideoDecoder:
     The images are JPEG, to stay small while they wait for the other sensors. A message that gives no image is returned
     without data and with the reason as its `problem`: `BEFORE_KEY_FRAME`, `AFTER_DAMAGE`, or what is wrong with it.
     With B-frames messages are returned later, each with the image of its packet.
-
-    Args:
-        topic: Their topic.
-        limits: `max_image_mpx` counts up to `MAX_PIXELS`.
     """
 
     def __init__(self, topic: str, *, limits: LimitsConfig = DEFAULT_LIMITS) -> None:
@@ -54,12 +50,10 @@ class VideoDecoder:
         self._count = 0
         self._held: dict[int, tuple[RawMessage, str] | None] = {}
 
-    def add(self, message: RawMessage, *, show: bool = True) -> list[RawMessage]:
+    def add_message(self, message: RawMessage, *, show: bool = True) -> list[RawMessage]:
         """Take the next message; returns the messages that are done, in the order of their images.
 
-        Args:
-            message: CompressedVideo or FFMPEGPacket.
-            show: Whether this message is returned; if not, it only serves to decode those after it.
+        One that is not to be shown only serves to decode those after it.
         """
         try:
             packet = read_packet(message)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from lidcam.readers.video.decoder import VideoDecoder
 
 LOOK_BACK_NS = 10_000_000_000
-"""How far back of a window the last key frame is sought: many encoders send one every 250 images or sooner."""
+"""Time before a window in which the last key frame is sought: many encoders send one every 250 images or sooner."""
 
 MAX_HELD_BYTES = 64 << 20
 """Memory for one topic while its last key frame is sought."""
@@ -48,7 +48,7 @@ def first_image_size(
     decoder: VideoDecoder | None = None
     for message in islice((m for m in messages if m.channel.msgtype in VIDEO), MAX_SOUGHT):
         decoder = decoder or _decoder(message.topic, limits)
-        for image in decoder.add(message):
+        for image in decoder.add_message(message):
             if not image.problem:
                 height, width = decode_any_image(image, limits=limits).rgb.shape[:2]
                 return width, height
@@ -56,12 +56,7 @@ def first_image_size(
 
 
 class VideoStreams:
-    """The video topics of one pass over a recording.
-
-    Args:
-        topics: Of `video_topics`.
-        limits: How large an image may be.
-    """
+    """The video topics of one pass over a recording."""
 
     def __init__(self, topics: Iterable[str], *, limits: LimitsConfig = DEFAULT_LIMITS) -> None:
         self._decoders = {topic: _decoder(topic, limits) for topic in topics}
@@ -91,7 +86,7 @@ class VideoStreams:
 
     def _take_in(self, messages: Iterable[RawMessage]) -> None:
         for message in messages:
-            self._decoders[message.topic].add(message, show=False)
+            self._decoders[message.topic].add_message(message, show=False)
 
     def decoded(self, messages: Iterable[RawMessage]) -> Iterator[RawMessage]:
         """All messages, those of video topics as images."""
@@ -100,19 +95,16 @@ class VideoStreams:
             if decoder is None or message.channel.msgtype not in VIDEO:
                 yield message
             else:
-                yield from decoder.add(message)
+                yield from decoder.add_message(message)
         for decoder in self._decoders.values():
             yield from decoder.flush()
 
     def without_blanks(
         self, bundles: Iterable[SensorBundle], *, on_drop: Callable[[Drop], None], on_bad: Callable[[Drop], None]
     ) -> Iterator[SensorBundle]:
-        """The bundles without the video messages that gave no image.
+        """The bundles, of messages from `decoded`, without the video messages that gave no image.
 
-        Args:
-            bundles: Of messages from `decoded`.
-            on_drop: Called for messages before the first key frame: most recordings begin between two.
-            on_bad: Called for all others.
+        Those before the first key frame go to `on_drop`, as most recordings begin between two; all others to `on_bad`.
         """
         for bundle in bundles:
             blank = [m for topic in self._decoders if (m := bundle.messages.get(topic)) is not None and m.problem]

@@ -296,7 +296,7 @@ def _video(data: bytes) -> None:
             ffmpeg_packet(packet, stamp_ns, name=form) if is_ffmpeg else compressed_video(packet, stamp_ns, form=form)
         )
         count, rest = count + 1, rest[2 + length :]
-        shown += len(decoder.add(message, show=count % 8 > 0)) + (count % 8 == 0)
+        shown += len(decoder.add_message(message, show=count % 8 > 0)) + (count % 8 == 0)
     if shown + len(decoder.flush()) != count:
         raise AssertionError(f"{count} messages went in, {shown} came out")
 

@@ -1,7 +1,6 @@
 """What tells an input from others."""
 
 import os
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing
 from hashlib import sha256
@@ -11,7 +10,6 @@ import numpy as np
 import pytest
 
 from lidcam.pipeline.core.errors import RecordingError
-from lidcam.readers import input_file
 from lidcam.readers.input_file import (
     BLOCK_BYTES,
     END_BYTES,
@@ -138,38 +136,6 @@ def test_a_file_that_is_changed_meanwhile(
             {"name": "second", "size": str(STEP_BYTES)},
             {"changed": "while it was read"},
         )
-
-
-class HeldDigest:
-    """Takes for each block until the files are closed, and counts the blocks."""
-
-    def __init__(self, files: InputFiles) -> None:
-        self._background = files._background
-        self.blocks, self.begun = 0, threading.Event()
-
-    def update(self, _: memoryview) -> None:
-        self.blocks += 1
-        self.begun.set()
-        with self._background._changed:
-            self._background._changed.wait_for(lambda: self._background._is_closed)
-
-    def hexdigest(self) -> str:
-        return ""
-
-
-def test_to_close_does_not_wait_for_all_that_is_due(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, opened: Opened
-) -> None:
-    """A sensor that begins late makes much of a recording due at once."""
-    path = tmp_path / "drive.bag"
-    path.write_bytes(b"")
-    os.truncate(path, 100 * STEP_BYTES)
-    with closing(InputFiles(opened([path]), {}, with_checksums=True)) as files:
-        digest = HeldDigest(files)
-        monkeypatch.setattr(input_file, "sha256", lambda: digest)
-        files.read_up_to(1.0)
-        digest.begun.wait()
-    assert digest.blocks == STEP_BYTES // BLOCK_BYTES  # the step in work
 
 
 def test_a_fingerprint_without_reading_all_of_it(tmp_path: Path, opened: Opened) -> None:

@@ -1,6 +1,4 @@
 import os
-import resource
-import sqlite3
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -157,12 +155,6 @@ def test_messages_stay_valid_after_closing_and_reading_then_fails(tmp_path: Path
         next(recording.messages())
 
 
-def test_the_name_of_a_file_does_not_matter(tmp_path: Path) -> None:
-    messages = drive("ros1")
-    path = write(tmp_path, "bag-none", messages).rename(tmp_path / "recording.mcap")
-    assert plain(read(path)) == plain(messages)
-
-
 # --- what is no recording
 
 
@@ -216,35 +208,6 @@ def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "drive.bag")
     with pytest.raises(RecordingError, match=r"drive.bag: neither a file nor a folder; expected a ROS 1 .bag"):
         open_recording([tmp_path / "drive.bag"])
-
-
-def test_more_parts_than_the_shell_allows_to_be_open(tmp_path: Path) -> None:
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    paths = [tmp_path / f"{row}.mcap" for row in range(40)]
-    for path in paths:
-        write_mcap(path, [])
-    try:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (len([*Path("/dev/fd").iterdir()]) + 20, hard))
-        with open_recording(paths) as recording:
-            assert len(recording.paths) == 40
-    finally:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
-
-
-def test_a_database_that_is_replaced_while_it_is_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_rosbag2(tmp_path / "drive", drive("cdr"), "sqlite3")
-    connect_as_before = sqlite3.connect
-    (path,) = (tmp_path / "drive").glob("*.db3")
-
-    def connect(*arguments: Any, **options: Any) -> sqlite3.Connection:
-        path.with_name("copy").write_bytes(path.read_bytes())
-        path.with_name("copy").replace(path)
-        connection: sqlite3.Connection = connect_as_before(*arguments, **options)
-        return connection
-
-    monkeypatch.setattr(sqlite3, "connect", connect)
-    with pytest.raises(RecordingError, match=r"db3: it was replaced while it was opened; run it again"):
-        open_recording([path])
 
 
 def test_recordings_that_do_not_go_together(tmp_path: Path) -> None:

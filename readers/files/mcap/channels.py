@@ -36,13 +36,7 @@ def message_type(schema: Schema | None) -> str:
 
 
 def channel_of(recorded: RecordedChannel, schema: Schema | None, distro: str) -> Channel | str:
-    """The channel, or why its messages cannot be read.
-
-    Args:
-        recorded: The channel's record.
-        schema: The schema that it names; None if the file has none.
-        distro: Name of the ROS 2 release, or empty.
-    """
+    """The channel, or why its messages cannot be read; `distro` is the name of the ROS 2 release, or empty."""
     known = DEFINITIONS.get((recorded.message_encoding, schema.encoding)) if schema else None
     msgtype = message_type(schema)
     if schema is None or known is None or (known[0] in {"protobuf", "json"} and msgtype not in ROS_TYPES):

@@ -1,39 +1,24 @@
-"""Contents of an MCAP file according to its summary section.
-
-The mcap library parses the records, but its own reader unpacks every chunk that it meets while it looks for the header
-or the summary, whatever its size, allocates what a damaged length asks for, and passes over zeros nine bytes at a time.
-"""
+"""Contents of an MCAP file according to its summary section."""
 
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass, field
-from io import BytesIO
-from itertools import pairwise
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
-from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
-from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Header, Schema, Statistics
+from mcap.stream_reader import StreamReader
 
 from lidcam.readers.files.chunked import ChunkPlace, Entry
 from lidcam.readers.files.container import read_exactly
-from lidcam.readers.files.mcap.records import END_OF_TIME_NS, INDEX_HEAD, PAIR_BYTES, RECORD_HEAD, UINT64, record_at
+from lidcam.readers.files.mcap.records import INDEX_HEAD, PAIR_BYTES, RECORD_HEAD
 
 FOOTER = struct.Struct("<BQQQI")  # record head, start of the summary, start of its offsets, crc of the summary
 MAGIC_BYTES = 8
-BLOCK = 1 << 20
-RECORDS: dict[int, Any] = {
-    Opcode.HEADER: Header,
-    Opcode.FOOTER: Footer,
-    Opcode.SCHEMA: Schema,
-    Opcode.CHANNEL: Channel,
-    Opcode.CHUNK_INDEX: ChunkIndex,
-    Opcode.STATISTICS: Statistics,
-}
-"""Records of a summary that are read, by opcode."""
+BLOCK_BYTES = 1 << 20
+MAX_RECORD_BYTES = 1 << 26
+"""Largest record of a summary: a schema, or the index of a chunk."""
 
 
 @dataclass(slots=True)
@@ -48,7 +33,6 @@ class Contents:
         loose: Messages outside of chunks.
         start_ns: Log time of the first message.
         end_ns: Log time of the last message (inclusive).
-        cut_chunk: Position of the chunk inside which a cut file ends.
     """
 
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -58,7 +42,12 @@ class Contents:
     loose: list[Entry] = field(default_factory=list)
     start_ns: int = 2**64
     end_ns: int = 0
-    cut_chunk: int | None = None
+
+
+def _reader(stream: BinaryIO, position: int, whence: int = 0) -> StreamReader:
+    """Records from a position on, chunks as they are."""
+    stream.seek(position, whence)
+    return StreamReader(stream, skip_magic=True, emit_chunks=True, record_size_limit=MAX_RECORD_BYTES)
 
 
 def read_profile(stream: BinaryIO) -> str:
@@ -67,7 +56,7 @@ def read_profile(stream: BinaryIO) -> str:
     Raises:
         Exception: of the mcap library, if there is no header.
     """
-    header = next(_records(stream, MAGIC_BYTES))
+    header = next(_reader(stream, MAGIC_BYTES).records)
     if not isinstance(header, Header):
         raise McapError(f"expected a header, found {type(header).__name__}")
     return header.profile
@@ -80,37 +69,32 @@ def contents_of_summary(stream: BinaryIO) -> Contents | None:
         ValueError: its checksum is wrong, or it contradicts itself.
         Exception: of the mcap library, if it is damaged.
     """
-    footer = next(_records(stream, stream.seek(-FOOTER.size - MAGIC_BYTES, 2)))
+    footer = next(_reader(stream, -FOOTER.size - MAGIC_BYTES, 2).records)
     if not isinstance(footer, Footer):
         raise McapError(f"expected a footer, found {type(footer).__name__}")
-    contents = Contents()
-    statistics: Statistics | None = None
-    if footer.summary_start:
-        for record in _records(stream, footer.summary_start):
-            if isinstance(record, Statistics):
-                statistics = record
-            elif isinstance(record, Schema):
-                contents.schemas[record.id] = record
-            elif isinstance(record, Channel):
-                contents.channels[record.id] = record
-            elif isinstance(record, ChunkIndex):
-                contents.chunks.append(_place_of(record))
     if not is_summary_sound(stream):
         raise ValueError("the checksum of its summary is wrong")
+    contents = Contents()
+    statistics: Statistics | None = None
+    for record in _reader(stream, footer.summary_start).records if footer.summary_start else ():
+        match record:
+            case Statistics():
+                statistics = record
+            case Schema():
+                contents.schemas[record.id] = record
+            case Channel():
+                contents.channels[record.id] = record
+            case ChunkIndex():
+                contents.chunks.append(_place_of(record))
     if statistics is None:
         return None
     contents.counts = Counter(statistics.channel_message_counts)
     contents.start_ns, contents.end_ns = statistics.message_start_time, statistics.message_end_time
-    in_file = sorted(contents.chunks, key=lambda place: place.position)
-    if any(place.position + place.size > after.position for place, after in pairwise(in_file)):
-        raise ValueError("its index names a chunk twice, or chunks that overlap")
-    counts = [place.messages for place in in_file if place.messages is not None]
-    if len(counts) == len(in_file) and counts and sum(counts) != statistics.message_count:
+    counts = [place.messages for place in contents.chunks if place.messages is not None]
+    if len(counts) == len(contents.chunks) and counts and sum(counts) != statistics.message_count:
         raise ValueError(
             f"its statistics say {statistics.message_count} messages, the index of its chunks {sum(counts)}"
         )
-    if contents.start_ns >= END_OF_TIME_NS or contents.end_ns >= END_OF_TIME_NS:
-        raise ValueError("its statistics name log times beyond 2^63 ns")
     is_complete = (
         contents.counts.total() == statistics.message_count
         and len(contents.chunks) == statistics.chunk_count
@@ -131,59 +115,28 @@ def _place_of(record: ChunkIndex) -> ChunkPlace:
 
 
 def is_summary_sound(stream: BinaryIO) -> bool:
-    """Whether the summary has the checksum that the footer names, if it names one.
+    """Whether the summary has the checksum (CRC-32) that the footer names, if it names one.
 
     Raises:
         OSError: the file is shorter than a footer.
+        EOFError: the footer names a place beyond the file.
     """
     end = stream.seek(-FOOTER.size - MAGIC_BYTES, 2)
     _, _, start, _, crc = FOOTER.unpack(read_exactly(stream, FOOTER.size))
     if not crc or not start:
         return True
-    return bool(start <= end) and checksum_of(stream, start, end + FOOTER.size - 4) == crc  # all but itself
-
-
-def checksum_of(stream: BinaryIO, start: int, end: int) -> int:
-    """The CRC-32 of the bytes from `start` to `end`.
-
-    Raises:
-        EOFError: the file ends before.
-    """
     stream.seek(start)
-    found = 0
-    while start < end:
-        block = read_exactly(stream, min(end - start, BLOCK))
-        found = zlib.crc32(block, found)
-        start += len(block)
-    return found
+    found, left = 0, end + FOOTER.size - 4 - start  # all but itself
+    while left > 0:
+        block = read_exactly(stream, min(left, BLOCK_BYTES))
+        found, left = zlib.crc32(block, found), left - len(block)
+    return bool(found == crc)
 
 
 def end_of_records(stream: BinaryIO) -> int:
-    """Where the last record ends: before the magic bytes, if the file ends with them."""
+    """End of the last record: before the magic bytes, if the file ends with them."""
     size = stream.seek(0, 2)
     stream.seek(0)
     magic = stream.read(MAGIC_BYTES)
     stream.seek(max(size - MAGIC_BYTES, 0))
     return size - MAGIC_BYTES if size > MAGIC_BYTES and stream.read() == magic else size
-
-
-def summary_start(stream: BinaryIO, end: int) -> int | None:
-    """Where the summary begins according to the footer; None if there is no footer."""
-    footer = record_at(stream, max(end - FOOTER.size, 0), end)
-    if footer is None or footer.opcode != Opcode.FOOTER:
-        return None
-    stream.seek(footer.content)
-    return int(UINT64.unpack(stream.read(UINT64.size))[0])
-
-
-def _records(stream: BinaryIO, position: int) -> Iterator[Any]:
-    """The records from a position to the footer, those of other kinds left out."""
-    opcode = 0
-    while opcode != Opcode.FOOTER:
-        stream.seek(position)
-        opcode, size = RECORD_HEAD.unpack(read_exactly(stream, RECORD_HEAD.size))
-        if not opcode:
-            raise ValueError(f"a record with opcode 0 at byte {position}")
-        if kind := RECORDS.get(opcode):
-            yield kind.read(ReadDataStream(BytesIO(read_exactly(stream, size))))
-        position += RECORD_HEAD.size + size

@@ -26,7 +26,6 @@ class McapFile(ChunkedFile):
 
     def _describe(self) -> None:
         profile, contents, is_scanned = self._read_contents()
-        self._cut_chunk = contents.cut_chunk
         self._sizes = {place.position: place.size for place in contents.chunks}
         channels: dict[int, Channel] = {}
         topics = []
@@ -65,9 +64,7 @@ class McapFile(ChunkedFile):
         return profile, scanned, True
 
     def _load(self, position: int) -> bytes:
-        is_cut = position == self._cut_chunk
-        size = None if is_cut else self._sizes[position]
-        return load_chunk(self._stream, position, self._limits, size=size, is_cut=is_cut)
+        return load_chunk(self._stream, position, self._limits, size=self._sizes[position])
 
     def _entries_in(self, position: int, records: bytes) -> list[Entry]:
         found = records_in(records, self._limits)

@@ -62,24 +62,8 @@ class ChunkHead(NamedTuple):
     size: int
 
 
-def load_chunk(
-    stream: BinaryIO,
-    position: int,
-    limits: LimitsConfig,
-    *,
-    size: int | None = None,
-    is_cut: bool = False,
-    verify: bool = True,
-) -> bytes:
-    """The records of the chunk at `position`, decompressed, their checksum verified.
-
-    Args:
-        stream: The file.
-        position: First byte of the chunk.
-        limits: Bytes that it may unpack to.
-        size: Bytes that it takes up in the file according to the index.
-        is_cut: The file ends inside the chunk: return the complete records, without verifying a checksum.
-        verify: Whether to verify the checksum.
+def load_chunk(stream: BinaryIO, position: int, limits: LimitsConfig, *, size: int | None = None) -> bytes:
+    """The records of the chunk at `position`, decompressed, their checksum verified. `size` is that of the index.
 
     Raises:
         ValueError: there is no chunk, its compression is unknown, or its size or checksum is wrong.
@@ -100,15 +84,13 @@ def load_chunk(
         raise ValueError(f"chunks compressed with {head.compression!r}, lidcam reads lz4 and zstd")
     if head.compression:
         check_chunk_size(head.uncompressed_size, largest)
-    if is_cut:
-        return _complete_records(_unpacked_prefix(stream, head, largest))
     left = stream.seek(0, 2) - head.position
     if head.size > left:
         raise EOFError(f"expected {head.size} more bytes, found {left}")
     chunk = _unpacked(stream, head, largest)
     if len(chunk) != head.uncompressed_size:
         raise ValueError(f"chunk at byte {position}: expected {head.uncompressed_size} bytes, found {len(chunk)}")
-    if verify and head.crc and zlib.crc32(chunk) != head.crc:
+    if head.crc and zlib.crc32(chunk) != head.crc:
         raise ValueError(f"chunk at byte {position}: crc {zlib.crc32(chunk):#010x} instead of {head.crc:#010x}")
     return chunk
 
@@ -141,26 +123,6 @@ def _unpacked(stream: BinaryIO, head: ChunkHead, largest: int) -> bytes:
     if zstandard.frame_content_size(data) > head.uncompressed_size:
         raise ValueError(f"a chunk unpacks to more than the {head.uncompressed_size} bytes that it names")
     return zstandard.decompress(data, head.uncompressed_size)
-
-
-def _unpacked_prefix(stream: BinaryIO, head: ChunkHead, largest: int) -> bytes:
-    stream.seek(head.position)
-    if head.compression == "lz4":
-        return unpack(stream, head.position, stream.seek(0, 2), "lz4", largest=largest).data
-    if head.compression == "":
-        return stream.read()
-    with zstandard.ZstdDecompressor().stream_reader(stream, closefd=False) as reader:
-        return reader.read(head.uncompressed_size)
-
-
-def _complete_records(chunk: bytes) -> bytes:
-    at = 0
-    while at + RECORD_HEAD.size <= len(chunk):
-        _, size = RECORD_HEAD.unpack_from(chunk, at)
-        if at + RECORD_HEAD.size + size > len(chunk):
-            break
-        at += RECORD_HEAD.size + size
-    return chunk[:at]
 
 
 def records_in(chunk: bytes, limits: LimitsConfig) -> Iterator[tuple[int, int, int]]:
@@ -252,7 +214,7 @@ def _frame_at(stream: BinaryIO, position: int, end: int) -> Record | None:
 
 
 def find_record(stream: BinaryIO, position: int, end: int) -> int:
-    """Where the next records begin at or after `position`; `end` if none do."""
+    """Start of the next records at or after `position`; `end` if there are none."""
     step = FIRST_BLOCK
     while position < end:
         stream.seek(position)

@@ -14,14 +14,7 @@ from lidcam.readers.files.chunked import ChunkPlace, Entry
 from lidcam.readers.files.container import read_exactly
 from lidcam.readers.files.damage import LIBRARY_ERRORS, Losses
 from lidcam.readers.files.decompress import check_file_size
-from lidcam.readers.files.mcap.index import (
-    MAGIC_BYTES,
-    Contents,
-    checksum_of,
-    end_of_records,
-    is_summary_sound,
-    summary_start,
-)
+from lidcam.readers.files.mcap.index import MAGIC_BYTES, Contents, end_of_records, is_summary_sound
 from lidcam.readers.files.mcap.records import (
     MESSAGE_HEAD,
     OPCODES,
@@ -31,22 +24,15 @@ from lidcam.readers.files.mcap.records import (
     find_record,
     listed_messages,
     load_chunk,
-    read_chunk_head,
     record_at,
     records_in,
 )
-
-MESSAGE_OPCODES = {Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX}
 
 
 def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str, limits: LimitsConfig) -> Contents:
     """The contents, found by reading the whole file once; one chunk at a time is in memory.
 
-    Args:
-        stream: The file.
-        losses: Collects what is damaged.
-        because: Why the summary is invalid; noted if no other damage is found. Empty if it may be valid.
-        limits: How much the file may unpack to.
+    `because` says why the summary is invalid, for a file without other damage; it is empty if it may be valid.
 
     Raises:
         RecordingError: it has more messages outside of chunks than may be held in memory.
@@ -65,17 +51,14 @@ class _Scan:
         self.contents = Contents()
         self._stream = stream
         self._end = end
-        self._unpacked = 0  # bytes so far
+        self._unpacked = 0  # bytes of the chunks read
         self._losses = losses
         self._limits = limits
         self._listed: Counter[int] = Counter()  # messages by chunk, according to the indexes after each
         self._bad: dict[int, tuple[str, int]] = {}  # reason and size by position
         self._last_chunk: int | None = None
         self._total: int | None = None
-        self._doubtful = Contents()  # schemas and channels of chunks whose checksum is wrong
         self._data_end: int | None = None  # position of the record that ends the data
-        self._summary_start = summary_start(stream, end)
-        self._in_summary = False
 
     def run(self) -> None:
         """Scan from the beginning of the file to its end."""
@@ -97,46 +80,27 @@ class _Scan:
 
     def note_losses(self, because: str) -> None:
         """Note what was lost, and leave out messages whose channel is unknown."""
-        contents = self.contents
-        if doubtful := [id_ for id_ in sorted(contents.counts) if not self._is_known(id_)]:
-            contents.schemas = self._doubtful.schemas | contents.schemas
-            contents.channels = self._doubtful.channels | contents.channels
-        if names := [contents.channels[id_].topic for id_ in doubtful if self._is_known(id_)]:
-            reason = f"name and type of {', '.join(names)} are taken from a chunk whose checksum is wrong"
-            self._losses.note(min(self._bad), reason, messages=0)
+        contents, found = self.contents, self.contents.counts.total()
         unknown = {id_: count for id_, count in contents.counts.items() if not self._is_known(id_)}
         for id_ in unknown:
             del contents.counts[id_]
             contents.channels.pop(id_, None)
-        found = contents.counts.total() + sum(unknown.values())
-        missing = 0 if self._total is None else self._total - found
-        lost = {position: self._messages_lost(position) for position in self._bad}
-        uncounted = [position for position, count in lost.items() if count is None]
-        still_missing = max(missing - sum(count or 0 for count in lost.values()), 0)
-        if self._total is not None and len(uncounted) == 1:
-            lost[uncounted[0]], still_missing = still_missing, 0
-        for position, (reason, size) in self._bad.items():
-            self._losses.note(position, reason, size=size, messages=lost[position])
         if unknown:
             reason = "messages of channels whose record was lost: their topic and type are unknown"
             self._losses.note(0, reason, messages=sum(unknown.values()))
-        if missing < 0 or (still_missing and not uncounted):
-            reason = f"its statistics say {self._total} messages, found {found}"
-            self._losses.note(self._end, reason, messages=still_missing)
-        elif not self._bad and not unknown and self._is_data_altered():
-            reason = "the checksum of its data is wrong: messages may be altered, and nothing says which"
-            self._losses.note(self._end, reason, messages=0)
+        lost = {position: self._messages_lost(position) for position in self._bad}
+        uncounted = [position for position, count in lost.items() if count is None]
+        total = found if self._total is None else self._total
+        missing = max(total - found - sum(count or 0 for count in lost.values()), 0)
+        if self._total is not None and len(uncounted) == 1:
+            lost[uncounted[0]], missing = missing, 0
+        for position, (reason, size) in self._bad.items():
+            self._losses.note(position, reason, size=size, messages=lost[position])
+        if total < found or (missing and not uncounted):
+            self._losses.note(self._end, f"its statistics say {total} messages, found {found}", messages=missing)
         elif because and not self._losses.listed():
             reason = f"its summary cannot be used ({because}); the messages were found by reading the whole file"
             self._losses.note(self._end, reason, messages=0)
-
-    def _is_data_altered(self) -> bool:
-        """Whether there are messages outside of chunks, and the checksum of all data is wrong."""
-        if not self.contents.loose or self._data_end is None:
-            return False
-        self._stream.seek(self._data_end + RECORD_HEAD.size)
-        crc = int.from_bytes(read_exactly(self._stream, 4), "little")
-        return bool(crc) and checksum_of(self._stream, 0, self._data_end) != crc
 
     def _messages_lost(self, position: int) -> int | None:
         """Messages lost by the damage at `position`; None if unknown."""
@@ -163,44 +127,18 @@ class _Scan:
         """Skip the damage at `position`; returns where the next record begins."""
         following = find_record(self._stream, search_from, self._end)
         self._last_chunk = position
-        if following == self._end and self._take_cut_chunk(position):
-            return self._end
         reason = "no record begins here: the bytes were overwritten"
         if following == self._end:
             reason = "the file ends in the middle of a record: it was cut off"
         self._bad[position] = (reason, following - position)
         return following
 
-    def _take_cut_chunk(self, position: int) -> bool:
-        """Take the complete records of a chunk inside which the file ends; False if it is no such chunk."""
-        self._stream.seek(position)
-        head = self._stream.read(RECORD_HEAD.size)
-        if len(head) < RECORD_HEAD.size or head[0] != Opcode.CHUNK:
-            return False
-        size = RECORD_HEAD.unpack(head)[1]
-        with self._losses.guard() as damage:
-            inner = read_chunk_head(self._stream)
-            chunk_end = inner.position + inner.size
-            if chunk_end != position + RECORD_HEAD.size + size or chunk_end < self._end:
-                return False
-            chunk = load_chunk(self._stream, position, self._limits, is_cut=True)
-        if damage.error:
-            return False
-        self._take_records(chunk, position, self._end - position)
-        self.contents.cut_chunk = position
-        reason = f"the file ends in the middle of a chunk: it was cut off ({len(chunk)} bytes of it could be unpacked)"
-        self._bad[position] = (reason, RECORD_HEAD.size + size)
-        return True
-
     def _take(self, record: Record) -> None:
         opcode = record.opcode
-        if self._in_summary and opcode in MESSAGE_OPCODES:
-            return  # it contains no messages
         if opcode in {Opcode.MESSAGE, Opcode.CHUNK}:
             self._take_messages(record)
         elif opcode == Opcode.DATA_END:
             self._data_end = record.start
-            self._in_summary = record.end == self._summary_start
         elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
             self._stream.seek(record.content)
             with self._losses.guard() as damage:
@@ -230,15 +168,6 @@ class _Scan:
         except LIBRARY_ERRORS as err:
             reason = f"a {Opcode(record.opcode).name.lower()} that cannot be read ({self._losses.reason(err)})"
             self._bad[record.start] = (reason, record.end - record.start)
-            if record.opcode == Opcode.CHUNK:
-                self._take_doubtful(record.start)
-
-    def _take_doubtful(self, position: int) -> None:
-        """Keep the schemas and channels of a damaged chunk, for a file that defines them nowhere else."""
-        with self._losses.guard():
-            chunk = load_chunk(self._stream, position, self._limits, verify=False)
-            for opcode, at, size in records_in(chunk, self._limits):
-                _register(self._doubtful, opcode, chunk[at : at + size])
 
     def _take_loose(self, record: Record) -> None:
         if len(self.contents.loose) >= self._limits.max_positions_waiting:

@@ -12,14 +12,12 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import Indices
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.readers.files.container import Container
-from lidcam.readers.files.pcap.packets import Window, captured_packets
+from lidcam.readers.files.pcap.packets import captured_packets
 from lidcam.readers.files.pcap.udp import CUT_SHORT, FRAGMENTS, NOT_IPV4, NOT_UDP, UNKNOWN_LINK, find_udp
 from lidcam.readers.recording import RosVersion, TopicInfo, merge_topics
-from lidcam.readers.velodyne.packet import packet_channel, packet_message_data
-from lidcam.readers.velodyne.scan import PACKET_BYTES
+from lidcam.readers.velodyne.scan import PACKET_BYTES, packet_channel, packet_message_data
 
 DATA_PORT = 2368
 POSITION_BYTES = 554
@@ -74,7 +72,10 @@ class PcapFile(Container):
                 lidars.append(numbers.setdefault(key, len(numbers)))
                 times.append(time_ns)
                 positions.append(packet.position + found.data_at)
-        self._channels = [packet_channel(f"{_place(*key)}/packets") for key in numbers]
+        self._channels = []
+        for source, port in numbers:
+            name = "_".join(map(str, [*source] if port == DATA_PORT else [*source, port]))
+            self._channels.append(packet_channel(f"/velodyne_{name}/packets"))
         self._times = np.array(times, np.int64)
         self._positions = np.array(positions, np.int64)
         self._lidars = np.array(lidars, np.uint16)
@@ -101,20 +102,10 @@ class PcapFile(Container):
         rows = np.flatnonzero(taken)
         rows = rows[np.argsort(self._times[rows], kind="stable")]
         self._check_open()
-        window = Window(self._stream)
-        for time_ns, position, lidar in self._entries(rows):
-            self._check_open()
-            data = packet_message_data(time_ns, window.read(position, PACKET_BYTES))
-            yield RawMessage(time_ns, time_ns, (self._source.index, position), data, self._channels[lidar])
-
-    def _entries(self, rows: Indices) -> Iterator[tuple[int, int, int]]:
-        """Time, position and lidar of packets."""
         columns = self._times, self._positions, self._lidars
         for part in np.array_split(rows, len(rows) // 4096 + 1):
-            yield from zip(*(column[part].tolist() for column in columns), strict=True)
-
-
-def _place(source: bytes, port: int) -> str:
-    """Prefix of the topics of one lidar."""
-    address = "_".join(map(str, source))
-    return f"/velodyne_{address}" if port == DATA_PORT else f"/velodyne_{address}_{port}"
+            for time_ns, position, lidar in zip(*(column[part].tolist() for column in columns), strict=True):
+                self._check_open()
+                self._stream.seek(position)
+                data = packet_message_data(time_ns, self._stream.read(PACKET_BYTES))
+                yield RawMessage(time_ns, time_ns, (self._source.index, position), data, self._channels[lidar])

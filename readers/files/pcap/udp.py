@@ -33,13 +33,7 @@ class Udp(NamedTuple):
 
 
 def find_udp(head: bytes, captured: int, link_type: int) -> Udp | str:
-    """The UDP packet in a captured packet, or one of the kinds above.
-
-    Args:
-        head: First bytes of the captured packet.
-        captured: Its size in bytes.
-        link_type: Link type of the interface.
-    """
+    """The UDP packet in a packet of `captured` bytes, whose first ones are `head`; or one of the kinds above."""
     try:
         at = _ipv4_begin(head, link_type)
         return at if isinstance(at, str) else _udp(head, at, captured)
@@ -52,7 +46,7 @@ def _u16(head: bytes, at: int) -> int:
 
 
 def _ipv4_begin(head: bytes, link_type: int) -> int | str:
-    """Where the IPv4 packet begins; or the kind of another packet."""
+    """Start of the IPv4 packet, or the kind of another packet."""
     if link_type == ETHERNET:
         at = 12
         while (kind := _u16(head, at)) in VLAN_TAGS:

@@ -13,12 +13,12 @@ from lidcam.pipeline.core.messages import Channel
 from lidcam.readers.files.chunked import ChunkPlace
 from lidcam.readers.files.rosbag1.records import CHUNK, CHUNK_INFO, CONNECTION, HEADER, MAGIC_BYTES, Record, read_record
 
-COMPRESSIONS = {b"none": "none", b"bz2": "bz2", b"lz4": "lz4"}
+COMPRESSIONS = frozenset({"none", "bz2", "lz4"})
 UINT32_PAIR = struct.Struct("<II")
 
 
 class ChunkData(NamedTuple):
-    """Where a chunk's data are.
+    """Place of a chunk's data.
 
     Attributes:
         position: First byte of the data.
@@ -60,14 +60,11 @@ def contents_of_index(stream: BinaryIO) -> Contents:
         Exception: any that damage causes.
     """
     end = stream.seek(0, 2)
-    header = _required(stream, MAGIC_BYTES, end, HEADER, "the header")
-    if header.fields.get(b"encryptor"):
-        raise ValueError(f"it is encrypted ({header.fields[b'encryptor'].decode(errors='replace')})")
-    position = header.number(b"index_pos")
+    header = _required(stream, MAGIC_BYTES, end, HEADER)
+    position = index_position = header.number(b"index_pos")
     if not position:
         raise ValueError("it was not closed, and has no index")
     contents = Contents()
-    infos: list[Record] = []
     while position < end:
         record = read_record(stream, position, end)
         if record is None or record.kind not in {CONNECTION, CHUNK_INFO}:
@@ -75,18 +72,14 @@ def contents_of_index(stream: BinaryIO) -> Contents:
         if record.kind == CONNECTION:
             contents.channels[record.number(b"conn")] = channel_of(stream, record)
         else:
-            infos.append(record)
+            _take_chunk(stream, record, index_position, contents)
         position = record.end
     said = header.number(b"conn_count"), header.number(b"chunk_count")
-    if said != (len(contents.channels), len(infos)):
+    found = len(contents.channels), len(contents.data)
+    if said != found:
         raise ValueError(
-            f"its header says {said[0]} connections and {said[1]} chunks, "
-            f"the index lists {len(contents.channels)} and {len(infos)}"
+            f"its header says {said[0]} connections and {said[1]} chunks, the index lists {found[0]} and {found[1]}"
         )
-    for info in infos:
-        _take_chunk(stream, info, header.number(b"index_pos"), contents)
-    if len(contents.data) != len(infos):
-        raise ValueError("the index lists a chunk twice")
     if unknown := contents.counts.keys() - contents.channels.keys():
         raise ValueError(f"it has messages of connection {min(unknown)}, which the index does not list")
     return contents
@@ -106,10 +99,10 @@ def channel_of(stream: BinaryIO, record: Record) -> Channel:
     return Channel(topic, msgtype, "ros1", definition, "ros1msg", digest=digest)
 
 
-def _required(stream: BinaryIO, position: int, end: int, kind: int, name: str) -> Record:
+def _required(stream: BinaryIO, position: int, end: int, kind: int) -> Record:
     record = read_record(stream, position, end)
     if record is None or record.kind != kind or record.end > end:
-        raise ValueError(f"expected {name} at byte {position}")
+        raise ValueError(f"expected a record of kind {kind} at byte {position}")
     return record
 
 
@@ -118,12 +111,12 @@ def _take_chunk(stream: BinaryIO, info: Record, end: int, contents: Contents) ->
     stream.seek(info.data)
     counts = Counter(dict(UINT32_PAIR.iter_unpack(stream.read(info.size))))
     position = info.number(b"chunk_pos")
-    record = _required(stream, position, end, CHUNK, "a chunk")
-    compression = COMPRESSIONS.get(record.fields[b"compression"])
-    if compression is None:
+    record = _required(stream, position, end, CHUNK)
+    compression = record.fields[b"compression"].decode(errors="replace")
+    if compression not in COMPRESSIONS:
         raise ValueError(f"the chunk at byte {position} has an unknown compression")
     contents.data[position] = ChunkData(record.data, record.size, record.number(b"size"), compression)
-    span = info.time_of(b"start_time"), info.time_of(b"end_time")
-    ids, count = frozenset(+counts), counts.total()
-    contents.chunks.append(ChunkPlace(span[0], position, span[1], ids, record.end - position, count))
+    first_ns, last_ns = info.time_of(b"start_time"), info.time_of(b"end_time")
+    size = record.end - position
+    contents.chunks.append(ChunkPlace(first_ns, position, last_ns, frozenset(+counts), size, counts.total()))
     contents.counts += counts

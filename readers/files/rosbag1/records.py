@@ -41,7 +41,7 @@ MESSAGE_BEGIN = re.compile(
 )
 """The header of a message without other fields, in any order, and the length of its data: nearly all records."""
 
-HEADER_LIMIT = 1 << 12
+MAX_HEADER_BYTES = 1 << 12
 """Longest header of a record in bytes: its longest field is the name of a topic."""
 
 MAX_FIELDS = 32
@@ -87,12 +87,9 @@ class Record(NamedTuple):
 
 
 def read_record(stream: BinaryIO, position: int, end: int) -> Record | None:
-    """The record at `position`; None if no complete record begins there.
+    """The record at `position` of a file or an unpacked chunk; None if no complete one begins there before `end`.
 
-    Args:
-        stream: The file, or an unpacked chunk.
-        position: First byte of the record.
-        end: Where the stream ends. Only chunks may reach beyond it.
+    Only chunks may reach beyond the end.
     """
     if position + 8 > end:
         return None
@@ -106,7 +103,7 @@ def read_record(stream: BinaryIO, position: int, end: int) -> Record | None:
             return record if record.end <= end else None
     (length,) = UINT32.unpack_from(begin)
     data = position + 8 + length
-    if length > HEADER_LIMIT or data > end:
+    if length > MAX_HEADER_BYTES or data > end:
         return None
     if length + 8 > len(begin):
         begin += stream.read(length + 8 - len(begin))
@@ -126,7 +123,7 @@ def read_record(stream: BinaryIO, position: int, end: int) -> Record | None:
 
 
 def find_record(stream: BinaryIO, position: int, end: int) -> int:
-    """Where the next complete record begins at or after `position`; `end` if there is none."""
+    """Start of the next complete record at or after `position`; `end` if there is none."""
     step = FIRST_BLOCK
     while position < end:
         stream.seek(position)

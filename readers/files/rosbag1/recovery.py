@@ -4,8 +4,6 @@ from collections import Counter, defaultdict
 from io import BytesIO
 from typing import BinaryIO
 
-import numpy as np
-
 from lidcam.pipeline.core.settings.recording import LimitsConfig
 from lidcam.readers.files.chunked import ChunkPlace
 from lidcam.readers.files.damage import Losses
@@ -35,11 +33,7 @@ CUT_INDEX = "the index at the end of the file is cut off; the messages were foun
 def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str, limits: LimitsConfig) -> Contents:
     """The contents, found by reading the whole file once; one chunk at a time is in memory.
 
-    Args:
-        stream: The file.
-        losses: Collects what is damaged.
-        because: Why the index is invalid; noted if no other damage is found. Empty if it may be valid.
-        limits: How much the file may unpack to.
+    `because` says why the index is invalid, for a file without other damage; it is empty if it may be valid.
     """
     scan = _Scan(stream, stream.seek(0, 2), losses, limits)
     scan.run()
@@ -64,12 +58,10 @@ class _Scan:
         self._part = 0  # position under which messages are counted
         self._found: Counter[int] = Counter()
         self._listed: Counter[int] = Counter()  # according to the index after each chunk
-        self._counted: dict[int, int] = {}  # according to the chunk infos at the end of the file
         self._gaps: defaultdict[int, list[tuple[int, int, str]]] = defaultdict(list)
         self._in_chunk = self._in_index = False
         self._index_position = 0
-        self._unpacked = 0  # bytes so far
-        self._chunk_count = 0  # according to the header
+        self._unpacked = 0  # bytes of the chunks read
 
     def run(self) -> None:
         """Scan from the beginning of the file to its end."""
@@ -105,7 +97,7 @@ class _Scan:
         if lost := sum(contents.counts.pop(id_) for id_ in unknown):
             reason = "messages of connections whose record was lost: their topic and type are unknown"
             losses.note(0, reason, messages=lost)
-        for part in sorted({*self._gaps, *self._found, *self._listed, *self._counted}):
+        for part in sorted({*self._gaps, *self._found, *self._listed}):
             self._note(part)
         if because and not losses.listed():
             if self._index_position:
@@ -115,12 +107,8 @@ class _Scan:
                 losses.note(self._end, "it was not closed: what the recorder had not written yet is missing")
 
     def _note(self, part: int) -> None:
-        found = self._found[part]
-        said = [counts[part] for counts in (self._counted, self._listed) if part in counts]
-        missing = None if not said else 0 if found in said else max(said[0] - found, 0)  # one of them may be damaged
-        is_counted = len(self._counted) == self._chunk_count  # else counts are lost, too
-        if is_counted and self._found.total() == sum(self._counted.values()):
-            missing = 0
+        found, listed = self._found[part], self._listed.get(part)
+        missing = None if listed is None else max(listed - found, 0)
         if gaps := self._gaps.get(part):
             position, _, reason = gaps[0]
             more = f" (and in {len(gaps) - 1} more places of the chunk)" if len(gaps) > 1 else ""
@@ -128,8 +116,7 @@ class _Scan:
                 missing = 0
             self._losses.note(position, reason + more, size=sum(size for _, size, _ in gaps), messages=missing)
         elif missing:
-            reason = f"the index lists {said[0]} messages in this chunk, found {found}"
-            self._losses.note(part, reason, messages=missing)
+            self._losses.note(part, f"the index lists {listed} messages in this chunk, found {found}", messages=missing)
 
     def _read(self, position: int) -> Record | None:
         return read_record(self._stream, position, self._end)
@@ -224,9 +211,5 @@ class _Scan:
             self._listed[self._part] += record.number(b"count")
         elif record.kind == CHUNK_INFO:
             self._in_index = True
-            self._stream.seek(record.data)
-            counts = np.frombuffer(self._stream.read(record.size), "<u4")[1::2]
-            self._counted[record.number(b"chunk_pos")] = int(counts.sum(dtype=np.int64))
         elif record.kind == HEADER:
             self._index_position = record.number(b"index_pos")
-            self._chunk_count = record.number(b"chunk_count") if b"chunk_count" in record.fields else 0

@@ -1,26 +1,23 @@
-"""Contents of a ROS 2 recording in SQLite, according to its tables.
-
-SQLite has no checksums and no fixed types of columns: values of other types than a recorder writes are taken where they
-can mean only one thing.
-"""
+"""Contents of a ROS 2 recording in SQLite, according to its tables."""
 
 import sqlite3
 from array import array
-from collections.abc import Iterable, Iterator, Sequence
-from itertools import chain, pairwise
+from collections.abc import Iterator
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from lidcam.pipeline.core.arrays import I64
 from lidcam.pipeline.core.errors import RecordingError
-from lidcam.pipeline.core.text import one_line
 from lidcam.readers.files.damage import DamageGuard, Losses
 from lidcam.readers.location import Location
 
 ROWS_AT_ONCE = 1 << 14
 END_OF_IDS = 1 << 63
 ROWS = "SELECT timestamp, id, topic_id FROM messages NOT INDEXED"
+INTEGERS = " AND ".join(f"typeof({column}) = 'integer'" for column in ("timestamp", "id", "topic_id"))
+"""Condition of a usable row: SQLite has no fixed types of columns."""
 
 
 class Contents(NamedTuple):
@@ -44,18 +41,14 @@ class Contents(NamedTuple):
 def contents_of_tables(
     database: sqlite3.Connection, path: Location, distro: str, losses: Losses, *, because: str = ""
 ) -> Contents:
-    """Contents of the database at `path`.
+    """Contents of the database at `path`; `distro` is that of the folder, used if the tables name none.
 
-    Args:
-        database: The open database.
-        path: Named in errors.
-        distro: Used if the tables name no ROS 2 release.
-        losses: Collects messages and topics that cannot be used.
-        because: Why SQLite cannot read all of it: then damaged pages are passed over. Empty if it can.
+    `because` says why SQLite cannot read all of it: then damaged pages are passed over. It is empty if it can.
 
     Raises:
         RecordingError: it is not a ROS 2 recording.
-        ValueError: the table of messages is not in the order of their ids, or lacks some that an index counts.
+        ValueError: the table of messages lacks some that an index counts.
+        TypeError: a message's time or topic is no integer.
         sqlite3.Error: the database is damaged.
     """
     query = database.execute
@@ -84,54 +77,46 @@ def contents_of_tables(
         distro = next((_text_of(name) for (name,) in optional("SELECT ros_distro FROM schema") if name), distro)
     definitions = {}
     if "message_definitions" in tables:
-        rows = optional("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
-        definitions = {_text_of(msgtype): (_text_of(encoding), _text_of(text)) for msgtype, encoding, text in rows}
+        texts = optional("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
+        definitions = {_text_of(msgtype): (_text_of(encoding), _text_of(text)) for msgtype, encoding, text in texts}
     columns = _columns(database, "topics")
     hashes: dict[int, str] = {}
     if "type_description_hash" in columns:  # since Iron
         hashes = {id_: _text_of(digest) for id_, digest in optional("SELECT id, type_description_hash FROM topics")}
     encoding = "serialization_format" if "serialization_format" in columns else "'cdr'"
-    topics = query(f"SELECT id, name, type, {encoding} FROM topics ORDER BY id").fetchall()
-    found = _rows_around_damage(database, losses, because) if because else _rows(database, losses)
-    return Contents(distro, definitions, _in_time(found, losses), _topics(topics, losses), hashes)
+    named = "typeof(id) = 'integer' AND name IS NOT NULL AND type IS NOT NULL"
+    found = query(f"SELECT id, name, type, {encoding} FROM topics WHERE {named} ORDER BY id").fetchall()
+    topics = [(id_, _text_of(name), _text_of(msgtype), _text_of(form)) for id_, name, msgtype, form in found]
+    rows = _rows_around_damage(database, losses, because) if because else _rows(database)
+    return Contents(distro, definitions, _in_time(rows, losses), topics, hashes)
 
 
 def _text_of(value: object) -> str:
-    """A value that should be text: some recorders and tools write it as bytes, and damage makes it anything."""
+    """A value that should be text: some recorders and tools write it as bytes."""
     if isinstance(value, bytes):
         return value.decode(errors="replace")
     return "" if value is None else str(value)
 
 
-def _topics(rows: Sequence[tuple[Any, ...]], losses: Losses) -> list[tuple[int, str, str, str]]:
-    topics = []
-    for id_, name, msgtype, encoding in rows:
-        if not isinstance(id_, int) or name is None or msgtype is None:
-            reason = f"a topic without a number, name or type (found {id_!r}, {name!r}, {msgtype!r})"
-            losses.note(0, one_line(reason, max_characters=200))
-            continue
-        topics.append((id_, _text_of(name), _text_of(msgtype), _text_of(encoding)))
-    return topics
-
-
-def _rows(database: sqlite3.Connection, losses: Losses) -> I64:
+def _rows(database: sqlite3.Connection) -> I64:
     """(N, 3) as `Contents.rows`, by id, from the table alone: damage to an index on the time does not move messages."""
-    found = database.execute(ROWS)
-    rows, unusable = _usable(iter(lambda: found.fetchmany(ROWS_AT_ONCE), []), losses)
+    values, found = array("q"), database.execute(ROWS)
+    while block := found.fetchmany(ROWS_AT_ONCE):
+        values.extend(chain.from_iterable(block))
+    rows = np.frombuffer(values, np.int64).reshape(-1, 3)
     if (rows[1:, 1] <= rows[:-1, 1]).any():
         raise ValueError("the messages are not in the order of their ids")
     ((listed,),) = database.execute("SELECT count(*) FROM messages")  # by an index, if there is one
-    if listed > len(rows) + unusable:
-        raise ValueError(f"an index lists {listed} messages, the table has {len(rows) + unusable}")
+    if listed > len(rows):
+        raise ValueError(f"an index lists {listed} messages, the table has {len(rows)}")
     return rows
 
 
 def _rows_around_damage(database: sqlite3.Connection, losses: Losses, because: str) -> I64:
-    """As `_rows`, without the rows on pages that SQLite cannot read; these are noted as one loss."""
-    rows, unusable = _usable(([row] for row in _readable_rows(database)), losses)
-    found = len(rows) + unusable
-    listed = _count(database, "messages")  # by an index, if there is one
-    missing: int | None = max(int(rows[-1, 1]) if len(rows) else 0, found) - found  # recorders number from 1
+    """Rows like those of `_rows`; the ones that SQLite cannot read, or that hold no integers, are noted as one loss."""
+    rows = np.array([*_readable_rows(database)], np.int64).reshape(-1, 3)
+    found, listed = len(rows), _count(database, "messages")  # by an index, if there is one
+    missing: int | None = max(int(rows[-1, 1]) if found else 0, found) - found  # recorders number from 1
     if listed is not None:
         missing = max(listed - found, 0)
     elif not missing and _count(database, "messages NOT INDEXED") is None:
@@ -152,7 +137,9 @@ def _readable_rows(database: sqlite3.Connection) -> Iterator[tuple[Any, ...]]:
     first = 0
     while first < END_OF_IDS:
         with DamageGuard(is_active=True) as damage:
-            for row in database.execute(f"{ROWS} WHERE id >= ?", (first,)):
+            for row in database.execute(f"{ROWS} WHERE id >= ? AND {INTEGERS}", (first,)):
+                if row[1] < first:  # a tree that contains itself
+                    return
                 yield row
                 first = row[1] + 1
         if damage.error is None:
@@ -181,25 +168,6 @@ def _readable_from(database: sqlite3.Connection, broken: int) -> int:
     return readable
 
 
-def _usable(blocks: Iterable[list[tuple[Any, ...]]], losses: Losses) -> tuple[I64, int]:
-    """Rows of integers (N, 3), and the number of rows of other values, which are noted; ends where ids do not rise."""
-    values, last, unusable = array("q"), -END_OF_IDS - 1, 0
-    for block in blocks:
-        before = len(values)
-        try:
-            values.extend(chain.from_iterable(block))
-        except (TypeError, OverflowError):
-            del values[before:]
-            usable = [row for row in block if _is_usable(row, losses)]
-            unusable += len(block) - len(usable)
-            values.extend(chain.from_iterable(usable))
-        ids = [last, *values[before + 1 :: 3]]
-        if any(first >= second for first, second in pairwise(ids)):  # also ends a tree that contains itself
-            break
-        last = ids[-1]
-    return np.frombuffer(values, np.int64).reshape(-1, 3), unusable
-
-
 def _in_time(rows: I64, losses: Losses) -> I64:
     """The rows of messages since 1970 in the order of time; the others are noted."""
     if (rows[1:, 0] < rows[:-1, 0]).any():
@@ -210,15 +178,6 @@ def _in_time(rows: I64, losses: Losses) -> I64:
         reason = f"messages of log times before 1970, the first of them message {id_} ({first_ns} ns)"
         losses.note(0, reason, messages=count)
     return rows[count:]
-
-
-def _is_usable(row: tuple[Any, ...], losses: Losses) -> bool:
-    """Whether the log time, id and topic id of a message are integers; else they are noted."""
-    if all(isinstance(value, int) for value in row):
-        return True
-    time, id_, topic_id = (one_line(repr(value), max_characters=50) for value in row)
-    losses.note(0, f"message {id_}: expected integers, found log time {time} and topic {topic_id}", messages=1)
-    return False
 
 
 def _columns(database: sqlite3.Connection, table: str) -> set[str]:

@@ -4,7 +4,6 @@ Read with Python's sqlite3, so that messages of equal time come in the order of 
 data, and an empty serialization format is accepted.
 """
 
-import os
 import sqlite3
 from collections.abc import Collection, Iterator
 from pathlib import Path
@@ -14,14 +13,13 @@ import numpy as np
 from rosbags.typesys.msg import normalize_msgtype
 
 from lidcam.pipeline.core.arrays import I64
-from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.readers.files.container import Container, Source
+from lidcam.readers.files.copies import count_pages
 from lidcam.readers.files.damage import LIBRARY_ERRORS
 from lidcam.readers.files.decompress import decompressed
 from lidcam.readers.files.passes import pass_starts
 from lidcam.readers.files.sqlite.index import contents_of_tables
-from lidcam.readers.files.sqlite.pages import count_pages
 from lidcam.readers.messages.header_stamp import stamp_or_log_time
 from lidcam.readers.recording import RosVersion, TopicInfo, merge_topics
 
@@ -31,12 +29,7 @@ ROWS_AT_ONCE = 4096
 
 
 class SqliteFile(Container):
-    """One open .db3 file; see `RecordingFile`.
-
-    Args:
-        source: The file.
-        stream: Its uncompressed content.
-        content: Where that lies.
+    """One open .db3 file; see `RecordingFile`. `content` is where the uncompressed bytes of `stream` lie.
 
     Raises:
         RecordingError: another file has taken its place since it was opened.
@@ -50,7 +43,6 @@ class SqliteFile(Container):
         self._database = sqlite3.connect(uri, uri=True, check_same_thread=False)
         self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, source.options.limits.max_message_bytes)
         self._database.text_factory = lambda text: text.decode(errors="replace")
-        self._content = content
         try:
             super().__init__(source, stream)
         except BaseException:
@@ -58,11 +50,11 @@ class SqliteFile(Container):
             raise
 
     def _describe(self) -> None:
-        if not os.path.samestat(self._content.stat(), os.fstat(self._stream.fileno())):
-            raise RecordingError(f"{self.path}: it was replaced while it was opened; run it again")
         distro = self._source.metadata.distro
         with self._losses.guard() as damage:
-            self._check_size()
+            pages = count_pages(self._stream)
+            if pages.expected > pages.whole:
+                raise EOFError(f"the file has {pages.whole} of {pages.expected} pages: it was cut off")
             contents = contents_of_tables(self._database, self.path, distro, self._losses)
         if damage.error:
             because = damage.reason
@@ -103,13 +95,13 @@ class SqliteFile(Container):
             yield from self._messages_of(self._of_topics(rows, wanted), start_ns, stop_ns)
 
     def _of_topics(self, rows: I64, topic_ids: Collection[int]) -> I64:
-        """Those of some topics; not copied where that is all."""
+        """Rows of some topics, not copied if these are all."""
         if self._counts.keys() <= {*topic_ids}:
             return rows
         return rows[np.isin(rows[:, 2], [*topic_ids])]
 
     def _messages_of(self, rows: I64, start_ns: int | None, stop_ns: int | None) -> Iterator[RawMessage]:
-        """Those of one pass of the recorder's clock."""
+        """Messages of one pass of the recorder's clock."""
         rows = rows[slice(*(None if t is None else int(np.searchsorted(rows[:, 0], t)) for t in (start_ns, stop_ns)))]
         for first in range(0, len(rows), ROWS_AT_ONCE):
             for log_time_ns, row_id, topic_id in rows[first : first + ROWS_AT_ONCE].tolist():
@@ -139,17 +131,6 @@ class SqliteFile(Container):
         if row is None or row[1] != log_time_ns:
             raise sqlite3.DatabaseError("its id leads to another row, or to none")
         return row[0]
-
-    def _check_size(self) -> None:
-        """Refuse a file that lacks pages.
-
-        Raises:
-            EOFError: pages are missing.
-            ValueError: its header is not that of a database.
-        """
-        pages = count_pages(self._stream)
-        if pages.expected > pages.whole:
-            raise EOFError(f"the file has {pages.whole} of {pages.expected} pages: it was cut off")
 
     def close(self) -> None:
         """Close the database."""

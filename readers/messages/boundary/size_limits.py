@@ -27,9 +27,7 @@ SIZES = {
     **dict.fromkeys(("int64", "uint64", "float64"), 8),
     "float128": 16,
 }
-
-_Size = tuple[int, int]
-"""Number of values, and the fewest bytes that they occupy."""
+"""Bytes of a number by its type."""
 
 
 class _FaultError(Exception):
@@ -37,99 +35,78 @@ class _FaultError(Exception):
 
 
 def size_fault(msgtype: str, types: Typesdict) -> str:
-    """Why messages of a type cannot be read at bounded cost; empty if they can.
+    """Why messages of a type cannot be read at bounded cost; empty if they can. `types` has all that it contains."""
+    known: dict[str, int] = {}
 
-    Args:
-        msgtype: Name of the type.
-        types: The type and all types that it contains.
-    """
+    def values(name: str, inside: tuple[str, ...]) -> int:
+        """Number of values in a message of a type."""
+        if name in inside:
+            raise _FaultError(f"{name} contains itself")
+        if len(inside) == MAX_NESTING:
+            raise _FaultError(f"types are nested more than {MAX_NESTING} deep")
+        if name not in known:
+            known[name] = 0
+            for field, (node, detail) in types[name][1]:
+                part: Any = detail[0] if node in {Nodetype.ARRAY, Nodetype.SEQUENCE} else (node, detail)
+                count = int(detail[1]) if node == Nodetype.ARRAY and part[1] not in _IN_ONE_PIECE else 1
+                inner = values(part[1], (*inside, name)) if part[0] == Nodetype.NAME else 1
+                if node == Nodetype.SEQUENCE and not inner:
+                    raise _FaultError(f"{field} is a list of empty messages")
+                known[name] += 1 if node == Nodetype.SEQUENCE else inner * count
+                if known[name] > MAX_FIELDS:
+                    raise _FaultError(f"a message holds more than {MAX_FIELDS} values")
+        return known[name]
+
     try:
-        _size(msgtype, types, {}, ())
+        values(msgtype, ())
     except _FaultError as err:
         return str(err)
     return ""
 
 
-def _size(msgtype: str, types: Typesdict, known: dict[str, _Size], inside: tuple[str, ...]) -> _Size:
-    if msgtype in known:
-        return known[msgtype]
-    if msgtype in inside:
-        raise _FaultError(f"{msgtype} contains itself")
-    if len(inside) == MAX_NESTING:
-        raise _FaultError(f"types are nested more than {MAX_NESTING} deep")
-    fields = min_bytes = 0
-    for name, (node, detail) in types[msgtype][1]:
-        part: Any = (node, detail)
-        count = 1
-        if node in {Nodetype.ARRAY, Nodetype.SEQUENCE}:
-            part, count = detail[0], int(detail[1])
-        values, size = _part_size(part, types, known, (*inside, msgtype))
-        if node == Nodetype.SEQUENCE and not size:
-            raise _FaultError(f"{name} is a list of empty messages")
-        if node == Nodetype.SEQUENCE:
-            size, count = 4, 1
-        in_one_piece = part[0] == Nodetype.BASE and part[1][0] not in {"string", "wstring"}
-        fields += 1 if in_one_piece else max(values * count, 1)
-        min_bytes += size * count
-        if fields > MAX_FIELDS:
-            raise _FaultError(f"a message holds more than {MAX_FIELDS} values")
-    known[msgtype] = fields, min_bytes
-    return known[msgtype]
-
-
-def _part_size(part: Any, types: Typesdict, known: dict[str, _Size], inside: tuple[str, ...]) -> _Size:
-    node, detail = part
-    if node == Nodetype.NAME:
-        return _size(detail, types, known, inside)
-    return 1, 4 if detail[0] in {"string", "wstring"} else 1
+_IN_ONE_PIECE = frozenset((name, 0) for name in SIZES)
+"""Details of numbers, of which rosbags reads an array at once."""
 
 
 def count_items(store: Typestore, msgtype: str, encoding: str, data: bytes | memoryview, max_items: int) -> int:
     """The number of strings and messages in lists, in as much of the message as there is; stops beyond `max_items`."""
-    counting = _Counting(store, encoding, memoryview(data), max_items)
+    cursor, items = Cursor(memoryview(data), encoding), 0
+
+    def skip_message(name: str) -> None:
+        kind: Any
+        for _, kind in store.fielddefs[name][1]:
+            node, detail = kind
+            if node == Nodetype.ARRAY:
+                (inner, what), length = detail
+                skip_values(inner, what, length)
+            elif node == Nodetype.SEQUENCE:
+                skip_list(*detail[0])
+            else:
+                skip_values(node, detail, 1)
+
+    def skip_list(node: Any, detail: Any) -> None:
+        nonlocal items
+        count = cursor.uint32()
+        if node == Nodetype.NAME or detail[0] not in SIZES:
+            items += count
+            if items > max_items:
+                raise _EnoughError
+        skip_values(node, detail, count)
+
+    def skip_values(node: Any, detail: Any, count: int) -> None:
+        if node == Nodetype.BASE and detail[0] in SIZES:
+            cursor.skip(SIZES[detail[0]], count)
+            return
+        for _ in range(count):
+            if node == Nodetype.NAME:
+                skip_message(str(detail))
+            else:
+                cursor.skip(1, cursor.uint32())
+
     with suppress(struct.error, _EnoughError):  # decoding reports data that end early
-        counting.message(msgtype)
-    return counting.items
+        skip_message(msgtype)
+    return items
 
 
 class _EnoughError(Exception):
     pass
-
-
-class _Counting:
-    """Goes over a message's bytes; arrays and lists of numbers take one step."""
-
-    def __init__(self, store: Typestore, encoding: str, data: memoryview, max_items: int) -> None:
-        self._store, self._max_items = store, max_items
-        self._cursor = Cursor(data, encoding)
-        self.items = 0
-
-    def message(self, msgtype: str) -> None:
-        """Count the items of a message and pass over it."""
-        kind: Any
-        for _, kind in self._store.fielddefs[msgtype][1]:
-            node, detail = kind
-            if node in {Nodetype.ARRAY, Nodetype.SEQUENCE}:
-                (part, what), length = detail
-                self._list(part, what, length if node == Nodetype.ARRAY else None)
-            else:
-                self._values(node, detail, 1)
-
-    def _list(self, part: Any, what: Any, length: int | None) -> None:
-        count = self._cursor.uint32() if length is None else length
-        if length is None and (part == Nodetype.NAME or what[0] not in SIZES):
-            self.items += count
-            if self.items > self._max_items:
-                raise _EnoughError
-        self._values(part, what, count)
-
-    def _values(self, node: Any, what: Any, count: int) -> None:
-        """Pass over values of one type that follow each other."""
-        if node == Nodetype.BASE and what[0] in SIZES:
-            self._cursor.skip(SIZES[what[0]], count)
-            return
-        for _ in range(count):
-            if node == Nodetype.NAME:
-                self.message(str(what))
-            else:
-                self._cursor.skip(1, self._cursor.uint32())

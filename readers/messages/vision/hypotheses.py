@@ -42,14 +42,7 @@ class BoxRows(NamedTuple):
 def box_rows(
     message: RawMessage, msgtype: str, box_of: Callable[[Any], Sequence[float]], numbers: int, limits: LimitsConfig
 ) -> BoxRows:
-    """The content of an array of boxes.
-
-    Args:
-        message: The message.
-        msgtype: The type that it must be of.
-        box_of: The numbers of a box as in `BoxRows.boxes`, from its `bbox` as rosbags decodes it.
-        numbers: How many these are.
-        limits: How many boxes it may hold.
+    """The content of an array of boxes: of each the `numbers` that `box_of` takes from its decoded `bbox`.
 
     Raises:
         MessageError: the message is of another type, cannot be decoded, or holds more boxes.

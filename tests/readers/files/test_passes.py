@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mcap.writer import IndexType
 
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.readers.files.passes import JUMP_NS, pass_starts
+from lidcam.readers.files.passes import MIN_JUMP_NS, pass_starts
 from lidcam.readers.open import open_recording
 
 MS = 1_000_000
@@ -51,7 +51,7 @@ def test_where_passes_begin(name: str, recorded: Times, expected: list[int]) -> 
     assert starts(recorded) == expected, name
 
 
-@given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 20_000)), max_size=60), st.integers(0, JUMP_NS // MS))
+@given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 20_000)), max_size=60), st.integers(0, MIN_JUMP_NS // MS))
 def test_small_disorder_is_no_pass(recorded: Times, late_ms: int) -> None:
     order = sorted(recorded, key=lambda one: one[1] + (one[1] * 7919) % (late_ms + 1))  # each late by up to that
     assert starts(order) == []

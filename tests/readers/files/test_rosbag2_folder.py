@@ -3,6 +3,7 @@ from pathlib import Path
 
 import pytest
 from builders import odometry, raw, write_rosbag2
+from sound_recordings import read_all, sound_recording, write_files
 
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.readers.files.rosbag2_folder import FolderMetadata, folder_metadata, recording_files
@@ -39,16 +40,6 @@ def test_metadata_gives_files_order_and_release(tmp_path: Path, prefix: str) -> 
     assert folder_metadata(folder) == FolderMetadata(("rec_2.db3", "rec_0.db3"), False, "humble")
     with open_recording([folder]) as recording:
         assert [m.stamp_ns - T0 for m in recording.messages()] == [2, 0]
-
-
-def test_each_file_of_a_split_recording_has_its_count(tmp_path: Path) -> None:
-    folder = split_folder(tmp_path, 2)
-    counts = "".join(f"  - {{path: rec_{n}.db3, message_count: {count}}}\n" for n, count in enumerate((1, 3)))
-    text = "rosbag2_bagfile_information:\n  relative_file_paths: [rec_0.db3, rec_1.db3]\n  files:\n" + counts
-    for total, lost in ((4, [2]), (5, [])):  # counts that differ from their sum say nothing
-        (folder / "metadata.yaml").write_text(f"{text}  message_count: {total}\n")
-        with open_recording([folder]) as recording:
-            assert [loss.messages for loss in recording.losses] == lost
 
 
 def test_missing_parts_are_named(tmp_path: Path) -> None:
@@ -89,3 +80,15 @@ def test_unknown_compression(tmp_path: Path) -> None:
     )
     with pytest.raises(RecordingError, match="expected compression zstd, found 'fake'"):
         open_recording([tmp_path])
+
+
+def test_files_that_metadata_does_not_list_are_told(tmp_path: Path) -> None:
+    sound = sound_recording("folder-sqlite")
+    more = {"rec_1.db3": sound.files["rec.db3"], "rec.db3.zstd": b"packed twin", "notes.txt": b""}
+    folder = write_files(tmp_path, sound, {**sound.files, **more})
+    messages, (loss,) = read_all(folder, "as_needed")
+    assert messages == sound.messages
+    assert (loss.path, loss.size, loss.messages) == (folder / "rec_1.db3", len(sound.files["rec.db3"]), None)
+    assert "does not list this file" in loss.reason
+    with pytest.raises(RecordingError, match=r"rec_1\.db3: .*does not list"):
+        read_all(folder, "none")

@@ -113,13 +113,11 @@ def test_without_a_definition_the_known_type_has_to_be_the_recorded_one(encoding
 
 
 @pytest.mark.parametrize(("encoding", "digest"), OTHER)
-def test_a_definition_goes_before_a_digest_and_bytes_that_do_not_fit_name_both(encoding: Encoding, digest: str) -> None:
+def test_a_definition_goes_before_a_digest(encoding: Encoding, digest: str) -> None:
     message, bare = digested(encoding, digest)
     assert deserialize(message).child_frame_id == "base_link"
     with pytest.raises(MessageError, match=f"no definition of {ODOMETRY}, .* not the recorded {digest}"):
         deserialize(bare)
-    with pytest.raises(MessageError, match=f"the recorded definition is .* not the recorded {digest}"):
-        deserialize(message._replace(data=message.data[:100]))
 
 
 @pytest.mark.parametrize("encoding", ["protobuf", "json"])

@@ -1,4 +1,3 @@
-import struct
 from typing import Any, Literal
 
 import pytest
@@ -48,12 +47,6 @@ def test_any_stamp_of_either_byte_order_is_that_of_the_full_decoder(sec: int, na
     Time = store.types["builtin_interfaces/msg/Time"]
     data = bytes(store.serialize_cdr(Header(Time(sec, nanosec), "x"), "std_msgs/msg/Header", little_endian=not big))
     assert stamp_or_log_time(channel("/t", "std_msgs/msg/Header"), data, 7) == sec * 10**9 + nanosec
-
-
-@given(sec=st.integers(0, 2**32 - 1), nanosec=st.integers(0, 2**32 - 1), seq=st.integers(0, 2**32 - 1))
-def test_ros1_seconds_are_unsigned(sec: int, nanosec: int, seq: int) -> None:
-    data = struct.pack("<IIII", seq, sec, nanosec, 0)
-    assert stamp_or_log_time(channel("/t", "std_msgs/msg/Header", "ros1"), data, 7) == sec * 10**9 + nanosec
 
 
 @pytest.mark.parametrize("definition", ["int32 = 3 = 4 [", "nowhere_msgs/Thing header", "\0"])

@@ -63,11 +63,6 @@ def test_no_times(fields: dict[str, Array]) -> None:
     assert offsets(fields) is None
 
 
-def test_next_field_where_the_first_makes_no_sense() -> None:
-    found = offsets({"t": np.array([0, 4_000_000_000], np.uint32), "time": np.array([0, 0.5], np.float32)})
-    np.testing.assert_array_equal(found, [0, 500_000_000])
-
-
 def test_unusable_field_is_logged_once_for_a_topic(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING):
         for _ in range(3):
@@ -82,11 +77,3 @@ def test_unusable_field_is_logged_once_for_a_topic(caplog: pytest.LogCaptureFixt
 def test_integers_and_clock_nanoseconds_are_exact(wanted: list[int], stamp_ns: int) -> None:
     np.testing.assert_array_equal(offsets({"t": np.array(wanted, np.int32)}, stamp_ns), wanted)
     np.testing.assert_array_equal(offsets({"timestamp": np.array(wanted, np.int64) + stamp_ns}, stamp_ns), wanted)
-
-
-@given(st.integers(-MAX_OFFSET_NS + 300, MAX_OFFSET_NS - 300), st.integers(10**18, 4 * 10**18))
-def test_clock_nanoseconds_in_float64_lose_no_more_than_their_own_rounding(wanted: int, stamp_ns: int) -> None:
-    value = float(stamp_ns + wanted)
-    found = offsets({"timestamp": np.array([value])}, stamp_ns)
-    assert found is not None
-    assert int(found[0]) == int(value) - stamp_ns

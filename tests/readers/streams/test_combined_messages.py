@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any, Literal
 
 import cv2
@@ -105,13 +104,6 @@ def test_lists_of_changing_length(encoding: Encoding) -> None:
 
 
 @both
-def test_messages_without_parts_are_listed_as_they_are(encoding: Encoding) -> None:
-    recording = opened(combined("/c", CAMERAS, [], LOGGED, encoding))
-    assert [(t.topic, t.msgtype) for t in recording.topics] == [("/c", CAMERAS)]
-    assert [m.topic for m in recording.messages()] == ["/c"]
-
-
-@both
 def test_a_broken_message_is_a_problem_of_each_part(encoding: Encoding) -> None:
     good = combined("/c", CAMERAS, images(encoding, 2), LOGGED, encoding)
     broken = good._replace(data=good.data[:-20], log_time_ns=LOGGED - 1)
@@ -130,18 +122,3 @@ def test_a_broken_message_is_a_problem_of_each_part(encoding: Encoding) -> None:
 def test_other_recordings_are_left_as_they_are() -> None:
     plain = MemoryRecording([raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=T0), T0)])
     assert sensor_messages(plain) is plain
-
-
-@both
-def test_parts_that_the_recording_defines_without_a_header(encoding: Encoding) -> None:
-    good = combined("/c", CAMERAS, images(encoding, 2), LOGGED, encoding)
-    rule = "=" * 80
-    definition = f"sensor_msgs/Image[] camera\n{rule}\nMSG: sensor_msgs/Image\nuint32 height\n"
-    odd = good._replace(
-        data=bytes.fromhex("00010000" if encoding == "cdr" else "") + bytes([1, 0, 0, 0, 9, 0, 0, 0]),
-        channel=replace(good.channel, definition=definition),
-    )
-    (message,) = opened(odd).messages()
-    assert (message.topic, message.stamp_ns) == ("/c/camera_1", LOGGED)
-    with pytest.raises(MessageError, match=r"/c/camera_1: .* sensor_msgs/msg/Image has other fields"):
-        deserialize(message)

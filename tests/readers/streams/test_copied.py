@@ -107,15 +107,6 @@ def test_all_messages_arrive_once_and_in_order(recorded: list[tuple[str, int]], 
     assert copied == ([one for one in stream if one.topic == "/truth"] if found else [])
 
 
-def test_no_topics_read_nothing() -> None:
-    copied = CopiedMessages(())
-    stream = [message("/truth", 1), message("/sensor", 2)]
-    copied.read_ahead(MemoryRecording(stream), 3)
-    assert [one.topic for one in copied.tap(stream, {"/sensor"})] == ["/sensor"]
-    (found,) = copied.handed_on([bundle(0, 2)], MemoryRecording(stream), 2)
-    assert found.copied == ()
-
-
 def test_truth_is_drawn_if_it_can_be_read() -> None:
     def boxes(topic: str, at: int) -> RawMessage:
         fields = {"detections": [{"bbox": {"size": {"x": 4.0, "y": 2.0, "z": 1.5}, "center": UPRIGHT}}]}

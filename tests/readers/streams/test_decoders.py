@@ -139,15 +139,6 @@ def test_the_clouds_of_a_frame_share_a_limit() -> None:
         CloudDecoder(lidars(2), config, on_bad="fail")(clouds(40, 30))
 
 
-def test_packets_share_it() -> None:
-    config = load_config(None, {"limits.max_points": 500})
-    message = packets("lidar")
-    rig = Rig("site", (LidarSensor("l", message.topic, Transform.identity("site", "lidar")),), (), ())
-    found = CloudDecoder(rig, config, on_bad="skip")(bundle(message))
-    (drop,) = found.drops
-    assert "expected at most 500 points: raise limits.max_points and limits.max_frame_points" in drop.detail
-
-
 def test_the_images_of_a_frame_share_a_limit() -> None:
     model = CameraModel("c", 10, 10, np.eye(3), "plumb_bob", np.zeros(5))
     cameras = tuple(CameraSensor(f"c{i}", f"/c{i}", "", model, Transform.identity("c", "site")) for i in range(3))

@@ -11,7 +11,6 @@ from numpy import zeros
 
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.pipeline.core.settings.recording import LimitsConfig
 from lidcam.readers.streams.per_sensor import sensor_messages
 
 T0 = 1_700_000_000 * 10**9
@@ -74,18 +73,3 @@ def test_a_topic_of_both_kinds() -> None:
     assert [m.topic for m in recording.messages(["/c"])] == ["/c"]
     assert [m.topic for m in recording.messages(["/c/camera_2"])] == ["/c/camera_2"]
     assert [m.topic for m in recording.messages()] == ["/c", "/c/camera_1", "/c/camera_2"]
-
-
-def test_limits_reach_what_is_split_or_converted() -> None:
-    whole = combined("/c", CAMERAS, [IMAGE] * 5, T0 + 1, "cdr")
-    transforms = [{"parent_frame_id": "a", "child_frame_id": f"b{i}"} for i in range(5)]
-    foxglove = foxglove_raw("/tf", "foxglove.FrameTransforms", {"transforms": transforms}, T0 + 2)
-    plain = MemoryRecording([whole, foxglove])
-    assert [m.problem for m in sensor_messages(plain).messages()] == [""] * 6
-    small = sensor_messages(plain, limits=LimitsConfig(max_message_items=2))
-    assert [m.topic for m in small.messages()] == ["/c", "/tf"]  # no part of it was found
-    assert "limits.max_message_items" in next(iter(small.messages(["/tf"]))).problem
-    later = sensor_messages(MemoryRecording([WHOLE] * 5 + [whole]), limits=LimitsConfig(max_message_items=4))
-    problems = [message.problem for message in later.messages()]
-    assert problems[:-2] == [""] * 10
-    assert all("limits.max_message_items" in problem for problem in problems[-2:])

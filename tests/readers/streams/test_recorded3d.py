@@ -114,10 +114,6 @@ def test_frames_that_nothing_joins(frame: str, poses: PoseSamples | None, reason
         decode(Recorded((0, 7, 1)), poses=poses, frame_id=frame, on_bad="fail")
 
 
-def test_boxes_without_a_frame_are_in_that_of_the_detector() -> None:
-    np.testing.assert_allclose(centers(decode(Recorded((5, 1, 0.5)), frame_id="")), [[0, 5, 2.5]], atol=1e-12)
-
-
 def test_what_is_not_used_is_counted() -> None:
     found = decode(Recorded((1, 1, 1), score=0.05), Recorded((1, 1, 1), "cow"), Recorded((1, 1, 1), score=0.07))
     assert dict(found.unused_boxes) == {"class 'cow' is not configured": 1, "score under detect3d.min_score (0.07)": 1}
@@ -128,8 +124,3 @@ def test_a_bad_message_is_one_drop() -> None:
     message = objects_message("humble", NOW_NS, [])
     found = RecordedBoxes3D(RIG, Config(), on_bad="skip")(bundle(message._replace(data=message.data[:9])))
     assert ([drop.reason for drop in found.drops], dict(found)) == (["cannot be decoded"], {})
-
-
-def test_a_detector_without_a_message_has_no_entry() -> None:
-    assert dict(RecordedBoxes3D(RIG, Config(), on_bad="fail")(bundle())) == {}
-    assert len(decode()["objects"]) == 0

@@ -1,7 +1,5 @@
 """Rates and gaps of topics."""
 
-import tracemalloc
-
 import numpy as np
 import pytest
 from builders import odometry, raw
@@ -65,12 +63,3 @@ def test_times_of_no_more_messages_than_may_be_in_memory(caplog: pytest.LogCaptu
     assert caplog.messages == [
         "rates, gaps and delays are those of the first 4 messages: raise limits.max_messages_in_memory"
     ]
-
-
-def test_sixteen_bytes_a_message() -> None:
-    recording = MemoryRecording(messages(np.arange(20_000) * 10**8))
-    tracemalloc.start()
-    survey(recording)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 48 * 20_000  # with one column for the figures

@@ -13,9 +13,9 @@ from velodyne import SCAN, START_NS, TOPIC, assert_as_judged, judged, random_pac
 from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.errors import CalibrationError, ConfigError, MessageError
 from lidcam.pipeline.core.messages import Drop
-from lidcam.pipeline.core.settings.recording import VelodyneConfig, VelodyneLidarConfig
+from lidcam.pipeline.core.settings.recording import VelodyneLidarConfig
 from lidcam.readers.velodyne.calibration import read_velodyne_calibration
-from lidcam.readers.velodyne.decoder import VelodyneDecoder, VelodyneDecoders
+from lidcam.readers.velodyne.decoder import VelodyneDecoder
 from lidcam.readers.velodyne.models import MODELS
 from lidcam.readers.velodyne.scan import parse_velodyne_scan
 
@@ -148,17 +148,6 @@ def test_big_endian() -> None:
     np.testing.assert_array_equal(found.stamps_ns, stamps_ns)
 
 
-def test_first_firmware_of_the_hdl32_names_neither_model_nor_mode() -> None:
-    payload, stamps_ns = random_packets("HDL-32E", packets=5)
-    message = scan(with_factory(payload, 0, 0), stamps_ns)
-    with pytest.raises(MessageError, match="found product byte 0x00"):
-        decoder()(message)
-    cloud, named = decoder("HDL-32E")(message), decoder()(scan(payload, stamps_ns))
-    np.testing.assert_array_equal(cloud.xyz, named.xyz)
-    assert cloud.return_type is not None
-    assert not cloud.return_type.any()
-
-
 # --- times
 
 
@@ -225,18 +214,6 @@ def test_unknown_or_contradictory_models(name: str, mode: int, product: int, row
         decoder(name)(message)
 
 
-@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
-def test_every_truncation_is_one_clear_error(encoding: Any) -> None:
-    payload, stamps_ns = random_packets("VLP-16", packets=2)
-    message = scan(payload, stamps_ns, encoding=encoding)
-    whole = bytes(message.data)
-    decode = decoder()
-    for end in [*range(0, 60), *range(60, len(whole), 97), len(whole) - 1]:
-        with pytest.raises(MessageError, match=TOPIC):
-            decode(message._replace(data=whole[:end]))
-    assert len(decode(message._replace(data=whole + b"\0\0"))) == len(decode(message))
-
-
 def test_packets_of_another_kind_are_left_out_and_counted() -> None:
     payload, stamps_ns = random_packets("VLP-16", packets=10)
     foreign = payload.copy()
@@ -262,13 +239,6 @@ def test_packets_that_were_lost_before_are_counted() -> None:
     ]
 
 
-def test_a_scan_of_seconds_is_none() -> None:
-    payload, stamps_ns = random_packets("VLP-16", packets=2)
-    payload[1, 1200:1204] = np.array([5_000_000], "<u4").view(np.uint8)
-    with pytest.raises(MessageError, match=r"packets that span \d+\.\d s"):
-        decoder()(scan(payload, stamps_ns))
-
-
 def test_another_definition_is_refused() -> None:
     payload, stamps_ns = random_packets("VLP-16", packets=1)
     message = scan(payload, stamps_ns)
@@ -278,14 +248,6 @@ def test_another_definition_is_refused() -> None:
 
 
 # --- settings
-
-
-def test_the_model_decides_the_step_of_ranges_not_the_file() -> None:
-    path = calibration_file("VLS128.yaml")  # which says 0.007 m; the recording beside it has steps of 4 mm
-    assert "distance_resolution: 0.007" in path.read_text()
-    payload, stamps_ns = random_packets("VLS-128", packets=4)
-    by_file, built_in = decoder("auto", path)(scan(payload, stamps_ns)), decoder()(scan(payload, stamps_ns))
-    np.testing.assert_allclose(by_file.xyz[:, :2], built_in.xyz[:, :2], atol=1e-4)
 
 
 def test_calibration_that_is_missing_or_of_another_model() -> None:
@@ -309,13 +271,3 @@ def test_malformed_calibration(tmp_path: Path, text: str, match: str) -> None:
     path.write_text(text)
     with pytest.raises(CalibrationError, match=match):
         read_velodyne_calibration(path, MODELS["VLP-16"])
-
-
-def test_settings_of_single_topics() -> None:
-    config = VelodyneConfig.model_validate({"model": "VLP-32C", "topics": {"/other": {"model": "VLP-16"}}})
-    decoders = VelodyneDecoders(config)
-    payload, stamps_ns = random_packets("VLP-16", packets=3)
-    assert len(decoders["/other"](scan(payload, stamps_ns)))
-    with pytest.raises(MessageError, match=r"velodyne\.model says VLP-32C"):
-        decoders["/some"](scan(payload, stamps_ns))
-    assert decoders["/other"] is decoders["/other"]

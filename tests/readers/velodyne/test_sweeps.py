@@ -1,23 +1,18 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import builders
 import numpy as np
 import pytest
-from helpers import shared
 from hypothesis import given
 from hypothesis import strategies as st
 from memory_recording import MemoryRecording
-from velodyne import START_NS, packet_stream, random_packets, recorded_scans
+from velodyne import START_NS, packet_stream, random_packets
 
-from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.streams.per_sensor import sensor_messages
-from lidcam.readers.streams.survey import survey
 from lidcam.readers.velodyne import sweeps as velodyne_sweeps
-from lidcam.readers.velodyne.packet import PACKET
 from lidcam.readers.velodyne.scan import SCAN, parse_velodyne_scan
 from lidcam.readers.velodyne.sweeps import PAUSE_NS
 
@@ -105,18 +100,6 @@ def test_every_model(name: str, mode: int) -> None:
     assert len(sweeps) == int(turns) + 1
 
 
-def test_scans_of_ros_and_their_packets_hold_the_same() -> None:
-    """A ROS driver cuts by a packet more or less; what the recordings hold is the same."""
-    for kind in ("vlp16", "vls128"):
-        [path] = shared(f"data/velodyne_packets/{kind}").glob("*/*.db3")
-        scans = [parse_velodyne_scan(message) for message in recorded_scans(path)]
-        payload = np.concatenate([scan.payload for scan in scans])
-        sweeps = gathered(packet_stream(payload, np.concatenate([scan.stamps_ns for scan in scans])))
-        assert np.array_equal(np.concatenate([parse_velodyne_scan(sweep).payload for sweep in sweeps]), payload)
-        lengths = [len(parse_velodyne_scan(sweep)) for sweep in sweeps]
-        assert np.abs(np.subtract(lengths[1:-1], [len(scan) for scan in scans[1 : len(lengths) - 1]])).max() <= 1
-
-
 # --- what a sweep is
 
 
@@ -146,16 +129,6 @@ def test_ros1_and_ros2_with_or_without_definition(encoding: builders.Encoding, d
     np.testing.assert_array_equal(packets.stamps_ns, stamps_ns)
 
 
-def test_big_endian() -> None:
-    payload, stamps_ns = random_packets("VLP-16", packets=3)
-    messages = packet_stream(payload, stamps_ns)
-    swapped = [
-        m._replace(data=b"\0\0\0\0" + np.frombuffer(m.data[4:12], "<u4").astype(">u4").tobytes() + bytes(m.data[12:]))
-        for m in messages
-    ]
-    assert [bytes(m.data) for m in gathered(swapped)] == [bytes(m.data) for m in gathered(messages)]
-
-
 # --- what cannot be used
 
 
@@ -168,13 +141,6 @@ def test_packets_that_cannot_be_used_are_told_of() -> None:
     assert [len(sweep.defects) for sweep in sweeps] == [2, 0]
     assert "expected a velodyne_msgs/msg/VelodynePacket of 1218 bytes, found 900 bytes" in sweeps[0].defects[0]
     assert sweeps[0].defects[1] == f"{TOPIC}: lost"
-
-
-def test_no_packet_that_can_be_used() -> None:
-    messages = [m._replace(data=b"short") for m in stream([100, 200])]
-    [sweep] = gathered(messages)
-    with pytest.raises(MessageError, match="found 5 bytes"):
-        parse_velodyne_scan(sweep)
 
 
 # --- beside other messages
@@ -241,20 +207,3 @@ def test_a_window_holds_whole_sweeps() -> None:
             start_ns, stop_ns = found[first].log_time_ns, found[last].log_time_ns
             assert gathered(messages, start_ns=start_ns, stop_ns=stop_ns + 1) == found[first : last + 1]
             assert gathered(messages, start_ns=start_ns + 1, stop_ns=stop_ns) == found[first + 1 : last]
-
-
-def test_what_is_in_it() -> None:
-    payload, stamps_ns = random_packets("VLP-16", packets=300, start=0)
-    recording = sensor_messages(MemoryRecording(packet_stream(payload, stamps_ns)))
-    [info] = recording.topics
-    assert (info.msgtype, info.message_count, info.gathered_from) == (SCAN, 300, PACKET)
-    [topic] = survey(recording)
-    assert (topic.msgtype, topic.count) == (SCAN, 4)
-    assert topic.rate_hz == pytest.approx(10, rel=0.02)
-
-
-def test_only_the_topics_that_are_asked_for() -> None:
-    messages: list[Any] = [*stream([100, 200]), *stream([100, 200], topic="/b/packets"), other(START_NS)]
-    assert [m.topic for m in gathered(messages, ["/b/packets"])] == ["/b/packets"]
-    assert [m.topic for m in gathered(messages, ["/other"])] == ["/other"]
-    assert gathered(messages, ["/none"]) == []

@@ -11,7 +11,7 @@ from video import CODECS, T0, compressed_video, encode, ffmpeg, ffmpeg_packet, f
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.readers.messages.header_stamp import stamp_or_log_time
-from lidcam.readers.video.packets import COMPRESSED_VIDEO, FFMPEG_PACKET, read_packet
+from lidcam.readers.video.packets import FFMPEG_PACKET, read_packet
 
 FOXGLOVE = ("h264", "h265", "vp9", "av1")
 
@@ -117,11 +117,3 @@ def test_the_first_ffmpeg_packets_had_other_names() -> None:
     definition, _ = store.generate_msgdef(FFMPEG_PACKET)
     message = RawMessage(T0, T0, (0, 0), data, Channel("/v", FFMPEG_PACKET, "ros1", definition, "ros1msg"))
     assert (read_packet(message).codec, read_packet(message).is_key) == ("h264", True)
-
-
-@pytest.mark.parametrize("msgtype", [COMPRESSED_VIDEO, FFMPEG_PACKET])
-@pytest.mark.parametrize("text", ["uint8 nothing", "string format\nstring encoding", "int32 format\nint32[] data"])
-def test_another_type_of_the_same_name(msgtype: str, text: str) -> None:
-    message = RawMessage(T0, T0, (0, 0), bytes(40), Channel("/v", msgtype, "cdr", text, "ros2msg"))
-    with pytest.raises(MessageError):
-        read_packet(message)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from builders import camera_info, image, odometry, raw, tf_message, transform_stamped
 from builders import pointcloud2 as cloud
-from foxglove_messages import foxglove_raw, twin
+from foxglove_messages import twin
 from memory_recording import MemoryRecording
 from video import PERIOD_NS, T0, compressed_video, encode, ffmpeg, foxglove, moving, pixels, psnr_db
 
@@ -18,11 +18,9 @@ from lidcam.pipeline.core.settings.recording import TopicsConfig
 from lidcam.pipeline.core.settings.sync import SyncConfig
 from lidcam.pipeline.stages.sync.synchronize import synchronize
 from lidcam.readers.rig.discovery import Discovery, discover_rig
-from lidcam.readers.rig.first_messages import FirstMessages
-from lidcam.readers.rig.sensor_topics import Findings, find_camera_topics
 from lidcam.readers.streams.per_sensor import sensor_messages
 from lidcam.readers.streams.survey import survey
-from lidcam.readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME
+from lidcam.readers.video.packets import BEFORE_KEY_FRAME
 from lidcam.readers.video.streams import LOOK_BACK_NS, VideoStreams, first_image_size, video_topics
 
 COUNT, GOP = 12, 4
@@ -54,25 +52,9 @@ def test_other_messages_pass() -> None:
     assert [m.channel.msgtype for m in (found[1], found[4])] == ["sensor_msgs/msg/CompressedImage"] * 2
 
 
-def test_topics_side_by_side_do_not_disturb_each_other() -> None:
-    others = moving(COUNT, 80, 64)[::-1]
-    other = foxglove(encode(others, "h265", gop=GOP), "h265", topic="/other")
-    both = [message for pair in zip(FILM, other, strict=True) for message in pair]
-    found = streamed(both, [TOPIC, "/other"])
-    assert [m.topic for m in found] == [m.topic for m in both]
-    assert [m for m in found if m.topic == TOPIC] == streamed(FILM)
-    assert [m for m in found if m.topic == "/other"] == streamed(other, ["/other"])
-
-
 @pytest.mark.parametrize("first", range(1, COUNT))
 def test_a_window_shows_what_the_whole_shows(first: int) -> None:
     assert window(first) == [m._replace(order=(0, n)) for n, m in enumerate(streamed(FILM))][first:]
-
-
-def test_looking_back_holds_little(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lidcam.readers.video.streams.MAX_HELD_BYTES", 1000)
-    for first in (GOP - 1, COUNT - 1):
-        assert [m.data for m in window(first)] == [m.data for m in streamed(FILM)][first:]
 
 
 def test_a_window_with_no_key_frame_near_waits_for_the_next() -> None:
@@ -82,11 +64,6 @@ def test_a_window_with_no_key_frame_near_waits_for_the_next() -> None:
     assert [m.problem for m in found] == [BEFORE_KEY_FRAME] * (GOP - 2) + [""] * (COUNT - GOP)
     whole = streamed(messages)
     assert [m.data for m in found if not m.problem] == [m.data for m in whole[GOP:]]
-
-
-def test_damage_before_a_window() -> None:
-    messages = [*FILM[:1], FILM[1]._replace(data=FILM[1].data[:9]), *FILM[2:]]
-    assert [m.problem for m in window(2, messages)] == [AFTER_DAMAGE] * (GOP - 2) + [""] * (COUNT - GOP)
 
 
 def bundles_of(messages: Sequence[RawMessage]) -> tuple[list[SensorBundle], list[Drop], list[Drop]]:
@@ -125,16 +102,6 @@ def test_messages_without_an_image_leave_their_frame_and_are_counted() -> None:
     assert bundles[2].dropped_before[TOPIC, "cannot be decoded"] == 1
 
 
-def test_the_reason_tells_of_the_window() -> None:
-    streams = VideoStreams([TOPIC])
-    streams.look_back(MemoryRecording([]), T0)
-    [blank] = streams.decoded(FILM[1:2])
-    drops: list[Drop] = []
-    bundle = SensorBundle(0, T0, T0, {TOPIC: blank})
-    [kept] = streams.without_blanks([bundle], on_drop=drops.append, on_bad=drops.append)
-    assert (kept.messages, [drop.detail for drop in drops]) == ({}, ["none in the 10 s before --start"])
-
-
 @pytest.mark.parametrize("kind", ["h264", "h265", "vp9"])
 def test_the_size_of_the_first_image(kind: str) -> None:
     messages = foxglove(encode(moving(6, 80, 64), kind, gop=4), kind)
@@ -152,13 +119,6 @@ def test_foxglove_schemas_say_the_same(encoding: Any) -> None:
     assert [(t.topic, t.msgtype) for t in recording.topics] == [(TOPIC, "foxglove_msgs/msg/CompressedVideo")]
     found = [(m.stamp_ns, m.log_time_ns, m.data) for m in streamed(list(recording.messages()))]
     assert found == [(m.stamp_ns, m.log_time_ns, m.data) for m in streamed(FILM)]
-
-
-@pytest.mark.parametrize("fields", [{}, {"data": b"\1"}, {"format": "h264"}])
-def test_fields_that_a_foxglove_message_leaves_out(fields: dict[str, Any]) -> None:
-    message = foxglove_raw(TOPIC, "foxglove.CompressedVideo", fields, T0)
-    [found] = streamed(list(sensor_messages(MemoryRecording([message])).messages()))
-    assert (found.stamp_ns, bool(found.problem), found.data) == (T0, True, b"")
 
 
 def rig_of(film: Sequence[RawMessage], *, size: tuple[int, int] = (64, 48), **topics: Any) -> Discovery:
@@ -185,29 +145,6 @@ def test_a_camera_is_found(name: str) -> None:
         found = rig_of(film)
         assert [(c.name, c.topic, c.model.frame_id) for c in found.rig.cameras] == [("camera", topic, "camera")]
         assert not found.faults
-
-
-def test_a_calibration_for_another_size_is_told() -> None:
-    [fault] = rig_of(FILM, size=(128, 96)).faults
-    assert "its images are 64 x 48 px" in fault.reason
-
-
-@pytest.mark.parametrize("msgtype", ["sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"])
-def test_images_go_before_their_video(msgtype: str) -> None:
-    fields = image(IMAGES[0], stamp_ns=T0) if msgtype.endswith("/Image") else {"format": "jpeg"}
-    still = raw("/camera/image_raw", msgtype, fields, T0)
-    recording = MemoryRecording([still, *ffmpeg(PACKETS, topic="/camera/image_raw/ffmpeg")])
-    findings = Findings()
-    cameras = find_camera_topics(recording, TopicsConfig(), FirstMessages(recording), findings)
-    assert [camera.image for camera in cameras] == ["/camera/image_raw"]
-    assert findings.notes == ["/camera/image_raw/ffmpeg: images of the same camera as /camera/image_raw, not used"]
-
-
-def test_depth_as_video_is_no_image() -> None:
-    recording = MemoryRecording(ffmpeg(PACKETS, "hevc;gray12le;mono16;16UC1", topic="/camera/aligned/ffmpeg"))
-    findings = Findings()
-    cameras = find_camera_topics(recording, TopicsConfig(), FirstMessages(recording), findings)
-    assert (cameras, findings.notes) == ([], ["/camera/aligned/ffmpeg: depth or mask images, not used"])
 
 
 def test_without_the_decoder_the_topic_cannot_be_read(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -87,13 +87,6 @@ def test_messages_of_an_unlisted_topic_are_counted(database: Path) -> None:
         stamps(database)
 
 
-def test_databases_of_something_else(tmp_path: Path) -> None:
-    other = tmp_path / "other.db3"
-    change(other, "CREATE TABLE songs(id INTEGER)")
-    with pytest.raises(RecordingError, match="found an SQLite database with songs"):
-        open_recording([other])
-
-
 def test_what_the_recorder_left_in_its_journal_is_not_lost_in_silence(database: Path) -> None:
     database.with_name("rec.db3-wal").write_bytes(b"rows to come")
     with pytest.raises(RecordingError, match="the recorder did not close it"):

@@ -40,25 +40,11 @@ COLUMNS = "id INTEGER PRIMARY KEY, topic_id, timestamp, data"
     [
         (("UPDATE messages SET timestamp = -5 WHERE id = 3",), ROWS - 1, "before 1970, the first of them message 3"),
         (("UPDATE messages SET timestamp = -timestamp WHERE id < 9",), ROWS - 8, "before 1970"),
-        (("UPDATE messages SET timestamp = 'late' WHERE id = 3",), ROWS - 1, "message 3: expected integers"),
-        (("UPDATE messages SET timestamp = 1.5 WHERE id = 3",), ROWS - 1, "message 3: expected integers"),
-        (("UPDATE messages SET topic_id = 1e300 WHERE id = 3",), ROWS - 1, "message 3: expected integers"),
-        ((*rebuilt(COLUMNS), "UPDATE messages SET timestamp = NULL WHERE id = 3"), ROWS - 1, "log time None"),
-        ((*rebuilt(COLUMNS), "UPDATE messages SET timestamp = x'00' WHERE id = 3"), ROWS - 1, "log time b'"),
-        (rebuilt("id INTEGER PRIMARY KEY, topic_id, timestamp, data", " WITHOUT ROWID"), ROWS, ""),
+        (("UPDATE messages SET timestamp = 'late' WHERE id = 3",), ROWS - 1, "SQLite cannot read all of it"),
+        (("UPDATE messages SET topic_id = 1e300 WHERE id = 3",), ROWS - 1, "SQLite cannot read all of it"),
         (rebuilt("id, topic_id, timestamp, data"), ROWS, ""),
         (("UPDATE messages SET id = 9223372036854775807 WHERE id = 3",), ROWS, ""),
         (("UPDATE messages SET id = -id",), ROWS, ""),
-        (
-            (
-                "CREATE TABLE others AS SELECT * FROM topics",
-                "DROP TABLE topics",
-                "ALTER TABLE others RENAME TO topics",
-                "INSERT INTO topics(id, name, type, serialization_format) VALUES(77, NULL, 'a/msg/B', 'cdr')",
-            ),
-            ROWS,
-            "a topic without a number, name or type (found 77, None, 'a/msg/B')",
-        ),
         (("UPDATE topics SET name = CAST(name AS BLOB), type = CAST(type AS BLOB)",), ROWS, ""),
         (
             ("UPDATE message_definitions SET encoded_message_definition = CAST(encoded_message_definition AS BLOB)",),
@@ -76,7 +62,7 @@ def test_other_values(tmp_path: Path, statements: tuple[str, ...], left: int, to
     reasons = "; ".join(loss.reason for loss in losses)
     assert len(messages) == left, reasons
     assert {message.name for message in messages} == {message.name for message in SOUND.messages}
-    assert any(text in reasons for text in told.split("|")) if told else not reasons, reasons
+    assert told in reasons if told else not reasons, reasons
 
 
 def test_names_that_are_no_text_become_text(tmp_path: Path) -> None:

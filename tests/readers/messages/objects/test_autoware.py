@@ -3,12 +3,9 @@ from typing import Any
 
 import builders
 import numpy as np
-import pytest
 from object_messages import Recorded, autoware_message, autoware_object
 
-from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.core.settings.recording import LimitsConfig
 from lidcam.readers.messages.objects.autoware import ANY_HEADING_RAD2, decode_detected_objects
 from lidcam.readers.messages.objects.found import FoundObjects, ObjectClasses
 
@@ -34,12 +31,6 @@ def test_the_likeliest_class_counts() -> None:
     found = decode(named, nameless)
     assert found.class_ids.tolist() == [CLASSES.id_of("bus")]
     assert dict(found.unused) == {"no class with a score": 1}
-
-
-def test_a_class_that_is_not_configured_is_told_by_its_name() -> None:
-    other = one()
-    other["classification"] = [{"label": 11, "probability": 1.0}]
-    assert dict(decode(other).unused) == {"class 'under_drivable' is not configured": 1}
 
 
 def test_covariance_of_what_is_known() -> None:
@@ -70,21 +61,7 @@ def test_a_polygon_becomes_the_box_around_it() -> None:
     np.testing.assert_allclose(found.boxes.centers, centers, atol=1e-12)
 
 
-def test_too_many_objects() -> None:
-    many = autoware_message(5, [one()] * 4, topic="/o")
-    with pytest.raises(MessageError, match=r"/o: 4 boxes, expected at most 3: raise limits\.max_boxes"):
-        decode_detected_objects(many, CLASSES, limits=LimitsConfig(max_boxes=3))
-
-
 def test_without_a_recorded_definition_that_of_autoware_is_taken() -> None:
     message = autoware_message(5, [one()])
     bare = message._replace(channel=replace(message.channel, definition=""))
     assert len(decode_detected_objects(bare, CLASSES).boxes) == 1
-
-
-def test_a_type_of_the_same_name_with_other_fields() -> None:
-    message = autoware_message(5, [one()], topic="/o")
-    definition = message.channel.definition.replace("float32 existence_probability", "string existence_probability")
-    other = message._replace(channel=replace(message.channel, definition=definition))
-    with pytest.raises(MessageError, match=r"/o: .*(not a valid|cannot be used)"):
-        decode_detected_objects(other, CLASSES)

@@ -31,11 +31,6 @@ def test_every_field_is_read_from_its_place() -> None:
     np.testing.assert_array_equal(found.is_predicted, [True, False])
 
 
-def test_no_tracks() -> None:
-    found = decode_tracks(track_array([], stamp_ns=STAMP_NS))
-    assert (len(found), found.frame_id, dict(found.unused)) == (0, "site", {})
-
-
 @pytest.mark.parametrize(
     ("bad", "reason"),
     [
@@ -55,11 +50,6 @@ def test_tracks_that_cannot_be_used_are_counted(bad: dict[str, Any], reason: str
     np.testing.assert_array_equal(found.tracks.ids, [5, 4])
     np.testing.assert_array_equal(found.tracks.velocities, [[1, 2], [0, 0]])
     assert dict(found.unused) == {reason: 1}
-
-
-def test_existence_is_a_share() -> None:
-    found = decode_tracks(track_array([track(1, existence=1.5), track(2, existence=-1.0)], stamp_ns=STAMP_NS))
-    np.testing.assert_array_equal(found.tracks.existence, [1, 0])
 
 
 def test_messages_that_are_none() -> None:

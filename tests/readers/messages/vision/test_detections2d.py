@@ -41,15 +41,6 @@ def test_boxes_classes_and_scores(encoding: builders.Encoding) -> None:
     np.testing.assert_array_equal(found.boxes.class_ids, [1, 0])
 
 
-def test_best_hypothesis_counts() -> None:
-    found = decode(
-        detection(("car", 0.3), ("person", 0.9)),
-        detection(("car", 0.5), ("person", 0.5)),
-        detection(("car", math.nan), ("person", 0.1)),
-    )
-    np.testing.assert_array_equal(found.boxes.class_ids, [1, 0, 1])
-
-
 def test_ids_counts_and_other_classes() -> None:
     seen = {**detection(("car", 1.0), ("image_pixels", 250.0), ("occlusion", 0.25)), "id": "car7"}
     found = decode(seen, detection(("dog", 0.5), ("image_pixels", 9.0)), detection(("person", 1.0)), other_class_id=-1)
@@ -103,12 +94,6 @@ def test_numbers_as_classes() -> None:
     assert list(known.unused) == ["class '7' is not configured", "no class with a score"]
 
 
-def test_number_that_is_a_label() -> None:
-    raw = builders.raw("/boxes", MSGTYPE, {"detections": [detection(("2", 0.9))]}, STAMP_NS)
-    found = decode_detections2d(raw, {"2": 5, "car": 0}, class_names=("person", "bicycle", "car"))
-    np.testing.assert_array_equal(found.boxes.class_ids, [5])
-
-
 # --- older layouts, from the definitions of their time
 
 ROS1 = {
@@ -158,13 +143,3 @@ def test_older_layouts(definitions: dict[str, str], encoding: builders.Encoding,
     np.testing.assert_array_equal(found.boxes.scores, [0.5])
     np.testing.assert_array_equal(found.boxes.class_ids, [0])
     assert found.ids.tolist() == [""]
-
-
-def test_negative_numbers_of_ros1_count_something() -> None:
-    results = [{"id": 1, "score": 1.0}, {"id": -2, "score": 99.0}, {"id": -3, "score": 4.0}, {"id": -77, "score": 5.0}]
-    raw = old_message(ROS1, "ros1", [{"results": results, "bbox": OLD_BOX}])
-    found = decode_detections2d(raw, {"1": 0})
-    np.testing.assert_array_equal(found.boxes.class_ids, [0])
-    np.testing.assert_array_equal(found.boxes.scores, [1.0])
-    counts = {name: values.tolist() for name, values in found.counts.items()}
-    assert counts == {"image_pixels": [99.0], "instance": [4.0], "-77": [5.0]}

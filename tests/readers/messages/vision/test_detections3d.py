@@ -9,11 +9,9 @@ from message_layouts import message_of_layout
 from object_messages import Format, Recorded, boxes_message
 
 from lidcam.pipeline.core.detections import Boxes3D
-from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.pipeline.core.ros.messages import ROS2
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
-from lidcam.readers.messages.deserialize import typestore_for
 from lidcam.readers.messages.vision.detections3d import Detections3D, decode_detections3d
 from lidcam.readers.messages.vision.track_ids import track_ids
 from lidcam.writers.messages.detections import detections_3d
@@ -174,23 +172,6 @@ def of_layout(definitions: dict[str, str], **more: Any) -> RawMessage:
     detections = [{"results": [{"id": "4", "score": 0.5}], **more}]
     body = {"header": builders.header(STAMP_NS, "site"), "detections": detections}
     return message_of_layout(MSGTYPE, definitions, "cdr", body, topic="/objects", stamp_ns=STAMP_NS)
-
-
-@pytest.mark.parametrize(("definitions", "name"), [(TRACKED, "tracking_id"), (NAMED, "id")])
-@pytest.mark.parametrize("little_endian", [True, False])
-def test_fields_in_another_order(definitions: dict[str, str], name: str, little_endian: bool) -> None:
-    box = {"center": pose(), "size": {"x": 4.0, "y": 2.0, "z": 1.5}}
-    raw = of_layout(definitions, bbox=box, more=b"abc", **{name: "a1"})
-    store = typestore_for(raw.channel)
-    data = store.serialize_cdr(store.deserialize_cdr(raw.data, MSGTYPE), MSGTYPE, little_endian=little_endian)
-    found = decode_detections3d(raw._replace(data=bytes(data)))
-    assert (found.labels.tolist(), found.ids.tolist(), found.scores.tolist()) == (["4"], ["a1"], [0.5])
-    np.testing.assert_array_equal(found.centers, [[1, 2, 3]])
-
-
-def test_unknown_layout() -> None:
-    with pytest.raises(MessageError, match=r"/objects: .*whose values cannot be used .*bbox"):
-        decode_detections3d(of_layout(NO_BOX))
 
 
 # --- ids as numbers
