@@ -82,6 +82,14 @@ class Table:
         """The given rows (mask or indices), in that order; see `select_rows`."""
         return select_rows(self, rows)
 
+    def with_rows(self, rows: Indices, part: Self) -> Self:
+        """A copy in which the given rows of each array are those of `part`, in its order."""
+        columns = {}
+        for name in self.__dataclass_fields__:
+            columns[name] = getattr(self, name).copy()
+            columns[name][rows] = getattr(part, name)
+        return type(self)(**columns)
+
 
 def join_rows(*records: Record) -> Record:
     """One record of parallel arrays with the rows of each, one after another; other fields are those of the first."""

@@ -11,8 +11,7 @@ from lidcam.pipeline.core.rig import Zone
 from lidcam.pipeline.core.settings.load import load_config
 from lidcam.pipeline.tracking.fixed_frame import NO_TRACK_REASON, SightingsOf, with_tracks
 from lidcam.pipeline.tracking.motion import HEADING, SPEED
-from lidcam.pipeline.tracking.rows import NOT_SEEN, TrackRows
-from lidcam.pipeline.tracking.sightings import FrameSightings
+from lidcam.pipeline.tracking.sightings import NOT_SEEN, FrameSightings, TrackRows
 from lidcam.pipeline.tracking.trackers import object_tracker
 
 CONFIG = load_config()
@@ -138,7 +137,7 @@ def test_headings_stay_within_half_a_turn() -> None:
 def test_every_frame_is_given_once(mode: str, waits: bool) -> None:
     tracker = object_tracker(load_config(settings={"track.mode": mode}), RIG)
     assert tracker is not None
-    given = [len(tracker.add(frame(index))) for index in range(4)]
+    given = [len(tracker.add_frame(frame(index))) for index in range(4)]
     assert given == ([0] * 4 if waits else [1] * 4)
     left = tracker.finish()
     assert len(left) == (4 if waits else 0)
@@ -155,7 +154,7 @@ def test_a_camera_that_is_slower_than_the_frames_confirms_between_its_images(mod
         if index % 2:
             one = replace(one, detections=replace(one.detections, cameras={}))
             one = replace(one, hypotheses=replace(one.hypotheses, matches={}))
-        given += tracker.add(one)
+        given += tracker.add_frame(one)
     given += tracker.finish()
     assert [int((fused.matched > 0).sum()) for fused in given] == [1, 1, 1, 1]
 

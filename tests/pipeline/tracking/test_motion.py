@@ -98,5 +98,5 @@ def test_priors_of_a_model_are_those_of_the_car_in_its_scale() -> None:
     of_small = Priors.of_classes(small)
     np.testing.assert_allclose(of_small.speeds[0], PRIORS.speeds[0] / 14)
     np.testing.assert_allclose(of_small.noise[0, [0, 2]], PRIORS.noise[0, [0, 2]] / 14**2)
-    assert of_small.have_axis.tolist() == PRIORS.have_axis.tolist() == [True, False, True, True, True]
+    assert of_small.show_axis.tolist() == PRIORS.show_axis.tolist() == [True, False, True, True, True]
     assert PRIORS.are_solid.tolist() == [True, False, False, True, True]

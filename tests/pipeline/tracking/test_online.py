@@ -6,13 +6,12 @@ from tracked_scenes import CAR, PEDESTRIAN, PERIOD_S, PRIORS, Mover, scene, stra
 
 from lidcam.pipeline.tracking.motion import HEADING, SPEED
 from lidcam.pipeline.tracking.online import OnlineTracker
-from lidcam.pipeline.tracking.rows import NOT_SEEN, TrackRows
-from lidcam.pipeline.tracking.sightings import FrameSightings
+from lidcam.pipeline.tracking.sightings import NOT_SEEN, FrameSightings, TrackRows
 
 
 def tracked(frames: list[FrameSightings]) -> list[TrackRows]:
-    tracker = OnlineTracker(PRIORS, least_existence=0.5, max_gap_s=3.0)
-    return [rows for frame in frames for rows in tracker.add(frame)] + tracker.finish()
+    tracker = OnlineTracker(PRIORS, min_existence=0.5, max_gap_s=3.0)
+    return [rows for frame in frames for rows in tracker.add_frame(frame)] + tracker.finish()
 
 
 @pytest.mark.parametrize("movers", [[], [Mover(straight(0, 0, 0, 0))]])
