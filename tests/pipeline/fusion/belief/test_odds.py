@@ -8,13 +8,13 @@ from lidcam.pipeline.core.settings.classes import ROAD_CLASSES
 from lidcam.pipeline.detectors.log_odds import logit
 from lidcam.pipeline.fusion.belief.odds import (
     FITTED,
-    at_its_place,
     camera_evidence,
     joined,
     joined_without_each,
     log_odds_before_cameras,
+    match_radii_m,
+    position_probability,
     probability,
-    reach_of_classes,
 )
 from lidcam.pipeline.fusion.belief.visibility import Visibility
 
@@ -69,16 +69,16 @@ def test_what_is_rare_is_less_probable_and_what_has_points_more() -> None:
 def test_where_an_object_is() -> None:
     covariances = np.zeros((4, 3, 3))
     covariances[:, [0, 1], [0, 1]] = np.array([[0.0], [0.01], [1.0], [100.0]])
-    place = at_its_place(covariances, np.full(4, 2.0))
+    place = position_probability(covariances, np.full(4, 2.0))
     assert place.tolist() == pytest.approx([1, 1, 1 - np.exp(-2), 1 - np.exp(-0.02)])
-    assert reach_of_classes(ROAD_CLASSES)[:2].tolist() == [2.0, 0.875]
+    assert match_radii_m(ROAD_CLASSES)[:2].tolist() == [2.0, 0.875]
 
 
 def test_what_a_2d_box_proposes_has_less_behind_it_without_points() -> None:
     sources = np.array([Source.LIDAR, Source.BOTH, Source.CAMERA], np.uint8)
     is_lidar = np.array([True, False, False])
     odds = log_odds_before_cameras(np.full(3, 0.5), np.ones(3), LIDAR[0], sources, is_lidar, FITTED)
-    assert odds[1:].tolist() == [FITTED.led, FITTED.placed]
+    assert odds[1:].tolist() == [FITTED.frustum, FITTED.placed]
 
 
 def test_a_match_speaks_for_and_silence_against() -> None:

@@ -11,7 +11,7 @@ from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.settings.detect import ClusterConfig
 from lidcam.pipeline.fusion.cameras.sightings import Sightings, see
 from lidcam.pipeline.fusion.proposals.frustums import (
-    SHRINK_SHARE,
+    SIDE_MARGIN,
     Expected,
     FrustumPoints,
     Segments,
@@ -41,7 +41,7 @@ def test_points_are_those_projected_into_the_box(count: int, seed: int) -> None:
     found = inside(xyz, sightings)
     pixels, valid = CAMERA.model.project(CAMERA.T_camera_site.apply(xyz))
     for row, (left, top, right, bottom, *_) in enumerate(ROWS):
-        margin = SHRINK_SHARE * (right - left)
+        margin = SIDE_MARGIN * (right - left)
         u, v = pixels.T
         expected = valid & (u > left + margin) & (u < right - margin) & (v > top) & (v < bottom)
         off = np.setxor1d(found.rows[found.group == row], np.flatnonzero(expected))
