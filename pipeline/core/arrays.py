@@ -82,14 +82,6 @@ class Table:
         """The given rows (mask or indices), in that order; see `select_rows`."""
         return select_rows(self, rows)
 
-    def with_rows(self, rows: Indices, part: Self) -> Self:
-        """A copy in which the given rows of each array are those of `part`, in its order."""
-        columns = {}
-        for name in self.__dataclass_fields__:
-            columns[name] = getattr(self, name).copy()
-            columns[name][rows] = getattr(part, name)
-        return type(self)(**columns)
-
 
 def join_rows(*records: Record) -> Record:
     """One record of parallel arrays with the rows of each, one after another; other fields are those of the first."""
@@ -100,6 +92,16 @@ def join_rows(*records: Record) -> Record:
             for name, value in zip(names, [getattr(first, name) for name in names], strict=True)
         ]
     )
+
+
+def replace_rows(record: Record, rows: Indices, part: Record) -> Record:
+    """A copy of a record in which the given rows of each array are those of `part`, in its order; other fields stay."""
+    columns = {name: getattr(record, name) for name in _names(type(record))}
+    for name, values in columns.items():
+        if isinstance(values, np.ndarray):
+            columns[name] = values.copy()
+            columns[name][rows] = getattr(part, name)
+    return type(record)(**columns)
 
 
 def first_of_runs(values: Array) -> Bools:

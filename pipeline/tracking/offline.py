@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I64, Bools, first_of_runs
+from lidcam.pipeline.core.arrays import F64, I64, Bools, first_of_runs, replace_rows
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.detectors.log_odds import logit
 from lidcam.pipeline.fusion.belief.odds import probability
@@ -141,7 +141,7 @@ class OfflineTracker:
             if rows[track] < 0 and number in row_of:
                 rows[track] = row_of.pop(number)
         found = np.flatnonzero(rows >= 0)
-        return History.none(count, len(self._priors)).with_rows(found, self._history.select(rows[found]))
+        return replace_rows(History.none(count, len(self._priors)), found, self._history.select(rows[found]))
 
     def _carry(self, scene: Scene, estimates: Estimates, history: History, kept: Bools, until: int) -> None:
         """Keep the frames with which the next window begins, and the history of their tracks."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices, Table, join_rows
+from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices, Table, join_rows, replace_rows
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.detectors.log_odds import logit
 from lidcam.pipeline.fusion.assignment import assign
@@ -250,7 +250,7 @@ class OnlineTracker:
             heights_m=sightings.heights_m,
             shared_covariances=SHARED_ERROR * noise[:, :2, :2],
         )
-        live = live.with_rows(tracks, seen)
+        live = replace_rows(live, tracks, seen)
         return replace(live, log_odds=np.clip(live.log_odds, MIN_LOG_ODDS, MAX_LOG_ODDS))
 
     def _with_fronts(self, live: _Live) -> _Live:

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.geometry.pose_samples import OdometryPose
-from lidcam.pipeline.stages.odometry import MOST_POINTS, FindOdometry
+from lidcam.pipeline.stages.odometry import MAX_POINTS, FindOdometry
 
 PERIOD_NS = 100_000_000
 START_NS = 1_600_000_000_000_000_000
@@ -107,7 +107,7 @@ def test_a_moving_rig_is_followed(course: Callable[[int], F64], scale: float) ->
 def test_a_rig_with_dense_clouds_is_followed_by_a_part_of_their_points() -> None:
     truth = [turning(i) for i in range(5)]
     clouds = [seen(T, seed=i, density=40.0) for i, T in enumerate(truth)]
-    assert all(len(cloud) > MOST_POINTS for cloud in clouds)
+    assert all(len(cloud) > MAX_POINTS for cloud in clouds)
     assert (errors_m(found(clouds), truth)[2:] < 0.1).all()
 
 
