@@ -77,16 +77,6 @@ def test_the_order_of_the_cameras_does_not_matter() -> None:
     assert len({classified(SIZES[PEDESTRIAN], PEDESTRIAN, order) for order in permutations(votes)}) == 1
 
 
-def test_only_the_class_changes_and_the_input_is_left_as_it_was() -> None:
-    boxes = boxes3d([(5.0, 1.0, 0.5, *SIZES[PEDESTRIAN], 0.3)] * 2, class_ids=[PEDESTRIAN] * 2)
-    given = Hypotheses(boxes, {"cam": matches((1, 0), boxes=2), "silent": matches(boxes=2)}, 2)
-    found = Classify(ROAD_CLASSES)(given, {"cam": seen(0.9, BICYCLE)})
-    assert found.boxes.class_ids.tolist() == [PEDESTRIAN, BICYCLE]
-    np.testing.assert_array_equal(found.boxes.sizes, boxes.sizes)
-    assert (found.matches, found.lidar_count) == (given.matches, 2)
-    assert boxes.class_ids.tolist() == [PEDESTRIAN] * 2
-
-
 def test_no_boxes() -> None:
     given = Hypotheses(boxes3d([]), {"cam": matches(boxes=0)}, 0)
     assert len(Classify(ROAD_CLASSES)(given, {"cam": seen(0.5, CAR)}).boxes) == 0

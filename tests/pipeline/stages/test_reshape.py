@@ -101,12 +101,3 @@ def test_nothing_to_do() -> None:
     cloud, lidar = found(REAR)
     other = load_config(settings=("detect3d.method=none",))
     assert_unchanged(reshaped(cloud, lidar, [TRUCK], config=other), lidar, 0)
-
-
-def test_a_rig_of_cameras_alone_has_no_points_to_fit() -> None:
-    cloud = combined()
-    assert len(Detect3D(rig(), Config())(cloud)) == 0
-    _, lidar = found(REAR)
-    before = Hypotheses(replace(lidar, class_ids=np.array([TRUCK], np.int32)), {}, len(lidar))
-    after = reshape_of(rig(), Config())(cloud, before, lidar)
-    assert_unchanged(after.boxes, before.boxes, 0, but=())

@@ -90,12 +90,6 @@ def test_what_stands_is_not_turned_by_the_boxes_of_few_points_that_it_begins_wit
     assert np.abs(np.sin(found.motions.states[:, HEADING])).max() < 0.1
 
 
-def test_what_moved_by_half_its_length_has_the_front_of_its_boxes() -> None:
-    found = estimated(*one_track(scene([Mover(straight(0, 0, 0, -0.8))], 30)), PRIORS)
-    assert np.cos(found.motions.states[:, HEADING]).min() > 0.9
-    assert not found.fronts_known.any()
-
-
 def test_boxes_across_a_vehicle_that_stands_do_not_turn_it_round() -> None:
     across = {20 + k: 0.3 + 0.3 * k for k in range(9)}
     frames = scene([Mover(lambda t: (0.9 * (t > 2.4), 0.0, across.get(round(t / PERIOD_S), 0.0)))], 40)

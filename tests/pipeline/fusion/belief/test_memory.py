@@ -80,14 +80,6 @@ def test_what_other_cameras_said_is_kept_until_it_is_said_anew() -> None:
     assert asked(memory, cars((10, 0), (30, 0))).tolist() == [6.0, 0.0]
 
 
-def test_nothing_is_asked_and_nothing_is_known() -> None:
-    memory = kept(cars(), [])
-    memory.advance(0.1, STILL)
-    assert asked(memory, cars((1, 1))).tolist() == [0.0]
-    assert asked(kept(cars((1, 1)), [1.0]), cars()).shape == (0,)
-    assert kept(cars((1, 1)), [1.0]).recalled(cars((1, 1)), np.zeros(1, np.bool_)).tolist() == [0.0]
-
-
 SURE, DOUBTFUL = 5.0, -1.0
 
 
@@ -106,11 +98,6 @@ def learn(recall: RecallCounts, seen: Visibility, before: float, times: int = 1)
     odds: F64 = np.full(seen.size_px.shape[1], before)
     for _ in range(times):
         recall.learn(seen, odds, np.zeros(seen.size_px.shape), FITTED)
-
-
-def test_the_prior_grows_with_size() -> None:
-    recall = RecallCounts(["cam"])
-    assert [plain(recall, "cam", size) for size in (5, 20, 30, 60, 300)] == pytest.approx(PRIOR_RECALL)
 
 
 def test_a_camera_that_sees_nothing_loses_its_say() -> None:

@@ -18,7 +18,6 @@ from lidcam.pipeline.fusion.belief.odds import (
 )
 from lidcam.pipeline.fusion.belief.visibility import Visibility
 
-SCORE = st.floats(0, 1)
 LIDAR = np.full(3, 20, np.int32), np.zeros(3, np.uint8), np.ones(3, np.bool_)
 """Points, sources, and whether the lidars found them."""
 
@@ -50,14 +49,6 @@ def test_probabilities_and_log_odds_are_each_others_inverse_within_limits() -> N
     np.testing.assert_allclose(probability(logit(p)), p)
     assert np.isfinite(logit(np.array([0.0, 1.0]))).all()
     assert 0 < probability(np.array([-1e9]))[0] < probability(np.array([1e9]))[0] < 1
-
-
-@given(SCORE, SCORE)
-def test_a_higher_score_of_the_lidars_is_more_probable(one: float, two: float) -> None:
-    scores = np.array(sorted((one, two)))
-    points, sources, is_lidar = LIDAR
-    found = log_odds_before_cameras(scores, np.ones(2), points[:2], sources[:2], is_lidar[:2], FITTED)
-    assert found[0] <= found[1]
 
 
 def test_what_is_rare_is_less_probable_and_what_has_points_more() -> None:
@@ -96,13 +87,6 @@ def test_a_box_of_something_else_says_less_and_no_more_against_it_than_none() ->
 
 def test_silence_of_a_camera_that_could_not_see_it_says_nothing() -> None:
     assert evidence(views(in_view=False)) == evidence(views(visible=0.1)) == evidence(views(), 0.0) == 0
-
-
-def test_silence_says_less_of_what_is_harder_to_see() -> None:
-    assert evidence(views()) < evidence(views(visible=0.4)) < 0
-    assert evidence(views()) < evidence(views(is_cut=True)) < 0
-    assert evidence(views(), 0.9) < evidence(views(), 0.5) < 0
-    assert np.isfinite(evidence(views(), 1.0))
 
 
 @given(st.lists(st.floats(-5, 5), min_size=1, max_size=8))

@@ -62,10 +62,6 @@ def shown(place: Box) -> F64:
     return moved_px
 
 
-def test_a_box_in_the_middle_keeps_its_edges() -> None:
-    assert moved((12, 0, 0, 4, 1.8, 1.5, 0.3)).tolist() == [[0, 0, 0, 0]]
-
-
 @pytest.mark.parametrize(
     "place",
     [
@@ -85,7 +81,3 @@ def test_what_is_beyond_a_border_shows_nothing() -> None:
     above: Sequence[float] = moved((10, 0, 30, 4, 1.8, 1.5, 0.0))[0]
     assert above[0] > 100
     assert above[2] == pytest.approx(above[0])
-
-
-def test_none() -> None:
-    assert moved_by_borders(boxes3d([]), np.zeros(0, np.int64), CameraArrays.of([])).shape == (0, 4)
