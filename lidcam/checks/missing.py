@@ -8,10 +8,10 @@ from lidcam.pipeline.core.rig import BOXES_SUFFIX, Rig
 from lidcam.pipeline.stages.sync.attendance import Absence
 
 MAX_SPANS_NAMED = 3
-"""Spans of silence in the text about one sensor."""
+"""Maximum number of spans of silence named per sensor."""
 
 MIN_FRAMES = 10
-"""In fewer frames than these a sensor of a lower rate may be missing by chance."""
+"""Minimum number of frames before a sensor counts as absent: a slow one may be missing by chance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class SilentSpan:
 
 @dataclass(frozen=True, slots=True)
 class MissingSensor:
-    """A sensor without which frames had to do.
+    """A sensor that is missing in some frames.
 
     Attributes:
         sensor: Its name, or that of its boxes.

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from lidcam.pipeline.core.frame import Missing
 
 MAX_SILENCES = 100
-"""Spans kept for each topic; further ones prolong the last."""
+"""Maximum number of spans kept per topic; further ones extend the last."""
 
 
 class Silence(NamedTuple):
@@ -53,7 +53,7 @@ class Attendance:
         self._frame_ns = 0
 
     def hear(self, topic: str, log_time_ns: int | None) -> None:
-        """Take note of a topic's last message in a part of the recording; None: there was none."""
+        """Record a topic's last message in a part of the recording; None: there was none."""
         if log_time_ns is not None:
             self._heard_ns[topic] = log_time_ns
 

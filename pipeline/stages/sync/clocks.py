@@ -1,4 +1,4 @@
-"""Correction of stamps: offsets are taken off, impossible stamps dropped, and a part ends where time jumps back.
+"""Correction of stamps: offsets are removed, impossible stamps dropped, and a part ends where time jumps back.
 
 A message is judged by the stamp before it on its topic, and by its delay (log time minus stamp). One that goes back by
 more than a second, or is that much further ahead of the recorder than those before it, is held until the next message
@@ -15,13 +15,13 @@ from typing import Literal, NamedTuple
 from lidcam.pipeline.core.messages import Drop, RawMessage, time_fault
 
 JUMP_NS = 1_000_000_000
-"""Steps beyond this are no disorder between messages, nor a change in how long they take to the recorder."""
+"""Minimum step of a jump, nanoseconds; smaller ones are disorder or changes of the recording delay."""
 
 MAX_FIRST_DELAY_NS = 10_000_000_000
-"""A topic's first message is believed at once if it was recorded at most so long after its stamp, and not before it."""
+"""Maximum recording delay of a topic's first message that is accepted at once, nanoseconds."""
 
 DELAYS = 5
-"""Delays of a topic that are kept: the least of them is its usual one."""
+"""Number of delays kept per topic; the minimum is its usual one."""
 
 NO_TIME = "its stamp cannot be a time"
 NO_LOG_TIME = "its log time cannot be a time"

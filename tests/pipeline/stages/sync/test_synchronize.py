@@ -11,7 +11,6 @@ from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.messages import Channel, Drop, RawMessage
 from lidcam.pipeline.core.settings.sync import SyncConfig
-from lidcam.pipeline.stages.sync.policy import DropReason
 from lidcam.pipeline.stages.sync.synchronize import SyncStats
 from lidcam.pipeline.stages.sync.synchronize import synchronize as synchronize_
 
@@ -29,13 +28,11 @@ DEFAULTS = SyncConfig()
 
 
 def synchronize(
-    messages: Iterable[RawMessage], config: SyncConfig = DEFAULTS, *, flush: bool = True
+    messages: Iterable[RawMessage], config: SyncConfig = DEFAULTS
 ) -> tuple[list[SensorBundle], list[Drop], SyncStats]:
     drops: list[Drop] = []
     stats = SyncStats()
-    bundles = synchronize_(
-        messages, ["/t1", "/t0"], config, reference="/t0", on_drop=drops.append, flush=flush, stats=stats
-    )
+    bundles = synchronize_(messages, ["/t1", "/t0"], config, reference="/t0", on_drop=drops.append, stats=stats)
     return list(bundles), drops, stats
 
 
@@ -79,12 +76,6 @@ def test_bundles_count_what_was_left_out_before_them(arrivals: list[tuple[int, i
     for bundle in synchronize_(messages, ["/t0", "/t1"], config, reference="/t0", on_drop=drops.append):
         told.update(bundle.dropped_before)
         assert told == Counter((drop.topic, drop.reason) for drop in drops)
-
-
-def test_without_flush_the_last_frame_is_dropped_as_in_ros() -> None:
-    bundles, drops, _ = synchronize(frames(3), flush=False)
-    assert len(bundles) == 2
-    assert drops == [Drop("/t1", 210 * MS, DropReason.END), Drop("/t0", 200 * MS, DropReason.END)]
 
 
 def test_max_interval_bounds_approximate_time() -> None:
