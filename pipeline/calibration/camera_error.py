@@ -74,23 +74,15 @@ _DERIVATIVE_STEPS = np.array([1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3, 1e-3])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraError:
-    """The estimated error of one camera.
+    """The estimated error of one camera."""
 
-    Attributes:
-        values: (7,) float64: rotation about x, y, z of its optical frame (radians) and translation along them (metres),
-            so that `motion(values) @ T_camera_site` is the pose that fits; delay of the images against their stamps,
-            seconds.
-        sigmas: (7,) float64, standard deviations; 0 for values that were not free.
-        size_m: Object size: median of the geometric mean of length and width, metres.
-        pairs: Number of pairs used.
-        tracks: Number of tracks they belong to.
-    """
-
+    # (7,) float64: rotation about x, y, z of its optical frame (radians) and translation along them (metres), so that
+    # `motion(values) @ T_camera_site` is the pose that fits; delay of the images against their stamps, seconds
     values: F64
-    sigmas: F64
-    size_m: float
-    pairs: int
-    tracks: int
+    sigmas: F64  # (7,) float64, standard deviations; 0 for values that were not free
+    size_m: float  # Object size: median of the geometric mean of length and width, metres
+    pairs: int  # Number of pairs used
+    tracks: int  # Number of tracks they belong to
 
     @property
     def units(self) -> F64:

@@ -59,18 +59,13 @@ STEPS = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LidarError:
-    """The estimated error of a lidar's pose against another's.
+    """The estimated error of a lidar's pose against another's."""
 
-    Attributes:
-        values: (6,) float64: rotation about the axes of the site frame, through the lidar (radians), and translation
-            along them (metres), that moves its points onto the other's surfaces.
-        sigmas: (6,) float64, standard deviations.
-        matches: Number of points on common planes.
-    """
-
+    # (6,) float64: rotation about the axes of the site frame, through the lidar (radians), and translation along them
+    # (metres), that moves its points onto the other's surfaces
     values: F64
-    sigmas: F64
-    matches: int
+    sigmas: F64  # (6,) float64, standard deviations
+    matches: int  # Number of points on common planes
 
 
 def lidar_error(frames: Sequence[tuple[F64, F64]], origin_site: F64) -> LidarError | None:

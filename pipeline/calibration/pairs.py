@@ -25,37 +25,21 @@ STEP_NS = 50_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackedPairs(Table):
-    """P pairs of a lidar's box and a 2D box of one camera.
+    """P pairs of a lidar's box and a 2D box of one camera."""
 
-    Attributes:
-        xyxy: (P, 4) float64 left, top, right, bottom of the 2D box, pixels.
-        centers: (P, 3) float64 of the lidar's box, metres in the site frame at the frame's time.
-        sizes: (P, 3) float64 length, width, height, metres.
-        yaws: (P,) float64 radians.
-        covariances: (P, 3, 3) float64 of x, y, yaw; zeros where unknown.
-        later_s: (P,) float64, time of the image after that of the box, seconds.
-        velocities: (P, 2) float64 of the object over the ground, m/s along x and y of the site frame.
-        velocity_covariances: (P, 2, 2) float64.
-        yaw_rates: (P,) float64 of the object over the ground, rad/s.
-        T_camera_site: (P, 4, 4) float64, the camera where it took the image.
-        own_motion: (P, 6) float64 of the site frame at that time, along and about its axes, m/s and rad/s.
-        tracks: (P,) int64 number of the object's track.
-        stamps_ns: (P,) int64 time of the image.
-    """
-
-    xyxy: F64
-    centers: F64
-    sizes: F64
-    yaws: F64
-    covariances: F64
-    later_s: F64
-    velocities: F64
-    velocity_covariances: F64
-    yaw_rates: F64
-    T_camera_site: F64
-    own_motion: F64
-    tracks: I64
-    stamps_ns: I64
+    xyxy: F64  # (P, 4) float64 left, top, right, bottom of the 2D box, pixels
+    centers: F64  # (P, 3) float64 of the lidar's box, metres in the site frame at the frame's time
+    sizes: F64  # (P, 3) float64 length, width, height, metres
+    yaws: F64  # (P,) float64 radians
+    covariances: F64  # (P, 3, 3) float64 of x, y, yaw; zeros where unknown
+    later_s: F64  # (P,) float64, time of the image after that of the box, seconds
+    velocities: F64  # (P, 2) float64 of the object over the ground, m/s along x and y of the site frame
+    velocity_covariances: F64  # (P, 2, 2) float64
+    yaw_rates: F64  # (P,) float64 of the object over the ground, rad/s
+    T_camera_site: F64  # (P, 4, 4) float64, the camera where it took the image
+    own_motion: F64  # (P, 6) float64 of the site frame at that time, along and about its axes, m/s and rad/s
+    tracks: I64  # (P,) int64 number of the object's track
+    stamps_ns: I64  # (P,) int64 time of the image
 
     def __post_init__(self) -> None:
         n = len(self.tracks)

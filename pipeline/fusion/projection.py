@@ -64,14 +64,10 @@ class Outline:
     """Points of P objects, along the axes of their boxes.
 
     A point is at `signs * size / 2 + offsets`: it keeps its distance to the sides of the box when the box grows.
-
-    Attributes:
-        signs: (S, 3) float64 in [-1, 1].
-        offsets: (P, S, 3) float64 metres; P may be 1 if they are the same for all.
     """
 
-    signs: F64
-    offsets: F64
+    signs: F64  # (S, 3) float64 in [-1, 1]
+    offsets: F64  # (P, S, 3) float64 metres; P may be 1 if they are the same for all
 
     def __post_init__(self) -> None:
         check_array("signs", self.signs, (len(self.signs), 3), np.float64)
@@ -140,19 +136,12 @@ def _round_points(*, bent: bool) -> tuple[F64, F64, F64]:
 
 @dataclass(frozen=True, eq=False)
 class CameraArrays(Table):
-    """P cameras as arrays, row by row.
+    """P cameras as arrays, row by row."""
 
-    Attributes:
-        rotations: (P, 3, 3) float64, site to camera.
-        translations: (P, 3) float64, the site's origin in the optical frames, metres.
-        lenses: P lenses.
-        image_sizes: (P, 2) float64 width, height, pixels.
-    """
-
-    rotations: F64
-    translations: F64
-    lenses: Lenses
-    image_sizes: F64
+    rotations: F64  # (P, 3, 3) float64, site to camera
+    translations: F64  # (P, 3) float64, the site's origin in the optical frames, metres
+    lenses: Lenses  # P lenses
+    image_sizes: F64  # (P, 2) float64 width, height, pixels
 
     def __post_init__(self) -> None:
         n = len(self.rotations)
@@ -187,17 +176,11 @@ def camera_arrays(cameras: tuple[CameraSensor, ...]) -> CameraArrays:
 
 
 class ProjectedEdges(NamedTuple):
-    """Rectangles around P projected boxes, not clipped to the image.
+    """Rectangles around P projected boxes, not clipped to the image."""
 
-    Attributes:
-        xyxy: (P, 4) float64 left, top, right, bottom in pixels.
-        jacobian: (P, 4, 7) float64, derivatives of these edges by `PARAMETERS`.
-        valid: (P,) whether the whole box is in front of the camera and within the lens model; other rows are
-            meaningless.
-    """
-
-    xyxy: F64
-    jacobian: F64
+    xyxy: F64  # (P, 4) float64 left, top, right, bottom in pixels
+    jacobian: F64  # (P, 4, 7) float64, derivatives of these edges by `PARAMETERS`
+    # (P,) whether the whole box is in front of the camera and within the lens model; other rows are meaningless
     valid: Bools
 
 

@@ -55,17 +55,11 @@ MIN_SCORE = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pairs(Table):
-    """Q pairs of a 3D box and a 2D box in the same image, within the gate.
+    """Q pairs of a 3D box and a 2D box in the same image, within the gate."""
 
-    Attributes:
-        seen: (Q,) int64 row of the projected 3D boxes, rising.
-        found: (Q,) int64 row of the 2D boxes of all cameras.
-        iou: (Q,) float64 overlap.
-    """
-
-    seen: I64
-    found: I64
-    iou: F64
+    seen: I64  # (Q,) int64 row of the projected 3D boxes, rising
+    found: I64  # (Q,) int64 row of the 2D boxes of all cameras
+    iou: F64  # (Q,) float64 overlap
 
 
 class Associate:

@@ -107,21 +107,13 @@ class Combine:
 
 
 class _Ground(NamedTuple):
-    """The ground, and rows of points by it.
+    """The ground, and rows of points by it."""
 
-    Attributes:
-        plane: None if there is none.
-        relief: Deviation of the ground from the plane.
-        left: Kept points that are not near the plane.
-        on_plane: Kept points near the plane.
-        above: Points that are not near the actual ground, kept or not.
-    """
-
-    plane: Plane | None
-    relief: Relief | None
-    left: Indices
-    on_plane: Indices
-    above: Indices
+    plane: Plane | None  # None if there is none
+    relief: Relief | None  # Deviation of the ground from the plane
+    left: Indices  # Kept points that are not near the plane
+    on_plane: Indices  # Kept points near the plane
+    above: Indices  # Points that are not near the actual ground, kept or not
 
 
 def _in_range(cloud: PointCloud, min_range_m: float, max_range_m: float) -> PointCloud:

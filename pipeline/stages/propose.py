@@ -47,14 +47,10 @@ TOO_VAGUE = "without points, and cameras cannot tell where its object stands"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Proposed:
-    """Hypotheses of one frame.
+    """Hypotheses of one frame."""
 
-    Attributes:
-        boxes: The boxes of the lidars, then those that 2D boxes propose.
-        left_out: Number of unmatched 2D boxes that propose no object, by reason.
-    """
-
-    boxes: Boxes3D
+    boxes: Boxes3D  # The boxes of the lidars, then those that 2D boxes propose
+    # Number of unmatched 2D boxes that propose no object, by reason
     left_out: Mapping[str, int] = field(default_factory=dict)
 
 

@@ -58,29 +58,17 @@ NO_AXIS_VARIANCE = 400.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimates:
-    """T tracks, ordered by their first sighting.
+    """T tracks, ordered by their first sighting."""
 
-    Attributes:
-        courses: First and last frames.
-        motions: (N,) by cell, with positions of the centres.
-        are_seen: (N,) bool, by cell.
-        sightings: (N,) by cell, the sighting; -1 where not seen.
-        standing: (N,) bool, by cell.
-        votes: (T, C) sums of beliefs by class.
-        class_ids: (T,).
-        sizes: (T, 3).
-        fronts_known: (T,) bool.
-    """
-
-    courses: Courses
-    motions: Motions
-    are_seen: Bools
-    sightings: I64
-    standing: Bools
-    votes: F64
-    class_ids: I64
-    sizes: F64
-    fronts_known: Bools
+    courses: Courses  # First and last frames
+    motions: Motions  # (N,) by cell, with positions of the centres
+    are_seen: Bools  # (N,) bool, by cell
+    sightings: I64  # (N,) by cell, the sighting; -1 where not seen
+    standing: Bools  # (N,) bool, by cell
+    votes: F64  # (T, C) sums of beliefs by class
+    class_ids: I64  # (T,)
+    sizes: F64  # (T, 3)
+    fronts_known: Bools  # (T,) bool
 
     def __len__(self) -> int:
         return len(self.class_ids)
@@ -94,23 +82,14 @@ class Estimates:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Hits:
-    """H sightings that belong to tracks, by track and then by frame.
+    """H sightings that belong to tracks, by track and then by frame."""
 
-    Attributes:
-        tracks: (H,).
-        rows: (H,) row of the scene's sightings.
-        frames: (H,).
-        firsts: (T,) first hit of each track.
-        lasts: (T,) last hit of each track.
-        sightings: (H,).
-    """
-
-    tracks: I64
-    rows: Indices
-    frames: I64
-    firsts: Indices
-    lasts: Indices
-    sightings: Sightings
+    tracks: I64  # (H,)
+    rows: Indices  # (H,) row of the scene's sightings
+    frames: I64  # (H,)
+    firsts: Indices  # (T,) first hit of each track
+    lasts: Indices  # (T,) last hit of each track
+    sightings: Sightings  # (H,)
 
     def __len__(self) -> int:
         """Number of tracks."""
@@ -119,25 +98,15 @@ class _Hits:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class History(Table):
-    """Results about T tracks from an earlier stretch of the recording.
+    """Results about T tracks from an earlier stretch of the recording."""
 
-    Attributes:
-        ids: (T,) int64, number of the track; 0 for a new one.
-        votes: (T, C) sums of beliefs by class.
-        sizes: (T, 3), NaN where unknown.
-        headings: (T,) heading in the first frame of the track in this stretch; NaN where the front is not known.
-        log_odds: (T,) sum of the log odds of its frames.
-        counts: (T,) int64, number of frames.
-        firsts_ns: (T,) int64, time of the first sighting; -1 of a new track.
-    """
-
-    ids: I64
-    votes: F64
-    sizes: F64
-    headings: F64
-    log_odds: F64
-    counts: I64
-    firsts_ns: I64
+    ids: I64  # (T,) int64, number of the track; 0 for a new one
+    votes: F64  # (T, C) sums of beliefs by class
+    sizes: F64  # (T, 3), NaN where unknown
+    headings: F64  # (T,) heading in the first frame of the track in this stretch; NaN where the front is not known
+    log_odds: F64  # (T,) sum of the log odds of its frames
+    counts: I64  # (T,) int64, number of frames
+    firsts_ns: I64  # (T,) int64, time of the first sighting; -1 of a new track
 
     @classmethod
     def none(cls, count: int, class_count: int) -> Self:
@@ -155,19 +124,12 @@ class History(Table):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pass:
-    """A solution for the states of all tracks.
+    """A solution for the states of all tracks."""
 
-    Attributes:
-        courses: T tracks.
-        cells: N cells.
-        cell_of_hit: (H,) cell of each hit.
-        motions: (N,) by cell, with positions of the centres.
-    """
-
-    courses: Courses
-    cells: Cells
-    cell_of_hit: Indices
-    motions: Motions
+    courses: Courses  # T tracks
+    cells: Cells  # N cells
+    cell_of_hit: Indices  # (H,) cell of each hit
+    motions: Motions  # (N,) by cell, with positions of the centres
 
 
 def estimated(scene: Scene, track_of: I64, priors: Priors, history: History | None = None) -> Estimates:

@@ -34,24 +34,16 @@ _IDENTITY = np.eye(STATE)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Priors(Table):
-    """Motion priors of each class, from its size alone: the same for a car of 1:14 and for a bus.
+    """Motion priors of each class, from its size alone: the same for a car of 1:14 and for a bus."""
 
-    Attributes:
-        lengths_m: (C,) length of the class, metres.
-        scales_m: (C,) unit of length of its motion, metres; limited, as long vehicles are no faster.
-        noise: (C, 5) densities of acceleration, yaw acceleration, position and heading, and the speed, m/s, above which
-            it turns freely: less when slower, not at all when standing. 0 for people.
-        speeds: (C,) standard deviation of the speed at the first sighting, m/s.
-        show_axis: (C,) bool, whether the box shows the axis of the motion, as it does not for people on foot.
-        are_solid: (C,) bool, whether points show both ends, as thin wheels and limbs do not.
-    """
-
-    lengths_m: F64
-    scales_m: F64
+    lengths_m: F64  # (C,) length of the class, metres
+    scales_m: F64  # (C,) unit of length of its motion, metres; limited, as long vehicles are no faster
+    # (C, 5) densities of acceleration, yaw acceleration, position and heading, and the speed, m/s, above which it turns
+    # freely: less when slower, not at all when standing. 0 for people
     noise: F64
-    speeds: F64
-    show_axis: Bools
-    are_solid: Bools
+    speeds: F64  # (C,) standard deviation of the speed at the first sighting, m/s
+    show_axis: Bools  # (C,) bool, whether the box shows the axis of the motion, as it does not for people on foot
+    are_solid: Bools  # (C,) bool, whether points show both ends, as thin wheels and limbs do not
 
     @classmethod
     def of_classes(cls, classes: Sequence[ClassPrior]) -> Self:

@@ -48,42 +48,25 @@ MIN_END_POINTS = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sightings(Table):
-    """N objects that a frame may show.
+    """N objects that a frame may show."""
 
-    Attributes:
-        rows: (N,) int64, row of the hypothesis.
-        boxes: (N, 3) float64, x, y of the centre and yaw, in the fixed frame.
-        heights_m: (N,) float64, z of the centre.
-        sizes: (N, 3) float64, length, width, height, metres.
-        covariances: (N, 3, 3) float64 of `boxes`; zeros where unknown.
-        later_s: (N,) float64, time of measurement after the stamp of the frame.
-        beliefs: (N,) float64, probability of an object of the class at this place.
-        class_ids: (N,) int64.
-        are_reported: (N,) bool, whether the frame by itself reports it.
-        matched: (N,) int32, number of cameras that matched it.
-        point_counts: (N,) int32.
-        sources: (N,) uint8.
-        sides: (N, 2) float64 in [-1, 1], position of the lidars along its length and width: 1 beyond its front, or
-            its left side.
-        faces: (N, 2) float64, visibility of its length and its width for the lidars, 1/m^2.
-        end_points: (N, 2, 3) float64, its foremost and rearmost point: x and y in the fixed frame, and seconds after
-            the stamp; NaN with too few points.
-    """
-
-    rows: I64
-    boxes: F64
-    heights_m: F64
-    sizes: F64
-    covariances: F64
-    later_s: F64
-    beliefs: F64
-    class_ids: I64
-    are_reported: Bools
-    matched: I32
-    point_counts: I32
-    sources: U8
+    rows: I64  # (N,) int64, row of the hypothesis
+    boxes: F64  # (N, 3) float64, x, y of the centre and yaw, in the fixed frame
+    heights_m: F64  # (N,) float64, z of the centre
+    sizes: F64  # (N, 3) float64, length, width, height, metres
+    covariances: F64  # (N, 3, 3) float64 of `boxes`; zeros where unknown
+    later_s: F64  # (N,) float64, time of measurement after the stamp of the frame
+    beliefs: F64  # (N,) float64, probability of an object of the class at this place
+    class_ids: I64  # (N,) int64
+    are_reported: Bools  # (N,) bool, whether the frame by itself reports it
+    matched: I32  # (N,) int32, number of cameras that matched it
+    point_counts: I32  # (N,) int32
+    sources: U8  # (N,) uint8
+    # (N, 2) float64 in [-1, 1], position of the lidars along its length and width: 1 beyond its front, or its left side
     sides: F64
-    faces: F64
+    faces: F64  # (N, 2) float64, visibility of its length and its width for the lidars, 1/m^2
+    # (N, 2, 3) float64, its foremost and rearmost point: x and y in the fixed frame, and seconds after the stamp; NaN
+    # with too few points
     end_points: F64
 
 
@@ -103,23 +86,14 @@ class FrameSightings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """The sightings of a stretch of frames.
+    """The sightings of a stretch of frames."""
 
-    Attributes:
-        stamps_ns: (F,) int64, times of the frames.
-        stamps_s: (F,) times since the first frame.
-        sites_xy: (F, 2) positions of the rig.
-        sightings: N sightings, frame by frame.
-        frames: (N,) frame of each.
-        starts: (F + 1,) first sighting of each frame, and N.
-    """
-
-    stamps_ns: I64
-    stamps_s: F64
-    sites_xy: F64
-    sightings: Sightings
-    frames: I64
-    starts: I64
+    stamps_ns: I64  # (F,) int64, times of the frames
+    stamps_s: F64  # (F,) times since the first frame
+    sites_xy: F64  # (F, 2) positions of the rig
+    sightings: Sightings  # N sightings, frame by frame
+    frames: I64  # (N,) frame of each
+    starts: I64  # (F + 1,) first sighting of each frame, and N
 
     @classmethod
     def of(cls, frames: list[FrameSightings]) -> Self:
@@ -138,32 +112,19 @@ class Scene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackRows(Table):
-    """N tracks in one frame, by rising number.
+    """N tracks in one frame, by rising number."""
 
-    Attributes:
-        ids: (N,) int64.
-        states: (N, 5) float64, as in `lidcam.pipeline.tracking.motion`, at the frame's stamp; positions are those of
-            the centres.
-        covariances: (N, 5, 5) float64.
-        heights_m: (N,) float64, z of the centre.
-        sizes: (N, 3) float64.
-        class_ids: (N,) int64.
-        existence: (N,) float64.
-        ages_s: (N,) float64.
-        fronts_known: (N,) bool.
-        seen: (N,) int64, row of the frame's `Sightings`, or `NOT_SEEN`.
-    """
-
-    ids: I64
+    ids: I64  # (N,) int64
+    # (N, 5) float64, as in `lidcam.pipeline.tracking.motion`, at the frame's stamp; positions are those of the centres
     states: F64
-    covariances: F64
-    heights_m: F64
-    sizes: F64
-    class_ids: I64
-    existence: F64
-    ages_s: F64
-    fronts_known: Bools
-    seen: I64
+    covariances: F64  # (N, 5, 5) float64
+    heights_m: F64  # (N,) float64, z of the centre
+    sizes: F64  # (N, 3) float64
+    class_ids: I64  # (N,) int64
+    existence: F64  # (N,) float64
+    ages_s: F64  # (N,) float64
+    fronts_known: Bools  # (N,) bool
+    seen: I64  # (N,) int64, row of the frame's `Sightings`, or `NOT_SEEN`
 
     @classmethod
     def none(cls) -> Self:

@@ -30,25 +30,15 @@ STANDING_TURN_SIGMA_RAD_S = 0.002
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Courses(Table):
-    """T tracks, each from its first to its last frame.
+    """T tracks, each from its first to its last frame."""
 
-    Attributes:
-        firsts: (T,) int64, first frame.
-        lasts: (T,) int64, last frame.
-        states: (T, 5) in the first frame, with positions of the rear axles.
-        covariances: (T, 5, 5) of the states.
-        noise: (T, 5), as in `Priors`.
-        speeds: (T,) standard deviation of the speed of the class, m/s.
-        rear_m: (T,) distance of the rear axles behind the centres.
-    """
-
-    firsts: I64
-    lasts: I64
-    states: F64
-    covariances: F64
-    noise: F64
-    speeds: F64
-    rear_m: F64
+    firsts: I64  # (T,) int64, first frame
+    lasts: I64  # (T,) int64, last frame
+    states: F64  # (T, 5) in the first frame, with positions of the rear axles
+    covariances: F64  # (T, 5, 5) of the states
+    noise: F64  # (T, 5), as in `Priors`
+    speeds: F64  # (T,) standard deviation of the speed of the class, m/s
+    rear_m: F64  # (T,) distance of the rear axles behind the centres
 
     @property
     def starts(self) -> I64:
@@ -74,21 +64,13 @@ class Courses(Table):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cells(Table):
-    """The measurements of each frame of each track; placeholders where it is not seen.
+    """The measurements of each frame of each track; placeholders where it is not seen."""
 
-    Attributes:
-        are_seen: (N,) bool.
-        boxes: (N, 3) centre and yaw.
-        noise: (N, 3, 3) covariances of the boxes.
-        later_s: (N,) time of measurement after the frame's stamp.
-        standing: (N,) bool, whether the track is known to stand.
-    """
-
-    are_seen: Bools
-    boxes: F64
-    noise: F64
-    later_s: F64
-    standing: Bools
+    are_seen: Bools  # (N,) bool
+    boxes: F64  # (N, 3) centre and yaw
+    noise: F64  # (N, 3, 3) covariances of the boxes
+    later_s: F64  # (N,) time of measurement after the frame's stamp
+    standing: Bools  # (N,) bool, whether the track is known to stand
 
 
 def smoothed(courses: Courses, cells: Cells, stamps_s: F64) -> Motions:

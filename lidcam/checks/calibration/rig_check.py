@@ -82,24 +82,16 @@ _AXES = ("about x", "about y", "about z", "along x", "along y", "along z")
 
 
 class CameraVerdict(NamedTuple):
-    """The verdict on one camera.
+    """The verdict on one camera."""
 
-    Attributes:
-        camera: As calibrated.
-        pair_count: Number of pairs of boxes.
-        track_count: Number of tracks they belong to.
-        error: Its error; where values are significant, fitted with these alone. None if too few pairs are known or
-            the pose is wrong by many degrees.
-        significant: (7,) values of the error that are reported.
-        coarse: Warning of a pose that is wrong by many degrees.
-    """
-
-    camera: CameraSensor
-    pair_count: int
-    track_count: int
+    camera: CameraSensor  # As calibrated
+    pair_count: int  # Number of pairs of boxes
+    track_count: int  # Number of tracks they belong to
+    # Its error; where values are significant, fitted with these alone. None if too few pairs are known or the pose is
+    # wrong by many degrees
     error: CameraError | None
-    significant: Bools
-    coarse: RunWarning | None
+    significant: Bools  # (7,) values of the error that are reported
+    coarse: RunWarning | None  # Warning of a pose that is wrong by many degrees
 
     @property
     def warning(self) -> RunWarning | None:
@@ -128,19 +120,12 @@ class CameraVerdict(NamedTuple):
 
 
 class LidarVerdict(NamedTuple):
-    """The verdict on two lidars.
+    """The verdict on two lidars."""
 
-    Attributes:
-        first: The reference.
-        second: The lidar that is judged.
-        error: The error of the second; None if they see too little in common.
-        significant: (6,) values of the error that are reported.
-    """
-
-    first: LidarSensor
-    second: LidarSensor
-    error: LidarError | None
-    significant: Bools
+    first: LidarSensor  # The reference
+    second: LidarSensor  # The lidar that is judged
+    error: LidarError | None  # The error of the second; None if they see too little in common
+    significant: Bools  # (6,) values of the error that are reported
 
     @property
     def warning(self) -> RunWarning | None:

@@ -32,37 +32,22 @@ CUT_RECALL = 0.7
 
 
 class Coefficients(NamedTuple):
-    """Coefficients of the logistic model; `benchmarks/measured/belief_fit.py` fits them.
+    """Coefficients of the logistic model; `benchmarks/measured/belief_fit.py` fits them."""
 
-    Attributes:
-        lidar: Log odds of a lidar box of score 0.5, of one point and of a class of frequency 1.
-        lidar_score: Factor of the logit of its score.
-        lidar_frequency: Factor of the logarithm of `frequency` of its class: fewer boxes of rare classes are right.
-        lidar_points: Factor of the logarithm of the number of its points.
-        placed: Log odds of an object placed by a camera alone, without its 2D box.
-        frustum: Log odds of an object whose points were sought in the frustum of a 2D box, without that box.
-        frustum_score: Factor of the logit of the score of its points.
-        match: Log likelihood ratio of a match with a 2D box of score 0.5 and no overlap.
-        match_score: Factor of the logit of the 2D score.
-        match_iou: Factor of the overlap.
-        missed: Factor of the log likelihood of not being found by a camera that should have.
-        further: Weight of each further camera that agrees with the first: cameras are not independent.
-        in_view: Added to the log odds of a network's lidar box in view of a camera: false people in a cloud often
-            look like people in an image, too.
-    """
-
-    lidar: float
-    lidar_score: float
-    lidar_frequency: float
-    lidar_points: float
-    placed: float
-    frustum: float
-    frustum_score: float
-    match: float
-    match_score: float
-    match_iou: float
-    missed: float
-    further: float
+    lidar: float  # Log odds of a lidar box of score 0.5, of one point and of a class of frequency 1
+    lidar_score: float  # Factor of the logit of its score
+    lidar_frequency: float  # Factor of the logarithm of `frequency` of its class: fewer boxes of rare classes are right
+    lidar_points: float  # Factor of the logarithm of the number of its points
+    placed: float  # Log odds of an object placed by a camera alone, without its 2D box
+    frustum: float  # Log odds of an object whose points were sought in the frustum of a 2D box, without that box
+    frustum_score: float  # Factor of the logit of the score of its points
+    match: float  # Log likelihood ratio of a match with a 2D box of score 0.5 and no overlap
+    match_score: float  # Factor of the logit of the 2D score
+    match_iou: float  # Factor of the overlap
+    missed: float  # Factor of the log likelihood of not being found by a camera that should have
+    further: float  # Weight of each further camera that agrees with the first: cameras are not independent
+    # Added to the log odds of a network's lidar box in view of a camera: false people in a cloud often look like people
+    # in an image, too
     in_view: float
 
 

@@ -50,29 +50,17 @@ _POINTS = "Array(float32, 2, 'A', True)"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Visibility:
-    """Visibility of N hypotheses for the C cameras with 2D boxes in this frame, or an empty list of them.
+    """Visibility of N hypotheses for the C cameras with 2D boxes in this frame, or an empty list of them."""
 
-    Attributes:
-        cameras: (C) names.
-        in_view: (C, N) bool, whether a part of the box lies in the image.
-        size_px: (C, N) float64, geometric mean of width and height of its rectangle, pixels; 0 out of view.
-        visible: (C, N) float64 in [0, 1], share that no other object and no point hides; 0 out of view.
-        is_cut: (C, N) bool, whether it reaches the border of the image.
-        is_matched: (C, N) bool, whether it has a 2D box.
-        scores: (C, N) float64, score of that box; 0 without one.
-        iou: (C, N) float64, overlap with that box; 0 without one.
-        agreement: (C, N) float64, `class_agreement` of that box with the hypothesis; 0 without one.
-    """
-
-    cameras: tuple[str, ...]
-    in_view: Bools
-    size_px: F64
-    visible: F64
-    is_cut: Bools
-    is_matched: Bools
-    scores: F64
-    iou: F64
-    agreement: F64
+    cameras: tuple[str, ...]  # (C) names
+    in_view: Bools  # (C, N) bool, whether a part of the box lies in the image
+    size_px: F64  # (C, N) float64, geometric mean of width and height of its rectangle, pixels; 0 out of view
+    visible: F64  # (C, N) float64 in [0, 1], share that no other object and no point hides; 0 out of view
+    is_cut: Bools  # (C, N) bool, whether it reaches the border of the image
+    is_matched: Bools  # (C, N) bool, whether it has a 2D box
+    scores: F64  # (C, N) float64, score of that box; 0 without one
+    iou: F64  # (C, N) float64, overlap with that box; 0 without one
+    agreement: F64  # (C, N) float64, `class_agreement` of that box with the hypothesis; 0 without one
 
     def __post_init__(self) -> None:
         shape = self.in_view.shape

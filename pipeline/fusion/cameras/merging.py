@@ -34,17 +34,11 @@ QUARTER_RAD = np.pi / 2 - 1e-6
 
 
 class Moments(NamedTuple):
-    """Means and covariances of placements over all headings.
+    """Means and covariances of placements over all headings."""
 
-    Attributes:
-        xy: (P, 2) float64 centre, metres in the site frame.
-        yaw_rad: (P,) float64 mean axis, in (-pi/2, pi/2] but for rounding; the direction of view if unknown.
-        covariances: (P, 3, 3) float64 over x, y (m^2) and yaw (rad^2).
-    """
-
-    xy: F64
-    yaw_rad: F64
-    covariances: F64
+    xy: F64  # (P, 2) float64 centre, metres in the site frame
+    yaw_rad: F64  # (P,) float64 mean axis, in (-pi/2, pi/2] but for rounding; the direction of view if unknown
+    covariances: F64  # (P, 3, 3) float64 over x, y (m^2) and yaw (rad^2)
 
 
 def moments(placements: Placements, view_xy: F64) -> Moments:

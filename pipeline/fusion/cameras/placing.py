@@ -72,17 +72,11 @@ class SizePriors(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Placements(Table):
-    """Positions of P objects, for each of the H `HEADINGS`.
+    """Positions of P objects, for each of the H `HEADINGS`."""
 
-    Attributes:
-        xy: (P, H, 2) float64 centre, metres in the site frame.
-        covariances: (P, H, 2, 2) float64, m^2.
-        log_weights: (P, H) float64 log likelihood of each heading; not normalised.
-    """
-
-    xy: F64
-    covariances: F64
-    log_weights: F64
+    xy: F64  # (P, H, 2) float64 centre, metres in the site frame
+    covariances: F64  # (P, H, 2, 2) float64, m^2
+    log_weights: F64  # (P, H) float64 log likelihood of each heading; not normalised
 
     @classmethod
     def empty(cls) -> "Placements":
@@ -96,43 +90,25 @@ class Placements(Table):
 
 
 class Placed(NamedTuple):
-    """Objects that cameras place, and their sightings.
+    """Objects that cameras place, and their sightings."""
 
-    Attributes:
-        boxes: Boxes of source CAMERA.
-        sightings: The 2D boxes of all cameras.
-        objects: (P,) int64 row of `boxes` that each sighting belongs to.
-        placements: Placement of its object by each sighting alone.
-        out_of_image: Number of other 2D boxes, entirely outside of the image.
-    """
-
-    boxes: Boxes3D
-    sightings: Sightings
-    objects: I64
-    placements: Placements
-    out_of_image: int = 0
+    boxes: Boxes3D  # Boxes of source CAMERA
+    sightings: Sightings  # The 2D boxes of all cameras
+    objects: I64  # (P,) int64 row of `boxes` that each sighting belongs to
+    placements: Placements  # Placement of its object by each sighting alone
+    out_of_image: int = 0  # Number of other 2D boxes, entirely outside of the image
 
 
 class _Shape(NamedTuple):
-    """Extents of P objects in the frame of the ray to their centre, under each heading, metres.
+    """Extents of P objects in the frame of the ray to their centre, under each heading, metres."""
 
-    Attributes:
-        along: (4, P, H) of the corners, from the centre away from the camera.
-        aside: (4, P, H) of the same corners, to the left.
-        depth: (P, H) from the centre to the nearest corner, along the ray.
-        variances: (2, P, H) of the positions of lower and upper edge along the ray, m^2.
-        across_std: (P, H) standard deviation of the apparent width.
-        height: (P, 1)
-        height_std: (P, 1)
-    """
-
-    along: F64
-    aside: F64
-    depth: F64
-    variances: F64
-    across_std: F64
-    height: F64
-    height_std: F64
+    along: F64  # (4, P, H) of the corners, from the centre away from the camera
+    aside: F64  # (4, P, H) of the same corners, to the left
+    depth: F64  # (P, H) from the centre to the nearest corner, along the ray
+    variances: F64  # (2, P, H) of the positions of lower and upper edge along the ray, m^2
+    across_std: F64  # (P, H) standard deviation of the apparent width
+    height: F64  # (P, 1)
+    height_std: F64  # (P, 1)
 
     @classmethod
     def of(cls, bearing: F64, mean_m: F64, std_m: F64) -> "_Shape":

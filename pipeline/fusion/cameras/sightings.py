@@ -37,68 +37,40 @@ _AROUND = np.array([[0, 0], [0.5, 0], [1, 0], [1, 0.5], [1, 1], [0.5, 1], [0, 1]
 
 @dataclass(frozen=True, eq=False)
 class Sightings(Table):
-    """P 2D boxes, camera by camera, and in each by falling score, then by class and position.
+    """P 2D boxes, camera by camera, and in each by falling score, then by class and position."""
 
-    Attributes:
-        cameras: (P,) int64 number of the camera, in the order of the views.
-        rows: (P,) int64 row of `Boxes2D` of that camera.
-        xyxy: (P, 4) float64 left, top, right, bottom in pixels, clipped to the image.
-        cut: (P, 4) whether each of these edges lies at the border of the image.
-        scores: (P,) float64 in [0, 1].
-        class_ids: (P,) int64.
-        stamps_ns: (P,) int64 time of the image.
-        views: The P boxes' cameras.
-        origin: (P, 3) float64 the camera, metres in the site frame.
-        rays: (P, 8, 3) float64 directions of the corners and the middles of the edges, clockwise from the left top
-            corner, in the site frame; of depth 1.
-    """
-
-    cameras: I64
-    rows: I64
-    xyxy: F64
-    cut: Bools
-    scores: F64
-    class_ids: I64
-    stamps_ns: I64
-    views: CameraArrays
-    origin: F64
+    cameras: I64  # (P,) int64 number of the camera, in the order of the views
+    rows: I64  # (P,) int64 row of `Boxes2D` of that camera
+    xyxy: F64  # (P, 4) float64 left, top, right, bottom in pixels, clipped to the image
+    cut: Bools  # (P, 4) whether each of these edges lies at the border of the image
+    scores: F64  # (P,) float64 in [0, 1]
+    class_ids: I64  # (P,) int64
+    stamps_ns: I64  # (P,) int64 time of the image
+    views: CameraArrays  # The P boxes' cameras
+    origin: F64  # (P, 3) float64 the camera, metres in the site frame
+    # (P, 8, 3) float64 directions of the corners and the middles of the edges, clockwise from the left top corner, in
+    # the site frame; of depth 1
     rays: F64
 
 
 class Noise(NamedTuple):
-    """Standard deviations of the inputs of a placement.
+    """Standard deviations of the inputs of a placement."""
 
-    Attributes:
-        pixel_px: Edge of a 2D box.
-        outline: Edge of a 2D box, as a share of the root of its area, in addition.
-        ground_m: Height of the ground.
-        ground_slope: Slope of the ground between camera and object, rise over run.
-        bearing_rad: Direction of a camera about the vertical.
-    """
-
-    pixel_px: float
-    outline: float
-    ground_m: float
-    ground_slope: float
-    bearing_rad: float
+    pixel_px: float  # Edge of a 2D box
+    outline: float  # Edge of a 2D box, as a share of the root of its area, in addition
+    ground_m: float  # Height of the ground
+    ground_slope: float  # Slope of the ground between camera and object, rise over run
+    bearing_rad: float  # Direction of a camera about the vertical
 
 
 class Observed(NamedTuple):
-    """P 2D boxes as (P,) float64 each.
+    """P 2D boxes as (P,) float64 each."""
 
-    Attributes:
-        left: Bearing of the left edge about +z of the site, radians.
-        width: Bearing of the left edge minus that of the right one, radians.
-        lower: Slope of the ray to the middle of the lower edge, rise over run; negative downwards.
-        upper: Slope of the ray to the middle of the upper edge.
-        stds: (P, 4) standard deviations of left, top, right and bottom: bearings in radians, slopes rise over run.
-    """
-
-    left: F64
-    width: F64
-    lower: F64
-    upper: F64
-    stds: F64
+    left: F64  # Bearing of the left edge about +z of the site, radians
+    width: F64  # Bearing of the left edge minus that of the right one, radians
+    lower: F64  # Slope of the ray to the middle of the lower edge, rise over run; negative downwards
+    upper: F64  # Slope of the ray to the middle of the upper edge
+    stds: F64  # (P, 4) standard deviations of left, top, right and bottom: bearings in radians, slopes rise over run
 
     @property
     def middle(self) -> F64:

@@ -29,17 +29,11 @@ MIN_SIGMAS = np.array([1e-3, 1e-3, 1e-2])
 
 @dataclass(frozen=True, eq=False)
 class BoxBelief:
-    """Position and class of N boxes without cameras.
+    """Position and class of N boxes without cameras."""
 
-    Attributes:
-        covariances: (N, 3, 3) float64 of x, y, yaw, regular.
-        log_classes: (N, K) float64, logarithm of the probability of each class, up to a constant.
-        confusion: (K, K) float64 from `class_confusion`.
-    """
-
-    covariances: F64
-    log_classes: F64
-    confusion: F64
+    covariances: F64  # (N, 3, 3) float64 of x, y, yaw, regular
+    log_classes: F64  # (N, K) float64, logarithm of the probability of each class, up to a constant
+    confusion: F64  # (K, K) float64 from `class_confusion`
 
     @cached_property
     def information(self) -> F64:
@@ -53,37 +47,22 @@ class BoxBelief:
 
 
 class MatchedPairs(NamedTuple):
-    """T matched pairs of a box in an image and a 2D box.
+    """T matched pairs of a box in an image and a 2D box."""
 
-    Attributes:
-        seen: (T,) int64 row of the projected rectangles, each at most once.
-        class_ids: (T,) int32 class of the 2D box.
-        differences: (T, 4) float64, features of the 2D box less those of the projected rectangle.
-        noise: (T, 4) float64, variances of these differences, without those from the position of the 3D box.
-        squared: (T,) float64 squared distance of the 2D box, in standard deviations.
-        jacobians: (T, 4, 3) float64, derivatives of the features by x, y, yaw.
-    """
-
-    seen: I64
-    class_ids: I32
-    differences: F64
-    noise: F64
-    squared: F64
-    jacobians: F64
+    seen: I64  # (T,) int64 row of the projected rectangles, each at most once
+    class_ids: I32  # (T,) int32 class of the 2D box
+    differences: F64  # (T, 4) float64, features of the 2D box less those of the projected rectangle
+    noise: F64  # (T, 4) float64, variances of these differences, without those from the position of the 3D box
+    squared: F64  # (T,) float64 squared distance of the 2D box, in standard deviations
+    jacobians: F64  # (T, 4, 3) float64, derivatives of the features by x, y, yaw
 
 
 class Others(NamedTuple):
-    """Position and class of each of P boxes in an image, by the box itself and the other cameras.
+    """Position and class of each of P boxes in an image, by the box itself and the other cameras."""
 
-    Attributes:
-        shifts: (P, 3) float64 corrections of x, y (metres) and yaw (radians) of the box.
-        covariances: (P, 3, 3) float64 of x, y, yaw.
-        log_classes: (P, K) float64, logarithm of the probability that a 2D detector gives each class.
-    """
-
-    shifts: F64
-    covariances: F64
-    log_classes: F64
+    shifts: F64  # (P, 3) float64 corrections of x, y (metres) and yaw (radians) of the box
+    covariances: F64  # (P, 3, 3) float64 of x, y, yaw
+    log_classes: F64  # (P, K) float64, logarithm of the probability that a 2D detector gives each class
 
 
 def feature_jacobian(xyxy: F32, jacobian: F64) -> F64:

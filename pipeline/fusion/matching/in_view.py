@@ -26,22 +26,15 @@ MAX_COVERS = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InView(Table):
-    """The P pairs of a camera and a box that it sees in part, ordered by camera, then by box.
+    """The P pairs of a camera and a box that it sees in part, ordered by camera, then by box."""
 
-    Attributes:
-        cameras: (P,) int64 number of the camera.
-        rows: (P,) int64 row of the box.
-        xyxy: (P, 4) float32 left, top, right, bottom in pixels, clipped to the image.
-        jacobian: (P, 4, 3) float64, derivatives of these edges by x, y (metres) and yaw (radians) of the box; zero
-            where an edge is the border of the image, or the box reaches behind the camera.
-        ranges_m: (P,) float64 distance of the box's centre from the camera.
-    """
-
-    cameras: I64
-    rows: I64
-    xyxy: F32
+    cameras: I64  # (P,) int64 number of the camera
+    rows: I64  # (P,) int64 row of the box
+    xyxy: F32  # (P, 4) float32 left, top, right, bottom in pixels, clipped to the image
+    # (P, 4, 3) float64, derivatives of these edges by x, y (metres) and yaw (radians) of the box; zero where an edge is
+    # the border of the image, or the box reaches behind the camera
     jacobian: F64
-    ranges_m: F64
+    ranges_m: F64  # (P,) float64 distance of the box's centre from the camera
 
 
 def project_into_views(boxes: Boxes3D, views: Sequence[CameraSensor], arrays: CameraArrays) -> InView:

@@ -45,23 +45,14 @@ MAX_CLEAR_SHARE = 0.8
 
 
 class FittedObjects(NamedTuple):
-    """G objects.
+    """G objects."""
 
-    Attributes:
-        sighting: (G,) int64 row of the 2D box of each, rising.
-        boxes: Fitted boxes, with the classes of the 2D boxes.
-        iou: (G,) float64 overlap of the projected box with that 2D box.
-        worth: (G,) float64 log likelihood of its points given the 2D box, up to a constant.
-        rows: (P,) int64 rows of its points in `CombinedCloud.detection_cloud`, object after object.
-        starts: (G,) int64 first of `rows` of each object.
-    """
-
-    sighting: I64
-    boxes: Candidates3D
-    iou: F64
-    worth: F64
-    rows: I64
-    starts: I64
+    sighting: I64  # (G,) int64 row of the 2D box of each, rising
+    boxes: Candidates3D  # Fitted boxes, with the classes of the 2D boxes
+    iou: F64  # (G,) float64 overlap of the projected box with that 2D box
+    worth: F64  # (G,) float64 log likelihood of its points given the 2D box, up to a constant
+    rows: I64  # (P,) int64 rows of its points in `CombinedCloud.detection_cloud`, object after object
+    starts: I64  # (G,) int64 first of `rows` of each object
 
 
 class ObjectFitter:

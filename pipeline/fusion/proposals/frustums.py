@@ -36,21 +36,13 @@ MAX_DISTANCE = 3.5
 
 @dataclass(frozen=True, eq=False)
 class FrustumPoints(Table):
-    """P points in frustums, frustum after frustum; a point may be in several.
+    """P points in frustums, frustum after frustum; a point may be in several."""
 
-    Attributes:
-        rows: (P,) int64 row of each in the cloud, rising within a frustum.
-        group: (P,) int64 the frustum.
-        share_x: (P,) float64 position between the left side of the frustum, 0, and the right one, 1.
-        share_y: (P,) float64 position from top, 0, to bottom, 1.
-        along_m: (P,) float64 horizontal distance from the camera, in the direction of the frustum's middle.
-    """
-
-    rows: I64
-    group: I64
-    share_x: F64
-    share_y: F64
-    along_m: F64
+    rows: I64  # (P,) int64 row of each in the cloud, rising within a frustum
+    group: I64  # (P,) int64 the frustum
+    share_x: F64  # (P,) float64 position between the left side of the frustum, 0, and the right one, 1
+    share_y: F64  # (P,) float64 position from top, 0, to bottom, 1
+    along_m: F64  # (P,) float64 horizontal distance from the camera, in the direction of the frustum's middle
 
 
 def points_in_frustums(xyz: F32, sightings: Sightings, min_m: F64, max_m: F64) -> FrustumPoints:
@@ -107,38 +99,24 @@ def _sides(sightings: Sightings, low: F64, high: F64, min_m: F64, max_m: F64) ->
 
 
 class Expected(NamedTuple):
-    """Expected position and extent of the object in each of F frustums.
+    """Expected position and extent of the object in each of F frustums."""
 
-    Attributes:
-        front_m: (F,) float64 horizontal distance of its near side from the camera.
-        front_std_m: (F,) float64 standard deviation of that distance.
-        reach_m: (F,) float64 maximum distance of its points behind the nearest one.
-        clear_share: (F,) float64 share of its height, from the ground up, without points.
-        gap_share: (F,) float64 distance between points there, as a share of its height: an object may continue up and
-            down to the next beams of the lidar.
-    """
-
-    front_m: F64
-    front_std_m: F64
-    reach_m: F64
-    clear_share: F64
+    front_m: F64  # (F,) float64 horizontal distance of its near side from the camera
+    front_std_m: F64  # (F,) float64 standard deviation of that distance
+    reach_m: F64  # (F,) float64 maximum distance of its points behind the nearest one
+    clear_share: F64  # (F,) float64 share of its height, from the ground up, without points
+    # (F,) float64 distance between points there, as a share of its height: an object may continue up and down to the
+    # next beams of the lidar
     gap_share: F64
 
 
 class Segments(NamedTuple):
-    """The chosen segments of G frustums, at most one of each.
+    """The chosen segments of G frustums, at most one of each."""
 
-    Attributes:
-        group: (G,) int64 frustum of each, rising.
-        points: (P,) int64 rows of the `FrustumPoints`, segment after segment.
-        starts: (G,) int64 first of `points` of each segment.
-        worth: (G,) float64 log likelihood of the segment given the 2D box, up to a constant.
-    """
-
-    group: I64
-    points: I64
-    starts: I64
-    worth: F64
+    group: I64  # (G,) int64 frustum of each, rising
+    points: I64  # (P,) int64 rows of the `FrustumPoints`, segment after segment
+    starts: I64  # (G,) int64 first of `points` of each segment
+    worth: F64  # (G,) float64 log likelihood of the segment given the 2D box, up to a constant
 
 
 def choose_segments(

@@ -58,18 +58,12 @@ class BoxPrior(NamedTuple):
 
     The yaw among them is the apparent one in images. A cuboid fitted to another shape is turned alike in all images, so
     the box follows the apparent yaw by a share.
-
-    Attributes:
-        covariances: (N, 7, 7) float64.
-        information: (N, 7, 7) float64, their inverses.
-        yaw_shares: (N,) float64 in [0, 1], share by which the yaw of a box follows the apparent one.
-        yaw_rests: (N,) float64, variance of the yaw of a box given the apparent one, rad^2.
     """
 
-    covariances: F64
-    information: F64
-    yaw_shares: F64
-    yaw_rests: F64
+    covariances: F64  # (N, 7, 7) float64
+    information: F64  # (N, 7, 7) float64, their inverses
+    yaw_shares: F64  # (N,) float64 in [0, 1], share by which the yaw of a box follows the apparent one
+    yaw_rests: F64  # (N,) float64, variance of the yaw of a box given the apparent one, rad^2
 
 
 def known_covariances(boxes: Boxes3D, lidar_xy: F64) -> F64:

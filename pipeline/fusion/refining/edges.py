@@ -31,25 +31,15 @@ MEDIAN_SPREAD = 1.2533
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredEdges(Table):
-    """P pairs of a 3D box and a 2D box, sorted by the 3D box.
+    """P pairs of a 3D box and a 2D box, sorted by the 3D box."""
 
-    Attributes:
-        rows: (P,) int64 row of the 3D box.
-        camera_rows: (P,) int64 number of the camera, in the order of the views.
-        cameras: P cameras.
-        xyxy: (P, 4) float64 left, top, right, bottom of the 2D box, clipped to the image, pixels.
-        sigma_px: (P, 4) float64 standard deviation of each edge.
-        hidden_px: (P, 4) float64 maximum inward displacement of each edge by occluders.
-        later_s: (P,) float64 time of the image after that of the 3D box, seconds.
-    """
-
-    rows: I64
-    camera_rows: I64
-    cameras: CameraArrays
-    xyxy: F64
-    sigma_px: F64
-    hidden_px: F64
-    later_s: F64
+    rows: I64  # (P,) int64 row of the 3D box
+    camera_rows: I64  # (P,) int64 number of the camera, in the order of the views
+    cameras: CameraArrays  # P cameras
+    xyxy: F64  # (P, 4) float64 left, top, right, bottom of the 2D box, clipped to the image, pixels
+    sigma_px: F64  # (P, 4) float64 standard deviation of each edge
+    hidden_px: F64  # (P, 4) float64 maximum inward displacement of each edge by occluders
+    later_s: F64  # (P,) float64 time of the image after that of the 3D box, seconds
 
 
 def measured_edges(

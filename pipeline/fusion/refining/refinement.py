@@ -57,52 +57,31 @@ _REST = np.array([0, 1, 3, 4, 5, 6])
 
 
 class RefinedBoxes(NamedTuple):
-    """N boxes after refinement.
+    """N boxes after refinement."""
 
-    Attributes:
-        centers_xy: (N, 2) float64 metres.
-        yaws: (N,) float64 radians.
-        lengths_widths: (N, 2) float64 metres.
-        covariances: (N, 3, 3) float64 over x, y and yaw.
-        later_s: (N,) float64 time of the refined box after that of the prior, seconds.
-        accepted: (N,) whether the result explains the images better than the prior, and is not too far from it; else
-            the row is that of the prior.
-        costs: (N,) float64 twice the negative log probability of the images and the fit.
-    """
-
-    centers_xy: F64
-    yaws: F64
-    lengths_widths: F64
-    covariances: F64
-    later_s: F64
+    centers_xy: F64  # (N, 2) float64 metres
+    yaws: F64  # (N,) float64 radians
+    lengths_widths: F64  # (N, 2) float64 metres
+    covariances: F64  # (N, 3, 3) float64 over x, y and yaw
+    later_s: F64  # (N,) float64 time of the refined box after that of the prior, seconds
+    # (N,) whether the result explains the images better than the prior, and is not too far from it; else the row is
+    # that of the prior
     accepted: Bools
-    costs: F64
+    costs: F64  # (N,) float64 twice the negative log probability of the images and the fit
 
 
 class _Problem(NamedTuple):
-    """N boxes, and P pairs with an outline of the box for each.
+    """N boxes, and P pairs with an outline of the box for each."""
 
-    Attributes:
-        boxes: Boxes of the prior.
-        prior: Its distributions.
-        edges: Sorted by the box; each box has some.
-        outline: Outline of the box of each pair.
-        turn: (N, 2, 2) from the axes of the boxes to those of the site.
-        turn_of_pair: (P, 2, 2) the same for the box of each pair.
-        starts: (N,) first pair of each box.
-        near: (P, 1, 4) whether each edge may be the border of the image.
-        known: (N, 1, 6, 6) information of the prior over all states but the yaw.
-    """
-
-    boxes: Boxes3D
-    prior: BoxPrior
-    edges: MeasuredEdges
-    outline: Outline
-    turn: F64
-    turn_of_pair: F64
-    starts: Indices
-    near: Bools
-    known: F64
+    boxes: Boxes3D  # Boxes of the prior
+    prior: BoxPrior  # Its distributions
+    edges: MeasuredEdges  # Sorted by the box; each box has some
+    outline: Outline  # Outline of the box of each pair
+    turn: F64  # (N, 2, 2) from the axes of the boxes to those of the site
+    turn_of_pair: F64  # (P, 2, 2) the same for the box of each pair
+    starts: Indices  # (N,) first pair of each box
+    near: Bools  # (P, 1, 4) whether each edge may be the border of the image
+    known: F64  # (N, 1, 6, 6) information of the prior over all states but the yaw
 
     @classmethod
     def of(cls, boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline: Outline) -> Self:

@@ -31,40 +31,24 @@ OTHER_SIDE = "from before time jumped back"
 
 
 class TimeJump(NamedTuple):
-    """Time jumps back.
+    """Time jumps back."""
 
-    Attributes:
-        kind: Whose time: `stamps` of the sensors, or `log times` of the recorder.
-        at_ns: Log time of the first message after it, or, where log times jump, of the last one before it.
-        by_ns: How far back.
-    """
-
-    kind: Literal["stamps", "log times"]
-    at_ns: int
-    by_ns: int
+    kind: Literal["stamps", "log times"]  # Whose time: `stamps` of the sensors, or `log times` of the recorder
+    at_ns: int  # Log time of the first message after it, or, where log times jump, of the last one before it
+    by_ns: int  # How far back
 
 
 @dataclass(slots=True)
 class _Clock:
-    """State of one topic.
+    """State of one topic."""
 
-    Attributes:
-        offset_ns: Offset that is taken off its stamps.
-        part: Part of the recording that it has reached.
-        last_ns: Corrected stamp of its last good message; None before the first.
-        log_time_ns: Log time of its last message; None before the first.
-        delays_ns: Delays of its last good messages.
-        held: A message that the next one decides on.
-        is_unstamped: Whether its stamps are all 0.
-    """
-
-    offset_ns: int
-    part: int = 0
-    last_ns: int | None = None
-    log_time_ns: int | None = None
-    delays_ns: deque[int] = field(default_factory=lambda: deque(maxlen=DELAYS))
-    held: RawMessage | None = None
-    is_unstamped: bool = False
+    offset_ns: int  # Offset that is taken off its stamps
+    part: int = 0  # Part of the recording that it has reached
+    last_ns: int | None = None  # Corrected stamp of its last good message; None before the first
+    log_time_ns: int | None = None  # Log time of its last message; None before the first
+    delays_ns: deque[int] = field(default_factory=lambda: deque(maxlen=DELAYS))  # Delays of its last good messages
+    held: RawMessage | None = None  # A message that the next one decides on
+    is_unstamped: bool = False  # Whether its stamps are all 0
 
     def is_sound(self, message: RawMessage) -> bool:
         """Whether a message neither goes back nor is further ahead of the recorder than those before it."""

@@ -23,15 +23,10 @@ class Item(NamedTuple):
 
 
 class FoundSet(NamedTuple):
-    """The messages of one moment.
+    """The messages of one moment."""
 
-    Attributes:
-        reference: The one whose stamp the frame takes.
-        by_topic: All, by the topic's index.
-    """
-
-    reference: RawMessage
-    by_topic: Mapping[int, RawMessage]
+    reference: RawMessage  # The one whose stamp the frame takes
+    by_topic: Mapping[int, RawMessage]  # All, by the topic's index
 
 
 MakePolicy = Callable[[Sequence[str], int, OnItemDrop[Item]], Policy[Item]]

@@ -22,20 +22,14 @@ T = TypeVar("T")
 
 @dataclass(slots=True)
 class SyncStats:
-    """Counts of `synchronize` so far, updated as its bundles are consumed; those of further parts are added.
+    """Counts of `synchronize` so far, updated as its bundles are consumed; those of further parts are added."""
 
-    Attributes:
-        received: Number of messages by topic; 0 for a topic without messages.
-        sets: Number of bundles.
-        skew_max_ns: Largest spread of the stamps of a bundle.
-        skew_total_ns: Sum of the spreads.
-        attendance: Topics that were missing, and when they were silent.
-    """
-
+    # Number of messages by topic; 0 for a topic without messages
     received: dict[str, int] = field(default_factory=dict)
-    sets: int = 0
-    skew_max_ns: int = 0
-    skew_total_ns: int = 0
+    sets: int = 0  # Number of bundles
+    skew_max_ns: int = 0  # Largest spread of the stamps of a bundle
+    skew_total_ns: int = 0  # Sum of the spreads
+    # Topics that were missing, and when they were silent
     attendance: Attendance = field(default_factory=Attendance, compare=False)
 
     @property
