@@ -101,13 +101,6 @@ def test_no_pair_takes_a_box_from_a_better_sum() -> None:
     assert match(boxes, rows) == [(0, 1), (1, 0)]
 
 
-def test_off_screen_boxes_have_no_area() -> None:
-    # The predecessor system clipped them to rectangles of negative width and height, whose product is positive.
-    beside = boxes3d([(5.0, 40.0, 30.0, 4.0, 2.0, 1.5, 0.0)])
-    assert np.isnan(projection(beside)).all()
-    assert match(beside, [(0, 0, 640, 480, 0.9, CAR), (-500, -500, -10, -10, 0.9, CAR)]) == []
-
-
 def test_boxes_beyond_the_border_are_compared_inside_the_image() -> None:
     near = boxes3d([(4.0, 2.6, 0.0, 3.0, 1.8, 1.5, 0.0)])
     left, top, right, bottom = (float(v) for v in projection(near)[0])

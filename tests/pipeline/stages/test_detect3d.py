@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from detections import boxes3d
@@ -67,20 +65,6 @@ def test_car_seen_by_one_lidar(truth: Box) -> None:
     assert boxes.class_ids.tolist() == [CAR]
     assert boxes.centers[0, 2] - boxes.sizes[0, 2] / 2 == pytest.approx(0.0, abs=1e-9)
     assert boxes.sizes[0] == pytest.approx([4.1, 1.75, 1.55], abs=0.2)
-
-
-def test_box_grows_away_from_the_lidar_and_its_far_end_is_less_certain() -> None:
-    boxes = detect(scan(LIDAR, [car(12, 0)]))
-    assert boxes.centers[0, 0] - boxes.sizes[0, 0] / 2 == pytest.approx(12 - 2.1, abs=0.05)
-    assert boxes.covariances[0, 0, 0] > 4 * boxes.covariances[0, 1, 1]
-
-
-def test_car_seen_from_both_ends_keeps_its_measured_size() -> None:
-    ahead, behind = (-9.0, 0.0, 1.8), (9.0, 0.0, 1.8)
-    truth: Box = (0.0, 0.0, 0.75, 3.2, 1.5, 1.4, 0.2)
-    boxes = Detect3D(rig(ahead, behind), GEOMETRIC)(combined(scan(ahead, [truth]), scan(behind, [truth])))
-    row = assert_found(boxes, truth, within_m=0.05, within_deg=1.0)
-    assert boxes.sizes[row, :2] == pytest.approx(truth[3:5], abs=0.1)
 
 
 def test_covariances_are_positive_definite_and_counts_are_those_of_the_cloud() -> None:
@@ -172,22 +156,6 @@ def test_another_engine_needs_no_change_of_the_stage(monkeypatch: pytest.MonkeyP
     assert not boxes.point_counts.any()
     assert not boxes.covariances.any()
     assert boxes.measured_ns.tolist() == [8, 10, 7]
-
-
-def test_order_of_the_points_does_not_matter() -> None:
-    scene = [car(12, 0), car(4, 8, 0.8), (9.0, -5.0, 0.9, 1.8, 0.5, 1.7, 0.4), (25.0, 10.0, 1.6, 9.0, 2.5, 3.2, 0.1)]
-    cloud = combined(scan(LIDAR, scene, noise_m=0.03), scan((20.0, 0.0, 1.8), scene, noise_m=0.03))
-    detector = Detect3D(rig(LIDAR, (20.0, 0.0, 1.8)), GEOMETRIC)
-    boxes = detector(cloud)
-    order = np.random.default_rng(3).permutation(len(cloud.detection_cloud))
-    shuffled = replace(
-        cloud,
-        detection_cloud=cloud.detection_cloud.select(order),
-        detection_lidar_index=cloud.detection_lidar_index[order],
-    )
-    assert len(boxes) == len(scene)
-    assert_same(boxes, detector(shuffled))
-    assert (np.diff(boxes.scores) <= 0).all()
 
 
 # --- real clouds

@@ -117,15 +117,6 @@ def test_objects_of_no_class_stand_behind_without_a_number() -> None:
     assert not found.left_out
 
 
-def test_zones_hold_for_tracks_too() -> None:
-    one = result()
-    around = np.array([[-500.0, -500.0], [500.0, -500.0], [500.0, 500.0], [-500.0, 500.0]])
-    found = tracked(one, zones=(Zone("roof", around, "ignore"),))
-    assert len(found.objects) == 0
-    assert found.tracks is not None
-    assert len(found.tracks) == 0
-
-
 def test_headings_stay_within_half_a_turn() -> None:
     one = result(moving=True)
     rows = rows_of(SightingsOf(RIG, CLASSES)(one))
@@ -142,21 +133,6 @@ def test_every_frame_is_given_once(mode: str, waits: bool) -> None:
     left = tracker.finish()
     assert len(left) == (4 if waits else 0)
     assert all(fused.tracks is not None for fused in left)
-
-
-@pytest.mark.parametrize("mode", ["online", "offline"])
-def test_a_camera_that_is_slower_than_the_frames_confirms_between_its_images(mode: str) -> None:
-    tracker = object_tracker(load_config(settings={"track.mode": mode}), RIG)
-    assert tracker is not None
-    given = []
-    for index in range(4):
-        one = frame(index)
-        if index % 2:
-            one = replace(one, detections=replace(one.detections, cameras={}))
-            one = replace(one, hypotheses=replace(one.hypotheses, matches={}))
-        given += tracker.add_frame(one)
-    given += tracker.finish()
-    assert [int((fused.matched > 0).sum()) for fused in given] == [1, 1, 1, 1]
 
 
 def test_without_tracks_there_is_no_tracker() -> None:

@@ -142,9 +142,3 @@ def test_after_a_jump_of_time_all_tracks_are_new() -> None:
     frames = scene(CARS[:1], 30)
     rows = tracked([*frames[15:], *frames[:15]])
     assert ids(rows) == [[1]] * 15 + [[2]] * 15
-
-
-def test_it_is_the_same_every_time() -> None:
-    frames = scene(CARS, 100, noise_m=0.2)
-    for one, other in zip(tracked(frames, 3.0), tracked(frames, 3.0), strict=True):
-        np.testing.assert_array_equal(one.states, other.states)

@@ -36,12 +36,6 @@ def test_boxes_that_are_turned_round_do_not_turn_the_track() -> None:
     assert all(row.states[0, SPEED] > 0 for row in rows[10:])
 
 
-def test_the_front_of_what_stands_is_that_of_most_boxes() -> None:
-    rows = tracked(scene([Mover(straight(0, 0, 0.0, 0.0), turned=lambda k: k % 4 == 0)], 12))
-    assert all(abs(row.states[0, HEADING]) < 0.2 for row in rows[3:])
-    assert not any(row.fronts_known.any() for row in rows)
-
-
 def test_cars_that_pass_each_other_keep_their_numbers() -> None:
     movers = [Mover(straight(-20, 0, 0, 10.0)), Mover(straight(20, 3.5, np.pi, 10.0))]
     rows = tracked(scene(movers, 40))

@@ -51,12 +51,6 @@ def test_probabilities_and_log_odds_are_each_others_inverse_within_limits() -> N
     assert 0 < probability(np.array([-1e9]))[0] < probability(np.array([1e9]))[0] < 1
 
 
-def test_what_is_rare_is_less_probable_and_what_has_points_more() -> None:
-    scores, points, rest = np.full(3, 0.3), np.array([10, 10, 100], np.int32), LIDAR[1:]
-    rare, common, dense = log_odds_before_cameras(scores, np.array([0.2, 1.0, 1.0]), points, *rest, FITTED)
-    assert rare < common < dense
-
-
 def test_where_an_object_is() -> None:
     covariances = np.zeros((4, 3, 3))
     covariances[:, [0, 1], [0, 1]] = np.array([[0.0], [0.01], [1.0], [100.0]])

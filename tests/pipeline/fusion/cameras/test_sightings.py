@@ -57,15 +57,6 @@ def observed(*rows: tuple[float, ...], noise: Noise = NOISE) -> Observed:
     return observe(see(views_of(LEVEL), {"level": boxes2d(rows)}), noise)
 
 
-def test_directions_of_the_edges() -> None:
-    found = observed((640, 360, 1090, 450, 0.9, 0))  # 450 px to the right of the middle, 90 px below it; f = 900
-    assert found.left == pytest.approx([0.0])
-    assert found.width == pytest.approx([np.arctan(0.5)])
-    assert found.middle == pytest.approx([-np.arctan(0.5) / 2])
-    assert found.upper == pytest.approx([0.0])
-    assert found.lower == pytest.approx([-0.1 / np.hypot(1, 0.25)])
-
-
 def test_nothing_observed_is_known_of_a_cut_edge() -> None:
     found = observed((0, 300, 100, 720, 0.9, 0))
     assert (found.stds[0, [0, 3]] > 5 * np.array([found.width[0], found.upper[0] - found.lower[0]])).all()

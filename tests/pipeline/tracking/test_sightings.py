@@ -48,7 +48,3 @@ def test_too_few_points_have_no_ends(points: int) -> None:
     ends = find_end_points(fused(box(0, 0, 0)), cloud(np.ones((points, 3)) * 0.5, np.zeros(points)))
     assert ends.shape == (1, 2, 3)
     assert np.isnan(ends).all()
-
-
-def test_no_object_has_no_ends() -> None:
-    assert find_end_points(fused(boxes3d([])), cloud(np.ones((9, 3)), np.zeros(9))).shape == (0, 2, 3)
