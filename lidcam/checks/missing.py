@@ -59,7 +59,7 @@ class MissingSensor:
 
 
 def missing_sensors(absences: Sequence[Absence], rig: Rig, *, of_frames: int, start_ns: int) -> list[MissingSensor]:
-    """The absences in so many frames by sensor; `start_ns` is the log time at which the recording starts."""
+    """The absences in `of_frames` frames by sensor; `start_ns` is the log time at which the recording starts."""
 
     def seconds(log_time_ns: int | None) -> float | None:
         return None if log_time_ns is None else (log_time_ns - start_ns) / 1e9

@@ -29,8 +29,8 @@ class FoundBoxes(Table):
 
 @lru_cache(maxsize=1)
 def _table(boxes: tuple[Boxes2D | None, ...]) -> FoundBoxes:
-    shown = [(number, part) for number, part in enumerate(boxes) if part] or [(0, Boxes2D.empty(0, ""))]
-    numbers, parts = zip(*shown, strict=True)
+    numbered = [(number, part) for number, part in enumerate(boxes) if part] or [(0, Boxes2D.empty(0, ""))]
+    numbers, parts = zip(*numbered, strict=True)
     counts = [len(part) for part in parts]
     table = FoundBoxes(
         np.repeat(np.array(numbers, np.int64), counts),

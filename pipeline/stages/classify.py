@@ -68,8 +68,9 @@ class Classify:
         odds = class_log_odds(boxes.sizes, boxes.class_ids, self._priors)
         rows = np.concatenate([rows for (rows, _), _ in seen])
         named = np.concatenate([found.class_ids[rows2d] for (_, rows2d), found in seen])
-        own = boxes.class_ids[rows]
-        named = np.where(self._rides[own, named] & (rows < hypotheses.lidar_count), own, named)
+        by_lidar = boxes.class_ids[rows]
+        rides = self._rides[by_lidar, named] & (rows < hypotheses.lidar_count)
+        named = np.where(rides, by_lidar, named)
         scores = np.concatenate([found.scores[rows2d] for (_, rows2d), found in seen]).astype(np.float64)
         np.add.at(odds, rows, vote_log_odds(named, scores, self._taken_for))
         is_matched = np.bincount(rows, minlength=len(boxes)) > 0

@@ -86,12 +86,12 @@ def merge_sightings(placements: Placements, cameras: I64, class_ids: I64) -> tup
     first, is_first = np.arange(count), np.ones(count, np.bool_)
     _, *starts = *first_of_runs(cameras).nonzero()[0].tolist(), count
     for start, end in itertools.pairwise(starts):  # all of the first camera are new
-        objects, own = is_first[:start].nonzero()[0], np.arange(start, end)
-        worth = _worth(mean_xy[objects], spread[objects], mean_xy[own], spread[own])
-        worth[class_ids[objects][:, None] != class_ids[own]] = 0.0
+        objects, new = is_first[:start].nonzero()[0], np.arange(start, end)
+        worth = _worth(mean_xy[objects], spread[objects], mean_xy[new], spread[new])
+        worth[class_ids[objects][:, None] != class_ids[new]] = 0.0
         row, column = assign(-worth)
         is_one = worth[row, column] > 0
-        rows, new_rows = objects[row[is_one]], own[column[is_one]]
+        rows, new_rows = objects[row[is_one]], new[column[is_one]]
         if len(rows):
             first[new_rows], is_first[new_rows] = rows, False
             _combine(known, rows, new_rows)

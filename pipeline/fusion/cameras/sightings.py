@@ -99,8 +99,8 @@ def see(views: Mapping[str, CameraSensor], boxes2d: Mapping[str, Boxes2D]) -> Si
         origin=rig.positions[found.cameras],
         rays=rays @ cameras.rotations,
     )
-    shown = np.isfinite(xyxy).all(1) & np.asarray(sound.all(1)) & (xyxy[:, 2:] - xyxy[:, :2] >= MIN_PX).all(1)
-    return table if shown.all() else table.select(np.flatnonzero(shown))
+    is_visible = np.isfinite(xyxy).all(1) & np.asarray(sound.all(1)) & (xyxy[:, 2:] - xyxy[:, :2] >= MIN_PX).all(1)
+    return table if is_visible.all() else table.select(np.flatnonzero(is_visible))
 
 
 def observe(sightings: Sightings, noise: Noise) -> Observed:

@@ -105,10 +105,10 @@ def hidden_parts(boxes: Boxes3D, seen: InView, positions_site: F64) -> tuple[F32
     rank = np.arange(len(back)) - np.flatnonzero(is_first)[group]
     counted = rank < MAX_COVERS
     hidden = back[is_first]
-    own = seen.xyxy[hidden].astype(np.float64)
-    covers = own[:, None, [0, 1, 0, 1]].repeat(int(rank[counted].max()) + 1, 1)  # without extent, but for
+    whole = seen.xyxy[hidden].astype(np.float64)
+    covers = whole[:, None, [0, 1, 0, 1]].repeat(int(rank[counted].max()) + 1, 1)  # without extent, but for
     covers[group[counted], rank[counted]] = shared[counted]
-    share[hidden], rest[hidden] = _uncovered(own, covers)
+    share[hidden], rest[hidden] = _uncovered(whole, covers)
     return share, rest
 
 
@@ -144,12 +144,12 @@ def _turned(offsets: F64, yaws: F64) -> F64:
     return np.stack([x * cos + y * sin, y * cos - x * sin], -1)
 
 
-def _uncovered(own: F64, covers: F64) -> tuple[F64, F64]:
+def _uncovered(whole: F64, covers: F64) -> tuple[F64, F64]:
     """(B,) covered shares of rectangles (B, 4) under others within them, (B, K, 4); (B, 4) rectangles around the rest.
 
     Between two places where a rectangle begins or ends, across or down, everything is either covered or free.
     """
-    corners = np.concatenate([own[:, None], covers], 1).reshape(len(own), 2 + 2 * covers.shape[1], 2)
+    corners = np.concatenate([whole[:, None], covers], 1).reshape(len(whole), 2 + 2 * covers.shape[1], 2)
     ticks = np.sort(corners.transpose(2, 0, 1))  # (2, B, ...) across and down
     begin, end = ticks[..., None, :-1], ticks[..., None, 1:]
     low, high = (covers[..., side].transpose(2, 0, 1)[..., None] for side in (slice(2), slice(2, 4)))
@@ -161,8 +161,8 @@ def _uncovered(own: F64, covers: F64) -> tuple[F64, F64]:
     is_free = np.array([free.any(1), free.any(2)])
     first = np.where(is_free, ticks[..., :-1], np.inf).min(2)
     last = np.where(is_free, ticks[..., 1:], -np.inf).max(2)
-    share = 1.0 - (left_px2 / (own[:, 2:] - own[:, :2]).prod(1)).clip(0.0, 1.0)
-    return share, np.where(is_free[0].any(1)[:, None], np.concatenate([first, last]).T, own)
+    share = 1.0 - (left_px2 / (whole[:, 2:] - whole[:, :2]).prod(1)).clip(0.0, 1.0)
+    return share, np.where(is_free[0].any(1)[:, None], np.concatenate([first, last]).T, whole)
 
 
 def _cut_rectangles(corners: F64, cameras: CameraArrays) -> F32:

@@ -35,10 +35,10 @@ def find_partners(sightings: Sightings, matches: Mapping[str, Matches], names: t
     """
     partner, iou = np.full(len(sightings), -1, np.int64), np.zeros(len(sightings))
     for camera in set(sightings.cameras.tolist()):
-        own = matches[names[camera]]
-        is_pair = (sightings.cameras == camera)[:, None] & (sightings.rows[:, None] == own.pairs[:, 1])
+        of_camera = matches[names[camera]]
+        is_pair = (sightings.cameras == camera)[:, None] & (sightings.rows[:, None] == of_camera.pairs[:, 1])
         sighting, pair = is_pair.nonzero()
-        partner[sighting], iou[sighting] = own.pairs[pair, 0], own.iou[pair]
+        partner[sighting], iou[sighting] = of_camera.pairs[pair, 0], of_camera.iou[pair]
     return partner, iou
 
 

@@ -145,9 +145,9 @@ def _free_variances(pose: F64, turn: F64) -> F64:
     by_yaw = pose[:, :2, 2]
     place = pose[:, :2, :2] - by_yaw[:, :, None] * by_yaw[:, None] / pose[:, 2, 2, None, None]
     along_box = turn.swapaxes(1, 2) @ place @ turn
-    own = np.maximum(np.diagonal(along_box, axis1=1, axis2=2), 1e-12)
+    variances = np.maximum(np.diagonal(along_box, axis1=1, axis2=2), 1e-12)
     both = np.abs(along_box[:, 0, 1])[:, None]
-    return np.asarray(np.maximum(own - both * np.sqrt(own / own[:, ::-1]), 0.0))
+    return np.asarray(np.maximum(variances - both * np.sqrt(variances / variances[:, ::-1]), 0.0))
 
 
 def _nearer_ends(boxes: Boxes3D, lidar_xy: F64, turn: F64) -> F64:

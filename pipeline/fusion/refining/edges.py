@@ -141,10 +141,10 @@ def camera_shifts(camera_rows: I64, residuals_px: F64, variances_px2: F64, *, co
     """
     shifts, both = np.zeros((count, 2)), np.concatenate([residuals_px, variances_px2], 1)
     for camera in set(camera_rows.tolist()):
-        own = (camera_rows == camera).nonzero()[0]
-        shift, variance = _median(both[own]).reshape(2, 2)
-        is_sure = np.abs(shift) > MIN_SHIFT_SIGMAS * MEDIAN_SPREAD * np.sqrt(variance / len(own))
-        shifts[camera] = np.where(is_sure, shift, 0.0)
+        pairs = (camera_rows == camera).nonzero()[0]
+        shift, variance = _median(both[pairs]).reshape(2, 2)
+        min_shift = MIN_SHIFT_SIGMAS * MEDIAN_SPREAD * np.sqrt(variance / len(pairs))
+        shifts[camera] = np.where(np.abs(shift) > min_shift, shift, 0.0)
     return shifts
 
 

@@ -241,7 +241,7 @@ class PartialSets:
         return found
 
     def _behind(self, stamp_ns: int) -> set[int]:
-        """Required topics whose newest stamps lie so far before `stamp_ns` that a message of each is overdue."""
+        """Required topics with an overdue message, by their newest stamps before `stamp_ns`."""
         late: set[int] = set()
         for topic in self._core:
             newest_ns = self._liveness.newest_ns(topic)
