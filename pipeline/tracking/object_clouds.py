@@ -15,7 +15,7 @@ from lidcam.pipeline.core.detections import Fused, Source
 from lidcam.pipeline.core.tracks import NO_TRACK
 
 MARGIN = 0.1
-"""Extra length, width and height within which points belong to an object, as shares; none below, where the ground is."""
+"""Extra length, width and height within which points belong to an object, as shares; none at the ground."""
 
 VOXELS_PER_SIZE = 100
 """Number of voxels along the largest side of an object: 4.5 cm for cars, 3 mm for models of 1:14."""
