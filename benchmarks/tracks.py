@@ -42,8 +42,8 @@ def main() -> None:
     boxes = [as_boxes(one) for one in seen]
     trackers: dict[str, Callable[[], object]] = {
         "AB3DMOT": lambda: list(ab3dmot(boxes, config)),
-        "online": lambda: run(OnlineTracker(priors(config), least_existence=0.5, max_gap_s=3.0), seen),
-        "offline": lambda: run(OfflineTracker(priors(config), least_existence=0.5, window_s=60.0, max_gap_s=3.0), seen),
+        "online": lambda: run(OnlineTracker(priors(config), min_existence=0.5, max_gap_s=3.0), seen),
+        "offline": lambda: run(OfflineTracker(priors(config), min_existence=0.5, window_s=60.0, max_gap_s=3.0), seen),
     }
     best = dict.fromkeys(trackers, np.inf)
     for _ in range(options.rounds):
@@ -64,7 +64,7 @@ def priors(config: Config) -> Priors:
 
 def run(tracker: OnlineTracker | OfflineTracker, seen: list[FrameSightings]) -> int:
     """Track all frames; how many rows that gives."""
-    return sum(len(rows) for one in seen for rows in tracker.add(one)) + sum(map(len, tracker.finish()))
+    return sum(len(rows) for one in seen for rows in tracker.add_frame(one)) + sum(map(len, tracker.finish()))
 
 
 def frame(index: int) -> FrameSightings:

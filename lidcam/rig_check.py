@@ -1,6 +1,6 @@
-"""The check of a rig by the recording itself: a run that writes nothing, and what it says of poses and clocks."""
+"""Checks a rig by the recording itself, in a run that writes nothing."""
 
-from lidcam.checks.calibration.self_check import SelfCheck
+from lidcam.checks.calibration.rig_check import RigCheck
 from lidcam.processing import RunObserver, process_recording
 from lidcam.run.frame import Frame
 from lidcam.run.frames import RunInput
@@ -8,12 +8,12 @@ from lidcam.run.job import Job
 from lidcam.run.tally import RunProgress
 
 
-def check_rig(job: Job, observer: RunObserver | None = None) -> SelfCheck:
+def check_rig(job: Job, observer: RunObserver | None = None) -> RigCheck:
     """Process a recording, and judge its rig.
 
     Args:
         job: The recording and the settings, without outputs.
-        observer: Looks on.
+        observer: Observer of the run.
 
     Raises:
         LidcamError: the input, the calibration or the settings are at fault.
@@ -24,19 +24,19 @@ def check_rig(job: Job, observer: RunObserver | None = None) -> SelfCheck:
 
 
 class _Checker(RunObserver):
-    """Shows each frame to the check, and all to another observer."""
+    """Passes each frame to the check, and everything to another observer."""
 
-    check: SelfCheck
+    check: RigCheck
 
     def __init__(self, other: RunObserver) -> None:
         self._other = other
 
     def opened(self, source: RunInput) -> None:
-        self.check = SelfCheck(source.rig, source.config)
+        self.check = RigCheck(source.rig, source.config)
         self._other.opened(source)
 
     def frame(self, result: Frame) -> None:
-        self.check.add(result)
+        self.check.add_frame(result)
         self._other.frame(result)
 
     def advanced(self, progress: RunProgress) -> None:

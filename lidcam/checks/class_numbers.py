@@ -7,7 +7,7 @@ from lidcam.pipeline.core.settings.config import Config
 from lidcam.run.warning import RunWarning
 
 MAX_LISTED = 10
-"""Numbers that are named."""
+"""Maximum number of class numbers that are named."""
 
 
 def class_number_warnings(

@@ -9,16 +9,16 @@ from lidcam.run.missing import MissingSensor, never_used, with_camera
 from lidcam.run.warning import RunWarning
 
 MAX_JUMPS_NAMED = 5
-"""Jumps with a warning of their own."""
+"""Maximum number of jumps with their own warning."""
 
 MAX_SENSORS_NAMED = 10
-"""Sensors in one note."""
+"""Maximum number of sensors named in one note."""
 
-AHEAD_NS, BEHIND_NS = 1_000_000_000, 10_000_000_000
-"""A clock that is this far ahead of, or behind, most others is off; messages may also be recorded some seconds late."""
+MAX_AHEAD_NS, MAX_BEHIND_NS = 1_000_000_000, 10_000_000_000
+"""Maximum offset of a clock ahead of, and behind, most others, nanoseconds; some messages are recorded seconds late."""
 
 MIN_LATE_SHARE = 0.1
-"""Of a sensor's messages: single ones are late where a sensor begins, or where the recorder was busy."""
+"""Minimum share of late messages of a sensor that is named; single ones are late at start-up or on a busy recorder."""
 
 
 def jump_warnings(jumps: Sequence[TimeJump], *, start_ns: int) -> list[RunWarning]:
@@ -53,7 +53,7 @@ def clocks_off(delays_ns: Mapping[str, int], missing: Sequence[MissingSensor], r
     off_ns = {
         names[topic]: usual_ns - delays_ns[topic]
         for topic in names
-        if topic in delays_ns and not -AHEAD_NS <= delays_ns[topic] - usual_ns <= BEHIND_NS
+        if topic in delays_ns and not -MAX_AHEAD_NS <= delays_ns[topic] - usual_ns <= MAX_BEHIND_NS
     }
     return [_clock_warning(name, off_ns[name], len(absent)) for name in off_ns if not with_camera(name, off_ns)]
 
@@ -84,7 +84,7 @@ def _jump_warning(jump: TimeJump, start_ns: int) -> RunWarning:
 
 def _usual_ns(delays_ns: Sequence[int]) -> int:
     """The delay that most of the others are close to; of several, the first."""
-    return max(delays_ns, key=lambda one: sum(abs(one - other) <= AHEAD_NS for other in delays_ns), default=0)
+    return max(delays_ns, key=lambda one: sum(abs(one - other) <= MAX_AHEAD_NS for other in delays_ns), default=0)
 
 
 def _clock_warning(name: str, off_ns: int, absent: int) -> RunWarning:

@@ -9,11 +9,11 @@ from lidcam.readers.location import Location
 from lidcam.readers.recording import Recording
 from lidcam.run.warning import RunWarning
 
-OVERLAP_NS = 1_000_000_000
-"""Parts of one recording overlap by less: a recorder that changes files does not wait for the last messages."""
+MIN_OVERLAP_NS = 1_000_000_000
+"""Minimum overlap of two recordings, nanoseconds; parts of one overlap by less when the recorder changes files."""
 
 MAX_NAMED = 3
-"""Pairs of files with a warning of their own."""
+"""Maximum number of pairs of files with their own warning."""
 
 
 def check_not_empty(recording: Recording) -> None:
@@ -37,12 +37,12 @@ class FileCheck:
         self._overlaps: dict[tuple[int, int], None] = {}
 
     def add(self, frame: FrameResult) -> None:
-        """Look at one frame."""
+        """Add one frame."""
         for topic, message in frame.bundle.messages.items():
             file = message.order[0]
             last = self._last.setdefault(topic, file)
             is_back = (topic, file) in self._first_ns and file != last
-            if is_back and message.log_time_ns - self._first_ns[topic, last] > OVERLAP_NS:
+            if is_back and message.log_time_ns - self._first_ns[topic, last] > MIN_OVERLAP_NS:
                 self._overlaps[min(file, last), max(file, last)] = None
             self._first_ns.setdefault((topic, file), message.log_time_ns)
             self._last[topic] = file

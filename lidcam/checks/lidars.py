@@ -6,8 +6,11 @@ from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import Rig
 from lidcam.run.warning import RunWarning
 
-MIN_EMPTY, MIN_SHARE = 3, 0.1
-"""Fewer empty messages than these are no fault: a driver's first sweep, or one from which the network lost packets."""
+MIN_EMPTY = 3
+"""Minimum number of empty messages of a lidar that is named; fewer come from start-up or lost packets."""
+
+MIN_EMPTY_SHARE = 0.1
+"""Minimum share of empty messages of a lidar that is named."""
 
 
 class LidarCheck:
@@ -21,7 +24,7 @@ class LidarCheck:
         self._empty: dict[str, tuple[int, int, int]] = {}
 
     def add(self, frame: FrameResult) -> None:
-        """Look at one frame."""
+        """Add one frame."""
         bad = {drop.topic for drop in frame.drops if not drop.parts}
         for topic in frame.bundle.messages:
             name = self._lidars.get(topic)
@@ -48,7 +51,7 @@ class LidarCheck:
             return RunWarning(name, finding, "see the reason in the table of messages")
         if empty == total:
             finding = f"{total} messages without a single point in range"
-        elif empty >= max(MIN_EMPTY, MIN_SHARE * total):
+        elif empty >= max(MIN_EMPTY, MIN_EMPTY_SHARE * total):
             finding = f"{empty} of {total} messages without a single point in range, in frames {first} to {last}"
         else:
             return None

@@ -1,4 +1,4 @@
-"""Runs without a single object: which step left nothing, and what to try."""
+"""Explains runs without a single object: the step that left nothing, and the remedy."""
 
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import Rig
@@ -22,7 +22,7 @@ class ObjectCheck:
         self._any = False
 
     def add(self, frame: FrameResult) -> None:
-        """Look at one frame."""
+        """Add one frame."""
         self._any = self._any or len(frame.fused.objects) > 0
         if self._any:
             self._closest = None

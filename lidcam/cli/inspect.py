@@ -14,7 +14,7 @@ from lidcam.cli.verdict import Verdict, first_of
 from lidcam.readers.location import location
 
 if TYPE_CHECKING:
-    from lidcam.checks.calibration.self_check import SelfCheck
+    from lidcam.checks.calibration.rig_check import RigCheck
     from lidcam.inspection import Inspection
     from lidcam.readers.location import Location
     from lidcam.readers.recording import Recording, TopicInfo
@@ -86,7 +86,7 @@ def inspect(
     check_old = check_replaced(lambda path: REPAIRED if path == repair else TEXT, overwrite=overwrite)
     remarks: list[str] = []
     verdict: Verdict | None = None
-    checked: SelfCheck | None = None
+    checked: RigCheck | None = None
     with OutputTransaction(files, check_old=check_old) as outputs:
         if repair is None:
             inspection = inspect_recording(inputs, choice, rig_files)
@@ -106,7 +106,7 @@ def inspect(
             checked = _checked(inputs, choice, rig_files)
         if write_rig is not None and checked is not None:
             outputs[write_rig].write_text(marked_yaml(rig_yaml(checked.corrected())))
-            remarks.insert(0, f"wrote {write_rig}: {len(checked.warnings)} corrections")
+            remarks.insert(0, f"wrote {write_rig}: {checked.correction_count} corrections")
         elif write_rig is not None:
             if not inspection.draft:  # print what was found, and end without any output
                 problem = f"{write_rig}: no rig to write: {inspection.problem}"
@@ -127,7 +127,7 @@ def _verdict(inspection: "Inspection", *, needs_rig: bool) -> Verdict:
     return Verdict((), (*([problem] * bool(problem)), *inspection.incomplete))
 
 
-def _checked(inputs: "Sequence[Location]", choice: "SettingsChoice", rig_files: Sequence[str] | None) -> "SelfCheck":
+def _checked(inputs: "Sequence[Location]", choice: "SettingsChoice", rig_files: Sequence[str] | None) -> "RigCheck":
     """The rig, judged by all of the recording."""
     with compiled_together(shown=True):
         from lidcam.rig_check import check_rig
@@ -140,7 +140,7 @@ def _checked(inputs: "Sequence[Location]", choice: "SettingsChoice", rig_files: 
 
 
 def _print(
-    inspection: "Inspection", verdict: Verdict, *, as_json: bool, repaired: bool, checked: "SelfCheck | None" = None
+    inspection: "Inspection", verdict: Verdict, *, as_json: bool, repaired: bool, checked: "RigCheck | None" = None
 ) -> None:
     """Print what was found, and end with the verdict."""
     from lidcam.cli.printing.console import print_inspection

@@ -31,7 +31,7 @@ from lidcam.pipeline.stages.propose import Propose, Proposed
 from lidcam.pipeline.stages.refine import Refine
 from lidcam.pipeline.stages.reshape import Reshape
 from lidcam.pipeline.stages.views import Views
-from lidcam.pipeline.tracking.ends import find_ends
+from lidcam.pipeline.tracking.sightings import find_end_points
 from lidcam.readers.streams.decoders import CloudDecoder, OnBadMessage
 from lidcam.run.box_sources import add_boxes2d, add_boxes3d, box_source, engine_3d, network_3d
 
@@ -86,7 +86,7 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     result = graph.add("collect", _collect, graph.frame, *inputs, timed=False)
     if config.track.mode != "none" and config.track.odometry == "auto" and rig.lidars:
         result = graph.add("odometry", partial(_with_odometry, FindOdometry(), rig.site_frame), result, ordered=True)
-    return graph, graph.add("ends", _with_ends, result) if config.track.mode == "offline" else result
+    return graph, graph.add("ends", _with_end_points, result) if config.track.mode == "offline" else result
 
 
 def decided(config: Config, rig: Rig) -> Config:
@@ -121,8 +121,8 @@ def _detections(lidar: Boxes3D, boxes2d: Mapping[str, Boxes2D], placed: Placed) 
     return Detections(lidar, boxes2d, placed.boxes if boxes2d else None)
 
 
-def _with_ends(result: FrameResult) -> FrameResult:
-    return replace(result, ends=find_ends(result.fused, result.combined))
+def _with_end_points(result: FrameResult) -> FrameResult:
+    return replace(result, end_points=find_end_points(result.fused, result.combined))
 
 
 class _Unused(NamedTuple):

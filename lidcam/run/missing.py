@@ -8,25 +8,20 @@ from lidcam.pipeline.stages.sync.attendance import Absence
 from lidcam.run.warning import RunWarning
 
 MAX_SPANS_NAMED = 3
-"""Spans of silence in the text about one sensor."""
+"""Maximum number of spans of silence named per sensor."""
 
 MIN_FRAMES = 10
-"""In fewer frames than these a sensor of a lower rate may be missing by chance."""
+"""Minimum number of frames before a sensor counts as absent: a slow one may be missing by chance."""
 
 
 @dataclass(frozen=True, slots=True)
 class SilentSpan:
-    """A span without messages of one sensor.
+    """A span without messages of one sensor."""
 
-    Attributes:
-        start_s: When its last message was recorded, in seconds since the start of the recording; None: there was none.
-        end_s: When its next message was recorded; None: none came.
-        frames: Number of frames in the span.
-    """
-
+    # When its last message was recorded, in seconds since the start of the recording; None: there was none
     start_s: float | None
-    end_s: float | None
-    frames: int
+    end_s: float | None  # When its next message was recorded; None: none came
+    frames: int  # Number of frames in the span
 
     def __str__(self) -> str:
         if self.start_s is None and self.end_s is None:
@@ -38,21 +33,13 @@ class SilentSpan:
 
 @dataclass(frozen=True, slots=True)
 class MissingSensor:
-    """A sensor without which frames had to do.
+    """A sensor that is missing in some frames."""
 
-    Attributes:
-        sensor: Its name, or that of its boxes.
-        topic: Its topic.
-        frames: Number of frames without it.
-        of_frames: Number of all frames.
-        silences: Spans in which it sent nothing; their frames are among `frames`.
-    """
-
-    sensor: str
-    topic: str
-    frames: int
-    of_frames: int
-    silences: tuple[SilentSpan, ...]
+    sensor: str  # Its name, or that of its boxes
+    topic: str  # Its topic
+    frames: int  # Number of frames without it
+    of_frames: int  # Number of all frames
+    silences: tuple[SilentSpan, ...]  # Spans in which it sent nothing; their frames are among `frames`
 
     @property
     def alive_frames(self) -> int:
@@ -72,7 +59,7 @@ class MissingSensor:
 
 
 def missing_sensors(absences: Sequence[Absence], rig: Rig, *, of_frames: int, start_ns: int) -> list[MissingSensor]:
-    """The absences in so many frames by sensor; `start_ns` is the log time at which the recording starts."""
+    """The absences in `of_frames` frames by sensor; `start_ns` is the log time at which the recording starts."""
 
     def seconds(log_time_ns: int | None) -> float | None:
         return None if log_time_ns is None else (log_time_ns - start_ns) / 1e9

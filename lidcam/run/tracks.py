@@ -27,12 +27,12 @@ FILE_BYTES = 64 << 20
 class FrameTracker(Protocol):
     """Replaces the fused objects of frames by tracked ones; sees each frame once, in order."""
 
-    def add(self, frame: FrameResult) -> list[Fused]:
-        """Take in a frame; the objects of the oldest frames not given yet, in order, as far as they are settled."""
+    def add_frame(self, frame: FrameResult) -> list[Fused]:
+        """Add a frame; the objects of the oldest waiting frames that are settled, in order."""
         ...
 
     def finish(self) -> list[Fused]:
-        """The objects of all frames that are left, in order."""
+        """The objects of all waiting frames, in order."""
         ...
 
 
@@ -61,7 +61,7 @@ def tracked(
         for frame in frames:
             bundle = frame.bundle
             with stage(bundle):
-                settled = tracker.add(frame)
+                settled = tracker.add_frame(frame)
                 if len(settled) > len(spool) + 1:
                     raise ValueError(f"tracker: expected at most {len(spool) + 1} settled frames, got {len(settled)}")
                 if len(settled) <= len(spool):

@@ -1,1 +1,1 @@
-"""Errors of calibration that a run shows: of cameras against lidars, and of lidars against each other."""
+"""Calibration errors estimated from a run: of cameras against lidars, and of lidars against each other."""

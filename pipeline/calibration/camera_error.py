@@ -1,15 +1,15 @@
 """Errors of one camera's pose and clock, by robust least squares over the pairs of a run.
 
-An object that only the lidars placed is moved by its track to the time of the image and projected; the edges of its
-2D box should be there. Unknown are a small rotation and translation of the camera, by how much its images were taken
-later than their stamps say, and the habits of 2D boxes: by which share of its width and height a box is larger than
-the outline of the object (left and right alike, top and bottom each). Time is told from yaw by how fast the objects go
-through the image.
+An object placed by the lidars alone is moved by its track to the time of the image and projected; the edges of its 2D
+box should be there. The unknowns are a small rotation and translation of the camera, the delay of its images against
+their stamps, and the habits of its detector: the share of width and height by which 2D boxes exceed the outline of the
+object (left and right alike, top and bottom each). Objects that cross the image at different speeds separate time from
+yaw.
 
-An edge is worth as much as it is known: by the pixels and the outline (`fuse.pixel_sigma_px`, `fuse.outline_sigma`),
-and by the lidar's box (`box_prior`): the end of a car that no lidar saw is uncertain, and the one that they saw is not.
-Pairs that fit badly weigh little (Huber, 1964). The pairs of one track err alike for seconds, so the covariance is that
-of clusters, a track over `CLUSTER_S` each.
+The weight of an edge follows from its uncertainty: of the pixels and the outline (`fuse.pixel_sigma_px`,
+`fuse.outline_sigma`) and of the lidar's box (`box_prior`), whose unseen end is uncertain. Pairs with large residuals
+weigh less (Huber, 1964). The pairs of one track have a common error for seconds, so the covariance is clustered by
+track and `CLUSTER_S`.
 """
 
 from dataclasses import dataclass, replace
@@ -26,65 +26,67 @@ from lidcam.pipeline.core.settings.fuse import FuseConfig
 from lidcam.pipeline.fusion.projection import CameraArrays, project_edges, rounded_outline
 from lidcam.pipeline.fusion.refining.box_prior import box_prior
 
-MIN_PAIRS, MIN_TRACKS = 60, 2
-"""A camera with fewer pairs, or pairs of fewer tracks, is not judged."""
+MIN_PAIRS = 20
+"""Minimum number of pairs before a camera is judged."""
+
+MIN_TRACKS = 2
+"""Minimum number of tracks that these pairs belong to."""
 
 CLUSTER_S = 3.0
-"""The pairs of a track within so long err alike."""
+"""Time span within which the pairs of a track have a common error, seconds."""
 
 HUBER = 1.5
-"""Pairs that lie off by more than so many standard deviations (root mean square over the edges) weigh less."""
+"""Residual, in standard deviations (root mean square over the edges), beyond which pairs weigh less."""
 
-OUTLIER = 5.0
-"""Pairs that lie off by more are wrong matches, and do not count."""
+MAX_RESIDUAL = 5.0
+"""Maximum residual, in standard deviations; pairs beyond are wrong matches and are left out."""
 
-ROTATION_RAD, MOVE_SHARE, TIME_S = 0.035, 0.04, 0.15
-"""Standard deviations before anything is seen: of each rotation, of each translation as a share of the size of the
-objects (geometric mean of length and width: 0.1 m where there are cars), and of the time."""
+ROTATION_SIGMA_RAD = 0.035
+"""Prior standard deviation of each rotation, radians."""
 
-HABIT_SHARE = 0.05
-"""Standard deviation of how far the 2D boxes of a detector all reach too far, as a share of width and height."""
+TRANSLATION_SIGMA = 0.04
+"""Prior standard deviation of each translation, as a share of the object size (0.1 m among cars)."""
 
-HEIGHT_SHARE, GROUND_SHARE = 0.07, 0.02
-"""Standard deviations of a box's height and of the z of its underside, as shares of its height."""
+TIME_SIGMA_S = 0.15
+"""Prior standard deviation of the time offset, seconds."""
 
-FLOORS = np.array([0.0015, 0.0015, 0.003, 0.02, 0.02, 0.02, 0.004])
-"""What recordings without any error show (docs/rig.md): an error is not known better than so. Radians, shares of the
-size of the objects, seconds."""
+HABIT_SIGMA = 0.05
+"""Prior standard deviation of the excess of a detector's 2D boxes, as a share of their width and height."""
+
+HEIGHT_SIGMA = 0.07
+"""Standard deviation of the height of a box, as a share of it."""
+
+GROUND_SIGMA = 0.02
+"""Standard deviation of the z of a box's underside, as a share of its height."""
+
+MIN_SIGMAS = np.array([0.0015, 0.0015, 0.003, 0.02, 0.02, 0.02, 0.004])
+"""Errors that recordings without any error show (docs/rig.md): radians, shares of the object size, seconds."""
 
 STEPS = 4
-"""Gauss-Newton steps; three are enough for two degrees. Wrong matches are left out in the second half."""
+"""Number of Gauss-Newton steps; three are enough for two degrees. Wrong matches are left out in the second half."""
 
-FIXED = 1e12
-"""Information of a value that is zero."""
+FIXED_INFORMATION = 1e12
+"""Information of a value that is kept at zero."""
 
-_SMALL = np.array([1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3, 1e-3])
+_DERIVATIVE_STEPS = np.array([1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3, 1e-3])
 """Steps of numeric derivatives: radians, metres, seconds."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraError:
-    """What the pairs say of one camera.
+    """The estimated error of one camera."""
 
-    Attributes:
-        values: (7,) float64: rotation about x, y, z of its optical frame (radians), translation along them (metres):
-            `motion(values) @ T_camera_site` is the pose that fits; and how much later than their stamps say its images
-            were taken, seconds.
-        sigmas: (7,) float64, their standard deviations; 0 of what was not free.
-        size_m: Geometric mean of length and width of its objects, their median.
-        pairs: Number of pairs that were used.
-        tracks: Number of tracks they are of.
-    """
-
+    # (7,) float64: rotation about x, y, z of its optical frame (radians) and translation along them (metres), so that
+    # `motion(values) @ T_camera_site` is the pose that fits; delay of the images against their stamps, seconds
     values: F64
-    sigmas: F64
-    size_m: float
-    pairs: int
-    tracks: int
+    sigmas: F64  # (7,) float64, standard deviations; 0 for values that were not free
+    size_m: float  # Object size: median of the geometric mean of length and width, metres
+    pairs: int  # Number of pairs used
+    tracks: int  # Number of tracks they belong to
 
     @property
     def units(self) -> F64:
-        """(7,) 1 radian, the size of the objects (metres), 1 second: what limits are given in."""
+        """(7,) units of limits: radian, object size in metres, second."""
         return np.array([1.0, 1.0, 1.0, self.size_m, self.size_m, self.size_m, 1.0])
 
 
@@ -94,51 +96,55 @@ def camera_error(
     """The errors of a camera; None if there are too few pairs to judge it.
 
     Args:
-        pairs: Of one camera.
-        camera: As it is calibrated.
+        pairs: Pairs of this camera.
+        camera: As calibrated.
         lidar_xy: (L, 2) positions of the lidars in the site frame, metres.
-        config: Outline of objects, and how well boxes are known.
-        free: (7,) which values may differ from zero; None: all. What the others would take on belongs to these then.
+        config: Outline of objects and uncertainty of boxes.
+        free: (7,) values that may differ from zero; None: all.
     """
-    if not _enough(pairs.tracks):
+    if not _has_enough(pairs.tracks):
         return None
     fit = _Fit(pairs, camera, lidar_xy, config)
     is_free = np.ones(7, np.bool_) if free is None else free
-    fit.prior[:7][~is_free] = FIXED
+    fit.prior[:7][~is_free] = FIXED_INFORMATION
     values = np.zeros(10)
     for step in range(STEPS):
-        away, slopes, valid = fit.whitened(values)
-        squared = (away * away).mean(1)
+        residuals, slopes, valid = fit.whitened(values)
+        squared = (residuals * residuals).mean(1)
         weights = np.minimum(1.0, HUBER / np.sqrt(np.maximum(squared, 1e-12)))
-        weights[~valid | ((squared > OUTLIER**2) & (step >= STEPS // 2))] = 0.0
+        weights[~valid | ((squared > MAX_RESIDUAL**2) & (step >= STEPS // 2))] = 0.0
         normal = np.einsum("nei,n,nej->ij", slopes, weights, slopes) + np.diag(fit.prior)
-        pull = np.einsum("nei,n,ne->i", slopes, weights, away) - fit.prior * values
+        pull = np.einsum("nei,n,ne->i", slopes, weights, residuals) - fit.prior * values
         values = values + np.linalg.solve(normal, pull)
     used = weights > 0
-    if not _enough(pairs.tracks[used]):
+    if not _has_enough(pairs.tracks[used]):
         return None
-    scores = np.einsum("nei,n,ne->ni", slopes, weights, away)[used]
+    scores = np.einsum("nei,n,ne->ni", slopes, weights, residuals)[used]
     spans = (pairs.stamps_ns - pairs.stamps_ns.min()) // int(CLUSTER_S * 1e9)
     covariance = cluster_covariance(scores, np.stack([pairs.tracks, spans], 1)[used], normal, fit.prior)
-    floors = FLOORS * np.array([1, 1, 1, fit.size_m, fit.size_m, fit.size_m, 1])
-    sigmas = np.hypot(np.sqrt(np.diag(covariance)[:7]), floors)
+    min_sigmas = MIN_SIGMAS * np.array([1, 1, 1, fit.size_m, fit.size_m, fit.size_m, 1])
+    sigmas = np.hypot(np.sqrt(np.diag(covariance)[:7]), min_sigmas)
     return CameraError(
-        values[:7] * is_free, sigmas * is_free, fit.size_m, int(used.sum()), len(np.unique(pairs.tracks[used]))
+        values=values[:7] * is_free,
+        sigmas=sigmas * is_free,
+        size_m=fit.size_m,
+        pairs=int(used.sum()),
+        tracks=len(np.unique(pairs.tracks[used])),
     )
 
 
-def _enough(tracks: I64) -> bool:
+def _has_enough(tracks: I64) -> bool:
     return len(tracks) >= MIN_PAIRS and len(np.unique(tracks)) >= MIN_TRACKS
 
 
 class _Fit:
-    """The pairs of a camera with all that does not depend on its error."""
+    """The least-squares problem of a camera: its pairs, and everything that does not depend on its error."""
 
     def __init__(self, pairs: TrackedPairs, camera: CameraSensor, lidar_xy: F64, config: FuseConfig) -> None:
         self._pairs, n = pairs, len(pairs)
         self._cameras = CameraArrays.of([camera]).select(np.zeros(n, np.int64))
-        self._of_rig = camera.T_camera_site.matrix
-        self._in_rig = camera.T_camera_site.inverse().matrix @ pairs.T_camera_site
+        self._T_camera_site = camera.T_camera_site.matrix
+        self._T_image_site = camera.T_camera_site.inverse().matrix @ pairs.T_camera_site
         self._outline = rounded_outline(
             pairs.sizes,
             rounding=config.corner_rounding,
@@ -149,76 +155,76 @@ class _Fit:
         extent = np.maximum(pairs.xyxy[:, 2:] - pairs.xyxy[:, :2], 1.0)
         outline_px = config.outline_sigma * np.sqrt(extent.prod(1))
         self._noise_px2 = config.pixel_sigma_px**2 + outline_px**2
-        self._reach = np.zeros((n, 4, 3))  # habits move left and right, top, bottom outwards
-        self._reach[:, 0, 0], self._reach[:, 2, 0] = -extent[:, 0], extent[:, 0]
-        self._reach[:, 1, 1], self._reach[:, 3, 2] = -extent[:, 1], extent[:, 1]
-        self._box_covariances = self._known(lidar_xy, config)
+        self._habits = np.zeros((n, 4, 3))  # outwards: left and right, top, bottom
+        self._habits[:, 0, 0], self._habits[:, 2, 0] = -extent[:, 0], extent[:, 0]
+        self._habits[:, 1, 1], self._habits[:, 3, 2] = -extent[:, 1], extent[:, 1]
+        self._box_covariances = self._covariances_of_boxes(lidar_xy, config)
         self.size_m = float(np.median(np.sqrt(pairs.sizes[:, :2].prod(1))))
-        sigmas = [ROTATION_RAD] * 3 + [MOVE_SHARE * self.size_m] * 3 + [TIME_S] + [HABIT_SHARE] * 3
+        sigmas = [ROTATION_SIGMA_RAD] * 3 + [TRANSLATION_SIGMA * self.size_m] * 3 + [TIME_SIGMA_S] + [HABIT_SIGMA] * 3
         self.prior = 1 / np.array(sigmas) ** 2
 
-    def _known(self, lidar_xy: F64, config: FuseConfig) -> F64:
+    def _covariances_of_boxes(self, lidar_xy: F64, config: FuseConfig) -> F64:
         """(P, 7, 7) covariances of the boxes over `projection.PARAMETERS`."""
         pairs, n = self._pairs, len(self._pairs)
         boxes = Boxes3D(
-            0,
-            "",
-            pairs.centers,
-            pairs.sizes,
-            wrap_angle(pairs.yaws),
-            np.ones(n, np.float32),
-            np.zeros(n, np.int32),
-            np.zeros(n, np.int32),
-            pairs.covariances,
-            np.full(n, Source.LIDAR.value, np.uint8),
-            np.zeros(n, np.int64),
+            stamp_ns=0,
+            frame_id="",
+            centers=pairs.centers,
+            sizes=pairs.sizes,
+            yaws=wrap_angle(pairs.yaws),
+            scores=np.ones(n, np.float32),
+            class_ids=np.zeros(n, np.int32),
+            point_counts=np.zeros(n, np.int32),
+            covariances=pairs.covariances,
+            sources=np.full(n, Source.LIDAR.value, np.uint8),
+            measured_ns=np.zeros(n, np.int64),
         )
-        found = np.zeros((n, 7, 7))
-        found[:, :5, :5] = box_prior(boxes, lidar_xy, config).covariances[:, :5, :5]
-        found[:, :2, :2] += pairs.velocity_covariances * pairs.later_s[:, None, None] ** 2
-        height = (HEIGHT_SHARE * pairs.sizes[:, 2]) ** 2
-        found[:, 5, 5], found[:, 5, 6], found[:, 6, 5] = height, height / 2, height / 2
-        found[:, 6, 6] = height / 4 + (GROUND_SHARE * pairs.sizes[:, 2]) ** 2
-        return found
+        covariances = np.zeros((n, 7, 7))
+        covariances[:, :5, :5] = box_prior(boxes, lidar_xy, config).covariances[:, :5, :5]
+        covariances[:, :2, :2] += pairs.velocity_covariances * pairs.later_s[:, None, None] ** 2
+        height = (HEIGHT_SIGMA * pairs.sizes[:, 2]) ** 2
+        covariances[:, 5, 5], covariances[:, 5, 6], covariances[:, 6, 5] = height, height / 2, height / 2
+        covariances[:, 6, 6] = height / 4 + (GROUND_SIGMA * pairs.sizes[:, 2]) ** 2
+        return covariances
 
     def whitened(self, values: F64) -> tuple[F64, F64, Bools]:
-        """How far the 2D boxes lie off, in standard deviations.
+        """Whitened residuals of the 2D boxes.
 
         Args:
             values: (10,) errors of the camera, and habits.
 
         Returns:
-            (P, 4) of independent combinations of the edges; (P, 4, 10) derivatives of what is predicted of them; (P,)
-            whether the object is wholly in front of the camera.
+            (P, 4) residuals of independent combinations of the edges, in standard deviations; (P, 4, 10) derivatives of
+            their predictions; (P,) whether the object is wholly in front of the camera.
         """
         edges, by_box, valid = self._predicted(values[:7])
-        predicted = edges + self._reach @ values[7:]
-        slopes = np.concatenate([np.zeros((len(edges), 4, 7)), self._reach], 2)
-        for k, step in enumerate(_SMALL):
+        predicted = edges + self._habits @ values[7:]
+        slopes = np.concatenate([np.zeros((len(edges), 4, 7)), self._habits], 2)
+        for k, step in enumerate(_DERIVATIVE_STEPS):
             shifted = values[:7].copy()
             shifted[k] += step
             slopes[:, :, k] = (self._predicted(shifted)[0] - edges) / step
         covariances = by_box @ self._box_covariances @ by_box.swapaxes(1, 2)
         covariances[:, range(4), range(4)] += self._noise_px2[:, None]
         root = np.linalg.cholesky(covariances)
-        away = np.linalg.solve(root, (self._pairs.xyxy - predicted)[..., None])[..., 0]
-        return away, np.linalg.solve(root, slopes), valid
+        residuals = np.linalg.solve(root, (self._pairs.xyxy - predicted)[..., None])[..., 0]
+        return residuals, np.linalg.solve(root, slopes), valid
 
-    def _later(self, time_s: float) -> F64:
-        """(P, 4, 4) from the site at the frame's time to the site where the rig is so much later than the image."""
-        own = self._pairs.own_motion
-        if not time_s or not own.any():
-            return self._in_rig
-        back = np.tile(np.eye(4), (len(own), 1, 1))
-        back[:, :3, :3], back[:, :3, 3] = turned(-own[:, 3:] * time_s), -own[:, :3] * time_s
-        return np.asarray(back @ self._in_rig)
+    def _T_later_site(self, delay_s: float) -> F64:
+        """(P, 4, 4) from the site at the frame's time to the site as it stands `delay_s` after the image's stamp."""
+        twist = self._pairs.own_motion
+        if not delay_s or not twist.any():
+            return self._T_image_site
+        back = np.tile(np.eye(4), (len(twist), 1, 1))
+        back[:, :3, :3], back[:, :3, 3] = turned(-twist[:, 3:] * delay_s), -twist[:, :3] * delay_s
+        return np.asarray(back @ self._T_image_site)
 
     def _predicted(self, values: F64) -> tuple[F64, F64, Bools]:
         """Edges (P, 4), their derivatives (P, 4, 7) by the boxes, and whether they are valid (P,), without habits."""
         pairs, later_s = self._pairs, self._pairs.later_s + values[6]
         centers = pairs.centers.copy()
         centers[:, :2] += pairs.velocities * later_s[:, None]
-        T_camera_site = motion(values) @ self._of_rig @ self._later(float(values[6]))
+        T_camera_site = motion(values) @ self._T_camera_site @ self._T_later_site(float(values[6]))
         rotations, translations = T_camera_site[:, :3, :3].copy(), T_camera_site[:, :3, 3].copy()
         cameras = replace(self._cameras, rotations=rotations, translations=translations)
         return project_edges(centers, pairs.sizes, pairs.yaws + pairs.yaw_rates * later_s, cameras, self._outline)

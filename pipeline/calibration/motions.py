@@ -1,4 +1,4 @@
-"""Small motions, and the covariance of what is fitted to many measurements that err alike in groups."""
+"""Small motions, and covariances of fits to measurements with common errors in groups."""
 
 import numpy as np
 
@@ -22,16 +22,16 @@ def motion(values: F64) -> F64:
 
 
 def cluster_covariance(scores: F64, groups: I64, normal: F64, prior: F64) -> F64:
-    """(D, D) covariance of a weighted least-squares fit whose residuals are alike within groups.
+    """(D, D) covariance of a weighted least-squares fit whose residuals are correlated within groups.
 
     The sandwich estimate of Liang and Zeger (Longitudinal data analysis using generalized linear models, Biometrika
     73(1), 1986), with the usual factor for few groups.
 
     Args:
         scores: (N, D) weighted derivatives times residuals.
-        groups: (N, K) rows that are equal are of one group.
-        normal: (D, D) the normal matrix, prior included.
-        prior: (D,) its diagonal part that comes from the prior.
+        groups: (N, K) group of each measurement, by equal rows.
+        normal: (D, D) normal matrix, prior included.
+        prior: (D,) diagonal information of the prior.
     """
     _, group = np.unique(groups, axis=0, return_inverse=True)
     sums = np.zeros((group.max() + 1, scores.shape[1]))

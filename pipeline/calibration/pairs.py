@@ -1,7 +1,7 @@
-"""Boxes that lidars alone made, and the 2D boxes of a camera that are matched with them, kept for the end of a run.
+"""Pairs of a box by the lidars alone and the matched 2D box of a camera, kept for the end of a run.
 
-The boxes are those before refinement (`Detections.lidar`): refined ones already lie where the 2D boxes want them. What
-moves each to the time of the image is the motion of its track, which comes from many frames.
+The boxes are those before refinement (`Detections.lidar`), since refined ones already follow the 2D boxes. The motion
+of the track, estimated over many frames, moves each to the time of the image.
 """
 
 from collections.abc import Iterator
@@ -17,45 +17,29 @@ from lidcam.pipeline.core.geometry.poses import interpolate_poses
 from lidcam.pipeline.core.tracks import NO_TRACK
 
 MAX_HIDDEN = 0.3
-"""Pairs of which nearer objects hide more are left out, and those at the border of the image: edges err there."""
+"""Maximum hidden share of an object; pairs beyond, and those at the border of the image, have wrong edges."""
 
 STEP_NS = 50_000_000
-"""The rig's own speed at the time of an image is that between so long before and after it."""
+"""Half-width of the interval over which the rig's own speed at an image is measured, nanoseconds."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackedPairs(Table):
-    """P pairs of a lidar's box and a 2D box of one camera.
+    """P pairs of a lidar's box and a 2D box of one camera."""
 
-    Attributes:
-        xyxy: (P, 4) float64 left, top, right, bottom of the 2D box, pixels.
-        centers: (P, 3) float64 of the lidar's box, metres in the site frame at the frame's time.
-        sizes: (P, 3) float64 length, width, height, metres.
-        yaws: (P,) float64 radians.
-        covariances: (P, 3, 3) float64 of x, y, yaw; zeros where unknown.
-        later_s: (P,) float64, how much later than the box the image was measured.
-        velocities: (P, 2) float64 of the object over the ground, m/s along x and y of the site frame.
-        velocity_covariances: (P, 2, 2) float64.
-        yaw_rates: (P,) float64 of the object over the ground, rad/s.
-        T_camera_site: (P, 4, 4) float64, the camera where it took the image.
-        own_motion: (P, 6) float64 of the site frame at that time, along and about its axes, m/s and rad/s.
-        tracks: (P,) int64 number of the object's track.
-        stamps_ns: (P,) int64 time of the image.
-    """
-
-    xyxy: F64
-    centers: F64
-    sizes: F64
-    yaws: F64
-    covariances: F64
-    later_s: F64
-    velocities: F64
-    velocity_covariances: F64
-    yaw_rates: F64
-    T_camera_site: F64
-    own_motion: F64
-    tracks: I64
-    stamps_ns: I64
+    xyxy: F64  # (P, 4) float64 left, top, right, bottom of the 2D box, pixels
+    centers: F64  # (P, 3) float64 of the lidar's box, metres in the site frame at the frame's time
+    sizes: F64  # (P, 3) float64 length, width, height, metres
+    yaws: F64  # (P,) float64 radians
+    covariances: F64  # (P, 3, 3) float64 of x, y, yaw; zeros where unknown
+    later_s: F64  # (P,) float64, time of the image after that of the box, seconds
+    velocities: F64  # (P, 2) float64 of the object over the ground, m/s along x and y of the site frame
+    velocity_covariances: F64  # (P, 2, 2) float64
+    yaw_rates: F64  # (P,) float64 of the object over the ground, rad/s
+    T_camera_site: F64  # (P, 4, 4) float64, the camera where it took the image
+    own_motion: F64  # (P, 6) float64 of the site frame at that time, along and about its axes, m/s and rad/s
+    tracks: I64  # (P,) int64 number of the object's track
+    stamps_ns: I64  # (P,) int64 time of the image
 
     def __post_init__(self) -> None:
         n = len(self.tracks)
@@ -68,11 +52,7 @@ class TrackedPairs(Table):
 
 
 def tracked_pairs(frame: FrameResult) -> Iterator[tuple[str, TrackedPairs]]:
-    """The pairs of each camera in one frame, by its name; only of cameras that have some.
-
-    Args:
-        frame: With tracks; without them there are no pairs.
-    """
+    """The pairs of each camera that has some in one frame, by its name; none without tracks."""
     fused, tracks, boxes = frame.fused, frame.fused.tracks, frame.detections.lidar
     if tracks is None:
         return
@@ -97,25 +77,25 @@ def tracked_pairs(frame: FrameResult) -> Iterator[tuple[str, TrackedPairs]]:
         yield (
             name,
             TrackedPairs(
-                xyxy,
-                chosen.centers,
-                chosen.sizes,
-                chosen.yaws,
-                chosen.covariances,
-                np.asarray((found.stamp_ns - chosen.measured_ns) * 1e-9, np.float64),
-                tracks.velocities[objects],
-                tracks.velocity_covariances[objects],
-                tracks.yaw_rates[objects],
-                np.repeat(view.T_camera_site.matrix[None], n, 0),
-                np.repeat(motion[None], n, 0),
-                tracks.ids[objects],
-                np.full(n, found.stamp_ns, np.int64),
+                xyxy=xyxy,
+                centers=chosen.centers,
+                sizes=chosen.sizes,
+                yaws=chosen.yaws,
+                covariances=chosen.covariances,
+                later_s=np.asarray((found.stamp_ns - chosen.measured_ns) * 1e-9, np.float64),
+                velocities=tracks.velocities[objects],
+                velocity_covariances=tracks.velocity_covariances[objects],
+                yaw_rates=tracks.yaw_rates[objects],
+                T_camera_site=np.repeat(view.T_camera_site.matrix[None], n, 0),
+                own_motion=np.repeat(motion[None], n, 0),
+                tracks=tracks.ids[objects],
+                stamps_ns=np.full(n, found.stamp_ns, np.int64),
             ),
         )
 
 
 def _own_motion(motion: PoseSamples | None, stamp_ns: int) -> F64:
-    """(6,) of the site frame in itself, m/s and rad/s; zeros where nothing is known."""
+    """(6,) velocity of the site frame in itself, m/s and rad/s; zeros where unknown."""
     if motion is None or len(motion) < 2:
         return np.zeros(6)
     around = np.array([stamp_ns - STEP_NS, stamp_ns + STEP_NS], np.int64)

@@ -94,6 +94,16 @@ def join_rows(*records: Record) -> Record:
     )
 
 
+def replace_rows(record: Record, rows: Indices, part: Record) -> Record:
+    """A copy of a record in which the given rows of each array are those of `part`, in its order; other fields stay."""
+    columns = {name: getattr(record, name) for name in _names(type(record))}
+    for name, values in columns.items():
+        if isinstance(values, np.ndarray):
+            columns[name] = values.copy()
+            columns[name][rows] = getattr(part, name)
+    return type(record)(**columns)
+
+
 def first_of_runs(values: Array) -> Bools:
     """(N,) whether each value is another one than the value before it."""
     is_first = np.ones(len(values), np.bool_)

@@ -12,40 +12,25 @@ from lidcam.pipeline.core.detections import Boxes2D
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundBoxes(Table):
-    """M 2D boxes, camera by camera, and in each by falling score, then by class and place: whatever their order was.
+    """M 2D boxes, camera by camera, and in each by falling score, then by class and position."""
 
-    Attributes:
-        cameras: (M,) int64 number of the camera.
-        rows: (M,) int64, row of `Boxes2D`.
-        xyxy: (M, 4) float32 left, top, right, bottom in pixels; may reach beyond the image.
-        scores: (M,) float32.
-        class_ids: (M,) int32.
-        stamps_ns: (M,) int64 time of the image.
-    """
-
-    cameras: I64
-    rows: I64
-    xyxy: F32
-    scores: F32
-    class_ids: I32
-    stamps_ns: I64
+    cameras: I64  # (M,) int64 number of the camera
+    rows: I64  # (M,) int64, row of `Boxes2D`
+    xyxy: F32  # (M, 4) float32 left, top, right, bottom in pixels; may reach beyond the image
+    scores: F32  # (M,) float32
+    class_ids: I32  # (M,) int32
+    stamps_ns: I64  # (M,) int64 time of the image
 
     @classmethod
     def of(cls, boxes: Mapping[str, Boxes2D], names: Sequence[str]) -> "FoundBoxes":
-        """Those of some cameras; made once for the stages of a frame.
-
-        Args:
-            boxes: By camera name.
-            names: Of the cameras, by number; those that are not in `boxes` have none.
-        """
+        """The boxes by camera name as a table, made once for the stages of a frame; `names` gives the numbers."""
         return _table(tuple(boxes.get(name) for name in names))
 
 
 @lru_cache(maxsize=1)
 def _table(boxes: tuple[Boxes2D | None, ...]) -> FoundBoxes:
-    """The boxes of the cameras by number."""
-    shown = [(number, part) for number, part in enumerate(boxes) if part] or [(0, Boxes2D.empty(0, ""))]
-    numbers, parts = zip(*shown, strict=True)
+    numbered = [(number, part) for number, part in enumerate(boxes) if part] or [(0, Boxes2D.empty(0, ""))]
+    numbers, parts = zip(*numbered, strict=True)
     counts = [len(part) for part in parts]
     table = FoundBoxes(
         np.repeat(np.array(numbers, np.int64), counts),

@@ -1,8 +1,7 @@
 """The rectangles that boxes fill in images, with their derivatives by the boxes.
 
-An edge of the rectangle is where the outermost point of the box appears: a corner, or, where a lens bends lines, a
-point of one of the box's edges. For small changes of the box it stays the same point of the box, so the derivative of
-the edge is the derivative of that point.
+An edge of the rectangle is at the outermost point of the box: a corner, or, where a lens bends lines, a point of one of
+the box's edges. For small changes of the box it stays the same point, so its derivative is that of the edge.
 
 A cuboid around an object appears larger than the object: vehicles and people have round corners, and do not touch the
 ground at the corners of their box. Seen across a corner, the rectangle around a projected cuboid is wider than the one
@@ -26,37 +25,36 @@ from lidcam.pipeline.core.rig import CameraSensor
 PARAMETERS = ("x", "y", "yaw", "length", "width", "height", "z")
 """Parameters of the derivatives, in order: metres and radians; x, y, z of the centre, in the site frame."""
 
-
 _BETWEEN = np.array([0.25, 0.5, 0.75])[:, None]
 _ALONG_EDGES = np.concatenate(
     [UNIT_CORNERS, *(UNIT_CORNERS[a] * (1 - _BETWEEN) + UNIT_CORNERS[b] * _BETWEEN for a, b in BOX_EDGES)]
 )
 """Corners, and where lines are bent the samples of edges that `CameraModel.project_boxes` uses."""
 
-
 _INWARD = np.array([[0.0, 1.0], [1.0, 0.0]])
-"""Where the straight line that stands for a round corner begins and ends, in units of what it cuts off both sides."""
+"""Ends of the straight line in place of a round corner, in units of its cut on both sides."""
 
 CUT_PER_RADIUS = np.sqrt(2) * (np.sqrt(2) - 1)
-"""A corner cut off by so much appears as far inside, seen across it, as one rounded by a radius of 1."""
+"""Cut of a straight corner that appears as far inside, seen across it, as a rounded one, per radius."""
+
 _LEVELS = (-1.0, 0.2, 1.0)
-"""Underside, belt line of a car, roof."""
+"""Underside, belt line of a car, roof, in halves of the height."""
 
-AS_HIGH_AS_WIDE = 1.2
-"""Height by width from which on an object is no car."""
+MAX_CAR_HEIGHT = 1.2
+"""Maximum ratio of height to width of a car."""
 
-UPRIGHT = 2.0
-"""Height by width from which on an object is a person."""
+MIN_PERSON_HEIGHT = 2.0
+"""Minimum ratio of height to width of a person."""
 
 TALL_ROUNDING = 0.4
-"""Vans, trucks and buses have sharper corners than cars: their rounding is this share of it."""
+"""Rounding of vans, trucks and buses, as a share of that of cars."""
 
-RIDES = 2.0
-"""Length by width from which on a person rides."""
+MIN_RIDER_LENGTH = 2.0
+"""Minimum ratio of length to width of a person who rides."""
 
 _WHEEL_END, _WHEEL_GROUND, _HANDS, _HEAD = (1.0, 0.1, -0.6), (0.6, 0.1, -1.0), (0.2, 1.0, 0.25), (0.15, 0.3, 1.0)
-"""Of a rider along, across and up, in halves of the box: the end of a wheel at the height of its axle and where it
-stands, hands and shoulders, and the head."""
+"""Points of a rider along, across and up, in halves of the box: the end of a wheel at the height of its axle and on the
+ground, hands and shoulders, and the head."""
 
 _SIDES = np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1]])
 
@@ -66,14 +64,10 @@ class Outline:
     """Points of P objects, along the axes of their boxes.
 
     A point is at `signs * size / 2 + offsets`: it keeps its distance to the sides of the box when the box grows.
-
-    Attributes:
-        signs: (S, 3) float64 in [-1, 1].
-        offsets: (P, S, 3) float64 metres; P may be 1 if they are the same for all.
     """
 
-    signs: F64
-    offsets: F64
+    signs: F64  # (S, 3) float64 in [-1, 1]
+    offsets: F64  # (P, S, 3) float64 metres; P may be 1 if they are the same for all
 
     def __post_init__(self) -> None:
         check_array("signs", self.signs, (len(self.signs), 3), np.float64)
@@ -97,17 +91,17 @@ def rounded_outline(sizes: F64, *, rounding: float, underside: float, cabin: flo
     Args:
         sizes: (P, 3) length, width, height, metres.
         rounding: Radius of the corners of a car, as a share of the smaller of length and width, at most 0.5. That of
-            higher vehicles is less, by `TALL_ROUNDING`. Unless it is 0, objects that are higher than wide by `UPRIGHT`
-            are people: round on foot, and with thin wheels in front and behind where they ride.
-        underside: How far above the ground an object begins at its outline, as a share of its height.
-        cabin: How much shorter and narrower the roof of a car is than its body, as a share. Cars are objects that are
-            lower than wide; from `AS_HIGH_AS_WIDE` on there is no such roof.
+            higher vehicles is less, by `TALL_ROUNDING`. Unless it is 0, objects that are higher than wide by
+            `MIN_PERSON_HEIGHT` are people: round on foot, and with thin wheels in front and behind if they ride.
+        underside: Height of the lower edge of the outline above the ground, as a share of the height.
+        cabin: Share by which the roof of a car is shorter and narrower than its body. Cars are objects that are lower
+            than wide; from `MAX_CAR_HEIGHT` on there is no such roof.
         bent: Whether a lens bends lines.
     """
     signs, inward, of_riders = _round_points(bent=bent)
     smaller, height = sizes[:, :2].min(1), sizes[:, 2]
-    is_upright = height > UPRIGHT * smaller
-    low = ((AS_HIGH_AS_WIDE - height / sizes[:, 1]) / (AS_HIGH_AS_WIDE - 1)).clip(0.0, 1.0)
+    is_upright = height > MIN_PERSON_HEIGHT * smaller
+    low = ((MAX_CAR_HEIGHT - height / sizes[:, 1]) / (MAX_CAR_HEIGHT - 1)).clip(0.0, 1.0)
     round_share = 0.5 if rounding > 0 else 0.0
     share = np.where(is_upright, round_share, rounding * (TALL_ROUNDING + (1 - TALL_ROUNDING) * low))
     offsets = np.zeros((len(sizes), len(signs), 3))
@@ -115,7 +109,7 @@ def rounded_outline(sizes: F64, *, rounding: float, underside: float, cabin: flo
     roof = signs[:, 2] == 1
     offsets[:, roof, :2] -= signs[roof, :2] * (cabin * low[:, None] * sizes[:, :2] / 2)[:, None]
     offsets[:, signs[:, 2] < 0, 2] = (underside * height)[:, None]
-    rides = is_upright & (sizes[:, 0] > RIDES * sizes[:, 1]) & (rounding > 0)
+    rides = is_upright & (sizes[:, 0] > MIN_RIDER_LENGTH * sizes[:, 1]) & (rounding > 0)
     offsets[rides] = of_riders * sizes[rides, None] / 2
     return Outline(signs, offsets)
 
@@ -125,8 +119,8 @@ def _round_points(*, bent: bool) -> tuple[F64, F64, F64]:
     """Points of boxes with round corners.
 
     Returns:
-        (S, 3) signs; (S, 2) which way each point is moved where a corner is cut off by 1; (S, 3) offsets, in halves of
-        the box, of people on bicycles: thin wheels at the ends, a rider in the middle, a head on top.
+        (S, 3) signs; (S, 2) displacement of each point for a corner cut by 1; (S, 3) offsets, in halves of the box, for
+        people on bicycles: thin wheels at the ends, a rider in the middle, a head on top.
     """
     corners = np.repeat(UNIT_CORNERS[:4, :2], len(_INWARD), axis=0)
     inward = np.tile(_INWARD, (4, 1))
@@ -142,19 +136,12 @@ def _round_points(*, bent: bool) -> tuple[F64, F64, F64]:
 
 @dataclass(frozen=True, eq=False)
 class CameraArrays(Table):
-    """P cameras as arrays, row by row.
+    """P cameras as arrays, row by row."""
 
-    Attributes:
-        rotations: (P, 3, 3) float64, site to camera.
-        translations: (P, 3) float64, the site's origin in the optical frames, metres.
-        lenses: P lenses.
-        image_sizes: (P, 2) float64 width, height, pixels.
-    """
-
-    rotations: F64
-    translations: F64
-    lenses: Lenses
-    image_sizes: F64
+    rotations: F64  # (P, 3, 3) float64, site to camera
+    translations: F64  # (P, 3) float64, the site's origin in the optical frames, metres
+    lenses: Lenses  # P lenses
+    image_sizes: F64  # (P, 2) float64 width, height, pixels
 
     def __post_init__(self) -> None:
         n = len(self.rotations)
@@ -178,28 +165,22 @@ class CameraArrays(Table):
 
     @cached_property
     def limits(self) -> F64:
-        """(P, 4) the largest left, top, right and bottom of what lies in the image: its size, twice."""
+        """(P, 4) maximum left, top, right and bottom in the image: its size, twice."""
         return np.concatenate([self.image_sizes, self.image_sizes], 1)
 
 
 @lru_cache(maxsize=4)
 def camera_arrays(cameras: tuple[CameraSensor, ...]) -> CameraArrays:
-    """These cameras as arrays, which are made once for those that stand still, and once a frame for others."""
+    """These cameras as arrays, cached for cameras that stand still."""
     return CameraArrays.of(cameras)
 
 
 class ProjectedEdges(NamedTuple):
-    """Rectangles around P projected boxes, not clipped to the image.
+    """Rectangles around P projected boxes, not clipped to the image."""
 
-    Attributes:
-        xyxy: (P, 4) float64 left, top, right, bottom in pixels.
-        jacobian: (P, 4, 7) float64, derivatives of these edges by `PARAMETERS`.
-        valid: (P,) whether the whole box is in front of the camera and within the lens model; other rows are
-            meaningless.
-    """
-
-    xyxy: F64
-    jacobian: F64
+    xyxy: F64  # (P, 4) float64 left, top, right, bottom in pixels
+    jacobian: F64  # (P, 4, 7) float64, derivatives of these edges by `PARAMETERS`
+    # (P,) whether the whole box is in front of the camera and within the lens model; other rows are meaningless
     valid: Bools
 
 
@@ -219,8 +200,8 @@ def project_edges(
         sizes: (P, 3) length, width, height, metres.
         yaws: (P,) radians about +z.
         cameras: P cameras, or those that `rows` refer to.
-        outline: Outlines of as many objects as cameras; None: those of the boxes themselves.
-        rows: (P,) camera and outline of each box; None: each has its own.
+        outline: An outline for each camera; None: the corners of the boxes.
+        rows: (P,) camera and outline of each box; None: one for each box.
     """
     outline = outline or cuboid_outline(bent=cameras.lenses.bends)
     rows = np.arange(len(yaws)) if rows is None else rows

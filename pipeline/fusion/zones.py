@@ -1,4 +1,4 @@
-"""Which objects a rig's zones let be reported."""
+"""Selection of the reported objects by the zones of a rig."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,7 +11,7 @@ from lidcam.pipeline.core.geometry.polygons import first_polygon_with
 from lidcam.pipeline.core.rig import Zone, ZoneUse
 
 OUTSIDE = "outside of all zones of use detect"
-"""Why an object is not reported that no zone asks for."""
+"""Reason of an object outside of all zones of use `detect`."""
 
 
 def is_reported(centers: F64, zones: Sequence[Zone]) -> Bools:
@@ -19,10 +19,7 @@ def is_reported(centers: F64, zones: Sequence[Zone]) -> Bools:
 
     Args:
         centers: (N, 2) or (N, 3) in the site frame, metres; one on the edge of a zone lies in it.
-        zones: Of the rig, in any order: `ignore` is stronger than `detect`.
-
-    Returns:
-        (N,) bool.
+        zones: Zones of the rig, in any order: `ignore` overrides `detect`.
     """
     reported = _rows_in(centers, zones, "ignore") < 0
     if any(zone.use == "detect" for zone in zones):
@@ -31,7 +28,7 @@ def is_reported(centers: F64, zones: Sequence[Zone]) -> Bools:
 
 
 def select_by_zones(fused: Fused, zones: Sequence[Zone]) -> Fused:
-    """The objects that are reported, and by reason how many others there were."""
+    """The reported objects, with the number of others by reason."""
     centers = fused.objects.centers
     kept = is_reported(centers, zones)
     if kept.all():

@@ -1,11 +1,11 @@
 """Association of 3D boxes with the 2D boxes of all cameras.
 
-Each 3D box is projected into the images, together with the uncertainty of its place and yaw. A pair of a 3D and a 2D
-box is worth the logarithm of how much likelier it is that both are one object than that the 2D box shows something else
-(`lidcam.pipeline.core.association`), by place and size, both classes, the 2D box's score, and the share of the object
-that others hide (`lidcam.pipeline.fusion.matching.in_view`); of a hidden object the visible part is compared as well as
+Each 3D box is projected into the images, together with the uncertainty of its position and yaw. The worth of a pair is
+the log likelihood ratio of both being one object against the 2D box showing something else
+(`lidcam.pipeline.core.association`), by position and size, both classes, the 2D box's score, and the hidden share of
+the object (`lidcam.pipeline.fusion.matching.in_view`); hidden objects are compared by their visible part as well as
 the whole. In each camera the assignment with the largest sum is taken. Then each camera is assigned again, with the
-place and the class by the other cameras and its direction by its other pairs
+position and the class by the other cameras and its direction by its other pairs
 (`lidcam.pipeline.fusion.matching.agreement`), until nothing changes.
 """
 
@@ -43,26 +43,23 @@ from lidcam.pipeline.fusion.matching.agreement import (
 from lidcam.pipeline.fusion.matching.in_view import InView, hidden_parts, project_into_views
 from lidcam.pipeline.fusion.projection import CameraArrays, camera_arrays
 
-ROUNDS = 3
-"""Largest number of rounds through the cameras."""
+MAX_ROUNDS = 3
+"""Maximum number of rounds through the cameras."""
 
-MIN_VISIBLE, MIN_SCORE = 0.02, 0.01
-"""No object counts as hidden wholly, and no 2D box as wrong for sure."""
+MIN_VISIBLE = 0.02
+"""Minimum visible share of an object."""
+
+MIN_SCORE = 0.01
+"""Minimum score of a 2D box."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pairs(Table):
-    """Q pairs of a 3D box in an image and a 2D box in the same image, near enough to be weighed.
+    """Q pairs of a 3D box and a 2D box in the same image, within the gate."""
 
-    Attributes:
-        seen: (Q,) int64 row of the projected 3D boxes, rising.
-        found: (Q,) int64 row of the 2D boxes of all cameras.
-        iou: (Q,) float64, overlap of both.
-    """
-
-    seen: I64
-    found: I64
-    iou: F64
+    seen: I64  # (Q,) int64 row of the projected 3D boxes, rising
+    found: I64  # (Q,) int64 row of the 2D boxes of all cameras
+    iou: F64  # (Q,) float64 overlap
 
 
 class Associate:
@@ -81,7 +78,7 @@ class Associate:
         Args:
             boxes3d: N boxes in the site frame.
             boxes2d: By camera name.
-            views: The cameras of the rig as they stood when these boxes were measured.
+            views: The cameras of the rig at the times of these 2D boxes.
 
         Raises:
             FrameError: the 3D boxes are not in the site frame of the cameras.
@@ -106,7 +103,7 @@ class Associate:
     def _matches(
         self, rows3d: Indices, seen: InView, hidden: F32, found: FoundBoxes, pairs: Pairs
     ) -> dict[str, Matches]:
-        """The records of all cameras, with the rows of the boxes as they were given."""
+        """The records of all cameras, with the original rows of the boxes."""
         shape = len(self._names), len(rows3d)
         projected, covered = np.full((*shape, 4), np.nan, np.float32), np.zeros(shape, np.float32)
         projected[seen.cameras, rows3d[seen.rows]] = seen.xyxy
@@ -145,25 +142,25 @@ class Associate:
         others = before_matching(belief, seen.rows)
         by_box = noise + spread(others.covariances, jacobians)
         differences = _differences(seen, rest, found, pairs, by_box)
-        class_ids, always = found.class_ids[pairs.found], self._worth_anyway(hidden, found, pairs)
+        class_ids, base_worth = found.class_ids[pairs.found], self._base_worth(hidden, found, pairs)
         area_px = arrays.image_sizes.prod(1)[seen.cameras[pairs.seen]]
         focal_px = arrays.lenses.K[:, [0, 1], [0, 1]][seen.cameras]
         aim = (np.deg2rad(config.calibration_sigma_deg) * focal_px) ** 2
         shifts, aims = np.zeros_like(aim), aim
-        for _ in range(ROUNDS):
-            off = differences - (jacobians * others.shifts[:, None]).sum(2)[pairs.seen]
-            away, variances = off.copy(), by_box[pairs.seen]
-            away[:, :2] -= shifts[pairs.seen]
+        for _ in range(MAX_ROUNDS):
+            residuals = differences - (jacobians * others.shifts[:, None]).sum(2)[pairs.seen]
+            shifted, variances = residuals.copy(), by_box[pairs.seen]
+            shifted[:, :2] -= shifts[pairs.seen]
             variances[:, :2] += aims[pairs.seen]
-            squared = squared_distances(away, variances)
+            squared = squared_distances(shifted, variances)
             ratio = fit_ratios(squared, variances, area_px, config.unseen_boxes)
-            worth = ratio + always + others.log_classes[pairs.seen, class_ids]
+            worth = ratio + base_worth + others.log_classes[pairs.seen, class_ids]
             before, taken = taken, best_pairs(pairs, np.where(squared <= config.gate**2, worth, 0.0), seen.cameras)
             if (before == taken).all():
                 break
             chosen = taken.nonzero()[0]
             rows = pairs.seen[chosen]
-            centers = off[chosen, :2], by_box[rows, :2]
+            centers = residuals[chosen, :2], by_box[rows, :2]
             shifts, aims = common_shifts(seen.cameras, aim, rows, *centers, squared[chosen])
             errors, fit = noise[rows], differences[chosen]
             errors[:, :2] += aims[rows]
@@ -173,39 +170,34 @@ class Associate:
             by_box = noise + spread(others.covariances, jacobians)
         return taken
 
-    def _worth_anyway(self, hidden: F32, found: FoundBoxes, pairs: Pairs) -> F64:
-        """(Q,) what pairs are worth by the score of the 2D box and by how much of the object is hidden."""
+    def _base_worth(self, hidden: F32, found: FoundBoxes, pairs: Pairs) -> F64:
+        """(Q,) worth of pairs by the score of the 2D box and the visible share of the object."""
         by_score = np.log(np.maximum(found.scores.astype(np.float64), MIN_SCORE))[pairs.found]
         by_visible_share = np.log(np.maximum(1 - hidden, MIN_VISIBLE))[pairs.seen]
         return np.asarray(by_score + by_visible_share + np.log(len(self._confusion)))  # else it may be of any class
 
 
 def _differences(seen: InView, rest: F32, found: FoundBoxes, pairs: Pairs, variances: F64) -> F64:
-    """(Q, 4) features of 2D boxes less those of the objects, or of their visible parts where these are nearer.
+    """(Q, 4) features of 2D boxes less those of the objects, or of their visible parts (P, 4) where these are nearer.
 
-    Args:
-        seen: P boxes in images.
-        rest: (P, 4) rectangles around their visible parts.
-        found: The 2D boxes.
-        pairs: Q pairs of these.
-        variances: (P, 4) of the features.
+    `variances` (P, 4) are those of the features.
     """
     whole, parts, in_image = (rectangle_features(xyxy) for xyxy in (seen.xyxy, rest, found.xyxy))
     by_whole, by_part = (in_image[pairs.found] - features[pairs.seen] for features in (whole, parts))
-    own = variances[pairs.seen]
-    is_part = squared_distances(by_part, own) < squared_distances(by_whole, own)
+    of_pairs = variances[pairs.seen]
+    is_part = squared_distances(by_part, of_pairs) < squared_distances(by_whole, of_pairs)
     return np.where(is_part[:, None], by_part, by_whole)
 
 
 def near_pairs(seen_xyxy: F32, seen_cameras: I64, found_xyxy: F32, found_cameras: I64, *, min_giou: float) -> Pairs:
-    """Pairs of rectangles in the same image whose generalised IoU is large enough.
+    """Pairs of rectangles in the same image with a minimum generalised IoU.
 
     Args:
         seen_xyxy: (P, 4) projected 3D boxes.
         seen_cameras: (P,) their cameras, rising.
         found_xyxy: (M, 4) 2D boxes, clipped to their images.
         found_cameras: (M,) their cameras, rising.
-        min_giou: Least generalised IoU.
+        min_giou: Minimum generalised IoU.
     """
     seen, found = pairs_of_images(seen_cameras, found_cameras)
     iou, giou = pair_overlaps_xyxy(seen_xyxy[seen], found_xyxy[found])
@@ -213,12 +205,9 @@ def near_pairs(seen_xyxy: F32, seen_cameras: I64, found_xyxy: F32, found_cameras
 
 
 def best_pairs(pairs: Pairs, worth: F64, seen_cameras: I64) -> Bools:
-    """(Q,) which pairs belong to the assignment with the largest sum of worth; each row is taken once at most.
+    """(Q,) which pairs belong to the assignment with the largest sum of positive worth (Q,); each row at most once.
 
-    Args:
-        pairs: Q pairs.
-        worth: (Q,) of each; pairs without a positive worth are not taken.
-        seen_cameras: (P,) camera of each projected 3D box, rising.
+    `seen_cameras` (P,) is the camera of each projected 3D box, rising.
     """
     taken = np.asarray(worth > 0)
     good = taken.nonzero()[0]
@@ -227,19 +216,19 @@ def best_pairs(pairs: Pairs, worth: F64, seen_cameras: I64) -> Bools:
     rivals = good[is_rival]
     if not len(rivals):
         return taken
-    for own in np.split(rivals, np.flatnonzero(np.diff(seen_cameras[pairs.seen[rivals]])) + 1):
-        rows, row = np.unique(pairs.seen[own], return_inverse=True)
-        columns, column = np.unique(pairs.found[own], return_inverse=True)
+    for group in np.split(rivals, np.flatnonzero(np.diff(seen_cameras[pairs.seen[rivals]])) + 1):
+        rows, row = np.unique(pairs.seen[group], return_inverse=True)
+        columns, column = np.unique(pairs.found[group], return_inverse=True)
         table = np.zeros((len(rows), len(columns)))
-        table[row, column] = worth[own]
+        table[row, column] = worth[group]
         is_best = np.zeros(table.shape, np.bool_)
         is_best[assign(-table)] = True
-        taken[own] = is_best[row, column]
+        taken[group] = is_best[row, column]
     return taken
 
 
 def _rank3d(boxes: Boxes3D) -> Indices:
-    """Indices by falling score, then by all other fields that matter here."""
+    """Rows by falling score, then by all other fields that matter here."""
     order = np.argsort(-boxes.scores, kind="stable")
     if first_of_runs(boxes.scores[order]).all():
         return order

@@ -1,10 +1,10 @@
 """Belief: the probability that a hypothesis is an object, from the evidence of all sensors.
 
-The lidars' score is turned into a probability, because it means something else for each class. A matched 2D box speaks
-for an object. A camera that has it in view, unhidden, without a 2D box speaks against it, as far as it finds objects of
-that size at all, which is counted during the run. Where no camera has an image, its evidence of a moment ago counts,
-less and less; without any, the lidars decide. For an object that cameras place by the ground alone, the probability
-that it is where it is reported counts, too: its covariance gives it.
+The lidars' score is turned into a probability, since its meaning differs between classes. A matched 2D box counts for
+an object. A camera that has it in view, unhidden, without a 2D box counts against it, by the camera's recall for
+objects of that size, which is counted during the run. Between the images of a camera its latest evidence counts with
+falling weight; without any, the lidars decide. For an object that cameras place by the ground alone, the probability of
+its position by its covariance counts as well.
 """
 
 from collections.abc import Sequence
@@ -21,22 +21,22 @@ from lidcam.pipeline.core.settings.fuse import FuseConfig
 from lidcam.pipeline.fusion.belief.memory import Memory, RecallCounts
 from lidcam.pipeline.fusion.belief.odds import (
     FITTED,
-    at_its_place,
+    are_in_view,
     camera_evidence,
     joined,
     log_odds_before_cameras,
+    match_radii_m,
+    position_probability,
     probability,
-    reach_of_classes,
-    shown,
 )
 from lidcam.pipeline.fusion.belief.visibility import Visibility
 
 
 class Believe:
-    """Existence probabilities. Learns how much each camera finds, and remembers, so frames must come in order.
+    """Existence probabilities. Learns the recall of each camera, and remembers, so frames must come in order.
 
-    Scores of the lidars' boxes are calibrated, unless they are probabilities already (`Engine3D`). Those of
-    lidcam's own networks count less where a camera looks.
+    Scores of the lidars' boxes are calibrated, unless they are probabilities already (`Engine3D`). Those of lidcam's
+    own networks count less in view of a camera.
     """
 
     def __init__(
@@ -51,60 +51,53 @@ class Believe:
     ) -> None:
         self._is_calibrated, self._has_network = scores_are_probabilities, has_network
         self._frequencies = np.array([prior.frequency for prior in classes])
-        self._reach_m = reach_of_classes(classes)
+        self._radii_m = match_radii_m(classes)
         self._cameras = [camera.name for camera in rig.cameras]
         self._recall = RecallCounts(self._cameras, config.camera_recall)
         self._memory, self._last_ns = Memory(classes), 0
         self._site_frame, self._motion = rig.site_frame, motion
 
-    def __call__(
-        self,
-        hypotheses: Hypotheses,
-        visibility: Visibility,
-        bundle: SensorBundle,
-    ) -> F64:
-        """(N,) float64 in [0, 1), probability that there is an object of the class of each hypothesis where it says.
+    def __call__(self, hypotheses: Hypotheses, visibility: Visibility, bundle: SensorBundle) -> F64:
+        """(N,) float64 in [0, 1), probability of an object of the class of each hypothesis at its position.
 
-        Where it says is up to half of the largest side of its class away.
+        "At its position" means within half the longest side of the class.
 
         Args:
             hypotheses: N boxes in the site frame, and their matches.
-            visibility: How the cameras see them.
-            bundle: Its time, and the motion of the site frame.
+            visibility: Their visibility for the cameras.
+            bundle: Source of the time and of the motion of the site frame.
 
         Raises:
             FrameError: the motion is that of a frame other than the site frame.
         """
-        is_seen, has_absent = self._looking(hypotheses, visibility)
-        before = self._before_cameras(hypotheses, shown(visibility) & self._has_network)
+        is_seen, has_absent = self._seen_and_absent(hypotheses, visibility)
+        before = self._before_cameras(hypotheses, are_in_view(visibility) & self._has_network)
         evidence = camera_evidence(visibility, self._recall.plain(visibility), FITTED)
         self._recall.learn(visibility, before, evidence, FITTED)
-        boxes, said = hypotheses.boxes, joined(evidence, FITTED)
-        self._memory.age(
+        boxes, by_cameras = hypotheses.boxes, joined(evidence, FITTED)
+        self._memory.advance(
             (bundle.stamp_ns - self._last_ns) / 1e9, own_motion(bundle, self._last_ns, self._site_frame, self._motion)
         )
         self._last_ns = bundle.stamp_ns
         recalled = self._memory.recalled(boxes, ~is_seen & has_absent)
-        self._memory.remember(boxes, is_seen, said, all_look=len(visibility.cameras) == len(self._cameras))
-        place = at_its_place(boxes.covariances, self._reach_m[boxes.class_ids])
-        return probability(before + said + recalled) * place
+        self._memory.remember(boxes, is_seen, by_cameras, all_look=len(visibility.cameras) == len(self._cameras))
+        position = position_probability(boxes.covariances, self._radii_m[boxes.class_ids])
+        return probability(before + by_cameras + recalled) * position
 
-    def _before_cameras(self, hypotheses: Hypotheses, looked_at: Bools) -> F64:
+    def _before_cameras(self, hypotheses: Hypotheses, in_view: Bools) -> F64:
         boxes = hypotheses.boxes
-        scores, is_lidar = boxes.scores.astype(np.float64), np.arange(len(boxes)) < hypotheses.lidar_count
-        frequencies = self._frequencies[boxes.class_ids]
         return log_odds_before_cameras(
-            scores,
-            frequencies,
+            boxes.scores.astype(np.float64),
+            self._frequencies[boxes.class_ids],
             boxes.point_counts,
             boxes.sources,
-            is_lidar,
+            np.arange(len(boxes)) < hypotheses.lidar_count,
             FITTED,
-            looked_at=looked_at if self._is_calibrated else None,
+            in_view=in_view if self._is_calibrated else None,
         )
 
-    def _looking(self, hypotheses: Hypotheses, visibility: Visibility) -> tuple[Bools, Bools]:
-        """(N,) whether a camera looks at each box, and (N,) whether one would that does not look in this frame."""
+    def _seen_and_absent(self, hypotheses: Hypotheses, visibility: Visibility) -> tuple[Bools, Bools]:
+        """(N,) whether each box is in view of a camera, and (N,) of a camera without an image in this frame."""
         nobody = np.zeros((1, len(hypotheses.boxes)), np.bool_)
         absent = [
             np.isfinite(matches.projected_xyxy[:, 0])[None]

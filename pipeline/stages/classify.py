@@ -1,7 +1,7 @@
-"""The class of each hypothesis: how well its size fits each class, and what the lidars and the cameras take it for.
+"""The class of each hypothesis, by its size and the votes of the lidars and the cameras.
 
-Which classes are confused follows from their sizes: a van and a truck look alike, a car and a pedestrian do not. So
-there is no table of names, and classes of one's own work like the given ones.
+The confusion of classes follows from their sizes: a van and a truck look alike, a car and a pedestrian do not. So there
+is no table of names, and custom classes work like the default ones.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,32 +15,36 @@ from lidcam.pipeline.core.association import class_distances
 from lidcam.pipeline.core.detections import Boxes2D, Hypotheses
 from lidcam.pipeline.core.settings.classes import ClassPrior
 
-ALIKE = 0.45
-"""The share of votes for another class falls to 1/e with each such step of the logarithms of length, width, height."""
+CONFUSION_SCALE = 0.45
+"""Distance of classes, in logarithms of length, width, height, over which the share of votes falls to 1/e."""
 
-OWN_LOG_ODDS = 0.2
-"""Weight of the detector's own choice, which knows the shape of the points beside the size of the box."""
+DETECTOR_LOG_ODDS = 0.2
+"""Log odds of the class by the detector, which knows the shape of the points beside the size of the box."""
 
-SHORT_SHARE = 0.2
-SHORT_LIMIT = 3.0
-"""A box shorter than its class errs by this share of it; missing extent counts at most so many standard deviations."""
+MISSING_SIGMA = 0.2
+"""Standard deviation of missing extent, as a share of the class extent."""
 
-SHORT_WEIGHTS = np.array([0.15, 0.15, 0.9])
+MAX_MISSING_SIGMAS = 3.0
+"""Maximum missing extent, in standard deviations."""
+
+MISSING_WEIGHTS = np.array([0.15, 0.15, 0.9])
+"""Weights of missing length, width and height: sides are often hidden, tops seldom."""
+
 COMPLETED_WEIGHTS = np.array([0.15, 0.15, 0.2])
-"""Weight of missing length, width and height: sides are often hidden, tops seldom. A completed side may be larger."""
+"""The same weights for a completed extent, which may be larger."""
 
-LONG_LIMIT = 4.0
-"""A measured extent that no object of the class has counts at most so many standard deviations."""
+MAX_EXCESS_SIGMAS = 4.0
+"""Maximum excess of a measured extent over the class, in standard deviations."""
 
-MEASURED_SHARE = 1e-3
-"""An extent that differs from the typical one of the class by less than this share was completed, not measured."""
+COMPLETED_TOLERANCE = 1e-3
+"""Maximum relative difference from the typical extent of the class for an extent that was completed, not measured."""
 
 
 class Classify:
     """Classes of the hypotheses of a frame."""
 
     def __init__(self, classes: Sequence[ClassPrior], riders: frozenset[tuple[int, int]] = frozenset()) -> None:
-        """Of these classes, with the `riders` of the 2D detector (`Detect2D.riders`)."""
+        """Classify into these classes, with the `riders` of the 2D detector (`Detect2D.riders`)."""
         self._priors = tuple(classes)
         self._taken_for = confusion(classes)
         self._rides = np.zeros(self._taken_for.shape, np.bool_)
@@ -48,11 +52,10 @@ class Classify:
             self._rides[ridden, person] = True
 
     def __call__(self, hypotheses: Hypotheses, boxes2d: Mapping[str, Boxes2D]) -> Hypotheses:
-        """The same hypotheses, each of its most probable class; what no camera is matched with keeps its own.
+        """The same hypotheses, each of its most probable class; unmatched ones keep theirs.
 
-        Where a detector that knows no riders calls a person what the lidars take for a bicycle, it is a rider.
-
-        Of classes that are equally probable the lowest id is taken.
+        Where a detector that knows no riders sees a person and the lidars a bicycle, it is a rider. Among equally
+        probable classes the lowest id is taken.
 
         Args:
             hypotheses: N boxes, and their matches with `boxes2d`.
@@ -65,8 +68,9 @@ class Classify:
         odds = class_log_odds(boxes.sizes, boxes.class_ids, self._priors)
         rows = np.concatenate([rows for (rows, _), _ in seen])
         named = np.concatenate([found.class_ids[rows2d] for (_, rows2d), found in seen])
-        own = boxes.class_ids[rows]
-        named = np.where(self._rides[own, named] & (rows < hypotheses.lidar_count), own, named)
+        by_lidar = boxes.class_ids[rows]
+        rides = self._rides[by_lidar, named] & (rows < hypotheses.lidar_count)
+        named = np.where(rides, by_lidar, named)
         scores = np.concatenate([found.scores[rows2d] for (_, rows2d), found in seen]).astype(np.float64)
         np.add.at(odds, rows, vote_log_odds(named, scores, self._taken_for))
         is_matched = np.bincount(rows, minlength=len(boxes)) > 0
@@ -77,54 +81,46 @@ class Classify:
 def confusion(priors: Sequence[ClassPrior]) -> F64:
     """(K, K) probability that an object of the class of the row is taken for that of the column.
 
-    Between classes of similar size this falls faster than `class_confusion`, by which boxes are matched: there, another
-    name should not keep a pair apart; here, names are what is asked for.
+    Between classes of similar size this falls faster than `class_confusion`, by which boxes are matched: another name
+    should not prevent a match, but here it decides.
     """
-    alike = np.exp(-np.sqrt(class_distances(priors)) / ALIKE)
+    alike = np.exp(-np.sqrt(class_distances(priors)) / CONFUSION_SCALE)
     return np.asarray(alike / alike.sum(1, keepdims=True))
 
 
 def vote_log_odds(class_ids: I32, scores: F64, taken_for: F64) -> F64:
-    """(M, K) log likelihood of each class, given that a detector names a class with a score.
+    """(M, K) log likelihood of each class, given votes (M,) of a detector with scores (M,) in [0, 1].
 
-    Args:
-        class_ids: (M,) named classes.
-        scores: (M,) in [0, 1]; a name of score 0 says nothing.
-        taken_for: (K, K) of `confusion`.
+    `taken_for` (K, K) is that of `confusion`; a vote of score 0 has no effect.
     """
-    said = taken_for[:, class_ids].T
-    return np.asarray(np.log(scores[:, None] * said + (1 - scores[:, None]) / len(taken_for) + 1e-12))
+    likelihood = taken_for[:, class_ids].T
+    return np.asarray(np.log(scores[:, None] * likelihood + (1 - scores[:, None]) / len(taken_for) + 1e-12))
 
 
 def class_log_odds(sizes: F64, own_ids: I32, priors: tuple[ClassPrior, ...]) -> F64:
-    """(N, K) log likelihood of each class, given box and class of a 3D detector.
+    """(N, K) log likelihood of each class, given boxes (N, 3) and classes (N,) of a 3D detector.
 
-    An extent that equals the typical one of its own class was completed to it: what was seen is shorter. Where that is
-    so of length or width alone, the other one may be either extent of an object of another class. Of several kinds of a
-    class, that counts which fits best.
-
-    Args:
-        sizes: (N, 3) length, width, height, metres.
-        own_ids: (N,) class that the detector gives.
-        priors: The classes.
+    An extent equal to the typical one of its class was completed to it, so the visible part is shorter. Where length or
+    width alone was completed, the other one may be either extent of an object of another class. The best fitting kind
+    of a class counts.
     """
     typical, spread, starts = _kinds(priors)
     is_own = np.repeat(np.arange(len(priors)), np.diff(starts, append=len(typical))) == own_ids[:, None]
-    is_typical = np.abs(sizes[:, None] - typical) <= MEASURED_SHARE * typical
+    is_typical = np.abs(sizes[:, None] - typical) <= COMPLETED_TOLERANCE * typical
     is_measured = ~(is_typical & is_own[..., None]).any(1)
     fits = _fits(sizes, is_measured, typical, spread)
     turned = _fits(sizes[:, [1, 0, 2]], is_measured[:, [1, 0, 2]], typical, spread)
     may_be_turned = ~is_own & (is_measured[:, 0] != is_measured[:, 1])[:, None]
     odds = np.maximum.reduceat(np.where(may_be_turned, np.maximum(fits, turned), fits), starts, axis=1)
-    odds[np.arange(len(sizes)), own_ids] += OWN_LOG_ODDS
+    odds[np.arange(len(sizes)), own_ids] += DETECTOR_LOG_ODDS
     return np.asarray(odds)
 
 
 def _fits(sizes: F64, is_measured: Bools, typical: F64, spread: F64) -> F64:
-    """(N, M) log likelihood of the extents of boxes (N, 3), of which some are measured, by those of M kinds (M, 3)."""
-    long = (np.maximum(sizes[:, None] - typical, 0.0) / np.maximum(spread, 1e-9)).clip(max=LONG_LIMIT)
-    short = (np.maximum(typical - sizes[:, None], 0.0) / (SHORT_SHARE * typical)).clip(max=SHORT_LIMIT)
-    weights = np.where(is_measured, SHORT_WEIGHTS, COMPLETED_WEIGHTS)
+    """(N, M) log likelihood of the extents of boxes (N, 3), some of them measured, by those of M kinds (M, 3)."""
+    long = (np.maximum(sizes[:, None] - typical, 0.0) / np.maximum(spread, 1e-9)).clip(max=MAX_EXCESS_SIGMAS)
+    short = (np.maximum(typical - sizes[:, None], 0.0) / (MISSING_SIGMA * typical)).clip(max=MAX_MISSING_SIGMAS)
+    weights = np.where(is_measured, MISSING_WEIGHTS, COMPLETED_WEIGHTS)
     return np.asarray(-(long**2 * is_measured[:, None] + weights[:, None] * short**2).sum(2) / 2)
 
 

@@ -25,9 +25,8 @@ class Combine:
     Every step but the extrinsics can be switched off in the settings. All fields of the points are kept. Points are in
     the order of `Rig.lidars`, and within a lidar in that of its message.
 
-    Objects are detected in the points before outlier removal: its one limit for all ranges takes far and thin objects,
-    whose points lie as far apart as stray ones do near the lidar. Clustering judges points by a distance that grows
-    with range, and leaves single ones out.
+    Objects are detected in the points before outlier removal, whose single limit for all ranges would remove far and
+    thin objects. Clustering links points by a distance that grows with range, and leaves single ones out.
     """
 
     def __init__(self, rig: Rig, config: CombineConfig) -> None:
@@ -78,17 +77,17 @@ class Combine:
 
         points_by_lidar = {self._rig.lidars[index].name: len(sweep) for index, sweep in sweeps.items()}
         return CombinedCloud(
-            cloud.select(left),
-            lidar_index.take(left),
-            cloud.select(above),
-            lidar_index.take(above),
-            ground_cloud,
-            ground.plane,
-            counts,
-            tuple(compensated),
-            points_by_lidar,
-            ground.relief,
-            lidar_index.take(ground.on_plane),
+            cloud=cloud.select(left),
+            lidar_index=lidar_index.take(left),
+            detection_cloud=cloud.select(above),
+            detection_lidar_index=lidar_index.take(above),
+            ground_cloud=ground_cloud,
+            plane=ground.plane,
+            counts=counts,
+            compensated=tuple(compensated),
+            points_by_lidar=points_by_lidar,
+            relief=ground.relief,
+            ground_lidar_index=lidar_index.take(ground.on_plane),
         )
 
     def _ground_of(self, xyz_site: F32, kept: Bools) -> "_Ground":
@@ -108,21 +107,13 @@ class Combine:
 
 
 class _Ground(NamedTuple):
-    """The ground, and the points by it.
+    """The ground, and rows of points by it."""
 
-    Attributes:
-        plane: None if there is none.
-        relief: How the ground differs from it.
-        left: Rows of the points that are kept and not near the plane.
-        on_plane: Rows of those that are kept and near it.
-        above: Rows of the points that are not near the ground as it is, whether they are kept or not.
-    """
-
-    plane: Plane | None
-    relief: Relief | None
-    left: Indices
-    on_plane: Indices
-    above: Indices
+    plane: Plane | None  # None if there is none
+    relief: Relief | None  # Deviation of the ground from the plane
+    left: Indices  # Kept points that are not near the plane
+    on_plane: Indices  # Kept points near the plane
+    above: Indices  # Points that are not near the actual ground, kept or not
 
 
 def _in_range(cloud: PointCloud, min_range_m: float, max_range_m: float) -> PointCloud:

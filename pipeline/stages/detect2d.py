@@ -23,10 +23,10 @@ class Detect2D:
     def __init__(
         self, rig: Rig, class_id_of_label: Mapping[str, int], settings: Detect2DConfig, detector: Detector2D
     ) -> None:
-        """Map the detector's labels to the configured classes; labels of no class are ignored.
+        """Map the detector's labels to the configured classes, ignoring case; labels of no class are ignored.
 
-        Small and capital letters are the same. Where the detector finds a rider as a person on something, as networks
-        trained on COCO do, each such pair becomes one box of the class of what is ridden.
+        Where the detector finds a rider as a person on a bicycle, as networks trained on COCO do, each such pair
+        becomes one box of the class of the latter.
 
         Raises:
             ConfigError: none of the detector's labels belongs to a class.
@@ -47,7 +47,7 @@ class Detect2D:
 
     @property
     def riders(self) -> frozenset[tuple[int, int]]:
-        """Class of what is ridden, and that of a person: the latter's box may be all that is found of who rides it."""
+        """Classes of bicycles and of people: the box of a person may be all that is found of a rider."""
         people, ridden = (
             [class_id for class_id in self._class_ids[rows].tolist() if class_id >= 0]
             for rows in (self._is_person, self._is_ridden)

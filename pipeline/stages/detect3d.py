@@ -24,7 +24,7 @@ class Detect3D:
     """Boxes of the configured classes in the combined cloud."""
 
     def __init__(self, rig: Rig, config: Config) -> None:
-        """Load the engine named by `detect3d.method`, and what scores its boxes.
+        """Load the engine named by `detect3d.method`, and the network that scores its boxes.
 
         Raises:
             ConfigError: the classes are not those that a learned score knows.
@@ -47,8 +47,7 @@ class Detect3D:
 class Recorded3D:
     """The boxes of all recorded detectors together.
 
-    Of two boxes of different detectors that stand on the same ground only the better one is kept; what one detector
-    says next to itself is left as it is.
+    Of two boxes of different detectors on the same ground, only the one with the higher score is kept.
     """
 
     def __init__(self, rig: Rig) -> None:

@@ -1,19 +1,17 @@
 """The motion of the rig from its clouds, registered by small_gicp to key frames.
 
 Generalized ICP (Segal et al., "Generalized-ICP", RSS 2009). Each cloud is registered to the key frame before the last,
-which it has left by some voxels: the pattern of the beams stands still in the site frame, and between clouds that are
-nearer to each other than its gaps it pulls the registration towards no motion.
+some voxels away: the pattern of the beams is fixed in the site frame, and pulls the registration of clouds that are
+nearer to each other than its gaps towards no motion.
 
-Where motion is recorded, it is corrected: each step is the recorded one and an error per metre of it, which is filtered
-from what the clouds say of the last MEMORY frames (growing-memory g-h filter; Brookner, "Tracking and Kalman Filtering
-Made Easy", 1998, ch. 1 and 5). So the noise of registration stays out, and what adds up is taken away: on KITTI drive
-0009 the recorded course is 1.4 degrees off the heading, by which what stands at the roadside would drift by 0.2 m/s.
-Where the clouds differ from that by more than odometry errs, as among much traffic, or say nothing, as in a tunnel, the
-step is taken as it is.
+Recorded motion is corrected: each step is the recorded one plus an error per metre, filtered from the registrations of
+the last MEMORY_FRAMES frames (growing-memory g-h filter; Brookner, "Tracking and Kalman Filtering Made Easy", 1998, ch.
+1 and 5). That removes drift without the noise of registration: on KITTI drive 0009 the recorded course is 1.4 degrees
+off the heading, by which static objects at the roadside would drift by 0.2 m/s. Where the clouds differ from the
+recorded step by more than odometry errors, as in dense traffic, or are featureless, as in a tunnel, the step is kept.
 
-Most rigs without recorded motion stand still. They are told by the clouds of the first second: a rig moves if the
-registered pose explains a cloud better than standing still does. Afterwards a thin sample of points is compared once a
-second.
+Most rigs without recorded motion stand still. The clouds of the first second decide: a rig moves if the registered pose
+explains a cloud better than standing still. Afterwards a thin sample of points is compared once a second.
 """
 
 from enum import Enum, auto
@@ -29,62 +27,62 @@ if TYPE_CHECKING:
     from small_gicp import KdTree, PointCloud, RegistrationResult
 
 UNITS_PER_EXTENT = 20
-"""The extent of a cloud (median distance of its points from their middle) in units: 0.3 m on roads, 8 cm in models.
-Distances below are in units."""
+"""Units of distance per extent of a cloud (median distance of its points from their middle): 0.3 m on roads, 8 cm in
+models. Distances below are in units."""
 
 VOXEL = 1.5
-"""Size of the voxels in which points become one. With one unit, poses are no more exact and take twice the time."""
+"""Size of the voxels in which points are thinned; one unit takes twice the time for no more accuracy."""
 
-MOST_POINTS = 60_000
-"""Of a cloud with more, every second point is used, or every n-th."""
+MAX_POINTS = 60_000
+"""Maximum number of points of a cloud, evenly thinned."""
 
 PRECISION = 0.01
-"""Registration ends where a step is shorter."""
+"""Step below which registration ends."""
 
 MIN_POINTS = 200
-"""Clouds with fewer, of voxels, cannot be registered."""
+"""Minimum number of thinned points of a cloud that is registered."""
 
-NEAR, FAR = 4, 16
-"""Largest distance of points that may correspond: where the motion is about known, and where it is not."""
+NEAR_REACH, FAR_REACH = 4, 16
+"""Maximum distance of corresponding points, with the motion roughly known and unknown."""
 
 KEY_DISTANCE = 4
 """Distance between key frames."""
 
-LEAST_MOTION = 1.0
-"""The rig moves if it has gone so far, and ..."""
+MIN_MOTION = 1.0
+"""Minimum displacement of a moving rig."""
 
-BETTER = 1.1
-"""... if the cloud fits so much worse where the rig would have stood still ..."""
+MIN_MISFIT_RATIO = 1.1
+"""Minimum ratio of the misfit of standing still to that of the registered pose of a moving rig."""
 
-TIMES = 2
-"""... in so many frames in a row."""
+MIN_MOVING_FRAMES = 2
+"""Minimum number of consecutive frames in which a rig moves."""
 
-LEAST_INLIERS = 0.3
-"""Registration has failed if a smaller share of the points has a counterpart, or ..."""
+MIN_INLIERS = 0.3
+"""Minimum share of the points with a counterpart in a sound registration."""
 
-LEAST_SHAPE = 0.008
-"""... if one direction is so much less fixed than the best: on bare ground any place is as good as the next."""
+MIN_SHAPE = 0.008
+"""Minimum ratio of the information of the least to the most constrained direction: bare ground constrains none."""
 
-WORSE, WORSE_BY = 1.5, 0.02
-"""A standing rig is looked at again if its cloud fits so much worse than a second after it was found to stand."""
+MAX_STANDING_MISFIT_RATIO, MAX_STANDING_MISFIT = 1.5, 0.02
+"""Maximum misfit of a standing rig: this multiple of the first one, and this much more."""
 
-SAMPLE = 3000
-"""Points of a cloud that are compared while the rig stands."""
+SAMPLE_POINTS = 3000
+"""Number of points of a cloud that are compared while the rig stands."""
 
-MOST_WRONG, MOST_WRONG_SHARE = 1.0, 0.1
-"""A recorded step may be wrong by so much, and by this share of it in addition."""
+MAX_STEP_ERROR, MAX_STEP_ERROR_SHARE = 1.0, 0.1
+"""Maximum error of a recorded step: a distance, and a share of the step in addition."""
 
-LEAST_WAY = 0.1
-"""Shorter steps do not show what the error of a metre is."""
+MIN_STEP = 0.1
+"""Minimum length of a step from which the error per metre is estimated."""
 
-MEMORY = 20
-"""Frames from which the error of recorded steps is told."""
+MEMORY_FRAMES = 20
+"""Number of frames from which the error of recorded steps is estimated."""
 
-LOOK_NS = 1_000_000_000
-"""How long it takes to tell that a rig stands, and how often that is looked at again."""
+CHECK_NS = 1_000_000_000
+"""Time after which a rig is known to stand, and period in which that is checked again, nanoseconds."""
 
 MAX_GAP_NS = 2_000_000_000
-"""After a longer gap, or where time jumps back, nothing is known of the velocity."""
+"""Maximum gap between frames over which the velocity is kept, nanoseconds."""
 
 
 class _State(Enum):
@@ -94,7 +92,7 @@ class _State(Enum):
 
 
 class _Scan(NamedTuple):
-    """A cloud, thinned, with normals and covariances, and where it was measured."""
+    """A thinned cloud with normals and covariances, and its pose."""
 
     T_fixed_site: F64
     points: "PointCloud"
@@ -104,7 +102,7 @@ class _Scan(NamedTuple):
 class FindOdometry:
     """Poses of the site frame from its clouds. Remembers, so frames must come in order.
 
-    All of it is done on one thread, so that the result is the same on any machine of a kind.
+    It runs on one thread, so that the result is the same on any machine of a kind.
     """
 
     def __init__(self) -> None:
@@ -124,7 +122,7 @@ class FindOdometry:
         Args:
             combined: The points of the frame, with those of the ground.
             stamp_ns: Its time.
-            T_fixed_site: (4, 4), the pose that was recorded; the fixed frame is that of the first one.
+            T_fixed_site: (4, 4) recorded pose; the fixed frame is that of the first one.
         """
         before, self._recorded = self._recorded, T_fixed_site
         if self._state is _State.STANDS and not self._is_disturbed(combined, stamp_ns):
@@ -145,23 +143,24 @@ class FindOdometry:
         return OdometryPose(pose.copy(), not is_found)
 
     def _corrected(self, xyz: Any, step: F64) -> tuple[F64, _Scan | None, bool]:
-        """The filtered pose after a recorded step, and what `_registered` gives for it."""
-        way_m = float(np.linalg.norm(step[:3, 3]))
-        pose = self._pose @ step @ _motion(self._error * way_m)
+        """The filtered pose after a recorded step, and the result of `_registered` for it."""
+        step_m = float(np.linalg.norm(step[:3, 3]))
+        pose = self._pose @ step @ _motion(self._error * step_m)
         scan, is_found = self._registered(xyz, pose, is_near=True)
         if scan is None:
             return pose, None, False
-        off = np.linalg.inv(pose) @ scan.T_fixed_site
-        if not is_found or self._gone_m(off) > MOST_WRONG * self._unit_m + MOST_WRONG_SHARE * self._gone_m(step):
+        error = np.linalg.inv(pose) @ scan.T_fixed_site
+        max_error_m = MAX_STEP_ERROR * self._unit_m + MAX_STEP_ERROR_SHARE * self._displacement_m(step)
+        if not is_found or self._displacement_m(error) > max_error_m:
             return pose, scan._replace(T_fixed_site=pose), False
-        self._steps = min(self._steps + 1, MEMORY)
-        k, twist = self._steps, _twist(off)
-        if way_m > LEAST_WAY * self._unit_m:
-            self._error = self._error + twist * (6 / (k * (k + 1) * way_m))
+        self._steps = min(self._steps + 1, MEMORY_FRAMES)
+        k, twist = self._steps, _twist(error)
+        if step_m > MIN_STEP * self._unit_m:
+            self._error = self._error + twist * (6 / (k * (k + 1) * step_m))
         return pose @ _motion(twist * (2 * (2 * k - 1) / (k * (k + 1)))), scan, True
 
     def _begin(self, xyz: Any, stamp_ns: int, recorded: F64 | None) -> None:
-        """Take the first cloud with points as the fixed frame."""
+        """Make the first cloud with points the fixed frame."""
         if len(xyz) < MIN_POINTS:
             return
         xy = xyz[:, :2].astype(np.float64)
@@ -176,12 +175,12 @@ class FindOdometry:
     def _scan(self, xyz: Any, T_fixed_site: F64) -> _Scan | None:
         from small_gicp import preprocess_points
 
-        thinned = xyz[:: len(xyz) // MOST_POINTS + 1].astype(np.float64)
+        thinned = xyz[:: len(xyz) // MAX_POINTS + 1].astype(np.float64)
         points, tree = preprocess_points(thinned, VOXEL * self._unit_m, num_neighbors=10, num_threads=1)
         return _Scan(T_fixed_site, points, tree) if points.size() >= MIN_POINTS else None
 
     def _guess(self, stamp_ns: int) -> F64:
-        """The pose if the velocity has not changed; the last one where it is not known."""
+        """The pose at constant velocity; the last one if the velocity is unknown."""
         from scipy.spatial.transform import Rotation
 
         gap_ns = stamp_ns - self._stamp_ns
@@ -195,18 +194,18 @@ class FindOdometry:
         return np.asarray(self._pose @ step)
 
     def _registered(self, xyz: Any, guess: F64, *, is_near: bool) -> tuple[_Scan | None, bool]:
-        """The cloud at the pose that fits best, and whether that is one to rely on; None of too few points."""
+        """The cloud at the pose that fits best, and whether that is reliable; None with too few points."""
         scan = self._scan(xyz, guess) if len(xyz) else None
         assert self._key is not None
         if scan is None:
             return None, False
         T_key_site = np.linalg.inv(self._key.T_fixed_site) @ guess
         if not is_near:
-            T_key_site = self._aligned(scan, T_key_site, FAR).T_target_source
-        found = self._aligned(scan, T_key_site, NEAR)
-        # Both rotation and translation are in it; translation comes last.
+            T_key_site = self._aligned(scan, T_key_site, FAR_REACH).T_target_source
+        found = self._aligned(scan, T_key_site, NEAR_REACH)
+        # The information of rotation comes first, that of translation last.
         shape = np.linalg.eigvalsh(found.H[3:, 3:])
-        is_found = found.num_inliers >= LEAST_INLIERS * scan.points.size() and shape[0] >= LEAST_SHAPE * shape[-1]
+        is_found = found.num_inliers >= MIN_INLIERS * scan.points.size() and shape[0] >= MIN_SHAPE * shape[-1]
         return scan._replace(T_fixed_site=self._key.T_fixed_site @ found.T_target_source), bool(is_found)
 
     def _aligned(self, scan: _Scan, T_key_site: F64, reach: float) -> "RegistrationResult":
@@ -226,34 +225,34 @@ class FindOdometry:
         )
 
     def _has_moved(self, scan: _Scan | None, stamp_ns: int) -> bool:
-        """Whether the rig has left the place where it stood so far; says so of single frames, too."""
+        """Whether the rig has left its first place in this frame; single frames count, too."""
         has_moved = False
-        if scan is not None and self._gone_m(scan.T_fixed_site) > LEAST_MOTION * self._unit_m:
+        if scan is not None and self._displacement_m(scan.T_fixed_site) > MIN_MOTION * self._unit_m:
             xyz = scan.points.points()[:, :3]
-            has_moved = self._misfit(xyz, np.eye(4)) > BETTER * self._misfit(xyz, scan.T_fixed_site)
+            has_moved = self._misfit(xyz, np.eye(4)) > MIN_MISFIT_RATIO * self._misfit(xyz, scan.T_fixed_site)
         self._times = self._times + 1 if has_moved else 0
         if has_moved:
-            self._state = _State.MOVES if self._times >= TIMES else self._state
+            self._state = _State.MOVES if self._times >= MIN_MOVING_FRAMES else self._state
             return True
         self._pose, self._stamp_ns, self._step_ns = np.eye(4), stamp_ns, 0
-        if stamp_ns - self._since_ns >= LOOK_NS:
+        if stamp_ns - self._since_ns >= CHECK_NS:
             self._state, self._since_ns, self._usual = _State.STANDS, stamp_ns, None
             if scan is not None:
                 self._key = self._next = scan._replace(T_fixed_site=np.eye(4))
         return False
 
     def _is_disturbed(self, combined: CombinedCloud, stamp_ns: int) -> bool:
-        """Whether a standing rig has to be looked at again: its cloud fits the key frame worse than it did."""
-        if 0 <= stamp_ns - self._since_ns < LOOK_NS:
+        """Whether a standing rig has to be checked again: its cloud fits the key frame worse than before."""
+        if 0 <= stamp_ns - self._since_ns < CHECK_NS:
             return False
         self._since_ns = stamp_ns
-        sample = combined.cloud.xyz[:: len(combined.cloud) // SAMPLE + 1].astype(np.float64)
+        sample = combined.cloud.xyz[:: len(combined.cloud) // SAMPLE_POINTS + 1].astype(np.float64)
         if not len(sample):
             return False
         misfit = self._misfit(sample, np.eye(4))
         if self._usual is None:
             self._usual = misfit
-        if misfit <= WORSE * self._usual + WORSE_BY:
+        if misfit <= MAX_STANDING_MISFIT_RATIO * self._usual + MAX_STANDING_MISFIT:
             return False
         self._state, self._times, self._stamp_ns, self._step_ns = _State.UNKNOWN, 0, stamp_ns, 0
         return True
@@ -268,27 +267,27 @@ class FindOdometry:
         off = np.abs(np.einsum("ij,ij->i", xyz - points, normals)) / self._unit_m
         return float(np.mean(np.where(near, np.minimum(off, 1.0), 1.0) ** 2))
 
-    def _gone_m(self, T: F64) -> float:
-        """How far a motion takes points at the edge of the scene."""
+    def _displacement_m(self, T: F64) -> float:
+        """Displacement of points at the edge of the scene by a motion."""
         angle = np.arccos(np.clip((np.trace(T[:3, :3]) - 1) / 2, -1, 1))
         return float(np.linalg.norm(T[:3, 3]) + angle * self._extent_m)
 
     def _follow(self, pose: F64, scan: _Scan | None, stamp_ns: int, *, is_found: bool) -> None:
-        """Take a frame in: its velocity, and its cloud as a key frame where one is due."""
+        """Update the velocity, and the key frames where one is due."""
         if is_found and 0 < stamp_ns - self._stamp_ns <= MAX_GAP_NS:
             self._step, self._step_ns = np.linalg.inv(self._pose) @ pose, stamp_ns - self._stamp_ns
         self._pose, self._stamp_ns = pose, stamp_ns
         if scan is None or self._state is not _State.MOVES:
             return
         assert self._next is not None
-        if not is_found:  # what is seen from here on is not seen in the key frame
+        if not is_found:  # the key frame shows other surroundings
             self._key = self._next = scan._replace(T_fixed_site=pose)
-        elif self._gone_m(np.linalg.inv(self._next.T_fixed_site) @ pose) >= KEY_DISTANCE * self._unit_m:
+        elif self._displacement_m(np.linalg.inv(self._next.T_fixed_site) @ pose) >= KEY_DISTANCE * self._unit_m:
             self._key, self._next = self._next, scan
 
 
 def _motion(twist: F64) -> F64:
-    """(4, 4) of a small motion (6,): translation, rotation vector."""
+    """(4, 4) matrix of a small motion (6,): translation, rotation vector."""
     from scipy.spatial.transform import Rotation
 
     motion = np.eye(4)
@@ -297,7 +296,7 @@ def _motion(twist: F64) -> F64:
 
 
 def _twist(motion: F64) -> F64:
-    """(6,), see `_motion`."""
+    """(6,) inverse of `_motion`."""
     from scipy.spatial.transform import Rotation
 
     return np.concatenate([motion[:3, 3], Rotation.from_matrix(motion[:3, :3]).as_rotvec()])

@@ -1,4 +1,4 @@
-"""Objects in 3D by the cameras alone: every 2D box placed by the ground and the size of its class."""
+"""Objects in 3D by the cameras alone: every 2D box is placed by the ground and the size of its class."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -17,19 +17,18 @@ from lidcam.pipeline.fusion.cameras.placing import Placed, Placements, SizePrior
 from lidcam.pipeline.fusion.cameras.sightings import Noise, see
 from lidcam.pipeline.fusion.found import FoundBoxes
 
-GROUND_SHARE = 0.25
+GROUND_SIGMA = 0.25
 """Standard deviation of the ground's height, as a share of `combine.ground.distance_m`."""
 
-GROUND_SLOPE_STD = 0.008
-"""Standard deviation of the slope of the ground between camera and object, which is no plane: rise over run."""
+GROUND_SLOPE_SIGMA = 0.008
+"""Standard deviation of the slope of the ground between camera and object, rise over run."""
 
-BEARING_STD_RAD = math.radians(0.2)
-"""Standard deviation of the direction in which a camera looks: a sound calibration errs by as much. Association allows
-for worse ones."""
+BEARING_SIGMA_RAD = math.radians(0.2)
+"""Standard deviation of the direction of a well calibrated camera, radians; association allows for worse ones."""
 
 
 class Place:
-    """Objects in 3D from the 2D boxes of a frame, without a point of a lidar but for the ground."""
+    """Objects in 3D from the 2D boxes of a frame, without lidar points but for the ground."""
 
     def __init__(
         self, rig: Rig, config: FuseConfig, classes: Sequence[ClassPrior], *, ground_distance_m: float
@@ -40,9 +39,9 @@ class Place:
         self._noise = Noise(
             pixel_px=config.pixel_sigma_px,
             outline=config.outline_sigma,
-            ground_m=GROUND_SHARE * ground_distance_m,
-            ground_slope=GROUND_SLOPE_STD,
-            bearing_rad=BEARING_STD_RAD,
+            ground_m=GROUND_SIGMA * ground_distance_m,
+            ground_slope=GROUND_SLOPE_SIGMA,
+            bearing_rad=BEARING_SIGMA_RAD,
         )
 
     def __call__(
@@ -51,7 +50,7 @@ class Place:
         """One box of source CAMERA for all sightings of an object, in order of its first camera and its score there.
 
         Args:
-            combined: For the ground.
+            combined: Source of the ground.
             boxes2d: By camera name.
             views: By camera name, for every camera of the rig.
         """
@@ -75,16 +74,16 @@ class Place:
         since_ns = np.zeros(count, np.int64)
         np.add.at(since_ns, objects, sightings.stamps_ns - stamp_ns)
         boxes = Boxes3D(
-            stamp_ns,
-            self._site_frame,
-            np.column_stack([found.xy, ground_m(found.xy) + sizes[:, 2] / 2]),
-            sizes,
-            found.yaw_rad,
-            (1.0 - missed).astype(np.float32),
-            class_ids.astype(np.int32),
-            np.zeros(count, np.int32),
-            found.covariances,
-            np.full(count, Source.CAMERA.value, np.uint8),
-            stamp_ns + since_ns // np.maximum(seen, 1),
+            stamp_ns=stamp_ns,
+            frame_id=self._site_frame,
+            centers=np.column_stack([found.xy, ground_m(found.xy) + sizes[:, 2] / 2]),
+            sizes=sizes,
+            yaws=found.yaw_rad,
+            scores=(1.0 - missed).astype(np.float32),
+            class_ids=class_ids.astype(np.int32),
+            point_counts=np.zeros(count, np.int32),
+            covariances=found.covariances,
+            sources=np.full(count, Source.CAMERA.value, np.uint8),
+            measured_ns=stamp_ns + since_ns // np.maximum(seen, 1),
         )
         return Placed(boxes, sightings, objects, placements, out_of_image)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I64, Bools
+from lidcam.pipeline.core.arrays import F64, I64, Bools, replace_rows
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Boxes3D, Matches, Source
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
@@ -29,39 +29,38 @@ from lidcam.pipeline.fusion.proposals.parting import (
     has_room,
 )
 
-SAME_IOU = 0.5
-"""A box of the lidars and one proposed by a 2D box that overlap as much are one, matched or not."""
+MIN_SAME_IOU = 0.5
+"""Minimum IoU of a box of the lidars and a proposed one that are the same object, matched or not."""
 
-MAX_ALONE = 500
-"""Of more 2D boxes without a partner in a frame, so many with the best scores propose objects; the others are noise."""
+MAX_UNMATCHED = 500
+"""Maximum number of unmatched 2D boxes per frame that propose objects, those with the best scores."""
 
-TOO_MANY = f"not among the {MAX_ALONE} best without a 3D box in a frame"
+TOO_MANY = f"not among the {MAX_UNMATCHED} best without a 3D box in a frame"
+"""Reason of an unmatched 2D box beyond `MAX_UNMATCHED`."""
+
 OUT_OF_IMAGE = "nothing of it lies in the image"
+"""Reason of an unmatched 2D box outside of the image."""
+
 TOO_VAGUE = "without points, and cameras cannot tell where its object stands"
-"""Why 2D boxes without a partner propose no object."""
+"""Reason of an unmatched 2D box whose object has no points and an uncertain position."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Proposed:
-    """Hypotheses of one frame.
+    """Hypotheses of one frame."""
 
-    Attributes:
-        boxes: The boxes of the lidars, then those that 2D boxes propose.
-        left_out: Number of 2D boxes that propose no object though they have no partner, by reason.
-    """
-
-    boxes: Boxes3D
+    boxes: Boxes3D  # The boxes of the lidars, then those that 2D boxes propose
+    # Number of unmatched 2D boxes that propose no object, by reason
     left_out: Mapping[str, int] = field(default_factory=dict)
 
 
 class Propose:
     """The boxes of the lidars in their order, then objects of 2D boxes that have no partner among them.
 
-    The points where a 2D box looks become an object of source BOTH; without points, the object stays where the cameras
-    place it, with source CAMERA. Where a 2D box looks into a cluster that another 2D box of the same camera is matched
-    with, the cluster holds two objects: it is parted. An object is left out if the standard deviation of where the
-    cameras place it is larger than half of the diagonal of the largest object of its class: nobody could say which one
-    it is.
+    The points in the frustum of a 2D box become an object of source BOTH; without points, the object stays where the
+    cameras place it, with source CAMERA. A cluster in the frustums of two 2D boxes of one camera holds two objects and
+    is split. An object is left out if the standard deviation of its position by the cameras exceeds half of the
+    diagonal of the largest object of its class.
     """
 
     def __init__(self, rig: Rig, fitter: BoxFitter, config: ClusterConfig, classes: Sequence[ClassPrior]) -> None:
@@ -78,10 +77,10 @@ class Propose:
         """The hypotheses of a frame.
 
         Args:
-            combined: The cloud, in which objects are sought where 2D boxes look.
+            combined: The cloud.
             lidar: The boxes of the lidars.
             matches: By camera name; rows refer to `lidar`.
-            placed: The 2D boxes, and the objects that cameras alone place.
+            placed: The 2D boxes, and the objects placed by cameras alone.
         """
         sightings = placed.sightings
         partner, iou = find_partners(sightings, matches, self._names)
@@ -89,10 +88,10 @@ class Propose:
         partner[too_large], iou[too_large] = -1, 0.0
         is_served = (partner >= 0) | find_duplicates(sightings, partner)
         alone = np.flatnonzero(~is_served)
-        left_out = Counter({OUT_OF_IMAGE: placed.out_of_image, TOO_MANY: max(len(alone) - MAX_ALONE, 0)})
+        left_out = Counter({OUT_OF_IMAGE: placed.out_of_image, TOO_MANY: max(len(alone) - MAX_UNMATCHED, 0)})
         if not len(alone):
             return Proposed(lidar, +left_out)
-        alone = np.sort(alone[np.argsort(-sightings.scores[alone], kind="stable")[:MAX_ALONE]])
+        alone = np.sort(alone[np.argsort(-sightings.scores[alone], kind="stable")[:MAX_UNMATCHED]])
         is_matched = np.zeros(len(lidar), np.bool_)
         is_matched[partner[partner >= 0]] = True
         found = self._fit(combined, sightings.select(alone), placed.placements.select(alone))
@@ -105,7 +104,7 @@ class Propose:
         free = np.lexsort((seen, -found.worth))
         free = free[merged[free] < 0]
         boxes = _as_boxes(found.boxes, lidar)
-        boxes = parts.joined(boxes.select(free[~_is_known(boxes, lidar, is_matched)[free]]))
+        boxes = parts.joined(boxes.select(free[~_are_lidar_boxes(boxes, lidar, is_matched)[free]]))
         new = boxes.select(without_overlaps(boxes))
         is_served[seen[merged < 0]] = True
         is_served[parted] = True
@@ -120,10 +119,7 @@ class Propose:
         return Proposed(lidar.joined(new, left.select(apart)), +left_out)
 
     def _is_too_large(self, lidar: Boxes3D, sightings: Sightings, partner: I64) -> Bools:
-        """(P,) whether the partner of each 2D box covers more ground than anything of the class of the 2D box can.
-
-        Such a cluster is something else, or holds more than what the 2D box shows.
-        """
+        """(P,) whether the partner of each 2D box covers more ground than any object of the class of the 2D box."""
         too_large = np.zeros(len(partner), np.bool_)
         rows = np.flatnonzero(partner >= 0)
         too_large[rows] = _ground_m2(lidar)[partner[rows]] > self._max_ground_m2[sightings.class_ids[rows]]
@@ -138,14 +134,14 @@ class Propose:
         seen: I64,
         owners: I64,
     ) -> tuple[Boxes3D, Boxes3D, I64]:
-        """The boxes of the lidars, with those that hold several objects left to one; the other ones; their 2D boxes.
+        """The boxes of the lidars, with merged ones reduced to one object; the other objects; their 2D boxes.
 
         Args:
             combined: The cloud.
             lidar: The boxes of the lidars.
-            placed: The 2D boxes, and where they place their objects.
-            partners: Row of the 3D box that each 2D box is matched with, and their overlap.
-            seen: (U,) 2D boxes that look into a cluster of another 2D box.
+            placed: The 2D boxes, and their placements.
+            partners: Row of the 3D box matched with each 2D box, and their overlap.
+            seen: (U,) 2D boxes with the cluster of another 2D box in their frustum.
             owners: (U,) that other 2D box.
         """
         partner, iou = partners
@@ -159,32 +155,32 @@ class Propose:
         row, ground_m2 = rows[found.sighting], self._ground_m2[sightings.class_ids[found.sighting]]
         kept, other = choose_parts(found.iou, row, owner[found.sighting], ground_m2, partner, iou, _ground_m2(lidar))
         boxes = _as_boxes(found.boxes, lidar)
-        return _with_rows(lidar, partner[row[kept]], boxes.select(kept)), boxes.select(other), row[other]
+        return replace_rows(lidar, partner[row[kept]], boxes.select(kept)), boxes.select(other), row[other]
 
 
 def _as_boxes(found: Candidates3D, lidar: Boxes3D) -> Boxes3D:
     count = len(found.scores)
     return Boxes3D(
-        lidar.stamp_ns,
-        lidar.frame_id,
-        found.centers,
-        found.sizes,
-        wrap_angle(found.yaws),
-        found.scores.astype(np.float32),
-        found.class_ids.astype(np.int32),
-        found.point_counts.astype(np.int32),
-        found.covariances,
-        np.full(count, Source.BOTH, np.uint8),
-        lidar.stamp_ns + found.time_offsets_ns,
+        stamp_ns=lidar.stamp_ns,
+        frame_id=lidar.frame_id,
+        centers=found.centers,
+        sizes=found.sizes,
+        yaws=wrap_angle(found.yaws),
+        scores=found.scores.astype(np.float32),
+        class_ids=found.class_ids.astype(np.int32),
+        point_counts=found.point_counts.astype(np.int32),
+        covariances=found.covariances,
+        sources=np.full(count, Source.BOTH, np.uint8),
+        measured_ns=lidar.stamp_ns + found.time_offsets_ns,
     )
 
 
-def _is_known(boxes: Boxes3D, lidar: Boxes3D, is_matched: Bools) -> Bools:
-    """(N,) whether each box is one of the lidars, which a camera confirms, or which is much the same."""
+def _are_lidar_boxes(boxes: Boxes3D, lidar: Boxes3D, is_matched: Bools) -> Bools:
+    """(N,) whether each box is one of the lidars that a camera confirms, or that has about the same box."""
     same_class = boxes.class_ids[:, None] == lidar.class_ids
     bev = ious(boxes, lidar).bev
     rival = is_matched & (overlap_shares(boxes, lidar, bev) > OVERLAP_SHARE)
-    same = same_class & (bev > SAME_IOU)
+    same = same_class & (bev > MIN_SAME_IOU)
     return np.asarray((rival | same).any(1))
 
 
@@ -193,13 +189,6 @@ def _ground_m2(boxes: Boxes3D) -> F64:
 
 
 def _largest_std_m(boxes: Boxes3D) -> F64:
-    """(N,) standard deviation of each box's place in the direction in which it is largest."""
+    """(N,) largest standard deviation of each box's position in any direction."""
     a, b, c = boxes.covariances[:, 0, 0], boxes.covariances[:, 0, 1], boxes.covariances[:, 1, 1]
     return np.asarray(np.sqrt((a + c) / 2 + np.hypot((a - c) / 2, b)))
-
-
-def _with_rows(boxes: Boxes3D, rows: I64, new: Boxes3D) -> Boxes3D:
-    """The boxes, the given rows of which are the new ones."""
-    order = np.arange(len(boxes))
-    order[rows] = len(boxes) + np.arange(len(rows))
-    return boxes.joined(new).select(order)

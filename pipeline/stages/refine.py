@@ -1,10 +1,9 @@
 """Refinement: boxes fitted to the 2D boxes of all cameras that see them.
 
-Place, heading, length and width of a matched box become what its prior and the edges of its 2D boxes say together
-(`lidcam.pipeline.fusion.refining`), with the covariance of that. `measured_ns` moves towards the images as far as the
-place comes from them. A box keeps what it has where no 2D box was matched with it, where it is not in view as a whole,
-and where the fit explains the images no better than the box did, or takes it too far away. Height, z, score and class
-stay.
+Position, heading, length and width of a matched box are estimated from its prior and the edges of its 2D boxes
+(`lidcam.pipeline.fusion.refining`), with their covariance. `measured_ns` moves towards the images as far as the
+position comes from them. A box without a match, or not wholly in view, stays as it is; fits that do not improve the
+match, or move too far, are rejected. Height, z, score and class stay.
 """
 
 from collections.abc import Mapping
@@ -12,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import first_of_runs
+from lidcam.pipeline.core.arrays import first_of_runs, replace_rows
 from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Source
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.core.rig import CameraSensor, Rig
@@ -38,7 +37,7 @@ class Refine:
         Args:
             hypotheses: N boxes in the site frame and their matches with `boxes2d`.
             boxes2d: By camera name.
-            views: The cameras where they were when they took their images, by name.
+            views: By name, the cameras at the times of their images.
         """
         if not self._config.refine:
             return hypotheses
@@ -60,23 +59,19 @@ class Refine:
         edges = doubted_edges(edges, cut_px, predicted, jacobian, prior.covariances[:, :3, :3], is_own)
         found = refine_boxes(chosen, prior, edges, outline)
         taken = found.accepted & better_turned(objects, found, turned_of)
-        boxes, rows = hypotheses.boxes, turned_of[objects[taken]]
-        centers, sizes, yaws = boxes.centers.copy(), boxes.sizes.copy(), boxes.yaws.copy()
-        covariances, sources, measured_ns = boxes.covariances.copy(), boxes.sources.copy(), boxes.measured_ns.copy()
-        centers[rows, :2], sizes[rows, :2] = found.centers_xy[taken], found.lengths_widths[taken]
-        yaws[rows], covariances[rows] = wrap_angle(found.yaws[taken]), found.covariances[taken]
-        sources[rows[sources[rows] != Source.CAMERA.value]] = Source.BOTH.value
-        measured_ns[rows] += np.rint(found.later_s[taken] * 1e9).astype(np.int64)
+        rows = turned_of[objects[taken]]
+        before = hypotheses.boxes.select(rows)
+        by_camera = before.sources == Source.CAMERA.value
         refined = replace(
-            boxes,
-            centers=centers,
-            sizes=sizes,
-            yaws=yaws,
-            covariances=covariances,
-            sources=sources,
-            measured_ns=measured_ns,
+            before,
+            centers=np.column_stack([found.centers_xy[taken], before.centers[:, 2]]),
+            sizes=np.column_stack([found.lengths_widths[taken], before.sizes[:, 2]]),
+            yaws=wrap_angle(found.yaws[taken]),
+            covariances=found.covariances[taken],
+            sources=np.where(by_camera, before.sources, np.uint8(Source.BOTH.value)),
+            measured_ns=before.measured_ns + np.rint(found.later_s[taken] * 1e9).astype(np.int64),
         )
-        return replace(hypotheses, boxes=refined)
+        return replace(hypotheses, boxes=replace_rows(hypotheses.boxes, rows, refined))
 
     def _outline(self, boxes: Boxes3D, edges: MeasuredEdges) -> Outline:
         bent = edges.cameras.lenses.bends

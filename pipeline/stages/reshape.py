@@ -1,8 +1,8 @@
-"""Boxes completed again with the class that the cameras give.
+"""Boxes completed again with the class by the cameras.
 
-A lidar sees the near sides of an object; how far it reaches behind them depends on its class. Where a camera knows the
-class better, the box made with the lidars' own one is too long or too short, and its heading may be that of the other
-axis: the far part of a cyclist taken for a pedestrian, or a van for a car.
+A lidar sees the near sides of an object; its extent behind them depends on its class. Where a camera corrects the
+class, the box by the lidars' class is too long or too short, and its heading may be that of the other axis: the far
+part of a cyclist taken for a pedestrian, or a van for a car.
 """
 
 from collections.abc import Sequence
@@ -20,9 +20,9 @@ from lidcam.pipeline.detectors.cluster.refitting import Refitter
 
 
 class Reshape:
-    """Fits boxes anew whose class is not the one that they were completed with.
+    """Refits boxes whose class is not the one that they were completed with.
 
-    Only boxes that were found by clustering change: a network and a recording know the shape of what they see.
+    Only boxes from clustering change: networks and recorded detectors know the shapes of objects.
     """
 
     def __init__(self, fitter: BoxFitter, config: Detect3DConfig, classes: Sequence[ClassPrior]) -> None:
@@ -30,12 +30,12 @@ class Reshape:
         self._refit = Refitter(fitter, config.cluster, classes)
 
     def __call__(self, combined: CombinedCloud, hypotheses: Hypotheses, lidar: Boxes3D) -> Hypotheses:
-        """The same hypotheses; boxes of another class than the lidars gave them are fitted again, see `Refitter`.
+        """The same hypotheses; boxes of another class than by the lidars are fitted again, see `Refitter`.
 
         Args:
-            combined: The cloud that the boxes were found in.
+            combined: The cloud of the boxes.
             hypotheses: The boxes with their class by both sensors.
-            lidar: The boxes of the lidars with their own class, the first rows of the hypotheses.
+            lidar: The first rows of the hypotheses, with their class by the lidars.
         """
         boxes = hypotheses.boxes
         rows = np.flatnonzero(boxes.class_ids[: hypotheses.lidar_count] != lidar.class_ids)

@@ -1,8 +1,8 @@
-"""Views: where each camera stood when it took its image, as seen from the site frame at the frame's time.
+"""Views: the pose of each camera at the time of its image, in the site frame at the frame's time.
 
-The messages of one frame are measured at different times. In the time between them a rig on a vehicle moves: at 20 m/s
-and 50 ms by a metre. The clouds are moved to the frame's time (`lidcam.pipeline.filters.motion`); boxes from them fit
-into an image only if the camera is placed where it was at the time of the image.
+The messages of one frame are measured at different times, between which a rig on a vehicle moves: at 20 m/s and 50 ms
+by a metre. The clouds are moved to the frame's time (`lidcam.pipeline.filters.motion`); boxes from them fit into an
+image only with the camera's pose at the time of the image.
 """
 
 from collections.abc import Mapping
@@ -17,19 +17,19 @@ from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.combine import MotionConfig
 
 STILL = 1e-9
-"""Motion whose matrix differs from identity by less, in metres and radians, is rounding."""
+"""Maximum difference from identity, in metres and radians, of a motion that is rounding."""
 
 
 class Views:
     """The cameras of the rig, each moved by the rig's own motion to the time of its message.
 
     For points p of the site frame at the frame's time t, and a message of time m, the camera's extrinsics become
-    `T_camera_site @ inv(T_fixed_site(m)) @ T_fixed_site(t)`: what stands still in the fixed frame is projected to where
-    the image shows it. What moves by itself is off by its own motion in that time.
+    `T_camera_site @ inv(T_fixed_site(m)) @ T_fixed_site(t)`: static objects are projected to their place in the image,
+    moving ones are off by their motion in that time.
 
-    The time of a camera is that of its 2D boxes where they were recorded, else of its image; both by the clock of the
-    recording, with `time_offset_ns` taken off. A camera stays as it is where it has no message, where the motion is not
-    known (`PoseSamples.covers`, with the limits of `combine.motion`) or switched off, and where the rig stands still.
+    The time of a camera is that of its recorded 2D boxes, else of its image, with `time_offset_ns` removed. Without a
+    message, without known motion (`PoseSamples.covers`, with the limits of `combine.motion`), or on a standing rig, a
+    camera stays as it is.
     """
 
     def __init__(self, rig: Rig, config: MotionConfig) -> None:
@@ -73,6 +73,6 @@ class Views:
 
 
 def _time_ns(camera: CameraSensor, bundle: SensorBundle) -> int:
-    """When the camera's boxes or image were measured; the frame's time if it has neither."""
+    """The time of the camera's boxes or image; the frame's time without either."""
     found = (bundle.messages.get(topic) for topic in (camera.boxes_topic, camera.topic) if topic)
     return next((message.stamp_ns for message in found if message is not None), bundle.stamp_ns)

@@ -1,112 +1,74 @@
-"""Tracks estimated from all their sightings at once: class, size, front, and where they were at every moment.
+"""Tracks estimated from all their sightings at once: class, size, front, and the state in every frame.
 
-One class, by the beliefs of all sightings. One rigid size: the median of the boxes, each side counting as much as it
-faced the lidars; the length of vehicles from how far their points reach, over all frames. Each box gets that size, with
-the side that the lidars saw in its place. The front is where the object went. What stands has one pose.
+The class is that with the largest sum of beliefs. The size is the median of the boxes, each side weighted by its
+visibility for the lidars; the length of vehicles comes from the extent of their points over all frames. Each box gets
+that size, with the side that the lidars saw kept in place. The front is where the object went. A parked object has one
+pose.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices, Table, first_of_runs, join_rows
-from lidcam.pipeline.tracking.lanes import driven_paths, lane_directions
-from lidcam.pipeline.tracking.motion import (
-    HEADING,
-    SPEED,
-    STATE,
-    TURN,
-    Motions,
-    Priors,
-    at_centers,
-    at_rear_axles,
+from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices, Table, first_of_runs
+from lidcam.pipeline.tracking.motion import HEADING, SPEED, STATE, TURN, Motions, Priors, at_centers, at_rear_axles
+from lidcam.pipeline.tracking.sightings import (
+    MIN_FRONT_TRAVEL,
+    SHARED_ERROR,
+    Scene,
+    Sightings,
+    measurement_covariances,
 )
-from lidcam.pipeline.tracking.quantiles import quantiles
-from lidcam.pipeline.tracking.sightings import ALIKE, FRONT_SHARE, SHARED_ERROR, FrameSightings, Sightings, measured
-from lidcam.pipeline.tracking.smoothing import Cells, Courses, smoothed
-from lidcam.pipeline.tracking.standing import AXIS_RAD, STANDING_S, find_parked, find_standing
+from lidcam.pipeline.tracking.smoothing import FRAME_CORRELATION, Cells, Courses, smoothed
+from lidcam.pipeline.tracking.standing import (
+    AXIS_SIGMA_RAD,
+    MIN_STANDING_S,
+    driven_paths,
+    find_parked,
+    find_standing,
+    lane_directions,
+    weighted_quantiles,
+)
 
-JUMP_SHARE = 0.03
-"""As in `lidcam.pipeline.tracking.online`; less, as the size of a track is settled."""
+JUMP_SIGMA = 0.03
+"""As in `online`; smaller, since the size of a track is settled."""
 
-DRIVEN_SHARE = 3.0
-"""What came so many lengths far shows the direction of a lane; less may be a wrong assignment."""
+MIN_LANE_TRAVEL = 3.0
+"""Minimum travel, in motion scales, before a track defines a lane; less may be a wrong assignment."""
 
 LENGTH_QUANTILE = 0.95
-"""The length is this quantile of the distances between the ends of single frames."""
+"""Quantile of the distances between the ends in single frames that is taken as the length."""
 
-ENDS_LEAST, SIDEWAYS, LENGTH_LEAST_SHARE = 5, 0.25, 0.6
-"""Number of frames with both ends from which on the length is taken from them; how much a lidar has to look from the
-side; what is shorter than this share of the class's length was seen in part."""
+MIN_LENGTH_FRAMES = 5
+"""Minimum number of frames with both ends before the length is taken from them."""
 
-START_S = 0.5
-"""The first velocity of a track is that of so long."""
+MIN_SIDE_VIEW = 0.25
+"""Minimum visibility of the length, as a share of that of both sides, in such a frame."""
+
+MIN_LENGTH_SHARE = 0.6
+"""Minimum measured length, as a share of the class length; shorter objects were seen in part."""
+
+START_WINDOW_S = 0.5
+"""Window for the initial velocity, seconds."""
 
 NO_AXIS_VARIANCE = 400.0
-"""Variance of the yaw of boxes that show no axis, rad^2: they say nothing of it."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Scene:
-    """The sightings of a stretch of frames.
-
-    Attributes:
-        stamps_ns: (F,) int64, times of the frames.
-        stamps_s: (F,) the same since the first of them.
-        sites_xy: (F, 2) where the rig was.
-        sightings: N of them, frame by frame.
-        frames: (N,) frame of each.
-        starts: (F + 1,) first sighting of each frame, and N.
-    """
-
-    stamps_ns: I64
-    stamps_s: F64
-    sites_xy: F64
-    sightings: Sightings
-    frames: I64
-    starts: I64
-
-    @classmethod
-    def of(cls, frames: list[FrameSightings]) -> Self:
-        """The scene of one frame or more, whose stamps rise."""
-        counts = np.array([len(frame.sightings) for frame in frames])
-        stamps_ns = np.array([frame.stamp_ns for frame in frames], np.int64)
-        return cls(
-            stamps_ns,
-            (stamps_ns - stamps_ns[0]) / 1e9,
-            np.array([frame.T_fixed_site[:2, 3] for frame in frames]),
-            join_rows(*[frame.sightings for frame in frames]),
-            np.repeat(np.arange(len(frames)), counts),
-            np.concatenate([[0], np.cumsum(counts)]),
-        )
+"""Yaw variance of boxes that show no axis, rad^2: they carry no heading."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimates:
-    """T tracks, ordered by their first sighting.
+    """T tracks, ordered by their first sighting."""
 
-    Attributes:
-        courses: Their first and last frames.
-        motions: Cell by cell, the places those of the centres.
-        are_seen: (N,) bool, by cell.
-        sightings: (N,) by cell, the sighting; -1 where not seen.
-        stand: (N,) bool, by cell.
-        votes: (T, C) sums of beliefs by class.
-        class_ids: (T,).
-        sizes: (T, 3).
-        fronts_known: (T,) bool.
-    """
-
-    courses: Courses
-    motions: Motions
-    are_seen: Bools
-    sightings: I64
-    stand: Bools
-    votes: F64
-    class_ids: I64
-    sizes: F64
-    fronts_known: Bools
+    courses: Courses  # First and last frames
+    motions: Motions  # (N,) by cell, with positions of the centres
+    are_seen: Bools  # (N,) bool, by cell
+    sightings: I64  # (N,) by cell, the sighting; -1 where not seen
+    standing: Bools  # (N,) bool, by cell
+    votes: F64  # (T, C) sums of beliefs by class
+    class_ids: I64  # (T,)
+    sizes: F64  # (T, 3)
+    fronts_known: Bools  # (T,) bool
 
     def __len__(self) -> int:
         return len(self.class_ids)
@@ -120,106 +82,107 @@ class Estimates:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Hits:
-    """H sightings that belong to tracks, by track and then by frame.
+    """H sightings that belong to tracks, by track and then by frame."""
 
-    Attributes:
-        tracks: (H,).
-        rows: (H,) row of the scene's sightings.
-        frames: (H,).
-        starts: (T,) first hit of each track.
-        lasts: (T,) last hit of each track.
-        sightings: (H,).
-    """
+    tracks: I64  # (H,)
+    rows: Indices  # (H,) row of the scene's sightings
+    frames: I64  # (H,)
+    firsts: Indices  # (T,) first hit of each track
+    lasts: Indices  # (T,) last hit of each track
+    sightings: Sightings  # (H,)
 
-    tracks: I64
-    rows: Indices
-    frames: I64
-    starts: Indices
-    lasts: Indices
-    sightings: Sightings
+    def __len__(self) -> int:
+        """Number of tracks."""
+        return len(self.firsts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Known(Table):
-    """What an earlier stretch of the recording has told of T tracks.
+class History(Table):
+    """Results about T tracks from an earlier stretch of the recording."""
 
-    Attributes:
-        ids: (T,) int64, number of the track; 0 for a new one.
-        votes: (T, C) sums of beliefs by class.
-        sizes: (T, 3), NaN where unknown.
-        headings: (T,) heading in the first frame of the track in this stretch; NaN where the front is not known.
-        log_odds: (T,) sum of the log odds of its frames.
-        counts: (T,) int64, number of frames.
-        firsts_ns: (T,) int64, when it was first seen; -1 of a new one.
-    """
-
-    ids: I64
-    votes: F64
-    sizes: F64
-    headings: F64
-    log_odds: F64
-    counts: I64
-    firsts_ns: I64
+    ids: I64  # (T,) int64, number of the track; 0 for a new one
+    votes: F64  # (T, C) sums of beliefs by class
+    sizes: F64  # (T, 3), NaN where unknown
+    headings: F64  # (T,) heading in the first frame of the track in this stretch; NaN where the front is not known
+    log_odds: F64  # (T,) sum of the log odds of its frames
+    counts: I64  # (T,) int64, number of frames
+    firsts_ns: I64  # (T,) int64, time of the first sighting; -1 of a new track
 
     @classmethod
-    def nothing(cls, count: int, class_count: int) -> Self:
+    def none(cls, count: int, class_count: int) -> Self:
         """New tracks."""
         return cls(
-            np.zeros(count, np.int64),
-            np.zeros((count, class_count)),
-            np.full((count, 3), np.nan),
-            np.full(count, np.nan),
-            np.zeros(count),
-            np.zeros(count, np.int64),
-            np.full(count, -1, np.int64),
+            ids=np.zeros(count, np.int64),
+            votes=np.zeros((count, class_count)),
+            sizes=np.full((count, 3), np.nan),
+            headings=np.full(count, np.nan),
+            log_odds=np.zeros(count),
+            counts=np.zeros(count, np.int64),
+            firsts_ns=np.full(count, -1, np.int64),
         )
 
 
-def estimated(scene: Scene, track_of: I64, priors: Priors, known: Known | None = None) -> Estimates:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pass:
+    """A solution for the states of all tracks."""
+
+    courses: Courses  # T tracks
+    cells: Cells  # N cells
+    cell_of_hit: Indices  # (H,) cell of each hit
+    motions: Motions  # (N,) by cell, with positions of the centres
+
+
+def estimated(scene: Scene, track_of: I64, priors: Priors, history: History | None = None) -> Estimates:
     """Tracks from their sightings.
+
+    The states are solved once freely; that shows which objects stand and which way they face. The second solution uses
+    both, and the third the lengths by the ends of the objects.
 
     Args:
         scene: N sightings.
         track_of: (N,) track of each, -1 for none; a track has at most one in a frame. Numbers may have gaps: tracks
             are ordered by their first sighting.
-        priors: Of all classes.
-        known: What is known of the tracks, in their order; with it, the sizes are refined by the ends of the objects.
+        priors: All classes.
+        history: History of the tracks, in their order; with it, lengths are measured.
     """
     hits = _hits(scene, track_of)
-    count = len(hits.starts)
-    is_last = known is not None
-    known = Known.nothing(count, len(priors)) if known is None else known
-    votes = known.votes.copy()
+    measures_lengths = history is not None
+    history = History.none(len(hits), len(priors)) if history is None else history
+    votes = history.votes.copy()
     np.add.at(votes, (hits.tracks, hits.sightings.class_ids), hits.sightings.beliefs)
     class_ids = votes.argmax(1)
     of_class = priors.select(class_ids)
-    sizes = np.where(np.isnan(known.sizes), _median_sizes(hits, class_ids), known.sizes)
-    _, noise = measured(hits.sightings, priors, JUMP_SHARE)
-    noise = ALIKE * noise
-    noise[~of_class.have_axis[hits.tracks], 2, 2] = NO_AXIS_VARIANCE
-    boxes = _resized(hits, sizes)
-    courses = _courses(scene, hits, boxes, noise, of_class)
-    cells, rows = _cells(courses, hits, boxes, noise)
-    motions = smoothed(courses, cells, scene.stamps_s)
-    stand = find_standing(scene.stamps_s, courses, cells, motions, of_class)
-    stand, axes = find_parked(courses, cells, motions, of_class, stand)
-    has_axis = np.isfinite(axes)[courses.cell_tracks]
-    motions.states[has_axis, HEADING] = axes[courses.cell_tracks[has_axis]]
-    courses.covariances[np.isfinite(axes), HEADING, HEADING] = AXIS_RAD**2
-    turned, fronts_known = _fronts(scene, hits, courses, motions, stand, of_class, known, rows)
-    for refines in (False, True) if is_last else (False,):
-        if refines:
-            sizes = np.where(np.isnan(known.sizes), _lengths(hits, rows, motions, sizes, of_class), known.sizes)
-            boxes = _resized(hits, sizes)
-        courses = _restarted(courses, motions, turned, stand, of_class.rear_m(sizes[:, 0]))
-        turned = np.zeros_like(turned)
-        cells, rows = _cells(courses, hits, boxes, noise, stand)
-        motions = smoothed(courses, cells, scene.stamps_s)
-        motions = at_centers(motions, np.repeat(courses.rear_m, courses.counts))
+    noise = FRAME_CORRELATION * measurement_covariances(hits.sightings, priors, JUMP_SIGMA)
+    noise[~of_class.show_axis[hits.tracks], 2, 2] = NO_AXIS_VARIANCE
+    sizes = np.where(np.isnan(history.sizes), _median_sizes(hits, class_ids), history.sizes)
+    boxes = _resized_boxes(hits, sizes)
+    free = _solved(scene, hits, _initial_courses(scene, hits, boxes, noise, of_class), boxes, noise)
+    free, standing = _with_parked(scene, free, of_class)
+    turned, fronts_known = _fronts(scene, hits, free, standing, of_class, history)
+    courses = _restarted(free, turned, standing, of_class.rear_m(sizes[:, 0]))
+    solution = _solved(scene, hits, courses, boxes, noise, standing)
+    if measures_lengths:
+        lengths = _measured_lengths(hits, solution, sizes, of_class)
+        sizes = np.where(np.isnan(history.sizes), lengths, history.sizes)
+        courses = _restarted(solution, np.zeros_like(turned), standing, of_class.rear_m(sizes[:, 0]))
+        solution = _solved(scene, hits, courses, _resized_boxes(hits, sizes), noise, standing)
+    cells, motions = solution.cells, solution.motions
     sightings = np.full(len(cells), -1, np.int64)
-    sightings[rows] = hits.rows
-    motions.covariances[:, :2, :2] += _shared_errors(cells)
-    return Estimates(courses, motions, cells.are_seen, sightings, cells.stand, votes, class_ids, sizes, fronts_known)
+    sightings[solution.cell_of_hit] = hits.rows
+    # Smoothing leaves a share of the position error of the last sighting.
+    seen_before = np.maximum.accumulate(np.where(cells.are_seen, np.arange(len(cells)), 0))
+    motions.covariances[:, :2, :2] += SHARED_ERROR / FRAME_CORRELATION * cells.noise[seen_before, :2, :2]
+    return Estimates(
+        courses=solution.courses,
+        motions=motions,
+        are_seen=cells.are_seen,
+        sightings=sightings,
+        standing=cells.standing,
+        votes=votes,
+        class_ids=class_ids,
+        sizes=sizes,
+        fronts_known=fronts_known,
+    )
 
 
 def renumbered(track_of: I64) -> I64:
@@ -235,139 +198,152 @@ def renumbered(track_of: I64) -> I64:
 def _hits(scene: Scene, track_of: I64) -> _Hits:
     track_of = renumbered(track_of)
     rows = np.flatnonzero(track_of >= 0)
+    rows = rows[np.argsort(track_of[rows], kind="stable")]
     tracks = track_of[rows]
-    order = np.argsort(tracks, kind="stable")
-    rows, tracks = rows[order], tracks[order]
-    starts = np.flatnonzero(first_of_runs(tracks)) if len(rows) else np.zeros(0, np.intp)
-    lasts = np.append(starts[1:], len(rows))[: len(starts)] - 1
-    return _Hits(tracks, rows, scene.frames[rows], starts, lasts, scene.sightings.select(rows))
+    firsts = np.flatnonzero(first_of_runs(tracks)) if len(rows) else np.zeros(0, np.intp)
+    lasts = np.append(firsts[1:], len(rows))[: len(firsts)] - 1
+    return _Hits(tracks, rows, scene.frames[rows], firsts, lasts, scene.sightings.select(rows))
 
 
 def _median_sizes(hits: _Hits, class_ids: I64) -> F64:
-    """(T, 3) medians of the sizes of boxes of the track's class, each side by how well the lidars saw it."""
-    of_hit, count = hits.sightings, len(hits.starts)
-    weights = np.where(of_hit.class_ids == class_ids[hits.tracks], of_hit.beliefs, 1e-9)
-    sides = of_hit.faces * weights[:, None]
+    """(T, 3) medians of the sizes of boxes of the track's class, each side weighted by its visibility."""
+    sightings = hits.sightings
+    weights = np.where(sightings.class_ids == class_ids[hits.tracks], sightings.beliefs, 1e-9)
+    sides = sightings.faces * weights[:, None]
     columns = [
-        quantiles(of_hit.sizes[:, axis], weight, hits.tracks, count, 0.5)
+        weighted_quantiles(sightings.sizes[:, axis], weight, hits.tracks, len(hits), 0.5)
         for axis, weight in enumerate((sides[:, 0], sides[:, 1], sides.sum(1)))
     ]
     return np.stack(columns, 1)
 
 
-def _resized(hits: _Hits, sizes: F64) -> F64:
-    """(H, 3) boxes of the sizes of their tracks; the sides that the lidars saw stay where they are."""
-    of_hit, boxes = hits.sightings, hits.sightings.boxes.copy()
-    shift = of_hit.sides * (of_hit.sizes[:, :2] - sizes[hits.tracks, :2]) / 2
+def _resized_boxes(hits: _Hits, sizes: F64) -> F64:
+    """(H, 3) boxes with the sizes of their tracks; the sides that the lidars saw stay in place."""
+    sightings, boxes = hits.sightings, hits.sightings.boxes.copy()
+    shift = sightings.sides * (sightings.sizes[:, :2] - sizes[hits.tracks, :2]) / 2
     cos, sin = np.cos(boxes[:, 2]), np.sin(boxes[:, 2])
     boxes[:, 0] += cos * shift[:, 0] - sin * shift[:, 1]
     boxes[:, 1] += sin * shift[:, 0] + cos * shift[:, 1]
     return boxes
 
 
-def _courses(scene: Scene, hits: _Hits, boxes: F64, noise: F64, of_class: Priors) -> Courses:
-    """Tracks as they begin: with the first place, and the velocity of the first half second."""
-    first, count = hits.starts, len(hits.starts)
+def _initial_courses(scene: Scene, hits: _Hits, boxes: F64, noise: F64, of_class: Priors) -> Courses:
+    """Tracks at their first positions, with the velocities over `START_WINDOW_S`."""
+    first, count = hits.firsts, len(hits)
     times_s = scene.stamps_s[hits.frames]
     key = hits.tracks * (scene.stamps_s[-1] + 10.0) + times_s
-    later = np.minimum(np.searchsorted(key, key[first] + START_S), hits.lasts)
-    away = boxes[later, :2] - boxes[first, :2]
+    later = np.minimum(np.searchsorted(key, key[first] + START_WINDOW_S), hits.lasts)
+    travel = boxes[later, :2] - boxes[first, :2]
     after_s = np.maximum(times_s[later] - times_s[first], 1e-3)
-    distance = np.linalg.norm(away, axis=1)
+    distance = np.linalg.norm(travel, axis=1)
     speeds = np.where(later > first, distance / after_s, 0.0)
     headings = boxes[first, 2].copy()
-    goes = (distance > FRONT_SHARE * of_class.units_m) | ~of_class.have_axis
-    headings[goes] = np.arctan2(away[goes, 1], away[goes, 0])
-    backwards = (away * np.stack([np.cos(headings), np.sin(headings)], 1)).sum(1) < 0
+    moves = (distance > MIN_FRONT_TRAVEL * of_class.scales_m) | ~of_class.show_axis
+    headings[moves] = np.arctan2(travel[moves, 1], travel[moves, 0])
+    backwards = (travel * np.stack([np.cos(headings), np.sin(headings)], 1)).sum(1) < 0
     states, covariances = np.zeros((count, STATE)), np.zeros((count, STATE, STATE))
     states[:, :2], states[:, HEADING] = boxes[first, :2], headings
     states[:, SPEED] = np.where(backwards, -speeds, speeds)
     covariances[:, :2, :2] = 4 * noise[first, :2, :2]
-    covariances[:, HEADING, HEADING] = np.where(of_class.have_axis, 0.5**2, 2.0)
+    covariances[:, HEADING, HEADING] = np.where(of_class.show_axis, 0.5**2, 2.0)
     covariances[:, SPEED, SPEED] = of_class.speeds**2
     covariances[:, TURN, TURN] = 0.5**2
-    firsts, lasts = hits.frames[hits.starts], hits.frames[hits.lasts]
-    return Courses(firsts, lasts, states, covariances, of_class.noise, of_class.speeds, np.zeros(count))
+    return Courses(
+        firsts=hits.frames[hits.firsts],
+        lasts=hits.frames[hits.lasts],
+        states=states,
+        covariances=covariances,
+        noise=of_class.noise,
+        speeds=of_class.speeds,
+        rear_m=np.zeros(count),
+    )
 
 
-def _cells(courses: Courses, hits: _Hits, boxes: F64, noise: F64, stand: Bools | None = None) -> tuple[Cells, Indices]:
-    """What is measured of tracks, and the cell of each sighting."""
+def _solved(
+    scene: Scene, hits: _Hits, courses: Courses, boxes: F64, noise: F64, standing: Bools | None = None
+) -> _Pass:
+    """The states by the boxes (H, 3) and their covariances; `standing` (N,) are the cells in which tracks stand."""
     count = int(courses.starts[-1])
-    rows = courses.starts[hits.tracks] + hits.frames - courses.firsts[hits.tracks]
-    are_seen = np.zeros(count, np.bool_)
-    measured_boxes, covariances, later_s = np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1)), np.zeros(count)
-    are_seen[rows], measured_boxes[rows], covariances[rows] = True, boxes, noise
-    later_s[rows] = hits.sightings.later_s
-    stand = np.zeros(count, np.bool_) if stand is None else stand
-    return Cells(are_seen, measured_boxes, covariances, later_s, stand), rows
+    cell_of_hit = courses.starts[hits.tracks] + hits.frames - courses.firsts[hits.tracks]
+    cells = Cells(
+        are_seen=np.zeros(count, np.bool_),
+        boxes=np.zeros((count, 3)),
+        noise=np.tile(np.eye(3), (count, 1, 1)),
+        later_s=np.zeros(count),
+        standing=np.zeros(count, np.bool_) if standing is None else standing,
+    )
+    cells.are_seen[cell_of_hit], cells.later_s[cell_of_hit] = True, hits.sightings.later_s
+    cells.boxes[cell_of_hit], cells.noise[cell_of_hit] = boxes, noise
+    motions = smoothed(courses, cells, scene.stamps_s)
+    return _Pass(courses, cells, cell_of_hit, at_centers(motions, np.repeat(courses.rear_m, courses.counts)))
+
+
+def _with_parked(scene: Scene, free: _Pass, of_class: Priors) -> tuple[_Pass, Bools]:
+    """The solution with parked tracks along their axes, and the cells (N,) in which tracks stand."""
+    courses, motions = free.courses, free.motions
+    standing = find_standing(scene.stamps_s, courses, free.cells, motions, of_class)
+    standing, axes = find_parked(courses, free.cells, motions, of_class, standing)
+    is_parked = np.isfinite(axes)
+    in_parked = is_parked[courses.cell_tracks]
+    states, covariances = motions.states.copy(), courses.covariances.copy()
+    states[in_parked, HEADING] = axes[courses.cell_tracks[in_parked]]
+    covariances[is_parked, HEADING, HEADING] = AXIS_SIGMA_RAD**2
+    courses = replace(courses, covariances=covariances)
+    return replace(free, courses=courses, motions=replace(motions, states=states)), standing
 
 
 def _fronts(
-    scene: Scene,
-    hits: _Hits,
-    courses: Courses,
-    motions: Motions,
-    stand: Bools,
-    of_class: Priors,
-    known: Known,
-    rows: Indices,
+    scene: Scene, hits: _Hits, free: _Pass, standing: Bools, of_class: Priors, history: History
 ) -> tuple[Bools, Bools]:
-    """(T,) which tracks have to be turned round, and (T,) of which the front is known then."""
+    """(T,) which tracks have to be turned round, and (T,) which fronts are known then."""
+    courses, motions = free.courses, free.motions
     tracks, frames = courses.cell_tracks, courses.cell_frames
     after_s = np.diff(scene.stamps_s, prepend=0.0)[frames]
-    after_s[stand] = after_s[courses.starts[:-1]] = 0.0
-    count = len(courses)
-    along_m = np.bincount(tracks, motions.states[:, SPEED] * after_s, count)
-    agreeing = np.cos(hits.sightings.boxes[:, 2] - motions.states[rows, HEADING])
-    most = np.bincount(hits.tracks, hits.sightings.beliefs * np.sign(agreeing), count)
+    after_s[standing] = after_s[courses.starts[:-1]] = 0.0
+    along_m = np.bincount(tracks, motions.states[:, SPEED] * after_s, len(courses))
+    agreement = np.sign(np.cos(hits.sightings.boxes[:, 2] - motions.states[free.cell_of_hit, HEADING]))
+    front_votes = np.bincount(hits.tracks, hits.sightings.beliefs * agreement, len(courses))
     first = motions.states[courses.starts[:-1], : HEADING + 1]
-    stands = (np.abs(along_m) < FRONT_SHARE * of_class.units_m) & of_class.have_axis
-    vehicles = np.flatnonzero(stands & of_class.are_solid)
+    stays = (np.abs(along_m) < MIN_FRONT_TRAVEL * of_class.scales_m) & of_class.show_axis
+    parked = np.flatnonzero(stays & of_class.are_solid)
     lasts_s = scene.stamps_s[courses.lasts] - scene.stamps_s[courses.firsts]
-    drives = (np.abs(along_m) > DRIVEN_SHARE * of_class.units_m) & of_class.have_axis & (lasts_s > STANDING_S)
+    drives = (np.abs(along_m) > MIN_LANE_TRAVEL * of_class.scales_m) & of_class.show_axis & (lasts_s > MIN_STANDING_S)
     paths = driven_paths(motions.select(drives[tracks]), scene.sites_xy, scene.stamps_s)
-    lanes = lane_directions(first[vehicles], of_class.units_m[vehicles], paths)
-    most[vehicles] = np.where(np.isfinite(lanes), np.cos(lanes - first[vehicles, HEADING]), most[vehicles])
-    turned = np.where(stands, most < 0, along_m < 0)
-    was_known = np.isfinite(known.headings)
-    against = np.cos(first[:, HEADING] - known.headings) < 0
-    turned = np.where(was_known, against, turned)
-    return turned, was_known | (np.abs(along_m) > FRONT_SHARE * of_class.units_m)
+    lanes = lane_directions(first[parked], of_class.scales_m[parked], paths)
+    lane_votes = np.cos(lanes - first[parked, HEADING])
+    front_votes[parked] = np.where(np.isfinite(lanes), lane_votes, front_votes[parked])
+    turned = np.where(stays, front_votes < 0, along_m < 0)
+    was_known = np.isfinite(history.headings)
+    turned = np.where(was_known, np.cos(first[:, HEADING] - history.headings) < 0, turned)
+    return turned, was_known | (np.abs(along_m) > MIN_FRONT_TRAVEL * of_class.scales_m)
 
 
-def _restarted(courses: Courses, motions: Motions, turned: Bools, stand: Bools, rear_m: F64) -> Courses:
-    """The tracks once more from the place where they were found to begin, now of the rear axle."""
-    first = courses.starts[:-1]
+def _restarted(solution: _Pass, turned: Bools, standing: Bools, rear_m: F64) -> Courses:
+    """The tracks again from their solved first states, now of the rear axles; `turned` (T,) are turned round."""
+    courses, motions, first = solution.courses, solution.motions, solution.courses.starts[:-1]
     states, covariances = motions.states[first].copy(), courses.covariances.copy()
     states[turned, HEADING] += np.pi
     states[turned, SPEED] *= -1
-    states[stand[first], SPEED:] = 0.0
+    states[standing[first], SPEED:] = 0.0
     states = at_rear_axles(Motions(states, covariances), rear_m).states
     covariances[:, HEADING, HEADING] = np.minimum(covariances[:, HEADING, HEADING], 0.5**2)
-    return Courses(courses.firsts, courses.lasts, states, covariances, courses.noise, courses.speeds, rear_m)
+    return replace(courses, states=states, covariances=covariances, rear_m=rear_m)
 
 
-def _lengths(hits: _Hits, rows: Indices, motions: Motions, sizes: F64, of_class: Priors) -> F64:
-    """Sizes (T, 3) whose length is how far apart the ends of the objects are, where both were seen often enough."""
-    states = motions.states[rows]
-    ends, cos, sin = hits.sightings.ends, np.cos(states[:, HEADING]), np.sin(states[:, HEADING])
-    away = ends[..., :2] - states[:, None, :2]
-    along = away[..., 0] * cos[:, None] + away[..., 1] * sin[:, None] - states[:, None, SPEED] * ends[..., 2]
+def _measured_lengths(hits: _Hits, solution: _Pass, sizes: F64, of_class: Priors) -> F64:
+    """Sizes (T, 3) whose length is the distance between the ends, where both were seen often enough."""
+    states = solution.motions.states[solution.cell_of_hit]
+    ends, cos, sin = hits.sightings.end_points, np.cos(states[:, HEADING]), np.sin(states[:, HEADING])
+    offsets = ends[..., :2] - states[:, None, :2]
+    along = offsets[..., 0] * cos[:, None] + offsets[..., 1] * sin[:, None] - states[:, None, SPEED] * ends[..., 2]
     extents = np.abs(along[:, 0] - along[:, 1])
     faces = hits.sightings.faces
-    sideways = faces[:, 0] / np.hypot(faces[:, 0], faces[:, 1])
-    usable = np.isfinite(extents) & (sideways > SIDEWAYS) & of_class.are_solid[hits.tracks]
-    weights = np.where(usable, sideways * hits.sightings.point_counts, 0.0)
-    count = len(sizes)
-    found = quantiles(np.nan_to_num(extents), weights, hits.tracks, count, LENGTH_QUANTILE)
-    enough = np.bincount(hits.tracks, usable, count) >= ENDS_LEAST
-    enough &= found > LENGTH_LEAST_SHARE * of_class.lengths_m
+    side_view = faces[:, 0] / np.hypot(faces[:, 0], faces[:, 1])
+    usable = np.isfinite(extents) & (side_view > MIN_SIDE_VIEW) & of_class.are_solid[hits.tracks]
+    weights = np.where(usable, side_view * hits.sightings.point_counts, 0.0)
+    lengths = weighted_quantiles(np.nan_to_num(extents), weights, hits.tracks, len(hits), LENGTH_QUANTILE)
+    enough = np.bincount(hits.tracks, usable, len(hits)) >= MIN_LENGTH_FRAMES
+    enough &= lengths > MIN_LENGTH_SHARE * of_class.lengths_m
     out = sizes.copy()
-    out[enough, 0] = found[enough]
+    out[enough, 0] = lengths[enough]
     return out
-
-
-def _shared_errors(cells: Cells) -> F64:
-    """(N, 2, 2) error of each cell's place that smoothing leaves: a share of that of its last sighting."""
-    seen_before = np.maximum.accumulate(np.where(cells.are_seen, np.arange(len(cells)), 0))
-    return SHARED_ERROR / ALIKE * cells.noise[seen_before, :2, :2]

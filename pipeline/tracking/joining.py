@@ -1,4 +1,4 @@
-"""Tracks that are one: over a gap in which nothing was seen, and in one place at one time."""
+"""Joins tracks of one object: over a gap without sightings, and in one place at one time."""
 
 import numpy as np
 
@@ -9,21 +9,26 @@ from lidcam.pipeline.fusion.assignment import assign
 from lidcam.pipeline.tracking.estimates import Estimates
 from lidcam.pipeline.tracking.motion import HEADING, SPEED, Motions, Priors, predicted
 
-FARTHEST = 16.0
-"""Squared Mahalanobis distance of place and velocity, halfway, up to which two tracks may be one."""
+MAX_DISTANCE = 16.0
+"""Maximum squared Mahalanobis distance of position and velocity, halfway, between two tracks that are joined."""
 
-MOST_COST = 24.0
-PLACE_SHARE = 0.05
-"""Standard deviation of each place and velocity beyond what the tracks say, as a share of the length of the class."""
+MAX_COST = 24.0
+"""Maximum cost of joining two tracks."""
 
-OTHER_CLASS_COST, GAP_COST = 4.0, 2.0
-"""What it costs that the classes differ, and a second of gap."""
+EXTRA_SIGMA = 0.05
+"""Standard deviation added to positions and velocities, as a share of the class length."""
+
+OTHER_CLASS_COST = 4.0
+"""Cost of different classes."""
+
+GAP_COST = 2.0
+"""Cost of a gap, per second."""
 
 
 def joined_over_gaps(estimates: Estimates, stamps_s: F64, priors: Priors, max_gap_s: float) -> I64:
     """(T,) number of the track that each of T tracks belongs to; equal numbers are one track.
 
-    Both ends are predicted to the middle of the gap. Which ends belong together is one assignment over all tracks.
+    Both tracks are predicted to the middle of the gap, and all pairs are found in one assignment.
     """
     count, courses = len(estimates), estimates.courses
     out = np.arange(count)
@@ -38,21 +43,21 @@ def joined_over_gaps(estimates: Estimates, stamps_s: F64, priors: Priors, max_ga
     before, _ = predicted(ends, gap_s / 2, of_class.noise)
     after, _ = predicted(begins, -gap_s / 2, of_class.noise)
     (here, here_spread), (there, there_spread) = _velocities(before), _velocities(after)
-    away, spread = here - there, here_spread + there_spread
-    spread += np.eye(4) * ((PLACE_SHARE * of_class.lengths_m) ** 2)[:, None, None]
-    far = (away * np.linalg.solve(spread, away[..., None])[..., 0]).sum(1)
+    difference, spread = here - there, here_spread + there_spread
+    spread += np.eye(4) * ((EXTRA_SIGMA * of_class.lengths_m) ** 2)[:, None, None]
+    distance = (difference * np.linalg.solve(spread, difference[..., None])[..., 0]).sum(1)
     speeds = np.maximum(np.abs(ends.states[:, SPEED]), np.abs(begins.states[:, SPEED]))
     speeds = np.maximum(speeds, 0.2 * of_class.lengths_m)
-    reachable = np.linalg.norm(away[:, :2], axis=1) <= of_class.lengths_m + 0.5 * gap_s * speeds
+    reachable = np.linalg.norm(difference[:, :2], axis=1) <= of_class.lengths_m + 0.5 * gap_s * speeds
     size = np.log(np.linalg.det(spread[:, :2, :2])) - 4 * np.log(0.1 * of_class.lengths_m)
     differs = estimates.class_ids[first] != estimates.class_ids[second]
-    costs = far + OTHER_CLASS_COST * differs + GAP_COST * gap_s + size
+    costs = distance + OTHER_CLASS_COST * differs + GAP_COST * gap_s + size
     matrix = np.zeros((count, count))
-    fits = (far <= FARTHEST) & reachable & (costs < MOST_COST)
-    matrix[first[fits], second[fits]] = costs[fits] - MOST_COST
+    fits = (distance <= MAX_DISTANCE) & reachable & (costs < MAX_COST)
+    matrix[first[fits], second[fits]] = costs[fits] - MAX_COST
     rows, columns = assign(matrix)
     paired = matrix[rows, columns] < 0
-    # Tracks stand in the order of their first sighting, so that the earlier one has its number already.
+    # Tracks are in the order of their first sighting, so the earlier one already has its number.
     for row, column in sorted(
         zip(rows[paired].tolist(), columns[paired].tolist(), strict=True), key=lambda pair: pair[1]
     ):
@@ -61,19 +66,19 @@ def joined_over_gaps(estimates: Estimates, stamps_s: F64, priors: Priors, max_ga
 
 
 def _velocities(motions: Motions) -> tuple[F64, F64]:
-    """(N, 4) x, y and velocity along both, and their covariances: the same for a heading that is turned round."""
+    """(N, 4) x, y and velocity along both, and their covariances; independent of the choice of the front."""
     states = motions.states
     cos, sin, speeds = np.cos(states[:, HEADING]), np.sin(states[:, HEADING]), states[:, SPEED]
     slopes = np.zeros((len(states), 4, 5))
     slopes[:, 0, 0] = slopes[:, 1, 1] = 1.0
     slopes[:, 2, HEADING], slopes[:, 2, SPEED] = -speeds * sin, cos
     slopes[:, 3, HEADING], slopes[:, 3, SPEED] = speeds * cos, sin
-    places = np.column_stack([states[:, :2], speeds * cos, speeds * sin])
-    return places, slopes @ motions.covariances @ slopes.swapaxes(1, 2)
+    positions = np.column_stack([states[:, :2], speeds * cos, speeds * sin])
+    return positions, slopes @ motions.covariances @ slopes.swapaxes(1, 2)
 
 
 def joined_in_place(estimates: Estimates) -> I64:
-    """(T,) as `joined_over_gaps`, of tracks on the same ground: one object with two classes, or in two parts."""
+    """(T,) as `joined_over_gaps`, for tracks on the same ground: one object with two classes, or in two parts."""
     count, courses = len(estimates), estimates.courses
     out = np.arange(count)
     low, high = _reach(estimates)
@@ -87,16 +92,16 @@ def joined_in_place(estimates: Estimates) -> I64:
 
 
 def _reach(estimates: Estimates) -> tuple[F64, F64]:
-    """(T, 2) lowest and highest x and y of each track, with half of its diagonal around."""
-    places, starts = estimates.motions.states[:, :2], estimates.courses.starts[:-1]
+    """(T, 2) lowest and highest x and y of each track, extended by half of its diagonal."""
+    positions, starts = estimates.motions.states[:, :2], estimates.courses.starts[:-1]
     half = np.hypot(estimates.sizes[:, 0], estimates.sizes[:, 1])[:, None] / 2
     if not len(starts):
         return np.zeros((0, 2)), np.zeros((0, 2))
-    return np.minimum.reduceat(places, starts) - half, np.maximum.reduceat(places, starts) + half
+    return np.minimum.reduceat(positions, starts) - half, np.maximum.reduceat(positions, starts) + half
 
 
 def _shared(estimates: Estimates, one: int, other: int) -> float:
-    """Mean share of ground of the smaller box in their common frames."""
+    """Mean shared ground of two tracks in their common frames, as a share of the smaller box."""
     courses = estimates.courses
     first = max(courses.firsts[one], courses.firsts[other])
     last = min(courses.lasts[one], courses.lasts[other])

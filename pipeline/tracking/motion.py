@@ -1,9 +1,9 @@
 """How road users move: a coordinated turn of constant speed and yaw rate, for many tracks at once.
 
-A state (5) is x, y, heading, speed along the heading (negative: backwards) and yaw rate. Its place is that of the rear
-axle of a vehicle, which does not slip sideways: a turn about the centre of a box would be wrong by the slip angle, 7
-degrees in tight curves. A measurement (3) is x, y and yaw of a box, whose front is unknown: its yaw counts modulo 180
-degrees. It has its own covariance and its own time, up to 0.1 s beside the frame's.
+A state (5) is x, y, heading, speed along the heading (negative: backwards) and yaw rate. Its position is that of the
+rear axle of a vehicle, which does not slip sideways: a turn about the centre of a box would be wrong by the slip angle,
+7 degrees in tight curves. A measurement (3) is x, y and yaw of a box, modulo 180 degrees as its front is unknown. It
+has its own covariance and its own time, up to 0.1 s beside the frame's.
 
 Source: Schubert et al., Comparison and evaluation of advanced motion models for vehicle tracking, FUSION 2008 (CTRV).
 """
@@ -17,38 +17,33 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F64, Bools, Table
 from lidcam.pipeline.core.settings.classes import ClassPrior
 
-STATE, HEADING, SPEED, TURN = 5, 2, 3, 4
-"""Length of a state; place of the heading, the speed and the yaw rate in it."""
+STATE = 5
+"""Length of a state."""
+
+HEADING, SPEED, TURN = 2, 3, 4
+"""Columns of heading, speed and yaw rate in a state."""
 
 REAR_SHARE = 0.28
-"""How far behind the centre the rear axle of a vehicle is, as a share of its length."""
+"""Distance of the rear axle of a vehicle behind its centre, as a share of its length."""
 
-LONG_M = 4.0
-"""Vehicles beyond this length accelerate no faster than one of this length."""
+MAX_SCALE_M = 4.0
+"""Maximum motion scale, metres: longer vehicles accelerate no faster than one of this length."""
 
 _IDENTITY = np.eye(STATE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Priors(Table):
-    """What is known of the motion of each class, from its size alone: the same for a car of 1:14 and for a bus.
+    """Motion priors of each class, from its size alone: the same for a car of 1:14 and for a bus."""
 
-    Attributes:
-        lengths_m: (C,) length of the class, metres.
-        units_m: (C,) length in which its motion is measured: limited, as long vehicles are no faster.
-        noise: (C, 5) densities of acceleration, yaw acceleration, place and heading; and the speed, m/s, from which on
-            it turns freely: slower it does so less, and does not turn where it stands. 0 for people.
-        speeds: (C,) standard deviation of the speed of what is seen for the first time, m/s.
-        have_axis: (C,) bool, whether the box shows the axis of the motion: not of people on foot.
-        are_solid: (C,) bool, whether points show its ends: not of thin wheels and limbs.
-    """
-
-    lengths_m: F64
-    units_m: F64
+    lengths_m: F64  # (C,) length of the class, metres
+    scales_m: F64  # (C,) unit of length of its motion, metres; limited, as long vehicles are no faster
+    # (C, 5) densities of acceleration, yaw acceleration, position and heading, and the speed, m/s, above which it turns
+    # freely: less when slower, not at all when standing. 0 for people
     noise: F64
-    speeds: F64
-    have_axis: Bools
-    are_solid: Bools
+    speeds: F64  # (C,) standard deviation of the speed at the first sighting, m/s
+    show_axis: Bools  # (C,) bool, whether the box shows the axis of the motion, as it does not for people on foot
+    are_solid: Bools  # (C,) bool, whether points show both ends, as thin wheels and limbs do not
 
     @classmethod
     def of_classes(cls, classes: Sequence[ClassPrior]) -> Self:
@@ -57,44 +52,43 @@ class Priors(Table):
         lengths, widths, heights = sizes_m.T
         walks = lengths < 1.5 * widths
         # People accelerate as if they were three times as long.
-        units = np.where(walks, 3.0 * lengths, np.minimum(lengths, LONG_M))
+        scales = np.where(walks, 3.0 * lengths, np.minimum(lengths, MAX_SCALE_M))
         noise = np.stack(
             [
-                (0.5 * units) ** 2,
+                (0.5 * scales) ** 2,
                 np.where(walks, 3.0, 5.0),
-                (0.02 * units) ** 2,
+                (0.02 * scales) ** 2,
                 np.where(walks, 0.3, 0.01),
-                np.where(walks, 0.0, units),
+                np.where(walks, 0.0, scales),
             ],
             1,
         )
-        return cls(lengths, units, noise, np.where(walks, 0.8, 2.5) * units, ~walks, ~walks & (heights < 2 * widths))
+        return cls(
+            lengths_m=lengths,
+            scales_m=scales,
+            noise=noise,
+            speeds=np.where(walks, 0.8, 2.5) * scales,
+            show_axis=~walks,
+            are_solid=~walks & (heights < 2 * widths),
+        )
 
     def rear_m(self, lengths_m: F64) -> F64:
-        """How far the rear axles of objects of these classes, whose rows this has, are behind their centres."""
-        return np.where(self.have_axis, REAR_SHARE * lengths_m, 0.0)
+        """(N,) distances of the rear axles behind the centres, for objects of the classes of these rows."""
+        return np.where(self.show_axis, REAR_SHARE * lengths_m, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motions(Table):
-    """States of N tracks.
-
-    Attributes:
-        states: (N, 5).
-        covariances: (N, 5, 5).
-    """
+    """States (N, 5) of N tracks, and their covariances (N, 5, 5)."""
 
     states: F64
     covariances: F64
 
 
 def predicted(motions: Motions, after_s: F64 | float, noise: F64) -> tuple[Motions, F64]:
-    """Where tracks are some time later, and the derivatives (N, 5, 5) of that.
+    """Tracks some seconds later ((N,) or one number, may be negative), and the derivatives (N, 5, 5) of their states.
 
-    Args:
-        motions: N tracks.
-        after_s: (N,) seconds, or one number; may be negative.
-        noise: (N, 5) as in `Priors`.
+    `noise` (N, 5) is that of `Priors`.
     """
     after_s = np.broadcast_to(np.asarray(after_s, np.float64), (len(motions),))
     states, slopes = _turned(motions.states, after_s)
@@ -106,13 +100,13 @@ def predicted(motions: Motions, after_s: F64 | float, noise: F64) -> tuple[Motio
 def expected(motions: Motions, later_s: F64, rear_m: F64) -> tuple[F64, F64]:
     """Boxes (N, 3) expected some seconds (N,) after the states, and their derivatives (N, 3, 5) by the states."""
     states, slopes = _turned(motions.states, later_s)
-    places, derivatives = states[:, :3].copy(), slopes[:, :3].copy()
-    cos, sin = np.cos(places[:, 2]), np.sin(places[:, 2])
-    places[:, 0] += rear_m * cos
-    places[:, 1] += rear_m * sin
+    positions, derivatives = states[:, :3].copy(), slopes[:, :3].copy()
+    cos, sin = np.cos(positions[:, 2]), np.sin(positions[:, 2])
+    positions[:, 0] += rear_m * cos
+    positions[:, 1] += rear_m * sin
     derivatives[:, 0] -= (rear_m * sin)[:, None] * slopes[:, HEADING]
     derivatives[:, 1] += (rear_m * cos)[:, None] * slopes[:, HEADING]
-    return places, derivatives
+    return positions, derivatives
 
 
 def innovations(boxes: F64, expected_boxes: F64) -> F64:
@@ -127,16 +121,17 @@ def updated(motions: Motions, difference: F64, derivatives: F64, noise: F64, rob
 
     Args:
         motions: N tracks.
-        difference: (N, M) measured minus expected.
-        derivatives: (N, M, 5) of what is expected by the states.
+        difference: (N, M) innovations: measured minus expected.
+        derivatives: (N, M, 5) of the expected measurements by the states.
         noise: (N, M, M) covariances of the measurements.
-        robust: Squared Mahalanobis distance beyond which a measurement counts less, as of a heavy-tailed distribution.
+        robust: Squared Mahalanobis distance beyond which a measurement weighs less, as from a heavy-tailed
+            distribution.
     """
     projected = motions.covariances @ derivatives.swapaxes(1, 2)
     spread = derivatives @ projected + noise
     if np.isfinite(robust):
-        far = (difference * np.linalg.solve(spread, difference[..., None])[..., 0]).sum(1) / robust
-        noise = noise * np.maximum(far, 1.0)[:, None, None]
+        excess = (difference * np.linalg.solve(spread, difference[..., None])[..., 0]).sum(1) / robust
+        noise = noise * np.maximum(excess, 1.0)[:, None, None]
         spread = derivatives @ projected + noise
     gains = np.linalg.solve(spread, projected.swapaxes(1, 2)).swapaxes(1, 2)
     kept = _IDENTITY - gains @ derivatives
@@ -145,7 +140,7 @@ def updated(motions: Motions, difference: F64, derivatives: F64, noise: F64, rob
 
 
 def at_centers(motions: Motions, rear_m: F64) -> Motions:
-    """The same tracks with the places of the centres of their boxes, `rear_m` (N,) before the rear axles."""
+    """The same tracks with positions of box centres, `rear_m` (N,) ahead of the rear axles."""
     cos, sin = np.cos(motions.states[:, HEADING]), np.sin(motions.states[:, HEADING])
     states = motions.states.copy()
     states[:, 0] += rear_m * cos
@@ -156,12 +151,12 @@ def at_centers(motions: Motions, rear_m: F64) -> Motions:
 
 
 def at_rear_axles(motions: Motions, rear_m: F64) -> Motions:
-    """The same tracks, whose places are those of centres, with the places of the rear axles."""
+    """The inverse of `at_centers`."""
     return at_centers(motions, -rear_m)
 
 
 def _turned(states: F64, after_s: F64) -> tuple[F64, F64]:
-    """States (N, 5) some seconds (N,) later and the derivatives (N, 5, 5); the heading halfway is that of the step."""
+    """States (N, 5) some seconds (N,) later and their derivatives (N, 5, 5); a step goes along its middle heading."""
     middle = states[:, HEADING] + states[:, TURN] * after_s / 2
     cos, sin, speed = np.cos(middle), np.sin(middle), states[:, SPEED]
     later = states.copy()
@@ -177,13 +172,13 @@ def _turned(states: F64, after_s: F64) -> tuple[F64, F64]:
 
 
 def _process_noise(states: F64, after_s: F64, noise: F64) -> F64:
-    """(N, 5, 5) of white acceleration along the heading, white yaw acceleration, and what the model leaves out."""
+    """(N, 5, 5) noise of white acceleration along the heading, white yaw acceleration, and model errors."""
     cos, sin = np.cos(states[:, HEADING]), np.sin(states[:, HEADING])
-    acceleration, turning, place, heading, rolling_m_s = noise.T
+    acceleration, turning, position, heading, rolling_m_s = noise.T
     rolls = np.minimum(np.abs(states[:, SPEED]) / np.maximum(rolling_m_s, 1e-9), 1.0)
     turning = np.where(rolling_m_s > 0, turning * rolls**2, turning)
-    along = acceleration * after_s**3 / 3 + place * after_s
-    across = place * after_s
+    along = acceleration * after_s**3 / 3 + position * after_s
+    across = position * after_s
     out = np.zeros((len(states), STATE, STATE))
     out[:, 0, 0] = along * cos**2 + across * sin**2
     out[:, 1, 1] = along * sin**2 + across * cos**2

@@ -15,29 +15,34 @@ from lidcam.pipeline.core.detections import Fused, Source
 from lidcam.pipeline.core.tracks import NO_TRACK
 
 MARGIN = 0.1
-"""Points belong to an object up to this share of its length, width and height beyond its box; half of it at each end.
-None below it: what is left of the ground is there."""
+"""Extra length, width and height within which points belong to an object, as shares; none at the ground."""
 
-VOXELS_PER_SIZE, LARGEST_VOXEL_M = 100, 0.05
-"""The largest side of an object in voxels, and the largest voxel: 4.5 cm for cars, 3 mm for models of 1:14."""
+VOXELS_PER_SIZE = 100
+"""Number of voxels along the largest side of an object: 4.5 cm for cars, 3 mm for models of 1:14."""
 
-COARSER = 1.25
+MAX_VOXEL_M = 0.05
+"""Maximum side of a voxel, metres."""
+
+VOXEL_GROWTH = 1.25
 """Growth of the voxels of a cloud that has too many points."""
 
-LEAST_NEW, LEAST_KNOWN = 30, 100
-"""Fewer points are not registered, or not registered to."""
+MIN_NEW, MIN_KNOWN = 30, 100
+"""Minimum number of points that are registered, and of those that they are registered to."""
 
 REGISTERED_VOXELS = 2
-"""What is registered is thinned to so many voxels."""
+"""Size of the voxels for registration, in voxels of the cloud."""
 
-LEAST_INLIERS = 0.5
-"""Registration has failed if a smaller share of the points has a counterpart, ..."""
+MIN_INLIERS = 0.5
+"""Minimum share of points with a counterpart in a sound registration."""
 
-MAX_SHIFT_SHARE, MAX_TURN_RAD = 0.03, np.radians(3)
-"""... if it moves the object by more than this share of its length, or turns it by more: the track knows better."""
+MAX_SHIFT_SHARE = 0.03
+"""Maximum shift by a registration, as a share of the length of the object."""
 
-STANDING_PER_S = 0.05
-"""What moves by a smaller share of its length in a second stands: its pose is the same in all frames."""
+MAX_TURN_RAD = np.radians(3)
+"""Maximum turn by a registration, radians."""
+
+MAX_STANDING_SPEED = 0.05
+"""Maximum speed of a standing object, in lengths per second; its pose is the same in all frames."""
 
 
 class ObjectCloud:
@@ -64,12 +69,12 @@ class ObjectCloud:
             moves: Whether the object moves, so that the poses of its track differ from frame to frame.
             max_points: The cloud has no more points than this; its voxels grow as needed.
         """
-        if moves and len(points) >= LEAST_NEW and len(self.points) >= LEAST_KNOWN:
+        if moves and len(points) >= MIN_NEW and len(self.points) >= MIN_KNOWN:
             xyz = self._registered(points[:, :3], float(size[0]))
             points = np.column_stack([xyz, points[:, 3:]])[_depth(xyz, size) <= 1]
         self.points = _thinned(np.concatenate([self.points, points.astype(np.float32)]), self.voxel_m)
         while len(self.points) > max_points:
-            self.voxel_m *= COARSER
+            self.voxel_m *= VOXEL_GROWTH
             self.points = _thinned(self.points, self.voxel_m)
 
     def _registered(self, xyz: F64, length_m: float) -> F64:
@@ -79,7 +84,7 @@ class ObjectCloud:
         voxel_m = REGISTERED_VOXELS * self.voxel_m
         known, tree = preprocess_points(self.points[:, :3].astype(np.float64), voxel_m, num_threads=1)
         new, _ = preprocess_points(xyz, voxel_m, num_threads=1)
-        if new.size() < LEAST_NEW:
+        if new.size() < MIN_NEW:
             return xyz
         reach_m = MAX_SHIFT_SHARE * length_m + voxel_m
         found = align(
@@ -92,7 +97,7 @@ class ObjectCloud:
         )
         T = found.T_target_source
         shift_m, turn_rad = np.linalg.norm(T[:3, 3]), np.arccos(np.clip((np.trace(T[:3, :3]) - 1) / 2, -1, 1))
-        is_sound = found.converged and found.num_inliers >= LEAST_INLIERS * new.size()
+        is_sound = found.converged and found.num_inliers >= MIN_INLIERS * new.size()
         if not is_sound or shift_m > MAX_SHIFT_SHARE * length_m or turn_rad > MAX_TURN_RAD:
             return xyz
         return np.asarray(xyz @ T[:3, :3].T + T[:3, 3])
@@ -100,7 +105,7 @@ class ObjectCloud:
 
 def voxel_of(size: F64) -> float:
     """Side of the voxels of an object of this size (3,), metres."""
-    return min(float(size.max()) / VOXELS_PER_SIZE, LARGEST_VOXEL_M)
+    return min(float(size.max()) / VOXELS_PER_SIZE, MAX_VOXEL_M)
 
 
 def points_in_objects(fused: Fused, cloud: PointCloud) -> Iterator[tuple[int, F64, I64, bool]]:
@@ -141,7 +146,7 @@ def points_in_objects(fused: Fused, cloud: PointCloud) -> Iterator[tuple[int, F6
         found[row] = near, xyz[deepest]
     for row, (near, xyz) in found.items():
         is_own = owners[near] == row
-        moves = tracks.speeds[row] > STANDING_PER_S * objects.sizes[row, 0]
+        moves = tracks.speeds[row] > MAX_STANDING_SPEED * objects.sizes[row, 0]
         yield row, xyz[is_own], near[is_own], bool(moves)
 
 

@@ -1,110 +1,110 @@
-"""Tracks that know the future: a recording is solved in windows, each with some seconds before and after it.
+"""Tracks with knowledge of the future: a recording is solved in windows that overlap by some seconds.
 
-Association comes first, over the whole window; then each track is estimated anew from its sightings. Tracks in one
-place are joined, and tracks over gaps. A track that is too improbable as a whole is left out: frames are not
-independent, so the mean of its log odds counts, not their sum.
+Association comes first, over the whole window; then each track is estimated from its sightings. Tracks in one place
+are joined, and tracks over gaps. A track that is too improbable as a whole is left out: frames are not independent, so
+the mean of its log odds counts, not their sum.
 """
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I64, Bools, first_of_runs
+from lidcam.pipeline.core.arrays import F64, I64, Bools, first_of_runs, replace_rows
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.detectors.log_odds import logit
 from lidcam.pipeline.fusion.belief.odds import probability
-from lidcam.pipeline.tracking.estimates import Estimates, Known, Scene, estimated, renumbered
+from lidcam.pipeline.tracking.estimates import Estimates, History, estimated, renumbered
 from lidcam.pipeline.tracking.joining import joined_in_place, joined_over_gaps
 from lidcam.pipeline.tracking.motion import HEADING, Priors
 from lidcam.pipeline.tracking.online import OnlineTracker
-from lidcam.pipeline.tracking.rows import NOT_SEEN, TrackRows
-from lidcam.pipeline.tracking.sightings import FrameSightings
+from lidcam.pipeline.tracking.sightings import NOT_SEEN, FrameSightings, Scene, TrackRows
 
-OVERLAP_BEYOND_GAP_S = 2.0
-"""Windows overlap by the longest gap and so much more."""
+EXTRA_OVERLAP_S = 2.0
+"""Extra window overlap beyond `max_gap_s`, seconds."""
 
-MISS_LOG_ODDS, AROUND_S = -2.0, 0.25
-"""What a frame says of a track that is not seen in it, between its first and its last sighting and so long before and
-after them. Where no such frame is, in a recording of one frame or of frames far apart, nothing speaks against it."""
+MISS_LOG_ODDS = -2.0
+"""Log odds of a frame without a track, from shortly before its first to shortly after its last sighting."""
+
+MISS_MARGIN_S = 0.25
+"""Time before and after the sightings in which misses count, seconds; frames further apart count for nothing."""
 
 HEIGHT_FRAMES = 5
-"""Heights are means over so many frames before and after."""
+"""Half-width of the height average, frames."""
 
 
 class OfflineTracker:
-    """Tracks of frames that come in order, given when they are settled."""
+    """Tracks of frames that come in order, returned when they are settled."""
 
-    def __init__(self, priors: Priors, *, least_existence: float, window_s: float, max_gap_s: float) -> None:
-        """Track; what exists less probably than `least_existence` is left out."""
-        self._priors, self._least = priors, float(logit(np.array(least_existence)))
+    def __init__(self, priors: Priors, *, min_existence: float, window_s: float, max_gap_s: float) -> None:
+        self._priors, self._min_log_odds = priors, float(logit(np.array(min_existence)))
         self._window_ns, self._max_gap_s = round(window_s * 1e9), max_gap_s
-        self._overlap_ns = round((max_gap_s + OVERLAP_BEYOND_GAP_S) * 1e9)
+        self._overlap_ns = round((max_gap_s + EXTRA_OVERLAP_S) * 1e9)
         self._frames: list[FrameSightings] = []
-        self._given = 0  # frames at the front of them that were given already
+        self._settled_count = 0  # frames at the front of them that were returned already
         self._next_id = 1
-        self._known = Known.nothing(0, len(priors))
-        self._known_ids = np.zeros(0, np.int64)  # track of each sighting of the frames that were given
+        self._history = History.none(0, len(priors))
+        self._settled_ids = np.zeros(0, np.int64)  # track of each sighting of the settled frames
 
-    def add(self, frame: FrameSightings) -> list[TrackRows]:
-        """Take in the next frame; the rows of the oldest frames that were not given yet, as far as they are settled."""
+    def add_frame(self, frame: FrameSightings) -> list[TrackRows]:
+        """Add the next frame; the rows of the oldest waiting frames that are settled."""
         out = self.finish() if self._frames and frame.stamp_ns <= self._frames[-1].stamp_ns else []
         self._frames.append(frame)
-        waiting_ns = frame.stamp_ns - self._frames[min(self._given, len(self._frames) - 1)].stamp_ns
+        waiting_ns = frame.stamp_ns - self._frames[min(self._settled_count, len(self._frames) - 1)].stamp_ns
         if waiting_ns < self._window_ns + self._overlap_ns:
             return out
         stamps_ns = np.array([one.stamp_ns for one in self._frames])
         return out + self._solved(int(np.searchsorted(stamps_ns, frame.stamp_ns - self._overlap_ns, side="right")))
 
     def finish(self) -> list[TrackRows]:
-        """The rows of all frames that were not given yet; what follows has other tracks."""
-        out = self._solved(len(self._frames)) if self._given < len(self._frames) else []
-        self._frames, self._given, self._known_ids = [], 0, np.zeros(0, np.int64)
-        self._known = Known.nothing(0, len(self._priors))
+        """The rows of all waiting frames; later frames have new tracks."""
+        out = self._solved(len(self._frames)) if self._settled_count < len(self._frames) else []
+        self._frames, self._settled_count, self._settled_ids = [], 0, np.zeros(0, np.int64)
+        self._history = History.none(0, len(self._priors))
         return out
 
     def _solved(self, until: int) -> list[TrackRows]:
-        """The rows of the frames from the first one that was not given to `until`."""
-        given = self._given
+        """The rows of the frames from the first waiting one to `until`."""
+        first = self._settled_count
         scene = Scene.of(self._frames)
         labels = self._associated()
         if (labels < 0).all():
             self._keep(scene, np.zeros(len(labels), np.int64), until)
-            self._known = Known.nothing(0, len(self._priors))
-            return [TrackRows.none()] * (until - given)
+            self._history = History.none(0, len(self._priors))
+            return [TrackRows.none()] * (until - first)
         estimates = estimated(scene, labels, self._priors)
         for join in (joined_in_place, self._over_gaps(scene), joined_in_place):
             merged = join(estimates)
             if _any_joined(merged):
                 estimates = estimated(scene, _relabelled(scene, estimates, merged), self._priors)
-        estimates, known = self._refined(scene, estimates.labels(len(scene.frames)))
+        estimates, history = self._refined(scene, estimates.labels(len(scene.frames)))
         # With its whole length, one part of a long vehicle reaches into the other.
         merged = joined_in_place(estimates)
         if _any_joined(merged):
-            estimates, known = self._refined(scene, renumbered(_relabelled(scene, estimates, merged)))
-        existence = self._existence(scene, estimates, known)
-        kept = existence >= self._least
-        new = kept & (known.ids == 0)
-        known.ids[new] = np.arange(self._next_id, self._next_id + new.sum())
+            estimates, history = self._refined(scene, renumbered(_relabelled(scene, estimates, merged)))
+        existence = self._existence(scene, estimates, history)
+        kept = existence >= self._min_log_odds
+        new = kept & (history.ids == 0)
+        history.ids[new] = np.arange(self._next_id, self._next_id + new.sum())
         self._next_id += int(new.sum())
-        rows = _rows(scene, estimates, known, probability(existence), kept)
-        self._carry(scene, estimates, known, kept, until)
-        return rows[given:until]
+        rows = _rows(scene, estimates, history, probability(existence), kept)
+        self._carry(scene, estimates, history, kept, until)
+        return rows[first:until]
 
-    def _refined(self, scene: Scene, labels: I64) -> tuple[Estimates, Known]:
-        """Tracks with all that is known of them, and with the lengths that their ends show."""
-        known = self._known_of(labels)
-        return estimated(scene, labels, self._priors, known), known
+    def _refined(self, scene: Scene, labels: I64) -> tuple[Estimates, History]:
+        """Tracks with their history and measured lengths."""
+        history = self._history_of(labels)
+        return estimated(scene, labels, self._priors, history), history
 
     def _associated(self) -> I64:
-        """(N,) track of each sighting, frame by frame; -1 for none, and for what a frame does not report by itself."""
-        tracker = OnlineTracker(self._priors, least_existence=0.0, max_gap_s=self._max_gap_s)
+        """(N,) track of each sighting, frame by frame; -1 for none, and for sightings that are not reported."""
+        tracker = OnlineTracker(self._priors, min_existence=0.0, max_gap_s=self._max_gap_s)
         ids: list[I64] = []
         for frame in self._frames:
             reported = np.flatnonzero(frame.sightings.are_reported)
-            tracker.tracks(replace(frame, sightings=frame.sightings.select(reported)))
+            tracker.add_frame(replace(frame, sightings=frame.sightings.select(reported)))
             of_frame = np.full(len(frame.sightings), -1, np.int64)
             of_frame[reported] = np.where(tracker.ids_of_sightings > 0, tracker.ids_of_sightings, -1)
             ids.append(of_frame)
@@ -113,78 +113,73 @@ class OfflineTracker:
     def _over_gaps(self, scene: Scene) -> Callable[[Estimates], I64]:
         return partial(joined_over_gaps, stamps_s=scene.stamps_s, priors=self._priors, max_gap_s=self._max_gap_s)
 
-    def _existence(self, scene: Scene, estimates: Estimates, known: Known) -> F64:
-        """(T,) log odds of existence."""
+    def _existence(self, scene: Scene, estimates: Estimates, history: History) -> F64:
+        """(T,) mean log odds of existence."""
         tracks, count = estimates.courses.cell_tracks, len(estimates)
-        total = known.log_odds + np.bincount(tracks, _evidence(scene, estimates), count)
-        frames = known.counts + np.bincount(tracks, minlength=count)
+        total = history.log_odds + np.bincount(tracks, _evidence(scene, estimates), count)
+        frames = history.counts + np.bincount(tracks, minlength=count)
         stamps_s, courses = scene.stamps_s, estimates.courses
-        begins = np.searchsorted(stamps_s, stamps_s[courses.firsts] - AROUND_S)
-        ends = np.searchsorted(stamps_s, stamps_s[courses.lasts] + AROUND_S, side="right") - 1
-        doubts = np.where(known.ids > 0, 0, courses.firsts - begins) + ends - courses.lasts
-        return (total + doubts * MISS_LOG_ODDS) / (frames + doubts)
+        begins = np.searchsorted(stamps_s, stamps_s[courses.firsts] - MISS_MARGIN_S)
+        ends = np.searchsorted(stamps_s, stamps_s[courses.lasts] + MISS_MARGIN_S, side="right") - 1
+        misses = np.where(history.ids > 0, 0, courses.firsts - begins) + ends - courses.lasts
+        return np.asarray((total + misses * MISS_LOG_ODDS) / (frames + misses))
 
-    def _known_of(self, labels: I64) -> Known:
-        """What is known of each track: that of the known track with which it has most sightings in common.
+    def _history_of(self, labels: I64) -> History:
+        """The history of each track: that of the earlier track with which it has most sightings in common.
 
         Args:
             labels: (N,) track of each sighting, numbered by their first sightings; -1 for none.
         """
         count = int(labels.max()) + 1
-        known = Known.nothing(count, len(self._priors))
-        before = self._known_ids
+        before = self._settled_ids
         now = labels[: len(before)]
         both = (before > 0) & (now >= 0)
         pairs, common = np.unique(np.stack([now[both], before[both]], 1), axis=0, return_counts=True)
-        taken: set[int] = set()
-        row_of = {number: row for row, number in enumerate(self._known.ids.tolist())}
+        row_of = {number: row for row, number in enumerate(self._history.ids.tolist())}
         rows = np.full(count, -1)
         for track, number in pairs[np.argsort(-common, kind="stable")].tolist():
-            if rows[track] < 0 and number not in taken and number in row_of:
-                taken.add(number)
-                rows[track] = row_of[number]
+            if rows[track] < 0 and number in row_of:
+                rows[track] = row_of.pop(number)
         found = np.flatnonzero(rows >= 0)
-        for field in fields(Known):
-            getattr(known, field.name)[found] = getattr(self._known, field.name)[rows[found]]
-        return known
+        return replace_rows(History.none(count, len(self._priors)), found, self._history.select(rows[found]))
 
-    def _carry(self, scene: Scene, estimates: Estimates, known: Known, kept: Bools, until: int) -> None:
-        """Keep what the next window needs: the frames that it begins with, and what is known of their tracks."""
-        numbers, labels = np.where(kept, known.ids, 0), estimates.labels(len(scene.frames))
+    def _carry(self, scene: Scene, estimates: Estimates, history: History, kept: Bools, until: int) -> None:
+        """Keep the frames with which the next window begins, and the history of their tracks."""
+        numbers, labels = np.where(kept, history.ids, 0), estimates.labels(len(scene.frames))
         keep_from = self._keep(scene, np.where(labels >= 0, numbers[labels], 0), until)
         courses = estimates.courses
-        tracks, frames = courses.cell_tracks, courses.cell_frames
-        is_older, count = frames < keep_from, len(estimates)
+        tracks, count = courses.cell_tracks, len(estimates)
+        is_older = courses.cell_frames < keep_from
         seen = np.flatnonzero(estimates.are_seen & is_older)
         sightings = scene.sightings.select(estimates.sightings[seen])
-        votes = known.votes.copy()
+        votes = history.votes.copy()
         np.add.at(votes, (tracks[seen], sightings.class_ids), sightings.beliefs)
         evidence = np.where(is_older, _evidence(scene, estimates), 0.0)
         begin = np.maximum(courses.firsts, keep_from)
         at = np.minimum(courses.starts[:-1] + begin - courses.firsts, courses.starts[1:] - 1)
-        goes_on = np.flatnonzero(kept & (courses.lasts >= keep_from))
-        self._known = Known(
-            known.ids,
-            votes,
-            estimates.sizes,
-            np.where(estimates.fronts_known, estimates.motions.states[at, HEADING], np.nan),
-            known.log_odds + np.bincount(tracks, evidence, count),
-            known.counts + np.bincount(tracks[is_older], minlength=count),
-            np.where(known.firsts_ns >= 0, known.firsts_ns, scene.stamps_ns[courses.firsts]),
-        ).select(goes_on)
+        continues = np.flatnonzero(kept & (courses.lasts >= keep_from))
+        self._history = History(
+            ids=history.ids,
+            votes=votes,
+            sizes=estimates.sizes,
+            headings=np.where(estimates.fronts_known, estimates.motions.states[at, HEADING], np.nan),
+            log_odds=history.log_odds + np.bincount(tracks, evidence, count),
+            counts=history.counts + np.bincount(tracks[is_older], minlength=count),
+            firsts_ns=np.where(history.firsts_ns >= 0, history.firsts_ns, scene.stamps_ns[courses.firsts]),
+        ).select(continues)
 
     def _keep(self, scene: Scene, ids: I64, until: int) -> int:
-        """Forget the frames that the next window does not need; the first one that it does.
+        """Drop the frames before the overlap with the next window; the first frame of the overlap.
 
         Args:
             scene: The frames.
             ids: (N,) number of the track of each sighting, 0 for none.
-            until: The first frame that is not settled.
+            until: First frame that is not settled.
         """
         last_ns = scene.stamps_ns[min(until, len(self._frames) - 1)]
         keep_from = int(np.searchsorted(scene.stamps_ns, last_ns - self._overlap_ns))
-        self._known_ids = ids[scene.starts[keep_from] : scene.starts[until]]
-        self._frames, self._given = self._frames[keep_from:], until - keep_from
+        self._settled_ids = ids[scene.starts[keep_from] : scene.starts[until]]
+        self._frames, self._settled_count = self._frames[keep_from:], until - keep_from
         return keep_from
 
 
@@ -193,7 +188,7 @@ def _any_joined(merged: I64) -> bool:
 
 
 def _evidence(scene: Scene, estimates: Estimates) -> F64:
-    """(N,) log odds of each cell: those of its sighting, or of a miss."""
+    """(N,) log odds of each cell, by its sighting or a miss."""
     out = np.full(len(estimates.are_seen), MISS_LOG_ODDS)
     seen = estimates.are_seen
     out[seen] = logit(scene.sightings.beliefs[estimates.sightings[seen]])
@@ -201,7 +196,7 @@ def _evidence(scene: Scene, estimates: Estimates) -> F64:
 
 
 def _relabelled(scene: Scene, estimates: Estimates, merged: I64) -> I64:
-    """(N,) track of each sighting after some were joined; of two in one frame, that of the likelier class stays."""
+    """(N,) track of each sighting after joining; of two in one frame, that of the likelier class remains."""
     votes = np.zeros_like(estimates.votes)
     np.add.at(votes, merged, estimates.votes)
     labels = estimates.labels(len(scene.frames))
@@ -216,35 +211,35 @@ def _relabelled(scene: Scene, estimates: Estimates, merged: I64) -> I64:
     return out
 
 
-def _rows(scene: Scene, estimates: Estimates, known: Known, existence: F64, kept: Bools) -> list[TrackRows]:
+def _rows(scene: Scene, estimates: Estimates, history: History, existence: F64, kept: Bools) -> list[TrackRows]:
     """The rows of each frame."""
     courses = estimates.courses
     tracks, frames = courses.cell_tracks, courses.cell_frames
     cells = np.flatnonzero(kept[tracks])
-    cells = cells[np.lexsort((known.ids[tracks[cells]], frames[cells]))]
+    cells = cells[np.lexsort((history.ids[tracks[cells]], frames[cells]))]
     tracks, frames = tracks[cells], frames[cells]
     states = estimates.motions.states[cells]
     states[:, HEADING] = wrap_angle(states[:, HEADING])
-    first_ns = np.where(known.firsts_ns >= 0, known.firsts_ns, scene.stamps_ns[courses.firsts])
+    first_ns = np.where(history.firsts_ns >= 0, history.firsts_ns, scene.stamps_ns[courses.firsts])
     sightings = estimates.sightings[cells]
     rows = TrackRows(
-        known.ids[tracks],
-        states,
-        estimates.motions.covariances[cells],
-        _heights(scene, estimates)[cells],
-        estimates.sizes[tracks],
-        estimates.class_ids[tracks],
-        existence[tracks],
-        (scene.stamps_ns[frames] - first_ns[tracks]) / 1e9,
-        estimates.fronts_known[tracks],
-        np.where(sightings >= 0, sightings - scene.starts[frames], NOT_SEEN),
+        ids=history.ids[tracks],
+        states=states,
+        covariances=estimates.motions.covariances[cells],
+        heights_m=_heights_m(scene, estimates)[cells],
+        sizes=estimates.sizes[tracks],
+        class_ids=estimates.class_ids[tracks],
+        existence=existence[tracks],
+        ages_s=(scene.stamps_ns[frames] - first_ns[tracks]) / 1e9,
+        fronts_known=estimates.fronts_known[tracks],
+        seen=np.where(sightings >= 0, sightings - scene.starts[frames], NOT_SEEN),
     )
     bounds = np.searchsorted(frames, np.arange(len(scene.stamps_s) + 1))
     return [rows.select(np.arange(first, last)) for first, last in pairwise(bounds.tolist())]
 
 
-def _heights(scene: Scene, estimates: Estimates) -> F64:
-    """(N,) z of the centre of each cell: that of its underside over about a second, and half of the track's height."""
+def _heights_m(scene: Scene, estimates: Estimates) -> F64:
+    """(N,) z of the centre of each cell, from the underside averaged over `HEIGHT_FRAMES` and the track's height."""
     courses = estimates.courses
     out = np.zeros(len(estimates.are_seen))
     for track, (first, last) in enumerate(pairwise(courses.starts.tolist())):

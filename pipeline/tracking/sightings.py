@@ -1,63 +1,78 @@
-"""What a frame shows of objects, in the fixed frame: the measurements that tracks are made of."""
+"""Input and output of trackers, in the fixed frame: the sightings of a frame, and its tracks."""
 
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Self
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I32, I64, U8, Bools, Table
+from lidcam.pipeline.core.arrays import F64, I32, I64, U8, Bools, Table, join_rows
+from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.detections import Fused
+from lidcam.pipeline.core.geometry.regions import points_in_footprints
 from lidcam.pipeline.tracking.motion import Priors
+
+NOT_SEEN = -1
+"""Sighting of a track that the frame does not show."""
+
+SHARED_ERROR = 0.5
+"""Share of the variance of a measurement that all measurements of a track have in common."""
+
+MIN_FRONT_TRAVEL = 0.75
+"""Minimum travel, in motion scales, before it defines the front; boxes of few points wander by half a length."""
+
+UNKNOWN_SIGMA = 0.05
+"""Standard deviation of the position of boxes without covariance, as a share of the class length."""
+
+UNKNOWN_YAW_SIGMA_RAD = 0.1
+"""Standard deviation of the yaw of boxes without covariance, radians."""
+
+EXTRA_YAW_SIGMA_RAD = 0.03
+"""Standard deviation added to the yaw of every box, radians."""
+
+NO_AXIS_VARIANCE = 100.0
+"""Yaw variance of boxes that show no axis, rad^2: they carry no heading."""
+
+END_MARGINS = 0.62, 0.72, 0.6
+"""Half extents, as shares of length, width and height, within which points belong to a box, even if it is too small."""
+
+END_REACH = 0.2
+"""Extra length at each end within which points belong to a box, as a share of its width."""
+
+STRAY_SHARE = 0.005
+"""Share of the points of an object that lie beyond its end."""
+
+MIN_END_POINTS = 8
+"""Minimum number of points of an object whose ends are measured."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sightings(Table):
-    """N objects that a frame may show.
+    """N objects that a frame may show."""
 
-    Attributes:
-        rows: (N,) int64, row of each one's hypothesis.
-        boxes: (N, 3) float64, x, y of the centre and yaw, in the fixed frame.
-        heights_m: (N,) float64, z of the centre.
-        sizes: (N, 3) float64, length, width, height, metres.
-        covariances: (N, 3, 3) float64 of `boxes`; zeros where unknown.
-        later_s: (N,) float64, when it was seen, after the stamp of the frame.
-        beliefs: (N,) float64, probability that there is an object of the class at this place.
-        class_ids: (N,) int64.
-        are_reported: (N,) bool, whether the frame by itself reports it.
-        matched: (N,) int32, number of cameras that matched it.
-        point_counts: (N,) int32.
-        sources: (N,) uint8.
-        sides: (N, 2) float64 in [-1, 1], where along its length and its width the lidars are: 1 beyond its front, or
-            its left side.
-        faces: (N, 2) float64, how well the lidars see its length and its width, 1/m^2.
-        ends: (N, 2, 3) float64, the foremost and the rearmost of its points: x and y in the fixed frame, and how many
-            seconds after the stamp they were measured; NaN where it has too few points.
-    """
-
-    rows: I64
-    boxes: F64
-    heights_m: F64
-    sizes: F64
-    covariances: F64
-    later_s: F64
-    beliefs: F64
-    class_ids: I64
-    are_reported: Bools
-    matched: I32
-    point_counts: I32
-    sources: U8
+    rows: I64  # (N,) int64, row of the hypothesis
+    boxes: F64  # (N, 3) float64, x, y of the centre and yaw, in the fixed frame
+    heights_m: F64  # (N,) float64, z of the centre
+    sizes: F64  # (N, 3) float64, length, width, height, metres
+    covariances: F64  # (N, 3, 3) float64 of `boxes`; zeros where unknown
+    later_s: F64  # (N,) float64, time of measurement after the stamp of the frame
+    beliefs: F64  # (N,) float64, probability of an object of the class at this place
+    class_ids: I64  # (N,) int64
+    are_reported: Bools  # (N,) bool, whether the frame by itself reports it
+    matched: I32  # (N,) int32, number of cameras that matched it
+    point_counts: I32  # (N,) int32
+    sources: U8  # (N,) uint8
+    # (N, 2) float64 in [-1, 1], position of the lidars along its length and width: 1 beyond its front, or its left side
     sides: F64
-    faces: F64
-    ends: F64
+    faces: F64  # (N, 2) float64, visibility of its length and its width for the lidars, 1/m^2
+    # (N, 2, 3) float64, its foremost and rearmost point: x and y in the fixed frame, and seconds after the stamp; NaN
+    # with too few points
+    end_points: F64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameSightings:
-    """The sightings of one frame.
-
-    Attributes:
-        stamp_ns: Its time.
-        T_fixed_site: (4, 4) float64.
-        sightings: What it shows.
-    """
+    """The sightings of one frame, with its time and its pose (4, 4)."""
 
     stamp_ns: int
     T_fixed_site: F64
@@ -69,41 +84,103 @@ class FrameSightings:
         return float(np.arctan2(self.T_fixed_site[1, 0], self.T_fixed_site[0, 0]))
 
 
-ALIKE = 4.0
-"""So many measurements in a row say as much as one: neighbouring frames share most of their error."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """The sightings of a stretch of frames."""
 
-SHARED_ERROR = 0.5
-"""Share of the variance of a measurement that all measurements of a track have in common, so that it stays."""
+    stamps_ns: I64  # (F,) int64, times of the frames
+    stamps_s: F64  # (F,) times since the first frame
+    sites_xy: F64  # (F, 2) positions of the rig
+    sightings: Sightings  # N sightings, frame by frame
+    frames: I64  # (N,) frame of each
+    starts: I64  # (F + 1,) first sighting of each frame, and N
 
-FRONT_SHARE = 0.75
-"""What moved by this share of its length shows which end is its front; boxes of few points wander by half a length.
-What moved by less gets the front that most of its boxes have, or offline the direction of the lane beside it."""
+    @classmethod
+    def of(cls, frames: list[FrameSightings]) -> Self:
+        """The scene of one frame or more, whose stamps rise."""
+        counts = np.array([len(frame.sightings) for frame in frames])
+        stamps_ns = np.array([frame.stamp_ns for frame in frames], np.int64)
+        return cls(
+            stamps_ns=stamps_ns,
+            stamps_s=(stamps_ns - stamps_ns[0]) / 1e9,
+            sites_xy=np.array([frame.T_fixed_site[:2, 3] for frame in frames]),
+            sightings=join_rows(*[frame.sightings for frame in frames]),
+            frames=np.repeat(np.arange(len(frames)), counts),
+            starts=np.concatenate([[0], np.cumsum(counts)]),
+        )
 
-UNKNOWN_SIGMA_SHARE, UNKNOWN_SIGMA_RAD = 0.05, 0.1
-"""Standard deviations of boxes whose covariance is unknown: of the place as a share of the length, of the yaw."""
 
-YAW_SIGMA_RAD, NO_AXIS_VARIANCE = 0.03, 100.0
-"""What is added to the deviation of yaws; variance of those of boxes that show no axis: they say nothing."""
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackRows(Table):
+    """N tracks in one frame, by rising number."""
+
+    ids: I64  # (N,) int64
+    # (N, 5) float64, as in `lidcam.pipeline.tracking.motion`, at the frame's stamp; positions are those of the centres
+    states: F64
+    covariances: F64  # (N, 5, 5) float64
+    heights_m: F64  # (N,) float64, z of the centre
+    sizes: F64  # (N, 3) float64
+    class_ids: I64  # (N,) int64
+    existence: F64  # (N,) float64
+    ages_s: F64  # (N,) float64
+    fronts_known: Bools  # (N,) bool
+    seen: I64  # (N,) int64, row of the frame's `Sightings`, or `NOT_SEEN`
+
+    @classmethod
+    def none(cls) -> Self:
+        """No track."""
+        zeros, numbers, no = np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.bool_)
+        states, covariances = np.zeros((0, 5)), np.zeros((0, 5, 5))
+        return cls(numbers, states, covariances, zeros, np.zeros((0, 3)), numbers, zeros, zeros, no, numbers)
+
+    @property
+    def are_seen(self) -> Bools:
+        """(N,) whether the frame shows each."""
+        return np.asarray(self.seen != NOT_SEEN)
 
 
-def measured(sightings: Sightings, priors: Priors, jump_share: float) -> tuple[F64, F64]:
-    """The boxes of sightings as measurements (N, 3) and their covariances (N, 3, 3).
+def measurement_covariances(sightings: Sightings, priors: Priors, jump_sigma: float) -> F64:
+    """(N, 3, 3) covariances of the boxes of sightings as measurements.
 
     Args:
-        sightings: N of them.
-        priors: Of all classes.
-        jump_share: Standard deviation that the completion of boxes adds to their places, as a share of the length of
-            the class.
+        sightings: N sightings.
+        priors: All classes.
+        jump_sigma: Standard deviation that the completion of boxes adds to their positions, as a share of the class
+            length.
     """
     of_class = priors.select(sightings.class_ids)
     noise = sightings.covariances.copy()
     unknown = ~noise.any((1, 2))
-    place = (UNKNOWN_SIGMA_SHARE * of_class.lengths_m[unknown]) ** 2
-    noise[unknown, 0, 0] = noise[unknown, 1, 1] = place
-    noise[unknown, 2, 2] = UNKNOWN_SIGMA_RAD**2
-    jump = (jump_share * of_class.lengths_m) ** 2
+    noise[unknown, 0, 0] = noise[unknown, 1, 1] = (UNKNOWN_SIGMA * of_class.lengths_m[unknown]) ** 2
+    noise[unknown, 2, 2] = UNKNOWN_YAW_SIGMA_RAD**2
+    jump = (jump_sigma * of_class.lengths_m) ** 2
     noise[:, 0, 0] += jump
     noise[:, 1, 1] += jump
-    noise[:, 2, 2] = np.where(of_class.have_axis, noise[:, 2, 2] + YAW_SIGMA_RAD**2, NO_AXIS_VARIANCE)
+    noise[:, 2, 2] = np.where(of_class.show_axis, noise[:, 2, 2] + EXTRA_YAW_SIGMA_RAD**2, NO_AXIS_VARIANCE)
     noise[:, :2, 2] = noise[:, 2, :2] = 0.0
-    return sightings.boxes, noise
+    return noise
+
+
+def find_end_points(fused: Fused, combined: CombinedCloud) -> F64:
+    """(N, 2, 3) the foremost and the rearmost point of each object, along the yaw of its box.
+
+    x, y in the site frame and seconds after the cloud's stamp; NaN with too few points.
+    """
+    objects, cloud = fused.objects, combined.detection_cloud
+    sizes = objects.sizes * (2 * np.array(END_MARGINS))
+    sizes[:, 0] += 2 * END_REACH * objects.sizes[:, 1]
+    rows, box = points_in_footprints(cloud.xyz, objects.centers[:, :2], sizes[:, :2], objects.yaws)
+    offsets = cloud.xyz.take(rows, 0) - objects.centers.take(box, 0)
+    is_level = np.abs(offsets[:, 2]) < (sizes[:, 2] / 2).take(box)
+    rows, box, offsets = rows[is_level], box[is_level], offsets[is_level]
+    along = offsets[:, 0] * np.cos(objects.yaws).take(box) + offsets[:, 1] * np.sin(objects.yaws).take(box)
+    bounds = np.searchsorted(box, np.arange(len(objects) + 1))
+    points = np.full((len(objects), 2, 3), np.nan)
+    for index, (first, last) in enumerate(pairwise(bounds.tolist())):
+        count = last - first
+        if count >= MIN_END_POINTS:
+            stray = int(STRAY_SHARE * count)
+            ranks, of_object = [count - 1 - stray, stray], along[first:last]
+            found = rows[first + (of_object == np.partition(of_object, ranks)[ranks, None]).argmax(1)]
+            points[index, :, :2], points[index, :, 2] = cloud.xyz[found, :2], cloud.time_offset_ns[found] / 1e9
+    return points

@@ -1,32 +1,63 @@
-"""The trackers of a run: frames in, their objects out, with tracks."""
+"""The trackers of a run: frames in, their objects out, with tracks and the cameras that confirm them."""
 
 from collections import deque
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Protocol
+
+import numpy as np
 
 from lidcam.pipeline.core.arrays import I64
 from lidcam.pipeline.core.detections import Fused
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.tracking.confirmed import Confirmations, matched_rows
+from lidcam.pipeline.core.tracks import NO_TRACK
+from lidcam.pipeline.fusion.belief.memory import MAX_AGE_S
 from lidcam.pipeline.tracking.fixed_frame import SightingsOf, with_tracks
 from lidcam.pipeline.tracking.motion import Priors
 from lidcam.pipeline.tracking.offline import OfflineTracker
 from lidcam.pipeline.tracking.online import OnlineTracker
-from lidcam.pipeline.tracking.rows import TrackRows
-from lidcam.pipeline.tracking.sightings import FrameSightings
+from lidcam.pipeline.tracking.sightings import FrameSightings, TrackRows
 
 
 class Tracker(Protocol):
     """Finds the tracks in frames that come in order."""
 
-    def add(self, frame: FrameSightings) -> list[TrackRows]:
-        """Take in a frame; the rows of the oldest frames that were not given yet, as far as they are settled."""
+    def add_frame(self, frame: FrameSightings) -> list[TrackRows]:
+        """Add a frame; the rows of the oldest waiting frames that are settled."""
         ...
 
     def finish(self) -> list[TrackRows]:
-        """The rows of all frames that were not given yet."""
+        """The rows of all waiting frames."""
         ...
+
+
+class Confirmations:
+    """The last votes of each camera, by track; they expire after `MAX_AGE_S`, as its evidence does.
+
+    A camera that is slower than the frames is missing in most of them, which withdraws nothing.
+    """
+
+    def __init__(self) -> None:
+        self._votes: dict[str, tuple[int, I64]] = {}
+
+    def confirm(self, fused: Fused, stamp_ns: int, matched_rows: Mapping[str, I64]) -> Fused:
+        """The objects of the next frame with the number of cameras that confirm the track of each.
+
+        Args:
+            fused: The objects, with tracks; `matched` of those without one stays.
+            stamp_ns: Stamp of the frame.
+            matched_rows: Rows (M,) of the hypotheses that each camera with 2D boxes matched, by its name.
+        """
+        if (tracks := fused.tracks) is None:
+            return fused
+        self._votes |= {name: (stamp_ns, tracks.ids[np.isin(fused.rows, rows)]) for name, rows in matched_rows.items()}
+        matched = np.zeros(len(tracks), np.int32)
+        for since_ns, ids in self._votes.values():
+            if 0 <= stamp_ns - since_ns <= MAX_AGE_S * 1e9:
+                matched += np.isin(tracks.ids, ids)
+        return replace(fused, matched=np.where(tracks.ids == NO_TRACK, fused.matched, matched))
 
 
 class ObjectTracker:
@@ -38,38 +69,40 @@ class ObjectTracker:
         self._confirmations = Confirmations()
         self._waiting: deque[tuple[Fused, FrameSightings, dict[str, I64]]] = deque()
 
-    def add(self, frame: FrameResult) -> list[Fused]:
-        """Take in a frame; the objects of the oldest frames that were not given yet, as far as they are settled.
+    def add_frame(self, frame: FrameResult) -> list[Fused]:
+        """Add a frame; the objects of the oldest waiting frames that are settled.
 
         Raises:
             FrameError: the motion is that of a frame other than the site frame.
         """
         seen = self._sightings_of(frame)
-        self._waiting.append((frame.fused, seen, matched_rows(frame)))
-        return self._given(self._tracker.add(seen))
+        matched_rows = {name: frame.matches[name].pairs[:, 0] for name in frame.detections.cameras}
+        self._waiting.append((frame.fused, seen, matched_rows))
+        return self._settled(self._tracker.add_frame(seen))
 
     def finish(self) -> list[Fused]:
-        """The objects of all frames that were not given yet."""
-        return self._given(self._tracker.finish())
+        """The objects of all waiting frames."""
+        return self._settled(self._tracker.finish())
 
-    def _given(self, settled: list[TrackRows]) -> list[Fused]:
-        given = []
-        for rows in settled:
-            fused, seen, said = self._waiting.popleft()
+    def _settled(self, frames: list[TrackRows]) -> list[Fused]:
+        out = []
+        for rows in frames:
+            fused, seen, matched_rows = self._waiting.popleft()
             tracked = with_tracks(fused, seen, rows, self._zones)
-            given.append(self._confirmations.held(tracked, seen.stamp_ns, said))
-        return given
+            out.append(self._confirmations.confirm(tracked, seen.stamp_ns, matched_rows))
+        return out
 
 
 def object_tracker(config: Config, rig: Rig) -> ObjectTracker | None:
-    """The tracker that the settings ask for; None where nothing is to be tracked."""
-    mode, priors, least = config.track.mode, Priors.of_classes(config.classes), config.fuse.min_score
-    if mode == "none":
-        return None
-    window_s, max_gap_s = config.track.window_s, config.track.max_gap_s
+    """The configured tracker; None without tracking."""
+    settings, priors, min_existence = config.track, Priors.of_classes(config.classes), config.fuse.min_score
     tracker: Tracker
-    if mode == "online":
-        tracker = OnlineTracker(priors, least_existence=least, max_gap_s=max_gap_s)
+    if settings.mode == "none":
+        return None
+    if settings.mode == "online":
+        tracker = OnlineTracker(priors, min_existence=min_existence, max_gap_s=settings.max_gap_s)
     else:
-        tracker = OfflineTracker(priors, least_existence=least, window_s=window_s, max_gap_s=max_gap_s)
+        tracker = OfflineTracker(
+            priors, min_existence=min_existence, window_s=settings.window_s, max_gap_s=settings.max_gap_s
+        )
     return ObjectTracker(tracker, rig, len(config.classes))

@@ -1,12 +1,11 @@
-"""What the check of a rig says of each sensor, as tables and as plain values."""
+"""Tables and plain values of the verdicts of a rig check."""
 
 from typing import Any
 
 import numpy as np
 from rich.console import Console
 
-from lidcam.checks.calibration.judged import SCALES
-from lidcam.checks.calibration.self_check import SelfCheck
+from lidcam.checks.calibration.rig_check import SCALES, RigCheck
 from lidcam.cli.printing.folding import show_line, show_table
 from lidcam.cli.printing.tables import ColumnsTable
 from lidcam.pipeline.core.arrays import F64, Bools
@@ -19,12 +18,12 @@ LIDAR_VALUES = ("about_x_deg", "about_y_deg", "about_z_deg", "x_m", "y_m", "z_m"
 NOT_JUDGED = "not judged"
 
 
-def print_check(out: Console, check: SelfCheck) -> None:
-    """Print what a check found; a `*` marks what is sure and large enough to be told, and stands alone then."""
+def print_check(out: Console, check: RigCheck) -> None:
+    """Print what a check found; a `*` marks significant errors, which are fitted alone then."""
     cameras = ColumnsTable("cameras against lidars", "camera", "pairs", "tracks", *map(_heading, VALUES))
-    for camera, pairs, tracks, error, wrong in check.cameras:
-        cells = [NOT_JUDGED] if error is None else _cells(error.values, error.sigmas, wrong)
-        cameras.add_row(camera.name, str(pairs), str(tracks), *cells)
+    for one in check.cameras:
+        cells = [NOT_JUDGED] if one.error is None else _cells(one.error.values, one.error.sigmas, one.significant)
+        cameras.add_row(one.camera.name, str(one.pair_count), str(one.track_count), *cells)
     lidars = ColumnsTable(
         "lidars against each other",
         "lidar",
@@ -33,9 +32,9 @@ def print_check(out: Console, check: SelfCheck) -> None:
         *map(_heading, LIDAR_VALUES),
         text_columns=("against",),
     )
-    for first, second, difference, wrong in check.lidars:
-        matches = "0" if difference is None else str(difference.matches)
-        cells = [NOT_JUDGED] if difference is None else _cells(difference.values, difference.sigmas, wrong)
+    for first, second, error, significant in check.lidars:
+        matches = "0" if error is None else str(error.matches)
+        cells = [NOT_JUDGED] if error is None else _cells(error.values, error.sigmas, significant)
         lidars.add_row(second.name, first.name, matches, *cells)
     for table in (cameras, lidars):
         if table.row_count:
@@ -45,24 +44,24 @@ def print_check(out: Console, check: SelfCheck) -> None:
         show_line(out, f"warning: {warning}", "yellow")
 
 
-def check_tree(check: SelfCheck) -> dict[str, Any]:
+def check_tree(check: RigCheck) -> dict[str, Any]:
     """What a check found as plain values, for JSON; errors are null where a sensor is not judged."""
     cameras = {
-        camera.name: {
-            "pairs": pairs,
-            "tracks": tracks,
-            "errors": None if error is None else _tree(VALUES, error.values, error.sigmas, wrong),
+        one.camera.name: {
+            "pairs": one.pair_count,
+            "tracks": one.track_count,
+            "errors": None if one.error is None else _tree(VALUES, one.error.values, one.error.sigmas, one.significant),
         }
-        for camera, pairs, tracks, error, wrong in check.cameras
+        for one in check.cameras
     }
     lidars = [
         {
             "lidar": second.name,
             "against": first.name,
             "points": 0 if error is None else error.matches,
-            "errors": None if error is None else _tree(LIDAR_VALUES, error.values, error.sigmas, wrong),
+            "errors": None if error is None else _tree(LIDAR_VALUES, error.values, error.sigmas, significant),
         }
-        for first, second, error, wrong in check.lidars
+        for first, second, error, significant in check.lidars
     ]
     return {"cameras": cameras, "lidars": lidars, "warnings": [f"{warning}" for warning in check.warnings]}
 
@@ -71,19 +70,19 @@ def _heading(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _cells(values: F64, sigmas: F64, wrong: Bools) -> list[str]:
-    scaled = zip(values * SCALES[: len(values)], sigmas * SCALES[: len(values)], wrong, strict=True)
+def _cells(values: F64, sigmas: F64, significant: Bools) -> list[str]:
+    scaled = zip(values * SCALES[: len(values)], sigmas * SCALES[: len(values)], significant, strict=True)
     digits = [2] * 6 + [0]
     return [
-        f"{value:+.{places}f}±{sigma:.{places}f}{'*' if is_told else ''}" if sigma else ""
-        for places, (value, sigma, is_told) in zip(digits, scaled, strict=False)
+        f"{value:+.{places}f}±{sigma:.{places}f}{'*' if is_significant else ''}" if sigma else ""
+        for places, (value, sigma, is_significant) in zip(digits, scaled, strict=False)
     ]
 
 
-def _tree(names: tuple[str, ...], values: F64, sigmas: F64, wrong: Bools) -> dict[str, Any]:
+def _tree(names: tuple[str, ...], values: F64, sigmas: F64, significant: Bools) -> dict[str, Any]:
     scales = SCALES[: len(names)]
-    columns = np.round(values * scales, 6), np.round(sigmas * scales, 6), wrong
+    columns = np.round(values * scales, 6), np.round(sigmas * scales, 6), significant
     return {
-        name: {"value": float(value), "sigma": float(sigma), "is_told": bool(is_told)} if sigma else None
-        for name, value, sigma, is_told in zip(names, *columns, strict=True)
+        name: {"value": float(value), "sigma": float(sigma), "is_significant": bool(is_significant)} if sigma else None
+        for name, value, sigma, is_significant in zip(names, *columns, strict=True)
     }

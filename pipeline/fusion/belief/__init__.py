@@ -1,1 +1,1 @@
-"""How probable it is that something is an object: what the sensors say and do not say, weighed."""
+"""Existence probability of a hypothesis from the evidence of all sensors."""

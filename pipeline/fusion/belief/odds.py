@@ -16,52 +16,39 @@ from lidcam.pipeline.detectors.log_odds import logit, sigmoid
 from lidcam.pipeline.fusion.belief.visibility import Visibility
 
 MAX_LOG_ODDS = 7.0
-"""No object is surer than 0.999, and none more impossible than 0.001."""
+"""Maximum absolute log odds of an object, for probabilities between 0.001 and 0.999."""
 
-FULL_VIEW_SHARE = 0.6
-HIDDEN_SHARE = 0.1
-"""An object is expected to be found as in full view from the one visible share on, and not at all up to the other."""
+MIN_FULL_VIEW_SHARE = 0.6
+"""Minimum visible share of an object with the recall of one in full view."""
+
+MAX_HIDDEN_VIEW_SHARE = 0.1
+"""Maximum visible share of an object that no detector finds."""
 
 MAX_RECALL = 0.98
-"""No detector finds more than this, whatever is set or learned from few objects."""
+"""Maximum recall of a detector, whatever is set or learned from few objects."""
 
 CUT_RECALL = 0.7
-"""Of objects that the border of the image cuts, a detector finds this share of what it would find of whole ones."""
+"""Relative recall for objects truncated by the image border."""
 
 
 class Coefficients(NamedTuple):
-    """Coefficients of the logistic model; `benchmarks/measured/belief_fit.py` fits them.
+    """Coefficients of the logistic model; `benchmarks/measured/belief_fit.py` fits them."""
 
-    Attributes:
-        lidar: Log odds of a lidar box of score 0.5, of one point and of a class of frequency 1.
-        lidar_score: Factor of the logit of its score.
-        lidar_frequency: Factor of the logarithm of `frequency` of its class: of what is rare, less is right.
-        lidar_points: Factor of the logarithm of the number of its points.
-        placed: Log odds of an object that a camera alone placed, without its 2D box.
-        led: Log odds of an object whose points were sought in the frustum of a 2D box, without that box.
-        led_score: Factor of the logit of the score of its points.
-        match: Log likelihood ratio of a match with a 2D box of score 0.5 and no overlap.
-        match_score: Factor of the logit of the 2D score.
-        match_iou: Factor of the overlap.
-        missed: Factor of the log likelihood of not being found by a camera that should have.
-        further: Weight of each further camera that says the same as the first: cameras are not independent.
-        looked_at: Added to the log odds of a probability by the lidars where a camera looks: what looks like a person
-            in a cloud often looks like one in an image, too.
-    """
-
-    lidar: float
-    lidar_score: float
-    lidar_frequency: float
-    lidar_points: float
-    placed: float
-    led: float
-    led_score: float
-    match: float
-    match_score: float
-    match_iou: float
-    missed: float
-    further: float
-    looked_at: float
+    lidar: float  # Log odds of a lidar box of score 0.5, of one point and of a class of frequency 1
+    lidar_score: float  # Factor of the logit of its score
+    lidar_frequency: float  # Factor of the logarithm of `frequency` of its class: fewer boxes of rare classes are right
+    lidar_points: float  # Factor of the logarithm of the number of its points
+    placed: float  # Log odds of an object placed by a camera alone, without its 2D box
+    frustum: float  # Log odds of an object whose points were sought in the frustum of a 2D box, without that box
+    frustum_score: float  # Factor of the logit of the score of its points
+    match: float  # Log likelihood ratio of a match with a 2D box of score 0.5 and no overlap
+    match_score: float  # Factor of the logit of the 2D score
+    match_iou: float  # Factor of the overlap
+    missed: float  # Factor of the log likelihood of not being found by a camera that should have
+    further: float  # Weight of each further camera that agrees with the first: cameras are not independent
+    # Added to the log odds of a network's lidar box in view of a camera: false people in a cloud often look like people
+    # in an image, too
+    in_view: float
 
 
 FITTED = Coefficients(
@@ -70,29 +57,20 @@ FITTED = Coefficients(
     lidar_frequency=1.14,
     lidar_points=0.32,
     placed=-6.8,
-    led=-1.5,
-    led_score=0.0,
+    frustum=-1.5,
+    frustum_score=0.0,
     match=0.77,
     match_score=1.5,
     match_iou=6.0,
     missed=1.0,
     further=0.8,
-    looked_at=-2.0,
+    in_view=-2.0,
 )
-"""Fitted to simulated recordings (6 s of `crossing` and `vehicle`, 10 s of `sandbox`; 2D boxes of the simulator) and to
-five labelled frames of KITTI (2D boxes of YOLOX-nano), each of the four counting the same. With them, the expected
-calibration error of a class is 0.00 to 0.02 (crossing), 0.02 to 0.09 (vehicle), 0.03 (sandbox), 0.00 to 0.18 (KITTI);
-of 769, 851, 200 and 9 right hypotheses a threshold of 0.5 finds 750, 810, 200 and 9, with 2, 38, 0 and 0 false ones.
-`missed`, `match_score`, `match_iou`, `led_score` and `further` are at the limits of the fit: one simulated detector
-finds more, and is surer and more exact, than networks are.
-`looked_at` is of 0, -1, -1.5 and -2 the best for 35 labelled frames of KITTI with YOLOX-nano and the network `traffic`;
-for the simulated recordings -1 is, and -2 little worse. Of the false people of the real frames most are one post, seen
-in five frames, and people in the distance whom nobody labelled.
-"""
+"""Coefficients fitted by `benchmarks/measured/belief_fit.py`, which also says on what data and with what result."""
 
 
 def probability(log_odds: F64) -> F64:
-    """Probability of log odds, which are limited by `MAX_LOG_ODDS`."""
+    """Probability of log odds, limited by `MAX_LOG_ODDS`."""
     return sigmoid(log_odds.clip(-MAX_LOG_ODDS, MAX_LOG_ODDS))
 
 
@@ -104,75 +82,69 @@ def log_odds_before_cameras(
     is_lidar: Bools,
     by: Coefficients,
     *,
-    looked_at: Bools | None = None,
+    in_view: Bools | None = None,
 ) -> F64:
-    """(N,) log odds of boxes before a camera was asked.
+    """(N,) log odds of boxes by the lidars alone.
 
     Args:
         scores: (N,) of the boxes.
         frequencies: (N,) `frequency` of their classes.
-        point_counts: (N,) lidar points that they were found from.
+        point_counts: (N,) number of lidar points.
         sources: (N,) `Source` of each box.
         is_lidar: (N,) whether the lidars found it; 2D boxes propose the others.
-        by: The coefficients.
-        looked_at: (N,) whether a camera looks at each box of a network, if the lidars' scores are probabilities; None:
-            they are geometric scores of clusters.
+        by: Coefficients.
+        in_view: (N,) whether each box of a network is in view of a camera, if the lidars' scores are probabilities;
+            None for geometric scores of clusters.
     """
     score, points = logit(scores), np.log(np.maximum(point_counts, 1))
-    if looked_at is not None:
-        return np.where(is_lidar, score + by.looked_at * looked_at, _led(score, sources, by))
+    proposed = np.where(sources == Source.CAMERA.value, by.placed, by.frustum + by.frustum_score * score)
+    if in_view is not None:
+        return np.where(is_lidar, score + by.in_view * in_view, proposed)
     found = by.lidar + by.lidar_score * score + by.lidar_points * points + by.lidar_frequency * np.log(frequencies)
-    return np.where(is_lidar, found, _led(score, sources, by))
+    return np.where(is_lidar, found, proposed)
 
 
-def _led(score: F64, sources: U8, by: Coefficients) -> F64:
-    """(N,) log odds of what a camera led to, without its 2D box."""
-    return np.where(sources == Source.CAMERA.value, by.placed, by.led + by.led_score * score)
-
-
-def reach_of_classes(priors: Sequence[ClassPrior]) -> F64:
-    """(K,) how far from its box an object of each class may be and still be what is meant: half of its largest side."""
+def match_radii_m(priors: Sequence[ClassPrior]) -> F64:
+    """(K,) match radius per class: half its longest side."""
     return np.array([max(prior.size_m) / 2 for prior in priors])
 
 
-def at_its_place(covariances: F64, reach_m: F64) -> F64:
-    """(N,) probability that an object is no farther than `reach_m` (N,) from where its box says; 1 where unknown.
+def position_probability(covariances: F64, radii_m: F64) -> F64:
+    """(N,) probability that an object is within `radii_m` (N,) of its box; 1 where unknown.
 
-    Rayleigh distribution for the mean of the variances in x and y.
-
-    Args:
-        covariances: (N, 3, 3) over x, y and yaw.
-        reach_m: (N,) metres.
+    Rayleigh distribution for the mean of the variances in x and y, by covariances (N, 3, 3) over x, y and yaw.
     """
     variance = np.maximum((covariances[:, 0, 0] + covariances[:, 1, 1]) / 2, 1e-12)
-    return np.asarray(-np.expm1(-(reach_m**2) / (2 * variance)))
+    return np.asarray(-np.expm1(-(radii_m**2) / (2 * variance)))
 
 
 def camera_evidence(visibility: Visibility, plain_recall: F64, by: Coefficients) -> F64:
-    """(C, N) log likelihood ratio of what each camera says, or does not say, about each box.
+    """(C, N) log likelihood ratio of each box by each camera's match, or lack of one.
 
     Args:
-        visibility: How C cameras see N boxes.
-        plain_recall: (C, N) share of objects of that size in plain view that the camera finds.
-        by: The coefficients.
+        visibility: Visibility of N boxes for C cameras.
+        plain_recall: (C, N) recall of the camera for objects of that size in plain view.
+        by: Coefficients.
     """
     ratio = by.match + by.match_score * logit(visibility.scores) + by.match_iou * visibility.iou
-    shown = ((visibility.visible - HIDDEN_SHARE) / (FULL_VIEW_SHARE - HIDDEN_SHARE)).clip(0, 1)
-    recall = plain_recall * shown * np.where(visibility.is_cut, CUT_RECALL, 1.0) * visibility.in_view
+    shown = (visibility.visible - MAX_HIDDEN_VIEW_SHARE) / (MIN_FULL_VIEW_SHARE - MAX_HIDDEN_VIEW_SHARE)
+    recall = plain_recall * shown.clip(0, 1) * np.where(visibility.is_cut, CUT_RECALL, 1.0) * visibility.in_view
     missed = by.missed * np.log1p(-np.minimum(recall, MAX_RECALL))
-    # A box of something else says no more against it than none.
+    # A box of another class counts no more against it than none.
     matched = np.maximum(ratio + visibility.agreement, np.minimum(ratio, missed))
     return np.asarray(np.where(visibility.is_matched, matched, missed))
 
 
-def shown(visibility: Visibility) -> Bools:
-    """(N,) whether a camera has each box in view, and sees some of it."""
+def are_in_view(visibility: Visibility) -> Bools:
+    """(N,) whether each box is in view of a camera, and not hidden."""
     nobody = np.zeros((1, visibility.visible.shape[1]), np.bool_)
-    return np.asarray(np.concatenate([nobody, visibility.in_view & (visibility.visible > HIDDEN_SHARE)]).any(0))
+    return np.asarray(
+        np.concatenate([nobody, visibility.in_view & (visibility.visible > MAX_HIDDEN_VIEW_SHARE)]).any(0)
+    )
 
 
 def joined(evidence: F64, by: Coefficients) -> F64:
-    """(N,) evidence of C cameras (C, N) together: the strongest for and against count in full, the others less."""
+    """(N,) combined evidence of C cameras (C, N): the strongest for and against in full, the others less."""
     if not len(evidence):
         return np.zeros(evidence.shape[1])
     strongest = np.maximum(evidence.max(0), 0) + np.minimum(evidence.min(0), 0)
@@ -180,7 +152,7 @@ def joined(evidence: F64, by: Coefficients) -> F64:
 
 
 def joined_without_each(evidence: F64, by: Coefficients) -> F64:
-    """(C, N) what `joined` gives without each of C cameras in turn."""
+    """(C, N) `joined` without each of C cameras in turn."""
     if len(evidence) < 2:
         return np.zeros_like(evidence)
     rows = np.arange(len(evidence))[:, None]

@@ -1,13 +1,12 @@
-"""How each camera sees each hypothesis: whether it could see it, what hides it, and which 2D box speaks for it.
+"""Visibility of each hypothesis for each camera: whether it is in view, how much is hidden, and its 2D box.
 
 A camera sees nothing behind a point of the cloud. The points of all lidars are sorted into cells of each camera's field
 of view, and each cell keeps the range of its nearest point (a depth buffer: Catmull, A subdivision algorithm for
-computer display of curved surfaces, 1974). An object is hidden as far as the cells that it fills have a point that is
-nearer than the object's near side. Cells without a point say nothing.
+computer display of curved surfaces, 1974). The hidden share of an object is that of its cells with a point nearer than
+its near side; cells without a point do not count.
 
-What hides what does not depend on the lens: cells are of equal size in the plane one metre ahead of a camera, without
-distortion. The ground is left out: a cell at the foot of an object also holds the ground in front of it, which hides
-nothing.
+Occlusion does not depend on the lens: cells are of equal size in the plane one metre ahead of a camera, without
+distortion. The ground is left out, since a cell at the foot of an object also holds the ground in front of it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,25 +24,25 @@ from lidcam.pipeline.core.geometry.boxes import box_corners
 from lidcam.pipeline.core.rig import CameraSensor
 
 MAX_POINTS = 3000
-"""Points that are looked at in a frame, evenly chosen from all: what hides an object is large."""
+"""Maximum number of points per frame, evenly thinned: occluders are large."""
 
 COLUMNS, ROWS = 32, 24
-"""Cells of a field of view."""
+"""Number of cells of a field of view, across and down."""
 
-WIDER = 1.2
-"""The cells reach so far beyond what a lens without distortion would show: most distortions show more."""
+VIEW_MARGIN = 1.2
+"""Scale of the cells' field of view against that of a lens without distortion: most distortions show more."""
 
-WIDEST = 4.0
-"""Tangent of the largest angle to the axis that has cells; beyond, nothing is known to be hidden."""
+MAX_VIEW_TANGENT = 4.0
+"""Maximum tangent of the angle to the axis that has cells; nothing is hidden beyond."""
 
-NEARER_SHARE = 0.97
-"""Points hide an object if they are nearer than this share of the range of its near side."""
+MAX_RANGE_SHARE = 0.97
+"""Maximum range of a point that hides an object, as a share of the range of its near side."""
 
-OPEN_CELLS = 1.0
-"""Cells that are taken to be free beside those that are measured, so that a single point hides nothing wholly."""
+FREE_CELLS = 1.0
+"""Pseudo-count of free cells (smoothing), so that a single point hides nothing entirely."""
 
 NEAR_M = 0.01
-"""Points nearer to the plane of a camera, or behind it, are not in its image."""
+"""Minimum distance of points from the plane of the camera, metres."""
 
 _TABLE, _BLOCK = (f"Array(float32, {dimensions}, 'C', True)" for dimensions in (2, 3))
 _POINTS = "Array(float32, 2, 'A', True)"
@@ -51,29 +50,17 @@ _POINTS = "Array(float32, 2, 'A', True)"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Visibility:
-    """How C cameras see N hypotheses; cameras that did not look in this frame are not among them.
+    """Visibility of N hypotheses for the C cameras with 2D boxes in this frame, or an empty list of them."""
 
-    Attributes:
-        cameras: (C) names.
-        in_view: (C, N) bool, whether a part of the box lies in the image.
-        size_px: (C, N) float64, geometric mean of width and height of its rectangle, pixels; 0 out of view.
-        visible: (C, N) float64 in [0, 1], share of it that no other object and no point hides; 0 out of view.
-        is_cut: (C, N) bool, whether it reaches the border of the image.
-        is_matched: (C, N) bool, whether it has a 2D box.
-        scores: (C, N) float64, score of that box; 0 without one.
-        iou: (C, N) float64, overlap with that box; 0 without one.
-        agreement: (C, N) float64, of its class with that of the hypothesis, see `class_agreement`; 0 without one.
-    """
-
-    cameras: tuple[str, ...]
-    in_view: Bools
-    size_px: F64
-    visible: F64
-    is_cut: Bools
-    is_matched: Bools
-    scores: F64
-    iou: F64
-    agreement: F64
+    cameras: tuple[str, ...]  # (C) names
+    in_view: Bools  # (C, N) bool, whether a part of the box lies in the image
+    size_px: F64  # (C, N) float64, geometric mean of width and height of its rectangle, pixels; 0 out of view
+    visible: F64  # (C, N) float64 in [0, 1], share that no other object and no point hides; 0 out of view
+    is_cut: Bools  # (C, N) bool, whether it reaches the border of the image
+    is_matched: Bools  # (C, N) bool, whether it has a 2D box
+    scores: F64  # (C, N) float64, score of that box; 0 without one
+    iou: F64  # (C, N) float64, overlap with that box; 0 without one
+    agreement: F64  # (C, N) float64, `class_agreement` of that box with the hypothesis; 0 without one
 
     def __post_init__(self) -> None:
         shape = self.in_view.shape
@@ -90,14 +77,14 @@ def find_visibility(
     combined: CombinedCloud,
     agreement: F64,
 ) -> Visibility:
-    """How the cameras that have 2D boxes in this frame, or an empty list of them, see the hypotheses.
+    """Visibility of N hypotheses in the site frame for the cameras of `boxes2d`.
 
     Args:
-        hypotheses: N boxes in the site frame, and their matches.
+        hypotheses: Boxes and their matches.
         boxes2d: By camera name; a camera without an entry did not look.
-        views: The cameras as they stood when their images were taken.
-        combined: The clouds that may hide something.
-        agreement: (K, K) of `class_agreement`.
+        views: The cameras at the times of their images.
+        combined: Clouds that may hide something.
+        agreement: (K, K) from `class_agreement`.
     """
     boxes, cameras = hypotheses.boxes, tuple(name for name in hypotheses.matches if name in boxes2d)
     shape = len(cameras), len(boxes)
@@ -132,12 +119,12 @@ def find_visibility(
 def hidden_by_points(
     views: Sequence[CameraSensor], xyz_site: F32, corners_site: F64, cameras: Indices, objects: Indices
 ) -> F64:
-    """(Q,) share of an object that nearer points cover in the view of a camera, in [0, 1), of Q pairs of both.
+    """(Q,) share of an object in [0, 1) that nearer points cover in the view of a camera.
 
     Args:
-        views: C cameras as they stood when their images were taken.
+        views: C cameras at the times of their images.
         xyz_site: (P, 3) points in the site frame, metres.
-        corners_site: (N, 8, 3) corners of the objects' boxes in the site frame, metres.
+        corners_site: (N, 8, 3) corners of boxes in the site frame, metres.
         cameras: (Q,) camera of each pair.
         objects: (Q,) object of each pair.
     """
@@ -146,7 +133,8 @@ def hidden_by_points(
     low, cell = _cells(tuple(view.model for view in views))
     matrices = np.array([view.T_camera_site.matrix for view in views])
     matrices32, low32, cell32 = (values.astype(np.float32) for values in (matrices, low, cell))
-    nearest = _nearest_in_cells(matrices32, low32, cell32, _sampled(xyz_site))
+    sampled = xyz_site[:: -(-len(xyz_site) // MAX_POINTS) or 1]
+    nearest = _nearest_in_cells(matrices32, low32, cell32, sampled)
     corners = corners_site[objects] @ matrices[cameras, :3, :3].swapaxes(1, 2) + matrices[cameras, None, :3, 3]
     middle = corners.mean(1)
     reach_m = np.sqrt(((corners - middle[:, None]) ** 2).sum(2)).max(1)
@@ -159,38 +147,27 @@ def hidden_by_points(
         for axis, count in enumerate((COLUMNS, ROWS))
     )
     filled, ranges_m = in_row[:, :, None] & in_column[:, None], nearest[cameras]
-    in_front = (filled & (ranges_m < (NEARER_SHARE * near_side_m)[:, None, None])).sum((1, 2))
+    in_front = (filled & (ranges_m < (MAX_RANGE_SHARE * near_side_m)[:, None, None])).sum((1, 2))
     measured = (filled & np.isfinite(ranges_m)).sum((1, 2))
-    return np.asarray(in_front / (measured + OPEN_CELLS))
-
-
-def _sampled(xyz: F32) -> F32:
-    return xyz[:: -(-len(xyz) // MAX_POINTS) or 1]
+    return np.asarray(in_front / (measured + FREE_CELLS))
 
 
 @lru_cache(maxsize=4)
 def _cells(models: tuple[CameraModel, ...]) -> tuple[F64, F64]:
-    """(C, 2) low end of the field of view across and down, and (C, 2) size of a cell, in the plane one metre ahead."""
+    """(C, 2) low ends of the fields of view across and down, and (C, 2) cell sizes, in the plane one metre ahead."""
     focal = np.array([(model.K[0, 0], model.K[1, 1]) for model in models])
     middle = np.array([(model.K[0, 2], model.K[1, 2]) for model in models])
     size = np.array([(model.width_px, model.height_px) for model in models], np.float64)
-    low = np.maximum(-WIDER * middle / focal, -WIDEST)
-    high = np.minimum(WIDER * (size - middle) / focal, WIDEST)
+    low = np.maximum(-VIEW_MARGIN * middle / focal, -MAX_VIEW_TANGENT)
+    high = np.minimum(VIEW_MARGIN * (size - middle) / focal, MAX_VIEW_TANGENT)
     return low, (high - low) / (COLUMNS, ROWS)
 
 
 @compiled(f"float32[:, :, ::1]({_BLOCK}, {_TABLE}, {_TABLE}, {_POINTS})")
 def _nearest_in_cells(matrices: F32, low: F32, cell: F32, xyz: F32) -> F32:
-    """Range of the nearest point in each cell of each camera's field of view.
+    """(C, ROWS, COLUMNS) range of the nearest of the points (P, 3) in each cell, metres; inf without a point.
 
-    Args:
-        matrices: (C, 4, 4) site to camera.
-        low: (C, 2) low ends of the fields of view across and down, in the plane one metre ahead.
-        cell: (C, 2) sizes of a cell there.
-        xyz: (P, 3) points in the site frame, metres.
-
-    Returns:
-        (C, ROWS, COLUMNS) metres; inf without a point.
+    `matrices` (C, 4, 4) are from site to camera; `low` and `cell` (C, 2) as from `_cells`.
     """
     nearest = np.full((len(matrices), ROWS, COLUMNS), np.float32(np.inf), np.float32)
     for c in range(len(matrices)):

@@ -1,1 +1,1 @@
-"""Where the objects of 2D boxes stand, as far as cameras alone can tell."""
+"""Positions of the objects of 2D boxes by cameras alone."""

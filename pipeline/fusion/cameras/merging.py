@@ -1,9 +1,9 @@
-"""One object for the sightings of it by several cameras.
+"""Merges the sightings of an object by several cameras.
 
-Cameras are taken one after another. The sightings of each are assigned to the objects known so far, at most one to an
-object, where they are of one class and lie within the gate of their Mahalanobis distance; the others are new objects.
-The places of an object are combined for each heading by itself, as independent normal distributions: their information
-adds up, and how well they agree says how likely the heading is.
+Cameras are taken one after another. The sightings of each are assigned to the objects so far, at most one to an object,
+if they are of one class and within a gate of their Mahalanobis distance; the others are new objects. The positions of
+an object are combined for each heading separately, as independent normal distributions: their information adds up, and
+their agreement gives the likelihood of the heading.
 """
 
 import itertools
@@ -16,44 +16,35 @@ from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.fusion.assignment import assign
 from lidcam.pipeline.fusion.cameras.placing import HEADINGS, Placements
 
-GATE = 13.8
-"""Largest squared Mahalanobis distance of two sightings of one object: 0.1 % of normal errors in a plane are larger."""
+MAX_DISTANCE = 13.8
+"""Maximum squared Mahalanobis distance of two sightings of one object; 0.1 % of normal errors in a plane exceed it."""
 
 DIRECTIONS = np.stack([np.cos(2 * HEADINGS), np.sin(2 * HEADINGS)], 1)
-"""(H, 2) of twice the headings."""
+"""(H, 2) unit vectors of twice the headings."""
 
 MAX_YAW_VARIANCE = np.pi**2 / 12
-"""Of an axis of which nothing is known, rad^2."""
+"""Variance of an unknown axis, rad^2."""
 
 VIEW_WEIGHT = 1e-3
-"""Weight of the direction of view beside that of all headings, 1, where these cancel out: where all are equally likely,
-as of a footprint as long as wide, rounding alone would say what their mean is."""
+"""Weight of the direction of view, against 1 for all headings, where these cancel out: among equally likely headings,
+as of a footprint as long as wide, rounding alone would decide their mean."""
 
 QUARTER_RAD = np.pi / 2 - 1e-6
-"""Axes up to here clockwise from x have a negative yaw: an axis along y has one yaw, however it is rounded."""
+"""Maximum clockwise angle of an axis with a negative yaw, so that an axis along y has one yaw however it is rounded."""
 
 
 class Moments(NamedTuple):
-    """Means and covariances of placements over all headings.
+    """Means and covariances of placements over all headings."""
 
-    Attributes:
-        xy: (P, 2) float64 centre, metres in the site frame.
-        yaw_rad: (P,) float64 mean axis, in (-pi/2, pi/2] but for rounding; where nothing is known of it the direction
-            of view.
-        covariances: (P, 3, 3) float64 over x, y (m^2) and yaw (rad^2).
-    """
-
-    xy: F64
-    yaw_rad: F64
-    covariances: F64
+    xy: F64  # (P, 2) float64 centre, metres in the site frame
+    yaw_rad: F64  # (P,) float64 mean axis, in (-pi/2, pi/2] but for rounding; the direction of view if unknown
+    covariances: F64  # (P, 3, 3) float64 over x, y (m^2) and yaw (rad^2)
 
 
 def moments(placements: Placements, view_xy: F64) -> Moments:
-    """The normal distributions nearest to these mixtures over the headings.
+    """The normal distributions nearest to the mixtures of P objects over the headings.
 
-    Args:
-        placements: Of P objects.
-        view_xy: (P, 2) a camera that sees each of them, metres in the site frame.
+    `view_xy` (P, 2) is the position of a camera that sees each, metres in the site frame.
     """
     xy, spread = mean_places(placements)
     covariances = np.zeros((len(xy), 3, 3))
@@ -82,25 +73,25 @@ def merge_sightings(placements: Placements, cameras: I64, class_ids: I64) -> tup
     """The objects behind the sightings of all cameras.
 
     Args:
-        placements: Of P sightings, camera after camera.
-        cameras: (P,) camera of each, in rising order.
+        placements: Placements of P sightings, camera after camera.
+        cameras: (P,) camera of each, rising.
         class_ids: (P,) class of each.
 
     Returns:
-        (P,) the object of each sighting, numbered in order of their first one; and the places of the objects.
+        (P,) the object of each sighting, numbered by first sighting; placements of the objects.
     """
     count = len(cameras)
-    # The row of an object's first sighting holds what the cameras so far say of it.
+    # The row of an object's first sighting holds its placement by the cameras so far.
     known, (mean_xy, spread) = placements.copy(), mean_places(placements)
     first, is_first = np.arange(count), np.ones(count, np.bool_)
     _, *starts = *first_of_runs(cameras).nonzero()[0].tolist(), count
     for start, end in itertools.pairwise(starts):  # all of the first camera are new
-        objects, own = is_first[:start].nonzero()[0], np.arange(start, end)
-        worth = _worth(mean_xy[objects], spread[objects], mean_xy[own], spread[own])
-        worth[class_ids[objects][:, None] != class_ids[own]] = 0.0
+        objects, new = is_first[:start].nonzero()[0], np.arange(start, end)
+        worth = _worth(mean_xy[objects], spread[objects], mean_xy[new], spread[new])
+        worth[class_ids[objects][:, None] != class_ids[new]] = 0.0
         row, column = assign(-worth)
         is_one = worth[row, column] > 0
-        rows, new_rows = objects[row[is_one]], own[column[is_one]]
+        rows, new_rows = objects[row[is_one]], new[column[is_one]]
         if len(rows):
             first[new_rows], is_first[new_rows] = rows, False
             _combine(known, rows, new_rows)
@@ -115,21 +106,14 @@ def _shares(placements: Placements) -> F64:
 
 
 def _worth(first_xy: F64, first: F64, second_xy: F64, second: F64) -> F64:
-    """(R, C) by how much the squared distance of two places is within the gate; 0 beyond it.
-
-    Args:
-        first_xy: (R, 2) places.
-        first: (R, 2, 2) their covariances.
-        second_xy: (C, 2) other places.
-        second: (C, 2, 2) their covariances.
-    """
+    """(R, C) margin of the squared distances between positions (R, 2) and (C, 2) to the gate; 0 beyond it."""
     gap = second_xy - first_xy[:, None]
     inverse, _ = _inverse(first[:, None] + second)
-    return np.maximum(GATE - _squared(gap, inverse), 0.0)
+    return np.maximum(MAX_DISTANCE - _squared(gap, inverse), 0.0)
 
 
 def _combine(known: Placements, rows: Indices, new_rows: Indices) -> None:
-    """Combine places, in place, with independent other ones, under each heading."""
+    """Combine placements, in place, with independent other ones, under each heading."""
     gap, covariances = known.xy[new_rows] - known.xy[rows], known.covariances[rows]
     inverse, determinant = _inverse(covariances + known.covariances[new_rows])
     a, b, c = inverse

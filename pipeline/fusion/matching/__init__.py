@@ -1,1 +1,1 @@
-"""Matching of 3D boxes with 2D boxes: what is hidden, which pairs are likely, what other cameras say."""
+"""Matching of 3D boxes with 2D boxes: occlusion, likelihood of pairs, agreement with other cameras."""

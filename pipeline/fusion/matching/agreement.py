@@ -1,10 +1,10 @@
 """Evidence of the other pairs about an object and about a camera, for each camera that sees the object.
 
-With the pairs of all cameras, the place and the class of each 3D box are known better: for each camera they are
-computed from the box and the 2D boxes of all *other* cameras, so that no pair speaks for itself. A 2D box that
-contradicts the others then fits worse than before. The place is a weighted least-squares step in x, y and yaw; pairs
-that fit badly weigh little (the weights of the t distribution). In the same way the other pairs of a camera say how
-far all its 2D boxes are shifted: its calibration is off, or its image is late.
+The pairs of all cameras improve the position and the class of each 3D box: for each camera both are computed from the
+box and the 2D boxes of all *other* cameras, so that no pair supports itself. A 2D box that contradicts the others then
+fits worse than before. The position is a weighted least-squares step in x, y and yaw; pairs with large residuals weigh
+less (the weights of the t distribution). Likewise, the other pairs of a camera predict a common shift of its 2D boxes,
+from a wrong calibration or a late image.
 """
 
 from dataclasses import dataclass
@@ -17,28 +17,23 @@ from lidcam.pipeline.core.arrays import F32, F64, I32, I64
 from lidcam.pipeline.core.association import FREEDOM
 from lidcam.pipeline.core.detections import Boxes3D
 
-UNKNOWN_SHARE, UNKNOWN_YAW = 0.1, 0.2
-"""Standard deviations where a box has no covariance: of its place, as a share of length and width; of its yaw."""
+UNKNOWN_SIGMA = 0.1
+"""Standard deviation of the position of a box without covariance, as a share of the mean of length and width."""
 
-MIN_M, MIN_RAD = 1e-3, 1e-2
-"""Smallest standard deviations: a box is not known better."""
+UNKNOWN_YAW_SIGMA_RAD = 0.2
+"""Standard deviation of the yaw of a box without covariance, radians."""
 
-_MIN = np.diag([MIN_M, MIN_M, MIN_RAD]) ** 2
+MIN_SIGMAS = np.array([1e-3, 1e-3, 1e-2])
+"""Standard deviations added to x, y (metres) and yaw (radians) of every box."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoxBelief:
-    """Place and class of N boxes before the cameras are asked.
+    """Position and class of N boxes without cameras."""
 
-    Attributes:
-        covariances: (N, 3, 3) float64 of x, y, yaw, regular.
-        log_classes: (N, K) float64, logarithm of the probability of each class, up to a constant.
-        confusion: (K, K) float64 of `class_confusion`.
-    """
-
-    covariances: F64
-    log_classes: F64
-    confusion: F64
+    covariances: F64  # (N, 3, 3) float64 of x, y, yaw, regular
+    log_classes: F64  # (N, K) float64, logarithm of the probability of each class, up to a constant
+    confusion: F64  # (K, K) float64 from `class_confusion`
 
     @cached_property
     def information(self) -> F64:
@@ -52,37 +47,22 @@ class BoxBelief:
 
 
 class MatchedPairs(NamedTuple):
-    """T matched pairs of a box in an image and a 2D box.
+    """T matched pairs of a box in an image and a 2D box."""
 
-    Attributes:
-        seen: (T,) int64 row of the projected rectangles, each at most once.
-        class_ids: (T,) int32 class of the 2D box.
-        differences: (T, 4) float64, features of the 2D box less those of the projected rectangle.
-        noise: (T, 4) float64, variances of these differences as far as they do not come from the place of the 3D box.
-        squared: (T,) float64, how far the 2D box lies off, in standard deviations, squared.
-        jacobians: (T, 4, 3) float64, derivatives of the features by x, y, yaw.
-    """
-
-    seen: I64
-    class_ids: I32
-    differences: F64
-    noise: F64
-    squared: F64
-    jacobians: F64
+    seen: I64  # (T,) int64 row of the projected rectangles, each at most once
+    class_ids: I32  # (T,) int32 class of the 2D box
+    differences: F64  # (T, 4) float64, features of the 2D box less those of the projected rectangle
+    noise: F64  # (T, 4) float64, variances of these differences, without those from the position of the 3D box
+    squared: F64  # (T,) float64 squared distance of the 2D box, in standard deviations
+    jacobians: F64  # (T, 4, 3) float64, derivatives of the features by x, y, yaw
 
 
 class Others(NamedTuple):
-    """Place and class of each of P boxes in an image, by the box itself and the other cameras.
+    """Position and class of each of P boxes in an image, by the box itself and the other cameras."""
 
-    Attributes:
-        shifts: (P, 3) float64, to be added to x, y (metres) and yaw (radians) of the box.
-        covariances: (P, 3, 3) float64 of x, y, yaw.
-        log_classes: (P, K) float64, logarithm of the probability that a 2D detector gives each class.
-    """
-
-    shifts: F64
-    covariances: F64
-    log_classes: F64
+    shifts: F64  # (P, 3) float64 corrections of x, y (metres) and yaw (radians) of the box
+    covariances: F64  # (P, 3, 3) float64 of x, y, yaw
+    log_classes: F64  # (P, K) float64, logarithm of the probability that a 2D detector gives each class
 
 
 def feature_jacobian(xyxy: F32, jacobian: F64) -> F64:
@@ -94,42 +74,42 @@ def feature_jacobian(xyxy: F32, jacobian: F64) -> F64:
 
 
 def prior_covariances(boxes: Boxes3D) -> F64:
-    """(N, 3, 3) covariances of the boxes, with a guess by their size where they are unknown."""
+    """(N, 3, 3) covariances of the boxes, guessed by their size where unknown."""
     known = boxes.covariances
     unknown = (known == 0).all((1, 2))
     if unknown.any():
         guess = np.zeros((len(boxes), 3, 3))
-        guess[:, 0, 0] = guess[:, 1, 1] = (UNKNOWN_SHARE * boxes.sizes[:, :2].mean(1)) ** 2
-        guess[:, 2, 2] = UNKNOWN_YAW**2
+        guess[:, 0, 0] = guess[:, 1, 1] = (UNKNOWN_SIGMA * boxes.sizes[:, :2].mean(1)) ** 2
+        guess[:, 2, 2] = UNKNOWN_YAW_SIGMA_RAD**2
         known = np.where(unknown[:, None, None], guess, known)
-    return np.asarray(known + _MIN)
+    return np.asarray(known + np.diag(MIN_SIGMAS) ** 2)
 
 
 def spread(covariances: F64, jacobians: F64) -> F64:
-    """(P, 4) variances of features that covariances (P, 3, 3) of x, y, yaw make, by derivatives (P, 4, 3)."""
+    """(P, 4) variances of features from covariances (P, 3, 3) of x, y, yaw, by derivatives (P, 4, 3)."""
     return np.asarray((jacobians @ covariances * jacobians).sum(2))
 
 
 def before_matching(boxes: BoxBelief, seen_rows: I64) -> Others:
-    """As `agreed_with_others`, before anything is matched."""
+    """As `agreed_with_others`, without any match."""
     log_classes = _log_given(boxes.log_classes, boxes.confusion)
     return Others(np.zeros((len(seen_rows), 3)), boxes.covariances[seen_rows], log_classes[seen_rows])
 
 
 def agreed_with_others(boxes: BoxBelief, seen_rows: I64, pairs: MatchedPairs) -> Others:
-    """For each box in an image, its place and class by itself and by the pairs of the other cameras.
+    """Position and class of each box in an image by itself and by the pairs of the other cameras.
 
     Args:
         boxes: N boxes.
-        seen_rows: (P,) the box of each projected rectangle.
-        pairs: The matched ones of these rectangles.
+        seen_rows: (P,) box of each projected rectangle.
+        pairs: Matched rectangles among these.
     """
     weights, slopes = _weights(pairs.squared, pairs.noise)[..., None], pairs.jacobians
     own_normal = (slopes * weights).swapaxes(1, 2) @ slopes
     own_pull = (slopes * weights * pairs.differences[..., None]).sum(1)
     normal, pull, log_classes = (
-        _sums_of_others(own, pairs.seen, seen_rows)
-        for own in (own_normal, own_pull, boxes.log_confusion.T[pairs.class_ids])
+        _sums_of_others(values, pairs.seen, seen_rows)
+        for values in (own_normal, own_pull, boxes.log_confusion.T[pairs.class_ids])
     )
     covariances = np.asarray(np.linalg.inv(boxes.information[seen_rows] + normal), np.float64)
     shifts = (covariances * pull[:, None]).sum(2)
@@ -137,20 +117,20 @@ def agreed_with_others(boxes: BoxBelief, seen_rows: I64, pairs: MatchedPairs) ->
 
 
 def common_shifts(
-    seen_cameras: I64, prior: F64, matched: I64, away_px: F64, variances: F64, squared: F64
+    seen_cameras: I64, prior: F64, matched: I64, offsets_px: F64, variances: F64, squared: F64
 ) -> tuple[F64, F64]:
     """The shift that the other pairs of its camera predict for each pair.
 
-    A mean with the weights of the t distribution, of which the calibration's own uncertainty is a part with mean 0. No
-    pair speaks for itself: from each, its own share is taken off.
+    A mean with the weights of the t distribution, to which the calibration's own uncertainty contributes a mean of 0.
+    No pair supports itself.
 
     Args:
         seen_cameras: (P,) camera of each projected 3D box.
         prior: (P, 2) variance of u and v by the calibration, pixels^2.
-        matched: (T,) rows of those that are matched, each at most once.
-        away_px: (T, 2) centre of the 2D box less that of the projected 3D box.
-        variances: (T, 2) of these, without `prior`.
-        squared: (T,) how far the 2D box lies off in all, in standard deviations, squared.
+        matched: (T,) rows of the matched ones, each at most once.
+        offsets_px: (T, 2) centre of the 2D box less that of the projected 3D box.
+        variances: (T, 2) variances of the offsets, without `prior`.
+        squared: (T,) squared distance of the 2D box, in standard deviations.
 
     Returns:
         (P, 2) shifts of u and v in pixels, and (P, 2) their variances.
@@ -158,31 +138,28 @@ def common_shifts(
     weights = _weights(squared, variances)
     information = _sums_of_others(weights, matched, seen_cameras)
     left = prior / (1 + prior * information)
-    return left * _sums_of_others(weights * away_px, matched, seen_cameras), left
+    return left * _sums_of_others(weights * offsets_px, matched, seen_cameras), left
 
 
 def _weights(squared: F64, variances: F64) -> F64:
-    """(T, D) weights of differences of these variances in pairs that lie (T,) squared deviations off."""
+    """(T, D) weights of differences with variances (T, D), in pairs with squared distances (T,)."""
     return np.asarray((FREEDOM + 4) / (FREEDOM + squared)[:, None] / variances)
 
 
-def _sums_of_others(own: F64, matched: I64, groups: I64) -> F64:
-    """(P, ...) for each rectangle, the sum over the pairs of its group but its own one.
+def _sums_of_others(values: F64, matched: I64, groups: I64) -> F64:
+    """(P, ...) sums of contributions (T, ...) over the other pairs of the group (P,) of each rectangle.
 
-    Args:
-        own: (T, ...) contribution of each pair.
-        matched: (T,) row of the rectangle of each pair, each at most once.
-        groups: (P,) group of each rectangle.
+    `matched` (T,) is the rectangle of each pair, each at most once.
     """
-    total = np.zeros((groups.max(initial=-1) + 1, *own.shape[1:]))
-    np.add.at(total, groups[matched], own)
+    total = np.zeros((groups.max(initial=-1) + 1, *values.shape[1:]))
+    np.add.at(total, groups[matched], values)
     others = total[groups]
-    others[matched] -= own
+    others[matched] -= values
     return others
 
 
 def _log_given(log_classes: F64, confusion: F64) -> F64:
-    """(P, K) logarithm of the probability that a 2D detector gives each class, from that of each true class."""
+    """(P, K) log probability of each class by a 2D detector, from that of each true class."""
     belief = np.exp(log_classes - log_classes.max(1, keepdims=True))
     belief /= belief.sum(1, keepdims=True)
     return np.asarray(np.log(belief @ confusion))

@@ -1,8 +1,8 @@
-"""The 3D boxes of a frame in the images of all cameras at once, and how far they hide each other there.
+"""The 3D boxes of a frame in the images of all cameras at once, and their mutual occlusion.
 
-Two boxes on the ground that do not overlap can be parted by a line along a side of one of them. The one on the
-camera's side of that line is in front: exact for boxes, where a comparison of distances is wrong beside long ones (a
-bus along the road, and a pedestrian beside its middle).
+A line along a side of one of them separates two boxes on the ground that do not overlap, and the one on the camera's
+side is in front. That is exact for boxes, where a comparison of distances is wrong beside long ones (a bus along the
+road, and a pedestrian beside its middle).
 """
 
 from collections.abc import Sequence
@@ -21,27 +21,20 @@ from lidcam.pipeline.fusion.found import pairs_of_images
 from lidcam.pipeline.fusion.projection import CameraArrays, cuboid_outline, project_edges
 
 MAX_COVERS = 8
-"""Of more boxes in front of one, those that cover most of it count."""
+"""Maximum number of boxes in front of one, those that cover most of it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InView(Table):
-    """The P pairs of a camera and a box of which it sees some part, ordered by camera, then by box.
+    """The P pairs of a camera and a box that it sees in part, ordered by camera, then by box."""
 
-    Attributes:
-        cameras: (P,) int64 number of the camera.
-        rows: (P,) int64 row of the box.
-        xyxy: (P, 4) float32 left, top, right, bottom in pixels, clipped to the image.
-        jacobian: (P, 4, 3) float64, derivatives of these edges by x, y (metres) and yaw (radians) of the box; zero
-            where an edge is the border of the image, or the box reaches behind the camera.
-        ranges_m: (P,) float64, distance of the box's centre from the camera.
-    """
-
-    cameras: I64
-    rows: I64
-    xyxy: F32
+    cameras: I64  # (P,) int64 number of the camera
+    rows: I64  # (P,) int64 row of the box
+    xyxy: F32  # (P, 4) float32 left, top, right, bottom in pixels, clipped to the image
+    # (P, 4, 3) float64, derivatives of these edges by x, y (metres) and yaw (radians) of the box; zero where an edge is
+    # the border of the image, or the box reaches behind the camera
     jacobian: F64
-    ranges_m: F64
+    ranges_m: F64  # (P,) float64 distance of the box's centre from the camera
 
 
 def project_into_views(boxes: Boxes3D, views: Sequence[CameraSensor], arrays: CameraArrays) -> InView:
@@ -85,16 +78,16 @@ def project_into_views(boxes: Boxes3D, views: Sequence[CameraSensor], arrays: Ca
 
 
 def hidden_parts(boxes: Boxes3D, seen: InView, positions_site: F64) -> tuple[F32, F32]:
-    """How much of each rectangle is covered by boxes in front of it.
+    """The parts of P rectangles covered by boxes in front of them.
 
     Args:
         boxes: N boxes in the site frame.
         seen: P of them in images.
-        positions_site: (C, 3) where the cameras stand, metres.
+        positions_site: (C, 3) positions of the cameras, metres.
 
     Returns:
-        (P,) share of the rectangle that nearer ones cover; (P, 4) the smallest rectangle around the rest, in pixels,
-        the rectangle itself where nothing is left.
+        (P,) covered share of the rectangle; (P, 4) the smallest rectangle around the rest, in pixels, or the rectangle
+        itself if nothing is left.
     """
     share, rest = np.zeros(len(seen), np.float32), seen.xyxy.copy()
     back, front = pairs_of_images(seen.cameras, seen.cameras)
@@ -112,37 +105,37 @@ def hidden_parts(boxes: Boxes3D, seen: InView, positions_site: F64) -> tuple[F32
     rank = np.arange(len(back)) - np.flatnonzero(is_first)[group]
     counted = rank < MAX_COVERS
     hidden = back[is_first]
-    own = seen.xyxy[hidden].astype(np.float64)
-    covers = own[:, None, [0, 1, 0, 1]].repeat(int(rank[counted].max()) + 1, 1)  # without extent, but for
+    whole = seen.xyxy[hidden].astype(np.float64)
+    covers = whole[:, None, [0, 1, 0, 1]].repeat(int(rank[counted].max()) + 1, 1)  # without extent, but for
     covers[group[counted], rank[counted]] = shared[counted]
-    share[hidden], rest[hidden] = _uncovered(own, covers)
+    share[hidden], rest[hidden] = _uncovered(whole, covers)
     return share, rest
 
 
 def _intersections(first: F32, second: F32) -> F64:
-    """(Q, 4) what rectangles have in common; inverted where that is nothing."""
+    """(Q, 4) intersections of rectangles; inverted where empty."""
     low, high = np.maximum(first[:, :2], second[:, :2]), np.minimum(first[:, 2:], second[:, 2:])
     return np.concatenate([low, high], 1).astype(np.float64)
 
 
 def _in_front(boxes: Boxes3D, seen: InView, positions_site: F64, front: Indices, back: Indices) -> Bools:
-    """(Q,) whether a box stands between the camera and another one; by their distances where no line parts them."""
+    """(Q,) whether a box is between the camera and another one; by distance where no line separates them."""
     cameras, rows, others = positions_site[seen.cameras[front], :2], seen.rows[front], seen.rows[back]
     both = np.concatenate([rows, others]), np.concatenate([others, rows]), np.concatenate([cameras, cameras])
-    own_side, other_side = (side.reshape(2, len(rows)) for side in _parted(boxes, *both))
+    own_side, other_side = (side.reshape(2, len(rows)) for side in _separated(boxes, *both))
     is_ahead, is_behind = own_side[0] | other_side[1], other_side[0] | own_side[1]
     return np.where(is_ahead == is_behind, seen.ranges_m[front] < seen.ranges_m[back], is_ahead)
 
 
-def _parted(boxes: Boxes3D, rows: I64, others: I64, cameras: F64) -> tuple[Bools, Bools]:
-    """(Q,) whether a side of a box parts it from another with the camera on its own side; (Q,) on the other's."""
+def _separated(boxes: Boxes3D, rows: I64, others: I64, cameras: F64) -> tuple[Bools, Bools]:
+    """(Q,) whether a side of a box separates it from another, with the camera on its side; (Q,) on the other side."""
     half, yaws = boxes.sizes[rows, :2] / 2, boxes.yaws[rows]
     gap, camera = _turned(np.array([boxes.centers[others, :2], cameras]) - boxes.centers[rows, :2], yaws)
     turn = boxes.yaws[others] - yaws
     cos, sin, other_half = np.abs(np.cos(turn)), np.abs(np.sin(turn)), boxes.sizes[others, :2] / 2
     reach = cos[:, None] * other_half + sin[:, None] * other_half[:, ::-1]
-    parted, beyond = np.abs(gap) - reach >= half, np.sign(gap) * camera >= half
-    return np.asarray((parted & ~beyond).any(1)), np.asarray((parted & beyond).any(1))
+    separated, beyond = np.abs(gap) - reach >= half, np.sign(gap) * camera >= half
+    return np.asarray((separated & ~beyond).any(1)), np.asarray((separated & beyond).any(1))
 
 
 def _turned(offsets: F64, yaws: F64) -> F64:
@@ -151,12 +144,12 @@ def _turned(offsets: F64, yaws: F64) -> F64:
     return np.stack([x * cos + y * sin, y * cos - x * sin], -1)
 
 
-def _uncovered(own: F64, covers: F64) -> tuple[F64, F64]:
+def _uncovered(whole: F64, covers: F64) -> tuple[F64, F64]:
     """(B,) covered shares of rectangles (B, 4) under others within them, (B, K, 4); (B, 4) rectangles around the rest.
 
     Between two places where a rectangle begins or ends, across or down, everything is either covered or free.
     """
-    corners = np.concatenate([own[:, None], covers], 1).reshape(len(own), 2 + 2 * covers.shape[1], 2)
+    corners = np.concatenate([whole[:, None], covers], 1).reshape(len(whole), 2 + 2 * covers.shape[1], 2)
     ticks = np.sort(corners.transpose(2, 0, 1))  # (2, B, ...) across and down
     begin, end = ticks[..., None, :-1], ticks[..., None, 1:]
     low, high = (covers[..., side].transpose(2, 0, 1)[..., None] for side in (slice(2), slice(2, 4)))
@@ -168,18 +161,18 @@ def _uncovered(own: F64, covers: F64) -> tuple[F64, F64]:
     is_free = np.array([free.any(1), free.any(2)])
     first = np.where(is_free, ticks[..., :-1], np.inf).min(2)
     last = np.where(is_free, ticks[..., 1:], -np.inf).max(2)
-    share = 1.0 - (left_px2 / (own[:, 2:] - own[:, :2]).prod(1)).clip(0.0, 1.0)
-    return share, np.where(is_free[0].any(1)[:, None], np.concatenate([first, last]).T, own)
+    share = 1.0 - (left_px2 / (whole[:, 2:] - whole[:, :2]).prod(1)).clip(0.0, 1.0)
+    return share, np.where(is_free[0].any(1)[:, None], np.concatenate([first, last]).T, whole)
 
 
 def _cut_rectangles(corners: F64, cameras: CameraArrays) -> F32:
-    """(P, 4) rectangles around boxes, of which a part may be behind the camera, as `CameraModel.project_boxes`."""
+    """(P, 4) rectangles around boxes that may reach behind the camera, as `CameraModel.project_boxes`."""
     ahead = corners @ cameras.rotations.swapaxes(1, 2) + cameras.translations[:, None]
     return cameras.lenses.rectangles_of_boxes(ahead, cameras.image_sizes).astype(np.float32)
 
 
 def _in_cones(centers_camera: F64, radii_m: F64, angles_rad: F64) -> Bools:
-    """(C, N) whether the sphere around each box reaches into the cone that a camera sees."""
+    """(C, N) whether the sphere around each box reaches into the view cone of a camera."""
     x, y, z = np.moveaxis(centers_camera, -1, 0)
     range_m = np.sqrt(x * x + y * y + z * z)
     reach = np.where(range_m > radii_m, np.arcsin(radii_m / np.maximum(np.maximum(range_m, radii_m), 1e-9)), np.pi)
@@ -188,7 +181,7 @@ def _in_cones(centers_camera: F64, radii_m: F64, angles_rad: F64) -> Bools:
 
 
 def _in_pyramids(centers_camera: F64, radii_m: F64, arrays: CameraArrays) -> Bools:
-    """(C, N) whether the sphere around each box reaches into what a camera with a straight lens sees."""
+    """(C, N) whether the sphere around each box reaches into the view pyramid of a camera without distortion."""
     planes, lengths = _pyramids(arrays)
     inside = centers_camera @ planes.swapaxes(1, 2) > -radii_m[:, None] * lengths[:, None]
     return np.asarray((centers_camera[..., 2] + radii_m > NEAR_M) & inside.all(2))

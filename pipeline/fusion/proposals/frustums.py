@@ -1,8 +1,7 @@
-"""The points that lie where 2D boxes look, and which of them are those of the object that a 2D box shows.
+"""The points in the frustums of 2D boxes, and the segment of them that is the object of the 2D box.
 
-What stands in front of the object, and behind it, is in the frustum too. The points are linked as those of a cluster
-are, within each frustum. Of the resulting segments, the one is taken that fills the 2D box best and lies where the size
-of the class and the ground place the object.
+Objects in front and behind are in the frustum too. The points are linked within each frustum as in a cluster. The
+segment is taken that fills the 2D box best, and is nearest to the position expected from class size and ground.
 """
 
 from dataclasses import dataclass
@@ -16,61 +15,52 @@ from lidcam.pipeline.core.settings.detect import ClusterConfig
 from lidcam.pipeline.detectors.cluster.clusters import cluster_points, thin_points
 from lidcam.pipeline.fusion.cameras.sightings import Sightings
 
-SHRINK_SHARE = 0.03
-"""A frustum is narrower than its 2D box by this share at either side: edges of boxes stand off, and show what is
-behind."""
+SIDE_MARGIN = 0.03
+"""Margin of a frustum at either side, as a share of the 2D box: its edges stand off, and show the background."""
 
-APART_M = 1e4
-"""Frustums are laid out this far from each other, so that all are linked at once and none to another."""
+FRUSTUM_SPACING_M = 1e4
+"""Spacing of the frustums, so that all are linked at once and none to another, metres."""
 
 THIN_SHARE = 0.2
-"""Points in a cell of this share of the link distance become one before they are linked."""
+"""Size of the cells in which points are thinned before linking, as a share of the link distance."""
 
 MIN_FILL = 0.1
-"""Least share of the 2D box that a segment fills: its width times its height."""
+"""Minimum share of the 2D box that a segment fills: its width times its height."""
 
 MIN_WIDTH = 0.3
-"""Least share of the 2D box's width that a segment fills."""
+"""Minimum share of the 2D box's width that a segment fills."""
 
-MAX_OFF = 3.5
-"""Largest distance of a segment from where the object is expected, in standard deviations."""
+MAX_DISTANCE = 3.5
+"""Maximum distance of a segment from the expected position of the object, in standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
 class FrustumPoints(Table):
-    """P points in frustums, frustum after frustum; a point may be in several.
+    """P points in frustums, frustum after frustum; a point may be in several."""
 
-    Attributes:
-        rows: (P,) int64 row of each in the cloud, rising within a frustum.
-        group: (P,) int64 the frustum.
-        share_x: (P,) float64 where it is between the left side of the frustum, 0, and the right one, 1.
-        share_y: (P,) float64 the same from top to bottom.
-        along_m: (P,) float64 horizontal distance from the camera, in the direction of the frustum's middle.
-    """
-
-    rows: I64
-    group: I64
-    share_x: F64
-    share_y: F64
-    along_m: F64
+    rows: I64  # (P,) int64 row of each in the cloud, rising within a frustum
+    group: I64  # (P,) int64 the frustum
+    share_x: F64  # (P,) float64 position between the left side of the frustum, 0, and the right one, 1
+    share_y: F64  # (P,) float64 position from top, 0, to bottom, 1
+    along_m: F64  # (P,) float64 horizontal distance from the camera, in the direction of the frustum's middle
 
 
-def points_in_frustums(xyz: F32, sightings: Sightings, nearest_m: F64, furthest_m: F64) -> FrustumPoints:
+def points_in_frustums(xyz: F32, sightings: Sightings, min_m: F64, max_m: F64) -> FrustumPoints:
     """The points of a cloud in the frustum of each 2D box, between two distances.
 
-    A frustum is bounded by planes: where a lens bends the sides of a box, by those around all of it.
+    A frustum is bounded by planes; where a lens bends the sides of a box, by those around all of it.
 
     Args:
         xyz: (N, 3) metres in the site frame.
         sightings: F 2D boxes.
-        nearest_m: (F,) least horizontal distance from the camera, along the middle of the box.
-        furthest_m: (F,) largest one.
+        min_m: (F,) minimum horizontal distance from the camera, along the middle of the box.
+        max_m: (F,) maximum distance.
     """
     rays = sightings.rays @ sightings.views.rotations.swapaxes(1, 2)  # in the optical frames, depth 1
     low, high = rays[..., :2].min(1), rays[..., :2].max(1)
-    margin = SHRINK_SHARE * (high - low) * [1, 0]
+    margin = SIDE_MARGIN * (high - low) * [1, 0]
     low, high = low + margin, high - margin
-    rows, group = points_in_regions(xyz, _sides(sightings, low, high, nearest_m, furthest_m))
+    rows, group = points_in_regions(xyz, _sides(sightings, low, high, min_m, max_m))
     points, views = xyz.take(rows, 0).astype(np.float64), sightings.views
     ahead = (views.rotations.take(group, 0) @ points[:, :, None])[..., 0] + views.translations.take(group, 0)
     share_x, share_y = ((ahead[:, :2] / ahead[:, 2:] - low.take(group, 0)) / (high - low).take(group, 0)).T
@@ -84,15 +74,10 @@ def heading_of(sightings: Sightings) -> F64:
     return np.asarray(middle[:, :2] / np.maximum(np.hypot(middle[:, 0], middle[:, 1]), 1e-9)[:, None])
 
 
-def _sides(sightings: Sightings, low: F64, high: F64, nearest_m: F64, furthest_m: F64) -> F64:
-    """(F, 7, 4) planes around each frustum, see `points_in_regions`.
+def _sides(sightings: Sightings, low: F64, high: F64, min_m: F64, max_m: F64) -> F64:
+    """(F, 7, 4) planes around each frustum, as in `points_in_regions`.
 
-    Args:
-        sightings: F 2D boxes.
-        low: (F, 2) least x / z and y / z in the optical frame.
-        high: (F, 2) largest ones.
-        nearest_m: See `points_in_frustums`.
-        furthest_m: See there.
+    `low` and `high` (F, 2) bound x / z and y / z in the optical frame.
     """
     right, down, ahead = np.concatenate(
         [sightings.views.rotations, sightings.views.translations[..., None]], 2
@@ -104,8 +89,8 @@ def _sides(sightings: Sightings, low: F64, high: F64, nearest_m: F64, furthest_m
     planes = [
         right - low[:, :1] * ahead,
         high[:, :1] * ahead - right,
-        level - nearest_m[:, None] * end,
-        furthest_m[:, None] * end - level,
+        level - min_m[:, None] * end,
+        max_m[:, None] * end - level,
         down - low[:, 1:] * ahead,
         high[:, 1:] * ahead - down,
         ahead,
@@ -114,52 +99,38 @@ def _sides(sightings: Sightings, low: F64, high: F64, nearest_m: F64, furthest_m
 
 
 class Expected(NamedTuple):
-    """Expected place and extent of the object in each of F frustums.
+    """Expected position and extent of the object in each of F frustums."""
 
-    Attributes:
-        front_m: (F,) float64 horizontal distance of its near side from the camera.
-        front_std_m: (F,) float64
-        reach_m: (F,) float64 how far its points may lie behind the nearest one.
-        clear_share: (F,) float64 share of its height, from the ground up, in which no points are left.
-        gap_share: (F,) float64 distance between points there, as a share of its height: between the beams of a lidar
-            it is not known how far up and down an object goes on.
-    """
-
-    front_m: F64
-    front_std_m: F64
-    reach_m: F64
-    clear_share: F64
+    front_m: F64  # (F,) float64 horizontal distance of its near side from the camera
+    front_std_m: F64  # (F,) float64 standard deviation of that distance
+    reach_m: F64  # (F,) float64 maximum distance of its points behind the nearest one
+    clear_share: F64  # (F,) float64 share of its height, from the ground up, without points
+    # (F,) float64 distance between points there, as a share of its height: an object may continue up and down to the
+    # next beams of the lidar
     gap_share: F64
 
 
 class Segments(NamedTuple):
-    """The chosen segments of G frustums, at most one of each.
+    """The chosen segments of G frustums, at most one of each."""
 
-    Attributes:
-        group: (G,) int64 frustum of each, rising.
-        points: (P,) int64 rows of the `FrustumPoints`, segment after segment.
-        starts: (G,) int64 first of `points` of each segment.
-        worth: (G,) float64 how well the segment suits the 2D box; larger is better.
-    """
-
-    group: I64
-    points: I64
-    starts: I64
-    worth: F64
+    group: I64  # (G,) int64 frustum of each, rising
+    points: I64  # (P,) int64 rows of the `FrustumPoints`, segment after segment
+    starts: I64  # (G,) int64 first of `points` of each segment
+    worth: F64  # (G,) float64 log likelihood of the segment given the 2D box, up to a constant
 
 
 def choose_segments(
     xyz: F32, found: FrustumPoints, link_m: F64, expected: Expected, config: ClusterConfig, min_points: int
 ) -> Segments:
-    """The segment of each frustum that is most likely its object; none where there is no fitting one.
+    """The segment of each frustum that is most likely its object, if any fits.
 
     Args:
         xyz: (N, 3) the cloud.
         found: P of its points in F frustums, above the ground.
-        link_m: (P,) points nearer to each other than this belong together.
-        expected: Of each frustum.
-        config: For the weight of heights in distances.
-        min_points: A segment of fewer points is noise.
+        link_m: (P,) link distances.
+        expected: Expectation for each frustum.
+        config: Source of the weight of heights in distances.
+        min_points: Minimum number of points of a segment.
     """
     none = np.zeros(0, np.int64)
     if not len(found):
@@ -168,7 +139,7 @@ def choose_segments(
     segment_m = np.lexsort([found.along_m, segment])
     counts = np.bincount(segment, minlength=number)
     starts = np.cumsum(counts) - counts
-    # The front is where the nearest tenth of the points ends: one stray point is not an object's side.
+    # The front is at the nearest tenth of the points: one stray point is not an object's side.
     group, front = found.group[segment_m[starts]], found.along_m[segment_m[starts + counts // 10]]
     is_within = found.along_m <= (front + expected.reach_m[group])[segment]
     counts = np.bincount(segment[is_within], minlength=number)
@@ -179,9 +150,11 @@ def choose_segments(
         for share in (found.share_x[order], found.share_y[order])
     )
     high = np.minimum((high + expected.gap_share[group]) / (1.0 - expected.clear_share[group]), 1.0)
-    off = (front - expected.front_m[group]) / expected.front_std_m[group]
-    sound = (counts >= min_points) & (wide >= MIN_WIDTH) & (wide * high >= MIN_FILL) & (np.abs(off) <= MAX_OFF)
-    worth = np.where(sound, 2 * np.log(np.maximum(wide * high, MIN_FILL)) - off**2 / 2, -np.inf)
+    distance = (front - expected.front_m[group]) / expected.front_std_m[group]
+    sound = (
+        (counts >= min_points) & (wide >= MIN_WIDTH) & (wide * high >= MIN_FILL) & (np.abs(distance) <= MAX_DISTANCE)
+    )
+    worth = np.where(sound, 2 * np.log(np.maximum(wide * high, MIN_FILL)) - distance**2 / 2, -np.inf)
     best = np.lexsort((front, -worth, group))
     best = best[first_of_runs(group[best])]
     best = best[np.isfinite(worth[best])]
@@ -193,11 +166,11 @@ def choose_segments(
 
 
 def _linked(xyz: F32, found: FrustumPoints, link_m: F64, config: ClusterConfig) -> tuple[int, I64]:
-    """The number of segments, and (P,) that of each point; no segment is in two frustums."""
+    """The number of segments, and (P,) the segment of each point; no segment is in two frustums."""
     position = xyz.take(found.rows, axis=0).astype(np.float64)
     position[:, 2] *= config.height_weight
     cells = thin_points(position, link_m, THIN_SHARE, found.group)
     means = cells.means.copy()
-    means[:, 0] += APART_M * found.group[cells.first]
+    means[:, 0] += FRUSTUM_SPACING_M * found.group[cells.first]
     number, segment = cluster_points(means, cells.distance_m)
     return number, segment.take(cells.cell_of_point)

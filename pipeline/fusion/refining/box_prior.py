@@ -1,4 +1,4 @@
-"""Prior of a box before the images are used: means and covariances of its place, heading, size and speed."""
+"""Prior of a box before the images are used: covariances of its position, heading, size and speed."""
 
 from typing import NamedTuple
 
@@ -12,59 +12,62 @@ from lidcam.pipeline.core.settings.fuse import FuseConfig
 STATES = ("x", "y", "yaw", "length", "width", "speed along", "speed across")
 """Order of the state: metres, radians, metres per second along the axes of the box."""
 
-UNKNOWN_SHARE, UNKNOWN_PER_M = 0.1, 0.005
-"""Standard deviation of a place without covariance: a share of the box's width, and of the distance from the lidars."""
+UNKNOWN_SIGMA = 0.1
+"""Standard deviation of a position without covariance, as a share of the box's width."""
 
-UNKNOWN_YAW_RAD, ANY_YAW_RAD = 0.1, np.pi / 4
-"""Standard deviation of a heading without covariance, where length and width differ much, and where they are equal."""
+UNKNOWN_SIGMA_PER_M = 0.005
+"""Additional standard deviation of such a position per metre from the lidars."""
 
-SQUARE = 1.5
-"""Length by width from which on the heading of a box shows."""
+LONG_YAW_SIGMA_RAD = 0.1
+"""Standard deviation of a heading without covariance, for boxes longer than wide, radians."""
 
-MIN_SHARE, MIN_RAD = 0.01, np.deg2rad(0.5)
-"""Smallest standard deviations, of the place as a share of the width: boxes are not known better."""
+SQUARE_YAW_SIGMA_RAD = np.pi / 4
+"""Standard deviation of a heading without covariance, for boxes as long as wide, radians."""
 
-MAX_YAW_RAD = 0.6
-"""Largest standard deviation of a heading that is refined; front and rear are not told apart here."""
+MIN_ELONGATION = 1.5
+"""Minimum ratio of length to width of a box that shows its heading."""
 
-SEEN_SHARE = 0.03
-"""Standard deviation of a length, and a width, of which lidars saw both ends, as a share of it."""
+MIN_SIGMA = 0.01
+"""Minimum standard deviation of a position, as a share of the width."""
+
+MIN_YAW_SIGMA_RAD = np.deg2rad(0.5)
+"""Minimum standard deviation of a heading, radians."""
+
+MAX_YAW_SIGMA_RAD = 0.6
+"""Maximum standard deviation of a refined heading, radians; front and rear are not distinguished here."""
+
+SEEN_SIZE_SIGMA = 0.03
+"""Standard deviation of length and width whose both ends the lidars saw, as a share of them."""
+
+CLASS_SIZE_SIGMA = 0.1
+"""Standard deviation of length and width taken from the class, as a share of them."""
 
 MAX_EXPLAINED = 0.95
-"""Largest share of the variance of the centre that comes from an unknown length, or width."""
+"""Maximum share of the variance of the centre that comes from an unknown length or width."""
 
 MIN_ANCHOR = 0.25
-"""Where lidars see both ends, the length errs by four times the error of the centre at most."""
+"""Minimum lever between size and centre: with both ends seen, the length errs by at most four times the centre."""
 
-CLASS_SHARE = 0.1
-"""Standard deviation of length and width of a box that has those of its class, as a share of them."""
-
-SPEED_PER_S = 2.5
-"""Standard deviation of the speed along the box, in geometric means of its length and width per second: 6.5 m/s for a
-car, 1.5 m/s for a pedestrian, and as much less in a model."""
+SPEED_SIGMA_PER_S = 2.5
+"""Standard deviation of the speed along the box, in geometric means of length and width per second: 6.5 m/s for a car,
+1.5 m/s for a pedestrian."""
 
 
 class BoxPrior(NamedTuple):
     """Independent normal distributions of N boxes over `STATES`.
 
-    The yaw among them is the one that images show. A cuboid fitted to what is no cuboid is turned, in all images alike:
-    of what the images say of the yaw, the box takes a share.
-
-    Attributes:
-        covariances: (N, 7, 7) float64.
-        information: (N, 7, 7) float64, their inverses.
-        yaw_shares: (N,) float64 in [0, 1], how far the yaw of a box follows the one that images show.
-        yaw_rests: (N,) float64, variance of the yaw of a box if the one that images show is known, rad^2.
+    The yaw among them is the apparent one in images. A cuboid fitted to another shape is turned alike in all images, so
+    the box follows the apparent yaw by a share.
     """
 
-    covariances: F64
-    information: F64
-    yaw_shares: F64
-    yaw_rests: F64
+    covariances: F64  # (N, 7, 7) float64
+    information: F64  # (N, 7, 7) float64, their inverses
+    yaw_shares: F64  # (N,) float64 in [0, 1], share by which the yaw of a box follows the apparent one
+    yaw_rests: F64  # (N,) float64, variance of the yaw of a box given the apparent one, rad^2
 
 
 def known_covariances(boxes: Boxes3D, lidar_xy: F64) -> F64:
-    """(N, 3, 3) covariances of x, y (m^2) and yaw (rad^2); a guess by size and distance where they are unknown.
+    """(N, 3, 3) covariances of x, y (m^2) and yaw (rad^2), guessed by size and distance where unknown.
 
     Args:
         boxes: N boxes.
@@ -74,11 +77,11 @@ def known_covariances(boxes: Boxes3D, lidar_xy: F64) -> F64:
     if is_known.all():
         return boxes.covariances
     length, width = boxes.sizes[:, :2].max(1), boxes.sizes[:, :2].min(1)
-    away_m = np.linalg.norm(boxes.centers[:, None, :2] - lidar_xy, axis=2).min(1) if len(lidar_xy) else 0.0
-    shows = ((length / width - 1) / (SQUARE - 1)).clip(0.0, 1.0)
+    range_m = np.linalg.norm(boxes.centers[:, None, :2] - lidar_xy, axis=2).min(1) if len(lidar_xy) else 0.0
+    elongation = ((length / width - 1) / (MIN_ELONGATION - 1)).clip(0.0, 1.0)
     guess = np.zeros(boxes.covariances.shape)
-    guess[:, 0, 0] = guess[:, 1, 1] = (UNKNOWN_SHARE * width + UNKNOWN_PER_M * away_m) ** 2
-    guess[:, 2, 2] = (ANY_YAW_RAD + shows * (UNKNOWN_YAW_RAD - ANY_YAW_RAD)) ** 2
+    guess[:, 0, 0] = guess[:, 1, 1] = (UNKNOWN_SIGMA * width + UNKNOWN_SIGMA_PER_M * range_m) ** 2
+    guess[:, 2, 2] = (SQUARE_YAW_SIGMA_RAD + elongation * (LONG_YAW_SIGMA_RAD - SQUARE_YAW_SIGMA_RAD)) ** 2
     return np.where(is_known[:, None, None], boxes.covariances, guess)
 
 
@@ -86,8 +89,8 @@ def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
     """The distributions of boxes.
 
     A box whose far side no lidar saw has the length of its class, and grows away from the lidars: if it is longer, its
-    centre is farther away. So length and centre are correlated as far as the lidars are beyond one end of the box. If
-    the covariance allows for more than `size_sigma` does, it is the smaller one that holds.
+    centre is farther away. So length and centre are correlated as far as the lidars are beyond one end of the box. The
+    smaller of the size variances by the covariance and by `size_sigma` holds.
 
     Args:
         boxes: N boxes.
@@ -96,28 +99,28 @@ def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
     """
     extents, is_seen = boxes.sizes[:, :2], boxes.sources != Source.CAMERA.value
     known = known_covariances(boxes, lidar_xy) * config.lidar_sigma_scale**2
-    yaw_variances = known[:, 2, 2].clip(MIN_RAD**2, MAX_YAW_RAD**2)
+    yaw_variances = known[:, 2, 2].clip(MIN_YAW_SIGMA_RAD**2, MAX_YAW_SIGMA_RAD**2)
     shrunk = np.ones((len(boxes), 3))
     shrunk[:, 2] = np.sqrt(yaw_variances / np.maximum(known[:, 2, 2], 1e-12))
     pose = shrunk[:, :, None] * known * shrunk[:, None]
     pose[:, 2, 2] = yaw_variances
-    pose[:, [0, 1], [0, 1]] += (MIN_SHARE * extents.min(1, keepdims=True)) ** 2
+    pose[:, [0, 1], [0, 1]] += (MIN_SIGMA * extents.min(1, keepdims=True)) ** 2
 
-    # A side that no lidar saw makes the variances along length and width differ: that comes from the size.
+    # Different variances along length and width come from an unseen side, so from the size.
     turn = rotations_2d(boxes.yaws)
     left = _free_variances(pose, turn)
     anchors = np.where(is_seen[:, None], _nearer_ends(boxes, lidar_xy, turn) / 2, 0.0)
     grown = np.minimum(left - left.min(1, keepdims=True), MAX_EXPLAINED * left)
     reach = np.maximum(np.abs(anchors), MIN_ANCHOR)
     max_share = config.size_sigma**2
-    min_share = np.minimum(np.where(is_seen, SEEN_SHARE, CLASS_SHARE)[:, None] ** 2, max_share)
+    min_share = np.minimum(np.where(is_seen, SEEN_SIZE_SIGMA, CLASS_SIZE_SIGMA)[:, None] ** 2, max_share)
     sizes = np.maximum(np.minimum(max_share, grown / (reach * extents) ** 2), np.maximum(min_share, 1e-6)) * extents**2
     sizes = np.minimum(sizes, np.maximum(MAX_EXPLAINED * left / np.maximum(anchors**2, 1e-9), 1e-6 * extents**2))
     too_wide = np.where(np.abs(anchors) > MIN_ANCHOR, np.maximum(grown - anchors**2 * sizes, 0.0), 0.0)
     shared = anchors * sizes
-    # Even the smallest variance of the size may be more than the centre's.
-    most = np.copysign(np.sqrt(MAX_EXPLAINED * left * sizes), anchors)
-    shared = np.where(anchors * shared > left, most, shared)
+    # Even the minimum variance of the size may exceed the centre's.
+    max_shared = np.copysign(np.sqrt(MAX_EXPLAINED * left * sizes), anchors)
+    shared = np.where(anchors * shared > left, max_shared, shared)
     pose[:, :2, :2] -= (turn * too_wide[:, None]) @ turn.swapaxes(1, 2)
 
     covariances = np.zeros((len(boxes), 7, 7))
@@ -125,7 +128,7 @@ def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
     covariances[:, :2, 3:5] = -turn * shared[:, None]
     covariances[:, 3:5, :2] = covariances[:, :2, 3:5].swapaxes(1, 2)
     covariances[:, [3, 4], [3, 4]] = sizes
-    speed = SPEED_PER_S * np.sqrt(extents.prod(1))
+    speed = SPEED_SIGMA_PER_S * np.sqrt(extents.prod(1))
     covariances[:, 5, 5], covariances[:, 6, 6] = speed**2, (speed * extents.min(1) / extents.max(1)) ** 2
     covariances[:, 2, 2] += np.deg2rad(config.heading_sigma_deg) ** 2
     yaw_shares = yaw_variances / covariances[:, 2, 2]
@@ -135,22 +138,22 @@ def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
 
 
 def _free_variances(pose: F64, turn: F64) -> F64:
-    """(N, 2) variances of the centre along length and width that are independent of the yaw and of each other.
+    """(N, 2) variances of the centre along length and width, independent of the yaw and of each other.
 
-    Taken away from the covariances (N, 3, 3) of x, y, yaw, they leave a matrix without negative eigenvalues.
+    The covariances (N, 3, 3) of x, y, yaw less these have no negative eigenvalues.
     """
     by_yaw = pose[:, :2, 2]
     place = pose[:, :2, :2] - by_yaw[:, :, None] * by_yaw[:, None] / pose[:, 2, 2, None, None]
     along_box = turn.swapaxes(1, 2) @ place @ turn
-    own = np.maximum(np.diagonal(along_box, axis1=1, axis2=2), 1e-12)
+    variances = np.maximum(np.diagonal(along_box, axis1=1, axis2=2), 1e-12)
     both = np.abs(along_box[:, 0, 1])[:, None]
-    return np.asarray(np.maximum(own - both * np.sqrt(own / own[:, ::-1]), 0.0))
+    return np.asarray(np.maximum(variances - both * np.sqrt(variances / variances[:, ::-1]), 0.0))
 
 
 def _nearer_ends(boxes: Boxes3D, lidar_xy: F64, turn: F64) -> F64:
     """(N, 2) along length and width: 1 where all lidars are beyond the front or left end, -1 the other, 0 beside.
 
-    Lidars count by the inverse square of their distance, as their points do.
+    Lidars weigh by the inverse square of their distance, as their points do.
     """
     if not len(lidar_xy):
         return np.zeros((len(boxes), 2))

@@ -1,9 +1,9 @@
-"""The edges of the 2D boxes that are matched with 3D boxes, as measurements of their place.
+"""The edges of 2D boxes matched with 3D boxes, as measurements of their position.
 
-Where something other than the object moves an edge, it errs by more. The border of an image moves edges that it does
-not cut: the 2D box of a bus that reaches below the image ends on the left where its side leaves the image, not at its
-rear. What hides a part of the object moves edges inward. And if most objects of an image lie beside their 2D boxes by
-the same step, it is the camera whose calibration does not fit, and its 2D boxes would draw every object aside.
+Edges moved by something other than the object have larger errors. The border of an image moves edges that it does not
+cut: the 2D box of a bus that reaches below the image ends on the left where its side leaves the image, not at its rear.
+Occluders move edges inward. And a common shift of most 2D boxes of an image comes from a wrong calibration, and would
+draw every object aside.
 """
 
 from collections.abc import Mapping
@@ -19,13 +19,11 @@ from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.settings.fuse import FuseConfig
 from lidcam.pipeline.fusion.projection import CameraArrays, camera_arrays
 
-NANOSECONDS = 1e-9
+MIN_INWARD_SIGMAS = 2.5
+"""Minimum inward offset of an edge, in standard deviations, before it may be the edge of an occluder."""
 
-CLEARLY = 2.5
-"""An edge that is so many standard deviations inside of where it should be may be that of what hides the object."""
-
-SURE = 3.0
-"""A common shift of fewer standard deviations may be chance."""
+MIN_SHIFT_SIGMAS = 3.0
+"""Minimum common shift, in standard deviations, that is not chance."""
 
 MEDIAN_SPREAD = 1.2533
 """Standard deviation of a median, as a multiple of that of a mean."""
@@ -33,25 +31,15 @@ MEDIAN_SPREAD = 1.2533
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredEdges(Table):
-    """P pairs of a 3D box and a 2D box, sorted by the 3D box.
+    """P pairs of a 3D box and a 2D box, sorted by the 3D box."""
 
-    Attributes:
-        rows: (P,) int64 row of the 3D box.
-        camera_rows: (P,) int64 number of the camera, in the order of the views.
-        cameras: P cameras.
-        xyxy: (P, 4) float64 left, top, right, bottom of the 2D box, clipped to the image, pixels.
-        sigma_px: (P, 4) float64 standard deviation of each edge.
-        hidden_px: (P, 4) float64, how far nearer objects may have moved each edge inward.
-        later_s: (P,) float64, how much later the image was measured than the 3D box.
-    """
-
-    rows: I64
-    camera_rows: I64
-    cameras: CameraArrays
-    xyxy: F64
-    sigma_px: F64
-    hidden_px: F64
-    later_s: F64
+    rows: I64  # (P,) int64 row of the 3D box
+    camera_rows: I64  # (P,) int64 number of the camera, in the order of the views
+    cameras: CameraArrays  # P cameras
+    xyxy: F64  # (P, 4) float64 left, top, right, bottom of the 2D box, clipped to the image, pixels
+    sigma_px: F64  # (P, 4) float64 standard deviation of each edge
+    hidden_px: F64  # (P, 4) float64 maximum inward displacement of each edge by occluders
+    later_s: F64  # (P,) float64 time of the image after that of the 3D box, seconds
 
 
 def measured_edges(
@@ -60,17 +48,7 @@ def measured_edges(
     views: Mapping[str, CameraSensor],
     config: FuseConfig,
 ) -> MeasuredEdges:
-    """All matched 2D boxes of a frame.
-
-    An edge errs by some pixels and by a share of the size of the 2D box. Where nearer objects hide a part of the
-    object, a detector may see less of it, by as much as they hide of its width or height.
-
-    Args:
-        hypotheses: Boxes and their matches.
-        boxes2d: By camera name.
-        views: The cameras by name.
-        config: `pixel_sigma_px` and `outline_sigma`.
-    """
+    """All matched 2D boxes of a frame, with errors by `pixel_sigma_px` and `outline_sigma` of the settings."""
     numbered = [(k, name) for k, name in enumerate(views) if name in boxes2d and hypotheses.matches.get(name)]
     matched = [(hypotheses.matches[name], boxes2d[name]) for _, name in numbered]
     counts = [len(matches) for matches, _ in matched]
@@ -86,15 +64,15 @@ def measured_edges(
     outline_px = config.outline_sigma * np.sqrt(extent[:, :1] * extent[:, 1:])
     sigma_px = np.repeat(np.hypot(config.pixel_sigma_px, outline_px), 4, axis=1)
     hidden_px = hidden[:, None] * np.concatenate([extent, extent], 1)
-    later_s = (stamps_ns - hypotheses.boxes.measured_ns[rows]) * NANOSECONDS
+    later_s = (stamps_ns - hypotheses.boxes.measured_ns[rows]) * 1e-9
     return MeasuredEdges(rows, numbers, cameras, xyxy, sigma_px, hidden_px, later_s)
 
 
 def moved_by_borders(boxes: Boxes3D, rows: I64, cameras: CameraArrays) -> F64:
-    """(P, 4) how far left, top, right and bottom of a box in an image are inside of those of the whole box, pixels.
+    """(P, 4) inward displacement of left, top, right and bottom of a box by the border of the image, pixels.
 
-    Left and right are moved by the upper and lower border of the image, top and bottom by its sides. Where nothing of a
-    box is in the image, that is all of its extent. Lines between corners are taken for straight.
+    The upper and lower border displace left and right, the sides top and bottom; a box outside of the image is
+    displaced by its whole extent. Lines between corners are taken as straight.
 
     Args:
         boxes: N boxes.
@@ -126,29 +104,29 @@ def moved_by_borders(boxes: Boxes3D, rows: I64, cameras: CameraArrays) -> F64:
 def doubted_edges(
     edges: MeasuredEdges, cut_px: F64, predicted: F64, jacobian: F64, covariances: F64, is_own: Bools
 ) -> MeasuredEdges:
-    """The edges with further noise where something other than the box moves them.
+    """The edges with additional noise where something other than the box moves them.
 
-    Those are edges that the border of the image cuts, edges clearly inside of the box's where a part of the object is
-    hidden, and all edges of a camera whose 2D boxes are shifted alike.
+    These are edges cut by the border of the image, inward ones of partly hidden objects, and all edges of a camera
+    with a common shift.
 
     Args:
         edges: P pairs.
-        cut_px: (P, 4) of `moved_by_borders`.
-        predicted: (P, 4) the edges of the projected boxes, pixels.
+        cut_px: (P, 4) from `moved_by_borders`.
+        predicted: (P, 4) edges of the projected boxes, pixels.
         jacobian: (P, 4, 3) derivatives of these by x, y and yaw.
         covariances: (N, 3, 3) of the boxes over these.
-        is_own: (P,) the pairs of boxes that are not turned: they tell the common shifts.
+        is_own: (P,) pairs of boxes that are not turned, which define the common shifts.
     """
-    own, away, of_box = np.hypot(edges.sigma_px, cut_px), edges.xyxy - predicted, covariances[edges.rows]
+    sigma_px, residuals, of_box = np.hypot(edges.sigma_px, cut_px), edges.xyxy - predicted, covariances[edges.rows]
     by_box = (jacobian @ of_box * jacobian).sum(2)
-    is_inside = away * [1, 1, -1, -1] > CLEARLY * np.sqrt(by_box + own**2)
-    sigma_px = np.hypot(own, np.where(is_inside, edges.hidden_px, 0.0))
+    is_inside = residuals * [1, 1, -1, -1] > MIN_INWARD_SIGMAS * np.sqrt(by_box + sigma_px**2)
+    sigma_px = np.hypot(sigma_px, np.where(is_inside, edges.hidden_px, 0.0))
     slopes = (jacobian[:, :2] + jacobian[:, 2:]) / 2
     variances = (slopes @ of_box * slopes).sum(2) + (sigma_px[:, :2] ** 2 + sigma_px[:, 2:] ** 2) / 4
     whole = np.flatnonzero(is_own & ((edges.xyxy > 0) & (edges.xyxy < edges.cameras.limits)).all(1))
-    off = (away[whole, :2] + away[whole, 2:]) / 2
+    offsets = (residuals[whole, :2] + residuals[whole, 2:]) / 2
     count = int(edges.camera_rows.max(initial=-1)) + 1
-    shifts = camera_shifts(edges.camera_rows[whole], off, variances[whole], count=count)
+    shifts = camera_shifts(edges.camera_rows[whole], offsets, variances[whole], count=count)
     return replace(edges, sigma_px=np.hypot(sigma_px, np.concatenate([shifts, shifts], 1)[edges.camera_rows]))
 
 
@@ -157,20 +135,20 @@ def camera_shifts(camera_rows: I64, residuals_px: F64, variances_px2: F64, *, co
 
     Args:
         camera_rows: (P,) row of the camera of each pair.
-        residuals_px: (P, 2) how far the centre of each 2D box is to the right of that of the projected box, and below.
-        variances_px2: (P, 2) variances to expect of them.
+        residuals_px: (P, 2) centre of each 2D box less that of the projected box.
+        variances_px2: (P, 2) expected variances of the residuals.
         count: Number of cameras.
     """
     shifts, both = np.zeros((count, 2)), np.concatenate([residuals_px, variances_px2], 1)
     for camera in set(camera_rows.tolist()):
-        own = (camera_rows == camera).nonzero()[0]
-        shift, variance = _median(both[own]).reshape(2, 2)
-        is_sure = np.abs(shift) > SURE * MEDIAN_SPREAD * np.sqrt(variance / len(own))
-        shifts[camera] = np.where(is_sure, shift, 0.0)
+        pairs = (camera_rows == camera).nonzero()[0]
+        shift, variance = _median(both[pairs]).reshape(2, 2)
+        min_shift = MIN_SHIFT_SIGMAS * MEDIAN_SPREAD * np.sqrt(variance / len(pairs))
+        shifts[camera] = np.where(np.abs(shift) > min_shift, shift, 0.0)
     return shifts
 
 
 def _median(values: F64) -> F64:
-    """Of each column: `np.median` takes ten times as long for few rows."""
+    """The median of each column; `np.median` takes ten times as long for few rows."""
     ordered = np.sort(values, axis=0)
     return np.asarray((ordered[(len(values) - 1) // 2] + ordered[len(values) // 2]) / 2)

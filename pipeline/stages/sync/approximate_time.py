@@ -16,19 +16,12 @@ T = TypeVar("T")
 
 
 class _Candidate(NamedTuple):
-    """The best set found so far; its messages are the first of each queue.
+    """The best set found so far; its messages are the first of each queue."""
 
-    Attributes:
-        start_ns: Smallest stamp of the set.
-        end_ns: Largest stamp of the set.
-        pivot: Topic whose first message is in every set of this search; it was the latest when the search began.
-        pivot_ns: Stamp of that message.
-    """
-
-    start_ns: int
-    end_ns: int
-    pivot: int
-    pivot_ns: int
+    start_ns: int  # Smallest stamp of the set
+    end_ns: int  # Largest stamp of the set
+    pivot: int  # Topic whose first message is in every set of this search; it was the latest when the search began
+    pivot_ns: int  # Stamp of that message
 
 
 class ApproximateTime(Generic[T]):

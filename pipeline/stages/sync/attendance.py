@@ -7,21 +7,15 @@ from typing import NamedTuple
 from lidcam.pipeline.core.frame import Missing
 
 MAX_SILENCES = 100
-"""Spans kept for each topic; further ones prolong the last."""
+"""Maximum number of spans kept per topic; further ones extend the last."""
 
 
 class Silence(NamedTuple):
-    """A span of log time without a message of a topic.
+    """A span of log time without a message of a topic."""
 
-    Attributes:
-        start_ns: Log time of its last message before; None: there was none.
-        end_ns: Log time of its next message; None: none came.
-        frames: Number of frames in it.
-    """
-
-    start_ns: int | None
-    end_ns: int | None
-    frames: int = 0
+    start_ns: int | None  # Log time of its last message before; None: there was none
+    end_ns: int | None  # Log time of its next message; None: none came
+    frames: int = 0  # Number of frames in it
 
     def covers(self, log_time_ns: int) -> bool:
         """Whether a log time lies in the span."""
@@ -30,17 +24,11 @@ class Silence(NamedTuple):
 
 
 class Absence(NamedTuple):
-    """The frames of a run without a message of one topic.
+    """The frames of a run without a message of one topic."""
 
-    Attributes:
-        topic: The topic.
-        frames: Number of frames without a message of it.
-        silences: Its spans of silence that have frames, in order; these frames are among `frames`.
-    """
-
-    topic: str
-    frames: int
-    silences: tuple[Silence, ...]
+    topic: str  # The topic
+    frames: int  # Number of frames without a message of it
+    silences: tuple[Silence, ...]  # Its spans of silence that have frames, in order; these frames are among `frames`
 
 
 class Attendance:
@@ -53,7 +41,7 @@ class Attendance:
         self._frame_ns = 0
 
     def hear(self, topic: str, log_time_ns: int | None) -> None:
-        """Take note of a topic's last message in a part of the recording; None: there was none."""
+        """Record a topic's last message in a part of the recording; None: there was none."""
         if log_time_ns is not None:
             self._heard_ns[topic] = log_time_ns
 

@@ -1,4 +1,4 @@
-"""Correction of stamps: offsets are taken off, impossible stamps dropped, and a part ends where time jumps back.
+"""Correction of stamps: offsets are removed, impossible stamps dropped, and a part ends where time jumps back.
 
 A message is judged by the stamp before it on its topic, and by its delay (log time minus stamp). One that goes back by
 more than a second, or is that much further ahead of the recorder than those before it, is held until the next message
@@ -15,13 +15,13 @@ from typing import Literal, NamedTuple
 from lidcam.pipeline.core.messages import Drop, RawMessage, time_fault
 
 JUMP_NS = 1_000_000_000
-"""Steps beyond this are no disorder between messages, nor a change in how long they take to the recorder."""
+"""Minimum step of a jump, nanoseconds; smaller ones are disorder or changes of the recording delay."""
 
 MAX_FIRST_DELAY_NS = 10_000_000_000
-"""A topic's first message is believed at once if it was recorded at most so long after its stamp, and not before it."""
+"""Maximum recording delay of a topic's first message that is accepted at once, nanoseconds."""
 
 DELAYS = 5
-"""Delays of a topic that are kept: the least of them is its usual one."""
+"""Number of delays kept per topic; the minimum is its usual one."""
 
 NO_TIME = "its stamp cannot be a time"
 NO_LOG_TIME = "its log time cannot be a time"
@@ -31,40 +31,24 @@ OTHER_SIDE = "from before time jumped back"
 
 
 class TimeJump(NamedTuple):
-    """Time jumps back.
+    """Time jumps back."""
 
-    Attributes:
-        kind: Whose time: `stamps` of the sensors, or `log times` of the recorder.
-        at_ns: Log time of the first message after it, or, where log times jump, of the last one before it.
-        by_ns: How far back.
-    """
-
-    kind: Literal["stamps", "log times"]
-    at_ns: int
-    by_ns: int
+    kind: Literal["stamps", "log times"]  # Whose time: `stamps` of the sensors, or `log times` of the recorder
+    at_ns: int  # Log time of the first message after it, or, where log times jump, of the last one before it
+    by_ns: int  # How far back
 
 
 @dataclass(slots=True)
 class _Clock:
-    """State of one topic.
+    """State of one topic."""
 
-    Attributes:
-        offset_ns: Offset that is taken off its stamps.
-        part: Part of the recording that it has reached.
-        last_ns: Corrected stamp of its last good message; None before the first.
-        log_time_ns: Log time of its last message; None before the first.
-        delays_ns: Delays of its last good messages.
-        held: A message that the next one decides on.
-        is_unstamped: Whether its stamps are all 0.
-    """
-
-    offset_ns: int
-    part: int = 0
-    last_ns: int | None = None
-    log_time_ns: int | None = None
-    delays_ns: deque[int] = field(default_factory=lambda: deque(maxlen=DELAYS))
-    held: RawMessage | None = None
-    is_unstamped: bool = False
+    offset_ns: int  # Offset that is taken off its stamps
+    part: int = 0  # Part of the recording that it has reached
+    last_ns: int | None = None  # Corrected stamp of its last good message; None before the first
+    log_time_ns: int | None = None  # Log time of its last message; None before the first
+    delays_ns: deque[int] = field(default_factory=lambda: deque(maxlen=DELAYS))  # Delays of its last good messages
+    held: RawMessage | None = None  # A message that the next one decides on
+    is_unstamped: bool = False  # Whether its stamps are all 0
 
     def is_sound(self, message: RawMessage) -> bool:
         """Whether a message neither goes back nor is further ahead of the recorder than those before it."""

@@ -10,13 +10,13 @@ from itertools import pairwise
 from statistics import median
 
 MAX_PERIODS = 2.5
-"""A message is overdue after this many periods of its topic: one lost message makes two."""
+"""Maximum number of periods between messages of a topic before the next is overdue: one lost message makes two."""
 
-UNKNOWN_PERIOD = 4
-"""Multiple of `silent_after_ns` in which the second message of a topic may come: its period is not known yet."""
+FIRST_WAIT = 4
+"""Maximum wait for the second message of a topic, whose period is unknown, in units of `silent_after_ns`."""
 
 STEPS = 5
-"""Steps between stamps whose median is the period of a topic."""
+"""Number of steps between stamps whose median is the period of a topic."""
 
 
 class Liveness:
@@ -55,7 +55,7 @@ class Liveness:
         return silent
 
     def hear(self, topic: int, stamp_ns: int) -> bool:
-        """Take note of the message advanced to, and return whether its topic was silent before it."""
+        """Record the message advanced to, and return whether its topic was silent before it."""
         self._heard_ns[topic] = self._clock_ns
         self._heard_log_ns[topic] = self._log_time_ns
         self._stamps_ns[topic].append(stamp_ns)
@@ -91,7 +91,7 @@ class Liveness:
 
     def _patience_ns(self, topic: int) -> int:
         if len(self._stamps_ns[topic]) == 1:
-            return UNKNOWN_PERIOD * self._silent_after_ns
+            return FIRST_WAIT * self._silent_after_ns
         return max(self._silent_after_ns, int(MAX_PERIODS * self.period_ns(topic)))
 
     def _alive(self) -> list[int]:

@@ -23,15 +23,10 @@ class Item(NamedTuple):
 
 
 class FoundSet(NamedTuple):
-    """The messages of one moment.
+    """The messages of one moment."""
 
-    Attributes:
-        reference: The one whose stamp the frame takes.
-        by_topic: All, by the topic's index.
-    """
-
-    reference: RawMessage
-    by_topic: Mapping[int, RawMessage]
+    reference: RawMessage  # The one whose stamp the frame takes
+    by_topic: Mapping[int, RawMessage]  # All, by the topic's index
 
 
 MakePolicy = Callable[[Sequence[str], int, OnItemDrop[Item]], Policy[Item]]
@@ -246,7 +241,7 @@ class PartialSets:
         return found
 
     def _behind(self, stamp_ns: int) -> set[int]:
-        """Required topics whose newest stamps lie so far before `stamp_ns` that a message of each is overdue."""
+        """Required topics with an overdue message, by their newest stamps before `stamp_ns`."""
         late: set[int] = set()
         for topic in self._core:
             newest_ns = self._liveness.newest_ns(topic)

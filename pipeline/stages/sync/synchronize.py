@@ -22,20 +22,14 @@ T = TypeVar("T")
 
 @dataclass(slots=True)
 class SyncStats:
-    """Counts of `synchronize` so far, updated as its bundles are consumed; those of further parts are added.
+    """Counts of `synchronize` so far, updated as its bundles are consumed; those of further parts are added."""
 
-    Attributes:
-        received: Number of messages by topic; 0 for a topic without messages.
-        sets: Number of bundles.
-        skew_max_ns: Largest spread of the stamps of a bundle.
-        skew_total_ns: Sum of the spreads.
-        attendance: Topics that were missing, and when they were silent.
-    """
-
+    # Number of messages by topic; 0 for a topic without messages
     received: dict[str, int] = field(default_factory=dict)
-    sets: int = 0
-    skew_max_ns: int = 0
-    skew_total_ns: int = 0
+    sets: int = 0  # Number of bundles
+    skew_max_ns: int = 0  # Largest spread of the stamps of a bundle
+    skew_total_ns: int = 0  # Sum of the spreads
+    # Topics that were missing, and when they were silent
     attendance: Attendance = field(default_factory=Attendance, compare=False)
 
     @property
@@ -58,7 +52,6 @@ def synchronize(
     reference: str,
     required: Sequence[str] | None = None,
     on_drop: Callable[[Drop], None],
-    flush: bool = True,
     stats: SyncStats | None = None,
     max_waiting_bytes: int | None = None,
 ) -> Iterator[SensorBundle]:
@@ -74,12 +67,11 @@ def synchronize(
         required: Topics that a bundle needs while they are alive; the others join it (`PartialSets`). None: every
             bundle has a message of each topic, as in message_filters.
         on_drop: Called for each message that is in no bundle, in a fixed order.
-        flush: Whether to emit bundles that only the end of the recording makes certain; ROS, being live, does not.
         stats: Updated as bundles are consumed; the first bundle's index is the number of its sets.
-        max_waiting_bytes: Size of all messages that wait for one another; None for no limit.
+        max_waiting_bytes: Maximum size of all messages that wait for one another.
 
     Raises:
-        RecordingError: more bytes wait than may.
+        RecordingError: more bytes wait.
         ConfigError: `topics` is empty or names a topic twice, or the reference or a required topic is not among them.
     """
     if not topics or len(set(topics)) < len(topics):
@@ -116,19 +108,19 @@ def synchronize(
             attendance=stats.attendance,
             on_drop=drop,
         )
-    sets = _sets(_counted(messages, stats.received, waiting), finder, flush)
+    sets = _sets(_counted(messages, stats.received, waiting), finder)
     return _bundles(sets, topics, dropped_before, stats, waiting)
 
 
 @dataclass(slots=True)
 class _Waiting:
-    """Size of the messages that are in no bundle yet, and its limit; None for no limit."""
+    """Size of the messages that are in no bundle yet, and its limit."""
 
     max_bytes: int | None
     bytes: int = 0
 
-    def add(self, message: RawMessage) -> None:
-        """Take in a message.
+    def add_message(self, message: RawMessage) -> None:
+        """Add a message.
 
         Raises:
             RecordingError: there is no room for it.
@@ -147,7 +139,7 @@ def _counted(messages: Iterable[RawMessage], received: dict[str, int], waiting: 
         topic = message.channel.topic
         if topic in received:
             received[topic] += 1
-            waiting.add(message)
+            waiting.add_message(message)
             yield message
 
 
@@ -174,11 +166,10 @@ class _FullSets:
         return [FoundSet(messages[self._reference], dict(enumerate(messages))) for messages in sets]
 
 
-def _sets(messages: Iterable[RawMessage], finder: _FullSets | PartialSets, flush: bool) -> Iterator[FoundSet]:
+def _sets(messages: Iterable[RawMessage], finder: _FullSets | PartialSets) -> Iterator[FoundSet]:
     for message in messages:
         yield from finder.add(message)
-    if flush:
-        yield from finder.flush()
+    yield from finder.flush()
     finder.close()
 
 

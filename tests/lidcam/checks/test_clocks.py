@@ -3,7 +3,7 @@
 import pytest
 from frames import RIG
 
-from lidcam.checks.clocks import MAX_JUMPS_NAMED, clock_notes, clocks_off, jump_warnings, late_warnings
+from lidcam.checks.clocks import clock_notes, clocks_off, jump_warnings, late_warnings
 from lidcam.pipeline.stages.sync.clocks import Clocks, TimeJump
 from lidcam.pipeline.stages.sync.policy import DropReason
 from lidcam.run.missing import MissingSensor
@@ -22,13 +22,6 @@ def test_a_jump_is_told_with_its_size_and_place(kind: str, said: str) -> None:
     jump = TimeJump("stamps" if kind == "stamps" else "log times", 1_045_200_000_000, 12_300_000_000)
     (warning,) = jump_warnings([jump], start_ns=1000 * S)
     assert str(warning).startswith(said)
-
-
-@pytest.mark.parametrize("count", [0, 1, MAX_JUMPS_NAMED, MAX_JUMPS_NAMED + 3])
-def test_many_jumps_are_summed_up(count: int) -> None:
-    warnings = jump_warnings([TimeJump("stamps", k * S, S) for k in range(count)], start_ns=0)
-    assert len(warnings) == min(count, MAX_JUMPS_NAMED + 1)
-    assert ("3 times more" in str(warnings[-1:])) == (count > MAX_JUMPS_NAMED)
 
 
 def test_sensors_without_stamps_are_named() -> None:

@@ -168,13 +168,3 @@ def test_objects_that_no_zone_lets_be_reported() -> None:
     (warning,) = warnings_of(left_out, result)
     assert warning.finding == "frame 0 came closest: its objects are not reported: 2 in zone yard of use ignore"
     assert warning.remedy == "see the zones of the rig file, or rig.zones"
-
-
-def test_without_frames_there_is_nothing_to_say() -> None:
-    assert warnings_of() == ()
-
-
-def test_a_run_with_an_object_is_not_warned_of() -> None:
-    run = lidcam.process(SANDBOX, settings=["output.images=false"], duration_s=0.4, workers=1)
-    assert len(run.objects)
-    assert run.report.warnings == ()

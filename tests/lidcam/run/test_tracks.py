@@ -38,7 +38,7 @@ class Late:
         self._delay, self._step = delay, step
         self._open: list[Fused] = []
 
-    def add(self, frame: FrameResult) -> list[Fused]:
+    def add_frame(self, frame: FrameResult) -> list[Fused]:
         self._open.append(marked(frame.fused, frame.bundle.index))
         return self._take(self._step if len(self._open) >= self._delay + self._step else 0)
 
@@ -57,7 +57,7 @@ class Scheduled(Late):
         super().__init__(0)
         self._counts = iter(counts)
 
-    def add(self, frame: FrameResult) -> list[Fused]:
+    def add_frame(self, frame: FrameResult) -> list[Fused]:
         self._open.append(marked(frame.fused, frame.bundle.index))
         return self._take(next(self._counts))
 
@@ -170,7 +170,7 @@ def test_files_are_closed_when_nobody_wants_the_rest(files: list[io.FileIO]) -> 
 
 def test_a_tracker_that_miscounts_is_found_out() -> None:
     class TooMany(Late):
-        def add(self, frame: FrameResult) -> list[Fused]:
+        def add_frame(self, frame: FrameResult) -> list[Fused]:
             return [frame.fused, frame.fused]
 
     class TooFew(Late):
@@ -233,8 +233,8 @@ def told(report: lidcam.RunSummary) -> dict[str, Any]:
 class Silent(Late):
     """As `Late`, and leaves no mark."""
 
-    def add(self, frame: FrameResult) -> list[Fused]:
-        settled = super().add(frame)
+    def add_frame(self, frame: FrameResult) -> list[Fused]:
+        settled = super().add_frame(frame)
         self._open = [replace(fused, left_out={}) for fused in self._open]
         return [replace(fused, left_out={}) for fused in settled]
 
@@ -300,10 +300,10 @@ def test_leaving_the_loop_leaves_nothing(
 
 def test_an_error_of_the_tracker_names_the_frame(recording: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     class Broken(Late):
-        def add(self, frame: FrameResult) -> list[Fused]:
+        def add_frame(self, frame: FrameResult) -> list[Fused]:
             if frame.bundle.index == 5:
                 raise ArithmeticError
-            return super().add(frame)
+            return super().add_frame(frame)
 
     use(Broken(3), monkeypatch)
     with pytest.raises(ArithmeticError) as caught:

@@ -55,12 +55,6 @@ def test_reasons() -> None:
     }
 
 
-@pytest.mark.parametrize("zones", [[], [YARD], [ROAD]])
-def test_no_objects(zones: list[Zone]) -> None:
-    found = select_by_zones(fused(np.zeros((0, 2))), zones)
-    assert (len(found.objects), dict(found.left_out)) == (0, {})
-
-
 points = st.lists(st.tuples(st.floats(-60, 60), st.floats(-60, 60)), max_size=20)
 
 

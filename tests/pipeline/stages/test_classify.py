@@ -1,5 +1,4 @@
 from collections.abc import Sequence
-from itertools import permutations
 
 import numpy as np
 import pytest
@@ -70,21 +69,6 @@ def test_a_person_on_what_the_lidars_take_for_a_bicycle_rides_it_if_the_network_
     assert classified(SIZES[BICYCLE], BICYCLE, votes, riders=riders) == BICYCLE
     assert classified(SIZES[PEDESTRIAN], PEDESTRIAN, votes, riders=riders) == PEDESTRIAN
     assert classified(SIZES[BICYCLE], BICYCLE, votes, riders=riders, by_lidar=False) == PEDESTRIAN, "2D boxes made it"
-
-
-def test_the_order_of_the_cameras_does_not_matter() -> None:
-    votes = [(0.5, BICYCLE), (0.6, PEDESTRIAN), (0.7, CAR)]
-    assert len({classified(SIZES[PEDESTRIAN], PEDESTRIAN, order) for order in permutations(votes)}) == 1
-
-
-def test_only_the_class_changes_and_the_input_is_left_as_it_was() -> None:
-    boxes = boxes3d([(5.0, 1.0, 0.5, *SIZES[PEDESTRIAN], 0.3)] * 2, class_ids=[PEDESTRIAN] * 2)
-    given = Hypotheses(boxes, {"cam": matches((1, 0), boxes=2), "silent": matches(boxes=2)}, 2)
-    found = Classify(ROAD_CLASSES)(given, {"cam": seen(0.9, BICYCLE)})
-    assert found.boxes.class_ids.tolist() == [PEDESTRIAN, BICYCLE]
-    np.testing.assert_array_equal(found.boxes.sizes, boxes.sizes)
-    assert (found.matches, found.lidar_count) == (given.matches, 2)
-    assert boxes.class_ids.tolist() == [PEDESTRIAN] * 2
 
 
 def test_no_boxes() -> None:

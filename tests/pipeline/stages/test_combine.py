@@ -3,7 +3,6 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 import pytest
-from helpers import shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -11,7 +10,6 @@ from scipy.spatial.transform import Rotation
 
 from lidcam.pipeline.core.arrays import F32, F64
 from lidcam.pipeline.core.clouds import CombinedCloud, PointCloud
-from lidcam.pipeline.core.errors import FrameError
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
 from lidcam.pipeline.core.geometry.transform import Transform
@@ -201,24 +199,7 @@ def test_without_known_motion_points_stay_and_the_lidar_is_not_listed(
     assert combined.compensated == ()
 
 
-def test_motion_of_another_frame_is_refused() -> None:
-    with pytest.raises(FrameError, match="'site', got 'imu'"):
-        Combine(rig(a=pose()), MOVED)(frame(driving(0, 100, frame_id="imu")), {})
-
-
 # --- outliers and ground
-
-
-def test_outliers_and_ground_are_taken_out_and_counted() -> None:
-    xyz = street()
-    combined = Combine(rig(a=pose()), CombineConfig())(frame(), {"a": sweep(xyz)})
-    assert combined.plane is not None
-    assert combined.plane.offset_m == pytest.approx(1.7, abs=0.01)
-    assert len(xyz) - 1 not in combined.cloud.ring  # the stray point
-    assert np.abs(combined.ground_cloud.xyz[:, 2] + 1.7).max() <= 0.21
-    assert combined.cloud.xyz[:, 2].min() > -1.51
-    assert 2900 <= combined.counts["left"] <= 3000
-    assert_consistent(combined)
 
 
 def test_objects_are_detected_in_what_outlier_removal_takes_but_not_in_the_ground() -> None:
@@ -265,27 +246,6 @@ def test_a_slope_is_ground_for_detection_and_not_for_what_is_written() -> None:
     assert len(with_relief.detection_cloud) < 300
     z = with_relief.ground_m(np.array([[25.0, 0.0], [0.0, 0.0]]), level_m=9.0)
     assert z == pytest.approx([-1.2, -1.7], abs=0.04)
-
-
-def test_the_rigs_ground_height_is_used() -> None:
-    site = rig(a=pose())
-    wrong = Rig(site.site_frame, site.lidars, (), (), ground_height_m=-3.0)
-    combined = Combine(wrong, CombineConfig())(frame(), {"a": sweep(street())})
-    assert combined.plane is None
-    assert combined.counts["ground"] == 0
-
-
-def test_a_real_frame_twice_gives_the_same_bits() -> None:
-    points = np.fromfile(shared("data/kitti_raw_sequence/velodyne_points/0000000000.bin"), "<f4").reshape(-1, 4)
-    stage = Combine(rig(velodyne=pose((0, 0, 1.73), (0.1, -0.8, 30))), CombineConfig())
-    first, second = (stage(frame(), {"velodyne": sweep(points[:, :3])}) for _ in range(2))
-    assert first.plane is not None
-    assert second.plane is not None
-    assert first.cloud.xyz.tobytes() == second.cloud.xyz.tobytes()
-    assert first.ground_cloud.xyz.tobytes() == second.ground_cloud.xyz.tobytes()
-    assert first.plane.normal.tobytes() == second.plane.normal.tobytes()
-    assert abs(float(first.plane.height_m(np.zeros(2)))) < 0.05
-    assert_consistent(first)
 
 
 # --- properties

@@ -1,23 +1,18 @@
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import pytest
 from detections import boxes2d, camera_rig, forward_camera
-from helpers import shared
 from hypothesis import given
 from hypothesis import strategies as st
 
 from lidcam.pipeline.core.arrays import U8
 from lidcam.pipeline.core.errors import ConfigError
-from lidcam.pipeline.core.geometry.boxes import iou_xyxy
 from lidcam.pipeline.core.optics.images import Image
 from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.detect import Detect2DConfig
-from lidcam.pipeline.detectors.onnx.detector import OnnxDetector2D
 from lidcam.pipeline.detectors.protocols import Candidates2D, Detector2D
 from lidcam.pipeline.stages.detect2d import Detect2D, suppress_overlaps
 
@@ -84,23 +79,6 @@ def test_proposals_to_boxes(rows: list[Row], expected: list[tuple[list[float], f
     assert detect(rows) == expected
 
 
-@pytest.mark.parametrize(
-    ("label", "expected"),
-    [
-        ("Car", "car"),
-        ("VAN", "truck"),
-        ("Person_sitting", "pedestrian"),
-        ("Tram", None),
-        ("vehicle.bus.bendy", "bus"),
-        ("movable_object.barrier", None),
-    ],
-)
-def test_names_of_kitti_and_nuscenes(label: str, expected: str | None) -> None:
-    stage = stage_of(Proposals([(10, 10, 50, 40, 0.9, label)], ("car", label)))
-    found = [Config().class_names[row] for row in stage({"cam": image()})["cam"].class_ids]
-    assert found == ([] if expected is None else [expected])
-
-
 def test_who_may_be_a_rider() -> None:
     person, bicycle = (Config().class_names.index(name) for name in ("pedestrian", "bicycle"))
     assert stage_of(Proposals([])).riders == {(bicycle, person)}
@@ -165,18 +143,3 @@ def test_suppression_equals_the_plain_loop(rows: list[tuple[float, ...]], max_io
 def plain_iou(a: Sequence[float], b: Sequence[float]) -> float:
     shared_area = max(0.0, min(a[2], b[2]) - max(a[0], b[0])) * max(0.0, min(a[3], b[3]) - max(a[1], b[1]))
     return shared_area / ((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - shared_area)
-
-
-def test_cars_of_a_real_image() -> None:
-    config, weights = Config(), shared("weights/yolox_nano.onnx")
-    bgr = cv2.imread(str(shared("data/kitti_object_8/000008.png")))
-    assert bgr is not None
-    image = Image(0, "cam", np.ascontiguousarray(bgr[..., ::-1]))
-    found = stage_of(OnnxDetector2D(weights, config.detect2d))({"cam": image})["cam"]
-    cars = found.select((found.class_ids == config.class_names.index("car")) & (found.scores >= 0.3))
-    label_file = json.loads(shared("data/kitti_object_8/info_from_pkl.json").read_text())
-    labelled = [i["bbox"] for i in label_file["data_list"][0]["instances"] if i["bbox_label"] == 2]
-    assert len(labelled) == 6
-    overlap = iou_xyxy(np.array(labelled), cars.xyxy)
-    assert (overlap.max(1) >= 0.5).sum() >= 6
-    assert len(cars) <= 11, "hardly anything but cars; some too far away for a label are there, too"

@@ -1,17 +1,11 @@
-import json
-from dataclasses import replace
-from pathlib import Path
-
 import numpy as np
 import pytest
 from detections import boxes3d
-from helpers import shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from lidar_scene import Box, combined, rig, scan, turned
 
 from lidcam.pipeline.core.arrays import F64
-from lidcam.pipeline.core.clouds import CombinedCloud, Plane, PointCloud
 from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.rig import RecordedDetector, Rig
@@ -19,10 +13,8 @@ from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.load import load_config
 from lidcam.pipeline.detectors.cluster import detector
 from lidcam.pipeline.detectors.protocols import Candidates3D
-from lidcam.pipeline.stages.combine import Combine
 from lidcam.pipeline.stages.detect3d import Detect3D, Recorded3D
 
-ROOT = Path(__file__).parents[3]
 LIDAR = (0.0, 0.0, 1.8)
 GEOMETRIC = load_config(settings=("detect3d.score=geometric",))  # boxes of bare cuboids look like no car
 CAR, BICYCLE = 0, 2
@@ -75,20 +67,6 @@ def test_car_seen_by_one_lidar(truth: Box) -> None:
     assert boxes.sizes[0] == pytest.approx([4.1, 1.75, 1.55], abs=0.2)
 
 
-def test_box_grows_away_from_the_lidar_and_its_far_end_is_less_certain() -> None:
-    boxes = detect(scan(LIDAR, [car(12, 0)]))
-    assert boxes.centers[0, 0] - boxes.sizes[0, 0] / 2 == pytest.approx(12 - 2.1, abs=0.05)
-    assert boxes.covariances[0, 0, 0] > 4 * boxes.covariances[0, 1, 1]
-
-
-def test_car_seen_from_both_ends_keeps_its_measured_size() -> None:
-    ahead, behind = (-9.0, 0.0, 1.8), (9.0, 0.0, 1.8)
-    truth: Box = (0.0, 0.0, 0.75, 3.2, 1.5, 1.4, 0.2)
-    boxes = Detect3D(rig(ahead, behind), GEOMETRIC)(combined(scan(ahead, [truth]), scan(behind, [truth])))
-    row = assert_found(boxes, truth, within_m=0.05, within_deg=1.0)
-    assert boxes.sizes[row, :2] == pytest.approx(truth[3:5], abs=0.1)
-
-
 def test_covariances_are_positive_definite_and_counts_are_those_of_the_cloud() -> None:
     points = scan(LIDAR, [car(12, 0), car(8, 9, 1.0)])
     boxes = detect(points)
@@ -139,14 +117,6 @@ def test_branch_over_a_car_is_no_part_of_it() -> None:
     assert boxes.sizes[row, 2] == pytest.approx(1.5, abs=0.15)
 
 
-def test_ground_may_slope() -> None:
-    normal = np.array([-0.05, 0.0, 1.0]) / np.linalg.norm([-0.05, 0.0, 1.0])
-    points = scan(LIDAR, [car(12, 0)])
-    points[:, 2] += 0.05 * points[:, 0]
-    boxes = Detect3D(rig(LIDAR), GEOMETRIC)(combined(points, plane=Plane(normal, 0.0)))
-    assert boxes.centers[0, 2] - boxes.sizes[0, 2] / 2 == pytest.approx(0.05 * boxes.centers[0, 0])
-
-
 @pytest.mark.parametrize(
     "points",
     [
@@ -162,11 +132,6 @@ def test_ground_may_slope() -> None:
 )
 def test_what_is_no_road_user_gives_no_box(points: F64) -> None:
     assert len(detect(points)) == 0
-
-
-def test_method_none_finds_nothing() -> None:
-    settings_none = load_config(settings=("detect3d.method=none",))
-    assert len(detect(scan(LIDAR, [car(12, 0)]), settings_none)) == 0
 
 
 def test_another_engine_needs_no_change_of_the_stage(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -193,69 +158,7 @@ def test_another_engine_needs_no_change_of_the_stage(monkeypatch: pytest.MonkeyP
     assert boxes.measured_ns.tolist() == [8, 10, 7]
 
 
-def test_order_of_the_points_does_not_matter() -> None:
-    scene = [car(12, 0), car(4, 8, 0.8), (9.0, -5.0, 0.9, 1.8, 0.5, 1.7, 0.4), (25.0, 10.0, 1.6, 9.0, 2.5, 3.2, 0.1)]
-    cloud = combined(scan(LIDAR, scene, noise_m=0.03), scan((20.0, 0.0, 1.8), scene, noise_m=0.03))
-    detector = Detect3D(rig(LIDAR, (20.0, 0.0, 1.8)), GEOMETRIC)
-    boxes = detector(cloud)
-    order = np.random.default_rng(3).permutation(len(cloud.detection_cloud))
-    shuffled = replace(
-        cloud,
-        detection_cloud=cloud.detection_cloud.select(order),
-        detection_lidar_index=cloud.detection_lidar_index[order],
-    )
-    assert len(boxes) == len(scene)
-    assert_same(boxes, detector(shuffled))
-    assert (np.diff(boxes.scores) <= 0).all()
-
-
-def test_sandbox_settings_find_a_model_car_seen_by_three_lidars() -> None:
-    config = load_config(ROOT / "config" / "sandbox.yaml", ("detect3d.method=cluster",))
-    origins = [(-0.56, 1.25, 0.6), (0.43, 0.26, 0.6), (0.0, -0.99, 0.74)]
-    truth: Box = (0.8, 1.4, 0.112, 0.33, 0.22, 0.21, 0.7)
-    clouds = [scan(origin, [truth], rings=(-15, 15, 16), step_deg=0.2, noise_m=0.003) for origin in origins]
-    boxes = Detect3D(rig(*origins), config)(combined(*clouds))
-    assert len(boxes) == 1
-    row = assert_found(boxes, truth, within_m=0.03, within_deg=8.0)
-    assert boxes.sizes[row] == pytest.approx(truth[3:6], abs=0.03)
-    assert config.classes[boxes.class_ids[row]].name == "car"
-
-
 # --- real clouds
-
-
-def kitti(path: Path) -> CombinedCloud:
-    xyz = np.fromfile(path, np.float32).reshape(-1, 4)[:, :3].copy()
-    n = len(xyz)
-    cloud = PointCloud(0, "lidar0", xyz, np.zeros(n, np.float32), np.zeros(n, np.uint16), np.zeros(n, np.int32))
-    sensors = replace(rig((0.0, 0.0, 0.0)), ground_height_m=None)
-    return Combine(sensors, Config().combine)(SensorBundle(0, 0, 0, {}), {"lidar0": cloud})
-
-
-@pytest.mark.parametrize("frame", [0, 7, 14])
-def test_kitti_car_ahead(frame: int) -> None:
-    path = shared(f"data/kitti_raw_sequence/velodyne_points/{frame:010d}.bin")
-    boxes = Detect3D(rig((0.0, 0.0, 0.0)), Config())(kitti(path))
-    x, y, z = np.fromfile(path, np.float32).reshape(-1, 4)[:, :3].T
-    rear_m = np.percentile(x[(x > 4) & (x < 15) & (np.abs(y) < 1) & (z > -1.45) & (z < -0.6)], 1)
-    ahead = (np.abs(boxes.centers[:, 1]) < 1) & (boxes.centers[:, 0] > 4) & (boxes.centers[:, 0] < 15)
-    (row,) = np.flatnonzero(ahead & (boxes.class_ids == CAR))
-    assert boxes.centers[row, 0] - boxes.sizes[row, 0] / 2 == pytest.approx(rear_m, abs=0.15)
-    assert len(boxes) < 45
-
-
-def test_kitti_cars_parked_along_a_street() -> None:
-    folder = shared("data/kitti_object_8")
-    frame = json.loads((folder / "info_from_pkl.json").read_text())["data_list"][0]
-    T_lidar_camera = np.linalg.inv(np.array(frame["images"]["CAM2"]["lidar2cam"]))
-    labels = np.array([i["bbox_3d"][:3] for i in frame["instances"] if i["bbox_label_3d"] == 2])
-    centers = labels @ T_lidar_camera[:3, :3].T + T_lidar_camera[:3, 3]
-    boxes = Detect3D(rig((0.0, 0.0, 0.0)), Config())(kitti(folder / "000008.bin"))
-    apart_m = np.hypot(*(centers[:, None, :2] - boxes.centers[:, :2]).transpose(2, 0, 1))
-    assert len(centers) == 6
-    assert (apart_m.min(1) < 1.0).sum() >= 5
-    assert len(set(apart_m.argmin(1))) == 6
-    assert len(boxes) < 35
 
 
 RIG = Rig(
@@ -297,8 +200,3 @@ def test_recorded_boxes_are_joined_whatever_the_order_of_the_messages(
     np.testing.assert_array_equal(joined.scores, np.array(scores, np.float32))
     assert (joined.stamp_ns, joined.frame_id) == (1, "site")
     assert_same(joined, Recorded3D(RIG)(FRAME, dict(reversed(found.items()))))
-
-
-def test_boxes_of_another_time_are_refused() -> None:
-    with pytest.raises(ValueError, match="expected boxes at 1 ns"):
-        Recorded3D(RIG)(FRAME, {"a": replace(at(1), stamp_ns=7)})

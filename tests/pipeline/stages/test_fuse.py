@@ -3,8 +3,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from detections import boxes3d
-from hypothesis import given
-from hypothesis import strategies as st
 
 from lidcam.pipeline.core.detections import Hypotheses, Matches
 from lidcam.pipeline.core.settings.config import Config
@@ -42,14 +40,6 @@ def test_what_is_probable_enough_is_an_object_and_its_score_the_probability() ->
 def test_no_hypotheses() -> None:
     fused = fuse(0.0)(hypotheses(0), np.zeros(0))
     assert len(fused.objects) == len(fused.matched) == len(fused.rows) == 0
-
-
-@given(st.lists(st.floats(0, 1), max_size=20), st.floats(0, 1), st.floats(0, 1))
-def test_a_higher_threshold_keeps_a_part_of_what_a_lower_one_keeps(scores: list[float], one: float, two: float) -> None:
-    found, beliefs = hypotheses(len(scores)), np.array(scores)
-    low, high = (set(fuse(limit)(found, beliefs).rows.tolist()) for limit in sorted((one, two)))
-    assert high <= low
-    assert len(fuse(0.0)(found, beliefs).rows) == len(scores)
 
 
 def test_what_is_there_and_of_no_class() -> None:

@@ -79,15 +79,6 @@ def test_object_without_a_box_gets_one_from_its_points() -> None:
     assert found.class_ids.tolist() == [CAR]
 
 
-def test_object_with_too_few_points_for_the_lidar() -> None:
-    points = cloud_of(CAR_BOX)[::60]
-    assert 4 <= len(points) < CONFIG.detect3d.cluster.min_points
-    lidar, found = propose(points, None, {"cam": seen_by(CAMERA, [CAR_BOX], [CAR])}, CAMERA)
-    assert len(lidar) == 0
-    assert found.sources.tolist() == [Source.BOTH]
-    assert np.hypot(*(found.centers[0, :2] - CAR_BOX[:2])) < 1.5
-
-
 def test_object_without_points_stays_where_the_cameras_place_it() -> None:
     boxes = {"cam": seen_by(CAMERA, [CAR_BOX], [CAR])}
     lidar, found = propose(cloud_of(OTHER), None, boxes, CAMERA)
@@ -109,17 +100,9 @@ def test_2d_boxes_that_propose_no_object_are_counted_by_reason(monkeypatch: pyte
     assert left_out(three) == {propose_stage.TOO_VAGUE: 1}
     outside = three.xyxy + np.array([[0, 0, 0, 0], [2000, 0, 2000, 0], [0, 0, 0, 0]], np.float32)
     assert left_out(replace(three, xyxy=outside)) == {propose_stage.OUT_OF_IMAGE: 1, propose_stage.TOO_VAGUE: 1}
-    monkeypatch.setattr(propose_stage, "MAX_ALONE", 1)
+    monkeypatch.setattr(propose_stage, "MAX_UNMATCHED", 1)
     assert left_out(replace(three, scores=np.array([0.5, 0.9, 0.4], np.float32))) == {propose_stage.TOO_MANY: 2}
     assert left_out(three.select(np.arange(0))) == {}
-
-
-def test_neither_a_fence_before_it_nor_a_wall_behind() -> None:
-    post, wall = (8.0, 1.05, 1.0, 0.1, 0.1, 2.0, 0.0), (26.0, 2.0, 2.0, 0.5, 30.0, 4.0, 0.0)
-    points = cloud_of(CAR_BOX, post, wall)
-    _, found = propose(points, nothing(), {"cam": seen_by(CAMERA, [CAR_BOX], [CAR])}, CAMERA)
-    assert found.sources.tolist() == [Source.BOTH]
-    np.testing.assert_allclose(found.centers[0, :2], CAR_BOX[:2], atol=0.4)
 
 
 def test_one_object_seen_by_two_cameras_is_proposed_once() -> None:

@@ -92,21 +92,3 @@ def test_a_box_too_large_for_the_class_or_without_points_stays() -> None:
     boxes = reshaped(cloud, away, [TRUCK, BUS], config=Config())
     for row in range(2):
         assert_unchanged(boxes, away, row)
-
-
-def test_nothing_to_do() -> None:
-    empty = combined(np.zeros((0, 3)))
-    none = Boxes3D.empty(7, "site")
-    assert len(reshaped(empty, none, [], config=Config())) == 0
-    cloud, lidar = found(REAR)
-    other = load_config(settings=("detect3d.method=none",))
-    assert_unchanged(reshaped(cloud, lidar, [TRUCK], config=other), lidar, 0)
-
-
-def test_a_rig_of_cameras_alone_has_no_points_to_fit() -> None:
-    cloud = combined()
-    assert len(Detect3D(rig(), Config())(cloud)) == 0
-    _, lidar = found(REAR)
-    before = Hypotheses(replace(lidar, class_ids=np.array([TRUCK], np.int32)), {}, len(lidar))
-    after = reshape_of(rig(), Config())(cloud, before, lidar)
-    assert_unchanged(after.boxes, before.boxes, 0, but=())

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from lidcam.pipeline.core.arrays import F64
-from lidcam.pipeline.core.errors import FrameError
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
 from lidcam.pipeline.core.messages import Channel, RawMessage
@@ -98,12 +97,3 @@ def test_what_stands_still_on_the_map_is_projected_to_where_it_was_seen(
 def test_without_known_motion_cameras_are_those_of_the_rig(known: PoseSamples | None, settings: dict[str, Any]) -> None:
     found = views({"/a/image": 50, "/b/image": -50}, known, **settings)
     assert all(found[camera.name] is camera for camera in RIG.cameras)
-
-
-def test_motion_of_another_frame_is_refused() -> None:
-    with pytest.raises(FrameError, match="'site', got 'imu'"):
-        views({}, motion(0, 100, frame_id="imu"))
-
-
-def test_no_cameras() -> None:
-    assert views({}, motion(0, 100), rig=camera_rig()) == {}

@@ -11,8 +11,7 @@ from lidcam.pipeline.core.rig import Zone
 from lidcam.pipeline.core.settings.load import load_config
 from lidcam.pipeline.tracking.fixed_frame import NO_TRACK_REASON, SightingsOf, with_tracks
 from lidcam.pipeline.tracking.motion import HEADING, SPEED
-from lidcam.pipeline.tracking.rows import NOT_SEEN, TrackRows
-from lidcam.pipeline.tracking.sightings import FrameSightings
+from lidcam.pipeline.tracking.sightings import NOT_SEEN, FrameSightings, TrackRows
 from lidcam.pipeline.tracking.trackers import object_tracker
 
 CONFIG = load_config()
@@ -118,15 +117,6 @@ def test_objects_of_no_class_stand_behind_without_a_number() -> None:
     assert not found.left_out
 
 
-def test_zones_hold_for_tracks_too() -> None:
-    one = result()
-    around = np.array([[-500.0, -500.0], [500.0, -500.0], [500.0, 500.0], [-500.0, 500.0]])
-    found = tracked(one, zones=(Zone("roof", around, "ignore"),))
-    assert len(found.objects) == 0
-    assert found.tracks is not None
-    assert len(found.tracks) == 0
-
-
 def test_headings_stay_within_half_a_turn() -> None:
     one = result(moving=True)
     rows = rows_of(SightingsOf(RIG, CLASSES)(one))
@@ -138,26 +128,11 @@ def test_headings_stay_within_half_a_turn() -> None:
 def test_every_frame_is_given_once(mode: str, waits: bool) -> None:
     tracker = object_tracker(load_config(settings={"track.mode": mode}), RIG)
     assert tracker is not None
-    given = [len(tracker.add(frame(index))) for index in range(4)]
+    given = [len(tracker.add_frame(frame(index))) for index in range(4)]
     assert given == ([0] * 4 if waits else [1] * 4)
     left = tracker.finish()
     assert len(left) == (4 if waits else 0)
     assert all(fused.tracks is not None for fused in left)
-
-
-@pytest.mark.parametrize("mode", ["online", "offline"])
-def test_a_camera_that_is_slower_than_the_frames_confirms_between_its_images(mode: str) -> None:
-    tracker = object_tracker(load_config(settings={"track.mode": mode}), RIG)
-    assert tracker is not None
-    given = []
-    for index in range(4):
-        one = frame(index)
-        if index % 2:
-            one = replace(one, detections=replace(one.detections, cameras={}))
-            one = replace(one, hypotheses=replace(one.hypotheses, matches={}))
-        given += tracker.add(one)
-    given += tracker.finish()
-    assert [int((fused.matched > 0).sum()) for fused in given] == [1, 1, 1, 1]
 
 
 def test_without_tracks_there_is_no_tracker() -> None:

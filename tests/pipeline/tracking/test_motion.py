@@ -27,13 +27,6 @@ def motions(states: np.ndarray) -> Motions:
     return Motions(states, np.tile(np.diag([0.1, 0.2, 0.05, 1.0, 0.1]), (len(states), 1, 1)))
 
 
-@pytest.mark.parametrize("count", [0, 1, 7])
-def test_any_number_of_tracks_is_predicted(count: int) -> None:
-    later, slopes = predicted(motions(np.ones((count, 5))), 0.1, np.tile(PRIORS.noise[0], (count, 1)))
-    assert later.states.shape == (count, 5)
-    assert slopes.shape == (count, 5, 5)
-
-
 @given(state=STATES, seconds=SECONDS)
 def test_derivatives_are_those_of_differences(state: np.ndarray, seconds: float) -> None:
     _, slopes = predicted(motions(state), seconds, np.zeros((1, 5)))
@@ -58,15 +51,6 @@ def test_what_is_expected_has_its_derivatives(state: np.ndarray, seconds: float)
         for sign in (1, -1)
     ]
     np.testing.assert_allclose(slopes[0], (np.array(ends[0]) - ends[1]).T / (2 * step), atol=1e-4)
-
-
-def test_small_steps_drive_a_circle() -> None:
-    speed, turn = 5.0, 0.5
-    now = motions(np.array([[0.0, 0.0, 0.0, speed, turn]]))
-    for _ in range(100):
-        now, _ = predicted(now, 0.05, np.zeros((1, 5)))
-    radius, angle = speed / turn, turn * 5.0
-    np.testing.assert_allclose(now.states[0, :2], [radius * np.sin(angle), radius * (1 - np.cos(angle))], atol=0.01)
 
 
 @given(state=STATES, rear_m=st.floats(-3, 3))
@@ -98,5 +82,5 @@ def test_priors_of_a_model_are_those_of_the_car_in_its_scale() -> None:
     of_small = Priors.of_classes(small)
     np.testing.assert_allclose(of_small.speeds[0], PRIORS.speeds[0] / 14)
     np.testing.assert_allclose(of_small.noise[0, [0, 2]], PRIORS.noise[0, [0, 2]] / 14**2)
-    assert of_small.have_axis.tolist() == PRIORS.have_axis.tolist() == [True, False, True, True, True]
+    assert of_small.show_axis.tolist() == PRIORS.show_axis.tolist() == [True, False, True, True, True]
     assert PRIORS.are_solid.tolist() == [True, False, False, True, True]

@@ -102,13 +102,3 @@ def test_voxels_grow_where_there_are_too_many_points() -> None:
     assert gathered.voxel_m > 0.1
     cells = np.floor(gathered.points[:, :3].astype(np.float64) / gathered.voxel_m)
     assert len(np.unique(cells, axis=0)) == len(cells) > 400
-
-
-def test_no_points_and_few_points_are_as_they_are() -> None:
-    gathered = ObjectCloud(0, 0.04)
-    gathered.add(np.zeros((0, 5)), SIZE, moves=True, max_points=10)
-    assert gathered.points.shape == (0, 5)
-    gathered.add(body(0, 5), SIZE, moves=True, max_points=10)
-    gathered.add(body(1, 3), SIZE, moves=True, max_points=10)
-    expected = np.concatenate([body(0, 5), body(1, 3)]).astype(np.float32)
-    assert sorted(map(tuple, gathered.points)) == sorted(map(tuple, expected))

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import yaml
 from builders import pointcloud2, raw
-from detections import boxes2d, forward_camera
 from frames import frame
 from helpers import CLUSTERS
 
@@ -121,17 +120,3 @@ def test_a_lidar_that_begins_late_is_looked_at_too() -> None:
     for result in frames_with_a_late_lidar(true):
         check.add(result)
     assert [warning.subject for warning in check.warnings] == ["late"]
-
-
-@pytest.mark.parametrize("camera", ["ahead", "left"])
-def test_frames_without_a_lidar_do_not_count_against_a_camera(camera: str) -> None:
-    """A camera may see only what the missing lidar does, points or objects."""
-    rig = replace(late_rig(), cameras=(forward_camera(camera),))
-    check = CalibrationCheck(rig, Config())
-    for result in frames_with_a_late_lidar(rig)[:3] * 10:
-        cloud = result.combined.cloud
-        behind = replace(cloud, xyz=np.tile(np.array([[-10, 0, 0]], np.float32), (len(cloud), 1)))
-        combined = replace(result.combined, cloud=behind, ground_cloud=behind.select(np.arange(0)))
-        boxes = replace(result.detections, cameras={"left": boxes2d([[0, 0, 20, 20, 0.9, 0]])})
-        check.add(replace(result, combined=combined, detections=boxes))
-    assert check.warnings == ()

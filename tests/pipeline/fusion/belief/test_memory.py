@@ -6,7 +6,7 @@ from detections import boxes3d
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.fusion.belief.memory import HALF_LIFE_S, MAX_AGE_S, MEMORY, PRIOR_RECALL, Memory, RecallCounts
+from lidcam.pipeline.fusion.belief.memory import HALF_LIFE_S, MAX_AGE_S, MAX_COUNTED, PRIOR_RECALL, Memory, RecallCounts
 from lidcam.pipeline.fusion.belief.odds import FITTED
 from lidcam.pipeline.fusion.belief.visibility import Visibility
 
@@ -33,7 +33,7 @@ def asked(memory: Memory, boxes: Boxes3D) -> F64:
 )
 def test_what_was_said_fades(seconds: float, share: float) -> None:
     memory = kept(cars((10, 0)), [4.0])
-    memory.age(seconds, STILL)
+    memory.advance(seconds, STILL)
     assert asked(memory, cars((10, 0))).tolist() == pytest.approx([4.0 * share])
 
 
@@ -50,14 +50,14 @@ def test_what_was_said_fades(seconds: float, share: float) -> None:
 )
 def test_how_far_a_class_moves_in_a_tenth_of_a_second(then: Boxes3D, now: Boxes3D, same: bool) -> None:
     memory = kept(then, [1.0])
-    memory.age(0.1, STILL)
+    memory.advance(0.1, STILL)
     assert (asked(memory, now)[0] > 0) == same
 
 
 @pytest.mark.parametrize("order", [[0, 1], [1, 0]])
 def test_of_two_that_are_near_each_gets_its_own_and_once(order: list[int]) -> None:
     memory = kept(cars((10, 0), (10, 2)).select(np.array(order)), np.array([3.0, -2.0])[order])
-    memory.age(0.1, STILL)
+    memory.advance(0.1, STILL)
     found = asked(memory, cars((10.3, 2), (10.3, 0), (10.3, 1)))
     fade = 0.5 ** (0.1 / HALF_LIFE_S)
     assert found.tolist() == pytest.approx([-2 * fade, 3 * fade, 0])
@@ -66,9 +66,9 @@ def test_of_two_that_are_near_each_gets_its_own_and_once(order: list[int]) -> No
 def test_it_moves_with_the_site_frame_and_forgets_where_that_is_not_known() -> None:
     memory = kept(cars((10, 0)), [1.0])
     T_now_then = np.array([[0.0, -1, 0, 5], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
-    memory.age(0.0, T_now_then)
+    memory.advance(0.0, T_now_then)
     assert asked(memory, cars((5, 10))).tolist() == [1.0]
-    memory.age(0.0, None)
+    memory.advance(0.0, None)
     assert asked(memory, cars((5, 10))).tolist() == [0.0]
 
 
@@ -78,14 +78,6 @@ def test_what_other_cameras_said_is_kept_until_it_is_said_anew() -> None:
     assert asked(memory, cars((10, 0), (30, 0))).tolist() == [5.0, 2.0]
     memory.remember(cars((10, 0)), np.ones(1, np.bool_), np.array([6.0]), all_look=True)
     assert asked(memory, cars((10, 0), (30, 0))).tolist() == [6.0, 0.0]
-
-
-def test_nothing_is_asked_and_nothing_is_known() -> None:
-    memory = kept(cars(), [])
-    memory.age(0.1, STILL)
-    assert asked(memory, cars((1, 1))).tolist() == [0.0]
-    assert asked(kept(cars((1, 1)), [1.0]), cars()).shape == (0,)
-    assert kept(cars((1, 1)), [1.0]).recalled(cars((1, 1)), np.zeros(1, np.bool_)).tolist() == [0.0]
 
 
 SURE, DOUBTFUL = 5.0, -1.0
@@ -106,11 +98,6 @@ def learn(recall: RecallCounts, seen: Visibility, before: float, times: int = 1)
     odds: F64 = np.full(seen.size_px.shape[1], before)
     for _ in range(times):
         recall.learn(seen, odds, np.zeros(seen.size_px.shape), FITTED)
-
-
-def test_the_prior_grows_with_size() -> None:
-    recall = RecallCounts(["cam"])
-    assert [plain(recall, "cam", size) for size in (5, 20, 30, 60, 300)] == pytest.approx(PRIOR_RECALL)
 
 
 def test_a_camera_that_sees_nothing_loses_its_say() -> None:
@@ -139,7 +126,7 @@ def test_what_tells_nothing_is_not_counted(visible: float, before: float) -> Non
 def test_what_was_long_ago_fades() -> None:
     recall = RecallCounts(["cam"])
     learn(recall, views("cam", [60.0] * 10, [True] * 10), SURE, times=1000)
-    learn(recall, views("cam", [60.0] * 10, [False] * 10), SURE, times=int(MEMORY) // 10)
+    learn(recall, views("cam", [60.0] * 10, [False] * 10), SURE, times=int(MAX_COUNTED) // 10)
     assert 0.2 < plain(recall, "cam", 60) < 0.6
 
 

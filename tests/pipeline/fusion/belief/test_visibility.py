@@ -9,7 +9,6 @@ from lidcam.pipeline.core.arrays import F32, F64
 from lidcam.pipeline.core.association import class_agreement
 from lidcam.pipeline.core.detections import Boxes3D, Hypotheses, Matches
 from lidcam.pipeline.core.geometry.boxes import box_corners
-from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.settings.classes import ROAD_CLASSES
 from lidcam.pipeline.fusion.belief.visibility import find_visibility, hidden_by_points
@@ -118,32 +117,12 @@ def test_what_is_nearer_hides(points: F32, low: float, high: float) -> None:
     assert low <= share <= high
 
 
-def test_small_objects_take_the_cell_that_they_lie_in() -> None:
-    shares = hidden(wall(5.0), (10.0, 0, 0, 0.01, 0.01, 0.01, 0), (10.0, 6.0, 4.5, 0.01, 0.01, 0.01, 0))
-    assert (shares > 0).tolist() == [True, False]
-
-
 def test_objects_beside_and_behind_the_camera_are_hidden_by_nothing_but_do_no_harm() -> None:
     shares = hidden(wall(5.0), (-10.0, 0, 0, 4, 2, 2, 0), (0.0, 20, 0, 4, 2, 2, 0), (0.0, 0, 0, 4, 2, 2, 0))
     assert np.isfinite(shares).all()
     assert (shares[1:] == 0).all()
 
 
-def test_each_camera_has_its_own_view() -> None:
-    turned = np.diag([-1.0, -1.0, 1.0, 1.0])
-    backward = replace(VIEW, T_camera_site=Transform("cam", "site", VIEW.T_camera_site.matrix @ turned))
-    behind = (-10.0, *PLATE[1:])
-    ahead, back = (hidden(x * wall(5.0), PLATE, behind, views=(VIEW, backward)).reshape(2, 2) for x in (1, -1))
-    assert ahead[0, 0] > 0.9
-    assert ahead[1, 1] == 0
-    assert back[1, 1] > 0.9
-
-
 def test_many_points_are_looked_at_evenly() -> None:
     dense = np.repeat(wall(5.0), 20, axis=0)
     assert hidden(dense, PLATE)[0] == pytest.approx(hidden(wall(5.0), PLATE)[0], abs=0.05)
-
-
-def test_no_pairs() -> None:
-    none = np.zeros(0, np.intp)
-    assert hidden_by_points((), wall(5.0), np.zeros((0, 8, 3)), none, none).shape == (0,)

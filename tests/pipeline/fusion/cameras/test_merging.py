@@ -81,12 +81,6 @@ def test_far_ones_other_classes_and_the_same_camera_are_apart() -> None:
         np.testing.assert_allclose(mean_places(known)[0], xy)
 
 
-def test_nearest_pairs_first_over_all_of_a_camera() -> None:
-    placements = normal(np.array([[0.0, 0.0], [3.0, 0.0], [1.6, 0.0], [-0.9, 0.0]]), 1.0)
-    objects, _ = merge_sightings(placements, np.array([0, 0, 1, 1]), np.full(4, CAR))
-    assert objects.tolist() == [0, 1, 1, 0]
-
-
 def test_heading_of_nothing_known_is_uncertain_to_the_limit() -> None:
     found = moments(normal(np.zeros((1, 2)), 1.0), VIEW)
     assert np.sqrt(found.covariances[0, 2, 2]) > np.radians(50)

@@ -1,7 +1,6 @@
 """Placing one 2D box: against the 3D box that it was projected from."""
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from seen_boxes import Box, camera_at, seen_by, views_of
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.settings.classes import ROAD_CLASSES
-from lidcam.pipeline.fusion.cameras.merging import Moments, mean_places, moments
+from lidcam.pipeline.fusion.cameras.merging import Moments, moments
 from lidcam.pipeline.fusion.cameras.placing import SizePriors, place
 from lidcam.pipeline.fusion.cameras.sightings import Noise, see
 
@@ -77,16 +76,6 @@ def test_ground_tells_the_range_of_what_is_smaller_than_its_class() -> None:
     assert found.xy[0, 0] == pytest.approx(10.0, abs=1.0)
 
 
-def test_the_ground_may_be_anywhere() -> None:
-    boxes = seen_by(MAST, [standing(CAR, 30.0, 4.0, 0.3)], [CAR])
-    sightings = see(views_of(MAST), {"mast": boxes})
-    level, _ = mean_places(place(sightings, PRIORS, flat, NOISE))
-    raised = camera_at("mast", (0.0, 0.0, 16.0), pitch_deg=15)
-    up = see(views_of(raised), {"mast": boxes})
-    same, _ = mean_places(place(up, PRIORS, partial(flat, height_m=10.0), NOISE))
-    np.testing.assert_allclose(same, level, atol=1e-6)
-
-
 @pytest.mark.parametrize(("yaw", "tolerance_deg"), [(0.0, 15), (np.pi / 2, 15)])
 def test_width_tells_along_from_across(yaw: float, tolerance_deg: float) -> None:
     found = of_box(LOW, standing(CAR, 25.0, 0.0, yaw), CAR)
@@ -115,14 +104,6 @@ def test_box_behind_a_nearer_one_is_less_certain() -> None:
     behind, front = (600.0, 330, 660, 400, 0.8, CAR), (560.0, 340, 760, 460, 0.9, CAR)
     alone, both = placed(LOW, [behind]), placed(LOW, [front, behind])
     assert both.covariances[1, 0, 0] > 1.5 * alone.covariances[0, 0, 0]
-
-
-def test_rows_do_not_depend_on_each_other_and_none_are_none() -> None:
-    rows = [(100.0, 330, 160, 400, 0.9, CAR), (600.0, 330, 630, 420, 0.8, PEDESTRIAN)]
-    together = placed(LOW, rows)
-    for row, one in enumerate(rows):
-        np.testing.assert_allclose(placed(LOW, [one]).xy[0], together.xy[row], rtol=1e-12)
-    assert placed(LOW, []).xy.shape == (0, 2)
 
 
 @given(st.lists(st.tuples(*[st.floats(0, 1280)] * 2, *[st.floats(0, 720)] * 2), min_size=1, max_size=4))

@@ -57,23 +57,6 @@ def observed(*rows: tuple[float, ...], noise: Noise = NOISE) -> Observed:
     return observe(see(views_of(LEVEL), {"level": boxes2d(rows)}), noise)
 
 
-def test_directions_of_the_edges() -> None:
-    found = observed((640, 360, 1090, 450, 0.9, 0))  # 450 px to the right of the middle, 90 px below it; f = 900
-    assert found.left == pytest.approx([0.0])
-    assert found.width == pytest.approx([np.arctan(0.5)])
-    assert found.middle == pytest.approx([-np.arctan(0.5) / 2])
-    assert found.upper == pytest.approx([0.0])
-    assert found.lower == pytest.approx([-0.1 / np.hypot(1, 0.25)])
-
-
-def test_errors_are_those_of_pixels_and_of_the_box() -> None:
-    found = observed((600, 300, 700, 500, 0.9, 0))
-    assert found.stds[0, 0] == pytest.approx(2 / 100 * found.width[0])
-    assert found.stds[0, 1] == found.stds[0, 3] == pytest.approx(2 / 200 * (found.upper - found.lower)[0])
-    both = observed((600, 300, 700, 500, 0.9, 0), noise=Noise(2.0, 0.05, 0.05, 0.01, 0.002))
-    assert both.stds[0, 0] == pytest.approx(np.hypot(2, 0.05 * np.sqrt(100 * 200)) / 100 * found.width[0])
-
-
 def test_nothing_observed_is_known_of_a_cut_edge() -> None:
     found = observed((0, 300, 100, 720, 0.9, 0))
     assert (found.stds[0, [0, 3]] > 5 * np.array([found.width[0], found.upper[0] - found.lower[0]])).all()
@@ -111,17 +94,6 @@ def test_rays_are_projected_to_their_pixels(model: Any, distortion: Any, slopes:
     np.testing.assert_allclose(found, rays, atol=2e-6)
 
 
-@given(arrays(np.float64, (2, 8, 2), elements=st.floats(-2000, 2000)))
-def test_without_distortion_rays_are_those_of_the_camera_matrix(pixels: F64) -> None:
-    camera = Lenses.of([lens("plumb_bob", [])] * 2)
-    K = camera.K[:, None]
-    y = (pixels[..., 1] - 0.5 - K[..., 1, 2]) / K[..., 1, 1]
-    x = (pixels[..., 0] - 0.5 - K[..., 0, 2] - K[..., 0, 1] * y) / K[..., 0, 0]
-    found, is_found = camera.rays_of_pixels(pixels)
-    assert is_found.all()
-    np.testing.assert_array_equal(found, np.stack([x, y, np.ones(x.shape)], -1))
-
-
 def test_fisheye_far_from_the_axis() -> None:
     camera = Lenses.of([lens("equidistant", [-0.01, 0.02, -0.005, 0.001])])
     tangents = np.tan(np.radians([0.0, 30.0, 60.0, 80.0, 86.0]))
@@ -129,11 +101,3 @@ def test_fisheye_far_from_the_axis() -> None:
     found, is_found = camera.rays_of_pixels(camera.project(rays)[0])
     assert is_found.all()
     np.testing.assert_allclose(found, rays, rtol=1e-4, atol=1e-6)
-
-
-def test_pixels_without_a_ray_get_the_axis() -> None:
-    # r (1 - 0.3 r^2) is at most 0.70: nothing is seen further than that from the principal point.
-    camera = Lenses.of([lens("plumb_bob", [-0.3])])
-    found, is_found = camera.rays_of_pixels(np.array([[[333.5, 251.5], [333.5 + 0.9 * 520, 251.5]]]))
-    assert is_found.tolist() == [[True, False]]
-    assert found[0, 1].tolist() == [0.0, 0.0, 1.0]

@@ -3,11 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from detections import boxes3d, forward_camera
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lidcam.pipeline.core.arrays import F32
-from lidcam.pipeline.core.camera import NEAR_M
 from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.errors import FrameError
 from lidcam.pipeline.core.geometry.boxes import box_corners
@@ -28,32 +27,6 @@ CAMERAS = (forward_camera(), LENS, FISHEYE, ASIDE)
 
 def project(boxes: Boxes3D, cameras: tuple[CameraSensor, ...] = CAMERAS) -> InView:
     return project_into_views(boxes, cameras, CameraArrays.of(cameras))
-
-
-def by_camera(boxes: Boxes3D, camera: CameraSensor) -> F32:
-    return camera.project_boxes(box_corners(boxes.centers, boxes.sizes, boxes.yaws), "site")
-
-
-lengths = st.floats(0.3, 12)
-rows = st.tuples(*[st.floats(-30, 30)] * 2, st.floats(-2, 2), lengths, lengths, st.floats(0.3, 4), st.floats(-3, 3))
-
-
-@given(st.lists(rows, max_size=4))
-def test_rectangles_are_those_of_each_camera(table: list[tuple[float, ...]]) -> None:
-    boxes = boxes3d(table)
-    corners = box_corners(boxes.centers, boxes.sizes, boxes.yaws)
-    for camera in CAMERAS:  # of what is as near as that, one is cut where the other is not
-        depths = camera.T_camera_site.apply(corners)[..., 2]
-        assume(not ((depths > 0) & (depths < NEAR_M)).any())
-    seen = project(boxes)
-    found = np.full((len(CAMERAS), len(boxes), 4), np.nan)
-    found[seen.cameras, seen.rows] = seen.xyxy
-    for camera, rectangles in zip(CAMERAS, found, strict=True):
-        expected = by_camera(boxes, camera)
-        if camera is FISHEYE:  # what is around a box beside it may touch a corner of the image that the box does not
-            expected[np.isnan(rectangles)] = np.nan
-        np.testing.assert_allclose(rectangles, expected, atol=1e-3)
-    assert (np.diff(seen.cameras * 10 + seen.rows) > 0).all()
 
 
 def test_ranges_and_derivatives() -> None:

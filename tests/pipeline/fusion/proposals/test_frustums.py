@@ -11,12 +11,11 @@ from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.settings.detect import ClusterConfig
 from lidcam.pipeline.fusion.cameras.sightings import Sightings, see
 from lidcam.pipeline.fusion.proposals.frustums import (
-    SHRINK_SHARE,
+    SIDE_MARGIN,
     Expected,
     FrustumPoints,
     Segments,
     choose_segments,
-    heading_of,
     points_in_frustums,
 )
 
@@ -41,7 +40,7 @@ def test_points_are_those_projected_into_the_box(count: int, seed: int) -> None:
     found = inside(xyz, sightings)
     pixels, valid = CAMERA.model.project(CAMERA.T_camera_site.apply(xyz))
     for row, (left, top, right, bottom, *_) in enumerate(ROWS):
-        margin = SHRINK_SHARE * (right - left)
+        margin = SIDE_MARGIN * (right - left)
         u, v = pixels.T
         expected = valid & (u > left + margin) & (u < right - margin) & (v > top) & (v < bottom)
         off = np.setxor1d(found.rows[found.group == row], np.flatnonzero(expected))
@@ -60,17 +59,6 @@ def test_points_are_told_where_they_lie_in_the_box() -> None:
     shares = np.column_stack([found.share_x, found.share_y])
     np.testing.assert_allclose(shares[found.rows == 1], [[0.5, 0.5]], atol=1e-3)
     np.testing.assert_allclose(shares[found.rows == 3], [[0.25, 0.2]], atol=1e-3)
-
-
-def test_only_between_the_distances() -> None:
-    sightings = seen(ROWS[0])
-    heading = heading_of(sightings)[0]
-    middle = sightings.rays[0, [3, 7]].mean(0)
-    along = np.array([5.0, 10.0, 20.0, 30.0])
-    xyz = sightings.origin[0] + middle * (along / (middle[:2] @ heading))[:, None]
-    found = inside(xyz, sightings, 8.0, 25.0)
-    assert found.rows.tolist() == [1, 2]
-    np.testing.assert_allclose(found.along_m, [10.0, 20.0], rtol=1e-5)
 
 
 def test_bent_sides_are_within_the_frustum() -> None:

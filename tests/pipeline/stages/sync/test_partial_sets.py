@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.frame import Missing, SensorBundle
 from lidcam.pipeline.core.messages import Channel, Drop, RawMessage
 from lidcam.pipeline.core.settings.sync import SyncConfig
@@ -165,21 +164,6 @@ def test_a_required_topic_that_lost_one_message_costs_that_frame() -> None:
     assert not said(stats)
 
 
-def test_required_topics_and_reference_can_be_named() -> None:
-    messages = recorded({}, period_ms={"/cam0": 500})
-    bundles, _, stats = run(messages, required=("/lidar0", "/cam0"), reference="/cam0")
-    assert [bundle.stamp_ns for bundle in bundles] == [k * 500 * MS + 3 * MS for k in range(6)]
-    assert said(stats) == {}
-
-
-def test_a_sensor_with_a_constant_latency_is_alive() -> None:
-    bundles, drops, stats = run(recorded({}, length_s=6, latency_ms={"/lidar1": 2000}), SyncConfig(queue_size=30))
-    assert len(bundles) == 60
-    assert [bundle.index for bundle in bundles if "/lidar1" in bundle.messages] == [*range(18, 41)]
-    assert said(stats) == {"/lidar1": (37, [(None, 2.0)])}
-    assert {topic for topic, _ in drops} == {"/lidar1"}
-
-
 def test_a_latency_beyond_the_queue_costs_that_sensor_and_no_frame() -> None:
     messages = recorded({}, length_s=6, latency_ms={"/lidar1": 2000, "/cam0": 2000})
     bundles, drops, _ = run(messages)
@@ -202,14 +186,6 @@ def test_the_last_incomplete_turn_is_no_frame() -> None:
     bundles, drops, _ = run(messages)
     assert len(bundles) == 29
     assert drops["/lidar0", DropReason.END] == 1
-
-
-def test_patience_is_a_setting() -> None:
-    messages = recorded({"/lidar1": apart_from(1, 2)})
-    _, _, patient = run(messages, SyncConfig(silent_after_s=2, queue_size=30))
-    _, _, default = run(messages)
-    assert said(patient) == {}
-    assert said(default) == {"/lidar1": (10, [(1.0, 2.1)])}
 
 
 @policies
@@ -258,8 +234,3 @@ def test_memory_is_bounded_however_many_are_waited_for() -> None:
         held.subtract([*bundle.messages])
     assert not +held
     assert max(worst.values()) <= 4 * 5 + 1
-
-
-def test_topics_that_are_not_synchronised_cannot_be_required() -> None:
-    with pytest.raises(ConfigError, match=r"sync\.required: /radar is not synchronised; choose from /lidar0, "):
-        run([], required=("/radar",))

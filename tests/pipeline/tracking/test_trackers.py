@@ -6,7 +6,7 @@ from detections import boxes3d
 from frames import tracks_of
 
 from lidcam.pipeline.core.detections import NO_HYPOTHESIS, Fused
-from lidcam.pipeline.tracking.confirmed import Confirmations
+from lidcam.pipeline.tracking.trackers import Confirmations
 
 Words = Mapping[str, Sequence[int]]
 
@@ -20,7 +20,7 @@ def matched(*frames: tuple[float, Words], numbers: Sequence[int] = (7, 4, 0)) ->
         objects = boxes3d([[row, 0, 0, 1, 1, 1, 0] for row in range(len(numbers))], scores=[0.5] * len(numbers))
         fused = Fused(objects, counts, rows, tracks=tracks_of(numbers))
         said = {name: np.array(rows, np.int64) for name, rows in words.items()}
-        found.append(confirmations.held(fused, round(at_s * 1e9), said).matched.tolist())
+        found.append(confirmations.confirm(fused, round(at_s * 1e9), said).matched.tolist())
     return found
 
 
@@ -44,4 +44,4 @@ def test_the_last_word_of_a_camera_holds(frames: list[tuple[float, Words]], expe
 def test_without_objects_and_without_tracks() -> None:
     assert matched((0.0, {"a": []}), numbers=()) == [[]]
     untracked = Fused(boxes3d([], scores=[]), np.zeros(0, np.int32), np.zeros(0, np.int64))
-    assert Confirmations().held(untracked, 0, {}) is untracked
+    assert Confirmations().confirm(untracked, 0, {}) is untracked

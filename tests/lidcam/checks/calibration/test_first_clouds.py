@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from detections import forward_camera
 from frames import RIG
 from scipy.spatial.transform import Rotation
 
-from lidcam.checks.calibration.lidar_ground import inverted_lidars, tilted_lidars
+from lidcam.checks.calibration.first_clouds import inverted_lidars, pointless_cameras, tilted_lidars
 from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import LidarSensor, Rig
@@ -100,3 +101,21 @@ def test_a_lidar_whose_mount_was_forgotten(turned_deg: list[float], tilt: str | 
     told = [f"its ground is tilted by {tilt} degrees in the site, and that of a is level"] if tilt else []
     assert [warning.finding for warning in found] == told
     assert tilted_lidars(replace(RIG, lidars=(given,)), CombineConfig(), clouds) == (), "nobody to compare it with"
+
+
+@pytest.mark.parametrize(
+    ("point", "count", "cameras", "remark"),
+    [
+        ((10, 0, 0), 600, 0, ""),
+        ((-10, 0, 0), 600, 2, "; check its extrinsics and the frame that they are given in"),
+        ((-10, 0, 0), 400, 0, ""),  # too few points
+        ((10, 0, 9), 600, 2, ";"),  # above the image
+        ((10, 9, 0), 600, 2, ";"),  # left of it
+        ((0, -10, 0), 600, 2, " (600 do with the inverse of its extrinsics); check its extrinsics and the frame that"),
+    ],
+)
+def test_cameras_without_a_point_in_the_image(point: tuple[float, ...], count: int, cameras: int, remark: str) -> None:
+    rig = replace(RIG, cameras=(forward_camera("one"), forward_camera("two")))
+    found = pointless_cameras(rig, np.tile(np.array([point], np.float64), (count, 1)))
+    assert [warning.subject for warning in found] == ["one", "two"][:cameras]
+    assert all(f"none of {count} lidar points falls into its image{remark}" in str(warning) for warning in found)
