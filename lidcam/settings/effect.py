@@ -12,8 +12,8 @@ from lidcam.pipeline.core.settings.load import dump_config
 from lidcam.pipeline.core.text import visible
 from lidcam.pipeline.detectors.pillars.embedded import network_file
 
-EVALUATING = ("evaluate", "classes", "associate", "combine", "limits")
-"""The sections that an evaluation reads: of `associate` for 2D boxes without truth, of `combine` for odometry."""
+EVALUATING = ("evaluate", "classes", "combine", "limit_scale")
+"""The sections that an evaluation reads, `combine` for odometry."""
 
 COMPARING = ("compare",)
 """The section that a comparison reads."""

@@ -134,8 +134,8 @@ def short_memory_told(doing: str) -> Iterator[None]:
         wanted = WANTED.search(str(err)[:MAX_CHARACTERS])
         size = f": {wanted[0]} could not be had" if wanted else ""
         told = ShortMemoryError(
-            f"not enough memory to {doing}{size}; end other programs, set run.workers to 1 and run.window to 1, or use "
-            "a machine with more memory"
+            f"not enough memory to {doing}{size}; end other programs, set run.workers to 1, or use a machine with "
+            "more memory"
         )
         for note in getattr(err, "__notes__", ()):
             told.add_note(note)

@@ -34,6 +34,12 @@ REFINEMENTS = 6
 """Rounds of least squares on the sample, each on the points near the last plane, before one on all points."""
 
 
+PLANES = 200
+"""Planes tried."""
+
+SEED = 0
+"""Seed of the random choice of planes."""
+
 MAX_CELL = 1 << 30
 """Cells farther from the origin are taken for the last one."""
 
@@ -52,7 +58,7 @@ def find_ground(
         xyz_site: (N, 3) points in the site frame, metres, finite; best as a row per coordinate in memory.
         lidar_origins_site: (L, 3) origins of the lidars in the site frame, metres; the ground is more than `distance_m`
             below each, or the level beams of a lidar in a room would be a floor.
-        config: Limits, number of planes and seed. Equal input gives equal planes.
+        config: Limits. Equal input gives equal planes.
         ground_height_m: Expected z of the ground at the site's origin; None if unknown.
         passes: How to go through all points, by default with numpy; the planes are the same but for rounding.
 
@@ -67,8 +73,8 @@ def find_ground(
     lowest = passes.lowest_of_cells(reachable, np.float32(CELL_PER_DISTANCE * config.distance_m))
     if len(lowest) < 3:
         return None
-    rng = np.random.Generator(np.random.PCG64(config.seed))
-    planes = _planes_through(reachable, lowest[rng.integers(len(lowest), size=(config.iterations, 3))])
+    rng = np.random.Generator(np.random.PCG64(SEED))
+    planes = _planes_through(reachable, lowest[rng.integers(len(lowest), size=(PLANES, 3))])
     limits = _limits(config, ground_height_m)
     planes = planes[_can_be_ground(planes, lidar_origins_site, limits)]
     if not len(planes):

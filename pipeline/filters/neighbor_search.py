@@ -17,7 +17,7 @@ RUN = 32
 """Points of a run, and runs of a block. LLVM takes loops of sixteen steps apart before it makes vectors of them."""
 
 RANKS = 10
-"""Neighbours are held for so many at once: the default of `combine.outliers.neighbors`."""
+"""Neighbours are held for so many at once: `outliers.NEIGHBORS`."""
 
 _ROW, _GRID = "float32[::1]", "float32[:, ::1]"
 """Types of arrays."""

@@ -10,8 +10,11 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F32, Bools
 from lidcam.pipeline.filters.neighbor_search import mean_neighbor_distance_m
 
+NEIGHBORS = 10
+"""Nearest neighbours to which a point's distance is averaged, without the point itself."""
 
-def statistical_inliers(xyz: F32, *, neighbors: int, std_ratio: float) -> Bools:
+
+def statistical_inliers(xyz: F32, *, std_ratio: float, neighbors: int = NEIGHBORS) -> Bools:
     """(N,) true for the points to keep.
 
     A point is kept if the mean distance to its `neighbors` nearest neighbours is at most the mean of that distance over
@@ -20,8 +23,8 @@ def statistical_inliers(xyz: F32, *, neighbors: int, std_ratio: float) -> Bools:
 
     Args:
         xyz: (N, 3) metres, finite.
-        neighbors: At least 1; the point itself does not count.
         std_ratio: May be negative.
+        neighbors: At least 1.
     """
     if len(xyz) <= neighbors:
         return np.ones(len(xyz), np.bool_)

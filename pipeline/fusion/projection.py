@@ -42,6 +42,15 @@ CUT_PER_RADIUS = np.sqrt(2) * (np.sqrt(2) - 1)
 _LEVELS = (-1.0, 0.2, 1.0)
 """Underside, belt line of a car, roof."""
 
+CORNER_ROUNDING = 0.25
+"""Radius of the corners of a car seen from above, as a share of its width."""
+
+UNDERSIDE = 0.06
+"""Height of the outline's lower edge above the ground, as a share of the object's height."""
+
+CABIN = 0.4
+"""Amount by which the roof of a car is shorter and narrower than its body, as a share."""
+
 AS_HIGH_AS_WIDE = 1.2
 """Height by width from which on an object is no car."""
 
@@ -91,7 +100,14 @@ def cuboid_outline(*, bent: bool) -> Outline:
     return Outline(points, np.zeros((1, len(points), 3)))
 
 
-def rounded_outline(sizes: F64, *, rounding: float, underside: float, cabin: float, bent: bool) -> Outline:
+def rounded_outline(
+    sizes: F64,
+    *,
+    rounding: float = CORNER_ROUNDING,
+    underside: float = UNDERSIDE,
+    cabin: float = CABIN,
+    bent: bool,
+) -> Outline:
     """Boxes with round corners, seen from above, and a roof that is smaller than the body.
 
     Args:

@@ -29,7 +29,7 @@ class Views:
 
     The time of a camera is that of its 2D boxes where they were recorded, else of its image; both by the clock of the
     recording, with `time_offset_ns` taken off. A camera stays as it is where it has no message, where the motion is not
-    known (`PoseSamples.covers`, with the limits of `combine.motion`) or switched off, and where the rig stands still.
+    known (`PoseSamples.covers`) or switched off, and where the rig stands still.
     """
 
     def __init__(self, rig: Rig, config: MotionConfig) -> None:
@@ -50,13 +50,7 @@ class Views:
         moved = [
             name
             for name, time_ns in times_ns.items()
-            if time_ns != bundle.stamp_ns
-            and motion.covers(
-                min(time_ns, bundle.stamp_ns),
-                max(time_ns, bundle.stamp_ns),
-                max_extrapolation_s=self._config.max_extrapolation_s,
-                max_gap_s=self._config.max_gap_s,
-            )
+            if time_ns != bundle.stamp_ns and motion.covers(time_ns, bundle.stamp_ns)
         ]
         if not moved:
             return self._standing

@@ -171,7 +171,7 @@ def library_errors(
 
 def _sum(rest: Loss | None, loss: Loss, count: int) -> Loss:
     at_least = "" if count < MAX_OTHERS else " or more"
-    reason = f"{count}{at_least} further places, see limits.max_losses_listed; the first of them: "
+    reason = f"{count}{at_least} further places, see limit_scale; the first of them: "
     if rest is None:
         return replace(loss, reason=reason + loss.reason)
     first = rest.reason.partition("the first of them: ")[2]

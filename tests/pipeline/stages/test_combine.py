@@ -251,19 +251,10 @@ def test_a_slope_is_ground_for_detection_and_not_for_what_is_written() -> None:
     near = np.column_stack([rng.uniform(-20, 15, 20_000), rng.uniform(-20, 20, 20_000), rng.normal(-1.7, 0.01, 20_000)])
     far = np.column_stack([rng.uniform(15, 30, 6000), rng.uniform(-20, 20, 6000), np.zeros(6000)])
     far[:, 2] = -1.7 + 0.05 * (far[:, 0] - 15)
-    with_relief, without = (
-        Combine(rig(a=pose()), CombineConfig(ground=GroundConfig(relief=relief)))(
-            frame(), {"a": sweep(np.concatenate([near, far]))}
-        )
-        for relief in (True, False)
-    )
-    assert with_relief.relief is not None
-    assert without.relief is None
-    assert with_relief.cloud.xyz.tobytes() == without.cloud.xyz.tobytes()
-    assert with_relief.ground_cloud.xyz.tobytes() == without.ground_cloud.xyz.tobytes()
-    assert len(without.detection_cloud) > 3000
-    assert len(with_relief.detection_cloud) < 300
-    z = with_relief.ground_m(np.array([[25.0, 0.0], [0.0, 0.0]]), level_m=9.0)
+    found = Combine(rig(a=pose()), CombineConfig())(frame(), {"a": sweep(np.concatenate([near, far]))})
+    assert len(found.cloud) > 2500, "what is written goes by the plane"
+    assert len(found.detection_cloud) < 300
+    z = found.ground_m(np.array([[25.0, 0.0], [0.0, 0.0]]), level_m=9.0)
     assert z == pytest.approx([-1.2, -1.7], abs=0.04)
 
 

@@ -84,8 +84,8 @@ def test_limits_reach_what_is_split_or_converted() -> None:
     assert [m.problem for m in sensor_messages(plain).messages()] == [""] * 6
     small = sensor_messages(plain, limits=LimitsConfig(max_message_items=2))
     assert [m.topic for m in small.messages()] == ["/c", "/tf"]  # no part of it was found
-    assert "limits.max_message_items" in next(iter(small.messages(["/tf"]))).problem
+    assert "limit_scale" in next(iter(small.messages(["/tf"]))).problem
     later = sensor_messages(MemoryRecording([WHOLE] * 5 + [whole]), limits=LimitsConfig(max_message_items=4))
     problems = [message.problem for message in later.messages()]
     assert problems[:-2] == [""] * 10
-    assert all("limits.max_message_items" in problem for problem in problems[-2:])
+    assert all("limit_scale" in problem for problem in problems[-2:])

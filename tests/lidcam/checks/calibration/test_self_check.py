@@ -1,12 +1,13 @@
 """A wrong camera is named with what is wrong, and put right; a good one is not, nor one of which little was seen."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 from detections import forward_camera
-from wrong_cameras import CAMERA, CUBOIDS, passing, without_tracks
+from wrong_cameras import CAMERA, cuboids, passing, without_tracks
 
 from lidcam.checks.calibration.self_check import SelfCheck
 from lidcam.pipeline.core.frame import FrameResult
@@ -16,8 +17,14 @@ from lidcam.printing.rig_check import check_tree, print_check
 from lidcam.printing.terminal import console
 
 RIG = Rig("site", (), (CAMERA, forward_camera("silent")), ())
-CONFIG = Config(fuse=CUBOIDS)
+CONFIG = Config()
 DEGREE = np.pi / 180
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _objects_are_cuboids() -> Iterator[None]:
+    with patch("lidcam.pipeline.calibration.camera_error.rounded_outline", cuboids):
+        yield
 
 
 def checked(frames: Sequence[FrameResult]) -> SelfCheck:

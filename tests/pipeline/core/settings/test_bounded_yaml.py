@@ -24,9 +24,8 @@ MERGES = "a: &a {x: 1}\n" + "\n".join(
         (LAUGHS, "more than 20000 values"),
         ("a: [" + "1," * 20_000 + "}", "more than 20000 values"),  # before the rest is read
         (MERGES, "more than 20000 values"),
-        ("a: &a [*a]", "contains itself"),
-        ("a: " + "[" * 10_000, "more than 30 nested brackets"),
-        ("- " * 101 + "a", "nested too deeply"),
+        ("a: &a [*a]", "more than 20000 values"),  # contains itself
+        ("a: " + "[" * 10_000, "nested too deeply"),
         ("- " * 2000 + "a", "nested too deeply"),
         ("a: 2001-99-99", "not a valid value: month must be in 1..12"),
         (f"a: {'9' * 5000}", "not a valid value"),

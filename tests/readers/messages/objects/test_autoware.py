@@ -72,7 +72,7 @@ def test_a_polygon_becomes_the_box_around_it() -> None:
 
 def test_too_many_objects() -> None:
     many = autoware_message(5, [one()] * 4, topic="/o")
-    with pytest.raises(MessageError, match=r"/o: 4 boxes, expected at most 3: raise limits\.max_boxes"):
+    with pytest.raises(MessageError, match=r"/o: 4 boxes, expected at most 3: raise limit_scale"):
         decode_detected_objects(many, CLASSES, limits=LimitsConfig(max_boxes=3))
 
 
