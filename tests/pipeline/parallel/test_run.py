@@ -278,9 +278,3 @@ def test_no_copy_outlives_the_process_that_made_it() -> None:
         assert len(copied) == 3
         process.kill()
         assert not process.stdout.read()  # which the copies have open, too: it ends with the last of them
-
-
-@pytest.mark.parametrize(("workers", "count"), [(0, 1), (1, 0)])
-def test_limits_are_checked(workers: int, count: int) -> None:
-    with pytest.raises(ValueError, match="expected at least 1"):
-        Limits[Frame](workers, count)

@@ -260,7 +260,10 @@ def test_sensors_without_topics_go_by_name_then_by_order() -> None:
         ({"site_frame": "s", "lidars": {"a": {"T_site_lidar": [[1, 2], [3, 4]]}}}, "expected 4 x 4 numbers, found 4"),
         ({"lidars": {"a": {"T_site_lidar": EYE, "time_offset_ms": "soon"}}}, r"lidars\.a\.time_offset_ms"),
         ({"lidars": {"a": {"T_site_lidar": EYE, "time_offset_ms": float("inf")}}}, r"lidars\.a\.time_offset_ms"),
-        ({"lidars": {"a": {"T_site_lidar": [[1, 0, 0, 0], [0, "1 1", 0, 0], *EYE[2:]]}}}, r"T_site_lidar: expected a number, found \[\["),
+        (
+            {"lidars": {"a": {"T_site_lidar": [[1, 0, 0, 0], [0, "1 1", 0, 0], *EYE[2:]]}}},
+            r"T_site_lidar: expected a number, found \[\[",
+        ),
         ({"site_frame": "s", "lidars": {"a": {"T_site_lidar": EYE, "rpy_deg": [0, 0, 0]}}}, "given twice"),
         ({"cameras": {"c": {"K": K, "P": np.eye(3, 4).tolist()}}}, "given twice"),
         ({"cameras": {"c": {"distortion": [1.0]}}}, "distortion without K"),
