@@ -23,11 +23,7 @@ NAMED = ("detect2d", "model"), ("detect2d", "names"), ("detect3d", "model"), ("d
 
 
 def check_effect(settings: Sequence[str], sections: Sequence[str]) -> None:
-    """Check that each setting is read. A section that no settings have is left to those who read it.
-
-    Args:
-        settings: Single settings, `["evaluate.iou=[0.5]"]`.
-        sections: The sections that are read.
+    """Check that each setting, as `evaluate.iou=[0.5]`, is of a section that is read; unknown ones fail later.
 
     Raises:
         ConfigError: one would change nothing.

@@ -45,7 +45,7 @@ FREEDOM = 4.0
 """Degrees of freedom of the t distribution."""
 
 _LOG_PEAK = np.log(FREEDOM / 2 * (FREEDOM / 2 + 1)) - 2 * np.log(np.pi * FREEDOM)
-"""Logarithm of its density in the middle, in four dimensions, for a covariance of determinant 1."""
+"""Log density at the mean of the t distribution, in four dimensions, for a covariance of determinant 1."""
 
 LOG_SIZES = 4.0
 """Widths, and heights, of things in images spread over this range of logarithms: from 10 to 550 pixels."""
@@ -62,11 +62,7 @@ def rectangle_features(xyxy: F32) -> F64:
 
 
 def detector_variances(xyxy: F32) -> F64:
-    """(P, 4) variances of the features of 2D boxes that show what is projected to rectangles, by a sound calibration.
-
-    Args:
-        xyxy: (P, 4) the rectangles, pixels.
-    """
+    """(P, 4) variances of the features of 2D boxes of objects at rectangles (P, 4), by a sound calibration."""
     extent = _extent(xyxy.astype(np.float64))
     edge = PIXEL_SIGMA_PX**2 + (OUTLINE_SIGMA * extent) ** 2
     return np.concatenate([edge / 2, 2 * edge / extent**2], 1)
@@ -80,7 +76,7 @@ def squared_distances(differences: F64, variances: F64) -> F64:
 
 
 def fit_ratios(squared: F64, variances: F64, area_px: F64) -> F64:
-    """How much likelier the places of pairs are if they show one object than if they do not.
+    """Log likelihood ratios of the places of pairs: one object against two.
 
     Args:
         squared: (Q,) `squared_distances` of the 2D box from the projected 3D box.
@@ -88,7 +84,7 @@ def fit_ratios(squared: F64, variances: F64, area_px: F64) -> F64:
         area_px: (Q,) area of the image.
 
     Returns:
-        (Q,) logarithms of the ratio.
+        (Q,)
     """
     a, b, c, d = variances.T
     peak = _LOG_PEAK - 0.5 * np.log(a * b * c * d)
@@ -97,11 +93,7 @@ def fit_ratios(squared: F64, variances: F64, area_px: F64) -> F64:
 
 
 def class_confusion(classes: Sequence[ClassPrior]) -> F64:
-    """(K, K) probability that a detector calls an object of the row's class by the column's; rows sum to 1.
-
-    Args:
-        classes: K classes.
-    """
+    """(K, K) probability that a detector calls an object of the row's class by the column's; rows sum to 1."""
     alike = np.exp(-class_distances(classes) / ALIKE**2 / 2)
     return np.asarray((1 - ANY_CLASS) * alike / alike.sum(1, keepdims=True) + ANY_CLASS / len(classes))
 
@@ -123,19 +115,15 @@ def class_agreement(classes: Sequence[ClassPrior], riders: frozenset[tuple[int, 
 
 
 def class_distances(classes: Sequence[ClassPrior]) -> F64:
-    """(K, K) how much classes differ in size: sum of the squared logarithms of the ratios of length, width, height."""
+    """(K, K) differences of classes in size: sums of the squared log ratios of length, width, height."""
     sizes = np.log(np.array([prior.size_m for prior in classes]))
     return np.asarray(((sizes[:, None] - sizes) ** 2).sum(-1))
 
 
 def class_ratios(confusion: F64) -> F64:
-    """(K, K) how much likelier a pair's classes are if it is one object than if it is not, as logarithms.
+    """(K, K) log likelihood ratios of a pair's classes, of the 3D box and the 2D box: one object against two.
 
-    Args:
-        confusion: (K, K) of `class_confusion`, taken for both detectors.
-
-    Returns:
-        By the class of the 3D box and that of the 2D box; something else may be of any class.
+    `confusion` is that of both detectors; something else may be of any class.
     """
     true = (confusion / confusion.sum(0)).T  # by the class of the 3D box
     return np.asarray(np.log(np.einsum("ik,kj->ij", true, confusion) * len(confusion)))

@@ -118,10 +118,7 @@ def is_short_memory(err: BaseException) -> bool:
 
 @contextmanager
 def short_memory_told(doing: str) -> Iterator[None]:
-    """Turn what any library raises for want of memory into a `ShortMemoryError`.
-
-    Args:
-        doing: The action that needs memory, as in `read a.bag`.
+    """Turn what any library raises for want of memory into a `ShortMemoryError`; `doing` is as in `read a.bag`.
 
     Raises:
         ShortMemoryError: memory could not be had.

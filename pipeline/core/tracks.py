@@ -1,4 +1,4 @@
-"""What the track of an object says of it in one frame, beyond its box."""
+"""Tracks of the objects of one frame: identity, motion and existence."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -9,7 +9,7 @@ from lidcam.pipeline.core.arrays import F64, I64, Bools, Table, check_array
 from lidcam.pipeline.core.text import brief
 
 NO_TRACK = 0
-"""In place of a track's number, for an object that belongs to no track."""
+"""Track number of an object that belongs to no track."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

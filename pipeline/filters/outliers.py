@@ -15,16 +15,11 @@ NEIGHBORS = 10
 
 
 def statistical_inliers(xyz: F32, *, std_ratio: float, neighbors: int = NEIGHBORS) -> Bools:
-    """(N,) true for the points to keep.
+    """(N,) whether to keep each of the finite points (N, 3).
 
     A point is kept if the mean distance to its `neighbors` nearest neighbours is at most the mean of that distance over
     the cloud plus `std_ratio` times its sample standard deviation. Exact duplicates are neighbours at distance 0. A
     cloud of `neighbors` points or fewer is kept whole (PCL reads past its results there).
-
-    Args:
-        xyz: (N, 3) metres, finite.
-        std_ratio: May be negative.
-        neighbors: At least 1.
     """
     if len(xyz) <= neighbors:
         return np.ones(len(xyz), np.bool_)

@@ -138,7 +138,7 @@ class WorkerProcess:
             raise self._gone() from err
 
     def receive(self) -> Ready | Answer:
-        """Its next message; waits for it.
+        """Wait for the next message of the process.
 
         Raises:
             WorkerError: it has died.

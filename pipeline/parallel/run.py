@@ -77,12 +77,9 @@ def run_parallel(
 
 
 def worthwhile(workers: int, left: int, frame_s: float) -> int:
-    """Number of processes that are worth their start: each works on frames for as long as its start takes.
+    """Number of processes, up to `workers`, that are worth their start for the frames that are left, at `frame_s` each.
 
-    Args:
-        workers: Largest number of processes, the one that reads included.
-        left: Expected number of frames left.
-        frame_s: Time of a frame.
+    Each works on frames for at least as long as its start takes.
     """
     return workers if START_S == 0 else max(min(workers, int(max(left, 0) * frame_s / START_S)), 1)
 

@@ -111,12 +111,7 @@ def log_levels() -> Mapping[str, int]:
 
 
 def serve(descriptor: int, stages: Stages | None = None) -> NoReturn:
-    """Work on frames until the socket with this descriptor is closed at its other end.
-
-    Args:
-        descriptor: File descriptor of a connected socket.
-        stages: The stages; None to make them here.
-    """
+    """Work on frames until the other end of this socket is closed; without stages, they are made here."""
     sys.setswitchinterval(SWITCH_S)
     connection = socket.socket(fileno=descriptor)
     inbox: SimpleQueue[object] = SimpleQueue()

@@ -12,7 +12,7 @@ _FROM_Z = np.array([2, 1, 0])
 """Axes of a box in the order in which they are asked whether they point up: of equally steep ones z is taken."""
 
 STEEPER = 1e-9
-"""By how much another axis must be steeper than z: rounding is no reason to call a box's side its top."""
+"""Least margin by which another axis must be steeper than z: rounding must not turn a side into the top."""
 
 YAW_SIGMA_RAD = np.radians(10.0)
 """Standard deviation of the heading of a box without its variance."""

@@ -58,7 +58,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 
 def yaml_mapping(text: str, path: Path) -> dict[str, Any]:
-    """As `read_yaml`, of the text that was read from `path`."""
+    """The mapping in a text that was read from `path`; see `read_yaml`."""
     try:
         tree = parse_yaml(text)
     except yaml.YAMLError as err:

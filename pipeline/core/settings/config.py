@@ -26,10 +26,10 @@ from lidcam.pipeline.core.settings.run import OutputConfig, RunConfig, TrackConf
 from lidcam.pipeline.core.settings.sync import SyncConfig
 
 ALL_CLASSES = "all"
-"""In place of a class, in the names of figures."""
+"""Class name of the figures over all classes."""
 
 UNKNOWN_CLASS = "unknown"
-"""Name of what is there and is of no class; its class id is the number of classes."""
+"""Name of objects of no class; their class id is the number of classes."""
 
 
 def _constant(value: float) -> str:
@@ -68,7 +68,7 @@ class Config(SettingsModel):
         "run.window": "now two frames per process and one more: use run.workers",
         "limits": "use limit_scale, which multiplies all limits",
     }
-    """What became of the settings of earlier versions."""
+    """Successors of the settings of earlier versions."""
 
     topics: TopicsConfig = TopicsConfig()
     rig: RigConfig = RigConfig()

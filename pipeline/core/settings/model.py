@@ -21,7 +21,7 @@ class SettingsModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     def __repr__(self) -> str:
-        """What differs from the defaults."""
+        """Values that differ from the defaults."""
         return f"{type(self).__name__}({self.model_dump(exclude_defaults=True)})"
 
     __str__ = __repr__

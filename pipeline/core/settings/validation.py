@@ -71,7 +71,7 @@ def checked(model: type[M], tree: Mapping[str, Any], source: object, error: type
         model: Model of the settings.
         tree: Their values.
         source: Source of the values for messages: a file, or `settings`.
-        error: Class of the error that is raised.
+        error: Class of the error.
 
     Raises:
         LidcamError: a key is unknown or missing, or a value does not fit; the first of them, and how many more.
