@@ -82,8 +82,7 @@ class RecordedBoxes3D:
         return np.asarray(np.linalg.inv(now) @ detector.T_fixed_frame[frame].matrix, np.float64)
 
     def _in_site(self, found: FoundObjects, rows: np.ndarray, T_site_frame: F64, stamp_ns: int) -> Boxes3D:
-        position_sigma_m = self._config.detect3d.recorded.position_sigma_m
-        upright = upright_boxes(found.boxes.select(rows), T_site_frame, position_sigma_m=position_sigma_m)
+        upright = upright_boxes(found.boxes.select(rows), T_site_frame)
         return Boxes3D(
             stamp_ns,
             self._rig.site_frame,

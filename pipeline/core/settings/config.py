@@ -56,6 +56,7 @@ class Config(SettingsModel):
         "combine.ground.seed": _constant(0),
         "detect3d.cluster.height_weight": _constant(0.5),
         "detect3d.cluster.split_shares": _constant(0.7),
+        "detect3d.recorded.position_sigma_m": _constant(0.3),
         "detect3d.recorded.yaw_sigma_deg": _constant(10.0),
         "detect2d.nms_iou": _constant(0.45),
         "associate": "now constants of pipeline/core/association.py",

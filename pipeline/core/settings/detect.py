@@ -49,11 +49,9 @@ class Recorded3DConfig(SettingsModel):
             it among its labels, with `coco` a row of the 80 names of COCO, from 0, with `autoware` Autoware's numbers
             (1 car, 2 truck, 3 bus, 4 trailer, 5 motorcycle, 6 bicycle, 7 pedestrian). A name is looked up in the labels
             either way. Autoware's own messages have its numbers.
-        position_sigma_m: Standard deviation of x and of y where a message does not give their covariance.
     """
 
     class_numbers: Literal["labels", "coco", "autoware"] = "labels"
-    position_sigma_m: Positive = 0.3
 
 
 class Detect3DConfig(SettingsModel):

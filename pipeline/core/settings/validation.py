@@ -111,7 +111,7 @@ def unknown_key(model: type[BaseModel], path: tuple[Part, ...], more: str = "") 
 
 def _first_mistake(model: type[BaseModel], tree: Mapping[str, Any], err: ValidationError) -> str:
     mistakes = err.errors(include_url=False)
-    paths = [one["loc"] if one["type"] == "missing" else _path_in(tree, one["loc"]) for one in mistakes]
+    paths = [one["loc"] if one["type"] == "missing" else path_in(tree, one["loc"]) for one in mistakes]
     first, path = mistakes[0], paths[0]
     more = f" (and {len({*paths}) - 1} more)" if len({*paths}) > 1 else ""
     key = f"{_dotted(path)}: " if path else ""
@@ -132,8 +132,8 @@ def _first_mistake(model: type[BaseModel], tree: Mapping[str, Any], err: Validat
     return f"{key}expected {expected}, found {found(value)}{more}"
 
 
-def _path_in(tree: Any, loc: tuple[Part, ...]) -> tuple[Part, ...]:
-    """The part of a mistake's place that leads to a value: what follows are types of the model."""
+def path_in(tree: Any, loc: tuple[Part, ...]) -> tuple[Part, ...]:
+    """The part of pydantic's place of a mistake that leads to a value in the tree: what follows are types."""
     for depth, part in enumerate(loc):
         try:
             tree = tree[part]
