@@ -57,14 +57,13 @@ class Tracks(Table):
     @classmethod
     def none(cls, count: int) -> Self:
         """Objects that belong to no track: nothing is known of their motion."""
-        zeros = np.zeros(count)
         return cls(
-            np.full(count, NO_TRACK, np.int64),
-            np.zeros((count, 2)),
-            np.zeros((count, 2, 2)),
-            zeros.copy(),
-            zeros.copy(),
-            zeros.copy(),
-            zeros,
-            np.zeros(count, np.bool_),
+            ids=np.full(count, NO_TRACK, np.int64),
+            velocities=np.zeros((count, 2)),
+            velocity_covariances=np.zeros((count, 2, 2)),
+            yaw_rates=np.zeros(count),
+            yaw_rate_variances=np.zeros(count),
+            existence=np.zeros(count),
+            ages_s=np.zeros(count),
+            fronts_known=np.zeros(count, np.bool_),
         )

@@ -113,15 +113,8 @@ def _with_defaults(covariances: F64) -> F64:
     found = covariances.copy()
     has_position = (found[:, 0, 0] > 0) & (found[:, 0, 0] * found[:, 1, 1] > found[:, 0, 1] ** 2)
     has_yaw = found[:, 2, 2] > 0
-    is_apart = ~(has_position & has_yaw & (_determinants(found) > 0))
+    is_apart = ~(has_position & has_yaw & (np.linalg.det(found) > 0))
     found[is_apart, :2, 2] = found[is_apart, 2, :2] = 0.0
     found[~has_position, :2, :2] = POSITION_SIGMA_M**2 * np.eye(2)
     found[~has_yaw, 2, 2] = YAW_SIGMA_RAD**2
     return found
-
-
-def _determinants(matrices: F64) -> F64:
-    """(N,) of symmetric 3 x 3 matrices, without LAPACK, so that a decision about 0 is the same everywhere."""
-    a, b, c = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 0, 2]
-    d, e, f = matrices[:, 1, 1], matrices[:, 1, 2], matrices[:, 2, 2]
-    return np.asarray(a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d), np.float64)

@@ -39,6 +39,7 @@ _PLAIN = {
     "greater than ": "above ",
     "less than ": "below ",
     " after validation": "",
+    "Field required": "a longer list",
 }
 """Phrases of pydantic, and what stands in their place."""
 
@@ -111,14 +112,17 @@ def unknown_key(model: type[BaseModel], path: tuple[Part, ...], more: str = "") 
 
 def _first_mistake(model: type[BaseModel], tree: Mapping[str, Any], err: ValidationError) -> str:
     mistakes = err.errors(include_url=False)
-    paths = [one["loc"] if one["type"] == "missing" else path_in(tree, one["loc"]) for one in mistakes]
+    paths = [path_in(tree, one["loc"]) for one in mistakes]
+    for row, one in enumerate(mistakes):
+        if one["type"] == "missing" and paths[row] == one["loc"][:-1]:  # else a type of a union is between
+            paths[row] = one["loc"]
     first, path = mistakes[0], paths[0]
     more = f" (and {len({*paths}) - 1} more)" if len({*paths}) > 1 else ""
     key = f"{_dotted(path)}: " if path else ""
     match first["type"]:
         case "extra_forbidden":
             return unknown_key(model, path, more)
-        case "missing":
+        case "missing" if path == first["loc"]:
             return f"{_dotted(path)} is missing{more}"
         case "value_error":  # a check of our own
             return f"{key}{first['ctx']['error']}{more}"
@@ -143,7 +147,7 @@ def path_in(tree: Any, loc: tuple[Part, ...]) -> tuple[Part, ...]:
 
 
 def _plain(mistake: Any) -> str:
-    text: str = re.split(", unable|, got| or instance of", mistake["msg"])[0]
+    text: str = re.split(", unable|, got|, not|, found| or instance of", mistake["msg"])[0]
     for phrase, plain in _PLAIN.items():
         text = text.replace(phrase, plain)
     return text

@@ -34,6 +34,7 @@ class Everything(SettingsModel):
     named: dict[str, Part] = Field(default_factory=dict)
     parts: Annotated[list[Part], Field(min_length=1)] = [Part(size_m=(1, 1, 1))]  # noqa: RUF012  # pydantic copies it
     either: Literal["all"] | tuple[str, ...] = "all"
+    pair: Literal["auto"] | tuple[int, int] = "auto"
     code: Annotated[str, Field(pattern="^[a-z]+$")] = "a"
     part: Part = Part(size_m=(1, 1, 1))
 
@@ -62,10 +63,12 @@ SIZE = {"size_m": [1, 1, 1]}
         ({"named": []}, "named: expected a section, found []"),
         ({"named": {"a": 3}}, "named.a: expected a section, found 3"),
         ({"named": {"a": {}}}, "named.a.size_m is missing"),
-        ({"parts": []}, "parts: expected a list with at least 1 item, not 0, found []"),
+        ({"parts": []}, "parts: expected a list with at least 1 item, found []"),
         ({"parts": [{"size_m": [1]}]}, "parts.0.size_m.1 is missing (and 1 more)"),
         ({"parts": [{"size_m": [1, 2, 0]}]}, "parts.0.size_m.2: expected above 0, found 0"),
         ({"either": 5}, "either: expected 'all' or a list, found 5"),
+        ({"pair": [1]}, "pair: expected 'auto' or a longer list, found [1]"),
+        ({"pair": [1, 2, 3]}, "pair: expected 'auto' or a list with at most 2 items, found [1, 2, 3]"),
         ({"code": "A"}, "code: expected text of the form '^[a-z]+$', found 'A'"),
         ({"whole": 0, "number": 99}, "whole: expected at least 1, found 0 (and 1 more)"),
         ({"wole": 1}, "unknown key 'wole': did you mean 'whole'?"),
