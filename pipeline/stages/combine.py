@@ -78,7 +78,6 @@ class Combine:
         points_by_lidar = {self._rig.lidars[index].name: len(sweep) for index, sweep in sweeps.items()}
         return CombinedCloud(
             cloud.select(left),
-            lidar_index.take(left),
             cloud.select(above),
             lidar_index.take(above),
             ground_cloud,

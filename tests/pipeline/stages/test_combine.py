@@ -86,7 +86,7 @@ def assert_consistent(combined: CombinedCloud) -> None:
     counts = combined.counts
     assert list(counts) == ["input", "nan", "range", "outliers", "ground", "left"]
     assert counts["input"] == sum(counts[step] for step in ("nan", "range", "outliers", "ground", "left"))
-    assert counts["left"] == len(combined.cloud) == len(combined.lidar_index)
+    assert counts["left"] == len(combined.cloud)
     assert counts["ground"] == len(combined.ground_cloud)
 
 
@@ -106,7 +106,7 @@ def test_points_come_in_the_order_of_the_rig_with_all_fields() -> None:
     assert cloud.intensity.tolist() == [10, 11, 30, 50]
     assert cloud.ring.tolist() == [10, 11, 30, 50]
     assert cloud.time_offset_ns.tolist() == [105, 94, -40 * MS, 0]  # from the frame's time
-    assert combined.lidar_index.tolist() == [0, 0, 1, 2]
+    assert combined.detection_lidar_index.tolist() == [0, 0, 1, 2]
     assert (cloud.stamp_ns, cloud.frame_id, cloud.has_time) == (STAMP_NS, "site", False)
     assert combined.plane is None
     assert combined.compensated == ()
@@ -133,7 +133,7 @@ def test_return_types_are_kept(first: list[int] | None, second: list[int] | None
 def test_missing_lidars_and_no_lidars() -> None:
     stage = Combine(rig(a=pose(), b=pose()), CombineConfig())
     one = stage(frame(), {"b": sweep([[1, 2, 3]])})
-    assert one.lidar_index.tolist() == [1]
+    assert one.detection_lidar_index.tolist() == [1]
     assert_consistent(one)
     none = stage(frame(), {})
     assert len(none.cloud) == 0
