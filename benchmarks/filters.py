@@ -32,10 +32,10 @@ from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import LidarSensor, Rig
 from lidcam.pipeline.core.settings.combine import CombineConfig, GroundConfig, OutlierConfig
-from lidcam.pipeline.filters.ground import find_ground
+from lidcam.pipeline.filters.ground import PLANES, find_ground
 from lidcam.pipeline.filters.ground_kernels import COMPILED, parted
 from lidcam.pipeline.filters.motion import coordinates, deskew
-from lidcam.pipeline.filters.outliers import statistical_inliers
+from lidcam.pipeline.filters.outliers import NEIGHBORS, statistical_inliers
 from lidcam.pipeline.filters.relief import find_relief
 from lidcam.pipeline.stages.combine import Combine
 
@@ -74,7 +74,7 @@ def load_open3d() -> Any:
 def our_steps(xyz: F32, origins: F64) -> dict[str, Callable[[], object]]:
     """Each step on its own input, and the whole stage."""
     outliers, ground = OutlierConfig(), GroundConfig()
-    points = xyz[statistical_inliers(xyz, neighbors=outliers.neighbors, std_ratio=outliers.std_ratio)]
+    points = xyz[statistical_inliers(xyz, std_ratio=outliers.std_ratio)]
     every = np.ones(len(points), np.bool_)
     kept = coordinates(points, every).T
     found = find_ground(kept, origins, config=ground, passes=COMPILED)
@@ -89,7 +89,7 @@ def our_steps(xyz: F32, origins: F64) -> dict[str, Callable[[], object]]:
     combine = Combine(rig, CombineConfig())
 
     def remove_outliers() -> object:
-        return xyz[statistical_inliers(xyz, neighbors=outliers.neighbors, std_ratio=outliers.std_ratio)]
+        return xyz[statistical_inliers(xyz, std_ratio=outliers.std_ratio)]
 
     def remove_ground() -> object:
         plane = find_ground(kept, origins, config=ground, passes=COMPILED)
@@ -112,22 +112,22 @@ def open3d_steps(o3d: Any, xyz: F32) -> dict[str, Callable[[], object]]:
     """The same steps in Open3D."""
     outliers, ground = OutlierConfig(), GroundConfig()
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(xyz.astype(np.float64)))
-    kept, _ = cloud.remove_statistical_outlier(outliers.neighbors + 1, outliers.std_ratio)
+    kept, _ = cloud.remove_statistical_outlier(NEIGHBORS + 1, outliers.std_ratio)
 
     def remove_ground() -> object:
-        _, rows = kept.segment_plane(ground.distance_m, 3, ground.iterations)
+        _, rows = kept.segment_plane(ground.distance_m, 3, PLANES)
         return kept.select_by_index(rows, invert=True)
 
     return {
-        "outliers": lambda: cloud.remove_statistical_outlier(outliers.neighbors + 1, outliers.std_ratio),
+        "outliers": lambda: cloud.remove_statistical_outlier(NEIGHBORS + 1, outliers.std_ratio),
         "ground": remove_ground,
     }
 
 
 def scipy_steps(xyz: F32) -> dict[str, Callable[[], object]]:
     """The distances to neighbours by scipy's tree, without the statistics."""
-    points, neighbors = xyz.astype(np.float64), OutlierConfig().neighbors
-    return {"outliers": lambda: np.mean(cKDTree(points).query(points, k=neighbors + 1)[0], axis=1)}
+    points = xyz.astype(np.float64)
+    return {"outliers": lambda: np.mean(cKDTree(points).query(points, k=NEIGHBORS + 1)[0], axis=1)}
 
 
 PCD_HEAD = """VERSION .7
@@ -152,7 +152,7 @@ def pcl_outliers_ms(xyz: F32) -> float | None:
         before, after = Path(folder, "in.pcd"), Path(folder, "out.pcd")
         before.write_bytes(PCD_HEAD.format(count=len(xyz)).encode() + np.ascontiguousarray(xyz, "<f4").tobytes())
         command = [program, str(before), str(after), "-method", "statistical"]
-        command += ["-mean_k", str(outliers.neighbors), "-std_dev_mul", str(outliers.std_ratio)]
+        command += ["-mean_k", str(NEIGHBORS), "-std_dev_mul", str(outliers.std_ratio)]
         run = subprocess.run(command, check=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     # loading, filtering, saving: each ends with its time, in colour
     _, filtering, _ = re.findall(r"done, ([\d.e+]+) ms", re.sub(r"\x1b\[[\d;]*m", "", run.stdout))

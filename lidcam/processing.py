@@ -273,7 +273,7 @@ class Run:
             self._graph,
             self._result,
             found,
-            Limits(workers, config.run.window or 2 * workers + 1, _memory_of, config.limits.max_waiting_bytes),
+            Limits(workers, 2 * workers + 1, _memory_of, config.limits.max_waiting_bytes),
             make_graph=self._make_graph,
             expected=expected_frames(self.source),
             needed=partial(_needed, decoded=decoded_topics(config, rig)),

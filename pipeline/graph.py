@@ -84,7 +84,7 @@ class Graph(Generic[F]):
 
     Attributes:
         frame: Handle to the incoming frame.
-        seconds: Time spent in each timed stage so far by name, summed over all processes.
+        seconds: Time spent in each timed stage by name, summed over all processes.
     """
 
     def __init__(self, frame_type: type[F]) -> None:
@@ -165,13 +165,7 @@ class Graph(Generic[F]):
             yield values[sink]
 
     def evaluate(self, nodes: Sequence[Node[Any]], frame: F, values: dict[Node[Any], Any]) -> None:
-        """Call some stages for a frame, in order.
-
-        Args:
-            nodes: The stages.
-            frame: Named in errors.
-            values: Outputs by stage, with all that the stages read and do not give each other; theirs are added.
-        """
+        """Call some stages for a frame, in order: they read `values` by stage, and their outputs are added there."""
         for node in nodes:
             with self.stage(node.name, frame, timed=node.timed):
                 values[node] = node.fn(*(values[one] for one in node.inputs))

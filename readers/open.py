@@ -92,7 +92,7 @@ def open_recording(paths: Sequence[Location], options: ReadOptions = DEFAULT_REA
         recording.close()
         raise RecordingError(
             f"{', '.join(map(str, recording.paths))}: {len(recording.topics)} topics, expected at most "
-            f"{options.limits.max_topics}: raise limits.max_topics"
+            f"{options.limits.max_topics}: raise limit_scale"
         )
     return recording
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +77,7 @@ def load_result(path: Path) -> tuple[RunSummary, Objects]:
 def _objects(index: int, messages: Mapping[str, RawMessage], result: Result) -> Objects:
     """The objects of one frame."""
     config, rig = result.config, result.rig
-    limits = config.limits.model_copy(update={"max_message_items": MAX_SCENE_ITEMS})
+    limits = replace(config.limits, max_message_items=MAX_SCENE_ITEMS)
     found = decode_detections3d(messages[FUSED], limits=config.limits)
     drawn = deserialize_as(messages[SCENE], SCENE_TYPE, limits=limits).entities
     facts = [{pair.key: pair.value for pair in one.metadata} for one in drawn if not one.id.startswith(ZONE_ID)]

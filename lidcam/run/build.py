@@ -57,7 +57,7 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     place = Place(rig, config.fuse, config.classes, ground_distance_m=config.combine.ground.distance_m)
     placed = graph.add("place", place, combined, boxes2d, views)
     # What may be an object.
-    associate = Associate(rig, config.associate, config.classes)
+    associate = Associate(rig, config.classes)
     matches = graph.add("associate", associate, lidar, boxes2d, views)
     fitter = BoxFitter(rig, config.classes, config.detect3d.cluster)
     propose = Propose(rig, fitter, config.detect3d.cluster, config.classes)

@@ -20,7 +20,7 @@ DEFAULTS = "defaults"
 GIVEN = "as given"
 
 RIVALS = {"sandbox": "road", "road": "crossing", "crossing": "road"}
-"""The preset that most likely fits where the judgement is wrong."""
+"""Most likely preset where the judgement is wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,12 +73,7 @@ def choose_settings(
     settings: Mapping[str, object] | Sequence[str] = (),
     more: Mapping[str, object] | None = None,
 ) -> SettingsChoice:
-    """The settings that are given; without any, those among which the recording decides.
-
-    Args:
-        config: Settings, the name of a preset, or a YAML file; None leaves the choice to the recording.
-        settings: Single settings on top, whichever it chooses.
-        more: Single settings on top of these.
+    """The given settings; without any, those among which the recording decides. Single settings go on top of each.
 
     Raises:
         ConfigError: as of `load_config`.
@@ -98,11 +93,13 @@ def use_settings(
 ) -> tuple[Config, UsedSettings, Discovery]:
     """The settings of an open recording: as given, or judged from its first clouds.
 
+    The beginning of the recording is read where there is a choice, whatever part of it is processed.
+
     Args:
         choice: The given settings, or those to choose from.
-        recording: Its beginning is read where there is a choice, whatever part of it is processed.
+        recording: The recording.
         found: Its sensors.
-        rig_file: Its zones come before those of the settings.
+        rig_file: Source of zones that take precedence over those of the settings.
         moves: Whether the site frame is known to move.
 
     Returns:

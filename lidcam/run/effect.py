@@ -12,8 +12,8 @@ from lidcam.pipeline.core.settings.load import dump_config
 from lidcam.pipeline.core.text import visible
 from lidcam.pipeline.detectors.pillars.embedded import network_file
 
-EVALUATING = ("evaluate", "classes", "associate", "combine", "limits")
-"""The sections that an evaluation reads: of `associate` for 2D boxes without truth, of `combine` for odometry."""
+EVALUATING = ("evaluate", "classes", "combine", "limit_scale")
+"""The sections that an evaluation reads, `combine` for odometry."""
 
 COMPARING = ("compare",)
 """The section that a comparison reads."""
@@ -23,11 +23,7 @@ NAMED = ("detect2d", "model"), ("detect2d", "names"), ("detect3d", "model"), ("d
 
 
 def check_effect(settings: Sequence[str], sections: Sequence[str]) -> None:
-    """Check that each setting is read. A section that no settings have is left to those who read it.
-
-    Args:
-        settings: Single settings, `["evaluate.iou=[0.5]"]`.
-        sections: The sections that are read.
+    """Check that each setting, as `evaluate.iou=[0.5]`, is of a section that is read; unknown ones fail later.
 
     Raises:
         ConfigError: one would change nothing.

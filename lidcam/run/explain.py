@@ -12,21 +12,29 @@ from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.settings.bundled import PRESETS, bundled
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.load import load_config
-from lidcam.pipeline.core.settings.validation import Place, expected, unknown_key
+from lidcam.pipeline.core.settings.model import MAX_NUMBER
+from lidcam.pipeline.core.settings.validation import section_of, unknown_key
 
 UNITS = {
     "per_m": "per metre",
     "per_sr": "per steradian",
     "deg": "degrees",
-    "gib": "GiB",
-    "mib": "MiB",
-    "mpx": "millions of pixels",
     "px": "pixels",
-    "ms": "milliseconds",
     "s": "seconds",
     "m": "metres",
 }
-"""By the end of a key, longer ones first."""
+"""Units by the end of a key, longer ones first."""
+
+_NOUNS = {
+    "boolean": "true or false",
+    "integer": "whole number",
+    "number": "number",
+    "string": "text",
+    "null": "null",
+    "array": "list",
+    "object": "section",
+}
+_BOUNDS = {"exclusiveMinimum": "above", "minimum": "at least", "exclusiveMaximum": "below", "maximum": "at most"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +48,7 @@ class Explanation:
         allowed: Its allowed values; empty for a section.
         default: Its default, as plain values; None where every element of a list has its own.
         by_preset: Its value in each preset; empty where `default` is None.
-        keys: Of a section: the keys in it, with their meaning.
+        keys: Keys of a section, with their meaning.
     """
 
     key: str
@@ -58,32 +66,30 @@ def explain(key: str = "") -> Explanation:
     Raises:
         ConfigError: there is no such key; names the one that was probably meant.
     """
-    model: type[BaseModel] = Config
-    place, names = Place.of(Config), list[str]()
+    owner: type[BaseModel] | None = None
+    section: type[BaseModel] | None = Config
+    is_list, names = False, list[str]()
     for part in key.split(".") if key else ():
-        element = place.element
-        if place.section is None and element is not None:
-            place = element
-            names.append("*")
-            if element.section is None or part not in element.section.model_fields:
-                continue  # an index or a name: any of them
-        inner = place.inner(part)
-        if inner is None:
+        if section is None or (part not in section.model_fields and not is_list):
             raise ConfigError(unknown_key(Config, tuple(key.split("."))))
-        assert place.section is not None
-        model, place = place.section, inner
+        if is_list:
+            is_list = False
+            names.append("*")
+            if part not in section.model_fields:
+                continue  # an index or a name: any of them
+        annotation = section.model_fields[part].annotation
+        owner, section = section, section_of(annotation)
+        is_list = section is not None and section is not annotation
         names.append(part)
-    section = place.section or (place.element.section if place.element else None)
-    keys = {name: _meaning(section, name) for name in section.model_fields} if section else {}
-    known = {} if "*" in names else {name: _value(load_config(name), names) for name in PRESETS}
+    is_element = "*" in names
     return Explanation(
         ".".join(names),
-        _meaning(model, names[-1]) if names and names[-1] != "*" else _first_paragraph(section or Config),
-        _unit(names[-1] if names else ""),
-        "" if place.section else expected(place),
-        None if "*" in names else _value(Config(), names),
-        known,
-        keys,
+        _meaning(owner, names[-1]) if owner and names[-1] != "*" else _first_paragraph(section or Config),
+        next((unit for ending, unit in UNITS.items() if names and names[-1].endswith(f"_{ending}")), ""),
+        _allowed(owner, names[-1]) if owner and names[-1] != "*" and (section is None or is_list) else "",
+        None if is_element else _value(Config(), names),
+        {} if is_element else {name: _value(load_config(name), names) for name in PRESETS},
+        {name: _meaning(section, name) for name in section.model_fields} if section else {},
     )
 
 
@@ -103,7 +109,7 @@ def _meaning(model: type[BaseModel], name: str) -> str:
         text = inspect.cleandoc(owner.__doc__ or "").partition("Attributes:")[2]
         if found := re.search(rf"^    {name}: (.*(?:\n {{8}}.*)*)", text, re.MULTILINE):
             return " ".join(found[1].split())
-    section = Place.of(model).at((name,))[1].section
+    section = section_of(model.model_fields[name].annotation)
     return _first_paragraph(section) if section else ""
 
 
@@ -111,8 +117,23 @@ def _first_paragraph(model: type[BaseModel]) -> str:
     return " ".join(inspect.cleandoc(model.__doc__ or "").partition("\n\n")[0].split())
 
 
-def _unit(name: str) -> str:
-    return next((unit for ending, unit in UNITS.items() if name.endswith(f"_{ending}")), "")
+def _allowed(model: type[BaseModel], name: str) -> str:
+    """The allowed values of a field: `number, above 0`."""
+    return _words(model.model_json_schema()["properties"][name])
+
+
+def _words(schema: Mapping[str, Any]) -> str:
+    if members := schema.get("anyOf"):
+        return " or ".join(map(_words, members))
+    if choices := schema.get("enum", [schema["const"]] if "const" in schema else []):
+        return f"one of {', '.join(map(str, choices))}" if len(choices) > 1 else str(choices[0])
+    words = _NOUNS[schema.get("type", "object")]
+    if parts := schema.get("prefixItems"):
+        return f"{words} of {len(parts)}: {_words(parts[0])}"
+    if "items" in schema:
+        return f"{words} of: {_words(schema['items'])}"
+    bounds = {text: schema[name] for name, text in _BOUNDS.items() if schema.get(name, MAX_NUMBER) < MAX_NUMBER}
+    return ", ".join([words, *(f"{text} {bound:g}" for text, bound in bounds.items())])
 
 
 def _value(config: Config, names: list[str]) -> Any:

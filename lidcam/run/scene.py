@@ -15,21 +15,21 @@ from lidcam.readers.recording import Recording
 from lidcam.readers.streams.decoders import CloudDecoder
 
 CLOUDS = 3
-"""Clouds that are taken of each lidar: the first sweep may be a part of one."""
+"""Number of clouds taken of each lidar: the first sweep may be a part of one."""
 
-WAIT_NS = 2_000_000_000
-"""How long, in log time after the first cloud, the other lidars are waited for."""
+MAX_WAIT_NS = 2_000_000_000
+"""Longest wait for the other lidars, in log time after the first cloud."""
 
 MAX_MESSAGES = 200
-"""Messages that are read at most, where clouds cannot be decoded."""
+"""Most messages read where clouds cannot be decoded."""
 
 MIDDLE = (5.0, 95.0)
-"""Percentiles of a coordinate between which the scene lies: a few far points do not make it larger."""
+"""Percentiles of a coordinate that bound the scene: a few far points do not make it larger."""
 
 LAYER_SHARE = 0.005
 """Thickness of the ground as a share of the scene's diagonal: 5 cm for a table of 10 m."""
 LAYER_M = (0.02, 0.2)
-"""Its limits."""
+"""Least and largest thickness of the ground."""
 
 MAX_TILT_DEG = 30.0
 """Largest tilt of the ground: the site frame may be that of a lidar that looks down."""
@@ -112,7 +112,7 @@ def _first_points(recording: Recording, rig: Rig, config: Config) -> F32:
                 points.append(lidars[message.topic].T_site_lidar.apply(xyz))
                 found[name] += 1
         waited_ns = 0 if first_ns is None else message.log_time_ns - first_ns
-        if sum(found.values()) == CLOUDS * len(lidars) or waited_ns > WAIT_NS or number == MAX_MESSAGES:
+        if sum(found.values()) == CLOUDS * len(lidars) or waited_ns > MAX_WAIT_NS or number == MAX_MESSAGES:
             break
     return np.concatenate([np.zeros((0, 3), np.float32), *points])
 

@@ -68,7 +68,7 @@ def examples_of_frame(frame: LabelledFrame) -> Examples:
     rig, config, count = _rig(frame.origins), _config(), len(frame.position)
     rest = np.zeros(count, np.float32), np.zeros(count, np.uint16), np.zeros(count, np.int32)
     cloud, ground = PointCloud(0, SITE, frame.position.astype(np.float32), *rest), Plane(np.array([0.0, 0, 1]), 0.0)
-    combined = CombinedCloud(cloud, frame.lidar, cloud, frame.lidar, cloud.select(np.arange(0)), ground, {})
+    combined = CombinedCloud(cloud, cloud, frame.lidar, cloud.select(np.arange(0)), ground, {})
     found, true = Detect3D(rig, config)(combined), frame.true.select(frame.true.points >= MIN_POINTS)
     kinds = kinds_of_boxes(found.centers[:, :2], true.centers[:, :2], KIND_OF_ROW[true.classes])
     known = frame.is_labelled(found.centers[:, :2]) | (kinds > 0)

@@ -123,7 +123,6 @@ class _Kept(RunObserver):
         needed = replace(
             one,
             cloud=one.detection_cloud,
-            lidar_index=one.detection_lidar_index,
             ground_cloud=one.ground_cloud.select(np.arange(0)),
             ground_lidar_index=None,
         )

@@ -145,13 +145,7 @@ class _Fit:
         self._cameras = CameraArrays.of([camera]).select(np.zeros(n, np.int64))
         self._T_camera_site = camera.T_camera_site.matrix
         self._T_image_site = camera.T_camera_site.inverse().matrix @ pairs.T_camera_site
-        self._outline = rounded_outline(
-            pairs.sizes,
-            rounding=config.corner_rounding,
-            underside=config.underside,
-            cabin=config.cabin,
-            bent=self._cameras.lenses.bends,
-        )
+        self._outline = rounded_outline(pairs.sizes, bent=self._cameras.lenses.bends)
         extent = np.maximum(pairs.xyxy[:, 2:] - pairs.xyxy[:, :2], 1.0)
         outline_px = config.outline_sigma * np.sqrt(extent.prod(1))
         self._noise_px2 = config.pixel_sigma_px**2 + outline_px**2

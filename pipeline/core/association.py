@@ -17,13 +17,35 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, F64
 from lidcam.pipeline.core.settings.classes import ClassPrior
-from lidcam.pipeline.core.settings.fuse import AssociateConfig
+
+MIN_GIOU = -0.3
+"""Smallest generalised IoU of a projected 3D box and a 2D box that may match, from -1 to 1. Below 0, boxes of small
+objects may match that lie side by side, where the calibration is off."""
+
+MAX_SIGMAS = 6.0
+"""Largest distance of a pair that may match, in standard deviations."""
+
+PIXEL_SIGMA_PX = 2.0
+"""Standard deviation of the edges of 2D boxes. Larger than `fuse.pixel_sigma_px`: a wrong class or a hidden part moves
+edges further, and such pairs should match as well."""
+
+OUTLINE_SIGMA = 0.15
+"""Standard deviation added to it, as a share of the width or height of the projected box, whose size may be wrong."""
+
+CALIBRATION_SIGMA_RAD = np.deg2rad(0.5)
+"""Standard deviation of the direction in which a camera looks."""
+
+ANY_CLASS = 0.01
+"""Share of the classes reported by detectors that say nothing of the object."""
+
+UNSEEN_BOXES = 3.0
+"""Expected number of 2D boxes in an image without a 3D box. The more there are, the better a pair has to fit."""
 
 FREEDOM = 4.0
 """Degrees of freedom of the t distribution."""
 
 _LOG_PEAK = np.log(FREEDOM / 2 * (FREEDOM / 2 + 1)) - 2 * np.log(np.pi * FREEDOM)
-"""Logarithm of its density in the middle, in four dimensions, for a covariance of determinant 1."""
+"""Log density at the mean of the t distribution, in four dimensions, for a covariance of determinant 1."""
 
 LOG_SIZES = 4.0
 """Widths, and heights, of things in images spread over this range of logarithms: from 10 to 550 pixels."""
@@ -39,15 +61,10 @@ def rectangle_features(xyxy: F32) -> F64:
     return np.concatenate([(edges[:, :2] + edges[:, 2:]) / 2, np.log(_extent(edges))], 1)
 
 
-def detector_variances(xyxy: F32, config: AssociateConfig) -> F64:
-    """(P, 4) variances of the features of 2D boxes that show what is projected to rectangles, by a sound calibration.
-
-    Args:
-        xyxy: (P, 4) the rectangles, pixels.
-        config: Standard deviations.
-    """
+def detector_variances(xyxy: F32) -> F64:
+    """(P, 4) variances of the features of 2D boxes of objects at rectangles (P, 4), by a sound calibration."""
     extent = _extent(xyxy.astype(np.float64))
-    edge = config.pixel_sigma_px**2 + (config.outline_sigma * extent) ** 2
+    edge = PIXEL_SIGMA_PX**2 + (OUTLINE_SIGMA * extent) ** 2
     return np.concatenate([edge / 2, 2 * edge / extent**2], 1)
 
 
@@ -58,33 +75,27 @@ def squared_distances(differences: F64, variances: F64) -> F64:
     return np.asarray(a + b + c + d)
 
 
-def fit_ratios(squared: F64, variances: F64, area_px: F64, unseen_boxes: float) -> F64:
-    """How much likelier the places of pairs are if they show one object than if they do not.
+def fit_ratios(squared: F64, variances: F64, area_px: F64) -> F64:
+    """Log likelihood ratios of the places of pairs: one object against two.
 
     Args:
         squared: (Q,) `squared_distances` of the 2D box from the projected 3D box.
         variances: (Q, 4) of the features if both show one object.
         area_px: (Q,) area of the image.
-        unseen_boxes: Expected number of 2D boxes in an image that belong to no 3D box.
 
     Returns:
-        (Q,) logarithms of the ratio.
+        (Q,)
     """
     a, b, c, d = variances.T
     peak = _LOG_PEAK - 0.5 * np.log(a * b * c * d)
-    elsewhere = np.log(unseen_boxes / LOG_SIZES**2) - np.log(area_px)
+    elsewhere = np.log(UNSEEN_BOXES / LOG_SIZES**2) - np.log(area_px)
     return np.asarray(peak - (FREEDOM / 2 + 2) * np.log1p(squared / FREEDOM) - elsewhere)
 
 
-def class_confusion(classes: Sequence[ClassPrior], any_class: float) -> F64:
-    """(K, K) probability that a detector calls an object of the row's class by the column's; rows sum to 1.
-
-    Args:
-        classes: K classes.
-        any_class: Share of the calls that have nothing to do with the object's class.
-    """
+def class_confusion(classes: Sequence[ClassPrior]) -> F64:
+    """(K, K) probability that a detector calls an object of the row's class by the column's; rows sum to 1."""
     alike = np.exp(-class_distances(classes) / ALIKE**2 / 2)
-    return np.asarray((1 - any_class) * alike / alike.sum(1, keepdims=True) + any_class / len(classes))
+    return np.asarray((1 - ANY_CLASS) * alike / alike.sum(1, keepdims=True) + ANY_CLASS / len(classes))
 
 
 def class_agreement(classes: Sequence[ClassPrior], riders: frozenset[tuple[int, int]] = frozenset()) -> F64:
@@ -104,19 +115,15 @@ def class_agreement(classes: Sequence[ClassPrior], riders: frozenset[tuple[int, 
 
 
 def class_distances(classes: Sequence[ClassPrior]) -> F64:
-    """(K, K) how much classes differ in size: sum of the squared logarithms of the ratios of length, width, height."""
+    """(K, K) differences of classes in size: sums of the squared log ratios of length, width, height."""
     sizes = np.log(np.array([prior.size_m for prior in classes]))
     return np.asarray(((sizes[:, None] - sizes) ** 2).sum(-1))
 
 
 def class_ratios(confusion: F64) -> F64:
-    """(K, K) how much likelier a pair's classes are if it is one object than if it is not, as logarithms.
+    """(K, K) log likelihood ratios of a pair's classes, of the 3D box and the 2D box: one object against two.
 
-    Args:
-        confusion: (K, K) of `class_confusion`, taken for both detectors.
-
-    Returns:
-        By the class of the 3D box and that of the 2D box; something else may be of any class.
+    `confusion` is that of both detectors; something else may be of any class.
     """
     true = (confusion / confusion.sum(0)).T  # by the class of the 3D box
     return np.asarray(np.log(np.einsum("ik,kj->ij", true, confusion) * len(confusion)))

@@ -24,10 +24,10 @@ BORDER_PX = 2.0
 """An edge this near to the border of its image may be the border's own: the object may go on beyond it."""
 
 NEAR_M = 0.01
-"""Edges of boxes are cut at this depth: nearer points cannot be projected."""
+"""Least depth of a point that is projected; edges of boxes are cut there."""
 
 EDGE_SHARES = np.linspace(0.0, 1.0, 5)
-"""Where along an edge of a box its outermost point is sought: lens distortion bends edges beyond their corners."""
+"""Samples along the edges of a box that may be outermost: lens distortion bends edges beyond their corners."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,10 +122,7 @@ class CameraModel:
         return np.asarray(top / (1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7]))))
 
     def project(self, points_camera: npt.NDArray[np.floating]) -> tuple[F64, Bools]:
-        """Pixels of points, and whether they are valid.
-
-        Args:
-            points_camera: (..., 3) metres in the optical frame.
+        """Pixels of points (..., 3) in the optical frame, metres, and whether they are valid.
 
         Returns:
             (..., 2) pixels, and (...) whether each point is in front of the camera and within the range of the lens

@@ -119,9 +119,8 @@ class CombinedCloud:
 
     Attributes:
         cloud: The points without outliers and ground, if these steps are on; what is written and shown.
-        lidar_index: (N,) uint8, row of `Rig.lidars` that measured the point.
         detection_cloud: Points to detect objects in: without ground, and with what outlier removal takes.
-        detection_lidar_index: (M,) uint8, row of `Rig.lidars` that measured each of them.
+        detection_lidar_index: (M,) uint8, row of `Rig.lidars` that measured each of these.
         ground_cloud: The points of the ground.
         plane: The ground; None if that step is off or found none.
         counts: Number of points: `input`, removed as `nan`, by `range`, as `outliers`, as `ground`, and `left`.
@@ -132,7 +131,6 @@ class CombinedCloud:
     """
 
     cloud: PointCloud
-    lidar_index: U8
     detection_cloud: PointCloud
     detection_lidar_index: U8
     ground_cloud: PointCloud
@@ -146,7 +144,6 @@ class CombinedCloud:
     __repr__ = brief
 
     def __post_init__(self) -> None:
-        check_array("lidar_index", self.lidar_index, (len(self.cloud),), np.uint8)
         check_array("detection_lidar_index", self.detection_lidar_index, (len(self.detection_cloud),), np.uint8)
 
     def ground_m(self, xy: npt.NDArray[np.floating[Any]], *, level_m: float) -> F64:

@@ -12,7 +12,7 @@ from lidcam.pipeline.core.text import brief
 from lidcam.pipeline.core.tracks import Tracks
 
 NO_HYPOTHESIS = -1
-"""In place of a hypothesis's row, for an object that nothing in its frame shows."""
+"""Hypothesis row of an object that nothing in its frame shows."""
 
 
 class Source(IntEnum):
@@ -145,9 +145,19 @@ class Boxes3D:
     @classmethod
     def empty(cls, stamp_ns: int, frame_id: str) -> Self:
         """No boxes."""
-        rows = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.float32)
-        ids = np.zeros(0, np.int32), np.zeros(0, np.int32)
-        return cls(stamp_ns, frame_id, *rows, *ids, np.zeros((0, 3, 3)), np.zeros(0, np.uint8), np.zeros(0, np.int64))
+        return cls(
+            stamp_ns,
+            frame_id,
+            centers=np.zeros((0, 3)),
+            sizes=np.zeros((0, 3)),
+            yaws=np.zeros(0),
+            scores=np.zeros(0, np.float32),
+            class_ids=np.zeros(0, np.int32),
+            point_counts=np.zeros(0, np.int32),
+            covariances=np.zeros((0, 3, 3)),
+            sources=np.zeros(0, np.uint8),
+            measured_ns=np.zeros(0, np.int64),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -118,10 +118,7 @@ def is_short_memory(err: BaseException) -> bool:
 
 @contextmanager
 def short_memory_told(doing: str) -> Iterator[None]:
-    """Turn what any library raises for want of memory into a `ShortMemoryError`.
-
-    Args:
-        doing: The action that needs memory, as in `read a.bag`.
+    """Turn what any library raises for want of memory into a `ShortMemoryError`; `doing` is as in `read a.bag`.
 
     Raises:
         ShortMemoryError: memory could not be had.
@@ -134,8 +131,8 @@ def short_memory_told(doing: str) -> Iterator[None]:
         wanted = WANTED.search(str(err)[:MAX_CHARACTERS])
         size = f": {wanted[0]} could not be had" if wanted else ""
         told = ShortMemoryError(
-            f"not enough memory to {doing}{size}; end other programs, set run.workers to 1 and run.window to 1, or use "
-            "a machine with more memory"
+            f"not enough memory to {doing}{size}; end other programs, set run.workers to 1, or use a machine with "
+            "more memory"
         )
         for note in getattr(err, "__notes__", ()):
             told.add_note(note)

@@ -171,10 +171,7 @@ def own_motion(bundle: SensorBundle, since_ns: int, site_frame: str, config: Mot
     motion = bundle.motion_of(site_frame) if config.enabled else None
     if motion is None:
         return np.eye(4)
-    earlier_ns, later_ns = sorted((since_ns, bundle.stamp_ns))
-    if not motion.covers(
-        earlier_ns, later_ns, max_extrapolation_s=config.max_extrapolation_s, max_gap_s=config.max_gap_s
-    ):
+    if not motion.covers(since_ns, bundle.stamp_ns):
         return None
     wanted_ns = np.array([since_ns, bundle.stamp_ns], np.int64)
     then, now = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, wanted_ns)

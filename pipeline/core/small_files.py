@@ -24,16 +24,10 @@ def read_small_file(path: Path, max_bytes: int) -> bytes:
 
 
 def read_small_text(path: Path, max_bytes: int, expected: str, error: type[LidcamError]) -> str:
-    """The text of a regular file.
-
-    Args:
-        path: The file.
-        max_bytes: Its largest size.
-        expected: What should stand in it, for messages: `a rig file`.
-        error: Class of the error that is raised.
+    """The text of a regular file of at most `max_bytes`; `expected` names its kind in messages: `a rig file`.
 
     Raises:
-        LidcamError: it cannot be read, is no regular file, is larger, or is not UTF-8; one line that names the file.
+        LidcamError: (`error`) it cannot be read, is no regular file, is larger or no UTF-8; one line that names it.
     """
     try:
         return read_small_file(path, max_bytes).decode()

@@ -1,4 +1,4 @@
-"""What the track of an object says of it in one frame, beyond its box."""
+"""Tracks of the objects of one frame: identity, motion and existence."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -9,7 +9,7 @@ from lidcam.pipeline.core.arrays import F64, I64, Bools, Table, check_array
 from lidcam.pipeline.core.text import brief
 
 NO_TRACK = 0
-"""In place of a track's number, for an object that belongs to no track."""
+"""Track number of an object that belongs to no track."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,14 +57,13 @@ class Tracks(Table):
     @classmethod
     def none(cls, count: int) -> Self:
         """Objects that belong to no track: nothing is known of their motion."""
-        zeros = np.zeros(count)
         return cls(
-            np.full(count, NO_TRACK, np.int64),
-            np.zeros((count, 2)),
-            np.zeros((count, 2, 2)),
-            zeros.copy(),
-            zeros.copy(),
-            zeros.copy(),
-            zeros,
-            np.zeros(count, np.bool_),
+            ids=np.full(count, NO_TRACK, np.int64),
+            velocities=np.zeros((count, 2)),
+            velocity_covariances=np.zeros((count, 2, 2)),
+            yaw_rates=np.zeros(count),
+            yaw_rate_variances=np.zeros(count),
+            existence=np.zeros(count),
+            ages_s=np.zeros(count),
+            fronts_known=np.zeros(count, np.bool_),
         )

@@ -7,7 +7,7 @@ MORE = "?..."
 
 _NAME = r"[A-Za-z][A-Za-z0-9+.-]"
 _ANY_NAME = r"[^\s/:@'\"(=,\[]*"
-"""Of a protocol, also a mistyped one, which counts only if a user or a password may follow."""
+"""Name of a protocol, also a mistyped one, which counts only if a user or a password may follow."""
 
 _URL = re.compile(rf"({_NAME}+(?=:/)|[A-Za-z](?=://)|{_ANY_NAME}(?=:/.*@)):(/+)(.*)", re.DOTALL)
 _STARTS = re.compile(

@@ -27,7 +27,7 @@ CROWD = 256
 
 @inlined
 def _turned(x: np.int32, other: np.int32, bit: np.int32) -> tuple[np.int32, np.int32]:
-    """Where a bit is set in another number, x with its lower bits turned over; else both with these exchanged."""
+    """Inverts the lower bits of x if the bit is set in the other number; else exchanges those of both."""
     lower = np.int32(bit - 1)
     exchanged = np.int32(0) if np.int32(other & bit) else lower
     swapped = (x ^ other) & exchanged
@@ -68,13 +68,7 @@ def _apart(bits: int) -> int:
 
 @compiled("int64[::1](Array(float32, 2, 'C', True), float64[::1], float64)")
 def _places(xyz: F32, low: F64, scale: float) -> I64:
-    """(N,) places on the curve and rows, see `ROW`, of points (3, N).
-
-    Args:
-        xyz: The points.
-        low: (3,) lowest corner of the cube that the curve fills.
-        scale: Cells per metre.
-    """
+    """(N,) places on the curve and rows, see `ROW`, of points (3, N)."""
     count = xyz.shape[1]
     places = np.empty(count, np.int64)
     cells = np.zeros((3, CHUNK), np.int32)

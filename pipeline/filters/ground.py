@@ -1,7 +1,7 @@
 """The ground plane, by RANSAC among planes that can be ground, refined by least squares.
 
 RANSAC after Fischler and Bolles (1981). The largest plane of a traffic scene is often a wall, so a plane must be nearly
-level, so far below every lidar that none is in the layer of the ground, and at the rig's ground height if that is
+level, below the layer of the ground of every lidar, and at the rig's ground height if that is
 known. Its score is the number of its points beyond those in the layers just above and below it, because a wall or a
 hedge fills all three.
 """
@@ -18,8 +18,11 @@ from lidcam.pipeline.core.settings.combine import GroundConfig
 SAMPLE_POINTS = 6000
 """Planes are sampled from, and scored on, at most this many points, every n-th of the cloud."""
 
-THINNING, FINALISTS = 4, 16
-"""All planes are scored on every fourth point of the sample, the best of them on the whole sample."""
+THINNING = 4
+"""Step through the sample on which all planes are scored."""
+
+FINALISTS = 16
+"""Number of best planes that are scored on the whole sample."""
 
 CELL_PER_DISTANCE = 5.0
 """Planes go through the lowest points of cells this many `distance_m` wide: a wall stands on few cells."""
@@ -34,8 +37,14 @@ REFINEMENTS = 6
 """Rounds of least squares on the sample, each on the points near the last plane, before one on all points."""
 
 
+PLANES = 200
+"""Planes tried."""
+
+SEED = 0
+"""Seed of the random choice of planes."""
+
 MAX_CELL = 1 << 30
-"""Cells farther from the origin are taken for the last one."""
+"""Largest index of a cell; points beyond fall into the last one."""
 
 
 def find_ground(
@@ -52,7 +61,7 @@ def find_ground(
         xyz_site: (N, 3) points in the site frame, metres, finite; best as a row per coordinate in memory.
         lidar_origins_site: (L, 3) origins of the lidars in the site frame, metres; the ground is more than `distance_m`
             below each, or the level beams of a lidar in a room would be a floor.
-        config: Limits, number of planes and seed. Equal input gives equal planes.
+        config: Limits. Equal input gives equal planes.
         ground_height_m: Expected z of the ground at the site's origin; None if unknown.
         passes: How to go through all points, by default with numpy; the planes are the same but for rounding.
 
@@ -67,8 +76,8 @@ def find_ground(
     lowest = passes.lowest_of_cells(reachable, np.float32(CELL_PER_DISTANCE * config.distance_m))
     if len(lowest) < 3:
         return None
-    rng = np.random.Generator(np.random.PCG64(config.seed))
-    planes = _planes_through(reachable, lowest[rng.integers(len(lowest), size=(config.iterations, 3))])
+    rng = np.random.Generator(np.random.PCG64(SEED))
+    planes = _planes_through(reachable, lowest[rng.integers(len(lowest), size=(PLANES, 3))])
     limits = _limits(config, ground_height_m)
     planes = planes[_can_be_ground(planes, lidar_origins_site, limits)]
     if not len(planes):
@@ -128,10 +137,6 @@ def _planes_through(points: F32, triples: I64) -> F64:
     """(up to K, 4) planes through three points each, unit normal, upwards, and offset.
 
     There is none where a point was drawn twice or all three lie on a line.
-
-    Args:
-        points: (3, N) metres.
-        triples: (K, 3) columns of `points`.
     """
     a, b, c = points.T.take(triples.T, axis=0).astype(np.float64).transpose(0, 2, 1)
     (ux, uy, uz), (vx, vy, vz) = b - a, c - a
@@ -144,14 +149,7 @@ def _planes_through(points: F32, triples: I64) -> F64:
 
 
 def _can_be_ground(planes: F64, lidar_origins: F64, limits: F64) -> Bools:
-    """(K,) whether planes (K, 4) are level enough, far enough below every lidar and at the expected height.
-
-    Args:
-        planes: Unit normals and offsets.
-        lidar_origins: (L, 3) metres.
-        limits: (4,) the least z of the normal, above 0; the distance that lidars exceed; the height at the origin,
-            metres; how far it may be from that.
-    """
+    """(K,) whether planes (K, 4) are within `_limits`: level, below every lidar (L, 3), at the right height."""
     level, clearance_m, height_m, tolerance_m = limits
     fit: Bools = planes[:, 2] >= level
     fit &= (np.einsum("ka,la->kl", planes[:, :3], lidar_origins) + planes[:, 3:]).min(axis=1) > clearance_m

@@ -1,4 +1,4 @@
-"""Where points are: within range, in the site frame, and, if the sensor moves, at one moment.
+"""Positions of points: within range, in the site frame, and, if the sensor moves, at one moment.
 
 In motion compensation the scene is assumed static in the fixed frame; moving objects stay blurred by their own motion.
 """
@@ -11,7 +11,7 @@ from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
 from lidcam.pipeline.core.geometry.poses import interpolate_poses
 
 STEP_NS = 1_000_000
-"""Poses are interpolated so often, points linearly between: within 13 um at 100 m while turning at 1 rad/s."""
+"""Interval of interpolated poses, with points moved linearly between: exact to 13 um at 100 m and 1 rad/s."""
 
 POINTS = "Array(float32, 2, 'C', True)"
 """Type of points (N, 3), perhaps read-only."""
@@ -63,13 +63,7 @@ def deskew(xyz_moving: F32, point_stamps_ns: I64, stamp_ns: int, motion: PoseSam
 
 @compiled(f"float32[:, ::1]({POINTS}, int64[::1], float32[:, :, ::1])")
 def _moved_each(xyz: F32, since_ns: I64, matrices: F32) -> F32:
-    """Points (N, 3), each moved by the matrix of its time.
-
-    Args:
-        xyz: (N, 3) metres.
-        since_ns: (N,) times of the points since that of the first matrix, not negative.
-        matrices: (K, 3, 4), every `STEP_NS`; at least one after the last time.
-    """
+    """Points (N, 3), each moved by the matrix of its time."""
     out = np.empty((len(xyz), 3), np.float32)
     for i in range(len(xyz)):
         knot = np.int64(np.uint64(since_ns[i]) // np.uint64(STEP_NS))  # a division that need not look at the sign

@@ -1,8 +1,8 @@
 """Exact distances to nearest neighbours, for all points of a cloud at once.
 
 The points are sorted along a curve and cut into runs of neighbours, with a box around each run and around each block
-of runs. The points of a run look for neighbours together: boxes and points that are farther away than the neighbours
-found so far are left out. Compiled: see `lidcam.pipeline.core.compiled`.
+of runs. The points of a run look for neighbours together: boxes and points that are farther away than the known
+neighbours are left out. Compiled: see `lidcam.pipeline.core.compiled`.
 
 The innermost loops go through the points of a run, or through boxes, so that the compiler makes vectors of them.
 """
@@ -17,7 +17,7 @@ RUN = 32
 """Points of a run, and runs of a block. LLVM takes loops of sixteen steps apart before it makes vectors of them."""
 
 RANKS = 10
-"""Neighbours are held for so many at once: the default of `combine.outliers.neighbors`."""
+"""Neighbours inserted in one pass: `outliers.NEIGHBORS`."""
 
 _ROW, _GRID = "float32[::1]", "float32[:, ::1]"
 """Types of arrays."""
@@ -45,14 +45,7 @@ def _beyond(low: np.float32, high: np.float32, other_low: np.float32, other_high
 
 @inlined
 def _gaps(lows: F32, highs: F32, box: F32, gaps: F32) -> None:
-    """Writes the squared distances of boxes from another one.
-
-    Args:
-        lows: (3, N) lowest x, y, z of each.
-        highs: (3, N) highest.
-        box: (6,) of the other.
-        gaps: (N,) result.
-    """
+    """Writes the squared distances of boxes from another one."""
     for i in range(len(gaps)):
         gap = _beyond(lows[0, i], highs[0, i], box[0], box[3])
         gap += _beyond(lows[1, i], highs[1, i], box[1], box[4])
@@ -84,12 +77,7 @@ def _squares(points: F32, x: np.float32, y: np.float32, z: np.float32, farthest:
 
 @inlined
 def _insert(squares: F32, nearest: F32) -> None:
-    """Puts a square for each point in order among those found so far; the largest of each point goes.
-
-    Args:
-        squares: (RUN,)
-        nearest: RUN zeros, then the least of each point, the second of each, and so on, in multiples of `RANKS`.
-    """
+    """Puts a square for each point in order among those found so far; the largest of each point goes."""
     for begin in range(len(nearest) - (RANKS + 1) * RUN, -1, -RANKS * RUN):
         rows = nearest[begin:]
         for i in range(RUN):
@@ -101,21 +89,7 @@ def _insert(squares: F32, nearest: F32) -> None:
 def _compared(
     own: F32, box: F32, others: F32, count: int, is_same: bool, limit: np.float32, nearest: F32, farthest: F32
 ) -> np.float32:
-    """Compare the points of a run with those of another one.
-
-    Args:
-        own: (3, RUN) the points that look for neighbours.
-        box: (6,) lowest x, y, z of them and highest.
-        others: (3, RUN) the other points.
-        count: Number of other points, those behind them are copies.
-        is_same: Whether both are the same run: no point is its own neighbour.
-        limit: Largest of `farthest`.
-        nearest: See `_insert`; changed.
-        farthest: (RUN,) the last neighbour's square of each point, a part of `nearest`.
-
-    Returns:
-        The largest of `farthest` after that.
-    """
+    """Compare the points of a run with those of another one."""
     gaps, squares = np.empty(RUN, np.float32), np.empty(RUN, np.float32)
     _gaps(others, others, box, gaps)
     for j in range(count):
@@ -131,16 +105,7 @@ def _compared(
 
 @compiled(f"{_ROW}(float32[:, :, ::1], {_GRID}, float32[:, :, ::1], {_GRID}, int64, int64)")
 def _mean_distances(points: F32, boxes: F32, children: F32, blocks: F32, count: int, neighbors: int) -> F32:
-    """(N,) mean distance of each point to its nearest neighbours.
-
-    Args:
-        points: (runs, 3, RUN) the points, filled up with copies of the last one.
-        boxes: (runs, 6) lowest x, y, z of each run and highest.
-        children: (blocks, 6, RUN) the same boxes by block.
-        blocks: (6, blocks) boxes around them.
-        count: N.
-        neighbors: At least 1, below N.
-    """
+    """(N,) mean distance of each point to its nearest neighbours."""
     runs = (count + RUN - 1) // RUN
     means = np.empty(runs * RUN, np.float32)
     nearest = np.zeros(((neighbors + RANKS - 1) // RANKS * RANKS + 1) * RUN, np.float32)
@@ -174,13 +139,9 @@ def _mean_distances(points: F32, boxes: F32, children: F32, blocks: F32, count: 
 
 
 def mean_neighbor_distance_m(xyz: F32, neighbors: int) -> F32:
-    """(N,) mean distance of each point to its nearest neighbours, other than itself, as PCL rounds it.
+    """(N,) mean distance of finite points (N, 3) to 1 to N - 1 nearest neighbours, other than itself, as PCL rounds it.
 
     Squares of distances, their sums and roots in float32, the sum over the neighbours, nearest first, in float64.
-
-    Args:
-        xyz: (N, 3) metres, finite.
-        neighbors: At least 1, below N.
     """
     rows = np.ascontiguousarray(xyz.T)
     order = curve_order(rows)

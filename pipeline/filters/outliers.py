@@ -10,18 +10,16 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F32, Bools
 from lidcam.pipeline.filters.neighbor_search import mean_neighbor_distance_m
 
+NEIGHBORS = 10
+"""Nearest neighbours to which a point's distance is averaged, without the point itself."""
 
-def statistical_inliers(xyz: F32, *, neighbors: int, std_ratio: float) -> Bools:
-    """(N,) true for the points to keep.
+
+def statistical_inliers(xyz: F32, *, std_ratio: float, neighbors: int = NEIGHBORS) -> Bools:
+    """(N,) whether to keep each of the finite points (N, 3).
 
     A point is kept if the mean distance to its `neighbors` nearest neighbours is at most the mean of that distance over
     the cloud plus `std_ratio` times its sample standard deviation. Exact duplicates are neighbours at distance 0. A
     cloud of `neighbors` points or fewer is kept whole (PCL reads past its results there).
-
-    Args:
-        xyz: (N, 3) metres, finite.
-        neighbors: At least 1; the point itself does not count.
-        std_ratio: May be negative.
     """
     if len(xyz) <= neighbors:
         return np.ones(len(xyz), np.bool_)

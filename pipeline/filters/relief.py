@@ -36,8 +36,11 @@ ROUNDS = ((4.0, 3.0),) * 5 + ((2.0, 2.0),) * 2 + ((1.0, 1.0),) * 3
 wide ones bridge the gaps between the rings of a lidar and follow a slope; the narrow ones leave out what stands on it.
 """
 
-ABOVE_PER_DISTANCE, ABOVE_WEIGHT = 0.75, 0.1
-"""Weight of points that are higher above the last surface than this multiple of `distance_m`: they may stand on it."""
+ABOVE_PER_DISTANCE = 0.75
+"""Height above the last surface, as a multiple of `distance_m`, from which on points may stand on the ground."""
+
+ABOVE_WEIGHT = 0.1
+"""Weight of such points."""
 
 MAX_POINTS = 4.0
 """Fine cells of a cell that count: no cell pulls more than one full of ground."""
@@ -45,15 +48,17 @@ MAX_POINTS = 4.0
 PRIOR_WEIGHT = 0.05
 """Weight of the last surface against the points of a cell."""
 
-FILL_CELLS, FILL_WEIGHT = 5.0, 0.02
-"""Where nothing is known, the surface is what is known around, smoothed so widely, against so little of the plane."""
+FILL_CELLS = 5.0
+"""Standard deviation, in cells, of the smoothing that fills unknown parts of the surface from known ones."""
+
+FILL_WEIGHT = 0.02
+"""Weight of the plane in those parts."""
 
 TRUST_CELLS = 1.0
-"""Smoothing of where that is."""
-
+"""Standard deviation, in cells, of the smoothing of known parts' borders."""
 
 REACH_OF_GAUSSIAN = 2.5
-"""Smoothing looks at most this many standard deviations far."""
+"""Largest reach of the smoothing, in standard deviations."""
 
 POINTS = "Array(float32, 2, 'C', True)"
 """Type of points in columns, perhaps read-only."""
@@ -129,22 +134,7 @@ def _lowest_of_cells(
     slope: np.float32,
     layer_m: np.float32,
 ) -> tuple[I64, F64]:
-    """The cells of a grid that hold points near a plane, and the mean height of the lowest of them above it.
-
-    Args:
-        points: (3, N) metres, finite.
-        plane: (4,) normal and offset.
-        middle: (2,) from where distances count.
-        origin: (2,) lowest corner of the grid.
-        cell_m: Edge of its cells.
-        side: Cells along each edge of the grid.
-        reach_m: Points are near if they are at most this, ...
-        slope: ... and this multiple of their distance from the middle, above or below the plane.
-        layer_m: Points are low if they are at most this much higher than the lowest of the cell.
-
-    Returns:
-        (M,) cells, row x side + column, ascending, and (M,) metres.
-    """
+    """The cells of a grid that hold points near a plane, and the mean height of the lowest of them above it."""
     count = points.shape[1]
     cells, heights = np.empty(count, np.int32), np.empty(count, np.float32)
     kept, first, last = 0, side * side, -1
@@ -198,14 +188,7 @@ def _symmetric(sums: F64, values: F64, count: int, stride: int, taps: F64) -> No
 
 @compiled("void(float64[:, ::1], float64[::1], int64, float64[::1])")
 def _smooth(values: F64, taps: F64, margin: int, smoothed: F64) -> None:
-    """Smooth a grid (H, W), 0 beyond its edges, along both axes.
-
-    Args:
-        values: (H, W).
-        taps: (R + 1,) weight of a node itself, of those beside it, and so on.
-        margin: Nodes around the grid for which the result is wanted, too; at least R, which is as far as it reaches.
-        smoothed: Where the result is written to, row by row: (H + 2 margin, W + 2 margin).
-    """
+    """Smooth a grid (H, W), 0 beyond its edges, along both axes."""
     height, width = values.shape
     reach = len(taps) - 1
     rows, line = height + 2 * reach, width + 2 * margin  # of the result, whose rows lie one after another
@@ -229,20 +212,6 @@ def _grown(xy: F64, height_m: F64, side: int, taps: F64, counts: I64, near_m: F6
     """A surface that grows from zero towards cells; where there are none, it goes on as it is nearby.
 
     Only the nodes that are pulled, and those that smoothing carries this on to, are looked at: elsewhere it stays zero.
-
-    Args:
-        xy: (M, 2) middles of the cells, in nodes of the surface, from 0 to `side` - 1; each pulls at the nearest node.
-        height_m: (M,) their heights.
-        side: The surface has so many nodes along each edge, at least 2.
-        taps: Of the smoothing in each of R rounds, of that which fills gaps, and of that of the weight of what is
-            known, one after another; see `smooth`.
-        counts: (R + 2,) number of taps of each.
-        near_m: (R,) cells farther from the surface do not pull.
-        limits: (5,) cells higher above the surface than the first pull by the second; the most that a node is pulled
-            by; the weight of the last surface; and that of nothing, where gaps are filled.
-
-    Returns:
-        (side, side) heights.
     """
     offsets_m = np.zeros((side, side), np.float64)
     if len(xy) == 0:

@@ -43,6 +43,15 @@ _LEVELS = (-1.0, 0.2, 1.0)
 MAX_CAR_HEIGHT = 1.2
 """Maximum ratio of height to width of a car."""
 
+CORNER_ROUNDING = 0.25
+"""Radius of the corners of a car seen from above, as a share of its width."""
+
+UNDERSIDE = 0.06
+"""Height of the outline's lower edge above the ground, as a share of the object's height."""
+
+CABIN = 0.4
+"""Amount by which the roof of a car is shorter and narrower than its body, as a share."""
+
 MIN_PERSON_HEIGHT = 2.0
 """Minimum ratio of height to width of a person."""
 
@@ -85,7 +94,14 @@ def cuboid_outline(*, bent: bool) -> Outline:
     return Outline(points, np.zeros((1, len(points), 3)))
 
 
-def rounded_outline(sizes: F64, *, rounding: float, underside: float, cabin: float, bent: bool) -> Outline:
+def rounded_outline(
+    sizes: F64,
+    *,
+    rounding: float = CORNER_ROUNDING,
+    underside: float = UNDERSIDE,
+    cabin: float = CABIN,
+    bent: bool,
+) -> Outline:
     """Boxes with round corners, seen from above, and a roof that is smaller than the body.
 
     Args:

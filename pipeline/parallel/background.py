@@ -73,16 +73,14 @@ class Background:
                 if self._is_closed:
                     return
                 job, weight = self._jobs.popleft()
-            error: BaseException | None = None
             try:
                 job()
             except BaseException as err:
-                error = err
+                self._error = err
             del job
             with self._changed:
                 self._left -= 1
                 self._weight -= weight
-                self._error = error
                 self._changed.notify_all()
-            if error is not None:
+            if self._error is not None:
                 return

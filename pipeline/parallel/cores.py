@@ -9,7 +9,7 @@ THREADS_OF_LIBRARIES = "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"
 libraries read them once, when they are loaded."""
 
 CGROUP_LIMIT = Path("/sys/fs/cgroup/cpu.max")
-"""Share of processor time of a container: microseconds, or `max`, in each period of so many microseconds."""
+"""Processor time of a container: microseconds, or `max`, per period in microseconds."""
 
 
 def usable_cores() -> int:

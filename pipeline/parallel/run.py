@@ -5,6 +5,7 @@ the ordered stages: all of it on the calling thread, so no lock is needed and no
 """
 
 import logging
+import select
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
@@ -13,14 +14,14 @@ from typing import Any, Generic, TypeVar
 
 from lidcam.pipeline.core.errors import WorkerError
 from lidcam.pipeline.graph import Graph, Node, Stamped
-from lidcam.pipeline.parallel.process import Crew, WorkerProcess
+from lidcam.pipeline.parallel.process import WorkerProcess
 from lidcam.pipeline.parallel.worker import Answer, Failure, MakeGraph, Question, Setup, log_levels
 
 START_S = 1.0
 """Processor time until a process works on its first frame, in seconds: it imports libraries. 0 awaits all processes."""
 
-TRIED = 2
-"""Frames after which the time of a frame is known; the first also loads and compiles what the others use."""
+MIN_TIMED = 2
+"""Fewest frames that tell the time of a frame; the first also loads and compiles what the others use."""
 
 F = TypeVar("F", bound=Stamped)
 R = TypeVar("R")
@@ -31,22 +32,16 @@ class Limits(Generic[F]):
     """Limits of the frames in work.
 
     Attributes:
-        workers: Number of processes, with the one that reads.
+        workers: Number of processes, the one that reads included.
         frames: Largest number of frames in work.
         weigh: Weight of a frame.
-        weight: Weight of all frames in work; a heavier one is in work alone.
+        weight: Largest weight of all frames in work; a heavier one is in work alone.
     """
 
     workers: int
     frames: int
     weigh: Callable[[F], float] = lambda _: 0.0
     weight: float = 0.0
-
-    def __post_init__(self) -> None:
-        if self.workers < 1:
-            raise ValueError(f"workers: expected at least 1 process, got {self.workers}")
-        if self.frames < 1:
-            raise ValueError(f"frames: expected at least 1 frame, got {self.frames}")
 
 
 def run_parallel(
@@ -70,25 +65,21 @@ def run_parallel(
         frames: Read on the calling thread.
         limits: Limits of the frames in work.
         make_graph: Makes the free stages of `graph` anew, in another process: with the same names, in the same order.
-        expected: About how many frames there will be.
+        expected: Expected number of frames.
         needed: Reduces a frame to what the free stages read of it, before it is sent to another process.
         started: Processes that have been started; more are when they are worth it.
 
     Raises:
         WorkerError: another process cannot be started, or dies.
     """
-    handed = tuple(node.name for node in graph.parts(sink).handed)
-    with Crew(Setup(make_graph, handed, log_levels()), started) as crew:
-        yield from _Run(graph, sink, limits, needed, crew, expected, iter(frames)).results()
+    setup = Setup(make_graph, tuple(node.name for node in graph.parts(sink).handed), log_levels())
+    yield from _Run(graph, sink, limits, needed, setup, expected, iter(frames)).results(started)
 
 
 def worthwhile(workers: int, left: int, frame_s: float) -> int:
-    """Number of processes that are worth their start: each works on frames for as long as its start takes.
+    """Number of processes, up to `workers`, that are worth their start for the frames that are left, at `frame_s` each.
 
-    Args:
-        workers: Number of processes at most, with the one that reads.
-        left: About how many frames are left.
-        frame_s: Time of a frame, seconds.
+    Each works on frames for at least as long as its start takes.
     """
     return workers if START_S == 0 else max(min(workers, int(max(left, 0) * frame_s / START_S)), 1)
 
@@ -109,12 +100,13 @@ class _Run(Generic[F]):
         sink: Node[Any],
         limits: Limits[F],
         needed: Callable[[F], F],
-        crew: Crew,
+        setup: Setup,
         expected: int,
         frames: Iterator[F],
     ) -> None:
         self._graph, self._sink, self._parts = graph, sink, graph.parts(sink)
-        self._limits, self._needed, self._crew, self._frames = limits, needed, crew, frames
+        self._limits, self._needed, self._setup, self._frames = limits, needed, setup, frames
+        self._processes: list[WorkerProcess] = []
         self._workers, self._expected = min(limits.workers, limits.frames), expected
         self._tried, self._frame_s = 0, 0.0
         self._tasks: deque[_Task[F]] = deque()
@@ -122,13 +114,17 @@ class _Run(Generic[F]):
         self._count, self._done, self._is_ended = 0, 0, False
         self._error: Exception | None = None  # behind the last frame
 
-    def results(self) -> Generator[Any, None, None]:
+    def results(self, started: Sequence[WorkerProcess]) -> Generator[Any, None, None]:
         """First what keeps the others at work, then what is due, then work of its own."""
         try:
+            for process in started:
+                self._add_process(process)
             yield from self._results()
             if self._error is not None:
                 raise self._error
         finally:
+            for process in self._processes:
+                process.end()
             # The traceback of an error refers to this object. If this referred to the error, the garbage collector
             # would clear the frames in work with it, and CPython 3.11 crashes when it clears views of memory in use.
             self._tasks.clear()
@@ -136,7 +132,7 @@ class _Run(Generic[F]):
 
     def _results(self) -> Generator[Any, None, None]:
         self._start_more()
-        while self._crew.is_starting:
+        while self._is_starting:
             self._take_in(wait=True)
         while True:
             self._take_in(wait=False)
@@ -160,9 +156,19 @@ class _Run(Generic[F]):
 
         Where reading and writing fill this process, more of them do not help.
         """
-        if START_S == 0 or self._tried >= TRIED:
+        if START_S == 0 or self._tried >= MIN_TIMED:
             wanted = worthwhile(self._workers, self._expected - self._done, self._frame_s)
-            self._crew.start(wanted - 1 - len(self._crew))
+            if not self._is_starting:
+                for _ in range(wanted - 1 - len(self._processes)):
+                    self._add_process(WorkerProcess())
+
+    @property
+    def _is_starting(self) -> bool:
+        return any(not process.is_ready for process in self._processes)
+
+    def _add_process(self, process: WorkerProcess) -> None:
+        self._processes.append(process)
+        process.set_up(self._setup)
 
     def _begin_one(self) -> bool:
         """Whether there is one more frame that may be in work now."""
@@ -190,9 +196,10 @@ class _Run(Generic[F]):
         for task in self._tasks:
             if task.is_taken:
                 continue
-            process = self._crew.with_room()
-            if process is None:
+            free = [process for process in self._processes if process.has_room]
+            if not free:
                 return
+            process = min(free, key=lambda one: len(one.numbers))
             task.is_taken = True
             try:
                 process.ask(Question(task.number, self._needed(task.frame)))
@@ -201,7 +208,10 @@ class _Run(Generic[F]):
 
     def _take_in(self, *, wait: bool) -> None:
         """Receive the messages of other processes."""
-        for process in self._crew.with_news(wait=wait):
+        poll, by_descriptor = select.poll(), {process.fileno(): process for process in self._processes}
+        for descriptor in by_descriptor:
+            poll.register(descriptor, select.POLLIN)
+        for process in [by_descriptor[descriptor] for descriptor, _ in poll.poll(None if wait else 0)]:
             try:
                 said = process.receive()
             except WorkerError as err:
@@ -212,17 +222,21 @@ class _Run(Generic[F]):
                 if isinstance(said.outcome, Failure):
                     self._is_ended = True
             elif said.failure is not None:
-                self._crew.part_with(process)
+                self._part_with(process)
                 self._end(said.failure.raised())
 
     def _lose(self, process: WorkerProcess, err: WorkerError) -> None:
         """Give up the frames of a process that has died."""
-        self._crew.part_with(process)
+        self._part_with(process)
         if not process.numbers:
             self._end(err)
         for number in process.numbers:
             self._tasks[number - self._tasks[0].number].outcome = err
             self._is_ended = True
+
+    def _part_with(self, process: WorkerProcess) -> None:
+        self._processes.remove(process)
+        process.end()
 
     def _end(self, err: Exception) -> None:
         """Take no more frames; the error comes behind those that are in work."""

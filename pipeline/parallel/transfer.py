@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 BESIDE_BYTES = 1 << 14
-"""From this size on, an array travels beside the pickle."""
+"""Smallest size of an array that travels beside the pickle."""
 
 MAX_PARTS = 512
 """Parts that are handed to the system at once; Linux takes 1024."""
@@ -24,11 +24,10 @@ MAX_PARTS = 512
 COUNT = struct.Struct("<Q")
 
 Fill = Callable[[memoryview], int | None]
-"""Reads into the beginning of a buffer, and says how many bytes."""
+"""Reads into the beginning of a buffer; returns the number of bytes."""
 
 HELD_BYTES = 1 << 22
-"""Size of the system's buffer: a frame, so that the sender need not wait for a process that is at work on a stage. The
-system may allow less."""
+"""Size of the system's buffer: a frame, so that the sender need not wait for a process that is at work on a stage."""
 
 
 def connected() -> tuple[socket.socket, socket.socket]:
@@ -53,14 +52,13 @@ def receive(connection: socket.socket) -> object:
     """The next object that the other side sent.
 
     Raises:
-        EOFError: the other side is gone.
-        OSError: the same.
+        EOFError, OSError: the other side is gone.
     """
     return _value(lambda buffer: connection.recv_into(buffer, 0, socket.MSG_WAITALL))
 
 
 def dump(value: object, file: io.FileIO) -> None:
-    """Write an object at the place where a file stands.
+    """Write an object at the current position of a file.
 
     Raises:
         OSError: it cannot be written; a part of it may have been.
@@ -70,7 +68,7 @@ def dump(value: object, file: io.FileIO) -> None:
 
 
 def load(file: io.FileIO) -> object:
-    """The object that `dump` wrote where a file stands. To be used for files that only this process can write.
+    """The object that `dump` wrote at the current position of a file, which only this process can write.
 
     Raises:
         EOFError: the file ends before the object does.
@@ -80,7 +78,6 @@ def load(file: io.FileIO) -> object:
 
 
 def _parts(value: object) -> list[memoryview]:
-    """What there is to write of an object."""
     stream = io.BytesIO()
     large: list[memoryview] = []
 
@@ -98,7 +95,6 @@ def _parts(value: object) -> list[memoryview]:
 
 
 def _value(fill: Fill) -> object:
-    """The object of which `fill` reads the parts."""
     (count,) = COUNT.unpack(_read(fill, COUNT.size))
     sizes = struct.unpack(f"<{count}Q", _read(fill, COUNT.size * count))
     stream, *large = (_read(fill, size) for size in sizes)
@@ -106,11 +102,7 @@ def _value(fill: Fill) -> object:
 
 
 def arrived(value: object) -> object:
-    """A value as the other side would receive it.
-
-    Raises:
-        Exception: it cannot be pickled.
-    """
+    """A value as the other side would receive it."""
     return pickle.loads(pickle.dumps(value))  # noqa: S301  # made in this line
 
 

@@ -40,15 +40,26 @@ class WorkerTraceback(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """An error as it travels.
-
-    Attributes:
-        error: The error, with its notes; it can be pickled.
-        trace: Its traceback as text.
-    """
+    """An error that can be pickled, with its notes, and its traceback as text."""
 
     error: Exception
     trace: str
+
+    @classmethod
+    def of(cls, err: Exception) -> "Failure":
+        """The error to send; one that cannot be pickled becomes a `RuntimeError` with its type and text."""
+        if is_short_memory(err) and not isinstance(err, LidcamError):
+            sent: Exception = MemoryError(str(err))  # whatever a library says with an error of its own
+        else:
+            try:
+                copy = arrived(err)
+            except Exception:
+                copy = None
+            is_whole = type(copy) is type(err) and str(copy) == str(err)
+            sent = err if is_whole else RuntimeError(f"{type(err).__qualname__}: {err}")
+        for note in getattr(err, "__notes__", ()) if sent is not err else ():
+            sent.add_note(note)
+        return cls(sent, "".join(traceback.format_exception(err)))
 
     def raised(self) -> Exception:
         """The error, to be raised in this process."""
@@ -84,14 +95,7 @@ class Question(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """Result of a frame.
-
-    Attributes:
-        number: Place of the frame among all frames.
-        outcome: The outputs that are handed on, or an error.
-        seconds: Time spent by stage.
-        records: Records that the stages logged.
-    """
+    """Result of a frame: the outputs that are handed on, or an error; seconds by stage; records that stages logged."""
 
     number: int
     outcome: tuple[Any, ...] | Failure
@@ -99,54 +103,15 @@ class Answer(NamedTuple):
     records: tuple[LogRecord, ...] = ()
 
 
-def _failure_of(err: Exception) -> Failure:
-    """The error to send; one that cannot be pickled becomes a `RuntimeError` with its type and text."""
-    return Failure(_portable(err), "".join(traceback.format_exception(err)))
-
-
-def _portable(err: Exception) -> Exception:
-    if is_short_memory(err) and not isinstance(err, LidcamError):
-        return _noted(MemoryError(str(err)), err)  # whatever a library says with an error of its own
-    try:
-        copy = arrived(err)
-    except Exception:
-        copy = None
-    if type(copy) is type(err) and str(copy) == str(err):
-        return err
-    return _noted(RuntimeError(f"{type(err).__qualname__}: {err}"), err)
-
-
-def _noted(error: Exception, original: Exception) -> Exception:
-    for note in getattr(original, "__notes__", ()):
-        error.add_note(note)
-    return error
-
-
 def log_levels() -> Mapping[str, int]:
     """The levels of the loggers that have one, by name; the root has none."""
     root = logging.getLogger()
-    named = {
-        name: logger.level for name, logger in root.manager.loggerDict.items() if isinstance(logger, logging.Logger)
-    }
-    return {"": root.level, **{name: level for name, level in sorted(named.items()) if level != logging.NOTSET}}
-
-
-def _gather_log(levels: Mapping[str, int]) -> SimpleQueue[LogRecord]:
-    """A queue of all records that are logged from now on, at the given levels."""
-    records: SimpleQueue[LogRecord] = SimpleQueue()
-    logging.getLogger().addHandler(QueueHandler(records))
-    for name, level in levels.items():
-        logging.getLogger(name or None).setLevel(level)
-    return records
+    loggers = {name: one for name, one in root.manager.loggerDict.items() if isinstance(one, logging.Logger)}
+    return {"": root.level, **{name: logger.level for name, logger in sorted(loggers.items()) if logger.level}}
 
 
 def serve(descriptor: int, stages: Stages | None = None) -> NoReturn:
-    """Work on frames until the socket with this descriptor is closed at its other end.
-
-    Args:
-        descriptor: File descriptor of a connected socket.
-        stages: The stages; None to make them here.
-    """
+    """Work on frames until the other end of this socket is closed; without stages, they are made here."""
     sys.setswitchinterval(SWITCH_S)
     connection = socket.socket(fileno=descriptor)
     inbox: SimpleQueue[object] = SimpleQueue()
@@ -188,7 +153,7 @@ def _send_all(connection: socket.socket, outbox: SimpleQueue[Ready | Answer]) ->
             raise
         except Exception as err:  # an output that cannot be pickled
             number = answer.number if isinstance(answer, Answer) else 0
-            send(connection, Answer(number, _failure_of(err), {}))
+            send(connection, Answer(number, Failure.of(err), {}))
         del answer
 
 
@@ -197,12 +162,15 @@ def _work(inbox: SimpleQueue[object], outbox: SimpleQueue[Ready | Answer], stage
     try:
         graph, sink = stages or setup.make_graph()
     except Exception as err:
-        outbox.put(Ready(_failure_of(err)))
+        outbox.put(Ready(Failure.of(err)))
         threading.Event().wait()  # the process ends with its socket
         raise
     by_name = {node.name: node for node in graph.nodes}
     handed, free = [by_name[name] for name in setup.handed], graph.parts(sink).free
-    records = _gather_log(setup.log_levels)
+    records: SimpleQueue[LogRecord] = SimpleQueue()
+    logging.getLogger().addHandler(QueueHandler(records))
+    for name, level in setup.log_levels.items():
+        logging.getLogger(name or None).setLevel(level)
     gc.freeze()  # libraries stay: looking for garbage among them takes 5 ms a frame
     outbox.put(Ready())
 
@@ -214,7 +182,7 @@ def _work(inbox: SimpleQueue[object], outbox: SimpleQueue[Ready | Answer], stage
             graph.evaluate(free, question.frame, values)
             outcome = tuple(values[node] for node in handed)
         except Exception as err:
-            outcome = _failure_of(err)
+            outcome = Failure.of(err)
         taken = {name: seconds for name, seconds in graph.seconds.items() if seconds}
         return Answer(question.number, outcome, taken, tuple(records.get() for _ in range(records.qsize())))
 

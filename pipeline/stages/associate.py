@@ -17,6 +17,9 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, F64, I64, Bools, Indices, Table, first_of_runs
 from lidcam.pipeline.core.association import (
+    CALIBRATION_SIGMA_RAD,
+    MAX_SIGMAS,
+    MIN_GIOU,
     class_confusion,
     detector_variances,
     fit_ratios,
@@ -27,7 +30,6 @@ from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Matches
 from lidcam.pipeline.core.geometry.boxes import pair_overlaps_xyxy
 from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.classes import ClassPrior
-from lidcam.pipeline.core.settings.fuse import AssociateConfig
 from lidcam.pipeline.fusion.assignment import assign
 from lidcam.pipeline.fusion.found import FoundBoxes, pairs_of_images
 from lidcam.pipeline.fusion.matching.agreement import (
@@ -65,10 +67,9 @@ class Pairs(Table):
 class Associate:
     """Association of 3D boxes with the 2D boxes of a frame."""
 
-    def __init__(self, rig: Rig, config: AssociateConfig, classes: Sequence[ClassPrior]) -> None:
+    def __init__(self, rig: Rig, classes: Sequence[ClassPrior]) -> None:
         self._names = tuple(camera.name for camera in rig.cameras)
-        self._config = config
-        self._confusion = class_confusion(classes, config.any_class)
+        self._confusion = class_confusion(classes)
 
     def __call__(
         self, boxes3d: Boxes3D, boxes2d: Mapping[str, Boxes2D], views: Mapping[str, CameraSensor]
@@ -90,7 +91,7 @@ class Associate:
         seen = project_into_views(ranked, cameras, arrays)
         hidden, rest = hidden_parts(ranked, seen, arrays.positions)
         found = self._found_boxes(boxes2d, arrays)
-        pairs = near_pairs(seen.xyxy, seen.cameras, found.xyxy, found.cameras, min_giou=self._config.min_giou)
+        pairs = near_pairs(seen.xyxy, seen.cameras, found.xyxy, found.cameras, min_giou=MIN_GIOU)
         taken = self._taken(ranked, seen, (hidden, rest), found, pairs, arrays)
         return self._matches(rows3d, seen, hidden, found, pairs.select(taken))
 
@@ -135,9 +136,9 @@ class Associate:
             return taken
         is_first = first_of_runs(pairs.seen)
         near, pairs = pairs.seen[is_first], replace(pairs, seen=np.cumsum(is_first) - 1)
-        config, seen, (hidden, rest) = self._config, seen.select(near), (each[near] for each in hiding)
+        seen, (hidden, rest) = seen.select(near), (each[near] for each in hiding)
         jacobians = feature_jacobian(seen.xyxy, seen.jacobian)
-        noise = detector_variances(seen.xyxy, config)
+        noise = detector_variances(seen.xyxy)
         belief = BoxBelief(prior_covariances(boxes), np.log(self._confusion).T[boxes.class_ids], self._confusion)
         others = before_matching(belief, seen.rows)
         by_box = noise + spread(others.covariances, jacobians)
@@ -145,7 +146,7 @@ class Associate:
         class_ids, base_worth = found.class_ids[pairs.found], self._base_worth(hidden, found, pairs)
         area_px = arrays.image_sizes.prod(1)[seen.cameras[pairs.seen]]
         focal_px = arrays.lenses.K[:, [0, 1], [0, 1]][seen.cameras]
-        aim = (np.deg2rad(config.calibration_sigma_deg) * focal_px) ** 2
+        aim = (CALIBRATION_SIGMA_RAD * focal_px) ** 2
         shifts, aims = np.zeros_like(aim), aim
         for _ in range(MAX_ROUNDS):
             residuals = differences - (jacobians * others.shifts[:, None]).sum(2)[pairs.seen]
@@ -153,9 +154,9 @@ class Associate:
             shifted[:, :2] -= shifts[pairs.seen]
             variances[:, :2] += aims[pairs.seen]
             squared = squared_distances(shifted, variances)
-            ratio = fit_ratios(squared, variances, area_px, config.unseen_boxes)
+            ratio = fit_ratios(squared, variances, area_px)
             worth = ratio + base_worth + others.log_classes[pairs.seen, class_ids]
-            before, taken = taken, best_pairs(pairs, np.where(squared <= config.gate**2, worth, 0.0), seen.cameras)
+            before, taken = taken, best_pairs(pairs, np.where(squared <= MAX_SIGMAS**2, worth, 0.0), seen.cameras)
             if (before == taken).all():
                 break
             chosen = taken.nonzero()[0]

@@ -11,7 +11,7 @@ from lidcam.pipeline.core.clouds import CombinedCloud, Plane, PointCloud, Relief
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
 from lidcam.pipeline.core.rig import LidarSensor, Rig
-from lidcam.pipeline.core.settings.combine import CombineConfig, MotionConfig
+from lidcam.pipeline.core.settings.combine import CombineConfig
 from lidcam.pipeline.filters.ground import find_ground
 from lidcam.pipeline.filters.ground_kernels import COMPILED, parted
 from lidcam.pipeline.filters.motion import coordinates, deskew, in_range, moved
@@ -56,7 +56,7 @@ class Combine:
         for index, lidar in enumerate(self._rig.lidars):
             if lidar.name in clouds:
                 near = _in_range(clouds[lidar.name], config.min_range_m, config.max_range_m)
-                known = _motion_over(near, bundle.stamp_ns, motion, config.motion)
+                known = _motion_over(near, bundle.stamp_ns, motion)
                 sweeps[index] = _to_site(near, lidar, bundle.stamp_ns, known)
                 if known is not None:
                     compensated.append(lidar.name)
@@ -67,8 +67,7 @@ class Combine:
 
         kept = np.ones(len(cloud), np.bool_)
         if config.outliers.enabled:
-            neighbors, std_ratio = config.outliers.neighbors, config.outliers.std_ratio
-            kept = statistical_inliers(cloud.xyz, neighbors=neighbors, std_ratio=std_ratio)
+            kept = statistical_inliers(cloud.xyz, std_ratio=config.outliers.std_ratio)
 
         ground = self._ground_of(cloud.xyz, kept)
         left, above, ground_cloud = ground.left, ground.above, cloud.select(ground.on_plane)
@@ -78,7 +77,6 @@ class Combine:
         points_by_lidar = {self._rig.lidars[index].name: len(sweep) for index, sweep in sweeps.items()}
         return CombinedCloud(
             cloud=cloud.select(left),
-            lidar_index=lidar_index.take(left),
             detection_cloud=cloud.select(above),
             detection_lidar_index=lidar_index.take(above),
             ground_cloud=ground_cloud,
@@ -93,14 +91,13 @@ class Combine:
     def _ground_of(self, xyz_site: F32, kept: Bools) -> "_Ground":
         """The ground of the points that are kept."""
         config, origins, known_m = self._config.ground, self._lidar_origins_site, self._rig.ground_height_m
-        plane = relief = None
+        plane = None
         if config.enabled:
             kept_xyz = coordinates(xyz_site, kept).T
             plane = find_ground(kept_xyz, origins, config=config, ground_height_m=known_m, passes=COMPILED)
         if plane is None:
             return _Ground(None, None, np.flatnonzero(kept), np.arange(0), np.arange(len(xyz_site)))
-        if config.relief:
-            relief = find_relief(kept_xyz, origins, plane, config)
+        relief = find_relief(kept_xyz, origins, plane, config)
         rounded = np.append(plane.normal, plane.offset_m).astype(np.float32)
         grid = (relief.origin_xy, relief.cell_m, relief.offsets_m) if relief else (np.zeros(2), 1.0, np.zeros((0, 0)))
         return _Ground(plane, relief, *parted(xyz_site, kept, rounded, config.distance_m, *grid))
@@ -125,20 +122,13 @@ def _in_range(cloud: PointCloud, min_range_m: float, max_range_m: float) -> Poin
     return cloud if keep.all() else cloud.select(keep)
 
 
-def _motion_over(
-    cloud: PointCloud, stamp_ns: int, motion: PoseSamples | None, config: MotionConfig
-) -> PoseSamples | None:
+def _motion_over(cloud: PointCloud, stamp_ns: int, motion: PoseSamples | None) -> PoseSamples | None:
     """The motion, if points have to be moved to the frame's time and it is known for all of them."""
     # Without point times, a cloud with the stamp of the frame needs no compensation.
     if motion is None or not len(cloud) or not (cloud.has_time or cloud.stamp_ns != stamp_ns):
         return None
-    covered = motion.covers(
-        min(stamp_ns, cloud.stamp_ns + int(cloud.time_offset_ns.min())),
-        max(stamp_ns, cloud.stamp_ns + int(cloud.time_offset_ns.max())),
-        max_extrapolation_s=config.max_extrapolation_s,
-        max_gap_s=config.max_gap_s,
-    )
-    return motion if covered else None
+    ends_ns = (cloud.stamp_ns + int(end) for end in (cloud.time_offset_ns.min(), cloud.time_offset_ns.max()))
+    return motion if motion.covers(stamp_ns, *ends_ns) else None
 
 
 def _to_site(cloud: PointCloud, lidar: LidarSensor, stamp_ns: int, motion: PoseSamples | None) -> PointCloud:

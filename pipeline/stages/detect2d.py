@@ -16,6 +16,9 @@ from lidcam.pipeline.core.settings.detect import Detect2DConfig
 from lidcam.pipeline.detectors.protocols import Candidates2D, Detector2D
 from lidcam.pipeline.detectors.riders import PERSON, RIDDEN, finds_riders_apart, join_riders
 
+NMS_IOU = 0.45
+"""Of two boxes of one class whose IoU exceeds this, the one with the lower score is removed."""
+
 
 class Detect2D:
     """Boxes of the configured classes in the images of a frame."""
@@ -73,7 +76,7 @@ class Detect2D:
         wanted = (proposed.scores >= self._settings.min_score) & (class_ids >= 0)
         rows = np.flatnonzero(wanted & (xyxy[:, 2] > xyxy[:, 0]) & (xyxy[:, 3] > xyxy[:, 1]))
         boxes = Boxes2D(image.stamp_ns, image.frame_id, xyxy[rows], proposed.scores[rows], class_ids[rows])
-        kept = suppress_overlaps(boxes, max_iou=self._settings.nms_iou)
+        kept = suppress_overlaps(boxes, max_iou=NMS_IOU)
         boxes, labels = boxes.select(kept), proposed.labels[rows[kept]]
         if self._joins_riders:
             boxes = join_riders(boxes, self._is_person[labels], self._is_ridden[labels])

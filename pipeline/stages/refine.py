@@ -12,13 +12,13 @@ from dataclasses import replace
 import numpy as np
 
 from lidcam.pipeline.core.arrays import first_of_runs, replace_rows
-from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Source
+from lidcam.pipeline.core.detections import Boxes2D, Hypotheses, Source
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.fuse import FuseConfig
-from lidcam.pipeline.fusion.projection import Outline, cuboid_outline, rounded_outline
+from lidcam.pipeline.fusion.projection import rounded_outline
 from lidcam.pipeline.fusion.refining.box_prior import box_prior
-from lidcam.pipeline.fusion.refining.edges import MeasuredEdges, doubted_edges, measured_edges, moved_by_borders
+from lidcam.pipeline.fusion.refining.edges import doubted_edges, measured_edges, moved_by_borders
 from lidcam.pipeline.fusion.refining.refinement import better_turned, predicted_edges, refine_boxes, with_turned
 
 
@@ -44,7 +44,7 @@ class Refine:
         edges = measured_edges(hypotheses, boxes2d, views, self._config)
         count = len(hypotheses.boxes)
         boxes, edges, turned_of = with_turned(hypotheses.boxes, edges)
-        outline = self._outline(boxes, edges)
+        outline = rounded_outline(boxes.sizes[edges.rows], bent=edges.cameras.lenses.bends)
         predicted, jacobian, in_view = predicted_edges(boxes, edges, outline)
         if not in_view.any():
             return hypotheses
@@ -72,15 +72,3 @@ class Refine:
             measured_ns=before.measured_ns + np.rint(found.later_s[taken] * 1e9).astype(np.int64),
         )
         return replace(hypotheses, boxes=replace_rows(hypotheses.boxes, rows, refined))
-
-    def _outline(self, boxes: Boxes3D, edges: MeasuredEdges) -> Outline:
-        bent = edges.cameras.lenses.bends
-        if not (self._config.corner_rounding or self._config.underside or self._config.cabin):
-            return cuboid_outline(bent=bent)
-        return rounded_outline(
-            boxes.sizes[edges.rows],
-            rounding=self._config.corner_rounding,
-            underside=self._config.underside,
-            cabin=self._config.cabin,
-            bent=bent,
-        )

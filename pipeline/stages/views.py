@@ -28,8 +28,8 @@ class Views:
     moving ones are off by their motion in that time.
 
     The time of a camera is that of its recorded 2D boxes, else of its image, with `time_offset_ns` removed. Without a
-    message, without known motion (`PoseSamples.covers`, with the limits of `combine.motion`), or on a standing rig, a
-    camera stays as it is.
+    message, without known motion (`PoseSamples.covers`), with motion switched off, or on a standing rig, a camera stays
+    as it is.
     """
 
     def __init__(self, rig: Rig, config: MotionConfig) -> None:
@@ -50,13 +50,7 @@ class Views:
         moved = [
             name
             for name, time_ns in times_ns.items()
-            if time_ns != bundle.stamp_ns
-            and motion.covers(
-                min(time_ns, bundle.stamp_ns),
-                max(time_ns, bundle.stamp_ns),
-                max_extrapolation_s=self._config.max_extrapolation_s,
-                max_gap_s=self._config.max_gap_s,
-            )
+            if time_ns != bundle.stamp_ns and motion.covers(time_ns, bundle.stamp_ns)
         ]
         if not moved:
             return self._standing

@@ -152,7 +152,7 @@ class ChunkedFile(Container):
         if left.total() > self._limits.max_positions_waiting:
             raise RecordingError(
                 f"{self.path}: more than {self._limits.max_positions_waiting} messages of chunks that overlap in "
-                "time: rewrite it in the order of time, or raise limits.max_positions_waiting"
+                "time: rewrite it in the order of time, or raise limit_scale"
             )
 
     def _entries_of(self, place: ChunkPlace) -> list[Entry]:
@@ -191,7 +191,7 @@ class ChunkedFile(Container):
     def _read(self, entry: Entry) -> bytes | memoryview:
         self._check_open()
         if entry.size > self._limits.max_message_bytes:
-            raise ValueError(f"a message of {entry.size} bytes, see limits.max_message_mib")
+            raise ValueError(f"a message of {entry.size} bytes, see limit_scale")
         data: bytes | memoryview
         if entry.chunk:
             data = detach(self._records_of(entry.chunk), entry.offset, entry.size)

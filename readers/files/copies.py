@@ -46,7 +46,7 @@ def unpacked(
                 left -= len(piece)
                 if left < 0:
                     raise RecordingError(
-                        f"{path}: unpacks to more than {stream.tell()} bytes: raise limits.max_unpacked_file_gib, "
+                        f"{path}: unpacks to more than {stream.tell()} bytes: raise limit_scale, "
                         f"or free space in {folder.parent}"
                     )
                 stream.write(piece)

@@ -114,7 +114,7 @@ class Losses:
         elif hash(key) not in self._others:
             self._others.add(hash(key))
             first = self._rest or Loss(self.path, position, "", 0, 0)
-            more = f"{len(self._others)} further places, see limits.max_losses_listed"
+            more = f"{len(self._others)} further places, see limit_scale"
             self._rest = Loss(self.path, first.position, more, _sum(first.size, size), _sum(first.messages, messages))
 
     def listed(self) -> tuple[Loss, ...]:

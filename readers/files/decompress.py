@@ -37,7 +37,7 @@ def check_chunk_size(size: int, largest: int) -> None:
         ValueError: this is more than `largest`.
     """
     if size > largest:
-        raise ValueError(f"a chunk unpacks to more than {largest} bytes, see limits.max_chunk_mib")
+        raise ValueError(f"a chunk unpacks to more than {largest} bytes, see limit_scale")
 
 
 def check_file_size(path: Location, unpacked: int, packed: int, limits: LimitsConfig) -> None:
@@ -50,7 +50,7 @@ def check_file_size(path: Location, unpacked: int, packed: int, limits: LimitsCo
     if unpacked > largest:
         raise RecordingError(
             f"{path}: chunks of {packed} bytes unpack to more than {largest}, or overlap in time too often: "
-            "rewrite it in the order of time, or raise limits.max_unpacked_file_gib"
+            "rewrite it in the order of time, or raise limit_scale"
         )
 
 
@@ -109,6 +109,6 @@ def decompressed(data: bytes | memoryview, encoding: str, *, announced: bool, la
     if announced or (encoding == "cdr" and data[:4] == ZSTD_MAGIC):
         size = zstandard.frame_content_size(data)  # negative if the frame does not say it
         if size > largest:
-            raise ValueError(f"a message unpacks to {size} bytes, see limits.max_message_mib")
+            raise ValueError(f"a message unpacks to {size} bytes, see limit_scale")
         return zstandard.ZstdDecompressor().decompress(data, max_output_size=largest)
     return data

@@ -108,7 +108,7 @@ class EvaluationFolder:
             with path.open("rb") as stream:
                 content = stream.read(self._limits.max_message_bytes + 1)
             if len(content) > self._limits.max_message_bytes:
-                problem = f"{path.name} is larger than limits.max_message_mib"
+                problem = f"{path.name} is too large, see limit_scale"
             elif topic == CLOUD_TOPIC:
                 data = bytes(ROS2.serialize(_cloud(content, stamp_ns)))
             else:

@@ -56,7 +56,7 @@ def deserialize(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -
     ):
         raise MessageError(
             f"{channel.topic}: a {channel.msgtype} with more than {max_items} strings or messages in its lists: raise "
-            "limits.max_message_items"
+            "limit_scale"
         )
     try:
         if channel.encoding == "ros1":

@@ -220,9 +220,7 @@ def _read_fields(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) 
 
 def _check_items(items: int, topic: str, limits: LimitsConfig) -> None:
     if items > limits.max_message_items:
-        raise MessageError(
-            f"{topic}: a message with more than {limits.max_message_items} values: raise limits.max_message_items"
-        )
+        raise MessageError(f"{topic}: a message with more than {limits.max_message_items} values: raise limit_scale")
 
 
 def _count_values(data: memoryview, descriptor: Any, max_values: int) -> int:

@@ -100,12 +100,12 @@ def check_pixels(width: int, height: int, limits: LimitsConfig, topic: str, othe
     if width * height > limits.max_image_mpx * 1e6:
         raise MessageError(
             f"{topic}: an image of {width} x {height} px, expected at most {limits.max_image_mpx:g} million pixels: "
-            "raise limits.max_image_mpx"
+            "raise limit_scale"
         )
     if others + width * height > limits.max_frame_mpx * 1e6:
         raise MessageError(
             f"{topic}: an image of {width} x {height} px, and {others} in other images of the frame, expected at most "
-            f"{limits.max_frame_mpx:g} million pixels in all: raise limits.max_frame_mpx"
+            f"{limits.max_frame_mpx:g} million pixels in all: raise limit_scale"
         )
 
 

@@ -58,12 +58,12 @@ def decode_pointcloud2(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LI
     height, width = int(cloud.height), int(cloud.width)
     if height * width > limits.max_points:
         raise MessageError(
-            f"{message.topic}: {height} x {width} points, expected at most {limits.max_points}: raise limits.max_points"
+            f"{message.topic}: {height} x {width} points, expected at most {limits.max_points}: raise limit_scale"
         )
     if others + height * width > limits.max_frame_points:
         raise MessageError(
             f"{message.topic}: {height} x {width} points, and {others} in other clouds of the frame, expected at most "
-            f"{limits.max_frame_points} in all: raise limits.max_frame_points"
+            f"{limits.max_frame_points} in all: raise limit_scale"
         )
     columns = _columns(cloud, height, width, message.topic)
     xyz, keep = _finite_points([columns.pop(axis) for axis in "xyz"])

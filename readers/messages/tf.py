@@ -252,7 +252,5 @@ def _transforms(
 
 def _add_frame(child: str, names: set[str], topic: str, limits: LimitsConfig) -> None:
     if child not in names and len(names) >= limits.max_frames:
-        raise MessageError(
-            f"{topic}: transforms of more than {limits.max_frames} coordinate frames: raise limits.max_frames"
-        )
+        raise MessageError(f"{topic}: transforms of more than {limits.max_frames} coordinate frames: raise limit_scale")
     names.add(child)

@@ -1,6 +1,7 @@
 """The settings, the rig and the account of a result, from the texts that are attached to it."""
 
 import json
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.core.settings.bounded_yaml import parse_yaml
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.validation import path_in
 from lidcam.readers.results.attached_records import ACCOUNT, CONFIG, RIG
 from lidcam.readers.rig.schema import CameraEntry, LidarEntry, parse_rig
 from lidcam.readers.rig.search import zones_of
@@ -43,7 +45,8 @@ def attached_config(text: str, path: Path, version: str) -> tuple[Config, tuple[
         try:
             config = Config.model_validate(tree)
         except ValidationError as err:
-            left_out += [key for fault in err.errors(include_url=False) if (key := _without(tree, fault["loc"]))]
+            paths = dict.fromkeys(path_in(tree, fault["loc"]) for fault in err.errors(include_url=False))
+            left_out += [key for path in paths if (key := _without(tree, path))]
         else:
             note = f"{path.name} is of lidcam {version}, whose settings differ: not used: {', '.join(left_out)}"
             return config, (note,) if left_out else ()
@@ -92,14 +95,16 @@ def _tree(text: str, path: Path, name: str) -> dict[str, Any]:
     return tree
 
 
-def _without(tree: dict[str, Any], place: tuple[int | str, ...]) -> str:
-    """Take the setting at a place out of a tree, else the section that it is missing in: its dotted key."""
-    section, *keys = map(str, place) if place else ("",)
-    holder = tree.get(section)
-    if keys and isinstance(holder, dict) and keys[0] in holder:
-        del holder[keys[0]]
-        return f"{section}.{keys[0]}"
-    return section if tree.pop(section, None) is not None else ""
+def _without(tree: dict[str, Any], path: tuple[int | str, ...]) -> str:
+    """Take a setting, or the whole list that it is in, out of a tree: its dotted key; empty if it is gone already."""
+    keys = [str(key) for key in takewhile(lambda key: isinstance(key, str), path)]
+    holder = tree
+    for key in keys[:-1]:
+        holder = holder.get(key, {})
+    if not keys or keys[-1] not in holder:
+        return ""
+    del holder[keys[-1]]
+    return ".".join(keys)
 
 
 def _lidar(name: str, entry: LidarEntry, site: str, path: Path) -> LidarSensor:

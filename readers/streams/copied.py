@@ -24,7 +24,7 @@ MESSAGE_BYTES = 500
 """Bytes that a message takes in memory beside its data."""
 
 NOT_CONVERTED = "cannot be copied"
-TOO_MANY = "more than limits.max_waiting_mib waited for a frame"
+TOO_MANY = "more than limit_scale allows waited for a frame"
 
 
 class CopiedMessages:

@@ -68,7 +68,7 @@ class CloudDecoder:
             if len(message.data) // PACKET_BYTES * POINTS_PER_PACKET > max_points:
                 raise MessageError(
                     f"{message.topic}: packets of {len(message.data)} bytes, expected at most {max_points} points: "
-                    "raise limits.max_points and limits.max_frame_points"
+                    "raise limit_scale"
                 )
             cloud, drops = self._velodyne[message.topic].decode(message)
         else:

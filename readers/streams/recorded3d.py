@@ -8,7 +8,6 @@ from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.detections import Boxes3D, Source
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.frame import Decoded, SensorBundle
-from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
 from lidcam.pipeline.core.geometry.posed_boxes import upright_boxes
 from lidcam.pipeline.core.geometry.poses import interpolate_poses
 from lidcam.pipeline.core.messages import Drop
@@ -65,7 +64,7 @@ class RecordedBoxes3D:
         motion = bundle.motion_of(self._rig.site_frame) if self._config.combine.motion.enabled else None
         if frame in detector.T_site_frame:
             T_site_frame = detector.T_site_frame[frame].matrix
-            if motion is None or stamp_ns == bundle.stamp_ns or not self._covers(motion, stamp_ns, bundle.stamp_ns):
+            if motion is None or stamp_ns == bundle.stamp_ns or not motion.covers(stamp_ns, bundle.stamp_ns):
                 return T_site_frame
             then, now = interpolate_poses(
                 motion.stamps_ns, motion.T_fixed_moving, np.array([stamp_ns, bundle.stamp_ns], np.int64)
@@ -75,30 +74,15 @@ class RecordedBoxes3D:
             raise MessageError(
                 f"{detector.topic}: its boxes are in frame {frame!r}, which nothing joins with the site frame"
             )
-        if motion is None or not self._covers(motion, bundle.stamp_ns, bundle.stamp_ns):
+        if motion is None or not motion.covers(bundle.stamp_ns):
             raise MessageError(
                 f"{detector.topic}: its boxes are in frame {frame!r}, and where the site frame was in it is not known"
             )
         (now,) = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, np.array([bundle.stamp_ns], np.int64))
         return np.asarray(np.linalg.inv(now) @ detector.T_fixed_frame[frame].matrix, np.float64)
 
-    def _covers(self, motion: PoseSamples, one_ns: int, other_ns: int) -> bool:
-        config = self._config.combine.motion
-        return motion.covers(
-            min(one_ns, other_ns),
-            max(one_ns, other_ns),
-            max_extrapolation_s=config.max_extrapolation_s,
-            max_gap_s=config.max_gap_s,
-        )
-
     def _in_site(self, found: FoundObjects, rows: np.ndarray, T_site_frame: F64, stamp_ns: int) -> Boxes3D:
-        settings = self._config.detect3d.recorded
-        upright = upright_boxes(
-            found.boxes.select(rows),
-            T_site_frame,
-            position_sigma_m=settings.position_sigma_m,
-            yaw_sigma_rad=float(np.radians(settings.yaw_sigma_deg)),
-        )
+        upright = upright_boxes(found.boxes.select(rows), T_site_frame)
         return Boxes3D(
             stamp_ns,
             self._rig.site_frame,

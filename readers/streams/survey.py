@@ -77,7 +77,7 @@ def survey(
             times[topic].extend((message.stamp_ns, message.log_time_ns))
     if counts.total() > limits.max_messages_in_memory:
         logger.warning(
-            "rates, gaps and delays are those of the first %d messages: raise limits.max_messages_in_memory",
+            "rates, gaps and delays are those of the first %d messages: raise limit_scale",
             limits.max_messages_in_memory,
         )
     surveys = []

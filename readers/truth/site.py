@@ -20,9 +20,6 @@ from lidcam.readers.recording import Recording
 from lidcam.readers.streams.motion import MotionBuffer, MotionSource, find_motion_source, links_up
 from lidcam.readers.truth.moment import STEP_BACK_NS
 
-MAX_EXTRAPOLATION_S, MAX_GAP_S = 0.2, 1.0
-"""As for clouds: beyond the poses, or between two that are farther apart, the motion is not known."""
-
 
 class SitePoses:
     """Where the site frame is in the frames of the truth.
@@ -154,9 +151,7 @@ class _Motion:
         self._latest_ns = max(self._latest_ns, stamp_ns)
         self._read(lambda newest_ns: newest_ns > stamp_ns)  # two poses make a motion
         motion = self._buffer.window(stamp_ns)
-        if motion is None or not motion.covers(
-            stamp_ns, stamp_ns, max_extrapolation_s=MAX_EXTRAPOLATION_S, max_gap_s=MAX_GAP_S
-        ):
+        if motion is None or not motion.covers(stamp_ns):
             return None
         pose = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, np.array([stamp_ns], np.int64))[0]
         T_fixed_site = Transform(self._source.fixed_frame_id, self._source.frame_id, pose)

@@ -25,7 +25,7 @@ from foxglove_messages import SCHEMA_OF, foxglove_raw, twin
 from frames import PROVENANCE, frame
 from frames import RIG as FRAMES_RIG
 from memory_recording import MemoryRecording
-from message_harnesses import ENCODINGS, LIMITS, MESSAGES, T0, Encoding, Harness, hold, images, info
+from message_harnesses import CONFIG, ENCODINGS, LIMITS, MESSAGES, T0, Encoding, Harness, hold, images, info
 
 from lidcam.evaluation.frames import EvaluationFrames
 from lidcam.pipeline.core.errors import LidcamError
@@ -85,8 +85,8 @@ def _read_everything(recording: Recording) -> None:
             if loss.position < 0 or "\n" in loss.reason:
                 raise AssertionError(f"a loss that cannot be told: {loss}")
         with suppress(LidcamError):
-            found = discover_rig(opened, Config(limits=LIMITS))
-            find_motion_source(opened, found.rig, found.transforms, Config(limits=LIMITS))
+            found = discover_rig(opened, CONFIG)
+            find_motion_source(opened, found.rig, found.transforms, CONFIG)
 
 
 def _scene(encoding: Encoding) -> list[RawMessage]:
@@ -203,7 +203,7 @@ def _of_text(name: str, read: Callable[[Path], Any], sound: Callable[[], str] = 
 
 
 def _use_rig(path: Path) -> None:
-    discover_rig(MemoryRecording(_scene("cdr")), Config(limits=LIMITS), load_rig(path))
+    discover_rig(MemoryRecording(_scene("cdr")), CONFIG, load_rig(path))
 
 
 def _use_folder(path: Path) -> None:

@@ -68,6 +68,8 @@ LIMITS = LimitsConfig(
 )
 """Small, so that a few kilobytes are enough to come to them."""
 
+CONFIG = Config(limit_scale=0.01)
+
 MAX_LINE_CHARACTERS = 5000
 
 
@@ -186,7 +188,7 @@ def _detected(message: RawMessage) -> None:
     """The boxes of a detector, up to those of the frame."""
     site = {name: Transform.identity("site", name) for name in ("site", "a")}
     rig = Rig("site", (), (), (), detectors=(RecordedDetector("objects", "/objects", "site", site),))
-    config = Config(limits=LIMITS)
+    config = CONFIG
     bundle = SensorBundle(0, T0, T0, {"/objects": message})
     hold(lambda one: Recorded3D(rig)(one, RecordedBoxes3D(rig, config, on_bad="fail")(one)), bundle)
 

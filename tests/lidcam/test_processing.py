@@ -21,7 +21,7 @@ from lidcam.pipeline.core.geometry.transform_tree import TransformTree
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.core.settings.track import TrackConfig
+from lidcam.pipeline.core.settings.run import TrackConfig
 from lidcam.pipeline.evaluation.road_users import RoadUserCount, RoadUsers, ZoneChange
 from lidcam.processing import Run
 from lidcam.readers.messages.tf import RecordedTransforms

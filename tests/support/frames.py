@@ -175,9 +175,7 @@ def _combined(stamp_ns: int, seed: int) -> CombinedCloud:
     kept, ground = cloud(500), cloud(200)
     counts = {"input": 710, "nan": 0, "range": 0, "outliers": 10, "ground": 200, "left": 500}
     plane = Plane(np.array([0.0, 0.0, 1.0]), 1.5)
-    return CombinedCloud(
-        kept, np.zeros(500, np.uint8), kept, np.zeros(500, np.uint8), ground, plane, counts, ("lidar1",)
-    )
+    return CombinedCloud(kept, kept, np.zeros(500, np.uint8), ground, plane, counts, ("lidar1",))
 
 
 def _boxes2d(stamp_ns: int, frame_id: str) -> Boxes2D:

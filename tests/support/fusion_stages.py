@@ -14,7 +14,7 @@ CONFIG = Config()
 
 def associate_of(rig: Rig, config: Config = CONFIG) -> Associate:
     """Association in a rig."""
-    return Associate(rig, config.associate, config.classes)
+    return Associate(rig, config.classes)
 
 
 def place_of(rig: Rig, config: Config = CONFIG) -> Place:

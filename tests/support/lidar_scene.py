@@ -64,7 +64,7 @@ def combined(*clouds: F64, plane: Plane | None = None, relief: Relief | None = N
     )
     lidar = np.repeat(np.arange(len(clouds), dtype=np.uint8), np.array([len(cloud) for cloud in clouds], int))
     nothing = _cloud(np.zeros((0, 3), np.float32))
-    return CombinedCloud(_cloud(xyz), lidar, _cloud(xyz), lidar.copy(), nothing, plane, {}, relief=relief)
+    return CombinedCloud(_cloud(xyz), _cloud(xyz), lidar, nothing, plane, {}, relief=relief)
 
 
 def _cloud(xyz: F32) -> PointCloud:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -16,11 +17,11 @@ from lidcam.pipeline.core.geometry.boxes import box_corners
 from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraSensor
-from lidcam.pipeline.core.settings.fuse import FuseConfig
 from lidcam.pipeline.core.tracks import Tracks
+from lidcam.pipeline.fusion.projection import rounded_outline
 
-CUBOIDS = FuseConfig(corner_rounding=0.0, underside=0.0, cabin=0.0)
-"""Settings by which objects are the boxes that `passing` shows."""
+cuboids = partial(rounded_outline, rounding=0.0, underside=0.0, cabin=0.0)
+"""The outlines of objects that are the boxes that `passing` shows."""
 
 CAMERA = forward_camera("cam")
 CAR = (4.4, 1.8, 1.5)

@@ -40,9 +40,7 @@ def cloud(xy: Any) -> CombinedCloud:
     xyz = np.concatenate([np.asarray(xy, np.float32).reshape(-1, 2), np.zeros((n, 1), np.float32)], 1)
     zeros = np.zeros(n, np.float32), np.zeros(n, np.uint16), np.zeros(n, np.int32)
     points = PointCloud(1, "site", xyz, *zeros)
-    return CombinedCloud(
-        points, np.zeros(n, np.uint8), points, np.zeros(n, np.uint8), points.select(np.zeros(0, np.intp)), None, {}
-    )
+    return CombinedCloud(points, points, np.zeros(n, np.uint8), points.select(np.zeros(0, np.intp)), None, {})
 
 
 def seen(places: Any, *, points: Any = (), score: float = 0.9) -> FrameResult:

@@ -218,10 +218,8 @@ class ResultMessages:
         self._copy(before)
         if "/tf_static" not in self.filled:
             self._put("/tf_static", static_transforms(self._rig, min(stamps_ns), self._frames), log_time_ns)
-        motion, limits = result.bundle.motion, self._config.combine.motion
-        if motion is not None and motion.covers(
-            stamp_ns, stamp_ns, max_extrapolation_s=limits.max_extrapolation_s, max_gap_s=limits.max_gap_s
-        ):
+        motion = result.bundle.motion
+        if motion is not None and motion.covers(stamp_ns):
             self._put("/tf", moving_transform(motion, stamp_ns), log_time_ns)
         not_copied = self._put_results(result)
         self._draw_truth(self._truth_times.add(result.bundle))

@@ -236,13 +236,10 @@ class RerunResultWriter:
 
     def _log_motion(self, result: FrameResult) -> None:
         """The frame in which the rig moves, seen from the rig, and the rig's step since the frame before."""
-        motion, stamp_ns, limits = result.bundle.motion, result.bundle.stamp_ns, self._config.combine.motion
+        motion, stamp_ns = result.bundle.motion, result.bundle.stamp_ns
         if motion is None:
             return
-        known = motion.covers(
-            stamp_ns, stamp_ns, max_extrapolation_s=limits.max_extrapolation_s, max_gap_s=limits.max_gap_s
-        )
-        if not known:
+        if not motion.covers(stamp_ns):
             self._recording.log(FIXED, rr.Transform3D(scale=0.0))  # hides the way: where it lies is not known
             self._last_place = None
             return

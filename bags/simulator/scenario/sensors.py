@@ -8,16 +8,11 @@ from scipy.spatial.transform import Rotation
 
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Share
-from lidcam.pipeline.core.settings.validation import Noun
 
 Metres = Annotated[float, Field(ge=-1e5, le=1e5)]
 """A coordinate: further out, single precision cannot hold millimetres."""
 Vector = tuple[float, float, float]
-Topic = Annotated[
-    str,
-    Field(pattern=r"^/[A-Za-z_]\w*(/\w+)*$"),
-    Noun("a topic that begins with /", "topics that begin with /", "/points"),
-]
+Topic = Annotated[str, Field(pattern=r"^/[A-Za-z_]\w*(/\w+)*$")]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z_]\w*$")]
 
 COEFFICIENTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}

@@ -16,7 +16,7 @@ from lidcam.pipeline.core.settings.detect import Detect2DConfig
 from lidcam.pipeline.detectors.log_odds import logit
 from lidcam.pipeline.detectors.onnx.detector import OnnxDetector2D
 from lidcam.pipeline.detectors.onnx.layouts.cells import cells_of
-from lidcam.pipeline.stages.detect2d import suppress_overlaps
+from lidcam.pipeline.stages.detect2d import NMS_IOU, suppress_overlaps
 from lidcam.training.card import average_precision
 from lidcam.training.images.network import ImageNetwork
 from lidcam.training.images.onnx_file import onnx_bytes
@@ -167,7 +167,7 @@ class _Judged(NamedTuple):
 def _judged(detector: OnnxDetector2D, picture: Picture) -> _Judged:
     proposed = detector([picture.rgb])[0]
     boxes = Boxes2D(0, "", proposed.xyxy, proposed.scores, proposed.labels.astype(np.int32))
-    boxes = boxes.select(suppress_overlaps(boxes, max_iou=Detect2DConfig().nms_iou))
+    boxes = boxes.select(suppress_overlaps(boxes, max_iou=NMS_IOU))
     overlap = iou_xyxy(boxes.xyxy, picture.xyxy)
     overlap[(overlap < MIN_IOU) | (boxes.class_ids[:, None] != picture.classes)] = 0
     own = np.full(len(overlap), -1)

@@ -96,7 +96,7 @@ def _start_others() -> None:
 
 def kernel_sources() -> list[tuple[Path, str]]:
     """The files with compiled functions, and their texts, sorted by path."""
-    texts = ((path, path.read_text(encoding="utf-8")) for path in sorted((_ROOT / "pipeline").rglob("*.py")))
+    texts = ((path, path.read_text(encoding="utf-8")) for path in sorted((_ROOT / "lidcam" / "pipeline").rglob("*.py")))
     return [(path, text) for path, text in texts if f"\n{_IMPORT}" in text]
 
 

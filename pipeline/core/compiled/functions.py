@@ -112,11 +112,7 @@ def cache_folder() -> Path | None:
 
 
 def _made(folder: Path) -> str:
-    """Make a folder if there is none; how another user could change what is in it, or nothing.
-
-    Raises:
-        OSError: it cannot be made or looked at.
-    """
+    """Make a folder if there is none; how another user could change what is in it, or nothing."""
     for path in reversed(folder.parents):
         if not os.path.lexists(path):
             path.mkdir(mode=0o700, exist_ok=True)

@@ -9,14 +9,10 @@ BOX_EDGES = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7
 
 
 def edges_ahead(corners_camera: F64, near_m: float) -> tuple[F64, F64, Bools]:
-    """The 12 edges of boxes, cut at the depth `near_m`.
-
-    Args:
-        corners_camera: (N, 8, 3) corners in the order of `box_corners`, metres in the optical frame.
-        near_m: Parts nearer than this depth are cut away.
+    """The 12 edges of boxes, given by corners (N, 8, 3) in the optical frame, cut at the depth `near_m`.
 
     Returns:
-        (N, 12, 3) where each edge begins and (N, 12, 3) where it ends; (N, 12) whether anything of it is left.
+        (N, 12, 3) starts and (N, 12, 3) ends of the edges; (N, 12) whether anything of each is left.
     """
     start, end = corners_camera[:, BOX_EDGES[:, 0]], corners_camera[:, BOX_EDGES[:, 1]]
     z0, z1 = start[..., 2:], end[..., 2:]

@@ -52,15 +52,7 @@ def box_corners(centers: F64, sizes: F64, yaws: F64) -> F64:
 
 
 def iou_xyxy(first: Array, second: Array) -> F64:
-    """Intersection over union of upright rectangles, each of N with each of M.
-
-    Args:
-        first: (N, 4) left, top, right, bottom.
-        second: (M, 4), in the same form.
-
-    Returns:
-        (N, M) in [0, 1]; 0 if a rectangle is empty, inverted or not finite.
-    """
+    """(N, M) IoU of each of N upright rectangles with each of M, in [0, 1]; see `pair_overlaps_xyxy`."""
     return pair_overlaps_xyxy(np.asarray(first)[:, None], np.asarray(second)[None])[0]
 
 
@@ -72,7 +64,7 @@ def pair_overlaps_xyxy(first: Array, second: Array) -> tuple[F64, F64]:
 
     Args:
         first: (..., 4) left, top, right, bottom.
-        second: (..., 4), in the same form.
+        second: (..., 4)
 
     Returns:
         (...) in [0, 1], 0 if a rectangle is empty, inverted or not finite; (...) in [-1, 1], then -1.

@@ -8,10 +8,13 @@ from lidcam.pipeline.core.arrays import F64, Indices
 from lidcam.pipeline.core.geometry.rotated_iou import BoxArrays, OrientedBoxes, ious, shared_ground
 
 OVERLAP_SHARE = 0.25
-"""If one of two boxes has more than this share of its ground inside the other, they are taken for one object."""
+"""Largest share of a box's ground inside another box; with more, both are taken for one object."""
 
-BLOCK, PAIRS = 256, 1 << 14
-"""Boxes whose neighbours are sought, and pairs that are compared, at once: a cloud may hold many small clusters."""
+BLOCK_BOXES = 256
+"""Boxes whose neighbours are sought at once: a cloud may hold many small clusters."""
+
+BLOCK_PAIRS = 1 << 14
+"""Pairs compared at once."""
 
 
 def without_overlaps(boxes: OrientedBoxes, groups: Indices | None = None) -> Indices:
@@ -32,13 +35,7 @@ def without_overlaps(boxes: OrientedBoxes, groups: Indices | None = None) -> Ind
 
 
 def overlap_shares(first: OrientedBoxes, second: OrientedBoxes, bev: F64 | None = None) -> F64:
-    """(N, M) ground that each of N boxes shares with each of M, as a share of that of the smaller one.
-
-    Args:
-        first: N boxes.
-        second: M boxes.
-        bev: (N, M) their `Ious.bev`, where it is known already.
-    """
+    """(N, M) ground shared by each of N boxes with each of M, as a share of the smaller one's; `bev` if known."""
     bev = ious(first, second).bev if bev is None else bev
     ground_m2, others_m2 = (boxes.sizes[:, 0] * boxes.sizes[:, 1] for boxes in (first, second))
     shared_m2 = bev / (1 + bev) * (ground_m2[:, None] + others_m2)
@@ -56,8 +53,8 @@ def _rivals(boxes: OrientedBoxes) -> Iterator[tuple[Indices, Indices]]:
     along_m = places[:, np.argmax(np.ptp(places, axis=0))]
     order = np.argsort(along_m, kind="stable")
     sorted_m = along_m[order]
-    for start in range(0, count, BLOCK):
-        rows = np.arange(start, min(start + BLOCK, count))
+    for start in range(0, count, BLOCK_BOXES):
+        rows = np.arange(start, min(start + BLOCK_BOXES, count))
         largest_m = (reach_m[rows] + reach_m.max()) * (1 + 1e-9)
         begins = np.searchsorted(sorted_m, along_m[rows] - largest_m)
         counts = np.searchsorted(sorted_m, along_m[rows] + largest_m, side="right") - begins
@@ -69,8 +66,8 @@ def _rivals(boxes: OrientedBoxes) -> Iterator[tuple[Indices, Indices]]:
         is_near = np.hypot(gap[:, 0], gap[:, 1]) <= reach_m[first] + reach_m[second]
         first, second = first[is_near], second[is_near]
         shared_m2 = np.empty(len(first))
-        for begin in range(0, len(first), PAIRS):
-            pairs = slice(begin, begin + PAIRS)
+        for begin in range(0, len(first), BLOCK_PAIRS):
+            pairs = slice(begin, begin + BLOCK_PAIRS)
             shared_m2[pairs] = shared_ground(_select(boxes, first[pairs]), _select(boxes, second[pairs]))
         is_rival = shared_m2 > OVERLAP_SHARE * np.minimum(ground_m2[first], ground_m2[second])
         yield first[is_rival], second[is_rival]

@@ -6,6 +6,12 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64, check_array
 
+MAX_EXTRAPOLATION_NS = 200_000_000
+"""Longest time before the first or after the last known pose in which the motion counts as known."""
+
+MAX_GAP_NS = 1_000_000_000
+"""Longest time between two poses over which the motion counts as known."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseSamples:
@@ -31,20 +37,21 @@ class PoseSamples:
     def __len__(self) -> int:
         return len(self.stamps_ns)
 
-    def covers(self, earliest_ns: int, latest_ns: int, *, max_extrapolation_s: float, max_gap_s: float) -> bool:
-        """Whether the motion is known over a time span.
+    def covers(self, *times_ns: int) -> bool:
+        """Whether the motion is known from the earliest to the latest of these times.
 
-        It is if the span reaches at most `max_extrapolation_s` beyond the first and the last pose, and the poses around
-        and within it are at most `max_gap_s` apart. A single pose gives no motion.
+        The span may reach `MAX_EXTRAPOLATION_NS` beyond the first and the last pose, and the poses around and within it
+        are at most `MAX_GAP_NS` apart. A single pose gives no motion.
         """
         if len(self) < 2:
             return False
-        reach_ns = round(max_extrapolation_s * 1e9)
+        earliest_ns, latest_ns = min(times_ns), max(times_ns)
         first = max(int(np.searchsorted(self.stamps_ns, earliest_ns, side="right")) - 1, 0)
         last = int(np.searchsorted(self.stamps_ns, latest_ns, side="left"))
         around_ns = self.stamps_ns[first : last + 1]
-        ends_near = around_ns[0] - reach_ns <= earliest_ns and latest_ns <= around_ns[-1] + reach_ns
-        return bool(ends_near and (np.diff(around_ns) <= round(max_gap_s * 1e9)).all())
+        starts_near = around_ns[0] - MAX_EXTRAPOLATION_NS <= earliest_ns
+        ends_near = latest_ns <= around_ns[-1] + MAX_EXTRAPOLATION_NS
+        return bool(starts_near and ends_near and (np.diff(around_ns) <= MAX_GAP_NS).all())
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,7 +12,13 @@ _FROM_Z = np.array([2, 1, 0])
 """Axes of a box in the order in which they are asked whether they point up: of equally steep ones z is taken."""
 
 STEEPER = 1e-9
-"""By how much another axis must be steeper than z: rounding is no reason to call a box's side its top."""
+"""Least margin by which another axis must be steeper than z: rounding must not turn a side into the top."""
+
+POSITION_SIGMA_M = 0.3
+"""Standard deviation of x and of y of a box without their covariance."""
+
+YAW_SIGMA_RAD = np.radians(10.0)
+"""Standard deviation of the heading of a box without its variance."""
 
 MAX_VARIANCE = 1e12
 """m^2, rad^2: a covariance with larger numbers says nothing."""
@@ -66,9 +72,7 @@ class UprightBoxes(NamedTuple):
     covariances: F64
 
 
-def upright_boxes(
-    boxes: PosedBoxes, T_site_frame: F64, *, position_sigma_m: float, yaw_sigma_rad: float
-) -> UprightBoxes:
+def upright_boxes(boxes: PosedBoxes, T_site_frame: F64) -> UprightBoxes:
     """Boxes of a frame as boxes of the site whose height is vertical.
 
     The axis of a box that is nearest to the vertical becomes its height: its own z, or another one where the frame's z
@@ -79,8 +83,6 @@ def upright_boxes(
     Args:
         boxes: In the frame.
         T_site_frame: (4, 4).
-        position_sigma_m: Standard deviation of x and y where a box does not have their covariance.
-        yaw_sigma_rad: Standard deviation of the heading where a box does not have its variance.
     """
     rotation, rows = T_site_frame[:3, :3], np.arange(len(boxes))
     # einsum and not BLAS: the result must not depend on the number of boxes or the machine.
@@ -93,9 +95,7 @@ def upright_boxes(
     yaws = np.arctan2(axes[rows, 1, along], axes[rows, 0, along])
     sizes = np.stack([boxes.sizes[rows, along], boxes.sizes[rows, across], boxes.sizes[rows, up]], -1)
     covariances = _over_x_y_yaw(boxes.covariances, rotation)
-    return UprightBoxes(
-        centers, sizes, wrap_angle(yaws), _with_defaults(covariances, position_sigma_m**2, yaw_sigma_rad**2)
-    )
+    return UprightBoxes(centers, sizes, wrap_angle(yaws), _with_defaults(covariances))
 
 
 def _over_x_y_yaw(covariances: F64, rotation: F64) -> F64:
@@ -108,20 +108,13 @@ def _over_x_y_yaw(covariances: F64, rotation: F64) -> F64:
     return np.asarray((turned + turned.transpose(0, 2, 1)) / 2, np.float64)
 
 
-def _with_defaults(covariances: F64, position_m2: float, yaw_rad2: float) -> F64:
+def _with_defaults(covariances: F64) -> F64:
     """Covariances that are positive definite: what is not is replaced, and then not correlated with the rest."""
     found = covariances.copy()
     has_position = (found[:, 0, 0] > 0) & (found[:, 0, 0] * found[:, 1, 1] > found[:, 0, 1] ** 2)
     has_yaw = found[:, 2, 2] > 0
-    is_apart = ~(has_position & has_yaw & (_determinants(found) > 0))
+    is_apart = ~(has_position & has_yaw & (np.linalg.det(found) > 0))
     found[is_apart, :2, 2] = found[is_apart, 2, :2] = 0.0
-    found[~has_position, :2, :2] = position_m2 * np.eye(2)
-    found[~has_yaw, 2, 2] = yaw_rad2
+    found[~has_position, :2, :2] = POSITION_SIGMA_M**2 * np.eye(2)
+    found[~has_yaw, 2, 2] = YAW_SIGMA_RAD**2
     return found
-
-
-def _determinants(matrices: F64) -> F64:
-    """(N,) of symmetric 3 x 3 matrices, without LAPACK, so that a decision about 0 is the same everywhere."""
-    a, b, c = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 0, 2]
-    d, e, f = matrices[:, 1, 1], matrices[:, 1, 2], matrices[:, 2, 2]
-    return np.asarray(a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d), np.float64)

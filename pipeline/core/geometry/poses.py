@@ -6,15 +6,9 @@ from lidcam.pipeline.core.arrays import F64, I64
 
 
 def interpolate_poses(stamps_ns: I64, poses: F64, wanted_ns: I64) -> F64:
-    """Poses at the wanted times: positions linear, rotations by slerp, extrapolated at constant velocity.
+    """(W, 4, 4) poses at wanted times (W,): positions linear, rotations by slerp, extrapolated at constant velocity.
 
-    Args:
-        stamps_ns: (S,) strictly increasing, S >= 2.
-        poses: (S, 4, 4).
-        wanted_ns: (W,) in any order.
-
-    Returns:
-        (W, 4, 4).
+    Known are poses (S, 4, 4) at strictly increasing stamps (S,), S >= 2.
     """
     from scipy.spatial.transform import Rotation  # a third of a second, for recordings with motion alone
 

@@ -7,7 +7,7 @@ from lidcam.pipeline.core.compiled import compiled, inlined
 from lidcam.pipeline.core.geometry.boxes import rotations_2d
 
 RUN = 16
-"""So many points that follow each other are looked at together: neighbours in a scan are neighbours in space."""
+"""Successive points tested together: neighbours in a scan are neighbours in space."""
 
 
 def points_in_footprints(xyz: F32, centers_xy: F64, sizes_xy: F64, yaws: F64) -> tuple[I64, I64]:

@@ -9,8 +9,11 @@ from lidcam.pipeline.core.camera import NEAR_M, CameraModel
 from lidcam.pipeline.core.geometry.box_edges import clip_segments, edges_ahead, sample_by_angle
 from lidcam.pipeline.core.optics.lenses import Lenses
 
-SAMPLES, BEND_PX = 25, 0.5
-"""Points by which a bent edge is drawn, and how far an edge may bend and still be drawn by its ends."""
+SAMPLES = 25
+"""Points by which a bent edge is drawn."""
+
+MAX_BEND_PX = 0.5
+"""Largest bend of an edge that is drawn by its ends alone."""
 
 
 def draw_edges(models: Sequence[CameraModel], corners_camera: F64, cameras: Indices) -> tuple[F32, Indices]:
@@ -28,7 +31,7 @@ def draw_edges(models: Sequence[CameraModel], corners_camera: F64, cameras: Indi
     boxes, _ = np.nonzero(in_front)
     samples = sample_by_angle(start[in_front], end[in_front], SAMPLES)
     pixels, valid = Lenses.of(models).select(cameras[boxes]).project(samples)
-    straight = valid.all(1) & (_bend(pixels) < BEND_PX)
+    straight = valid.all(1) & (_bend(pixels) < MAX_BEND_PX)
     pieces = np.stack([pixels[:, :-1], pixels[:, 1:]], 2)
     pieces[straight, 0, 1] = pixels[straight, -1]
     wanted = valid[:, :-1] & valid[:, 1:]

@@ -33,7 +33,7 @@ LENSES = f"{BLOCK}, {TABLE}, Array(boolean, 1, 'C', True), {LIST}"
 """Types of the fields of `Lenses`."""
 
 _NEAR_M = 0.005
-"""Half of `core.camera.NEAR_M`: a point less far ahead has no place in the image."""
+"""Least depth of a point in the image: half of `core.camera.NEAR_M`."""
 
 MAX_STEPS = 30
 """Steps of Newton's method; a dozen are enough at 85 degrees from the axis of a fisheye lens."""
@@ -169,7 +169,7 @@ class Lenses:
 
     @cached_property
     def bends(self) -> bool:
-        """Whether that is so in one of the images."""
+        """Whether any image may bend straight lines."""
         return bool(self.bent.any())
 
     @property
@@ -178,10 +178,7 @@ class Lenses:
         return self.K, self.coefficients, self.equidistant, self.radius_limits
 
     def project(self, points_camera: F64) -> tuple[F64, Bools]:
-        """As `CameraModel.project`, each row by its own camera.
-
-        Args:
-            points_camera: (P, S, 3) metres in the optical frames.
+        """`CameraModel.project` of points (P, S, 3), each row by its own camera.
 
         Returns:
             (P, S, 2) pixels, and (P, S) whether each point is in front of its camera and within its lens model.
@@ -189,13 +186,10 @@ class Lenses:
         return _pixels_of_points(np.ascontiguousarray(points_camera), *self.arrays)
 
     def rays_of_pixels(self, pixels: F64) -> tuple[F64, Bools]:
-        """Directions from which the pixels of images are seen: the inverse of projection, lens distortion included.
+        """Directions of the pixels (P, S, 2) of each camera: the inverse of projection, lens distortion included.
 
         By Newton's method from the ray of a lens without distortion. The lens bends a radius by a monotone function, so
         that it converges wherever the lens model has an image of a ray.
-
-        Args:
-            pixels: (P, S, 2) of each camera; may lie outside its image.
 
         Returns:
             (P, S, 3) directions in the optical frames, of depth 1; and (P, S) whether there is such a ray. Where there
@@ -204,7 +198,7 @@ class Lenses:
         return _rays_of_pixels(np.ascontiguousarray(pixels), *self.arrays)
 
     def rectangles_of_boxes(self, corners_camera: F64, image_sizes: F64) -> F64:
-        """As `CameraModel.project_boxes`, each box by its own camera.
+        """`CameraModel.project_boxes`, each box by its own camera.
 
         Args:
             corners_camera: (P, 8, 3) corners in the order of `geometry.box_corners`, metres in the optical frames.

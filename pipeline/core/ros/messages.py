@@ -40,12 +40,12 @@ class RosMessages:
         return self._types.types[msgtype](*values, **fields)
 
     def rows(self, msgtype: str, count: int, **columns: Any) -> list[Any]:
-        """Messages of one type, from columns: what is no list and no array is the value of all of them.
+        """Messages of one type, from columns by the name of the field; zero or empty where left out.
 
         Args:
             msgtype: Their type.
             count: Their number, N.
-            **columns: By the name of the field, (N,) or (N, K) of an array in each; zero or empty where left out.
+            **columns: A list or an array (N,), (N, K) of arrays; anything else is the value of all messages.
 
         Raises:
             LookupError: there is no such field.
@@ -153,9 +153,9 @@ class RosMessages:
         Args:
             stamp_ns: Stamp of the image.
             frame_id: Optical frame.
-            width: Pixels.
-            height: Pixels.
-            distortion_model: As ROS names it.
+            width: Width of the image, pixels.
+            height: Height of the image, pixels.
+            distortion_model: The name that ROS uses.
             d: (K,) float64 distortion coefficients.
             k: (9,) float64 camera matrix, row by row.
             r: (9,) float64 rectification; no rotation by default.

@@ -1,4 +1,4 @@
-"""YAML files with bounds on size and depth, because a few lines of aliases can stand for billions of values."""
+"""YAML files with bounds on size and depth: in recordings, a few lines of aliases can stand for billions of values."""
 
 from pathlib import Path
 from typing import Any
@@ -9,31 +9,29 @@ from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.small_files import read_small_text
 
 MAX_YAML_BYTES = 1 << 20
-MAX_YAML_BRACKETS = 30
-"""Depth of nested brackets; PyYAML goes through all open ones at every token."""
 MAX_YAML_DEPTH = 100
 MAX_YAML_VALUES = 20_000
 """Values in a file, each alias counted as what it stands for."""
 
 
 class _Loader(yaml.SafeLoader):
-    depth = values = 0
+    def __init__(self, text: str | bytes) -> None:
+        super().__init__(text)
+        self._depth = self._values = 0
+        self._weights: dict[int, int] = {}  # values in a node; none yet in one that contains itself
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        if self.depth == MAX_YAML_DEPTH:
+        if self._depth == MAX_YAML_DEPTH:
             raise yaml.YAMLError("nested too deeply")
-        if self.values == MAX_YAML_VALUES:  # before the rest is read
-            raise yaml.YAMLError(f"more than {MAX_YAML_VALUES} values")
-        self.depth += 1
-        self.values += 1
+        is_alias, before = self.check_event(yaml.AliasEvent), self._values
+        self._depth += 1
         node: yaml.Node | None = super().compose_node(parent, index)
-        self.depth -= 1
+        self._depth -= 1
+        self._values += self._weights.get(id(node), MAX_YAML_VALUES) if is_alias else 1
+        if self._values > MAX_YAML_VALUES:
+            raise yaml.YAMLError(f"more than {MAX_YAML_VALUES} values")
+        self._weights.setdefault(id(node), self._values - before)
         return node
-
-    def fetch_flow_collection_start(self, TokenClass: Any) -> None:
-        if self.flow_level == MAX_YAML_BRACKETS:
-            raise yaml.YAMLError(f"more than {MAX_YAML_BRACKETS} nested brackets")
-        super().fetch_flow_collection_start(TokenClass)
 
 
 def parse_yaml(text: str | bytes) -> Any:
@@ -44,35 +42,10 @@ def parse_yaml(text: str | bytes) -> Any:
     """
     if len(text) > MAX_YAML_BYTES:
         raise yaml.YAMLError(f"more than {MAX_YAML_BYTES >> 20} MiB")
-    loader = _Loader(text)
     try:
-        node = loader.get_single_node()
-        if node is None:
-            return None
-        _count_values(node, {})
-        return loader.construct_document(node)
+        return yaml.load(text, _Loader)  # noqa: S506  # a SafeLoader
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as err:  # from dates and long numbers
         raise yaml.YAMLError(f"not a valid value: {err}") from err
-    finally:
-        loader.dispose()
-
-
-def _count_values(node: yaml.Node, counts: dict[int, int]) -> int:
-    """Number of values in a node; an aliased node is counted once and added at each alias."""
-    if id(node) in counts:
-        if not counts[id(node)]:
-            raise yaml.YAMLError("a value that contains itself")
-        return counts[id(node)]
-    counts[id(node)] = 0
-    parts: list[yaml.Node] = []
-    if isinstance(node, yaml.SequenceNode):
-        parts = node.value
-    elif isinstance(node, yaml.MappingNode):
-        parts = [part for pair in node.value for part in pair]
-    counts[id(node)] = total = 1 + sum(_count_values(part, counts) for part in parts)
-    if total > MAX_YAML_VALUES:
-        raise yaml.YAMLError(f"more than {MAX_YAML_VALUES} values")
-    return total
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
@@ -85,7 +58,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 
 def yaml_mapping(text: str, path: Path) -> dict[str, Any]:
-    """As `read_yaml`, of the text that was read from `path`."""
+    """The mapping in a text that was read from `path`; see `read_yaml`."""
     try:
         tree = parse_yaml(text)
     except yaml.YAMLError as err:

@@ -1,4 +1,4 @@
-"""Where the files of `config/` lie, which travel with lidcam, and which of them are presets."""
+"""The files of `config/`, which travel with lidcam, and the presets among them."""
 
 from collections.abc import Mapping
 from contextlib import suppress

@@ -1,6 +1,6 @@
 """Classes of road users, with their sizes."""
 
-from lidcam.pipeline.core.settings.model import Label, Positive, SettingsModel
+from lidcam.pipeline.core.settings.model import Positive, SettingsModel
 
 
 class ClassPrior(SettingsModel):
@@ -25,7 +25,7 @@ class ClassPrior(SettingsModel):
     max_size_m: tuple[Positive, Positive, Positive]
     kinds_m: tuple[tuple[Positive, Positive, Positive], ...] = ()
     frequency: Positive = 1.0
-    labels: tuple[Label, ...] = ()
+    labels: tuple[str, ...] = ()
 
     @property
     def known_as(self) -> tuple[str, ...]:

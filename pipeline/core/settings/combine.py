@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from lidcam.pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Topic
+from lidcam.pipeline.core.settings.model import NotNegative, Positive, SettingsModel
 
 
 class MotionConfig(SettingsModel):
@@ -14,15 +14,10 @@ class MotionConfig(SettingsModel):
         enabled: If off, points stay where they were measured.
         topic: nav_msgs/Odometry topic of the site or vehicle frame. If empty, it is found by its child frame; without
             one, tf is used.
-        max_extrapolation_s: A cloud with points measured longer than this before the first or after the last known pose
-            is not compensated.
-        max_gap_s: Between poses further apart than this the motion is unknown, and clouds are not compensated.
     """
 
     enabled: bool = True
-    topic: Topic = ""
-    max_extrapolation_s: NotNegative = 0.2
-    max_gap_s: Positive = 1.0
+    topic: str = ""
 
 
 class OutlierConfig(SettingsModel):
@@ -30,36 +25,30 @@ class OutlierConfig(SettingsModel):
 
     Attributes:
         enabled: If off, all points are kept.
-        neighbors: Number of nearest neighbours to which the distance is averaged, without the point itself.
-        std_ratio: Points whose average distance exceeds mean + std_ratio x standard deviation of the cloud are removed.
+        std_ratio: Points whose average distance to their 10 nearest neighbours exceeds mean + std_ratio x standard
+            deviation of the cloud are removed.
     """
 
     enabled: bool = True
-    neighbors: Count = 10
     std_ratio: float = 1.0
 
 
 class GroundConfig(SettingsModel):
     """Ground removal by a plane found with RANSAC.
 
+    Detection, and the placing of what only cameras see, also account for slopes, crests and kerbs.
+
     Attributes:
         enabled: If off, ground points are kept.
         distance_m: Points at most this far from the plane are ground.
-        relief: Whether slopes, crests and kerbs, where the ground differs from the plane, count in detection and in
-            placing what only cameras see. `/ground_cloud` and `/point_cloud_combined` go by the plane.
         max_tilt_deg: Largest angle between the plane's normal and the site's z axis.
         height_tolerance_m: Largest distance, at the site's origin, from the rig's ground height if that is known.
-        iterations: Number of planes tried.
-        seed: Seed of the random choice of planes.
     """
 
     enabled: bool = True
     distance_m: Annotated[float, Field(gt=0, le=1000)] = 0.2
-    relief: bool = True
     max_tilt_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0
     height_tolerance_m: Positive = 0.5
-    iterations: Count = 200
-    seed: Annotated[int, Field(ge=0)] = 0
 
 
 class CombineConfig(SettingsModel):

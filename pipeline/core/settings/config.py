@@ -4,7 +4,8 @@ A YAML file overrides single values; an unknown key is an error. `config/default
 defaults. The wiring of the stages is not a setting: see `lidcam/run/build.py`.
 """
 
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, ClassVar
 
 from pydantic import Field, model_validator
 
@@ -12,26 +13,63 @@ from lidcam.pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
 from lidcam.pipeline.core.settings.combine import CombineConfig
 from lidcam.pipeline.core.settings.detect import Detect2DConfig, Detect3DConfig
 from lidcam.pipeline.core.settings.evaluate import CompareConfig, EvaluateConfig
-from lidcam.pipeline.core.settings.fuse import AssociateConfig, FuseConfig
-from lidcam.pipeline.core.settings.model import SettingsModel
-from lidcam.pipeline.core.settings.recording import LimitsConfig, RigConfig, TopicsConfig, VelodyneConfig
-from lidcam.pipeline.core.settings.run import OutputConfig, RunConfig
+from lidcam.pipeline.core.settings.fuse import FuseConfig
+from lidcam.pipeline.core.settings.model import Positive, SettingsModel
+from lidcam.pipeline.core.settings.recording import (
+    DEFAULT_LIMITS,
+    LimitsConfig,
+    RigConfig,
+    TopicsConfig,
+    VelodyneConfig,
+)
+from lidcam.pipeline.core.settings.run import OutputConfig, RunConfig, TrackConfig
 from lidcam.pipeline.core.settings.sync import SyncConfig
-from lidcam.pipeline.core.settings.track import TrackConfig
 
 ALL_CLASSES = "all"
-"""In place of a class, in the names of figures."""
+"""Class name of the figures over all classes."""
 
 UNKNOWN_CLASS = "unknown"
-"""Name of what is there and is of no class; its class id is the number of classes."""
+"""Name of objects of no class; their class id is the number of classes."""
+
+
+def _constant(value: float) -> str:
+    return f"now a constant of {value:g}"
 
 
 class Config(SettingsModel):
     """All settings of one run.
 
     Attributes:
+        limit_scale: Multiplies the limits that keep a damaged or hostile recording from filling memory or disk: sizes
+            of messages, images and clouds, waiting messages, and the time of a server's answer. Valid recordings stay
+            far below them.
         classes: Classes to detect; the position of a class is its class id.
     """
+
+    GONE: ClassVar[Mapping[str, str]] = {
+        "sync.age_penalty": _constant(0.1),
+        "combine.motion.max_extrapolation_s": _constant(0.2),
+        "combine.motion.max_gap_s": _constant(1.0),
+        "combine.outliers.neighbors": _constant(10),
+        "combine.ground.relief": "the ground's relief is always taken into account",
+        "combine.ground.iterations": _constant(200),
+        "combine.ground.seed": _constant(0),
+        "detect3d.cluster.height_weight": _constant(0.5),
+        "detect3d.cluster.split_shares": _constant(0.7),
+        "detect3d.recorded.position_sigma_m": _constant(0.3),
+        "detect3d.recorded.yaw_sigma_deg": _constant(10.0),
+        "detect2d.nms_iou": _constant(0.45),
+        "associate": "now constants of pipeline/core/association.py",
+        "fuse.min_score_unconfirmed": "fuse.min_score is a probability, with cameras and without",
+        "fuse.heading_sigma_deg": _constant(5.0),
+        "fuse.size_sigma": _constant(0.15),
+        "fuse.corner_rounding": _constant(0.25),
+        "fuse.underside": _constant(0.06),
+        "fuse.cabin": _constant(0.4),
+        "run.window": "now two frames per process and one more: use run.workers",
+        "limits": "use limit_scale, which multiplies all limits",
+    }
+    """Successors of the settings of earlier versions."""
 
     topics: TopicsConfig = TopicsConfig()
     rig: RigConfig = RigConfig()
@@ -40,14 +78,13 @@ class Config(SettingsModel):
     combine: CombineConfig = CombineConfig()
     detect3d: Detect3DConfig = Detect3DConfig()
     detect2d: Detect2DConfig = Detect2DConfig()
-    associate: AssociateConfig = AssociateConfig()
     fuse: FuseConfig = FuseConfig()
     track: TrackConfig = TrackConfig()
     evaluate: EvaluateConfig = EvaluateConfig()
     compare: CompareConfig = CompareConfig()
     output: OutputConfig = OutputConfig()
     run: RunConfig = RunConfig()
-    limits: LimitsConfig = LimitsConfig()
+    limit_scale: Positive = 1.0
     classes: Annotated[tuple[ClassPrior, ...], Field(min_length=1)] = ROAD_CLASSES
 
     @model_validator(mode="after")
@@ -60,6 +97,11 @@ class Config(SettingsModel):
         if ALL_CLASSES in names:
             raise ValueError(f"classes: {ALL_CLASSES!r} names the figures of all classes; expected another name")
         return self
+
+    @property
+    def limits(self) -> LimitsConfig:
+        """The limits of a recording, scaled."""
+        return DEFAULT_LIMITS.scaled(self.limit_scale)
 
     @property
     def class_names(self) -> tuple[str, ...]:

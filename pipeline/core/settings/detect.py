@@ -1,9 +1,7 @@
 """Settings of detection in clouds and in images."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
-
-from pydantic import Field
+from typing import TYPE_CHECKING, Literal
 
 from lidcam.pipeline.core.settings.engines import ENGINES
 from lidcam.pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Share
@@ -24,8 +22,6 @@ class ClusterConfig(SettingsModel):
     Attributes:
         distance_m: Points nearer to each other than this belong together, close to a lidar.
         distance_per_m: Growth of that distance per metre of range, because points thin out.
-        height_weight: Weight of a vertical metre in these distances; a horizontal metre counts 1.
-        split_shares: Clusters that fit no class well are clustered again with these shares of the distance.
         clearance_m: Points lower than this above the ground are ignored: kerbs and remains of the ground would join
             objects.
         min_points: A cluster of fewer points is noise.
@@ -38,8 +34,6 @@ class ClusterConfig(SettingsModel):
 
     distance_m: Positive = 0.4
     distance_per_m: NotNegative = 0.01
-    height_weight: Positive = 0.5
-    split_shares: tuple[Annotated[float, Field(gt=0, lt=1)], ...] = (0.7,)
     clearance_m: NotNegative = 0.3
     min_points: Count = 10
     min_height_m: NotNegative = 0.5
@@ -55,13 +49,9 @@ class Recorded3DConfig(SettingsModel):
             it among its labels, with `coco` a row of the 80 names of COCO, from 0, with `autoware` Autoware's numbers
             (1 car, 2 truck, 3 bus, 4 trailer, 5 motorcycle, 6 bicycle, 7 pedestrian). A name is looked up in the labels
             either way. Autoware's own messages have its numbers.
-        position_sigma_m: Standard deviation of x and of y where a message does not give their covariance.
-        yaw_sigma_deg: Standard deviation of the heading where a message does not give its variance.
     """
 
     class_numbers: Literal["labels", "coco", "autoware"] = "labels"
-    position_sigma_m: Positive = 0.3
-    yaw_sigma_deg: Positive = 10.0
 
 
 class Detect3DConfig(SettingsModel):
@@ -142,9 +132,8 @@ class Detect2DConfig(SettingsModel):
             a network takes grows with them, and so does the distance at which it finds things.
         min_score: Boxes with a lower score are removed. Low, because what a 2D box is worth is decided together with
             the lidars.
-        nms_iou: Of two boxes of one class whose IoU exceeds this, the one with the lower score is removed.
-        nms_iou_any: The same for two boxes of different classes: networks see some objects as two, a car and a truck.
-            With 1 both stay.
+        nms_iou_any: Of two boxes of different classes whose IoU exceeds this, the one with the lower score is removed:
+            networks see some objects as two, a car and a truck. With 1 both stay.
         class_numbers: Meaning of a number in the place of a class name in recorded boxes: with `labels` the class that
             has it among its labels, with `coco` a row of the 80 names of COCO, from 0 (0 person, 2 car). A name is
             looked up in the labels either way.
@@ -161,7 +150,6 @@ class Detect2DConfig(SettingsModel):
     input: Literal["auto"] | tuple[Count, Count] = "auto"
     max_input_px: Count = 1_000_000
     min_score: Share = 0.15
-    nms_iou: Share = 0.45
     nms_iou_any: Share = 0.6
     class_numbers: Literal["labels", "coco"] = "labels"
     threads: Count = 1

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Engine3D:
-    """Where the 3D boxes of a frame come from.
+    """A source of the 3D boxes of a frame.
 
     Attributes:
         maker: `module:name` of what makes the engine, a `lidcam.pipeline.detectors.protocols.Detector3D`, from rig and

@@ -1,10 +1,11 @@
 """Settings of reading: topics, rig, Velodyne packets, and limits against hostile recordings."""
 
-from typing import Any, Literal
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal, Self
 
 from pydantic import Field, model_serializer, model_validator
 
-from lidcam.pipeline.core.settings.model import Corners, Count, FrameName, Positive, SettingsModel, Topic, ZoneName
+from lidcam.pipeline.core.settings.model import Corners, SettingsModel, ZoneName
 
 VelodyneModelName = Literal[
     "auto", "VLP-16", "Puck Hi-Res", "HDL-32E", "HDL-64E S2", "HDL-64E S3", "VLP-32A", "VLP-32B", "VLP-32C", "VLS-128"
@@ -24,11 +25,11 @@ class TopicsConfig(SettingsModel):
             kind was recorded. Parts of combined messages come before them, and after topics recorded on their own.
     """
 
-    lidars: tuple[Topic, ...] | None = None
-    cameras: tuple[Topic, ...] | None = None
-    boxes3d: tuple[Topic, ...] | None = None
-    exclude: tuple[Topic, ...] = ()
-    last_resort: tuple[Topic, ...] = ("/point_cloud_combined", "/ground_cloud")
+    lidars: tuple[str, ...] | None = None
+    cameras: tuple[str, ...] | None = None
+    boxes3d: tuple[str, ...] | None = None
+    exclude: tuple[str, ...] = ()
+    last_resort: tuple[str, ...] = ("/point_cloud_combined", "/ground_cloud")
 
 
 class ZoneConfig(SettingsModel):
@@ -63,7 +64,7 @@ class RigConfig(SettingsModel):
             the first zone that holds its centre, those of use `ignore` apart. The zones of a rig file replace them.
     """
 
-    site_frame: FrameName = ""
+    site_frame: str = ""
     zones: dict[ZoneName, ZoneConfig] = Field(default_factory=dict)
 
 
@@ -86,13 +87,14 @@ class VelodyneConfig(VelodyneLidarConfig):
         topics: Model and calibration by topic, instead of the ones for all lidars.
     """
 
-    topics: dict[Topic, VelodyneLidarConfig] = Field(default_factory=dict)
+    topics: dict[str, VelodyneLidarConfig] = Field(default_factory=dict)
 
 
-class LimitsConfig(SettingsModel):
+@dataclass(frozen=True, slots=True)
+class LimitsConfig:
     """Limits that keep a hostile recording from filling memory or disk; valid recordings stay far below them.
 
-    Anything beyond a limit is treated as damage, and the message names the setting to raise.
+    Anything beyond a limit is treated as damage. The setting `limit_scale` multiplies them all.
 
     Attributes:
         max_unpacked_file_gib: Unpacked size of a compressed file, and of the chunks of a file in one reading, each as
@@ -117,23 +119,28 @@ class LimitsConfig(SettingsModel):
         max_losses_listed: Damaged places of one file that are listed singly; the rest are summed up.
     """
 
-    max_unpacked_file_gib: Positive = 4.0
-    max_chunk_mib: Count = 256
-    max_message_mib: Count = 256
-    max_messages_per_chunk: Count = 1_000_000
-    max_messages_in_memory: Count = 10_000_000
-    max_positions_waiting: Count = 4_000_000
-    max_topics: Count = 1000
-    max_message_items: Count = 20_000
-    max_boxes: Count = 2000
-    max_frames: Count = 10_000
-    max_points: Count = 2_000_000
-    max_frame_points: Count = 2_000_000
-    max_image_mpx: Positive = 50.0
-    max_frame_mpx: Positive = 80.0
-    max_waiting_mib: Count = 768
-    max_request_s: Positive = 60.0
-    max_losses_listed: Count = 1000
+    max_unpacked_file_gib: float = 4.0
+    max_chunk_mib: int = 256
+    max_message_mib: int = 256
+    max_messages_per_chunk: int = 1_000_000
+    max_messages_in_memory: int = 10_000_000
+    max_positions_waiting: int = 4_000_000
+    max_topics: int = 1000
+    max_message_items: int = 20_000
+    max_boxes: int = 2000
+    max_frames: int = 10_000
+    max_points: int = 2_000_000
+    max_frame_points: int = 2_000_000
+    max_image_mpx: float = 50.0
+    max_frame_mpx: float = 80.0
+    max_waiting_mib: int = 768
+    max_request_s: float = 60.0
+    max_losses_listed: int = 1000
+
+    def scaled(self, factor: float) -> Self:
+        """Every limit multiplied by a factor."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return replace(self, **{name: type(value)(value * factor) for name, value in values.items()})
 
     @property
     def max_chunk_bytes(self) -> int:

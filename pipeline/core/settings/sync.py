@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from lidcam.pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Topic
+from lidcam.pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel
 
 
 class SyncConfig(SettingsModel):
@@ -11,7 +11,7 @@ class SyncConfig(SettingsModel):
     Attributes:
         policy: `approximate_time` (message_filters in C++), `approximate_time_python` (message_filters in Python, as in
             the predecessor system) or `nearest` (nearest to each message of the reference topic).
-        reference: Topic whose stamps the frames take, and which they need, while it is alive; if empty or silent, the
+        reference: str whose stamps the frames take, and which they need, while it is alive; if empty or silent, the
             first required one that is alive.
         queue_size: Messages kept per required topic, and frames that wait for the other topics; of those, twice as many
             messages are kept.
@@ -20,7 +20,6 @@ class SyncConfig(SettingsModel):
             reference under `nearest`; `approximate_time` does not use it.
         max_interval_s: Largest spread of the required topics' stamps in a frame under `approximate_time`; null for no
             limit, as in ROS.
-        age_penalty: Under `approximate_time`, a later set must be better by this share of its delay.
         required: Topics that a frame needs while they are alive: `lidars` (in a recording without any, those of the
             recorded 3D boxes that are used), or a list of topics. The others join a frame
             with the message nearest to its reference, if it is within `slop_s`. If none is alive, the next topic that
@@ -31,11 +30,10 @@ class SyncConfig(SettingsModel):
     """
 
     policy: Literal["approximate_time", "approximate_time_python", "nearest"] = "approximate_time"
-    reference: Topic = ""
+    reference: str = ""
     queue_size: Count = 10
     slop_s: NotNegative = 0.1
     max_interval_s: Positive | None = 0.1
-    age_penalty: NotNegative = 0.1
-    required: Literal["lidars", "all"] | tuple[Topic, ...] = "lidars"
+    required: Literal["lidars", "all"] | tuple[str, ...] = "lidars"
     silent_after_s: Positive = 0.5
     every: Count = 1

@@ -15,6 +15,9 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F64, I64
 from lidcam.pipeline.core.compiled import compiled, inlined
 
+HEIGHT_WEIGHT = 0.5
+"""Weight of a vertical metre in link distances; a horizontal metre counts 1."""
+
 LINK_CELL_SHARE = 0.6
 """Edge of the linked cells, as a share of the link distance; finer cells cost more and change little."""
 

@@ -10,13 +10,16 @@ from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.compiled import compiled
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.detectors.cluster.clusters import cluster_points
+from lidcam.pipeline.detectors.cluster.clusters import HEIGHT_WEIGHT, cluster_points
 from lidcam.pipeline.detectors.cluster.fitting import BoxFitter, Fitted, ThinnedPoints, rows_of
 from lidcam.pipeline.detectors.cluster.sight import Sight
 from lidcam.pipeline.detectors.protocols import Candidates3D
 
 CEILING_SHARE = 1.15
 """Points above this multiple of the tallest class are left out: a cluster that reaches it is too tall for any class."""
+
+SPLIT_SHARES = (0.7,)
+"""Clusters that fit no class well are clustered again with these shares of the link distance."""
 
 GOOD_MISFIT = 1.0
 """A cluster that fits its size prior worse than this may be several objects: it is also tried in parts."""
@@ -48,7 +51,7 @@ class ClusterDetector:
             return Sight.of(all_points.position, all_points.lidar, self._fitter.lidars_above_ground(combined))
 
         fitted, cluster = [], np.full(len(points.position), -1)
-        for share in (1.0, *self._settings.split_shares):
+        for share in (1.0, *SPLIT_SHARES):
             if len(points.position):
                 found, points, cluster = self._fitted(points, cluster, sight, share)
                 fitted += found
@@ -73,7 +76,7 @@ class ClusterDetector:
             share: Share of the link distance.
         """
         weighted = points.position.copy()
-        weighted[:, 2] *= self._settings.height_weight
+        weighted[:, 2] *= HEIGHT_WEIGHT
         count, cluster = cluster_points(weighted, share * points.link_distance_m)
         rows, starts, weights, low, high = _extents(points.position, points.weights, cluster, count)
         bottom, top, min_height_m = low[:, 4], high[:, 4], self._settings.min_height_m

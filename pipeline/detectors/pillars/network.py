@@ -8,7 +8,7 @@ from pydantic import Field, ValidationError
 
 from lidcam.pipeline.core.arrays import F64, Bools
 from lidcam.pipeline.core.errors import ModelError
-from lidcam.pipeline.core.settings.model import Label, NotNegative, SettingsModel
+from lidcam.pipeline.core.settings.model import NotNegative, SettingsModel
 from lidcam.pipeline.core.text import one_line
 from lidcam.pipeline.detectors.onnx.session import OnnxSession
 from lidcam.pipeline.detectors.pillars.decoding import BOX_NUMBERS, Found, boxes_of
@@ -34,7 +34,7 @@ class FoundClass(SettingsModel):
         sigma_rad: Standard deviation of its heading, radians.
     """
 
-    name: Label
+    name: str
     sigma_m: NotNegative = 0.3
     sigma_rad: NotNegative = 0.3
 

@@ -4,6 +4,9 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, F64
 from lidcam.pipeline.core.association import (
+    CALIBRATION_SIGMA_RAD,
+    MAX_SIGMAS,
+    MIN_GIOU,
     class_confusion,
     class_ratios,
     detector_variances,
@@ -23,11 +26,11 @@ BLOCK_FRAMES = 64
 
 
 class Residuals:
-    """The 3D boxes of one source and the 2D boxes of one camera, matched as the settings `associate` say."""
+    """The 3D boxes of one source and the 2D boxes of one camera, matched as the fusion does it."""
 
     def __init__(self, camera: CameraSensor, config: Config) -> None:
-        self._camera, self._config = camera, config.associate
-        self._class_ratios = class_ratios(class_confusion(config.classes, self._config.any_class))
+        self._camera = camera
+        self._class_ratios = class_ratios(class_confusion(config.classes))
         self._frames: list[tuple[Boxes3D, Boxes2D]] = []
         self._offsets_px, self._ious = [np.zeros((0, 2))], [np.zeros(0)]  # of matched pairs, 2D less projected box
         self._in_view = self._found = 0
@@ -84,7 +87,7 @@ class Residuals:
         found_class_ids = np.concatenate([part.class_ids for _, part in frames])
         first, second = pairs_of_equal(frame_of, found_frames)
         iou, giou = pair_overlaps_xyxy(projected[first], found[second])
-        near = giou >= self._config.min_giou
+        near = giou >= MIN_GIOU
         first, second, iou = first[near], second[near], iou[near]
         worth = self._worth(projected[first], found[second])
         worth += self._class_ratios[class_ids[first], found_class_ids[second]]
@@ -99,13 +102,13 @@ class Residuals:
 
     def _worth(self, projected: F32, found: F32) -> F64:
         """(Q,) what pairs of rectangles (Q, 4) are worth by place and size; -inf beyond the gate."""
-        config, model = self._config, self._camera.model
-        variances = detector_variances(projected, config)
-        variances[:, :2] += (np.deg2rad(config.calibration_sigma_deg) * np.diag(model.K)[:2]) ** 2
+        model = self._camera.model
+        variances = detector_variances(projected)
+        variances[:, :2] += (CALIBRATION_SIGMA_RAD * np.diag(model.K)[:2]) ** 2
         squared = squared_distances(rectangle_features(found) - rectangle_features(projected), variances)
         area_px = np.full(len(projected), float(model.width_px * model.height_px))
-        ratios = fit_ratios(squared, variances, area_px, config.unseen_boxes)
-        return np.where(squared <= config.gate**2, ratios, -np.inf)
+        ratios = fit_ratios(squared, variances, area_px)
+        return np.where(squared <= MAX_SIGMAS**2, ratios, -np.inf)
 
 
 def _percentile(values: F64, percent: float) -> float | None:

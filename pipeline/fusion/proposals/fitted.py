@@ -81,7 +81,7 @@ class ObjectFitter:
         if owner is not None:
             shared = share_points(found, owner)
             found, link_m = found.select(shared), link_m[shared]
-        segments = choose_segments(combined.detection_cloud.xyz, found, link_m, expected, self._config, MIN_POINTS)
+        segments = choose_segments(combined.detection_cloud.xyz, found, link_m, expected, MIN_POINTS)
         rows = found.rows[segments.points]
         boxes = self._fitter(combined, rows, segments.starts, sightings.class_ids[segments.group])
         iou = _iou_with(sightings.select(segments.group), boxes)

@@ -11,8 +11,7 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, F64, I64, Table, first_of_runs
 from lidcam.pipeline.core.geometry.regions import points_in_regions
-from lidcam.pipeline.core.settings.detect import ClusterConfig
-from lidcam.pipeline.detectors.cluster.clusters import cluster_points, thin_points
+from lidcam.pipeline.detectors.cluster.clusters import HEIGHT_WEIGHT, cluster_points, thin_points
 from lidcam.pipeline.fusion.cameras.sightings import Sightings
 
 SIDE_MARGIN = 0.03
@@ -119,9 +118,7 @@ class Segments(NamedTuple):
     worth: F64  # (G,) float64 log likelihood of the segment given the 2D box, up to a constant
 
 
-def choose_segments(
-    xyz: F32, found: FrustumPoints, link_m: F64, expected: Expected, config: ClusterConfig, min_points: int
-) -> Segments:
+def choose_segments(xyz: F32, found: FrustumPoints, link_m: F64, expected: Expected, min_points: int) -> Segments:
     """The segment of each frustum that is most likely its object, if any fits.
 
     Args:
@@ -129,13 +126,12 @@ def choose_segments(
         found: P of its points in F frustums, above the ground.
         link_m: (P,) link distances.
         expected: Expectation for each frustum.
-        config: Source of the weight of heights in distances.
         min_points: Minimum number of points of a segment.
     """
     none = np.zeros(0, np.int64)
     if not len(found):
         return Segments(none, none, none, np.zeros(0))
-    number, segment = _linked(xyz, found, link_m, config)
+    number, segment = _linked(xyz, found, link_m)
     segment_m = np.lexsort([found.along_m, segment])
     counts = np.bincount(segment, minlength=number)
     starts = np.cumsum(counts) - counts
@@ -165,10 +161,10 @@ def choose_segments(
     return Segments(group[best], points, np.cumsum(counts[best]) - counts[best], worth[best])
 
 
-def _linked(xyz: F32, found: FrustumPoints, link_m: F64, config: ClusterConfig) -> tuple[int, I64]:
+def _linked(xyz: F32, found: FrustumPoints, link_m: F64) -> tuple[int, I64]:
     """The number of segments, and (P,) the segment of each point; no segment is in two frustums."""
     position = xyz.take(found.rows, axis=0).astype(np.float64)
-    position[:, 2] *= config.height_weight
+    position[:, 2] *= HEIGHT_WEIGHT
     cells = thin_points(position, link_m, THIN_SHARE, found.group)
     means = cells.means.copy()
     means[:, 0] += FRUSTUM_SPACING_M * found.group[cells.first]

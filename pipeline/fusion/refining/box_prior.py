@@ -48,6 +48,12 @@ MAX_EXPLAINED = 0.95
 MIN_ANCHOR = 0.25
 """Minimum lever between size and centre: with both ends seen, the length errs by at most four times the centre."""
 
+MAX_SIZE_SIGMA = 0.15
+"""Maximum standard deviation of length and width of a box, as a share of them."""
+
+HEADING_SIGMA_RAD = np.deg2rad(5.0)
+"""Standard deviation of the heading that images show, radians: a cuboid fitted to an object is turned."""
+
 SPEED_SIGMA_PER_S = 2.5
 """Standard deviation of the speed along the box, in geometric means of length and width per second: 6.5 m/s for a car,
 1.5 m/s for a pedestrian."""
@@ -90,12 +96,12 @@ def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
 
     A box whose far side no lidar saw has the length of its class, and grows away from the lidars: if it is longer, its
     centre is farther away. So length and centre are correlated as far as the lidars are beyond one end of the box. The
-    smaller of the size variances by the covariance and by `size_sigma` holds.
+    smaller of the size variances by the covariance and by `MAX_SIZE_SIGMA` holds.
 
     Args:
         boxes: N boxes.
         lidar_xy: (L, 2) positions of the lidars, metres.
-        config: `lidar_sigma_scale`, `size_sigma` and `heading_sigma_deg`.
+        config: `lidar_sigma_scale`.
     """
     extents, is_seen = boxes.sizes[:, :2], boxes.sources != Source.CAMERA.value
     known = known_covariances(boxes, lidar_xy) * config.lidar_sigma_scale**2
@@ -112,7 +118,7 @@ def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
     anchors = np.where(is_seen[:, None], _nearer_ends(boxes, lidar_xy, turn) / 2, 0.0)
     grown = np.minimum(left - left.min(1, keepdims=True), MAX_EXPLAINED * left)
     reach = np.maximum(np.abs(anchors), MIN_ANCHOR)
-    max_share = config.size_sigma**2
+    max_share = MAX_SIZE_SIGMA**2
     min_share = np.minimum(np.where(is_seen, SEEN_SIZE_SIGMA, CLASS_SIZE_SIGMA)[:, None] ** 2, max_share)
     sizes = np.maximum(np.minimum(max_share, grown / (reach * extents) ** 2), np.maximum(min_share, 1e-6)) * extents**2
     sizes = np.minimum(sizes, np.maximum(MAX_EXPLAINED * left / np.maximum(anchors**2, 1e-9), 1e-6 * extents**2))
@@ -130,7 +136,7 @@ def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
     covariances[:, [3, 4], [3, 4]] = sizes
     speed = SPEED_SIGMA_PER_S * np.sqrt(extents.prod(1))
     covariances[:, 5, 5], covariances[:, 6, 6] = speed**2, (speed * extents.min(1) / extents.max(1)) ** 2
-    covariances[:, 2, 2] += np.deg2rad(config.heading_sigma_deg) ** 2
+    covariances[:, 2, 2] += HEADING_SIGMA_RAD**2
     yaw_shares = yaw_variances / covariances[:, 2, 2]
     return BoxPrior(
         covariances, np.asarray(np.linalg.inv(covariances), np.float64), yaw_shares, yaw_variances * (1 - yaw_shares)

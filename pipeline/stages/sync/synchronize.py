@@ -129,7 +129,7 @@ class _Waiting:
         if self.max_bytes is not None and self.bytes > self.max_bytes:
             raise RecordingError(
                 f"{message.topic}: messages of more than {self.max_bytes >> 20} MiB wait for those of other topics: "
-                "lower sync.queue_size, exclude a topic, or raise limits.max_waiting_mib"
+                "lower sync.queue_size, exclude a topic, or raise limit_scale"
             )
 
 
@@ -204,7 +204,6 @@ def _policy(config: SyncConfig, topics: Sequence[str], reference: int, on_drop: 
             return ApproximateTime(
                 len(topics),
                 queue_size=config.queue_size,
-                age_penalty=config.age_penalty,
                 max_interval_ns=None if config.max_interval_s is None else _nanoseconds(config.max_interval_s),
                 on_drop=on_drop,
             )

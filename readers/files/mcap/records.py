@@ -135,9 +135,7 @@ def records_in(chunk: bytes, limits: LimitsConfig) -> Iterator[tuple[int, int, i
     while at < len(chunk):
         count += 1
         if count > limits.max_messages_per_chunk:
-            raise ValueError(
-                f"a chunk of more than {limits.max_messages_per_chunk} messages, see limits.max_messages_per_chunk"
-            )
+            raise ValueError(f"a chunk of more than {limits.max_messages_per_chunk} messages, see limit_scale")
         opcode, size = RECORD_HEAD.unpack_from(chunk, at)
         at += RECORD_HEAD.size
         if at + size > len(chunk):

@@ -173,7 +173,7 @@ class _Scan:
         if len(self.contents.loose) >= self._limits.max_positions_waiting:
             raise RecordingError(
                 f"more than {self._limits.max_positions_waiting} messages outside of chunks: rewrite it with chunks, "
-                "or raise limits.max_positions_waiting"
+                "or raise limit_scale"
             )
         self._stream.seek(record.content)
         entry = entry_of(read_exactly(self._stream, MESSAGE_HEAD.size), 0, 0, record.content, record.size)

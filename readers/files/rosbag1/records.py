@@ -165,9 +165,7 @@ def contents_of_chunk(records: bytes, limits: LimitsConfig) -> list[Record]:
     """
     found = list(islice(_records_of(BytesIO(records), 0, len(records)), limits.max_messages_per_chunk + 1))
     if len(found) > limits.max_messages_per_chunk:
-        raise ValueError(
-            f"a chunk of more than {limits.max_messages_per_chunk} messages, see limits.max_messages_per_chunk"
-        )
+        raise ValueError(f"a chunk of more than {limits.max_messages_per_chunk} messages, see limit_scale")
     return found
 
 

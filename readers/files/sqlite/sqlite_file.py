@@ -127,7 +127,7 @@ class SqliteFile(Container):
         try:
             row = self._database.execute("SELECT data, timestamp FROM messages WHERE id = ?", (row_id,)).fetchone()
         except sqlite3.DataError as err:
-            raise ValueError(f"more than {self._limits.max_message_bytes} bytes, see limits.max_message_mib") from err
+            raise ValueError(f"more than {self._limits.max_message_bytes} bytes, see limit_scale") from err
         if row is None or row[1] != log_time_ns:
             raise sqlite3.DatabaseError("its id leads to another row, or to none")
         return row[0]

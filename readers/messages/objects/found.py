@@ -72,7 +72,7 @@ def check_boxes(boxes: Sequence[Any], topic: str, limits: LimitsConfig) -> int:
         MessageError: there are more than `limits` allow.
     """
     if len(boxes) > limits.max_boxes:
-        raise MessageError(f"{topic}: {len(boxes)} boxes, expected at most {limits.max_boxes}: raise limits.max_boxes")
+        raise MessageError(f"{topic}: {len(boxes)} boxes, expected at most {limits.max_boxes}: raise limit_scale")
     return len(boxes)
 
 

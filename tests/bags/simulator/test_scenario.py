@@ -4,14 +4,12 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from wrong_values import mistakes, words_of_the_library
 
 from lidcam.bags.simulator.recorder.true_rig import true_rig
 from lidcam.bags.simulator.scenario.load import load_scenario
 from lidcam.bags.simulator.scenario.scenario import Scenario
 from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.geometry.transform import rotation_fault
-from lidcam.pipeline.core.settings.validation import checked
 
 ROOT = Path(__file__).resolve().parents[3]
 LIDAR = {"topic": "/points", "frame_id": "lidar", "position_m": [0, 0, 1]}
@@ -103,12 +101,6 @@ def test_what_is_wrong_is_named(tmp_path: Path, changes: dict[str, Any], message
 def test_a_scenario_that_is_not_there(name: str) -> None:
     with pytest.raises(ConfigError, match=r": expected one of crossing, sandbox, vehicle|no\.yaml"):
         load_scenario(name)
-
-
-def test_mistakes_are_not_told_in_a_library_s_words() -> None:
-    told = mistakes(Scenario, lambda tree: checked(Scenario, tree, "file"))
-    assert len(told) > 500
-    assert not words_of_the_library(told)
 
 
 @pytest.mark.parametrize(

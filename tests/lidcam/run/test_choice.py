@@ -8,7 +8,7 @@ from lidcam.pipeline.core.settings.load import load_config
 from lidcam.run.choice import UsedSettings, choose_settings, used_record
 from lidcam.run.scene import SceneSize, judge
 
-ALLOWED = {"combine", "detect3d", "detect2d", "associate", "fuse", "classes"}
+ALLOWED = {"combine", "detect3d", "detect2d", "fuse", "classes"}
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from lidcam.run.effect import COMPARING, EVALUATING, check_effect, settings_sha2
     ("settings", "sections"),
     [
         ([], COMPARING),
-        (["evaluate.iou=[0.5]", " classes.1.name=car", "limits={}"], EVALUATING),
+        (["evaluate.iou=[0.5]", " classes.1.name=car", "limit_scale=2"], EVALUATING),
         (["compare.yaw_deg=5"], COMPARING),
         (["nothing.of=this", "", "compare"], COMPARING),  # told by those who read them
     ],
@@ -30,3 +30,4 @@ def test_how_it_is_run_does_not_change_the_checksum_of_settings() -> None:
     base = settings_sha256(load_config("sandbox"))
     assert settings_sha256(load_config("sandbox", {"run.workers": 1})) == base
     assert settings_sha256(load_config("sandbox", {"fuse.min_score": 0.123})) != base
+    assert settings_sha256(load_config("sandbox", {"limit_scale": 2})) != base

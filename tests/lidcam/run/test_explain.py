@@ -4,10 +4,10 @@ from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.settings.bundled import PRESETS
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.fuse import FuseConfig
-from lidcam.pipeline.core.settings.validation import key_places
+from lidcam.pipeline.core.settings.validation import keys_of
 from lidcam.run.explain import explain, preset_summaries
 
-KEYS = [key for key, _ in key_places(Config)]
+KEYS = [*keys_of(Config)]
 
 
 @pytest.mark.parametrize("key", KEYS)
@@ -22,7 +22,7 @@ def test_every_key_is_explained(key: str) -> None:
 def test_a_setting() -> None:
     found = explain("detect3d.cluster.distance_m")
     assert found.meaning == "Points nearer to each other than this belong together, close to a lidar."
-    assert (found.unit, found.allowed, found.default) == ("metres", "a number above 0", 0.4)
+    assert (found.unit, found.allowed, found.default) == ("metres", "number, above 0", 0.4)
     assert found.by_preset == {"sandbox": 0.06, "crossing": 0.4, "road": 0.4}
     assert found.keys == {}
 

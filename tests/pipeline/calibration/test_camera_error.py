@@ -1,25 +1,33 @@
 """An error of a camera that is put in is found, within the confidence that is stated; too little says nothing."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from wrong_cameras import CAMERA, CUBOIDS, passing, without_tracks
+from wrong_cameras import CAMERA, cuboids, passing, without_tracks
 
 from lidcam.pipeline.calibration.camera_error import MIN_PAIRS, CameraError, camera_error
 from lidcam.pipeline.calibration.pairs import tracked_pairs
 from lidcam.pipeline.core.arrays import join_rows
 from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.settings.fuse import FuseConfig
 
 LIDAR_XY = np.zeros((1, 2))
 DEGREE = np.pi / 180
 
 
+@pytest.fixture(autouse=True, scope="module")
+def _objects_are_cuboids() -> Iterator[None]:
+    with patch("lidcam.pipeline.calibration.camera_error.rounded_outline", cuboids):
+        yield
+
+
 def judged(frames: Sequence[FrameResult]) -> CameraError | None:
     found = [pairs for frame in frames for _, pairs in tracked_pairs(frame)]
-    return camera_error(join_rows(*found), CAMERA, LIDAR_XY, CUBOIDS) if found else None
+    return camera_error(join_rows(*found), CAMERA, LIDAR_XY, FuseConfig()) if found else None
 
 
 @pytest.mark.parametrize("speed_m_s", [0.0, 8.0], ids=["standing", "driving"])

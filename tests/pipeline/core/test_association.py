@@ -6,6 +6,8 @@ from scipy.stats import multivariate_t
 
 from lidcam.pipeline.core.association import (
     FREEDOM,
+    PIXEL_SIGMA_PX,
+    UNSEEN_BOXES,
     class_agreement,
     class_confusion,
     class_ratios,
@@ -15,7 +17,6 @@ from lidcam.pipeline.core.association import (
     squared_distances,
 )
 from lidcam.pipeline.core.settings.classes import ROAD_CLASSES
-from lidcam.pipeline.core.settings.fuse import AssociateConfig
 
 CAR, PEDESTRIAN, BICYCLE, TRUCK, BUS = range(5)
 
@@ -26,28 +27,28 @@ def test_features_of_rectangles() -> None:
     assert rectangle_features(np.zeros((0, 4), np.float32)).shape == (0, 4)
 
 
-def test_variances_are_those_of_edges_that_err_independently() -> None:
-    config = AssociateConfig(pixel_sigma_px=1.5, outline_sigma=0.05)
-    rectangle = np.array([[100.0, 50, 300, 150]])
+def test_variances_are_those_of_edges_that_err_independently(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidcam.pipeline.core.association.OUTLINE_SIGMA", 0.05)
+    rectangle = np.array([[100.0, 50, 500, 350]])
     random = np.random.default_rng(0)
-    sigma = np.sqrt(1.5**2 + (0.05 * np.array([200.0, 100])) ** 2)
+    sigma = np.sqrt(PIXEL_SIGMA_PX**2 + (0.05 * np.array([400.0, 300])) ** 2)
     edges = rectangle + random.normal(0, 1, (200_000, 4)) * np.tile(sigma, 2)
     expected = rectangle_features(edges.astype(np.float32)).var(0)
-    found = detector_variances(rectangle.astype(np.float32), config)[0]
+    found = detector_variances(rectangle.astype(np.float32))[0]
     np.testing.assert_allclose(found, expected, rtol=0.03)
 
 
 @given(st.lists(st.floats(-40, 40), min_size=4, max_size=4), st.lists(st.floats(0.01, 50), min_size=4, max_size=4))
 def test_the_ratio_is_that_of_two_densities(differences: list[float], variances: list[float]) -> None:
     d, v = np.array([differences]), np.array([variances])
-    found = fit_ratios(squared_distances(d, v), v, np.array([640.0 * 480]), 2.0)
+    found = fit_ratios(squared_distances(d, v), v, np.array([640.0 * 480]))
     same = multivariate_t(np.zeros(4), np.diag(v[0]), df=int(FREEDOM)).logpdf(d[0])
-    other = np.log(2.0 / (640 * 480 * 4 * 4))
+    other = np.log(UNSEEN_BOXES / (640 * 480 * 4 * 4))
     assert found == pytest.approx([same - other], abs=1e-9)
 
 
 def test_what_has_nearly_the_same_size_is_nearly_the_same_class() -> None:
-    confusion = class_confusion(ROAD_CLASSES, 0.1)
+    confusion = class_confusion(ROAD_CLASSES)
     np.testing.assert_allclose(confusion.sum(1), 1)
     assert (confusion.argmax(1) == np.arange(5)).all()
     assert confusion[TRUCK, BUS] > confusion[CAR, TRUCK] > confusion[CAR, PEDESTRIAN]
@@ -57,13 +58,12 @@ def test_what_has_nearly_the_same_size_is_nearly_the_same_class() -> None:
     assert ratios[TRUCK, BUS] > 0 > ratios[CAR, TRUCK] > ratios[CAR, PEDESTRIAN]
 
 
-def test_classes_may_say_nothing() -> None:
-    np.testing.assert_allclose(class_ratios(class_confusion(ROAD_CLASSES, 1.0)), 0, atol=1e-12)
-    np.testing.assert_allclose(class_ratios(class_confusion(ROAD_CLASSES[:1], 0.1)), 0, atol=1e-12)
+def test_a_single_class_says_nothing() -> None:
+    np.testing.assert_allclose(class_ratios(class_confusion(ROAD_CLASSES[:1])), 0, atol=1e-12)
 
 
 def test_ratios_of_classes_average_to_one_over_all_calls() -> None:
-    ratios = np.exp(class_ratios(class_confusion(ROAD_CLASSES, 0.2)))
+    ratios = np.exp(class_ratios(class_confusion(ROAD_CLASSES)))
     np.testing.assert_allclose(ratios.mean(1), 1)
 
 

@@ -21,11 +21,6 @@ def test_speeds_are_those_over_the_ground() -> None:
     assert replace(Tracks.none(2), velocities=np.array([[3.0, -4.0], [0.0, 1.0]])).speeds.tolist() == [5.0, 1.0]
 
 
-def test_other_shapes_are_refused() -> None:
-    with pytest.raises(ValueError, match="velocities: expected float64"):
-        replace(Tracks.none(2), velocities=np.zeros((2, 3)))
-
-
 def test_each_object_has_one_track() -> None:
     nothing = Boxes3D.empty(0, "site")
     with pytest.raises(ValueError, match="tracks: expected 0"):

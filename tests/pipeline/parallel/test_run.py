@@ -219,14 +219,6 @@ def test_time_is_counted_per_stage_in_all_processes() -> None:
     assert graph.seconds["work"] >= 0.002 * sum(i % 3 for i in range(30))
 
 
-def test_small_arrays_do_not_keep_large_ones() -> None:
-    (one, *_) = run(iter(frames(1)))
-    owner = one.points
-    while owner.base is not None and isinstance(owner.base, np.ndarray):
-        owner = owner.base
-    assert owner.nbytes == one.points.nbytes
-
-
 @pytest.mark.parametrize(("workers", "expected", "count"), [(1, 1000, 0), (4, 1000, 3), (4, 14, 1), (4, 0, 0)])
 @pytest.mark.parametrize("way", ["copy"], indirect=True)
 def test_copies_that_are_worth_their_start(workers: int, expected: int, count: int) -> None:
@@ -278,9 +270,3 @@ def test_no_copy_outlives_the_process_that_made_it() -> None:
         assert len(copied) == 3
         process.kill()
         assert not process.stdout.read()  # which the copies have open, too: it ends with the last of them
-
-
-@pytest.mark.parametrize(("workers", "count"), [(0, 1), (1, 0)])
-def test_limits_are_checked(workers: int, count: int) -> None:
-    with pytest.raises(ValueError, match="expected at least 1"):
-        Limits[Frame](workers, count)

@@ -13,8 +13,6 @@ from hypothesis.extra.numpy import arrays
 from lidcam.pipeline.core.arrays import F64, Array
 from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Matches
 from lidcam.pipeline.core.rig import CameraSensor, Rig
-from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.core.settings.fuse import AssociateConfig
 from lidcam.pipeline.stages.associate import Pairs, best_pairs
 
 Row = tuple[float, ...]
@@ -22,16 +20,13 @@ Row = tuple[float, ...]
 CAR, PEDESTRIAN, TRUCK = 0, 1, 3
 
 
-def associate(
-    boxes: Boxes3D, found: Mapping[str, Boxes2D], *, rig: Rig | None = None, **settings: float
-) -> Mapping[str, Matches]:
-    config = Config(associate=AssociateConfig.model_validate(settings))
+def associate(boxes: Boxes3D, found: Mapping[str, Boxes2D], *, rig: Rig | None = None) -> Mapping[str, Matches]:
     rig = rig or camera_rig(forward_camera())
-    return associate_of(rig, config)(boxes, found, {camera.name: camera for camera in rig.cameras})
+    return associate_of(rig)(boxes, found, {camera.name: camera for camera in rig.cameras})
 
 
-def match(boxes: Boxes3D, rows: Sequence[Row], **settings: float) -> list[tuple[int, int]]:
-    pairs = associate(boxes, {"cam": boxes2d(rows)}, rig=None, **settings)["cam"].pairs
+def match(boxes: Boxes3D, rows: Sequence[Row]) -> list[tuple[int, int]]:
+    pairs = associate(boxes, {"cam": boxes2d(rows)})["cam"].pairs
     return [(int(a), int(b)) for a, b in pairs]
 
 
@@ -70,25 +65,22 @@ AT = projection(TWO)
 )
 def test_standing_cases(boxes: Boxes3D, rows: list[Row], expected: list[tuple[int, int]]) -> None:
     assert match(boxes, rows) == expected
-    assert match(boxes, rows, min_giou=-1) == expected
 
 
-@pytest.mark.parametrize("min_giou", [-1.0, 0.0, 1.0])
-def test_what_lies_elsewhere_is_no_partner(min_giou: float) -> None:
-    # The predecessor system matched disjoint boxes at 0 and refused identical ones at 1.
+def test_what_lies_elsewhere_is_no_partner() -> None:
     far = shown(AT[0], shift=2.0)
-    assert match(boxes3d([AHEAD]), [far], min_giou=min_giou) == []
-    assert match(boxes3d([AHEAD]), [far, shown(AT[0])], min_giou=min_giou) == [(0, 1)]
+    assert match(boxes3d([AHEAD]), [far]) == []
+    assert match(boxes3d([AHEAD]), [far, shown(AT[0])]) == [(0, 1)]
 
 
-def test_a_near_miss_is_a_partner_and_settings_say_how_near() -> None:
+def test_a_near_miss_is_a_partner(monkeypatch: pytest.MonkeyPatch) -> None:
     small = boxes3d([(30.0, 0.0, 0.0, 0.6, 0.6, 1.7, 0.0)], class_ids=[PEDESTRIAN])
     beside = [shown(projection(small)[0], shift=1.2, class_id=PEDESTRIAN)]
     assert match(small, beside) == [(0, 0)]
-    assert match(small, beside, min_giou=0) == []
-    assert match(small, beside, gate=0.5) == []
-    assert match(small, beside, gate=3) == [(0, 0)]
-    assert match(small, beside, gate=3, calibration_sigma_deg=0) == []
+    monkeypatch.setattr("lidcam.pipeline.stages.associate.MAX_SIGMAS", 3.0)
+    assert match(small, beside) == [(0, 0)]
+    monkeypatch.setattr("lidcam.pipeline.stages.associate.CALIBRATION_SIGMA_RAD", 0.0)
+    assert match(small, beside) == []
 
 
 def test_no_pair_takes_a_box_from_a_better_sum() -> None:
@@ -112,7 +104,6 @@ def test_boxes_beyond_the_border_are_compared_inside_the_image() -> None:
 def test_the_better_class_wins_among_boxes_that_fit_alike() -> None:
     rows = [shown(AT[0], class_id=PEDESTRIAN), shown(AT[0], shift=0.02)]
     assert match(boxes3d([AHEAD]), rows) == [(0, 1)]
-    assert match(boxes3d([AHEAD]), rows, any_class=1.0) == [(0, 0)]
     assert match(boxes3d([AHEAD]), rows[:1]) == [(0, 0)], "detectors err"
     rows = [shown(AT[0], class_id=TRUCK), shown(AT[0], class_id=PEDESTRIAN, score=0.9)]
     assert match(boxes3d([AHEAD]), rows) == [(0, 0)], "classes of like size are confused"

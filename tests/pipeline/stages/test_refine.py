@@ -9,6 +9,7 @@ from fusion_scenes import FusionScene, fusion_scenes
 from fusion_stages import associate_of
 from scipy.stats import chi2
 from seen_boxes import edges_in_view
+from wrong_cameras import cuboids
 
 from lidcam.pipeline.core.arrays import F64, Bools
 from lidcam.pipeline.core.camera import CameraModel
@@ -21,14 +22,15 @@ from lidcam.pipeline.fusion.projection import CameraArrays
 from lidcam.pipeline.fusion.refining.edges import moved_by_borders
 from lidcam.pipeline.stages.refine import Refine
 
-EXACT_CUBOIDS = {
-    "size_sigma": 0.0,
-    "corner_rounding": 0.0,
-    "underside": 0.0,
-    "cabin": 0.0,
-    "outline_sigma": 0.0,
-    "heading_sigma_deg": 0.0,
-}
+BOX_PRIOR = "lidcam.pipeline.fusion.refining.box_prior"
+
+
+@pytest.fixture(autouse=True)
+def _exact_cuboids(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Objects that are cuboids of known size."""
+    monkeypatch.setattr("lidcam.pipeline.stages.refine.rounded_outline", cuboids)
+    monkeypatch.setattr(f"{BOX_PRIOR}.MAX_SIZE_SHARE", 0.0)
+    monkeypatch.setattr(f"{BOX_PRIOR}.HEADING_SIGMA_RAD", 0.0)
 
 
 def errors(boxes: Boxes3D, truth: Boxes3D) -> F64:
@@ -40,7 +42,7 @@ def refined(rig: Rig, scene: FusionScene, settings: Mapping[str, Any]) -> Boxes3
     views = {camera.name: camera for camera in rig.cameras}
     matches = associate_of(rig)(scene.lidar, scene.seen, views)
     hypotheses = Hypotheses(scene.lidar, matches, len(scene.lidar))
-    config = FuseConfig.model_validate({**EXACT_CUBOIDS, **settings})
+    config = FuseConfig.model_validate({"outline_sigma": 0.0, **settings})
     return Refine(rig, config)(hypotheses, scene.seen, views).boxes
 
 
@@ -154,7 +156,7 @@ def made_up(
 
 
 def fitted(rig: Rig, hypotheses: Hypotheses, seen: Mapping[str, Boxes2D], **settings: float) -> Boxes3D:
-    config = FuseConfig.model_validate({**EXACT_CUBOIDS, **settings})
+    config = FuseConfig.model_validate({"outline_sigma": 0.0, **settings})
     views = {camera.name: camera for camera in rig.cameras}
     return Refine(rig, config)(hypotheses, seen, views).boxes
 
@@ -173,7 +175,8 @@ def test_boxes_come_nearer_to_the_truth_and_say_how_near() -> None:
     assert_honest(squared, 0.005)
 
 
-def test_what_the_border_of_an_image_cuts_keeps_its_length() -> None:
+def test_what_the_border_of_an_image_cuts_keeps_its_length(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(f"{BOX_PRIOR}.MAX_SIZE_SIGMA", 0.15)
     # Its rear is below the image, so its right edge is where its side leaves the image.
     long, camera = boxes3d([(9.0, 1.0, -4.0, 7.0, 2.5, 0.5, 0.7)], deviations=(0.3, 0.3, 0.03)), forward_camera()
     whole = edges_in_view(long.centers, long.sizes, long.yaws, camera)
@@ -182,7 +185,7 @@ def test_what_the_border_of_an_image_cuts_keeps_its_length() -> None:
     shown = np.clip(whole.xyxy[0] + inward_px, 0, [640, 480] * 2)
     seen, nothing = {"cam": boxes2d([(*shown, 0.9, 0)])}, np.zeros(1, np.float32)
     matches = {"cam": Matches(np.zeros((1, 2), np.int64), nothing + 1, whole.xyxy.astype(np.float32), nothing)}
-    found = fitted(camera_rig(camera), Hypotheses(long, matches, 1), seen, size_sigma=0.15)
+    found = fitted(camera_rig(camera), Hypotheses(long, matches, 1), seen)
     assert found.sources.tolist() == [Source.BOTH]
     assert place(errors(found, long)) == pytest.approx([0], abs=0.1)
     assert found.sizes[0, 0] == pytest.approx(7.0, abs=0.1)

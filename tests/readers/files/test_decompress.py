@@ -52,4 +52,4 @@ def test_a_chunk_that_would_fill_the_memory_is_passed_over(tmp_path: Path, kind:
         assert [m.log_time_ns for m in recording.messages()] == [1, 3]
         (loss,) = recording.losses
     assert loss.messages == 1
-    assert f"more than {1 << 20} bytes, see limits.max_chunk_mib" in loss.reason
+    assert f"more than {1 << 20} bytes, see limit_scale" in loss.reason

@@ -76,7 +76,7 @@ def test_frames_may_lack_images_or_clouds(tmp_path: Path) -> None:
         ("1 2 3\n", "1.txt cannot be used: expected 4 columns (x y z intensity), found 3"),
         ("1 2 3 4\n1 2\n", "1.txt cannot be used: "),
         ("one two three four\n", "1.txt cannot be used: "),
-        ("1 2 3 4\n" * 200_000, "1.txt is larger than limits.max_message_mib"),
+        ("1 2 3 4\n" * 200_000, "1.txt is too large, see limit_scale"),
     ],
 )
 def test_clouds_that_are_none(tmp_path: Path, text: str, problem: str) -> None:

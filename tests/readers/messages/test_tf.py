@@ -128,7 +128,7 @@ def test_more_frames_than_transforms_may_name() -> None:
     found = read_transforms(MemoryRecording(messages), limits=LimitsConfig(max_frames=3))
     assert {frame for frame in found.fixed.frames if frame != "base"} == {"f0", "f1", "f2"}
     ((drop, count),) = found.drops
-    assert drop.detail == "/tf_static: transforms of more than 3 coordinate frames: raise limits.max_frames"
+    assert drop.detail == "/tf_static: transforms of more than 3 coordinate frames: raise limit_scale"
     assert count == 2
 
 

@@ -165,13 +165,13 @@ def test_settings_of_other_versions(tmp_path: Path) -> None:
     del tree["evaluate"], tree["fuse"]["min_score"]
     tree["telepathy"] = {"range_m": 3}
     tree["fuse"]["magic"] = True
-    tree["associate"]["min_giou"] = "a lot"
+    tree["sync"]["slop_s"] = "a lot"
     tree["classes"][0]["colour"] = "red"
     del tree["classes"][1]["size_m"]
     with open_result(written(tmp_path / "old.mcap", [frame()], config_yaml=yaml.safe_dump(tree))) as result:
         assert result.config == CONFIG
         assert len(result.notes) == 1
-        for part in ("old.mcap is of lidcam 1.2.3", "telepathy", "fuse.magic", "associate.min_giou", "classes"):
+        for part in ("old.mcap is of lidcam 1.2.3", "telepathy", "fuse.magic", "sync.slop_s", "classes"):
             assert part in result.notes[0]
 
 

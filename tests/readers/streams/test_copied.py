@@ -93,7 +93,7 @@ def test_what_waits_is_limited_and_room_is_made_again() -> None:
     stream += [big._replace(log_time_ns=at) for at in (4, 5)] + [message("/sensor", 6)]
     found = handed_on(copied, stream)
     assert [times(one) for one in found] == [[0, 1], [4, 5]]
-    assert [drop.reason for drop in drops] == ["more than limits.max_waiting_mib waited for a frame"]
+    assert [drop.reason for drop in drops] == ["more than limit_scale allows waited for a frame"]
 
 
 @given(

@@ -11,6 +11,7 @@ from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.load import load_config
+from lidcam.pipeline.core.settings.recording import LimitsConfig
 from lidcam.readers.streams.decoders import CloudDecoder, ImageDecoder, RecordedBoxes
 
 TOPIC = "/velodyne_packets"
@@ -126,29 +127,32 @@ def clouds(*counts: int) -> SensorBundle:
     return SensorBundle(0, 1, 1, messages)
 
 
-def test_the_clouds_of_a_frame_share_a_limit() -> None:
-    config = load_config(None, {"limits.max_points": 50, "limits.max_frame_points": 60})
+DEFAULT_LIMITS = "lidcam.pipeline.core.settings.config.DEFAULT_LIMITS"
+
+
+def test_the_clouds_of_a_frame_share_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(DEFAULT_LIMITS, LimitsConfig(max_points=50, max_frame_points=60))
+    config = Config()
     found = CloudDecoder(lidars(4), config, on_bad="skip")(clouds(40, 51, 30, 20))
     assert {name: len(cloud) for name, cloud in found.items()} == {"l0": 40, "l3": 20}
     assert [drop.detail for drop in found.drops] == [
-        "/l1: 1 x 51 points, expected at most 50: raise limits.max_points",
-        "/l2: 1 x 30 points, and 40 in other clouds of the frame, expected at most 60 in all: raise "
-        "limits.max_frame_points",
+        "/l1: 1 x 51 points, expected at most 50: raise limit_scale",
+        "/l2: 1 x 30 points, and 40 in other clouds of the frame, expected at most 60 in all: raise limit_scale",
     ]
-    with pytest.raises(MessageError, match=r"raise limits\.max_frame_points"):
+    with pytest.raises(MessageError, match=r"raise limit_scale"):
         CloudDecoder(lidars(2), config, on_bad="fail")(clouds(40, 30))
 
 
-def test_the_images_of_a_frame_share_a_limit() -> None:
+def test_the_images_of_a_frame_share_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(DEFAULT_LIMITS, LimitsConfig(max_frame_mpx=1e-4))
     model = CameraModel("c", 10, 10, np.eye(3), "plumb_bob", np.zeros(5))
     cameras = tuple(CameraSensor(f"c{i}", f"/c{i}", "", model, Transform.identity("c", "site")) for i in range(3))
     images = [image(np.zeros((height, 10, 3), np.uint8), stamp_ns=1) for height in (8, 9, 2)]
     messages = {f"/c{i}": raw(f"/c{i}", "sensor_msgs/msg/Image", one, 1) for i, one in enumerate(images)}
-    config = load_config(None, {"limits.max_frame_mpx": 1e-4})
-    found = ImageDecoder(Rig("site", (), cameras, ()), config, on_bad="skip")(SensorBundle(0, 1, 1, messages))
+    found = ImageDecoder(Rig("site", (), cameras, ()), Config(), on_bad="skip")(SensorBundle(0, 1, 1, messages))
     assert [*found] == ["c0", "c2"]
     (drop,) = found.drops
     assert drop.detail == (
         "/c1: an image of 10 x 9 px, and 80 in other images of the frame, expected at most 0.0001 million pixels in "
-        "all: raise limits.max_frame_mpx"
+        "all: raise limit_scale"
     )

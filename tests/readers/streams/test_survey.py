@@ -60,6 +60,4 @@ def test_times_of_no_more_messages_than_may_be_in_memory(caplog: pytest.LogCaptu
     limits = LimitsConfig(max_messages_in_memory=4)
     (found,) = survey(recording, limits=limits)
     assert (found.count, round(found.rate_hz)) == (10, 10)
-    assert caplog.messages == [
-        "rates, gaps and delays are those of the first 4 messages: raise limits.max_messages_in_memory"
-    ]
+    assert caplog.messages == ["rates, gaps and delays are those of the first 4 messages: raise limit_scale"]

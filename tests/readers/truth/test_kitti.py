@@ -183,8 +183,8 @@ def test_malformed_labels(tmp_path: Path, files: list[str], problem: str) -> Non
 
 @pytest.mark.parametrize("text", [f"{CAR}\n" * 2, f"0 1 {CAR}\n" * 2])
 def test_more_boxes_in_a_frame_than_may_be(tmp_path: Path, text: str) -> None:
-    config = load_config(None, ["limits.max_boxes=1"])
-    with pytest.raises(RecordingError, match=r"000000\.txt: frame 0: 2 boxes, expected at most 1: raise limits\."):
+    config = load_config(None, ["limit_scale=0.0005"])
+    with pytest.raises(RecordingError, match=r"000000\.txt: frame 0: 2 boxes, expected at most 1: raise limit_scale"):
         boxes_of(folder(tmp_path, text), config=config)
 
 

@@ -210,7 +210,7 @@ POSE = ("coordinate_systems", "south", "pose_wrt_parent")
     [
         ("{", "expected OpenLABEL, found no JSON"),
         ("[" * 100_000, "expected OpenLABEL, found no JSON"),
-        ("[]", "expected a section with the keys openlabel, found []"),
+        ("[]", "expected a section, found []"),
         ({"frames": {}}, "openlabel is missing"),
         ({"openlabel": 5}, "openlabel: expected a section"),
         (tree({}), "expected OpenLABEL with frames, found none"),
@@ -219,13 +219,13 @@ POSE = ("coordinate_systems", "south", "pose_wrt_parent")
         (altered("frames", "0", "frame_properties", "timestamp", value="today"), "expected a time since 1970"),
         (altered("frames", "0", "frame_properties", "timestamp", value=10**30), "after January 2038"),
         (altered(*CUBOID, "val", value=BOX[:-2]), "val: expected 10 numbers (position, quaternion, size) or 9"),
-        (altered(*CUBOID, "val", value="abc"), "cuboid.0.val: expected a list of numbers"),
-        (altered(*CUBOID, "val", value=[float("nan")] * 10), "cuboid.0.val.0: expected a number above"),
+        (altered(*CUBOID, "val", value="abc"), "cuboid.0.val: expected a list"),
+        (altered(*CUBOID, "val", value=[float("nan")] * 10), "cuboid.0.val.0: expected"),
         (altered(*CUBOID, "val", value=[*BOX[:3], 1, 1, 1, 1, *BOX[7:]]), "expected a quaternion of length 1, found 2"),
         (altered(*CUBOID, "val", value=[*BOX[:7], 4, 0, 1]), "expected a box with a volume, found 4 x 0 x 1 m"),
-        (altered(*POSE, value={"matrix4x4": [1, 2]}), "matrix4x4: expected a list of at least 16 numbers"),
+        (altered(*POSE, value={"matrix4x4": [1, 2]}), "matrix4x4: expected a list with at least 16 items"),
         (altered(*POSE, value={"euler_angles": [1, 2, 3]}), "expected matrix4x4, or quaternion and translation"),
-        (altered(*POSE, value={"quaternion": [0, 0, 1]}), "quaternion: expected a list of at least 4 numbers"),
+        (altered(*POSE, value={"quaternion": [0, 0, 1]}), "quaternion: expected a list with at least 4 items"),
     ],
 )
 def test_malformed_files(tmp_path: Path, content: Any, problem: str) -> None:
@@ -244,8 +244,8 @@ def test_what_looks_like_openlabel(head: str, expected: bool) -> None:
 def test_more_boxes_in_a_frame_than_may_be(tmp_path: Path) -> None:
     path = tmp_path / "labels.json"
     path.write_text(json.dumps(tree({"0": frame(BOX, BOX)})))
-    with pytest.raises(RecordingError, match=r"labels\.json: frame 0: 2 boxes, expected at most 1: raise limits\."):
-        OpenLabelTruth(path, rig(), load_config(None, ["limits.max_boxes=1"]))
+    with pytest.raises(RecordingError, match=r"labels\.json: frame 0: 2 boxes, expected at most 1: raise limit_scale"):
+        OpenLabelTruth(path, rig(), load_config(None, ["limit_scale=0.0005"]))
 
 
 def test_more_values_in_a_file_than_may_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -86,7 +86,7 @@ def test_the_site_alone_without_cameras() -> None:
     places = SiteMap(area, SIZE_PX[0], SIZE_PX[1] - 40).pixels(outline).reshape(-1, 2) + np.array([0, 40])
     assert has_color(picture, places, class_color(0))
     none = result.combined.cloud.select(np.zeros(0, np.intp))
-    combined = replace(result.combined, cloud=none, ground_cloud=none, lidar_index=np.zeros(0, np.uint8))
+    combined = replace(result.combined, cloud=none, ground_cloud=none)
     nothing = replace(result, combined=combined)
     assert area_of(replace(nothing, fused=tracked_frame(0).fused), rig) is None
     assert drawn(nothing, rig)[0].shape == picture.shape

@@ -169,7 +169,7 @@ def test_zones_have_their_counts(tmp_path: Path) -> None:
 def test_large_clouds_are_thinned_evenly() -> None:
     n = 2 * MAX_POINTS
     xyz = np.random.default_rng(0).normal(0, 10, (n, 3)).astype(np.float32)
-    combined = replace(frame().combined, cloud=cloud_of(xyz), lidar_index=np.zeros(n, np.uint8))
+    combined = replace(frame().combined, cloud=cloud_of(xyz))
     shown = cloud_points(combined, (0.0, 1.0)).positions
     assert shown is not None
     places = np.array(shown.as_arrow_array().to_pylist(), np.float32)
@@ -180,7 +180,7 @@ def test_large_clouds_are_thinned_evenly() -> None:
 def test_frames_without_anything_to_show(tmp_path: Path) -> None:
     result = frame(objects=0)
     nothing = cloud_of(np.zeros((0, 3), np.float32))
-    combined = CombinedCloud(nothing, np.zeros(0, np.uint8), nothing, np.zeros(0, np.uint8), nothing, None, {})
+    combined = CombinedCloud(nothing, nothing, np.zeros(0, np.uint8), nothing, None, {})
     lidars = {topic: m for topic, m in result.bundle.messages.items() if "lidar" in topic}
     empty = replace(
         result,
@@ -263,7 +263,7 @@ def test_that_nothing_is_drawn_is_logged_once(tmp_path: Path) -> None:
 def test_heights_have_colours_from_low_to_high() -> None:
     xyz = np.zeros((6, 3), np.float32)
     xyz[:, 2] = [-5.0, 0.0, 0.25, 0.5, 1.0, 9.0]
-    combined = replace(frame().combined, cloud=cloud_of(xyz), lidar_index=np.zeros(6, np.uint8))
+    combined = replace(frame().combined, cloud=cloud_of(xyz))
     shown = cloud_points(combined, (0.0, 1.0))
     assert shown.colors is not None
     packed = np.array(shown.colors.as_arrow_array().to_pylist())

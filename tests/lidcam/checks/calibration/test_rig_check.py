@@ -1,11 +1,12 @@
 """An error of a camera is named and corrected; good cameras, and those with little evidence, are left alone."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 from detections import forward_camera
-from wrong_cameras import CAMERA, CUBOIDS, passing, without_tracks
+from wrong_cameras import CAMERA, cuboids, passing, without_tracks
 
 from lidcam.checks.calibration.rig_check import EvenSample, RigCheck
 from lidcam.cli.printing.rig_check import check_tree, print_check
@@ -15,8 +16,14 @@ from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 
 RIG = Rig("site", (), (CAMERA, forward_camera("silent")), ())
-CONFIG = Config(fuse=CUBOIDS)
+CONFIG = Config()
 DEGREE = np.pi / 180
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _objects_are_cuboids() -> Iterator[None]:
+    with patch("lidcam.pipeline.calibration.camera_error.rounded_outline", cuboids):
+        yield
 
 
 def checked(frames: Sequence[FrameResult]) -> RigCheck:

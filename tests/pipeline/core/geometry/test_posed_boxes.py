@@ -5,7 +5,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from lidcam.pipeline.core.arrays import F64
-from lidcam.pipeline.core.geometry.posed_boxes import PosedBoxes, UprightBoxes, upright_boxes
+from lidcam.pipeline.core.geometry.posed_boxes import (
+    POSITION_SIGMA_M,
+    YAW_SIGMA_RAD,
+    PosedBoxes,
+    UprightBoxes,
+    upright_boxes,
+)
 
 OPTICAL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 """R_site_camera of a camera that looks along the site's x axis."""
@@ -18,11 +24,14 @@ def posed(rotation: F64, *, center: tuple[float, ...] = (0, 0, 0), covariance: F
     )
 
 
+XY2, YAW2 = POSITION_SIGMA_M**2, YAW_SIGMA_RAD**2
+
+
 def upright(boxes: PosedBoxes, rotation: F64 | None = None, shift: tuple[float, ...] = (0, 0, 0)) -> UprightBoxes:
     pose = np.eye(4)
     pose[:3, :3] = np.eye(3) if rotation is None else rotation
     pose[:3, 3] = shift
-    return upright_boxes(boxes, pose, position_sigma_m=0.5, yaw_sigma_rad=0.25)
+    return upright_boxes(boxes, pose)
 
 
 def about_z(angle_deg: float) -> F64:
@@ -92,16 +101,16 @@ def test_covariances_turn_with_the_frame() -> None:
 @pytest.mark.parametrize(
     ("entries", "expected"),
     [
-        pytest.param({}, [0.25, 0.25, 0.0625], id="nothing is known"),
-        pytest.param({(0, 0): 4, (1, 1): 9}, [4, 9, 0.0625], id="the position alone"),
-        pytest.param({(5, 5): 4}, [0.25, 0.25, 4], id="the heading alone"),
-        pytest.param({(0, 0): 4, (5, 5): 1}, [0.25, 0.25, 1], id="one coordinate"),
-        pytest.param({(0, 0): 4, (1, 1): -1, (5, 5): 1}, [0.25, 0.25, 1], id="negative"),
-        pytest.param({(0, 0): 1, (1, 1): 1, (0, 1): 5, (1, 0): 5, (5, 5): 1}, [0.25, 0.25, 1], id="no covariance"),
+        pytest.param({}, [XY2, XY2, YAW2], id="nothing is known"),
+        pytest.param({(0, 0): 4, (1, 1): 9}, [4, 9, YAW2], id="the position alone"),
+        pytest.param({(5, 5): 4}, [XY2, XY2, 4], id="the heading alone"),
+        pytest.param({(0, 0): 4, (5, 5): 1}, [XY2, XY2, 1], id="one coordinate"),
+        pytest.param({(0, 0): 4, (1, 1): -1, (5, 5): 1}, [XY2, XY2, 1], id="negative"),
+        pytest.param({(0, 0): 1, (1, 1): 1, (0, 1): 5, (1, 0): 5, (5, 5): 1}, [XY2, XY2, 1], id="no covariance"),
         pytest.param({(0, 0): 1, (1, 1): 1, (5, 5): 1, (0, 5): 5, (5, 0): 5}, [1, 1, 1], id="too much in common"),
-        pytest.param({(0, 0): np.nan, (1, 1): 1, (5, 5): 1}, [0.25, 0.25, 0.0625], id="not a number"),
-        pytest.param({(0, 0): 1, (1, 1): 1, (5, 5): 1, (3, 4): np.inf}, [0.25, 0.25, 0.0625], id="infinite"),
-        pytest.param({(0, 0): 1e300, (1, 1): 1, (5, 5): 1}, [0.25, 0.25, 0.0625], id="huge"),
+        pytest.param({(0, 0): np.nan, (1, 1): 1, (5, 5): 1}, [XY2, XY2, YAW2], id="not a number"),
+        pytest.param({(0, 0): 1, (1, 1): 1, (5, 5): 1, (3, 4): np.inf}, [XY2, XY2, YAW2], id="infinite"),
+        pytest.param({(0, 0): 1e300, (1, 1): 1, (5, 5): 1}, [XY2, XY2, YAW2], id="huge"),
     ],
 )
 def test_what_a_covariance_does_not_say_is_the_default(

@@ -4,7 +4,6 @@ import pytest
 
 from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.settings.bundled import PRESETS, bundled, settings_file
-from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.load import load_config
 
 ROOT = Path(__file__).resolve().parents[4]
@@ -15,11 +14,6 @@ def test_presets_are_files_of_config(name: str) -> None:
     assert settings_file(name) == bundled(f"{name}.yaml")
     assert bundled(f"{name}.yaml").samefile(ROOT / "config" / f"{name}.yaml")
     load_config(name)
-
-
-@pytest.mark.parametrize("name", PRESETS)
-def test_the_least_probability_is_the_same_for_all_recordings(name: str) -> None:
-    assert load_config(name).fuse.min_score == Config().fuse.min_score
 
 
 def test_a_preset_wins_over_a_file_without_an_ending(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,6 +5,7 @@ import pytest
 from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.load import dump_config, load_config
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS
 
 ROOT = Path(__file__).resolve().parents[4]
 
@@ -32,16 +33,8 @@ def test_every_shipped_config_loads(path: Path) -> None:
     ("text", "message"),
     [
         ("sync: {polcy: nearest}", r"unknown key 'sync.polcy': did you mean 'sync.policy'\?"),
-        (
-            "associate: {min_iou: 0.3}",
-            r"unknown key 'associate.min_iou': pairs are no longer .* which is on another scale",
-        ),
-        (
-            "associate: {class_penalty: 1}",
-            r"unknown key 'associate.class_penalty': leave it out: .* associate.any_class",
-        ),
-        ("fuse: {min_score_unconfirmed: 1}", r"unknown key 'fuse.min_score_unconfirmed': .* fuse.min_score"),
-        ("sync: {queue_size: 0}", r"sync.queue_size: expected a whole number of 1 or more, found 0"),
+        ("fuse: {min_score_unconfirmed: 1}", r"fuse.min_score_unconfirmed is gone: fuse.min_score is a probability"),
+        ("sync: {queue_size: 0}", r"sync.queue_size: expected at least 1, found 0"),
         ("- a\n- b", r"expected a mapping of sections, found list"),
         ("a: [", r"not YAML"),
     ],
@@ -53,11 +46,6 @@ def test_wrong_file_gets_one_line_that_helps(tmp_path: Path, text: str, message:
         load_config(path)
     assert "\n" not in str(caught.value)
     assert str(path) in str(caught.value)
-
-
-def test_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"a preset \(sandbox, crossing, road\) or a YAML file, found neither"):
-        load_config(tmp_path / "none.yaml")
 
 
 def test_empty_file_gives_the_defaults(tmp_path: Path) -> None:
@@ -93,6 +81,12 @@ def test_names_that_classes_cannot_have(names: list[str], fault: str) -> None:
     classes = [{"name": name, "size_m": [4, 2, 1.5], "max_size_m": [5, 2.2, 2]} for name in names]
     with pytest.raises(ConfigError, match=fault):
         load_config(None, {"classes": classes})
+
+
+def test_limits_are_scaled_together() -> None:
+    twice = load_config(None, {"limit_scale": 2}).limits
+    assert (twice.max_boxes, twice.max_image_mpx, twice.max_chunk_bytes) == (4000, 100.0, 512 << 20)
+    assert Config().limits == DEFAULT_LIMITS
 
 
 def test_objects_may_be_of_no_class_where_that_is_asked_for() -> None:

@@ -17,7 +17,7 @@ from lidcam.pipeline.fusion.matching.agreement import (
 )
 
 CAR, PEDESTRIAN, _, TRUCK, BUS = range(5)
-CONFUSION = class_confusion(ROAD_CLASSES, 0.1)
+CONFUSION = class_confusion(ROAD_CLASSES)
 SEEN_ROWS = np.array([0, 1, 0, 0], np.int64)  # the first box in cameras 0, 1 and 2, the second in camera 0
 JACOBIANS = np.random.default_rng(3).normal(0, 20, (4, 4, 3))
 NOISE = np.full((4, 4), 4.0)

@@ -93,7 +93,7 @@ def choose(
     )
     n = len(clouds)
     expected = Expected(np.full(n, front_m), np.full(n, std_m), np.full(n, 5.0), np.full(n, 0.2), np.full(n, gap))
-    return choose_segments(xyz.astype(np.float32), found, np.full(len(xyz), 0.6), expected, CONFIG, min_points)
+    return choose_segments(xyz.astype(np.float32), found, np.full(len(xyz), 0.6), expected, min_points)
 
 
 def rows(segments: Segments) -> list[list[int]]:

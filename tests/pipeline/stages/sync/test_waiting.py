@@ -36,5 +36,5 @@ def test_what_came_together_or_was_dropped_waits_no_longer() -> None:
 def test_more_than_may_wait() -> None:
     alone = [message("/a", 100 * i, 1 << 20) for i in range(5)]
     assert run(alone, None) == 0
-    with pytest.raises(RecordingError, match=r"/a: messages of more than 3 MiB wait .* raise limits.max_waiting_mib"):
+    with pytest.raises(RecordingError, match=r"/a: messages of more than 3 MiB wait .* raise limit_scale"):
         run(alone, 3 << 20)

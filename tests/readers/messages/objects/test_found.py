@@ -115,5 +115,5 @@ def test_score_and_covariance_are_those_of_the_best_hypothesis() -> None:
 
 def test_too_many_boxes() -> None:
     many = builders.raw("/o", "vision_msgs/msg/Detection3DArray", {"detections": [{"bbox": BOX}] * 4}, 5)
-    with pytest.raises(MessageError, match=r"/o: 4 boxes, expected at most 3: raise limits\.max_boxes"):
+    with pytest.raises(MessageError, match=r"/o: 4 boxes, expected at most 3: raise limit_scale"):
         decode_detected_boxes(many, CLASSES, limits=LimitsConfig(max_boxes=3))
