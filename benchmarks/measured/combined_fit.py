@@ -20,8 +20,8 @@ from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.settings.load import load_config
 from lidcam.pipeline.detectors.cluster.kinds import KINDS, kinds_of
 from lidcam.pipeline.detectors.combined import CombinedDetector
+from lidcam.training.card import PRIORS
 from lidcam.training.examples import KIND_OF_CLASS, MIN_POINTS, SWEEPS_OF_A_WORLD, kinds_of_boxes
-from lidcam.training.fit import PRIORS
 
 WORLDS_BEFORE = 100_000
 """From so many worlds before those that judge."""

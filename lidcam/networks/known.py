@@ -51,9 +51,6 @@ NETWORKS: dict[str, KnownNetwork] = {
 }
 """By name. The maker publishes no checksums: these are those that many projects which use the files have recorded."""
 
-EMBEDDED: dict[str, Path] = {"simulated": Path(__file__).with_name("simulated.onnx")}
-"""Networks that come with lidcam; the file ending in `.md` beside each says how it was made."""
-
 
 def networks_folder() -> Path:
     """Where networks lie once they are fetched: in the user's data folder (XDG Base Directory Specification).
@@ -69,10 +66,10 @@ def networks_folder() -> Path:
 
 
 def network_path(model: Path) -> Path:
-    """The file of a network that settings name: its path, or a name of `EMBEDDED` or `NETWORKS`. It may be missing.
+    """The file of a network that settings name: its path, or a name in `NETWORKS`. It may be missing.
 
     Raises:
         ModelError: as of `networks_folder`.
     """
     known = NETWORKS.get(str(model))
-    return EMBEDDED.get(str(model), model) if known is None else networks_folder() / known.file_name
+    return model if known is None else networks_folder() / known.file_name

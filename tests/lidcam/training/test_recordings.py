@@ -20,7 +20,7 @@ def read(folder: Path, *settings: str, duration_s: float | None = None) -> Recor
         [str(SANDBOX)],
         folder,
         check=lambda _: None,
-        told=lambda *_: None,
+        progress=lambda *_: None,
         settings=settings,
         workers=1,
         duration_s=duration_s,

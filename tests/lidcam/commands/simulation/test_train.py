@@ -19,7 +19,6 @@ from lidcam.pipeline.core.errors import ConfigError, ModelError, OutputError, Re
         (("pillars", "--steps", "1", "--out", "mine.onnx"), "mine.ckpt"),
         (("pillars", "--steps", "1", "--out", "mine.onnx", "--resume", "--workers", "1"), "mine.onnx"),
         (("convert", "net.pth", "--out", "mine.onnx"), "mine.onnx"),
-        (("images", "--steps", "1", "--out", "mine.onnx"), "mine.onnx"),
     ],
 )
 def test_what_is_there_stays(

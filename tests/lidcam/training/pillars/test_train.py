@@ -65,11 +65,11 @@ class KilledError(Exception):
 
 
 def kill_at(step: int) -> Callable[[int, float], None]:
-    def told(done: int, _: float) -> None:
+    def step_done(done: int, _: float) -> None:
         if done == step:
             raise KilledError
 
-    return told
+    return step_done
 
 
 def scenes_of_a_round(row: int) -> list[Scene]:
@@ -92,13 +92,13 @@ def test_a_training_that_was_killed_goes_on_to_the_same_weights(
 ) -> None:
     """Killed before the first checkpoint, within a round of worlds and at its end."""
     monkeypatch.setattr(fit, "rounds", made_rounds)
-    at_once = fitted(Checkpoint(tmp_path / "a", "sandbox", 3), 20, workers=1, told=kill_at(0))
+    at_once = fitted(Checkpoint(tmp_path / "a", "sandbox", 3), 20, workers=1, step_done=kill_at(0))
     checkpoint = Checkpoint(tmp_path / "b", "sandbox", 3)
     for step, every_s in ((2, 1e9), (5, 0), (8, 0)):
         with pytest.raises(KilledError):
-            fitted(checkpoint, 20, workers=1, told=kill_at(step), every_s=every_s)
+            fitted(checkpoint, 20, workers=1, step_done=kill_at(step), every_s=every_s)
         assert checkpoint.path.exists() == (every_s == 0)
-    parts = fitted(checkpoint, 20, workers=1, told=kill_at(0))
+    parts = fitted(checkpoint, 20, workers=1, step_done=kill_at(0))
     assert all(torch.equal(one, parts.state_dict()[name]) for name, one in at_once.state_dict().items())
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b"]
 
@@ -113,7 +113,7 @@ def test_a_training_goes_on_with_recordings(tmp_path: Path, monkeypatch: pytest.
     torch.save({key: value for key, value in worlds.load().items() if key != "history"}, worlds.path)
     sources = worlds, worlds._replace(recordings=recordings), worlds, worlds._replace(bfloat16=True)
     for steps, source in enumerate(sources, 3):
-        fitted(source, steps, workers=1, told=kill_at(0))
+        fitted(source, steps, workers=1, step_done=kill_at(0))
     assert [step for step, _ in worlds.load()["history"]] == [0, 3, 4, 5]
     assert worlds.load()["history"][3][1] == "drawn worlds (`sandbox`), in bfloat16"
     assert "drawn worlds (`sandbox`) and\n  frames of recordings\n  a.mcap" in worlds.load()["history"][1][1]
@@ -152,7 +152,7 @@ def test_a_checkpoint_that_cannot_be_used(
     else:
         path.write_bytes(content)
     with pytest.raises(LidcamError, match=message):
-        fitted(Checkpoint(path, family, 0), steps, workers=1, told=kill_at(0))  # type: ignore[arg-type]  # a str that is one
+        fitted(Checkpoint(path, family, 0), steps, workers=1, step_done=kill_at(0))  # type: ignore[arg-type]  # a str that is one
 
 
 @pytest.mark.parametrize("cells", [GRIDS["road"].cells, 320])
@@ -196,8 +196,8 @@ def test_a_training_begins_with_an_embedded_network(tmp_path: Path, monkeypatch:
     take_weights(first, EMBEDDED["sandbox"], CLASSES["sandbox"], GRIDS["sandbox"])
     checkpoint = Checkpoint(tmp_path / "a", "sandbox", 0, begin="sandbox")
     with pytest.raises(KilledError):
-        fitted(checkpoint, 2, workers=1, told=kill_at(1), every_s=0)
-    trained = fitted(checkpoint._replace(begin=""), 2, workers=1, told=kill_at(0))
+        fitted(checkpoint, 2, workers=1, step_done=kill_at(1), every_s=0)
+    trained = fitted(checkpoint._replace(begin=""), 2, workers=1, step_done=kill_at(0))
     assert all(torch.equal(one, two) for one, two in zip(first.parameters(), trained.parameters(), strict=True))
     assert checkpoint.load()["history"][0] == (0, "with the weights of `sandbox`")
 
