@@ -40,6 +40,7 @@ def fitted(examples: Examples, seed: int, epoch_done: EpochDone) -> ClusterNetwo
     network = ClusterNetwork(mean, deviation, (), ())
     inputs = torch.from_numpy(network.standard(examples.features).astype(np.float32))
     kinds = torch.from_numpy(examples.kinds)
+    torch.set_num_threads(1)  # in layers as small as these, threads would wait for each other
     networks = []
     for row in range(NETWORKS):
         with torch.random.fork_rng(devices=[]):

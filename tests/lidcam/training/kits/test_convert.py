@@ -8,7 +8,7 @@ No trained weights of the kits can be had here: these networks are small, random
 import json
 import os
 import pickle
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import nullcontext
 from copy import deepcopy
 from pathlib import Path
@@ -36,15 +36,6 @@ from lidcam.training.kits.model import Data
 SANDBOX = Path(__file__).resolve().parents[4] / "bags" / "sandbox.bag"
 NOTHING = Data(None, None)
 INT32 = 6
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _one_thread() -> Iterator[None]:
-    """Threads that wait for each other take longer than networks as small as these."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 def points() -> F64:
@@ -160,7 +151,12 @@ def test_weights_that_do_not_fit_are_named(tmp_path: Path, name: str, weights: A
         (OPENPCDET, "MODEL.VFE.NUM_FILTERS", ["many"], r"found Encoder\.channels\.0: Input should be a valid integer"),
         (OPENPCDET, "MODEL.VFE.NUM_FILTERS", [10**9], r"expected weights vfe\.\S+ \(1000000000, 10\)"),
         (OPENPCDET, "MODEL.BACKBONE_2D.LAYER_NUMS", [1], r"expected a configuration of .*, found zip\(\) argument 2"),
-        (OPENPCDET, "MODEL.BACKBONE_2D.UPSAMPLE_STRIDES", [1, 1], r"deblocks\.1\.0\.weight \(12, 6, 1, 1\) .*, found \(12, 6, 2, 2\)"),
+        (
+            OPENPCDET,
+            "MODEL.BACKBONE_2D.UPSAMPLE_STRIDES",
+            [1, 1],
+            r"deblocks\.1\.0\.weight \(12, 6, 1, 1\) .*, found \(12, 6, 2, 2\)",
+        ),
         (OPENPCDET, "DATA_CONFIG.DATASET", "MyDataset", "expected --ground-z and --intensity-max"),
         (OPENPCDET, "DATA_CONFIG._BASE_CONFIG_", "cfgs/none.yaml", r"found no file cfgs/none\.yaml, on which"),
         (
