@@ -27,15 +27,10 @@ DATA_SETS = {"KittiDataset": Data(-1.73, 1), "NuScenesDataset": Data(-1.84, 255)
 
 
 class Names(NamedTuple):
-    """A kit's names: prefixes of the layers of each part, and single layers.
+    """Names of layers in a kit: prefixes of its parts, and single layers or branches of its heads.
 
-    Attributes:
-        first: Place of the first convolution in a block.
-        boxes: Layer for the boxes of anchors.
-        heads: Heads of the groups of classes.
-        pair: A convolution and the normalisation that follows it.
-        heat: Branch of a head for its classes.
-        branches: Branches for places, heights, sizes and headings.
+    `first` is the place of the first convolution in a block, `pair` a convolution and the normalisation after it;
+    `branches` are those for places, heights, sizes and headings.
     """
 
     encoder: str
@@ -58,16 +53,10 @@ class Encoder(SettingsModel):
 
 
 class Backbone(SettingsModel):
-    """Convolutions over the ground, by block.
+    """Convolutions over the ground: for each block the first one has a stride, and `layers` follow it.
 
-    Attributes:
-        layers: Convolutions after the first.
-        strides: Stride of the first convolution.
-        up_channels: Channels after scaling.
-        up_strides: Factor by which a block is scaled; below 1 it becomes smaller.
-        convolves: Whether a factor of 1 is a convolution; otherwise it is a transposed one.
-        eps: Epsilon of the normalisations.
-        up_eps: The same for the scaling layers.
+    The output of each block is scaled by `up_strides`; below 1 it becomes smaller, and a factor of 1 is a convolution if
+    `convolves`, else a transposed one.
     """
 
     channels: tuple[int, ...]
@@ -107,7 +96,7 @@ class AnchorHead(SettingsModel):
         code: Numbers of a box.
         directions: Parts of a full turn that the network distinguishes; 0: none.
         offset_rad: Heading at which the first part begins.
-        limit: How far before that a heading may lie, in parts.
+        limit: Maximum distance of a heading before that, in parts.
     """
 
     anchors: tuple[Anchor, ...]

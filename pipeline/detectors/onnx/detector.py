@@ -1,7 +1,7 @@
-"""2D detection by a network in an ONNX file: how it is given images, and what is made of its outputs.
+"""2D detection by a network in an ONNX file.
 
-A trial run when loading shows which layout the network has (`layouts/recognition.py`), and a second one whether it
-takes images of other sizes than its own. Networks of convolutions do, whatever their file says.
+A trial run when loading shows which layout the network has (`layouts.py`), and a second one whether it takes images of
+other sizes than its own. Networks of convolutions do, whatever their file says.
 """
 
 import logging
@@ -16,8 +16,7 @@ from lidcam.pipeline.core.errors import ConfigError, ModelError
 from lidcam.pipeline.core.settings.detect import Detect2DConfig
 from lidcam.pipeline.detectors.onnx.class_names import class_names
 from lidcam.pipeline.detectors.onnx.inputs import input_size, read_inputs
-from lidcam.pipeline.detectors.onnx.layouts.layout import Layout, Size
-from lidcam.pipeline.detectors.onnx.layouts.recognition import Trial, recognise
+from lidcam.pipeline.detectors.onnx.layouts import Layout, Size, Trial, recognise
 from lidcam.pipeline.detectors.onnx.preprocessing import Preprocessing
 from lidcam.pipeline.detectors.onnx.session import MAX_BATCH_BYTES, OnnxSession
 from lidcam.pipeline.detectors.onnx.tiles import Tile, join_tiles, tiles_of
@@ -25,8 +24,10 @@ from lidcam.pipeline.detectors.protocols import Candidates2D
 
 logger = logging.getLogger(__name__)
 
-STRIDE_PX, MAX_STRIDE_PX = 32, 128
-"""Sizes are multiples of the first where the file says nothing, and of the second at most."""
+STRIDE_PX = 32
+"""Common divisor of heights and widths where the file says nothing."""
+
+MAX_STRIDE_PX = 128
 
 USUAL_PX: Size = (640, 640)
 """Height and width where the file says nothing."""
@@ -36,12 +37,13 @@ PROBE_CELLS = (5, 7), (6, 8)
 than the network's own, so that a table for the own size does not fit."""
 
 PIXEL_BYTES = 12
+
 CACHED_BYTES = 1 << 22
-"""Of the images that a processor is given at once, if they are more than one: what the layers of a network make of a
-larger batch leaves the caches before the next layer looks at it, which costs YOLOX-nano a fifth."""
+"""Maximum size of a batch of several images on a processor: the layers of a larger one leave the caches before the next
+layer reads them, which costs YOLOX-nano a fifth."""
 
 MAX_OUTPUT_BYTES = 1 << 29
-"""Of one output for one batch: more is no detection."""
+"""Maximum size of one output for one batch: more is no detection."""
 
 
 class OnnxDetector2D:
@@ -49,10 +51,6 @@ class OnnxDetector2D:
 
     def __init__(self, path: Path, settings: Detect2DConfig) -> None:
         """Load a network and try it.
-
-        Args:
-            path: ONNX file.
-            settings: How it is loaded, and what it is given.
 
         Raises:
             ConfigError: the file with the names of classes cannot be read.
@@ -87,7 +85,10 @@ class OnnxDetector2D:
             self._take_any_size(own_px)
         elif settings.input != own_px[::-1]:
             self._take_size(own_px, (settings.input[1], settings.input[0]))
-        logger.info("%s: %s, %d classes, %s", self._path, self._layout.name, len(self._labels), self._input_in_words())
+        size = f"images in their own shape, {settings.max_input_px} px at most"
+        if self._fixed_px:
+            size = f"images of {self._fixed_px[1]} x {self._fixed_px[0]} px"
+        logger.info("%s: %s, %d classes, %s", self._path, self._layout.name, len(self._labels), size)
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -97,13 +98,10 @@ class OnnxDetector2D:
     def __call__(self, images: Sequence[U8]) -> list[Candidates2D]:
         """Proposals for each image, in order.
 
-        Images that the network is given in one size run in one batch if the batch dimension is free; on the processor
-        only as many as its caches hold, so that large ones run one by one. A network with a fixed batch size B runs
-        once per B images, with the last batch filled up with blank ones. Of a network with a fixed size, images of
-        another shape become tiles (`tiles_of`).
-
-        Args:
-            images: (H, W, 3) RGB, of any size each.
+        Images (H, W, 3) of one input size run in one batch if the batch dimension is free; on the processor only as
+        many as its caches hold, so that large ones run one by one. A network with a fixed batch size B runs once per B
+        images, with the last batch filled up with blank ones. For a network with a fixed size, images of another shape
+        become tiles (`tiles_of`).
 
         Raises:
             ModelError: the network fails, or finds a class that has no name.
@@ -246,11 +244,6 @@ class OnnxDetector2D:
                 at = f"{size_px[1]} x {size_px[0]} px"
                 raise ModelError(f"expected the layout {self._layout.name}, found {found.name} for {at}")
         return session
-
-    def _input_in_words(self) -> str:
-        if self._fixed_px:
-            return f"images of {self._fixed_px[1]} x {self._fixed_px[0]} px"
-        return f"images in their own shape, {self._settings.max_input_px} px at most"
 
 
 def _stride_px(metadata: dict[str, str]) -> int:

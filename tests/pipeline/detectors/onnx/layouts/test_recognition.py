@@ -4,8 +4,7 @@ import pytest
 from lidcam.pipeline.core.arrays import Array
 from lidcam.pipeline.core.errors import ModelError
 from lidcam.pipeline.core.settings.detect import NetworkLayout
-from lidcam.pipeline.detectors.onnx.layouts.layout import Layout
-from lidcam.pipeline.detectors.onnx.layouts.recognition import Trial, recognise
+from lidcam.pipeline.detectors.onnx.layouts import Layout, Trial, recognise
 
 SIZE_PX = (640, 640)
 CELLS = 8400
