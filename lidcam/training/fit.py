@@ -70,7 +70,7 @@ def _fitted_layers(inputs: Tensor, kinds: Tensor, epochs_before: int, epoch_done
         {"params": [layer.weight for layer in layers]},
         {"params": [layer.bias for layer in layers], "weight_decay": 0.0},
     ]
-    optimiser = torch.optim.AdamW(groups, RATE, weight_decay=DECAY)
+    optimiser = torch.optim.AdamW(groups, RATE, weight_decay=DECAY, fused=True)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, EPOCHS * batches)
     loss_of = nn.CrossEntropyLoss(torch.from_numpy(PRIORS.astype(np.float32)))
     for epoch in range(EPOCHS):

@@ -26,7 +26,8 @@ from lidcam.pipeline.detectors.cluster.scores import box_covariances, box_scores
 from lidcam.pipeline.detectors.protocols import Candidates3D
 
 THIN_SHARE = 0.2
-"""Points in a cell of this share of the link distance become one: dense surfaces say no more than sparse ones."""
+"""Edge of the cells whose points become one, as a share of the link distance: dense surfaces say no more than sparse
+ones."""
 
 TOP_SHARE = 0.99
 """Share of a group's points below its top; the rest may be stray points."""
@@ -55,11 +56,11 @@ class AboveGround(NamedTuple):
     """P points between two heights above the ground.
 
     Attributes:
-        place: (P,) int64, which of the rows that were looked at, rising.
-        position: (P, 3) float64, x, y in the site frame and height above the ground, metres.
-        lidar: (P,) int64, row of `Rig.lidars` that measured the point.
-        link_distance_m: (P,) float64, points nearer to each other than this belong together.
-        time_ns: (P,) float64, a whole number, minus the cloud's stamp.
+        place: (P,) rising rows of the given rows.
+        position: (P, 3) x, y in the site frame and height above the ground, metres.
+        lidar: (P,) row of `Rig.lidars` that measured the point.
+        link_distance_m: (P,) points nearer to each other than this belong together.
+        time_ns: (P,) whole numbers, minus the cloud's stamp.
     """
 
     place: I64
@@ -91,7 +92,7 @@ class Fitted:
 
     @classmethod
     def joined(cls, parts: Sequence["Fitted"]) -> "Fitted":
-        """Those of all parts, of which there is one, in their order."""
+        """The boxes of all parts, at least one, in their order."""
         if len(parts) == 1:
             return parts[0]
         return cls(
@@ -273,21 +274,7 @@ def _points_above_ground(
     link: F64,
     heights_m: F64,
 ) -> tuple[I64, F64, I64, F64, F64]:
-    """The fields of `AboveGround`.
-
-    Args:
-        xyz: (N, 3) the cloud, metres in the site frame.
-        lidar_index: (N,) lidar of each point.
-        time_ns: (N,) its time, minus the cloud's stamp.
-        rows: (P,) the points to look at.
-        plane: (4,) normal and offset of the ground's plane.
-        relief_m: (H, W) see `Relief`.
-        grid: (3,) its origin, and the distance between its nodes.
-        lidar_xyz: (L, 3) of the lidars in the site frame.
-        link: (2,) link distance at a lidar, metres, and how much it grows for a metre of range.
-        heights_m: (2,) the points lie above the first and below the second.
-
-    """
+    """The fields of `AboveGround`; `plane`, `relief_m` and `grid` are those of `_ground_arrays`."""
     count = len(rows)
     place, lidar, link_m = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count)
     position, when_ns = np.empty((count, 3)), np.empty(count)

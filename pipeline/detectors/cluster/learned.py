@@ -17,11 +17,11 @@ from lidcam.pipeline.detectors.cluster.network import EMBEDDED, ClusterNetwork
 from lidcam.pipeline.detectors.cluster.refitting import Refitter
 
 MIN_PROBABILITY = 0.15
-"""A box whose new class is less probable keeps its own: it is most probably no object, whatever its class."""
+"""Minimum probability of a box's new class; one below it is most probably no object, and keeps its own class."""
 
 
 class FeatureFinder:
-    """The numbers of each box of a frame that say what it is."""
+    """Finds the features of the boxes of a frame."""
 
     def __init__(self, rig: Rig, config: Config) -> None:
         """Raises ConfigError: see `kinds_of`."""

@@ -19,8 +19,9 @@ EMBEDDED = Path(__file__).with_name("road.npz")
 """The weights that travel with lidcam; `road.md` beside it says how they were made."""
 
 MAX_BYTES = 16 << 20
+
 MAX_STANDARD = 4.0
-"""Numbers further from the mean than so many standard deviations count as this far: the training has seen none."""
+"""Maximum distance of a feature from its mean, in standard deviations: the training has seen none beyond."""
 
 
 @dataclass(frozen=True, eq=False)

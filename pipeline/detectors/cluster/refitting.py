@@ -15,10 +15,10 @@ from lidcam.pipeline.core.settings.detect import ClusterConfig
 from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
 
 MARGIN_SHARE = 0.5
-"""Points this share of the link distance outside a box belong to it: a few of them lie outside its sides."""
+"""Maximum distance of a box's points outside it, as a share of the link distance: a few lie outside its sides."""
 
 MIN_POINTS = 3
-"""A box is left as it is where fewer points are in it: they have no shape."""
+"""Minimum points in a box that is fitted anew: fewer have no shape."""
 
 
 class Refitter:
