@@ -55,8 +55,8 @@ class Encoder(SettingsModel):
 class Backbone(SettingsModel):
     """Convolutions over the ground: for each block the first one has a stride, and `layers` follow it.
 
-    The output of each block is scaled by `up_strides`; below 1 it becomes smaller, and a factor of 1 is a convolution if
-    `convolves`, else a transposed one.
+    The output of each block is scaled by `up_strides`; below 1 it becomes smaller, and a factor of 1 is a convolution
+    if `convolves`, else a transposed one.
     """
 
     channels: tuple[int, ...]

@@ -48,19 +48,19 @@ class ClusterDetector:
         def sight() -> Sight:  # of no use where nothing hangs
             return Sight.of(all_points.position, all_points.lidar, self._fitter.lidars_above_ground(combined))
 
-        fitted, cluster = [], np.full(len(points.position), -1)
+        parts, cluster = [], np.full(len(points.position), -1)
         for share in (1.0, *self._settings.split_shares):
             if len(points.position):
-                found, points, cluster = self._fitted(points, cluster, sight, share)
-                fitted += found
-        return self._fitter.candidates(combined, Fitted.joined(fitted)) if fitted else Candidates3D.empty()
+                fitted, points, cluster = self._fitted(points, cluster, sight, share)
+                parts += [self._fitter.candidates(combined, one) for one in fitted]
+        return Candidates3D._make(np.concatenate(columns) for columns in zip(Candidates3D.empty(), *parts, strict=True))
 
     def _fitted(
         self, points: ThinnedPoints, before: I64, sight: Callable[[], Sight], share: float
     ) -> tuple[list[Fitted], ThinnedPoints, I64]:
         """Boxes of the clusters at a share of the link distance; and the points of those to try in parts, with these.
 
-        A cluster that did not fall apart gets no second box: `before` (N,) is the previous cluster of each point, or -1.
+        A cluster that did not fall apart gets no second box: `before` (N,) is each point's previous cluster, or -1.
         """
         weighted = points.position.copy()
         weighted[:, 2] *= self._settings.height_weight

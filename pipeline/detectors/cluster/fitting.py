@@ -90,20 +90,6 @@ class Fitted:
     lidar_share: F64
     time_ns: I64
 
-    @classmethod
-    def joined(cls, parts: Sequence["Fitted"]) -> "Fitted":
-        """The boxes of all parts, at least one, in their order."""
-        if len(parts) == 1:
-            return parts[0]
-        return cls(
-            join_rows(*[part.rectangles for part in parts]),
-            join_rows(*[part.boxes for part in parts]),
-            np.concatenate([part.roundness for part in parts]),
-            np.concatenate([part.counts for part in parts]),
-            np.concatenate([part.lidar_share for part in parts]),
-            np.concatenate([part.time_ns for part in parts]),
-        )
-
 
 class BoxFitter:
     """Fits boxes to groups of points.
@@ -143,14 +129,7 @@ class BoxFitter:
         return np.column_stack([xy, self._lidar_xyz[:, 2] - self.ground_m(combined, xy)])
 
     def above_ground(self, combined: CombinedCloud, rows: I64, above_m: float, below_m: float = np.inf) -> AboveGround:
-        """The points of given rows (N,) of `combined.detection_cloud` that are higher than one height, and not another.
-
-        Args:
-            combined: The cloud of the frame.
-            rows: (N,)
-            above_m: Points are left out that are no higher than this above the ground.
-            below_m: Points are left out that are at least as high.
-        """
+        """The points of rows (N,) of `combined.detection_cloud` between two heights above the ground, both excluded."""
         found = _points_above_ground(
             combined.detection_cloud.xyz,
             combined.detection_lidar_index,
@@ -171,16 +150,9 @@ class BoxFitter:
         below_m: float = np.inf,
         group: I64 | None = None,
     ) -> tuple[ThinnedPoints, I64]:
-        """Thin points, as far as their link distance allows, and say the group of each that is left.
+        """Thin points, as `above_ground` takes them, as far as their link distance allows; and the group of each left.
 
-        Points of different groups or lidars are kept apart.
-
-        Args:
-            combined: The cloud of the frame.
-            rows: (N,) rows of `combined.detection_cloud`.
-            above_m: Points are left out that are no higher than this above the ground.
-            below_m: Points are left out that are at least as high.
-            group: (N,) their groups, from 0; None if all are of one. The points left are sorted by it.
+        Points of different groups (N,), from 0, or lidars are kept apart; the points left are sorted by group.
         """
         kept, position, lidar, link_m, time_ns = self.above_ground(combined, rows, above_m, below_m)
         if not len(kept):
@@ -188,11 +160,11 @@ class BoxFitter:
         own = lidar if group is None else group[kept] * len(self._lidar_xyz) + lidar
         cells = thin_points(position, link_m, THIN_SHARE, own)
         points = ThinnedPoints(
-            cells.means,
-            cells.distance_m,
-            lidar[cells.first],
-            cells.counts,
-            np.bincount(cells.cell_of_point, time_ns).astype(np.int64),  # of whole numbers, and so exact
+            position=cells.means,
+            link_distance_m=cells.distance_m,
+            lidar=lidar[cells.first],
+            weights=cells.counts,
+            time_sum_ns=np.bincount(cells.cell_of_point, time_ns).astype(np.int64),  # of whole numbers, and so exact
         )
         if group is None:
             return points, np.zeros(len(cells.first), np.int64)
@@ -235,14 +207,14 @@ class BoxFitter:
         per_m2 = self._settings.points_per_sr * (fitted.lidar_share / np.maximum(range_m, 1e-3) ** 2).sum(1)
         z = self.ground_m(combined, boxes.center_xy) + boxes.sizes[:, 2] / 2
         return Candidates3D(
-            np.concatenate([boxes.center_xy, z[:, None]], 1),
-            boxes.sizes,
-            boxes.yaw_rad,
-            box_scores(boxes, rectangles, fitted.counts, per_m2),
-            boxes.class_ids,
-            fitted.counts,
-            box_covariances(boxes, rectangles, fitted.roundness, per_m2),
-            fitted.time_ns,
+            centers=np.concatenate([boxes.center_xy, z[:, None]], 1),
+            sizes=boxes.sizes,
+            yaws=boxes.yaw_rad,
+            scores=box_scores(boxes, rectangles, fitted.counts, per_m2),
+            class_ids=boxes.class_ids,
+            point_counts=fitted.counts,
+            covariances=box_covariances(boxes, rectangles, fitted.roundness, per_m2),
+            time_offsets_ns=fitted.time_ns,
         )
 
 

@@ -13,7 +13,9 @@ cells; its height above the ground, metres; logarithms of length, width and heig
 heading."""
 
 MAX_BOXES = 300
+
 MAX_LOG_M = 4.0
+"""Maximum absolute logarithm of a size in metres."""
 
 
 class Found(NamedTuple):

@@ -16,8 +16,8 @@ from lidcam.pipeline.detectors.pillars.kits import KEY, KitNetwork
 from lidcam.pipeline.detectors.pillars.network import PillarNetwork
 from lidcam.pipeline.detectors.protocols import Candidates3D
 
-LEAST = 0.02
-"""Boxes with a lower probability are never proposed."""
+MIN_PROBABILITY = 0.02
+"""Minimum probability of a proposed box."""
 
 
 class PillarPoints:
@@ -102,7 +102,7 @@ class PillarDetector:
 
     def __call__(self, combined: CombinedCloud) -> Candidates3D:
         """Boxes with a point in them or within half a pillar of them, because a box may be a little too small."""
-        least = float(logit(np.array(LEAST)))
+        least = float(logit(np.array(MIN_PROBABILITY)))
         if isinstance(self._network, KitNetwork):
             found = self._network(*self._points.with_ground(combined), least)
         else:
@@ -117,12 +117,12 @@ class PillarDetector:
         total_ns = np.bincount(box, cloud.time_offset_ns[rows], minlength=count)
         kept = np.flatnonzero(points)
         return Candidates3D(
-            centers[kept],
-            found.sizes[kept],
-            found.yaws[kept],
-            sigmoid(found.log_odds[kept]),
-            self._class_ids[found.classes[kept]],
-            points[kept],
-            self._covariances[found.classes[kept]],
-            np.rint(total_ns[kept] / points[kept]).astype(np.int64),
+            centers=centers[kept],
+            sizes=found.sizes[kept],
+            yaws=found.yaws[kept],
+            scores=sigmoid(found.log_odds[kept]),
+            class_ids=self._class_ids[found.classes[kept]],
+            point_counts=points[kept],
+            covariances=self._covariances[found.classes[kept]],
+            time_offsets_ns=np.rint(total_ns[kept] / points[kept]).astype(np.int64),
         )

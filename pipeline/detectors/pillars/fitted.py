@@ -18,11 +18,13 @@ from lidcam.pipeline.detectors.cluster.refitting import Refitter
 from lidcam.pipeline.detectors.pillars.detector import PillarDetector
 from lidcam.pipeline.detectors.protocols import Candidates3D
 
-SAME_BOX_IOU, SAME_HEADING_SIGMAS = 0.25, 1.5
-"""A box keeps its own place, size and heading if it shares less ground than this with the box fitted to its points, or
-if their headings differ by more than so many of the network's standard deviations. Its points are then only a part of
-the object, or more than the object. Of 0.2 to 0.7, and of 1 to 2.5 (22 to 56 degrees for cars, 38 to 95 for cyclists),
-these values were about the best in drawn worlds."""
+MIN_FITTED_IOU = 0.25
+"""Minimum IoU, seen from above, of a box and the one fitted to its points, for the fit to be taken. Of 0.2 to 0.7 about
+the best in drawn worlds."""
+
+MAX_FITTED_TURN_SIGMAS = 1.5
+"""Maximum turn of a fitted box, in the network's standard deviations of the heading. Of 1 to 2.5 (22 to 56 degrees for
+cars, 38 to 95 for cyclists) about the best in drawn worlds."""
 
 
 class FittedPillarDetector:
@@ -44,12 +46,15 @@ class FittedPillarDetector:
         return Candidates3D.of(boxes, boxes.scores.astype(np.float64), combined)
 
     def boxes(self, combined: CombinedCloud) -> Boxes3D:
-        """The same boxes, likelier ones first, without those that share the ground of a likelier one."""
+        """The same boxes, likelier ones first, without those that share the ground of a likelier one.
+
+        A box is left as it is where its points are only a part of the object, or more than the object.
+        """
         found = likely_boxes(combined, self._site_frame, self._network(combined), 0.0)
         fitted, _ = self._refit(combined, found, np.arange(len(found)))
         turn = np.abs(wrap_angle(2 * (fitted.yaws - found.yaws))) / 2  # the network decides front and rear
-        agree = (pair_ious(found, fitted).bev >= SAME_BOX_IOU) & (
-            turn <= SAME_HEADING_SIGMAS * np.sqrt(found.covariances[:, 2, 2])
+        agree = (pair_ious(found, fitted).bev >= MIN_FITTED_IOU) & (
+            turn <= MAX_FITTED_TURN_SIGMAS * np.sqrt(found.covariances[:, 2, 2])
         )
         return found.joined(fitted).select(np.arange(len(found)) + len(found) * agree)
 

@@ -14,7 +14,7 @@ from lidcam.pipeline.core.settings.load import load_config
 from lidcam.pipeline.detectors.cluster.features import FEATURES
 from lidcam.pipeline.detectors.cluster.kinds import KINDS
 from lidcam.pipeline.detectors.cluster.network import ClusterNetwork
-from lidcam.pipeline.detectors.combined import AHEAD, FITTED
+from lidcam.pipeline.detectors.combined import CLUSTER_BONUS, FITTED
 from lidcam.pipeline.stages.detect3d import Detect3D
 
 LIDAR = (0.0, 0.0, 1.8)
@@ -138,7 +138,7 @@ def test_classes_that_the_learned_score_does_not_know(tmp_path: Path) -> None:
         for method in ("combined", "cluster")
     )
     assert len(both) == 2
-    assert log_odds(both, CAR) == pytest.approx(LOG_ODDS + AHEAD, abs=1e-3)
+    assert log_odds(both, CAR) == pytest.approx(LOG_ODDS + CLUSTER_BONUS, abs=1e-3)
     alone = FITTED.alone[0]
     assert log_odds(both, TURNED) == pytest.approx(alone[0] + alone[1] * log_odds(clusters, TURNED), abs=1e-3)
 
