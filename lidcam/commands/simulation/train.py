@@ -5,7 +5,7 @@ from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated, Literal, Unpack
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -14,7 +14,6 @@ from lidcam.commands.simulation.simulate import check_simulator
 from lidcam.pipeline.core.errors import ConfigError, LidcamError, OutputError
 
 if TYPE_CHECKING:
-    from lidcam.job import JobOptions
     from lidcam.pipeline.core.settings.config import Config
     from lidcam.training.labelled import Recordings as LabelledRecordings
 
@@ -107,13 +106,7 @@ def clusters(
     card, processes = out.with_suffix(".md"), workers or usable_cores()
     with OutputTransaction([out, card], check_old=partial(_check_old, overwrite=overwrite)) as outputs:
         with TemporaryDirectory() as folder:
-            options: JobOptions = {
-                "config": config_file,
-                "settings": settings or (),
-                "rig": rig_files,
-                "workers": workers,
-            }
-            labelled = _read(recordings, folder, family, **options)
+            labelled = _read(recordings, folder, family, config_file, settings, rig_files, workers)
             chosen = family if family or labelled else "road"
             with show_training() as progress:
                 trained = train_clusters(
@@ -194,13 +187,7 @@ def pillars(
         if state.exists() and not (resume or overwrite):
             raise OutputError(f"{state}: exists; go on with --resume, or begin anew with --overwrite")
         with TemporaryDirectory() as folder:
-            options: JobOptions = {
-                "config": config_file,
-                "settings": settings or (),
-                "rig": rig_files,
-                "workers": workers,
-            }
-            labelled = _read(recordings, folder, family, **options)
+            labelled = _read(recordings, folder, family, config_file, settings, rig_files, workers)
             embedded = "sandbox" if family == "sandbox" else "traffic"
             first = begin or (embedded if labelled else "none")
             if not resume:
@@ -279,7 +266,13 @@ def _check_extra(purpose: str) -> None:
 
 
 def _read(
-    recordings: Sequence[str] | None, folder: str, family: str | None, **options: Unpack["JobOptions"]
+    recordings: Sequence[str] | None,
+    folder: str,
+    family: str | None,
+    config: str | None,
+    settings: Sequence[str] | None,
+    rig: list[str] | None,
+    workers: int | None,
 ) -> "LabelledRecordings | None":
     """Recordings to learn from; None if there are none."""
     if not recordings:
@@ -288,6 +281,7 @@ def _read(
     from lidcam.training.recordings import read_recordings
 
     check = partial(_check_classes, family=family)
+    options: JobOptions = {"config": config, "settings": settings or (), "rig": rig, "workers": workers}
     with show_training() as progress:
         return read_recordings(recordings, Path(folder), check=check, progress=progress, **options)
 

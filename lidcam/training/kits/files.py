@@ -76,7 +76,7 @@ def read_config(path: Path, text: str = "") -> dict[str, Any]:
     """Read a configuration: YAML of OpenPCDet with the files that it is based on; JSON or Python of mmengine.
 
     Args:
-        path: Its file, or the file that the text comes from.
+        path: The file, or the source of the text.
         text: Python; empty: read the file.
 
     Raises:

@@ -25,7 +25,7 @@ GATES_M = {"car": 2.0, "pedestrian": 0.6, "cyclist": 0.9, "truck": 2.5, "bus": 2
 """Maximum distance of a right box from its object, which has its class and belongs to no other box."""
 
 SANDBOX_GATE_M = 0.15
-"""The same for model cars."""
+"""Maximum distance of a right box from its object for model cars."""
 
 PRIOR = 1e-3
 """Weight of the calibration that changes nothing: a class with few examples stays near it."""

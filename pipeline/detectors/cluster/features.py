@@ -1,4 +1,4 @@
-"""What the points in and around a box say of it, in numbers that mean the same for every lidar and range."""
+"""Features of the points in and around a box, which mean the same for every lidar and range."""
 
 import numpy as np
 

@@ -60,7 +60,7 @@ class LearnedScores:
         return np.asarray(self._network(self._features(combined, boxes)) @ self._features.members.T)
 
     def __call__(self, combined: CombinedCloud, boxes: Boxes3D) -> Boxes3D:
-        """The same boxes in their order; those of another class than before are completed anew, as far as they fit."""
+        """Boxes in their order, with new classes and scores; where the class changes, completed anew if that fits."""
         if not len(boxes):
             return boxes
         by_class = self.by_class(combined, boxes)

@@ -29,10 +29,10 @@ class ClusterNetwork:
     """M networks of the same form.
 
     Attributes:
-        mean: (F,) of the features in training.
+        mean: (F,) means of the features in training.
         deviation: (F,) standard deviations.
-        weights: Of each layer (M, inputs, outputs).
-        biases: Of each layer (M, 1, outputs).
+        weights: (M, inputs, outputs) for each layer.
+        biases: (M, 1, outputs) for each layer.
     """
 
     mean: F64

@@ -49,7 +49,7 @@ def box_scores(boxes: CompletedBoxes, rectangles: Rectangles, counts: I64, expec
 
     Args:
         boxes: Completed boxes of C clusters.
-        rectangles: Their measured extents.
+        rectangles: Measured extents of the clusters.
         counts: (C,) points of each cluster.
         expected_per_m2: (C,) points to expect on a square metre that faces the lidars.
     """
@@ -70,7 +70,7 @@ def box_covariances(boxes: CompletedBoxes, rectangles: Rectangles, roundness: F6
 
     Args:
         boxes: Completed boxes of C clusters.
-        rectangles: Their measured extents.
+        rectangles: Measured extents of the clusters.
         roundness: (C,) of their points, see `principal_axes`.
         expected_per_m2: (C,) points to expect on a square metre that faces the lidars.
     """

@@ -165,7 +165,7 @@ def _ends_with_class(rows: Array) -> bool:
 
 
 def _boxes_and_scores(trial: Trial) -> tuple[int, int] | None:
-    """Which of two outputs are boxes (N, Q, 4) and scores (N, Q, C); by their names where both have four columns."""
+    """Places of the outputs boxes (N, Q, 4) and scores (N, Q, C); by their names where both have four columns."""
     shapes = [output.shape for output in trial.outputs]
     if len(shapes) != 2 or any(len(shape) != 3 for shape in shapes) or shapes[0][:2] != shapes[1][:2]:
         return None
@@ -178,7 +178,7 @@ def _boxes_and_scores(trial: Trial) -> tuple[int, int] | None:
 
 
 def _labels_boxes_scores(trial: Trial) -> tuple[int, int, int] | None:
-    """Which of three outputs are classes (N, K), boxes (N, K, 4) and scores (N, K), by their names."""
+    """Places of the outputs classes (N, K), boxes (N, K, 4) and scores (N, K), by their names."""
     found = [[at for at, name in enumerate(trial.names) if part in name.lower()] for part in ("label", "box", "score")]
     if len(trial.outputs) != 3 or any(len(one) != 1 for one in found) or len({one[0] for one in found}) < 3:
         return None

@@ -1,4 +1,4 @@
-"""What the numbers of a network's output mean: boxes where the log odds of a class have a peak."""
+"""Boxes from the numbers of a network's output, where the log odds of a class have a peak."""
 
 from typing import NamedTuple
 

@@ -46,7 +46,7 @@ class FittedPillarDetector:
         return Candidates3D.of(boxes, boxes.scores.astype(np.float64), combined)
 
     def boxes(self, combined: CombinedCloud) -> Boxes3D:
-        """The same boxes, likelier ones first, without those that share the ground of a likelier one.
+        """Boxes as proposed, likelier ones first, without those that share the ground of a likelier one.
 
         A box is left as it is where its points are only a part of the object, or more than the object.
         """

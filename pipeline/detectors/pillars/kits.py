@@ -61,12 +61,12 @@ class KitGrid(SettingsModel):
 
 
 class KitSpecs(SettingsModel):
-    """What a file says about its network.
+    """Metadata of a file.
 
     Attributes:
         classes: Classes of its output, in order.
-        layout: What its inputs are. `points`: `KIT_INPUTS`. `voxels`: the points (V, M, F) of each pillar, their number
-            (V,), and the batch, layer, row and column of the pillar (V, 4).
+        layout: Layout of its inputs. `points`: `KIT_INPUTS`. `voxels`: the points (V, M, F) of each pillar, their
+            number (V,), and the batch, layer, row and column of the pillar (V, 4).
         features: Features of its points, in order.
         max_points: Points that the kit puts into a pillar. If there are fewer, the kit leaves places empty, and these
             count as points of zeros; 0: it leaves none empty.

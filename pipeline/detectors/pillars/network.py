@@ -40,7 +40,7 @@ class FoundClass(SettingsModel):
 
 
 class PillarSpecs(SettingsModel):
-    """What a file says about its network.
+    """Metadata of a file.
 
     Attributes:
         classes: Classes of its output, in order.

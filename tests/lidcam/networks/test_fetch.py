@@ -105,12 +105,12 @@ CASES: dict[str, tuple[Callable[[RangeServer, bytes], object], str]] = {
 
 @pytest.mark.parametrize("case", CASES)
 def test_what_is_not_the_network_is_not_kept(server: RangeServer, tmp_path: Path, case: str) -> None:
-    spoil, told = CASES[case]
+    spoil, fault = CASES[case]
     spoil(server, server.files["/yolox_nano.onnx"])
     done = called(tmp_path, "fetch", NAME)
     path = networks_folder() / "yolox_nano.onnx"
     assert done.code == 1
-    assert told in done.error_line
+    assert fault in done.error_line
     assert done.error_line.startswith(f"lidcam: error: {NETWORKS[NAME].address}: ")
     assert done.error_line.endswith(f"download it by hand and save it as {path}")
     assert not (tmp_path / "data").exists()

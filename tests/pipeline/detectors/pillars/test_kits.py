@@ -1,4 +1,4 @@
-"""Networks of the kits: what they are told of points, and where their boxes are."""
+"""Networks of the kits: their features of points, and their boxes."""
 
 import json
 from collections.abc import Callable
@@ -34,7 +34,7 @@ SPECS: dict[str, Any] = {
 
 
 def write(path: Path, boxes: list[list[float]], odds: list[list[float]], **said: object) -> Path:
-    """A network that gives these rows of numbers, whatever it is told."""
+    """A network that gives these rows of numbers, whatever its input."""
     arrays = {"boxes": np.array(boxes, np.float32), "log_odds": np.array(odds, np.float32)}
     nodes = [
         _node("ReduceMean", ["features"], "mean"),
