@@ -280,10 +280,17 @@ def _read(
     from lidcam.printing.progress import show_training
     from lidcam.training.recordings import read_recordings
 
-    check = partial(_check_classes, family=family)
-    options: JobOptions = {"config": config, "settings": settings or (), "rig": rig, "workers": workers}
     with show_training() as progress:
-        return read_recordings(recordings, Path(folder), check=check, progress=progress, **options)
+        return read_recordings(
+            recordings,
+            Path(folder),
+            check=partial(_check_classes, family=family),
+            progress=progress,
+            config=config,
+            settings=settings or (),
+            rig=rig,
+            workers=workers,
+        )
 
 
 def _check_classes(config: "Config", *, family: str | None) -> None:

@@ -7,7 +7,6 @@ No trained weights of the kits can be had here: these networks are small, random
 
 import json
 import os
-import pickle
 from collections.abc import Callable
 from contextlib import nullcontext
 from copy import deepcopy
@@ -138,17 +137,9 @@ def test_weights_that_do_not_fit_are_named(tmp_path: Path, name: str, weights: A
     ("config", "place", "value", "message"),
     [
         (OPENPCDET, "MODEL.BACKBONE_3D", {"NAME": "VoxelBackBone8x"}, r"BACKBONE_3D VoxelBackBone8x \(sparse conv"),
-        (OPENPCDET, "MODEL.ROI_HEAD", {"NAME": "PVRCNNHead"}, "found PointPillar with ROI_HEAD PVRCNNHead"),
         (OPENPCDET, "MODEL.VFE.NAME", "MeanVFE", "found PointPillar with VFE MeanVFE"),
         (OPENPCDET, "MODEL.DENSE_HEAD", None, "with no DENSE_HEAD"),
-        (
-            OPENPCDET,
-            "MODEL.DENSE_HEAD.TARGET_ASSIGNER_CONFIG.BOX_CODER",
-            "PreviousResidualDecoder",
-            "expected Residual",
-        ),
         (OPENPCDET, "MODEL.VFE.NUM_FILTERS", None, "found no 'NUM_FILTERS'"),
-        (OPENPCDET, "MODEL.VFE.NUM_FILTERS", ["many"], r"found Encoder\.channels\.0: Input should be a valid integer"),
         (OPENPCDET, "MODEL.VFE.NUM_FILTERS", [10**9], r"expected weights vfe\.\S+ \(1000000000, 10\)"),
         (OPENPCDET, "MODEL.BACKBONE_2D.LAYER_NUMS", [1], r"expected a configuration of .*, found zip\(\) argument 2"),
         (
@@ -159,19 +150,8 @@ def test_weights_that_do_not_fit_are_named(tmp_path: Path, name: str, weights: A
         ),
         (OPENPCDET, "DATA_CONFIG.DATASET", "MyDataset", "expected --ground-z and --intensity-max"),
         (OPENPCDET, "DATA_CONFIG._BASE_CONFIG_", "cfgs/none.yaml", r"found no file cfgs/none\.yaml, on which"),
-        (
-            MMDET3D,
-            "model.middle_encoder.type",
-            "SparseEncoder",
-            r"middle_encoder SparseEncoder \(sparse convolutions\)",
-        ),
-        (MMDET3D, "model.voxel_encoder.type", "HardVFE", "found VoxelNet with voxel_encoder HardVFE"),
-        (
-            MMDET3D,
-            "model.bbox_head.anchor_generator.scales",
-            [1, 2],
-            r"expected \[1\], which lidcam runs, found \[1, 2",
-        ),
+        (MMDET3D, "model.middle_encoder.type", "SparseEncoder", r"SparseEncoder \(sparse convolutions\)"),
+        (MMDET3D, "model.bbox_head.anchor_generator.scales", [1, 2], r"expected \[1\], which lidcam runs, found"),
         (MMDET3D, "model.backbone.norm_cfg", {"type": "GN"}, r"norm_cfg\.type: expected BN, .* found GN"),
         (MMDET3D, "_base_", ["../a.py"], "with all of it in one file"),
         (MMDET3D, "model", 5, "found argument of type 'int' is not"),
@@ -235,11 +215,9 @@ def test_nothing_in_a_checkpoint_is_run(tmp_path: Path) -> None:
             r"mmdetection3d 1\.0 or later, found 0\.17\.1",
         ),
         ({"state_dict": {"a": 5}}, True, "expected a checkpoint of .*, found AttributeError: 'int'"),
-        ([5], True, "expected a checkpoint of .*, found"),
         ({"state_dict": {}}, True, "holds no configuration: give --config FILE"),
         (None, True, "found no such file"),
         (b"", True, "expected a checkpoint of"),
-        (pickle.dumps({"state_dict": {}}), True, "expected a checkpoint of"),
     ],
 )
 def test_files_that_are_no_checkpoints(
