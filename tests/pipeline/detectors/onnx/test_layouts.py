@@ -217,19 +217,6 @@ def test_half_precision(tmp_path: Path, case: Case) -> None:
     np.testing.assert_allclose(found.scores, expected_scores, atol=2e-3)
 
 
-@pytest.mark.parametrize("layout", ["yolov5", "yolov8", "rtdetr"])
-def test_networks_other_than_yolox_see_white_as_1(tmp_path: Path, layout: str) -> None:
-    shape = {"yolov5": (3 * CELLS, 9), "yolov8": (8, CELLS), "rtdetr": (40, 8)}[layout]
-    array, weight = np.full(shape, 0.5), np.zeros(shape)
-    scored = (slice(4, None), slice(None)) if layout == "yolov8" else (slice(None), slice(4, None))
-    array[scored], weight[scored] = 0, 1
-    if layout == "yolov5":
-        array[:, 4], weight[:, 4] = 1, 0
-    path = written(tmp_path, {"output0": array.astype(np.float32)}, weights={"output0": weight})
-    (found,) = load(path)([np.full((*SIZE_PX, 3), 51, np.uint8)])
-    np.testing.assert_allclose(found.scores, 0.2, rtol=1e-4)
-
-
 @pytest.mark.parametrize(
     ("label", "fault"),
     [
