@@ -24,7 +24,7 @@ from lidcam.pipeline.detectors.cluster.detector import ClusterDetector
 from lidcam.pipeline.detectors.cluster.kinds import KINDS, kinds_of, knows
 from lidcam.pipeline.detectors.cluster.learned import LearnedScores
 from lidcam.pipeline.detectors.log_odds import logit, sigmoid
-from lidcam.pipeline.detectors.pillars.fitted import FittedPillarDetector
+from lidcam.pipeline.detectors.pillars.detector import FittedPillarDetector
 from lidcam.pipeline.detectors.protocols import Candidates3D
 
 UNKNOWN, PERSON = KINDS.index("background"), KINDS.index("pedestrian")
