@@ -48,7 +48,7 @@ def test_the_locks_hold_all_that_is_installed_and_agree() -> None:
 def test_the_back_end_of_the_build_is_pinned() -> None:
     (required,) = PYPROJECT["build-system"]["requires"]
     assert required == f"hatchling=={locked('constraints-run.txt')['hatchling'][0]}"
-    assert PYPROJECT["project"]["optional-dependencies"]["train"] == ["torch==2.13.0"]
+    assert PYPROJECT["project"]["optional-dependencies"]["train"] == ["torch==2.13.0", "onnx>=1.17"]
 
 
 def test_make_installs_by_hash() -> None:

@@ -6,6 +6,11 @@ Prints `FITTED` of pipeline/detectors/combined.py for its kinds car, pedestrian,
 coefficients of a logistic regression on drawn roads and crossings that no training has seen. A box is right if an
 object of its kind is near, as for the learned score. Right people, cyclists and large vehicles count as often as in
 streets, less than in drawn worlds. Where the network has no box, only boxes in its grid are fitted to.
+
+`FITTED` is of 280 sweeps of 70 worlds; the number of points and the distance added nothing. In real frames most people
+and cyclists of a network in pillars are posts and the like, and it misses more of them. So half of the fit counts for
+cyclists (all of it: 0.25, 0.29, 1.17 and -1.95, 1.03); and clusters of people keep their score, and boxes of people
+have no higher one (the fit where the network has none: -0.20, 1.05).
 """
 
 import argparse
@@ -20,8 +25,8 @@ from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.settings.load import load_config
 from lidcam.pipeline.detectors.cluster.kinds import KINDS, kinds_of
 from lidcam.pipeline.detectors.combined import CombinedDetector
+from lidcam.training.card import PRIORS
 from lidcam.training.examples import KIND_OF_CLASS, MIN_POINTS, SWEEPS_OF_A_WORLD, kinds_of_boxes
-from lidcam.training.fit import PRIORS
 
 WORLDS_BEFORE = 100_000
 """From so many worlds before those that judge."""

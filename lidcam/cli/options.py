@@ -110,7 +110,7 @@ Model2d = Annotated[
     typer.Option(
         "--model-2d",
         metavar="FILE.onnx|NAME",
-        help="2D network: an ONNX file, one that `lidcam fetch` brought, or `simulated`, for simulated images.",
+        help="2D network: an ONNX file, or a name that `lidcam fetch` brought.",
     ),
 ]
 Model3d = Annotated[

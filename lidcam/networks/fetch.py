@@ -14,7 +14,7 @@ from lidcam.writers.outputs.errors import output_errors
 from lidcam.writers.outputs.transaction import OutputTransaction
 
 TIMEOUT_S = 30
-"""Of the server's silence."""
+"""Maximum silence of the server."""
 
 
 def is_fetched(name: str) -> bool:
@@ -58,14 +58,14 @@ def fetch_network(name: str) -> Path:
 
 
 def _download(network: KnownNetwork) -> bytes:
-    """The file that the server gives, or as much as shows that it is too large."""
+    """The file that the server gives, or one byte more than its size."""
     with build_opener(_SafeRedirects).open(network.address, timeout=TIMEOUT_S) as response:
         data: bytes = response.read(network.size_bytes + 1)
     return data
 
 
 def _fault(data: bytes, network: KnownNetwork) -> str:
-    """What is wrong with a file; empty if nothing is."""
+    """Fault of a file; empty if there is none."""
     if len(data) != network.size_bytes:
         found = f"{len(data)}" if len(data) < network.size_bytes else "more"
         return f"expected {network.size_bytes} bytes, found {found}"

@@ -1,4 +1,4 @@
-"""The 2D networks that lidcam knows by name, and where the user has them."""
+"""2D networks that lidcam knows by name."""
 
 import os
 from dataclasses import dataclass
@@ -15,11 +15,11 @@ class KnownNetwork:
     """A file that the maker of a network publishes.
 
     Attributes:
-        address: Where; also where the user may take it by hand.
-        size_bytes: Its size.
-        sha256: Its checksum, in hexadecimal digits.
-        licence: SPDX identifier of its licence.
-        licence_address: The text of its licence.
+        address: URL, from where the user may also take it by hand.
+        size_bytes: Size.
+        sha256: Checksum, in hexadecimal digits.
+        licence: SPDX identifier of the licence.
+        licence_address: URL of the licence's text.
     """
 
     address: str
@@ -49,14 +49,11 @@ NETWORKS: dict[str, KnownNetwork] = {
     ),
     "yolox-s": _yolox("yolox_s.onnx", 35_858_002, "c5c2d13e59ae883e6af3b45daea64af4833a4951c92d116ec270d9ddbe998063"),
 }
-"""By name. The maker publishes no checksums: these are those that many projects which use the files have recorded."""
-
-EMBEDDED: dict[str, Path] = {"simulated": Path(__file__).with_name("simulated.onnx")}
-"""Networks that come with lidcam; the file ending in `.md` beside each says how it was made."""
+"""By name. The maker publishes no checksums; many projects that use the files have recorded these."""
 
 
 def networks_folder() -> Path:
-    """Where networks lie once they are fetched: in the user's data folder (XDG Base Directory Specification).
+    """Folder of fetched networks: in the user's data folder (XDG Base Directory Specification).
 
     Raises:
         ModelError: this user has none.
@@ -69,10 +66,10 @@ def networks_folder() -> Path:
 
 
 def network_path(model: Path) -> Path:
-    """The file of a network that settings name: its path, or a name of `EMBEDDED` or `NETWORKS`. It may be missing.
+    """The file of a network that settings name: its path, or a name in `NETWORKS`. It may be missing.
 
     Raises:
         ModelError: as of `networks_folder`.
     """
     known = NETWORKS.get(str(model))
-    return EMBEDDED.get(str(model), model) if known is None else networks_folder() / known.file_name
+    return model if known is None else networks_folder() / known.file_name

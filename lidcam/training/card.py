@@ -1,14 +1,18 @@
-"""The model card of weights: what they were trained on, and how they do in other worlds."""
+"""Figures of model cards: how well weights do in worlds and frames that they were not trained on."""
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, Bools
+from lidcam.pipeline.core.arrays import F64, I64, Bools
 from lidcam.pipeline.detectors.cluster.kinds import KINDS
 from lidcam.training.examples import Examples
-from lidcam.training.fit import PRIORS, log_loss
+
+PRIORS = np.array([1.0, 1.0, 0.4, 0.4, 0.6])
+"""Weight of an example of each of `KINDS`. Worlds have more people, cyclists and large vehicles than streets, so that
+there are enough to learn from; these weights make them count as often as in streets."""
 
 BINS = 10
-LEAST = 0.05
+
+MIN_PROBABILITY = 0.05
 """The calibration error leaves out lower probabilities: for each kind, nearly all boxes are clearly not of it."""
 
 
@@ -22,15 +26,16 @@ def figures(probabilities: F64, examples: Examples) -> str:
     for kind, name in enumerate(KINDS[1:], 1):
         is_true, score = kinds == kind, probabilities[:, kind]
         taken = (score >= 0.5) & (chosen == kind)
-        cells = [
-            f"{is_true.sum()}",
-            f"{(taken & is_true).sum()}",
-            f"{(taken & ~is_true).sum()}",
-            f"{average_precision(score, is_true):.3f}",
-            f"{calibration_error(score, is_true, PRIORS[kinds]):.3f}",
-        ]
-        lines.append(f"| {name} | {' | '.join(cells)} |")
+        counts = f"{is_true.sum()} | {(taken & is_true).sum()} | {(taken & ~is_true).sum()}"
+        error = calibration_error(score, is_true, PRIORS[kinds])
+        lines.append(f"| {name} | {counts} | {average_precision(score, is_true):.3f} | {error:.3f} |")
     return "\n".join([*lines, "", f"Log loss {log_loss(probabilities, kinds):.4f}."])
+
+
+def log_loss(probabilities: F64, kinds: I64) -> float:
+    """Mean negative logarithm of the probability (N, 5) of the true kind (N,), weighted by `PRIORS`."""
+    true, share = probabilities[np.arange(len(kinds)), kinds], PRIORS[kinds]
+    return float(-(share * np.log(np.maximum(true, 1e-12))).sum() / share.sum())
 
 
 def average_precision(score: F64, is_true: Bools) -> float:
@@ -42,14 +47,11 @@ def average_precision(score: F64, is_true: Bools) -> float:
 
 
 def calibration_error(score: F64, is_true: Bools, weights: F64) -> float:
-    """Mean difference over bins between probability and share of true boxes (Naeini et al., 2015), from `LEAST` up.
+    """Weighted mean difference between probability and share of true boxes over bins (Naeini et al., 2015).
 
-    Args:
-        score: (N,) probabilities.
-        is_true: (N,) whether each is true.
-        weights: (N,) how much each box counts.
+    Boxes (N,) below `MIN_PROBABILITY` are left out.
     """
-    kept = score >= LEAST
+    kept = score >= MIN_PROBABILITY
     score, weights, is_true = score[kept], weights[kept], is_true[kept]
     row = np.minimum((score * BINS).astype(np.int64), BINS - 1)
     difference = np.bincount(row, weights * (score - is_true), minlength=BINS)

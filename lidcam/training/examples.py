@@ -22,13 +22,13 @@ from lidcam.pipeline.stages.detect3d import Detect3D
 from lidcam.training.labelled import NAMES, LabelledFrame, Recordings
 
 SWEEPS_OF_A_WORLD = 4
-"""Each has another lidar in another place. More sweeps add little, since the same objects stand there."""
+"""Sweeps of each world, each by another lidar in another place: more add little, since the same objects stand there."""
 
 MIN_POINTS = 3
-"""True objects with fewer points count as absent."""
+"""Minimum points on a true object; one with fewer counts as absent."""
 
 GATES_M = np.array([0.0, 2.0, 0.6, 0.9, 2.5])
-"""A box is of a kind (`KINDS`) if the centre of a true object of that kind is nearer than this."""
+"""Maximum distance of a box from a true object of the same kind, for each of `KINDS`."""
 
 KIND_OF_CLASS = {"car": 1, "pedestrian": 2, "cyclist": 3, "van": 4, "truck": 4, "bus": 4}
 KIND_OF_ROW = np.array([KIND_OF_CLASS[name] for name in NAMES])
@@ -55,12 +55,20 @@ class Examples(NamedTuple):
 
 def examples_of_worlds(family: Family, worlds: range, *, workers: int) -> Iterator[Examples]:
     """The examples of each world, in order; the same for any number of processes."""
-    return _made(partial(_of_world, family), worlds, workers)
+    return _mapped(partial(_of_world, family), worlds, workers)
 
 
 def examples_of_recordings(recordings: Recordings, numbers: range, *, workers: int) -> Iterator[Examples]:
     """The examples of frames drawn for each number, as many frames as a world has sweeps; otherwise as for worlds."""
-    return _made(partial(_of_drawn_frames, recordings), numbers, workers)
+    return _mapped(partial(_of_drawn_frames, recordings), numbers, workers)
+
+
+def _mapped(make: Callable[[int], Examples], numbers: range, workers: int) -> Iterator[Examples]:
+    if workers == 1:
+        yield from map(make, numbers)
+        return
+    with process_pool(workers) as pool:
+        yield from pool.map(make, numbers)
 
 
 def examples_of_frame(frame: LabelledFrame) -> Examples:
@@ -82,21 +90,12 @@ def _of_drawn_frames(recordings: Recordings, number: int) -> Examples:
     return Examples.joined([examples_of_frame(recordings.drawn(draw)) for _ in range(SWEEPS_OF_A_WORLD)])
 
 
-def _made(of_number: Callable[[int], Examples], numbers: range, workers: int) -> Iterator[Examples]:
-    if workers == 1:
-        yield from map(of_number, numbers)
-        return
-    with process_pool(workers) as pool:
-        yield from pool.map(of_number, numbers)
-
-
 def _of_world(family: Family, world: int) -> Examples:
-    config = _config()
-    step = SWEEPS_PER_WORLD // SWEEPS_OF_A_WORLD
+    config, step = _config(), SWEEPS_PER_WORLD // SWEEPS_OF_A_WORLD
     found = [sweep(family, seed) for seed in range(world * SWEEPS_PER_WORLD, (world + 1) * SWEEPS_PER_WORLD, step)]
     # On masts, several lidars see one site: make one frame with a single lidar, and one with the others together.
     frames = [found[:1], found[1:]] if family == "crossing" else [[one] for one in found]
-    return Examples.joined([_examples(frame, config) for frame in frames])
+    return Examples.joined([_of_sweeps(frame, config) for frame in frames])
 
 
 def _config() -> Config:
@@ -104,7 +103,7 @@ def _config() -> Config:
     return config.model_copy(update={"detect3d": config.detect3d.model_copy(update={"score": "geometric"})})
 
 
-def _examples(frame: Sequence[TrainingSweep], config: Config) -> Examples:
+def _of_sweeps(frame: Sequence[TrainingSweep], config: Config) -> Examples:
     """The examples of a frame of sweeps that were taken at the same time."""
     rig = rig_of(frame)
     clouds = {lidar.name: cloud_of(one, lidar.name) for lidar, one in zip(rig.lidars, frame, strict=True)}
@@ -144,8 +143,8 @@ def kinds_of_boxes(centers_xy: F64, true_xy: F64, true_kinds: I64) -> I64:
     """(B,) kind of the true object nearest to each box, measured in gates of the kind; 0 if none is within its gate.
 
     Args:
-        centers_xy: (B, 2) of the boxes.
-        true_xy: (T, 2) of the objects.
+        centers_xy: (B, 2) centres of the boxes, metres.
+        true_xy: (T, 2) centres of the objects, metres.
         true_kinds: (T,) rows of `KINDS`, none 0.
     """
     away = np.linalg.norm(centers_xy[:, None] - true_xy, axis=2) / GATES_M[true_kinds]

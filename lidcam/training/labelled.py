@@ -20,30 +20,23 @@ NAMES = ("car", "pedestrian", "cyclist", "truck", "bus")
 """Classes of labelled frames. A van counts as a truck, as it does among the classes of lidcam."""
 
 WORLDS = "drawn worlds"
-"""What a card says if no recordings were learned from."""
+"""Name of the worlds in cards."""
 
-PASTED = 8
-"""Objects to put into a frame, as far as their places are free."""
+MAX_PASTED = 8
+"""Maximum number of objects put into a frame, as their places are free."""
 
 MIN_PASTED_POINTS = 10
+"""Minimum points on an object that is put into other frames."""
 
 FREE_M = 0.3
-"""An object is put into a frame only if no points and no other box are nearer to it than this."""
+"""Minimum distance of an object put into a frame from points and other boxes."""
 
-BESIDE_M = 0.1
-"""Points up to this far outside a box belong to its object."""
+MARGIN_M = 0.1
+"""Maximum distance of an object's points from its box."""
 
 
 class TrueBoxes(NamedTuple):
-    """M objects.
-
-    Attributes:
-        centers: (M, 3)
-        sizes: (M, 3)
-        yaws: (M,)
-        classes: (M,) rows of the classes that are learned.
-        points: (M,) number of points on each.
-    """
+    """M objects: centres (M, 3), sizes (M, 3), yaws, rows of the classes that are learned, and numbers of points."""
 
     centers: F64
     sizes: F64
@@ -64,7 +57,7 @@ class TrueBoxes(NamedTuple):
 def varied(
     position: F64, true: TrueBoxes, draw: np.random.Generator, turn_rad: float = np.pi / 4
 ) -> tuple[F64, TrueBoxes, F64]:
-    """The same, but mirrored, turned about the middle, stretched, and lifted as if the ground was found a little wrong.
+    """Mirror, turn about the middle and stretch a frame, and lift it as if the ground was found a little wrong.
 
     Returns:
         (N, 3) points, the objects, and the matrix (3, 3) that changed both; heights are also lifted.
@@ -82,20 +75,14 @@ def varied(
 def points_in_boxes(position: F64, true: TrueBoxes) -> tuple[I64, I64]:
     """Rows of the points (N, 3) in boxes or just outside them, and the box of each; sorted by box."""
     xyz = position.astype(np.float32)
-    rows, box = points_in_footprints(xyz, true.centers[:, :2], true.sizes[:, :2] + 2 * BESIDE_M, true.yaws)
+    rows, box = points_in_footprints(xyz, true.centers[:, :2], true.sizes[:, :2] + 2 * MARGIN_M, true.yaws)
     away_m = np.abs(position[rows, 2] - true.centers[box, 2])
-    near = away_m <= true.sizes[box, 2] / 2 + BESIDE_M
+    near = away_m <= true.sizes[box, 2] / 2 + MARGIN_M
     return rows[near], box[near]
 
 
 class Objects(NamedTuple):
-    """Objects with their points, to put into other frames.
-
-    Attributes:
-        true: Their boxes.
-        position: The points (K, 3) of each.
-        lidar: The lidar (K,) of each point.
-    """
+    """Boxes with the points (K, 3) of each and their lidars (K,), to put into other frames."""
 
     true: TrueBoxes
     position: list[F32]
@@ -124,7 +111,7 @@ class LabelledFrame(NamedTuple):
     reach: F64
 
     def is_labelled(self, xy: F64) -> Bools:
-        """(K,) whether the truth says what is and what is not at places (K, 2)."""
+        """(K,) whether places (K, 2) are labelled, be it as objects or as free."""
         within = first_polygon_with([self.region], xy) == 0
         within &= np.linalg.norm(xy - self.reach[:2], axis=1) <= self.reach[2]
         away_m = np.linalg.norm(xy[:, None] - self.unlabelled[:, :2], axis=2)
@@ -136,7 +123,7 @@ class LabelledFrame(NamedTuple):
         After Yan, Mao, Li, "SECOND: Sparsely embedded convolutional detection", Sensors 2018.
         """
         frame, classes = self, np.unique(objects.true.classes)
-        for _ in range(PASTED if len(classes) else 0):
+        for _ in range(MAX_PASTED if len(classes) else 0):
             row = draw.choice(np.flatnonzero(objects.true.classes == draw.choice(classes)))
             angle = draw.uniform(-np.pi, np.pi)
             turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
@@ -175,7 +162,7 @@ class Recordings(NamedTuple):
         calibrate: Frames that turn scores into probabilities.
         judge: Frames that give the figures.
         objects: File of the objects in `train`.
-        names: For each recording, its files with their checksums.
+        names: Files of the recordings, with checksums.
     """
 
     train: tuple[Path, ...]

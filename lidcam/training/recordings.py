@@ -35,14 +35,14 @@ from lidcam.training.labelled import (
     saved,
 )
 
-ONLY_CLOUDS = "detect2d.method=none", "track.mode=none", "output.images=false", "output.clouds=false"
-"""Settings that switch off what the clouds do not need."""
+LIDARS_ONLY = "detect2d.method=none", "track.mode=none", "output.images=false", "output.clouds=false"
+"""Settings that switch off all that is not needed for the points."""
 
 MIN_FRAMES = 10
-"""One frame in so many calibrates, and as many judge; together they are the last fifth of each recording."""
+"""Minimum frames of a recording of which some are kept apart: half of its last fifth calibrates, half judges."""
 
 GAP_NS = 500_000_000
-"""Frames less than this before those are left out, because they look the same."""
+"""Minimum time between frames to learn from and those kept apart, because neighbours look the same."""
 
 EVERYWHERE_M = 1e5
 SQUARE = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
@@ -53,7 +53,7 @@ def read_recordings(
     folder: Path,
     *,
     check: Callable[[Config], object],
-    told: Callable[[float, str], object],
+    progress: Callable[[float, str], object],
     **options: Unpack[JobOptions],
 ) -> Recordings:
     """Read labelled recordings, and keep a part of each apart.
@@ -62,18 +62,18 @@ def read_recordings(
         recordings: Names of the recordings.
         folder: Empty folder for the frames.
         check: Raises if the settings of a recording do not fit.
-        told: Called with each recording before it is read.
+        progress: Called with each recording before it is read.
         **options: As in `lidcam.process`; `settings` is a sequence.
 
     Raises:
         LidcamError: a recording cannot be read, has no truth, or there are too few frames.
     """
-    options["settings"] = (*options.get("settings", ()), *ONLY_CLOUDS)
+    options["settings"] = (*options.get("settings", ()), *LIDARS_ONLY)
     names: list[str] = []
     parts: tuple[list[Path], ...] = [], [], []
     found_count = 0
     for number, recording in enumerate(recordings):
-        told(number / len(recordings), f"reading {recording}")
+        progress(number / len(recordings), f"reading {recording}")
         own = folder / str(number)
         own.mkdir()
         kept = _Kept(recording, own, check)

@@ -24,22 +24,22 @@ from lidcam.pipeline.detectors.cluster.detector import ClusterDetector
 from lidcam.pipeline.detectors.cluster.kinds import KINDS, kinds_of, knows
 from lidcam.pipeline.detectors.cluster.learned import LearnedScores
 from lidcam.pipeline.detectors.log_odds import logit, sigmoid
-from lidcam.pipeline.detectors.pillars.fitted import FittedPillarDetector
+from lidcam.pipeline.detectors.pillars.detector import FittedPillarDetector
 from lidcam.pipeline.detectors.protocols import Candidates3D
 
 UNKNOWN, PERSON = KINDS.index("background"), KINDS.index("pedestrian")
 
-AHEAD = 0.01
-"""By so much a cluster of a class that the learned score does not know goes before the network's box in its place: the
-points show the sides of model cars better than the network does."""
+CLUSTER_BONUS = 0.01
+"""Log-odds bonus of a cluster over a co-located network box, for classes without a learned score: the points show the
+sides of model cars better than the network does."""
 
 
 class Weights(NamedTuple):
-    """How log odds are added up, for each of `KINDS`.
+    """Weights of log odds in the sum, for each of `KINDS`.
 
     Attributes:
-        both: (5, 3) sum, factor of the score of clusters, factor of the network's, where the network has a box.
-        alone: (5, 2) sum and factor of the score of clusters, where the network could have found a box and has none.
+        both: (5, 3) offset, factor of the clusters' score and factor of the network's, where the network has a box.
+        alone: (5, 2) offset and factor of the clusters' score, where the network could have found a box and has none.
     """
 
     both: F64
@@ -50,16 +50,12 @@ FITTED = Weights(
     both=np.array([[0, 0, 1], [0.00, 0.19, 0.72], [-0.15, 0.23, 0.94], [0.13, 0.65, 0.59], [0.33, 0.28, 0.81]]),
     alone=np.array([[-1, 1], [-2.63, 0.59], [0, 1], [-0.98, 1.02], [-1.45, 1.02]]),
 )
-"""The first row is of classes that the learned score does not know. The others are fitted by logistic regression to 280
-sweeps of 70 drawn roads and crossings that neither network was trained on, where people, cyclists and large vehicles
-count as often as in streets (`benchmarks/measured/combined_fit.py`). The number of points and the distance added
-nothing. In real frames most people and cyclists of a network in pillars are posts and the like, and it misses more of
-them. So half of the fit counts for cyclists (all of it: 0.25, 0.29, 1.17 and -1.95, 1.03); and clusters of people keep
-their score, and boxes of people have no higher one (the fit of what is alone: -0.20, 1.05)."""
+"""The first row is of classes that the learned score does not know. The others are fitted on drawn worlds
+(`benchmarks/measured/combined_fit.py`), by halves for cyclists and not for people alone."""
 
 
 class Evidence(NamedTuple):
-    """What is to be weighed of N boxes.
+    """Log odds of N boxes.
 
     Attributes:
         boxes: The boxes.
@@ -102,7 +98,7 @@ class CombinedDetector:
         return Candidates3D.of(evidence.boxes, sigmoid(self._log_odds(evidence)), combined)
 
     def evidence(self, combined: CombinedCloud) -> Evidence:
-        """The boxes of a frame, and what both make of them."""
+        """The boxes of a frame, and their log odds by both."""
         clusters = likely_boxes(combined, self._site_frame, self._clusters(combined), self._min_score)
         if self._learned is not None:
             clusters = self._learned(combined, clusters)
@@ -111,19 +107,16 @@ class CombinedDetector:
         cluster, partner = self._partners(clusters, found)
         beside, yaws = np.full(len(clusters), np.nan), clusters.yaws.copy()
         kinds = self._kinds[clusters.class_ids[cluster]]
-        beside[cluster] = np.where(kinds == PERSON, np.nan, network[partner] + AHEAD * (kinds == UNKNOWN))
+        beside[cluster] = np.where(kinds == PERSON, np.nan, network[partner] + CLUSTER_BONUS * (kinds == UNKNOWN))
         yaws[cluster] += np.pi * (np.cos(yaws[cluster] - found.yaws[partner]) < 0)
         boxes = found.joined(replace(clusters, yaws=wrap_angle(yaws)))
-        learned = np.concatenate([self._learned_of(combined, found), clusters.scores])
+        own = np.full(len(found), 0.5)
+        if self._learned is not None and len(found):
+            own = self._learned.by_class(combined, found)[np.arange(len(found)), found.class_ids]
+        learned = np.concatenate([own, clusters.scores])
         is_found = np.isin(self._groups, self._groups[self._network.class_ids])
         is_reached = is_found[boxes.class_ids] & self._network.reaches(boxes.centers[:, :2])
         return Evidence(boxes, logit(learned.astype(np.float64)), np.append(network, beside), is_reached)
-
-    def _learned_of(self, combined: CombinedCloud, found: Boxes3D) -> F64:
-        """(N,) learned score of boxes of the network as their class; without one, a half."""
-        if self._learned is None or not len(found):
-            return np.full(len(found), 0.5)
-        return np.asarray(self._learned.by_class(combined, found)[np.arange(len(found)), found.class_ids])
 
     def _partners(self, clusters: Boxes3D, found: Boxes3D) -> tuple[Indices, Indices]:
         """Clusters, and for each the likeliest box of the network that shares its ground, of its kind.

@@ -5,7 +5,7 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F64
 
 SCORE_LIMIT = 0.002
-"""Scores nearer to 0 or 1 than this count as this."""
+"""Minimum distance of a score from 0 and 1."""
 
 
 def logit(scores: F64) -> F64:

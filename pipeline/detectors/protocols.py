@@ -69,14 +69,14 @@ class Candidates3D(NamedTuple):
     def of(cls, boxes: Boxes3D, scores: F64, combined: CombinedCloud) -> Self:
         """Boxes (N,) of a cloud as proposals, with other scores (N,)."""
         return cls(
-            boxes.centers,
-            boxes.sizes,
-            boxes.yaws,
-            scores,
-            boxes.class_ids.astype(np.int64),
-            boxes.point_counts.astype(np.int64),
-            boxes.covariances,
-            boxes.measured_ns - combined.detection_cloud.stamp_ns,
+            centers=boxes.centers,
+            sizes=boxes.sizes,
+            yaws=boxes.yaws,
+            scores=scores,
+            class_ids=boxes.class_ids.astype(np.int64),
+            point_counts=boxes.point_counts.astype(np.int64),
+            covariances=boxes.covariances,
+            time_offsets_ns=boxes.measured_ns - combined.detection_cloud.stamp_ns,
         )
 
 

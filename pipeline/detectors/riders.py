@@ -13,13 +13,16 @@ RIDDEN = frozenset({"bicycle", "motorcycle", "bike", "motorbike"})
 RIDERS = frozenset({"cyclist", "rider", "bicyclist", "motorcyclist"})
 
 MIN_SHARED_WIDTH = 0.6
-"""Of the narrower of the two."""
+"""Minimum shared width of a rider and what is ridden, as a share of the narrower of the two."""
+
 FEET = (0.3, 1.05)
-"""Where a rider's box ends, in heights of the ridden one from its top: on the pedals, or with a foot on the ground."""
+"""Limits of the bottom of a rider's box, in heights of the ridden one from its top: on the pedals, or on the ground."""
+
 MIN_ABOVE = 0.2
-"""How far a rider's box reaches above that of what is ridden, in heights of the latter."""
+"""Minimum height of a rider's box above that of what is ridden, in heights of the latter."""
+
 HEIGHTS = (0.6, 2.5)
-"""A rider's height by that of what is ridden: else one stands behind the other."""
+"""Limits of a rider's height, as a share of that of what is ridden: else one stands behind the other."""
 
 
 def finds_riders_apart(labels: Sequence[str]) -> bool:
@@ -28,9 +31,9 @@ def finds_riders_apart(labels: Sequence[str]) -> bool:
 
 
 def join_riders(boxes: Boxes2D, is_person: Bools, is_ridden: Bools) -> Boxes2D:
-    """Each person on a bicycle or a motorcycle, and that, as one box around both.
+    """Join each person on a bicycle or a motorcycle with it, to one box around both.
 
-    It is of the class of what is ridden, with the better score of the two. A person rides one thing at most, and is the
+    It has the class of what is ridden, and the better score of the two. A person rides one thing at most, and is the
     only one to ride it: of several pairs the one that lies most upright is taken first, of equal ones the first.
 
     Args:

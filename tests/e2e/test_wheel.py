@@ -51,7 +51,6 @@ def check_metadata(wheel: Path) -> None:
     links = re.findall(r"\]\(([^)]+)\)", metadata.description or "")
     assert links
     assert [link for link in links if not link.startswith("https://")] == []
-    assert {"lidcam/networks/simulated.onnx", "lidcam/networks/simulated.md"} < names
     pillars = "lidcam/pipeline/detectors/pillars"
     assert {f"{pillars}/{name}.{kind}" for name in ("traffic", "sandbox") for kind in ("onnx", "md")} < names
     assert "lidcam/py.typed" in names

@@ -5,7 +5,7 @@ from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated, Literal, Unpack
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -15,21 +15,24 @@ from lidcam.pipeline.core.errors import ConfigError, LidcamError, OutputError
 
 if TYPE_CHECKING:
     from lidcam.pipeline.core.settings.config import Config
-    from lidcam.run.job import JobOptions
     from lidcam.training.labelled import Recordings as LabelledRecordings
 
 train_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
-
-ROAD = "Without it road, or the recordings alone."
 
 Recordings = Annotated[
     list[str] | None,
     typer.Option(
         "--recordings",
         metavar="RECORDING",
-        help="A recording with topics of truth to learn from; may be repeated. With --family, half of the scenes.",
+        help="Recording with ground-truth topics to learn from; may be repeated. With --family, half of the scenes.",
     ),
 ]
+Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Random seed: the number of the first world.")]
+Workers = Annotated[
+    int | None,
+    typer.Option(min=1, metavar="N", help="Worker processes; does not change the result. [default: cores]"),
+]
+DEFAULT_FAMILY = "[default: road, or the recordings alone]"
 
 # \b keeps the lines of a paragraph as they are.
 CLUSTERS_EXAMPLES = """\b
@@ -52,11 +55,6 @@ Examples:
   lidcam train convert net.pth --config net.yaml --out mine.onnx
   lidcam-process drive.mcap out.mcap --model-3d mine.onnx
 """
-IMAGES_EXAMPLES = """\b
-Examples:
-  lidcam train images --steps 4000 --out detector.onnx
-  lidcam-process drive.mcap out.mcap --model-2d detector.onnx
-"""
 
 
 @train_app.callback()
@@ -76,22 +74,21 @@ def clusters(
     family: Annotated[
         Literal["road", "crossing", "all"] | None,
         typer.Option(
-            "--family", help=f"Worlds to learn from: lidars on a car, on masts at a crossing, or both. {ROAD}"
+            "--family", help=f"Worlds to learn from: lidars on a car, on masts at a crossing, or both. {DEFAULT_FAMILY}"
         ),
     ] = None,
     worlds: Annotated[
-        int, typer.Option(min=20, metavar="N", help="Worlds of each family, of four sweeps; of recordings as many.")
+        int,
+        typer.Option(
+            min=20, metavar="N", help="Worlds per family, of four sweeps each; recordings count as one family."
+        ),
     ] = 300,
     recordings: Recordings = None,
     config_file: ConfigFile = None,
     settings: Setting = None,
     rig_files: RigFile = None,
-    seed: Annotated[
-        int, typer.Option(min=0, metavar="N", help="Number of the first world; others, other weights.")
-    ] = 0,
-    workers: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Processes; the weights are the same. [default: cores]")
-    ] = None,
+    seed: Seed = 0,
+    workers: Workers = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Train the network that scores clusters of lidar points.
@@ -99,6 +96,7 @@ def clusters(
     On simulated worlds, on labelled recordings, or on both.
     """
     check_simulator()
+    _check_extra("the training")
     from lidcam.cli.printing.progress import show_training
     from lidcam.pipeline.parallel.cores import usable_cores
     from lidcam.training.clusters import train_clusters
@@ -108,18 +106,12 @@ def clusters(
     card, processes = out.with_suffix(".md"), workers or usable_cores()
     with OutputTransaction([out, card], check_old=partial(_check_old, overwrite=overwrite)) as outputs:
         with TemporaryDirectory() as folder:
-            given = _read(
-                recordings,
-                folder,
-                family,
-                config=config_file,
-                settings=settings or (),
-                rig=rig_files,
-                workers=workers,
-            )
-            one = family if family or given else "road"
-            with show_training() as told:
-                trained = train_clusters(one, worlds, seed, workers=processes, told=told, recordings=given)
+            labelled = _read(recordings, folder, family, config_file, settings, rig_files, workers)
+            chosen = family if family or labelled else "road"
+            with show_training() as progress:
+                trained = train_clusters(
+                    chosen, worlds, seed, workers=processes, progress=progress, recordings=labelled
+                )
         with output_errors(out), outputs[out].part.open("xb") as file:
             file.write(trained.network.to_bytes())
         outputs[card].write_text(trained.card)
@@ -143,26 +135,22 @@ def pillars(
         Literal["road", "crossing", "all", "sandbox"] | None,
         typer.Option(
             "--family",
-            help=f"Worlds to learn from: a lidar on a car, on a mast at a crossing, either, at a table. {ROAD}",
+            help="Worlds to learn from: a lidar on a car, on a mast at a crossing, either, at a table. "
+            f"{DEFAULT_FAMILY}",
         ),
     ] = None,
     recordings: Recordings = None,
     config_file: ConfigFile = None,
     settings: Setting = None,
     rig_files: RigFile = None,
-    seed: Annotated[
-        int, typer.Option(min=0, metavar="N", help="Number of the first world; others, another network.")
-    ] = 0,
-    workers: Annotated[
-        int | None,
-        typer.Option(min=1, metavar="N", help="Processes that make sweeps; these are the same. [default: cores]"),
-    ] = None,
+    seed: Seed = 0,
+    workers: Workers = None,
     begin: Annotated[
         str,
         typer.Option(
             "--from",
             metavar="NAME",
-            help="Network to begin with: traffic, sandbox, FILE.onnx of such a training, or none. "
+            help="Initial network: traffic, sandbox, FILE.onnx of such a training, or none. "
             "[default: with --recordings the one that comes with lidcam, else none]",
         ),
     ] = "",
@@ -175,7 +163,7 @@ def pillars(
     resume: Annotated[
         bool,
         typer.Option(
-            "--resume", help="Go on from FILE.ckpt, if there is one; also with more steps, or other recordings."
+            "--resume", help="Continue from FILE.ckpt, if there is one; also with more steps, or other recordings."
         ),
     ] = False,
     overwrite: Overwrite = False,
@@ -185,7 +173,7 @@ def pillars(
     On simulated worlds, on labelled recordings, or on both.
     """
     check_simulator()
-    _check_torch("the training")
+    _check_extra("the training")
     from lidcam.cli.printing.progress import show_training
     from lidcam.pipeline.detectors.pillars.embedded import existing_network_file
     from lidcam.pipeline.parallel.cores import usable_cores
@@ -199,22 +187,24 @@ def pillars(
         if state.exists() and not (resume or overwrite):
             raise OutputError(f"{state}: exists; go on with --resume, or begin anew with --overwrite")
         with TemporaryDirectory() as folder:
-            given = _read(
-                recordings, folder, family, config=config_file, settings=settings or (), rig=rig_files, workers=workers
-            )
+            labelled = _read(recordings, folder, family, config_file, settings, rig_files, workers)
             embedded = "sandbox" if family == "sandbox" else "traffic"
-            first = begin or (embedded if given else "none")
+            first = begin or (embedded if labelled else "none")
             if not resume:
                 if first != "none":
                     existing_network_file(Path(first))
                 state.unlink(missing_ok=True)
-            worlds = family or "road"
-            has_worlds = bool(family) or not given
             checkpoint = Checkpoint(
-                state, worlds, seed, given, has_worlds, begin="" if first == "none" else first, bfloat16=bfloat16
+                path=state,
+                worlds=family or "road",
+                seed=seed,
+                recordings=labelled,
+                has_worlds=bool(family) or not labelled,
+                begin="" if first == "none" else first,
+                bfloat16=bfloat16,
             )
-            with show_training() as told:
-                text = train_pillars(checkpoint, outputs[out].part, steps, workers=processes, told=told)
+            with show_training() as progress:
+                text = train_pillars(checkpoint, outputs[out].part, steps, workers=processes, progress=progress)
         outputs[card].write_text(text)
     typer.echo(text)
 
@@ -251,10 +241,10 @@ def convert(
     overwrite: Overwrite = False,
 ) -> None:
     """Convert PointPillars or CenterPoint in pillars of OpenPCDet or mmdetection3d, to run them without PyTorch."""
-    _check_torch("reading a checkpoint")
+    _check_extra("reading a checkpoint")
     from lidcam.outputs.allowed import check_no_input
     from lidcam.training.kits.convert import converted
-    from lidcam.training.kits.parts import Data
+    from lidcam.training.kits.model import Data
     from lidcam.writers.outputs.transaction import OutputTransaction
 
     check_no_input([out], [network, *([config] if config else [])])
@@ -268,46 +258,21 @@ def convert(
     typer.echo(f"ground at {specs.ground_z_m:g} m, intensities to {specs.intensity_max:g}")
 
 
-@train_app.command(epilog=IMAGES_EXAMPLES)
-@with_log_options
-def images(
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out", metavar="FILE.onnx", callback=ends_in(".onnx"), help="The network; FILE.md beside it is its card."
-        ),
-    ],
-    steps: Annotated[int, typer.Option(min=1, metavar="N", help="Steps, of eight parts of images each.")],
-    seed: Annotated[
-        int, typer.Option(min=0, metavar="N", help="Number of the first world; others, another network.")
-    ] = 0,
-    overwrite: Overwrite = False,
-) -> None:
-    """Train a network that finds 2D boxes in simulated images, on drawn worlds; in real images it is of no use."""
-    check_simulator()
-    _check_torch("the training")
-    from lidcam.cli.printing.progress import show_training
-    from lidcam.training.images.train import train_images
-    from lidcam.writers.outputs.transaction import OutputTransaction
-
-    card = out.with_suffix(".md")
-    with OutputTransaction([out, card], check_old=partial(_check_old, overwrite=overwrite)) as outputs:
-        with show_training() as told:
-            text = train_images(outputs[out].part, steps, seed, told=told)
-        outputs[card].write_text(text)
-    typer.echo(text)
-
-
-def _check_torch(what: str) -> None:
-    if find_spec("torch") is None:
-        raise LidcamError(f"{what} needs torch, which is not installed: pip install 'lidcam[train]'")
+def _check_extra(purpose: str) -> None:
+    if missing := [name for name in ("torch", "onnx") if find_spec(name) is None]:
+        raise LidcamError(
+            f"{purpose} needs {' and '.join(missing)}, which is not installed: pip install 'lidcam[train]'"
+        )
 
 
 def _read(
     recordings: Sequence[str] | None,
     folder: str,
     family: str | None,
-    **options: Unpack["JobOptions"],
+    config: str | None,
+    settings: Sequence[str] | None,
+    rig: list[str] | None,
+    workers: int | None,
 ) -> "LabelledRecordings | None":
     """Recordings to learn from; None if there are none."""
     if not recordings:
@@ -315,9 +280,16 @@ def _read(
     from lidcam.cli.printing.progress import show_training
     from lidcam.training.recordings import read_recordings
 
-    with show_training() as told:
+    with show_training() as progress:
         return read_recordings(
-            recordings, Path(folder), check=partial(_check_classes, family=family), told=told, **options
+            recordings,
+            Path(folder),
+            check=partial(_check_classes, family=family),
+            progress=progress,
+            config=config,
+            settings=settings or (),
+            rig=rig,
+            workers=workers,
         )
 
 
@@ -338,6 +310,5 @@ def _check_classes(config: "Config", *, family: str | None) -> None:
 
 
 def _check_old(path: Path, *, overwrite: bool) -> None:
-    """Refuse to replace a file that is not meant to be."""
     if not overwrite:
         raise OutputError(f"{path}: exists; choose another name, or replace it with --overwrite")

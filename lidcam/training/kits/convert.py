@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import onnx
 from pydantic import ValidationError
 
 from lidcam.pipeline.core.errors import ModelError
@@ -13,12 +14,10 @@ from lidcam.pipeline.core.text import one_line
 from lidcam.pipeline.detectors.onnx.session import OnnxSession
 from lidcam.pipeline.detectors.pillars.kits import KEY, KIT_INPUTS, KIT_OUTPUTS, KitSpecs
 from lidcam.training.kits.files import read_checkpoint, read_config
-from lidcam.training.kits.graph import Rows, add_anchor_boxes, add_network, by_row
+from lidcam.training.kits.graph import Rows, Weights, add_anchor_boxes, add_network, by_row
 from lidcam.training.kits.mmdet3d import mmdet3d_model
-from lidcam.training.kits.network import AnchorHead, KitModel
+from lidcam.training.kits.model import AnchorHead, Data, KitModel
 from lidcam.training.kits.openpcdet import openpcdet_model
-from lidcam.training.kits.parts import Data
-from lidcam.training.kits.weights import Weights
 from lidcam.training.onnx_graph import FLOAT, INT64, Graph, Value
 
 MMDEPLOY = "cls_score", "bbox_pred", "dir_cls_pred"
@@ -30,7 +29,7 @@ EXPORTS: dict[tuple[str, ...], tuple[tuple[str, ...], ...]] = {
 
 
 class Converted(NamedTuple):
-    """A file for `--model-3d`."""
+    """Content of a file for `--model-3d`, and the metadata in it."""
 
     content: bytes
     specs: KitSpecs
@@ -42,7 +41,7 @@ def converted(network: Path, config: Path | None, given: Data) -> Converted:
     Args:
         network: Checkpoint, or ONNX file.
         config: Configuration; None: the one that mmdetection3d put into the checkpoint.
-        given: What the user says about its data set.
+        given: Values that take precedence over those known for the data set.
 
     Raises:
         ModelError: a file cannot be read, or lidcam cannot run the network.
@@ -56,11 +55,10 @@ def converted(network: Path, config: Path | None, given: Data) -> Converted:
         raise ModelError(f"{network}: holds no configuration: give --config FILE")
     source = config or network
     model = _model(source, "" if config else checkpoint.config, given)
-    graph, weights = Graph(), Weights(network, checkpoint.weights)
+    graph, weights, specs = Graph(), Weights(checkpoint.weights), model.specs
     with _named(source):
         add_network(graph, model, weights)
-    weights.check()
-    specs = model.specs
+        weights.check_none_left()
     inputs = (KIT_INPUTS[0], FLOAT, ("points", len(specs.features))), (KIT_INPUTS[1], INT64, ("points", 1))
     return Converted(graph.file(inputs, _outputs(specs), {KEY: specs.model_dump_json()}), specs)
 
@@ -106,8 +104,8 @@ def _exported(path: Path, model: KitModel) -> Converted:
     ]
     with _named(path):
         add_anchor_boxes(graph, model, head, Rows(*rows))
-    specs = model.specs.model_copy(update={"layout": "voxels", "features": model.raw})
-    return Converted(graph.file_behind(path.read_bytes(), _outputs(specs), {KEY: specs.model_dump_json()}), specs)
+    specs = model.specs.model_copy(update={"layout": "voxels", "features": tuple(model.raw)})
+    return Converted(graph.file_behind(onnx.load(path), _outputs(specs), {KEY: specs.model_dump_json()}), specs)
 
 
 def _outputs(specs: KitSpecs) -> tuple[Value, Value]:

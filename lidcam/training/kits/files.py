@@ -18,19 +18,14 @@ BASE = "_BASE_CONFIG_"
 
 
 class Checkpoint(NamedTuple):
-    """What a checkpoint holds.
-
-    Attributes:
-        weights: Weights by name of the layer.
-        config: The configuration that mmdetection3d puts beside them; empty: none.
-    """
+    """Weights by name of the layer, and the configuration that mmdetection3d puts beside them; empty: none."""
 
     weights: dict[str, F64]
     config: str
 
 
-class _Left:
-    """Stands for objects of classes that are not needed; none of their code is called."""
+class _StandIn:
+    """Takes the place of objects of other classes; none of their code is called."""
 
     def __init__(self, *_: object) -> None:
         pass
@@ -47,17 +42,19 @@ def read_checkpoint(path: Path) -> Checkpoint:
     """
     expected = f"{path}: expected a checkpoint of OpenPCDet or mmdetection3d"
     try:
-        held: Any = _loaded(path)
-        named = next((held[key] for key in ("model_state", "state_dict") if key in held), held)
-        weights = {name.removeprefix("module."): _numbers(value) for name, value in named.items()}
-        meta = held.get("meta", {})
+        content: Any = _loaded(path)
+        named = next((content[key] for key in ("model_state", "state_dict") if key in content), content)
+        weights = {
+            name.removeprefix("module."): np.asarray(one.detach().double().numpy()) for name, one in named.items()
+        }
+        meta = content.get("meta", {})
         config = str(meta.get("cfg") or meta.get("config") or "")
         version = str(meta.get("mmdet3d_version", "1"))
     except Exception as err:  # errors of pickled files share no base class
         cause = err.__context__ or err  # PyTorch's own error advises to read the file unsafely
-        told = one_line(f"{type(cause).__name__}: {cause}", max_characters=300)
-        reason = "no such file" if isinstance(err, FileNotFoundError) else told
-        raise ModelError(f"{expected}, found {reason}") from err
+        reason = one_line(f"{type(cause).__name__}: {cause}", max_characters=300)
+        found = "no such file" if isinstance(err, FileNotFoundError) else reason
+        raise ModelError(f"{expected}, found {found}") from err
     if version.startswith("0."):
         raise ModelError(
             f"{path}: expected mmdetection3d 1.0 or later, found {version}, whose boxes are turned otherwise"
@@ -71,19 +68,15 @@ def _loaded(path: Path) -> Any:
         strange = torch.serialization.get_unsafe_globals_in_checkpoint(path)
     except Exception:  # the older format, which OpenPCDet uses, does not say
         strange = []
-    with torch.serialization.safe_globals([(_Left, name) for name in strange]):
+    with torch.serialization.safe_globals([(_StandIn, name) for name in strange]):
         return torch.load(path, map_location="cpu", weights_only=True)
-
-
-def _numbers(tensor: Any) -> F64:
-    return np.asarray(tensor.detach().to(torch.float64).numpy())
 
 
 def read_config(path: Path, text: str = "") -> dict[str, Any]:
     """Read a configuration: YAML of OpenPCDet with the files that it is based on; JSON or Python of mmengine.
 
     Args:
-        path: Its file, or the file that the text comes from.
+        path: The file, or the source of the text.
         text: Python; empty: read the file.
 
     Raises:
@@ -138,9 +131,5 @@ def _with_bases(config: Any, path: Path) -> Any:
 
 
 def _merged(base: dict[str, Any], changed: dict[str, Any]) -> dict[str, Any]:
-    both = {
-        key: _merged(base[key], changed[key])
-        for key in base.keys() & changed.keys()
-        if isinstance(base[key], dict) and isinstance(changed[key], dict)
-    }
-    return base | changed | both
+    shared = [key for key in base.keys() & changed.keys() if isinstance(base[key], dict)]
+    return base | changed | {key: _merged(base[key], changed[key]) for key in shared if isinstance(changed[key], dict)}

@@ -1,26 +1,84 @@
 """The networks of the kits as nodes of ONNX, from points in pillars to boxes."""
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import I64
+from lidcam.pipeline.core.arrays import F64, I64
 from lidcam.pipeline.core.errors import ModelError
 from lidcam.pipeline.detectors.pillars.kits import KIT_INPUTS, KIT_OUTPUTS
-from lidcam.training.kits.network import AnchorHead, Backbone, CenterHead, KitModel
-from lidcam.training.kits.weights import Weights
+from lidcam.training.kits.model import AnchorHead, Backbone, CenterHead, KitModel
 from lidcam.training.onnx_graph import FLOAT, Graph
 
 MAX_BOXES = 1000
-"""How many of the likeliest boxes a network, or each group of classes, gives; lidcam keeps the best in each place."""
+"""Maximum number of boxes of a network, or of each group of classes; lidcam keeps the best in each place."""
 
 UNLIKELY = -30.0
-"""Log odds that a box gets for the classes of other groups."""
+"""Log odds of a box for the classes of other groups."""
+
+COUNTERS = ("num_batches_tracked", "global_step")
+"""Counters that a training keeps among its weights."""
+
+
+class Weights:
+    """Gives each layer its weights, and keeps track of those that no layer took."""
+
+    def __init__(self, weights: Mapping[str, F64]) -> None:
+        self._left = {name: array for name, array in weights.items() if name.rpartition(".")[2] not in COUNTERS}
+
+    def take(self, name: str, *shape: int) -> F64:
+        """Weights by name.
+
+        Raises:
+            ModelError: they are missing, or have another shape.
+        """
+        found = self._left.pop(name, None)
+        if found is None or found.shape != shape:
+            other = "none" if found is None else f"{found.shape}"
+            raise ModelError(f"expected weights {name} {shape} in the checkpoint, found {other}")
+        return found
+
+    def take_folded(
+        self, pair: tuple[str, str], shape: tuple[int, ...], eps: float, *, axis: int = 0, has_bias: bool = False
+    ) -> tuple[F64, F64]:
+        """Weights and bias of a layer with its normalisation folded in.
+
+        Args:
+            pair: Names of the layer and of the normalisation.
+            shape: Shape of the layer's weights.
+            eps: Epsilon of the normalisation.
+            axis: Axis of the layer's outputs.
+            has_bias: Whether the layer has a bias.
+
+        Raises:
+            ModelError: as `take`.
+        """
+        layer, norm = pair
+        count = shape[axis]
+        weight = self.take(f"{layer}.weight", *shape)
+        bias = self.take(f"{layer}.bias", count) if has_bias else np.zeros(count)
+        gain, shift, mean, variance = (
+            self.take(f"{norm}.{part}", count) for part in ("weight", "bias", "running_mean", "running_var")
+        )
+        scale = gain / np.sqrt(variance + eps)
+        along = [-1 if one == axis else 1 for one in range(len(shape))]
+        return weight * scale.reshape(along), shift + (bias - mean) * scale
+
+    def check_none_left(self) -> None:
+        """Check that layers took all weights.
+
+        Raises:
+            ModelError: some are left.
+        """
+        if self._left:
+            some = ", ".join([*self._left][:4])
+            raise ModelError(f"expected no other weights in the checkpoint, found {len(self._left)}: {some}")
 
 
 class Image(NamedTuple):
-    """A value (1, channels, rows, columns)."""
+    """Name of a value (1, channels, rows, columns), and its channels."""
 
     name: str
     channels: int
@@ -51,67 +109,60 @@ def add_network(graph: Graph, model: KitModel, weights: Weights) -> None:
         _add_center_boxes(graph, model, head, weights, image)
         return
     layers = {"conv_cls": len(model.specs.classes), model.names.boxes: head.code, "conv_dir_cls": head.directions}
-    made = [
+    rows = [
         by_row(graph, _last(graph, weights, f"{name}.{layer}", image, len(head.anchors) * numbers, 1), numbers)
         for layer, numbers in layers.items()
         if numbers
     ]
-    add_anchor_boxes(graph, model, head, Rows(*made))
+    add_anchor_boxes(graph, model, head, Rows(*rows))
 
 
 def by_row(graph: Graph, image: str, numbers: int) -> str:
-    """Reshape an image into rows of so many numbers."""
+    """Reshape an image into rows of numbers."""
     return graph.add("Reshape", graph.add("Transpose", image, perm=[0, 2, 3, 1]), np.array([-1, numbers]))
 
 
 def add_anchor_boxes(graph: Graph, model: KitModel, head: AnchorHead, rows: Rows) -> None:
     """Add the nodes that turn the values of anchors into boxes, with the outputs `KIT_OUTPUTS`."""
-    cells, count = _output_cells(model), np.array(len(head.anchors))
+    anchors, cells, count = head.anchors, _output_cells(model), np.array(len(head.anchors))
     likely = _likeliest(graph, rows.classes, len(model.specs.classes), int(count * cells.prod()))
-    low, high = (np.array([getattr(one, name) for one in head.anchors]) for name in ("low_m", "high_m"))
-    is_centred = np.array([[one.is_centred] for one in head.anchors])
+    low, high = np.array([one.low_m for one in anchors]), np.array([one.high_m for one in anchors])
+    is_centred = np.array([[one.is_centred] for one in anchors])
     step = (high - low) / np.where(is_centred, cells, np.maximum(cells - 1, 1))
-    size = np.array([one.size_m for one in head.anchors])
-    own = graph.add("Mod", likely, count)
-    first, step_xy, z, sides, diagonal, height, yaw = (
-        graph.add("Gather", one.reshape(len(head.anchors), -1), own)
-        for one in (
-            low + step / 2 * is_centred,
-            step,
-            np.array([one.z_m for one in head.anchors]),
-            size,
-            np.hypot(size[:, 0], size[:, 1]),
-            size[:, 2],
-            np.array([one.yaw_rad for one in head.anchors]),
-        )
+    size = np.array([one.size_m for one in anchors])
+    z, yaw = np.array([one.z_m for one in anchors]), np.array([one.yaw_rad for one in anchors])
+    anchor = graph.add("Mod", likely, count)
+    first_xy, step_xy, anchor_z, sides, diagonal, height, anchor_yaw = (
+        graph.add("Gather", one.reshape(len(anchors), -1), anchor)
+        for one in (low + step / 2 * is_centred, step, z, size, np.hypot(size[:, 0], size[:, 1]), size[:, 2], yaw)
     )
     numbers = graph.add("Gather", rows.boxes, likely)
     place = graph.add("Mul", _column_row(graph, graph.add("Div", likely, count), int(cells[0])), step_xy)
     moved = graph.add("Mul", _columns(graph, numbers, 0, 1), diagonal)
-    xy = graph.add("Add", graph.add("Add", place, first), moved)
-    z = graph.add("Add", graph.add("Mul", _columns(graph, numbers, 2), height), z)
+    xy = graph.add("Add", graph.add("Add", place, first_xy), moved)
+    box_z = graph.add("Add", graph.add("Mul", _columns(graph, numbers, 2), height), anchor_z)
     sides = graph.add("Mul", graph.add("Exp", _columns(graph, numbers, 3, 4, 5)), sides)
-    heading = graph.add("Add", _columns(graph, numbers, 6), yaw)
+    heading = graph.add("Add", _columns(graph, numbers, 6), anchor_yaw)
     if rows.turns:
         part = np.array(2 * math.pi / head.directions)
         which = graph.add("Cast", graph.add("ArgMax", graph.add("Gather", rows.turns, likely), axis=1), to=FLOAT)
         since = graph.add("Div", graph.add("Sub", heading, np.array(head.offset_rad)), part)
         whole = graph.add("Floor", graph.add("Add", since, np.array(head.limit)))
         heading = graph.add("Add", heading, graph.add("Mul", graph.add("Sub", which, whole), part))
-    parts = xy, z, sides, graph.add("Sin", heading), graph.add("Cos", heading)
+    parts = xy, box_z, sides, graph.add("Sin", heading), graph.add("Cos", heading)
     graph.add("Concat", *parts, axis=1, name=KIT_OUTPUTS[0])
     graph.add("Gather", rows.classes, likely, name=KIT_OUTPUTS[1])
 
 
 def _add_center_boxes(graph: Graph, model: KitModel, head: CenterHead, weights: Weights, image: Image) -> None:
-    names, grid, pair = model.names, model.specs.grid, model.names.pair
+    names, grid, (conv, norm) = model.names, model.specs.grid, model.names.pair
     cells, kinds = _output_cells(model), len(model.specs.classes)
     if tuple(cells * head.stride) != grid.cells:
         raise ModelError(
             f"the output has {cells.tolist()} cells of {head.stride} pillars, for {list(grid.cells)} pillars"
         )
-    name = f"{names.head}.shared_conv"
-    image = _convolved(graph, weights, image, (f"{name}.{pair[0]}", f"{name}.{pair[1]}"), head.shared, 3, 1, head)
+    shared = f"{names.head}.shared_conv"
+    image = _convolved(graph, weights, image, (f"{shared}.{conv}", f"{shared}.{norm}"), head.shared, 3, 1, head)
     found, before = [], 0
     for task, classes in enumerate(head.tasks):
         rows = {}
@@ -119,8 +170,8 @@ def _add_center_boxes(graph: Graph, model: KitModel, head: CenterHead, weights: 
             is_needed = branch in (names.heat, *names.branches)
             made, part, own = image, f"{names.head}.{names.heads}.{task}.{branch}", graph if is_needed else Graph()
             for layer in range(layers - 1):
-                both = f"{part}.{layer}.{pair[0]}", f"{part}.{layer}.{pair[1]}"
-                made = _convolved(own, weights, made, both, head.width, head.kernel, 1, head)
+                pair = f"{part}.{layer}.{conv}", f"{part}.{layer}.{norm}"
+                made = _convolved(own, weights, made, pair, head.width, head.kernel, 1, head)
             rows[branch] = by_row(own, _last(own, weights, f"{part}.{layers - 1}", made, numbers, head.kernel), numbers)
         likely = _likeliest(graph, rows[names.heat], len(classes), int(cells.prod()))
         offset, z, sides, turn, odds = (
@@ -145,10 +196,10 @@ def _encoded(graph: Graph, model: KitModel, weights: Weights) -> Image:
     points, before, last = KIT_INPUTS[0], len(model.specs.features), len(model.encoder.channels) - 1
     for row, channels in enumerate(model.encoder.channels):
         width, name = channels if row == last else channels // 2, f"{model.names.encoder}.{row}"
-        weight, bias = weights.folded((f"{name}.linear", f"{name}.norm"), (width, before), eps)
+        weight, bias = weights.take_folded((f"{name}.linear", f"{name}.norm"), (width, before), eps)
         points = graph.add("Relu", graph.add("Add", graph.add("MatMul", points, weight.T), bias))
         empty = graph.add("ConstantOfShape", np.array([columns * rows, width]))
-        canvas = graph.add("ScatterND", empty, KIT_INPUTS[1], points, reduction=b"max")
+        canvas = graph.add("ScatterND", empty, KIT_INPUTS[1], points, reduction="max")
         if row < last:
             points = graph.add("Concat", points, graph.add("GatherND", canvas, KIT_INPUTS[1]), axis=1)
         before = 2 * width
@@ -157,30 +208,26 @@ def _encoded(graph: Graph, model: KitModel, weights: Weights) -> Image:
 
 
 def _backbone(graph: Graph, model: KitModel, weights: Weights, image: Image) -> Image:
+    """All blocks, each scaled to the size of the output."""
     parts, first, raised = model.backbone, model.names.first, []
     for block, (channels, layers, stride) in enumerate(zip(parts.channels, parts.layers, parts.strides, strict=True)):
         name = f"{model.names.blocks}.{block}"
         for layer in range(layers + 1):
-            place, step = first + 3 * layer, 1 if layer else stride
-            image = _convolved(
-                graph, weights, image, (f"{name}.{place}", f"{name}.{place + 1}"), channels, 3, step, parts
-            )
-        raised.append(_raised(graph, model, weights, image, block))
+            pair = f"{name}.{first + 3 * layer}", f"{name}.{first + 3 * layer + 1}"
+            image = _convolved(graph, weights, image, pair, channels, 3, 1 if layer else stride, parts)
+        name = f"{model.names.ups}.{block}"
+        up_channels, up_stride, pair = parts.up_channels[block], parts.up_strides[block], (f"{name}.0", f"{name}.1")
+        if up_stride < 1 or (up_stride == 1 and parts.convolves):
+            side = round(1 / up_stride)
+            folded = weights.take_folded(pair, (up_channels, image.channels, side, side), parts.up_eps)
+            up = graph.add("Conv", image.name, *folded, strides=[side, side])
+        else:
+            side = int(up_stride)
+            folded = weights.take_folded(pair, (image.channels, up_channels, side, side), parts.up_eps, axis=1)
+            sides = [side, side]
+            up = graph.add("ConvTranspose", image.name, *folded, strides=sides, kernel_shape=sides)
+        raised.append(graph.add("Relu", up))
     return Image(graph.add("Concat", *raised, axis=1), sum(parts.up_channels))
-
-
-def _raised(graph: Graph, model: KitModel, weights: Weights, image: Image, block: int) -> str:
-    """A block, scaled to the size of the output."""
-    parts, name = model.backbone, f"{model.names.ups}.{block}"
-    channels, stride, pair = parts.up_channels[block], parts.up_strides[block], (f"{name}.0", f"{name}.1")
-    if stride < 1 or (stride == 1 and parts.convolves):
-        side = round(1 / stride)
-        folded = weights.folded(pair, (channels, image.channels, side, side), parts.up_eps)
-        return graph.add("Relu", graph.add("Conv", image.name, *folded, strides=[side, side]))
-    side = int(stride)
-    folded = weights.folded(pair, (image.channels, channels, side, side), parts.up_eps, axis=1)
-    made = graph.add("ConvTranspose", image.name, *folded, strides=[side, side], kernel_shape=[side, side])
-    return graph.add("Relu", made)
 
 
 def _output_cells(model: KitModel) -> I64:
@@ -206,14 +253,14 @@ def _convolved(
 ) -> Image:
     """A convolution, its normalisation and a ReLU."""
     shape, has_bias = (channels, image.channels, kernel, kernel), isinstance(part, CenterHead) and part.has_bias
-    folded = weights.folded(pair, shape, part.eps, has_bias=has_bias)
+    folded = weights.take_folded(pair, shape, part.eps, has_bias=has_bias)
     made = graph.add("Conv", image.name, *folded, strides=[stride, stride], pads=[kernel // 2] * 4)
     return Image(graph.add("Relu", made), channels)
 
 
 def _last(graph: Graph, weights: Weights, name: str, image: Image, channels: int, kernel: int) -> str:
-    weight = weights(f"{name}.weight", channels, image.channels, kernel, kernel)
-    return graph.add("Conv", image.name, weight, weights(f"{name}.bias", channels), pads=[kernel // 2] * 4)
+    weight = weights.take(f"{name}.weight", channels, image.channels, kernel, kernel)
+    return graph.add("Conv", image.name, weight, weights.take(f"{name}.bias", channels), pads=[kernel // 2] * 4)
 
 
 def _columns(graph: Graph, rows: str, *wanted: int) -> str:
@@ -223,13 +270,12 @@ def _columns(graph: Graph, rows: str, *wanted: int) -> str:
 def _column_row(graph: Graph, cell: str, columns: int) -> str:
     """(K, 2) float32 column and row of cells (K,)."""
     flat, count = graph.add("Reshape", cell, np.array([-1, 1])), np.array(columns)
-    return graph.add(
-        "Cast", graph.add("Concat", graph.add("Mod", flat, count), graph.add("Div", flat, count), axis=1), to=FLOAT
-    )
+    both = graph.add("Concat", graph.add("Mod", flat, count), graph.add("Div", flat, count), axis=1)
+    return graph.add("Cast", both, to=FLOAT)
 
 
 def _likeliest(graph: Graph, log_odds: str, kinds: int, count: int) -> str:
-    """(K,) numbers of the rows, of so many, that have the likeliest classes."""
+    """(K,) numbers of those of `count` rows that have the likeliest classes."""
     best = log_odds if kinds == 1 else graph.add("TopK", log_odds, np.array([1]), axis=1)
     flat = graph.add("Reshape", best, np.array([-1]))
     return f"{graph.add('TopK', flat, np.array([min(count, MAX_BOXES)]))}.second"

@@ -4,8 +4,7 @@ import math
 from typing import Any
 
 from lidcam.pipeline.detectors.pillars.kits import Feature
-from lidcam.training.kits.network import Anchor, AnchorHead, Backbone, CenterHead, Encoder, KitModel, Names
-from lidcam.training.kits.parts import OFFSETS, Data, check, check_parts, data_of, raw_features, specs_of
+from lidcam.training.kits import model as kit
 
 PARTS = {
     "voxel_encoder": ("PillarFeatureNet",),
@@ -18,7 +17,7 @@ POINT = "x", "y", "z", "intensity", "age or elongation"
 NO_PARTS = {"data_preprocessor", "voxel_layer", "train_cfg", "test_cfg", "init_cfg"}
 
 
-def mmdet3d_model(config: dict[str, Any], given: Data) -> KitModel:
+def mmdet3d_model(config: dict[str, Any], given: kit.Data) -> kit.KitModel:
     """The network of a configuration.
 
     Raises:
@@ -27,18 +26,20 @@ def mmdet3d_model(config: dict[str, Any], given: Data) -> KitModel:
     """
     model, prefix = config["model"], "pts_" if "pts_voxel_encoder" in config["model"] else ""
     own = {key.removeprefix(prefix): part for key, part in model.items() if isinstance(part, dict)}
-    check_parts(model["type"], {key: part["type"] for key, part in own.items() if key not in NO_PARTS}, PARTS)
+    kit.check_parts(model["type"], {key: part["type"] for key, part in own.items() if key not in NO_PARTS}, PARTS)
     encoder, backbone, neck, head = (own[key] for key in ("voxel_encoder", "backbone", "neck", "bbox_head"))
     voxels = own.get("data_preprocessor", own).get("voxel_layer") or own["voxel_layer"]
     limits = voxels["point_cloud_range"]
-    check(encoder.get("point_cloud_range"), limits, "voxel_encoder.point_cloud_range")
+    kit.check(encoder.get("point_cloud_range"), limits, "voxel_encoder.point_cloud_range")
     made = _anchors(head) if head["type"] == "Anchor3DHead" else _centers(head, limits)
-    names = [name for task in made.tasks for name in task] if isinstance(made, CenterHead) else config["class_names"]
-    data = data_of(config.get("dataset_type"), given)
-    specs = specs_of(names, limits, voxels["voxel_size"], _features(encoder), voxels["max_num_points"], data)
-    check(list(own["middle_encoder"]["output_shape"]), [*specs.grid.cells[::-1]], "middle_encoder.output_shape")
-    return KitModel(
-        names=Names(
+    names = (
+        [name for task in made.tasks for name in task] if isinstance(made, kit.CenterHead) else config["class_names"]
+    )
+    features, most, data_set = _features(encoder), voxels["max_num_points"], config.get("dataset_type")
+    specs = kit.specs_of(names, limits, voxels["voxel_size"], features, most, data_set, given)
+    kit.check(list(own["middle_encoder"]["output_shape"]), [*specs.grid.cells[::-1]], "middle_encoder.output_shape")
+    return kit.KitModel(
+        names=kit.Names(
             encoder=f"{prefix}voxel_encoder.pfn_layers",
             blocks=f"{prefix}backbone.blocks",
             ups=f"{prefix}neck.deblocks",
@@ -51,9 +52,9 @@ def mmdet3d_model(config: dict[str, Any], given: Data) -> KitModel:
             branches=("reg", "height", "dim", "rot"),
         ),
         specs=specs,
-        raw=raw_features(POINT[: encoder["in_channels"]]),
-        encoder=Encoder(channels=encoder["feat_channels"], eps=_eps(encoder, 1e-3)),
-        backbone=Backbone(
+        raw=kit.raw_features(POINT[: encoder["in_channels"]]),
+        encoder=kit.Encoder(channels=encoder["feat_channels"], eps=_eps(encoder, 1e-3)),
+        backbone=kit.Backbone(
             channels=backbone["out_channels"],
             layers=backbone["layer_nums"],
             strides=backbone["layer_strides"],
@@ -69,33 +70,33 @@ def mmdet3d_model(config: dict[str, Any], given: Data) -> KitModel:
 
 def _features(encoder: dict[str, Any]) -> list[Feature]:
     """Features of the points. With `legacy`, the default, the place in the pillar overwrites the place of a point."""
-    check(encoder.get("mode", "max"), "max", "voxel_encoder.mode")
-    raw = raw_features(POINT[: encoder["in_channels"]])
+    kit.check(encoder.get("mode", "max"), "max", "voxel_encoder.mode")
+    raw = kit.raw_features(POINT[: encoder["in_channels"]])
     cluster, center = encoder.get("with_cluster_center", True), encoder.get("with_voxel_center", True)
-    features: list[Feature] = raw + OFFSETS[:3] * cluster + OFFSETS[3:] * center
+    features: list[Feature] = raw + kit.OFFSETS[:3] * cluster + kit.OFFSETS[3:] * center
     if encoder.get("legacy", True) and center:
-        features[:3] = OFFSETS[3:]
-        check(encoder.get("with_distance", False), False, "voxel_encoder.with_distance")
+        features[:3] = kit.OFFSETS[3:]
+        kit.check(encoder.get("with_distance", False), False, "voxel_encoder.with_distance")
     if encoder.get("with_distance", False):
         features.append("distance")
     return features
 
 
-def _anchors(head: dict[str, Any]) -> AnchorHead:
+def _anchors(head: dict[str, Any]) -> kit.AnchorHead:
     anchors, coder = head["anchor_generator"], head["bbox_coder"]
-    check(coder["type"], "DeltaXYZWLHRBBoxCoder", "bbox_head.bbox_coder")
-    check(head["loss_cls"]["use_sigmoid"], True, "bbox_head.loss_cls.use_sigmoid")
-    check(anchors.get("scales", [1]), [1], "bbox_head.anchor_generator.scales")
-    check(anchors.get("size_per_range", True), True, "bbox_head.anchor_generator.size_per_range")
-    check(anchors.get("align_corner", False), False, "bbox_head.anchor_generator.align_corner")
+    kit.check(coder["type"], "DeltaXYZWLHRBBoxCoder", "bbox_head.bbox_coder")
+    kit.check(head["loss_cls"]["use_sigmoid"], True, "bbox_head.loss_cls.use_sigmoid")
+    kit.check(anchors.get("scales", [1]), [1], "bbox_head.anchor_generator.scales")
+    kit.check(anchors.get("size_per_range", True), True, "bbox_head.anchor_generator.size_per_range")
+    kit.check(anchors.get("align_corner", False), False, "bbox_head.anchor_generator.align_corner")
     is_centred = anchors["type"] == "AlignedAnchor3DRangeGenerator"
     if not is_centred:
-        check(anchors["type"], "Anchor3DRangeGenerator", "bbox_head.anchor_generator")
+        kit.check(anchors["type"], "Anchor3DRangeGenerator", "bbox_head.anchor_generator")
     sizes, ranges = anchors["sizes"], anchors["ranges"]
     ranges = ranges * len(sizes) if len(ranges) == 1 else ranges
-    return AnchorHead(
+    return kit.AnchorHead(
         anchors=[
-            Anchor(
+            kit.Anchor(
                 low_m=limits[:2],
                 high_m=limits[3:5],
                 is_centred=is_centred,
@@ -113,12 +114,12 @@ def _anchors(head: dict[str, Any]) -> AnchorHead:
     )
 
 
-def _centers(head: dict[str, Any], limits: list[float]) -> CenterHead:
+def _centers(head: dict[str, Any], limits: list[float]) -> kit.CenterHead:
     separate, coder = head["separate_head"], head["bbox_coder"]
-    check(separate["type"].removeprefix("mmdet."), "SeparateHead", "bbox_head.separate_head")
-    check(head.get("norm_bbox", True), True, "bbox_head.norm_bbox")
-    check(list(coder["pc_range"][:2]), list(limits[:2]), "bbox_head.bbox_coder.pc_range")
-    return CenterHead(
+    kit.check(separate["type"].removeprefix("mmdet."), "SeparateHead", "bbox_head.separate_head")
+    kit.check(head.get("norm_bbox", True), True, "bbox_head.norm_bbox")
+    kit.check(list(coder["pc_range"][:2]), list(limits[:2]), "bbox_head.bbox_coder.pc_range")
+    return kit.CenterHead(
         tasks=[task["class_names"] for task in head["tasks"]],
         shared=head.get("share_conv_channel", 64),
         width=separate.get("head_conv", 64),
@@ -135,5 +136,5 @@ def _centers(head: dict[str, Any], limits: list[float]) -> CenterHead:
 def _eps(part: dict[str, Any], default: float) -> float:
     norm = part.get("norm_cfg", {"type": "BN"})
     if "BN" not in norm["type"]:
-        check(norm["type"], "BN", "norm_cfg.type")
+        kit.check(norm["type"], "BN", "norm_cfg.type")
     return float(norm.get("eps", default if "norm_cfg" not in part else 1e-5))

@@ -2,10 +2,9 @@
 
 from typing import Any
 
-from lidcam.training.kits.network import Anchor, AnchorHead, Backbone, CenterHead, Encoder, KitModel, Names
-from lidcam.training.kits.parts import OFFSETS, Data, check, check_parts, data_of, raw_features, specs_of
+from lidcam.training.kits import model as kit
 
-NAMES = Names(
+NAMES = kit.Names(
     encoder="vfe.pfn_layers",
     blocks="backbone_2d.blocks",
     ups="backbone_2d.deblocks",
@@ -25,7 +24,7 @@ PARTS = {
 }
 
 
-def openpcdet_model(config: dict[str, Any], given: Data) -> KitModel:
+def openpcdet_model(config: dict[str, Any], given: kit.Data) -> kit.KitModel:
     """The network of a configuration.
 
     Raises:
@@ -34,24 +33,24 @@ def openpcdet_model(config: dict[str, Any], given: Data) -> KitModel:
     """
     model, data, names = config["MODEL"], config["DATA_CONFIG"], config["CLASS_NAMES"]
     parts = {key: part["NAME"] for key, part in model.items() if isinstance(part, dict) and "NAME" in part}
-    check_parts(model["NAME"], parts, PARTS)
+    kit.check_parts(model["NAME"], parts, PARTS)
     vfe, backbone, head = model["VFE"], model["BACKBONE_2D"], model["DENSE_HEAD"]
-    check(vfe["USE_NORM"], True, "VFE.USE_NORM")
-    check(head["CLASS_AGNOSTIC"], False, "DENSE_HEAD.CLASS_AGNOSTIC")
+    kit.check(vfe["USE_NORM"], True, "VFE.USE_NORM")
+    kit.check(head["CLASS_AGNOSTIC"], False, "DENSE_HEAD.CLASS_AGNOSTIC")
     voxels, limits = data["DATA_PROCESSOR"][-1], data["POINT_CLOUD_RANGE"]
-    raw = raw_features(data["POINT_FEATURE_ENCODING"]["used_feature_list"])
-    features = (raw if vfe["USE_ABSLOTE_XYZ"] else raw[3:]) + OFFSETS
+    raw = kit.raw_features(data["POINT_FEATURE_ENCODING"]["used_feature_list"])
+    features = (raw if vfe["USE_ABSLOTE_XYZ"] else raw[3:]) + kit.OFFSETS
     if vfe["WITH_DISTANCE"]:
         features.append("distance")
     most = voxels["MAX_POINTS_PER_VOXEL"] if vfe["NAME"] == "PillarVFE" else 0
     made = _anchors(head, limits) if head["NAME"] == "AnchorHeadSingle" else _centers(head, names)
-    found = [name for task in made.tasks for name in task] if isinstance(made, CenterHead) else names
-    return KitModel(
+    found = [name for task in made.tasks for name in task] if isinstance(made, kit.CenterHead) else names
+    return kit.KitModel(
         names=NAMES,
-        specs=specs_of(found, limits, voxels["VOXEL_SIZE"], features, most, data_of(data.get("DATASET"), given)),
+        specs=kit.specs_of(found, limits, voxels["VOXEL_SIZE"], features, most, data.get("DATASET"), given),
         raw=raw,
-        encoder=Encoder(channels=vfe["NUM_FILTERS"]),
-        backbone=Backbone(
+        encoder=kit.Encoder(channels=vfe["NUM_FILTERS"]),
+        backbone=kit.Backbone(
             channels=backbone["NUM_FILTERS"],
             layers=backbone["LAYER_NUMS"],
             strides=backbone["LAYER_STRIDES"],
@@ -63,15 +62,17 @@ def openpcdet_model(config: dict[str, Any], given: Data) -> KitModel:
     )
 
 
-def _anchors(head: dict[str, Any], limits: list[float]) -> AnchorHead:
-    check(head["TARGET_ASSIGNER_CONFIG"]["BOX_CODER"], "ResidualCoder", "DENSE_HEAD.TARGET_ASSIGNER_CONFIG.BOX_CODER")
+def _anchors(head: dict[str, Any], limits: list[float]) -> kit.AnchorHead:
+    kit.check(
+        head["TARGET_ASSIGNER_CONFIG"]["BOX_CODER"], "ResidualCoder", "DENSE_HEAD.TARGET_ASSIGNER_CONFIG.BOX_CODER"
+    )
     coder = head["TARGET_ASSIGNER_CONFIG"].get("BOX_CODER_CONFIG", {})
-    check(coder.get("encode_angle_by_sincos", False), False, "BOX_CODER_CONFIG.encode_angle_by_sincos")
+    kit.check(coder.get("encode_angle_by_sincos", False), False, "BOX_CODER_CONFIG.encode_angle_by_sincos")
     anchors = []
     for one in head["ANCHOR_GENERATOR_CONFIG"]:
         (bottom,) = one["anchor_bottom_heights"]
         anchors += [
-            Anchor(
+            kit.Anchor(
                 low_m=limits[:2],
                 high_m=limits[3:5],
                 is_centred=one.get("align_center", False),
@@ -82,7 +83,7 @@ def _anchors(head: dict[str, Any], limits: list[float]) -> AnchorHead:
             for size in one["anchor_sizes"]
             for yaw in one["anchor_rotations"]
         ]
-    return AnchorHead(
+    return kit.AnchorHead(
         anchors=anchors,
         code=coder.get("code_size", 7),
         directions=head["NUM_DIR_BINS"] if head.get("USE_DIRECTION_CLASSIFIER") is not None else 0,
@@ -91,11 +92,11 @@ def _anchors(head: dict[str, Any], limits: list[float]) -> AnchorHead:
     )
 
 
-def _centers(head: dict[str, Any], names: list[str]) -> CenterHead:
+def _centers(head: dict[str, Any], names: list[str]) -> kit.CenterHead:
     post = head["POST_PROCESSING"]
-    check(post.get("USE_IOU_TO_RECTIFY_SCORE", False), False, "DENSE_HEAD.POST_PROCESSING.USE_IOU_TO_RECTIFY_SCORE")
+    kit.check(post.get("USE_IOU_TO_RECTIFY_SCORE", False), False, "DENSE_HEAD.POST_PROCESSING.USE_IOU_TO_RECTIFY_SCORE")
     branches = head["SEPARATE_HEAD_CFG"]["HEAD_DICT"]
-    return CenterHead(
+    return kit.CenterHead(
         tasks=[[name for name in task if name in names] for task in head["CLASS_NAMES_EACH_HEAD"]],
         shared=head["SHARED_CONV_CHANNEL"],
         width=head["SHARED_CONV_CHANNEL"],

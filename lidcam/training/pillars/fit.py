@@ -22,22 +22,26 @@ from lidcam.training.pillars.scenes import CLASSES, GRIDS, SCENES_OF_A_ROUND, Sc
 from lidcam.writers.outputs.errors import output_errors
 
 BATCH = 4
-RATE, DECAY, WARM_STEPS = 2e-3, 1e-2, 100
-RATE_ONWARD = 5e-4
-"""Highest learning rate of a training that starts from the weights of another network."""
+DECAY = 1e-2
+WARM_STEPS = 100
+MAX_RATE = 2e-3
+
+MAX_RATE_ONWARD = 5e-4
+"""Maximum learning rate of a training that starts from the weights of another network."""
 
 MAX_GRADIENT = 10.0
+
 MOMENTUM = 0.99
 """Momentum of the running mean of the loss that is shown."""
 
 CHECKPOINT_EVERY_S = 60.0
 
-Told = Callable[[int, float], object]
+StepDone = Callable[[int, float], object]
 """Called after each step with the number of steps done, and the recent mean loss."""
 
 
 class Checkpoint(NamedTuple):
-    """Where a training keeps its state, and which training it is.
+    """File with the state of a training, and which training it is.
 
     Attributes:
         path: The file, which is complete at any time.
@@ -59,12 +63,12 @@ class Checkpoint(NamedTuple):
 
     @property
     def source(self) -> Source:
-        """Where scenes come from."""
+        """Source of the scenes."""
         return Source(self.worlds, self.recordings, self.has_worlds)
 
     @property
     def text(self) -> str:
-        """What the network learns from and how, in Markdown."""
+        """Source of the scenes and precision, in Markdown."""
         return self.source.text + ", in bfloat16" * self.bfloat16
 
     def save(
@@ -75,7 +79,7 @@ class Checkpoint(NamedTuple):
         loss: float,
         history: Sequence[tuple[int, str]] = (),
     ) -> None:
-        """Replace the file. The history lists steps, and what was learned from since each of them.
+        """Replace the file. The history lists steps, and the `text` of the training since each of them.
 
         Raises:
             OutputError: it cannot be written.
@@ -91,7 +95,7 @@ class Checkpoint(NamedTuple):
             part.replace(self.path)
 
     def load(self) -> dict[str, Any]:
-        """Read the saved state; files of earlier versions knew only worlds.
+        """Read the saved state.
 
         Raises:
             LidcamError: the file cannot be read, or belongs to another training.
@@ -99,12 +103,10 @@ class Checkpoint(NamedTuple):
         expected = f"{self.path}: expected the state of a training of --family {self.worlds} --seed {self.seed}"
         try:
             state: dict[str, Any] = torch.load(self.path, map_location="cpu", weights_only=True)
-            state.setdefault("history", [(0, Source(state["family"]).text)])
-            state.setdefault("begin", "")
-            found = f"--family {state['family']} --seed {state['seed']}"
+            known: Worlds = state["family"]
+            found = f"--family {known} --seed {state['seed']}"
         except Exception as err:  # errors of pickled files share no base class
             raise LidcamError(f"{expected}, found {one_line(err, max_characters=200)}") from err
-        known: Worlds = state["family"]
         is_same = (GRIDS.get(known), CLASSES.get(known)) == (GRIDS[self.worlds], CLASSES[self.worlds])
         if not is_same or state["seed"] != self.seed:
             raise LidcamError(f"{expected}, found {found}")
@@ -112,17 +114,17 @@ class Checkpoint(NamedTuple):
 
 
 def fitted(
-    checkpoint: Checkpoint, steps: int, *, workers: int, told: Told, every_s: float = CHECKPOINT_EVERY_S
+    checkpoint: Checkpoint, steps: int, *, workers: int, step_done: StepDone, every_s: float = CHECKPOINT_EVERY_S
 ) -> PillarNetwork:
-    """Train a network for so many steps, on the first CUDA device if there is one.
+    """Train a network up to a number of steps, on the first CUDA device if there is one.
 
     On a processor, the same seed and number of threads give the same network, even if the training was interrupted.
 
     Args:
-        checkpoint: Where its state is; if the file exists, training continues from it.
+        checkpoint: State of the training; if its file exists, the training continues from it.
         steps: Number of steps in all.
         workers: Processes that make scenes.
-        told: Told of progress.
+        step_done: Called after each step.
         every_s: Wall time between checkpoints.
 
     Raises:
@@ -134,7 +136,7 @@ def fitted(
     with torch.random.fork_rng():
         torch.manual_seed(seed)
         network = PillarNetwork(len(classes)).to(device)
-    optimiser = torch.optim.AdamW(network.parameters(), RATE, weight_decay=DECAY)
+    optimiser = torch.optim.AdamW(network.parameters(), MAX_RATE, weight_decay=DECAY)
     step, mean_loss, history = 0, float("nan"), []
     if checkpoint.path.exists():
         state = checkpoint.load()
@@ -143,58 +145,42 @@ def fitted(
         optimiser.load_state_dict(state["optimiser"])
         step, mean_loss, history = state["step"], state["loss"], state["history"]
         if step > steps:
-            raise LidcamError(f"{checkpoint.path}: has {step} steps behind it: expected --steps of so many or more")
+            raise LidcamError(f"{checkpoint.path}: is already at step {step}; pass --steps {step} or more")
     elif checkpoint.begin:
         take_weights(network, existing_network_file(Path(checkpoint.begin)), classes, GRIDS[checkpoint.worlds])
         history.append((0, f"with the weights of `{Path(checkpoint.begin).name}`"))
     if not history or history[-1][1] != checkpoint.text:
         history.append((step, checkpoint.text))
-    rate = RATE_ONWARD if checkpoint.begin else RATE
+    max_rate = MAX_RATE_ONWARD if checkpoint.begin else MAX_RATE
     saved_s = time.monotonic()
+    network.train()
     with closing(_batches(checkpoint.source, seed, step, steps, workers)) as batches:
         for batch in batches:
-            loss = _learn(network, optimiser, batch, rate * _share(step, steps), checkpoint.bfloat16, device)
+            # A short rise, then a fall along a cosine.
+            share = min((step + 1) / WARM_STEPS, 1.0) * (0.5 + 0.5 * float(np.cos(np.pi * step / steps)))
+            for group in optimiser.param_groups:
+                group["lr"] = max_rate * share
+            optimiser.zero_grad()
+            loss = _loss(network, batch, checkpoint.bfloat16, device)
+            loss.backward()  # type: ignore[no-untyped-call]  # torch has no types for it
+            nn.utils.clip_grad_norm_(network.parameters(), MAX_GRADIENT)
+            optimiser.step()
             step += 1
-            mean_loss = loss if step == 1 else MOMENTUM * mean_loss + (1 - MOMENTUM) * loss
+            mean_loss = loss.item() if step == 1 else MOMENTUM * mean_loss + (1 - MOMENTUM) * loss.item()
             if step == steps or time.monotonic() - saved_s >= every_s:
                 checkpoint.save(network, optimiser, step, mean_loss, history)
                 saved_s = time.monotonic()
-            told(step, mean_loss)
+            step_done(step, mean_loss)
     return network
 
 
 def _batches(source: Source, seed: int, step: int, steps: int, workers: int) -> Generator[list[Scene]]:
     """The batches of the steps from `step` up to `steps`."""
-    of_a_round = SCENES_OF_A_ROUND // BATCH
-    first, last = step // of_a_round, -(-steps // of_a_round)
-    with closing(rounds(source, seed, first, last, workers)) as made:
-        all_batches = (found[row : row + BATCH] for found in made for row in range(0, SCENES_OF_A_ROUND, BATCH))
-        yield from islice(all_batches, step - first * of_a_round, steps - first * of_a_round)
-
-
-def _share(step: int, steps: int) -> float:
-    """Share of the highest rate in a step: a short rise, then a fall along a cosine."""
-    return min((step + 1) / WARM_STEPS, 1.0) * (0.5 + 0.5 * float(np.cos(np.pi * step / max(steps, 1))))
-
-
-def _learn(
-    network: PillarNetwork,
-    optimiser: torch.optim.Optimizer,
-    batch: list[Scene],
-    rate: float,
-    bfloat16: bool,
-    device: torch.device,
-) -> float:
-    """Run one step and return its loss."""
-    for group in optimiser.param_groups:
-        group["lr"] = rate
-    network.train()
-    optimiser.zero_grad()
-    loss = _loss(network, batch, bfloat16, device)
-    loss.backward()  # type: ignore[no-untyped-call]  # torch has no types for it
-    nn.utils.clip_grad_norm_(network.parameters(), MAX_GRADIENT)
-    optimiser.step()
-    return float(loss.detach())
+    per_round = SCENES_OF_A_ROUND // BATCH
+    first, last = step // per_round, -(-steps // per_round)
+    with closing(rounds(source, seed, first, last, workers)) as scenes:
+        all_batches = (found[row : row + BATCH] for found in scenes for row in range(0, SCENES_OF_A_ROUND, BATCH))
+        yield from islice(all_batches, step - first * per_round, steps - first * per_round)
 
 
 def _loss(network: PillarNetwork, batch: list[Scene], bfloat16: bool, device: torch.device) -> Tensor:

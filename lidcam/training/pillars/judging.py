@@ -1,6 +1,6 @@
 """A network in worlds that it was not trained on: the calibration of its scores, its errors and its figures."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,11 +19,13 @@ from lidcam.training.labelled import LabelledFrame, TrueBoxes
 from lidcam.training.pillars.scenes import CLASSES, MIN_POINTS, WRITTEN_GRIDS, Worlds, family_of, known_to, scene
 
 SWEEPS_OF_A_WORLD = 4
-LEAST_LOG_ODDS = -4.0
+MIN_LOG_ODDS = -4.0
 
 GATES_M = {"car": 2.0, "pedestrian": 0.6, "cyclist": 0.9, "truck": 2.5, "bus": 2.5}
+"""Maximum distance of a right box from its object, which has its class and belongs to no other box."""
+
 SANDBOX_GATE_M = 0.15
-"""A box is right if an object of its class is nearer than this and belongs to no other box."""
+"""Maximum distance of a right box from its object for model cars."""
 
 PRIOR = 1e-3
 """Weight of the calibration that changes nothing: a class with few examples stays near it."""
@@ -33,9 +35,9 @@ class Judged(NamedTuple):
     """The boxes of all sweeps, and how many objects they should find.
 
     Attributes:
-        log_odds: (N,) log odds of each box.
+        log_odds: (N,)
         classes: (N,) rows of `CLASSES`.
-        is_right: (N,) whether each box is right.
+        is_right: (N,)
         errors: (N, 3) errors in x, y and heading of right boxes, metres and radians; NaN for others.
         objects: (C,) number of objects with `MIN_POINTS` points or more within the grid.
     """
@@ -47,20 +49,16 @@ class Judged(NamedTuple):
     objects: I64
 
 
-def judged(network: PillarNetwork, worlds: Worlds, numbers: range) -> Iterator[Judged]:
-    """The boxes that a network finds in each world with one of these numbers."""
-    step = SWEEPS_PER_WORLD // SWEEPS_OF_A_WORLD
-    for number in numbers:
-        parts = []
-        for seed in range(number * SWEEPS_PER_WORLD, (number + 1) * SWEEPS_PER_WORLD, step):
-            position, true = scene(family_of(worlds, number), seed)
-            parts.append(_judged_sweep(worlds, network(position, LEAST_LOG_ODDS), true))
-        yield joined(parts)
+def judged_world(network: PillarNetwork, worlds: Worlds, number: int) -> Judged:
+    """The boxes that a network finds in the world with a number."""
+    first, step = number * SWEEPS_PER_WORLD, SWEEPS_PER_WORLD // SWEEPS_OF_A_WORLD
+    scenes = (scene(family_of(worlds, number), seed) for seed in range(first, first + SWEEPS_PER_WORLD, step))
+    return joined([_judged_sweep(worlds, network(position, MIN_LOG_ODDS), true) for position, true in scenes])
 
 
 def judged_frame(network: PillarNetwork, worlds: Worlds, frame: LabelledFrame) -> Judged:
     """The boxes that a network finds in the labelled part of a frame."""
-    found = network(frame.position, LEAST_LOG_ODDS)
+    found = network(frame.position, MIN_LOG_ODDS)
     known = frame.is_labelled(found.centers[:, :2])
     return _judged_sweep(worlds, Found._make(one[known] for one in found), known_to(worlds, frame))
 

@@ -1,15 +1,14 @@
 """Scenes to learn from: points in pillars of simulated sweeps, and the output that each cell should give."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterable
 from functools import cache, partial
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from lidcam.bags.simulator.worlds.draw import Family, random_numbers_of
-from lidcam.bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, TrainingSweep, sweep
+from lidcam.bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, sweep
 from lidcam.pipeline.core.arrays import F32, F64, I64
-from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.load import load_config
@@ -35,36 +34,36 @@ GRIDS: dict[Worlds, Grid] = {
 WRITTEN_GRIDS = GRIDS | {"sandbox": GRIDS["sandbox"].model_copy(update={"cells": 256})}
 """Grids that networks are written for."""
 
-CLASSES: dict[Worlds, tuple[str, ...]] = {
-    **dict.fromkeys(FULL_SIZE, NAMES),
-    "sandbox": NAMES[:1],
-}
+CLASSES: dict[Worlds, tuple[str, ...]] = {**dict.fromkeys(FULL_SIZE, NAMES), "sandbox": NAMES[:1]}
 
 WORLDS_OF_A_ROUND = 4
+
 SWEEPS_OF_A_WORLD = 8
-"""Building a world takes as long as making ten of its sweeps."""
+"""Sweeps of each world: building one takes as long as making ten sweeps."""
 
 SCENES_OF_A_ROUND = WORLDS_OF_A_ROUND * SWEEPS_OF_A_WORLD
 
 MIN_POINTS = 5
-"""Objects with fewer points may be found but need not be."""
+"""Minimum points on an object that has to be found; one with fewer may be found."""
 
-LEAST_SIGMA_CELLS = 0.8
 SIGMA_OF_WIDTH = 0.35
-"""Standard deviation of the bell around a centre: least one in output cells, and as a share of the object's width."""
+"""Standard deviation of the bell around a centre, as a share of the object's width."""
+
+MIN_SIGMA_CELLS = 0.8
+"""Minimum standard deviation of the bell, output cells."""
 
 UNSURE = 0.9
 """Height of the bell for an object that need not be found: it is learned neither as there nor as not there."""
 
-NEAR = 0.4
-"""Cells where the bell is at least this high also learn the box."""
+MIN_BOX_HEAT = 0.4
+"""Minimum height of the bell in cells that also learn the box."""
 
 UNLABELLED = 0.999
 """Height where the truth says nothing; so near to 1 that the network learns nothing there."""
 
 
 class Source(NamedTuple):
-    """Where scenes come from.
+    """Source of scenes.
 
     Attributes:
         worlds: Families of worlds, which set the grid and the classes.
@@ -124,21 +123,22 @@ def rounds(source: Source, seed: int, first: int, last: int, workers: int) -> Ge
 
     They are the same for any number of processes. Several processes make the next round ahead.
     """
-    of_world = partial(_scenes, source)
+    make = partial(_scenes, source)
     worlds = [range(seed + row * WORLDS_OF_A_ROUND, seed + (row + 1) * WORLDS_OF_A_ROUND) for row in range(first, last)]
     if workers == 1:
-        for row, one in enumerate(worlds, first):
-            yield _mixed(source, seed, row, [made for world in one for made in of_world(world)])
+        for row, numbers in enumerate(worlds, first):
+            yield _mixed(source, seed, row, map(make, numbers))
         return
     with process_pool(workers) as pool:
-        waiting = [pool.map(of_world, one) for one in worlds[:2]]
+        waiting = [pool.map(make, numbers) for numbers in worlds[:2]]
         for row in range(first, last):
-            scenes = [made for of_one in waiting.pop(0) for made in of_one]
-            waiting += [pool.map(of_world, one) for one in worlds[row - first + 2 : row - first + 3]]
-            yield _mixed(source, seed, row, scenes)
+            scenes = _mixed(source, seed, row, waiting.pop(0))
+            waiting += [pool.map(make, numbers) for numbers in worlds[row - first + 2 : row - first + 3]]
+            yield scenes
 
 
-def _mixed(source: Source, seed: int, row: int, scenes: list[Scene]) -> list[Scene]:
+def _mixed(source: Source, seed: int, row: int, parts: Iterable[list[Scene]]) -> list[Scene]:
+    scenes = [one for part in parts for one in part]
     order = random_numbers_of(family_of(source.worlds, 0), seed, row, 1).permutation(len(scenes))
     return [scenes[place] for place in order]
 
@@ -160,7 +160,9 @@ def _scenes(source: Source, number: int) -> list[Scene]:
 def scene(family: Family, seed: int) -> tuple[F64, TrueBoxes]:
     """The points (N, 3) of a sweep as `PillarPoints` gives them, and the true objects."""
     taken = sweep(family, seed)
-    combined, points = _frame(family, taken)
+    config, rig = _config(family), rig_of([taken])
+    combined = Combine(rig, config.combine)(SensorBundle(0, 0, 0, {}), {"0": cloud_of(taken, "0")})
+    points = PillarPoints(rig, config)
     names = ["truck" if name == "van" else name for name in taken.class_names]
     seen = [row for row, name in enumerate(names) if taken.point_counts[row] and name in CLASSES[family]]
     centers = taken.centers[seen].reshape(-1, 3) - np.append(points.middle_xy, 0.0)
@@ -168,13 +170,6 @@ def scene(family: Family, seed: int) -> tuple[F64, TrueBoxes]:
     classes = np.array([CLASSES[family].index(names[row]) for row in seen], np.int64)
     counts = taken.point_counts[seen].astype(np.int64)
     return points(combined), TrueBoxes(centers, taken.sizes[seen], taken.yaws[seen], classes, counts)
-
-
-def _frame(family: Family, taken: TrainingSweep) -> tuple[CombinedCloud, PillarPoints]:
-    """The cloud of a sweep as a run combines it."""
-    config, rig = _config(family), rig_of([taken])
-    combined = Combine(rig, config.combine)(SensorBundle(0, 0, 0, {}), {"0": cloud_of(taken, "0")})
-    return combined, PillarPoints(rig, config)
 
 
 @cache
@@ -204,14 +199,14 @@ def targets_of(true: TrueBoxes, grid: Grid, classes: int) -> Targets:
     inside = ((at >= 0) & (at < side)).all(1)
     true, at = TrueBoxes._make(part[inside] for part in true), at[inside]
     sure = true.points >= MIN_POINTS
-    sigma = np.maximum(SIGMA_OF_WIDTH * true.sizes[:, 1] / (STRIDE * grid.cell_m), LEAST_SIGMA_CELLS)[:, None]
+    sigma = np.maximum(SIGMA_OF_WIDTH * true.sizes[:, 1] / (STRIDE * grid.cell_m), MIN_SIGMA_CELLS)[:, None]
     along = np.arange(side)
     across = [np.exp(-0.5 * ((along - at[:, axis, None]) / sigma) ** 2) for axis in (0, 1)]
     bells = (across[1][:, :, None] * across[0][:, None, :]).astype(np.float32)
     heat = np.zeros((classes, side, side), np.float32)
     for row, name in enumerate(true.classes):
         np.maximum(heat[name], bells[row] * np.float32(1 if sure[row] else UNSURE), out=heat[name])
-    best = np.concatenate([np.full((1, side, side), NEAR, np.float32), bells * sure[:, None, None]])
+    best = np.concatenate([np.full((1, side, side), MIN_BOX_HEAT, np.float32), bells * sure[:, None, None]])
     own = best.argmax(0).ravel()
     cells = np.flatnonzero(own)
     own = own[cells] - 1

@@ -34,7 +34,7 @@ ENGINES: dict[str, Engine3D] = {
         scores_are_probabilities=False,
         boxes_are_completed=True,
     ),
-    "pillars": Engine3D("lidcam.pipeline.detectors.pillars.fitted:FittedPillarDetector", "by a network"),
+    "pillars": Engine3D("lidcam.pipeline.detectors.pillars.detector:FittedPillarDetector", "by a network"),
     "combined": Engine3D(
         "lidcam.pipeline.detectors.combined:CombinedDetector",
         "by a network and clusters",

@@ -21,34 +21,30 @@ HEIGHT_WEIGHT = 0.5
 LINK_CELL_SHARE = 0.6
 """Edge of the linked cells, as a share of the link distance; finer cells cost more and change little."""
 
-
 LEVEL_GROWTH = 1.5
 """Ratio of the edges of neighbouring levels of the grid."""
 
 SEARCH_GROWTH = 4.0
-"""Ratio of the distances of neighbouring levels in the search: most clouds have one, and to look at each takes longer
-than at some points too many; but one far point is not to make all others look far."""
+"""Ratio of the distances of neighbouring levels in the search: most clouds have one, as searching each takes longer
+than searching some points too many; but one far point is not to make all others look far."""
 
 RESOLUTION_PER_M = 8192.0
-"""Coordinates are rounded to this fraction of a metre (0.12 mm), so float64 adds up a million of them exactly."""
+"""Steps of rounded coordinates in a metre (0.12 mm each), so float64 adds up a million of them exactly."""
 
-DIGIT_BITS = 11
-DIGITS = 1 << DIGIT_BITS
-"""Keys are sorted by so many bits at a time."""
+MAX_CELL = 2.0**61
+"""Maximum number of a cell along an axis: no float64 beyond fits into an int64."""
 
-FURTHEST_CELL = 2.0**61
-"""Cells are counted up to here, and up to `FURTHEST_BUCKET` in the search: no float64 beyond fits into an int64."""
-
-FURTHEST_BUCKET = 2.0**40
+MAX_BUCKET = 2.0**40
+"""Maximum number of a bucket along an axis of the search."""
 
 BUCKETS_ACROSS = 1.0
 """Buckets in a link distance; many small ones take longer than some points too many."""
 
 ROOM = 1.0 + 1e-6
-"""Buckets are sought so much further than a distance reaches, which is more than any rounding takes."""
+"""Factor on the distance of the search, more than any rounding takes."""
 
 SPREAD = np.uint64(0x9E3779B97F4A7C15)
-"""Numbers times this differ in their upper bits (D. E. Knuth: The art of computer programming, vol. 3, 6.4)."""
+"""Factor after which numbers differ in their upper bits (D. E. Knuth: The art of computer programming, vol. 3, 6.4)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +78,12 @@ def thin_points(points: F64, distance_m: F64, share: float, group: I64 | None = 
     points = np.ascontiguousarray(points)
     group = np.zeros(len(points), np.int64) if group is None else group
     edges_m = _series(share * distance_m.min(), share * distance_m.max(), LEVEL_GROWTH)
-    return Cells(*_averaged(points, distance_m, share, edges_m, group, int(group.max()) + 1))
+    cell_of_point, first, keys = _grouped(points, distance_m, share, edges_m, group, int(group.max()) + 1)
+    order = np.argsort(keys.view(np.uint64))
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    cell_of_point = place[cell_of_point]
+    return Cells(*_averaged(points, distance_m, cell_of_point, len(order)), first[order], cell_of_point)
 
 
 def cluster_points(points: F64, link_distance_m: F64) -> tuple[int, I64]:
@@ -129,40 +130,9 @@ def _level(value: float, series: F64) -> int:
     return level
 
 
-@compiled("int64[::1](int64[::1])")
-def ascending(keys: I64) -> I64:
-    """(N,) rows in order of their keys as unsigned numbers, those of equal keys in their own order."""
-    count, used = len(keys), 0
-    for key in keys:
-        used |= key
-    rows, other_rows = np.empty(count, np.int64), np.empty(count, np.int64)
-    old_keys, new_keys = np.empty(count, np.int64), np.empty(count, np.int64)
-    for i in range(count):
-        rows[i], old_keys[i] = i, keys[i]
-    place = np.empty(DIGITS, np.int64)
-    shift = 0
-    while shift < 64 and used >> shift != 0:
-        for digit in range(DIGITS):
-            place[digit] = 0
-        for key in old_keys:
-            place[(key >> shift) & (DIGITS - 1)] += 1
-        before = 0
-        for digit in range(DIGITS):
-            before += place[digit]
-            place[digit] = before - place[digit]
-        for i in range(count):
-            digit = (old_keys[i] >> shift) & (DIGITS - 1)
-            other_rows[place[digit]] = rows[i]
-            new_keys[place[digit]] = old_keys[i]
-            place[digit] += 1
-        rows, other_rows, old_keys, new_keys = other_rows, rows, new_keys, old_keys
-        shift += DIGIT_BITS
-    return rows
-
-
 @inlined
 def _cell_keys(points: F64, distance_m: F64, share: float, edges_m: F64, group: I64, groups: int) -> I64:
-    """(N,) a number for the cell of each point: rising by level, group and place along x, y, z; see `_averaged`."""
+    """(N,) a number for the cell of each point: rising by level, group and place along x, y, z; see `_grouped`."""
     count = len(points)
     cell, keys = np.empty((3, count), np.int64), np.empty(count, np.int64)
     for i in range(count):
@@ -170,8 +140,8 @@ def _cell_keys(points: F64, distance_m: F64, share: float, edges_m: F64, group: 
         keys[i], edge_m = level * groups + group[i], edges_m[level]
         for axis in range(3):
             place = np.floor(_exact(points[i, axis]) / edge_m)
-            if not abs(place) < FURTHEST_CELL:  # faster than `min` and `max`
-                place = FURTHEST_CELL if place > 0 else -FURTHEST_CELL
+            if not abs(place) < MAX_CELL:  # faster than `min` and `max`
+                place = MAX_CELL if place > 0 else -MAX_CELL
             cell[axis, i] = int(place)
     for axis in range(3):
         along = cell[axis]
@@ -184,21 +154,13 @@ def _cell_keys(points: F64, distance_m: F64, share: float, edges_m: F64, group: 
 
 
 @compiled(
-    "Tuple((float64[:, ::1], float64[::1], int64[::1], int64[::1], int64[::1]))"
+    "Tuple((int64[::1], int64[::1], int64[::1]))"
     "(float64[:, ::1], float64[::1], float64, float64[::1], int64[::1], int64)"
 )
-def _averaged(
-    points: F64, distance_m: F64, share: float, edges_m: F64, group: I64, groups: int
-) -> tuple[F64, F64, I64, I64, I64]:
-    """The fields of `Cells`.
+def _grouped(points: F64, distance_m: F64, share: float, edges_m: F64, group: I64, groups: int) -> tuple[I64, I64, I64]:
+    """(N,) cell of each point, in order of their first points; and (M,) the first point and the key of each cell.
 
-    Args:
-        points: (N, 3) metres.
-        distance_m: (N,) metres.
-        share: Each cell's edge is the longest that is no longer than this share of the distance.
-        edges_m: From which it is chosen; a rising series.
-        group: (N,) from 0; different groups share no cell.
-        groups: Their number.
+    The edge of a cell is the longest of `edges_m`, a rising series, that is no longer than the share of the distance.
     """
     count, keys = len(points), _cell_keys(points, distance_m, share, edges_m, group, groups)
     slots, shift = 64, np.uint64(58)
@@ -221,15 +183,15 @@ def _averaged(
             cell_in_slot[slot], key_of_cell[cells], first[cells] = cells, keys[i], i
             cells += 1
         cell_of_point[i] = cell_in_slot[slot]
+    return cell_of_point, first[:cells], key_of_cell[:cells]
 
-    order, place = ascending(key_of_cell[:cells]), np.empty(cells, np.int64)
-    means, least_m = np.zeros((cells, 3)), np.full(cells, np.inf)
-    counts, first_sorted = np.zeros(cells, np.int64), np.empty(cells, np.int64)
-    for k in range(cells):
-        place[order[k]], first_sorted[k] = k, first[order[k]]
-    for i in range(count):
-        k = place[cell_of_point[i]]
-        cell_of_point[i] = k
+
+@compiled("Tuple((float64[:, ::1], float64[::1], int64[::1]))(float64[:, ::1], float64[::1], int64[::1], int64)")
+def _averaged(points: F64, distance_m: F64, cell_of_point: I64, cells: int) -> tuple[F64, F64, I64]:
+    """Means, smallest distances and numbers of points of cells."""
+    means, least_m, counts = np.zeros((cells, 3)), np.full(cells, np.inf), np.zeros(cells, np.int64)
+    for i in range(len(points)):
+        k = cell_of_point[i]
         counts[k] += 1
         least_m[k] = min(least_m[k], distance_m[i])
         for axis in range(3):
@@ -237,15 +199,15 @@ def _averaged(
     for k in range(cells):
         for axis in range(3):
             means[k, axis] /= counts[k]
-    return means, least_m, counts, first_sorted, cell_of_point
+    return means, least_m, counts
 
 
 @inlined
 def _bucket(way_m: float, per_m: float) -> int:
-    """The bucket of a place so far along a grid with so many buckets a metre; the first one of places before it."""
+    """Bucket of a coordinate along a grid, clamped at the first and the last one."""
     place = way_m * per_m
     if way_m > 0.0:
-        return int(place) if place < FURTHEST_BUCKET else int(FURTHEST_BUCKET)
+        return int(place) if place < MAX_BUCKET else int(MAX_BUCKET)
     return 0
 
 

@@ -20,29 +20,28 @@ from lidcam.pipeline.detectors.cluster.lshape import Rectangles
 SHORT_SHARE = 0.2
 """Standard deviation of a measured extent below the prior, as a share of the prior; a side may be partly hidden."""
 
-SHORT_LIMIT = 3.0
-"""Missing length counts at most this many standard deviations: another object may stand in front."""
+MAX_SHORT_SIGMAS = 3.0
+"""Maximum of missing length, in standard deviations: another object may stand in front."""
 
 WHOLE_SHARE = 0.8
-"""A side that faces a lidar is complete from this share of the prior on."""
+"""Minimum extent of a complete side that faces a lidar, as a share of the prior."""
 
 BOTH_ENDS_SHARE = 0.1
-"""Share of the points that lidars beyond each of two ends must have measured for both to count as seen."""
+"""Minimum share of the points that lidars beyond each of two ends measured, for both ends to count as seen."""
 
 BOTH_ENDS_WHOLE_SHARE = 0.5
-"""An extent with both ends seen is complete from this share of the prior on."""
+"""Minimum extent of a complete side with both ends seen, as a share of the prior."""
 
-SLENDER_SHARE = 0.5
-"""A class whose width is at most this share of its height has no broad side that hides its far end: of a cyclist the
-lidar sees the rider, in the middle. Such boxes grow to both ends alike."""
+MAX_SLENDER_SHARE = 0.5
+"""Maximum width of a slender class, as a share of its height: it has no broad side that hides its far end. Of a cyclist
+the lidar sees the rider, in the middle. Such boxes grow to both ends alike."""
 
-ROUND_SHARE = 0.5
-"""A slender class whose width is more than this share of its length is a pedestrian's: the body hides its far side."""
+MAX_RIDER_SHARE = 0.5
+"""Maximum width of a slender class that rides, as a share of its length: a pedestrian's body hides its far side."""
 
-ROUND_ANCHOR = 0.5
-"""How far a pedestrian's box grows away from the lidar: 1 is as a car's, of which only the near sides are seen, and 0
-about its middle. In simulated recordings of a crossing and of a drive, 1 put walkers 0.04 and 0.07 m too far away, 0
-put them 0.09 and 0.02 m too near."""
+PEDESTRIAN_ANCHOR = 0.5
+"""Growth of a pedestrian's box away from the lidar: 1 is as a car's, of which only the near sides are seen, 0 about its
+middle."""
 
 _LIST, _TABLE = "Array(float64, 1, 'C', readonly=True)", "Array(float64, 2, 'C', readonly=True)"
 
@@ -74,7 +73,7 @@ class CompletedBoxes:
 
 @dataclass(frozen=True, eq=False)
 class Kinds:
-    """K kinds of the classes, with which clusters are compared, twice each, with the length along either axis.
+    """Sizes of the classes that clusters are compared with, each twice, with the length along either axis.
 
     Attributes:
         class_ids: (2K,) int64, row of the priors.
@@ -90,7 +89,7 @@ class Kinds:
 
     @classmethod
     def of(cls, priors: Sequence[ClassPrior]) -> "Kinds":
-        """Those of all classes."""
+        """Sizes of all classes."""
         class_ids, mean_m, limit_m = [], [], []
         for class_id, prior in enumerate(priors):
             growth = np.array(prior.max_size_m) / prior.size_m
@@ -161,23 +160,7 @@ def _completed(
     rarity: F64,
     given_ids: I64,
 ) -> tuple[I64, F64, F64, F64, F64, F64, F64, Bools]:
-    """The fields of `CompletedBoxes`.
-
-    Args:
-        low: (C, 2) lower ends of the rectangles along their axes, metres.
-        high: (C, 2) upper ones.
-        angle_rad: (C,) angle of their first axes about +z.
-        cos: (C,) of these.
-        sin: (C,) of these.
-        top_m: (C,) height of each cluster.
-        lidar_share: (C, L) share of its points that each lidar measured.
-        lidar_xy: (L, 2) where these are, metres.
-        class_ids: (K,) class of each kind.
-        mean_m: (K, 3) its typical extents along the two axes, and height.
-        limit_m: (K, 3) its largest ones.
-        rarity: (K,) what it costs beside its misfit.
-        given_ids: (C,) class of each cluster, or -1.
-    """
+    """The fields of `CompletedBoxes`; `given_ids` are -1 where the class is to be chosen."""
     clusters, lidars = lidar_share.shape
     found, center_xy, sizes = np.empty(clusters, np.int64), np.empty((clusters, 2)), np.empty((clusters, 3))
     yaw_rad, misfit, std_m = np.empty(clusters), np.empty(clusters), np.empty((clusters, 2))
@@ -208,7 +191,7 @@ def _completed(
                 mean, limit = mean_m[k, axis], limit_m[k, axis]
                 long = max(measured[axis] - mean, 0.0) / max((limit - mean) / 2, 1e-9)
                 short = visible[axis] * max(mean - measured[axis], 0.0) / (SHORT_SHARE * mean)
-                short = min(short, SHORT_LIMIT)
+                short = min(short, MAX_SHORT_SIGMAS)
                 off += (long * long + short * short) / 2
                 fits = fits and measured[axis] <= limit
             cost = off + rarity[k] if fits else np.inf
@@ -220,8 +203,8 @@ def _completed(
 
         narrow, wide = mean_m[choice, 0], mean_m[choice, 1]
         narrow, wide, height = min(narrow, wide), max(narrow, wide), mean_m[choice, 2]
-        is_slender, is_round = narrow <= SLENDER_SHARE * height, narrow > ROUND_SHARE * wide
-        anchored = (ROUND_ANCHOR if is_round else 0.0) if is_slender else 1.0
+        is_slender, is_round = narrow <= MAX_SLENDER_SHARE * height, narrow > MAX_RIDER_SHARE * wide
+        anchored = (PEDESTRIAN_ANCHOR if is_round else 0.0) if is_slender else 1.0
         rides[c] = is_slender and not is_round
         height = top_m[c] if top_m[c] >= WHOLE_SHARE * height else height
         turn = choice % 2  # 1: the length lies along the second axis

@@ -16,14 +16,14 @@ from lidcam.pipeline.detectors.cluster.sight import Sight
 from lidcam.pipeline.detectors.protocols import Candidates3D
 
 CEILING_SHARE = 1.15
-"""Points above this multiple of the tallest class are left out: a cluster that reaches it is too tall for any class."""
+"""Maximum height of points, as a share of the tallest class: a cluster that reaches it is too tall for any class."""
 
 SPLIT_SHARES = (0.7,)
-"""Clusters that fit no class well are clustered again with these shares of the link distance."""
+"""Shares of the link distance at which clusters that fit no class well are clustered again."""
 
-GOOD_MISFIT = 1.0
-"""A cluster that fits its size prior worse than this may be several objects: it is also tried in parts."""
 
+MAX_GOOD_MISFIT = 1.0
+"""Maximum misfit of a cluster that is one object for sure; others are also tried in parts."""
 
 _HALF_ROOT = np.sqrt(0.5)
 
@@ -44,36 +44,27 @@ class ClusterDetector:
 
     def __call__(self, combined: CombinedCloud) -> Candidates3D:
         """Boxes of all clusters, and of the parts of those that fit no class well."""
-        points = all_points = self._points_above_ground(combined)
+        rows = np.arange(len(combined.detection_cloud))
+        points, _ = self._fitter.thin(combined, rows, self._settings.clearance_m, self._ceiling_m)
+        all_points = points
 
         @cache
         def sight() -> Sight:  # of no use where nothing hangs
             return Sight.of(all_points.position, all_points.lidar, self._fitter.lidars_above_ground(combined))
 
-        fitted, cluster = [], np.full(len(points.position), -1)
+        parts, cluster = [], np.full(len(points.position), -1)
         for share in (1.0, *SPLIT_SHARES):
             if len(points.position):
-                found, points, cluster = self._fitted(points, cluster, sight, share)
-                fitted += found
-        return self._fitter.candidates(combined, Fitted.joined(fitted)) if fitted else Candidates3D.empty()
-
-    def _points_above_ground(self, combined: CombinedCloud) -> ThinnedPoints:
-        rows = np.arange(len(combined.detection_cloud))
-        points, _ = self._fitter.thin(combined, rows, self._settings.clearance_m, self._ceiling_m)
-        return points
+                fitted, points, cluster = self._fitted(points, cluster, sight, share)
+                parts += [self._fitter.candidates(combined, one) for one in fitted]
+        return Candidates3D._make(np.concatenate(columns) for columns in zip(Candidates3D.empty(), *parts, strict=True))
 
     def _fitted(
         self, points: ThinnedPoints, before: I64, sight: Callable[[], Sight], share: float
     ) -> tuple[list[Fitted], ThinnedPoints, I64]:
         """Boxes of the clusters at a share of the link distance; and the points of those to try in parts, with these.
 
-        A cluster that did not fall apart gets no second box.
-
-        Args:
-            points: Points above the ground.
-            before: (N,) the cluster in which each was before; -1 in none.
-            sight: All points of the frame.
-            share: Share of the link distance.
+        A cluster that did not fall apart gets no second box: `before` (N,) is each point's previous cluster, or -1.
         """
         weighted = points.position.copy()
         weighted[:, 2] *= HEIGHT_WEIGHT
@@ -96,7 +87,7 @@ class ClusterDetector:
         fitted = [self._fitter.fit(select_rows(points, rows.take(places)), begins)] if len(begins) else []
         again = usable.copy()
         for found in fitted:
-            again[small] = (found.boxes.class_ids < 0) | (found.boxes.misfit > GOOD_MISFIT)
+            again[small] = (found.boxes.class_ids < 0) | (found.boxes.misfit > MAX_GOOD_MISFIT)
         rows = rows.take(rows_of(starts[:-1], len(rows), again)[0])
         return fitted, select_rows(points, rows), cluster.take(rows)
 
@@ -106,18 +97,11 @@ class ClusterDetector:
     "(float64[:, ::1], int64[::1], int64[::1], int64)"
 )
 def _extents(position: F64, weights: I64, cluster: I64, clusters: int) -> tuple[I64, I64, I64, F64, F64]:
-    """The points of clusters, and what these extend over.
-
-    Args:
-        position: (N, 3) x, y and height.
-        weights: (N,)
-        cluster: (N,) of each point.
-        clusters: Their number C; each has a point.
+    """The points and extents of C clusters, each of at least one point.
 
     Returns:
-        (N,) rows of the points, cluster after cluster; (C + 1,) where each of these begins, and N; (C,) sum of their
-        weights; (C, 5) lowest and highest place of the points along x, y, the two diagonals between these, and the
-        height.
+        (N,) rows of the points, cluster after cluster; (C + 1,) the first of each cluster, and N; (C,) sum of their
+        weights; (C, 5) lowest and highest place of the points along x, y, the two diagonals between these, and z.
     """
     starts, total = np.zeros(clusters + 1, np.int64), np.zeros(clusters, np.int64)
     low, high = np.empty((clusters, 5)), np.empty((clusters, 5))

@@ -1,4 +1,4 @@
-"""What the points in and around a box say of it, in numbers that mean the same for every lidar and range."""
+"""Features of the points in and around a box, which mean the same for every lidar and range."""
 
 import numpy as np
 
@@ -8,13 +8,13 @@ from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.detectors.log_odds import logit
 
 REACH_M = 1.0
-"""Points up to this far beside a box are looked at: a wall, a hedge and a pole go on there, and a car does not."""
+"""Distance from a box up to which points are looked at: a wall, a hedge and a pole go on there, and a car does not."""
 
 MARGIN_M = 0.15
-"""Points up to this far outside a box are of the object: its surface is rough, and the box fits not quite."""
+"""Distance from a box up to which points are of the object: its surface is rough, and the box fits not quite."""
 
 ABOVE_M = 2.0
-"""Points up to this far above an object are looked at."""
+"""Height above an object up to which points are looked at."""
 
 LAYERS_M = np.array([0.3, 0.6, 0.9, 1.2, 1.5, 1.9])
 """Heights above the ground between which shares of the points are counted."""
@@ -73,15 +73,8 @@ def box_features(boxes: Boxes3D, kinds: I64, position: F64, starts: I64, lidar_x
 def _shapes(position: F64, starts: I64, placed: F64, heading: F64, sight: F64, found: F64) -> F64:
     """(B, 7) numbers of points inside, at the ends, at the sides, nearer, farther, high beside and above each box.
 
-    Writes the columns from `low` on of `found`.
-
-    Args:
-        position: (P, 3) see `box_features`.
-        starts: (B + 1,) the same.
-        placed: (B, 5) x and y of the centre, length, width and height of each box.
-        heading: (B, 2) unit vector along the length.
-        sight: (B, 2) unit vector to the nearest lidar, in the frame of the box.
-        found: (B, F)
+    Writes the columns from `low` on of `found` (B, F). `placed` (B, 5) are x and y of the centre and the size of each
+    box, `heading` (B, 2) is along its length, and `sight` (B, 2) to the nearest lidar, in the frame of the box.
     """
     counts = np.zeros((len(placed), 7))
     local = np.empty((len(position), 3))

@@ -26,7 +26,8 @@ from lidcam.pipeline.detectors.cluster.scores import box_covariances, box_scores
 from lidcam.pipeline.detectors.protocols import Candidates3D
 
 THIN_SHARE = 0.2
-"""Points in a cell of this share of the link distance become one: dense surfaces say no more than sparse ones."""
+"""Edge of the cells whose points become one, as a share of the link distance: dense surfaces say no more than sparse
+ones."""
 
 TOP_SHARE = 0.99
 """Share of a group's points below its top; the rest may be stray points."""
@@ -55,11 +56,11 @@ class AboveGround(NamedTuple):
     """P points between two heights above the ground.
 
     Attributes:
-        place: (P,) int64, which of the rows that were looked at, rising.
-        position: (P, 3) float64, x, y in the site frame and height above the ground, metres.
-        lidar: (P,) int64, row of `Rig.lidars` that measured the point.
-        link_distance_m: (P,) float64, points nearer to each other than this belong together.
-        time_ns: (P,) float64, a whole number, minus the cloud's stamp.
+        place: (P,) rising rows of the given rows.
+        position: (P, 3) x, y in the site frame and height above the ground, metres.
+        lidar: (P,) row of `Rig.lidars` that measured the point.
+        link_distance_m: (P,) points nearer to each other than this belong together.
+        time_ns: (P,) whole numbers, minus the cloud's stamp.
     """
 
     place: I64
@@ -88,20 +89,6 @@ class Fitted:
     counts: I64
     lidar_share: F64
     time_ns: I64
-
-    @classmethod
-    def joined(cls, parts: Sequence["Fitted"]) -> "Fitted":
-        """Those of all parts, of which there is one, in their order."""
-        if len(parts) == 1:
-            return parts[0]
-        return cls(
-            join_rows(*[part.rectangles for part in parts]),
-            join_rows(*[part.boxes for part in parts]),
-            np.concatenate([part.roundness for part in parts]),
-            np.concatenate([part.counts for part in parts]),
-            np.concatenate([part.lidar_share for part in parts]),
-            np.concatenate([part.time_ns for part in parts]),
-        )
 
 
 class BoxFitter:
@@ -142,14 +129,7 @@ class BoxFitter:
         return np.column_stack([xy, self._lidar_xyz[:, 2] - self.ground_m(combined, xy)])
 
     def above_ground(self, combined: CombinedCloud, rows: I64, above_m: float, below_m: float = np.inf) -> AboveGround:
-        """The points of given rows (N,) of `combined.detection_cloud` that are higher than one height, and not another.
-
-        Args:
-            combined: The cloud of the frame.
-            rows: (N,)
-            above_m: Points are left out that are no higher than this above the ground.
-            below_m: Points are left out that are at least as high.
-        """
+        """The points of rows (N,) of `combined.detection_cloud` between two heights above the ground, both excluded."""
         found = _points_above_ground(
             combined.detection_cloud.xyz,
             combined.detection_lidar_index,
@@ -170,16 +150,9 @@ class BoxFitter:
         below_m: float = np.inf,
         group: I64 | None = None,
     ) -> tuple[ThinnedPoints, I64]:
-        """Thin points, as far as their link distance allows, and say the group of each that is left.
+        """Thin points, as `above_ground` takes them, as far as their link distance allows; and the group of each left.
 
-        Points of different groups or lidars are kept apart.
-
-        Args:
-            combined: The cloud of the frame.
-            rows: (N,) rows of `combined.detection_cloud`.
-            above_m: Points are left out that are no higher than this above the ground.
-            below_m: Points are left out that are at least as high.
-            group: (N,) their groups, from 0; None if all are of one. The points left are sorted by it.
+        Points of different groups (N,), from 0, or lidars are kept apart; the points left are sorted by group.
         """
         kept, position, lidar, link_m, time_ns = self.above_ground(combined, rows, above_m, below_m)
         if not len(kept):
@@ -187,11 +160,11 @@ class BoxFitter:
         own = lidar if group is None else group[kept] * len(self._lidar_xyz) + lidar
         cells = thin_points(position, link_m, THIN_SHARE, own)
         points = ThinnedPoints(
-            cells.means,
-            cells.distance_m,
-            lidar[cells.first],
-            cells.counts,
-            np.bincount(cells.cell_of_point, time_ns).astype(np.int64),  # of whole numbers, and so exact
+            position=cells.means,
+            link_distance_m=cells.distance_m,
+            lidar=lidar[cells.first],
+            weights=cells.counts,
+            time_sum_ns=np.bincount(cells.cell_of_point, time_ns).astype(np.int64),  # of whole numbers, and so exact
         )
         if group is None:
             return points, np.zeros(len(cells.first), np.int64)
@@ -234,14 +207,14 @@ class BoxFitter:
         per_m2 = self._settings.points_per_sr * (fitted.lidar_share / np.maximum(range_m, 1e-3) ** 2).sum(1)
         z = self.ground_m(combined, boxes.center_xy) + boxes.sizes[:, 2] / 2
         return Candidates3D(
-            np.concatenate([boxes.center_xy, z[:, None]], 1),
-            boxes.sizes,
-            boxes.yaw_rad,
-            box_scores(boxes, rectangles, fitted.counts, per_m2),
-            boxes.class_ids,
-            fitted.counts,
-            box_covariances(boxes, rectangles, fitted.roundness, per_m2),
-            fitted.time_ns,
+            centers=np.concatenate([boxes.center_xy, z[:, None]], 1),
+            sizes=boxes.sizes,
+            yaws=boxes.yaw_rad,
+            scores=box_scores(boxes, rectangles, fitted.counts, per_m2),
+            class_ids=boxes.class_ids,
+            point_counts=fitted.counts,
+            covariances=box_covariances(boxes, rectangles, fitted.roundness, per_m2),
+            time_offsets_ns=fitted.time_ns,
         )
 
 
@@ -273,21 +246,7 @@ def _points_above_ground(
     link: F64,
     heights_m: F64,
 ) -> tuple[I64, F64, I64, F64, F64]:
-    """The fields of `AboveGround`.
-
-    Args:
-        xyz: (N, 3) the cloud, metres in the site frame.
-        lidar_index: (N,) lidar of each point.
-        time_ns: (N,) its time, minus the cloud's stamp.
-        rows: (P,) the points to look at.
-        plane: (4,) normal and offset of the ground's plane.
-        relief_m: (H, W) see `Relief`.
-        grid: (3,) its origin, and the distance between its nodes.
-        lidar_xyz: (L, 3) of the lidars in the site frame.
-        link: (2,) link distance at a lidar, metres, and how much it grows for a metre of range.
-        heights_m: (2,) the points lie above the first and below the second.
-
-    """
+    """The fields of `AboveGround`; `plane`, `relief_m` and `grid` are those of `_ground_arrays`."""
     count = len(rows)
     place, lidar, link_m = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count)
     position, when_ns = np.empty((count, 3)), np.empty(count)

@@ -9,17 +9,17 @@ from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
 
 KINDS = ("background", "car", "pedestrian", "cyclist", "large vehicle")
-"""What a cluster can be, in the order of the probabilities. A large vehicle is a van, a truck or a bus."""
+"""Kinds of clusters, in the order of the probabilities. A large vehicle is a van, a truck or a bus."""
 
 KIND_OF_NAME = {"car": 1, "pedestrian": 2, "bicycle": 3, "truck": 4, "bus": 4}
 """Rows of `KINDS` by the names of the classes of the roads; labels of other classes count, too."""
 
-SIZE_FACTOR = 2.0
-"""A class whose typical size differs from that of the roads by more than this was not in training."""
+MAX_SIZE_FACTOR = 2.0
+"""Maximum ratio of a class's typical size to that of the roads: other sizes were not in training."""
 
 
 def kinds_of(classes: Sequence[ClassPrior]) -> Bools:
-    """(C, 5) of which of `KINDS` each class consists, by its name and labels.
+    """(C, 5) the `KINDS` of each class, by its name and labels.
 
     Raises:
         ConfigError: one of them is of no kind, or of another size.
@@ -49,4 +49,4 @@ def knows(classes: Sequence[ClassPrior]) -> bool:
 
 def _is_of_size(prior: ClassPrior, other: ClassPrior) -> bool:
     ratio = np.abs(np.log(np.divide(prior.size_m, (other.size_m, *other.kinds_m))))
-    return bool((ratio <= np.log(SIZE_FACTOR)).all(1).any())
+    return bool((ratio <= np.log(MAX_SIZE_FACTOR)).all(1).any())

@@ -17,11 +17,11 @@ from lidcam.pipeline.detectors.cluster.network import EMBEDDED, ClusterNetwork
 from lidcam.pipeline.detectors.cluster.refitting import Refitter
 
 MIN_PROBABILITY = 0.15
-"""A box whose new class is less probable keeps its own: it is most probably no object, whatever its class."""
+"""Minimum probability of a box's new class; one below it is most probably no object, and keeps its own class."""
 
 
 class FeatureFinder:
-    """The numbers of each box of a frame that say what it is."""
+    """Finds the features of the boxes of a frame."""
 
     def __init__(self, rig: Rig, config: Config) -> None:
         """Raises ConfigError: see `kinds_of`."""
@@ -60,7 +60,7 @@ class LearnedScores:
         return np.asarray(self._network(self._features(combined, boxes)) @ self._features.members.T)
 
     def __call__(self, combined: CombinedCloud, boxes: Boxes3D) -> Boxes3D:
-        """The same boxes in their order; those of another class than before are completed anew, as far as they fit."""
+        """Boxes in their order, with new classes and scores; where the class changes, completed anew if that fits."""
         if not len(boxes):
             return boxes
         by_class = self.by_class(combined, boxes)

@@ -19,8 +19,9 @@ EMBEDDED = Path(__file__).with_name("road.npz")
 """The weights that travel with lidcam; `road.md` beside it says how they were made."""
 
 MAX_BYTES = 16 << 20
+
 MAX_STANDARD = 4.0
-"""Numbers further from the mean than so many standard deviations count as this far: the training has seen none."""
+"""Maximum distance of a feature from its mean, in standard deviations: the training has seen none beyond."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,10 +29,10 @@ class ClusterNetwork:
     """M networks of the same form.
 
     Attributes:
-        mean: (F,) of the features in training.
+        mean: (F,) means of the features in training.
         deviation: (F,) standard deviations.
-        weights: Of each layer (M, inputs, outputs).
-        biases: Of each layer (M, 1, outputs).
+        weights: (M, inputs, outputs) for each layer.
+        biases: (M, 1, outputs) for each layer.
     """
 
     mean: F64
@@ -69,27 +70,25 @@ class ClusterNetwork:
         """
         expected = f"{path}: expected weights that `lidcam train clusters` wrote"
         try:
-            with np.load(BytesIO(read_small_file(path, MAX_BYTES)), allow_pickle=False) as found:
-                arrays = {name: found[name] for name in found.files}
+            with np.load(BytesIO(read_small_file(path, MAX_BYTES)), allow_pickle=False) as file:
+                arrays = {name: file[name] for name in file.files}
         except OSError as err:
             raise ModelError(f"{expected}, found that it cannot be read: {err.strerror or one_line(err)}") from err
         except (ValueError, zipfile.BadZipFile, EOFError, KeyError, AttributeError) as err:
             raise ModelError(f"{expected}, found {one_line(err)}") from err
-        names = tuple(map(str, arrays.get("features", ())))
-        if names != FEATURES or tuple(map(str, arrays.get("kinds", ()))) != KINDS:
+        names = tuple(map(str, arrays.pop("features", ())))
+        if names != FEATURES or tuple(map(str, arrays.pop("kinds", ()))) != KINDS:
             raise ModelError(f"{expected} in this version, found other features or classes: train it anew")
-        layers = sum(name.startswith("weights") for name in arrays)
+        layers = range(sum(name.startswith("weights") for name in arrays))
         try:
-            parts = [
-                [arrays[f"{kind}{row}"].astype(np.float64) for row in range(layers)] for kind in ("weights", "biases")
-            ]
-            network = cls(arrays["mean"].astype(float), arrays["deviation"].astype(float), *map(tuple, parts))
-            numbers = network.mean, network.deviation, *network.weights, *network.biases
-            if not all(np.isfinite(array).all() for array in numbers):
-                raise ModelError(f"{expected}, found numbers that are not finite: train it anew")
+            numbers = {name: array.astype(np.float64) for name, array in arrays.items()}
+            weights, biases = (tuple(numbers[f"{kind}{row}"] for row in layers) for kind in ("weights", "biases"))
+            network = cls(numbers["mean"], numbers["deviation"], weights, biases)
             shape = network(np.zeros((1, len(FEATURES)))).shape
         except (KeyError, ValueError) as err:
             raise ModelError(f"{expected}, found arrays that do not fit each other: {one_line(err)}") from err
+        if not all(np.isfinite(array).all() for array in numbers.values()):
+            raise ModelError(f"{expected}, found numbers that are not finite: train it anew")
         if not layers or shape != (1, len(KINDS)):
             raise ModelError(f"{expected}, found arrays of other shapes")
         return network

@@ -15,10 +15,10 @@ from lidcam.pipeline.core.settings.detect import ClusterConfig
 from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
 
 MARGIN_SHARE = 0.5
-"""Points this share of the link distance outside a box belong to it: a few of them lie outside its sides."""
+"""Maximum distance of a box's points outside it, as a share of the link distance: a few lie outside its sides."""
 
 MIN_POINTS = 3
-"""A box is left as it is where fewer points are in it: they have no shape."""
+"""Minimum points in a box that is fitted anew: fewer have no shape."""
 
 
 class Refitter:
@@ -29,7 +29,7 @@ class Refitter:
         self._max_size_m = np.array([prior.max_size_m for prior in classes])
 
     def __call__(self, combined: CombinedCloud, boxes: Boxes3D, rows: Indices) -> tuple[Boxes3D, Indices]:
-        """The same boxes, some of them with new centres, sizes and yaws; and the rows of these.
+        """Boxes with new centres, sizes and yaws for some of them; and the rows of these.
 
         Of the two directions along its length, a new box keeps that nearer to the old one. A box stays as it is where
         too few points are in it, or where it is larger than its class can be: then it is more than one object.

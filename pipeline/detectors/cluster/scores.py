@@ -1,4 +1,4 @@
-"""How much speaks for a completed box, and how well its place is known."""
+"""Scores and covariances of completed boxes."""
 
 import numpy as np
 
@@ -8,35 +8,40 @@ from lidcam.pipeline.detectors.cluster.completion import CompletedBoxes
 from lidcam.pipeline.detectors.cluster.lshape import Rectangles
 
 FULL_VIEW_SHARE = 0.25
-"""An object that returns this share of the points expected in full view gets half of the best score: black paint
-returns little, and other objects stand in front."""
+"""Share of the points expected in full view that gives half of the best score: black paint returns little, and other
+objects stand in front."""
 
 ROUGH_SHARE = 0.15
-"""A residual of this share of the box's mean side takes the score down to 1/e: bushes are rough, vehicles are not."""
+"""Residual that takes the score down to 1/e, as a share of the box's mean side: bushes are rough, vehicles are not."""
 
-SIZE_STD_SHARE, SPACING_STD_SHARE, ROUGH_STD_SHARE = 0.03, 0.3, 0.6
-"""Standard deviation of a centre beside that of its growth: shares of the box's extent, of the distance between beams
-on a side that faces the lidars, and of the residual of the sides. See `box_covariances`."""
+SIZE_STD_SHARE = 0.03
+"""Standard deviation of a centre, as a share of the box's extent; with that of its growth and the next two."""
+
+SPACING_STD_SHARE = 0.3
+"""Standard deviation of a centre, as a share of the distance between beams on a side that faces the lidars."""
+
+ROUGH_STD_SHARE = 0.6
+"""Standard deviation of a centre, as a share of the residual of the sides."""
 
 YAW_SPACING_SHARE = 0.15
-"""Standard deviation of where a side stands at its ends, as a share of the distance between beams, beside the residual
-of the sides: over the side's length this turns it."""
+"""Standard deviation of the ends of a side, as a share of the distance between beams; with the residual of the sides it
+turns the heading."""
 
 ROUND_YAW_RAD = 0.7
-"""Standard deviation of a rider's heading, which is that of the principal axis of its points, where their variances
-across and along that axis are as 1 to 2. In general it is this times v / (1 - v) with the ratio v of the variances."""
+"""Standard deviation of a rider's heading, that of the principal axis of its points, where their variances across and
+along that axis are as 1 to 2. In general it is this times v / (1 - v) with the ratio v of the variances."""
 
-YAW_STD_MIN_RAD = np.deg2rad(1.0)
-YAW_STD_MAX_RAD = np.pi / np.sqrt(12.0)
-"""Where the heading is not known at all: of a line, anything within half a turn alike."""
+MIN_YAW_STD_RAD = np.deg2rad(1.0)
+
+MAX_YAW_STD_RAD = np.pi / np.sqrt(12.0)
+"""Standard deviation of an unknown heading: of a line, anything within half a turn alike."""
 
 ROUND_FROM, ROUND_TO = 0.5, 0.8
-"""Ratio of width to length of a box from which on the points say less about its heading, and nothing."""
+"""Ratios of width to length of a box between which the points say less and less about its heading, to nothing."""
 
 RIDER_FROM, RIDER_TO = 1.05, 0.95
-"""Ratio of the length that was seen of a rider to the width from which on down the points say less about the heading,
-and nothing: they are those of shoulders, which lie across it. In simulated recordings of a crossing, of riders of whom
-less was seen, every third heading was off by more than 60 degrees; of whom more was seen, none of 330."""
+"""Ratios of the length that was seen of a rider to the width between which, downwards, the points say less and less
+about the heading: they are those of shoulders, which lie across it."""
 
 
 def box_scores(boxes: CompletedBoxes, rectangles: Rectangles, counts: I64, expected_per_m2: F64) -> F64:
@@ -44,7 +49,7 @@ def box_scores(boxes: CompletedBoxes, rectangles: Rectangles, counts: I64, expec
 
     Args:
         boxes: Completed boxes of C clusters.
-        rectangles: Their measured extents.
+        rectangles: Measured extents of the clusters.
         counts: (C,) points of each cluster.
         expected_per_m2: (C,) points to expect on a square metre that faces the lidars.
     """
@@ -61,13 +66,11 @@ def box_covariances(boxes: CompletedBoxes, rectangles: Rectangles, roundness: F6
     where the object was when it was measured: what it moves until the frame's time comes on top.
 
     The shares were fitted by maximum likelihood to simulated recordings of a crossing and of a drive, on boxes of the
-    right class. Squared errors of x and y against the covariance, where 2 is exact, are there 1.4 and 3.6 for cars, 0.8
-    and 1.9 for cyclists, 0.5 and 2.0 for pedestrians, 0.3 to 2.2 for vans, trucks and buses, 4.9 for the cars of five
-    KITTI frames; those of yaw, where 1 is exact, 0 to 4, but for single cars of few points whose heading is wrong.
+    right class.
 
     Args:
         boxes: Completed boxes of C clusters.
-        rectangles: Their measured extents.
+        rectangles: Measured extents of the clusters.
         roundness: (C,) of their points, see `principal_axes`.
         expected_per_m2: (C,) points to expect on a square metre that faces the lidars.
     """
@@ -91,5 +94,5 @@ def _yaw_std(boxes: CompletedBoxes, extent: F64, residual_m: F64, roundness: F64
     unknown = np.clip((ratio - ROUND_FROM) / (ROUND_TO - ROUND_FROM), 0, 1)
     seen_m = boxes.sizes[:, 0] - 4 * boxes.center_std_m[:, 0]  # the rest was completed, to both ends alike
     short = np.clip((seen_m / boxes.sizes[:, 1] - RIDER_FROM) / (RIDER_TO - RIDER_FROM), 0, 1)
-    unknown = YAW_STD_MAX_RAD * np.where(boxes.rides, np.maximum(unknown, short), unknown)
-    return np.asarray(np.clip(np.hypot(turn, unknown), YAW_STD_MIN_RAD, YAW_STD_MAX_RAD))
+    unknown = MAX_YAW_STD_RAD * np.where(boxes.rides, np.maximum(unknown, short), unknown)
+    return np.asarray(np.clip(np.hypot(turn, unknown), MIN_YAW_STD_RAD, MAX_YAW_STD_RAD))

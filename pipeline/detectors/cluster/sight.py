@@ -6,19 +6,18 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64, Bools
 from lidcam.pipeline.core.compiled import compiled
-from lidcam.pipeline.detectors.cluster.clusters import ascending
 
 SECTOR_RAD = np.deg2rad(1.0)
-"""Points whose azimuths differ by less stand in one line of sight, roughly."""
+"""Width of a sector, within which points stand in one line of sight, roughly."""
 
 SECTORS = int(2 * np.pi / SECTOR_RAD) + 2
-"""Of a lidar, with room for rounding."""
+"""Sectors of a lidar, with room for rounding."""
 
-NEARER_SHARE = 0.97
-"""A point hides others only if it is nearer than this share of their distance."""
+MAX_NEARER_SHARE = 0.97
+"""Maximum distance of a point that hides another, as a share of the other's distance."""
 
-HIDDEN_SHARE = 0.5
-"""A cluster is hidden below if it is so in this share of its sectors."""
+MIN_HIDDEN_SHARE = 0.5
+"""Minimum share of a cluster's sectors in which it is hidden below, for it to count as hidden."""
 
 
 class Sight(NamedTuple):
@@ -26,8 +25,7 @@ class Sight(NamedTuple):
 
     Attributes:
         origins: (L, 3) x, y of the lidars in the site frame and their heights above the ground, metres.
-        starts: (S + 1,) first point of each sector, behind the last one of the sector before; those of a lidar follow
-            those of the one before.
+        starts: (S + 1,) first point of each sector, lidar after lidar.
         distance_m: (N,) horizontal distance of each point from its lidar, sector after sector.
         slope: (N,) rise of the line of sight to each for a metre of that distance.
     """
@@ -41,7 +39,8 @@ class Sight(NamedTuple):
     def of(cls, position: F64, lidar: I64, origins: F64) -> "Sight":
         """From points (N, 3) x, y and height above the ground, and the lidar (N,) of each."""
         sector, distance_m, slope = _seen(position, lidar, origins)
-        order = ascending(sector)
+        # Numpy sorts numbers of 16 bits in one pass.
+        order = np.argsort(sector.astype(np.min_scalar_type(len(origins) * SECTORS)), kind="stable")
         starts = np.searchsorted(sector[order], np.arange(len(origins) * SECTORS + 1))
         return cls(origins, starts, distance_m[order], slope[order])
 
@@ -68,7 +67,7 @@ class Sight(NamedTuple):
             self.origins[:, 2].take(lidar),
             starts,
             from_m / 2,
-            np.array([NEARER_SHARE, HIDDEN_SHARE]),
+            np.array([MAX_NEARER_SHARE, MIN_HIDDEN_SHARE]),
         )
 
 
@@ -98,19 +97,8 @@ def _hidden_below(
 ) -> Bools:
     """(C,) whether clusters are hidden below in enough of the sectors that they extend over, see `Sight`.
 
-    One point of each sector of a cluster, its first, stands for all of them.
-
-    Args:
-        first: (S + 1,) first point of each sector of all points.
-        distance_m: Of these points from their lidar.
-        slope: Of the lines of sight to them.
-        height_m: (P,) of the points of the clusters above the ground, cluster after cluster.
-        sector: (P,) theirs.
-        far_m: (P,) their distance from their lidar.
-        lidar_height_m: (P,) height of that.
-        starts: (C,) first point of each cluster.
-        from_m: Smallest height at which a hiding line of sight meets the cluster.
-        shares: `NEARER_SHARE` and `HIDDEN_SHARE`.
+    The first point of a cluster in each sector stands for all of them. `far_m` is the distance (P,) of a cluster's
+    points from their lidar, `shares` are `MAX_NEARER_SHARE` and `MIN_HIDDEN_SHARE`.
     """
     found, looked = np.empty(len(starts), np.bool_), np.full(len(first), -1, np.int64)
     for c in range(len(starts)):

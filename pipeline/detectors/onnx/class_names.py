@@ -29,7 +29,7 @@ COCO91_LABELS: tuple[str, ...] = tuple(
     dict(zip(sorted({*range(1, 91)} - {12, 26, 29, 30, 45, 66, 68, 69, 71, 83}), COCO_LABELS, strict=True)).get(row, "")
     for row in range(91)
 )
-"""The same by the numbers of COCO's annotations, from 1 (person) to 90, of which ten have no name."""
+"""COCO's names by the numbers of its annotations, from 1 (person) to 90; ten of these have none."""
 
 KNOWN = {"coco": COCO_LABELS, "coco91": COCO91_LABELS}
 REMEDY = (

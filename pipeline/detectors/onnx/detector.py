@@ -1,7 +1,7 @@
-"""2D detection by a network in an ONNX file: how it is given images, and what is made of its outputs.
+"""2D detection by a network in an ONNX file.
 
-A trial run when loading shows which layout the network has (`layouts/recognition.py`), and a second one whether it
-takes images of other sizes than its own. Networks of convolutions do, whatever their file says.
+A trial run when loading shows which layout the network has (`layouts.py`), and a second one whether it takes images of
+other sizes than its own. Networks of convolutions do, whatever their file says.
 """
 
 import logging
@@ -16,8 +16,7 @@ from lidcam.pipeline.core.errors import ConfigError, ModelError
 from lidcam.pipeline.core.settings.detect import Detect2DConfig
 from lidcam.pipeline.detectors.onnx.class_names import class_names
 from lidcam.pipeline.detectors.onnx.inputs import input_size, read_inputs
-from lidcam.pipeline.detectors.onnx.layouts.layout import Layout, Size
-from lidcam.pipeline.detectors.onnx.layouts.recognition import Trial, recognise
+from lidcam.pipeline.detectors.onnx.layouts import Layout, Size, Trial, recognise
 from lidcam.pipeline.detectors.onnx.preprocessing import Preprocessing
 from lidcam.pipeline.detectors.onnx.session import MAX_BATCH_BYTES, OnnxSession
 from lidcam.pipeline.detectors.onnx.tiles import Tile, join_tiles, tiles_of
@@ -25,8 +24,10 @@ from lidcam.pipeline.detectors.protocols import Candidates2D
 
 logger = logging.getLogger(__name__)
 
-STRIDE_PX, MAX_STRIDE_PX = 32, 128
-"""Sizes are multiples of the first where the file says nothing, and of the second at most."""
+STRIDE_PX = 32
+"""Common divisor of heights and widths where the file says nothing."""
+
+MAX_STRIDE_PX = 128
 
 USUAL_PX: Size = (640, 640)
 """Height and width where the file says nothing."""
@@ -36,23 +37,24 @@ PROBE_CELLS = (5, 7), (6, 8)
 than the network's own, so that a table for the own size does not fit."""
 
 PIXEL_BYTES = 12
+
 CACHED_BYTES = 1 << 22
-"""Of the images that a processor is given at once, if they are more than one: what the layers of a network make of a
-larger batch leaves the caches before the next layer looks at it, which costs YOLOX-nano a fifth."""
+"""Maximum size of a batch of several images on a processor: the layers of a larger one leave the caches before the next
+layer reads them, which costs YOLOX-nano a fifth."""
 
 MAX_OUTPUT_BYTES = 1 << 29
-"""Of one output for one batch: more is no detection."""
+"""Maximum size of one output for one batch: more is no detection."""
 
 
 class OnnxDetector2D:
-    """A loaded network; may be called from several threads at once."""
+    """A loaded network; may be called from several threads at once.
+
+    Attributes:
+        labels: Names of the network's classes.
+    """
 
     def __init__(self, path: Path, settings: Detect2DConfig) -> None:
         """Load a network and try it.
-
-        Args:
-            path: ONNX file.
-            settings: How it is loaded, and what it is given.
 
         Raises:
             ConfigError: the file with the names of classes cannot be read.
@@ -78,32 +80,24 @@ class OnnxDetector2D:
         usual_px = _size_px(metadata)
         own_px = self._inputs.height_px or usual_px[0], self._inputs.width_px or usual_px[1]
         self._layout = self._try(self._session, own_px)
-        self._labels = class_names(settings.names, metadata, self._layout.class_count)
+        self.labels = class_names(settings.names, metadata, self._layout.class_count)
         self._preprocessing = Preprocessing(
             self._layout.colors if settings.colors == "auto" else settings.colors, self._layout.placement
         )
         self._fixed_px: Size | None = own_px
-        if settings.input == "auto":
-            self._take_any_size(own_px)
-        elif settings.input != own_px[::-1]:
-            self._take_size(own_px, (settings.input[1], settings.input[0]))
-        logger.info("%s: %s, %d classes, %s", self._path, self._layout.name, len(self._labels), self._input_in_words())
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Names of the network's classes."""
-        return self._labels
+        self._free_size(own_px, None if settings.input == "auto" else (settings.input[1], settings.input[0]))
+        size = f"images in their own shape, {settings.max_input_px} px at most"
+        if self._fixed_px:
+            size = f"images of {self._fixed_px[1]} x {self._fixed_px[0]} px"
+        logger.info("%s: %s, %d classes, %s", self._path, self._layout.name, len(self.labels), size)
 
     def __call__(self, images: Sequence[U8]) -> list[Candidates2D]:
         """Proposals for each image, in order.
 
-        Images that the network is given in one size run in one batch if the batch dimension is free; on the processor
-        only as many as its caches hold, so that large ones run one by one. A network with a fixed batch size B runs
-        once per B images, with the last batch filled up with blank ones. Of a network with a fixed size, images of
-        another shape become tiles (`tiles_of`).
-
-        Args:
-            images: (H, W, 3) RGB, of any size each.
+        Images (H, W, 3) of one input size run in one batch if the batch dimension is free; on the processor only as
+        many as its caches hold, so that large ones run one by one. A network with a fixed batch size B runs once per B
+        images, with the last batch filled up with blank ones. For a network with a fixed size, images of another shape
+        become tiles (`tiles_of`).
 
         Raises:
             ModelError: the network fails, or finds a class that has no name.
@@ -154,9 +148,9 @@ class OnnxDetector2D:
         except ModelError as err:
             raise ModelError(f"{self._path}: {err}") from err
         last = max((int(one.labels.max(initial=0)) for one in found), default=0)
-        if last >= len(self._labels):
+        if last >= len(self.labels):
             raise ModelError(
-                f"{self._path}: the network finds the class {last}, and there are names for {len(self._labels)}: "
+                f"{self._path}: the network finds the class {last}, and there are names for {len(self.labels)}: "
                 "set detect2d.names to all of its names"
             )
         return found
@@ -195,62 +189,41 @@ class OnnxDetector2D:
             layout.read(outputs, count, size_px, self._settings.min_score)
         return layout
 
-    def _take_any_size(self, own_px: Size) -> None:
-        """Let the network take images of other sizes than its own, if it can and is made to."""
-        is_stretched = self._layout.placement == "stretched"  # made for one size, whatever it can take
-        if is_stretched and not self._is_free:
+    def _free_size(self, own_px: Size, wanted_px: Size | None) -> None:
+        """Let the network take images of another size than its own, or of any (None), if it can and is made to.
+
+        Raises:
+            ModelError: it does not take the size that is wanted.
+        """
+        is_free = self._inputs.height_px is None and self._inputs.width_px is None
+        made_for_one_size = self._layout.placement == "stretched" and not is_free
+        if wanted_px == own_px or (wanted_px is None and made_for_one_size):
             return
-        try:
-            self._session, self._fixed_px = self._tried(self._probe_px(own_px)), None
-        except ModelError as err:
-            logger.info("%s takes %d x %d px only: %s", self._path, own_px[1], own_px[0], err)
-
-    def _take_size(self, own_px: Size, wanted_px: Size) -> None:
-        """Let the network take images of another size than its own.
-
-        Raises:
-            ModelError: it cannot.
-        """
-        if any(size % self._stride_px for size in wanted_px):
-            raise ModelError(
-                f"detect2d.input: expected multiples of {self._stride_px} px, found {wanted_px[1]} x {wanted_px[0]}"
-            )
-        try:
-            self._session, self._fixed_px = self._tried(self._probe_px(own_px), wanted_px), wanted_px
-        except ModelError as err:
-            raise ModelError(
-                f"detect2d.input: the network does not take {wanted_px[1]} x {wanted_px[0]} px, its own size is "
-                f"{own_px[1]} x {own_px[0]}: {err}"
-            ) from err
-
-    @property
-    def _is_free(self) -> bool:
-        """Whether the file leaves the size open."""
-        return self._inputs.height_px is None and self._inputs.width_px is None
-
-    def _probe_px(self, own_px: Size) -> Size:
-        """A small size with another number of cells than the network's own."""
+        if wanted_px and any(size % self._stride_px for size in wanted_px):
+            found = f"{wanted_px[1]} x {wanted_px[0]}"
+            raise ModelError(f"detect2d.input: expected multiples of {self._stride_px} px, found {found}")
+        # A small size with another number of cells than the network's own.
         probes = [(rows * self._stride_px, columns * self._stride_px) for rows, columns in PROBE_CELLS]
-        return next(probe for probe in probes if np.prod(probe) != np.prod(own_px))
+        probe_px = next(probe for probe in probes if np.prod(probe) != np.prod(own_px))
+        own = f"{own_px[1]} x {own_px[0]} px"
+        try:
+            session = self._session if is_free else self._session.with_free_size(self._inputs.images)
+            for size_px in (probe_px, *([wanted_px] if wanted_px else [])):
+                self._check_layout(self._try(session, size_px), size_px)
+        except ModelError as err:
+            if wanted_px:
+                raise ModelError(
+                    f"detect2d.input: the network does not take {wanted_px[1]} x {wanted_px[0]} px, its own size is "
+                    f"{own}: {err}"
+                ) from err
+            logger.info("%s takes %s only: %s", self._path, own, err)
+            return
+        self._session, self._fixed_px = session, wanted_px
 
-    def _tried(self, *sizes_px: Size) -> OnnxSession:
-        """The network, loaded so that it takes these sizes.
-
-        Raises:
-            ModelError: it does not take them, or gives something else for them.
-        """
-        session = self._session if self._is_free else self._session.with_free_size(self._inputs.images)
-        for size_px in sizes_px:
-            found = self._try(session, size_px)
-            if (found.name, found.class_count) != (self._layout.name, self._layout.class_count):
-                at = f"{size_px[1]} x {size_px[0]} px"
-                raise ModelError(f"expected the layout {self._layout.name}, found {found.name} for {at}")
-        return session
-
-    def _input_in_words(self) -> str:
-        if self._fixed_px:
-            return f"images of {self._fixed_px[1]} x {self._fixed_px[0]} px"
-        return f"images in their own shape, {self._settings.max_input_px} px at most"
+    def _check_layout(self, found: Layout, size_px: Size) -> None:
+        if (found.name, found.class_count) != (self._layout.name, self._layout.class_count):
+            at = f"{size_px[1]} x {size_px[0]} px"
+            raise ModelError(f"expected the layout {self._layout.name}, found {found.name} for {at}")
 
 
 def _stride_px(metadata: dict[str, str]) -> int:

@@ -8,11 +8,16 @@ size (anchors, embeddings of positions) fail at the others, which a trial run sh
 from functools import cache
 from typing import Any
 
+from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto
+from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import DecodeError, EncodeError
+from google.protobuf.message_factory import GetMessageClass
 
 from lidcam.pipeline.core.errors import ModelError
-from lidcam.pipeline.detectors.onnx.messages import MANY, ONE, model_class
 
+PACKAGE = "lidcam.onnx"
+ONE, MANY = FieldDescriptorProto.LABEL_OPTIONAL, FieldDescriptorProto.LABEL_REPEATED
+PLAIN = {"bytes": FieldDescriptorProto.TYPE_BYTES, "int64": FieldDescriptorProto.TYPE_INT64}
 FIELDS = {
     "Model": [("graph", 7, ONE, "Graph")],
     "Graph": [("inputs", 11, MANY, "Value"), ("outputs", 12, MANY, "Value"), ("inner", 13, MANY, "Value")],
@@ -22,7 +27,7 @@ FIELDS = {
     "Shape": [("dims", 1, MANY, "Dim")],
     "Dim": [("size", 1, ONE, "int64"), ("name", 2, ONE, "bytes")],
 }
-"""The fields of onnx.proto3 (github.com/onnx/onnx) that are read or changed; the others stay as they are."""
+"""The fields of onnx.proto3 (github.com/onnx/onnx) that are read or changed; the others keep their bytes."""
 
 
 def free_size(data: bytes, input_name: str) -> bytes:
@@ -53,5 +58,15 @@ def free_size(data: bytes, input_name: str) -> bytes:
 
 @cache
 def _message_class() -> Any:
-    """Reads what is named in `FIELDS`, and keeps the bytes of all other fields."""
-    return model_class("lidcam.onnx", FIELDS)
+    file = FileDescriptorProto(name=f"{PACKAGE}.proto", package=PACKAGE, syntax="proto2")
+    for message, fields in FIELDS.items():
+        described = file.message_type.add(name=message)
+        for name, number, label, kind in fields:
+            field = described.field.add(name=name, number=number, label=label)
+            if kind in PLAIN:
+                field.type = PLAIN[kind]
+            else:
+                field.type, field.type_name = FieldDescriptorProto.TYPE_MESSAGE, f".{PACKAGE}.{kind}"
+    pool = DescriptorPool()
+    pool.Add(file)
+    return GetMessageClass(pool.FindMessageTypeByName(f"{PACKAGE}.Model"))

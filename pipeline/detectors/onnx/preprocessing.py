@@ -18,7 +18,7 @@ IMAGENET_MEAN, IMAGENET_DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 
 class Place(NamedTuple):
-    """Where an image lies in a network's input: pixel of the input = pixel of the image * scale + offset.
+    """Place of an image in a network's input: pixel of the input = pixel of the image * scale + offset.
 
     Attributes:
         scale: (2,) float32, in x and y.
@@ -39,7 +39,7 @@ class Preprocessing:
 
     Attributes:
         colors: Order and values of the channels.
-        placement: Where an image lies.
+        placement: Place of an image.
     """
 
     colors: NetworkColors

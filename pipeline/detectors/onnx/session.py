@@ -23,16 +23,17 @@ from lidcam.pipeline.detectors.onnx.free_size import free_size
 from lidcam.pipeline.detectors.onnx.inputs import Value
 
 MAX_SECONDS = 30
-"""To load a file, and for each image of a batch: the largest YOLOX takes 5 s of a slow core."""
+"""Maximum time to load a file, and for each image of a batch: the largest YOLOX takes 5 s of a slow core."""
 
 MAX_MEMORY_BYTES = 4 << 30
-"""Of all networks together, their weights included."""
+"""Maximum memory of all networks together, including their weights."""
 
 MAX_BATCH_BYTES = 1 << 29
-"""Of the images given at once: 26 of 1280 x 1280 px."""
+"""Maximum size of the images given at once: 26 of 1280 x 1280 px."""
 
 MAX_CHANGED_BYTES = 1 << 29
-"""Of a file whose input is made free: it is in memory three times meanwhile. The largest YOLOX has 400 MB."""
+"""Maximum size of a file whose input is made free, which is in memory three times meanwhile; the largest YOLOX has
+400 MB."""
 
 PROVIDERS: dict[Provider, str] = {
     "cpu": "CPUExecutionProvider",
@@ -70,9 +71,9 @@ class OnnxSession:
 
         Args:
             path: Its file.
-            threads: How many a run may use.
-            provider: What runs it.
-            remedy: What to do if there is no such file, to be told.
+            threads: Threads of a run.
+            provider: Processor or accelerator.
+            remedy: Advice in the error if there is no such file.
 
         Raises:
             ModelError: the file does not exist, onnxruntime cannot load it, or it has no such provider.
@@ -89,10 +90,7 @@ class OnnxSession:
         self._load(str(path))
 
     def with_free_size(self, image_input: str) -> Self:
-        """The same network, loaded so that its images may have any size; whether they can, only a run shows.
-
-        Args:
-            image_input: Its input for images.
+        """The same network, loaded so that the images of an input may have any size; whether they can, a run shows.
 
         Raises:
             ModelError: its input cannot be made free, as the file is too large or has no such input, or the network
@@ -141,11 +139,7 @@ class OnnxSession:
         self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
 
     def run(self, fed: Mapping[str, Array], images: int) -> list[Array]:
-        """The outputs for a batch of images.
-
-        Args:
-            fed: Array of each input, by name.
-            images: How many images that are.
+        """The outputs for a batch of some images, from the array of each input by name.
 
         Raises:
             ModelError: the network fails, takes too long or too much memory, or gives no arrays.
@@ -192,12 +186,8 @@ def _onnxruntime() -> Any:
 def providers_for(provider: Provider, available: Sequence[str]) -> list[str]:
     """The providers for onnxruntime, the preferred one first; the processor runs what an accelerator has no kernel for.
 
-    Args:
-        provider: The wanted provider.
-        available: Providers of the installed onnxruntime.
-
     Raises:
-        ModelError: it does not have it.
+        ModelError: the preferred one is not among those available.
     """
     if PROVIDERS[provider] not in available:
         has = ", ".join(name for name, known in PROVIDERS.items() if known in available)
@@ -210,11 +200,7 @@ def providers_for(provider: Provider, available: Sequence[str]) -> list[str]:
 
 
 def check_runs_on(provider: Provider, used: Sequence[str]) -> None:
-    """Whether a network that was loaded runs where it should: onnxruntime itself falls back to the processor.
-
-    Args:
-        provider: The wanted provider.
-        used: Providers on which the network runs, as onnxruntime says.
+    """Check that a loaded network runs on the wanted provider: onnxruntime itself falls back to the processor.
 
     Raises:
         ModelError: it does not.

@@ -6,17 +6,17 @@ from typing import NamedTuple
 import numpy as np
 
 from lidcam.pipeline.core.arrays import U8, Bools
-from lidcam.pipeline.detectors.onnx.layouts.layout import Size
+from lidcam.pipeline.detectors.onnx.layouts import Size
 from lidcam.pipeline.detectors.protocols import Candidates2D
 
 OVERLAP = 0.2
-"""Of the length of a tile, which the next one shows, too."""
+"""Overlap of neighbouring tiles, as a share of their length."""
 
 SEAM_SHARE = 0.01
-"""Of the length of a tile: a box that ends so near to an edge within the image may be part of an object."""
+"""Maximum distance from an edge within the image, as a share of a tile's length, of a box that may be cut there."""
 
-SAME_SHARE = 0.6
-"""A box that may be part of an object is one if another tile's box of its class covers so much of it."""
+MIN_COVERED_SHARE = 0.6
+"""Minimum share of a cut box that another tile's box of its class covers, for it to be left out."""
 
 
 class Tile(NamedTuple):
@@ -35,8 +35,8 @@ class Tile(NamedTuple):
 def tiles_of(height_px: int, width_px: int, input_px: Size, max_px: int) -> list[Tile]:
     """The tiles of an image, side by side or one below the other; one if the input has its shape, or is larger.
 
-    So many as come closest to the pixels that the network may be given, and no more than show the image in its own
-    size or are needed for its shape.
+    Their number comes closest to the pixels that the network may be given, and is no more than shows the image in its
+    own size or is needed for its shape.
 
     Args:
         height_px: Height of the image.
@@ -93,5 +93,5 @@ def _is_covered(boxes: Candidates2D) -> Bools:
     shared = np.minimum(end, end[:, 0]) - np.maximum(corner, corner[:, 0])
     areas = np.prod(np.maximum(end - corner, 0), axis=2)
     common = np.prod(np.maximum(shared, 0), axis=2)
-    covered: Bools = (common >= SAME_SHARE * areas) & (areas < areas.T) & (areas > 0)
+    covered: Bools = (common >= MIN_COVERED_SHARE * areas) & (areas < areas.T) & (areas > 0)
     return covered

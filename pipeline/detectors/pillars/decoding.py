@@ -1,4 +1,4 @@
-"""What the numbers of a network's output mean: boxes where the log odds of a class have a peak."""
+"""Boxes from the numbers of a network's output, where the log odds of a class have a peak."""
 
 from typing import NamedTuple
 
@@ -13,7 +13,9 @@ cells; its height above the ground, metres; logarithms of length, width and heig
 heading."""
 
 MAX_BOXES = 300
+
 MAX_LOG_M = 4.0
+"""Maximum absolute logarithm of a size in metres."""
 
 
 class Found(NamedTuple):

@@ -15,7 +15,7 @@ def network_file(model: Path) -> Path:
 
 
 def existing_network_file(model: Path) -> Path:
-    """The same file, which must exist.
+    """The file of a network, as `network_file`, which must exist.
 
     Raises:
         ModelError: it is missing.

@@ -35,6 +35,7 @@ and from the middle of the pillar, its distance from the lidar. Zero stands for 
 age of a sweep, which is 0 for the last one; elongation)."""
 
 MAX_SIDE = 2048
+DTYPES = {"tensor(float)": np.float32, "tensor(int32)": np.int32, "tensor(int64)": np.int64}
 
 
 class KitGrid(SettingsModel):
@@ -60,12 +61,12 @@ class KitGrid(SettingsModel):
 
 
 class KitSpecs(SettingsModel):
-    """What a file says about its network.
+    """Metadata of a file.
 
     Attributes:
         classes: Classes of its output, in order.
-        layout: What its inputs are. `points`: `KIT_INPUTS`. `voxels`: the points (V, M, F) of each pillar, their number
-            (V,), and the batch, layer, row and column of the pillar (V, 4).
+        layout: Layout of its inputs. `points`: `KIT_INPUTS`. `voxels`: the points (V, M, F) of each pillar, their
+            number (V,), and the batch, layer, row and column of the pillar (V, 4).
         features: Features of its points, in order.
         max_points: Points that the kit puts into a pillar. If there are fewer, the kit leaves places empty, and these
             count as points of zeros; 0: it leaves none empty.
@@ -165,12 +166,7 @@ class KitNetwork:
         return np.asarray(((column_row >= 0) & (column_row < self.specs.grid.cells)).all(1))
 
     def __call__(self, position: F64, intensity: F32, least_log_odds: float) -> Found:
-        """The boxes around points.
-
-        Args:
-            position: (N, 3) x and y from the middle of the lidars, and height above the ground, metres.
-            intensity: (N,) from 0 to 1.
-            least_log_odds: Boxes with lower log odds are left out.
+        """The boxes around points, as for `PillarNetwork`, with intensities (N,) from 0 to 1.
 
         Raises:
             ModelError: the network fails.
@@ -205,6 +201,3 @@ class KitNetwork:
             name: array.astype(DTYPES[kind])
             for (name, _, kind), array in zip(self._session.inputs, arrays, strict=True)
         }
-
-
-DTYPES = {"tensor(float)": np.float32, "tensor(int32)": np.int32, "tensor(int64)": np.int64}

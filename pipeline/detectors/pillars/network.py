@@ -40,7 +40,7 @@ class FoundClass(SettingsModel):
 
 
 class PillarSpecs(SettingsModel):
-    """What a file says about its network.
+    """Metadata of a file.
 
     Attributes:
         classes: Classes of its output, in order.
@@ -54,14 +54,7 @@ class PillarSpecs(SettingsModel):
 
 
 def specs_in(session: OnnxSession, path: Path, key: str, model: type[Specs], what: str) -> Specs:
-    """What a file says about its network.
-
-    Args:
-        session: The loaded file.
-        path: Path of the file.
-        key: Name of the metadata that say it.
-        model: What these metadata should contain.
-        what: The expected file in words, such as `a 3D network`.
+    """The metadata of a loaded file under a key; `what` names the expected file in errors.
 
     Raises:
         ModelError: the metadata are missing or not as expected.
@@ -81,29 +74,21 @@ class PillarNetwork:
     """A loaded network. It gives the same boxes for the same points, whatever their order."""
 
     def __init__(self, path: Path, session: OnnxSession | None = None) -> None:
-        """Load a file.
-
-        Args:
-            path: The file.
-            session: The loaded file, if it is loaded already.
+        """Load a file, or take it as loaded.
 
         Raises:
             ModelError: it cannot be loaded, or says nothing about its pillars.
         """
         self._path = path
         self._session = session or OnnxSession(path, threads=1, provider="cpu")
-        self.specs = self._read_specs()
-        self.classes, self.cell_m = self.specs.classes, self.specs.grid.cell_m
-
-    def _read_specs(self) -> PillarSpecs:
         what = "a 3D network that `lidcam train pillars` wrote"
-        specs, expected = specs_in(self._session, self._path, KEY, PillarSpecs, what), f"{self._path}: expected {what}"
+        specs, expected = specs_in(self._session, path, KEY, PillarSpecs, what), f"{path}: expected {what}"
         if specs.features != FEATURES or specs.grid.cells % 8 or specs.grid.cells > MAX_CELLS:
             raise ModelError(f"{expected} in this version, found other features or another grid: train it anew")
         inputs = [(name, kind) for name, _, kind in self._session.inputs]
         if inputs != [("features", "tensor(float)"), ("pillar", "tensor(int64)")] or len(self._session.outputs) != 1:
             raise ModelError(f"{expected}, found other inputs or outputs")
-        return specs
+        self.specs, self.classes, self.cell_m = specs, specs.classes, specs.grid.cell_m
 
     def reaches(self, xy: F64) -> Bools:
         """(N,) whether places (N, 2) that are relative to the middle are in the grid."""

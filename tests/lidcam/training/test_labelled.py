@@ -1,9 +1,13 @@
 """Labelled frames: what is known, objects in free places, other sides."""
 
+# without torch the file is skipped before it imports what needs it
+
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+pytest.importorskip("torch", reason="needs the extra train")
 
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.errors import RecordingError
@@ -65,17 +69,19 @@ def test_clusters_of_frames_alone_are_learned(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr(fit, "EPOCHS", 2)
     path, none = saved(tmp_path / "a", FRAME), saved(tmp_path / "b", Objects(boxes(), [], []))
     recordings = Recordings((path,), (path,), (path,), none, ("a.mcap, SHA-256\n  abc",))
-    told: list[float] = []
+    shares: list[float] = []
 
     def trained() -> Trained:
-        return train_clusters(None, 3, 0, workers=1, told=lambda share, _: told.append(share), recordings=recordings)
+        return train_clusters(
+            None, 3, 0, workers=1, progress=lambda share, _: shares.append(share), recordings=recordings
+        )
 
     network, card = trained()
     assert "lidcam train clusters --recordings RECORDING \\\n      --worlds 3 --seed 0 --out FILE.npz" in card
     assert "from 24 boxes of clusters in:\n\n- recordings\n  a.mcap, SHA-256\n  abc\n  (1 frames" in card
     assert "drawn worlds" not in card
     assert network.to_bytes() == trained().network.to_bytes()
-    assert told == [*sorted(told[: len(told) // 2])] * 2
+    assert shares == [*sorted(shares[: len(shares) // 2])] * 2
 
 
 @pytest.mark.parametrize("bare", ["learn from", "calibrate with"])
@@ -86,7 +92,7 @@ def test_clusters_are_not_learned_without_objects(tmp_path: Path, bare: str, reg
     train, calibrate = (empty, full) if bare == "learn from" else (full, empty)
     recordings = Recordings((train,), (calibrate,), (full,), saved(tmp_path / "c", Objects(boxes(), [], [])), ("a",))
     with pytest.raises(RecordingError, match=f"expected labelled objects .* found none in the frames to {bare}"):
-        train_clusters(None, 1, 0, workers=1, told=lambda *_: None, recordings=recordings)
+        train_clusters(None, 1, 0, workers=1, progress=lambda *_: None, recordings=recordings)
 
 
 def test_objects_are_put_where_nothing_is() -> None:

@@ -1,5 +1,6 @@
 """Labelled recordings as what is learned from."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.training import recordings
 from lidcam.training.labelled import Recordings, loaded
+from lidcam.training.pillars import scenes
 from lidcam.training.pillars.scenes import Source, rounds
 from lidcam.training.recordings import read_recordings
 
@@ -20,7 +22,7 @@ def read(folder: Path, *settings: str, duration_s: float | None = None) -> Recor
         [str(SANDBOX)],
         folder,
         check=lambda _: None,
-        told=lambda *_: None,
+        progress=lambda *_: None,
         settings=settings,
         workers=1,
         duration_s=duration_s,
@@ -49,13 +51,15 @@ def test_frames_have_their_points_and_objects_and_some_are_kept_apart(sandbox: R
     assert {path.suffix for path in sandbox.train[0].parent.iterdir()}.isdisjoint({".cloud", ".mcap"})
 
 
-def test_scenes_are_the_same_for_any_number_of_processes(sandbox: Recordings) -> None:
-    """Takes six seconds: processes begin."""
-    alone, again = [next(rounds(Source("sandbox", sandbox, False), 0, 0, 1, workers)) for workers in (1, 2)]
-    assert len(alone) == 32
-    for one, other in zip(alone, again, strict=True):
-        for first, second in zip((*one[:2], *one.targets), (*other[:2], *other.targets), strict=True):
-            np.testing.assert_array_equal(first, second)
+def test_scenes_are_the_same_for_any_number_of_workers(sandbox: Recordings, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scenes, "WORLDS_OF_A_ROUND", 2)
+    monkeypatch.setattr(scenes, "process_pool", ThreadPoolExecutor)  # processes take seconds to begin
+    alone, again = [[*rounds(Source("sandbox", sandbox, False), 0, 0, 3, workers)] for workers in (1, 2)]
+    assert [len(part) for part in alone] == [16] * 3
+    for part, same_part in zip(alone, again, strict=True):
+        for one, other in zip(part, same_part, strict=True):
+            for first, second in zip((*one[:2], *one.targets), (*other[:2], *other.targets), strict=True):
+                np.testing.assert_array_equal(first, second)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from lidcam.pipeline.core.settings.load import load_config
 from lidcam.pipeline.detectors.cluster.features import FEATURES
 from lidcam.pipeline.detectors.cluster.kinds import KINDS
 from lidcam.pipeline.detectors.cluster.network import ClusterNetwork
-from lidcam.pipeline.detectors.combined import AHEAD, FITTED
+from lidcam.pipeline.detectors.combined import CLUSTER_BONUS, FITTED
 from lidcam.pipeline.stages.detect3d import Detect3D
 
 LIDAR = (0.0, 0.0, 1.8)
@@ -110,35 +110,31 @@ def test_a_network_that_knows_no_cars_does_not_speak_against_them(tmp_path: Path
     np.testing.assert_allclose(boxes.scores, LEARNED["car"], rtol=1e-3)
 
 
-def test_clusters_of_one_unknown_class_are_not_joined_with_boxes_of_another(tmp_path: Path) -> None:
+def unknown(tmp_path: Path, name: str, classes: str, method: str = "combined") -> Detect3D:
+    """With classes that the learned score does not know, and a network that finds the car as one of them."""
     row = np.array(CAR)[None]
     numbers = numbers_of(row[:, :3], row[:, 3:6], row[:, 6], np.array([LOG_ODDS]), [0], 1)
-    model = write_pillars(tmp_path / "net.onnx", numbers, [{"name": "sled"}])
-    cart, sled = "size_m: [4.2, 1.75, 1.5], max_size_m: [5, 2, 2]", "size_m: [3, 1, 1], max_size_m: [4, 2, 2]"
-    settings = (
-        f"classes=[{{name: cart, {cart}}}, {{name: sled, {sled}}}]",
-        f"detect3d.model={model}",
-        "detect3d.method=combined",
-    )
-    boxes = Detect3D(rig(LIDAR), load_config("road", settings))(combined(scan(LIDAR, [CAR])))
+    model = write_pillars(tmp_path / "net.onnx", numbers, [{"name": name}])
+    settings = f"classes=[{classes}]", f"detect3d.model={model}", "detect3d.score=geometric"
+    return Detect3D(rig(LIDAR), load_config("road", (*settings, f"detect3d.method={method}")))
+
+
+CART = "{name: cart, size_m: [4.2, 1.75, 1.5], max_size_m: [5, 2, 2]}"
+
+
+def test_clusters_of_one_unknown_class_are_not_joined_with_boxes_of_another(tmp_path: Path) -> None:
+    sled = "{name: sled, size_m: [3, 1, 1], max_size_m: [4, 2, 2]}"
+    boxes = unknown(tmp_path, "sled", f"{CART}, {sled}")(combined(scan(LIDAR, [CAR])))
     assert boxes.class_ids.tolist() == [1]
     assert log_odds(boxes, CAR) == pytest.approx(LOG_ODDS, abs=1e-3)
 
 
 def test_classes_that_the_learned_score_does_not_know(tmp_path: Path) -> None:
     """Clusters that the network finds, too, have its score; those that it is silent of have a lower one."""
-    row = np.array(CAR)[None]
-    numbers = numbers_of(row[:, :3], row[:, 3:6], row[:, 6], np.array([LOG_ODDS]), [0], 1)
-    model = write_pillars(tmp_path / "net.onnx", numbers, [{"name": "cart"}])
-    carts = "classes=[{name: cart, size_m: [4.2, 1.75, 1.5], max_size_m: [5, 2, 2], labels: [cart]}]"
     cloud = combined(scan(LIDAR, [CAR, TURNED]))
-    settings = carts, f"detect3d.model={model}", "detect3d.score=geometric"
-    both, clusters = (
-        Detect3D(rig(LIDAR), load_config("road", (*settings, f"detect3d.method={method}")))(cloud)
-        for method in ("combined", "cluster")
-    )
+    both, clusters = (unknown(tmp_path, "cart", CART, method)(cloud) for method in ("combined", "cluster"))
     assert len(both) == 2
-    assert log_odds(both, CAR) == pytest.approx(LOG_ODDS + AHEAD, abs=1e-3)
+    assert log_odds(both, CAR) == pytest.approx(LOG_ODDS + CLUSTER_BONUS, abs=1e-3)
     alone = FITTED.alone[0]
     assert log_odds(both, TURNED) == pytest.approx(alone[0] + alone[1] * log_odds(clusters, TURNED), abs=1e-3)
 

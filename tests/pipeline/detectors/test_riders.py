@@ -24,9 +24,28 @@ def moved(row: Row, x: float = 0.0, y: float = 0.0) -> Row:
     return (row[0] + x, row[1] + y, row[2] + x, row[3] + y, *row[4:])
 
 
-def test_one_on_a_bicycle() -> None:
-    assert joined(RIDER, BIKE) == [(100, 50, 200, 160, 0.8, BICYCLE)]
-    assert joined((100, 100, 200, 160, 0.9, BICYCLE), RIDER) == [(100, 50, 200, 160, 0.9, BICYCLE)]
+BEHIND, OTHER = moved(RIDER, x=15), moved(BIKE, x=20)
+JOINED: Row = (100, 50, 200, 160, 0.8, BICYCLE)
+IN_A_ROW = [moved(row, x=60 * i) for i in range(3) for row in (RIDER, BIKE)]
+
+
+@pytest.mark.parametrize(
+    ("rows", "expected"),
+    [
+        pytest.param([RIDER, BIKE], [JOINED], id="one"),
+        pytest.param([(*BIKE[:4], 0.9, BICYCLE), RIDER], [(*JOINED[:4], 0.9, BICYCLE)], id="the better score"),
+        pytest.param(
+            [(100, 40, 140, 130, 0.7, PEDESTRIAN), (110, 90, 130, 150, 0.4, BICYCLE)],
+            [(100, 40, 140, 150, 0.7, BICYCLE)],
+            id="from behind, where the rider is wider",
+        ),
+        pytest.param([RIDER, BEHIND, BIKE], [BEHIND, JOINED], id="two people"),
+        pytest.param([RIDER, BIKE, OTHER], [JOINED, OTHER], id="two bicycles"),
+        pytest.param(IN_A_ROW, [moved(JOINED, x=60 * i) for i in range(3)], id="side by side"),
+    ],
+)
+def test_riders(rows: list[Row], expected: list[Row]) -> None:
+    assert joined(*rows) == expected
 
 
 @pytest.mark.parametrize(
@@ -45,23 +64,6 @@ def test_one_on_a_bicycle() -> None:
 )
 def test_no_rider(rows: tuple[Row, ...]) -> None:
     assert joined(*rows) == sorted(rows, key=lambda row: -row[4])
-
-
-def test_from_behind_the_rider_is_the_wider() -> None:
-    found = joined((100, 40, 140, 130, 0.7, PEDESTRIAN), (110, 90, 130, 150, 0.4, BICYCLE))
-    assert found == [(100, 40, 140, 150, 0.7, BICYCLE)]
-
-
-def test_one_rider_on_one_bicycle() -> None:
-    behind = moved(RIDER, x=15)
-    assert joined(RIDER, behind, BIKE) == [(*behind[:5], PEDESTRIAN), (100, 50, 200, 160, 0.8, BICYCLE)]
-    other = moved(BIKE, x=20)
-    assert joined(RIDER, BIKE, other) == [(100, 50, 200, 160, 0.8, BICYCLE), other]
-
-
-def test_riders_side_by_side() -> None:
-    rows = [moved(row, x=60 * i) for i in range(3) for row in (RIDER, BIKE)]
-    assert joined(*rows) == [(100 + 60 * i, 50, 200 + 60 * i, 160, 0.8, BICYCLE) for i in range(3)]
 
 
 @pytest.mark.parametrize(

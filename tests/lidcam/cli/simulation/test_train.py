@@ -8,6 +8,8 @@ from typer.testing import CliRunner
 from lidcam.cli import app
 from lidcam.pipeline.core.errors import ConfigError, ModelError, OutputError, RecordingError
 
+pytest.importorskip("torch", reason="needs the extra train")
+
 
 @pytest.mark.parametrize(
     ("command", "name"),
@@ -19,15 +21,12 @@ from lidcam.pipeline.core.errors import ConfigError, ModelError, OutputError, Re
         (("pillars", "--steps", "1", "--out", "mine.onnx"), "mine.ckpt"),
         (("pillars", "--steps", "1", "--out", "mine.onnx", "--resume", "--workers", "1"), "mine.onnx"),
         (("convert", "net.pth", "--out", "mine.onnx"), "mine.onnx"),
-        (("images", "--steps", "1", "--out", "mine.onnx"), "mine.onnx"),
     ],
 )
 def test_what_is_there_stays(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...], name: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    if command[0] != "clusters":
-        pytest.importorskip("torch", reason="needs the extra train")
     (tmp_path / name).write_text("mine", encoding="utf-8")
     done = CliRunner().invoke(app, ["train", *command])
     assert isinstance(done.exception, OutputError)
@@ -38,7 +37,6 @@ def test_what_is_there_stays(
 
 @pytest.mark.parametrize("option", ["--recordings", "--from"])
 def test_the_state_of_a_training_stays_until_another_begins(tmp_path: Path, option: str) -> None:
-    pytest.importorskip("torch", reason="needs the extra train")
     state = tmp_path / "mine.ckpt"
     state.write_text("mine", encoding="utf-8")
     command = ["pillars", "--steps", "1", "--out", str(tmp_path / "mine.onnx"), "--overwrite"]
@@ -48,7 +46,6 @@ def test_the_state_of_a_training_stays_until_another_begins(tmp_path: Path, opti
 
 
 def test_a_network_is_not_converted_onto_itself(tmp_path: Path) -> None:
-    pytest.importorskip("torch", reason="needs the extra train")
     (tmp_path / "net.onnx").write_text("mine", encoding="utf-8")
     names = [str(tmp_path / "net.onnx"), "--out", str(tmp_path / "net.onnx"), "--overwrite"]
     done = CliRunner().invoke(app, ["train", "convert", *names])
@@ -71,8 +68,6 @@ def test_a_network_is_not_converted_onto_itself(tmp_path: Path) -> None:
 def test_recordings_of_other_sizes_are_not_learned_from(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, recording: str, command: list[str], expected: str
 ) -> None:
-    if command[0] != "clusters":
-        pytest.importorskip("torch", reason="needs the extra train")
     monkeypatch.chdir(tmp_path)
     bags = Path(__file__).resolve().parents[4] / "bags"
     done = CliRunner().invoke(app, ["train", *command, "--recordings", str(bags / recording)])

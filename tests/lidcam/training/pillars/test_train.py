@@ -2,13 +2,12 @@
 
 # ruff: noqa: E402  # without torch the file is skipped before it imports what needs it
 
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command import called
 from pillar_files import write_pillars
 
 torch = pytest.importorskip("torch", reason="needs the extra train")
@@ -42,20 +41,18 @@ SANDBOX = Path(__file__).resolve().parents[4] / "bags" / "sandbox.bag"
 
 
 def test_the_command(tmp_path: Path) -> None:
-    """Takes ten seconds: sweeps and frames of a recording are learned from, and what is learned is used."""
+    """Takes some seconds: sweeps and frames of a recording are learned from, and what is learned is used."""
     train = ["train", "pillars", "--family", "sandbox", "--workers", "1", "--out", "mine.onnx", "--steps", "2"]
-    train += ["--recordings", str(SANDBOX)]
-    program = Path(sys.executable).with_name("lidcam")
-    done = subprocess.run([program, *train], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    done = called(tmp_path, *train, "--recordings", SANDBOX)
+    assert done.code == 0, done.err
     assert {path.name for path in tmp_path.iterdir()} == {"mine.onnx", "mine.md", "mine.ckpt"}
-    assert done.stdout.rstrip() == (tmp_path / "mine.md").read_text(encoding="utf-8").rstrip()
-    assert "lidcam train pillars --family sandbox --recordings RECORDING \\\n      --steps 2 --seed 0 " in done.stdout
-    assert "- from step 0 on as many sweeps of drawn worlds (`sandbox`)" in done.stdout
-    assert "frames of recordings sandbox.bag" in " ".join(done.stdout.split())
-    assert "- from step 0 on with the weights of `sandbox`" in done.stdout
-    assert done.stdout.index("In drawn worlds:\n\n|") < done.stdout.index("In recordings:\n\n|")
-    assert max(map(len, done.stdout.splitlines())) <= 80
+    assert done.out.rstrip() == (tmp_path / "mine.md").read_text(encoding="utf-8").rstrip()
+    assert "lidcam train pillars --family sandbox --recordings RECORDING \\\n      --steps 2 --seed 0 " in done.out
+    assert "- from step 0 on as many sweeps of drawn worlds (`sandbox`)" in done.out
+    assert "frames of recordings sandbox.bag" in " ".join(done.out.split())
+    assert "- from step 0 on with the weights of `sandbox`" in done.out
+    assert done.out.index("In drawn worlds:\n\n|") < done.out.index("In recordings:\n\n|")
+    assert max(map(len, done.out.splitlines())) <= 80
     run = lidcam.process(SANDBOX, model_3d=tmp_path / "mine.onnx", duration_s=0.3, workers=1)
     assert (run.report.sensors.box_source_3d, run.report.frames.count > 1) == ("combined", True)
 
@@ -65,11 +62,11 @@ class KilledError(Exception):
 
 
 def kill_at(step: int) -> Callable[[int, float], None]:
-    def told(done: int, _: float) -> None:
+    def step_done(done: int, _: float) -> None:
         if done == step:
             raise KilledError
 
-    return told
+    return step_done
 
 
 def scenes_of_a_round(row: int) -> list[Scene]:
@@ -92,40 +89,38 @@ def test_a_training_that_was_killed_goes_on_to_the_same_weights(
 ) -> None:
     """Killed before the first checkpoint, within a round of worlds and at its end."""
     monkeypatch.setattr(fit, "rounds", made_rounds)
-    at_once = fitted(Checkpoint(tmp_path / "a", "sandbox", 3), 20, workers=1, told=kill_at(0))
+    at_once = fitted(Checkpoint(tmp_path / "a", "sandbox", 3), 20, workers=1, step_done=kill_at(0))
     checkpoint = Checkpoint(tmp_path / "b", "sandbox", 3)
     for step, every_s in ((2, 1e9), (5, 0), (8, 0)):
         with pytest.raises(KilledError):
-            fitted(checkpoint, 20, workers=1, told=kill_at(step), every_s=every_s)
+            fitted(checkpoint, 20, workers=1, step_done=kill_at(step), every_s=every_s)
         assert checkpoint.path.exists() == (every_s == 0)
-    parts = fitted(checkpoint, 20, workers=1, told=kill_at(0))
+    parts = fitted(checkpoint, 20, workers=1, step_done=kill_at(0))
     assert all(torch.equal(one, parts.state_dict()[name]) for name, one in at_once.state_dict().items())
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b"]
 
 
-def test_a_training_goes_on_with_recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also from the state of an earlier version, which does not say what it was made from."""
+def test_a_training_goes_on_with_recordings_and_other_worlds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fit, "rounds", made_rounds)
     recordings = Recordings((tmp_path,), (tmp_path,), (tmp_path,), tmp_path, ("a.mcap, SHA-256\n  abc",))
-    network = torch_network.PillarNetwork(1)
     worlds = Checkpoint(tmp_path / "a", "sandbox", 3)
-    worlds.save(network, torch.optim.AdamW(network.parameters()), 2, 1.0)
-    torch.save({key: value for key, value in worlds.load().items() if key != "history"}, worlds.path)
     sources = worlds, worlds._replace(recordings=recordings), worlds, worlds._replace(bfloat16=True)
-    for steps, source in enumerate(sources, 3):
-        fitted(source, steps, workers=1, told=kill_at(0))
-    assert [step for step, _ in worlds.load()["history"]] == [0, 3, 4, 5]
-    assert worlds.load()["history"][3][1] == "drawn worlds (`sandbox`), in bfloat16"
-    assert "drawn worlds (`sandbox`) and\n  frames of recordings\n  a.mcap" in worlds.load()["history"][1][1]
+    for steps, source in enumerate(sources, 1):
+        fitted(source, steps, workers=1, step_done=kill_at(0))
+    history = worlds.load()["history"]
+    assert [step for step, _ in history] == [0, 1, 2, 3]
+    assert history[3][1] == "drawn worlds (`sandbox`), in bfloat16"
+    assert "drawn worlds (`sandbox`) and\n  frames of recordings\n  a.mcap" in history[1][1]
 
-
-def test_a_training_on_roads_goes_on_with_crossings(tmp_path: Path) -> None:
-    network = torch_network.PillarNetwork(5)
-    Checkpoint(tmp_path / "a", "road", 3).save(network, torch.optim.AdamW(network.parameters()), 2, 1.0)
-    checkpoint = Checkpoint(tmp_path / "a", "all", 3)
-    assert checkpoint.load()["step"] == 2
-    families = [family_of(checkpoint.worlds, number) for number in range(5)]
+    save(Checkpoint(tmp_path / "b", "road", 3), 2)
+    assert Checkpoint(tmp_path / "b", "all", 3).load()["step"] == 2
+    families = [family_of("all", number) for number in range(5)]
     assert families == ["road", "road", "crossing", "crossing", "road"]
+
+
+def save(checkpoint: Checkpoint, step: int) -> None:
+    network = torch_network.PillarNetwork(len(CLASSES[checkpoint.worlds]))
+    checkpoint.save(network, torch.optim.AdamW(network.parameters()), step, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -133,26 +128,20 @@ def test_a_training_on_roads_goes_on_with_crossings(tmp_path: Path) -> None:
     [
         (b"", "sandbox", 9, "expected the state of a training of --family sandbox --seed 0, found"),
         (b"torch", "sandbox", 9, "expected the state of a training"),
-        (
-            None,
-            "road",
-            9,
-            "expected the state of a training of --family road --seed 0, found --family sandbox --seed 0",
-        ),
-        (None, "sandbox", 6, "has 7 steps behind it: expected --steps of so many or more"),
+        (None, "road", 9, "a training of --family road --seed 0, found --family sandbox --seed 0"),
+        (None, "sandbox", 6, "is already at step 7; pass --steps 7 or more"),
     ],
 )
 def test_a_checkpoint_that_cannot_be_used(
-    tmp_path: Path, content: bytes | None, family: str, steps: int, message: str
+    tmp_path: Path, content: bytes | None, family: Worlds, steps: int, message: str
 ) -> None:
     path = tmp_path / "mine.ckpt"
     if content is None:
-        network = torch_network.PillarNetwork(1)
-        Checkpoint(path, "sandbox", 0).save(network, torch.optim.AdamW(network.parameters()), 7, 1.0)
+        save(Checkpoint(path, "sandbox", 0), 7)
     else:
         path.write_bytes(content)
     with pytest.raises(LidcamError, match=message):
-        fitted(Checkpoint(path, family, 0), steps, workers=1, told=kill_at(0))  # type: ignore[arg-type]  # a str that is one
+        fitted(Checkpoint(path, family, 0), steps, workers=1, step_done=kill_at(0))
 
 
 @pytest.mark.parametrize("cells", [GRIDS["road"].cells, 320])
@@ -191,13 +180,13 @@ def test_a_training_begins_with_an_embedded_network(tmp_path: Path, monkeypatch:
     """Its state says so, and goes on at the low rate whatever is asked for then."""
     take_weights(torch_network.PillarNetwork(5), EMBEDDED["traffic"], CLASSES["all"], GRIDS["all"])
     monkeypatch.setattr(fit, "rounds", made_rounds)
-    monkeypatch.setattr(fit, "RATE_ONWARD", 0.0)
+    monkeypatch.setattr(fit, "MAX_RATE_ONWARD", 0.0)
     first = torch_network.PillarNetwork(1)
     take_weights(first, EMBEDDED["sandbox"], CLASSES["sandbox"], GRIDS["sandbox"])
     checkpoint = Checkpoint(tmp_path / "a", "sandbox", 0, begin="sandbox")
     with pytest.raises(KilledError):
-        fitted(checkpoint, 2, workers=1, told=kill_at(1), every_s=0)
-    trained = fitted(checkpoint._replace(begin=""), 2, workers=1, told=kill_at(0))
+        fitted(checkpoint, 2, workers=1, step_done=kill_at(1), every_s=0)
+    trained = fitted(checkpoint._replace(begin=""), 2, workers=1, step_done=kill_at(0))
     assert all(torch.equal(one, two) for one, two in zip(first.parameters(), trained.parameters(), strict=True))
     assert checkpoint.load()["history"][0] == (0, "with the weights of `sandbox`")
 

@@ -10,7 +10,7 @@ from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.clouds import CombinedCloud, Plane, Relief
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.detect import ClusterConfig
-from lidcam.pipeline.detectors.cluster.detector import ClusterDetector, _extents
+from lidcam.pipeline.detectors.cluster.detector import _extents
 from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
 
 LIDARS = np.array([[0.0, 0.0, 1.8], [3.0, -1.0, 2.0]])
@@ -60,8 +60,3 @@ def test_extents_of_clusters(count: int) -> None:
         assert total[one] == weights[rows].sum()
         np.testing.assert_array_equal(low[one], places[rows].min(0))
         np.testing.assert_array_equal(high[one], places[rows].max(0))
-
-
-def test_a_detector_sees_nothing_in_an_empty_cloud() -> None:
-    found = ClusterDetector(rig((0.0, 0.0, 1.8)), Config())(combined(np.zeros((0, 3))))
-    assert not len(found.scores)

@@ -96,8 +96,9 @@ def test_each_box_has_its_own_and_no_box_none() -> None:
     points, other = cloud(500), BOX + np.array([1.0, 0.5, 0, 0, 0, 0, 0.3])
     both = features(points, BOX, other)
     for row, box in enumerate((BOX, other)):
-        for name, values in features(points, box).items():
-            assert both[name][row] == values[0]
+        assert {name: values[row] for name, values in both.items()} == {
+            name: values[0] for name, values in features(points, box).items()
+        }
     assert all(len(column) == 0 for column in features(points[:0]).values())
 
 

@@ -40,17 +40,13 @@ def test_corner_at_any_heading(angle: float) -> None:
     assert rectangles.residual_m[0] < 0.06
 
 
-def test_middle_of_the_rectangle_in_the_frame_of_the_points() -> None:
+def test_middle_of_the_rectangle_and_stray_points() -> None:
     rectangles = fit_rectangles(corner(0.3), ONE)
     middle = (rectangles.low + rectangles.high)[0] / 2 @ rotations_2d(-rectangles.angle_rad)[0]
     true = np.array([5.0, 3.0]) + np.array([[2.0, 0.85]]) @ [[np.cos(0.3), np.sin(0.3)], [-np.sin(0.3), np.cos(0.3)]]
     assert middle == pytest.approx(true[0], abs=0.05)
-
-
-def test_stray_points_do_not_turn_it() -> None:
     stray = np.array([[4.0, 2.5], [9.5, 3.0]])
-    rectangles = fit_rectangles(np.concatenate([corner(0.0), stray]), ONE)
-    assert off_deg(rectangles.angle_rad[0], 0.0) <= 1.0
+    assert off_deg(fit_rectangles(np.concatenate([corner(0.0), stray]), ONE).angle_rad[0], 0.0) <= 1.0
 
 
 def test_many_clusters_are_fitted_as_each_alone() -> None:
@@ -92,7 +88,7 @@ def some_clusters(seed: int) -> tuple[F64, I64]:
     return np.concatenate(clusters), np.cumsum([0, *map(len, clusters)])[:-1]
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_quantiles_and_rectangles_of_each_cluster_alone(seed: int) -> None:
     xy, starts = some_clusters(seed)
     angles = np.random.default_rng(seed).uniform(0, np.pi / 2, len(starts))
@@ -109,9 +105,6 @@ def test_quantiles_and_rectangles_of_each_cluster_alone(seed: int) -> None:
         np.testing.assert_allclose(found.low[row], low, atol=1e-9)
         np.testing.assert_allclose(found.high[row], high, atol=1e-9)
         np.testing.assert_allclose(found.residual_m[row], np.sqrt((to_side**2).mean()), atol=1e-9)
-
-
-# --- principal axes
 
 
 def turned_about(xy: F64, angle: float) -> F64:

@@ -37,24 +37,18 @@ def test_a_seen_side_is_known_and_a_grown_one_is_not() -> None:
     assert side[2] < 5
 
 
-def test_the_heading_of_a_pedestrian_is_not_known_and_that_of_a_rider_roughly() -> None:
-    walker = stds(fitted((8.0, 0.0, 0.9, 0.5, 0.5, 1.8, 0.0), PEDESTRIAN))
-    rider = stds(fitted((8.0, 0.0, 0.9, 1.7, 0.5, 1.7, 1.2), BICYCLE))
-    assert walker[2] == pytest.approx(180 / np.sqrt(12))
-    blunt = stds(fitted((8.0, 0.0, 0.9, 1.0, 0.7, 1.7, 1.2), BICYCLE))
-    assert 2 < rider[2] < 5 < blunt[2]
-
-
-def test_shoulders_do_not_show_where_a_rider_is_heading() -> None:
-    for yaw in (0.0, 0.6, 1.5):
-        shoulders = stds(fitted((8.0, 0.0, 1.2, 0.25, 0.5, 1.0, yaw), BICYCLE))
-        assert shoulders[2] == pytest.approx(180 / np.sqrt(12))
+def test_headings_of_people_are_not_known_and_those_of_riders_roughly() -> None:
+    """Shoulders do not show where a rider is heading."""
+    rider, blunt = (stds(fitted((8.0, 0.0, 0.9, *size, 1.7, 1.2), BICYCLE))[2] for size in ((1.7, 0.5), (1.0, 0.7)))
+    assert 2 < rider < 5 < blunt
+    walker, shoulders = (8.0, 0.0, 0.9, 0.5, 0.5, 1.8, 0.0), (8.0, 0.0, 1.2, 0.25, 0.5, 1.0, 0.6)
+    for box, class_id in ((walker, PEDESTRIAN), (shoulders, BICYCLE)):
+        assert stds(fitted(box, class_id))[2] == pytest.approx(180 / np.sqrt(12))
 
 
 def test_rough_objects_are_known_less() -> None:
-    near = stds(fitted((8.0, 0.0, 0.75, 4.0, 1.7, 1.5, 0.0), CAR))
-    rough = stds(fitted((8.0, 0.0, 0.75, 4.0, 1.7, 1.5, 0.0), CAR, noise_m=0.1))
-    assert (rough[1:] > near[1:]).all()
+    car = (8.0, 0.0, 0.75, 4.0, 1.7, 1.5, 0.0)
+    assert (stds(fitted(car, CAR, noise_m=0.1))[1:] > stds(fitted(car, CAR))[1:]).all()
 
 
 def test_errors_of_cars_all_around_are_as_large_as_said() -> None:

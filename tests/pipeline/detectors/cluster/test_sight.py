@@ -6,7 +6,7 @@ from lidar_scene import Box, combined, rig, scan
 
 from lidcam.pipeline.core.arrays import F64, I64
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.detectors.cluster.sight import HIDDEN_SHARE, NEARER_SHARE, SECTOR_RAD, SECTORS, Sight
+from lidcam.pipeline.detectors.cluster.sight import MAX_NEARER_SHARE, MIN_HIDDEN_SHARE, SECTOR_RAD, SECTORS, Sight
 from lidcam.pipeline.stages.detect3d import Detect3D
 
 LIDAR = (0.0, 0.0, 1.8)
@@ -73,9 +73,9 @@ def judged(sight: Sight, position: F64, lidar: I64, cluster: I64, from_m: float)
         _, first = np.unique(sector[rows], return_index=True)
         rows, bottom_m = rows[first], position[rows, 2].min()
         meets_m = sight.origins[lidar[rows], 2][:, None] + far_m[rows][:, None] * sight.slope
-        hides = (of_point == sector[rows][:, None]) & (sight.distance_m < NEARER_SHARE * far_m[rows][:, None])
+        hides = (of_point == sector[rows][:, None]) & (sight.distance_m < MAX_NEARER_SHARE * far_m[rows][:, None])
         hides &= (meets_m >= from_m / 2) & (meets_m <= bottom_m)
-        found.append(bool(hides.any(1).mean() >= HIDDEN_SHARE))
+        found.append(bool(hides.any(1).mean() >= MIN_HIDDEN_SHARE))
     return found
 
 

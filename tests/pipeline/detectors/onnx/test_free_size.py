@@ -1,10 +1,13 @@
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+import onnx
 import pytest
-from onnx_files import FLOAT, _bytes, _tensor, _varint_field, write_yolox
-from onnx_networks import write_convolutional, write_network
+from onnx.external_data_helper import set_external_data
+from onnx_files import write_yolox
+from onnx_networks import Shape, write_convolutional, write_network
 
 from lidcam.pipeline.core.arrays import Array
 from lidcam.pipeline.core.errors import ModelError
@@ -41,7 +44,7 @@ def sizes_given(path: Path, *shapes: tuple[int, int], **settings: object) -> lis
     return given
 
 
-def test_a_fixed_network_of_convolutions_takes_each_pictures_shape(tmp_path: Path) -> None:
+def test_a_fixed_network_of_convolutions_takes_each_images_shape(tmp_path: Path) -> None:
     path = convolutional(tmp_path / "m.onnx")
     given = sizes_given(path, (375, 1242), (480, 640), (376, 1242), (10, 10))
     assert given == [(384, 1248), (384, 1248), (480, 640), (32, 32)], "their own size"
@@ -66,19 +69,20 @@ def test_sizes_are_multiples_of_the_stride(tmp_path: Path) -> None:
         OnnxDetector2D(path, Detect2DConfig(input=(1 << 16, 1 << 16)))
 
 
-def test_a_network_for_one_size_by_its_kind_keeps_it(tmp_path: Path) -> None:
-    outputs = {"output0": np.full((300, 84), 0.5, np.float32)}
-    path = write_network(tmp_path / "m.onnx", outputs, size_px=(64, 96), batch="N")
-    assert sizes_given(path, (100, 150)) == [(64, 96)]
-    path = write_network(tmp_path / "m.onnx", outputs, size_px=("height", "width"), batch="N")
-    assert sizes_given(path, (375, 1242)) == [(384, 1248)]
-
-
-def test_what_the_file_says_of_its_size(tmp_path: Path) -> None:
-    outputs = {"output0": np.full((84, 126), 0.5, np.float32)}
-    said = {"imgsz": "[64, 96]", "stride": "32"}
-    path = write_network(tmp_path / "m.onnx", outputs, size_px=("height", "width"), batch="N", metadata=said)
-    assert sizes_given(path, (100, 150)) == [(64, 96)], "a table for this size is in it"
+@pytest.mark.parametrize(
+    ("rows", "size_px", "metadata", "given"),
+    [
+        pytest.param((300, 84), (64, 96), {}, (64, 96), id="made for one size by its kind"),
+        pytest.param((300, 84), ("height", "width"), {}, (384, 1248), id="free"),
+        pytest.param((84, 126), ("height", "width"), {"imgsz": "[64, 96]", "stride": "32"}, (64, 96), id="a table"),
+    ],
+)
+def test_what_a_file_says_of_its_size(
+    tmp_path: Path, rows: tuple[int, int], size_px: Shape, metadata: dict[str, str], given: tuple[int, int]
+) -> None:
+    outputs = {"output0": np.full(rows, 0.5, np.float32)}
+    path = write_network(tmp_path / "m.onnx", outputs, size_px=size_px, batch="N", metadata=metadata)
+    assert {*sizes_given(path, (375, 1242))} == {given}
 
 
 def test_a_large_file_is_not_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -101,9 +105,7 @@ def test_the_rest_of_a_file_stays(tmp_path: Path) -> None:
     assert len(changed) < len(data)
 
 
-@pytest.mark.parametrize(
-    "location", ["../outside.bin", "link.bin", "inside.bin", "{absolute}", "./x/../../outside.bin"]
-)
+@pytest.mark.parametrize("location", ["../outside.bin", "link.bin", "inside.bin", "{absolute}"])
 def test_weights_in_other_files(tmp_path: Path, location: str) -> None:
     """Only beside the model, also of a network that was changed; links do not lead out."""
     folder = tmp_path / "model"
@@ -112,32 +114,16 @@ def test_weights_in_other_files(tmp_path: Path, location: str) -> None:
     weights.tofile(tmp_path / "outside.bin")
     weights.tofile(folder / "inside.bin")
     (folder / "link.bin").symlink_to("../outside.bin")
-    entries = {"location": location.format(absolute=tmp_path / "outside.bin"), "offset": "0", "length": "340"}
-    stored = b"".join(_bytes(13, _bytes(1, k.encode()) + _bytes(2, v.encode())) for k, v in entries.items())
-    inside = _tensor("bias32", np.full(85, 0.5, np.float32), FLOAT)
-    outside = _varint_field(1, 85) + _varint_field(2, FLOAT) + _bytes(8, b"bias32") + stored + _varint_field(14, 1)
     path = convolutional(folder / "a.onnx")
-    loaded = OnnxSession(path, threads=1, provider="cpu")
-    head, graph = graph_of(path.read_bytes())
-    assert _bytes(5, inside) in graph
-    path.write_bytes(head + _bytes(7, graph.replace(_bytes(5, inside), _bytes(5, outside))))
+    loaded, model = OnnxSession(path, threads=1, provider="cpu"), onnx.load(path)
+    (bias,) = (one for one in model.graph.initializer if one.name == "bias32")
+    set_external_data(bias, location.format(absolute=tmp_path / "outside.bin"), offset=0, length=340)
+    bias.ClearField("raw_data")
+    path.write_bytes(model.SerializeToString())
     if location == "inside.bin":
-        OnnxSession(path, threads=1, provider="cpu")
         changed = loaded.with_free_size("images")
-        fed = {"images": np.zeros((1, 3, 32, 32), np.float32)}
-        assert float(changed.run(fed, 1)[0][0, -1, 0]) == 0.25
-    else:
-        fault = "expected an ONNX file that onnxruntime can load"
-        with pytest.raises(ModelError, match=fault):
-            OnnxSession(path, threads=1, provider="cpu")
-        with pytest.raises(ModelError, match=fault):
-            loaded.with_free_size("images")
-
-
-def graph_of(model: bytes) -> tuple[bytes, bytes]:
-    """What comes before the graph, which is the last field of a model that is made here, and the graph."""
-    head = _varint_field(1, 6) + _bytes(8, _varint_field(2, 11))
-    at = len(head) + 1
-    while model[at] & 0x80:
-        at += 1
-    return head, model[at + 1 :]
+        assert float(changed.run({"images": np.zeros((1, 3, 32, 32), np.float32)}, 1)[0][0, -1, 0]) == 0.25
+        return
+    for load in (partial(OnnxSession, path, threads=1, provider="cpu"), partial(loaded.with_free_size, "images")):
+        with pytest.raises(ModelError, match="expected an ONNX file that onnxruntime can load"):
+            load()

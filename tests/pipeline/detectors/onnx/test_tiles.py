@@ -16,7 +16,7 @@ LEFT, RIGHT = Tile(0, 0, 120, 50), Tile(80, 0, 200, 50)
 
 
 @pytest.mark.parametrize(
-    ("picture", "input_px", "max_px", "count"),
+    ("image", "input_px", "max_px", "count"),
     [
         ((375, 1242), (416, 416), 640 * 480, 2),
         ((375, 1242), (416, 416), 3 * 416**2, 3),
@@ -32,12 +32,12 @@ LEFT, RIGHT = Tile(0, 0, 120, 50), Tile(80, 0, 200, 50)
         ((1000, 5000), (416, 416), 10 * 416**2, 5),
     ],
 )
-def test_how_many(picture: tuple[int, int], input_px: tuple[int, int], max_px: int, count: int) -> None:
-    assert len(tiles_of(*picture, input_px, max_px)) == count
+def test_how_many(image: tuple[int, int], input_px: tuple[int, int], max_px: int, count: int) -> None:
+    assert len(tiles_of(*image, input_px, max_px)) == count
 
 
 @given(st.integers(1, 3000), st.integers(1, 3000), st.sampled_from([(416, 416), (320, 640)]), st.integers(1, 10**7))
-def test_tiles_cover_the_picture_and_overlap(height: int, width: int, input_px: tuple[int, int], max_px: int) -> None:
+def test_tiles_cover_the_image_and_overlap(height: int, width: int, input_px: tuple[int, int], max_px: int) -> None:
     tiles = tiles_of(height, width, input_px, max_px)
     seen = np.zeros((height, width), np.uint8)
     for tile in tiles:
@@ -57,7 +57,7 @@ def candidates(*rows: Row) -> Candidates2D:
 
 
 def joined(left: list[Row], right: list[Row]) -> list[Row]:
-    """What is found in two tiles, each in pixels of the picture."""
+    """What is found in two tiles, each in pixels of the image."""
     shifted = [(x0 - 80, y0, x1 - 80, y1, score, label) for x0, y0, x1, y1, score, label in right]
     found = join_tiles([candidates(*left), candidates(*shifted)], [LEFT, RIGHT], min_score=0.3)
     return [
@@ -98,7 +98,7 @@ def test_boxes_that_are_no_boxes_stay_as_they_are() -> None:
     np.testing.assert_array_equal(found.xyxy, expected)
 
 
-def test_a_network_of_one_size_sees_a_wide_picture_in_tiles(tmp_path: Path) -> None:
+def test_a_network_of_one_size_sees_a_wide_image_in_tiles(tmp_path: Path) -> None:
     rows = np.zeros((84, 85), np.float32)
     rows[0] = [40, 32, 20, 20, 1, 0, 0, 0.5, *[0] * 77]  # just right of the middle of a tile
     model = OnnxDetector2D(write_yolox(tmp_path / "m.onnx", rows, size_px=(64, 64)), Detect2DConfig())

@@ -44,10 +44,7 @@ def test_boxes_stand_where_the_network_finds_them(tmp_path: Path, lidar_xy: tupl
     np.testing.assert_allclose(boxes.scores, 1 / (1 + np.exp([-2.0, -1.0])), rtol=1e-5)
     np.testing.assert_allclose(boxes.covariances[0], np.diag([0.04, 0.04, 0.01]))
     assert (boxes.point_counts > 20).all()
-
-
-def test_nothing_is_found_where_nothing_is_seen(tmp_path: Path) -> None:
-    assert not len(Detect3D(rig(LIDAR), config(write(tmp_path / "net.onnx")))(combined(np.zeros((0, 3)))))
+    assert not len(Detect3D(rig(LIDAR), config(tmp_path / "net.onnx"))(combined(np.zeros((0, 3)))))
 
 
 @pytest.mark.parametrize(
@@ -99,3 +96,19 @@ def test_pillars_of_points() -> None:
     rows = np.argsort(order[order < 3])
     np.testing.assert_array_equal(again[rows], features)
     np.testing.assert_array_equal(places[rows], pillar)
+
+
+@pytest.mark.parametrize(
+    ("turn", "is_fitted"), [(0.15, True), (np.pi - 0.15, True), (1.4, False)], ids=["ahead", "reversed", "across"]
+)
+def test_boxes_are_fitted_to_their_points(tmp_path: Path, turn: float, is_fitted: bool) -> None:
+    """A box that lies across its points stays where the network has it."""
+    said = np.add(CAR, (0.15, -0.1, 0, -0.2, 0.1, 0.1, turn))[None]
+    numbers = numbers_of(said[:, :3], said[:, 3:6], said[:, 6], np.array([2.0]), [0], 1)
+    model = write_pillars(tmp_path / "net.onnx", numbers, [{"name": "car"}])
+    config = load_config("road", (f"detect3d.model={model}", "detect3d.method=pillars"))
+    boxes = Detect3D(rig(LIDAR), config)(combined(scan(LIDAR, [CAR])))
+    expected = np.add(CAR, np.eye(7)[6] * round(turn / np.pi) * np.pi) if is_fitted else said[0]
+    np.testing.assert_allclose(boxes.centers[0, :2], expected[:2], atol=0.12 if is_fitted else 1e-5)
+    off = np.angle(np.exp(1j * (boxes.yaws[0] - expected[6])))
+    assert abs(off) < (0.03 if is_fitted else 1e-5)

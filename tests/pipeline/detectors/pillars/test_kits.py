@@ -1,4 +1,4 @@
-"""Networks of the kits: what they are told of points, and where their boxes are."""
+"""Networks of the kits: their features of points, and their boxes."""
 
 import json
 from collections.abc import Callable
@@ -34,7 +34,7 @@ SPECS: dict[str, Any] = {
 
 
 def write(path: Path, boxes: list[list[float]], odds: list[list[float]], **said: object) -> Path:
-    """A network that gives these rows of numbers, whatever it is told."""
+    """A network that gives these rows of numbers, whatever its input."""
     arrays = {"boxes": np.array(boxes, np.float32), "log_odds": np.array(odds, np.float32)}
     nodes = [
         _node("ReduceMean", ["features"], "mean"),
@@ -71,10 +71,7 @@ def test_boxes_stand_on_the_ground_that_was_found(tmp_path: Path, lidar_xy: tupl
     np.testing.assert_allclose(boxes.sizes, [size], rtol=1e-5)
     np.testing.assert_allclose(boxes.yaws, [yaw], atol=1e-5)
     np.testing.assert_allclose(boxes.scores, 1 / (1 + np.exp(-2.0)), rtol=1e-5)
-
-
-def test_nothing_is_found_where_nothing_is_seen(tmp_path: Path) -> None:
-    assert not len(detect(write(tmp_path / "net.onnx", [[0.0] * 8], [[9.0, 9.0]]))(combined(np.zeros((0, 3)))))
+    assert not len(detect(tmp_path / "net.onnx", lidar_xy)(combined(np.zeros((0, 3)))))
 
 
 @pytest.mark.parametrize(
@@ -97,25 +94,24 @@ def test_what_a_file_lacks(tmp_path: Path, said: dict[str, object], odds: list[f
         detect(write(tmp_path / "net.onnx", [[5.0, 0, 0, 1, 1, 1, 0, 1]], [odds], **said))(combined(scan(LIDAR, [CAR])))
 
 
-def test_points_of_the_ground_are_told_too() -> None:
+def test_points_of_the_ground_and_intensities() -> None:
     """On ground that lies 0.5 m higher than the site's plane, around a lidar that is not in its middle."""
     above, ground = np.array([[6.0, 2.0, 1.5]]), np.array([[7.0, 2.0, 0.5]], np.float32)
     points = combined(above, plane=Plane(np.array([0.0, 0.0, 1.0]), -0.5))
     cloud = replace(points.detection_cloud, xyz=ground, intensity=np.array([7], np.float32))
-    told = PillarPoints(rig((5.0, 0.0, 1.8)), load_config("road")).with_ground(replace(points, ground_cloud=cloud))
-    np.testing.assert_allclose(told[0], [[1, 2, 1], [2, 2, 0]])
-    np.testing.assert_allclose(told[1], [0, 7 / 255])
+    both = replace(points, ground_cloud=cloud)
+    position, intensity = PillarPoints(rig((5.0, 0.0, 1.8)), load_config("road")).with_ground(both)
+    np.testing.assert_allclose(position, [[1, 2, 1], [2, 2, 0]])
+    np.testing.assert_allclose(intensity, [0, 7 / 255])
 
-
-def test_each_lidar_has_its_own_scale_of_intensities() -> None:
-    """The first lidar reports 0 to 1, the second 0 to 255, which only its point of the ground shows."""
+    # The first lidar reports 0 to 1, the second 0 to 255, which only its point of the ground shows.
     points = combined(np.array([[6.0, 2.0, 1.5], [6.0, 3.0, 1.5]]), np.array([[7.0, 2.0, 1.5]]))
     cloud = replace(points.detection_cloud, intensity=np.array([0.5, 1, 1], np.float32))
-    ground = replace(cloud, intensity=np.array([0.25, 51, 0], np.float32))
+    ground_cloud = replace(cloud, intensity=np.array([0.25, 51, 0], np.float32))
     index = np.array([0, 1, 1], np.uint8)
-    both = replace(points, detection_cloud=cloud, ground_cloud=ground, ground_lidar_index=index)
-    told = PillarPoints(rig(LIDAR, LIDAR), load_config("road")).with_ground(both)[1]
-    np.testing.assert_allclose(told, [0.5, 1, 1 / 255, 0.25, 0.2, 0])
+    both = replace(points, detection_cloud=cloud, ground_cloud=ground_cloud, ground_lidar_index=index)
+    intensity = PillarPoints(rig(LIDAR, LIDAR), load_config("road")).with_ground(both)[1]
+    np.testing.assert_allclose(intensity, [0.5, 1, 1 / 255, 0.25, 0.2, 0])
 
 
 def test_features_of_points() -> None:

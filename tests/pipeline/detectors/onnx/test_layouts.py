@@ -1,4 +1,4 @@
-"""Every layout against a direct reading of the same numbers, one row at a time, through a whole detector."""
+"""Layouts by names and shapes; and each against a direct reading of the same numbers through a whole detector."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -11,15 +11,17 @@ from onnx_networks import FLOAT16, write_convolutional, write_network
 
 from lidcam.pipeline.core.arrays import U8, Array
 from lidcam.pipeline.core.errors import ModelError
-from lidcam.pipeline.core.settings.detect import Detect2DConfig
+from lidcam.pipeline.core.settings.detect import Detect2DConfig, NetworkLayout
 from lidcam.pipeline.detectors.onnx.detector import OnnxDetector2D
+from lidcam.pipeline.detectors.onnx.layouts import Layout, Trial, recognise
 
 SIZE_PX = (64, 96)
 CELLS = 8 * 12 + 4 * 6 + 2 * 3
 RNG = np.random.default_rng(7)
 NAMES = "{0: 'car', 1: \"driver's mate\", 2: 'dog', 3: 'tram'}"
 
-Read = Callable[[Mapping[str, Array], int], tuple[float, float, float, float, float, int] | None]
+Row = tuple[float, float, float, float, float, int]
+Read = Callable[[Mapping[str, Array], int], Row | None]
 
 
 class Case(NamedTuple):
@@ -50,38 +52,38 @@ def from_center(cx: float, cy: float, w: float, h: float) -> tuple[float, float,
     return cx - w / 2, cy - h / 2, cx + w / 2, cy + h / 2
 
 
-def largest(values: Array) -> tuple[float, int]:
+def largest(values: Any) -> tuple[float, int]:
     best = max(range(len(values)), key=lambda c: float(values[c]))
     return float(values[best]), best
 
 
-def with_objectness(outputs: Mapping[str, Array], row: int) -> tuple[float, float, float, float, float, int]:
+def with_objectness(outputs: Mapping[str, Array], row: int) -> Row:
     cx, cy, w, h, objectness, *classes = outputs["output0"][row].tolist()
-    score, label = largest(np.array(classes))
+    score, label = largest(classes)
     return (*from_center(cx, cy, w, h), objectness * score, label)
 
 
-def of_columns(outputs: Mapping[str, Array], row: int) -> tuple[float, float, float, float, float, int]:
+def of_columns(outputs: Mapping[str, Array], row: int) -> Row:
     cx, cy, w, h, *classes = outputs["output0"][:, row].tolist()
-    return (*from_center(cx, cy, w, h), *largest(np.array(classes)))
+    return (*from_center(cx, cy, w, h), *largest(classes))
 
 
-def listed(outputs: Mapping[str, Array], row: int) -> tuple[float, float, float, float, float, int] | None:
+def listed(outputs: Mapping[str, Array], row: int) -> Row | None:
     left, top, right, bottom, score, label = outputs["output0"][row].tolist()
     return (left, top, right, bottom, score, int(label)) if score > 0 else None
 
 
-def in_shares(outputs: Mapping[str, Array], row: int) -> tuple[float, float, float, float, float, int]:
+def in_shares(outputs: Mapping[str, Array], row: int) -> Row:
     cx, cy, w, h, *classes = outputs["output0"][row].tolist()
-    return (*from_center(cx * 96, cy * 64, w * 96, h * 64), *largest(np.array(classes)))
+    return (*from_center(cx * 96, cy * 64, w * 96, h * 64), *largest(classes))
 
 
-def listed_in_shares(outputs: Mapping[str, Array], row: int) -> tuple[float, float, float, float, float, int]:
+def listed_in_shares(outputs: Mapping[str, Array], row: int) -> Row:
     cx, cy, w, h, score, label = outputs["output0"][row].tolist()
     return (*from_center(cx * 96, cy * 64, w * 96, h * 64), score, int(label))
 
 
-def of_logits(outputs: Mapping[str, Array], row: int) -> tuple[float, float, float, float, float, int]:
+def of_logits(outputs: Mapping[str, Array], row: int) -> Row:
     box = next(array for name, array in outputs.items() if array.shape[1] == 4 and ("box" in name or name == "dets"))
     logits = next(array for array in outputs.values() if array is not box)
     cx, cy, w, h = box[row].tolist()
@@ -89,7 +91,7 @@ def of_logits(outputs: Mapping[str, Array], row: int) -> tuple[float, float, flo
     return (*from_center(cx * 96, cy * 64, w * 96, h * 64), 1 / (1 + math.exp(-score)), label)
 
 
-def sized(outputs: Mapping[str, Array], row: int) -> tuple[float, float, float, float, float, int]:
+def sized(outputs: Mapping[str, Array], row: int) -> Row:
     left, top, right, bottom = outputs["boxes"][row].tolist()
     return (left * 96, top * 64, right * 96, bottom * 64, float(outputs["scores"][row]), int(outputs["labels"][row]))
 
@@ -181,59 +183,38 @@ def written(folder: Path, outputs: Mapping[str, Array], **options: Any) -> Path:
     return write_network(folder / "m.onnx", outputs, size_px=SIZE_PX, metadata={"names": NAMES}, **options)
 
 
-@pytest.mark.parametrize("min_score", [0.3, 0.5, 1.0])
-@pytest.mark.parametrize("case", CASES.values(), ids=CASES)
-def test_what_scores_enough_is_the_same_where_the_rest_may_be_left_out(
-    tmp_path: Path, case: Case, min_score: float
-) -> None:
-    path = written(tmp_path, case.outputs, scaled=case.scaled)
-    (every,) = load(path, input=(96, 64))([picture(375, 1242)])
-    (some,) = load(path, input=(96, 64), min_score=min_score)([picture(375, 1242)])
-    expected, found = every.scores >= min_score, some.scores >= min_score
-    np.testing.assert_array_equal(some.xyxy[found], every.xyxy[expected])
-    np.testing.assert_array_equal(some.scores[found], every.scores[expected])
-    np.testing.assert_array_equal(some.labels[found], every.labels[expected])
-
-
-def picture(height: int, width: int) -> U8:
+def image(height: int, width: int) -> U8:
     return np.zeros((height, width, 3), np.uint8)
 
 
-@pytest.mark.parametrize("image_px", [(64, 96), (375, 1242), (480, 640), (600, 100), (10, 12)])
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
-def test_every_layout_is_read_as_directly(tmp_path: Path, case: Case, image_px: tuple[int, int]) -> None:
-    model = load(written(tmp_path, case.outputs, scaled=case.scaled), input=(96, 64))
+def test_every_layout_is_read_as_directly(tmp_path: Path, case: Case) -> None:
+    """Also where boxes below a score may be left out."""
+    path = written(tmp_path, case.outputs, scaled=case.scaled)
+    model = load(path, input=(96, 64))
     assert model.labels == ("car", "driver's mate", "dog", "tram")
-    (found,) = model([picture(*image_px)])
-    expected_xyxy, expected_scores, expected_labels = read_directly(case, image_px)
-    scale_x, scale_y, _, _ = placed(case, image_px)
-    np.testing.assert_allclose(found.xyxy * min(scale_x, scale_y), expected_xyxy * min(scale_x, scale_y), atol=1e-3)
-    np.testing.assert_allclose(found.scores, expected_scores, atol=1e-6)
-    assert found.labels.tolist() == expected_labels
-    assert found.xyxy.dtype == found.scores.dtype == np.float32
-    assert found.labels.dtype == np.int64
+    for image_px in ((64, 96), (480, 640), (600, 100), (10, 12), (375, 1242)):
+        (found,) = model([image(*image_px)])
+        expected_xyxy, expected_scores, expected_labels = read_directly(case, image_px)
+        scale = min(placed(case, image_px)[:2])
+        np.testing.assert_allclose(found.xyxy * scale, expected_xyxy * scale, atol=1e-3)
+        np.testing.assert_allclose(found.scores, expected_scores, atol=1e-6)
+        assert found.labels.tolist() == expected_labels
+        assert found.xyxy.dtype == found.scores.dtype == np.float32
+        assert found.labels.dtype == np.int64
+    (some,) = load(path, input=(96, 64), min_score=0.5)([image(375, 1242)])
+    rows, full_rows = some.scores >= 0.5, found.scores >= 0.5
+    np.testing.assert_array_equal(some.xyxy[rows], found.xyxy[full_rows])
+    np.testing.assert_array_equal(some.labels[rows], found.labels[full_rows])
 
 
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 def test_half_precision(tmp_path: Path, case: Case) -> None:
     halved = {name: a if a.dtype == np.int64 else a.astype(np.float16) for name, a in case.outputs.items()}
-    (found,) = load(written(tmp_path, halved, dtype=FLOAT16, scaled=case.scaled))([picture(*SIZE_PX)])
+    (found,) = load(written(tmp_path, halved, dtype=FLOAT16, scaled=case.scaled))([image(*SIZE_PX)])
     expected_xyxy, expected_scores, _ = read_directly(case, SIZE_PX)
     np.testing.assert_allclose(found.xyxy, expected_xyxy, atol=0.2)
     np.testing.assert_allclose(found.scores, expected_scores, atol=2e-3)
-
-
-@pytest.mark.parametrize("layout", ["yolov5", "yolov8", "rtdetr"])
-def test_networks_other_than_yolox_see_white_as_1(tmp_path: Path, layout: str) -> None:
-    shape = {"yolov5": (3 * CELLS, 9), "yolov8": (8, CELLS), "rtdetr": (40, 8)}[layout]
-    array, weight = np.full(shape, 0.5), np.zeros(shape)
-    scored = (slice(4, None), slice(None)) if layout == "yolov8" else (slice(None), slice(4, None))
-    array[scored], weight[scored] = 0, 1
-    if layout == "yolov5":
-        array[:, 4], weight[:, 4] = 1, 0
-    path = written(tmp_path, {"output0": array.astype(np.float32)}, weights={"output0": weight})
-    (found,) = load(path)([np.full((*SIZE_PX, 3), 51, np.uint8)])
-    np.testing.assert_allclose(found.scores, 0.2, rtol=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -246,31 +227,31 @@ def test_networks_other_than_yolox_see_white_as_1(tmp_path: Path, layout: str) -
 def test_what_is_no_class(tmp_path: Path, label: float, fault: str) -> None:
     path = written(tmp_path, {"output0": np.array([[1, 2, 30, 40, 0.5, label]], np.float32)})
     with pytest.raises(ModelError, match=fault):
-        load(path)([picture(*SIZE_PX)])
+        load(path)([image(*SIZE_PX)])
 
 
-def test_numbers_that_are_too_large(tmp_path: Path) -> None:
-    path = written(tmp_path, {"output0": np.full((8, CELLS), 3e38, np.float32)})
-    assert len(load(path)([picture(*SIZE_PX)])) == 1
+@pytest.mark.parametrize(
+    ("rows", "count"),
+    [
+        pytest.param(np.full((8, CELLS), 3e38), CELLS, id="numbers that are too large"),
+        pytest.param(np.array([[0, 0, 0, 0, 0, -1]] * 5), 0, id="rows without a score are filling"),
+    ],
+)
+def test_odd_outputs(tmp_path: Path, rows: Array, count: int) -> None:
+    (found,) = load(written(tmp_path, {"output0": rows.astype(np.float32)}))([image(*SIZE_PX)])
+    assert len(found.scores) == count
 
 
-def test_rows_without_a_score_are_filling(tmp_path: Path) -> None:
-    (found,) = load(written(tmp_path, {"output0": np.array([[0, 0, 0, 0, 0, -1]] * 5, np.float32)}))(
-        [picture(*SIZE_PX)]
-    )
-    assert len(found.scores) == 0
-
-
-@pytest.mark.parametrize("size_px", [(64, 96), (160, 224), (320, 64)])
-def test_a_convolutional_network_sees_a_larger_picture_as_it_is(tmp_path: Path, size_px: tuple[int, int]) -> None:
+@pytest.mark.parametrize("size_px", [(64, 96), (160, 224)])
+def test_a_convolutional_network_sees_a_larger_image_as_it_is(tmp_path: Path, size_px: tuple[int, int]) -> None:
     """Cell by cell: a convolution with the stride of its cells is a sum over the cell's pixels."""
     strides, columns = (8, 16, 32), 85
     kernels = [RNG.normal(0, 1e-4, (columns, 3, stride, stride)) for stride in strides]
     biases = [RNG.uniform(0, 1, columns) for _ in strides]
     model = load(write_convolutional(tmp_path / "m.onnx", kernels, biases, size_px=SIZE_PX))
-    image = RNG.integers(0, 256, (*size_px, 3), np.uint8)
-    (found,) = model([image])
-    corners, best, row = [], [], image[..., ::-1].transpose(2, 0, 1).astype(np.float64)
+    rgb = RNG.integers(0, 256, (*size_px, 3), np.uint8)
+    (found,) = model([rgb])
+    corners, best, row = [], [], rgb[..., ::-1].transpose(2, 0, 1).astype(np.float64)
     for stride, kernel, bias in zip(strides, kernels, biases, strict=True):
         for top in range(0, size_px[0], stride):
             for left in range(0, size_px[1], stride):
@@ -283,3 +264,80 @@ def test_a_convolutional_network_sees_a_larger_picture_as_it_is(tmp_path: Path, 
                 best.append(values[4] * max(values[5:]))
     np.testing.assert_allclose(found.xyxy, corners, atol=1e-3)
     np.testing.assert_allclose(found.scores, best, atol=1e-4)
+
+
+# --- recognition
+
+
+def blank(*shape: int, value: float = 0.5) -> Array:
+    return np.full((1, *shape), value, np.float32)
+
+
+def found_layout(
+    *outputs: Array, names: str = "", takes_sizes: bool = False, wanted: NetworkLayout | None = None
+) -> Layout:
+    named = names.split() or [f"output{row}" for row in range(len(outputs))]
+    return recognise(Trial((640, 640), named, outputs, takes_sizes), wanted)
+
+
+@pytest.mark.parametrize(
+    ("outputs", "names", "expected"),
+    [
+        ([blank(8400, 85)], "", ("yolox", 80, "bgr_255", "top_left")),
+        ([blank(8400, 6)], "", ("yolox", 1, "bgr_255", "top_left")),
+        ([blank(8400, 85, value=1.0)], "", ("yolov5", 80, "rgb_1", "center")),
+        ([blank(3 * 8500, 13)], "", ("yolov5", 8, "rgb_1", "center")),
+        ([blank(84, 8400)], "", ("yolov8", 80, "rgb_1", "center")),
+        ([blank(5, 8400)], "", ("yolov8", 1, "rgb_1", "center")),
+        ([blank(14, 8400 + 160 * 160)], "", ("yolov8", 10, "rgb_1", "center")),
+        ([blank(300, 6, value=30.0)], "", ("end_to_end", None, "rgb_1", "center")),
+        ([blank(300, 6, value=0.0)], "", ("end_to_end", None, "rgb_1", "center")),
+        ([blank(0, 6)], "", ("end_to_end", None, "rgb_1", "center")),
+        ([blank(300, 6, value=1.0)], "", ("rtdetr", None, "rgb_1", "stretched")),
+        ([blank(300, 6, value=0.5)], "", ("rtdetr", 2, "rgb_1", "stretched")),
+        ([blank(300, 84)], "", ("rtdetr", 80, "rgb_1", "stretched")),
+        ([blank(300, 80), blank(300, 4)], "logits pred_boxes", ("detr", 80, "rgb_1", "stretched")),
+        ([blank(300, 4), blank(300, 4)], "pred_logits pred_boxes", ("detr", 4, "rgb_1", "stretched")),
+        ([blank(300, 4), blank(300, 91)], "dets labels", ("detr", 91, "imagenet", "stretched")),
+    ],
+)
+def test_recognised_by_names_and_shapes(
+    outputs: list[Array], names: str, expected: tuple[str, int | None, str, str]
+) -> None:
+    layout = found_layout(*outputs, names=names)
+    assert (layout.name, layout.class_count, layout.colors, layout.placement) == expected
+
+
+@pytest.mark.parametrize("names", ["labels boxes scores", "scores labels boxes"])
+def test_labels_boxes_and_scores_in_any_order(names: str) -> None:
+    arrays = {"labels": blank(300), "boxes": blank(300, 4), "scores": blank(300)}
+    layout = found_layout(*(arrays[name] for name in names.split()), names=names, takes_sizes=True)
+    assert (layout.name, layout.class_count) == ("dfine", None)
+
+
+@pytest.mark.parametrize(
+    ("outputs", "names", "takes_sizes"),
+    [
+        ([], "", False),
+        ([blank()], "", False),
+        ([blank(8400, 4)], "", False),
+        ([blank(300, 84, value=300.0)], "", False),
+        ([blank(84, 8399, value=5.0)], "", False),
+        ([blank(116, 8400), blank(32, 160, 160)], "", False),
+        ([blank(8400, 4, value=300.0), blank(8400, 80)], "boxes scores", False),
+        ([blank(300, 4), blank(300, 4)], "a b", False),
+        ([blank(300, 4), blank(299, 80)], "boxes scores", False),
+        ([blank(300), blank(300, 4), blank(300)], "labels boxes scores", False),
+        ([blank(300), blank(300, 4), blank(300)], "labels boxes labels2", True),
+    ],
+)
+def test_unknown_layouts(outputs: list[Array], names: str, takes_sizes: bool) -> None:
+    with pytest.raises(ModelError, match=r"expected outputs of a known layout: YOLOX .* for 640 x 640 px"):
+        found_layout(*outputs, names=names, takes_sizes=takes_sizes)
+
+
+def test_the_settings_prevail() -> None:
+    assert found_layout(blank(8400, 85), wanted="yolov5").placement == "center"
+    assert found_layout(blank(300, 6), wanted="rtdetr").class_count == 2
+    with pytest.raises(ModelError, match=r"expected outputs of the layout yolox; found output0 \(1, 300, 4\)"):
+        found_layout(blank(300, 4), wanted="yolox")

@@ -1,1 +1,0 @@
-"""Training of a network that finds objects in simulated images."""

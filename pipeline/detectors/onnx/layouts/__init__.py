@@ -1,1 +1,0 @@
-"""Layouts of the outputs of networks in ONNX files: one module per family; `recognition` chooses one."""
