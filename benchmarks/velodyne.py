@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 import velodyne_decoder as vd
 
-from lidcam.bags.simulator.sensors.velodyne_packets import VelodyneSensor
+from lidcam.bags.simulator.sensors.beams import VelodyneSensor
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.pipeline.core.settings.recording import VelodyneLidarConfig
 from lidcam.readers.velodyne.decoder import VelodyneDecoder

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from lidcam.bags.simulator.recorder.recorded import Recorded
+from lidcam.bags.simulator.recorder.processes import Recorded
 from lidcam.pipeline.core.arrays import I64, U8
 from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.geometry.transform import Transform
@@ -26,17 +26,11 @@ FIRST_NUMBERS = {LIDAR_POINTS: OF_LIDAR, IMAGE_PIXELS: OF_CAMERA}
 
 
 class Hypothesis(NamedTuple):
-    """A hypothesis of a detection: the object's class, or a count or share, which has a negative number.
+    """A hypothesis of a detection: the object's class, or a count or share, which has a negative number."""
 
-    Attributes:
-        name: `class_id` in ROS 2.
-        number: `id` in ROS 1.
-        score: Its score, or a count or share.
-    """
-
-    name: str
-    number: int
-    score: float
+    name: str  # `class_id` in ROS 2
+    number: int  # `id` in ROS 1
+    score: float  # Its score, or a count or share
 
 
 def class_of(name: str, score: float = 1.0) -> Hypothesis:
@@ -56,38 +50,23 @@ def counted_by(name: str, count: int, sensor: str, row: int) -> Hypothesis:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueObject:
-    """One object of the ground truth at one moment.
+    """One object of the ground truth at one moment."""
 
-    Attributes:
-        name: Name in the scenario.
-        row: Row in the ground truth.
-        T_site_box: Pose of the box's centre.
-        size_m: Length, width, height.
-        hypotheses: Its class, then counts.
-    """
-
-    name: str
-    row: int
-    T_site_box: Transform
-    size_m: tuple[float, float, float]
-    hypotheses: tuple[Hypothesis, ...]
+    name: str  # Name in the scenario
+    row: int  # Row in the ground truth
+    T_site_box: Transform  # Pose of the box's centre
+    size_m: tuple[float, float, float]  # Length, width, height
+    hypotheses: tuple[Hypothesis, ...]  # Its class, then counts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewedObject:
-    """One box in an image.
+    """One box in an image."""
 
-    Attributes:
-        name: Name in the scenario of the object that it shows; empty for none.
-        row: Its row in the ground truth; -1 for none.
-        xyxy: Left, top, right, bottom in pixels, counted from the image's corner.
-        hypotheses: Its class, then counts and shares.
-    """
-
-    name: str
-    row: int
-    xyxy: tuple[float, float, float, float]
-    hypotheses: tuple[Hypothesis, ...]
+    name: str  # Name in the scenario of the object that it shows; empty for none
+    row: int  # Its row in the ground truth; -1 for none
+    xyxy: tuple[float, float, float, float]  # Left, top, right, bottom in pixels, counted from the image's corner
+    hypotheses: tuple[Hypothesis, ...]  # Its class, then counts and shares
 
 
 class MessageFactory(RosMessages):

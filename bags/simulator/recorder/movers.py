@@ -12,9 +12,8 @@ from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, shape_of
 from lidcam.bags.simulator.world.bodies.hulls import front_wheel
 from lidcam.bags.simulator.world.bodies.joints import ArticulatedPath, Carrier, RaisedPath, steered_wheel
 from lidcam.bags.simulator.world.bodies.pedestrian import pedestrian_parts
-from lidcam.bags.simulator.world.meshes.materials import paint
-from lidcam.bags.simulator.world.meshes.mesh import Mesh
-from lidcam.bags.simulator.world.mover import Mover, Part, UprightBox
+from lidcam.bags.simulator.world.mesh import Mesh, paint
+from lidcam.bags.simulator.world.motion import Mover, Part, UprightBox
 from lidcam.pipeline.core.arrays import F64
 
 BODIES = {"model_car": model_car, "car": car, "van": van, "truck": truck, "bus": bus}

@@ -1,25 +1,65 @@
-"""Sensors spread over worker processes, to get around the interpreter lock.
-
-Each process simulates the traffic itself, which is cheap: equal steps and commands give equal traffic. Only commands go
-in, and only finished messages come out.
-"""
+"""Data sent to and from a simulation process: its task, and measurements with their messages."""
 
 import contextlib
 import multiprocessing
+import os
 import signal
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
-from lidcam.bags.simulator.recorder.recorded import Measured, SensingTask
 from lidcam.bags.simulator.scenario.scenario import Scenario
 from lidcam.bags.simulator.scenario.sensors import CameraScenario, LidarScenario
 from lidcam.bags.simulator.vehicles.ackermann import AckermannCommand
+from lidcam.pipeline.core.arrays import I64
 from lidcam.pipeline.core.ending import undone_at_once
 from lidcam.pipeline.core.errors import LidcamError
+from lidcam.pipeline.core.ros.typestores import RosVersion
 from lidcam.readers.velodyne.models import MODELS
+
+if TYPE_CHECKING:
+    from lidcam.bags.simulator.recorder.simulation import Simulation
+
+STEP_NS = 100_000_000
+"""Default step of a simulation."""
+
+
+class SensingTask(NamedTuple):
+    """The work of one simulation process."""
+
+    scenario: Scenario  # The scenario
+    driven: tuple[str, ...]  # Vehicles that wait at their start for commands
+    ros_version: RosVersion  # ROS version of the messages
+    names: tuple[str, ...]  # Names of the sensors to simulate
+
+
+class Recorded(NamedTuple):
+    """One serialised message; messages are ordered by the first three fields."""
+
+    log_ns: int  # True time since the scenario began
+    topic: str  # Topic name
+    stamp_ns: int  # Header stamp; `log_ns` for messages without a header
+    msgtype: str  # Type name, for instance `sensor_msgs/msg/PointCloud2`
+    data: bytes  # The message in the encoding of the recording
+    latched: bool = False  # Whether late subscribers receive it too
+
+
+class Measured(NamedTuple):
+    """One measurement of a sensor."""
+
+    sensor: str  # Full name of the sensor, as in `Scenario.sensors`
+    from_ns: int  # Start of the time that it represents
+    until_ns: int  # End of that time
+    hits: I64  # (M,) int64 points or pixels on each mover
+    hit_offsets_ns: I64  # (M,) int64 sum of the times of a mover's points after `from_ns`; 0 for pixels
+    recorded: tuple[Recorded, ...]  # Its messages; empty if it was lost
+
+
+# DOC Sensors spread over worker processes, to get around the interpreter lock. Each process simulates the traffic itself, which is cheap: equal steps and commands give equal traffic. Only commands go in, and only finished messages come out.
+
 
 LIDAR_COST = 0.8
 CAMERA_COST, MOVING_CAMERA_COST = 0.05, 1.1
@@ -142,3 +182,27 @@ def _cost_us(sensor: LidarScenario | CameraScenario) -> float:
         else SLOTS / MODELS[sensor.model].column_us * 1e6 / sensor.rate_hz
     )
     return beams / sensor.firing_stride * LIDAR_COST
+
+
+# DOC Starting a simulation: worker processes first, so that all processes load their libraries in parallel.
+
+
+@contextmanager
+def simulating(
+    scenario: Scenario,
+    *,
+    ros_version: RosVersion,
+    workers: int | None = None,
+    driven: Collection[str] = (),
+) -> Iterator["Simulation"]:
+    """A running simulation on so many worker processes, this one among them; None for one per core.
+
+    The vehicles in `driven` wait at their start for `Simulation.command`.
+    """
+    mine, *others = shared_out(scenario, os.cpu_count() or 1 if workers is None else workers)
+    with ExitStack() as stack:
+        tasks = [SensingTask(scenario, tuple(driven), ros_version, names) for names in others]
+        processes = [stack.enter_context(SensingProcess(task)) for task in tasks]
+        from lidcam.bags.simulator.recorder.simulation import Simulation  # Open3D takes a second or two
+
+        yield Simulation(SensingTask(scenario, tuple(driven), ros_version, mine), processes)

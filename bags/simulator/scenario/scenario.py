@@ -20,67 +20,40 @@ OWN_TOPICS = ("/tf", "/tf_static", "/odom", "/ground_truth/objects", "/ground_tr
 
 
 class RecordingScenario(SettingsModel):
-    """Rates of the messages that come from no sensor.
+    """Rates of the messages that come from no sensor."""
 
-    Attributes:
-        truth_rate_hz: Rate of /ground_truth/objects; 0 records no ground truth at all, not that of images, either.
-        odometry_rate_hz: Rate of the vehicles' odometry and tf.
-        command_rate_hz: Rate of the vehicles' commands.
-    """
-
+    # Rate of /ground_truth/objects; 0 records no ground truth at all, not that of images, either
     truth_rate_hz: NotNegative = 10.0
-    odometry_rate_hz: Positive = 50.0
-    command_rate_hz: Positive = 20.0
+    odometry_rate_hz: Positive = 50.0  # Rate of the vehicles' odometry and tf
+    command_rate_hz: Positive = 20.0  # Rate of the vehicles' commands
 
 
 class SunScenario(SettingsModel):
-    """The direction of sunlight.
+    """The direction of sunlight."""
 
-    Attributes:
-        azimuth_deg: Counter-clockwise from +x.
-        elevation_deg: Above the horizon.
-        shadows: Whether it casts shadows.
-    """
-
-    azimuth_deg: float = -50.0
-    elevation_deg: Annotated[float, Field(gt=0, le=90)] = 50.0
-    shadows: bool = True
+    azimuth_deg: float = -50.0  # Counter-clockwise from +x
+    elevation_deg: Annotated[float, Field(gt=0, le=90)] = 50.0  # Above the horizon
+    shadows: bool = True  # Whether it casts shadows
 
 
 class Scenario(SettingsModel):
-    """A whole scenario.
+    """A whole scenario."""
 
-    Attributes:
-        description: One line for people.
-        world: The static world; `open` is that of `ground` and `things`.
-        ground: The ground of an `open` world.
-        things: What stands in an `open` world.
-        site_frame: Name of the world frame in messages.
-        start_unix_s: Start time, seconds since 1970; headers end in 2038.
-        duration_s: Default length of the recording.
-        seed: Seed of all random numbers.
-        sun: The sun.
-        routes: Routes for traffic, by name.
-        vehicles: Vehicles, cyclists and pedestrians, by name.
-        lidars: Lidars by name.
-        cameras: Cameras by name.
-        recording: Rates of all other messages.
-    """
-
-    description: str = ""
-    world: Literal["sandbox", "crossing", "street", "open"]
-    ground: GroundScenario = GroundScenario()
-    things: tuple[ThingScenario, ...] = ()
-    site_frame: str = "site"
+    description: str = ""  # One line for people
+    world: Literal["sandbox", "crossing", "street", "open"]  # The static world; `open` is that of `ground` and `things`
+    ground: GroundScenario = GroundScenario()  # The ground of an `open` world
+    things: tuple[ThingScenario, ...] = ()  # What stands in an `open` world
+    site_frame: str = "site"  # Name of the world frame in messages
+    # Start time, seconds since 1970; headers end in 2038
     start_unix_s: Annotated[int, Field(ge=0, le=2_000_000_000)] = 1_700_000_000
-    duration_s: Positive = 10.0
-    seed: Annotated[int, Field(ge=0)] = 1
-    sun: SunScenario = SunScenario()
-    routes: dict[str, RouteScenario] = Field(default_factory=dict)
-    vehicles: dict[Name, VehicleScenario] = Field(default_factory=dict)
-    lidars: dict[Name, LidarScenario] = Field(default_factory=dict)
-    cameras: dict[Name, CameraScenario] = Field(default_factory=dict)
-    recording: RecordingScenario = RecordingScenario()
+    duration_s: Positive = 10.0  # Default length of the recording
+    seed: Annotated[int, Field(ge=0)] = 1  # Seed of all random numbers
+    sun: SunScenario = SunScenario()  # The sun
+    routes: dict[str, RouteScenario] = Field(default_factory=dict)  # Routes for traffic, by name
+    vehicles: dict[Name, VehicleScenario] = Field(default_factory=dict)  # Vehicles, cyclists and pedestrians, by name
+    lidars: dict[Name, LidarScenario] = Field(default_factory=dict)  # Lidars by name
+    cameras: dict[Name, CameraScenario] = Field(default_factory=dict)  # Cameras by name
+    recording: RecordingScenario = RecordingScenario()  # Rates of all other messages
 
     @model_validator(mode="after")
     def _things_are_in_an_open_world(self) -> "Scenario":

@@ -1,18 +1,197 @@
-"""Directions and times of the beams of a spinning lidar, sweep by sweep.
+"""Velodyne sensors (VLP-16, HDL-32E, VLP-32C): directions and times of beams, and data packets from ranges.
 
-A Velodyne sweep consists of whole packets, from the first packet of its turn on. A `linear` lidar has `columns` firings
-per turn, with its beams all at once, at equal steps or as listed. Both spin evenly with `rate_hz`, clockwise seen from
-above.
+The inverse of `lidcam.readers.velodyne.decoder`, written independently. As in the manuals the head spins evenly, block
+azimuths are rounded to 0.01 degrees, packet times to microseconds, ranges to the model's step.
 """
 
+from dataclasses import dataclass
 from math import ceil
+from typing import Literal
 
 import numpy as np
 
 from lidcam.bags.simulator.scenario.sensors import LidarScenario
-from lidcam.bags.simulator.sensors.velodyne_packets import Beams, EncodedPackets, VelodyneSensor
-from lidcam.pipeline.core.arrays import F64, U8
-from lidcam.readers.velodyne.models import MODELS, built_in_table
+from lidcam.pipeline.core.arrays import F64, I64, U8, U16
+from lidcam.readers.velodyne.models import BLOCK_FLAGS, MODELS, LaserTable, VelodyneModel, built_in_table
+
+BLOCKS, SLOTS = 12, 32
+HOUR_US = 3_600_000_000
+RETURN_BYTES = {"strongest": 0x37, "last": 0x38, "dual": 0x39}
+
+_PACKET = np.dtype(
+    {
+        "names": ["blocks", "time_us", "mode", "product"],
+        "formats": [
+            (
+                np.dtype(
+                    [("flag", "<u2"), ("azimuth", "<u2"), ("echoes", [("steps", "<u2"), ("reflectivity", "u1")], SLOTS)]
+                ),
+                BLOCKS,
+            ),
+            "<u4",
+            "u1",
+            "u1",
+        ],
+    }
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Beams:
+    """The beams of consecutive firings, in the sensor's frame (x ahead, y to the left, z up)."""
+
+    directions: F64  # (F, L, 3) unit vectors, by firing and laser id
+    origins: F64  # (L, 3) metres, where the beams of each laser start on the axis
+    times_ns: I64  # (F, L) int64
+    azimuth_error_rad: F64  # (F,) azimuths that a decoder computes from packets minus the true ones
+
+    @property
+    def measured_directions(self) -> F64:
+        """(F, L, 3) reported directions; unit vectors to 1e-8."""
+        error, measured = self.azimuth_error_rad[:, None], self.directions.copy()
+        measured[:, :, 0] += error * self.directions[:, :, 1]
+        measured[:, :, 1] -= error * self.directions[:, :, 0]
+        return measured
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EncodedPackets:
+    """Data packets."""
+
+    stamps_ns: I64  # (P,) int64 time of the first firing
+    payload: U8  # (P, 1206) uint8
+
+    def later(self, by_ns: int) -> "EncodedPackets":
+        """The same packets at a later time, in their internal clock (microseconds of the hour), too."""
+        stamps_ns = self.stamps_ns + by_ns
+        payload = self.payload.copy()
+        payload[:, 1200:1204] = _hour_us(stamps_ns).astype("<u4").view(np.uint8).reshape(-1, 4)
+        return EncodedPackets(stamps_ns, payload)
+
+
+@dataclass(frozen=True, slots=True)
+class VelodyneSensor:
+    """A sensor that spins evenly from a start time on, where packets are counted from."""
+
+    model: str  # A model of `MODELS` with one bank of lasers
+    start_ns: int  # Time of the first firing of packet 0
+    turn_hz: float = 10.0  # Turns per second
+    start_azimuth_deg: float = 0.0  # Azimuth at `start_ns`, clockwise from the front
+    return_mode: Literal["strongest", "last", "dual"] = "strongest"  # Which echoes are sent
+
+    @property
+    def firings_per_packet(self) -> int:
+        """Firings of all lasers per packet."""
+        return BLOCKS // self._returns * (SLOTS // self._facts.lasers)
+
+    @property
+    def packets_per_turn(self) -> float:
+        """Packets per turn; usually not a whole number."""
+        return 1e6 / self.turn_hz / self._packet_us
+
+    def beams(self, first_packet: int, packets: int) -> Beams:
+        """The beams of `packets` packets from `first_packet` on, F = packets x firings_per_packet."""
+        firing_us, table = self._firing_us(first_packet, packets), self._table
+        # An azimuth is the sum of one per firing and one per laser: cosine and sine are only needed of these.
+        firing = self._azimuth_rad(firing_us)[:, None]
+        laser = 2 * np.pi * self.turn_hz * 1e-6 * self._laser_us - table.azimuth_offset_rad
+        across = np.cos(table.elevation_rad)
+        cos, sin = across * np.cos(laser), across * np.sin(laser)
+        directions = np.empty((len(firing), len(table), 3))
+        directions[:, :, 0] = np.cos(firing) * cos - np.sin(firing) * sin
+        directions[:, :, 1] = -np.sin(firing) * cos - np.cos(firing) * sin
+        directions[:, :, 2] = np.sin(table.elevation_rad)
+        origins = np.stack([np.zeros(len(table)), np.zeros(len(table)), table.vertical_offset_m], axis=-1)
+        times_us = firing_us[:, None] + self._laser_us
+        times_ns = self.start_ns + np.rint(times_us * 1000).astype(np.int64)
+        # Packets round the azimuth of each block to 0.01 degrees; the error carries over to its second firing.
+        true_deg = np.rad2deg(self._azimuth_rad(self._block_us(first_packet, packets).reshape(-1)))
+        error_rad = np.repeat(np.deg2rad(np.rint(true_deg * 100) / 100 - true_deg), SLOTS // self._facts.lasers)
+        return Beams(directions, origins, times_ns, error_rad)
+
+    def packet_ns(self, packet: int) -> int:
+        """Time of the first firing of a packet."""
+        return self.start_ns + round(packet * self._packet_us * 1000)
+
+    def encode(self, first_packet: int, ranges_m: F64, reflectivity: U8) -> EncodedPackets:
+        """Packets with the ranges along `beams`.
+
+        Args:
+            first_packet: Number of the first packet.
+            ranges_m: (F, L) metres by firing and laser id, F firings of whole packets; in dual mode (F, L, 2), the last
+                return, then the strongest. Values that are not finite, not positive or too large are no return.
+            reflectivity: Like `ranges_m`.
+        """
+        facts, returns = self._facts, self._returns
+        packets = len(ranges_m) // self.firings_per_packet
+        with np.errstate(invalid="ignore"):
+            steps = np.rint(ranges_m / facts.range_step_m)
+            steps = np.where((steps > 0) & (steps <= 0xFFFF), steps, 0).astype(np.uint16)
+        columns = BLOCKS // returns
+        times_us = self._block_us(first_packet, packets)
+        azimuth = np.rint(np.rad2deg(self._azimuth_rad(times_us)) * 100).astype(np.int64) % 36000
+
+        table = np.zeros(packets, _PACKET)
+        blocks = table["blocks"].reshape(packets, columns, returns)
+        blocks["flag"] = BLOCK_FLAGS[0]
+        blocks["azimuth"] = azimuth[:, :, None]
+        blocks["echoes"]["steps"] = _by_return(steps, packets, columns, returns)
+        blocks["echoes"]["reflectivity"] = _by_return(np.where(steps, reflectivity, 0), packets, columns, returns)
+        stamps_ns = self.start_ns + np.rint(times_us[:, 0] * 1000).astype(np.int64)
+        table["time_us"] = _hour_us(stamps_ns)
+        table["mode"] = RETURN_BYTES[self.return_mode]
+        table["product"] = facts.product
+        return EncodedPackets(stamps_ns, np.frombuffer(table.tobytes(), np.uint8).reshape(packets, -1))
+
+    @property
+    def _facts(self) -> VelodyneModel:
+        return MODELS[self.model]
+
+    @property
+    def _table(self) -> LaserTable:
+        return built_in_table(self.model)
+
+    @property
+    def _returns(self) -> int:
+        return 2 if self.return_mode == "dual" else 1
+
+    @property
+    def _packet_us(self) -> float:
+        return self._facts.column_us * (BLOCKS // self._returns)
+
+    @property
+    def _laser_us(self) -> F64:
+        """(L,) since the start of the firing."""
+        return np.array(self._facts.slot_us[0][: self._facts.lasers], np.float64)
+
+    def _firing_us(self, first_packet: int, packets: int) -> F64:
+        """(F,) since `start_ns`."""
+        packet_us = (first_packet + np.arange(packets)) * self._packet_us
+        per_block = SLOTS // self._facts.lasers
+        in_block_us = np.array(self._facts.slot_us[0][:: self._facts.lasers][:per_block], np.float64)
+        block_us = np.arange(BLOCKS // self._returns) * self._facts.column_us
+        return np.asarray((packet_us[:, None, None] + block_us[:, None] + in_block_us).reshape(-1))
+
+    def _block_us(self, first_packet: int, packets: int) -> F64:
+        """(packets, columns) times of the first firing of each block, since `start_ns`."""
+        return self._firing_us(first_packet, packets).reshape(packets, BLOCKS // self._returns, -1)[:, :, 0]
+
+    def _azimuth_rad(self, times_us: F64) -> F64:
+        return np.asarray(np.deg2rad(self.start_azimuth_deg) + 2 * np.pi * self.turn_hz * 1e-6 * times_us)
+
+
+def _hour_us(stamps_ns: I64) -> I64:
+    """Microseconds since the full hour, rounded."""
+    return (stamps_ns + 500) // 1000 % HOUR_US
+
+
+def _by_return(values: U16 | U8, packets: int, columns: int, returns: int) -> U16 | U8:
+    """(F, L) or (F, L, 2) in block layout: (packets, columns, returns, 32)."""
+    return np.moveaxis(values.reshape(packets, columns, SLOTS, returns), 3, 2)
+
+
+# DOC Directions and times of the beams of a spinning lidar, sweep by sweep. A Velodyne sweep consists of whole packets, from the first packet of its turn on. A `linear` lidar has `columns` firings per turn, with its beams all at once, at equal steps or as listed. Both spin evenly with `rate_hz`, clockwise seen from above.
+
 
 MS = 1_000_000
 LINEAR_RANGE_STEP_M = 0.002

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from lidcam.bags.simulator.world.meshes.mesh import Material
+from lidcam.bags.simulator.world.mesh import Material
 from lidcam.bags.simulator.world.rays import STATIC, Hits
-from lidcam.bags.simulator.world.surfaces.textures import surface_reflectivity
+from lidcam.bags.simulator.world.textures import surface_reflectivity
 from lidcam.pipeline.core.arrays import F64, I64, Table
 
 NO_ECHO = 0.0
@@ -76,34 +76,21 @@ def intensity(share: F64) -> F64:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Echoes:
-    """The strongest and the last echo of N beams.
+    """The strongest and the last echo of N beams."""
 
-    Attributes:
-        range_m: (N, 2) metres of the strongest and the last echo, without noise; `NO_ECHO` for none.
-        share: (N, 2) share of the beam's light.
-        mover: (N, 2) row of the mover it comes from.
-    """
-
-    range_m: F64
-    share: F64
-    mover: I64
+    range_m: F64  # (N, 2) metres of the strongest and the last echo, without noise; `NO_ECHO` for none
+    share: F64  # (N, 2) share of the beam's light
+    mover: I64  # (N, 2) row of the mover it comes from
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reflected(Table):
-    """Light reflected by K surfaces.
+    """Light reflected by K surfaces."""
 
-    Attributes:
-        beam: (K,) number of the beam.
-        range_m: (K,) metres; infinite for a miss.
-        share: (K,) share of the beam's light.
-        mover: (K,) row of the mover it comes from.
-    """
-
-    beam: I64
-    range_m: F64
-    share: F64
-    mover: I64
+    beam: I64  # (K,) number of the beam
+    range_m: F64  # (K,) metres; infinite for a miss
+    share: F64  # (K,) share of the beam's light
+    mover: I64  # (K,) row of the mover it comes from
 
 
 def distinct_echoes(

@@ -6,22 +6,19 @@ from drivers without motion compensation.
 """
 
 from dataclasses import dataclass
+from enum import IntEnum
 
 import cv2
 import numpy as np
 
 from lidcam.bags.simulator.scenario.sensors import LidarScenario
-from lidcam.bags.simulator.sensors.beams import VelodynePattern, pattern_of
+from lidcam.bags.simulator.sensors.beams import Beams, EncodedPackets, VelodynePattern, pattern_of
 from lidcam.bags.simulator.sensors.echoes import NO_ECHO, Echoes, Optics, Reflected, distinct_echoes, intensity
-from lidcam.bags.simulator.sensors.edges import SKY_M, Side, edge_beams
 from lidcam.bags.simulator.sensors.timing import random_numbers
-from lidcam.bags.simulator.sensors.velodyne_packets import Beams, EncodedPackets
-from lidcam.bags.simulator.world.motion import FixedPath, Path, turned
-from lidcam.bags.simulator.world.placed import dotted
-from lidcam.bags.simulator.world.rays import Hits, Rays
+from lidcam.bags.simulator.world.motion import FixedPath, Path, Span, turned
+from lidcam.bags.simulator.world.rays import Hits, Rays, dotted
 from lidcam.bags.simulator.world.scene import Scene
-from lidcam.bags.simulator.world.span import Span
-from lidcam.pipeline.core.arrays import F32, F64, I64, U8, U16, join_rows
+from lidcam.pipeline.core.arrays import F32, F64, I64, U8, U16, Bools, join_rows
 
 # Columns of `Echoes`, and return types as in `PointCloud.return_type`
 STRONGEST, LAST = 0, 1
@@ -49,30 +46,18 @@ SIGN_OF_SIDE = (-1, 1, -1, 1)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
-    """One turn of a lidar.
+    """One turn of a lidar."""
 
-    Attributes:
-        begin_ns: True time of its first firing since the start of the scenario.
-        end_ns: True time when it is complete.
-        xyz: (N, 3) metres in the sensor frame at the time of each point.
-        intensity: (N,) whole numbers from 0 to 255, on Velodyne's scale.
-        ring: (N,) from the lowest elevation up.
-        time_offset_ns: (N,) int64 after `begin_ns`.
-        return_type: (N,) 1 the strongest echo, 2 the last, 3 both; None with one echo per beam.
-        hits_per_mover: (M,) int64 number of points on each mover of the scene.
-        hit_offsets_ns: (M,) int64 sum of the time offsets of these points.
-        packets: The sweep as data packets, by a clock that started with the scenario; None without packet output.
-    """
-
-    begin_ns: int
-    end_ns: int
-    xyz: F32
-    intensity: F32
-    ring: U16
-    time_offset_ns: I64
-    return_type: U8 | None
-    hits_per_mover: I64
-    hit_offsets_ns: I64
+    begin_ns: int  # True time of its first firing since the start of the scenario
+    end_ns: int  # True time when it is complete
+    xyz: F32  # (N, 3) metres in the sensor frame at the time of each point
+    intensity: F32  # (N,) whole numbers from 0 to 255, on Velodyne's scale
+    ring: U16  # (N,) from the lowest elevation up
+    time_offset_ns: I64  # (N,) int64 after `begin_ns`
+    return_type: U8 | None  # (N,) 1 the strongest echo, 2 the last, 3 both; None with one echo per beam
+    hits_per_mover: I64  # (M,) int64 number of points on each mover of the scene
+    hit_offsets_ns: I64  # (M,) int64 sum of the time offsets of these points
+    # The sweep as data packets, by a clock that started with the scenario; None without packet output
     packets: EncodedPackets | None
 
     def __len__(self) -> int:
@@ -301,3 +286,76 @@ class Lidar:
 
 def _cos_incidence(hits: Hits, rays: Rays) -> F64:
     return -dotted(hits.normal, rays.directions)
+
+
+# DOC Beams of a sweep that may hit an edge: those next to a jump in range.
+
+
+SKY_M = 1e5
+"""Range of a beam that hits nothing."""
+
+
+class Side(IntEnum):
+    """The neighbour of a beam: in the firing before or after, or the laser below or above."""
+
+    BEFORE = 0
+    AFTER = 1
+    BELOW = 2
+    ABOVE = 3
+
+
+def edge_beams(
+    distance_m: F64,
+    normal: F64,
+    origins: F64,
+    directions: F64,
+    *,
+    step_m: float,
+    reach_m: float,
+    by_elevation: I64,
+) -> Bools:
+    """The sides on which a beam has an edge, of its own surface or of its neighbour's.
+
+    The nearer of two surfaces ends between two beams if its plane would still be in front at the other beam: a floor
+    seen at a grazing angle or the foot of a wall is no edge.
+
+    Args:
+        distance_m: (F, L) by firing and laser; infinite for a miss.
+        normal: (F, L, 3) normals of the surfaces, towards the beams.
+        origins: (F, L, 3) origins of the beams, metres.
+        directions: (F, L, 3) unit vectors.
+        step_m: Smaller jumps in range are ignored.
+        reach_m: Jumps beyond this range are ignored.
+        by_elevation: (L,) lasers from the lowest to the highest.
+
+    Returns:
+        (F, L, 4) bool by `Side`.
+    """
+    firings, lasers = distance_m.shape
+    range_m = np.minimum(distance_m, SKY_M)
+    flat_m, normals = range_m.reshape(-1), normal.reshape(-1, 3)
+    starts, ahead = origins.reshape(-1, 3), directions.reshape(-1, 3)
+
+    def ends(one: I64, other: I64) -> Bools:
+        swapped = flat_m.take(one) > flat_m.take(other)
+        near, far = np.where(swapped, other, one), np.where(swapped, one, other)
+        face, near_m = normals.take(near, 0), flat_m.take(near)
+        depth_m = dotted(face, starts.take(near, 0) - starts.take(far, 0))
+        depth_m += near_m * dotted(face, ahead.take(near, 0))
+        along = dotted(face, ahead.take(far, 0))
+        # A plane that the other beam never hits counts as infinitely far.
+        goes_on_m = depth_m / np.where(along < 0, along, -1e-12)
+        return np.asarray((goes_on_m < flat_m.take(far) - step_m) & (near_m < reach_m))
+
+    stacked = range_m[:, by_elevation]
+    firing, place = np.nonzero(np.abs(stacked[:, 1:] - stacked[:, :-1]) > step_m)
+    beside = np.flatnonzero(np.abs(range_m[1:] - range_m[:-1]) > step_m)
+    pairs = (
+        (beside, beside + lasers, Side.BEFORE, Side.AFTER),
+        (firing * lasers + by_elevation[place], firing * lasers + by_elevation[place + 1], Side.BELOW, Side.ABOVE),
+    )
+    edges = np.zeros((firings * lasers, 4), np.bool_)
+    for one, other, back, on in pairs:
+        differ = ends(one, other)
+        edges[one[differ], on] = edges[other[differ], back] = True
+    return edges.reshape(firings, lasers, 4)

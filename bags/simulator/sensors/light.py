@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 
 from lidcam.bags.simulator.scenario.scenario import SunScenario
-from lidcam.bags.simulator.world.meshes.mesh import Material
-from lidcam.bags.simulator.world.placed import dotted
+from lidcam.bags.simulator.world.mesh import Material
+from lidcam.bags.simulator.world.rays import dotted
 from lidcam.pipeline.core.arrays import F32, F64, I64
 
 SUN_RGB = np.array([1.15, 1.08, 0.95], np.float32)  # irradiance facing the sun
@@ -35,15 +35,10 @@ CLOUD_CELLS = 512
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shading:
-    """Light from N surface points to the camera.
+    """Light from N surface points to the camera."""
 
-    Attributes:
-        rest: (N, 3) float32 light that does not depend on the sun: skylight, ground light, reflected sky, haze.
-        sun: (N, 3) float32 sunlight, to be added outside of shadows.
-    """
-
-    rest: F32
-    sun: F32
+    rest: F32  # (N, 3) float32 light that does not depend on the sun: skylight, ground light, reflected sky, haze
+    sun: F32  # (N, 3) float32 sunlight, to be added outside of shadows
 
 
 class Light:

@@ -12,8 +12,7 @@ from lidcam.bags.simulator.sensors.lens import Lens
 from lidcam.bags.simulator.sensors.light import Light
 from lidcam.bags.simulator.sensors.still import BESIDE_PX, Still, contrasts, lit_surfaces, turned
 from lidcam.bags.simulator.world.motion import Poses
-from lidcam.bags.simulator.world.placed import PartHits, PartSurfaces, PlacedPart, passing_rays
-from lidcam.bags.simulator.world.rays import STATIC, Surfaces
+from lidcam.bags.simulator.world.rays import STATIC, PartHits, PartSurfaces, PlacedPart, Surfaces, passing_rays
 from lidcam.bags.simulator.world.scene import Scene
 from lidcam.pipeline.core.arrays import F32, F64, I16, I64, Bools
 from lidcam.pipeline.core.geometry.boxes import box_corners
@@ -31,21 +30,13 @@ REACHES = 3.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moving:
-    """Changes by movers in a still view at one time.
+    """Changes by movers in a still view at one time."""
 
-    Attributes:
-        pixels: (K,) int64 changed pixels, rising.
-        linear: (K, 3) float32 light of these pixels.
-        owner: (P,) int16 row of the mover at the middle of each pixel, or -1.
-        alone_px: (M,) int64 number of pixels of each mover without occlusion.
-        alone_xyxy: (M, 4) float64 left, top, right, bottom of these pixels; NaN for none.
-    """
-
-    pixels: I64
-    linear: F32
-    owner: I16
-    alone_px: I64
-    alone_xyxy: F64
+    pixels: I64  # (K,) int64 changed pixels, rising
+    linear: F32  # (K, 3) float32 light of these pixels
+    owner: I16  # (P,) int16 row of the mover at the middle of each pixel, or -1
+    alone_px: I64  # (M,) int64 number of pixels of each mover without occlusion
+    alone_xyxy: F64  # (M, 4) float64 left, top, right, bottom of these pixels; NaN for none
 
 
 class _Samples:
@@ -211,17 +202,11 @@ def put_movers(scene: Scene, light: Light, lens: Lens, still: Still, time_ns: in
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shadows:
-    """Light that movers take from a still view.
+    """Light that movers take from a still view."""
 
-    Attributes:
-        cast: (P,) bool, whether they take any.
-        shade: (P,) float32 share of sunlight taken.
-        dark: (P,) float32 share of all other light taken.
-    """
-
-    cast: Bools
-    shade: F32
-    dark: F32
+    cast: Bools  # (P,) bool, whether they take any
+    shade: F32  # (P,) float32 share of sunlight taken
+    dark: F32  # (P,) float32 share of all other light taken
 
     def on(self, still: Still, pixels: I64) -> F32:
         """Remaining light (K, 3) of some pixels."""

@@ -5,13 +5,12 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from lidcam.bags.simulator.sensors.ambient import sky_light
 from lidcam.bags.simulator.sensors.lens import Lens
 from lidcam.bags.simulator.sensors.light import Light, Shading
 from lidcam.bags.simulator.world.motion import Poses
 from lidcam.bags.simulator.world.rays import Surfaces
 from lidcam.bags.simulator.world.scene import Scene
-from lidcam.bags.simulator.world.surfaces.textures import surface_rgb
+from lidcam.bags.simulator.world.textures import surface_rgb
 from lidcam.pipeline.core.arrays import F32, Bools
 
 BESIDE_PX = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
@@ -25,27 +24,16 @@ ROWS_AT_ONCE = 1 << 17
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Still:
-    """A view of the static world; P pixels, numbered row by row.
+    """A view of the static world; P pixels, numbered row by row."""
 
-    Attributes:
-        pose: Single pose of the optical frame in the world.
-        directions: (P, 3) float32 unit vectors in the world.
-        distance: (P,) float32 metres; infinite for the sky, 0 outside the lens.
-        points: (P, 3) float32 points slightly above the surface.
-        shading: Light (P); without sun in the shadow of the static world.
-        linear: (P, 3) float32 sum of all light.
-        nearest: (P,) float32 metres: least distance of each pixel and its neighbours.
-        lowest_m: Height of the lowest visible point.
-    """
-
-    pose: Poses
-    directions: F32
-    distance: F32
-    points: F32
-    shading: Shading
-    linear: F32
-    nearest: F32
-    lowest_m: float
+    pose: Poses  # Single pose of the optical frame in the world
+    directions: F32  # (P, 3) float32 unit vectors in the world
+    distance: F32  # (P,) float32 metres; infinite for the sky, 0 outside the lens
+    points: F32  # (P, 3) float32 points slightly above the surface
+    shading: Shading  # Light (P); without sun in the shadow of the static world
+    linear: F32  # (P, 3) float32 sum of all light
+    nearest: F32  # (P,) float32 metres: least distance of each pixel and its neighbours
+    lowest_m: float  # Height of the lowest visible point
 
 
 def take_still(scene: Scene, light: Light, lens: Lens, pose: Poses) -> Still:
@@ -124,3 +112,43 @@ def _inner(lens: Lens) -> Bools:
     """Whether the lens covers a pixel and all its neighbours."""
     covered = lens.covered.reshape(lens.height, lens.width).astype(np.uint8)
     return cv2.erode(covered, np.ones((3, 3), np.uint8)).reshape(-1) > 0
+
+
+# DOC Ambient occlusion: the share of skylight that reaches surfaces, on a coarse pixel grid.
+
+
+GRID_PX = 4
+"""Skylight varies slowly: it is sampled at every fourth pixel of every fourth row."""
+DIRECTIONS = 20
+AXIS_X, AXIS_Z = np.array([1, 0, 0], np.float32), np.array([0, 0, 1], np.float32)
+MIN_SHARE = 0.35
+"""Share of light at a point that sees no sky: its surroundings reflect some."""
+
+
+def sky_light(scene: Scene, points: F32, normals: F32) -> F32:
+    """Share (H, W) of skylight, at most 1, that the static world lets through to the surface of each pixel.
+
+    The points (H, W, 3) lie slightly above the surface; its normals (H, W, 3) are 0 where there is none.
+    """
+    height, width, _ = points.shape
+    rows, columns = np.arange(GRID_PX // 2, height, GRID_PX), np.arange(GRID_PX // 2, width, GRID_PX)
+    if not len(rows) or not len(columns):
+        return np.ones((height, width), np.float32)
+    grid = np.ix_(rows, columns)
+    starts, up = points[grid].reshape(-1, 3), normals[grid].reshape(-1, 3)
+    across = np.cross(up, np.where(np.abs(up[:, 2:]) < 0.9, AXIS_Z, AXIS_X))
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), np.float32(1e-9))
+    along = np.cross(up, across)
+    free, asked = np.zeros(len(up)), np.zeros(len(up))
+    for step in range(DIRECTIONS):
+        # A sunflower disc projected to the half sphere: the density follows Lambert's law.
+        radius, turn = np.sqrt((step + 0.5) / DIRECTIONS), step * np.pi * (3 - np.sqrt(5))
+        x, y, z = radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1 - radius * radius)
+        directions = x * across + y * along + z * up
+        asking = np.flatnonzero(directions[:, 2] > 0.02)  # light from the ground is not skylight
+        blocked = scene.static_occludes(starts.take(asking, 0), directions.take(asking, 0))
+        asked[asking] += 1
+        free[asking] += ~blocked
+    share = np.where(asked > 0, free / np.maximum(asked, 1), 1.0).astype(np.float32).reshape(len(rows), len(columns))
+    smooth = cv2.resize(cv2.blur(share, (3, 3)), (width, height), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(MIN_SHARE + (1 - MIN_SHARE) * smooth, np.float32)

@@ -23,40 +23,24 @@ def random_numbers(seed: int, name: str, purpose: str, number: int) -> np.random
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """One measurement of a sensor.
+    """One measurement of a sensor."""
 
-    Attributes:
-        number: Counted from 0, lost ones included.
-        begin_ns: True start time.
-        end_ns: True end time.
-        stamp_ns: The sensor's clock at `begin_ns`.
-        log_ns: True time when its message is recorded.
-        lost: Whether its message is lost.
-    """
-
-    number: int
-    begin_ns: int
-    end_ns: int
-    stamp_ns: int
-    log_ns: int
-    lost: bool
+    number: int  # Counted from 0, lost ones included
+    begin_ns: int  # True start time
+    end_ns: int  # True end time
+    stamp_ns: int  # The sensor's clock at `begin_ns`
+    log_ns: int  # True time when its message is recorded
+    lost: bool  # Whether its message is lost
 
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Clock and connection of one sensor.
+    """Clock and connection of one sensor."""
 
-    Attributes:
-        name: Name of the sensor.
-        sensor: Its settings.
-        seed: Seed of the scenario.
-        trigger_jitter: Whether jitter shifts the measurement itself (a camera's trigger) or only its stamp (an
-            evenly spinning lidar).
-    """
-
-    name: str
-    sensor: SensorScenario
-    seed: int
+    name: str  # Name of the sensor
+    sensor: SensorScenario  # Its settings
+    seed: int  # Seed of the scenario
+    # Whether jitter shifts the measurement itself (a camera's trigger) or only its stamp (an evenly spinning lidar)
     trigger_jitter: bool
 
     @property

@@ -5,23 +5,21 @@ follows a circle of radius wheel base / tan(steering) (Rajamani, Vehicle Dynamic
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import NamedTuple
 
 from lidcam.bags.simulator.vehicles.trajectory import State
+from lidcam.bags.simulator.world.bodies.dimensions import shape_of
 
 
 @dataclass(frozen=True, slots=True)
 class AckermannCommand:
-    """Target speed and steering (ackermann_msgs/AckermannDrive).
+    """Target speed and steering (ackermann_msgs/AckermannDrive)."""
 
-    Attributes:
-        speed_m_s: Along the heading; negative backwards.
-        steering_rad: At the middle of the front axle, positive to the left.
-    """
-
-    speed_m_s: float = 0.0
-    steering_rad: float = 0.0
+    speed_m_s: float = 0.0  # Along the heading; negative backwards
+    steering_rad: float = 0.0  # At the middle of the front axle, positive to the left
 
 
 class ControllerCommands(NamedTuple):
@@ -37,25 +35,15 @@ class ControllerCommands(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Ackermann:
-    """A car's chassis.
+    """A car's chassis."""
 
-    Attributes:
-        wheel_base_m: From the rear axle to the front one.
-        track_m: From the left front wheel to the right one; 0 for a two-wheeler.
-        wheel_radius_m: Radius of all wheels.
-        max_steering_rad: Steering limit either way, at the middle of the front axle.
-        steering_rate_rad_s: Limit of the steering rate.
-        acceleration_m_s2: Limit of acceleration.
-        braking_m_s2: Limit of braking.
-    """
-
-    wheel_base_m: float
-    track_m: float
-    wheel_radius_m: float
-    max_steering_rad: float
-    steering_rate_rad_s: float
-    acceleration_m_s2: float
-    braking_m_s2: float
+    wheel_base_m: float  # From the rear axle to the front one
+    track_m: float  # From the left front wheel to the right one; 0 for a two-wheeler
+    wheel_radius_m: float  # Radius of all wheels
+    max_steering_rad: float  # Steering limit either way, at the middle of the front axle
+    steering_rate_rad_s: float  # Limit of the steering rate
+    acceleration_m_s2: float  # Limit of acceleration
+    braking_m_s2: float  # Limit of braking
 
     def controllers(self, command: AckermannCommand) -> ControllerCommands:
         """The controller targets for a command.
@@ -117,3 +105,52 @@ class Ackermann:
 
     def _within_limits(self, steering_rad: float) -> float:
         return min(max(steering_rad, -self.max_steering_rad), self.max_steering_rad)
+
+
+# DOC Driving habits and chassis by shape.
+
+
+@dataclass(frozen=True, slots=True)
+class Habits:
+    """The driving habits of a driver or pedestrian."""
+
+    acceleration_m_s2: float  # Comfortable acceleration
+    braking_m_s2: float  # Comfortable braking
+    hard_braking_m_s2: float  # Emergency braking
+    sideways_m_s2: float  # Lateral acceleration in curves
+    headway_s: float  # Time gap to the vehicle ahead
+    gap_m: float  # Gap to the vehicle ahead at rest
+    clearance_m: float  # Free room wanted on each side
+    look_ahead_m: float  # Distance from the rear axle to the route point to steer for, at rest
+    look_ahead_s: float  # Increase of that distance per m/s
+    steering_rate_rad_s: float  # Steering rate
+
+
+HABITS: Mapping[str, Habits] = MappingProxyType(
+    {
+        "model_car": Habits(0.5, 0.5, 1.5, 0.5, 0.5, 0.08, 0.02, 0.16, 0.1, 4.0),
+        "car": Habits(1.8, 2.2, 8.0, 2.0, 1.2, 1.5, 0.25, 2.6, 0.35, 0.9),
+        "van": Habits(1.5, 2.0, 7.0, 1.8, 1.3, 1.7, 0.25, 3.2, 0.35, 0.8),
+        "truck": Habits(1.1, 1.8, 6.0, 1.4, 1.5, 2.0, 0.3, 4.2, 0.35, 0.7),
+        "bus": Habits(1.1, 1.5, 6.0, 1.3, 1.5, 2.0, 0.3, 5.0, 0.35, 0.7),
+        "cyclist": Habits(1.0, 1.8, 5.0, 1.8, 1.0, 0.8, 0.15, 1.0, 0.35, 2.0),
+        "pedestrian": Habits(1.0, 1.5, 3.0, 5.0, 0.5, 0.3, 0.0, 0.0, 0.0, 0.0),
+    }
+)
+"""Habits by shape."""
+
+
+def chassis_of(shape: str, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Ackermann | None:
+    """The chassis of a shape, its length, width and height times a scale; None for a pedestrian."""
+    facts, habits = shape_of(shape, scale), HABITS[shape]
+    if not facts.wheel_base_m:
+        return None
+    return Ackermann(
+        wheel_base_m=facts.wheel_base_m,
+        track_m=facts.track_width_m,
+        wheel_radius_m=facts.wheel_radius_m,
+        max_steering_rad=facts.max_steering_rad,
+        steering_rate_rad_s=habits.steering_rate_rad_s,
+        acceleration_m_s2=2 * habits.acceleration_m_s2,
+        braking_m_s2=habits.hard_braking_m_s2,
+    )

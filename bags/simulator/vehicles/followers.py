@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidcam.bags.simulator.vehicles.ackermann import Ackermann, AckermannCommand
+from lidcam.bags.simulator.vehicles.ackermann import Ackermann, AckermannCommand, Habits
 from lidcam.bags.simulator.vehicles.footprints import Rectangle, discs_of
-from lidcam.bags.simulator.vehicles.habits import Habits
 from lidcam.bags.simulator.vehicles.right_of_way import Stretch, Traveller, distance_to_stop
 from lidcam.bags.simulator.vehicles.routes import Route, pure_pursuit
 from lidcam.bags.simulator.vehicles.trajectory import State
@@ -30,17 +29,11 @@ SLOWEST_M_S = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """A vehicle or pedestrian as other drivers see it.
+    """A vehicle or pedestrian as other drivers see it."""
 
-    Attributes:
-        ground: Its footprint.
-        state: Its state.
-        traveller: Its progress on a route; None if it follows none.
-    """
-
-    ground: Rectangle
-    state: State
-    traveller: Traveller | None
+    ground: Rectangle  # Its footprint
+    state: State  # Its state
+    traveller: Traveller | None  # Its progress on a route; None if it follows none
 
 
 def following_acceleration(

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from lidcam.bags.simulator.scenario.open_world import ThingScenario
 from lidcam.bags.simulator.vehicles.trajectory import State
 from lidcam.bags.simulator.world.bodies.dimensions import Shape
-from lidcam.bags.simulator.world.meshes.mesh import Mesh
+from lidcam.bags.simulator.world.mesh import Mesh
 from lidcam.pipeline.core.arrays import F64, I64
 
 TRUNK_SHARE = 0.12

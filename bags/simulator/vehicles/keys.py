@@ -40,19 +40,12 @@ def commands_of_keys(keys: str, interval_s: float) -> list[tuple[int, AckermannC
 
 @dataclass(frozen=True, slots=True)
 class RemoteControl:
-    """The state of the remote control; a command holds until the next one to the same car.
+    """The state of the remote control; a command holds until the next one to the same car."""
 
-    Attributes:
-        vehicles: Vehicles that can be driven, chosen by the keys 1, 2...
-        chosen: Name of the chosen vehicle.
-        commands: Last command by vehicle.
-        done: Whether the quit key was pressed.
-    """
-
-    vehicles: tuple[str, ...]
-    chosen: str
-    commands: Mapping[str, AckermannCommand] = field(default_factory=dict)
-    done: bool = False
+    vehicles: tuple[str, ...]  # Vehicles that can be driven, chosen by the keys 1, 2
+    chosen: str  # Name of the chosen vehicle
+    commands: Mapping[str, AckermannCommand] = field(default_factory=dict)  # Last command by vehicle
+    done: bool = False  # Whether the quit key was pressed
 
     @classmethod
     def of(cls, vehicles: tuple[str, ...]) -> "RemoteControl":

@@ -28,60 +28,34 @@ MAX_FOLLOWED = 20
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Ground that two routes share, as seen from one of them.
+    """Ground that two routes share, as seen from one of them."""
 
-    Attributes:
-        start_m: Start on this route.
-        length_m: Length on this route.
-        other: Name of the other route.
-        other_start_m: Start on the other route.
-        other_length_m: Length on the other route.
-        yields: Whether this route gives way.
-        first: Whether the other route gives way.
-    """
-
-    start_m: float
-    length_m: float
-    other: str
-    other_start_m: float
-    other_length_m: float
-    yields: bool
-    first: bool
+    start_m: float  # Start on this route
+    length_m: float  # Length on this route
+    other: str  # Name of the other route
+    other_start_m: float  # Start on the other route
+    other_length_m: float  # Length on the other route
+    yields: bool  # Whether this route gives way
+    first: bool  # Whether the other route gives way
 
 
 @dataclass(slots=True)
 class Traveller:
-    """A traveller on a route, as others judge it.
+    """A traveller on a route, as others judge it."""
 
-    Attributes:
-        order: Breaks ties: the lower one goes first.
-        route: Name of the route.
-        length_m: Length of the route.
-        closed: Whether the route is closed.
-        front_m: Position of its front on the route.
-        body_m: Length from front to rear.
-        speed_m_s: Current speed.
-        cruise_m_s: Target speed.
-        acceleration_m_s2: Acceleration towards the target speed.
-        hard_braking_m_s2: Hardest braking it plans with.
-        gap_m: Gap that it leaves before a stop line.
-        stops_in_m: Distance to where its front plans to stop; infinite if it plans no stop.
-        leader: The traveller ahead of it.
-    """
-
-    order: int
-    route: str
-    length_m: float
-    closed: bool
-    front_m: float
-    body_m: float
-    speed_m_s: float
-    cruise_m_s: float
-    acceleration_m_s2: float
-    hard_braking_m_s2: float
-    gap_m: float
-    stops_in_m: float = math.inf
-    leader: "Traveller | None" = None
+    order: int  # Breaks ties: the lower one goes first
+    route: str  # Name of the route
+    length_m: float  # Length of the route
+    closed: bool  # Whether the route is closed
+    front_m: float  # Position of its front on the route
+    body_m: float  # Length from front to rear
+    speed_m_s: float  # Current speed
+    cruise_m_s: float  # Target speed
+    acceleration_m_s2: float  # Acceleration towards the target speed
+    hard_braking_m_s2: float  # Hardest braking it plans with
+    gap_m: float  # Gap that it leaves before a stop line
+    stops_in_m: float = math.inf  # Distance to where its front plans to stop; infinite if it plans no stop
+    leader: "Traveller | None" = None  # The traveller ahead of it
 
     def is_behind(self, other: "Traveller") -> bool:
         """Whether it queues behind another one."""

@@ -18,19 +18,12 @@ SHORTEST_M = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class RoutePoint:
-    """A point on a route.
+    """A point on a route."""
 
-    Attributes:
-        x_m: In the world.
-        y_m: In the world.
-        yaw_rad: Direction of the route, not wrapped: it is continuous along the route.
-        curvature: In 1/m; positive to the left.
-    """
-
-    x_m: float
-    y_m: float
-    yaw_rad: float
-    curvature: float
+    x_m: float  # In the world
+    y_m: float  # In the world
+    yaw_rad: float  # Direction of the route, not wrapped: it is continuous along the route
+    curvature: float  # In 1/m; positive to the left
 
 
 @dataclass(frozen=True, slots=True)

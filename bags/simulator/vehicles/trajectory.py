@@ -11,23 +11,14 @@ FIRST_ROOM = 256
 
 
 class State(NamedTuple):
-    """The state of a vehicle or pedestrian at one time.
+    """The state of a vehicle or pedestrian at one time."""
 
-    Attributes:
-        x_m: x of its base frame: below the rear axle, or below the middle of a pedestrian.
-        y_m: y of its base frame.
-        yaw_rad: Heading, not wrapped.
-        speed_m_s: Along the heading; negative backwards.
-        steering_rad: At the middle of the front axle, positive to the left.
-        walked_m: Distance covered so far; drives gait and pedalling.
-    """
-
-    x_m: float
-    y_m: float
-    yaw_rad: float
-    speed_m_s: float = 0.0
-    steering_rad: float = 0.0
-    walked_m: float = 0.0
+    x_m: float  # x of its base frame: below the rear axle, or below the middle of a pedestrian
+    y_m: float  # y of its base frame
+    yaw_rad: float  # Heading, not wrapped
+    speed_m_s: float = 0.0  # Along the heading; negative backwards
+    steering_rad: float = 0.0  # At the middle of the front axle, positive to the left
+    walked_m: float = 0.0  # Distance covered so far; drives gait and pedalling
 
 
 class Trajectory:

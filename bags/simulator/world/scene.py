@@ -10,13 +10,23 @@ from typing import Any
 
 import numpy as np
 
-from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh
-from lidcam.bags.simulator.world.motion import Path, Poses, turned
-from lidcam.bags.simulator.world.mover import Mover
+from lidcam.bags.simulator.world.mesh import Material, Mesh
+from lidcam.bags.simulator.world.motion import Mover, Path, Poses, Span, turned
 from lidcam.bags.simulator.world.open3d_runtime import load_libusb
-from lidcam.bags.simulator.world.placed import FEW_RAYS, Floats, PlacedPart, dotted, packed, passing_rays, threads_for
-from lidcam.bags.simulator.world.rays import NO_MATERIAL, STATIC, Hits, Rays, Surfaces
-from lidcam.bags.simulator.world.span import Span
+from lidcam.bags.simulator.world.rays import (
+    FEW_RAYS,
+    NO_MATERIAL,
+    STATIC,
+    Floats,
+    Hits,
+    PlacedPart,
+    Rays,
+    Surfaces,
+    dotted,
+    packed,
+    passing_rays,
+    threads_for,
+)
 from lidcam.pipeline.core.arrays import F32, F64, I64, Bools
 
 load_libusb()

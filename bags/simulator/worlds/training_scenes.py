@@ -21,12 +21,11 @@ from lidcam.bags.simulator.vehicles.routes import Route
 from lidcam.bags.simulator.vehicles.trajectory import State, Trajectory
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, shape_of
 from lidcam.bags.simulator.world.bodies.joints import RaisedPath
-from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh
-from lidcam.bags.simulator.world.motion import Poses
-from lidcam.bags.simulator.world.mover import placed_vertices
+from lidcam.bags.simulator.world.mesh import Material, Mesh
+from lidcam.bags.simulator.world.motion import Poses, placed_vertices
 from lidcam.bags.simulator.world.open3d_runtime import load_libusb
-from lidcam.bags.simulator.world.placed import dotted, mapped, packed
 from lidcam.bags.simulator.world.places.places import height_of, mesh_of
+from lidcam.bags.simulator.world.rays import dotted, mapped, packed
 from lidcam.bags.simulator.worlds.draw import Family, random_lidar, random_numbers_of, random_scenario
 from lidcam.bags.simulator.worlds.site import first_state
 from lidcam.pipeline.core.arrays import F32, F64, I32, I64
@@ -48,27 +47,16 @@ FIRST_NS = np.zeros(1, np.int64)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrainingSweep:
-    """One sweep, in the frame in which lidcam works: of a car's `base_link` (`road`), else of the site.
+    """One sweep, in the frame in which lidcam works: of a car's `base_link` (`road`), else of the site."""
 
-    Attributes:
-        points: (N, 4) float32 x, y, z in metres, and intensity from 0 to 255.
-        centers: (M, 3) centre of the box of each road user, metres; those that no point is on, too.
-        sizes: (M, 3) length, width, height, metres; see the ground truth of recordings for what they hold.
-        yaws: (M,) headings, radians about +z.
-        class_names: Of each: car, van, truck, bus, cyclist or pedestrian.
-        point_counts: (M,) points on each.
-        origin: (3,) where the lidar is, metres.
-        lidar: Its settings.
-    """
-
-    points: F32
-    centers: F64
-    sizes: F64
-    yaws: F64
-    class_names: tuple[str, ...]
-    point_counts: I32
-    origin: F64
-    lidar: LidarScenario
+    points: F32  # (N, 4) float32 x, y, z in metres, and intensity from 0 to 255
+    centers: F64  # (M, 3) centre of the box of each road user, metres; those that no point is on, too
+    sizes: F64  # (M, 3) length, width, height, metres; see the ground truth of recordings for what they hold
+    yaws: F64  # (M,) headings, radians about +z
+    class_names: tuple[str, ...]  # Of each: car, van, truck, bus, cyclist or pedestrian
+    point_counts: I32  # (M,) points on each
+    origin: F64  # (3,) where the lidar is, metres
+    lidar: LidarScenario  # Its settings
 
 
 def sweep(family: Family, seed: int, changed: Callable[[LidarScenario], LidarScenario] | None = None) -> TrainingSweep:
@@ -225,15 +213,10 @@ class _World:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Standing:
-    """The path of a road user in a snapshot, asked for at one time only; a `Carrier`.
+    """The path of a road user in a snapshot, asked for at one time only; a `Carrier`."""
 
-    Attributes:
-        state: (1, 6) columns as of `Trajectory.states`.
-        pose: Its pose.
-    """
-
-    state: F64
-    pose: Poses
+    state: F64  # (1, 6) columns as of `Trajectory.states`
+    pose: Poses  # Its pose
 
     def states(self, _: I64) -> F64:
         """The state."""

@@ -84,8 +84,7 @@ def _keyboard(
     keys: str | None, interval_s: float, drivable: tuple[str, ...], resources: contextlib.ExitStack
 ) -> "Keyboard":
     """The keys that are given, else those of the terminal, else those on standard input."""
-    from lidcam.bags.simulator.drive.driving import ScriptedKeys
-    from lidcam.bags.simulator.drive.terminal import terminal_keys
+    from lidcam.bags.simulator.drive.driving import ScriptedKeys, terminal_keys
 
     if keys is None and sys.stdin.isatty():
         return resources.enter_context(terminal_keys(sys.stdin.fileno()))

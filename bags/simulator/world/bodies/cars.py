@@ -6,8 +6,7 @@ import numpy as np
 
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES
 from lidcam.bags.simulator.world.bodies.hulls import Hull, both_sides, rear_wheels, underbody
-from lidcam.bags.simulator.world.meshes.lofts import loft
-from lidcam.bags.simulator.world.meshes.materials import (
+from lidcam.bags.simulator.world.mesh import (
     CHROME,
     DARK,
     GLASS,
@@ -16,9 +15,14 @@ from lidcam.bags.simulator.world.meshes.materials import (
     PLATE_YELLOW,
     SEAM,
     TAIL_LAMP,
+    Material,
+    Mesh,
+    Rgb,
+    box,
+    loft,
+    merged,
     paint,
 )
-from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, box, merged
 
 INTERIOR = Material("interior", (0.18, 0.17, 0.17), 0.15)
 

@@ -29,15 +29,10 @@ class Carrier(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RaisedPath:
-    """A path over uneven ground.
+    """A path over uneven ground."""
 
-    Attributes:
-        carrier: The path in the plane z = 0.
-        height: From positions (N, 2) to heights (N,) of the ground.
-    """
-
-    carrier: Carrier
-    height: Callable[[F64], F64]
+    carrier: Carrier  # The path in the plane z = 0
+    height: Callable[[F64], F64]  # From positions (N, 2) to heights (N,) of the ground
 
     def states(self, times_ns: I64) -> F64:
         """The states of the carrier."""
@@ -54,17 +49,12 @@ class RaisedPath:
 
 @dataclass(frozen=True, slots=True)
 class ArticulatedPath:
-    """The path of a part whose pose on its carrier depends on the carrier's state.
+    """The path of a part whose pose on its carrier depends on the carrier's state."""
 
-    Attributes:
-        carrier: Path of the whole thing.
-        place: From states (N, 6), see `Trajectory.states`, to poses (N) of the part in the carrier's base frame.
-        scale: Factors of the carrier's length, width and height.
-    """
-
-    carrier: Carrier
+    carrier: Carrier  # Path of the whole thing
+    # From states (N, 6), see `Trajectory.states`, to poses (N) of the part in the carrier's base frame
     place: Callable[[F64], Poses]
-    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)  # Factors of the carrier's length, width and height
 
     def poses(self, times_ns: I64) -> Poses:
         """Poses (N) of the part in the world at times (N,).

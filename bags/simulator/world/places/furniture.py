@@ -5,9 +5,19 @@ from zlib import crc32
 
 import numpy as np
 
-from lidcam.bags.simulator.world.meshes.lofts import loft
-from lidcam.bags.simulator.world.meshes.materials import DARK, METAL
-from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, Texture, box, cylinder, merged, sphere
+from lidcam.bags.simulator.world.mesh import (
+    DARK,
+    METAL,
+    Material,
+    Mesh,
+    Rgb,
+    Texture,
+    box,
+    cylinder,
+    loft,
+    merged,
+    sphere,
+)
 from lidcam.pipeline.core.arrays import F64
 
 BAY_M = 2.6

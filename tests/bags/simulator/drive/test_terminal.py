@@ -10,8 +10,7 @@ from typing import Any
 
 import pytest
 
-from lidcam.bags.simulator.drive.driving import Pressed
-from lidcam.bags.simulator.drive.terminal import TerminalKeys, terminal_keys
+from lidcam.bags.simulator.drive.driving import Pressed, TerminalKeys, terminal_keys
 from lidcam.pipeline.core.ending import undo_all
 
 Terminal = tuple[int, int]  # what a user's hand holds, and the program's end

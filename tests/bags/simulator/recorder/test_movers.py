@@ -14,7 +14,7 @@ from lidcam.bags.simulator.world.bodies.cyclist import CRANK_CYCLE_M
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, shape_of
 from lidcam.bags.simulator.world.bodies.joints import steered_wheel
 from lidcam.bags.simulator.world.bodies.pedestrian import CYCLE_M
-from lidcam.bags.simulator.world.mover import Mover, placed_vertices
+from lidcam.bags.simulator.world.motion import Mover, placed_vertices
 from lidcam.pipeline.core.arrays import F64
 
 SECOND_NS = 10**9

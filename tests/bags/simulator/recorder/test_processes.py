@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_scenario import small_scenario
 
-from lidcam.bags.simulator.recorder.processes import SensingProcess, shared_out
-from lidcam.bags.simulator.recorder.recorded import SensingTask
+from lidcam.bags.simulator.recorder.processes import SensingProcess, SensingTask, shared_out
 from lidcam.bags.simulator.recorder.sensing import Sensing
 from lidcam.bags.simulator.recorder.stage import Stage
 from lidcam.bags.simulator.scenario.load import load_scenario

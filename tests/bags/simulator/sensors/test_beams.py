@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from lidcam.bags.simulator.scenario.sensors import LidarScenario
-from lidcam.bags.simulator.sensors.beams import VelodynePattern, pattern_of
-from lidcam.bags.simulator.sensors.velodyne_packets import Beams
+from lidcam.bags.simulator.sensors.beams import Beams, VelodynePattern, pattern_of
 from lidcam.readers.velodyne.models import MODELS, built_in_table
 
 VELODYNES = ["VLP-16", "Puck Hi-Res", "HDL-32E", "VLP-32A", "VLP-32C"]

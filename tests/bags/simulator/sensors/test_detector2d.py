@@ -5,8 +5,7 @@ import pytest
 
 from lidcam.bags.simulator.scenario.sensors import Detector2DScenario
 from lidcam.bags.simulator.sensors.camera import CameraImage
-from lidcam.bags.simulator.sensors.detector2d import NO_MOVER, Detected, detect
-from lidcam.bags.simulator.sensors.visibility import visible_boxes
+from lidcam.bags.simulator.sensors.visibility import NO_MOVER, Detected, detect, visible_boxes
 
 CLASSES = ("car", "pedestrian", "truck")
 

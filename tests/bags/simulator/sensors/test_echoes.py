@@ -11,7 +11,7 @@ from lidcam.bags.simulator.sensors.echoes import (
     intensity,
     returned_share,
 )
-from lidcam.bags.simulator.world.meshes.mesh import Material
+from lidcam.bags.simulator.world.mesh import Material
 from lidcam.bags.simulator.world.rays import Hits
 
 MIRROR = Material("mirror", (1, 1, 1), 1.0, mirror=0.5)

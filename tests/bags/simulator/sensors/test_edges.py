@@ -3,7 +3,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidcam.bags.simulator.sensors.edges import Side, edge_beams
+from lidcam.bags.simulator.sensors.lidar import Side, edge_beams
 from lidcam.pipeline.core.arrays import F64, Bools
 
 ELEVATION = np.deg2rad([2.0, -10.0, 10.0])

@@ -7,7 +7,7 @@ from velodyne import scan
 
 from lidcam.bags.simulator.scenario.sensors import LidarScenario
 from lidcam.bags.simulator.sensors.lidar import Lidar, Sweep
-from lidcam.bags.simulator.world.meshes.mesh import Material, box, polygon
+from lidcam.bags.simulator.world.mesh import Material, box, polygon
 from lidcam.bags.simulator.world.motion import MountedPath, Path
 from lidcam.bags.simulator.world.scene import Scene
 from lidcam.pipeline.core.arrays import F64, I64

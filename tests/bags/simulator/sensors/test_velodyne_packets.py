@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from velodyne import assert_as_judged, judged, scan
 
-from lidcam.bags.simulator.sensors.velodyne_packets import EncodedPackets, VelodyneSensor
+from lidcam.bags.simulator.sensors.beams import EncodedPackets, VelodyneSensor
 from lidcam.pipeline.core.arrays import F64, U8
 from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.settings.recording import VelodyneLidarConfig

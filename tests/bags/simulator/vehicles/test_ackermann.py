@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidcam.bags.simulator.vehicles.ackermann import Ackermann, AckermannCommand
-from lidcam.bags.simulator.vehicles.habits import HABITS, chassis_of
+from lidcam.bags.simulator.vehicles.ackermann import HABITS, Ackermann, AckermannCommand, chassis_of
 from lidcam.bags.simulator.vehicles.trajectory import State
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES
 

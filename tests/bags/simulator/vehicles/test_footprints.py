@@ -9,8 +9,7 @@ from scipy.optimize import linprog
 from lidcam.bags.simulator.vehicles.footprints import Obstacles, Rectangle, discs_of, footprint, obstacles_of, overlap
 from lidcam.bags.simulator.vehicles.trajectory import State
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES
-from lidcam.bags.simulator.world.meshes.materials import METAL
-from lidcam.bags.simulator.world.meshes.mesh import box, cylinder, merged, polygon
+from lidcam.bags.simulator.world.mesh import METAL, box, cylinder, merged, polygon
 from lidcam.pipeline.core.arrays import F64
 
 PLACE, TURN, SIZE = st.floats(-4, 4), st.floats(-7, 7), st.floats(0.1, 5)

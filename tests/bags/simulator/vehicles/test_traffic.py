@@ -6,14 +6,12 @@ import pytest
 
 from lidcam.bags.simulator.scenario.load import load_scenario
 from lidcam.bags.simulator.scenario.scenario import Scenario
-from lidcam.bags.simulator.vehicles.ackermann import AckermannCommand
+from lidcam.bags.simulator.vehicles.ackermann import HABITS, AckermannCommand
 from lidcam.bags.simulator.vehicles.footprints import footprint, overlap
-from lidcam.bags.simulator.vehicles.habits import HABITS
 from lidcam.bags.simulator.vehicles.traffic import STEP_NS, Traffic
 from lidcam.bags.simulator.vehicles.trajectory import State
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES
-from lidcam.bags.simulator.world.meshes.materials import METAL
-from lidcam.bags.simulator.world.meshes.mesh import Mesh, box
+from lidcam.bags.simulator.world.mesh import METAL, Mesh, box
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.errors import ConfigError
 

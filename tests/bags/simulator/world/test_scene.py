@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_worlds import BLACK, GREY, WHITE, EvenPath, box_mover, fixed_at, random_rays, scene, wall
 
-from lidcam.bags.simulator.world.meshes.mesh import box
+from lidcam.bags.simulator.world.mesh import box
 from lidcam.bags.simulator.world.motion import MountedPath, turned
 from lidcam.bags.simulator.world.rays import STATIC, Hits, Rays
 from lidcam.bags.simulator.world.scene import Scene

@@ -4,8 +4,19 @@ from meshes import open_edges, signed_volume
 from small_worlds import BLACK, GREY, WHITE
 
 from lidcam.bags.simulator.world.bodies.hulls import Hull, both_sides
-from lidcam.bags.simulator.world.meshes.lofts import ellipses, limb, loft, panel, torus
-from lidcam.bags.simulator.world.meshes.mesh import box, cylinder, merged, polygon, prism, sphere
+from lidcam.bags.simulator.world.mesh import (
+    box,
+    cylinder,
+    ellipses,
+    limb,
+    loft,
+    merged,
+    panel,
+    polygon,
+    prism,
+    sphere,
+    torus,
+)
 
 SQUARE = [[1, 1], [-1, 1], [-1, -1], [1, -1]]
 PLAIN_HULL = Hull(((0.0, 1.0, 2.0), (4.0, 1.0, 2.0)), ((0.5, 1.0), (1.0, 1.0), (2.0, 1.0)), 0.5, (), 0.0, 0.0)

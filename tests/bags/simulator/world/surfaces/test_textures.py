@@ -4,9 +4,9 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from lidcam.bags.simulator.world.meshes.mesh import Material, Texture
+from lidcam.bags.simulator.world.mesh import Material, Texture
 from lidcam.bags.simulator.world.places.places import World, static_mesh
-from lidcam.bags.simulator.world.surfaces.textures import TEXTURES, linear, surface_reflectivity, surface_rgb
+from lidcam.bags.simulator.world.textures import TEXTURES, linear, surface_reflectivity, surface_rgb
 from lidcam.pipeline.core.arrays import F32
 
 UP = np.array([[0.0, 0.0, 1.0]])
