@@ -24,11 +24,7 @@ REFERENCE_PAINT = (0.123, 0.456, 0.789)
 
 
 def build_mover(
-    name: str,
-    vehicle: VehicleScenario,
-    trajectory: Carrier,
-    *,
-    height: Callable[[F64], F64] | None = None,
+    name: str, vehicle: VehicleScenario, trajectory: Carrier, *, height: Callable[[F64], F64] | None = None
 ) -> Mover:
     """The mover of a vehicle, cyclist or pedestrian, whose name determines its appearance; its trajectory may grow.
 

@@ -1,15 +1,17 @@
-"""Data sent to and from a simulation process: its task, and measurements with their messages."""
+"""Sensors spread over worker processes, to get around the interpreter lock.
 
-import contextlib
+Each process simulates the traffic itself, which is cheap: equal steps and commands give equal traffic. Only commands go
+in, and only finished messages come out.
+"""
+
 import multiprocessing
 import os
 import signal
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
-from types import TracebackType
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import TYPE_CHECKING, NamedTuple
 
 from lidcam.bags.simulator.scenario.scenario import Scenario
 from lidcam.bags.simulator.scenario.sensors import CameraScenario, LidarScenario
@@ -26,47 +28,42 @@ if TYPE_CHECKING:
 STEP_NS = 100_000_000
 """Default step of a simulation."""
 
+BEAM_COST_US, PIXEL_COST_US, MOVING_PIXEL_COST_US = 0.8, 0.05, 1.1
+"""Rough costs; a moving camera must render everything anew."""
+
+BEAMS_PER_COLUMN = 32
+"""Beams per column of a Velodyne."""
+
 
 class SensingTask(NamedTuple):
     """The work of one simulation process."""
 
-    scenario: Scenario  # The scenario
-    driven: tuple[str, ...]  # Vehicles that wait at their start for commands
-    ros_version: RosVersion  # ROS version of the messages
-    names: tuple[str, ...]  # Names of the sensors to simulate
+    scenario: Scenario
+    driven: tuple[str, ...]  # vehicles that wait at their start for commands
+    ros_version: RosVersion
+    names: tuple[str, ...]  # names of the sensors to simulate
 
 
 class Recorded(NamedTuple):
     """One serialised message; messages are ordered by the first three fields."""
 
-    log_ns: int  # True time since the scenario began
-    topic: str  # Topic name
-    stamp_ns: int  # Header stamp; `log_ns` for messages without a header
-    msgtype: str  # Type name, for instance `sensor_msgs/msg/PointCloud2`
-    data: bytes  # The message in the encoding of the recording
-    latched: bool = False  # Whether late subscribers receive it too
+    log_ns: int  # true time since the scenario began
+    topic: str
+    stamp_ns: int  # header stamp; `log_ns` for messages without a header
+    msgtype: str  # for instance `sensor_msgs/msg/PointCloud2`
+    data: bytes  # the message in the encoding of the recording
+    latched: bool = False  # late subscribers receive it too
 
 
 class Measured(NamedTuple):
-    """One measurement of a sensor."""
+    """One measurement of a sensor, and the time that it represents."""
 
-    sensor: str  # Full name of the sensor, as in `Scenario.sensors`
-    from_ns: int  # Start of the time that it represents
-    until_ns: int  # End of that time
-    hits: I64  # (M,) int64 points or pixels on each mover
-    hit_offsets_ns: I64  # (M,) int64 sum of the times of a mover's points after `from_ns`; 0 for pixels
-    recorded: tuple[Recorded, ...]  # Its messages; empty if it was lost
-
-
-# DOC Sensors spread over worker processes, to get around the interpreter lock. Each process simulates the traffic itself, which is cheap: equal steps and commands give equal traffic. Only commands go in, and only finished messages come out.
-
-
-LIDAR_COST = 0.8
-CAMERA_COST, MOVING_CAMERA_COST = 0.05, 1.1
-"""Microseconds per beam and pixel, roughly; a moving camera must render everything anew."""
-SLOTS = 32
-"""Beams per column of a Velodyne."""
-FROM_TERMINALS = (signal.SIGINT, signal.SIGHUP)
+    sensor: str  # full name of the sensor, as in `Scenario.sensors`
+    from_ns: int
+    until_ns: int
+    hits: I64  # (M,) points or pixels on each mover
+    hit_offsets_ns: I64  # (M,) sum of the times of a mover's points after `from_ns`; 0 for pixels
+    recorded: tuple[Recorded, ...]  # empty if the measurement was lost
 
 
 def shared_out(scenario: Scenario, workers: int) -> list[tuple[str, ...]]:
@@ -79,51 +76,40 @@ def shared_out(scenario: Scenario, workers: int) -> list[tuple[str, ...]]:
     return [tuple(share) for share in shares]
 
 
+def _cost_us(sensor: LidarScenario | CameraScenario) -> float:
+    """Rough cost of one measurement."""
+    if isinstance(sensor, CameraScenario):
+        per_pixel = MOVING_PIXEL_COST_US if sensor.mounted_on else PIXEL_COST_US
+        return sensor.width_px * sensor.height_px * per_pixel
+    beams: float = len(sensor.linear_elevations_deg) * sensor.columns
+    if sensor.model != "linear":
+        beams = BEAMS_PER_COLUMN / MODELS[sensor.model].column_us * 1e6 / sensor.rate_hz
+    return beams / sensor.firing_stride * BEAM_COST_US
+
+
 class SensingProcess:
-    """A worker process with some of the sensors; a context manager."""
+    """A worker process with some of the sensors."""
 
     def __init__(self, task: SensingTask) -> None:
         context = multiprocessing.get_context("spawn")  # threads of the libraries do not survive a fork
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs,), daemon=True)
+        self.process = context.Process(target=_serve, args=(theirs, task), daemon=True)
         resource_tracker.ensure_running()  # else it is started with the process, and unblocks signals
         # A terminal sends Ctrl-C to all processes; only the parent may act on it. A blocked signal stays so in the
         # process, and comes to the parent a little later.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, FROM_TERMINALS)
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGHUP))
         try:
-            self._process.start()
+            self.process.start()
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        self._undoing = contextlib.ExitStack()
-        self._undoing.enter_context(undone_at_once(self._process.kill))  # it may be in a step, or load libraries
         theirs.close()
-        with contextlib.suppress(OSError):  # it has died, which the first request reports
-            self._pipe.send(task)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._pipe.close()  # the worker ends at end of file
-        self._process.join(1.0)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join()
-        self._undoing.close()
-
-    @property
-    def pid(self) -> int:
-        """Process id."""
-        return self._process.pid or 0
 
     def ask(self, until_ns: int, commands: Mapping[str, AckermannCommand], *, start_limit_ns: int) -> None:
         """Start a step: apply commands, advance to a time and measure; see `Sensing.measure`."""
         try:
             self._pipe.send((until_ns, dict(commands), start_limit_ns))
         except OSError as err:
-            raise self._gone() from err
+            raise self._death() from err
 
     def answer(self) -> Sequence[Measured]:
         """The measurements of the last `ask`.
@@ -132,29 +118,46 @@ class SensingProcess:
             LidcamError: the process has died, or failed with an error of its own.
         """
         try:
-            found = self._pipe.recv()
+            answer: Sequence[Measured] | BaseException = self._pipe.recv()
         except (EOFError, OSError) as err:
-            raise self._gone() from err
-        if isinstance(found, BaseException):
-            raise found
-        answer: Sequence[Measured] = found
+            raise self._death() from err
+        if isinstance(answer, BaseException):
+            raise answer
         return answer
 
-    def _gone(self) -> LidcamError:
-        self._process.join(1.0)
-        code = self._process.exitcode
+    def close(self) -> None:
+        """End the process, which ends by itself at end of file."""
+        self._pipe.close()
+        self.process.join(1.0)
+        if self.process.is_alive():
+            self.process.kill()
+            self.process.join()
+
+    def _death(self) -> LidcamError:
+        self.process.join(1.0)
+        code = self.process.exitcode
         return LidcamError(
             f"a simulation process died with exit code {code}, perhaps for lack of memory; try --workers 1"
         )
 
 
-def _serve(pipe: Connection) -> None:
-    """The main loop of a process: the task comes in, then requests; measurements and errors go out until it closes."""
+@contextmanager
+def sensing_process(task: SensingTask) -> Iterator[SensingProcess]:
+    """A worker process that ends with the block."""
+    worker = SensingProcess(task)
+    try:
+        with undone_at_once(worker.process.kill):  # it may be in a step, or load libraries
+            yield worker
+    finally:
+        worker.close()
+
+
+def _serve(pipe: Connection, task: SensingTask) -> None:
+    """The main loop of a process: requests come in, measurements and errors go out, until the pipe is closed."""
     try:
         from lidcam.bags.simulator.recorder.sensing import Sensing  # Open3D, which this module does without
         from lidcam.bags.simulator.recorder.stage import Stage
 
-        task: SensingTask = pipe.recv()
         stage = Stage(task.scenario, driven=task.driven)
         sensing = Sensing(stage, task)
         while True:
@@ -167,42 +170,23 @@ def _serve(pipe: Connection) -> None:
     except (EOFError, OSError):
         return
     except Exception as err:
-        with contextlib.suppress(OSError):  # the parent may have failed in the same way
+        with suppress(OSError):  # the parent may have failed in the same way
             pipe.send(err)
-
-
-def _cost_us(sensor: LidarScenario | CameraScenario) -> float:
-    """Rough cost of one measurement."""
-    if isinstance(sensor, CameraScenario):
-        pixels = sensor.width_px * sensor.height_px
-        return pixels * (MOVING_CAMERA_COST if sensor.mounted_on else CAMERA_COST)
-    beams = (
-        len(sensor.linear_elevations_deg) * sensor.columns
-        if sensor.model == "linear"
-        else SLOTS / MODELS[sensor.model].column_us * 1e6 / sensor.rate_hz
-    )
-    return beams / sensor.firing_stride * LIDAR_COST
-
-
-# DOC Starting a simulation: worker processes first, so that all processes load their libraries in parallel.
 
 
 @contextmanager
 def simulating(
-    scenario: Scenario,
-    *,
-    ros_version: RosVersion,
-    workers: int | None = None,
-    driven: Collection[str] = (),
+    scenario: Scenario, *, ros_version: RosVersion, workers: int | None = None, driven: Collection[str] = ()
 ) -> Iterator["Simulation"]:
-    """A running simulation on so many worker processes, this one among them; None for one per core.
+    """A running simulation on `workers` processes, this one among them; None for one per core.
 
-    The vehicles in `driven` wait at their start for `Simulation.command`.
+    Workers start first, so that all processes load their libraries in parallel. The vehicles in `driven` wait at their
+    start for `Simulation.command`.
     """
     mine, *others = shared_out(scenario, os.cpu_count() or 1 if workers is None else workers)
     with ExitStack() as stack:
         tasks = [SensingTask(scenario, tuple(driven), ros_version, names) for names in others]
-        processes = [stack.enter_context(SensingProcess(task)) for task in tasks]
+        processes = [stack.enter_context(sensing_process(task)) for task in tasks]
         from lidcam.bags.simulator.recorder.simulation import Simulation  # Open3D takes a second or two
 
         yield Simulation(SensingTask(scenario, tuple(driven), ros_version, mine), processes)

@@ -1,6 +1,9 @@
-"""Messages that come from no sensor: odometry, tf, commands and ground truth."""
+"""A scenario as a stream of messages, simulated step by step.
 
-from collections import deque
+The messages do not depend on the steps or the number of workers: each measurement depends only on the scenario, the
+seed and its own number.
+"""
+
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -36,8 +39,8 @@ TURN_NS = 10_000_000
 """Interval over which the yaw rate is measured."""
 
 
-class States:
-    """Makes the messages about the state of a stage."""
+class StateMessages:
+    """The messages that come from no sensor: odometry, tf, commands and ground truth."""
 
     def __init__(self, stage: Stage, messages: MessageFactory) -> None:
         self._stage, self._messages = stage, messages
@@ -58,18 +61,17 @@ class States:
                     yield from self._commands(name, time_ns)
 
     def truth(self, time_ns: int, measured: Sequence[Measured]) -> Recorded:
-        """The ground truth at one time, from measurements among which are all that span the time."""
+        """The ground truth at one time; the measurements include all that span it."""
         times_ns = [time_ns] * len(self._stage.scene.movers)
         return self._objects(TRUTH_TOPIC, time_ns, times_ns, measured, log_ns=time_ns + self._stage.longest_ns)
 
     def truth_when_measured(self, time_ns: int, measured: Sequence[Measured]) -> Recorded:
-        """The same objects, each where sweeps that begin at that time have its points in the mean.
+        """The same objects, each at the mean time of its points in sweeps that begin at that time.
 
         A frame of several lidars has the stamp of the first, and of each other one the sweep that begins nearest to it.
         So the times of points count from the beginning of the first lidar's sweep, and the other sweeps are shifted by
-        whole turns until they begin within half a turn of it.
-
-        The traffic must have advanced beyond the time by twice the longest measurement.
+        whole turns until they begin within half a turn of it. The traffic must have advanced beyond the time by twice
+        the longest measurement.
         """
         count = len(self._stage.scene.movers)
         sweeps = [one for one in measured if one.sensor in self._lidars and one.from_ns <= time_ns < one.until_ns]
@@ -156,25 +158,21 @@ def moments(rate_hz: float, begin_ns: int, until_ns: int) -> Iterator[int]:
         number += 1
 
 
-# DOC A scenario as a stream of messages, simulated step by step. The messages do not depend on the steps or the number of workers: each measurement depends only on the scenario, the seed and its own number.
-
-
 class Simulation:
-    """A running scenario; `recorder.start.simulating` starts one, with processes for other sensors."""
+    """A running scenario; `recorder.processes.simulating` starts one, with processes for other sensors."""
 
     def __init__(self, task: SensingTask, others: Sequence[SensingProcess] = ()) -> None:
         self.scenario, self.ros_version = task.scenario, task.ros_version
         self._others = others
         self._stage = Stage(task.scenario, driven=task.driven)
         self._messages = MessageFactory(task.ros_version, task.scenario.start_ns)
-        self._states = States(self._stage, self._messages)
+        self._states = StateMessages(self._stage, self._messages)
         self._sensing = Sensing(self._stage, task)
         self._now_ns = -1
         static = self._messages.transforms(0, recorded_extrinsics(self.scenario))
         self._waiting: list[Recorded] = [self._messages.recorded(0, "/tf_static", 0, static, latched=True)]
         self._measured: list[Measured] = []
-        self._truths: deque[int] = deque()
-        self._truths_when_measured: deque[int] = deque()
+        self._truths: list[tuple[int, bool]] = []  # times, each for one of the two topics
         self._commands: dict[str, AckermannCommand] = {}
 
     @property
@@ -202,9 +200,8 @@ class Simulation:
         begin_ns, self._now_ns = self._now_ns, until_ns
         self._measure(until_ns, start_limit_ns=until_ns)
         self._waiting += self._states.between(begin_ns, until_ns)
-        times_ns = list(moments(self.scenario.recording.truth_rate_hz, begin_ns, until_ns))
-        self._truths += times_ns
-        self._truths_when_measured += times_ns
+        for time_ns in moments(self.scenario.recording.truth_rate_hz, begin_ns, until_ns):
+            self._truths += [(time_ns, False), (time_ns, True)]
         self._record_truths(until_ns)
         self._stage.forget(until_ns)
         self._measured = [one for one in self._measured if one.until_ns > until_ns - 3 * self._stage.longest_ns]
@@ -217,9 +214,7 @@ class Simulation:
         """End the simulation; returns the messages not yet recorded, of all measurements that have started."""
         end_ns = self._now_ns + self._stage.longest_ns
         self._measure(end_ns, start_limit_ns=self._now_ns)
-        for times_ns in (self._truths, self._truths_when_measured):
-            while times_ns and times_ns[-1] >= self._now_ns:  # no sensor measures at the end itself
-                times_ns.pop()
+        self._truths = [one for one in self._truths if one[0] < self._now_ns]  # nothing measures at the end itself
         end_ns += self._stage.longest_ns
         self._stage.traffic.advance(end_ns)
         self._record_truths(end_ns)
@@ -242,9 +237,12 @@ class Simulation:
 
     def _record_truths(self, until_ns: int) -> None:
         """Record the ground truth of times for which all measurements are complete."""
-        longest_ns = self._stage.longest_ns
-        while self._truths and self._truths[0] + longest_ns <= until_ns:
-            self._waiting.append(self._states.truth(self._truths.popleft(), self._measured))
-        while self._truths_when_measured and self._truths_when_measured[0] + 2 * longest_ns <= until_ns:
-            time_ns = self._truths_when_measured.popleft()
-            self._waiting.append(self._states.truth_when_measured(time_ns, self._measured))
+        pending = []
+        for time_ns, when_measured in self._truths:
+            if time_ns + (2 if when_measured else 1) * self._stage.longest_ns > until_ns:
+                pending.append((time_ns, when_measured))
+            elif when_measured:
+                self._waiting.append(self._states.truth_when_measured(time_ns, self._measured))
+            else:
+                self._waiting.append(self._states.truth(time_ns, self._measured))
+        self._truths = pending

@@ -25,6 +25,9 @@ STRONGEST, LAST = 0, 1
 RETURN_STRONGEST, RETURN_LAST, RETURN_BOTH = 1, 2, 3
 MAX_STEPS = 0xFFFF
 
+SKY_M = 1e5
+"""Range of a beam that hits nothing, in the search for edges."""
+
 SPECKLE = 0.06
 """Mean share of reflected light that is lost at random; diffuse surfaces stay within an intensity of 100."""
 
@@ -48,17 +51,15 @@ SIGN_OF_SIDE = (-1, 1, -1, 1)
 class Sweep:
     """One turn of a lidar."""
 
-    begin_ns: int  # True time of its first firing since the start of the scenario
-    end_ns: int  # True time when it is complete
+    begin_ns: int  # true time of its first firing since the start of the scenario
     xyz: F32  # (N, 3) metres in the sensor frame at the time of each point
     intensity: F32  # (N,) whole numbers from 0 to 255, on Velodyne's scale
     ring: U16  # (N,) from the lowest elevation up
-    time_offset_ns: I64  # (N,) int64 after `begin_ns`
+    time_offset_ns: I64  # (N,) after `begin_ns`
     return_type: U8 | None  # (N,) 1 the strongest echo, 2 the last, 3 both; None with one echo per beam
-    hits_per_mover: I64  # (M,) int64 number of points on each mover of the scene
-    hit_offsets_ns: I64  # (M,) int64 sum of the time offsets of these points
-    # The sweep as data packets, by a clock that started with the scenario; None without packet output
-    packets: EncodedPackets | None
+    hits_per_mover: I64  # (M,) number of points on each mover of the scene
+    hit_offsets_ns: I64  # (M,) sum of the time offsets of these points
+    packets: EncodedPackets | None  # by a clock that started with the scenario; None without packet output
 
     def __len__(self) -> int:
         return len(self.xyz)
@@ -70,19 +71,14 @@ class Sweep:
 
 
 class Lidar:
-    """One lidar of a scenario; its name seeds its random numbers, too.
+    """One lidar of a scenario, whose name seeds its random numbers, too.
 
-    Args:
-        scenario: Its settings; clock offset, jitter, drops and failure are not applied here.
-        path: Path of its body (x forward, y left, z up) in the world.
+    `path` is that of its body (x forward, y left, z up) in the world. Clock offset, jitter, drops and failure are not
+    applied here.
     """
 
     def __init__(self, name: str, scenario: LidarScenario, path: Path, scene: Scene, seed: int) -> None:
-        self._name = name
-        self._scenario = scenario
-        self._path = path
-        self._scene = scene
-        self._seed = seed
+        self._name, self._scenario, self._path, self._scene, self._seed = name, scenario, path, scene, seed
         self._pattern = pattern_of(scenario)
         self._optics = Optics(scene.palette)
         self._by_elevation = np.argsort(self._pattern.elevation_rad, kind="stable")
@@ -109,7 +105,9 @@ class Lidar:
         if self._scenario.output != "points" and isinstance(self._pattern, VelodynePattern):
             shape = (*beams.times_ns.shape, *([2] if self._dual else []))
             reflectivity = brightness.reshape(shape).astype(np.uint8)
-            packets = self._pattern.encode(number, range_m.reshape(shape), reflectivity)
+            packets = self._pattern.sensor.encode(
+                self._pattern.packets(number).start, range_m.reshape(shape), reflectivity
+            )
 
         return_type = None
         if self._dual:
@@ -130,7 +128,6 @@ class Lidar:
         np.add.at(offsets_ns, hit.take(on_mover), time_offset_ns.take(on_mover))
         return Sweep(
             self.begin_ns(number),
-            self.end_ns(number),
             xyz.astype(np.float32),
             brightness.reshape(-1)[kept].astype(np.float32),
             self._rings[laser],
@@ -142,15 +139,11 @@ class Lidar:
         )
 
     def _brightness(self, share: F64) -> F64:
-        """Reported intensities of shares of light."""
         scaled = self._scenario.intensity_gain * intensity(share) - self._scenario.intensity_floor
         return np.asarray(np.clip(np.rint(scaled), 0, 255))
 
     def _received(self, beams: Beams, number: int) -> tuple[F64, F64, I64]:
-        """Noisy range (0 for no echo), share of light and mover of the reported echoes of all beams.
-
-        Each is (N, 1), or (N, 2) for the last and the strongest echo.
-        """
+        """Noisy range (0 for no echo), share of light, mover: (N, 1), or (N, 2) for the last and the strongest echo."""
         count = beams.times_ns.size
         columns = {"strongest": [STRONGEST], "last": [LAST], "dual": [LAST, STRONGEST]}[self._scenario.return_mode]
         random = random_numbers(self._seed, self._name, "lidar", number)
@@ -178,23 +171,17 @@ class Lidar:
         echoes = Echoes(np.stack([range_m] * 2, 1), np.stack([share] * 2, 1), np.stack([hits.mover] * 2, 1))
 
         rim, rim_rays, rim_hits = self._rim(hits, rays, beams, rotation, span)
-        mixed = np.unique(
-            np.concatenate([np.flatnonzero(self._optics.transmission.take(hits.material, mode="wrap")), rim])
-        )
+        glass = np.flatnonzero(self._optics.transmission.take(hits.material, mode="wrap"))
+        mixed = np.unique(np.concatenate([glass, rim]))
         if not len(mixed):
             return echoes
         beam = np.concatenate([np.arange(len(mixed)), np.searchsorted(mixed, rim)])
         # Rim rays that hit the same surface count towards the middle.
         weight = np.full(len(beam), RIM_WEIGHT)
         weight[: len(mixed)] = 1 - RIM_WEIGHT * np.bincount(beam[len(mixed) :], minlength=len(mixed))
+        rays, hits = join_rows(rays.select(mixed), rim_rays), join_rows(hits.select(mixed), rim_hits)
         some = distinct_echoes(
-            self._light(
-                beam,
-                join_rows(rays.select(mixed), rim_rays),
-                join_rows(hits.select(mixed), rim_hits),
-                weight * speckle[mixed][beam],
-                span,
-            ),
+            self._light(beam, rays, hits, weight * speckle[mixed][beam], span),
             len(mixed),
             reach_m=self._scenario.max_range_m,
             nearest_m=self._scenario.min_range_m,
@@ -205,11 +192,7 @@ class Lidar:
         return echoes
 
     def _placed(self, beams: Beams) -> tuple[Rays, F64]:
-        """Beams in the world, each from the sensor's pose in the middle of its firing.
-
-        Returns:
-            (F * L) rays, and the sensor's rotation at each firing (F, 3, 3), or a single one (1, 3, 3).
-        """
+        """Rays (F * L) from the sensor's pose in the middle of each firing, and its rotation (F or 1, 3, 3) there."""
         if isinstance(self._path, FixedPath):
             pose = self._path.poses(beams.times_ns[:1, 0])
             turned_beams = cv2.transform(beams.directions.reshape(-1, 1, 3), pose.rotation[0])
@@ -227,7 +210,7 @@ class Lidar:
         return rays, poses.rotation
 
     def _rim(self, hits: Hits, rays: Rays, beams: Beams, rotation: F64, span: Span) -> tuple[I64, Rays, Hits]:
-        """Rim rays that hit another surface than the middle of their beam: beams (K,), rays and hits.
+        """Beams (K,), rays and hits of rim rays that hit another surface than the middle of their beam.
 
         Only sides with an edge before the next beam are cast.
         """
@@ -261,10 +244,7 @@ class Lidar:
         return beam[others], rim.select(others), seen.select(others)
 
     def _light(self, beam: I64, rays: Rays, hits: Hits, weight: F64, span: Span) -> Reflected:
-        """Light from the first surface of each ray, and from those behind it if it is glass.
-
-        Each of K rays has the number of its beam, its first hit, and its share of the beam's light.
-        """
+        """Light from the first surface of each ray (K), and from those behind it if it is glass."""
         passed_m = np.zeros(len(rays))
         layers = []
         for _ in range(PANES + 1):
@@ -288,33 +268,16 @@ def _cos_incidence(hits: Hits, rays: Rays) -> F64:
     return -dotted(hits.normal, rays.directions)
 
 
-# DOC Beams of a sweep that may hit an edge: those next to a jump in range.
-
-
-SKY_M = 1e5
-"""Range of a beam that hits nothing."""
-
-
 class Side(IntEnum):
     """The neighbour of a beam: in the firing before or after, or the laser below or above."""
 
-    BEFORE = 0
-    AFTER = 1
-    BELOW = 2
-    ABOVE = 3
+    BEFORE, AFTER, BELOW, ABOVE = range(4)
 
 
 def edge_beams(
-    distance_m: F64,
-    normal: F64,
-    origins: F64,
-    directions: F64,
-    *,
-    step_m: float,
-    reach_m: float,
-    by_elevation: I64,
+    distance_m: F64, normal: F64, origins: F64, directions: F64, *, step_m: float, reach_m: float, by_elevation: I64
 ) -> Bools:
-    """The sides on which a beam has an edge, of its own surface or of its neighbour's.
+    """Whether a beam has an edge on a side, of its own surface or of its neighbour's: (F, L, 4) by `Side`.
 
     The nearer of two surfaces ends between two beams if its plane would still be in front at the other beam: a floor
     seen at a grazing angle or the foot of a wall is no edge.
@@ -327,9 +290,6 @@ def edge_beams(
         step_m: Smaller jumps in range are ignored.
         reach_m: Jumps beyond this range are ignored.
         by_elevation: (L,) lasers from the lowest to the highest.
-
-    Returns:
-        (F, L, 4) bool by `Side`.
     """
     firings, lasers = distance_m.shape
     range_m = np.minimum(distance_m, SKY_M)

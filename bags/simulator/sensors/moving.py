@@ -20,23 +20,20 @@ from lidcam.pipeline.core.geometry.boxes import box_corners
 Window = tuple[int, int, int, int]
 EMPTY: Window = (0, 0, 0, 0)
 
-BOX_MARGIN_M = 0.02
-"""Parts may stick this far out of the ground truth box."""
-CONTACT, CONTACT_REACH = 0.62, 0.22
-"""Share of skylight missing below a mover, and the reach of that around it as a share of its height."""
-REACHES = 3.0
-"""Contact shadows end at this multiple of their reach."""
+BOX_MARGIN_M = 0.02  # by which parts may stick out of the ground truth box
+CONTACT, CONTACT_REACH = 0.62, 0.22  # share of skylight missing below a mover; reach around it, in heights
+MAX_REACHES = 3.0  # multiple of that reach where contact shadows end
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moving:
     """Changes by movers in a still view at one time."""
 
-    pixels: I64  # (K,) int64 changed pixels, rising
-    linear: F32  # (K, 3) float32 light of these pixels
-    owner: I16  # (P,) int16 row of the mover at the middle of each pixel, or -1
-    alone_px: I64  # (M,) int64 number of pixels of each mover without occlusion
-    alone_xyxy: F64  # (M, 4) float64 left, top, right, bottom of these pixels; NaN for none
+    pixels: I64  # (K,) changed pixels, rising
+    linear: F32  # (K, 3) light of these pixels
+    owner: I16  # (P,) row of the mover at the middle of each pixel, or -1
+    alone_px: I64  # (M,) number of pixels of each mover without occlusion
+    alone_xyxy: F64  # (M, 4) left, top, right, bottom of these pixels; NaN for none
 
 
 class _Samples:
@@ -75,11 +72,8 @@ class _Samples:
         all_rows = np.concatenate(rows)
         normal, material, local = (np.concatenate(column) for column in zip(*seen, strict=True))
         directions, distance = self.directions.take(all_rows, 0), self.depth.take(all_rows)
-        return (
-            all_rows,
-            np.concatenate(movers),
-            Surfaces(self.origin, directions, distance, normal, material, local),
-        )
+        surfaces = Surfaces(self.origin, directions, distance, normal, material, local)
+        return all_rows, np.concatenate(movers), surfaces
 
 
 class _Found(NamedTuple):
@@ -109,7 +103,7 @@ class _View:
         self._middle = self.base.apply(self.center[None])[0]
         self._radius = float(np.linalg.norm(self.size)) / 2 + 2 * BOX_MARGIN_M
         self.window = self.contact_window = self.shadow_window = EMPTY
-        reach = REACHES * CONTACT_REACH * self.size[2]
+        reach = MAX_REACHES * CONTACT_REACH * self.size[2]
         way = max(self._middle[2] + self._radius - lowest_m, 0.0) / light.towards[2] if light.shadows else 0.0
         around = self._to_camera.apply((self._middle - way / 2 * light.towards)[None])[0]
         if not lens.may_see(around, self._radius + 2 * reach + way / 2):
@@ -130,9 +124,7 @@ class _View:
 
     @cached_property
     def part_windows(self) -> list[Window]:
-        """The window of each part; empty if the mover is out of view."""
-        if _is_empty(self.window):
-            return [EMPTY] * len(self.parts)
+        """The window of each part."""
         return [self._lens.window(self._to_camera.apply(part.corners)) for part in self.parts]
 
     def shades(self, points: F32, towards: F64) -> Bools:
@@ -154,7 +146,7 @@ class _View:
         ahead = np.maximum(np.abs(y - np.float32(self.center[1])) - np.float32(0.46 * self.size[1]), 0)
         away = np.sqrt(beside * beside + ahead * ahead) * np.float32(1 / (CONTACT_REACH * self.size[2]))
         height = np.clip(1 - np.abs(z) * np.float32(1 / (0.35 * self.size[2])), 0.0, 1.0)
-        fading = np.clip(np.float32(REACHES) - away, 0.0, 1.0)  # fade out before the end of the window
+        fading = np.clip(np.float32(MAX_REACHES) - away, 0.0, 1.0)  # fade out before the end of the window
         return np.asarray(CONTACT * np.exp(-away) * height * fading, np.float32)
 
 
@@ -173,15 +165,13 @@ def put_movers(scene: Scene, light: Light, lens: Lens, still: Still, time_ns: in
     linear.reshape(*shape, 3)[crop] = still.linear.reshape(*shape, 3)[crop]
     samples = _Samples(still.pose.translation[0], still.directions, depth)
     for view in views:
-        alone = (
-            [
-                samples.cast(view.row, part, lens.hull(to_camera.apply(part.corners), window))
-                for part, window in zip(view.parts, view.part_windows, strict=True)
-                if not _is_empty(window)
-            ]
-            if not _is_empty(view.window)
-            else []
-        )
+        if _is_empty(view.window):
+            continue
+        alone = [
+            samples.cast(view.row, part, lens.hull(to_camera.apply(part.corners), window))
+            for part, window in zip(view.parts, view.part_windows, strict=True)
+            if not _is_empty(window)
+        ]
         if alone:
             alone_px[view.row], alone_xyxy[view.row] = _extent(alone, lens)
     shadows = _shadows(light, lens, still, views)
@@ -210,13 +200,8 @@ class _Shadows:
 
     def on(self, still: Still, pixels: I64) -> F32:
         """Remaining light (K, 3) of some pixels."""
-        rest, sun = still.shading.rest.take(pixels, 0), still.shading.sun.take(pixels, 0)
-        left, sunny = 1 - self.dark.take(pixels), 1 - self.shade.take(pixels)
-        for color in range(3):
-            rest[:, color] *= left
-            sun[:, color] *= sunny
-        rest += sun
-        return rest
+        left, sunny = 1 - self.dark.take(pixels)[:, None], 1 - self.shade.take(pixels)[:, None]
+        return still.shading.rest.take(pixels, 0) * left + still.shading.sun.take(pixels, 0) * sunny
 
 
 def _shadows(light: Light, lens: Lens, still: Still, views: Sequence[_View]) -> _Shadows:

@@ -1,4 +1,4 @@
-"""Visibility of each mover in an image: the clean 2D truth beside the simulated detector."""
+"""Movers in an image: the clean 2D truth, and a simulated 2D detector with the errors of a network."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,8 +12,10 @@ from lidcam.bags.simulator.world.motion import Mover, Part, Poses, placed_vertic
 from lidcam.pipeline.core.arrays import F64, I64, Table
 from lidcam.pipeline.core.camera import NEAR_M, CameraModel
 
-EDGES = ((0, 1), (1, 2), (2, 0))
-"""The corners of each edge of a triangle."""
+NO_MOVER = -1  # row of a false box
+SURE_HEIGHT_PX = 40.0  # box height below which scores drop
+FALSE_SCORES = (0.25, 0.55)
+FALSE_HEIGHT = (0.05, 0.30)  # of false boxes, as shares of the image height
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,13 +25,13 @@ class Visibility:
     Boxes are left, top, right, bottom in pixels, counted from the image's corner.
     """
 
-    visible_xyxy: F64  # (M, 4) float64 box of the pixels that show it; NaN for none
-    # (M, 4) float64 box of all of it as if nothing hid it, cut one image width or height beyond the image; NaN if not a
-    # single pixel would show it
-    whole_xyxy: F64
-    visible_px: I64  # (M,) int64 number of pixels that show it
-    occlusion: F64  # (M,) float64 share of the pixels that would show it which show something else; NaN for none
-    truncation: F64  # (M,) float64 share of the whole box that lies outside the image; NaN for none
+    visible_xyxy: F64  # (M, 4) box of the pixels that show it; NaN for none
+    whole_xyxy: (
+        F64  # (M, 4) box of it if nothing hid it, cut one image beyond the border; NaN if no pixel would show it
+    )
+    visible_px: I64  # (M,) number of pixels that show it
+    occlusion: F64  # (M,) share of the pixels that would show it which show something else; NaN for none
+    truncation: F64  # (M,) share of the whole box that lies outside the image; NaN for none
 
 
 def visible_boxes(image: CameraImage) -> F64:
@@ -78,14 +80,12 @@ def projected_box(model: CameraModel, to_camera: Poses, parts: tuple[Part, ...],
 
 
 def _ahead(part: Part, vertices: F64) -> F64:
-    """Points (K, 3) around the surface of a part before the camera: its vertices, and the cuts through its edges.
-
-    The vertices (V, 3) are in the optical frame.
-    """
+    """Its vertices (V, 3), in the optical frame, before the camera, and the cuts through its edges."""
     ahead = vertices[:, 2] >= NEAR_M
     if ahead.all():
         return vertices
-    start, end = (np.concatenate([part.mesh.triangles[:, edge[side]] for edge in EDGES]) for side in (0, 1))
+    triangles = part.mesh.triangles
+    start, end = triangles.T.reshape(-1), np.roll(triangles, -1, axis=1).T.reshape(-1)
     cut = ahead[start] != ahead[end]
     start, end = vertices[start[cut]], vertices[end[cut]]
     share = (NEAR_M - start[:, 2:]) / (end[:, 2:] - start[:, 2:])
@@ -96,41 +96,23 @@ def _areas(boxes: F64) -> F64:
     return np.asarray((boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1]))
 
 
-# DOC A simulated 2D detector with the errors of a network, to try fusion without weights.
-
-
-NO_MOVER = -1
-"""Mover row of a false box."""
-SURE_HEIGHT_PX = 40.0
-"""Below this box height scores drop."""
-FALSE_SCORES = (0.25, 0.55)
-FALSE_HEIGHT = (0.05, 0.30)
-"""Range of the height of false boxes, as shares of the image height."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Detected(Table):
     """Detections in one image, those of movers first, in the order of the movers."""
 
-    xyxy: F64  # (N, 4) float64 left, top, right, bottom in pixels, counted from the image's corner
-    scores: F64  # (N,) float64 in [0, 1]
-    class_names: tuple[str, ...]  # N classes
-    movers: I64  # (N,) int64 rows of the detected movers; -1 for a false box
+    xyxy: F64  # (N, 4) left, top, right, bottom in pixels, from the image's corner
+    scores: F64  # (N,) in [0, 1]
+    class_names: tuple[str, ...]
+    movers: I64  # (N,) rows of the detected movers; `NO_MOVER` for a false box
 
 
 def detect(
-    scenario: Detector2DScenario,
-    image: CameraImage,
-    class_names: Sequence[str],
-    *,
-    name: str,
-    number: int,
-    seed: int,
+    scenario: Detector2DScenario, image: CameraImage, class_names: Sequence[str], *, name: str, number: int, seed: int
 ) -> Detected:
-    """The detections in an image.
+    """The detections in an image of movers with these classes (M).
 
     Each mover has its own random numbers, whatever else the image shows: equal seeds, names of cameras and numbers of
-    images give equal boxes. There is a class name for each mover of the scene (M).
+    images give equal boxes.
     """
     count = len(class_names)
     random = random_numbers(seed, name, "detector", number)

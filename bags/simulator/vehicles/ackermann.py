@@ -22,6 +22,28 @@ class AckermannCommand:
     steering_rad: float = 0.0  # At the middle of the front axle, positive to the left
 
 
+KEY_COMMANDS: Mapping[str, AckermannCommand] = MappingProxyType(
+    {
+        "w": AckermannCommand(0.3, 0.0),
+        "s": AckermannCommand(-0.3, 0.0),
+        "a": AckermannCommand(0.3, 0.7 * 0.7),
+        "d": AckermannCommand(0.3, -0.7 * 0.7),
+        "x": AckermannCommand(0.0, 0.0),
+    }
+)
+"""Commands of the remote control of the predecessor system, by key."""
+QUIT = "o"
+
+
+def commands_of_keys(keys: str, interval_s: float) -> list[tuple[int, AckermannCommand]]:
+    """Times in nanoseconds and commands of keys pressed at a fixed pace from time 0.
+
+    A key without a command only waits; keys after the quit key are ignored.
+    """
+    pressed = enumerate(keys.partition(QUIT)[0])
+    return [(round(number * interval_s * 1e9), KEY_COMMANDS[key]) for number, key in pressed if key in KEY_COMMANDS]
+
+
 class ControllerCommands(NamedTuple):
     """Targets of a car's controllers, as `CONTROLLERS`: wheel rates, then front wheel angles (positive to the left)."""
 
@@ -35,15 +57,15 @@ class ControllerCommands(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Ackermann:
-    """A car's chassis."""
+    """A car's chassis and its limits."""
 
-    wheel_base_m: float  # From the rear axle to the front one
-    track_m: float  # From the left front wheel to the right one; 0 for a two-wheeler
-    wheel_radius_m: float  # Radius of all wheels
-    max_steering_rad: float  # Steering limit either way, at the middle of the front axle
-    steering_rate_rad_s: float  # Limit of the steering rate
-    acceleration_m_s2: float  # Limit of acceleration
-    braking_m_s2: float  # Limit of braking
+    wheel_base_m: float
+    track_m: float  # between the front wheels; 0 for a two-wheeler
+    wheel_radius_m: float
+    max_steering_rad: float  # either way, at the middle of the front axle
+    steering_rate_rad_s: float
+    acceleration_m_s2: float
+    braking_m_s2: float
 
     def controllers(self, command: AckermannCommand) -> ControllerCommands:
         """The controller targets for a command.
@@ -59,11 +81,7 @@ class Ackermann:
         return ControllerCommands(rate, rate, rate, rate, left, right)
 
     def command(self, controllers: ControllerCommands) -> AckermannCommand:
-        """The motion that controller targets produce.
-
-        Speed follows from the mean rate of the rear wheels, steering from the point halfway between the turning centres
-        of the two front wheels.
-        """
+        """The motion that controller targets produce: mean rate of the rear wheels, mean turning centre in front."""
         rate = (controllers.left_rear_rad_s + controllers.right_rear_rad_s) / 2
         left, right = math.tan(controllers.left_hinge_rad), math.tan(controllers.right_hinge_rad)
         both = left + right
@@ -82,7 +100,6 @@ class Ackermann:
         steering = state.steering_rad + min(max(change, -turned), turned)
         way = (state.speed_m_s + speed) / 2 * seconds
         turn = way * math.tan((state.steering_rad + steering) / 2) / self.wheel_base_m
-        # Chord of the arc, and its direction.
         chord = way * (math.sin(turn / 2) / (turn / 2) if turn else 1.0)
         towards = state.yaw_rad + turn / 2
         return State(
@@ -107,23 +124,20 @@ class Ackermann:
         return min(max(steering_rad, -self.max_steering_rad), self.max_steering_rad)
 
 
-# DOC Driving habits and chassis by shape.
-
-
 @dataclass(frozen=True, slots=True)
 class Habits:
     """The driving habits of a driver or pedestrian."""
 
-    acceleration_m_s2: float  # Comfortable acceleration
-    braking_m_s2: float  # Comfortable braking
-    hard_braking_m_s2: float  # Emergency braking
-    sideways_m_s2: float  # Lateral acceleration in curves
-    headway_s: float  # Time gap to the vehicle ahead
-    gap_m: float  # Gap to the vehicle ahead at rest
-    clearance_m: float  # Free room wanted on each side
-    look_ahead_m: float  # Distance from the rear axle to the route point to steer for, at rest
-    look_ahead_s: float  # Increase of that distance per m/s
-    steering_rate_rad_s: float  # Steering rate
+    acceleration_m_s2: float  # comfortable, as is the braking
+    braking_m_s2: float
+    hard_braking_m_s2: float
+    sideways_m_s2: float  # lateral acceleration in curves
+    headway_s: float  # time gap to the vehicle ahead
+    gap_m: float  # gap to the vehicle ahead at rest
+    clearance_m: float  # free room wanted on each side
+    look_ahead_m: float  # from the rear axle to the route point to steer for, at rest
+    look_ahead_s: float  # increase of that distance per m/s
+    steering_rate_rad_s: float
 
 
 HABITS: Mapping[str, Habits] = MappingProxyType(
@@ -137,7 +151,7 @@ HABITS: Mapping[str, Habits] = MappingProxyType(
         "pedestrian": Habits(1.0, 1.5, 3.0, 5.0, 0.5, 0.3, 0.0, 0.0, 0.0, 0.0),
     }
 )
-"""Habits by shape."""
+"""By shape."""
 
 
 def chassis_of(shape: str, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Ackermann | None:

@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 from lidcam.bags.simulator.scenario.scenario import Scenario, listed
 from lidcam.bags.simulator.scenario.traffic import VehicleScenario
-from lidcam.bags.simulator.vehicles.ackermann import HABITS, Ackermann, AckermannCommand, chassis_of
+from lidcam.bags.simulator.vehicles.ackermann import HABITS, Ackermann, AckermannCommand, chassis_of, commands_of_keys
 from lidcam.bags.simulator.vehicles.followers import Follower, Seen
 from lidcam.bags.simulator.vehicles.footprints import (
     Obstacles,
@@ -17,7 +17,6 @@ from lidcam.bags.simulator.vehicles.footprints import (
     overlap,
     things_in_the_way,
 )
-from lidcam.bags.simulator.vehicles.keys import commands_of_keys
 from lidcam.bags.simulator.vehicles.right_of_way import Stretch, Traveller, shared_stretches
 from lidcam.bags.simulator.vehicles.routes import Route
 from lidcam.bags.simulator.vehicles.trajectory import State, Trajectory

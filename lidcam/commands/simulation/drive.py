@@ -14,10 +14,9 @@ from lidcam.printing.escaping import visible
 from lidcam.printing.log import progress_log
 
 if TYPE_CHECKING:
-    from lidcam.bags.simulator.drive.driving import Keyboard
+    from lidcam.bags.simulator.drive.driving import Keyboard, RemoteControl
     from lidcam.bags.simulator.drive.live_view import LiveView
     from lidcam.bags.simulator.recorder.simulation import Simulation
-    from lidcam.bags.simulator.vehicles.keys import RemoteControl
 
 # \b keeps the lines of a paragraph as they are.
 DRIVE_EXAMPLES = """\b
@@ -98,7 +97,7 @@ def _checked(keys: str, drivable: tuple[str, ...]) -> str:
     Raises:
         ConfigError: a key has no meaning.
     """
-    from lidcam.bags.simulator.vehicles.keys import script_keys
+    from lidcam.bags.simulator.drive.driving import script_keys
 
     known = script_keys(drivable)
     if wrong := next((key for key in keys if key not in known), ""):

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_scenario import small_scenario
 
-from lidcam.bags.simulator.recorder.processes import SensingProcess, SensingTask, shared_out
+from lidcam.bags.simulator.recorder.processes import SensingTask, sensing_process, shared_out
 from lidcam.bags.simulator.recorder.sensing import Sensing
 from lidcam.bags.simulator.recorder.stage import Stage
 from lidcam.bags.simulator.scenario.load import load_scenario
@@ -47,11 +47,11 @@ def test_a_process_measures_what_this_one_would_and_ends() -> None:
     stage.traffic.command("car1", commands["car1"])
     stage.traffic.advance(UNTIL_NS)
     here = sensing.measure(UNTIL_NS, start_limit_ns=UNTIL_NS)
-    with SensingProcess(task()) as process:
+    with sensing_process(task()) as process:
         process.ask(UNTIL_NS, commands, start_limit_ns=UNTIL_NS)
         there = process.answer()
     with pytest.raises(ProcessLookupError):
-        os.kill(process.pid, 0)  # it ends with its block
+        os.kill(process.process.pid, 0)  # it ends with its block
     assert len(here) == len(there) > 1
     for mine, its in zip(here, there, strict=True):
         np.testing.assert_array_equal(mine.hits, its.hits)
@@ -61,20 +61,20 @@ def test_a_process_measures_what_this_one_would_and_ends() -> None:
 
 def test_its_errors_come_out() -> None:
     wrong = task(vehicles__car2__route="", vehicles__car2__start=[-1.5, 1.35, 0])
-    with SensingProcess(wrong) as process:
+    with sensing_process(wrong) as process:
         process.ask(UNTIL_NS, {}, start_limit_ns=UNTIL_NS)
         with pytest.raises(ConfigError, match=r"vehicles\.car2: expected free ground"):
             process.answer()
 
 
 def test_ctrl_c_and_a_closed_terminal_are_its_parents_business_and_that_it_was_killed_is_told() -> None:
-    with SensingProcess(task()) as process:
-        os.kill(process.pid, signal.SIGINT)
-        os.kill(process.pid, signal.SIGHUP)
+    with sensing_process(task()) as process:
+        os.kill(process.process.pid, signal.SIGINT)
+        os.kill(process.process.pid, signal.SIGHUP)
         process.ask(UNTIL_NS, {}, start_limit_ns=UNTIL_NS)
         assert len(process.answer()) > 1
         assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) & {signal.SIGINT, signal.SIGHUP} == set()
-        os.kill(process.pid, signal.SIGKILL)
+        os.kill(process.process.pid, signal.SIGKILL)
 
         def ask_again() -> None:
             process.ask(2 * UNTIL_NS, {}, start_limit_ns=2 * UNTIL_NS)
@@ -86,9 +86,9 @@ def test_ctrl_c_and_a_closed_terminal_are_its_parents_business_and_that_it_was_k
 
 def test_what_ends_the_parent_at_once_ends_it_at_once() -> None:
     """It does not wait for its next request, which may be seconds away."""
-    with SensingProcess(task()) as process:
-        os.kill(process.pid, signal.SIGSTOP)
+    with sensing_process(task()) as process:
+        os.kill(process.process.pid, signal.SIGSTOP)
         undo_all()
-        ended = os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
+        ended = os.waitid(os.P_PID, process.process.pid, os.WEXITED | os.WNOWAIT)
         assert ended is not None
         assert ended.si_status == signal.SIGKILL

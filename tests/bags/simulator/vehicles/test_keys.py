@@ -1,7 +1,7 @@
 import pytest
+from lidcam.bags.simulator.vehicles.keys import RemoteControl, command_of, commands_of_keys
 
 from lidcam.bags.simulator.vehicles.ackermann import AckermannCommand
-from lidcam.bags.simulator.vehicles.keys import RemoteControl, command_of, commands_of_keys
 
 FORWARD, LEFT, STOP = AckermannCommand(0.3, 0.0), AckermannCommand(0.3, 0.49), AckermannCommand(0.0, 0.0)
 
