@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from lidcam.bags.simulator.world.open3d_runtime import load_libusb
+from lidcam.bags.simulator.world.open3d_runtime import load_open3d
 from lidcam.pipeline.core.arrays import F32, F64
 from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.frame import SensorBundle
@@ -61,14 +61,6 @@ def load_clouds(shared: Path) -> dict[str, tuple[F32, F64]]:
     shifted = [lidar[:, :3] + offset.astype(np.float32) for lidar, offset in zip(lidars, offsets, strict=True)]
     clouds["s30k_0"] = np.concatenate(shifted), offsets
     return clouds
-
-
-def load_open3d() -> Any:
-    """Open3D, imported late because it reads the number of threads on import."""
-    load_libusb()
-    import open3d
-
-    return open3d
 
 
 def our_steps(xyz: F32, origins: F64) -> dict[str, Callable[[], object]]:

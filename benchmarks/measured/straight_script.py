@@ -24,11 +24,9 @@ import onnxruntime
 from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 
-from lidcam.bags.simulator.world.open3d_runtime import load_libusb
+from lidcam.bags.simulator.world.open3d_runtime import load_open3d
 
-load_libusb()  # Open3D's wheel wants it, which a bare machine lacks
-
-import open3d as o3d  # noqa: E402
+o3d = load_open3d()
 
 Stored = dict[str, list[tuple[int, Any]]]
 

@@ -1,12 +1,11 @@
 """Names for false detections: the things that stand where a result reports an object."""
 
 from collections import Counter
-from typing import Any
 
 import numpy as np
 
 from lidcam.bags.simulator.scenario.scenario import Scenario
-from lidcam.bags.simulator.world.open3d_runtime import load_libusb
+from lidcam.bags.simulator.world.open3d_runtime import load_open3d
 from lidcam.bags.simulator.world.places.places import mesh_of
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.geometry.boxes import rotations_2d
@@ -30,12 +29,9 @@ class Surroundings:
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        load_libusb()
-        import open3d
-
         self._mesh = mesh_of(scenario)
-        core: Any = open3d.core
-        self._tensor = core.Tensor
+        open3d = load_open3d()
+        self._tensor = open3d.core.Tensor
         self._scene = open3d.t.geometry.RaycastingScene(nthreads=1)
         vertices, triangles = self._mesh.vertices.astype(np.float32), self._mesh.triangles.astype(np.uint32)
         self._scene.add_triangles(self._tensor(vertices), self._tensor(triangles))

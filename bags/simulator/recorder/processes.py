@@ -103,6 +103,7 @@ class SensingProcess:
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         theirs.close()
+        self.pid = self.process.pid or 0
 
     def ask(self, until_ns: int, commands: Mapping[str, AckermannCommand], *, start_limit_ns: int) -> None:
         """Start a step: apply commands, advance to a time and measure; see `Sensing.measure`."""

@@ -24,36 +24,36 @@ class RecordingScenario(SettingsModel):
 
     # Rate of /ground_truth/objects; 0 records no ground truth at all, not that of images, either
     truth_rate_hz: NotNegative = 10.0
-    odometry_rate_hz: Positive = 50.0  # Rate of the vehicles' odometry and tf
-    command_rate_hz: Positive = 20.0  # Rate of the vehicles' commands
+    odometry_rate_hz: Positive = 50.0  # rate of the vehicles' odometry and tf
+    command_rate_hz: Positive = 20.0  # rate of the vehicles' commands
 
 
 class SunScenario(SettingsModel):
     """The direction of sunlight."""
 
-    azimuth_deg: float = -50.0  # Counter-clockwise from +x
-    elevation_deg: Annotated[float, Field(gt=0, le=90)] = 50.0  # Above the horizon
-    shadows: bool = True  # Whether it casts shadows
+    azimuth_deg: float = -50.0  # counter-clockwise from +x
+    elevation_deg: Annotated[float, Field(gt=0, le=90)] = 50.0  # above the horizon
+    shadows: bool = True  # whether it casts shadows
 
 
 class Scenario(SettingsModel):
     """A whole scenario."""
 
-    description: str = ""  # One line for people
-    world: Literal["sandbox", "crossing", "street", "open"]  # The static world; `open` is that of `ground` and `things`
-    ground: GroundScenario = GroundScenario()  # The ground of an `open` world
-    things: tuple[ThingScenario, ...] = ()  # What stands in an `open` world
-    site_frame: str = "site"  # Name of the world frame in messages
+    description: str = ""  # one line for people
+    world: Literal["sandbox", "crossing", "street", "open"]  # the static world; `open` is that of `ground` and `things`
+    ground: GroundScenario = GroundScenario()  # the ground of an `open` world
+    things: tuple[ThingScenario, ...] = ()  # what stands in an `open` world
+    site_frame: str = "site"  # name of the world frame in messages
     # Start time, seconds since 1970; headers end in 2038
     start_unix_s: Annotated[int, Field(ge=0, le=2_000_000_000)] = 1_700_000_000
-    duration_s: Positive = 10.0  # Default length of the recording
-    seed: Annotated[int, Field(ge=0)] = 1  # Seed of all random numbers
-    sun: SunScenario = SunScenario()  # The sun
-    routes: dict[str, RouteScenario] = Field(default_factory=dict)  # Routes for traffic, by name
-    vehicles: dict[Name, VehicleScenario] = Field(default_factory=dict)  # Vehicles, cyclists and pedestrians, by name
-    lidars: dict[Name, LidarScenario] = Field(default_factory=dict)  # Lidars by name
-    cameras: dict[Name, CameraScenario] = Field(default_factory=dict)  # Cameras by name
-    recording: RecordingScenario = RecordingScenario()  # Rates of all other messages
+    duration_s: Positive = 10.0  # default length of the recording
+    seed: Annotated[int, Field(ge=0)] = 1  # seed of all random numbers
+    sun: SunScenario = SunScenario()  # the sun
+    routes: dict[str, RouteScenario] = Field(default_factory=dict)  # routes for traffic, by name
+    vehicles: dict[Name, VehicleScenario] = Field(default_factory=dict)  # vehicles, cyclists and pedestrians, by name
+    lidars: dict[Name, LidarScenario] = Field(default_factory=dict)  # lidars by name
+    cameras: dict[Name, CameraScenario] = Field(default_factory=dict)  # cameras by name
+    recording: RecordingScenario = RecordingScenario()  # rates of all other messages
 
     @model_validator(mode="after")
     def _things_are_in_an_open_world(self) -> "Scenario":

@@ -27,30 +27,30 @@ COEFFICIENTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
 class Miscalibration(SettingsModel):
     """The error of a sensor's recorded extrinsics."""
 
-    rpy_deg: Vector = (0.0, 0.0, 0.0)  # Roll, pitch, yaw in the sensor's body frame (x forward, y left, z up)
-    xyz_cm: Vector = (0.0, 0.0, 0.0)  # Offset in that frame
+    rpy_deg: Vector = (0.0, 0.0, 0.0)  # roll, pitch, yaw in the sensor's body frame (x forward, y left, z up)
+    xyz_cm: Vector = (0.0, 0.0, 0.0)  # offset in that frame
 
 
 class SensorScenario(SettingsModel):
     """Pose, timing and faults of a sensor."""
 
-    topic: Topic  # Topic of its measurements
-    frame_id: str  # Its frame in messages and tf
-    mounted_on: str = ""  # Name of the ego vehicle; empty if fixed to the site
-    position_m: tuple[Metres, Metres, Metres]  # Position
+    topic: Topic
+    frame_id: str  # its frame in messages and tf
+    mounted_on: str = ""  # name of the ego vehicle; empty if fixed to the site
+    position_m: tuple[Metres, Metres, Metres]
     # Roll, pitch, yaw (about fixed x, y, z) of its body: x forward, y left, z up. A camera looks along x.
     rpy_deg: Vector = (0.0, 0.0, 0.0)
-    rate_hz: Positive = 10.0  # Measurements per second
-    phase_ms: NotNegative = 0.0  # Start of the first measurement, after the start of the scenario
-    jitter_ms: NotNegative = 0.0  # Standard deviation of the measurement time
-    clock_offset_ms: float = 0.0  # Its clock is ahead of true time by this, and so are its stamps
-    drop_rate: Share = 0.0  # Share of lost messages
+    rate_hz: Positive = 10.0  # measurements per second
+    phase_ms: NotNegative = 0.0  # start of the first measurement, after the start of the scenario
+    jitter_ms: NotNegative = 0.0  # standard deviation of the measurement time
+    clock_offset_ms: float = 0.0  # its clock is ahead of true time by this, and so are its stamps
+    drop_rate: Share = 0.0  # share of lost messages
     # Time from the end of a measurement (for an image, from its stamp) to its recording
     log_delay_ms: NotNegative = 5.0
     # Standard deviation of that delay, which is never negative; messages may overtake each other
     log_jitter_ms: NotNegative = 0.0
-    dies_at_s: NotNegative | None = None  # No measurement starts at or after this time of the scenario
-    miscalibration: Miscalibration = Miscalibration()  # Error of its recorded extrinsics
+    dies_at_s: NotNegative | None = None  # no measurement starts at or after this time of the scenario
+    miscalibration: Miscalibration = Miscalibration()  # error of its recorded extrinsics
 
     def T_carrier_body(self, carrier_frame: str) -> Transform:
         """The true pose of the sensor's body (x forward) on its carrier."""
@@ -63,25 +63,25 @@ class LidarScenario(SensorScenario):
 
     # A Velodyne model of `lidcam.readers.velodyne.models`, or `linear`: evenly spread beams
     model: Literal["VLP-16", "Puck Hi-Res", "HDL-32E", "VLP-32A", "VLP-32B", "VLP-32C", "linear"] = "VLP-16"
-    beams: Count = 64  # Number of beams of a `linear` lidar
-    elevation_deg: tuple[float, float] = (-25.0, 3.0)  # Lowest and highest beam of a `linear` lidar
+    beams: Count = 64  # of a `linear` lidar
+    elevation_deg: tuple[float, float] = (-25.0, 3.0)  # lowest and highest beam of a `linear` lidar
     # All beams of a `linear` lidar, at uneven steps; then `beams` and `elevation_deg` do not count
     elevations_deg: Annotated[tuple[Annotated[float, Field(ge=-90, le=90)], ...], Field(max_length=256)] = ()
-    columns: Count = 1800  # Firings per turn of a `linear` lidar; other models have a fixed firing rate
-    firing_stride: Count = 1  # Record only every n-th firing, for small files (points only)
-    start_azimuth_deg: float = 180.0  # Azimuth where a sweep starts, clockwise from the front
+    columns: Count = 1800  # firings per turn of a `linear` lidar; other models have a fixed firing rate
+    firing_stride: Count = 1  # record only every n-th firing, for small files (points only)
+    start_azimuth_deg: float = 180.0  # azimuth where a sweep starts, clockwise from the front
     # `points` (PointCloud2 on `topic`), `packets` (velodyne_msgs/VelodyneScan on `packets_topic`) or `both`
     output: Literal["points", "packets", "both"] = "points"
-    packets_topic: Topic | Literal[""] = ""  # Topic of the packets
-    return_mode: Literal["strongest", "last", "dual"] = "strongest"  # Which echoes of a beam are recorded
-    divergence_mrad: NotNegative = 3.0  # Full angle of a beam
-    echo_separation_m: Positive = 0.5  # Surfaces in one beam that are further apart than this give separate echoes
-    min_range_m: NotNegative = 0.1  # Shortest range
-    max_range_m: Positive = 100.0  # Longest range of a white surface; darker ones have a shorter one
-    range_noise_m: NotNegative = 0.01  # Standard deviation of ranges
-    dropout: Share = 0.005  # Share of echoes lost at random
-    intensity_gain: Positive = 1.0  # Factor on Velodyne's scale of intensities
-    intensity_floor: NotNegative = 0.0  # Subtracted from intensities; what is darker is reported as 0
+    packets_topic: Topic | Literal[""] = ""
+    return_mode: Literal["strongest", "last", "dual"] = "strongest"  # which echoes of a beam are recorded
+    divergence_mrad: NotNegative = 3.0  # full angle of a beam
+    echo_separation_m: Positive = 0.5  # surfaces in one beam that are further apart than this give separate echoes
+    min_range_m: NotNegative = 0.1
+    max_range_m: Positive = 100.0  # longest range of a white surface; darker ones have a shorter one
+    range_noise_m: NotNegative = 0.01  # standard deviation of ranges
+    dropout: Share = 0.005  # share of echoes lost at random
+    intensity_gain: Positive = 1.0  # factor on Velodyne's scale of intensities
+    intensity_floor: NotNegative = 0.0  # subtracted from intensities; what is darker is reported as 0
 
     @property
     def linear_elevations_deg(self) -> tuple[float, ...]:
@@ -98,33 +98,33 @@ class LidarScenario(SensorScenario):
 class Detector2DScenario(SettingsModel):
     """A simulated 2D detector with errors."""
 
-    topic: Topic  # Topic of its vision_msgs/Detection2DArray
-    delay_ms: NotNegative = 30.0  # Time from the recording of the image to that of its detections
-    pixel_noise_px: NotNegative = 1.2  # Standard deviation of each box edge
-    miss_rate: Share = 0.05  # Share of visible objects that it misses
-    false_per_image: NotNegative = 0.05  # Mean number of false boxes per image
-    min_visible: Share = 0.3  # Objects with a smaller visible share are not detected
-    min_height_px: NotNegative = 12.0  # Objects with a lower box are not detected
+    topic: Topic  # topic of its vision_msgs/Detection2DArray
+    delay_ms: NotNegative = 30.0  # time from the recording of the image to that of its detections
+    pixel_noise_px: NotNegative = 1.2  # standard deviation of each box edge
+    miss_rate: Share = 0.05  # share of visible objects that it misses
+    false_per_image: NotNegative = 0.05  # mean number of false boxes per image
+    min_visible: Share = 0.3  # objects with a smaller visible share are not detected
+    min_height_px: NotNegative = 12.0  # objects with a lower box are not detected
 
 
 class CameraScenario(SensorScenario):
     """A camera; its `frame_id` is the optical frame (z forward, x right, y down)."""
 
-    info_topic: Topic  # Topic of its sensor_msgs/CameraInfo
-    width_px: Count = 640  # Image width
-    height_px: Count = 480  # Image height
+    info_topic: Topic  # topic of its sensor_msgs/CameraInfo
+    width_px: Count = 640
+    height_px: Count = 480
     focal_px: tuple[Positive, Positive]  # fx and fy
     center_px: tuple[float, float] | None = None  # cx and cy; None for the middle of the image
-    distortion_model: Literal["plumb_bob", "rational_polynomial", "equidistant"] = "plumb_bob"  # As in CameraInfo
-    distortion: tuple[float, ...] = ()  # Coefficients in the order of CameraInfo; missing ones are 0
-    exposure_ms: NotNegative = 4.0  # Exposure time; the stamp is its middle
-    motion_blur: bool = False  # Whether motion during the exposure is blurred
-    gain: Positive = 1.0  # Brightness factor
-    noise: NotNegative = 1.0  # Standard deviation of pixel values (0 to 255)
+    distortion_model: Literal["plumb_bob", "rational_polynomial", "equidistant"] = "plumb_bob"  # as in CameraInfo
+    distortion: tuple[float, ...] = ()  # coefficients in the order of CameraInfo; missing ones are 0
+    exposure_ms: NotNegative = 4.0  # the stamp is its middle
+    motion_blur: bool = False  # whether motion during the exposure is blurred
+    gain: Positive = 1.0  # brightness factor
+    noise: NotNegative = 1.0  # standard deviation of pixel values (0 to 255)
     # `jpeg` (CompressedImage on `topic`/compressed) or `raw` (Image on `topic`, rgb8)
     output: Literal["jpeg", "raw"] = "jpeg"
-    jpeg_quality: Annotated[int, Field(ge=1, le=100)] = 80  # 1 to 100
-    detector: Detector2DScenario | None = None  # A simulated detector on its images
+    jpeg_quality: Annotated[int, Field(ge=1, le=100)] = 80
+    detector: Detector2DScenario | None = None
 
     @property
     def image_topic(self) -> str:

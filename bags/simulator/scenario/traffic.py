@@ -27,9 +27,9 @@ class RouteScenario(SettingsModel):
 
     # Corners x, y, which are rounded. A third number is the radius of that corner.
     points_m: tuple[tuple[Metres, Metres] | tuple[Metres, Metres, NotNegative], ...]
-    closed: bool = False  # Whether the last point leads back to the first
-    corner_radius_m: NotNegative = 5.0  # Radius of all other corners
-    yields_to: tuple[str, ...] = ()  # Routes whose traffic has right of way where the two cross
+    closed: bool = False  # whether the last point leads back to the first
+    corner_radius_m: NotNegative = 5.0  # radius of all other corners
+    yields_to: tuple[str, ...] = ()  # routes whose traffic has right of way where the two cross
 
 
 class VehicleScenario(SettingsModel):
@@ -37,26 +37,26 @@ class VehicleScenario(SettingsModel):
 
     # Its body (`lidcam.bags.simulator.world.bodies.dimensions`)
     shape: Literal["model_car", "car", "van", "truck", "bus", "cyclist", "pedestrian"] = "car"
-    color: tuple[Share, Share, Share] = (0.6, 0.1, 0.1)  # Colour of its paint or jacket, each in [0, 1]
+    color: tuple[Share, Share, Share] = (0.6, 0.1, 0.1)  # colour of its paint or jacket, each in [0, 1]
     # Factors of the length, width and height of its shape; for people about the same in all three
     scale: tuple[Scale, Scale, Scale] = (1.0, 1.0, 1.0)
-    body: CarBody = "hatchback"  # Form of a `car`
-    posture: Posture = "upright"  # Of a `pedestrian`; only an upright one walks
-    walked_m: NotNegative = 0.0  # Distance that it has covered at the start, which decides how its legs stand
+    body: CarBody = "hatchback"  # form of a `car`
+    posture: Posture = "upright"  # of a `pedestrian`; only an upright one walks
+    walked_m: NotNegative = 0.0  # distance that it has covered at the start, which decides how its legs stand
     # x, y in metres and yaw in degrees of its base frame (below the rear axle, or below the middle of a pedestrian);
     # with a route it is used only under remote control (`lidcam drive`)
     start: tuple[Metres, Metres, float] = (0.0, 0.0, 0.0)
-    route: str = ""  # Name of a route to follow
-    route_start_m: NotNegative = 0.0  # Start position along the route
-    speed_m_s: NotNegative = 0.0  # Cruising speed on the route
-    keys: str = ""  # Keys that drive it instead (`w s a d x`), one every `key_interval_s` from the start
-    key_interval_s: Positive = 0.5  # Time from one key to the next
+    route: str = ""  # name of a route to follow
+    route_start_m: NotNegative = 0.0  # start position along the route
+    speed_m_s: NotNegative = 0.0  # cruising speed on the route
+    keys: str = ""  # keys that drive it instead (`w s a d x`), one every `key_interval_s` from the start
+    key_interval_s: Positive = 0.5  # time from one key to the next
     # Record nav_msgs/Odometry: the true pose of the centre of its box on /NAME/base_pose_ground_truth; for the ego
     # vehicle that of `base_link` on /odom
     odometry: bool = False
     # Record its ackermann_msgs/AckermannDriveStamped and the six Float64 commands of its controllers
     commands: bool = False
-    ego: bool = False  # It carries the sensors; tf has its pose (`odom` to `base_link`), the ground truth does not
+    ego: bool = False  # it carries the sensors; tf has its pose (`odom` to `base_link`), the ground truth does not
 
     def topics(self, name: str) -> list[str]:
         """Topics of its messages."""

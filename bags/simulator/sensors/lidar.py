@@ -161,7 +161,7 @@ class Lidar:
     def _echoes(self, beams: Beams, speckle: F64) -> Echoes:
         """The echoes of all beams without noise; `speckle` (N,) is a factor on the light of each beam."""
         rays, rotation = self._placed(beams)
-        span = Span.of(rays)
+        span = Span(rays.times_ns)
         hits = self._scene.cast(rays, span)
         cos_incidence = _cos_incidence(hits, rays)
         share = speckle * self._optics.share(hits, cos_incidence)

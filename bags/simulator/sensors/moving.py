@@ -12,8 +12,8 @@ from lidcam.bags.simulator.sensors.lens import Lens
 from lidcam.bags.simulator.sensors.light import Light
 from lidcam.bags.simulator.sensors.still import BESIDE_PX, Still, contrasts, lit_surfaces, turned
 from lidcam.bags.simulator.world.motion import Poses
-from lidcam.bags.simulator.world.rays import STATIC, PartHits, PartSurfaces, PlacedPart, Surfaces, passing_rays
-from lidcam.bags.simulator.world.scene import Scene
+from lidcam.bags.simulator.world.rays import STATIC, PartHits, PartSurfaces, Surfaces, passing_rays
+from lidcam.bags.simulator.world.scene import PlacedPart, Scene
 from lidcam.pipeline.core.arrays import F32, F64, I16, I64, Bools
 from lidcam.pipeline.core.geometry.boxes import box_corners
 
@@ -280,7 +280,7 @@ def _smoothed(
                 samples.cast(view.row, part, np.concatenate([inside + step * len(pixels) for step in range(4)]))
     # A static surface can be in front of a mover only if it is that near at a neighbouring pixel, too.
     doubtful = np.flatnonzero(np.isfinite(samples.depth) & (samples.depth >= np.tile(still.nearest.take(pixels), 4)))
-    behind = scene.static_distance(origin, directions.take(doubtful, 0))
+    behind = scene.static.distance(origin, directions.take(doubtful, 0))
     samples.hide(doubtful.compress(behind <= samples.depth.take(doubtful)))
     colors = np.tile(ground, (4, 1))
     rows, _, surfaces = samples.nearest()

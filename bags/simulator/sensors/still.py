@@ -46,7 +46,7 @@ def take_still(scene: Scene, light: Light, lens: Lens, pose: Poses) -> Still:
     normals = np.empty((n, 3), np.float32)
     for first in range(0, n, RAYS_AT_ONCE):
         rows = slice(first, first + RAYS_AT_ONCE)
-        surfaces = scene.static_surfaces(pose.translation[0], directions[rows])
+        surfaces = scene.static.surfaces(pose.translation[0], directions[rows])
         shading = lit_surfaces(scene, light, surfaces)
         points[rows], distance[rows] = surfaces.points, surfaces.distance
         rest[rows], sun[rows], normals[rows] = shading.rest, shading.sun, surfaces.normal
@@ -54,7 +54,7 @@ def take_still(scene: Scene, light: Light, lens: Lens, pose: Poses) -> Still:
     for first in range(0, len(mixed), RAYS_AT_ONCE // 4):
         pixels = mixed[first : first + RAYS_AT_ONCE // 4]
         beside = turned(pose, np.concatenate([lens.directions_beside(pixels, offset) for offset in BESIDE_PX]))
-        shading = lit_surfaces(scene, light, scene.static_surfaces(pose.translation[0], beside))
+        shading = lit_surfaces(scene, light, scene.static.surfaces(pose.translation[0], beside))
         rest[pixels] = shading.rest.reshape(4, -1, 3).mean(0)
         sun[pixels] = shading.sun.reshape(4, -1, 3).mean(0)
     image = (lens.height, lens.width, 3)
@@ -86,7 +86,7 @@ def lit_surfaces(scene: Scene, light: Light, surfaces: Surfaces) -> Shading:
     if light.shadows:
         facing = np.flatnonzero(shading.sun[:, 1] > 0)
         points = surfaces.take(facing).points
-        shading.sun[facing.compress(scene.static_occludes(points, light.towards))] = 0.0
+        shading.sun[facing.compress(scene.static.occludes(points, light.towards))] = 0.0
     return shading
 
 
@@ -134,7 +134,7 @@ def sky_light(scene: Scene, points: F32, normals: F32) -> F32:
         x, y, z = radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1 - radius * radius)
         directions = x * across + y * along + z * up
         asking = np.flatnonzero(directions[:, 2] > 0.02)  # light from the ground is not skylight
-        blocked = scene.static_occludes(starts.take(asking, 0), directions.take(asking, 0))
+        blocked = scene.static.occludes(starts.take(asking, 0), directions.take(asking, 0))
         asked[asking] += 1
         free[asking] += ~blocked
     share = np.where(asked > 0, free / np.maximum(asked, 1), 1.0).astype(np.float32).reshape(len(rows), len(columns))

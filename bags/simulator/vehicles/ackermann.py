@@ -18,8 +18,8 @@ from lidcam.bags.simulator.world.bodies.dimensions import shape_of
 class AckermannCommand:
     """Target speed and steering (ackermann_msgs/AckermannDrive)."""
 
-    speed_m_s: float = 0.0  # Along the heading; negative backwards
-    steering_rad: float = 0.0  # At the middle of the front axle, positive to the left
+    speed_m_s: float = 0.0  # along the heading; negative backwards
+    steering_rad: float = 0.0  # at the middle of the front axle, positive to the left
 
 
 KEY_COMMANDS: Mapping[str, AckermannCommand] = MappingProxyType(

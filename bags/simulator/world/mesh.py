@@ -38,14 +38,14 @@ Texture = Literal[
 class Material:
     """The appearance of a surface to a camera and to a lidar."""
 
-    name: str  # A label for people
-    rgb: Rgb  # Diffuse sRGB colour, each in [0, 1]
+    name: str  # a label for people
+    rgb: Rgb  # diffuse sRGB colour, each in [0, 1]
     # Share of a 905 nm beam that is reflected, 1 for a white surface; above 1 for a retroreflector (number plate, sign,
     # tail lamp)
     reflectivity: float = 0.3
-    mirror: float = 0.0  # Share of light reflected specularly at normal incidence (Schlick's F0); 0 is matt
-    transmission: float = 0.0  # Share of a lidar beam that passes through (glass)
-    texture: Texture = "plain"  # Pattern that varies the colour over the surface
+    mirror: float = 0.0  # share of light reflected specularly at normal incidence (Schlick's F0); 0 is matt
+    transmission: float = 0.0  # share of a lidar beam that passes through (glass)
+    texture: Texture = "plain"  # pattern that varies the colour over the surface
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Look:
     """One of a texture's colours."""
 
     rgb: Rgb | None = None  # sRGB colour; None for the material's own
-    reflectivity: float | None = None  # As in `Material`; None for the material's own
+    reflectivity: float | None = None  # as in `Material`; None for the material's own
 
 
 OWN = Look()
@@ -67,7 +67,7 @@ class Mesh:
     vertices: F64  # (V, 3) float64 metres
     triangles: I64  # (T, 3) int64 rows of `vertices`
     materials: I64  # (T,) int64 rows of `palette`
-    palette: tuple[Material, ...]  # Materials in use
+    palette: tuple[Material, ...]  # materials in use
 
     def __post_init__(self) -> None:
         check_array("vertices", self.vertices, (len(self.vertices), 3), np.float64)

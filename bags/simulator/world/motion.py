@@ -1,4 +1,4 @@
-"""Poses as arrays, and paths that give them for any time."""
+"""Poses as arrays, paths that give them for any time, and moving things: rigid parts on paths."""
 
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
@@ -6,9 +6,13 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from lidcam.bags.simulator.world.mesh import Mesh
-from lidcam.bags.simulator.world.rays import Rays
-from lidcam.pipeline.core.arrays import F64, I64, Table, check_array
+from lidcam.pipeline.core.arrays import F64, I64, Table
 from lidcam.pipeline.core.geometry.transform import Transform
+
+Vector = tuple[float, float, float]
+
+SAMPLE_NS = 2_000_000
+"""Time over which motion is taken as linear: at 10 rad/s that is right to 0.05 mm at a distance of one metre."""
 
 T_BODY_OPTICAL = Transform("body", "optical", np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]))
 """From a camera's optical axes (x right, y down, z forward) to those of its body (x forward, y left, z up); REP 103."""
@@ -18,13 +22,8 @@ T_BODY_OPTICAL = Transform("body", "optical", np.array([[0.0, 0, 1, 0], [-1, 0, 
 class Poses(Table):
     """N rigid transforms from the frame of a thing to the world."""
 
-    rotation: F64  # (N, 3, 3) float64
-    translation: F64  # (N, 3) float64 metres
-
-    def __post_init__(self) -> None:
-        n = len(self.translation)
-        check_array("rotation", self.rotation, (n, 3, 3), np.float64)
-        check_array("translation", self.translation, (n, 3), np.float64)
+    rotation: F64  # (N, 3, 3)
+    translation: F64  # (N, 3) metres
 
     def __matmul__(self, other: "Poses") -> "Poses":
         """Composition, `other` first; a single pose on either side applies to all of the other."""
@@ -55,9 +54,8 @@ class FixedPath:
 
     def poses(self, times_ns: I64) -> Poses:
         """The same pose N times."""
-        matrix = self.T_world_thing.matrix
-        n = len(times_ns)
-        return Poses(np.broadcast_to(matrix[:3, :3], (n, 3, 3)).copy(), np.broadcast_to(matrix[:3, 3], (n, 3)).copy())
+        matrix, n = self.T_world_thing.matrix, len(times_ns)
+        return Poses(np.tile(matrix[:3, :3], (n, 1, 1)), np.tile(matrix[:3, 3], (n, 1)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,28 +92,17 @@ def upright_poses(positions: F64, yaws: F64) -> Poses:
     return Poses(rotation, np.asarray(positions, np.float64))
 
 
-# DOC Poses of many paths within a short span of time, sampled once and interpolated.
-
-
-SAMPLE_NS = 2_000_000
-"""Motion is taken as linear for this long: at 10 rad/s that is right to 0.05 mm at a distance of one metre."""
-
-
 class Span:
-    """The poses of paths within a span of time, sampled when first asked for."""
+    """The poses of paths within the span of some times (N > 0), sampled when first asked for and interpolated."""
 
-    def __init__(self, first_ns: int, last_ns: int) -> None:
+    def __init__(self, times_ns: I64) -> None:
+        first_ns, last_ns = int(times_ns.min()), int(times_ns.max())
         steps = -((first_ns - last_ns) // SAMPLE_NS)
         self._first_ns, self._steps = first_ns, steps
         self._step_ns = (last_ns - first_ns) / max(steps, 1)
         self._times_ns = first_ns + np.rint(np.arange(steps + 1) * self._step_ns).astype(np.int64)
         self._samples: dict[int, _Samples] = {}
         self._spheres: dict[tuple[float, ...], tuple[F64, float]] = {}
-
-    @classmethod
-    def of(cls, rays: Rays) -> "Span":
-        """The span of the times of N > 0 rays."""
-        return cls(int(rays.times_ns.min()), int(rays.times_ns.max()))
 
     def poses(self, path: Path, times_ns: I64) -> Poses:
         """One pose for each of the times (N,), or a single one if the span is one instant."""
@@ -147,51 +134,40 @@ class Span:
 
 
 class _Samples(NamedTuple):
-    """A path sampled over a span; holding on to the path keeps its id from being reused.
+    """A path sampled over a span."""
 
-    Its K poses, also as columns (K, 12), and the change (K - 1, 12) from each to the next.
-    """
-
-    path: Path
-    poses: Poses
-    columns: F64
-    changes: F64
-
-
-# DOC Moving things: rigid parts on paths, and the box that is the ground truth about each of them.
-
-
-Vector = tuple[float, float, float]
+    path: Path  # held so that its id is not used again
+    poses: Poses  # (K)
+    columns: F64  # (K, 12) rotation and translation
+    changes: F64  # (K - 1, 12) from each to the next
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
     """A rigid part of a mover."""
 
-    mesh: Mesh  # In the part's own frame
-    path: Path  # Path of that frame
+    mesh: Mesh  # in the part's own frame
+    path: Path  # of that frame
 
 
 class UprightBox(NamedTuple):
     """An upright box in the base frame of a mover."""
 
-    center_m: Vector  # Its centre
-    size_m: Vector  # Length, width, height
+    center_m: Vector
+    size_m: Vector  # length, width, height
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mover:
     """A moving thing and its ground truth box."""
 
-    name: str  # Unique in the scenario
-    class_name: str  # Ground truth class (`car`, `truck`, `bus`, `cyclist`, `pedestrian`...)
-    path: Path  # Path of its base frame: on the ground, x forward
-    box_center_m: Vector  # Centre of a box that holds it at all times, in the base frame
-    size_m: Vector  # Length, width, height of that box; no part sticks out of it by more than a centimetre
-    parts: tuple[Part, ...]  # Its rigid parts
-    # Its ground truth box, which need not hold mirrors; None for people, whose limbs swing: then it is the smallest one
-    # around all parts at each moment
-    body: UprightBox | None
+    name: str  # unique in the scenario
+    class_name: str  # ground truth class (`car`, `truck`, `bus`, `cyclist`, `pedestrian`...)
+    path: Path  # of its base frame: on the ground, x forward
+    box_center_m: Vector  # centre of a box that holds it at all times, in the base frame
+    size_m: Vector  # length, width, height of that box; no part sticks out of it by more than a centimetre
+    parts: tuple[Part, ...]
+    body: UprightBox | None  # ground truth box, without mirrors; None for people: the smallest one at each moment
 
     def body_at(self, time_ns: int) -> UprightBox:
         """Its ground truth box at a time."""

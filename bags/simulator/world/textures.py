@@ -61,7 +61,7 @@ def surface_reflectivity(palette: Sequence[Material], material: I64, local: Floa
 class _Table:
     """A palette as arrays."""
 
-    textures: tuple[Texture, ...]  # Names of its textures
+    textures: tuple[Texture, ...]  # names of its textures
     texture: U8  # (P,) rows of `textures`
     rgb: F32  # (P * MAX_LOOKS, 3) linear light
     reflectivity: F32  # (P * MAX_LOOKS,)

@@ -23,17 +23,14 @@ from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, shape_of
 from lidcam.bags.simulator.world.bodies.joints import RaisedPath
 from lidcam.bags.simulator.world.mesh import Material, Mesh
 from lidcam.bags.simulator.world.motion import Poses, placed_vertices
-from lidcam.bags.simulator.world.open3d_runtime import load_libusb
+from lidcam.bags.simulator.world.open3d_runtime import load_open3d
 from lidcam.bags.simulator.world.places.places import height_of, mesh_of
 from lidcam.bags.simulator.world.rays import dotted, mapped, packed
 from lidcam.bags.simulator.worlds.draw import Family, random_lidar, random_numbers_of, random_scenario
 from lidcam.bags.simulator.worlds.site import first_state
 from lidcam.pipeline.core.arrays import F32, F64, I32, I64
 
-load_libusb()
-import open3d as _open3d  # noqa: E402  (needs libusb first)
-
-open3d: Any = _open3d  # its stubs lack arrays
+open3d = load_open3d()
 
 SWEEPS_PER_WORLD = 16
 """Seeds `k * SWEEPS_PER_WORLD` and the following are of one world."""
@@ -53,10 +50,10 @@ class TrainingSweep:
     centers: F64  # (M, 3) centre of the box of each road user, metres; those that no point is on, too
     sizes: F64  # (M, 3) length, width, height, metres; see the ground truth of recordings for what they hold
     yaws: F64  # (M,) headings, radians about +z
-    class_names: tuple[str, ...]  # Of each: car, van, truck, bus, cyclist or pedestrian
+    class_names: tuple[str, ...]  # of each: car, van, truck, bus, cyclist or pedestrian
     point_counts: I32  # (M,) points on each
     origin: F64  # (3,) where the lidar is, metres
-    lidar: LidarScenario  # Its settings
+    lidar: LidarScenario  # its settings
 
 
 def sweep(family: Family, seed: int, changed: Callable[[LidarScenario], LidarScenario] | None = None) -> TrainingSweep:
@@ -216,7 +213,7 @@ class _Standing:
     """The path of a road user in a snapshot, asked for at one time only; a `Carrier`."""
 
     state: F64  # (1, 6) columns as of `Trajectory.states`
-    pose: Poses  # Its pose
+    pose: Poses  # its pose
 
     def states(self, _: I64) -> F64:
         """The state."""

@@ -24,14 +24,14 @@ HUB = Material("hub", (0.34, 0.35, 0.37), 0.35, mirror=0.05)
 class Hull:
     """A body given by its cross sections."""
 
-    stations: Sequence[tuple[float, float, float]]  # Rows of x (rising), half width and top
+    stations: Sequence[tuple[float, float, float]]  # rows of x (rising), half width and top
     # Rows of height and share of the half width, from below; the last one stands for the top at any height, and levels
     # above the top are lowered to it
     levels: Sequence[tuple[float, float]]
-    bottom_m: float  # Ground clearance
+    bottom_m: float  # ground clearance
     axles_m: Sequence[float]  # x of the axles
-    arch_m: float  # Radius of the wheel arches about the axles
-    axle_height_m: float  # Height of the axles
+    arch_m: float  # radius of the wheel arches about the axles
+    axle_height_m: float  # height of the axles
 
     def half_width(self, x: float, z: float) -> float:
         """The y of the left side at a point of the side view."""

@@ -31,8 +31,8 @@ class Carrier(Protocol):
 class RaisedPath:
     """A path over uneven ground."""
 
-    carrier: Carrier  # The path in the plane z = 0
-    height: Callable[[F64], F64]  # From positions (N, 2) to heights (N,) of the ground
+    carrier: Carrier  # the path in the plane z = 0
+    height: Callable[[F64], F64]  # from positions (N, 2) to heights (N,) of the ground
 
     def states(self, times_ns: I64) -> F64:
         """The states of the carrier."""
@@ -51,10 +51,10 @@ class RaisedPath:
 class ArticulatedPath:
     """The path of a part whose pose on its carrier depends on the carrier's state."""
 
-    carrier: Carrier  # Path of the whole thing
+    carrier: Carrier  # path of the whole thing
     # From states (N, 6), see `Trajectory.states`, to poses (N) of the part in the carrier's base frame
     place: Callable[[F64], Poses]
-    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)  # Factors of the carrier's length, width and height
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)  # factors of the carrier's length, width and height
 
     def poses(self, times_ns: I64) -> Poses:
         """Poses (N) of the part in the world at times (N,).

@@ -51,7 +51,7 @@ def test_a_process_measures_what_this_one_would_and_ends() -> None:
         process.ask(UNTIL_NS, commands, start_limit_ns=UNTIL_NS)
         there = process.answer()
     with pytest.raises(ProcessLookupError):
-        os.kill(process.process.pid, 0)  # it ends with its block
+        os.kill(process.pid, 0)  # it ends with its block
     assert len(here) == len(there) > 1
     for mine, its in zip(here, there, strict=True):
         np.testing.assert_array_equal(mine.hits, its.hits)
@@ -69,12 +69,12 @@ def test_its_errors_come_out() -> None:
 
 def test_ctrl_c_and_a_closed_terminal_are_its_parents_business_and_that_it_was_killed_is_told() -> None:
     with sensing_process(task()) as process:
-        os.kill(process.process.pid, signal.SIGINT)
-        os.kill(process.process.pid, signal.SIGHUP)
+        os.kill(process.pid, signal.SIGINT)
+        os.kill(process.pid, signal.SIGHUP)
         process.ask(UNTIL_NS, {}, start_limit_ns=UNTIL_NS)
         assert len(process.answer()) > 1
         assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) & {signal.SIGINT, signal.SIGHUP} == set()
-        os.kill(process.process.pid, signal.SIGKILL)
+        os.kill(process.pid, signal.SIGKILL)
 
         def ask_again() -> None:
             process.ask(2 * UNTIL_NS, {}, start_limit_ns=2 * UNTIL_NS)
@@ -87,8 +87,8 @@ def test_ctrl_c_and_a_closed_terminal_are_its_parents_business_and_that_it_was_k
 def test_what_ends_the_parent_at_once_ends_it_at_once() -> None:
     """It does not wait for its next request, which may be seconds away."""
     with sensing_process(task()) as process:
-        os.kill(process.process.pid, signal.SIGSTOP)
+        os.kill(process.pid, signal.SIGSTOP)
         undo_all()
-        ended = os.waitid(os.P_PID, process.process.pid, os.WEXITED | os.WNOWAIT)
+        ended = os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
         assert ended is not None
         assert ended.si_status == signal.SIGKILL

@@ -94,15 +94,15 @@ def test_what_images_see_of_what_stands_still_is_what_rays_meet() -> None:
     directions = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
     origin = np.array([0.5, -0.25, 1.0])
     rays = Rays(np.tile(origin, (5000, 1)), directions.astype(np.float64), np.zeros(5000, np.int64))
-    hits, seen = world.cast(rays), world.static_surfaces(origin, directions)
+    hits, seen = world.cast(rays), world.static.surfaces(origin, directions)
     assert 0.1 < np.isfinite(seen.distance).mean() < 0.9
     np.testing.assert_allclose(seen.distance, hits.distance_m, rtol=1e-6)
     np.testing.assert_array_equal(seen.material, hits.material)
     np.testing.assert_allclose(seen.normal, hits.normal, atol=1e-6)
     met = np.isfinite(seen.distance)
     np.testing.assert_allclose(seen.local[met], hits.local[met], atol=1e-5)
-    np.testing.assert_array_equal(world.static_distance(origin, directions), seen.distance)
-    empty = scene().static_surfaces(origin, directions)
+    np.testing.assert_array_equal(world.static.distance(origin, directions), seen.distance)
+    empty = scene().static.surfaces(origin, directions)
     assert np.isinf(empty.distance).all()
     assert (empty.material == -1).all()
 
@@ -120,7 +120,7 @@ def test_shadows() -> None:
     world = scene([box((0, 0, 5), (1, 1, 1), GREY)], [box_mover("car", EvenPath((5, 0, 2), (10, 0, 0)), (1, 1, 1))])
     ground = np.array([[0, 0, 0], [5, 0, 0], [6, 0, 0], [0, 0, 7]], np.float64)
     up = np.array([0.0, 0.0, 1.0])
-    assert world.static_occludes(ground, up).tolist() == [True, False, False, False]
+    assert world.static.occludes(ground, up).tolist() == [True, False, False, False]
     for time_ns, expected in ((0, [False, True, False, False]), (100_000_000, [False, False, True, False])):
         (part,) = world.placed_parts(0, time_ns)
         assert part.occludes(ground.astype(np.float32), up).tolist() == expected
