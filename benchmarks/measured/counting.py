@@ -19,18 +19,11 @@ RANGE_M, GATE_M = 40.0, 2.0
 
 @dataclass(frozen=True, slots=True)
 class Count:
-    """One class in one frame.
+    """One class in one frame."""
 
-    Attributes:
-        labels: Objects to find.
-        found: Of each that was found, the distance of the centres on the ground in metres, and the difference of the
-            axes in degrees, whichever end is ahead.
-        false: Boxes that are no object of this class.
-    """
-
-    labels: int
-    found: tuple[tuple[float, float], ...]
-    false: int
+    labels: int  # objects to find
+    found: tuple[tuple[float, float], ...]  # distance of the centres on the ground (m), difference of the axes (deg)
+    false: int  # boxes that are no object of this class
 
 
 def count_frame(
@@ -41,27 +34,18 @@ def count_frame(
     A box finds a label of its class within `GATE_M` on the ground, one the other. Boxes on objects that are not to be
     found (further away, of another vehicle's class), in parts of the image that nobody labelled, outside the image or
     beyond `RANGE_M` are neither found nor false.
-
-    Args:
-        frame: The frame.
-        boxes: Boxes of a source, in the site frame.
-        class_names: The classes of the settings.
-        T_site_lidar: Where the lidar stands.
     """
     T_lidar_site = T_site_lidar.inverse()
     centers = T_lidar_site.apply(boxes.centers)
     yaws = boxes.yaws + np.arctan2(T_lidar_site.matrix[1, 0], T_lidar_site.matrix[0, 0])
     is_excused = excused(frame, centers) | (np.hypot(centers[:, 0], centers[:, 1]) > RANGE_M)
     names = np.array(class_names, object)[boxes.class_ids]
-    return {
-        label: _count(
-            [one for one in frame.labels if one.label == label and _range_m(one) <= RANGE_M],
-            centers[names == name],
-            yaws[names == name],
-            is_excused[names == name],
-        )
-        for label, name in CLASSES.items()
-    }
+    counts = {}
+    for label, name in CLASSES.items():
+        of_class = names == name
+        labels = [one for one in frame.labels if one.label == label and _range_m(one) <= RANGE_M]
+        counts[label] = _count(labels, centers[of_class], yaws[of_class], is_excused[of_class])
+    return counts
 
 
 def _count(labels: list[Label], centers: F64, yaws: F64, excused: Bools) -> Count:

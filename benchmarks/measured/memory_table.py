@@ -17,33 +17,23 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from page import write_part
+from pages import LIDCAM, ROOT, table, write_part
 from repeated import repeated
 from rosbags.rosbag1 import Reader
-from side_by_side import table
 
-ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "performance.md"
 STEP_S = 0.05
 
 
 @dataclass(frozen=True)
 class Peaks:
-    """Largest figures of a run.
+    """Largest figures of a run."""
 
-    Attributes:
-        frames: How many it had.
-        processes: Worked on them at once.
-        first_mib: Resident set of the first process.
-        all_mib: Sum of proportional set sizes of all: a page that several share counts once.
-        written: Bytes of the output.
-    """
-
-    frames: int
-    processes: int
-    first_mib: float
-    all_mib: float
-    written: int
+    frames: int  # How many it had
+    processes: int  # Worked on them at once
+    first_mib: float  # Resident set of the first process
+    all_mib: float  # Sum of proportional set sizes of all: a page that several share counts once
+    written: int  # Bytes of the output
 
 
 def main() -> None:
@@ -80,7 +70,7 @@ def _measured(recording: Path, frames: int, workers: list[int]) -> Iterator[tupl
         part = ["--duration", f"{own_s * frames / own}"] if frames < own else []
         for count in workers:
             out = folder / "out.mcap"
-            command = [sys.executable, "-m", "lidcam", "process", str(longer), str(out), "--overwrite", "--json"]
+            command = [*LIDCAM, "process", str(longer), str(out), "--overwrite", "--json"]
             yield count, _peaks([*command, "--workers", str(count), *part], out)
 
 

@@ -8,13 +8,13 @@ the tables of that scenario are printed and the page stays as it is.
 """
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from measured_runs import ROOT, SECONDS, MeasuredRun, measured_run
-from mistake_images import KINDS, Look, looks, write_images
-from side_by_side import by_class, side_by_side, table, verdicts
+from measured_runs import SECONDS, MeasuredRun, measured_run
+from pages import ROOT, table
+from side_by_side import by_class, side_by_side, verdicts
 from tracks_table import measured_tracks, tracks_table
 
 from lidcam.printing.numbers import NONE, number, percent, share, signed
@@ -27,7 +27,8 @@ HEAD = """# Numbers
 How good lidcam is today, on simulated recordings whose truth is exact. `make numbers` writes this page anew: it
 simulates, processes with the settings that lidcam chooses itself, and evaluates. [figures.md](figures.md) defines every
 figure, [evaluation.md](evaluation.md) says how to get them for your own recordings. These are scenes of a simulator,
-with a simulated 2D detector: they show what changes from one version to the next, not what you will get.
+with a simulated 2D detector: they show what changes from one version to the next, not what you will get. The recordings
+stay in `out/numbers/`: process one of them with `--report FILE.html` to see the worst errors as images.
 
 - *lidar*: what the lidars alone find. *cameras*: what the cameras alone place in 3D. *fused*: the result.
 - *AP bev*, *AP 3D*: average precision at an IoU of 0.5, 40 recall points. *mAP*: by distance of the centres, with
@@ -57,19 +58,15 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=ROOT / "out" / "numbers")
     options = parser.parse_args()
     if options.scenario:
-        print("\n".join(section(measured_run(options.scenario, options.folder), [])))
+        print("\n".join(section(measured_run(options.scenario, options.folder))))
         return
     lines = [HEAD]
     for scenario in SECONDS:
-        run = measured_run(scenario, options.folder)
-        shown = looks(run)
-        if shown:
-            write_images(PAGE.with_name(f"numbers-{scenario}.jpg"), shown)
-        lines += section(run, shown)
+        lines += section(measured_run(scenario, options.folder))
     PAGE.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
 
 
-def section(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
+def section(run: MeasuredRun) -> Iterator[str]:
     """The lines about one scenario."""
     figures = run.figures
     settings = (figures["settings"]["name"] or "the defaults").partition(",")[0]
@@ -84,10 +81,7 @@ def section(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
     yield "The rest of the figures:\n"
     yield from table(
         ["class", "source", "AP 3D", "mAP", "recall", "precision", "95 %", "when measured", "flips", "length", "width"],
-        [
-            _details(name, source, one, run.when_measured["sources"][source][name])
-            for name, source, one in by_class(figures)
-        ],
+        [_details(*one, run.when_measured["sources"][one[1]][one[0]]) for one in by_class(figures)],
     )
     yield "Objects found by kind, whatever class lidcam has for it:\n"
     yield from table(["object", "truth", *(f"recall, {source}" for source in figures["sources"])], _by_label(figures))
@@ -97,23 +91,14 @@ def section(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
     yield "Tracks:\n"
     own = {mode: path for mode, path in run.by_mode.items() if mode != "none"}
     yield from tracks_table(measured_tracks(run.by_mode["none"], own), [*own])
-    if shown:
-        yield from _mistakes(run, shown)
 
 
 def _details(name: str, source: str, one: Tree, when_measured: Tree) -> list[str]:
     errors = one["errors"]
-    return [
-        name,
-        source,
-        share(one["ap_3d_r40_50"]),
-        share(one["distance"]["map"]),
-        *_shares(one, "recall", "precision"),
-        number(errors["position_bev_m"]["p95"], 2),
-        number(when_measured["errors"]["position_bev_m"]["mean"], 2),
-        percent(errors["flips"]),
-        *(signed(errors[side]["bias"], 2) for side in ("length_m", "width_m")),
-    ]
+    shares = [share(one["ap_3d_r40_50"]), share(one["distance"]["map"]), *_shares(one, "recall", "precision")]
+    later_m = when_measured["errors"]["position_bev_m"]["mean"]
+    position = [number(errors["position_bev_m"]["p95"], 2), number(later_m, 2), percent(errors["flips"])]
+    return [name, source, *shares, *position, *(signed(errors[side]["bias"], 2) for side in ("length_m", "width_m"))]
 
 
 def _by_label(figures: Tree) -> list[list[str]]:
@@ -129,37 +114,12 @@ def _by_label(figures: Tree) -> list[list[str]]:
 
 
 def _cameras(figures: Tree) -> list[list[str]]:
-    return [
-        [
-            camera,
-            f"{one['truth']}",
-            *_shares(one, "ap_2d_r40_50", "recall", "precision"),
-            number(one["false_per_image"], 2),
-        ]
-        for camera, classes in figures["images"].items()
-        if (one := classes["all"])["truth"]
-    ]
-
-
-def _mistakes(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
-    yield (
-        "The worst errors, numbered as in the image below, row by row. After `make numbers` the recording is in "
-        "`out/numbers/`: process it with `--rerun FILE.rrd`, and go to the time.\n"
-    )
-    for kind, title in zip(KINDS, ("reported, and not there", "there, and not reported"), strict=True):
-        rows = [[f"{row}", *_mistake(look)] for row, look in enumerate(shown, 1) if look.kind == kind]
-        yield from table(
-            [title, "class", "what it is", "frames", "at (s)", "x, y (m)", "score or points", "camera"], rows
-        )
-    yield f"![the worst errors of {run.scenario}](numbers-{run.scenario}.jpg)\n"
-
-
-def _mistake(look: Look) -> list[str]:
-    one = look.mistake
-    points = NONE if one["lidar_points"] is None else f"{one['lidar_points']} points"
-    weight = f"{one['score']:.2f}" if look.kind == "false" else points
-    place = f"{one['x_m']:z.1f}, {one['y_m']:z.1f}"
-    return [one["class"], look.name, f"{one['frames']}", f"{one['worst_s']:.1f}", place, weight, look.camera or "none"]
+    rows = []
+    for camera, classes in figures["images"].items():
+        if (one := classes["all"])["truth"]:
+            shares = _shares(one, "ap_2d_r40_50", "recall", "precision")
+            rows.append([camera, f"{one['truth']}", *shares, number(one["false_per_image"], 2)])
+    return rows
 
 
 def _shares(one: Tree, *names: str) -> list[str]:

@@ -1,7 +1,9 @@
 """Tables with all sources side by side, and whether fusion is better than the better single sensor."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
+
+from pages import table
 
 from lidcam.printing.numbers import NONE, number, share, signed
 
@@ -21,15 +23,6 @@ PLACED: Mapping[str, Callable[[Tree], str]] = {
 
 GAINS = {"AP bev": "ap_bev_r40_50", "F1": "f1", "position": "errors.position_bev_m.mean"}
 """Figures in which fusion should be better, by their names in the JSON."""
-
-
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    """The lines of a table, and an empty one; nothing without rows."""
-    if rows:
-        yield f"| {' | '.join(head)} |"
-        yield f"|{' --- |' * len(head)}"
-        yield from (f"| {' | '.join(row)} |" for row in rows)
-        yield ""
 
 
 def side_by_side(figures: Tree) -> Iterator[str]:

@@ -30,11 +30,9 @@ from time import perf_counter
 
 import numpy as np
 import yaml
-from page import write_part
+from pages import LIDCAM, ROOT, run_lidcam, table, write_part
 from repeated import repeated
-from side_by_side import table
 
-ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "performance.md"
 SEED_SECONDS = 30.0
 LONGER = 50
@@ -61,20 +59,13 @@ STAGES = {
 
 @dataclass(frozen=True)
 class Case:
-    """One recording and how both programs are told to treat it.
+    """One recording and how both programs are told to treat it."""
 
-    Attributes:
-        name: Its heading.
-        recording: The file.
-        lidcam: Options of lidcam.
-        script: Options of the straight script.
-        ways: More options of lidcam, of which each is a row of its own, by what the row is called.
-    """
-
-    name: str
-    recording: Path
-    lidcam: tuple[str, ...]
-    script: tuple[str, ...]
+    name: str  # Its heading
+    recording: Path  # The file
+    lidcam: tuple[str, ...]  # Options of lidcam
+    script: tuple[str, ...]  # Options of the straight script
+    # More options of lidcam, of which each is a row of its own, by what the row is called
     ways: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: AS_IT_IS)
 
 
@@ -104,8 +95,10 @@ def main() -> None:
         folder = Path(name)
         for case in _cases(options.recordings, options.model, folder):
             lines += [*_section(case, options.rounds, folder), ""]
-    for script in ("velodyne.py", "filters.py"):
-        lines += ["```", *_said([sys.executable, str(ROOT / "benchmarks" / script)]).splitlines(), "```", ""]
+    packets = subprocess.run(
+        [sys.executable, ROOT / "benchmarks/velodyne.py"], check=True, capture_output=True, text=True
+    )
+    lines += ["```", *packets.stdout.splitlines(), "```", ""]
     text = "\n".join(lines)
     print(text)
     if not options.prints:
@@ -137,7 +130,7 @@ def _copying_gib_per_s() -> float:
 def _cases(recordings: Sequence[Path], model: Path | None, folder: Path) -> list[Case]:
     settings = "--config", "sandbox", *SAME_STAGES
     seed = folder / "seed.bag"
-    _said([*_lidcam("simulate"), "sandbox", str(seed), "--duration", str(SEED_SECONDS), "--quiet"])
+    run_lidcam("simulate", "sandbox", seed, "--duration", SEED_SECONDS)
     sandbox = "--ground", "0.02", "--link", "0.12"
     network = (("--model-2d", str(model)), ("--model", str(model))) if model else ((), ())
     sample = ROOT / "bags" / "sandbox.bag"
@@ -165,7 +158,7 @@ def _as_the_script_scales(recording: Path, folder: Path) -> dict[str, tuple[str,
     and it scales them as the square does, as it fits these, too.
     """
     rig = folder / "rig.yaml"
-    _said([*_lidcam("inspect"), str(recording), "--write-rig", str(rig), "--overwrite"])
+    run_lidcam("inspect", recording, "--write-rig", rig, "--overwrite")
     sizes_px = [(one["width_px"], one["height_px"]) for one in yaml.safe_load(rig.read_text())["cameras"].values()]
     fitted = [tuple(side * SCRIPT_PX / max(size) for side in size) for size in sizes_px]
     width_px, height_px = (ceil(max(sides) / STRIDE_PX) * STRIDE_PX for sides in zip(*fitted, strict=True))
@@ -260,13 +253,9 @@ def _middle(runs: Sequence[Run], name: str) -> float:
     return median(float(getattr(run, name)) for run in runs)
 
 
-def _lidcam(command: str) -> list[str]:
-    return [sys.executable, "-m", "lidcam", command]
-
-
 def _run_lidcam(case: Case, way: Sequence[str], folder: Path, workers: int) -> Run:
     out = folder / "lidcam.mcap"
-    command = [*_lidcam("process"), str(case.recording), str(out), "--json", "--workers", str(workers)]
+    command = [*LIDCAM, "process", str(case.recording), str(out), "--json", "--workers", str(workers)]
     return _run([*command, "--overwrite", *case.lidcam, *way], out)
 
 
@@ -280,7 +269,7 @@ def _run(command: list[str], out: Path) -> Run:
     """One run; ends with the command's own message if it fails."""
     load = os.getloadavg()[0]
     with tempfile.TemporaryFile("w+") as said, tempfile.TemporaryFile("w+") as complained:
-        process = subprocess.Popen(command, stdout=said, stderr=complained, cwd=ROOT, env=_environment())
+        process = subprocess.Popen(command, stdout=said, stderr=complained, cwd=ROOT)
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
         said.seek(0)
@@ -298,14 +287,6 @@ def _run(command: list[str], out: Path) -> Run:
         load,
         out.stat().st_size,
     )
-
-
-def _said(command: list[str]) -> str:
-    return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, cwd=ROOT, env=_environment()).stdout
-
-
-def _environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": str(ROOT)}
 
 
 if __name__ == "__main__":

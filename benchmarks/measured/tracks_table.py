@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from side_by_side import table
+from pages import table
 from trackers import SOURCE, ab3dmot, nearest_neighbour
 
 from lidcam.evaluation.evaluators import measure
