@@ -29,11 +29,11 @@ STEP_S = 0.05
 class Peaks:
     """Largest figures of a run."""
 
-    frames: int  # How many it had
-    processes: int  # Worked on them at once
-    first_mib: float  # Resident set of the first process
-    all_mib: float  # Sum of proportional set sizes of all: a page that several share counts once
-    written: int  # Bytes of the output
+    frames: int
+    processes: int  # at once
+    first_mib: float  # resident set of the first process
+    all_mib: float  # sum of proportional set sizes: a page that several processes share counts once
+    written: int  # bytes of the output
 
 
 def main() -> None:
@@ -76,17 +76,17 @@ def _measured(recording: Path, frames: int, workers: list[int]) -> Iterator[tupl
 
 def _peaks(command: list[str], out: Path) -> Peaks:
     first_kib = all_kib = processes = 0
-    with tempfile.TemporaryFile("w+") as said:
-        run = subprocess.Popen(command, stdout=said, cwd=ROOT)
+    with tempfile.TemporaryFile("w+") as out_text:
+        run = subprocess.Popen(command, stdout=out_text, cwd=ROOT)
         while run.poll() is None:
             sizes_kib = [size for pid in _family(run.pid) if (size := _used_kib(f"{pid}/smaps_rollup", "Pss:"))]
             first_kib = max(first_kib, _used_kib(f"{run.pid}/status", "VmHWM:"))
             all_kib, processes = max(all_kib, sum(sizes_kib)), max(processes, len(sizes_kib))
             time.sleep(STEP_S)
-        said.seek(0)
+        out_text.seek(0)
         if run.returncode:
             raise SystemExit(f"{' '.join(command)}: exit code {run.returncode}")
-        frames = json.load(said)["frames"]
+        frames = json.load(out_text)["frames"]
     return Peaks(frames, processes, first_kib / 1024, all_kib / 1024, out.stat().st_size)
 
 

@@ -6,23 +6,14 @@ from pathlib import Path
 from rosbags.rosbag1 import Reader, Writer
 
 WITHOUT_HEADER = {"tf2_msgs/msg/TFMessage", "std_msgs/msg/Float64"}
-"""Of the types of the recordings here; all others begin with one."""
+"""Types of the recordings here that do not begin with a header."""
 
 PAUSE_NS = 100_000_000
-"""Between the last message and the first of the next time."""
+"""Pause between the last message and the first of the next time."""
 
 
 def repeated(recording: Path, times: int, out: Path) -> Path:
-    """Write a ROS 1 recording played several times in a row, stamps and log times moved on.
-
-    Args:
-        recording: The recording.
-        times: How often.
-        out: The file to write.
-
-    Returns:
-        That file.
-    """
+    """Write a ROS 1 recording played several times in a row to `out`, stamps and log times moved on."""
     with Reader(recording) as reader, Writer(out) as writer:
         span_ns = reader.end_time - reader.start_time + PAUSE_NS
         connections = {

@@ -106,7 +106,7 @@ def points_of(message: Any) -> Any:
     return points[np.isfinite(points).all(1)]
 
 
-def picture_of(message: Any) -> Any:
+def image_of(message: Any) -> Any:
     """(H, W, 3) of an Image or CompressedImage, blue first."""
     if hasattr(message, "format"):
         return cv2.imdecode(message.data, cv2.IMREAD_COLOR)
@@ -129,12 +129,12 @@ class Yolox:
             steps.append(np.full((count * count, 1), step))
         self._cells, self._steps = np.concatenate(cells), np.concatenate(steps)
 
-    def __call__(self, picture: Any) -> tuple[Any, Any]:
+    def __call__(self, image: Any) -> tuple[Any, Any]:
         """(M, 4) boxes in pixels and (M,) their classes."""
-        scale = min(SIDE_PX / picture.shape[0], SIDE_PX / picture.shape[1])
-        width, height = int(picture.shape[1] * scale), int(picture.shape[0] * scale)
+        scale = min(SIDE_PX / image.shape[0], SIDE_PX / image.shape[1])
+        width, height = int(image.shape[1] * scale), int(image.shape[0] * scale)
         padded = np.full((SIDE_PX, SIDE_PX, 3), PADDING, np.uint8)
-        padded[:height, :width] = cv2.resize(picture, (width, height))
+        padded[:height, :width] = cv2.resize(image, (width, height))
         (found,) = self._session.run(None, {self._input: padded.transpose(2, 0, 1)[None].astype(np.float32)})[0]
         centers = (found[:, :2] + self._cells) * self._steps
         sizes = np.exp(found[:, 2:4]) * self._steps
@@ -219,10 +219,10 @@ def main() -> None:
             for topic in images if network else ():
                 message = nearest[topic]
                 with timed("decode images"):
-                    picture = picture_of(message)
+                    image = image_of(message)
                 with timed("detect 2D"):
                     assert network is not None
-                    rectangles, classes = network(picture)
+                    rectangles, classes = network(image)
                 camera = cameras.get(message.header.frame_id)
                 if camera is None:
                     continue

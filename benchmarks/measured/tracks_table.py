@@ -1,16 +1,25 @@
-"""Tracks side by side: frames by themselves, two trackers of others, and lidcam's own tracks, on one recording."""
+"""Tracks side by side on one recording: frames by themselves, two trackers of others, and lidcam's own tracks.
+
+The other two, nearest neighbour and AB3DMOT, are stated anew here over the fused objects of frames by themselves, in
+the fixed frame, with gates that go with the length of the class.
+"""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pages import table
-from trackers import SOURCE, ab3dmot, nearest_neighbour
 
 from lidcam.evaluation.evaluators import measure
 from lidcam.evaluation.frames import EvaluationFrames
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.assignment import assign_nearest
 from lidcam.pipeline.evaluation.detection.detection_evaluation import DetectionEvaluation
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, SourceBoxes
 from lidcam.pipeline.evaluation.tracking.tracking_evaluation import TrackingEvaluation
@@ -19,6 +28,15 @@ from lidcam.readers.results.result import open_result
 from lidcam.readers.truth.open import open_truth
 
 Tree = Mapping[str, Any]
+
+SOURCE = "fused"
+"""The source whose boxes are tracked."""
+
+NEAREST_GATE, NEAREST_GATE_GROWTH, NEAREST_MAX_AGE = 0.6, 0.1, 3
+"""Gate of the nearest neighbour in lengths, its growth for each frame without a box, and frames to the end of a track."""
+
+AB3DMOT_GATE, AB3DMOT_MIN_HITS, AB3DMOT_MAX_AGE = 0.5, 3, 2
+"""Gate of AB3DMOT in lengths, boxes before a track is reported, and frames without one to its end."""
 
 CLASSES = ("all", "car")
 """Classes that have rows; where cars are the only class, they are all."""
@@ -49,12 +67,7 @@ FOLLOWED: Mapping[str, Callable[[Tree], str]] = {
 
 
 def measured_tracks(unfiltered: Path, tracked: Mapping[str, Path]) -> Tree:
-    """The figures of tracks by different ways: `sources` and `tracking`.
-
-    Args:
-        unfiltered: A result without tracks; its truth counts.
-        tracked: Results of the same recording with tracks, by the name of the way.
-    """
+    """`sources` and `tracking` of a result without tracks, whose truth counts, and of others with tracks, by name."""
     with ExitStack() as stack:
         result = stack.enter_context(open_result(unfiltered, ["evaluate.bootstrap=100"]))
         truth = stack.enter_context(open_truth(result))
@@ -96,3 +109,156 @@ def tracks_table(tree: Tree, ways: Sequence[str]) -> Iterator[str]:
                 + [NONE if followed is None else cell(followed) for cell in FOLLOWED.values()]
             )
     yield from table(["class", "tracks", *FOUND, *FOLLOWED], rows)
+
+
+def nearest_neighbour(frames: Sequence[EvaluationFrame], config: Config) -> Iterator[SourceBoxes]:
+    """The boxes as they are, each with the number of the track whose expected place is nearest.
+
+    Tracks go on at the mean of their last velocities; the nearest pair comes first.
+    """
+    lengths_m = _lengths_m(config)
+    tracks: list[_Place] = []
+    count = 0
+    for index, frame in enumerate(frames):
+        source, places = frame.sources[SOURCE], _ground(frame)[:, :3]
+        class_ids = source.boxes.class_ids
+        tracks = [track for track in tracks if index - track.frame <= NEAREST_MAX_AGE]
+        ids = np.zeros(len(source), np.int64)
+        expected = np.array([track.at(index) for track in tracks]).reshape(-1, 3)
+        gaps_m = np.hypot(*(places[:, None, :2] - expected[None, :, :2]).T)
+        missed = np.array([index - track.frame for track in tracks], np.float64)
+        reach_m = (NEAREST_GATE + NEAREST_GATE_GROWTH * missed[:, None]) * lengths_m[class_ids]
+        same = np.array([track.class_id for track in tracks], np.int32)[:, None] == class_ids
+        first, second = np.nonzero(same & (gaps_m < reach_m))
+        taken = set()
+        for pair in np.argsort(gaps_m[first, second], kind="stable").tolist():
+            track, row = tracks[first[pair]], int(second[pair])
+            if track.id not in taken and not ids[row]:
+                taken.add(track.id)
+                ids[row] = track.id
+                track.take(index, places[row])
+        for row in np.flatnonzero(ids == 0).tolist():
+            count += 1
+            ids[row] = count
+            tracks.append(_Place(count, int(class_ids[row]), index, places[row]))
+        yield replace(source, track_ids=ids, motion=None)
+
+
+@dataclass
+class _Place:
+    """A track of the nearest neighbour: its last place and the mean of its velocities, metres a frame."""
+
+    id: int
+    class_id: int
+    frame: int
+    place: F64
+    velocity: F64 | None = None
+
+    def at(self, frame: int) -> F64:
+        return self.place if self.velocity is None else self.place + self.velocity * (frame - self.frame)
+
+    def take(self, frame: int, place: F64) -> None:
+        velocity = (place - self.place) / (frame - self.frame)
+        self.velocity = velocity if self.velocity is None else (self.velocity + velocity) / 2
+        self.frame, self.place = frame, place
+
+
+def ab3dmot(frames: Sequence[EvaluationFrame], config: Config) -> Iterator[SourceBoxes]:
+    """AB3DMOT (Weng et al., 3D multi-object tracking: a baseline and new evaluation metrics, IROS 2020).
+
+    A Kalman filter of constant velocity over x, y, z, yaw, length, width and height with its own covariances, and an
+    assignment of least distance, by the centres as in its later versions. Boxes are those of the filter.
+    """
+    lengths_m = _lengths_m(config)
+    tracks: list[_Filter] = []
+    count = 0
+    for index, frame in enumerate(frames):
+        boxes, rows = frame.sources[SOURCE].boxes, _ground(frame)
+        for track in tracks:
+            track.predict()
+        states = np.array([track.x for track in tracks]).reshape(-1, 10)
+        distances = np.linalg.norm(states[:, None, :3] - rows[None, :, :3], axis=2) / lengths_m[boxes.class_ids]
+        same = np.array([track.class_id for track in tracks], np.int32)[:, None] == boxes.class_ids
+        first, second = np.nonzero(same & (distances <= AB3DMOT_GATE))
+        chosen = assign_nearest(first, second, distances[first, second])
+        for track_row, row in zip(first[chosen].tolist(), second[chosen].tolist(), strict=True):
+            tracks[track_row].update(rows[row], float(boxes.scores[row]))
+        for row in np.setdiff1d(np.arange(len(rows)), second[chosen]).tolist():
+            count += 1
+            tracks.append(
+                _Filter(count, int(boxes.class_ids[row]), float(boxes.scores[row]), np.append(rows[row], [0.0] * 3))
+            )
+        tracks = [track for track in tracks if track.age < AB3DMOT_MAX_AGE]
+        yield _in_site(frame, [track for track in tracks if track.hits >= AB3DMOT_MIN_HITS or index < AB3DMOT_MIN_HITS])
+
+
+_STEP = np.eye(10)
+_STEP[[0, 1, 2], [7, 8, 9]] = 1.0
+_NOISE = np.diag([1.0] * 7 + [0.01] * 3)
+
+
+@dataclass
+class _Filter:
+    """A track of AB3DMOT: x, y, z, yaw, length, width, height, and the velocity in metres a frame."""
+
+    id: int
+    class_id: int
+    score: float
+    x: F64
+    P: F64 = field(default_factory=lambda: np.diag([10.0] * 7 + [1e4] * 3))
+    hits: int = 1
+    age: int = 0
+
+    def predict(self) -> None:
+        self.x = _STEP @ self.x
+        self.P = _STEP @ self.P @ _STEP.T + _NOISE
+        self.age += 1
+
+    def update(self, measured: F64, score: float) -> None:
+        turn = float(wrap_angle(measured[3] - self.x[3]))
+        if abs(turn) > np.pi / 2:  # the heading of the box is taken, its axis is filtered
+            self.x[3] += np.pi
+            turn = float(wrap_angle(turn - np.pi))
+        error = measured - self.x[:7]
+        error[3] = turn
+        gain = self.P[:, :7] @ np.linalg.inv(self.P[:7, :7] + np.eye(7))
+        self.x = self.x + gain @ error
+        self.P = self.P - gain @ self.P[:7]
+        self.hits, self.age, self.score = self.hits + 1, 0, score
+
+
+def _lengths_m(config: Config) -> F64:
+    return np.array([one.size_m[0] for one in config.classes])
+
+
+def _pose(frame: EvaluationFrame) -> F64:
+    if frame.T_fixed_site is None:
+        raise ValueError(f"frame {frame.index}: expected a pose of the site frame, found none")
+    return frame.T_fixed_site
+
+
+def _ground(frame: EvaluationFrame) -> F64:
+    """(N, 7) x, y, z, yaw, length, width, height of the boxes in the fixed frame."""
+    boxes, pose = frame.sources[SOURCE].boxes, _pose(frame)
+    places = boxes.centers @ pose[:3, :3].T + pose[:3, 3]
+    return np.column_stack([places, boxes.yaws + np.arctan2(pose[1, 0], pose[0, 0]), boxes.sizes])
+
+
+def _in_site(frame: EvaluationFrame, tracks: Sequence[_Filter]) -> SourceBoxes:
+    """The boxes of tracks in the site frame; their covariances mean nothing, and are left out."""
+    inverse, n = np.linalg.inv(_pose(frame)), len(tracks)
+    states = np.array([track.x for track in tracks]).reshape(-1, 10)
+    boxes = Boxes3D(
+        frame.stamp_ns,
+        frame.sources[SOURCE].boxes.frame_id,
+        states[:, :3] @ inverse[:3, :3].T + inverse[:3, 3],
+        states[:, 4:7].copy(),
+        wrap_angle(states[:, 3] + np.arctan2(inverse[1, 0], inverse[0, 0])),
+        np.array([track.score for track in tracks], np.float32),
+        np.array([track.class_id for track in tracks], np.int32),
+        np.zeros(n, np.int32),
+        np.zeros((n, 3, 3)),
+        np.zeros(n, np.uint8),
+        np.full(n, frame.stamp_ns, np.int64),
+    )
+    return SourceBoxes(boxes, np.array([track.id for track in tracks], np.int64))
