@@ -17,8 +17,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from pages import LIDCAM, ROOT, table, write_part
-from repeated import repeated
+from pages import LIDCAM, ROOT, repeated, table, write_part
 from rosbags.rosbag1 import Reader
 
 PAGE = ROOT / "docs" / "performance.md"

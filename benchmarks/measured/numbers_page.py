@@ -8,16 +8,18 @@ the tables of that scenario are printed and the page stays as it is.
 """
 
 import argparse
-from collections.abc import Iterator, Mapping
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from measured_runs import SECONDS, MeasuredRun, measured_run
-from pages import ROOT, table
-from side_by_side import by_class, side_by_side, verdicts
+from pages import ROOT, run_lidcam, table
 from tracks_table import measured_tracks, tracks_table
 
 from lidcam.printing.numbers import NONE, number, percent, share, signed
+from lidcam.readers.results.result import open_result
 
 PAGE = ROOT / "docs" / "numbers.md"
 Tree = Mapping[str, Any]
@@ -42,13 +44,46 @@ stay in `out/numbers/`: process one of them with `--report FILE.html` to see the
 - *better*, *worse*, *open*: where the interval of 95 %, from resampled blocks of frames, lies above zero, below it, or
   on both sides. A gain is positive where fusion is better, of the position too. *position* compares means, which are
   those of what each found; *found by lidar, too* compares the objects that both found, one by one.
-- *Tracks*: *unfiltered* are the fused objects of each frame by itself. *nearest neighbour* numbers them, *AB3DMOT*
-  (Weng et al., IROS 2020, stated anew) filters them. *online* and *offline* are lidcam's own (`track.mode`).
+- *Tracks*: *unfiltered* are the fused objects of each frame by itself. *AB3DMOT* (Weng et al., IROS
+  2020, stated anew) filters them. *online* and *offline* are lidcam's own (`track.mode`).
   *position*, *yaw* (a turn by 180 degrees counted as right) and *speed* are roots of the mean square, in metres,
   degrees and m/s; *flips, moving* are those of what moves; *in 95 %*: boxes whose error in x and y lies where their
   covariance says with 95 %; *false tracks* mostly match nothing; *switches*: objects that another track takes over;
   *fragments*: times that an object is lost and found again.
 """
+
+
+FOUND: Mapping[str, Callable[[Tree], str]] = {
+    "AP bev": lambda one: share(one["ap_bev_r40_50"]),
+    "F1": lambda one: share(one["f1"]),
+    "false": lambda one: share(one["false_per_frame"]),
+}
+PLACED: Mapping[str, Callable[[Tree], str]] = {
+    "position": lambda one: number(one["errors"]["position_bev_m"]["mean"], 2),
+    "heading": lambda one: number(one["errors"]["heading_mod_180_deg"]["p50"], 1),
+    "ECE": lambda one: share(one["calibration"]["ece"]),
+}
+"""Columns of the two tables, and how each figure stands there."""
+
+GAINS = {"AP bev": "ap_bev_r40_50", "F1": "f1", "position": "errors.position_bev_m.mean"}
+"""Figures in which fusion should be better, by their names in the JSON."""
+
+SECONDS = {"sandbox": 20, "crossing": 10, "vehicle": 10}  # by scenario
+RECORDED = ("--set", "cameras.*.jpeg_quality=40")
+WRITTEN = ("--set", "output.images=false", "--set", "output.clouds=false")  # boxes alone are evaluated
+
+MODES = ("none", "online", "offline")
+"""Modes of tracks: frames by themselves, frame by frame, and with the future of each frame."""
+
+
+@dataclass(frozen=True)
+class MeasuredRun:
+    """A simulated recording and its result."""
+
+    scenario: str
+    figures: dict[str, Any]  # the JSON of `lidcam evaluate`, with the settings that lidcam chooses itself
+    when_measured: dict[str, Any]  # the same against where objects were at the time of their lidar points
+    by_mode: dict[str, Path]  # results with each of `MODES` of tracks
 
 
 def main() -> None:
@@ -72,7 +107,7 @@ def section(run: MeasuredRun) -> Iterator[str]:
     settings = (figures["settings"]["name"] or "the defaults").partition(",")[0]
     yield f"## {run.scenario}\n"
     yield (
-        f"{run.seconds} s, {figures['frames']} frames, settings `{settings}`, "
+        f"{SECONDS[run.scenario]} s, {figures['frames']} frames, settings `{settings}`, "
         f"{figures['truth_objects']['evaluated']} true objects that a sensor saw.\n"
     )
     yield from side_by_side(figures)
@@ -124,6 +159,102 @@ def _cameras(figures: Tree) -> list[list[str]]:
 
 def _shares(one: Tree, *names: str) -> list[str]:
     return [share(one[name]) for name in names]
+
+
+def side_by_side(figures: Tree) -> Iterator[str]:
+    """Figures of detection and of placement: a row for each class, the sources beside one another."""
+    sources: Tree = figures["sources"]
+    for columns in (FOUND, PLACED):
+        head = [f"{column}, {source}" for column in columns for source in sources]
+        rows = [
+            [name, f"{next(iter(sources.values()))[name]['truth']}"]
+            + [shown(sources[source][name]) for shown in columns.values() for source in sources]
+            for name in classes_met(figures)
+        ]
+        yield from table(["class", "truth", *head], rows)
+
+
+def verdicts(figures: Tree) -> Iterator[str]:
+    """Whether fusion is better than the better single sensor, by class and figure, with the interval of 95 %."""
+    names = [name for name in classes_met(figures) if figures["fusion_gain"][name]["recall"]["value"] is not None]
+    singles = [source for source in figures["sources"] if source != "fused"]
+    rows = [
+        [name]
+        + [_verdict(_named(figures["fusion_gain"][name], key)) for key in GAINS.values()]
+        + [_verdict(figures["fusion_gain"][name]["same_objects"][single]) for single in singles]
+        for name in names
+    ]
+    yield from table(["class", *GAINS, *(f"position, found by {single}, too" for single in singles)], rows)
+
+
+def _verdict(gain: Tree) -> str:
+    if gain["value"] is None:
+        return NONE
+    value = signed(gain["value"], 2) + (f" over {gain['over']}" if "over" in gain else "")
+    if gain["low"] is None:
+        return value
+    certain = "better" if gain["low"] > 0 else "worse" if gain["high"] < 0 else "open"
+    return f"{certain}: {value} ({signed(gain['low'], 2)} to {signed(gain['high'], 2)})"
+
+
+def _named(tree: Tree, name: str) -> Tree:
+    for part in name.split("."):
+        tree = tree[part]
+    return tree
+
+
+def classes_met(figures: Tree) -> list[str]:
+    """Classes with truth or detections, and all of them together if there are several."""
+    sources: Tree = figures["sources"]
+    met = [
+        name
+        for name in next(iter(sources.values()))
+        if any(classes[name][count] for classes in sources.values() for count in ("truth", "found"))
+    ]
+    return met[:1] if len(met) == 2 else met
+
+
+def by_class(figures: Tree) -> Iterator[tuple[str, str, Tree]]:
+    """Class, source and figures: the classes that were met, each with all sources."""
+    for name in classes_met(figures):
+        yield from ((name, source, classes[name]) for source, classes in figures["sources"].items())
+
+
+def measured_run(scenario: str, folder: Path) -> MeasuredRun:
+    """Simulate a scenario unless the folder holds its recording, process it, evaluate the result."""
+    folder.mkdir(parents=True, exist_ok=True)
+    recording = folder / f"{scenario}-{_origin(scenario)}.mcap"
+    if not recording.exists():
+        for old in folder.glob(f"{scenario}-*.mcap"):
+            old.unlink()
+        run_lidcam("simulate", scenario, recording, "--duration", SECONDS[scenario], *RECORDED)
+    result = folder / f"{scenario}.mcap"
+    files = {name: folder / f"{scenario}.{name}.json" for name in ("figures", "when_measured")}
+    run_lidcam("process", recording, result, "--overwrite", *WRITTEN)
+    run_lidcam("evaluate", result, "--json-file", files["figures"])
+    run_lidcam("evaluate", result, "--json-file", files["when_measured"], "--set", "evaluate.truth_time=points")
+    trees = {name: json.loads(path.read_bytes()) for name, path in files.items()}
+    return MeasuredRun(scenario, **trees, by_mode=_by_mode(recording, result))
+
+
+def _by_mode(recording: Path, result: Path) -> dict[str, Path]:
+    """Results by their mode of tracks; that of `result` is its own."""
+    with open_result(result) as opened:
+        own = opened.config.track.mode
+    found = {mode: result if mode == own else result.with_suffix(f".{mode}.mcap") for mode in MODES}
+    for mode, path in found.items():
+        if mode != own:
+            run_lidcam("process", recording, path, "--overwrite", *WRITTEN, "--set", f"track.mode={mode}")
+    return found
+
+
+def _origin(scenario: str) -> str:
+    """A checksum of all that a simulated recording is made from: another one is simulated when it changes."""
+    digest = hashlib.sha256(repr((scenario, SECONDS[scenario], RECORDED)).encode())
+    sources = sorted((ROOT / "bags" / "simulator").rglob("*.py"))
+    for path in [*sources, ROOT / "config" / "scenarios" / f"{scenario}.yaml"]:
+        digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:12]
 
 
 if __name__ == "__main__":

@@ -13,8 +13,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from counting import CLASSES, Count, count_frame
-from labelled_frames import LabelledFrame, labelled_frames, write_recording
+from labelled_frames import CLASSES, Count, LabelledFrame, count_frame, labelled_frames, write_recording
 
 import lidcam
 

@@ -27,8 +27,7 @@ from statistics import median
 from typing import NamedTuple
 
 import yaml
-from pages import LIDCAM, ROOT, run_lidcam, table, write_part
-from repeated import repeated
+from pages import LIDCAM, ROOT, repeated, run_lidcam, table, write_part
 
 PAGE = ROOT / "docs" / "performance.md"
 SCRIPT = "straight script"

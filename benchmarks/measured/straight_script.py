@@ -23,6 +23,7 @@ import numpy as np
 import onnxruntime
 from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
+from scipy.spatial.transform import Rotation
 
 from lidcam.bags.simulator.world.open3d_runtime import load_open3d
 
@@ -48,13 +49,8 @@ def timed(step: str) -> Iterator[None]:
 
 def matrix_of(transform: Any) -> Any:
     """The 4 x 4 matrix of a geometry_msgs/Transform."""
-    x, y, z, w = (getattr(transform.rotation, name) for name in "xyzw")
     matrix = np.eye(4)
-    matrix[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
+    matrix[:3, :3] = Rotation.from_quat([getattr(transform.rotation, name) for name in "xyzw"]).as_matrix()
     matrix[:3, 3] = [getattr(transform.translation, name) for name in "xyz"]
     return matrix
 
@@ -197,10 +193,8 @@ def main() -> None:
         found_channel = writer.register_channel("/objects", "json", schema)
         cloud_channel = writer.register_channel("/cloud", "raw", 0)
         for stamp_ns, _ in reference:
-            nearest = {
-                topic: min(stored, key=lambda one: abs(one[0] - stamp_ns))[1]
-                for topic, stored in (clouds | images).items()
-            }
+            stored = (clouds | images).items()
+            nearest = {topic: min(found, key=lambda one: abs(one[0] - stamp_ns))[1] for topic, found in stored}
             with timed("decode clouds"):
                 parts = []
                 for topic in clouds:
@@ -238,13 +232,9 @@ def main() -> None:
                 writer.add_message(found_channel, stamp_ns, json.dumps(tree).encode(), stamp_ns)
                 writer.add_message(cloud_channel, stamp_ns, np.asarray(cloud.points, np.float32).tobytes(), stamp_ns)
         writer.finish()  # type: ignore[no-untyped-call]  # of mcap
-    frames = len(reference)
-    timing = {
-        "frames": frames,
-        "frames_per_second": frames / (time.perf_counter() - began_s),
-        "stage_ms": {step: seconds / frames * 1e3 for step, seconds in spent_s.items()},
-    }
-    print(json.dumps({"timing": timing}))
+    frames, spent_ms = len(reference), {step: 1e3 * seconds / len(reference) for step, seconds in spent_s.items()}
+    speed = frames / (time.perf_counter() - began_s)
+    print(json.dumps({"timing": {"frames": frames, "frames_per_second": speed, "stage_ms": spent_ms}}))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""Tracks side by side on one recording: frames by themselves, two trackers of others, and lidcam's own tracks.
+"""Tracks side by side on one recording: frames by themselves, AB3DMOT, and lidcam's own tracks.
 
-The other two, nearest neighbour and AB3DMOT, are stated anew here over the fused objects of frames by themselves, in
-the fixed frame, with gates that go with the length of the class.
+AB3DMOT is stated anew here over the fused objects of frames by themselves, in the fixed frame, with a gate that goes
+with the length of the class.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -32,10 +32,7 @@ Tree = Mapping[str, Any]
 SOURCE = "fused"
 """The source whose boxes are tracked."""
 
-NEAREST_GATE, NEAREST_GATE_GROWTH, NEAREST_MAX_AGE = 0.6, 0.1, 3
-"""Gate of the nearest neighbour in lengths, its growth for each frame without a box, and frames to the end of a track."""
-
-AB3DMOT_GATE, AB3DMOT_MIN_HITS, AB3DMOT_MAX_AGE = 0.5, 3, 2
+GATE, MIN_HITS, MAX_AGE = 0.5, 3, 2
 """Gate of AB3DMOT in lengths, boxes before a track is reported, and frames without one to its end."""
 
 CLASSES = ("all", "car")
@@ -74,8 +71,7 @@ def measured_tracks(unfiltered: Path, tracked: Mapping[str, Path]) -> Tree:
         frames = [replace(frame, images={}) for frame in EvaluationFrames(result, truth)]
         config = result.config
         found = {name: _fused(path) for name, path in tracked.items()}
-    ways = zip(frames, nearest_neighbour(frames, config), ab3dmot(frames, config), strict=True)
-    compared = (_beside(frame, nearest, filtered, found) for frame, nearest, filtered in ways)
+    compared = (_beside(*pair, found) for pair in zip(frames, ab3dmot(frames, config), strict=True))
     return measure(compared, (DetectionEvaluation(config, ()), TrackingEvaluation(config)))
 
 
@@ -86,16 +82,16 @@ def _fused(path: Path) -> dict[int, SourceBoxes]:
 
 
 def _beside(
-    frame: EvaluationFrame, nearest: SourceBoxes, filtered: SourceBoxes, found: Mapping[str, Mapping[int, SourceBoxes]]
+    frame: EvaluationFrame, filtered: SourceBoxes, found: Mapping[str, Mapping[int, SourceBoxes]]
 ) -> EvaluationFrame:
     own = {name: by_stamp[frame.stamp_ns] for name, by_stamp in found.items() if frame.stamp_ns in by_stamp}
-    others = {UNFILTERED: frame.sources[SOURCE], "nearest neighbour": nearest, "AB3DMOT": filtered}
+    others = {UNFILTERED: frame.sources[SOURCE], "AB3DMOT": filtered}
     return replace(frame, sources={**others, **own})
 
 
 def tracks_table(tree: Tree, ways: Sequence[str]) -> Iterator[str]:
     """The lines of the table: all classes and cars, each with its ways; those of lidcam's own are named."""
-    names = (UNFILTERED, "nearest neighbour", "AB3DMOT", *ways)
+    names = (UNFILTERED, "AB3DMOT", *ways)
     sources, tracking = tree["sources"], tree["tracking"]
     with_truth = [name for name, one in sources[UNFILTERED].items() if name != "all" and one["truth"]]
     shown = CLASSES[1:] if with_truth == ["car"] else CLASSES
@@ -109,58 +105,6 @@ def tracks_table(tree: Tree, ways: Sequence[str]) -> Iterator[str]:
                 + [NONE if followed is None else cell(followed) for cell in FOLLOWED.values()]
             )
     yield from table(["class", "tracks", *FOUND, *FOLLOWED], rows)
-
-
-def nearest_neighbour(frames: Sequence[EvaluationFrame], config: Config) -> Iterator[SourceBoxes]:
-    """The boxes as they are, each with the number of the track whose expected place is nearest.
-
-    Tracks go on at the mean of their last velocities; the nearest pair comes first.
-    """
-    lengths_m = _lengths_m(config)
-    tracks: list[_Place] = []
-    count = 0
-    for index, frame in enumerate(frames):
-        source, places = frame.sources[SOURCE], _ground(frame)[:, :3]
-        class_ids = source.boxes.class_ids
-        tracks = [track for track in tracks if index - track.frame <= NEAREST_MAX_AGE]
-        ids = np.zeros(len(source), np.int64)
-        expected = np.array([track.at(index) for track in tracks]).reshape(-1, 3)
-        gaps_m = np.hypot(*(places[:, None, :2] - expected[None, :, :2]).T)
-        missed = np.array([index - track.frame for track in tracks], np.float64)
-        reach_m = (NEAREST_GATE + NEAREST_GATE_GROWTH * missed[:, None]) * lengths_m[class_ids]
-        same = np.array([track.class_id for track in tracks], np.int32)[:, None] == class_ids
-        first, second = np.nonzero(same & (gaps_m < reach_m))
-        taken = set()
-        for pair in np.argsort(gaps_m[first, second], kind="stable").tolist():
-            track, row = tracks[first[pair]], int(second[pair])
-            if track.id not in taken and not ids[row]:
-                taken.add(track.id)
-                ids[row] = track.id
-                track.take(index, places[row])
-        for row in np.flatnonzero(ids == 0).tolist():
-            count += 1
-            ids[row] = count
-            tracks.append(_Place(count, int(class_ids[row]), index, places[row]))
-        yield replace(source, track_ids=ids, motion=None)
-
-
-@dataclass
-class _Place:
-    """A track of the nearest neighbour: its last place and the mean of its velocities, metres a frame."""
-
-    id: int
-    class_id: int
-    frame: int
-    place: F64
-    velocity: F64 | None = None
-
-    def at(self, frame: int) -> F64:
-        return self.place if self.velocity is None else self.place + self.velocity * (frame - self.frame)
-
-    def take(self, frame: int, place: F64) -> None:
-        velocity = (place - self.place) / (frame - self.frame)
-        self.velocity = velocity if self.velocity is None else (self.velocity + velocity) / 2
-        self.frame, self.place = frame, place
 
 
 def ab3dmot(frames: Sequence[EvaluationFrame], config: Config) -> Iterator[SourceBoxes]:
@@ -179,7 +123,7 @@ def ab3dmot(frames: Sequence[EvaluationFrame], config: Config) -> Iterator[Sourc
         states = np.array([track.x for track in tracks]).reshape(-1, 10)
         distances = np.linalg.norm(states[:, None, :3] - rows[None, :, :3], axis=2) / lengths_m[boxes.class_ids]
         same = np.array([track.class_id for track in tracks], np.int32)[:, None] == boxes.class_ids
-        first, second = np.nonzero(same & (distances <= AB3DMOT_GATE))
+        first, second = np.nonzero(same & (distances <= GATE))
         chosen = assign_nearest(first, second, distances[first, second])
         for track_row, row in zip(first[chosen].tolist(), second[chosen].tolist(), strict=True):
             tracks[track_row].update(rows[row], float(boxes.scores[row]))
@@ -188,8 +132,8 @@ def ab3dmot(frames: Sequence[EvaluationFrame], config: Config) -> Iterator[Sourc
             tracks.append(
                 _Filter(count, int(boxes.class_ids[row]), float(boxes.scores[row]), np.append(rows[row], [0.0] * 3))
             )
-        tracks = [track for track in tracks if track.age < AB3DMOT_MAX_AGE]
-        yield _in_site(frame, [track for track in tracks if track.hits >= AB3DMOT_MIN_HITS or index < AB3DMOT_MIN_HITS])
+        tracks = [track for track in tracks if track.age < MAX_AGE]
+        yield _in_site(frame, [track for track in tracks if track.hits >= MIN_HITS or index < MIN_HITS])
 
 
 _STEP = np.eye(10)
