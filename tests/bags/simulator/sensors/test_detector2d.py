@@ -56,16 +56,6 @@ def test_what_is_not_found(shown: CameraImage, how: dict[str, Any], movers: list
     assert found.scores.shape == (len(movers),)
 
 
-def test_no_movers_at_all() -> None:
-    empty = CameraImage(
-        np.zeros((4, 6, 3), np.uint8), np.full((4, 6), -1, np.int16), np.zeros(0, np.int64), np.zeros((0, 4))
-    )
-    scenario = Detector2DScenario(topic="/detections", false_per_image=3.0)
-    found = [detect(scenario, empty, (), name="front", number=number, seed=1) for number in range(20)]
-    assert sum(len(one) for one in found) > 20
-    assert {name for one in found for name in one.class_names} == {"car"}
-
-
 def test_rates_and_noise_are_those_asked_for() -> None:
     found = [detected(image(), number=n, miss_rate=0.2, pixel_noise_px=1.5, false_per_image=0.5) for n in range(600)]
     true = [one.movers >= 0 for one in found]

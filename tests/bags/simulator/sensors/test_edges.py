@@ -38,13 +38,6 @@ def test_against_the_sky_too() -> None:
     assert found(grid) == [[1, 1, 1], [1, 1, 1], [0, 0, 0]]
 
 
-def test_steps_that_do_not_matter() -> None:
-    small, far = np.full((2, 3), 10.0), np.full((2, 3), 90.0)
-    small[1], far[1] = 10.4, 120.0
-    assert not np.any(found(small))
-    assert not np.any(found(far))
-
-
 @pytest.mark.parametrize("wall_m", [20.0, np.inf])
 def test_neither_flat_ground_nor_the_foot_of_a_wall_is_an_edge(wall_m: float) -> None:
     directions = beams(3)

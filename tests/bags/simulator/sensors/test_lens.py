@@ -76,26 +76,3 @@ def test_window_holds_every_pixel_that_looks_into_a_hull(name: str) -> None:
             shown[lens.hull(points, (left, top, right, bottom))] = True
         column, row = np.floor(pixels[seen]).astype(int).T
         assert shown[row * 640 + column].all()
-
-
-@pytest.mark.parametrize("name", LENSES)
-def test_what_may_not_be_seen_is_not_in_the_image(name: str) -> None:
-    lens = lens_of(name)
-    random = np.random.default_rng(7)
-    hidden = 0
-    for _ in range(200):
-        middle, radius = random.uniform([-8, -8, -4.0], [8, 8, 8.0]), random.uniform(0.1, 2.0)
-        points = random.standard_normal((300, 3))
-        points = middle + radius * points / np.linalg.norm(points, axis=1, keepdims=True)
-        pixels, valid = lens.model.project(points)
-        seen = valid & (points[:, 2] > 0.02) & (pixels >= 0).all(1) & (pixels < (640, 480)).all(1)
-        assert lens.may_see(middle, radius) or not seen.any()
-        hidden += not lens.may_see(middle, radius)
-    assert hidden > 50
-
-
-def test_window_of_what_is_behind_is_empty() -> None:
-    lens = lens_of("none")
-    assert lens.window(np.array([[0.0, 0, -1], [1, 0, -2]])) == (0, 0, 0, 0)
-    left, _, right, _ = lens.window(np.array([[50.0, 0, 1], [60, 0, 2]]))
-    assert right <= left

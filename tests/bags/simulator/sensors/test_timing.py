@@ -53,11 +53,6 @@ def test_a_message_is_recorded_after_its_measurement_ended() -> None:
     np.testing.assert_allclose(np.median(delays), 5.0 * MS, rtol=0.1)
 
 
-@pytest.mark.parametrize(("dies_at_s", "alive"), [(None, True), (0.5, True), (0.3, False), (0.0, False)])
-def test_a_dead_sensor_measures_no_more(dies_at_s: float | None, alive: bool) -> None:
-    assert timing(dies_at_s=dies_at_s).is_alive(300 * MS) == alive
-
-
 @given(st.integers(0, 10_000), st.integers(0, 100), st.floats(0.1, 100))
 def test_measurements_stay_in_their_order(number: int, jitter_ms: int, rate_hz: float) -> None:
     clock = timing(jitter_ms=jitter_ms, rate_hz=rate_hz)

@@ -62,10 +62,3 @@ def test_velodyne_decoder_reads_it_as_we_do(model: str, mode: str) -> None:
     source = sensor(model, mode, start_azimuth_deg=359)
     packets = source.encode(7, *some_ranges(source, 12))
     assert_as_judged(decode(packets), judged(model, packets.payload, packets.stamps_ns), model)
-
-
-@pytest.mark.parametrize("range_m", [np.nan, np.inf, -1.0, 0.0, 0.0009, 131.08])
-def test_what_is_no_return(range_m: float) -> None:
-    source = sensor("VLP-16")
-    ranges_m = np.full((source.firings_per_packet, 16), range_m)
-    assert len(decode(source.encode(0, ranges_m, np.full(ranges_m.shape, 7, np.uint8)))) == 0

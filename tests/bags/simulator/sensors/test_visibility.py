@@ -125,23 +125,6 @@ def test_what_reaches_behind_the_camera_is_cut() -> None:
     assert found.occlusion[0] == 0
 
 
-def test_beyond_the_lens_model_only_the_direction_counts() -> None:
-    """This polynomial folds back at 33 degrees; the mover reaches from the middle of the image to 60 degrees."""
-    lens: dict[str, Any] = {"distortion": (-0.8,), "focal_px": (400.0, 400.0)}
-    mover = box_mover("wide", EvenPath((2.0, -1.75, 0.5)), (0.1, 3.5, 1.0))
-    _, found = seen([mover], **lens)
-    left, _, right, _ = found.whole_xyxy[0]
-    assert left == pytest.approx(WIDTH / 2, abs=1.5)
-    assert right == 2 * WIDTH
-    assert found.occlusion[0] == 0
-
-
-def test_no_movers() -> None:
-    _, found = seen([])
-    assert found.visible_xyxy.shape == found.whole_xyxy.shape == (0, 4)
-    assert found.visible_px.shape == found.occlusion.shape == found.truncation.shape == (0,)
-
-
 @pytest.mark.parametrize("moves", [False, True], ids=["fixed", "driving"])
 def test_whole_boxes_hold_the_vertices_of_people_and_cars(moves: bool) -> None:
     """Movers and camera are where they are at the time of the image."""

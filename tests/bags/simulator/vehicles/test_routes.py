@@ -67,12 +67,6 @@ def test_a_place_beside_the_way_is_followed_from_near_by(along: float, left: flo
     assert way.followed(x, y, along + off) == pytest.approx(along, abs=0.02)
 
 
-def test_where_a_way_crosses_itself_one_keeps_to_ones_own() -> None:
-    way = route(((0, 0), (20, 0), (20, 10), (10, 10), (10, -10)), radius=1.0)
-    early, late = way.followed(10.0, 0.0, 9.7), way.followed(10.0, 0.0, way.length_m - 10.2)
-    assert (early, late) == pytest.approx((10.0, way.length_m - 10.0))
-
-
 @pytest.mark.parametrize(
     ("corners", "closed", "message"),
     [

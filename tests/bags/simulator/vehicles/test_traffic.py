@@ -45,18 +45,6 @@ def route(start_m: float = 0.0, speed_m_s: float = 10.0, name: str = "along", sh
 # --- driven cars
 
 
-def test_commands_are_known_as_they_were_given() -> None:
-    cars = traffic({"car1": {"shape": "model_car"}}, driven=("car1",))
-    cars.advance(SECOND)
-    cars.command("car1", FORWARD)
-    cars.command("car1", FORWARD)  # nothing new
-    cars.advance(2 * SECOND)
-    cars.command("car1", STOP)
-    cars.advance(3 * SECOND)
-    found = [cars.command_at("car1", time) for time in (0, SECOND - 1, SECOND, 2 * SECOND)]
-    assert found == [STOP, STOP, FORWARD, STOP]
-
-
 def test_whoever_is_driven_keeps_to_no_route_and_starts_where_it_is_set_down() -> None:
     cars = traffic({"a": {**route(20), "start": [5, 9, 90]}, "b": route(20)}, {"along": ALONG}, driven=("a", "b"))
     a, b = states(cars, "a", 2), states(cars, "b", 2)
@@ -90,18 +78,6 @@ def test_the_time_of_asking_does_not_matter() -> None:
     assert one.now_ns == other.now_ns == 8 * SECOND
     for name in one.trajectories:
         assert states(one, name, 8).tobytes() == states(other, name, 8).tobytes()
-
-
-def test_what_was_forgotten_does_not_change_what_is_kept() -> None:
-    kept, short = (Traffic(load_scenario("sandbox")) for _ in range(2))
-    kept.advance(6 * SECOND)
-    for second in range(1, 7):
-        short.advance(second * SECOND)
-        short.forget((second - 1) * SECOND)
-    times = np.arange(5 * SECOND, 6 * SECOND, STEP_NS, dtype=np.int64)
-    for name in kept.trajectories:
-        np.testing.assert_array_equal(kept.trajectories[name].states(times), short.trajectories[name].states(times))
-        assert kept.command_at(name, 5 * SECOND) == short.command_at(name, 5 * SECOND)
 
 
 def test_speed_is_that_of_the_scenario_but_in_curves() -> None:
@@ -153,12 +129,6 @@ def test_at_a_crossing_one_lets_pass_whom_its_route_yields_to(yields: str) -> No
     assert times[first] == pytest.approx(5.6, abs=0.4)  # it did not brake
     assert times[yields] > times[first] + 1
     assert cars.blocked_steps("a") == cars.blocked_steps("b") == 0
-
-
-def test_where_neither_yields_the_earlier_one_goes_first() -> None:
-    cars = traffic({"a": route(0), "b": route(8, name="across")}, {"along": ALONG, "across": ACROSS})
-    assert entered_s(cars, "b", 15) < 5.2
-    assert entered_s(cars, "a", 15) > 6.5
 
 
 def test_cars_let_people_cross() -> None:

@@ -25,12 +25,6 @@ def test_chains_are_products_of_matrices(left: int, right: int) -> None:
     np.testing.assert_allclose(matrices(one @ other), matrices(one) @ matrices(other), atol=1e-12)
 
 
-def test_one_pose_moves_many_points() -> None:
-    pose, points = some_poses(1), np.random.default_rng(3).uniform(-5, 5, (7, 3))
-    homogeneous = np.c_[points, np.ones(7)] @ matrices(pose)[0].T
-    np.testing.assert_allclose(pose.apply(points), homogeneous[:, :3], atol=1e-12)
-
-
 def test_a_thing_on_a_carrier() -> None:
     carrier = EvenPath((0, 0, 0), (10, 0, 0), 0.0, np.pi / 2)
     mounted = MountedPath(carrier, Transform.from_quaternion("car", "mast", np.array([2.0, 0, 1]), np.eye(4)[3]))

@@ -82,14 +82,3 @@ def test_every_texture_is_drawn_near_the_colour_of_its_material(texture: Texture
     else:
         assert rgb.std(0).min() > 0.002
     assert texture == "plain" or texture in TEXTURES
-
-
-def test_a_palette_of_several_materials() -> None:
-    palette = [Material("a", (1.0, 0.0, 0.0), 0.1), Material("b", (0.5, 0.5, 0.5), 0.9, texture="concrete")]
-    rows = np.array([1, 0, 1, 0])
-    local, normal = np.random.default_rng(1).uniform(-5, 5, (4, 3)), np.tile(UP, (4, 1))
-    rgb = surface_rgb(palette, rows, local, normal)
-    np.testing.assert_allclose(rgb[[1, 3]], [[1, 0, 0], [1, 0, 0]])
-    # What a point looks like does not depend on which others are asked about.
-    alone = np.concatenate([surface_rgb(palette, rows[[i]], local[[i]], normal[[i]]) for i in range(4)])
-    np.testing.assert_array_equal(rgb, alone)

@@ -52,11 +52,6 @@ def test_bodies_are_closed_and_face_outwards(name: str) -> None:
     assert open_edges(mesh) == 0
 
 
-def test_a_box_is_as_large_as_asked_for() -> None:
-    low, high = box((1, 2, 3), (4, 2, 1), GREY).bounds
-    assert (low.tolist(), high.tolist()) == ([-1, 1, 2.5], [3, 3, 3.5])
-
-
 def test_moved() -> None:
     mesh = box((1, 0, 0), (2, 2, 2), GREY).moved((0, 0, 5), yaw=np.pi / 2, scale=0.5)
     low, high = mesh.bounds
@@ -71,11 +66,6 @@ def test_merged_meshes_keep_their_materials() -> None:
     assert np.bincount(mesh.materials).tolist() == [24, 1]
     assert mesh.triangles.max() == len(mesh.vertices) - 1
     assert len(merged()) == 0
-
-
-def test_polygon_shows_to_the_side_that_sees_it_counter_clockwise() -> None:
-    a, b, c = polygon([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], WHITE).vertices[:3]
-    assert np.cross(b - a, c - a).tolist() == [0, 0, 1]
 
 
 def test_a_loft_knows_the_material_of_each_face() -> None:
