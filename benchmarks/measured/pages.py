@@ -46,8 +46,7 @@ def write_part(page: Path, name: str, text: str) -> None:
 WITHOUT_HEADER = {"tf2_msgs/msg/TFMessage", "std_msgs/msg/Float64"}
 """Types of the recordings here that do not begin with a header."""
 
-PAUSE_NS = 100_000_000
-"""Pause between the last message and the first of the next time."""
+PAUSE_NS = 100_000_000  # pause between the last message and the first of the next time
 
 
 def repeated(recording: Path, times: int, out: Path) -> Path:

@@ -17,8 +17,7 @@ from labelled_frames import CLASSES, Count, LabelledFrame, count_frame, labelled
 
 import lidcam
 
-Counts = dict[str, dict[str, list[Count]]]
-"""By source and label, one of each frame."""
+Counts = dict[str, dict[str, list[Count]]]  # by source and label, one of each frame
 
 SOURCES = {
     "lidar": "all boxes of the lidar",

@@ -29,17 +29,13 @@ from lidcam.readers.truth.open import open_truth
 
 Tree = Mapping[str, Any]
 
-SOURCE = "fused"
-"""The source whose boxes are tracked."""
+SOURCE = "fused"  # the source whose boxes are tracked
 
 GATE, MIN_HITS, MAX_AGE = 0.5, 3, 2
 """Gate of AB3DMOT in lengths, boxes before a track is reported, and frames without one to its end."""
 
-CLASSES = ("all", "car")
-"""Classes that have rows; where cars are the only class, they are all."""
-
-UNFILTERED = "unfiltered"
-"""The objects of each frame by itself."""
+CLASSES = ("all", "car")  # classes that have rows; where cars are the only class, they are all
+UNFILTERED = "unfiltered"  # the objects of each frame by itself
 
 FOUND: Mapping[str, Callable[[Tree], str]] = {
     "recall": lambda one: share(one["recall"]),

@@ -19,8 +19,7 @@ from lidcam.pipeline.core.ending import undone_at_once
 if TYPE_CHECKING:
     from lidcam.bags.simulator.recorder.simulation import Simulation
 
-TERMINAL_POLL_NS = 50_000_000
-"""Longest simulated time between two readings of a terminal."""
+TERMINAL_POLL_NS = 50_000_000  # longest simulated time between two readings of a terminal
 
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGHUP)
 """Ctrl-C and a closed terminal: both end the drive and keep the recording."""

@@ -19,8 +19,7 @@ from lidcam.pipeline.core.arrays import F64
 BODIES = {"model_car": model_car, "car": car, "van": van, "truck": truck, "bus": bus}
 """Body of each motor vehicle, made from its colour, in the base frame; the front wheels are separate parts."""
 
-REFERENCE_PAINT = (0.123, 0.456, 0.789)
-"""A colour that nothing else has."""
+REFERENCE_PAINT = (0.123, 0.456, 0.789)  # a colour that nothing else has
 
 
 def build_mover(

@@ -25,14 +25,12 @@ from lidcam.readers.velodyne.models import MODELS
 if TYPE_CHECKING:
     from lidcam.bags.simulator.recorder.simulation import Simulation
 
-STEP_NS = 100_000_000
-"""Default step of a simulation."""
+STEP_NS = 100_000_000  # default step of a simulation
 
 BEAM_COST_US, PIXEL_COST_US, MOVING_PIXEL_COST_US = 0.8, 0.05, 1.1
 """Rough costs; a moving camera must render everything anew."""
 
-BEAMS_PER_COLUMN = 32
-"""Beams per column of a Velodyne."""
+BEAMS_PER_COLUMN = 32  # beams per column of a Velodyne
 
 
 class SensingTask(NamedTuple):

@@ -32,11 +32,8 @@ from lidcam.pipeline.core.ros.vision_numbers import IMAGE_PIXELS, LIDAR_POINTS
 TRUTH_TOPIC = "/ground_truth/objects"
 MEASURED_TRUTH_TOPIC = "/ground_truth/objects_when_measured"
 
-LATENCY_NS = 1_000_000
-"""From a vehicle's state to the recording of its message."""
-
-TURN_NS = 10_000_000
-"""Interval over which the yaw rate is measured."""
+LATENCY_NS = 1_000_000  # from a vehicle's state to the recording of its message
+TURN_NS = 10_000_000  # interval over which the yaw rate is measured
 
 
 class StateMessages:

@@ -17,8 +17,7 @@ from lidcam.bags.simulator.world.scene import Scene
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.geometry.transform import Transform
 
-KEPT_NS = 1_000_000_000
-"""The past is kept for this long beyond what measurements under way need."""
+KEPT_NS = 1_000_000_000  # the past is kept for this long beyond what measurements under way need
 
 
 class Stage:

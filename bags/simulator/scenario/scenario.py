@@ -14,8 +14,7 @@ from lidcam.bags.simulator.scenario.sensors import COEFFICIENTS, CameraScenario,
 from lidcam.bags.simulator.scenario.traffic import RouteScenario, VehicleScenario
 from lidcam.pipeline.core.settings.model import NotNegative, Positive, SettingsModel
 
-EGO_FRAME = "base_link"
-"""Base frame of the vehicle that carries sensors (REP 105)."""
+EGO_FRAME = "base_link"  # base frame of the vehicle that carries sensors (REP 105)
 OWN_TOPICS = ("/tf", "/tf_static", "/odom", "/ground_truth/objects", "/ground_truth/objects_when_measured")
 
 

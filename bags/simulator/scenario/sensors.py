@@ -10,8 +10,7 @@ from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Share
 from lidcam.pipeline.core.settings.validation import Noun
 
-Metres = Annotated[float, Field(ge=-1e5, le=1e5)]
-"""A coordinate: further out, single precision cannot hold millimetres."""
+Metres = Annotated[float, Field(ge=-1e5, le=1e5)]  # a coordinate: further out, single precision cannot hold millimetres
 Vector = tuple[float, float, float]
 Topic = Annotated[
     str,

@@ -15,8 +15,7 @@ from lidcam.bags.simulator.world.rays import STATIC, Hits
 from lidcam.bags.simulator.world.textures import surface_reflectivity
 from lidcam.pipeline.core.arrays import F64, I64, Table
 
-NO_ECHO = 0.0
-"""Range without an echo."""
+NO_ECHO = 0.0  # range without an echo
 
 # The Oren-Nayar model of rough surfaces (Generalization of Lambert's reflectance model, 1994) for light reflected back
 # to its source, with facets tilted by 0.5 rad: asphalt stays visible at grazing angles, as in reality.

@@ -25,26 +25,13 @@ STRONGEST, LAST = 0, 1
 RETURN_STRONGEST, RETURN_LAST, RETURN_BOTH = 1, 2, 3
 MAX_STEPS = 0xFFFF
 
-SKY_M = 1e5
-"""Range of a beam that hits nothing, in the search for edges."""
-
-SPECKLE = 0.06
-"""Mean share of reflected light that is lost at random; diffuse surfaces stay within an intensity of 100."""
-
-RIM_WEIGHT = 1 / 6
-"""Share of a beam's light in each of the four rays at its rim; the middle ray has the rest."""
-
-PANES = 4
-"""Maximum number of glass surfaces that a beam passes."""
-
-FAINT = 0.05
-"""A beam with less light than this is not followed behind glass."""
-
-BEHIND_M = 1e-4
-"""Offset behind a glass surface where a beam continues."""
-
-SIGN_OF_SIDE = (-1, 1, -1, 1)
-"""Sign of each `Side` towards the right or up; the lidar spins clockwise."""
+SKY_M = 1e5  # range of a beam that hits nothing, in the search for edges
+SPECKLE = 0.06  # mean share of reflected light that is lost at random; diffuse surfaces stay within an intensity of 100
+RIM_WEIGHT = 1 / 6  # share of a beam's light in each of the four rays at its rim; the middle ray has the rest
+MAX_PANES = 4  # glass surfaces that a beam passes
+MIN_LIGHT = 0.05  # share below which a beam is not followed behind glass
+BEHIND_M = 1e-4  # offset behind a glass surface where a beam continues
+SIGN_OF_SIDE = (-1, 1, -1, 1)  # sign of each `Side` towards the right or up; the lidar spins clockwise
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -247,10 +234,10 @@ class Lidar:
         """Light from the first surface of each ray (K), and from those behind it if it is glass."""
         passed_m = np.zeros(len(rays))
         layers = []
-        for _ in range(PANES + 1):
+        for _ in range(MAX_PANES + 1):
             layers.append((beam, passed_m + hits.distance_m, weight, hits, _cos_incidence(hits, rays)))
             left = weight * self._optics.transmission[hits.material] ** 2  # through the glass and back
-            on = np.flatnonzero(left > FAINT)
+            on = np.flatnonzero(left > MIN_LIGHT)
             if not len(on):
                 break
             onward_m = hits.distance_m[on] + BEHIND_M

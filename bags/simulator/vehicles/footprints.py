@@ -15,12 +15,10 @@ from lidcam.bags.simulator.world.bodies.dimensions import Shape
 from lidcam.bags.simulator.world.mesh import Mesh
 from lidcam.pipeline.core.arrays import F64, I64
 
-TRUNK_SHARE = 0.12
-"""Width of a trunk as a share of the crown's."""
+TRUNK_SHARE = 0.12  # width of a trunk as a share of the crown's
 
-MODEL_SIZE = {"step_m": 0.03, "headroom_m": 0.22}
+MODEL_SIZE = {"step_m": 0.03, "headroom_m": 0.22}  # height that cars drive over, and clearance that they need
 FULL_SIZE = {"step_m": 0.2, "headroom_m": 2.2}
-"""Height of what cars drive over, and clearance of what they drive under."""
 
 
 @dataclass(frozen=True, slots=True)

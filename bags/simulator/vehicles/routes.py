@@ -12,8 +12,7 @@ from lidcam.bags.simulator.scenario.traffic import RouteScenario
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.errors import ConfigError
 
-MIN_PIECE_M = 1e-9
-"""Length below which pieces are rounding errors."""
+MIN_PIECE_M = 1e-9  # length below which pieces are rounding errors
 
 
 @dataclass(frozen=True, slots=True)

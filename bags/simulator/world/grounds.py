@@ -1,4 +1,4 @@
-"""Seamless noise images, looked up by position instead of computed at every point."""
+"""The ground of each world: roads, markings and grass as functions of x and y, over seamless noise images."""
 
 from functools import cache
 
@@ -7,6 +7,12 @@ import numpy as np
 from lidcam.bags.simulator.world.mesh import OWN, Look
 from lidcam.pipeline.core.arrays import F32, U8, Bools
 
+Drawn = tuple[U8, F32]
+
+ASPHALT, WHITE, GRASS, PATCH, DRAIN = range(5)
+PAINT, LAWN = Look((0.90, 0.90, 0.87), 0.75), Look((0.36, 0.46, 0.24), 0.45)
+GROUND_LOOKS = (OWN, PAINT, LAWN, Look((0.29, 0.29, 0.30), 0.14), Look((0.20, 0.20, 0.20), 0.20))
+ROUGHNESS = np.array([0.06, 0.04, 0.15, 0.05, 0.1], np.float32)
 SIZE = 512  # a power of two: positions wrap by masking bits
 
 
@@ -22,8 +28,7 @@ def cells(u: F32, v: F32) -> F32:
 
 def _look_up(image: F32, u: F32, v: F32) -> F32:
     # Adding a whole number of periods makes the cast round down for negative positions, too.
-    column = (u + np.float32(1 << 20)).astype(np.int32)
-    row = (v + np.float32(1 << 20)).astype(np.int32)
+    column, row = ((values + np.float32(1 << 20)).astype(np.int32) for values in (u, v))
     return np.asarray(image.take(((row & (SIZE - 1)) << 9) | (column & (SIZE - 1))))
 
 
@@ -43,22 +48,6 @@ def _cloudy() -> F32:
     share[0, 0] = 0.0
     rough = np.fft.irfft2(np.fft.rfft2(white) * share, (SIZE, SIZE))
     return np.asarray((rough / rough.std()).ravel(), np.float32)
-
-
-# DOC The ground of each world: roads, markings and grass as functions of x and y.
-
-
-Drawn = tuple[U8, F32]
-
-ASPHALT, WHITE, GRASS, PATCH, DRAIN = range(5)
-GROUND_LOOKS = (
-    OWN,
-    Look((0.90, 0.90, 0.87), 0.75),
-    Look((0.36, 0.46, 0.24), 0.45),
-    Look((0.29, 0.29, 0.30), 0.14),
-    Look((0.20, 0.20, 0.20), 0.20),
-)
-ROUGHNESS = np.array([0.06, 0.04, 0.15, 0.05, 0.1], np.float32)
 
 
 def _dashes(along: F32, period: float, share: float) -> Bools:

@@ -6,32 +6,19 @@ counter-clockwise seen from outside.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from lidcam.pipeline.core.arrays import F64, I64, check_array
+from lidcam.pipeline.core.arrays import F64, I64
 
 Rgb = tuple[float, float, float]
 Texture = Literal[
-    "plain",
-    "asphalt",
-    "bark",
-    "brick",
-    "concrete",
-    "crossing",
-    "facade",
-    "foliage",
-    "glass_front",
-    "grass",
-    "model_front",
-    "paving",
-    "roof",
-    "sandbox",
-    "street",
-    "wood",
-]
+    "plain", "asphalt", "bark", "brick", "concrete", "crossing", "facade", "foliage", "glass_front", "grass",
+    "model_front", "paving", "roof", "sandbox", "street", "wood",
+]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +43,19 @@ class Look:
     reflectivity: float | None = None  # as in `Material`; None for the material's own
 
 
-OWN = Look()
-"""The look of the material itself."""
+RUBBER = Material("rubber", (0.16, 0.16, 0.165), 0.06)
+DARK = Material("dark plastic", (0.13, 0.13, 0.14), 0.08, mirror=0.02)
+SEAM = Material("seam", (0.10, 0.10, 0.11), 0.10)
+GLASS = Material("glass", (0.13, 0.16, 0.18), 0.06, mirror=0.10, transmission=0.6)
+CHROME = Material("chrome", (0.62, 0.63, 0.65), 0.5, mirror=0.35)
+METAL = Material("steel", (0.45, 0.46, 0.48), 0.4, mirror=0.06)
+HEADLAMP = Material("headlamp", (0.90, 0.92, 0.93), 0.9, mirror=0.15)
+TAIL_LAMP = Material("tail lamp", (0.70, 0.05, 0.05), 1.6, mirror=0.05)
+SIGNAL = Material("direction lamp", (0.95, 0.50, 0.08), 1.2, mirror=0.05)
+PLATE = Material("number plate", (0.93, 0.93, 0.90), 3.0)
+PLATE_YELLOW = Material("number plate, rear", (0.93, 0.86, 0.55), 3.0)
+
+OWN = Look()  # the look of the material itself
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,12 +66,6 @@ class Mesh:
     triangles: I64  # (T, 3) int64 rows of `vertices`
     materials: I64  # (T,) int64 rows of `palette`
     palette: tuple[Material, ...]  # materials in use
-
-    def __post_init__(self) -> None:
-        check_array("vertices", self.vertices, (len(self.vertices), 3), np.float64)
-        n = len(self.triangles)
-        check_array("triangles", self.triangles, (n, 3), np.int64)
-        check_array("materials", self.materials, (n,), np.int64)
 
     def __len__(self) -> int:
         return len(self.triangles)
@@ -127,13 +119,7 @@ def prism(outline: npt.ArrayLike, bottom: float, top: float, material: Material)
 
 
 def cylinder(
-    start: npt.ArrayLike,
-    end: npt.ArrayLike,
-    radius: float,
-    material: Material,
-    *,
-    sides: int = 16,
-    taper: float = 1.0,
+    start: npt.ArrayLike, end: npt.ArrayLike, radius: float, material: Material, *, sides: int = 16, taper: float = 1.0
 ) -> Mesh:
     """A round bar from `start` to `end`, where its radius is `taper` times that at the start."""
     first, last = np.asarray(start, np.float64), np.asarray(end, np.float64)
@@ -151,14 +137,8 @@ def sphere(center: npt.ArrayLike, radius: float, material: Material, *, sides: i
     rings = sides // 2
     tilt = np.pi * np.arange(1, rings) / rings
     turn = 2 * np.pi * np.arange(sides) / sides
-    body = np.stack(
-        [
-            np.outer(np.sin(tilt), np.cos(turn)),
-            np.outer(np.sin(tilt), np.sin(turn)),
-            np.repeat(np.cos(tilt)[:, None], sides, 1),
-        ],
-        -1,
-    ).reshape(-1, 3)
+    x, y = np.outer(np.sin(tilt), np.cos(turn)), np.outer(np.sin(tilt), np.sin(turn))
+    body = np.stack([x, y, np.repeat(np.cos(tilt)[:, None], sides, 1)], -1).reshape(-1, 3)
     vertices = np.concatenate([body, [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]]) * radius + np.asarray(center, np.float64)
     here = np.arange(sides)
     after = (here + 1) % sides
@@ -195,29 +175,10 @@ def ring_faces(rings: int, k: int) -> I64:
     return np.concatenate(faces).astype(np.int64)
 
 
-# DOC Materials that several bodies share.
-
-
-RUBBER = Material("rubber", (0.16, 0.16, 0.165), 0.06)
-DARK = Material("dark plastic", (0.13, 0.13, 0.14), 0.08, mirror=0.02)
-SEAM = Material("seam", (0.10, 0.10, 0.11), 0.10)
-GLASS = Material("glass", (0.13, 0.16, 0.18), 0.06, mirror=0.10, transmission=0.6)
-CHROME = Material("chrome", (0.62, 0.63, 0.65), 0.5, mirror=0.35)
-METAL = Material("steel", (0.45, 0.46, 0.48), 0.4, mirror=0.06)
-HEADLAMP = Material("headlamp", (0.90, 0.92, 0.93), 0.9, mirror=0.15)
-TAIL_LAMP = Material("tail lamp", (0.70, 0.05, 0.05), 1.6, mirror=0.05)
-SIGNAL = Material("direction lamp", (0.95, 0.50, 0.08), 1.2, mirror=0.05)
-PLATE = Material("number plate", (0.93, 0.93, 0.90), 3.0)
-PLATE_YELLOW = Material("number plate, rear", (0.93, 0.86, 0.55), 3.0)
-
-
 def paint(color: tuple[float, float, float], name: str = "paint") -> Material:
     """Car paint; dark paint reflects less of a lidar's light."""
     brightness = 0.3 * color[0] + 0.59 * color[1] + 0.11 * color[2]
     return Material(name, color, 0.10 + 0.75 * brightness**1.5, mirror=0.05)
-
-
-# DOC Closed bodies beyond boxes and cylinders: lofts, tori, wheels, panels. Triangles run counter-clockwise seen from outside, as in `lidcam.bags.simulator.world.mesh`.
 
 
 def loft(
@@ -227,13 +188,10 @@ def loft(
     where: Callable[[int, int], Material] | None = None,
     ends: tuple[Material, Material] | None = None,
 ) -> Mesh:
-    """A loft through rings of equally many points, closed by a fan at each end.
+    """A loft through rings of points (R, K, 3), closed by a fan at each convex end.
 
-    Args:
-        rings: (R, K, 3) points, R >= 2; the end rings are convex.
-        material: Material of all faces that `where` and `ends` leave open.
-        where: Material of a face, from the index of its first ring and of its first point.
-        ends: Materials of the fans at the first and the last ring.
+    `where` gives the material of a face, from the index of its first ring and of its first point; `ends` those of the
+    fans.
     """
     points = np.asarray(rings, np.float64)
     r, k = points.shape[:2]
@@ -254,11 +212,8 @@ def ellipses(rows: Sequence[tuple[float, float, float, float, float]], material:
 def limb(points: npt.ArrayLike, radii: Sequence[float], material: Material, *, sides: int = 8) -> Mesh:
     """Round bars from point to point (K, 3), with a radius at each point."""
     path = np.asarray(points, np.float64)
-    bars = [
-        cylinder(path[i], path[i + 1], radii[i], material, sides=sides, taper=radii[i + 1] / radii[i])
-        for i in range(len(path) - 1)
-    ]
-    return merged(*bars)
+    spans = zip(pairwise(path), pairwise(radii), strict=True)
+    return merged(*(cylinder(a, b, r, material, sides=sides, taper=end / r) for (a, b), (r, end) in spans))
 
 
 def torus(
@@ -268,14 +223,8 @@ def torus(
     turn = 2 * np.pi * np.arange(sides) / sides - np.pi / 2
     bend = 2 * np.pi * np.arange(around) / around
     reach = radius - thickness / 2 + thickness / 2 * np.cos(bend)
-    points = np.stack(
-        [
-            np.cos(turn)[:, None] * reach,
-            np.broadcast_to(thickness / 2 * np.sin(bend), (sides, around)),
-            np.sin(turn)[:, None] * reach,
-        ],
-        -1,
-    ).reshape(-1, 3) + np.asarray(center, np.float64)
+    x, z, y = np.outer(np.cos(turn), reach), np.outer(np.sin(turn), reach), thickness / 2 * np.sin(bend)
+    points = np.stack([x, np.broadcast_to(y, x.shape), z], -1).reshape(-1, 3) + np.asarray(center, np.float64)
     i, j = (index.ravel() for index in np.meshgrid(np.arange(sides), np.arange(around), indexing="ij"))
     a, b = i * around + j, (i + 1) % sides * around + j
     c, d = (i + 1) % sides * around + (j + 1) % around, i * around + (j + 1) % around
@@ -286,32 +235,17 @@ def torus(
 def wheel(radius: float, width: float, tyre: Material, rim: Material, hub: Material, *, sides: int = 20) -> Mesh:
     """A wheel about the y axis with its centre at the origin; a vertex is its lowest point."""
     half = width / 2
-    profile = [
-        (0.22, -half * 0.85),
-        (0.60, -half * 0.75),
-        (0.66, -half * 0.98),
-        (0.94, -half),
-        (1.0, -half * 0.74),
-        (1.0, half * 0.74),
-        (0.94, half),
-        (0.66, half * 0.98),
-        (0.60, half * 0.75),
-        (0.22, half * 0.85),
-    ]
+    right = [(0.22, -half * 0.85), (0.60, -half * 0.75), (0.66, -half * 0.98), (0.94, -half), (1.0, -half * 0.74)]
+    profile = [*right, *((share, -y) for share, y in reversed(right))]
     turn = 2 * np.pi * np.arange(sides) / sides - np.pi / 2
-    rings = [
-        np.stack([share * radius * np.cos(turn), np.full(sides, y), share * radius * np.sin(turn)], 1)
-        for share, y in profile
-    ]
+    x, z = np.cos(turn), np.sin(turn)
+    rings = [np.stack([share * radius * x, np.full(sides, y), share * radius * z], 1) for share, y in profile]
     looks = [rim, rim, tyre, tyre, tyre, tyre, tyre, rim, rim]
     return loft(np.stack(rings), tyre, where=lambda ring, _: looks[ring], ends=(hub, hub))
 
 
 def panel(corners: npt.ArrayLike, material: Material, *, thickness: float = 0.008) -> Mesh:
-    """A thin plate on a face, sunk into it by half its thickness (metres).
-
-    Its corners (K, 3) are a convex outline on the face, counter-clockwise seen from outside.
-    """
+    """A thin plate on a face, sunk into it by half its thickness (metres); `corners` (K, 3) are its convex outline."""
     face = np.asarray(corners, np.float64)
     normal = np.cross(face[1] - face[0], face[2] - face[0])
     normal *= thickness / 2 / np.linalg.norm(normal)

@@ -36,18 +36,11 @@ ROOF = Look((0.40, 0.39, 0.38), 0.25)
 def surface_rgb(palette: Sequence[Material], material: I64, local: Floats, normal: Floats) -> F32:
     """Linear-light albedo (N, 3) of surface points.
 
-    Args:
-        palette: All materials.
-        material: (N,) rows of `palette`.
-        local: (N, 3) metres, in the frame of the thing hit.
-        normal: (N, 3) unit vectors.
+    `material` (N,) are rows of the palette, points and normals (N, 3) in the frame of the thing hit.
     """
     table = _table(tuple(palette))
     rows, shade = _drawn(table, material, local, normal)
-    rgb = table.rgb.take(rows, axis=0)
-    for color in range(3):
-        rgb[:, color] *= shade
-    return np.clip(rgb, 0.0, 1.0, out=rgb)
+    return np.asarray(np.clip(table.rgb.take(rows, axis=0) * shade[:, None], 0.0, 1.0), np.float32)
 
 
 def surface_reflectivity(palette: Sequence[Material], material: I64, local: Floats, normal: Floats) -> F32:

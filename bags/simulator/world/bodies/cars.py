@@ -33,8 +33,7 @@ BODIES: Mapping[str, tuple[Sequence[float], Sequence[float]]] = {
     "mpv": ((0.025, 0.23, 0.72, 0.82), (0.06, 0.22, 0.60, 0.66)),
 }
 """Shares of the length where a body has the rows of a hatchback's windows: at the belt line, and at the roof."""
-BELT_ROWS, ROOF_ROWS = (0.03, 0.245, 0.665, 0.725), (0.11, 0.265, 0.535, 0.575)
-"""Of the hatchback."""
+BELT_ROWS, ROOF_ROWS = (0.03, 0.245, 0.665, 0.725), (0.11, 0.265, 0.535, 0.575)  # of the hatchback
 
 
 def _passenger_car(

@@ -45,8 +45,7 @@ CRANK = (0.44, 0.29)  # x and z of the crank axle
 CRANK_M, PEDAL_Y_M = 0.17, 0.13
 SEAT_HIP = (0.235, 0.98)
 RIDER_THIGH_M, RIDER_SHIN_M = 0.42, 0.46
-CRANK_CYCLE_M = 4.2
-"""Distance per turn of the crank."""
+CRANK_CYCLE_M = 4.2  # distance per turn of the crank
 FORK_HINGE = (1.05, 0.0, 0.34)
 RAKE_RAD = 0.31
 

@@ -10,10 +10,7 @@ from lidcam.bags.simulator.world.bodies.dimensions import Shape
 from lidcam.bags.simulator.world.motion import Poses
 from lidcam.pipeline.core.arrays import F64, I64
 
-SPEED = 3
-STEERING = 4
-WALKED = 5
-"""Columns of `Trajectory.states`."""
+SPEED, STEERING, WALKED = 3, 4, 5  # columns of `Trajectory.states`
 STEP_M = np.linspace(-0.24, 0.24, 7)
 
 
@@ -52,16 +49,11 @@ class ArticulatedPath:
     """The path of a part whose pose on its carrier depends on the carrier's state."""
 
     carrier: Carrier  # path of the whole thing
-    # From states (N, 6), see `Trajectory.states`, to poses (N) of the part in the carrier's base frame
-    place: Callable[[F64], Poses]
+    place: Callable[[F64], Poses]  # from states (N, 6) to poses (N) of the part in the carrier's base frame
     scale: tuple[float, float, float] = (1.0, 1.0, 1.0)  # factors of the carrier's length, width and height
 
     def poses(self, times_ns: I64) -> Poses:
-        """Poses (N) of the part in the world at times (N,).
-
-        Raises:
-            ValueError: a time is later than the carrier's last state.
-        """
+        """Poses (N) of the part in the world at times (N,)."""
         placed = self.place(self.carrier.states(times_ns))
         return self.carrier.poses(times_ns) @ Poses(placed.rotation, placed.translation * self.scale)
 

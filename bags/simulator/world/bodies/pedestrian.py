@@ -1,4 +1,8 @@
-"""Parts that pedestrians and cyclists share: looks, head, thighs and shins; lengths in metres."""
+"""A walking pedestrian in rigid parts (torso, thighs, shins with feet, arms), and what cyclists share with it.
+
+The legs swing with the distance walked; the leg that reaches further down sets the height of the hips, so one foot is
+always on the ground. Lengths are metres.
+"""
 
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -12,8 +16,16 @@ from lidcam.bags.simulator.world.mesh import Material, Mesh, Rgb, ellipses, limb
 from lidcam.bags.simulator.world.motion import Part, Poses
 from lidcam.pipeline.core.arrays import F64
 
-HIP_Y_M = 0.095
-"""From the middle plane to the hip joint."""
+Limb = Literal["thigh", "shin", "arm"]
+
+THIGH_M, SHIN_M = 0.43, 0.42
+HEEL, TOE = (-0.061, -0.08), (0.171, -0.08)  # x and z from the ankle
+SHOULDER_Y_M = 0.20
+SHOULDER_ABOVE_HIP_M = 0.50
+STRIDE_RAD, KNEE_RAD, ARM_RAD = 0.36, 0.95, 0.34
+CYCLE_M = 1.28  # distance per cycle of both legs
+FULL_STRIDE_M_S = 0.7  # from this speed on, steps have their full length
+HIP_Y_M = 0.095  # from the middle plane to the hip joint
 SKIN = ((0.87, 0.70, 0.58), (0.76, 0.57, 0.43), (0.55, 0.38, 0.27), (0.91, 0.76, 0.66))
 HAIR = ((0.16, 0.12, 0.10), (0.32, 0.22, 0.14), (0.55, 0.42, 0.26), (0.42, 0.41, 0.40))
 TROUSERS = ((0.16, 0.19, 0.30), (0.14, 0.14, 0.15), (0.45, 0.40, 0.32), (0.28, 0.30, 0.32))
@@ -41,8 +53,7 @@ def looks_of(name: str, color: Rgb) -> Looks:
     )
 
 
-REFERENCE = looks_of("", (0.123, 0.456, 0.789))
-"""The looks of bodies that are made once, to be recolored."""
+REFERENCE = looks_of("", (0.123, 0.456, 0.789))  # the looks of bodies that are made once, to be recolored
 
 
 def recolored(mesh: Mesh, looks: Looks) -> Mesh:
@@ -106,22 +117,6 @@ def shin_mesh(length: float, trousers: Material) -> Mesh:
     )
 
 
-# DOC A walking pedestrian in rigid parts: torso, thighs, shins with feet, arms. The legs swing with the distance walked; the leg that reaches further down sets the height of the hips, so one foot is always on the ground.
-
-
-Limb = Literal["thigh", "shin", "arm"]
-
-THIGH_M, SHIN_M = 0.43, 0.42
-HEEL, TOE = (-0.061, -0.08), (0.171, -0.08)  # x and z from the ankle
-SHOULDER_Y_M = 0.20
-SHOULDER_ABOVE_HIP_M = 0.50
-STRIDE_RAD, KNEE_RAD, ARM_RAD = 0.36, 0.95, 0.34
-CYCLE_M = 1.28
-"""Distance per cycle of both legs."""
-FULL_STRIDE_M_S = 0.7
-"""From this speed on, steps have their full length."""
-
-
 class _Posture(NamedTuple):
     """Forward angles of a body that does not walk, radians; the torso's is negative."""
 
@@ -180,18 +175,15 @@ def _limb_place(side: int, limb: Limb, held: _Posture | None) -> Callable[[F64],
     def place(states: F64) -> Poses:
         legs, hip_z = _gait(states, held)
         thigh, shin = legs[side]
-        match limb:
-            case "thigh":
-                return pitched(thigh, 0.0, side * HIP_Y_M, hip_z)
-            case "shin":
-                return pitched(shin, THIGH_M * np.sin(thigh), side * HIP_Y_M, hip_z - THIGH_M * np.cos(thigh))
-            case "arm":
-                if held:
-                    swing = np.full(len(states), held.arm)
-                    ahead, up = -np.sin(held.torso) * SHOULDER_ABOVE_HIP_M, np.cos(held.torso) * SHOULDER_ABOVE_HIP_M
-                    return pitched(swing, ahead, side * SHOULDER_Y_M, hip_z + up)
-                swing = -thigh * (ARM_RAD / STRIDE_RAD)
-                return pitched(swing, 0.0, side * SHOULDER_Y_M, hip_z + SHOULDER_ABOVE_HIP_M)
+        if limb == "thigh":
+            return pitched(thigh, 0.0, side * HIP_Y_M, hip_z)
+        if limb == "shin":
+            return pitched(shin, THIGH_M * np.sin(thigh), side * HIP_Y_M, hip_z - THIGH_M * np.cos(thigh))
+        if held:
+            ahead, up = -np.sin(held.torso) * SHOULDER_ABOVE_HIP_M, np.cos(held.torso) * SHOULDER_ABOVE_HIP_M
+            return pitched(np.full(len(states), held.arm), ahead, side * SHOULDER_Y_M, hip_z + up)
+        swing = -thigh * (ARM_RAD / STRIDE_RAD)
+        return pitched(swing, 0.0, side * SHOULDER_Y_M, hip_z + SHOULDER_ABOVE_HIP_M)
 
     return place
 

@@ -20,8 +20,7 @@ from lidcam.bags.simulator.world.mesh import (
 )
 from lidcam.pipeline.core.arrays import F64
 
-BAY_M = 2.6
-"""Width of a facade bay with one window: walls on multiples of it cut no window."""
+BAY_M = 2.6  # width of a facade bay with one window: walls on multiples of it cut no window
 
 BARK = Material("bark", (0.34, 0.27, 0.21), 0.35, texture="bark")
 LEAVES = tuple(

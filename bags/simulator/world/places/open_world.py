@@ -1,4 +1,7 @@
-"""Forms of things in unit size, to be stretched: x and y in [-0.5, 0.5], z in [0, 1]."""
+"""Open worlds: uneven ground with straight roads, and the things of a scenario on it.
+
+The forms of things are made in unit size, to be stretched: x and y in [-0.5, 0.5], z in [0, 1].
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
@@ -11,11 +14,13 @@ from lidcam.bags.simulator.world.bodies.cyclist import bicycle
 from lidcam.bags.simulator.world.mesh import Material, Mesh, box, cylinder, merged, sphere
 from lidcam.pipeline.core.arrays import F64, Bools
 
-VARIANTS = 8
-"""Different meshes of each form that is drawn."""
-
-PLAIN = Material("thing", (0.5, 0.5, 0.5))
-"""To be replaced by the material of each thing."""
+ASPHALT = Material("asphalt", (0.30, 0.30, 0.31), 0.18, texture="asphalt")
+VERGE = Material("verge", (0.36, 0.46, 0.24), 0.4, texture="grass")
+NODES, FINE_SHARE = 111, 0.15
+"""Nodes of the ground along each axis; half of them lie within this share of its reach, where sensors are."""
+KERB = 0.01  # width of a kerb as a share of half the road; of roads along x and y, of others the distance of nodes
+VARIANTS = 8  # different meshes of each form that is drawn
+PLAIN = Material("thing", (0.5, 0.5, 0.5))  # to be replaced by the material of each thing
 BARK = Material("bark", (0.34, 0.27, 0.21), 0.35, texture="bark")
 
 
@@ -65,11 +70,8 @@ def _conifer(draw: np.random.Generator) -> Mesh:
 
 
 def _bush(draw: np.random.Generator) -> Mesh:
-    return _leaves(
-        draw,
-        _ball(draw, int(draw.integers(50, 260)), draw.uniform(-0.4, 0.1), 1.0, hollow=draw.uniform(0.2, 0.7)),
-        0.11,
-    )
+    count, low, hollow = int(draw.integers(50, 260)), draw.uniform(-0.4, 0.1), draw.uniform(0.2, 0.7)
+    return _leaves(draw, _ball(draw, count, low, 1.0, hollow=hollow), 0.11)
 
 
 def _hedge(draw: np.random.Generator) -> Mesh:
@@ -133,17 +135,6 @@ FORMS: Mapping[str, Callable[[np.random.Generator], Mesh]] = {
 }
 
 
-# DOC Open worlds: uneven ground with straight roads, and the things of a scenario on it.
-
-
-ASPHALT = Material("asphalt", (0.30, 0.30, 0.31), 0.18, texture="asphalt")
-VERGE = Material("verge", (0.36, 0.46, 0.24), 0.4, texture="grass")
-NODES, FINE_SHARE = 111, 0.15
-"""Nodes of the ground along each axis; half of them lie within this share of its reach, where sensors are."""
-KERB = 0.01
-"""Width of a kerb as a share of half the road; of roads along x and y, of others the distance of nodes."""
-
-
 def open_mesh(ground: GroundScenario, things: Sequence[ThingScenario]) -> Mesh:
     """The static mesh of an open world."""
     places = np.array([thing.position_m for thing in things], np.float64).reshape(-1, 2)
@@ -173,9 +164,8 @@ def _on_road(ground: GroundScenario, xy: F64) -> Bools:
         length = float(np.hypot(*(end - begin)))
         along = (end - begin) / max(length, 1e-9)
         off = xy - begin
-        on |= (np.abs(off @ [-along[1], along[0]]) <= road.width_m / 2 + slack) & (
-            np.abs(off @ along - length / 2) <= length / 2
-        )
+        beside = np.abs(off @ [-along[1], along[0]]) <= road.width_m / 2 + slack
+        on |= beside & (np.abs(off @ along - length / 2) <= length / 2)
     return on
 
 

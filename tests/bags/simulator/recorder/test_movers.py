@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from meshes import open_edges, signed_volume
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
@@ -12,7 +10,6 @@ from lidcam.bags.simulator.scenario.traffic import VehicleScenario
 from lidcam.bags.simulator.vehicles.trajectory import State, Trajectory
 from lidcam.bags.simulator.world.bodies.cyclist import CRANK_CYCLE_M
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, shape_of
-from lidcam.bags.simulator.world.bodies.joints import steered_wheel
 from lidcam.bags.simulator.world.bodies.pedestrian import CYCLE_M
 from lidcam.bags.simulator.world.motion import Mover, placed_vertices
 from lidcam.pipeline.core.arrays import F64
@@ -139,32 +136,6 @@ def test_every_part_is_closed_and_faces_outwards(name: str) -> None:
     for part in mover_of(name).parts:
         assert open_edges(part.mesh) == 0
         assert signed_volume(part.mesh) > 0
-
-
-@given(steering=st.floats(-0.48, 0.48))
-def test_both_front_wheels_roll_about_one_centre(steering: float) -> None:
-    shape = SHAPES["car"]
-    trajectory = Trajectory(0, State(0.0, 0.0, 0.0, 1.0, steering, 0.0))
-    if abs(steering) < 1e-6:
-        return
-    radius = shape.wheel_base_m / np.tan(steering)  # of the middle of the rear axle
-    for side in (1, -1):
-        pose = steered_wheel(trajectory, shape, side).poses(np.array([0], np.int64))
-        axle = pose.rotation[0] @ [0.0, 1.0, 0.0]
-        to_centre = np.array([0.0, radius, shape.wheel_radius_m]) - pose.translation[0]
-        np.testing.assert_allclose(np.cross(axle, to_centre / np.linalg.norm(to_centre)), 0.0, atol=1e-9)
-
-
-def test_feet_stay_on_the_pedals() -> None:
-    mover = mover_of("cyclist")
-    crank, left_shin = 2, 4
-    for t in MOMENTS:
-        # The left pedal is the highest y of the crank.
-        pedal = vertices(mover, crank, t)
-        pedal = pedal[pedal[:, 1] > 0.1].mean(0)
-        sole = vertices(mover, left_shin, t)
-        distance = np.linalg.norm((sole - pedal)[:, [0, 2]], axis=1).min()
-        assert distance < 0.12
 
 
 def test_kerbs_lift_pedestrians() -> None:

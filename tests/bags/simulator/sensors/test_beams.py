@@ -54,13 +54,6 @@ def test_a_linear_lidar_is_evenly_spread() -> None:
     assert not beams.azimuth_error_rad.any()
 
 
-def test_a_linear_lidar_has_the_beams_that_are_listed() -> None:
-    listed = (-24.0, -3.0, -2.5, 1.0)
-    pattern = pattern_of(scenario("linear", elevations_deg=listed, beams=5, columns=8))
-    assert np.rad2deg(pattern.elevation_rad).tolist() == pytest.approx(listed)
-    np.testing.assert_allclose(np.rad2deg(np.arcsin(pattern.beams(0).directions[5, :, 2])), listed)
-
-
 @pytest.mark.parametrize("stride", [2, 3, 7])
 @pytest.mark.parametrize("model", ["VLP-16", "HDL-32E", "linear"])
 def test_a_stride_goes_on_evenly_over_the_sweeps(model: str, stride: int) -> None:

@@ -127,14 +127,6 @@ def test_an_image_says_which_mover_each_pixel_shows() -> None:
     np.testing.assert_array_equal(image.alone_xyxy[0], expected)
 
 
-def test_what_stands_still_hides_movers() -> None:
-    wall = box((3.0, 0.0, 1.0), (0.1, 6.0, 2.0), GROUND)
-    image = camera_at(Scene(merged(ground(), wall), [box_mover()])).image(0, 0)
-    assert image.seen_px[0] == 0
-    assert image.alone_px[0] > 100
-    assert (image.movers == -1).all()
-
-
 # --- light
 
 
@@ -166,21 +158,6 @@ def test_noise_is_as_strong_as_asked_for_and_another_one_in_each_image() -> None
     assert (first - clean)[middle].std() == pytest.approx(2.5, rel=0.05)
     assert abs((first - clean)[middle].mean()) < 0.1
     assert abs(np.corrcoef((first - clean)[middle], (second - clean)[middle])[0, 1]) < 0.05
-
-
-def test_images_do_not_depend_on_what_was_taken_before() -> None:
-    def scene() -> Scene:
-        return Scene(ground(), [box_mover(speed_m_s=2.0)])
-
-    forward, backward = camera_at(scene(), noise=1.5), camera_at(scene(), noise=1.5)
-    numbers = (0, 1, 2, 3)
-    there = {number: forward.image(number, number * 100 * MS) for number in numbers}
-    back = {number: backward.image(number, number * 100 * MS) for number in reversed(numbers)}
-    for number in numbers:
-        np.testing.assert_array_equal(there[number].rgb, back[number].rgb)
-        np.testing.assert_array_equal(there[number].movers, back[number].movers)
-    other = camera_at(scene(), noise=1.5, seed=4).image(0, 0)
-    assert (other.rgb != there[0].rgb).any()
 
 
 def test_motion_blur_spreads_what_moves_over_its_way() -> None:

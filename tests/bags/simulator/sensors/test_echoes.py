@@ -75,19 +75,3 @@ def test_surfaces_close_together_make_one_echo_between_them() -> None:
 )
 def test_no_echo(surface: tuple[float, float, int]) -> None:
     assert echoes([surface, (np.inf, 0.0, -1)]).range_m.tolist() == [[NO_ECHO, NO_ECHO]]
-
-
-def test_beams_do_not_mix() -> None:
-    random = np.random.default_rng(0)
-    surfaces = [[(random.uniform(1, 60), random.uniform(0, 0.5), n) for n in range(6)] for _ in range(50)]
-    order = random.permutation(300)
-    flat = np.array([(beam, *surface) for beam, row in enumerate(surfaces) for surface in row])[order]
-    light = Reflected(flat[:, 0].astype(np.int64), flat[:, 1], flat[:, 2], flat[:, 3].astype(np.int64))
-    for second in (False, True):
-        together = distinct_echoes(light, 51, reach_m=100, nearest_m=1, apart_m=0.5, second_strongest=second)
-        alone = [echoes(row, second_strongest=second) for row in surfaces]
-        np.testing.assert_allclose(together.range_m[:50], np.concatenate([one.range_m for one in alone]))
-        np.testing.assert_allclose(together.share[:50], np.concatenate([one.share for one in alone]))
-        np.testing.assert_array_equal(together.mover[:50], np.concatenate([one.mover for one in alone]))
-        assert together.range_m[50].tolist() == [NO_ECHO, NO_ECHO]
-        assert (together.range_m[:50, 0] <= together.range_m[:50, 1]).all()

@@ -38,16 +38,6 @@ def test_rays_come_back_to_their_pixels(name: str) -> None:
     assert lens.covered.mean() > 0.95
 
 
-@pytest.mark.parametrize("name", LENSES)
-def test_rays_beside_pixels_come_back_beside_them(name: str) -> None:
-    lens = lens_of(name)
-    inner = np.flatnonzero(lens.covered.reshape(480, 640)[2:-2, 2:-2].reshape(-1))
-    inner = (inner // 636 + 2) * 640 + inner % 636 + 2
-    around = np.stack([lens.covered[inner + step] for step in (-641, -640, -639, -1, 1, 639, 640, 641)]).all(0)
-    pixels, _ = lens.model.project(lens.directions_beside(inner[around], (0.25, -0.25)))
-    assert np.abs(pixels - pixel_centers()[inner[around]] - (0.25, -0.25)).max() < 0.01
-
-
 def test_pixels_outside_of_the_image_circle_are_not_covered() -> None:
     matrix = np.array([[150.0, 0, 319.5], [0, 150.0, 239.5], [0, 0, 1.0]])
     lens = Lens(CameraModel("optical", 640, 480, matrix, "equidistant", np.zeros(4)))

@@ -185,30 +185,3 @@ def test_points_are_counted_for_the_movers_that_they_lie_on() -> None:
     offsets = sweep.time_offset_ns
     assert sweep.hit_offsets_ns.tolist() == [offsets[(x > 8) & (x < 12)].sum(), 0, offsets[x < 0].sum()]
     assert lidar(scene([wall(30, WHITE)]), model="VLP-16").sweep(0).hits_per_mover.tolist() == []
-
-
-def same(one: Sweep, other: Sweep) -> bool:
-    assert one.packets is not None
-    assert other.packets is not None
-    return bool(
-        np.array_equal(one.xyz, other.xyz)
-        and np.array_equal(one.intensity, other.intensity)
-        and np.array_equal(one.packets.payload, other.packets.payload)
-    )
-
-
-def test_a_sweep_depends_on_seed_name_and_number_alone() -> None:
-    values: dict[str, Any] = {"model": "VLP-16", "output": "both", "return_mode": "dual"}
-    above = fixed_at((0, 0, 1.8))
-    one = lidar(yard(), above, **values)
-    third = one.sweep(3)
-    other = lidar(yard(), above, **values)
-    for number in (0, 3, 1):
-        if number == 3:
-            assert same(other.sweep(3), third)
-        else:
-            assert not same(other.sweep(number), third)
-    assert same(one.sweep(3), third)
-    assert not same(lidar(yard(), above, seed=2, **values).sweep(3), third)
-    renamed = Lidar("other", settings(**values), above, yard(), 1)
-    assert not same(renamed.sweep(3), third)

@@ -78,22 +78,6 @@ def test_the_hidden_part_is_counted_whatever_hides_it() -> None:
     assert found.whole_xyxy[0, 2] - found.visible_xyxy[0, 2] > 15
 
 
-def test_what_is_hidden_altogether_has_a_whole_box_only() -> None:
-    image, found = seen(
-        [
-            box_mover("a", EvenPath((8.0, 0.0, 0.0)), (1, 1, 1)),
-            box_mover("wall", EvenPath((4.0, 0.0, 0.0)), (0.2, 4, 3)),
-            box_mover("behind", EvenPath((-4.0, 0.0, 0.0)), (1, 1, 1)),
-        ]
-    )
-    assert not (image.movers == 0).any()
-    assert (found.visible_px[0], found.occlusion[0]) == (0, 1.0)
-    np.testing.assert_array_equal(np.isnan(found.visible_xyxy).all(1), [True, False, True])
-    np.testing.assert_array_equal(np.isnan(found.whole_xyxy).all(1), [False, False, True])
-    np.testing.assert_array_equal(np.isnan(found.occlusion), [False, False, True])
-    np.testing.assert_array_equal(np.isnan(found.truncation), [False, False, True])
-
-
 @pytest.mark.parametrize("lens", LENSES)
 @settings(max_examples=12)
 @given(x=st.floats(2.5, 9.0), across=st.floats(-1.2, 1.2), height=st.floats(-1.0, 1.5))
@@ -112,17 +96,6 @@ def test_truncation_is_the_share_of_the_box_outside(lens: str, x: float, across:
     assert found.truncation[0] == pytest.approx(1 - inside / ((right - left) * (bottom - top)), abs=0.06)
     assert (found.visible_xyxy[0, :2] >= whole[:2]).all()
     assert (found.visible_xyxy[0, 2:] <= whole[2:]).all()
-
-
-def test_what_reaches_behind_the_camera_is_cut() -> None:
-    """A lorry beside the camera: its box ends one image beyond the border."""
-    mover = box_mover("lorry", EvenPath((2.0, 1.6, 0.0)), (12.0, 2.0, 3.0))
-    image, found = seen([mover])
-    left, top, right, bottom = found.whole_xyxy[0]
-    assert (left, top, bottom) == (-WIDTH, -HEIGHT, 2 * HEIGHT)
-    np.testing.assert_allclose(right, box_of_ids(image, 0)[2], atol=1.0)
-    assert found.truncation[0] == pytest.approx(1 - right / (right + WIDTH) / 3)
-    assert found.occlusion[0] == 0
 
 
 @pytest.mark.parametrize("moves", [False, True], ids=["fixed", "driving"])

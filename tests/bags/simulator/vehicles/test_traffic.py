@@ -45,13 +45,6 @@ def route(start_m: float = 0.0, speed_m_s: float = 10.0, name: str = "along", sh
 # --- driven cars
 
 
-def test_whoever_is_driven_keeps_to_no_route_and_starts_where_it_is_set_down() -> None:
-    cars = traffic({"a": {**route(20), "start": [5, 9, 90]}, "b": route(20)}, {"along": ALONG}, driven=("a", "b"))
-    a, b = states(cars, "a", 2), states(cars, "b", 2)
-    np.testing.assert_allclose(a[[0, -1], :4], [[5, 9, np.pi / 2, 0]] * 2)
-    np.testing.assert_allclose(b[[0, -1], :4], [[20, 0, 0, 0]] * 2)
-
-
 @pytest.mark.parametrize("yaw_deg", [0.0, 30.0, 200.0])
 def test_a_wall_stops_a_car_and_it_can_back_out(yaw_deg: float) -> None:
     yaw = np.deg2rad(yaw_deg)
@@ -78,15 +71,6 @@ def test_the_time_of_asking_does_not_matter() -> None:
     assert one.now_ns == other.now_ns == 8 * SECOND
     for name in one.trajectories:
         assert states(one, name, 8).tobytes() == states(other, name, 8).tobytes()
-
-
-def test_speed_is_that_of_the_scenario_but_in_curves() -> None:
-    bent = {"points_m": [[0, 0], [60, 0], [60, 60]], "corner_radius_m": 10}
-    way = states(traffic({"a": route(0, 12)}, {"along": bent}), "a", 11)
-    assert way[:100, 3].min() > 11
-    assert (way[:, 3] ** 2 * np.tan(np.abs(way[:, 4])) / SHAPES["car"].wheel_base_m).max() < 2.6  # sideways, m/s^2
-    assert way[-1, 3] > 7
-    assert np.abs(way[-1, 0] - 60) < 0.05
 
 
 def test_whoever_is_slower_is_followed_at_a_distance() -> None:

@@ -70,17 +70,6 @@ def test_rays_together_meet_what_each_meets_alone() -> None:
     assert {world.palette[row].name for row in together.material if row >= 0} == {"white", "grey", "black"}
 
 
-def test_hits_say_what_they_meet() -> None:
-    world = scene([wall(10.0, WHITE)], [box_mover("car", EvenPath((5, 0, 0), (0, 10, 0)), (1, 1, 1), BLACK)])
-    ahead, left, back = (0, 0, 0.5, 1, 0, 0), (0, 0, 0.5, 0, 1, 0), (12, 0, 0.5, -1, 0, 0)
-    hits = world.cast(rays_of(ahead, ahead, left, back, times_ns=(0, 200_000_000, 0, 200_000_000)))
-    assert hits.distance_m.tolist() == pytest.approx([4.5, 10, np.inf, 2])
-    assert hits.mover.tolist() == [0, STATIC, STATIC, STATIC]
-    np.testing.assert_allclose(hits.normal, [[-1, 0, 0], [-1, 0, 0], [0, 0, 0], [1, 0, 0]], atol=1e-6)
-    assert [world.palette[row].name if row >= 0 else "" for row in hits.material] == ["black", "white", "", "white"]
-    np.testing.assert_allclose(hits.local[:2], [[-0.5, 0, 0.5], [10, 0, 0.5]], atol=1e-6)
-
-
 def test_what_images_see_of_what_stands_still_is_what_rays_meet() -> None:
     world = scene([box((4, 2, 1), (9, 0, 0.5), BLACK), wall(20.0, WHITE, half_m=6)], [])
     directions = np.random.default_rng(3).uniform([0.5, -1, -0.6], [1, 1, 0.6], (5000, 3))
@@ -107,13 +96,3 @@ def test_empty_worlds_and_no_rays(movers: list[object]) -> None:
     assert len(nothing) == 0
     missed = world.cast(rays_of((0, 0, 0.5, 0, 0, 1)))
     assert (missed.distance_m.tolist(), missed.material.tolist(), missed.mover.tolist()) == ([np.inf], [-1], [STATIC])
-
-
-def test_shadows() -> None:
-    world = scene([box((0, 0, 5), (1, 1, 1), GREY)], [box_mover("car", EvenPath((5, 0, 2), (10, 0, 0)), (1, 1, 1))])
-    ground = np.array([[0, 0, 0], [5, 0, 0], [6, 0, 0], [0, 0, 7]], np.float64)
-    up = np.array([0.0, 0.0, 1.0])
-    assert world.static.occludes(ground, up).tolist() == [True, False, False, False]
-    for time_ns, expected in ((0, [False, True, False, False]), (100_000_000, [False, False, True, False])):
-        (part,) = world.placed_parts(0, time_ns)
-        assert part.occludes(ground.astype(np.float32), up).tolist() == expected
