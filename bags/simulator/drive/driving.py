@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from lidcam.bags.simulator.recorder.processes import STEP_NS, Recorded
+from lidcam.bags.simulator.recorder.recorded import STEP_NS, Recorded
 from lidcam.bags.simulator.vehicles.ackermann import KEY_COMMANDS, QUIT, AckermannCommand
 from lidcam.pipeline.core.ending import undone_at_once
 

@@ -7,7 +7,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from lidcam.bags.simulator.recorder.processes import Recorded
+from lidcam.bags.simulator.recorder.recorded import Recorded
 from lidcam.bags.simulator.recorder.simulation import TRUTH_TOPIC, Simulation
 from lidcam.bags.simulator.recorder.true_rig import T_carrier_sensor
 from lidcam.bags.simulator.scenario.sensors import SensorScenario

@@ -13,7 +13,7 @@ from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 
-from lidcam.bags.simulator.recorder.processes import Recorded
+from lidcam.bags.simulator.recorder.recorded import Recorded
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.pipeline.core.ros.qos import LATCHED, LATCHED_YAML_HUMBLE
 from lidcam.pipeline.core.ros.typestores import RosVersion, message_types

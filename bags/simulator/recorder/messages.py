@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from lidcam.bags.simulator.recorder.processes import Recorded
+from lidcam.bags.simulator.recorder.recorded import Recorded
 from lidcam.pipeline.core.arrays import I64, U8
 from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.geometry.transform import Transform

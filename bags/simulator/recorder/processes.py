@@ -5,84 +5,16 @@ in, and only finished messages come out.
 """
 
 import multiprocessing
-import os
 import signal
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
-from typing import TYPE_CHECKING, NamedTuple
 
-from lidcam.bags.simulator.scenario.scenario import Scenario
-from lidcam.bags.simulator.scenario.sensors import CameraScenario, LidarScenario
+from lidcam.bags.simulator.recorder.recorded import Measured, SensingTask
 from lidcam.bags.simulator.vehicles.ackermann import AckermannCommand
-from lidcam.pipeline.core.arrays import I64
 from lidcam.pipeline.core.ending import undone_at_once
 from lidcam.pipeline.core.errors import LidcamError
-from lidcam.pipeline.core.ros.typestores import RosVersion
-from lidcam.readers.velodyne.models import MODELS
-
-if TYPE_CHECKING:
-    from lidcam.bags.simulator.recorder.simulation import Simulation
-
-STEP_NS = 100_000_000  # default step of a simulation
-
-BEAM_COST_US, PIXEL_COST_US, MOVING_PIXEL_COST_US = 0.8, 0.05, 1.1
-"""Rough costs; a moving camera must render everything anew."""
-
-BEAMS_PER_COLUMN = 32  # beams per column of a Velodyne
-
-
-class SensingTask(NamedTuple):
-    """The work of one simulation process."""
-
-    scenario: Scenario
-    driven: tuple[str, ...]  # vehicles that wait at their start for commands
-    ros_version: RosVersion
-    names: tuple[str, ...]  # names of the sensors to simulate
-
-
-class Recorded(NamedTuple):
-    """One serialised message; messages are ordered by the first three fields."""
-
-    log_ns: int  # true time since the scenario began
-    topic: str
-    stamp_ns: int  # header stamp; `log_ns` for messages without a header
-    msgtype: str  # for instance `sensor_msgs/msg/PointCloud2`
-    data: bytes  # the message in the encoding of the recording
-    latched: bool = False  # late subscribers receive it too
-
-
-class Measured(NamedTuple):
-    """One measurement of a sensor, and the time that it represents."""
-
-    sensor: str  # full name of the sensor, as in `Scenario.sensors`
-    from_ns: int
-    until_ns: int
-    hits: I64  # (M,) points or pixels on each mover
-    hit_offsets_ns: I64  # (M,) sum of the times of a mover's points after `from_ns`; 0 for pixels
-    recorded: tuple[Recorded, ...]  # empty if the measurement was lost
-
-
-def shared_out(scenario: Scenario, workers: int) -> list[tuple[str, ...]]:
-    """The sensors of each worker: costliest first, each to the worker with the least load."""
-    sensors: dict[str, LidarScenario | CameraScenario] = {**scenario.lidars, **scenario.cameras}
-    costs = {name: sensor.rate_hz * _cost_us(sensor) for name, sensor in sensors.items()}
-    shares: list[list[str]] = [[] for _ in range(max(min(workers, len(costs)), 1))]
-    for name in sorted(costs, key=lambda name: -costs[name]):
-        min(shares, key=lambda share: sum(costs[other] for other in share)).append(name)
-    return [tuple(share) for share in shares]
-
-
-def _cost_us(sensor: LidarScenario | CameraScenario) -> float:
-    """Rough cost of one measurement."""
-    if isinstance(sensor, CameraScenario):
-        per_pixel = MOVING_PIXEL_COST_US if sensor.mounted_on else PIXEL_COST_US
-        return sensor.width_px * sensor.height_px * per_pixel
-    beams: float = len(sensor.linear_elevations_deg) * sensor.columns
-    if sensor.model != "linear":
-        beams = BEAMS_PER_COLUMN / MODELS[sensor.model].column_us * 1e6 / sensor.rate_hz
-    return beams / sensor.firing_stride * BEAM_COST_US
 
 
 class SensingProcess:
@@ -171,21 +103,3 @@ def _serve(pipe: Connection, task: SensingTask) -> None:
     except Exception as err:
         with suppress(OSError):  # the parent may have failed in the same way
             pipe.send(err)
-
-
-@contextmanager
-def simulating(
-    scenario: Scenario, *, ros_version: RosVersion, workers: int | None = None, driven: Collection[str] = ()
-) -> Iterator["Simulation"]:
-    """A running simulation on `workers` processes, this one among them; None for one per core.
-
-    Workers start first, so that all processes load their libraries in parallel. The vehicles in `driven` wait at their
-    start for `Simulation.command`.
-    """
-    mine, *others = shared_out(scenario, os.cpu_count() or 1 if workers is None else workers)
-    with ExitStack() as stack:
-        tasks = [SensingTask(scenario, tuple(driven), ros_version, names) for names in others]
-        processes = [stack.enter_context(sensing_process(task)) for task in tasks]
-        from lidcam.bags.simulator.recorder.simulation import Simulation  # Open3D takes a second or two
-
-        yield Simulation(SensingTask(scenario, tuple(driven), ros_version, mine), processes)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidcam.bags.simulator.recorder.messages import MessageFactory, ViewedObject, class_of, counted
-from lidcam.bags.simulator.recorder.processes import Measured, Recorded, SensingTask
+from lidcam.bags.simulator.recorder.recorded import Measured, Recorded, SensingTask
 from lidcam.bags.simulator.recorder.stage import Stage
 from lidcam.bags.simulator.scenario.scenario import camera_truth_topics
 from lidcam.bags.simulator.scenario.sensors import CameraScenario, LidarScenario

@@ -17,7 +17,8 @@ from lidcam.bags.simulator.recorder.messages import (
     counted,
     counted_by,
 )
-from lidcam.bags.simulator.recorder.processes import STEP_NS, Measured, Recorded, SensingProcess, SensingTask
+from lidcam.bags.simulator.recorder.processes import SensingProcess
+from lidcam.bags.simulator.recorder.recorded import STEP_NS, Measured, Recorded, SensingTask
 from lidcam.bags.simulator.recorder.sensing import Sensing
 from lidcam.bags.simulator.recorder.stage import Stage
 from lidcam.bags.simulator.recorder.true_rig import recorded_extrinsics
@@ -156,7 +157,7 @@ def moments(rate_hz: float, begin_ns: int, until_ns: int) -> Iterator[int]:
 
 
 class Simulation:
-    """A running scenario; `recorder.processes.simulating` starts one, with processes for other sensors."""
+    """A running scenario; `recorder.start.simulating` starts one, with processes for other sensors."""
 
     def __init__(self, task: SensingTask, others: Sequence[SensingProcess] = ()) -> None:
         self.scenario, self.ros_version = task.scenario, task.ros_version

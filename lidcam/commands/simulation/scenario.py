@@ -16,7 +16,8 @@ from lidcam.bags.simulator.recorder.files import (
     recording_outputs,
     ros_version_of,
 )
-from lidcam.bags.simulator.recorder.processes import Recorded, simulating
+from lidcam.bags.simulator.recorder.recorded import Recorded
+from lidcam.bags.simulator.recorder.start import simulating
 from lidcam.bags.simulator.scenario.load import load_scenario, overridden
 from lidcam.bags.simulator.scenario.scenario import Scenario
 from lidcam.outputs.allowed import SIMULATED, TEXT, check_no_input, check_replaced
