@@ -79,7 +79,7 @@ def test_the_hidden_part_is_counted_whatever_hides_it() -> None:
 
 
 @pytest.mark.parametrize("lens", LENSES)
-@settings(max_examples=12)
+@settings(max_examples=8)
 @given(x=st.floats(2.5, 9.0), across=st.floats(-1.2, 1.2), height=st.floats(-1.0, 1.5))
 def test_truncation_is_the_share_of_the_box_outside(lens: str, x: float, across: float, height: float) -> None:
     size = (0.8, 1.0, 0.9)

@@ -158,7 +158,7 @@ def test_who_cannot_be_driven() -> None:
 def test_traffic_flows_and_nobody_touches_anybody(name: str) -> None:
     scenario = load_scenario(name)
     moving = Traffic(scenario)
-    of = {name: states(moving, name, 20)[::5] for name in scenario.vehicles}
+    of = {name: states(moving, name, 12)[::5] for name in scenario.vehicles}
     shape = {name: SHAPES[vehicle.shape] for name, vehicle in scenario.vehicles.items()}
     for one, other in itertools.combinations(of, 2):
         apart = np.hypot(*(of[one][:, :2] - of[other][:, :2]).T)
@@ -167,4 +167,4 @@ def test_traffic_flows_and_nobody_touches_anybody(name: str) -> None:
             assert not overlap(*grounds), f"{one} and {other} at {row * 5 * STEP_NS} ns"
     for each, way in of.items():
         assert moving.blocked_steps(each) == 0
-        assert way[-1, 5] >= 0.25 * 20 * scenario.vehicles[each].speed_m_s or (way[-1, 5] > 5)
+        assert way[-1, 5] >= 0.25 * 12 * scenario.vehicles[each].speed_m_s or (way[-1, 5] > 5)
