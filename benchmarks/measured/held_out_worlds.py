@@ -6,13 +6,10 @@ Prints a table with a row for each class and NAME, whose settings choose the det
 `clusters:detect3d.method=cluster,detect3d.score=learned`: average precision from above at an IoU of 0.5 and by
 distances, calibration error of boxes from 0.05 on, and of those from 0.5 on found and false ones and the errors of what
 was found. An object counts if 10 points and more are on it and it is within 60 m along the ground.
-
-`--elevations -25,-24,...` sees the worlds by a lidar with beams at these angles in degrees, `--height-m Z` from there.
 """
 
 import argparse
 import re
-from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from itertools import chain
@@ -22,7 +19,6 @@ from typing import Any
 import numpy as np
 from pages import table
 
-from lidcam.bags.simulator.scenario.sensors import LidarScenario
 from lidcam.bags.simulator.worlds.draw import Family
 from lidcam.bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, TrainingSweep, sweep
 from lidcam.build import decided
@@ -52,13 +48,11 @@ def main() -> None:
     parser.add_argument("--family", choices=("road", "crossing", "sandbox"), required=True)
     parser.add_argument("--worlds", type=int, default=200)
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--elevations", type=lambda text: tuple(sorted(map(float, text.split(",")))))
-    parser.add_argument("--height-m", type=float)
     parser.add_argument("detectors", nargs="+", metavar="NAME:SETTING,...")
     given = parser.parse_args()
     detectors = dict(map(named_settings, given.detectors))
     evaluation = DetectionEvaluation(load_config(given.family, EVALUATED), ())
-    look = partial(look_at_world, given.family, detectors, partial(_changed, given.elevations, given.height_m))
+    look = partial(look_at_world, given.family, detectors)
     with ProcessPoolExecutor(given.workers, mp_context=get_context("spawn")) as pool:
         worlds = pool.map(look, range(FIRST_WORLD, FIRST_WORLD + given.worlds))
         for row, (truth, found) in enumerate(chain.from_iterable(worlds)):
@@ -77,22 +71,13 @@ def named_settings(given: str) -> tuple[str, tuple[str, ...]]:
     return name, tuple(re.split(r",(?=[^,=\[\]{}]+=)", rest)) if rest else ()
 
 
-def _changed(elevations_deg: tuple[float, ...] | None, height_m: float | None, lidar: LidarScenario) -> LidarScenario:
-    """A lidar with other beams, or in another height."""
-    x, y, z = lidar.position_m
-    changes = {"position_m": (x, y, z if height_m is None else height_m)}
-    return lidar.model_copy(update=changes | ({"elevations_deg": elevations_deg} if elevations_deg else {}))
-
-
-def look_at_world(
-    family: Family, detectors: dict[str, tuple[str, ...]], changed: Callable[[LidarScenario], LidarScenario], world: int
-) -> list[Found]:
+def look_at_world(family: Family, detectors: dict[str, tuple[str, ...]], world: int) -> list[Found]:
     """Truth and boxes by detector of some sweeps of a world."""
     configs = {name: load_config(family, settings) for name, settings in detectors.items()}
     first, step = world * SWEEPS_PER_WORLD, SWEEPS_PER_WORLD // SWEEPS_OF_A_WORLD
     answer = []
     for seed in range(first, first + SWEEPS_PER_WORLD, step):
-        taken = sweep(family, seed, changed)
+        taken = sweep(family, seed)
         found = {}
         for name, config in configs.items():
             rig, combined = combined_cloud(taken, config)

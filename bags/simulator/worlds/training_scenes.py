@@ -5,7 +5,6 @@ has beyond that is left out: points between two surfaces at edges, second echoes
 another lidar in another place, share one world, because building a world takes longer than casting its beams.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -53,13 +52,10 @@ class TrainingSweep:
     lidar: LidarScenario  # its settings
 
 
-def sweep(family: Family, seed: int, changed: Callable[[LidarScenario], LidarScenario] | None = None) -> TrainingSweep:
-    """The sweep of a seed; always the same, to be asked for in rising order because worlds are kept for a while.
-
-    `changed` is called with the lidar that was drawn; what it returns takes the sweep.
-    """
+def sweep(family: Family, seed: int) -> TrainingSweep:
+    """The sweep of a seed; always the same, to be asked for in rising order because worlds are kept for a while."""
     world_seed, number = divmod(seed, SWEEPS_PER_WORLD)
-    return _world(family, world_seed).sweep(family, world_seed, number, changed or (lambda lidar: lidar))
+    return _world(family, world_seed).sweep(family, world_seed, number)
 
 
 @lru_cache(2)
@@ -95,13 +91,10 @@ class _World:
         looks = [(look.reflectivity, look.mirror, look.transmission) for look in self._rows]
         self._looks = np.array(looks, np.float64).reshape(-1, 3)
 
-    def sweep(
-        self, family: Family, seed: int, number: int, changed: Callable[[LidarScenario], LidarScenario]
-    ) -> TrainingSweep:
-        """The sweep of the scenario's lidar, or from number 1 on of another one, after a change of it."""
+    def sweep(self, family: Family, seed: int, number: int) -> TrainingSweep:
+        """The sweep of the scenario's lidar, or from number 1 on of another one."""
         draw, scenario = random_numbers_of(family, seed, 1 + number), self._scenario
         lidar = scenario.lidars["top"] if number == 0 else random_lidar(family, draw, scenario.ground, scenario.things)
-        lidar = changed(lidar)
         base = self._ego_pose(draw, elsewhere=number > 0) if lidar.mounted_on else np.eye(4)
         T_base_lidar = lidar.T_carrier_body("base").matrix
         T_site_lidar = base @ T_base_lidar
