@@ -33,8 +33,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from counting import CLASSES, RANGE_M, excused
-from labelled_frames import Label, LabelledFrame, labelled_frames, write_recording
+from labelled_frames import CLASSES, RANGE_M, Label, LabelledFrame, excused, labelled_frames, write_recording
 from scipy.optimize import minimize
 
 from lidcam.evaluation.frames import EvaluationFrames
@@ -71,8 +70,9 @@ from lidcam.run.job import make_job
 
 OPEN = ("fuse.min_score=0.0", "track.mode=none", "output.images=false", "output.clouds=false")
 
-PULL = 1e-4
-"""Weight of the squared distance from the coefficients in use."""
+PULL = 1e-4  # weight of the squared distance from the coefficients in use
+MIN_PROBABILITY = 1e-3  # no probability is taken to be nearer to 0 or 1
+ROUNDS = 3  # labels and what is learned during a run depend on the coefficients, and are made anew in each
 
 LIMITS = {
     "missed": (0.5, 1.0),
@@ -82,12 +82,6 @@ LIMITS = {
     "further": (0.3, 0.8),
 }
 """Recordings of one network and one simulator may not say more: others find less, and are less sure and less exact."""
-
-MIN_PROBABILITY = 1e-3
-"""No probability is taken to be nearer to 0 or 1."""
-
-ROUNDS = 3
-"""Labels and what is learned during a run depend on the coefficients, and are made so many times."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,12 +120,10 @@ class Collector(RunObserver):
         self.frames: list[tuple[Hypotheses, Visibility, Boxes3D]] = []
         self.source: RunInput
 
-    def opened(self, source: RunInput) -> None:
-        """Keep the sensors and the settings."""
+    def opened(self, source: RunInput) -> None:  # noqa: D102
         self.source = source
 
-    def frame(self, result: FrameResult) -> None:
-        """Look at one frame."""
+    def frame(self, result: FrameResult) -> None:  # noqa: D102
         agreement = class_agreement(self.source.config.classes)
         cameras, views = result.detections.cameras, result.views
         found = find_visibility(result.hypotheses, cameras, views, result.combined, agreement)
@@ -154,13 +146,12 @@ def _recorded(path: str, folder: Path, settings: Sequence[str], model: Path | No
     process_recording(job, collector)
     frames = []
     with open_result(result) as opened, open_truth(opened) as found:
-        for evaluated, (hypotheses, visibility, alone) in zip(
-            EvaluationFrames(opened, found), collector.frames, strict=True
-        ):
-            if evaluated.truth is not None:
-                count, counted = hypotheses.lidar_count, (len(hypotheses.boxes), len(alone))
-                nothing = np.zeros(counted[0], np.bool_), np.zeros(counted[1], np.bool_)
-                frames.append(WeighedFrame(hypotheses.boxes, count, visibility, alone, evaluated.truth, nothing))
+        evaluated = zip(EvaluationFrames(opened, found), collector.frames, strict=True)
+        for frame, (hypotheses, visibility, alone) in evaluated:
+            if frame.truth is not None:
+                boxes, count = hypotheses.boxes, hypotheses.lidar_count
+                nothing = np.zeros(len(boxes), np.bool_), np.zeros(len(alone), np.bool_)
+                frames.append(WeighedFrame(boxes, count, visibility, alone, frame.truth, nothing))
         config = decided(opened.config, opened.rig)
         return Weighed(path, 1.0, config, tuple(camera.name for camera in opened.rig.cameras), frames)
 
@@ -168,9 +159,8 @@ def _recorded(path: str, folder: Path, settings: Sequence[str], model: Path | No
 def _labelled(frame: LabelledFrame, model: Path, weight: float, folder: Path, settings: Sequence[str]) -> Weighed:
     collector = Collector()
     write_recording(frame, folder / "frame.mcap")
-    process_recording(
-        make_job(folder / "frame.mcap", settings=[*OPEN, *settings], model_2d=model, workers=1), collector
-    )
+    job = make_job(folder / "frame.mcap", settings=[*OPEN, *settings], model_2d=model, workers=1)
+    process_recording(job, collector)
     (hypotheses, visibility, alone), source = collector.frames[0], collector.source
     T_site_lidar = source.rig.lidars[0].T_site_lidar
     truth = labelled_boxes(frame.labels, T_site_lidar, source.config.class_names)
@@ -353,28 +343,20 @@ def report(runs: Sequence[Weighed], by: Coefficients) -> None:
     """Print what the coefficients come to, by recording and class."""
     for run in runs:
         together, alone, _ = probabilities(run, by)
-        truths = labels(run, (together, alone))
-        for what, found, right, boxes in (
-            ("weighed", together, truths[0], [frame.boxes for frame in run.frames]),
-            ("lidars alone", alone, truths[1], [frame.alone for frame in run.frames]),
-        ):
-            p, ids = np.concatenate(found), np.concatenate([one.class_ids for one in boxes])
+        boxes = [frame.boxes for frame in run.frames], [frame.alone for frame in run.frames]
+        whats, found_by, rights = ("weighed", "lidars alone"), (together, alone), labels(run, (together, alone))
+        for what, found, right, of_frames in zip(whats, found_by, rights, boxes, strict=True):
+            p, ids = np.concatenate(found), np.concatenate([one.class_ids for one in of_frames])
             kept = ~np.isnan(right)
             line = [f"{Path(run.name).name:16} {what:12} {cross_entropy(p, right):.3f}"]
             for class_id, name in enumerate(run.config.class_names):
                 rows = kept & (ids == class_id)
                 if rows.any():
                     line.append(f"{name} {calibration_error(p[rows], right[rows] > 0):.3f} of {rows.sum()}")
-            best = _best(p[kept], right[kept] > 0)
-            print("  ".join([*line, best]))
-
-
-def _best(p: F64, right: Bools) -> str:
-    texts = []
-    for limit in (0.2, 0.3, 0.4, 0.5, 0.6):
-        kept = p >= limit
-        texts.append(f"{limit}: {int((right & kept).sum())}/{int(right.sum())} +{int((~right & kept).sum())}")
-    return " | ".join(texts)
+            for limit in (0.2, 0.3, 0.4, 0.5, 0.6):
+                over = right[kept & (p >= limit)]
+                line.append(f"{limit}: {int((over > 0).sum())}/{int((right > 0).sum())} +{int((over == 0).sum())}")
+            print("  ".join(line))
 
 
 def main() -> None:

@@ -28,8 +28,7 @@ from lidcam.pipeline.detectors.combined import CombinedDetector
 from lidcam.training.card import PRIORS
 from lidcam.training.examples import KIND_OF_CLASS, MIN_POINTS, SWEEPS_OF_A_WORLD, kinds_of_boxes
 
-WORLDS_BEFORE = 100_000
-"""From so many worlds before those that judge."""
+WORLDS_BEFORE = 100_000  # from so many worlds before those that judge
 
 PULL = 1e-3
 

@@ -6,21 +6,19 @@ Prints a table with a row for each class and NAME, whose settings choose the det
 `clusters:detect3d.method=cluster,detect3d.score=learned`: average precision from above at an IoU of 0.5 and by
 distances, calibration error of boxes from 0.05 on, and of those from 0.5 on found and false ones and the errors of what
 was found. An object counts if 10 points and more are on it and it is within 60 m along the ground.
-
-`--elevations -25,-24,...` sees the worlds by a lidar with beams at these angles in degrees, `--height-m Z` from there.
 """
 
 import argparse
 import re
-from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
+from itertools import chain
 from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
+from pages import table
 
-from lidcam.bags.simulator.scenario.sensors import LidarScenario
 from lidcam.bags.simulator.worlds.draw import Family
 from lidcam.bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, TrainingSweep, sweep
 from lidcam.pipeline.core.clouds import CombinedCloud
@@ -36,11 +34,10 @@ from lidcam.pipeline.stages.detect3d import Detect3D
 from lidcam.run.build import decided
 from lidcam.training.examples import SWEEPS_OF_A_WORLD, cloud_of, rig_of
 
-FIRST_WORLD = 2_000_000
-"""Trainings take worlds from their seed on, and judge themselves in those from a million on."""
+FIRST_WORLD = 2_000_000  # trainings take worlds from their seed on, and judge themselves in those from a million on
 
 EVALUATED = ("evaluate.max_range_m=60", "evaluate.min_lidar_points=10", "evaluate.iou=[0.5]", "evaluate.bootstrap=100")
-LEAST = {"all": 0.0, "calibrated": 0.05, "reported": 0.5}
+MIN_SCORES = {"all": 0.0, "calibrated": 0.05, "reported": 0.5}
 
 Found = tuple[TruthBoxes3D, dict[str, Boxes3D]]
 
@@ -51,21 +48,20 @@ def main() -> None:
     parser.add_argument("--family", choices=("road", "crossing", "sandbox"), required=True)
     parser.add_argument("--worlds", type=int, default=200)
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--elevations", type=lambda text: tuple(sorted(map(float, text.split(",")))))
-    parser.add_argument("--height-m", type=float)
     parser.add_argument("detectors", nargs="+", metavar="NAME:SETTING,...")
     given = parser.parse_args()
     detectors = dict(map(named_settings, given.detectors))
     evaluation = DetectionEvaluation(load_config(given.family, EVALUATED), ())
-    look = partial(look_at_world, given.family, detectors, partial(_changed, given.elevations, given.height_m))
-    for row, (truth, found) in enumerate(_looked(look, given.worlds, given.workers)):
-        sources = {
-            f"{name} {kind}": SourceBoxes(kept, np.full(len(kept), UNKNOWN, np.int64))
-            for name, boxes in found.items()
-            for kind, least in LEAST.items()
-            for kept in [boxes.select(boxes.scores >= least)]
-        }
-        evaluation.add(EvaluationFrame(row, 0, truth, sources))
+    look = partial(look_at_world, given.family, detectors)
+    with ProcessPoolExecutor(given.workers, mp_context=get_context("spawn")) as pool:
+        worlds = pool.map(look, range(FIRST_WORLD, FIRST_WORLD + given.worlds))
+        for row, (truth, found) in enumerate(chain.from_iterable(worlds)):
+            sources = {}
+            for name, boxes in found.items():
+                for kind, min_score in MIN_SCORES.items():
+                    kept = boxes.select(boxes.scores >= min_score)
+                    sources[f"{name} {kind}"] = SourceBoxes(kept, np.full(len(kept), UNKNOWN, np.int64))
+            evaluation.add(EvaluationFrame(row, 0, truth, sources))
     _print_table(evaluation.figures()["sources"], list(detectors))
 
 
@@ -75,32 +71,13 @@ def named_settings(given: str) -> tuple[str, tuple[str, ...]]:
     return name, tuple(re.split(r",(?=[^,=\[\]{}]+=)", rest)) if rest else ()
 
 
-def _looked(look: Callable[[int], list[Found]], worlds: int, workers: int) -> Iterator[Found]:
-    numbers = range(FIRST_WORLD, FIRST_WORLD + worlds)
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        for of_world in pool.map(look, numbers):
-            yield from of_world
-
-
-def _changed(elevations_deg: tuple[float, ...] | None, height_m: float | None, lidar: LidarScenario) -> LidarScenario:
-    """A lidar with other beams, or in another height."""
-    x, y, z = lidar.position_m
-    changes = {"position_m": (x, y, z if height_m is None else height_m)}
-    return lidar.model_copy(update=changes | ({"elevations_deg": elevations_deg} if elevations_deg else {}))
-
-
-def look_at_world(
-    family: Family,
-    detectors: dict[str, tuple[str, ...]],
-    changed: Callable[[LidarScenario], LidarScenario],
-    world: int,
-) -> list[Found]:
+def look_at_world(family: Family, detectors: dict[str, tuple[str, ...]], world: int) -> list[Found]:
     """Truth and boxes by detector of some sweeps of a world."""
     configs = {name: load_config(family, settings) for name, settings in detectors.items()}
     first, step = world * SWEEPS_PER_WORLD, SWEEPS_PER_WORLD // SWEEPS_OF_A_WORLD
     answer = []
     for seed in range(first, first + SWEEPS_PER_WORLD, step):
-        taken = sweep(family, seed, changed)
+        taken = sweep(family, seed)
         found = {}
         for name, config in configs.items():
             rig, combined = combined_cloud(taken, config)
@@ -127,20 +104,20 @@ def _truth(taken: TrainingSweep, config: Config, site_frame: str) -> TruthBoxes3
 
 def _print_table(sources: Any, names: list[str]) -> None:
     head = ["", "", "objects", "AP IoU 0.5", "AP distance", "ECE", "found", "false", "position", "heading", "flips"]
-    print(f"| {' | '.join(head)} |\n|{' --- |' * len(head)}")
+    rows = []
     for label in sources[f"{names[0]} all"]:
         for name in names:
-            every, calibrated, reported = (sources[f"{name} {kind}"][label] for kind in LEAST)
+            every, calibrated, reported = (sources[f"{name} {kind}"][label] for kind in MIN_SCORES)
             if not every["truth"] or label == "all":
                 continue
             errors = reported["errors"]
-            cells = [
+            rows.append([
                 label, name, f"{every['truth']}", f"{every['ap_bev_r40_50']:.3f}", f"{every['distance']['map']:.3f}",
                 _text(calibrated["calibration"]["ece"], "{:.3f}"), f"{reported['right']}", f"{reported['false']}",
                 _text(errors["position_bev_m"]["p50"], "{:.3f} m"),
                 _text(errors["heading_mod_180_deg"]["p50"], "{:.1f} deg"), _text(errors["flips"], "{:.1%}"),
-            ]  # fmt: skip
-            print(f"| {' | '.join(cells)} |")
+            ])  # fmt: skip
+    print("\n".join(table(head, rows)))
 
 
 def _text(value: float | None, form: str) -> str:

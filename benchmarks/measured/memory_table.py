@@ -17,33 +17,22 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from page import write_part
-from repeated import repeated
+from pages import LIDCAM, ROOT, repeated, table, write_part
 from rosbags.rosbag1 import Reader
-from side_by_side import table
 
-ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "performance.md"
 STEP_S = 0.05
 
 
 @dataclass(frozen=True)
 class Peaks:
-    """Largest figures of a run.
-
-    Attributes:
-        frames: How many it had.
-        processes: Worked on them at once.
-        first_mib: Resident set of the first process.
-        all_mib: Sum of proportional set sizes of all: a page that several share counts once.
-        written: Bytes of the output.
-    """
+    """Largest figures of a run."""
 
     frames: int
-    processes: int
-    first_mib: float
-    all_mib: float
-    written: int
+    processes: int  # at once
+    first_mib: float  # resident set of the first process
+    all_mib: float  # sum of proportional set sizes: a page that several processes share counts once
+    written: int  # bytes of the output
 
 
 def main() -> None:
@@ -80,23 +69,23 @@ def _measured(recording: Path, frames: int, workers: list[int]) -> Iterator[tupl
         part = ["--duration", f"{own_s * frames / own}"] if frames < own else []
         for count in workers:
             out = folder / "out.mcap"
-            command = [sys.executable, "-m", "lidcam", "process", str(longer), str(out), "--overwrite", "--json"]
+            command = [*LIDCAM, "process", str(longer), str(out), "--overwrite", "--json"]
             yield count, _peaks([*command, "--workers", str(count), *part], out)
 
 
 def _peaks(command: list[str], out: Path) -> Peaks:
     first_kib = all_kib = processes = 0
-    with tempfile.TemporaryFile("w+") as said:
-        run = subprocess.Popen(command, stdout=said, cwd=ROOT)
+    with tempfile.TemporaryFile("w+") as out_text:
+        run = subprocess.Popen(command, stdout=out_text, cwd=ROOT)
         while run.poll() is None:
             sizes_kib = [size for pid in _family(run.pid) if (size := _used_kib(f"{pid}/smaps_rollup", "Pss:"))]
             first_kib = max(first_kib, _used_kib(f"{run.pid}/status", "VmHWM:"))
             all_kib, processes = max(all_kib, sum(sizes_kib)), max(processes, len(sizes_kib))
             time.sleep(STEP_S)
-        said.seek(0)
+        out_text.seek(0)
         if run.returncode:
             raise SystemExit(f"{' '.join(command)}: exit code {run.returncode}")
-        frames = json.load(said)["frames"]
+        frames = json.load(out_text)["frames"]
     return Peaks(frames, processes, first_kib / 1024, all_kib / 1024, out.stat().st_size)
 
 

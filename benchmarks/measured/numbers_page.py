@@ -8,16 +8,18 @@ the tables of that scenario are printed and the page stays as it is.
 """
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from measured_runs import ROOT, SECONDS, MeasuredRun, measured_run
-from mistake_images import KINDS, Look, looks, write_images
-from side_by_side import by_class, side_by_side, table, verdicts
+from pages import ROOT, run_lidcam, table
 from tracks_table import measured_tracks, tracks_table
 
 from lidcam.cli.printing.numbers import NONE, number, percent, share, signed
+from lidcam.readers.results.result import open_result
 
 PAGE = ROOT / "docs" / "numbers.md"
 Tree = Mapping[str, Any]
@@ -27,7 +29,8 @@ HEAD = """# Numbers
 How good lidcam is today, on simulated recordings whose truth is exact. `make numbers` writes this page anew: it
 simulates, processes with the settings that lidcam chooses itself, and evaluates. [figures.md](figures.md) defines every
 figure, [evaluation.md](evaluation.md) says how to get them for your own recordings. These are scenes of a simulator,
-with a simulated 2D detector: they show what changes from one version to the next, not what you will get.
+with a simulated 2D detector: they show what changes from one version to the next, not what you will get. The recordings
+stay in `out/numbers/`: process one of them with `--report FILE.html` to see the worst errors as images.
 
 - *lidar*: what the lidars alone find. *cameras*: what the cameras alone place in 3D. *fused*: the result.
 - *AP bev*, *AP 3D*: average precision at an IoU of 0.5, 40 recall points. *mAP*: by distance of the centres, with
@@ -41,13 +44,46 @@ with a simulated 2D detector: they show what changes from one version to the nex
 - *better*, *worse*, *open*: where the interval of 95 %, from resampled blocks of frames, lies above zero, below it, or
   on both sides. A gain is positive where fusion is better, of the position too. *position* compares means, which are
   those of what each found; *found by lidar, too* compares the objects that both found, one by one.
-- *Tracks*: *unfiltered* are the fused objects of each frame by itself. *nearest neighbour* numbers them, *AB3DMOT*
-  (Weng et al., IROS 2020, stated anew) filters them. *online* and *offline* are lidcam's own (`track.mode`).
+- *Tracks*: *unfiltered* are the fused objects of each frame by itself. *AB3DMOT* (Weng et al., IROS
+  2020, stated anew) filters them. *online* and *offline* are lidcam's own (`track.mode`).
   *position*, *yaw* (a turn by 180 degrees counted as right) and *speed* are roots of the mean square, in metres,
   degrees and m/s; *flips, moving* are those of what moves; *in 95 %*: boxes whose error in x and y lies where their
   covariance says with 95 %; *false tracks* mostly match nothing; *switches*: objects that another track takes over;
   *fragments*: times that an object is lost and found again.
 """
+
+
+FOUND: Mapping[str, Callable[[Tree], str]] = {
+    "AP bev": lambda one: share(one["ap_bev_r40_50"]),
+    "F1": lambda one: share(one["f1"]),
+    "false": lambda one: share(one["false_per_frame"]),
+}
+PLACED: Mapping[str, Callable[[Tree], str]] = {
+    "position": lambda one: number(one["errors"]["position_bev_m"]["mean"], 2),
+    "heading": lambda one: number(one["errors"]["heading_mod_180_deg"]["p50"], 1),
+    "ECE": lambda one: share(one["calibration"]["ece"]),
+}
+"""Columns of the two tables, and how each figure stands there."""
+
+GAINS = {"AP bev": "ap_bev_r40_50", "F1": "f1", "position": "errors.position_bev_m.mean"}
+"""Figures in which fusion should be better, by their names in the JSON."""
+
+SECONDS = {"sandbox": 20, "crossing": 10, "vehicle": 10}  # by scenario
+RECORDED = ("--set", "cameras.*.jpeg_quality=40")
+WRITTEN = ("--set", "output.images=false", "--set", "output.clouds=false")  # boxes alone are evaluated
+
+MODES = ("none", "online", "offline")
+"""Modes of tracks: frames by themselves, frame by frame, and with the future of each frame."""
+
+
+@dataclass(frozen=True)
+class MeasuredRun:
+    """A simulated recording and its result."""
+
+    scenario: str
+    figures: dict[str, Any]  # the JSON of `lidcam evaluate`, with the settings that lidcam chooses itself
+    when_measured: dict[str, Any]  # the same against where objects were at the time of their lidar points
+    by_mode: dict[str, Path]  # results with each of `MODES` of tracks
 
 
 def main() -> None:
@@ -57,25 +93,21 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=ROOT / "out" / "numbers")
     options = parser.parse_args()
     if options.scenario:
-        print("\n".join(section(measured_run(options.scenario, options.folder), [])))
+        print("\n".join(section(measured_run(options.scenario, options.folder))))
         return
     lines = [HEAD]
     for scenario in SECONDS:
-        run = measured_run(scenario, options.folder)
-        shown = looks(run)
-        if shown:
-            write_images(PAGE.with_name(f"numbers-{scenario}.jpg"), shown)
-        lines += section(run, shown)
+        lines += section(measured_run(scenario, options.folder))
     PAGE.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
 
 
-def section(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
+def section(run: MeasuredRun) -> Iterator[str]:
     """The lines about one scenario."""
     figures = run.figures
     settings = (figures["settings"]["name"] or "the defaults").partition(",")[0]
     yield f"## {run.scenario}\n"
     yield (
-        f"{run.seconds} s, {figures['frames']} frames, settings `{settings}`, "
+        f"{SECONDS[run.scenario]} s, {figures['frames']} frames, settings `{settings}`, "
         f"{figures['truth_objects']['evaluated']} true objects that a sensor saw.\n"
     )
     yield from side_by_side(figures)
@@ -84,10 +116,7 @@ def section(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
     yield "The rest of the figures:\n"
     yield from table(
         ["class", "source", "AP 3D", "mAP", "recall", "precision", "95 %", "when measured", "flips", "length", "width"],
-        [
-            _details(name, source, one, run.when_measured["sources"][source][name])
-            for name, source, one in by_class(figures)
-        ],
+        [_details(*one, run.when_measured["sources"][one[1]][one[0]]) for one in by_class(figures)],
     )
     yield "Objects found by kind, whatever class lidcam has for it:\n"
     yield from table(["object", "truth", *(f"recall, {source}" for source in figures["sources"])], _by_label(figures))
@@ -97,23 +126,14 @@ def section(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
     yield "Tracks:\n"
     own = {mode: path for mode, path in run.by_mode.items() if mode != "none"}
     yield from tracks_table(measured_tracks(run.by_mode["none"], own), [*own])
-    if shown:
-        yield from _mistakes(run, shown)
 
 
 def _details(name: str, source: str, one: Tree, when_measured: Tree) -> list[str]:
     errors = one["errors"]
-    return [
-        name,
-        source,
-        share(one["ap_3d_r40_50"]),
-        share(one["distance"]["map"]),
-        *_shares(one, "recall", "precision"),
-        number(errors["position_bev_m"]["p95"], 2),
-        number(when_measured["errors"]["position_bev_m"]["mean"], 2),
-        percent(errors["flips"]),
-        *(signed(errors[side]["bias"], 2) for side in ("length_m", "width_m")),
-    ]
+    shares = [share(one["ap_3d_r40_50"]), share(one["distance"]["map"]), *_shares(one, "recall", "precision")]
+    later_m = when_measured["errors"]["position_bev_m"]["mean"]
+    position = [number(errors["position_bev_m"]["p95"], 2), number(later_m, 2), percent(errors["flips"])]
+    return [name, source, *shares, *position, *(signed(errors[side]["bias"], 2) for side in ("length_m", "width_m"))]
 
 
 def _by_label(figures: Tree) -> list[list[str]]:
@@ -129,41 +149,112 @@ def _by_label(figures: Tree) -> list[list[str]]:
 
 
 def _cameras(figures: Tree) -> list[list[str]]:
-    return [
-        [
-            camera,
-            f"{one['truth']}",
-            *_shares(one, "ap_2d_r40_50", "recall", "precision"),
-            number(one["false_per_image"], 2),
-        ]
-        for camera, classes in figures["images"].items()
-        if (one := classes["all"])["truth"]
-    ]
-
-
-def _mistakes(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
-    yield (
-        "The worst errors, numbered as in the image below, row by row. After `make numbers` the recording is in "
-        "`out/numbers/`: process it with `--rerun FILE.rrd`, and go to the time.\n"
-    )
-    for kind, title in zip(KINDS, ("reported, and not there", "there, and not reported"), strict=True):
-        rows = [[f"{row}", *_mistake(look)] for row, look in enumerate(shown, 1) if look.kind == kind]
-        yield from table(
-            [title, "class", "what it is", "frames", "at (s)", "x, y (m)", "score or points", "camera"], rows
-        )
-    yield f"![the worst errors of {run.scenario}](numbers-{run.scenario}.jpg)\n"
-
-
-def _mistake(look: Look) -> list[str]:
-    one = look.mistake
-    points = NONE if one["lidar_points"] is None else f"{one['lidar_points']} points"
-    weight = f"{one['score']:.2f}" if look.kind == "false" else points
-    place = f"{one['x_m']:z.1f}, {one['y_m']:z.1f}"
-    return [one["class"], look.name, f"{one['frames']}", f"{one['worst_s']:.1f}", place, weight, look.camera or "none"]
+    rows = []
+    for camera, classes in figures["images"].items():
+        if (one := classes["all"])["truth"]:
+            shares = _shares(one, "ap_2d_r40_50", "recall", "precision")
+            rows.append([camera, f"{one['truth']}", *shares, number(one["false_per_image"], 2)])
+    return rows
 
 
 def _shares(one: Tree, *names: str) -> list[str]:
     return [share(one[name]) for name in names]
+
+
+def side_by_side(figures: Tree) -> Iterator[str]:
+    """Figures of detection and of placement: a row for each class, the sources beside one another."""
+    sources: Tree = figures["sources"]
+    for columns in (FOUND, PLACED):
+        head = [f"{column}, {source}" for column in columns for source in sources]
+        rows = [
+            [name, f"{next(iter(sources.values()))[name]['truth']}"]
+            + [shown(sources[source][name]) for shown in columns.values() for source in sources]
+            for name in classes_met(figures)
+        ]
+        yield from table(["class", "truth", *head], rows)
+
+
+def verdicts(figures: Tree) -> Iterator[str]:
+    """Whether fusion is better than the better single sensor, by class and figure, with the interval of 95 %."""
+    names = [name for name in classes_met(figures) if figures["fusion_gain"][name]["recall"]["value"] is not None]
+    singles = [source for source in figures["sources"] if source != "fused"]
+    rows = [
+        [name]
+        + [_verdict(_named(figures["fusion_gain"][name], key)) for key in GAINS.values()]
+        + [_verdict(figures["fusion_gain"][name]["same_objects"][single]) for single in singles]
+        for name in names
+    ]
+    yield from table(["class", *GAINS, *(f"position, found by {single}, too" for single in singles)], rows)
+
+
+def _verdict(gain: Tree) -> str:
+    if gain["value"] is None:
+        return NONE
+    value = signed(gain["value"], 2) + (f" over {gain['over']}" if "over" in gain else "")
+    if gain["low"] is None:
+        return value
+    certain = "better" if gain["low"] > 0 else "worse" if gain["high"] < 0 else "open"
+    return f"{certain}: {value} ({signed(gain['low'], 2)} to {signed(gain['high'], 2)})"
+
+
+def _named(tree: Tree, name: str) -> Tree:
+    for part in name.split("."):
+        tree = tree[part]
+    return tree
+
+
+def classes_met(figures: Tree) -> list[str]:
+    """Classes with truth or detections, and all of them together if there are several."""
+    sources: Tree = figures["sources"]
+    met = [
+        name
+        for name in next(iter(sources.values()))
+        if any(classes[name][count] for classes in sources.values() for count in ("truth", "found"))
+    ]
+    return met[:1] if len(met) == 2 else met
+
+
+def by_class(figures: Tree) -> Iterator[tuple[str, str, Tree]]:
+    """Class, source and figures: the classes that were met, each with all sources."""
+    for name in classes_met(figures):
+        yield from ((name, source, classes[name]) for source, classes in figures["sources"].items())
+
+
+def measured_run(scenario: str, folder: Path) -> MeasuredRun:
+    """Simulate a scenario unless the folder holds its recording, process it, evaluate the result."""
+    folder.mkdir(parents=True, exist_ok=True)
+    recording = folder / f"{scenario}-{_origin(scenario)}.mcap"
+    if not recording.exists():
+        for old in folder.glob(f"{scenario}-*.mcap"):
+            old.unlink()
+        run_lidcam("simulate", scenario, recording, "--duration", SECONDS[scenario], *RECORDED)
+    result = folder / f"{scenario}.mcap"
+    files = {name: folder / f"{scenario}.{name}.json" for name in ("figures", "when_measured")}
+    run_lidcam("process", recording, result, "--overwrite", *WRITTEN)
+    run_lidcam("evaluate", result, "--json-file", files["figures"])
+    run_lidcam("evaluate", result, "--json-file", files["when_measured"], "--set", "evaluate.truth_time=points")
+    trees = {name: json.loads(path.read_bytes()) for name, path in files.items()}
+    return MeasuredRun(scenario, **trees, by_mode=_by_mode(recording, result))
+
+
+def _by_mode(recording: Path, result: Path) -> dict[str, Path]:
+    """Results by their mode of tracks; that of `result` is its own."""
+    with open_result(result) as opened:
+        own = opened.config.track.mode
+    found = {mode: result if mode == own else result.with_suffix(f".{mode}.mcap") for mode in MODES}
+    for mode, path in found.items():
+        if mode != own:
+            run_lidcam("process", recording, path, "--overwrite", *WRITTEN, "--set", f"track.mode={mode}")
+    return found
+
+
+def _origin(scenario: str) -> str:
+    """A checksum of all that a simulated recording is made from: another one is simulated when it changes."""
+    digest = hashlib.sha256(repr((scenario, SECONDS[scenario], RECORDED)).encode())
+    sources = sorted((ROOT / "bags" / "simulator").rglob("*.py"))
+    for path in [*sources, ROOT / "config" / "scenarios" / f"{scenario}.yaml"]:
+        digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:12]
 
 
 if __name__ == "__main__":

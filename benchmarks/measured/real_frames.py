@@ -13,13 +13,11 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from counting import CLASSES, Count, count_frame
-from labelled_frames import LabelledFrame, labelled_frames, write_recording
+from labelled_frames import CLASSES, Count, LabelledFrame, count_frame, labelled_frames, write_recording
 
 import lidcam
 
-Counts = dict[str, dict[str, list[Count]]]
-"""By source and label, one of each frame."""
+Counts = dict[str, dict[str, list[Count]]]  # by source and label, one of each frame
 
 SOURCES = {
     "lidar": "all boxes of the lidar",
@@ -34,25 +32,18 @@ class Watcher(lidcam.RunObserver):
 
     def __init__(self, frame: LabelledFrame) -> None:
         self._frame = frame
-        self._source: lidcam.RunInput | None = None
+        self._source: lidcam.RunInput
         self.counts: dict[str, dict[str, Count]] = {}
 
-    def opened(self, source: lidcam.RunInput) -> None:
-        """See `RunObserver`."""
+    def opened(self, source: lidcam.RunInput) -> None:  # noqa: D102
         self._source = source
 
-    def frame(self, result: lidcam.FrameResult) -> None:
-        """See `RunObserver`."""
-        if self._source is None:
-            raise RuntimeError("a frame before the recording was opened")
+    def frame(self, result: lidcam.FrameResult) -> None:  # noqa: D102
         lidar, names = self._source.rig.lidars[0].T_site_lidar, self._source.config.class_names
         found, placed = result.detections, result.detections.placed
-        by_source = {"lidar": found.lidar, "cameras": placed, "fused": result.fused.objects}
-        self.counts = {
-            source: count_frame(self._frame, boxes, names, lidar)
-            for source, boxes in by_source.items()
-            if boxes is not None
-        }
+        for source, boxes in {"lidar": found.lidar, "cameras": placed, "fused": result.fused.objects}.items():
+            if boxes is not None:
+                self.counts[source] = count_frame(self._frame, boxes, names, lidar)
 
 
 def main() -> None:

@@ -19,32 +19,24 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
-from functools import cache
+from collections.abc import Sequence
+from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
 from statistics import median
-from time import perf_counter
+from typing import NamedTuple
 
-import numpy as np
 import yaml
-from page import write_part
-from repeated import repeated
-from side_by_side import table
+from pages import LIDCAM, ROOT, repeated, run_lidcam, table, write_part
 
-ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "performance.md"
+SCRIPT = "straight script"
 SEED_SECONDS = 30.0
 LONGER = 50
-WORKERS = 1, 2
 MIN_MS = 0.05
 SAME_STAGES = ("--set", "combine.outliers.std_ratio=0.2", "--set", "detect3d.method=cluster")  # as the straight script
 SCRIPT_PX = 416  # sides of what it gives its network
 STRIDE_PX = 32  # of YOLOX, in which sizes are counted
-WARM_UP = ("--duration", "0.5")
-AS_IT_IS = {"": ()}
 
 STAGES = {
     "read": (("read",), ()),
@@ -59,36 +51,26 @@ STAGES = {
 """Stages of the straight script and of lidcam that do the like; lidcam's others have no counterpart."""
 
 
-@dataclass(frozen=True)
-class Case:
-    """One recording and how both programs are told to treat it.
-
-    Attributes:
-        name: Its heading.
-        recording: The file.
-        lidcam: Options of lidcam.
-        script: Options of the straight script.
-        ways: More options of lidcam, of which each is a row of its own, by what the row is called.
-    """
+class Case(NamedTuple):
+    """One recording and how both programs are told to treat it."""
 
     name: str
     recording: Path
-    lidcam: tuple[str, ...]
-    script: tuple[str, ...]
-    ways: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: AS_IT_IS)
+    lidcam: tuple[str, ...]  # options
+    script: tuple[str, ...]  # options
+    ways: dict[str, tuple[str, ...]]  # more options of lidcam by the end of its row's name; each is a row of its own
 
 
 @dataclass(frozen=True)
 class Run:
-    """One run of a program: times on the clock, of the processors with the start, and what it holds."""
+    """One run of a program: times on the clock, of the processors with the start, and its peak of memory."""
 
     frames: int
-    frames_per_second: float
+    speed: float  # frames per second
     processor_s: float
     peak_mib: float
     stages_ms: dict[str, float]
     load: float
-    written: int
 
 
 def main() -> None:
@@ -99,63 +81,31 @@ def main() -> None:
     parser.add_argument("--model", type=Path)
     parser.add_argument("--print", action="store_true", dest="prints")
     options = parser.parse_args()
-    lines = [_machine(), ""]
+    lines = [f"{len(os.sched_getaffinity(0))} cores.", ""]
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        for case in _cases(options.recordings, options.model, folder):
-            lines += [*_section(case, options.rounds, folder), ""]
-    for script in ("velodyne.py", "filters.py"):
-        lines += ["```", *_said([sys.executable, str(ROOT / "benchmarks" / script)]).splitlines(), "```", ""]
+        for case in _cases(options.recordings, options.model, Path(name)):
+            lines += _section(case, options.rounds, Path(name) / "out.mcap")
+    command = [sys.executable, str(ROOT / "benchmarks" / "velodyne.py")]
+    lines += ["```", subprocess.run(command, check=True, capture_output=True, text=True).stdout.rstrip(), "```"]
     text = "\n".join(lines)
     print(text)
     if not options.prints:
         write_part(PAGE, "measured", text)
 
 
-def _machine() -> str:
-    return f"{len(os.sched_getaffinity(0))} cores; one copies memory at {_bandwidth_gib_per_s():.1f} GiB/s."
-
-
-@cache
-def _bandwidth_gib_per_s() -> float:
-    with ProcessPoolExecutor(1) as pool:  # what this process has held would count as the memory of those it starts
-        return pool.submit(_copying_gib_per_s).result()
-
-
-def _copying_gib_per_s() -> float:
-    """Of one core, bytes read and written."""
-    source = np.ones(1 << 25)
-    target = np.empty_like(source)
-    seconds = []
-    for _ in range(5):
-        start = perf_counter()
-        np.copyto(target, source)
-        seconds.append(perf_counter() - start)
-    return 2 * source.nbytes / min(seconds) / (1 << 30)
-
-
 def _cases(recordings: Sequence[Path], model: Path | None, folder: Path) -> list[Case]:
-    settings = "--config", "sandbox", *SAME_STAGES
-    seed = folder / "seed.bag"
-    _said([*_lidcam("simulate"), "sandbox", str(seed), "--duration", str(SEED_SECONDS), "--quiet"])
-    sandbox = "--ground", "0.02", "--link", "0.12"
+    seed, longer, sample = folder / "seed.bag", folder / "longer.bag", ROOT / "bags" / "sandbox.bag"
+    run_lidcam("simulate", "sandbox", seed, "--duration", SEED_SECONDS)
+    own = {"sample": sample, f"sample, {LONGER} times": repeated(sample, LONGER, longer), "seed rig": seed}
+    settings, sandbox = ("--config", "sandbox", *SAME_STAGES), ("--ground", "0.02", "--link", "0.12")
+    cases = [Case(name, path, settings, sandbox, {"": ()}) for name, path in own.items()]
     network = (("--model-2d", str(model)), ("--model", str(model))) if model else ((), ())
-    sample = ROOT / "bags" / "sandbox.bag"
-    return [
-        Case("sample", sample, settings, sandbox),
-        Case(f"sample, {LONGER} times", repeated(sample, LONGER, folder / "longer.bag"), settings, sandbox),
-        Case("seed rig", seed, settings, sandbox),
-        *(
-            Case(
-                path.stem,
-                path,
-                (*SAME_STAGES, *network[0]),
-                network[1],
-                {**AS_IT_IS, **_as_the_script_scales(path, folder)} if model else AS_IT_IS,
-            )
-            for path in recordings
-        ),
-    ]
+    for path in recordings:
+        ways: dict[str, tuple[str, ...]] = {"": ()}
+        if model:
+            ways |= _as_the_script_scales(path, folder)
+        cases.append(Case(path.stem, path, (*SAME_STAGES, *network[0]), network[1], ways))
+    return cases
 
 
 def _as_the_script_scales(recording: Path, folder: Path) -> dict[str, tuple[str, ...]]:
@@ -165,7 +115,7 @@ def _as_the_script_scales(recording: Path, folder: Path) -> dict[str, tuple[str,
     and it scales them as the square does, as it fits these, too.
     """
     rig = folder / "rig.yaml"
-    _said([*_lidcam("inspect"), str(recording), "--write-rig", str(rig), "--overwrite"])
+    run_lidcam("inspect", recording, "--write-rig", rig, "--overwrite")
     sizes_px = [(one["width_px"], one["height_px"]) for one in yaml.safe_load(rig.read_text())["cameras"].values()]
     fitted = [tuple(side * SCRIPT_PX / max(size) for side in size) for size in sizes_px]
     width_px, height_px = (ceil(max(sides) / STRIDE_PX) * STRIDE_PX for sides in zip(*fitted, strict=True))
@@ -173,139 +123,83 @@ def _as_the_script_scales(recording: Path, folder: Path) -> dict[str, tuple[str,
     return {name: ("--set", f"detect2d.input=[{width_px},{height_px}]")}
 
 
-def _section(case: Case, rounds: int, folder: Path) -> list[str]:
+def _section(case: Case, rounds: int, out: Path) -> list[str]:
     """The tables of one recording."""
-    runs: dict[tuple[str, int], list[Run]] = {(way, workers): [] for way in case.ways for workers in WORKERS}
-    script: list[Run] = []
-    _run_lidcam(case, WARM_UP, folder, 1)  # not counted: functions that it compiles are kept for the next runs
+    files = [str(case.recording), str(out)]
+    programs = {
+        f"lidcam{way}, {workers} worker{'s' * (workers > 1)}": [
+            *(*LIDCAM, "process", *files, "--json", "--overwrite", "--workers", str(workers)),
+            *(*case.lidcam, *options),
+        ]
+        for way, options in case.ways.items()
+        for workers in (1, 2)
+    }
+    one, two = list(programs)[:2]
+    _run([*programs[one], "--duration", "0.5"])  # not counted: functions that it compiles are kept for the next runs
+    script = Path(__file__).with_name("straight_script.py")
+    programs[SCRIPT] = [sys.executable, str(script), *files, *case.script]
+    runs: dict[str, list[Run]] = {name: [] for name in programs}
     for _ in range(rounds):
-        for (way, workers), found in runs.items():
-            found.append(_run_lidcam(case, case.ways[way], folder, workers))
-        script.append(_run_script(case, folder))
-    named = {f"lidcam{way}, {_counted(workers)}": found for (way, workers), found in runs.items()}
+        for name, command in programs.items():
+            runs[name].append(_run(command))
     rows = [
         [
-            name,
-            f"{_fastest(found).frames_per_second:.2f}",
-            f"{_middle(found, 'frames_per_second'):.2f}",
-            f"{_times(found, script):.2f}",
-            f"{_times_within_rounds(found, script):.2f}",
+            *(name, f"{_fastest(found).speed:.2f}", f"{median(run.speed for run in found):.2f}"),
+            *(f"{times:.2f}" for times in _times(found, runs[SCRIPT])),
             f"{min(run.processor_s / run.frames * 1e3 for run in found):.0f}",
-            f"{_middle(found, 'peak_mib'):.0f}",
-            f"{_middle(found, 'load'):.1f}",
+            f"{median(run.peak_mib for run in found):.0f}",
+            f"{median(run.load for run in found):.1f}",
         ]
-        for name, found in {**named, "straight script": script}.items()
+        for name, found in runs.items()
     ]
-    speeds = "frames/s", "median", "times the script", "median"
-    head = ["", *speeds, "processor ms a frame, with the start", "peak MiB", "load"]
-    one, two = (runs["", workers] for workers in WORKERS)
-    lines = [f"### {case.name}: {one[0].frames} frames", "", *table(head, rows)]
-    gained = f"{_times(two, one):.2f} times, {_times_within_rounds(two, one):.2f} in the median of {rounds} rounds"
-    lines += [f"2 workers against 1: {gained}. {_moved(case, one)}", ""]
-    columns = {f"lidcam{way}, {_counted(1)}": runs[way, 1] for way in case.ways}
-    return lines + _stages(columns, script)
-
-
-def _counted(workers: int) -> str:
-    return f"{workers} worker{'' if workers == 1 else 's'}"
+    head = ["", "frames/s", "median", "times the script", "median", "processor ms a frame, with the start", "peak MiB"]
+    lines = [f"### {case.name}: {runs[one][0].frames} frames", "", *table([*head, "load"], rows)]
+    times, in_the_median = _times(runs[two], runs[one])
+    lines += [f"2 workers against 1: {times:.2f} times, {in_the_median:.2f} in the median of {rounds} rounds.", ""]
+    return lines + _stages({name: _fastest(found).stages_ms for name, found in runs.items() if ", 2 w" not in name})
 
 
 def _fastest(runs: Sequence[Run]) -> Run:
-    return max(runs, key=lambda run: run.frames_per_second)
+    return max(runs, key=lambda run: run.speed)
 
 
-def _times(runs: Sequence[Run], others: Sequence[Run]) -> float:
-    """How many times as fast, the fastest of each."""
-    return _fastest(runs).frames_per_second / _fastest(others).frames_per_second
+def _times(runs: Sequence[Run], others: Sequence[Run]) -> tuple[float, float]:
+    """How many times as fast, the fastest of each, and in the median of the rounds."""
+    within_rounds = median(a.speed / b.speed for a, b in zip(runs, others, strict=True))
+    return _fastest(runs).speed / _fastest(others).speed, within_rounds
 
 
-def _times_within_rounds(runs: Sequence[Run], others: Sequence[Run]) -> float:
-    return median(a.frames_per_second / b.frames_per_second for a, b in zip(runs, others, strict=True))
+def _stages(by_program: dict[str, dict[str, float]]) -> list[str]:
+    """Milliseconds of the clock by stage in the fastest run, of one worker and of the script, which is last."""
 
+    def cells(ours: Sequence[str], theirs: Sequence[str]) -> list[float | None]:
+        wanted = {name: theirs if name == SCRIPT else ours for name in by_program}
+        return [sum(by_program[name].get(one, 0.0) for one in names) or None for name, names in wanted.items()]
 
-def _moved(case: Case, runs: Sequence[Run]) -> str:
-    """What a frame's bytes would cost if they were only copied."""
-    read_mib, written_mib = (
-        size / runs[0].frames / (1 << 20) for size in (case.recording.stat().st_size, runs[0].written)
-    )
-    ms = 2 * (read_mib + written_mib) / 1024 / _bandwidth_gib_per_s() * 1e3
-    return f"A frame is {read_mib:.2f} MiB read and {written_mib:.2f} MiB written: {ms:.2f} ms at the speed of memory."
-
-
-def _stages(lidcam: Mapping[str, Sequence[Run]], script: Sequence[Run]) -> list[str]:
-    """Milliseconds of the clock by stage in the fastest run, of one worker and of the script.
-
-    Args:
-        lidcam: Runs by what their column is called.
-        script: Runs of the script.
-    """
-    rows = []
-    for stage, (theirs, ours) in STAGES.items():
-        theirs_ms, ours_ms = _sum(script, theirs), [_sum(runs, ours) for runs in lidcam.values()]
-        if any(ours_ms) or theirs_ms:
-            rows.append([stage, *(f"{ms:.2f}" if ours else "" for ms in ours_ms), f"{theirs_ms:.2f}", ""])
+    rows = [(stage, cells(ours, theirs), "") for stage, (theirs, ours) in STAGES.items()]
     shown = {name for _, names in STAGES.values() for name in names}
-    for name in next(iter(lidcam.values()))[0].stages_ms:
-        ours_ms = [_sum(runs, (name,)) for runs in lidcam.values()]
-        if name not in shown and max(ours_ms) >= MIN_MS:
-            rows.append([name, *(f"{ms:.2f}" for ms in ours_ms), "", "lidcam alone"])
-    return list(table(["stage, ms a frame", *lidcam, "straight script", ""], rows))
+    others = [name for name in next(iter(by_program.values())) if name not in shown]
+    rows += [(name, cells((name,), ()), "lidcam alone") for name in others]
+    kept = [row for row in rows if max(ms or 0.0 for ms in row[1]) >= MIN_MS]
+    lines = [[stage, *("" if ms is None else f"{ms:.2f}" for ms in found), note] for stage, found, note in kept]
+    return list(table(["stage, ms a frame", *by_program, ""], lines))
 
 
-def _sum(runs: Sequence[Run], names: Sequence[str]) -> float:
-    return sum(_fastest(runs).stages_ms.get(name, 0.0) for name in names)
-
-
-def _middle(runs: Sequence[Run], name: str) -> float:
-    return median(float(getattr(run, name)) for run in runs)
-
-
-def _lidcam(command: str) -> list[str]:
-    return [sys.executable, "-m", "lidcam", command]
-
-
-def _run_lidcam(case: Case, way: Sequence[str], folder: Path, workers: int) -> Run:
-    out = folder / "lidcam.mcap"
-    command = [*_lidcam("process"), str(case.recording), str(out), "--json", "--workers", str(workers)]
-    return _run([*command, "--overwrite", *case.lidcam, *way], out)
-
-
-def _run_script(case: Case, folder: Path) -> Run:
-    out = folder / "script.mcap"
-    script = Path(__file__).with_name("straight_script.py")
-    return _run([sys.executable, str(script), str(case.recording), str(out), *case.script], out)
-
-
-def _run(command: list[str], out: Path) -> Run:
-    """One run; ends with the command's own message if it fails."""
+def _run(command: list[str]) -> Run:
+    """One run, whose JSON tells its times; ends with the command's own message if it fails."""
     load = os.getloadavg()[0]
-    with tempfile.TemporaryFile("w+") as said, tempfile.TemporaryFile("w+") as complained:
-        process = subprocess.Popen(command, stdout=said, stderr=complained, cwd=ROOT, env=_environment())
+    with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as errors:
+        process = subprocess.Popen(command, stdout=out, stderr=errors, cwd=ROOT)
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
-        said.seek(0)
-        complained.seek(0)
+        out.seek(0)
+        errors.seek(0)
         if process.returncode:
-            raise SystemExit(f"{' '.join(command)}: exit code {process.returncode}\n{complained.read()}")
-        tree = json.loads(said.read())
-    timing = tree["timing"]
-    return Run(
-        timing.get("frames") or tree["frames"],
-        timing["frames_per_second"],
-        usage.ru_utime + usage.ru_stime,
-        usage.ru_maxrss / 1024,
-        timing["stage_ms"],
-        load,
-        out.stat().st_size,
-    )
-
-
-def _said(command: list[str]) -> str:
-    return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, cwd=ROOT, env=_environment()).stdout
-
-
-def _environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": str(ROOT)}
+            raise SystemExit(f"{' '.join(command)}: exit code {process.returncode}\n{errors.read()}")
+        tree = json.loads(out.read())
+    timing, processor_s = tree["timing"], usage.ru_utime + usage.ru_stime
+    frames, peak_mib = timing.get("frames") or tree["frames"], usage.ru_maxrss / 1024
+    return Run(frames, timing["frames_per_second"], processor_s, peak_mib, timing["stage_ms"], load)
 
 
 if __name__ == "__main__":

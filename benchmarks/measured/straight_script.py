@@ -23,12 +23,11 @@ import numpy as np
 import onnxruntime
 from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
+from scipy.spatial.transform import Rotation
 
-from lidcam.bags.simulator.world.open3d_runtime import load_libusb
+from lidcam.bags.simulator.world.open3d_runtime import load_open3d
 
-load_libusb()  # Open3D's wheel wants it, which a bare machine lacks
-
-import open3d as o3d  # noqa: E402
+o3d = load_open3d()
 
 Stored = dict[str, list[tuple[int, Any]]]
 
@@ -50,13 +49,8 @@ def timed(step: str) -> Iterator[None]:
 
 def matrix_of(transform: Any) -> Any:
     """The 4 x 4 matrix of a geometry_msgs/Transform."""
-    x, y, z, w = (getattr(transform.rotation, name) for name in "xyzw")
     matrix = np.eye(4)
-    matrix[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
+    matrix[:3, :3] = Rotation.from_quat([getattr(transform.rotation, name) for name in "xyzw"]).as_matrix()
     matrix[:3, 3] = [getattr(transform.translation, name) for name in "xyz"]
     return matrix
 
@@ -108,7 +102,7 @@ def points_of(message: Any) -> Any:
     return points[np.isfinite(points).all(1)]
 
 
-def picture_of(message: Any) -> Any:
+def image_of(message: Any) -> Any:
     """(H, W, 3) of an Image or CompressedImage, blue first."""
     if hasattr(message, "format"):
         return cv2.imdecode(message.data, cv2.IMREAD_COLOR)
@@ -131,12 +125,12 @@ class Yolox:
             steps.append(np.full((count * count, 1), step))
         self._cells, self._steps = np.concatenate(cells), np.concatenate(steps)
 
-    def __call__(self, picture: Any) -> tuple[Any, Any]:
+    def __call__(self, image: Any) -> tuple[Any, Any]:
         """(M, 4) boxes in pixels and (M,) their classes."""
-        scale = min(SIDE_PX / picture.shape[0], SIDE_PX / picture.shape[1])
-        width, height = int(picture.shape[1] * scale), int(picture.shape[0] * scale)
+        scale = min(SIDE_PX / image.shape[0], SIDE_PX / image.shape[1])
+        width, height = int(image.shape[1] * scale), int(image.shape[0] * scale)
         padded = np.full((SIDE_PX, SIDE_PX, 3), PADDING, np.uint8)
-        padded[:height, :width] = cv2.resize(picture, (width, height))
+        padded[:height, :width] = cv2.resize(image, (width, height))
         (found,) = self._session.run(None, {self._input: padded.transpose(2, 0, 1)[None].astype(np.float32)})[0]
         centers = (found[:, :2] + self._cells) * self._steps
         sizes = np.exp(found[:, 2:4]) * self._steps
@@ -199,10 +193,8 @@ def main() -> None:
         found_channel = writer.register_channel("/objects", "json", schema)
         cloud_channel = writer.register_channel("/cloud", "raw", 0)
         for stamp_ns, _ in reference:
-            nearest = {
-                topic: min(stored, key=lambda one: abs(one[0] - stamp_ns))[1]
-                for topic, stored in (clouds | images).items()
-            }
+            stored = (clouds | images).items()
+            nearest = {topic: min(found, key=lambda one: abs(one[0] - stamp_ns))[1] for topic, found in stored}
             with timed("decode clouds"):
                 parts = []
                 for topic in clouds:
@@ -221,10 +213,10 @@ def main() -> None:
             for topic in images if network else ():
                 message = nearest[topic]
                 with timed("decode images"):
-                    picture = picture_of(message)
+                    image = image_of(message)
                 with timed("detect 2D"):
                     assert network is not None
-                    rectangles, classes = network(picture)
+                    rectangles, classes = network(image)
                 camera = cameras.get(message.header.frame_id)
                 if camera is None:
                     continue
@@ -240,13 +232,9 @@ def main() -> None:
                 writer.add_message(found_channel, stamp_ns, json.dumps(tree).encode(), stamp_ns)
                 writer.add_message(cloud_channel, stamp_ns, np.asarray(cloud.points, np.float32).tobytes(), stamp_ns)
         writer.finish()  # type: ignore[no-untyped-call]  # of mcap
-    frames = len(reference)
-    timing = {
-        "frames": frames,
-        "frames_per_second": frames / (time.perf_counter() - began_s),
-        "stage_ms": {step: seconds / frames * 1e3 for step, seconds in spent_s.items()},
-    }
-    print(json.dumps({"timing": timing}))
+    frames, spent_ms = len(reference), {step: 1e3 * seconds / len(reference) for step, seconds in spent_s.items()}
+    speed = frames / (time.perf_counter() - began_s)
+    print(json.dumps({"timing": {"frames": frames, "frames_per_second": speed, "stage_ms": spent_ms}}))
 
 
 if __name__ == "__main__":

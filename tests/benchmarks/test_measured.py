@@ -50,7 +50,5 @@ def test_settings_of_a_detector(given: str, settings: tuple[str, ...]) -> None:
 
 def test_each_detector_gets_the_cloud_that_its_settings_combine() -> None:
     clusters = "detect3d.method=cluster"
-    found = look_at_world(
-        "sandbox", {"no": (clusters, "combine.max_range_m=0.1"), "all": (clusters,)}, lambda one: one, 3
-    )
+    found = look_at_world("sandbox", {"no": (clusters, "combine.max_range_m=0.1"), "all": (clusters,)}, 3)
     assert {name: any(len(boxes[name]) for _, boxes in found) for name in ("no", "all")} == {"no": False, "all": True}

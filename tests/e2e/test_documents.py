@@ -220,7 +220,6 @@ def test_commands_do_what_they_say(command: str, url: str, tmp_path: Path, monke
         line = f"{program} {shlex.join(shortened(words[: signs[0]])[1:])} {words[signs[0]]} {rest}"
         run = shell(f"set -o pipefail; {line}", tmp_path)
     elif words[0] == "python":
-        words += ["--frames", "20", "--rounds", "1"] if "benchmarks/tracks.py" in words else []
         run = shell(shlex.join([sys.executable, *words[1:]]), ROOT)
     else:
         name, *arguments = shortened(words)

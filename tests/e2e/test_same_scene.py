@@ -26,7 +26,7 @@ from captures import capture_of, pcap
 from results import Found, fused_objects
 from velodyne import packet_stream, scan
 
-from lidcam.bags.simulator.sensors.velodyne_packets import VelodyneSensor
+from lidcam.bags.simulator.sensors.beams import VelodyneSensor
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.recording import VelodyneLidarConfig

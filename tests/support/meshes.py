@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lidcam.bags.simulator.world.meshes.mesh import Mesh
+from lidcam.bags.simulator.world.mesh import Mesh
 
 
 def signed_volume(mesh: Mesh) -> float:

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh, box, merged, polygon
-from lidcam.bags.simulator.world.motion import FixedPath, Path, Poses, upright_poses
-from lidcam.bags.simulator.world.mover import Mover, Part, UprightBox
+from lidcam.bags.simulator.world.mesh import Material, Mesh, box, merged, polygon
+from lidcam.bags.simulator.world.motion import FixedPath, Mover, Part, Path, Poses, UprightBox, upright_poses
 from lidcam.bags.simulator.world.rays import Rays
 from lidcam.bags.simulator.world.scene import Scene
 from lidcam.pipeline.core.arrays import F64, I64

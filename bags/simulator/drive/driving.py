@@ -1,17 +1,53 @@
-"""Driving the cars of a scenario with keys, step by step.
+"""Driving the cars of a scenario with keys, from a script or from a terminal, step by step."""
 
-Keys come from a script or, with `lidcam.bags.simulator.drive.terminal`, from a terminal.
-"""
-
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+import contextlib
+import os
+import select
+import signal
+import termios
+import time
+import tty
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from lidcam.bags.simulator.recorder.recorded import STEP_NS, Recorded
-from lidcam.bags.simulator.vehicles.keys import RemoteControl
+from lidcam.bags.simulator.vehicles.ackermann import KEY_COMMANDS, QUIT, AckermannCommand
+from lidcam.pipeline.core.ending import undone_at_once
 
 if TYPE_CHECKING:
     from lidcam.bags.simulator.recorder.simulation import Simulation
+
+TERMINAL_POLL_NS = 50_000_000  # longest simulated time between two readings of a terminal
+
+ENDING_SIGNALS = (signal.SIGINT, signal.SIGHUP)
+"""Ctrl-C and a closed terminal: both end the drive and keep the recording."""
+
+
+def script_keys(vehicles: tuple[str, ...]) -> str:
+    """All keys with a meaning in a script; the last one only waits."""
+    return "".join(KEY_COMMANDS) + "123456789"[: len(vehicles)] + QUIT + "."
+
+
+@dataclass(frozen=True, slots=True)
+class RemoteControl:
+    """The state of the remote control; a command holds until the next one to the same car."""
+
+    vehicles: tuple[str, ...]  # chosen by the keys 1, 2...
+    chosen: str
+    commands: Mapping[str, AckermannCommand] = field(default_factory=dict)
+    done: bool = False  # the quit key was pressed
+
+    def pressed(self, key: str) -> "RemoteControl":
+        """The state after a key; a key without a meaning changes nothing."""
+        if key == QUIT:
+            return replace(self, done=True)
+        if key and key in "123456789"[: len(self.vehicles)]:
+            return replace(self, chosen=self.vehicles[int(key) - 1])
+        if key not in KEY_COMMANDS:
+            return self
+        return replace(self, commands={**self.commands, self.chosen: KEY_COMMANDS[key]})
 
 
 class Pressed(NamedTuple):
@@ -36,23 +72,78 @@ class Keyboard(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ScriptedKeys:
-    """Keys pressed at a fixed pace from the start; then the input ends."""
+    """A `Keyboard` whose keys are pressed at a fixed pace from the start; then the input ends."""
 
     script: str
     interval_ns: int
 
-    def pressed(self, now_ns: int) -> Pressed:
-        """See `Keyboard`."""
+    def pressed(self, now_ns: int) -> Pressed:  # noqa: D102
         number, between = divmod(now_ns, self.interval_ns)
         keys = self.script[number : number + 1] if between == 0 else ""
         return Pressed(keys, number >= len(self.script))
 
-    def next_ns(self, now_ns: int) -> int:
-        """See `Keyboard`."""
+    def next_ns(self, now_ns: int) -> int:  # noqa: D102
         return (now_ns // self.interval_ns + 1) * self.interval_ns
 
+    def wait(self, until_ns: int) -> None:  # noqa: D102
+        pass
+
+
+class TerminalKeys:
+    """A `Keyboard` that is an open terminal; simulated time never runs ahead of real time."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor, self._begin_s = descriptor, time.monotonic()
+        self._keys, self._ended = "", False
+
+    def end(self) -> None:
+        """End the input."""
+        self._ended = True
+
+    def pressed(self, now_ns: int) -> Pressed:  # noqa: ARG002, D102
+        self._read(0.0)
+        keys, self._keys = self._keys, ""
+        return Pressed(keys, self._ended)
+
+    def next_ns(self, now_ns: int) -> int:  # noqa: D102
+        return now_ns + TERMINAL_POLL_NS
+
     def wait(self, until_ns: int) -> None:
-        """Do nothing: a script runs in simulated time."""
+        """Wait until real time is there; returns early at the end of input, not at a key."""
+        while not self._ended and (left_s := self._begin_s + until_ns * 1e-9 - time.monotonic()) > 0:
+            self._read(left_s)
+
+    def _read(self, timeout_s: float) -> None:
+        try:
+            ready, _, _ = select.select([self._descriptor], [], [], timeout_s)
+            if not ready:
+                return
+            data = os.read(self._descriptor, 1024)
+        except OSError:  # the terminal is gone
+            data = b""
+        self._keys += data.decode("ascii", errors="ignore")
+        self._ended = self._ended or not data or b"\x04" in data  # in this mode Ctrl-D is a byte
+
+
+@contextlib.contextmanager
+def terminal_keys(descriptor: int) -> Iterator[TerminalKeys]:
+    """The keys of a terminal as they are pressed, without Enter or echo; the terminal is always restored.
+
+    Ctrl-C and a closed terminal end the input, even when signalled repeatedly.
+    """
+    keys, before = TerminalKeys(descriptor), termios.tcgetattr(descriptor)
+    handlers: dict[int, Any] = {number: signal.getsignal(number) for number in ENDING_SIGNALS}
+    try:
+        for number in ENDING_SIGNALS:
+            signal.signal(number, lambda *_: keys.end())
+        with undone_at_once(partial(termios.tcsetattr, descriptor, termios.TCSANOW, before)):
+            tty.setcbreak(descriptor)
+            yield keys
+    finally:
+        with contextlib.suppress(OSError, termios.error):  # the terminal may be gone
+            termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+        for ending, handler in handlers.items():
+            signal.signal(ending, handler)
 
 
 def drive(
@@ -60,11 +151,9 @@ def drive(
 ) -> Iterator[tuple[list[Recorded], RemoteControl]]:
     """Simulate step by step under keyboard control until the quit key, the end of input, or `end_ns`.
 
-    Yields:
-        The messages of a step, and the state of the remote control; at the end the measurements still under way.
+    Yields the messages of a step and the state of the remote control; at the end the measurements still under way.
     """
-    control = RemoteControl.of(drivable)
-    now_ns = 0
+    control, now_ns = RemoteControl(drivable, drivable[0]), 0
     while True:
         keys, ended = keyboard.pressed(now_ns)
         for key in keys:

@@ -8,8 +8,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from lidcam.bags.simulator.recorder.recorded import Recorded
-from lidcam.bags.simulator.recorder.simulation import Simulation
-from lidcam.bags.simulator.recorder.states import TRUTH_TOPIC
+from lidcam.bags.simulator.recorder.simulation import TRUTH_TOPIC, Simulation
 from lidcam.bags.simulator.recorder.true_rig import T_carrier_sensor
 from lidcam.bags.simulator.scenario.sensors import SensorScenario
 from lidcam.bags.simulator.sensors.lens import camera_model

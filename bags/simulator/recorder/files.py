@@ -30,8 +30,7 @@ FORMATS: tuple[RecordingFormat, ...] = ("ros1", "sqlite3", "mcap")
 
 ENDINGS = "a name that ends in .bag (ROS 1), in .mcap (MCAP), or has no ending (ROS 2 sqlite3 folder), or a --format"
 ATTACHMENTS = ("rig.yaml", "scenario.yaml")
-METADATA_VERSION: Literal[8] = 8
-"""The newest that Humble reads."""
+METADATA_VERSION: Literal[8] = 8  # the newest that Humble reads
 
 
 def format_of(path: Path, wanted: RecordingFormat | None) -> RecordingFormat:
@@ -71,7 +70,13 @@ def recording_outputs(
 
     def check(old: Path) -> None:
         if old == path and format == "sqlite3":
-            _check_folder(path)
+            files = list(path.iterdir())
+            is_known = all(file.name == "metadata.yaml" or file.suffix in {".db3", ".mcap"} for file in files)
+            is_plain = all(file.is_file() and not file.is_symlink() for file in files)  # a folder may hold anything
+            if path / "metadata.yaml" not in files or not (is_known and is_plain):
+                raise OutputError(
+                    f"{path}: exists and holds something other than a ROS 2 recording; choose another name"
+                )
         check_old(old)
 
     folders = [path] if format == "sqlite3" else []
@@ -92,7 +97,7 @@ def recording_file(
     """
     texts = dict(zip(ATTACHMENTS, (rig_yaml, scenario_yaml), strict=True))
     part = outputs[path].part
-    with _recording_errors(path):
+    with output_errors(path), _sqlite_errors(path):
         if format == "mcap":
             with mcap_file(part, profile="ros2") as file:
                 for name, text in texts.items():
@@ -119,27 +124,12 @@ def _beside(path: Path, name: str) -> Path:
     return path.with_name(f"{path.name}.{name}")
 
 
-def _check_folder(path: Path) -> None:
-    """Whether a folder holds the files of a ROS 2 recording and nothing else: no folders, which may hold anything.
-
-    Raises:
-        OutputError: it does not.
-    """
-    files = list(path.iterdir())
-    is_known = all(file.name == "metadata.yaml" or file.suffix in {".db3", ".mcap"} for file in files)
-    is_plain = all(file.is_file() and not file.is_symlink() for file in files)
-    if path / "metadata.yaml" not in files or not (is_known and is_plain):
-        raise OutputError(f"{path}: exists and holds something other than a ROS 2 recording; choose another name")
-
-
 @contextlib.contextmanager
-def _recording_errors(path: Path) -> Iterator[None]:
-    """Turn what the system and SQLite say in the block into an OutputError about `path`."""
-    with output_errors(path):
-        try:
-            yield
-        except sqlite3.Error as err:
-            raise OutputError(f"{path}: cannot be written: {err}") from err
+def _sqlite_errors(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except sqlite3.Error as err:
+        raise OutputError(f"{path}: cannot be written: {err}") from err
 
 
 def _rosbag_writer(bag: Any) -> WriteMessage:
@@ -149,12 +139,10 @@ def _rosbag_writer(bag: Any) -> WriteMessage:
     def write(recorded: Recorded, start_ns: int) -> None:
         topic = recorded.topic
         if topic not in connections:
+            options: Any = {"typestore": message_types(2), "offered_qos_profiles": [LATCHED] * recorded.latched}
             if isinstance(bag, Rosbag1Writer):
-                options: Any = {"typestore": message_types(1), "latching": 1 if recorded.latched else None}
-                options["callerid"] = BAG_CALLER
-            else:
-                profiles = [LATCHED] if recorded.latched else []
-                options = {"typestore": message_types(2), "offered_qos_profiles": profiles}
+                latching = 1 if recorded.latched else None
+                options = {"typestore": message_types(1), "latching": latching, "callerid": BAG_CALLER}
             connections[topic] = bag.add_connection(topic, recorded.msgtype, **options)
         bag.write(connections[topic], start_ns + recorded.log_ns, recorded.data)
 

@@ -26,17 +26,11 @@ FIRST_NUMBERS = {LIDAR_POINTS: OF_LIDAR, IMAGE_PIXELS: OF_CAMERA}
 
 
 class Hypothesis(NamedTuple):
-    """A hypothesis of a detection: the object's class, or a count or share, which has a negative number.
+    """A hypothesis of a detection: the object's class, or a count or share, which has a negative number."""
 
-    Attributes:
-        name: `class_id` in ROS 2.
-        number: `id` in ROS 1.
-        score: Its score, or a count or share.
-    """
-
-    name: str
-    number: int
-    score: float
+    name: str  # `class_id` in ROS 2
+    number: int  # `id` in ROS 1
+    score: float  # the count or share if it is none
 
 
 def class_of(name: str, score: float = 1.0) -> Hypothesis:
@@ -56,38 +50,23 @@ def counted_by(name: str, count: int, sensor: str, row: int) -> Hypothesis:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueObject:
-    """One object of the ground truth at one moment.
+    """One object of the ground truth at one moment."""
 
-    Attributes:
-        name: Name in the scenario.
-        row: Row in the ground truth.
-        T_site_box: Pose of the box's centre.
-        size_m: Length, width, height.
-        hypotheses: Its class, then counts.
-    """
-
-    name: str
-    row: int
-    T_site_box: Transform
-    size_m: tuple[float, float, float]
-    hypotheses: tuple[Hypothesis, ...]
+    name: str  # in the scenario
+    row: int  # in the ground truth
+    T_site_box: Transform  # pose of the box's centre
+    size_m: tuple[float, float, float]  # length, width, height
+    hypotheses: tuple[Hypothesis, ...]  # its class, then counts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewedObject:
-    """One box in an image.
+    """One box in an image."""
 
-    Attributes:
-        name: Name in the scenario of the object that it shows; empty for none.
-        row: Its row in the ground truth; -1 for none.
-        xyxy: Left, top, right, bottom in pixels, counted from the image's corner.
-        hypotheses: Its class, then counts and shares.
-    """
-
-    name: str
-    row: int
-    xyxy: tuple[float, float, float, float]
-    hypotheses: tuple[Hypothesis, ...]
+    name: str  # of the object that it shows, in the scenario; empty for none
+    row: int  # of that object in the ground truth; -1 for none
+    xyxy: tuple[float, float, float, float]  # left, top, right, bottom in pixels, from the image's corner
+    hypotheses: tuple[Hypothesis, ...]  # its class, then counts and shares
 
 
 class MessageFactory(RosMessages):
@@ -118,22 +97,14 @@ class MessageFactory(RosMessages):
 
     def intrinsics(self, stamp_ns: int, model: CameraModel) -> Any:
         """sensor_msgs/CameraInfo."""
-        return self.camera_info(
-            stamp_ns,
-            model.frame_id,
-            width=model.width_px,
-            height=model.height_px,
-            distortion_model=model.model,
-            d=model.distortion,
-            k=model.K.reshape(9),
-        )
+        width, height, k = model.width_px, model.height_px, model.K.reshape(9)
+        lens, d = model.model, model.distortion
+        return self.camera_info(stamp_ns, model.frame_id, width=width, height=height, distortion_model=lens, d=d, k=k)
 
     def odometry(self, stamp_ns: int, pose: Transform, velocity: tuple[float, float, float]) -> Any:
         """nav_msgs/Odometry without noise; velocity along the child frame's x, y (m/s) and about its z (rad/s)."""
         along, across, turn = velocity
-        twist = self.new(
-            "geometry_msgs/msg/Twist", linear=self.vector(along, across, 0), angular=self.vector(0, 0, turn)
-        )
+        twist = self.new("geometry_msgs/msg/Twist", self.vector(along, across, 0), self.vector(0, 0, turn))
         return self.new(
             "nav_msgs/msg/Odometry",
             header=self.header(stamp_ns, pose.dst),
@@ -144,14 +115,7 @@ class MessageFactory(RosMessages):
 
     def drive(self, stamp_ns: int, frame_id: str, *, speed_m_s: float, steering_rad: float) -> Any:
         """ackermann_msgs/AckermannDriveStamped."""
-        drive = self.new(
-            "ackermann_msgs/msg/AckermannDrive",
-            steering_angle=steering_rad,
-            steering_angle_velocity=0.0,
-            speed=speed_m_s,
-            acceleration=0.0,
-            jerk=0.0,
-        )
+        (drive,) = self.rows("ackermann_msgs/msg/AckermannDrive", 1, steering_angle=steering_rad, speed=speed_m_s)
         return self.new("ackermann_msgs/msg/AckermannDriveStamped", header=self.header(stamp_ns, frame_id), drive=drive)
 
     def number(self, value: float) -> Any:
@@ -163,65 +127,47 @@ class MessageFactory(RosMessages):
 
         In ROS 2 `id` is the object's name; ROS 1 has no such field and gets the object's row as the last hypothesis.
         """
-        header = self.header(stamp_ns, frame_id)
-        detections = []
+        header, detections = self.header(stamp_ns, frame_id), []
         for viewed in objects:
             left, top, right, bottom = viewed.xyxy
             x, y = (left + right) / 2, (top + bottom) / 2
             if self.ros_version == 1:
-                center = self.new("geometry_msgs/msg/Pose2D", x=x, y=y, theta=0.0)
+                center = self.new("geometry_msgs/msg/Pose2D", x, y, 0.0)
                 no_data = np.zeros(0, np.uint8)
                 no_image = self.image(stamp_ns, frame_id, height=0, width=0, encoding="", step=0, data=no_data)
                 more = {"source_img": no_image}
             else:
-                position = self.new("vision_msgs/msg/Point2D", x=x, y=y)
-                center = self.new("vision_msgs/msg/Pose2D", position=position, theta=0.0)
+                center = self.new("vision_msgs/msg/Pose2D", self.new("vision_msgs/msg/Point2D", x, y), 0.0)
                 more = {"id": viewed.name}
-            size = {"size_x": right - left, "size_y": bottom - top}
+            bbox = self.new("vision_msgs/msg/BoundingBox2D", center, right - left, bottom - top)
+            results = self._results(viewed, self.pose(NO_POSE))
             detections.append(
-                self.new(
-                    "vision_msgs/msg/Detection2D",
-                    header=header,
-                    results=self._results(viewed, self.pose(NO_POSE)),
-                    bbox=self.new("vision_msgs/msg/BoundingBox2D", center=center, **size),
-                    **more,
-                )
+                self.new("vision_msgs/msg/Detection2D", header=header, results=results, bbox=bbox, **more)
             )
-        return self.new("vision_msgs/msg/Detection2DArray", header=header, detections=detections)
+        return self.new("vision_msgs/msg/Detection2DArray", header, detections)
 
     def truth(self, stamp_ns: int, frame_id: str, objects: Sequence[TrueObject]) -> Any:
         """vision_msgs/Detection3DArray of the ground truth; the object is identified as by `detections_2d`."""
-        header = self.header(stamp_ns, frame_id)
-        detections = []
+        header, detections = self.header(stamp_ns, frame_id), []
         for true in objects:
-            pose = self._pose(true.T_site_box)
+            pose, more = self._pose(true.T_site_box), {"id": true.name}
             if self.ros_version == 1:
                 more = {"source_cloud": self.cloud(stamp_ns, frame_id, {"x": np.empty(0, np.float32)})}
-            else:
-                more = {"id": true.name}
+            bbox = self.new("vision_msgs/msg/BoundingBox3D", pose, self.vector(*true.size_m))
             results = self._results(true, pose)
-            bbox = self.new("vision_msgs/msg/BoundingBox3D", center=pose, size=self.vector(*true.size_m))
             detections.append(
                 self.new("vision_msgs/msg/Detection3D", header=header, results=results, bbox=bbox, **more)
             )
-        return self.new("vision_msgs/msg/Detection3DArray", header=header, detections=detections)
+        return self.new("vision_msgs/msg/Detection3DArray", header, detections)
 
     def _results(self, thing: TrueObject | ViewedObject, pose: Any) -> list[Any]:
         """vision_msgs/ObjectHypothesisWithPose, each with the same pose."""
-        posed = self.pose_with_covariance(pose)
+        posed, kind = self.pose_with_covariance(pose), "vision_msgs/msg/ObjectHypothesisWithPose"
         if self.ros_version == 1:
-            return [
-                self.new("vision_msgs/msg/ObjectHypothesisWithPose", id=one.number, score=one.score, pose=posed)
-                for one in (*thing.hypotheses, counted("instance", thing.row))
-            ]
-        return [
-            self.new(
-                "vision_msgs/msg/ObjectHypothesisWithPose",
-                hypothesis=self.new("vision_msgs/msg/ObjectHypothesis", class_id=one.name, score=one.score),
-                pose=posed,
-            )
-            for one in thing.hypotheses
-        ]
+            numbered = (*thing.hypotheses, counted("instance", thing.row))
+            return [self.new(kind, one.number, one.score, posed) for one in numbered]
+        hypothesis = "vision_msgs/msg/ObjectHypothesis"
+        return [self.new(kind, self.new(hypothesis, one.name, one.score), posed) for one in thing.hypotheses]
 
     def _pose(self, pose: Transform) -> Any:
         return self.pose(pose.translation.tolist(), pose.quaternion_xyzw.tolist())

@@ -12,24 +12,18 @@ from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, shape_of
 from lidcam.bags.simulator.world.bodies.hulls import front_wheel
 from lidcam.bags.simulator.world.bodies.joints import ArticulatedPath, Carrier, RaisedPath, steered_wheel
 from lidcam.bags.simulator.world.bodies.pedestrian import pedestrian_parts
-from lidcam.bags.simulator.world.meshes.materials import paint
-from lidcam.bags.simulator.world.meshes.mesh import Mesh
-from lidcam.bags.simulator.world.mover import Mover, Part, UprightBox
+from lidcam.bags.simulator.world.mesh import Mesh, paint
+from lidcam.bags.simulator.world.motion import Mover, Part, UprightBox
 from lidcam.pipeline.core.arrays import F64
 
 BODIES = {"model_car": model_car, "car": car, "van": van, "truck": truck, "bus": bus}
 """Body of each motor vehicle, made from its colour, in the base frame; the front wheels are separate parts."""
 
-REFERENCE_PAINT = (0.123, 0.456, 0.789)
-"""A colour that nothing else has."""
+REFERENCE_PAINT = (0.123, 0.456, 0.789)  # a colour that nothing else has
 
 
 def build_mover(
-    name: str,
-    vehicle: VehicleScenario,
-    trajectory: Carrier,
-    *,
-    height: Callable[[F64], F64] | None = None,
+    name: str, vehicle: VehicleScenario, trajectory: Carrier, *, height: Callable[[F64], F64] | None = None
 ) -> Mover:
     """The mover of a vehicle, cyclist or pedestrian, whose name determines its appearance; its trajectory may grow.
 

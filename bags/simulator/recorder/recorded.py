@@ -1,4 +1,4 @@
-"""Data sent to and from a simulation process: its task, and measurements with their messages."""
+"""What the processes of a simulation are asked for, and what they answer."""
 
 from typing import NamedTuple
 
@@ -6,61 +6,35 @@ from lidcam.bags.simulator.scenario.scenario import Scenario
 from lidcam.pipeline.core.arrays import I64
 from lidcam.pipeline.core.ros.typestores import RosVersion
 
-STEP_NS = 100_000_000
-"""Default step of a simulation."""
+STEP_NS = 100_000_000  # default step of a simulation
 
 
 class SensingTask(NamedTuple):
-    """The work of one simulation process.
-
-    Attributes:
-        scenario: The scenario.
-        driven: Vehicles that wait at their start for commands.
-        ros_version: ROS version of the messages.
-        names: Names of the sensors to simulate.
-    """
+    """The work of one simulation process."""
 
     scenario: Scenario
-    driven: tuple[str, ...]
+    driven: tuple[str, ...]  # vehicles that wait at their start for commands
     ros_version: RosVersion
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # names of the sensors to simulate
 
 
 class Recorded(NamedTuple):
-    """One serialised message; messages are ordered by the first three fields.
+    """One serialised message; messages are ordered by the first three fields."""
 
-    Attributes:
-        log_ns: True time since the scenario began.
-        topic: Topic name.
-        stamp_ns: Header stamp; `log_ns` for messages without a header.
-        msgtype: Type name, for instance `sensor_msgs/msg/PointCloud2`.
-        data: The message in the encoding of the recording.
-        latched: Whether late subscribers receive it too.
-    """
-
-    log_ns: int
+    log_ns: int  # true time since the scenario began
     topic: str
-    stamp_ns: int
-    msgtype: str
-    data: bytes
-    latched: bool = False
+    stamp_ns: int  # header stamp; `log_ns` for messages without a header
+    msgtype: str  # for instance `sensor_msgs/msg/PointCloud2`
+    data: bytes  # the message in the encoding of the recording
+    latched: bool = False  # late subscribers receive it too
 
 
 class Measured(NamedTuple):
-    """One measurement of a sensor.
+    """One measurement of a sensor, and the time that it represents."""
 
-    Attributes:
-        sensor: Full name of the sensor, as in `Scenario.sensors`.
-        from_ns: Start of the time that it represents.
-        until_ns: End of that time.
-        hits: (M,) int64 points or pixels on each mover.
-        hit_offsets_ns: (M,) int64 sum of the times of a mover's points after `from_ns`; 0 for pixels.
-        recorded: Its messages; empty if it was lost.
-    """
-
-    sensor: str
+    sensor: str  # full name of the sensor, as in `Scenario.sensors`
     from_ns: int
     until_ns: int
-    hits: I64
-    hit_offsets_ns: I64
-    recorded: tuple[Recorded, ...]
+    hits: I64  # (M,) points or pixels on each mover
+    hit_offsets_ns: I64  # (M,) sum of the times of a mover's points after `from_ns`; 0 for pixels
+    recorded: tuple[Recorded, ...]  # empty if the measurement was lost

@@ -11,11 +11,10 @@ from lidcam.bags.simulator.recorder.stage import Stage
 from lidcam.bags.simulator.scenario.scenario import camera_truth_topics
 from lidcam.bags.simulator.scenario.sensors import CameraScenario, LidarScenario
 from lidcam.bags.simulator.sensors.camera import Camera, CameraImage
-from lidcam.bags.simulator.sensors.detector2d import NO_MOVER, Detected, detect
 from lidcam.bags.simulator.sensors.lidar import Lidar, Sweep
 from lidcam.bags.simulator.sensors.timing import Measurement, Timing
-from lidcam.bags.simulator.sensors.visibility import Visibility, visibility
-from lidcam.bags.simulator.world.mover import Mover
+from lidcam.bags.simulator.sensors.visibility import NO_MOVER, Detected, Visibility, detect, visibility
+from lidcam.bags.simulator.world.motion import Mover
 from lidcam.pipeline.core.arrays import F64, Array
 from lidcam.pipeline.core.ros.vision_numbers import IMAGE_PIXELS
 

@@ -1,6 +1,6 @@
 """The world of a scenario, with all poses over time."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 
 import numpy as np
 
@@ -10,27 +10,21 @@ from lidcam.bags.simulator.scenario.scenario import Scenario
 from lidcam.bags.simulator.scenario.sensors import SensorScenario
 from lidcam.bags.simulator.vehicles.traffic import Traffic
 from lidcam.bags.simulator.world.bodies.dimensions import shape_of
-from lidcam.bags.simulator.world.bodies.joints import RaisedPath
+from lidcam.bags.simulator.world.bodies.joints import Carrier, RaisedPath
 from lidcam.bags.simulator.world.motion import FixedPath, MountedPath, Path
 from lidcam.bags.simulator.world.places.places import height_of, mesh_of
 from lidcam.bags.simulator.world.scene import Scene
+from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.geometry.transform import Transform
 
-KEPT_NS = 1_000_000_000
-"""The past is kept for this long beyond what measurements under way need."""
+KEPT_NS = 1_000_000_000  # the past is kept for this long beyond what measurements under way need
 
 
 class Stage:
-    """The world of a scenario in motion.
+    """The world of a scenario in motion; call `traffic.advance` before asking for a later time.
 
-    The vehicles in `driven` wait at their start for `traffic.command`.
-
-    Attributes:
-        scenario: The scenario.
-        traffic: The traffic; call `traffic.advance` before asking for a later time.
-        vehicles: All vehicles but the ego one, in the order of `scene.movers`.
-        scene: The scene to cast rays into.
-        longest_ns: No measurement spans more time than this.
+    The vehicles in `driven` wait at their start for `traffic.command`. `vehicles` are all but the ego one, in the order
+    of `scene.movers`; no measurement spans more time than `longest_ns`.
     """
 
     def __init__(self, scenario: Scenario, *, driven: Collection[str] = ()) -> None:
@@ -38,21 +32,18 @@ class Stage:
         world = mesh_of(scenario)
         self.traffic = Traffic(scenario, driven=driven, static=world)
         self.vehicles = {name: vehicle for name, vehicle in scenario.vehicles.items() if not vehicle.ego}
-        trajectories = self.traffic.trajectories
-        height = height_of(scenario)
-        # Only in open worlds is there any other way up than a pedestrian's steps on kerbs.
-        self._carriers = {
-            name: RaisedPath(path, height) if scenario.world == "open" else path for name, path in trajectories.items()
-        }
+        self._carriers: dict[str, Carrier] = dict(self.traffic.trajectories)
+        kerbs: Callable[[F64], F64] | None = height_of(scenario)
+        if scenario.world == "open":  # where vehicles follow the ground, too
+            self._carriers = {name: RaisedPath(path, height_of(scenario)) for name, path in self._carriers.items()}
+            kerbs = None
         movers = [
-            build_mover(name, vehicle, self._carriers[name], height=None if scenario.world == "open" else height)
-            for name, vehicle in self.vehicles.items()
+            build_mover(name, vehicle, self._carriers[name], height=kerbs) for name, vehicle in self.vehicles.items()
         ]
         self._paths: dict[str, Path] = dict(self._carriers) | {mover.name: mover.path for mover in movers}
         self.scene = Scene(world, movers)
         periods_s = [1 / sensor.rate_hz for sensor in scenario.sensors.values()]
-        # A tenth more, for jitter and sweeps of whole packets.
-        self.longest_ns = round(1.1e9 * max(periods_s, default=0.0))
+        self.longest_ns = round(1.1e9 * max(periods_s, default=0.0))  # more for jitter and sweeps of whole packets
 
     def sensor_path(self, sensor: SensorScenario) -> Path:
         """Path of a sensor's body (x forward)."""

@@ -45,25 +45,15 @@ def true_rig(scenario: Scenario) -> Rig:
     The sandbox has the zones of the predecessor system.
     """
     frame = EGO_FRAME if scenario.ego else scenario.site_frame
-    lidars = [
-        LidarSensor(
-            name,
-            lidar.packets_topic if lidar.output == "packets" else lidar.topic,
-            T_carrier_sensor(scenario, lidar),
-        )
-        for name, lidar in scenario.lidars.items()
-        if carrier_frame(scenario, lidar) == frame
-    ]
-    cameras = [
-        CameraSensor(
-            name,
-            camera.image_topic,
-            camera.detector.topic if camera.detector else "",
-            camera_model(camera),
-            T_carrier_sensor(scenario, camera).inverse(),
-        )
-        for name, camera in scenario.cameras.items()
-        if carrier_frame(scenario, camera) == frame
-    ]
+    lidars, cameras = [], []
+    for name, lidar in scenario.lidars.items():
+        if carrier_frame(scenario, lidar) == frame:
+            topic = lidar.packets_topic if lidar.output == "packets" else lidar.topic
+            lidars.append(LidarSensor(name, topic, T_carrier_sensor(scenario, lidar)))
+    for name, camera in scenario.cameras.items():
+        if carrier_frame(scenario, camera) == frame:
+            boxes_topic = camera.detector.topic if camera.detector else ""
+            T_camera_carrier = T_carrier_sensor(scenario, camera).inverse()
+            cameras.append(CameraSensor(name, camera.image_topic, boxes_topic, camera_model(camera), T_camera_carrier))
     zones = default_zones() if scenario.world == "sandbox" else ()
     return Rig(frame, tuple(lidars), tuple(cameras), zones, ground_height_m=0.0)

@@ -14,73 +14,45 @@ from lidcam.bags.simulator.scenario.sensors import COEFFICIENTS, CameraScenario,
 from lidcam.bags.simulator.scenario.traffic import RouteScenario, VehicleScenario
 from lidcam.pipeline.core.settings.model import NotNegative, Positive, SettingsModel
 
-EGO_FRAME = "base_link"
-"""Base frame of the vehicle that carries sensors (REP 105)."""
+EGO_FRAME = "base_link"  # base frame of the vehicle that carries sensors (REP 105)
 OWN_TOPICS = ("/tf", "/tf_static", "/odom", "/ground_truth/objects", "/ground_truth/objects_when_measured")
 
 
 class RecordingScenario(SettingsModel):
-    """Rates of the messages that come from no sensor.
+    """Rates of the messages that come from no sensor."""
 
-    Attributes:
-        truth_rate_hz: Rate of /ground_truth/objects; 0 records no ground truth at all, not that of images, either.
-        odometry_rate_hz: Rate of the vehicles' odometry and tf.
-        command_rate_hz: Rate of the vehicles' commands.
-    """
-
+    # Rate of /ground_truth/objects; 0 records no ground truth at all, not that of images, either
     truth_rate_hz: NotNegative = 10.0
-    odometry_rate_hz: Positive = 50.0
-    command_rate_hz: Positive = 20.0
+    odometry_rate_hz: Positive = 50.0  # rate of the vehicles' odometry and tf
+    command_rate_hz: Positive = 20.0  # rate of the vehicles' commands
 
 
 class SunScenario(SettingsModel):
-    """The direction of sunlight.
+    """The direction of sunlight."""
 
-    Attributes:
-        azimuth_deg: Counter-clockwise from +x.
-        elevation_deg: Above the horizon.
-        shadows: Whether it casts shadows.
-    """
-
-    azimuth_deg: float = -50.0
-    elevation_deg: Annotated[float, Field(gt=0, le=90)] = 50.0
-    shadows: bool = True
+    azimuth_deg: float = -50.0  # counter-clockwise from +x
+    elevation_deg: Annotated[float, Field(gt=0, le=90)] = 50.0  # above the horizon
+    shadows: bool = True  # whether it casts shadows
 
 
 class Scenario(SettingsModel):
-    """A whole scenario.
+    """A whole scenario."""
 
-    Attributes:
-        description: One line for people.
-        world: The static world; `open` is that of `ground` and `things`.
-        ground: The ground of an `open` world.
-        things: What stands in an `open` world.
-        site_frame: Name of the world frame in messages.
-        start_unix_s: Start time, seconds since 1970; headers end in 2038.
-        duration_s: Default length of the recording.
-        seed: Seed of all random numbers.
-        sun: The sun.
-        routes: Routes for traffic, by name.
-        vehicles: Vehicles, cyclists and pedestrians, by name.
-        lidars: Lidars by name.
-        cameras: Cameras by name.
-        recording: Rates of all other messages.
-    """
-
-    description: str = ""
-    world: Literal["sandbox", "crossing", "street", "open"]
-    ground: GroundScenario = GroundScenario()
-    things: tuple[ThingScenario, ...] = ()
-    site_frame: str = "site"
+    description: str = ""  # one line for people
+    world: Literal["sandbox", "crossing", "street", "open"]  # the static world; `open` is that of `ground` and `things`
+    ground: GroundScenario = GroundScenario()  # the ground of an `open` world
+    things: tuple[ThingScenario, ...] = ()  # what stands in an `open` world
+    site_frame: str = "site"  # name of the world frame in messages
+    # Start time, seconds since 1970; headers end in 2038
     start_unix_s: Annotated[int, Field(ge=0, le=2_000_000_000)] = 1_700_000_000
-    duration_s: Positive = 10.0
-    seed: Annotated[int, Field(ge=0)] = 1
-    sun: SunScenario = SunScenario()
-    routes: dict[str, RouteScenario] = Field(default_factory=dict)
-    vehicles: dict[Name, VehicleScenario] = Field(default_factory=dict)
-    lidars: dict[Name, LidarScenario] = Field(default_factory=dict)
-    cameras: dict[Name, CameraScenario] = Field(default_factory=dict)
-    recording: RecordingScenario = RecordingScenario()
+    duration_s: Positive = 10.0  # default length of the recording
+    seed: Annotated[int, Field(ge=0)] = 1  # seed of all random numbers
+    sun: SunScenario = SunScenario()  # the sun
+    routes: dict[str, RouteScenario] = Field(default_factory=dict)  # routes for traffic, by name
+    vehicles: dict[Name, VehicleScenario] = Field(default_factory=dict)  # vehicles, cyclists and pedestrians, by name
+    lidars: dict[Name, LidarScenario] = Field(default_factory=dict)  # lidars by name
+    cameras: dict[Name, CameraScenario] = Field(default_factory=dict)  # cameras by name
+    recording: RecordingScenario = RecordingScenario()  # rates of all other messages
 
     @model_validator(mode="after")
     def _things_are_in_an_open_world(self) -> "Scenario":

@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Share
 
-Metres = Annotated[float, Field(ge=-1e5, le=1e5)]
-"""A coordinate: further out, single precision cannot hold millimetres."""
+Metres = Annotated[float, Field(ge=-1e5, le=1e5)]  # a coordinate: further out, single precision cannot hold millimetres
 Vector = tuple[float, float, float]
 Topic = Annotated[str, Field(pattern=r"^/[A-Za-z_]\w*(/\w+)*$")]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z_]\w*$")]
@@ -20,51 +19,32 @@ COEFFICIENTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
 
 
 class Miscalibration(SettingsModel):
-    """The error of a sensor's recorded extrinsics.
+    """The error of a sensor's recorded extrinsics."""
 
-    Attributes:
-        rpy_deg: Roll, pitch, yaw in the sensor's body frame (x forward, y left, z up).
-        xyz_cm: Offset in that frame.
-    """
-
-    rpy_deg: Vector = (0.0, 0.0, 0.0)
-    xyz_cm: Vector = (0.0, 0.0, 0.0)
+    rpy_deg: Vector = (0.0, 0.0, 0.0)  # roll, pitch, yaw in the sensor's body frame (x forward, y left, z up)
+    xyz_cm: Vector = (0.0, 0.0, 0.0)  # offset in that frame
 
 
 class SensorScenario(SettingsModel):
-    """Pose, timing and faults of a sensor.
-
-    Attributes:
-        topic: Topic of its measurements.
-        frame_id: Its frame in messages and tf.
-        mounted_on: Name of the ego vehicle; empty if fixed to the site.
-        position_m: Position.
-        rpy_deg: Roll, pitch, yaw (about fixed x, y, z) of its body: x forward, y left, z up. A camera looks along x.
-        rate_hz: Measurements per second.
-        phase_ms: Start of the first measurement, after the start of the scenario.
-        jitter_ms: Standard deviation of the measurement time.
-        clock_offset_ms: Its clock is ahead of true time by this, and so are its stamps.
-        drop_rate: Share of lost messages.
-        log_delay_ms: Time from the end of a measurement (for an image, from its stamp) to its recording.
-        log_jitter_ms: Standard deviation of that delay, which is never negative; messages may overtake each other.
-        dies_at_s: No measurement starts at or after this time of the scenario.
-        miscalibration: Error of its recorded extrinsics.
-    """
+    """Pose, timing and faults of a sensor."""
 
     topic: Topic
-    frame_id: str
-    mounted_on: str = ""
+    frame_id: str  # its frame in messages and tf
+    mounted_on: str = ""  # name of the ego vehicle; empty if fixed to the site
     position_m: tuple[Metres, Metres, Metres]
+    # Roll, pitch, yaw (about fixed x, y, z) of its body: x forward, y left, z up. A camera looks along x.
     rpy_deg: Vector = (0.0, 0.0, 0.0)
-    rate_hz: Positive = 10.0
-    phase_ms: NotNegative = 0.0
-    jitter_ms: NotNegative = 0.0
-    clock_offset_ms: float = 0.0
-    drop_rate: Share = 0.0
+    rate_hz: Positive = 10.0  # measurements per second
+    phase_ms: NotNegative = 0.0  # start of the first measurement, after the start of the scenario
+    jitter_ms: NotNegative = 0.0  # standard deviation of the measurement time
+    clock_offset_ms: float = 0.0  # its clock is ahead of true time by this, and so are its stamps
+    drop_rate: Share = 0.0  # share of lost messages
+    # Time from the end of a measurement (for an image, from its stamp) to its recording
     log_delay_ms: NotNegative = 5.0
+    # Standard deviation of that delay, which is never negative; messages may overtake each other
     log_jitter_ms: NotNegative = 0.0
-    dies_at_s: NotNegative | None = None
-    miscalibration: Miscalibration = Miscalibration()
+    dies_at_s: NotNegative | None = None  # no measurement starts at or after this time of the scenario
+    miscalibration: Miscalibration = Miscalibration()  # error of its recorded extrinsics
 
     def T_carrier_body(self, carrier_frame: str) -> Transform:
         """The true pose of the sensor's body (x forward) on its carrier."""
@@ -73,47 +53,29 @@ class SensorScenario(SettingsModel):
 
 
 class LidarScenario(SensorScenario):
-    """A spinning lidar.
+    """A spinning lidar."""
 
-    Attributes:
-        model: A Velodyne model of `lidcam.readers.velodyne.models`, or `linear`: evenly spread beams.
-        beams: Number of beams of a `linear` lidar.
-        elevation_deg: Lowest and highest beam of a `linear` lidar.
-        elevations_deg: All beams of a `linear` lidar, at uneven steps; then `beams` and `elevation_deg` do not count.
-        columns: Firings per turn of a `linear` lidar; other models have a fixed firing rate.
-        firing_stride: Record only every n-th firing, for small files (points only).
-        start_azimuth_deg: Azimuth where a sweep starts, clockwise from the front.
-        output: `points` (PointCloud2 on `topic`), `packets` (velodyne_msgs/VelodyneScan on `packets_topic`) or `both`.
-        packets_topic: Topic of the packets.
-        return_mode: Which echoes of a beam are recorded.
-        divergence_mrad: Full angle of a beam.
-        echo_separation_m: Surfaces in one beam that are further apart than this give separate echoes.
-        min_range_m: Shortest range.
-        max_range_m: Longest range of a white surface; darker ones have a shorter one.
-        range_noise_m: Standard deviation of ranges.
-        dropout: Share of echoes lost at random.
-        intensity_gain: Factor on Velodyne's scale of intensities.
-        intensity_floor: Subtracted from intensities; what is darker is reported as 0.
-    """
-
+    # A Velodyne model of `lidcam.readers.velodyne.models`, or `linear`: evenly spread beams
     model: Literal["VLP-16", "Puck Hi-Res", "HDL-32E", "VLP-32A", "VLP-32B", "VLP-32C", "linear"] = "VLP-16"
-    beams: Count = 64
-    elevation_deg: tuple[float, float] = (-25.0, 3.0)
+    beams: Count = 64  # of a `linear` lidar
+    elevation_deg: tuple[float, float] = (-25.0, 3.0)  # lowest and highest beam of a `linear` lidar
+    # All beams of a `linear` lidar, at uneven steps; then `beams` and `elevation_deg` do not count
     elevations_deg: Annotated[tuple[Annotated[float, Field(ge=-90, le=90)], ...], Field(max_length=256)] = ()
-    columns: Count = 1800
-    firing_stride: Count = 1
-    start_azimuth_deg: float = 180.0
+    columns: Count = 1800  # firings per turn of a `linear` lidar; other models have a fixed firing rate
+    firing_stride: Count = 1  # record only every n-th firing, for small files (points only)
+    start_azimuth_deg: float = 180.0  # azimuth where a sweep starts, clockwise from the front
+    # `points` (PointCloud2 on `topic`), `packets` (velodyne_msgs/VelodyneScan on `packets_topic`) or `both`
     output: Literal["points", "packets", "both"] = "points"
     packets_topic: Topic | Literal[""] = ""
-    return_mode: Literal["strongest", "last", "dual"] = "strongest"
-    divergence_mrad: NotNegative = 3.0
-    echo_separation_m: Positive = 0.5
+    return_mode: Literal["strongest", "last", "dual"] = "strongest"  # which echoes of a beam are recorded
+    divergence_mrad: NotNegative = 3.0  # full angle of a beam
+    echo_separation_m: Positive = 0.5  # surfaces in one beam that are further apart than this give separate echoes
     min_range_m: NotNegative = 0.1
-    max_range_m: Positive = 100.0
-    range_noise_m: NotNegative = 0.01
-    dropout: Share = 0.005
-    intensity_gain: Positive = 1.0
-    intensity_floor: NotNegative = 0.0
+    max_range_m: Positive = 100.0  # longest range of a white surface; darker ones have a shorter one
+    range_noise_m: NotNegative = 0.01  # standard deviation of ranges
+    dropout: Share = 0.005  # share of echoes lost at random
+    intensity_gain: Positive = 1.0  # factor on Velodyne's scale of intensities
+    intensity_floor: NotNegative = 0.0  # subtracted from intensities; what is darker is reported as 0
 
     @property
     def linear_elevations_deg(self) -> tuple[float, ...]:
@@ -128,58 +90,32 @@ class LidarScenario(SensorScenario):
 
 
 class Detector2DScenario(SettingsModel):
-    """A simulated 2D detector with errors.
+    """A simulated 2D detector with errors."""
 
-    Attributes:
-        topic: Topic of its vision_msgs/Detection2DArray.
-        delay_ms: Time from the recording of the image to that of its detections.
-        pixel_noise_px: Standard deviation of each box edge.
-        miss_rate: Share of visible objects that it misses.
-        false_per_image: Mean number of false boxes per image.
-        min_visible: Objects with a smaller visible share are not detected.
-        min_height_px: Objects with a lower box are not detected.
-    """
-
-    topic: Topic
-    delay_ms: NotNegative = 30.0
-    pixel_noise_px: NotNegative = 1.2
-    miss_rate: Share = 0.05
-    false_per_image: NotNegative = 0.05
-    min_visible: Share = 0.3
-    min_height_px: NotNegative = 12.0
+    topic: Topic  # topic of its vision_msgs/Detection2DArray
+    delay_ms: NotNegative = 30.0  # time from the recording of the image to that of its detections
+    pixel_noise_px: NotNegative = 1.2  # standard deviation of each box edge
+    miss_rate: Share = 0.05  # share of visible objects that it misses
+    false_per_image: NotNegative = 0.05  # mean number of false boxes per image
+    min_visible: Share = 0.3  # objects with a smaller visible share are not detected
+    min_height_px: NotNegative = 12.0  # objects with a lower box are not detected
 
 
 class CameraScenario(SensorScenario):
-    """A camera; its `frame_id` is the optical frame (z forward, x right, y down).
+    """A camera; its `frame_id` is the optical frame (z forward, x right, y down)."""
 
-    Attributes:
-        info_topic: Topic of its sensor_msgs/CameraInfo.
-        width_px: Image width.
-        height_px: Image height.
-        focal_px: fx and fy.
-        center_px: cx and cy; None for the middle of the image.
-        distortion_model: As in CameraInfo.
-        distortion: Coefficients in the order of CameraInfo; missing ones are 0.
-        exposure_ms: Exposure time; the stamp is its middle.
-        motion_blur: Whether motion during the exposure is blurred.
-        gain: Brightness factor.
-        noise: Standard deviation of pixel values (0 to 255).
-        output: `jpeg` (CompressedImage on `topic`/compressed) or `raw` (Image on `topic`, rgb8).
-        jpeg_quality: 1 to 100.
-        detector: A simulated detector on its images.
-    """
-
-    info_topic: Topic
+    info_topic: Topic  # topic of its sensor_msgs/CameraInfo
     width_px: Count = 640
     height_px: Count = 480
-    focal_px: tuple[Positive, Positive]
-    center_px: tuple[float, float] | None = None
-    distortion_model: Literal["plumb_bob", "rational_polynomial", "equidistant"] = "plumb_bob"
-    distortion: tuple[float, ...] = ()
-    exposure_ms: NotNegative = 4.0
-    motion_blur: bool = False
-    gain: Positive = 1.0
-    noise: NotNegative = 1.0
+    focal_px: tuple[Positive, Positive]  # fx and fy
+    center_px: tuple[float, float] | None = None  # cx and cy; None for the middle of the image
+    distortion_model: Literal["plumb_bob", "rational_polynomial", "equidistant"] = "plumb_bob"  # as in CameraInfo
+    distortion: tuple[float, ...] = ()  # coefficients in the order of CameraInfo; missing ones are 0
+    exposure_ms: NotNegative = 4.0  # the stamp is its middle
+    motion_blur: bool = False  # whether motion during the exposure is blurred
+    gain: Positive = 1.0  # brightness factor
+    noise: NotNegative = 1.0  # standard deviation of pixel values (0 to 255)
+    # `jpeg` (CompressedImage on `topic`/compressed) or `raw` (Image on `topic`, rgb8)
     output: Literal["jpeg", "raw"] = "jpeg"
     jpeg_quality: Annotated[int, Field(ge=1, le=100)] = 80
     detector: Detector2DScenario | None = None

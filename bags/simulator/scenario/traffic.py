@@ -23,59 +23,40 @@ CONTROLLERS = (
 
 
 class RouteScenario(SettingsModel):
-    """A route that traffic follows.
+    """A route that traffic follows."""
 
-    Attributes:
-        points_m: Corners x, y, which are rounded. A third number is the radius of that corner.
-        closed: Whether the last point leads back to the first.
-        corner_radius_m: Radius of all other corners.
-        yields_to: Routes whose traffic has right of way where the two cross.
-    """
-
+    # Corners x, y, which are rounded. A third number is the radius of that corner.
     points_m: tuple[tuple[Metres, Metres] | tuple[Metres, Metres, NotNegative], ...]
-    closed: bool = False
-    corner_radius_m: NotNegative = 5.0
-    yields_to: tuple[str, ...] = ()
+    closed: bool = False  # whether the last point leads back to the first
+    corner_radius_m: NotNegative = 5.0  # radius of all other corners
+    yields_to: tuple[str, ...] = ()  # routes whose traffic has right of way where the two cross
 
 
 class VehicleScenario(SettingsModel):
-    """A vehicle, cyclist or pedestrian: its looks, start and driver.
+    """A vehicle, cyclist or pedestrian: its looks, start and driver."""
 
-    Attributes:
-        shape: Its body (`lidcam.bags.simulator.world.bodies.dimensions`).
-        color: Colour of its paint or jacket, each in [0, 1].
-        scale: Factors of the length, width and height of its shape; for people about the same in all three.
-        body: Form of a `car`.
-        posture: Of a `pedestrian`; only an upright one walks.
-        walked_m: Distance that it has covered at the start, which decides how its legs stand.
-        start: x, y in metres and yaw in degrees of its base frame (below the rear axle, or below the middle of a
-            pedestrian); with a route it is used only under remote control (`lidcam drive`).
-        route: Name of a route to follow.
-        route_start_m: Start position along the route.
-        speed_m_s: Cruising speed on the route.
-        keys: Keys that drive it instead (`w s a d x`), one every `key_interval_s` from the start.
-        key_interval_s: Time from one key to the next.
-        odometry: Record nav_msgs/Odometry: the true pose of the centre of its box on /NAME/base_pose_ground_truth; for
-            the ego vehicle that of `base_link` on /odom.
-        commands: Record its ackermann_msgs/AckermannDriveStamped and the six Float64 commands of its controllers.
-        ego: It carries the sensors; tf has its pose (`odom` to `base_link`), the ground truth does not.
-    """
-
+    # Its body (`lidcam.bags.simulator.world.bodies.dimensions`)
     shape: Literal["model_car", "car", "van", "truck", "bus", "cyclist", "pedestrian"] = "car"
-    color: tuple[Share, Share, Share] = (0.6, 0.1, 0.1)
+    color: tuple[Share, Share, Share] = (0.6, 0.1, 0.1)  # colour of its paint or jacket, each in [0, 1]
+    # Factors of the length, width and height of its shape; for people about the same in all three
     scale: tuple[Scale, Scale, Scale] = (1.0, 1.0, 1.0)
-    body: CarBody = "hatchback"
-    posture: Posture = "upright"
-    walked_m: NotNegative = 0.0
+    body: CarBody = "hatchback"  # form of a `car`
+    posture: Posture = "upright"  # of a `pedestrian`; only an upright one walks
+    walked_m: NotNegative = 0.0  # distance that it has covered at the start, which decides how its legs stand
+    # x, y in metres and yaw in degrees of its base frame (below the rear axle, or below the middle of a pedestrian);
+    # with a route it is used only under remote control (`lidcam drive`)
     start: tuple[Metres, Metres, float] = (0.0, 0.0, 0.0)
-    route: str = ""
-    route_start_m: NotNegative = 0.0
-    speed_m_s: NotNegative = 0.0
-    keys: str = ""
-    key_interval_s: Positive = 0.5
+    route: str = ""  # name of a route to follow
+    route_start_m: NotNegative = 0.0  # start position along the route
+    speed_m_s: NotNegative = 0.0  # cruising speed on the route
+    keys: str = ""  # keys that drive it instead (`w s a d x`), one every `key_interval_s` from the start
+    key_interval_s: Positive = 0.5  # time from one key to the next
+    # Record nav_msgs/Odometry: the true pose of the centre of its box on /NAME/base_pose_ground_truth; for the ego
+    # vehicle that of `base_link` on /odom
     odometry: bool = False
+    # Record its ackermann_msgs/AckermannDriveStamped and the six Float64 commands of its controllers
     commands: bool = False
-    ego: bool = False
+    ego: bool = False  # it carries the sensors; tf has its pose (`odom` to `base_link`), the ground truth does not
 
     def topics(self, name: str) -> list[str]:
         """Topics of its messages."""

@@ -1,33 +1,176 @@
-"""Directions and times of the beams of a spinning lidar, sweep by sweep.
+"""Beams of spinning lidars: directions and times, sweep by sweep, and Velodyne's data packets from ranges.
 
 A Velodyne sweep consists of whole packets, from the first packet of its turn on. A `linear` lidar has `columns` firings
-per turn, with its beams all at once, at equal steps or as listed. Both spin evenly with `rate_hz`, clockwise seen from
-above.
+per turn, with its beams all at once, at equal steps or as listed. Both spin evenly, clockwise seen from above. Packets
+are the inverse of `lidcam.readers.velodyne.decoder`, written independently. As in the manuals, block azimuths are
+rounded to 0.01 degrees, packet times to microseconds, ranges to the model's step.
 """
 
+from dataclasses import dataclass
 from math import ceil
+from typing import Literal
 
 import numpy as np
 
 from lidcam.bags.simulator.scenario.sensors import LidarScenario
-from lidcam.bags.simulator.sensors.velodyne_packets import Beams, EncodedPackets, VelodyneSensor
-from lidcam.pipeline.core.arrays import F64, U8
-from lidcam.readers.velodyne.models import MODELS, built_in_table
+from lidcam.pipeline.core.arrays import F64, I64, U8, U16
+from lidcam.readers.velodyne.models import BLOCK_FLAGS, MODELS, built_in_table
 
 MS = 1_000_000
 LINEAR_RANGE_STEP_M = 0.002
+BLOCKS, SLOTS = 12, 32  # of a packet, and of a block
+RETURN_BYTES = {"strongest": 0x37, "last": 0x38, "dual": 0x39}
+
+_ECHO = [("steps", "<u2"), ("reflectivity", "u1")]
+_BLOCK = [("flag", "<u2"), ("azimuth", "<u2"), ("echoes", _ECHO, SLOTS)]
+_PACKET = np.dtype([("blocks", _BLOCK, BLOCKS), ("time_us", "<u4"), ("mode", "u1"), ("product", "u1")])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Beams:
+    """The beams of consecutive firings, in the sensor's frame (x ahead, y to the left, z up)."""
+
+    directions: F64  # (F, L, 3) unit vectors, by firing and laser id
+    origins: F64  # (L, 3) metres, where the beams of each laser start on the axis
+    times_ns: I64  # (F, L)
+    azimuth_error_rad: F64  # (F,) azimuths that a decoder computes from packets minus the true ones
+
+    @property
+    def measured_directions(self) -> F64:
+        """(F, L, 3) reported directions; unit vectors to 1e-8."""
+        error, measured = self.azimuth_error_rad[:, None], self.directions.copy()
+        measured[:, :, 0] += error * self.directions[:, :, 1]
+        measured[:, :, 1] -= error * self.directions[:, :, 0]
+        return measured
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EncodedPackets:
+    """Data packets."""
+
+    stamps_ns: I64  # (P,) time of the first firing
+    payload: U8  # (P, 1206)
+
+    def later(self, by_ns: int) -> "EncodedPackets":
+        """The same packets at a later time, in their internal clock (microseconds of the hour), too."""
+        stamps_ns = self.stamps_ns + by_ns
+        payload = self.payload.copy()
+        payload[:, 1200:1204] = _hour_us(stamps_ns).astype("<u4").view(np.uint8).reshape(-1, 4)
+        return EncodedPackets(stamps_ns, payload)
+
+
+class VelodyneSensor:
+    """A Velodyne with one bank of lasers that spins evenly from a start time on, where packets are counted from.
+
+    Args:
+        model: A model of `MODELS`.
+        start_ns: Time of the first firing of packet 0.
+        turn_hz: Turns per second.
+        start_azimuth_deg: Azimuth at `start_ns`, clockwise from the front.
+        return_mode: The echoes that are sent.
+    """
+
+    def __init__(
+        self,
+        model: str,
+        start_ns: int,
+        turn_hz: float = 10.0,
+        start_azimuth_deg: float = 0.0,
+        return_mode: Literal["strongest", "last", "dual"] = "strongest",
+    ) -> None:
+        self.model, self.start_ns, self.return_mode = model, start_ns, return_mode
+        self._turn_hz, self._start_azimuth_deg = turn_hz, start_azimuth_deg
+        self._facts, self._table = MODELS[model], built_in_table(model)
+        self._columns = BLOCKS // (2 if return_mode == "dual" else 1)
+        self._firings_per_block = SLOTS // self._facts.lasers
+        self._packet_us = self._facts.column_us * self._columns
+        self._laser_us = np.array(self._facts.slot_us[0][: self._facts.lasers], np.float64)  # since the firing began
+        self.firings_per_packet = self._columns * self._firings_per_block
+        self.packets_per_turn: float = 1e6 / turn_hz / self._packet_us  # usually not a whole number
+
+    def beams(self, first_packet: int, packets: int) -> Beams:
+        """The beams of `packets` packets from `first_packet` on, F = packets x firings_per_packet."""
+        firing_us, table = self._firing_us(first_packet, packets), self._table
+        # An azimuth is the sum of one per firing and one per laser: cosine and sine are only needed of these.
+        firing = self._azimuth_rad(firing_us)[:, None]
+        laser = 2 * np.pi * self._turn_hz * 1e-6 * self._laser_us - table.azimuth_offset_rad
+        across = np.cos(table.elevation_rad)
+        cos, sin = across * np.cos(laser), across * np.sin(laser)
+        directions = np.empty((len(firing), len(table), 3))
+        directions[:, :, 0] = np.cos(firing) * cos - np.sin(firing) * sin
+        directions[:, :, 1] = -np.sin(firing) * cos - np.cos(firing) * sin
+        directions[:, :, 2] = np.sin(table.elevation_rad)
+        origins = np.stack([np.zeros(len(table)), np.zeros(len(table)), table.vertical_offset_m], axis=-1)
+        times_us = firing_us[:, None] + self._laser_us
+        times_ns = self.start_ns + np.rint(times_us * 1000).astype(np.int64)
+        # Packets round the azimuth of each block to 0.01 degrees; the error carries over to its second firing.
+        true_deg = np.rad2deg(self._azimuth_rad(self._block_us(first_packet, packets).reshape(-1)))
+        error_rad = np.repeat(np.deg2rad(np.rint(true_deg * 100) / 100 - true_deg), self._firings_per_block)
+        return Beams(directions, origins, times_ns, error_rad)
+
+    def packet_ns(self, packet: int) -> int:
+        """Time of the first firing of a packet."""
+        return self.start_ns + round(packet * self._packet_us * 1000)
+
+    def encode(self, first_packet: int, ranges_m: F64, reflectivity: U8) -> EncodedPackets:
+        """Packets with the ranges along `beams`.
+
+        Args:
+            first_packet: Number of the first packet.
+            ranges_m: (F, L) metres by firing and laser id, F firings of whole packets; in dual mode (F, L, 2), the last
+                return, then the strongest. Values that are not finite, not positive or too large are no return.
+            reflectivity: Like `ranges_m`.
+        """
+        packets, returns = len(ranges_m) // self.firings_per_packet, BLOCKS // self._columns
+        with np.errstate(invalid="ignore"):
+            steps = np.rint(ranges_m / self._facts.range_step_m)
+            steps = np.where((steps > 0) & (steps <= 0xFFFF), steps, 0).astype(np.uint16)
+        times_us = self._block_us(first_packet, packets)
+        azimuth = np.rint(np.rad2deg(self._azimuth_rad(times_us)) * 100).astype(np.int64) % 36000
+
+        def by_return(values: U16 | U8) -> U16 | U8:
+            """In block layout: (packets, columns, returns, 32)."""
+            return np.moveaxis(values.reshape(packets, self._columns, SLOTS, returns), 3, 2)
+
+        table = np.zeros(packets, _PACKET)
+        blocks = table["blocks"].reshape(packets, self._columns, returns)
+        blocks["flag"] = BLOCK_FLAGS[0]
+        blocks["azimuth"] = azimuth[:, :, None]
+        blocks["echoes"]["steps"] = by_return(steps)
+        blocks["echoes"]["reflectivity"] = by_return(np.where(steps, reflectivity, 0))
+        stamps_ns = self.start_ns + np.rint(times_us[:, 0] * 1000).astype(np.int64)
+        table["time_us"] = _hour_us(stamps_ns)
+        table["mode"] = RETURN_BYTES[self.return_mode]
+        table["product"] = self._facts.product
+        return EncodedPackets(stamps_ns, np.frombuffer(table.tobytes(), np.uint8).reshape(packets, -1))
+
+    def _firing_us(self, first_packet: int, packets: int) -> F64:
+        """(F,) since `start_ns`."""
+        packet_us = (first_packet + np.arange(packets)) * self._packet_us
+        slot_us = self._facts.slot_us[0][:: self._facts.lasers][: self._firings_per_block]
+        block_us = np.arange(self._columns) * self._facts.column_us
+        return np.asarray((packet_us[:, None, None] + block_us[:, None] + np.array(slot_us, np.float64)).reshape(-1))
+
+    def _block_us(self, first_packet: int, packets: int) -> F64:
+        """(packets, columns) times of the first firing of each block, since `start_ns`."""
+        return self._firing_us(first_packet, packets).reshape(packets, self._columns, -1)[:, :, 0]
+
+    def _azimuth_rad(self, times_us: F64) -> F64:
+        return np.asarray(np.deg2rad(self._start_azimuth_deg) + 2 * np.pi * self._turn_hz * 1e-6 * times_us)
+
+
+def _hour_us(stamps_ns: I64) -> I64:
+    """Microseconds since the full hour, rounded."""
+    return (stamps_ns + 500) // 1000 % 3_600_000_000
 
 
 class VelodynePattern:
-    """The beams of a Velodyne model with one bank of lasers."""
+    """The sweeps of a Velodyne."""
 
     def __init__(self, scenario: LidarScenario) -> None:
-        self._sensor = VelodyneSensor(
-            scenario.model,
-            round(scenario.phase_ms * MS),
-            scenario.rate_hz,
-            scenario.start_azimuth_deg,
-            scenario.return_mode,
+        start_ns = round(scenario.phase_ms * MS)
+        self.sensor = VelodyneSensor(
+            scenario.model, start_ns, scenario.rate_hz, scenario.start_azimuth_deg, scenario.return_mode
         )
         self._stride = scenario.firing_stride
         self.elevation_rad: F64 = built_in_table(scenario.model).elevation_rad
@@ -35,31 +178,24 @@ class VelodynePattern:
 
     def begin_ns(self, number: int) -> int:
         """True time of the first firing of a sweep, where the one before it ends."""
-        return self._sensor.packet_ns(self.packets(number).start)
+        return self.sensor.packet_ns(self.packets(number).start)
 
     def packets(self, number: int) -> range:
         """Numbers of the packets of a sweep: those that start within its turn."""
-        per_turn = self._sensor.packets_per_turn
+        per_turn = self.sensor.packets_per_turn
         # Rounding must not move a packet that starts with the turn to the one before.
         return range(ceil(number * per_turn - 1e-6), ceil((number + 1) * per_turn - 1e-6))
 
     def beams(self, number: int) -> Beams:
         """The beams of a sweep."""
         packets = self.packets(number)
-        beams = self._sensor.beams(packets.start, len(packets))
-        kept = slice(-packets.start * self._sensor.firings_per_packet % self._stride, None, self._stride)
+        beams = self.sensor.beams(packets.start, len(packets))
+        kept = slice(-packets.start * self.sensor.firings_per_packet % self._stride, None, self._stride)
         return Beams(beams.directions[kept], beams.origins, beams.times_ns[kept], beams.azimuth_error_rad[kept])
-
-    def encode(self, number: int, ranges_m: F64, reflectivity: U8) -> EncodedPackets:
-        """The packets of a sweep, by a clock that started with the scenario; for a firing stride of 1.
-
-        The arrays are (F, L), or (F, L, 2) of the last and the strongest return; a range of 0 is no return.
-        """
-        return self._sensor.encode(self.packets(number).start, ranges_m, reflectivity)
 
 
 class LinearPattern:
-    """Beams at any elevations, and firings at equal steps of azimuth."""
+    """The sweeps of a lidar with beams at any elevations, and firings at equal steps of azimuth."""
 
     def __init__(self, scenario: LidarScenario) -> None:
         self._scenario = scenario

@@ -5,41 +5,40 @@ camera on a vehicle renders both for each image.
 """
 
 from dataclasses import dataclass
+from functools import cache, cached_property
 
 import numpy as np
 
 from lidcam.bags.simulator.scenario.scenario import SunScenario
 from lidcam.bags.simulator.scenario.sensors import CameraScenario
-from lidcam.bags.simulator.sensors.film import Film
 from lidcam.bags.simulator.sensors.lens import Lens, camera_model
 from lidcam.bags.simulator.sensors.light import Light
 from lidcam.bags.simulator.sensors.moving import put_movers
 from lidcam.bags.simulator.sensors.still import Still, take_still
+from lidcam.bags.simulator.sensors.timing import random_numbers
 from lidcam.bags.simulator.world.motion import T_BODY_OPTICAL, FixedPath, MountedPath, Path, Poses
 from lidcam.bags.simulator.world.scene import Scene
-from lidcam.pipeline.core.arrays import F64, I16, I64, U8
+from lidcam.pipeline.core.arrays import F32, F64, I16, I64, U8
 from lidcam.pipeline.core.camera import CameraModel
 
-MAX_MOMENTS = 9
-"""Maximum number of instants averaged for a blurred image."""
+MAX_MOMENTS = 9  # instants averaged for a blurred image
+FRACTION = 64  # images are kept in this fraction of a pixel value until noise is added
+MAX_LIGHT = 4.0  # beyond, light is clipped
+SHOULDER = 0.55  # beyond, the tone curve compresses highlights instead of clipping them
+VIGNETTE = 0.10  # share of the light that the corners lose
+NOISE_ROOM_PX = 96  # by which the noise field is larger than the image; each image uses a random crop
+ROWS_AT_ONCE = 64  # rows read out together, which fit into the processor's caches
+SHARED_NOISE = 0.8  # red, green and blue noise are correlated, as after demosaicing; 0.8^2 + 0.6^2 = 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraImage:
-    """One image and its ground truth.
+    """One image and its ground truth."""
 
-    Attributes:
-        rgb: (H, W, 3) uint8 sRGB.
-        movers: (H, W) int16 row of the mover (`Scene.movers`) at the middle of each pixel, in the middle of the
-            exposure; -1 for the static world.
-        alone_px: (M,) int64 number of pixels of each mover without occlusion.
-        alone_xyxy: (M, 4) float64 left, top, right, bottom of these pixels; NaN for none.
-    """
-
-    rgb: U8
-    movers: I16
-    alone_px: I64
-    alone_xyxy: F64
+    rgb: U8  # (H, W, 3) sRGB
+    movers: I16  # (H, W) row of the mover in the middle of each pixel and of the exposure; -1 for the static world
+    alone_px: I64  # (M,) number of pixels of each mover without occlusion
+    alone_xyxy: F64  # (M, 4) left, top, right, bottom of these pixels; NaN for none
 
     @property
     def seen_px(self) -> I64:
@@ -49,15 +48,7 @@ class CameraImage:
 
 
 class Camera:
-    """One camera of a scenario; its name seeds its random numbers, too.
-
-    Attributes:
-        name: Its name.
-        model: Its true intrinsics.
-
-    Args:
-        body: Path of its body: x along the view, z up.
-    """
+    """One camera of a scenario, whose name seeds its random numbers, too; x of its body is along the view, z up."""
 
     def __init__(
         self, name: str, scenario: CameraScenario, body: Path, scene: Scene, sun: SunScenario, seed: int
@@ -66,14 +57,7 @@ class Camera:
         self.model: CameraModel = camera_model(scenario)
         self._path, self._fixed = MountedPath(body, T_BODY_OPTICAL), isinstance(body, FixedPath)
         self._scene, self._lens, self._light = scene, Lens(self.model), Light(sun, scene.palette)
-        self._film = Film(
-            name,
-            self.model.width_px,
-            self.model.height_px,
-            exposure=scenario.gain * self._light.exposure,
-            noise=scenario.noise,
-            seed=seed,
-        )
+        self._film = Film(scenario, name, seed, self._light.exposure)
         self._kept: tuple[Still, I16] | None = None
 
     def optical_pose(self, time_ns: int) -> Poses:
@@ -108,13 +92,11 @@ class Camera:
 
     def _static(self, time_ns: int) -> tuple[Still, I16]:
         """The static world as light, and developed; a fixed camera renders it once."""
-        if self._kept is not None:
-            return self._kept
-        still = take_still(self._scene, self._light, self._lens, self.optical_pose(time_ns))
-        shape = (self.model.height_px, self.model.width_px, 3)
-        taken = still, self._film.developed(still.linear.reshape(shape))
-        self._kept = taken if self._fixed else None
-        return taken
+        if self._kept is None or not self._fixed:
+            still = take_still(self._scene, self._light, self._lens, self.optical_pose(time_ns))
+            shape = (self.model.height_px, self.model.width_px, 3)
+            self._kept = still, self._film.developed(still.linear.reshape(shape))
+        return self._kept
 
     def _moments(self, time_ns: int) -> list[int]:
         """Evenly spread times of the exposure around its middle; only the middle without blur."""
@@ -151,3 +133,67 @@ class Camera:
         size = np.array([self.model.width_px, self.model.height_px])
         inside = valid.all(0) & ((pixels > -0.5 * size) & (pixels < 1.5 * size)).all((0, 2))
         return float(np.linalg.norm(pixels[1] - pixels[0], axis=-1)[inside].max(initial=0.0))
+
+
+class Film:
+    """The image sensor of a camera: exposure, vignette, tone, sRGB and noise."""
+
+    def __init__(self, scenario: CameraScenario, name: str, seed: int, exposure: float) -> None:
+        self._name, self._seed, self._noise = name, seed, scenario.noise
+        self._height, self._width = height, width = scenario.height_px, scenario.width_px
+        x = (np.arange(width) - (width - 1) / 2) / max(np.hypot(width, height) / 2, 1)
+        y = (np.arange(height) - (height - 1) / 2) / max(np.hypot(width, height) / 2, 1)
+        exposure *= scenario.gain
+        loss = 1 - VIGNETTE * (x**2 + y[:, None] ** 2)
+        self._scale = np.asarray(exposure * loss * (65535 / MAX_LIGHT), np.float32)[..., None]
+
+    @cached_property
+    def _field(self) -> I16:
+        """The noise field."""
+        shape = (self._height + NOISE_ROOM_PX, self._width + NOISE_ROOM_PX, 3)
+        random = random_numbers(self._seed, self._name, "noise field", 0)
+        field = 0.6 * random.standard_normal(shape, np.float32)
+        shared = SHARED_NOISE * random.standard_normal(shape[:2], np.float32)
+        field += shared[..., None]
+        field *= np.float32(self._noise * FRACTION)
+        return np.clip(np.round(field, out=field), -32767, 32767, out=field).astype(np.int16)
+
+    def developed(self, linear: F32) -> I16:
+        """Pixel values times `FRACTION` of an image (H, W, 3) of linear light."""
+        return _encoded(linear * self._scale)
+
+    def developed_pixels(self, linear: F32, pixels: I64) -> I16:
+        """`developed` for some pixels (K, 3), numbered row by row."""
+        return _encoded(linear * self._scale.reshape(-1).take(pixels)[:, None])
+
+    def read_out(self, developed: I16, number: int) -> U8:
+        """The final pixels (H, W, 3) of image `number`, with noise."""
+        height, width, _ = developed.shape
+        random = random_numbers(self._seed, self._name, "noise", number)
+        top, left = random.integers(0, NOISE_ROOM_PX, 2)
+        add_or_subtract = np.add if random.random() < 0.5 else np.subtract
+        image = np.empty(developed.shape, np.uint8)
+        for first in range(0, height, ROWS_AT_ONCE):
+            rows = slice(first, first + ROWS_AT_ONCE)
+            values = developed[rows] + np.int16(FRACTION // 2)
+            if self._noise:
+                field = self._field[top : top + height, left : left + width]
+                add_or_subtract(values, field[rows], out=values)
+            values >>= 6  # FRACTION
+            image[rows] = np.clip(values, 0, 255, out=values)
+        return image
+
+
+def _encoded(scaled: F32) -> I16:
+    return np.take(_values(), np.clip(scaled, 0, 65535, out=scaled).astype(np.uint16))
+
+
+@cache
+def _values() -> I16:
+    """Pixel values (sRGB, IEC 61966-2-1) times `FRACTION` of light from 0 to `MAX_LIGHT`, in 65536 steps."""
+    linear: F64 = np.linspace(0.0, MAX_LIGHT, 65536)
+    over, room = np.maximum(linear - SHOULDER, 0.0), 1 - SHOULDER
+    toned = np.where(linear <= SHOULDER, linear, SHOULDER + room * (1 - np.exp(-over / room)))
+    light = np.clip(toned, 0.0, 1.0)
+    srgb = np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
+    return np.round(255 * FRACTION * srgb).astype(np.int16)

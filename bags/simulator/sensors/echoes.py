@@ -10,13 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from lidcam.bags.simulator.world.meshes.mesh import Material
+from lidcam.bags.simulator.world.mesh import Material
 from lidcam.bags.simulator.world.rays import STATIC, Hits
-from lidcam.bags.simulator.world.surfaces.textures import surface_reflectivity
+from lidcam.bags.simulator.world.textures import surface_reflectivity
 from lidcam.pipeline.core.arrays import F64, I64, Table
 
-NO_ECHO = 0.0
-"""Range without an echo."""
+NO_ECHO = 0.0  # range without an echo
 
 # The Oren-Nayar model of rough surfaces (Generalization of Lambert's reflectance model, 1994) for light reflected back
 # to its source, with facets tilted by 0.5 rad: asphalt stays visible at grazing angles, as in reality.
@@ -26,39 +25,29 @@ _GRAZING = 0.45 * _ROUGHNESS2 / (_ROUGHNESS2 + 0.09)
 
 
 class Optics:
-    """Optical properties of the surfaces of a scene.
-
-    Attributes:
-        transmission: (P + 1,) share of a beam that passes through each material; the last row is for a miss.
-        max_reflectivity: Largest share that any material reflects.
-    """
+    """Optical properties of the surfaces of a scene."""
 
     def __init__(self, palette: Sequence[Material]) -> None:
         self._palette = tuple(palette)
         self._mirror = np.array([material.mirror for material in palette], np.float64)
-        self.transmission = np.array([*(material.transmission for material in palette), 0.0])
+        self.transmission = np.array([*(material.transmission for material in palette), 0.0])  # the last of a miss
         self.max_reflectivity = max((material.reflectivity for material in palette), default=0.0)
 
     def share(self, hits: Hits, cos_incidence: F64) -> F64:
         """(N,) share of a beam that each surface reflects straight back; 0 for a miss."""
         share = np.zeros(len(hits))
         rows = np.flatnonzero(hits.material >= 0)
-        material, local, normal = hits.material.take(rows), hits.local.take(rows, 0), hits.normal.take(rows, 0)
-        reflectivity = surface_reflectivity(self._palette, material, local, normal)
-        share[rows] = returned_share(reflectivity, self._mirror.take(material), cos_incidence.take(rows))
+        hits = hits.select(rows)
+        reflectivity = surface_reflectivity(self._palette, hits.material, hits.local, hits.normal)
+        share[rows] = returned_share(reflectivity, self._mirror.take(hits.material), cos_incidence.take(rows))
         return share
 
 
 def returned_share(reflectivity: npt.NDArray[np.floating], mirror: F64, cos_incidence: F64) -> F64:
-    """(N,) share of a beam that surfaces reflect straight back.
+    """(N,) share of a beam that surfaces reflect straight back; reflectivity and mirror (N,) are those of `Material`.
 
     A rough surface reflects less at grazing angles. A specular one is smooth and loses the mirrored part (Schlick,
     1994), so it vanishes at grazing angles. A retroreflector does not depend on the angle.
-
-    Args:
-        reflectivity: (N,) share at a right angle; more than 1 for a retroreflector.
-        mirror: (N,) as in `Material`.
-        cos_incidence: (N,) cosine of the angle between beam and normal.
     """
     cos = np.clip(cos_incidence, 0.0, 1.0)
     falloff = (_STRAIGHT * cos + _GRAZING * (1 - cos * cos)) / _STRAIGHT
@@ -76,52 +65,31 @@ def intensity(share: F64) -> F64:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Echoes:
-    """The strongest and the last echo of N beams.
+    """The strongest and the last echo of N beams."""
 
-    Attributes:
-        range_m: (N, 2) metres of the strongest and the last echo, without noise; `NO_ECHO` for none.
-        share: (N, 2) share of the beam's light.
-        mover: (N, 2) row of the mover it comes from.
-    """
-
-    range_m: F64
-    share: F64
-    mover: I64
+    range_m: F64  # (N, 2) metres of the strongest and the last echo, without noise; `NO_ECHO` for none
+    share: F64  # (N, 2) share of the beam's light
+    mover: I64  # (N, 2) row of the mover it comes from
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reflected(Table):
-    """Light reflected by K surfaces.
+    """Light reflected by K surfaces."""
 
-    Attributes:
-        beam: (K,) number of the beam.
-        range_m: (K,) metres; infinite for a miss.
-        share: (K,) share of the beam's light.
-        mover: (K,) row of the mover it comes from.
-    """
-
-    beam: I64
-    range_m: F64
-    share: F64
-    mover: I64
+    beam: I64  # (K,) number of the beam
+    range_m: F64  # (K,) metres; infinite for a miss
+    share: F64  # (K,) share of the beam's light
+    mover: I64  # (K,) row of the mover it comes from
 
 
 def distinct_echoes(
     light: Reflected, count: int, *, reach_m: float, nearest_m: float, apart_m: float, second_strongest: bool
 ) -> Echoes:
-    """The echoes of N beams.
+    """The echoes of the beams 0 to `count` - 1, from their light in any order.
 
     Surfaces less than `apart_m` apart give one echo at the light-weighted mean of their ranges, which makes the mixed
-    points between two things.
-
-    Args:
-        light: Light of the beams 0 to `count` - 1, in any order.
-        count: N.
-        reach_m: Longest range for a share of 1.
-        nearest_m: Shortest range.
-        apart_m: Least range between two echoes.
-        second_strongest: If the strongest echo is also the last one, report the second strongest instead, as a
-            Velodyne in dual mode does.
+    points between two things. The longest range is `reach_m` for a share of 1. With `second_strongest` the strongest
+    echo is replaced by the second strongest where it is also the last, as a Velodyne in dual mode does.
     """
     echoes = Echoes(np.full((count, 2), NO_ECHO), np.zeros((count, 2)), np.full((count, 2), STATIC, np.int64))
     found = _echoes_in_order(light.select(light.range_m >= nearest_m), apart_m)

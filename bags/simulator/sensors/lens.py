@@ -9,14 +9,11 @@ from lidcam.bags.simulator.scenario.sensors import CameraScenario
 from lidcam.pipeline.core.arrays import F32, F64, I64, Bools
 from lidcam.pipeline.core.camera import NEAR_M, CameraModel
 
-ROUND_TRIP_PX = 0.005
-"""A pixel whose ray projects further away from it than this lies outside the lens."""
+MAX_ROUND_TRIP_PX = 0.005  # a pixel whose ray projects further away from it lies outside the lens
 NEWTON_STEPS = 3
-SMALL_PX = 1000
-"""Windows with fewer pixels are not worth pruning."""
-FAR_PX = 10_000
-"""OpenCV can fill shapes within this."""
-DIFFERENCE = 1e-6
+MIN_PRUNED_PX = 1000  # windows with fewer pixels are not worth pruning
+MAX_FILLED_PX = 10_000  # coordinates within which OpenCV can fill shapes
+DIFFERENCE = 1e-6  # step of numerical derivatives, relative
 
 
 def camera_model(scenario: CameraScenario) -> CameraModel:
@@ -24,46 +21,29 @@ def camera_model(scenario: CameraScenario) -> CameraModel:
     fx, fy = scenario.focal_px
     # As in CameraInfo, whole pixel coordinates are pixel centres, so the middle is at (n - 1) / 2.
     cx, cy = scenario.center_px or ((scenario.width_px - 1) / 2, (scenario.height_px - 1) / 2)
-    return CameraModel(
-        scenario.frame_id,
-        scenario.width_px,
-        scenario.height_px,
-        np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]),
-        scenario.distortion_model,
-        np.array(scenario.coefficients, np.float64),
-    )
+    K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    size, coefficients = (scenario.width_px, scenario.height_px), np.array(scenario.coefficients, np.float64)
+    return CameraModel(scenario.frame_id, *size, K, scenario.distortion_model, coefficients)
 
 
 class Lens:
     """The inverse of `CameraModel.project` for every pixel, computed once.
 
-    Pixels are numbered row by row: pixel p is in row p // width and column p % width.
+    Pixels are numbered row by row: pixel p is in row p // width and column p % width. `covered` (P,) says whether the
+    lens covers each.
     """
 
     def __init__(self, model: CameraModel) -> None:
         self.model = model
         self.width, self.height = model.width_px, model.height_px
         self._bent = _is_bent(model)
-
-    @cached_property
-    def _inverse(self) -> tuple[F64, Bools]:
         rows, columns = np.divmod(np.arange(self.width * self.height), self.width)
-        return undistorted(self.model, np.stack([columns + 0.5, rows + 0.5], -1))
-
-    @property
-    def plane(self) -> F64:
-        """(P, 2) directions of the pixel centres as x and y in the plane z = 1 of the optical frame."""
-        return self._inverse[0]
-
-    @property
-    def covered(self) -> Bools:
-        """(P,) whether the lens covers each pixel."""
-        return self._inverse[1]
+        self._plane, self.covered = undistorted(model, np.stack([columns + 0.5, rows + 0.5], -1))
 
     @cached_property
     def directions(self) -> F32:
         """(P, 3) unit vectors through the pixel centres, in the optical frame."""
-        return _through(self.plane)
+        return _through(self._plane)
 
     def directions_beside(self, pixels: I64, offset_px: tuple[float, float]) -> F32:
         """(K, 3) unit vectors through points at an offset from the centres of pixels (K,).
@@ -71,16 +51,14 @@ class Lens:
         Within a pixel the lens is taken as linear, which is right to some thousandths of a pixel.
         """
         if not self._bent:
-            return _through(self.plane.take(pixels, 0) + np.array(offset_px) / self.model.K[[0, 1], [0, 1]])
-        across, down = self._slopes
-        return _through(
-            self.plane.take(pixels, 0) + offset_px[0] * across.take(pixels, 0) + offset_px[1] * down.take(pixels, 0)
-        )
+            return _through(self._plane.take(pixels, 0) + np.array(offset_px) / self.model.K[[0, 1], [0, 1]])
+        across, down = (slope.take(pixels, 0) for slope in self._slopes)
+        return _through(self._plane.take(pixels, 0) + offset_px[0] * across + offset_px[1] * down)
 
     @cached_property
     def _seen_radius(self) -> float:
         """Upper limit of the distance from the axis that any pixel sees, in the plane z = 1."""
-        return 1.02 * float(np.hypot(self.plane[:, 0], self.plane[:, 1]).max(initial=0.0)) + 0.01
+        return 1.02 * float(np.hypot(self._plane[:, 0], self._plane[:, 1]).max(initial=0.0)) + 0.01
 
     def may_see(self, center: F64, radius: float) -> bool:
         """Whether any pixel may show part of a sphere in the optical frame; conservative."""
@@ -91,7 +69,7 @@ class Lens:
     @cached_property
     def _slopes(self) -> tuple[F32, F32]:
         """Change of x, y in the plane z = 1 (P, 2) per pixel to the right, and per pixel down."""
-        plane = self.plane.reshape(self.height, self.width, 2)
+        plane = self._plane.reshape(self.height, self.width, 2)
         both = []
         for axis, focal, part in ((1, self.model.K[0, 0], 0), (0, self.model.K[1, 1], 1)):
             slope = np.zeros_like(plane) if plane.shape[axis] < 2 else np.gradient(plane, axis=axis)
@@ -106,9 +84,9 @@ class Lens:
         """Pixels (K,) of a window, rising, that may show the convex hull of points (N, 3) in the optical frame."""
         left, top, right, bottom = window
         width = right - left
-        whole = self._bent or width * (bottom - top) < SMALL_PX or (points[:, 2] < NEAR_M).any()
+        whole = self._bent or width * (bottom - top) < MIN_PRUNED_PX or (points[:, 2] < NEAR_M).any()
         pixels = None if whole else self.model.project(points)[0] - 0.5
-        if pixels is None or np.abs(pixels).max() > FAR_PX:
+        if pixels is None or np.abs(pixels).max() > MAX_FILLED_PX:
             return (np.arange(top, bottom)[:, None] * self.width + np.arange(left, right)).reshape(-1)
         inside = np.zeros((bottom - top, width), np.uint8)
         corners = np.rint((pixels - (left, top)) * 16).astype(np.int32)
@@ -117,19 +95,16 @@ class Lens:
         return rows + rows // width * (self.width - width) + (top * self.width + left)
 
     def window(self, points: F64) -> tuple[int, int, int, int]:
-        """The image window that holds the convex hull of points (K, 3) in the optical frame.
+        """Left, top, right, bottom of the window that holds the convex hull of points (K, 3) in the optical frame.
 
-        Returns:
-            Left, top, right, bottom as for slices; empty if right <= left or bottom <= top.
+        As for slices; empty if right <= left or bottom <= top.
         """
         ahead = points[:, 2] >= NEAR_M
         if not ahead.any():
             return 0, 0, 0, 0
-        bent = self._bent
-        samples = points if ahead.all() and not bent else _hull_samples(points)
+        samples = points if ahead.all() and not self._bent else _hull_samples(points)
         pixels = self.model.project(samples)[0]
-        if bent:
-            # Outside the view the lens model need not hold: only the direction matters.
+        if self._bent:  # outside the view the lens model need not hold: only the direction matters
             plane = samples[:, :2] / samples[:, 2:]
             radius = np.hypot(plane[:, 0], plane[:, 1])
             aside = radius > self._seen_radius
@@ -143,10 +118,9 @@ class Lens:
 
 
 def undistorted(model: CameraModel, pixels: F64) -> tuple[F64, Bools]:
-    """The directions of pixels (N, 2) in the coordinates of `CameraModel.project`.
+    """Coordinates (N, 2) of pixels (N, 2) in the plane z = 1 of the optical frame; whether the lens covers them (N,).
 
-    Returns:
-        (N, 2) x and y in the plane z = 1 of the optical frame, and (N,) whether the lens covers each pixel; 0 if not.
+    Pixels are in the coordinates of `CameraModel.project`; what is not covered is at 0.
     """
     focal, center = model.K[[0, 1], [0, 1]], model.K[:2, 2] + 0.5
     if not _is_bent(model):
@@ -156,7 +130,7 @@ def undistorted(model: CameraModel, pixels: F64) -> tuple[F64, Bools]:
         plane = _newton_step(model, plane, pixels)
     plane = np.where(np.isfinite(plane), plane, 0.0)
     seen, valid = model.project(np.concatenate([plane, np.ones((len(plane), 1))], 1))
-    covered = valid & (np.abs(seen - pixels) < ROUND_TRIP_PX).all(1)
+    covered = valid & (np.abs(seen - pixels) < MAX_ROUND_TRIP_PX).all(1)
     return np.where(covered[:, None], plane, 0.0), covered
 
 
@@ -187,13 +161,8 @@ def _newton_step(model: CameraModel, plane: F64, pixels: F64) -> F64:
     determinant = by_x[:, 0] * by_y[:, 1] - by_x[:, 1] * by_y[:, 0]
     usable = np.abs(determinant) > 1e-9
     determinant = np.where(usable, determinant, 1.0)
-    change = np.stack(
-        [
-            (miss[:, 0] * by_y[:, 1] - miss[:, 1] * by_y[:, 0]) / determinant,
-            (miss[:, 1] * by_x[:, 0] - miss[:, 0] * by_x[:, 1]) / determinant,
-        ],
-        1,
-    )
+    change_x = (miss[:, 0] * by_y[:, 1] - miss[:, 1] * by_y[:, 0]) / determinant
+    change = np.stack([change_x, (miss[:, 1] * by_x[:, 0] - miss[:, 0] * by_x[:, 1]) / determinant], 1)
     near = usable & (np.abs(change).max(1) < 0.5 * (1 + np.abs(plane).max(1)))
     return np.where(near[:, None], plane + change, plane)
 
@@ -202,9 +171,7 @@ def _through(plane: F64) -> F32:
     """Unit vectors (N, 3) through points (N, 2) of the plane z = 1."""
     x, y = plane[:, 0], plane[:, 1]
     share = 1 / np.sqrt(x * x + y * y + 1)
-    directions = np.empty((len(plane), 3), np.float32)
-    directions[:, 0], directions[:, 1], directions[:, 2] = x * share, y * share, share
-    return directions
+    return np.stack([x * share, y * share, share], 1).astype(np.float32)
 
 
 def _hull_samples(points: F64) -> F64:

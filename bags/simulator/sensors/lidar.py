@@ -6,74 +6,47 @@ from drivers without motion compensation.
 """
 
 from dataclasses import dataclass
+from enum import IntEnum
 
 import cv2
 import numpy as np
 
 from lidcam.bags.simulator.scenario.sensors import LidarScenario
-from lidcam.bags.simulator.sensors.beams import VelodynePattern, pattern_of
+from lidcam.bags.simulator.sensors.beams import Beams, EncodedPackets, VelodynePattern, pattern_of
 from lidcam.bags.simulator.sensors.echoes import NO_ECHO, Echoes, Optics, Reflected, distinct_echoes, intensity
-from lidcam.bags.simulator.sensors.edges import SKY_M, Side, edge_beams
 from lidcam.bags.simulator.sensors.timing import random_numbers
-from lidcam.bags.simulator.sensors.velodyne_packets import Beams, EncodedPackets
-from lidcam.bags.simulator.world.motion import FixedPath, Path, turned
-from lidcam.bags.simulator.world.placed import dotted
-from lidcam.bags.simulator.world.rays import Hits, Rays
+from lidcam.bags.simulator.world.motion import FixedPath, Path, Span, turned
+from lidcam.bags.simulator.world.rays import Hits, Rays, dotted
 from lidcam.bags.simulator.world.scene import Scene
-from lidcam.bags.simulator.world.span import Span
-from lidcam.pipeline.core.arrays import F32, F64, I64, U8, U16, join_rows
+from lidcam.pipeline.core.arrays import F32, F64, I64, U8, U16, Bools, join_rows
 
 # Columns of `Echoes`, and return types as in `PointCloud.return_type`
 STRONGEST, LAST = 0, 1
 RETURN_STRONGEST, RETURN_LAST, RETURN_BOTH = 1, 2, 3
 MAX_STEPS = 0xFFFF
 
-SPECKLE = 0.06
-"""Mean share of reflected light that is lost at random; diffuse surfaces stay within an intensity of 100."""
-
-RIM_WEIGHT = 1 / 6
-"""Share of a beam's light in each of the four rays at its rim; the middle ray has the rest."""
-
-PANES = 4
-"""Maximum number of glass surfaces that a beam passes."""
-
-FAINT = 0.05
-"""A beam with less light than this is not followed behind glass."""
-
-BEHIND_M = 1e-4
-"""Offset behind a glass surface where a beam continues."""
-
-SIGN_OF_SIDE = (-1, 1, -1, 1)
-"""Sign of each `Side` towards the right or up; the lidar spins clockwise."""
+SKY_M = 1e5  # range of a beam that hits nothing, in the search for edges
+SPECKLE = 0.06  # mean share of reflected light that is lost at random; diffuse surfaces stay within an intensity of 100
+RIM_WEIGHT = 1 / 6  # share of a beam's light in each of the four rays at its rim; the middle ray has the rest
+MAX_PANES = 4  # glass surfaces that a beam passes
+MIN_LIGHT = 0.05  # share below which a beam is not followed behind glass
+BEHIND_M = 1e-4  # offset behind a glass surface where a beam continues
+SIGN_OF_SIDE = (-1, 1, -1, 1)  # sign of each `Side` towards the right or up; the lidar spins clockwise
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
-    """One turn of a lidar.
+    """One turn of a lidar."""
 
-    Attributes:
-        begin_ns: True time of its first firing since the start of the scenario.
-        end_ns: True time when it is complete.
-        xyz: (N, 3) metres in the sensor frame at the time of each point.
-        intensity: (N,) whole numbers from 0 to 255, on Velodyne's scale.
-        ring: (N,) from the lowest elevation up.
-        time_offset_ns: (N,) int64 after `begin_ns`.
-        return_type: (N,) 1 the strongest echo, 2 the last, 3 both; None with one echo per beam.
-        hits_per_mover: (M,) int64 number of points on each mover of the scene.
-        hit_offsets_ns: (M,) int64 sum of the time offsets of these points.
-        packets: The sweep as data packets, by a clock that started with the scenario; None without packet output.
-    """
-
-    begin_ns: int
-    end_ns: int
-    xyz: F32
-    intensity: F32
-    ring: U16
-    time_offset_ns: I64
-    return_type: U8 | None
-    hits_per_mover: I64
-    hit_offsets_ns: I64
-    packets: EncodedPackets | None
+    begin_ns: int  # true time of its first firing since the start of the scenario
+    xyz: F32  # (N, 3) metres in the sensor frame at the time of each point
+    intensity: F32  # (N,) whole numbers from 0 to 255, on Velodyne's scale
+    ring: U16  # (N,) from the lowest elevation up
+    time_offset_ns: I64  # (N,) after `begin_ns`
+    return_type: U8 | None  # (N,) 1 the strongest echo, 2 the last, 3 both; None with one echo per beam
+    hits_per_mover: I64  # (M,) number of points on each mover of the scene
+    hit_offsets_ns: I64  # (M,) sum of the time offsets of these points
+    packets: EncodedPackets | None  # by a clock that started with the scenario; None without packet output
 
     def __len__(self) -> int:
         return len(self.xyz)
@@ -85,19 +58,14 @@ class Sweep:
 
 
 class Lidar:
-    """One lidar of a scenario; its name seeds its random numbers, too.
+    """One lidar of a scenario, whose name seeds its random numbers, too.
 
-    Args:
-        scenario: Its settings; clock offset, jitter, drops and failure are not applied here.
-        path: Path of its body (x forward, y left, z up) in the world.
+    `path` is that of its body (x forward, y left, z up) in the world. Clock offset, jitter, drops and failure are not
+    applied here.
     """
 
     def __init__(self, name: str, scenario: LidarScenario, path: Path, scene: Scene, seed: int) -> None:
-        self._name = name
-        self._scenario = scenario
-        self._path = path
-        self._scene = scene
-        self._seed = seed
+        self._name, self._scenario, self._path, self._scene, self._seed = name, scenario, path, scene, seed
         self._pattern = pattern_of(scenario)
         self._optics = Optics(scene.palette)
         self._by_elevation = np.argsort(self._pattern.elevation_rad, kind="stable")
@@ -124,7 +92,9 @@ class Lidar:
         if self._scenario.output != "points" and isinstance(self._pattern, VelodynePattern):
             shape = (*beams.times_ns.shape, *([2] if self._dual else []))
             reflectivity = brightness.reshape(shape).astype(np.uint8)
-            packets = self._pattern.encode(number, range_m.reshape(shape), reflectivity)
+            packets = self._pattern.sensor.encode(
+                self._pattern.packets(number).start, range_m.reshape(shape), reflectivity
+            )
 
         return_type = None
         if self._dual:
@@ -145,7 +115,6 @@ class Lidar:
         np.add.at(offsets_ns, hit.take(on_mover), time_offset_ns.take(on_mover))
         return Sweep(
             self.begin_ns(number),
-            self.end_ns(number),
             xyz.astype(np.float32),
             brightness.reshape(-1)[kept].astype(np.float32),
             self._rings[laser],
@@ -157,15 +126,11 @@ class Lidar:
         )
 
     def _brightness(self, share: F64) -> F64:
-        """Reported intensities of shares of light."""
         scaled = self._scenario.intensity_gain * intensity(share) - self._scenario.intensity_floor
         return np.asarray(np.clip(np.rint(scaled), 0, 255))
 
     def _received(self, beams: Beams, number: int) -> tuple[F64, F64, I64]:
-        """Noisy range (0 for no echo), share of light and mover of the reported echoes of all beams.
-
-        Each is (N, 1), or (N, 2) for the last and the strongest echo.
-        """
+        """Noisy range (0 for no echo), share of light, mover: (N, 1), or (N, 2) for the last and the strongest echo."""
         count = beams.times_ns.size
         columns = {"strongest": [STRONGEST], "last": [LAST], "dual": [LAST, STRONGEST]}[self._scenario.return_mode]
         random = random_numbers(self._seed, self._name, "lidar", number)
@@ -183,7 +148,7 @@ class Lidar:
     def _echoes(self, beams: Beams, speckle: F64) -> Echoes:
         """The echoes of all beams without noise; `speckle` (N,) is a factor on the light of each beam."""
         rays, rotation = self._placed(beams)
-        span = Span.of(rays)
+        span = Span(rays.times_ns)
         hits = self._scene.cast(rays, span)
         cos_incidence = _cos_incidence(hits, rays)
         share = speckle * self._optics.share(hits, cos_incidence)
@@ -193,23 +158,17 @@ class Lidar:
         echoes = Echoes(np.stack([range_m] * 2, 1), np.stack([share] * 2, 1), np.stack([hits.mover] * 2, 1))
 
         rim, rim_rays, rim_hits = self._rim(hits, rays, beams, rotation, span)
-        mixed = np.unique(
-            np.concatenate([np.flatnonzero(self._optics.transmission.take(hits.material, mode="wrap")), rim])
-        )
+        glass = np.flatnonzero(self._optics.transmission.take(hits.material, mode="wrap"))
+        mixed = np.unique(np.concatenate([glass, rim]))
         if not len(mixed):
             return echoes
         beam = np.concatenate([np.arange(len(mixed)), np.searchsorted(mixed, rim)])
         # Rim rays that hit the same surface count towards the middle.
         weight = np.full(len(beam), RIM_WEIGHT)
         weight[: len(mixed)] = 1 - RIM_WEIGHT * np.bincount(beam[len(mixed) :], minlength=len(mixed))
+        rays, hits = join_rows(rays.select(mixed), rim_rays), join_rows(hits.select(mixed), rim_hits)
         some = distinct_echoes(
-            self._light(
-                beam,
-                join_rows(rays.select(mixed), rim_rays),
-                join_rows(hits.select(mixed), rim_hits),
-                weight * speckle[mixed][beam],
-                span,
-            ),
+            self._light(beam, rays, hits, weight * speckle[mixed][beam], span),
             len(mixed),
             reach_m=self._scenario.max_range_m,
             nearest_m=self._scenario.min_range_m,
@@ -220,11 +179,7 @@ class Lidar:
         return echoes
 
     def _placed(self, beams: Beams) -> tuple[Rays, F64]:
-        """Beams in the world, each from the sensor's pose in the middle of its firing.
-
-        Returns:
-            (F * L) rays, and the sensor's rotation at each firing (F, 3, 3), or a single one (1, 3, 3).
-        """
+        """Rays (F * L) from the sensor's pose in the middle of each firing, and its rotation (F or 1, 3, 3) there."""
         if isinstance(self._path, FixedPath):
             pose = self._path.poses(beams.times_ns[:1, 0])
             turned_beams = cv2.transform(beams.directions.reshape(-1, 1, 3), pose.rotation[0])
@@ -242,7 +197,7 @@ class Lidar:
         return rays, poses.rotation
 
     def _rim(self, hits: Hits, rays: Rays, beams: Beams, rotation: F64, span: Span) -> tuple[I64, Rays, Hits]:
-        """Rim rays that hit another surface than the middle of their beam: beams (K,), rays and hits.
+        """Beams (K,), rays and hits of rim rays that hit another surface than the middle of their beam.
 
         Only sides with an edge before the next beam are cast.
         """
@@ -276,16 +231,13 @@ class Lidar:
         return beam[others], rim.select(others), seen.select(others)
 
     def _light(self, beam: I64, rays: Rays, hits: Hits, weight: F64, span: Span) -> Reflected:
-        """Light from the first surface of each ray, and from those behind it if it is glass.
-
-        Each of K rays has the number of its beam, its first hit, and its share of the beam's light.
-        """
+        """Light from the first surface of each ray (K), and from those behind it if it is glass."""
         passed_m = np.zeros(len(rays))
         layers = []
-        for _ in range(PANES + 1):
+        for _ in range(MAX_PANES + 1):
             layers.append((beam, passed_m + hits.distance_m, weight, hits, _cos_incidence(hits, rays)))
             left = weight * self._optics.transmission[hits.material] ** 2  # through the glass and back
-            on = np.flatnonzero(left > FAINT)
+            on = np.flatnonzero(left > MIN_LIGHT)
             if not len(on):
                 break
             onward_m = hits.distance_m[on] + BEHIND_M
@@ -301,3 +253,56 @@ class Lidar:
 
 def _cos_incidence(hits: Hits, rays: Rays) -> F64:
     return -dotted(hits.normal, rays.directions)
+
+
+class Side(IntEnum):
+    """The neighbour of a beam: in the firing before or after, or the laser below or above."""
+
+    BEFORE, AFTER, BELOW, ABOVE = range(4)
+
+
+def edge_beams(
+    distance_m: F64, normal: F64, origins: F64, directions: F64, *, step_m: float, reach_m: float, by_elevation: I64
+) -> Bools:
+    """Whether a beam has an edge on a side, of its own surface or of its neighbour's: (F, L, 4) by `Side`.
+
+    The nearer of two surfaces ends between two beams if its plane would still be in front at the other beam: a floor
+    seen at a grazing angle or the foot of a wall is no edge.
+
+    Args:
+        distance_m: (F, L) by firing and laser; infinite for a miss.
+        normal: (F, L, 3) normals of the surfaces, towards the beams.
+        origins: (F, L, 3) origins of the beams, metres.
+        directions: (F, L, 3) unit vectors.
+        step_m: Smaller jumps in range are ignored.
+        reach_m: Jumps beyond this range are ignored.
+        by_elevation: (L,) lasers from the lowest to the highest.
+    """
+    firings, lasers = distance_m.shape
+    range_m = np.minimum(distance_m, SKY_M)
+    flat_m, normals = range_m.reshape(-1), normal.reshape(-1, 3)
+    starts, ahead = origins.reshape(-1, 3), directions.reshape(-1, 3)
+
+    def ends(one: I64, other: I64) -> Bools:
+        swapped = flat_m.take(one) > flat_m.take(other)
+        near, far = np.where(swapped, other, one), np.where(swapped, one, other)
+        face, near_m = normals.take(near, 0), flat_m.take(near)
+        depth_m = dotted(face, starts.take(near, 0) - starts.take(far, 0))
+        depth_m += near_m * dotted(face, ahead.take(near, 0))
+        along = dotted(face, ahead.take(far, 0))
+        # A plane that the other beam never hits counts as infinitely far.
+        goes_on_m = depth_m / np.where(along < 0, along, -1e-12)
+        return np.asarray((goes_on_m < flat_m.take(far) - step_m) & (near_m < reach_m))
+
+    stacked = range_m[:, by_elevation]
+    firing, place = np.nonzero(np.abs(stacked[:, 1:] - stacked[:, :-1]) > step_m)
+    beside = np.flatnonzero(np.abs(range_m[1:] - range_m[:-1]) > step_m)
+    pairs = (
+        (beside, beside + lasers, Side.BEFORE, Side.AFTER),
+        (firing * lasers + by_elevation[place], firing * lasers + by_elevation[place + 1], Side.BELOW, Side.ABOVE),
+    )
+    edges = np.zeros((firings * lasers, 4), np.bool_)
+    for one, other, back, on in pairs:
+        differ = ends(one, other)
+        edges[one[differ], on] = edges[other[differ], back] = True
+    return edges.reshape(firings, lasers, 4)

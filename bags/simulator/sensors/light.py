@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 
 from lidcam.bags.simulator.scenario.scenario import SunScenario
-from lidcam.bags.simulator.world.meshes.mesh import Material
-from lidcam.bags.simulator.world.placed import dotted
+from lidcam.bags.simulator.world.mesh import Material
+from lidcam.bags.simulator.world.rays import dotted
 from lidcam.pipeline.core.arrays import F32, F64, I64
 
 SUN_RGB = np.array([1.15, 1.08, 0.95], np.float32)  # irradiance facing the sun
@@ -24,26 +24,18 @@ HORIZON_RGB = np.array([0.78, 0.85, 0.92], np.float32)
 ZENITH_RGB = np.array([0.17, 0.36, 0.74], np.float32)
 GROUND_RGB = np.array([0.30, 0.29, 0.26], np.float32)  # below the horizon where nothing is hit
 CLOUD_RGB = np.array([0.98, 0.98, 0.98], np.float32)
-HAZE_M = 1100.0
-"""Distance over which contrast drops to 37 %."""
-GLINT_SQUARINGS, GLINT = 7, 8.0
-"""The sun's glint falls off with the 2^7-th power of a cosine."""
-WHITE = 1.08
-"""Exposed light of a matt white (0.9) horizontal surface in the sun, before the tone curve."""
+HAZE_M = 1100.0  # distance over which contrast drops to 37 %
+GLINT_SQUARINGS, GLINT = 7, 8.0  # the sun's glint falls off with the 2^7-th power of a cosine
+WHITE = 1.08  # exposed light of a matt white (0.9) horizontal surface in the sun, before the tone curve
 CLOUD_CELLS = 512
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shading:
-    """Light from N surface points to the camera.
+    """Light from N surface points to the camera."""
 
-    Attributes:
-        rest: (N, 3) float32 light that does not depend on the sun: skylight, ground light, reflected sky, haze.
-        sun: (N, 3) float32 sunlight, to be added outside of shadows.
-    """
-
-    rest: F32
-    sun: F32
+    rest: F32  # (N, 3) light that does not depend on the sun: skylight, ground light, reflected sky, haze
+    sun: F32  # (N, 3) sunlight, to be added outside of shadows
 
 
 class Light:
@@ -64,47 +56,31 @@ class Light:
         """Radiance (N, 3) of the sky, or of the ground below the horizon, in directions (N, 3)."""
         up = directions[:, 2]
         share = np.sqrt(np.clip(up, 0.0, 1.0))
-        cover = self._cloud_cover(directions) if clouds else None
         near_sun = np.clip(dotted(directions, self._towards), 0.0, 1.0)
         glow = _squared(near_sun, 3) * np.float32(0.22) + (near_sun > 0.99995) * np.float32(8)
         below = 1 - np.exp(np.minimum(up, 0.0) * np.float32(9))
-        rgb = np.empty((len(directions), 3), np.float32)
-        for color in range(3):
-            light = HORIZON_RGB[color] + share * (ZENITH_RGB - HORIZON_RGB)[color]
-            if cover is not None:
-                light += cover * (CLOUD_RGB[color] - light)
-            light += glow * (SUN_RGB[color] * np.float32(0.8))
-            np.add(light, below * (GROUND_RGB[color] - light), out=rgb[:, color])
-        return rgb
+        light = HORIZON_RGB + share[:, None] * (ZENITH_RGB - HORIZON_RGB)
+        if clouds:
+            light += self._cloud_cover(directions)[:, None] * (CLOUD_RGB - light)
+        light += glow[:, None] * (SUN_RGB * np.float32(0.8))
+        light += below[:, None] * (GROUND_RGB - light)
+        return np.asarray(light, np.float32)
 
     def surface(self, albedo: F32, material: I64, normal: F32, directions: F32, distance: F32) -> Shading:
-        """Light from surface points.
-
-        Args:
-            albedo: (N, 3) linear.
-            material: (N,) rows of the palette.
-            normal: (N, 3) unit vectors towards the camera.
-            directions: (N, 3) unit vectors from the camera.
-            distance: (N,) metres from the camera.
-        """
+        """Light from surface points (N): linear albedo (N, 3), directions from the camera, normals towards it."""
         up = 0.5 + 0.5 * normal[:, 2]
         facing_sun = np.maximum(dotted(normal, self._towards), 0.0)
-        rest, sun = np.empty_like(albedo), np.empty_like(albedo)
-        for color in range(3):
-            from_sky = BOUNCE_RGB[color] + up * (SKY_IRRADIANCE_RGB - BOUNCE_RGB)[color]
-            np.multiply(albedo[:, color], from_sky, out=rest[:, color])
-            np.multiply(albedo[:, color], facing_sun * SUN_RGB[color], out=sun[:, color])
+        rest = albedo * (BOUNCE_RGB + up[:, None] * (SKY_IRRADIANCE_RGB - BOUNCE_RGB))
+        sun = np.asarray(albedo * (facing_sun[:, None] * SUN_RGB), np.float32)
         mirrors = np.flatnonzero(self._mirror.take(material) > 0)
         if len(mirrors):
             self._add_mirrored(
                 rest, sun, mirrors, material.take(mirrors), normal.take(mirrors, 0), directions.take(mirrors, 0)
             )
         if len(distance) and distance.max() > 0.01 * HAZE_M:
-            clear = self.clearness(distance)
-            haze = 1 - clear
-            for color in range(3):
-                rest[:, color] += haze * (HORIZON_RGB[color] * np.float32(0.85) - rest[:, color])
-                sun[:, color] *= clear
+            clear = self.clearness(distance)[:, None]
+            rest += (1 - clear) * (HORIZON_RGB * np.float32(0.85) - rest)
+            sun *= clear
         return Shading(rest, sun)
 
     def clearness(self, distance: F32) -> F32:
@@ -116,16 +92,12 @@ class Light:
         against = np.clip(-dotted(normal, directions), 0.0, 1.0)
         base = self._mirror.take(material)
         fresnel = base + (1 - base) * _squared(1 - against, 2) * (1 - against)
-        mirrored, twice = np.empty_like(directions), 2 * against
-        for axis in range(3):
-            np.add(directions[:, axis], twice * normal[:, axis], out=mirrored[:, axis])
+        mirrored = directions + (2 * against)[:, None] * normal
         glint = _squared(np.clip(dotted(mirrored, self._towards), 0.0, 1.0), GLINT_SQUARINGS)
         glint *= np.float32(GLINT) * (dotted(normal, self._towards) > 0)
-        sky = self.sky(mirrored, clouds=False)
-        for color in range(3):
-            matt_rest, matt_sun = rest[:, color].take(rows), sun[:, color].take(rows)
-            rest[:, color][rows] = matt_rest + fresnel * (sky[:, color] - matt_rest)
-            sun[:, color][rows] = matt_sun + fresnel * (glint * SUN_RGB[color] - matt_sun)
+        matt_rest, matt_sun, share = rest.take(rows, 0), sun.take(rows, 0), fresnel[:, None]
+        rest[rows] = matt_rest + share * (self.sky(mirrored, clouds=False) - matt_rest)
+        sun[rows] = matt_sun + share * (glint[:, None] * SUN_RGB - matt_sun)
 
     def _cloud_cover(self, directions: F32) -> F32:
         """Cloud cover (N,) of the sky, 0 to 1."""

@@ -12,40 +12,28 @@ from lidcam.bags.simulator.sensors.lens import Lens
 from lidcam.bags.simulator.sensors.light import Light
 from lidcam.bags.simulator.sensors.still import BESIDE_PX, Still, contrasts, lit_surfaces, turned
 from lidcam.bags.simulator.world.motion import Poses
-from lidcam.bags.simulator.world.placed import PartHits, PartSurfaces, PlacedPart, passing_rays
-from lidcam.bags.simulator.world.rays import STATIC, Surfaces
-from lidcam.bags.simulator.world.scene import Scene
+from lidcam.bags.simulator.world.rays import STATIC, PartHits, PartSurfaces, Surfaces, passing_rays
+from lidcam.bags.simulator.world.scene import PlacedPart, Scene
 from lidcam.pipeline.core.arrays import F32, F64, I16, I64, Bools
 from lidcam.pipeline.core.geometry.boxes import box_corners
 
 Window = tuple[int, int, int, int]
 EMPTY: Window = (0, 0, 0, 0)
 
-BOX_MARGIN_M = 0.02
-"""Parts may stick this far out of the ground truth box."""
-CONTACT, CONTACT_REACH = 0.62, 0.22
-"""Share of skylight missing below a mover, and the reach of that around it as a share of its height."""
-REACHES = 3.0
-"""Contact shadows end at this multiple of their reach."""
+BOX_MARGIN_M = 0.02  # by which parts may stick out of the ground truth box
+CONTACT, CONTACT_REACH = 0.62, 0.22  # share of skylight missing below a mover; reach around it, in heights
+MAX_REACHES = 3.0  # multiple of that reach where contact shadows end
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moving:
-    """Changes by movers in a still view at one time.
+    """Changes by movers in a still view at one time."""
 
-    Attributes:
-        pixels: (K,) int64 changed pixels, rising.
-        linear: (K, 3) float32 light of these pixels.
-        owner: (P,) int16 row of the mover at the middle of each pixel, or -1.
-        alone_px: (M,) int64 number of pixels of each mover without occlusion.
-        alone_xyxy: (M, 4) float64 left, top, right, bottom of these pixels; NaN for none.
-    """
-
-    pixels: I64
-    linear: F32
-    owner: I16
-    alone_px: I64
-    alone_xyxy: F64
+    pixels: I64  # (K,) changed pixels, rising
+    linear: F32  # (K, 3) light of these pixels
+    owner: I16  # (P,) row of the mover at the middle of each pixel, or -1
+    alone_px: I64  # (M,) number of pixels of each mover without occlusion
+    alone_xyxy: F64  # (M, 4) left, top, right, bottom of these pixels; NaN for none
 
 
 class _Samples:
@@ -84,11 +72,8 @@ class _Samples:
         all_rows = np.concatenate(rows)
         normal, material, local = (np.concatenate(column) for column in zip(*seen, strict=True))
         directions, distance = self.directions.take(all_rows, 0), self.depth.take(all_rows)
-        return (
-            all_rows,
-            np.concatenate(movers),
-            Surfaces(self.origin, directions, distance, normal, material, local),
-        )
+        surfaces = Surfaces(self.origin, directions, distance, normal, material, local)
+        return all_rows, np.concatenate(movers), surfaces
 
 
 class _Found(NamedTuple):
@@ -118,7 +103,7 @@ class _View:
         self._middle = self.base.apply(self.center[None])[0]
         self._radius = float(np.linalg.norm(self.size)) / 2 + 2 * BOX_MARGIN_M
         self.window = self.contact_window = self.shadow_window = EMPTY
-        reach = REACHES * CONTACT_REACH * self.size[2]
+        reach = MAX_REACHES * CONTACT_REACH * self.size[2]
         way = max(self._middle[2] + self._radius - lowest_m, 0.0) / light.towards[2] if light.shadows else 0.0
         around = self._to_camera.apply((self._middle - way / 2 * light.towards)[None])[0]
         if not lens.may_see(around, self._radius + 2 * reach + way / 2):
@@ -139,9 +124,7 @@ class _View:
 
     @cached_property
     def part_windows(self) -> list[Window]:
-        """The window of each part; empty if the mover is out of view."""
-        if _is_empty(self.window):
-            return [EMPTY] * len(self.parts)
+        """The window of each part."""
         return [self._lens.window(self._to_camera.apply(part.corners)) for part in self.parts]
 
     def shades(self, points: F32, towards: F64) -> Bools:
@@ -163,7 +146,7 @@ class _View:
         ahead = np.maximum(np.abs(y - np.float32(self.center[1])) - np.float32(0.46 * self.size[1]), 0)
         away = np.sqrt(beside * beside + ahead * ahead) * np.float32(1 / (CONTACT_REACH * self.size[2]))
         height = np.clip(1 - np.abs(z) * np.float32(1 / (0.35 * self.size[2])), 0.0, 1.0)
-        fading = np.clip(np.float32(REACHES) - away, 0.0, 1.0)  # fade out before the end of the window
+        fading = np.clip(np.float32(MAX_REACHES) - away, 0.0, 1.0)  # fade out before the end of the window
         return np.asarray(CONTACT * np.exp(-away) * height * fading, np.float32)
 
 
@@ -182,15 +165,13 @@ def put_movers(scene: Scene, light: Light, lens: Lens, still: Still, time_ns: in
     linear.reshape(*shape, 3)[crop] = still.linear.reshape(*shape, 3)[crop]
     samples = _Samples(still.pose.translation[0], still.directions, depth)
     for view in views:
-        alone = (
-            [
-                samples.cast(view.row, part, lens.hull(to_camera.apply(part.corners), window))
-                for part, window in zip(view.parts, view.part_windows, strict=True)
-                if not _is_empty(window)
-            ]
-            if not _is_empty(view.window)
-            else []
-        )
+        if _is_empty(view.window):
+            continue
+        alone = [
+            samples.cast(view.row, part, lens.hull(to_camera.apply(part.corners), window))
+            for part, window in zip(view.parts, view.part_windows, strict=True)
+            if not _is_empty(window)
+        ]
         if alone:
             alone_px[view.row], alone_xyxy[view.row] = _extent(alone, lens)
     shadows = _shadows(light, lens, still, views)
@@ -211,27 +192,16 @@ def put_movers(scene: Scene, light: Light, lens: Lens, still: Still, time_ns: in
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shadows:
-    """Light that movers take from a still view.
+    """Light that movers take from a still view."""
 
-    Attributes:
-        cast: (P,) bool, whether they take any.
-        shade: (P,) float32 share of sunlight taken.
-        dark: (P,) float32 share of all other light taken.
-    """
-
-    cast: Bools
-    shade: F32
-    dark: F32
+    cast: Bools  # (P,) bool, whether they take any
+    shade: F32  # (P,) float32 share of sunlight taken
+    dark: F32  # (P,) float32 share of all other light taken
 
     def on(self, still: Still, pixels: I64) -> F32:
         """Remaining light (K, 3) of some pixels."""
-        rest, sun = still.shading.rest.take(pixels, 0), still.shading.sun.take(pixels, 0)
-        left, sunny = 1 - self.dark.take(pixels), 1 - self.shade.take(pixels)
-        for color in range(3):
-            rest[:, color] *= left
-            sun[:, color] *= sunny
-        rest += sun
-        return rest
+        left, sunny = 1 - self.dark.take(pixels)[:, None], 1 - self.shade.take(pixels)[:, None]
+        return still.shading.rest.take(pixels, 0) * left + still.shading.sun.take(pixels, 0) * sunny
 
 
 def _shadows(light: Light, lens: Lens, still: Still, views: Sequence[_View]) -> _Shadows:
@@ -310,7 +280,7 @@ def _smoothed(
                 samples.cast(view.row, part, np.concatenate([inside + step * len(pixels) for step in range(4)]))
     # A static surface can be in front of a mover only if it is that near at a neighbouring pixel, too.
     doubtful = np.flatnonzero(np.isfinite(samples.depth) & (samples.depth >= np.tile(still.nearest.take(pixels), 4)))
-    behind = scene.static_distance(origin, directions.take(doubtful, 0))
+    behind = scene.static.distance(origin, directions.take(doubtful, 0))
     samples.hide(doubtful.compress(behind <= samples.depth.take(doubtful)))
     colors = np.tile(ground, (4, 1))
     rows, _, surfaces = samples.nearest()

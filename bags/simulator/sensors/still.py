@@ -5,47 +5,36 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from lidcam.bags.simulator.sensors.ambient import sky_light
 from lidcam.bags.simulator.sensors.lens import Lens
 from lidcam.bags.simulator.sensors.light import Light, Shading
 from lidcam.bags.simulator.world.motion import Poses
 from lidcam.bags.simulator.world.rays import Surfaces
 from lidcam.bags.simulator.world.scene import Scene
-from lidcam.bags.simulator.world.surfaces.textures import surface_rgb
+from lidcam.bags.simulator.world.textures import surface_rgb
 from lidcam.pipeline.core.arrays import F32, Bools
 
 BESIDE_PX = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
 """The four sample points of a pixel that differs from its neighbours (anti-aliasing)."""
-CONTRAST = 0.06
-"""Contrast from which neighbours differ, in square roots of brightness."""
+MIN_CONTRAST = 0.06  # from which neighbours differ, in square roots of brightness
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
-ROWS_AT_ONCE = 1 << 17
-"""Rays per batch: their arrays roughly fit into the processor's caches."""
+RAYS_AT_ONCE = 1 << 17  # whose arrays roughly fit into the processor's caches
+SKY_GRID_PX = 4  # skylight varies slowly: it is sampled at every fourth pixel of every fourth row
+SKY_DIRECTIONS = 20
+MIN_SKY_SHARE = 0.35  # share of light at a point that sees no sky: its surroundings reflect some
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Still:
-    """A view of the static world; P pixels, numbered row by row.
+    """A view of the static world; P pixels, numbered row by row."""
 
-    Attributes:
-        pose: Single pose of the optical frame in the world.
-        directions: (P, 3) float32 unit vectors in the world.
-        distance: (P,) float32 metres; infinite for the sky, 0 outside the lens.
-        points: (P, 3) float32 points slightly above the surface.
-        shading: Light (P); without sun in the shadow of the static world.
-        linear: (P, 3) float32 sum of all light.
-        nearest: (P,) float32 metres: least distance of each pixel and its neighbours.
-        lowest_m: Height of the lowest visible point.
-    """
-
-    pose: Poses
-    directions: F32
-    distance: F32
-    points: F32
-    shading: Shading
-    linear: F32
-    nearest: F32
-    lowest_m: float
+    pose: Poses  # of the optical frame in the world, a single one
+    directions: F32  # (P, 3) unit vectors in the world
+    distance: F32  # (P,) metres; infinite for the sky, 0 outside the lens
+    points: F32  # (P, 3) slightly above the surface
+    shading: Shading  # without sun in the shadow of the static world
+    linear: F32  # (P, 3) sum of all light
+    nearest: F32  # (P,) least distance of each pixel and its neighbours, metres
+    lowest_m: float  # height of the lowest visible point
 
 
 def take_still(scene: Scene, light: Light, lens: Lens, pose: Poses) -> Still:
@@ -55,30 +44,26 @@ def take_still(scene: Scene, light: Light, lens: Lens, pose: Poses) -> Still:
     distance, points = np.empty(n, np.float32), np.empty((n, 3), np.float32)
     rest, sun = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32)
     normals = np.empty((n, 3), np.float32)
-    for first in range(0, n, ROWS_AT_ONCE):
-        rows = slice(first, first + ROWS_AT_ONCE)
-        surfaces = scene.static_surfaces(pose.translation[0], directions[rows])
+    for first in range(0, n, RAYS_AT_ONCE):
+        rows = slice(first, first + RAYS_AT_ONCE)
+        surfaces = scene.static.surfaces(pose.translation[0], directions[rows])
         shading = lit_surfaces(scene, light, surfaces)
         points[rows], distance[rows] = surfaces.points, surfaces.distance
         rest[rows], sun[rows], normals[rows] = shading.rest, shading.sun, surfaces.normal
     mixed = np.flatnonzero(contrasts((rest + sun).reshape(lens.height, lens.width, 3)) & _inner(lens))
-    for first in range(0, len(mixed), ROWS_AT_ONCE // 4):
-        pixels = mixed[first : first + ROWS_AT_ONCE // 4]
+    for first in range(0, len(mixed), RAYS_AT_ONCE // 4):
+        pixels = mixed[first : first + RAYS_AT_ONCE // 4]
         beside = turned(pose, np.concatenate([lens.directions_beside(pixels, offset) for offset in BESIDE_PX]))
-        shading = lit_surfaces(scene, light, scene.static_surfaces(pose.translation[0], beside))
+        shading = lit_surfaces(scene, light, scene.static.surfaces(pose.translation[0], beside))
         rest[pixels] = shading.rest.reshape(4, -1, 3).mean(0)
         sun[pixels] = shading.sun.reshape(4, -1, 3).mean(0)
     image = (lens.height, lens.width, 3)
     share = sky_light(scene, points.reshape(image), normals.reshape(image)).reshape(-1)
-    # Neither haze in front of a surface nor the sky is darkened.
-    left = 1 - (1 - share) * light.clearness(distance)
-    for color in range(3):
-        rest[:, color] *= left
-    bare = ~lens.covered
-    distance[bare], rest[bare], sun[bare] = 0.0, 0.0, 0.0
+    left = 1 - (1 - share) * light.clearness(distance)  # neither haze in front of a surface nor the sky is darkened
+    rest *= left[:, None]
+    distance[~lens.covered], rest[~lens.covered], sun[~lens.covered] = 0.0, 0.0, 0.0
     seen = np.isfinite(distance) & lens.covered
-    lowest_m = float(points[:, 2].compress(seen).min(initial=np.inf))
-    lowest_m = min(lowest_m, float(pose.translation[0, 2]))
+    lowest_m = min(float(points[:, 2].compress(seen).min(initial=np.inf)), float(pose.translation[0, 2]))
     around = cv2.erode(distance.reshape(lens.height, lens.width), np.ones((3, 3), np.uint8))
     nearest = np.asarray(around, np.float32).reshape(-1)
     return Still(pose, directions, distance, points, Shading(rest, sun), rest + sun, nearest, lowest_m)
@@ -101,7 +86,7 @@ def lit_surfaces(scene: Scene, light: Light, surfaces: Surfaces) -> Shading:
     if light.shadows:
         facing = np.flatnonzero(shading.sun[:, 1] > 0)
         points = surfaces.take(facing).points
-        shading.sun[facing.compress(scene.static_occludes(points, light.towards))] = 0.0
+        shading.sun[facing.compress(scene.static.occludes(points, light.towards))] = 0.0
     return shading
 
 
@@ -117,10 +102,41 @@ def contrasts(linear: F32) -> Bools:
     """Whether pixels of an image (H, W, 3) of light differ from a neighbour: (H * W,)."""
     brightness = np.sqrt(linear @ LUMINANCE)
     square = np.ones((3, 3), np.uint8)
-    return np.asarray(cv2.dilate(brightness, square) - cv2.erode(brightness, square) > CONTRAST).reshape(-1)
+    return np.asarray(cv2.dilate(brightness, square) - cv2.erode(brightness, square) > MIN_CONTRAST).reshape(-1)
 
 
 def _inner(lens: Lens) -> Bools:
     """Whether the lens covers a pixel and all its neighbours."""
     covered = lens.covered.reshape(lens.height, lens.width).astype(np.uint8)
     return cv2.erode(covered, np.ones((3, 3), np.uint8)).reshape(-1) > 0
+
+
+def sky_light(scene: Scene, points: F32, normals: F32) -> F32:
+    """Share (H, W) of skylight, at most 1, that the static world lets through to the surface of each pixel.
+
+    The points (H, W, 3) lie slightly above the surface; its normals (H, W, 3) are 0 where there is none.
+    """
+    height, width, _ = points.shape
+    rows, columns = np.arange(SKY_GRID_PX // 2, height, SKY_GRID_PX), np.arange(SKY_GRID_PX // 2, width, SKY_GRID_PX)
+    if not len(rows) or not len(columns):
+        return np.ones((height, width), np.float32)
+    grid = np.ix_(rows, columns)
+    starts, up = points[grid].reshape(-1, 3), normals[grid].reshape(-1, 3)
+    across = np.cross(
+        up, np.where(np.abs(up[:, 2:]) < 0.9, np.array([0, 0, 1], np.float32), np.array([1, 0, 0], np.float32))
+    )
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), np.float32(1e-9))
+    along = np.cross(up, across)
+    free, asked = np.zeros(len(up)), np.zeros(len(up))
+    for step in range(SKY_DIRECTIONS):
+        # A sunflower disc projected to the half sphere: the density follows Lambert's law.
+        radius, turn = np.sqrt((step + 0.5) / SKY_DIRECTIONS), step * np.pi * (3 - np.sqrt(5))
+        x, y, z = radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1 - radius * radius)
+        directions = x * across + y * along + z * up
+        asking = np.flatnonzero(directions[:, 2] > 0.02)  # light from the ground is not skylight
+        blocked = scene.static.occludes(starts.take(asking, 0), directions.take(asking, 0))
+        asked[asking] += 1
+        free[asking] += ~blocked
+    share = np.where(asked > 0, free / np.maximum(asked, 1), 1.0).astype(np.float32).reshape(len(rows), len(columns))
+    smooth = cv2.resize(cv2.blur(share, (3, 3)), (width, height), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(MIN_SKY_SHARE + (1 - MIN_SKY_SHARE) * smooth, np.float32)

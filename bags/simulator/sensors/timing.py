@@ -23,41 +23,24 @@ def random_numbers(seed: int, name: str, purpose: str, number: int) -> np.random
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """One measurement of a sensor.
+    """One measurement of a sensor."""
 
-    Attributes:
-        number: Counted from 0, lost ones included.
-        begin_ns: True start time.
-        end_ns: True end time.
-        stamp_ns: The sensor's clock at `begin_ns`.
-        log_ns: True time when its message is recorded.
-        lost: Whether its message is lost.
-    """
-
-    number: int
+    number: int  # counted from 0, lost ones included
     begin_ns: int
     end_ns: int
-    stamp_ns: int
-    log_ns: int
+    stamp_ns: int  # the sensor's clock at `begin_ns`
+    log_ns: int  # when its message is recorded
     lost: bool
 
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Clock and connection of one sensor.
-
-    Attributes:
-        name: Name of the sensor.
-        sensor: Its settings.
-        seed: Seed of the scenario.
-        trigger_jitter: Whether jitter shifts the measurement itself (a camera's trigger) or only its stamp (an
-            evenly spinning lidar).
-    """
+    """Clock and connection of one sensor."""
 
     name: str
     sensor: SensorScenario
     seed: int
-    trigger_jitter: bool
+    trigger_jitter: bool  # jitter shifts the measurement itself (a camera's trigger), not only its stamp (a lidar)
 
     @property
     def period_ns(self) -> int:
@@ -78,8 +61,7 @@ class Timing:
         """One measurement: from its nominal start unless another is given, to `lasts_ns` later unless its end is."""
         random = random_numbers(self.seed, self.name, "timing", number)
         jitter_ns, delay_ns, luck = random.standard_normal(), random.standard_normal(), random.random()
-        # Measurements stay in order.
-        max_jitter_ns = 0.45 * self.period_ns
+        max_jitter_ns = 0.45 * self.period_ns  # measurements stay in order
         jitter_ns = round(np.clip(jitter_ns * self.sensor.jitter_ms * MS, -max_jitter_ns, max_jitter_ns))
         begin = self.nominal_ns(number) if begin_ns is None else begin_ns
         stamp = begin + round(self.sensor.clock_offset_ms * MS)

@@ -1,17 +1,21 @@
-"""Visibility of each mover in an image: the clean 2D truth beside the simulated detector."""
+"""Movers in an image: the clean 2D truth, and a simulated 2D detector with the errors of a network."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from lidcam.bags.simulator.scenario.sensors import Detector2DScenario
 from lidcam.bags.simulator.sensors.camera import Camera, CameraImage
-from lidcam.bags.simulator.world.motion import Poses
-from lidcam.bags.simulator.world.mover import Mover, Part, placed_vertices
-from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.bags.simulator.sensors.timing import random_numbers
+from lidcam.bags.simulator.world.motion import Mover, Part, Poses, placed_vertices
+from lidcam.pipeline.core.arrays import F64, I64, Table
 from lidcam.pipeline.core.camera import NEAR_M, CameraModel
 
-EDGES = ((0, 1), (1, 2), (2, 0))
-"""The corners of each edge of a triangle."""
+NO_MOVER = -1  # row of a false box
+SURE_HEIGHT_PX = 40.0  # box height below which scores drop
+FALSE_SCORES = (0.25, 0.55)
+FALSE_HEIGHT = (0.05, 0.30)  # of false boxes, as shares of the image height
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -19,21 +23,15 @@ class Visibility:
     """Visibility of each of M movers in an image.
 
     Boxes are left, top, right, bottom in pixels, counted from the image's corner.
-
-    Attributes:
-        visible_xyxy: (M, 4) float64 box of the pixels that show it; NaN for none.
-        whole_xyxy: (M, 4) float64 box of all of it as if nothing hid it, cut one image width or height beyond the
-            image; NaN if not a single pixel would show it.
-        visible_px: (M,) int64 number of pixels that show it.
-        occlusion: (M,) float64 share of the pixels that would show it which show something else; NaN for none.
-        truncation: (M,) float64 share of the whole box that lies outside the image; NaN for none.
     """
 
-    visible_xyxy: F64
-    whole_xyxy: F64
-    visible_px: I64
-    occlusion: F64
-    truncation: F64
+    visible_xyxy: F64  # (M, 4) box of the pixels that show it; NaN for none
+    whole_xyxy: (
+        F64  # (M, 4) box of it if nothing hid it, cut one image beyond the border; NaN if no pixel would show it
+    )
+    visible_px: I64  # (M,) number of pixels that show it
+    occlusion: F64  # (M,) share of the pixels that would show it which show something else; NaN for none
+    truncation: F64  # (M,) share of the whole box that lies outside the image; NaN for none
 
 
 def visible_boxes(image: CameraImage) -> F64:
@@ -82,14 +80,12 @@ def projected_box(model: CameraModel, to_camera: Poses, parts: tuple[Part, ...],
 
 
 def _ahead(part: Part, vertices: F64) -> F64:
-    """Points (K, 3) around the surface of a part before the camera: its vertices, and the cuts through its edges.
-
-    The vertices (V, 3) are in the optical frame.
-    """
+    """Its vertices (V, 3), in the optical frame, before the camera, and the cuts through its edges."""
     ahead = vertices[:, 2] >= NEAR_M
     if ahead.all():
         return vertices
-    start, end = (np.concatenate([part.mesh.triangles[:, edge[side]] for edge in EDGES]) for side in (0, 1))
+    triangles = part.mesh.triangles
+    start, end = triangles.T.reshape(-1), np.roll(triangles, -1, axis=1).T.reshape(-1)
     cut = ahead[start] != ahead[end]
     start, end = vertices[start[cut]], vertices[end[cut]]
     share = (NEAR_M - start[:, 2:]) / (end[:, 2:] - start[:, 2:])
@@ -98,3 +94,65 @@ def _ahead(part: Part, vertices: F64) -> F64:
 
 def _areas(boxes: F64) -> F64:
     return np.asarray((boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Detected(Table):
+    """Detections in one image, those of movers first, in the order of the movers."""
+
+    xyxy: F64  # (N, 4) left, top, right, bottom in pixels, from the image's corner
+    scores: F64  # (N,) in [0, 1]
+    class_names: tuple[str, ...]
+    movers: I64  # (N,) rows of the detected movers; `NO_MOVER` for a false box
+
+
+def detect(
+    scenario: Detector2DScenario, image: CameraImage, class_names: Sequence[str], *, name: str, number: int, seed: int
+) -> Detected:
+    """The detections in an image of movers with these classes (M).
+
+    Each mover has its own random numbers, whatever else the image shows: equal seeds, names of cameras and numbers of
+    images give equal boxes.
+    """
+    count = len(class_names)
+    random = random_numbers(seed, name, "detector", number)
+    luck, edges, spread = random.random(count), random.standard_normal((count, 4)), random.standard_normal(count)
+    boxes = visible_boxes(image)
+    visible = image.seen_px / np.maximum(image.alone_px, 1)
+    height = np.nan_to_num(boxes[:, 3] - boxes[:, 1])
+    found = (image.seen_px > 0) & (visible >= scenario.min_visible) & (height >= scenario.min_height_px)
+    found &= luck >= scenario.miss_rate
+    rows = np.flatnonzero(found).tolist()
+    scores = 0.94 - 0.35 * np.exp(-height / SURE_HEIGHT_PX) - 0.35 * (1 - visible) + 0.04 * spread
+    false_boxes, false_scores, false_names = _false_boxes(scenario, image, class_names, name, number, seed)
+    found_boxes = _inside(boxes[rows] + scenario.pixel_noise_px * edges[rows], image)
+    return Detected(
+        np.concatenate([found_boxes, false_boxes]),
+        np.clip(np.concatenate([scores[rows], false_scores]), 0.05, 0.99),
+        (*(class_names[row] for row in rows), *false_names),
+        np.concatenate([rows, np.full(len(false_names), NO_MOVER)]).astype(np.int64),
+    )
+
+
+def _false_boxes(
+    scenario: Detector2DScenario, image: CameraImage, class_names: Sequence[str], name: str, number: int, seed: int
+) -> tuple[F64, F64, list[str]]:
+    """False boxes in the lower two thirds of the image, with scores and classes."""
+    random = random_numbers(seed, name, "false detections", number)
+    known = sorted(set(class_names)) or ["car"]
+    count = int(random.poisson(scenario.false_per_image))
+    rows, columns = image.movers.shape
+    height = rows * random.uniform(*FALSE_HEIGHT, count)
+    width = height * random.uniform(0.5, 2.0, count)
+    left, top = random.uniform(0, 0.9 * columns, count), random.uniform(rows / 3, 0.9 * rows, count)
+    names = [known[int(choice)] for choice in random.integers(0, len(known), count)]
+    boxes = np.stack([left, top, left + width, top + height], 1)
+    return _inside(boxes, image), random.uniform(*FALSE_SCORES, count), names
+
+
+def _inside(boxes: F64, image: CameraImage) -> F64:
+    """Boxes clipped to the image, at least one pixel wide and high."""
+    rows, columns = image.movers.shape
+    limit = np.array([columns, rows], np.float64)
+    low = np.clip(boxes[:, :2], 0, limit - 1)
+    return np.concatenate([low, np.clip(np.maximum(boxes[:, 2:], low + 1), 1, limit)], 1)

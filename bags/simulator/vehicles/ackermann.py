@@ -5,23 +5,43 @@ follows a circle of radius wheel base / tan(steering) (Rajamani, Vehicle Dynamic
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import NamedTuple
 
 from lidcam.bags.simulator.vehicles.trajectory import State
+from lidcam.bags.simulator.world.bodies.dimensions import shape_of
 
 
 @dataclass(frozen=True, slots=True)
 class AckermannCommand:
-    """Target speed and steering (ackermann_msgs/AckermannDrive).
+    """Target speed and steering (ackermann_msgs/AckermannDrive)."""
 
-    Attributes:
-        speed_m_s: Along the heading; negative backwards.
-        steering_rad: At the middle of the front axle, positive to the left.
+    speed_m_s: float = 0.0  # along the heading; negative backwards
+    steering_rad: float = 0.0  # at the middle of the front axle, positive to the left
+
+
+KEY_COMMANDS: Mapping[str, AckermannCommand] = MappingProxyType(
+    {
+        "w": AckermannCommand(0.3, 0.0),
+        "s": AckermannCommand(-0.3, 0.0),
+        "a": AckermannCommand(0.3, 0.7 * 0.7),
+        "d": AckermannCommand(0.3, -0.7 * 0.7),
+        "x": AckermannCommand(0.0, 0.0),
+    }
+)
+"""Commands of the remote control of the predecessor system, by key."""
+QUIT = "o"
+
+
+def commands_of_keys(keys: str, interval_s: float) -> list[tuple[int, AckermannCommand]]:
+    """Times in nanoseconds and commands of keys pressed at a fixed pace from time 0.
+
+    A key without a command only waits; keys after the quit key are ignored.
     """
-
-    speed_m_s: float = 0.0
-    steering_rad: float = 0.0
+    pressed = enumerate(keys.partition(QUIT)[0])
+    return [(round(number * interval_s * 1e9), KEY_COMMANDS[key]) for number, key in pressed if key in KEY_COMMANDS]
 
 
 class ControllerCommands(NamedTuple):
@@ -37,22 +57,12 @@ class ControllerCommands(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Ackermann:
-    """A car's chassis.
-
-    Attributes:
-        wheel_base_m: From the rear axle to the front one.
-        track_m: From the left front wheel to the right one; 0 for a two-wheeler.
-        wheel_radius_m: Radius of all wheels.
-        max_steering_rad: Steering limit either way, at the middle of the front axle.
-        steering_rate_rad_s: Limit of the steering rate.
-        acceleration_m_s2: Limit of acceleration.
-        braking_m_s2: Limit of braking.
-    """
+    """A car's chassis and its limits."""
 
     wheel_base_m: float
-    track_m: float
+    track_m: float  # between the front wheels; 0 for a two-wheeler
     wheel_radius_m: float
-    max_steering_rad: float
+    max_steering_rad: float  # either way, at the middle of the front axle
     steering_rate_rad_s: float
     acceleration_m_s2: float
     braking_m_s2: float
@@ -71,11 +81,7 @@ class Ackermann:
         return ControllerCommands(rate, rate, rate, rate, left, right)
 
     def command(self, controllers: ControllerCommands) -> AckermannCommand:
-        """The motion that controller targets produce.
-
-        Speed follows from the mean rate of the rear wheels, steering from the point halfway between the turning centres
-        of the two front wheels.
-        """
+        """The motion that controller targets produce: mean rate of the rear wheels, mean turning centre in front."""
         rate = (controllers.left_rear_rad_s + controllers.right_rear_rad_s) / 2
         left, right = math.tan(controllers.left_hinge_rad), math.tan(controllers.right_hinge_rad)
         both = left + right
@@ -94,7 +100,6 @@ class Ackermann:
         steering = state.steering_rad + min(max(change, -turned), turned)
         way = (state.speed_m_s + speed) / 2 * seconds
         turn = way * math.tan((state.steering_rad + steering) / 2) / self.wheel_base_m
-        # Chord of the arc, and its direction.
         chord = way * (math.sin(turn / 2) / (turn / 2) if turn else 1.0)
         towards = state.yaw_rad + turn / 2
         return State(
@@ -117,3 +122,49 @@ class Ackermann:
 
     def _within_limits(self, steering_rad: float) -> float:
         return min(max(steering_rad, -self.max_steering_rad), self.max_steering_rad)
+
+
+@dataclass(frozen=True, slots=True)
+class Habits:
+    """The driving habits of a driver or pedestrian."""
+
+    acceleration_m_s2: float  # comfortable, as is the braking
+    braking_m_s2: float
+    hard_braking_m_s2: float
+    sideways_m_s2: float  # lateral acceleration in curves
+    headway_s: float  # time gap to the vehicle ahead
+    gap_m: float  # gap to the vehicle ahead at rest
+    clearance_m: float  # free room wanted on each side
+    look_ahead_m: float  # from the rear axle to the route point to steer for, at rest
+    look_ahead_s: float  # increase of that distance per m/s
+    steering_rate_rad_s: float
+
+
+HABITS: Mapping[str, Habits] = MappingProxyType(
+    {
+        "model_car": Habits(0.5, 0.5, 1.5, 0.5, 0.5, 0.08, 0.02, 0.16, 0.1, 4.0),
+        "car": Habits(1.8, 2.2, 8.0, 2.0, 1.2, 1.5, 0.25, 2.6, 0.35, 0.9),
+        "van": Habits(1.5, 2.0, 7.0, 1.8, 1.3, 1.7, 0.25, 3.2, 0.35, 0.8),
+        "truck": Habits(1.1, 1.8, 6.0, 1.4, 1.5, 2.0, 0.3, 4.2, 0.35, 0.7),
+        "bus": Habits(1.1, 1.5, 6.0, 1.3, 1.5, 2.0, 0.3, 5.0, 0.35, 0.7),
+        "cyclist": Habits(1.0, 1.8, 5.0, 1.8, 1.0, 0.8, 0.15, 1.0, 0.35, 2.0),
+        "pedestrian": Habits(1.0, 1.5, 3.0, 5.0, 0.5, 0.3, 0.0, 0.0, 0.0, 0.0),
+    }
+)
+"""By shape."""
+
+
+def chassis_of(shape: str, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Ackermann | None:
+    """The chassis of a shape, its length, width and height times a scale; None for a pedestrian."""
+    facts, habits = shape_of(shape, scale), HABITS[shape]
+    if not facts.wheel_base_m:
+        return None
+    return Ackermann(
+        wheel_base_m=facts.wheel_base_m,
+        track_m=facts.track_width_m,
+        wheel_radius_m=facts.wheel_radius_m,
+        max_steering_rad=facts.max_steering_rad,
+        steering_rate_rad_s=habits.steering_rate_rad_s,
+        acceleration_m_s2=2 * habits.acceleration_m_s2,
+        braking_m_s2=habits.hard_braking_m_s2,
+    )

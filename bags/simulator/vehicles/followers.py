@@ -6,41 +6,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidcam.bags.simulator.vehicles.ackermann import Ackermann, AckermannCommand
+from lidcam.bags.simulator.scenario.traffic import VehicleScenario
+from lidcam.bags.simulator.vehicles.ackermann import HABITS, AckermannCommand, Habits, chassis_of
 from lidcam.bags.simulator.vehicles.footprints import Rectangle, discs_of
-from lidcam.bags.simulator.vehicles.habits import Habits
 from lidcam.bags.simulator.vehicles.right_of_way import Stretch, Traveller, distance_to_stop
 from lidcam.bags.simulator.vehicles.routes import Route, pure_pursuit
 from lidcam.bags.simulator.vehicles.trajectory import State
-from lidcam.bags.simulator.world.bodies.dimensions import Shape
+from lidcam.bags.simulator.world.bodies.dimensions import shape_of
 from lidcam.pipeline.core.arrays import F64
 
-STANDING_M_S = 0.02
-NEAR_LINE = 0.4
-"""Gap before a stop line, as a share of the gap behind a car."""
-
-REACTION_S = 0.5
-"""Delay before starting when the way becomes free."""
-
-RESERVE = 0.5
-"""Share of the hardest braking that plans may use; the rest is for surprises."""
-SLOWEST_M_S = 0.05
-"""A driver who brakes below this stops altogether."""
+MAX_STANDING_M_S = 0.02
+LINE_GAP = 0.4  # gap before a stop line, as a share of the gap behind a car
+REACTION_S = 0.5  # delay before starting when the way becomes free
+PLANNED_BRAKING = 0.5  # share of the hardest braking that plans may use; the rest is for surprises
+MIN_SPEED_M_S = 0.05  # a driver who brakes below it stops altogether
 
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """A vehicle or pedestrian as other drivers see it.
-
-    Attributes:
-        ground: Its footprint.
-        state: Its state.
-        traveller: Its progress on a route; None if it follows none.
-    """
+    """A vehicle or pedestrian as other drivers see it."""
 
     ground: Rectangle
     state: State
-    traveller: Traveller | None
+    traveller: Traveller | None  # its progress on a route; None if it follows none
 
 
 def following_acceleration(
@@ -63,46 +51,30 @@ def following_acceleration(
 
 
 class Follower:
-    """The driver of a vehicle or pedestrian on a route.
+    """The driver of a vehicle or pedestrian on a route; its order among all vehicles breaks ties."""
 
-    Args:
-        order: Its place among all vehicles, which breaks ties.
-        name: Name of the route.
-        start_m: Start position of the base frame along the route.
-        chassis: None for a pedestrian.
-    """
-
-    def __init__(
-        self,
-        order: int,
-        name: str,
-        route: Route,
-        start_m: float,
-        speed_m_s: float,
-        shape: Shape,
-        habits: Habits,
-        chassis: Ackermann | None,
-    ) -> None:
-        self._route, self._shape, self._habits, self._chassis = route, shape, habits, chassis
-        self._along_m = start_m
+    def __init__(self, order: int, vehicle: VehicleScenario, route: Route) -> None:
+        self._route, self._chassis = route, chassis_of(vehicle.shape, vehicle.scale)
+        self._shape, self._habits = shape, habits = shape_of(vehicle.shape, vehicle.scale), HABITS[vehicle.shape]
+        self._along_m, speed_m_s = vehicle.route_start_m, vehicle.speed_m_s
         self._line_at_m, self._reaction_s = 0.0, 0.0
         self._step_m = shape.size_m[1] / 2
         self._limits = _speed_limits(route, speed_m_s, habits, self._step_m)
         self.traveller = Traveller(
             order=order,
-            route=name,
+            route=vehicle.route,
             length_m=route.length_m,
             closed=route.closed,
-            front_m=start_m + shape.front_m,
+            front_m=self._along_m + shape.front_m,
             body_m=shape.size_m[0],
             speed_m_s=speed_m_s,
             cruise_m_s=speed_m_s,
             acceleration_m_s2=habits.acceleration_m_s2,
-            hard_braking_m_s2=RESERVE * habits.hard_braking_m_s2,
+            hard_braking_m_s2=PLANNED_BRAKING * habits.hard_braking_m_s2,
             gap_m=habits.gap_m,
         )
-        start = route.point(start_m)
-        self.first = State(start.x_m, start.y_m, start.yaw_rad, speed_m_s=self._limit(start_m))
+        start = route.point(self._along_m)
+        self.first = State(start.x_m, start.y_m, start.yaw_rad, self._limit(self._along_m), walked_m=vehicle.walked_m)
         self.traveller.speed_m_s = self.first.speed_m_s
 
     def observe(self, state: State) -> None:
@@ -121,24 +93,21 @@ class Follower:
         stretches: Sequence[Stretch],
         travellers: Mapping[str, Sequence[Traveller]],
     ) -> AckermannCommand:
-        """The command for some seconds, until the next decision.
-
-        It depends on all other vehicles and pedestrians, on what its route shares with others, and on travellers there.
-        """
+        """The command until the next decision, by what others do and by what its route shares with theirs."""
         me, habits = self.traveller, self._habits
         horizon_m = self._horizon_m(state.speed_m_s)
         line_m = self._line(distance_to_stop(me, stretches, travellers, horizon_m), seconds)
         if not self._route.closed:
-            line_m = min(line_m, self._route.length_m - me.front_m + NEAR_LINE * habits.gap_m)
+            line_m = min(line_m, self._route.length_m - me.front_m + LINE_GAP * habits.gap_m)
         gap_m, ahead_m_s, me.leader = self._gap(state, others, horizon_m)
         limit = self._limit(self._along_m)
         rate = following_acceleration(habits, state.speed_m_s, limit, gap_m, ahead_m_s)
         if math.isfinite(line_m):
-            to_stop_m = line_m + (1 - NEAR_LINE) * habits.gap_m
+            to_stop_m = line_m + (1 - LINE_GAP) * habits.gap_m
             rate = min(rate, following_acceleration(habits, state.speed_m_s, limit, to_stop_m, 0.0))
-        me.stops_in_m = min(line_m, gap_m if ahead_m_s < STANDING_M_S else math.inf)
+        me.stops_in_m = min(line_m, gap_m if ahead_m_s < MAX_STANDING_M_S else math.inf)
         speed = max(state.speed_m_s + rate * seconds, 0.0)
-        if rate < 0 and speed < SLOWEST_M_S * min(limit, 1.0):
+        if rate < 0 and speed < MIN_SPEED_M_S * min(limit, 1.0):
             speed = 0.0
         return AckermannCommand(speed, self._steering(state))
 

@@ -12,11 +12,13 @@ from scipy.sparse.csgraph import connected_components
 from lidcam.bags.simulator.scenario.open_world import ThingScenario
 from lidcam.bags.simulator.vehicles.trajectory import State
 from lidcam.bags.simulator.world.bodies.dimensions import Shape
-from lidcam.bags.simulator.world.meshes.mesh import Mesh
+from lidcam.bags.simulator.world.mesh import Mesh
 from lidcam.pipeline.core.arrays import F64, I64
 
-TRUNK_SHARE = 0.12
-"""Width of a trunk as a share of the crown's."""
+TRUNK_SHARE = 0.12  # width of a trunk as a share of the crown's
+
+MODEL_SIZE = {"step_m": 0.03, "headroom_m": 0.22}  # height that cars drive over, and clearance that they need
+FULL_SIZE = {"step_m": 0.2, "headroom_m": 2.2}
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,10 +77,8 @@ def discs_of(rectangles: Iterable[Rectangle]) -> tuple[F64, I64]:
 def obstacles_of(world: Mesh, *, step_m: float, headroom_m: float) -> tuple[Rectangle, ...]:
     """The footprints of the bodies in a static world that a car cannot pass.
 
-    Args:
-        world: Mesh of bodies that share no vertices; each is taken as convex.
-        step_m: Bodies no higher than this are driven over, as kerbs are.
-        headroom_m: Bodies that start higher are driven under, as tree crowns are.
+    Bodies share no vertices, and each is taken as convex. Those no higher than `step_m` are driven over, as kerbs are;
+    those that start above `headroom_m` are driven under, as tree crowns are.
     """
     count = len(world.vertices)
     first, others = np.repeat(world.triangles[:, 0], 2), world.triangles[:, 1:].ravel()
@@ -125,6 +125,5 @@ def _under(corners: F64) -> Rectangle:
     """The smallest rectangle around points (N, 2), of any yaw."""
     middle = corners.mean(0)  # OpenCV uses single precision: stay near the origin
     (x, y), (length, width), turn_deg = cv2.minAreaRect((corners - middle).astype(np.float32))
-    return Rectangle(
-        float(x + middle[0]), float(y + middle[1]), float(np.deg2rad(turn_deg)), float(length), float(width)
-    )
+    x, y = float(x + middle[0]), float(y + middle[1])
+    return Rectangle(x, y, float(np.deg2rad(turn_deg)), float(length), float(width))

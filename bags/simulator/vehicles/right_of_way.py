@@ -16,77 +16,46 @@ from lidcam.bags.simulator.vehicles.routes import Route
 from lidcam.bags.simulator.world.bodies.dimensions import Shape
 from lidcam.pipeline.core.arrays import F64, I64, Bools
 
-SAME_WAY_RAD = math.radians(20)
-"""Routes at a smaller angle do not cross: the one behind follows."""
-
-APART_S = 0.8
-"""Time wanted between the other traveller's leaving and one's own arrival; doubled while waiting."""
-
-MAX_FOLLOWED = 20
-"""Leaders followed up a queue; a ring has no first one."""
+MIN_CROSSING_RAD = math.radians(20)  # routes at a smaller angle do not cross: the one behind follows
+APART_S = 0.8  # wanted between the other traveller's leaving and one's own arrival; doubled while waiting
+MAX_LEADERS = 20  # followed up a queue; a ring has no first one
 
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Ground that two routes share, as seen from one of them.
-
-    Attributes:
-        start_m: Start on this route.
-        length_m: Length on this route.
-        other: Name of the other route.
-        other_start_m: Start on the other route.
-        other_length_m: Length on the other route.
-        yields: Whether this route gives way.
-        first: Whether the other route gives way.
-    """
+    """Ground that two routes share, as seen from one of them."""
 
     start_m: float
     length_m: float
-    other: str
+    other: str  # name of the other route, and where the stretch is on that
     other_start_m: float
     other_length_m: float
-    yields: bool
-    first: bool
+    yields: bool  # this route gives way
+    first: bool  # the other route gives way
 
 
 @dataclass(slots=True)
 class Traveller:
-    """A traveller on a route, as others judge it.
+    """A traveller on a route, as others judge it."""
 
-    Attributes:
-        order: Breaks ties: the lower one goes first.
-        route: Name of the route.
-        length_m: Length of the route.
-        closed: Whether the route is closed.
-        front_m: Position of its front on the route.
-        body_m: Length from front to rear.
-        speed_m_s: Current speed.
-        cruise_m_s: Target speed.
-        acceleration_m_s2: Acceleration towards the target speed.
-        hard_braking_m_s2: Hardest braking it plans with.
-        gap_m: Gap that it leaves before a stop line.
-        stops_in_m: Distance to where its front plans to stop; infinite if it plans no stop.
-        leader: The traveller ahead of it.
-    """
-
-    order: int
+    order: int  # breaks ties: the lower one goes first
     route: str
-    length_m: float
-    closed: bool
-    front_m: float
-    body_m: float
+    length_m: float  # of the route
+    closed: bool  # the route is
+    front_m: float  # position of its front on the route
+    body_m: float  # from front to rear
     speed_m_s: float
-    cruise_m_s: float
-    acceleration_m_s2: float
-    hard_braking_m_s2: float
-    gap_m: float
-    stops_in_m: float = math.inf
-    leader: "Traveller | None" = None
+    cruise_m_s: float  # target speed
+    acceleration_m_s2: float  # towards the target speed
+    hard_braking_m_s2: float  # hardest braking it plans with
+    gap_m: float  # left before a stop line
+    stops_in_m: float = math.inf  # distance to where its front plans to stop
+    leader: "Traveller | None" = None  # the traveller ahead of it
 
     def is_behind(self, other: "Traveller") -> bool:
         """Whether it queues behind another one."""
         leader, seen = self.leader, 0
-        while leader is not None and seen < MAX_FOLLOWED:
+        while leader is not None and seen < MAX_LEADERS:
             if leader is other:
                 return True
             leader, seen = leader.leader, seen + 1
@@ -126,11 +95,7 @@ def shared_stretches(
 ) -> dict[str, tuple[Stretch, ...]]:
     """The stretches that each route shares with others, ordered by start.
 
-    Args:
-        routes: Routes in use.
-        shapes: Widest traveller of each route.
-        yields_to: Routes that each route gives way to.
-        clearance_m: Free room wanted beside the travellers of each route.
+    By route are given the shape of its widest traveller, the routes it gives way to, and the room wanted beside it.
     """
     names = list(routes)
     stretches: dict[str, list[Stretch]] = {name: [] for name in names}
@@ -163,9 +128,8 @@ def distance_to_stop(
         free_from_m = max(free_from_m, distance_m + stretch.length_m + me.body_m + 2 * me.gap_m)
         if distance_m <= me.braking_m:
             continue
-        if any(
-            _goes_first(other, me, stretch, distance_m) for other in others.get(stretch.other, ()) if other is not me
-        ):
+        rivals = (other for other in others.get(stretch.other, ()) if other is not me)
+        if any(_goes_first(other, me, stretch, distance_m) for other in rivals):
             return line_m if line_m > me.braking_m else distance_m
     return math.inf
 
@@ -196,17 +160,13 @@ def _samples(route: Route, step_m: float) -> tuple[F64, F64]:
 
 
 def _stretches(
-    mine: tuple[F64, F64],
-    its: tuple[F64, F64],
-    near_m: float,
-    my_route: Route,
-    its_route: Route,
+    mine: tuple[F64, F64], its: tuple[F64, F64], near_m: float, my_route: Route, its_route: Route
 ) -> list[tuple[tuple[float, float], tuple[float, float]]]:
     """Start and length of each shared stretch, on the one route and on the other."""
     (along, points), (its_along, its_points) = mine, its
     dx, dy, turn = (np.subtract.outer(points[:, column], its_points[:, column]) for column in range(3))
     distance2 = dx * dx + dy * dy
-    near, crossing = distance2 < near_m**2, np.cos(turn) < math.cos(SAME_WAY_RAD)
+    near, crossing = distance2 < near_m**2, np.cos(turn) < math.cos(MIN_CROSSING_RAD)
     # Where the nearest point of the other route has the same direction, they run side by side or coincide.
     beside = near.any(1) & ~crossing[np.arange(len(along)), distance2.argmin(1)]
     its_beside = near.any(0) & ~crossing[distance2.argmin(0), np.arange(len(its_along))]

@@ -12,25 +12,17 @@ from lidcam.bags.simulator.scenario.traffic import RouteScenario
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.errors import ConfigError
 
-SHORTEST_M = 1e-9
-"""Shorter pieces are rounding errors."""
+MIN_PIECE_M = 1e-9  # length below which pieces are rounding errors
 
 
 @dataclass(frozen=True, slots=True)
 class RoutePoint:
-    """A point on a route.
-
-    Attributes:
-        x_m: In the world.
-        y_m: In the world.
-        yaw_rad: Direction of the route, not wrapped: it is continuous along the route.
-        curvature: In 1/m; positive to the left.
-    """
+    """A point on a route."""
 
     x_m: float
     y_m: float
-    yaw_rad: float
-    curvature: float
+    yaw_rad: float  # direction of the route, not wrapped: it is continuous along the route
+    curvature: float  # 1/m; positive to the left
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,10 +53,8 @@ class Route:
         self.closed = closed
         self.length_m = pieces[-1].start_m + pieces[-1].length_m
         self._turned = pieces[-1].point(pieces[-1].length_m).yaw_rad - pieces[0].first.yaw_rad if closed else 0.0
-        columns = (
-            (p.start_m, p.length_m, p.first.x_m, p.first.y_m, p.first.yaw_rad, p.first.curvature) for p in pieces
-        )
-        self._table = np.array(list(columns), np.float64)
+        rows = [(p.start_m, p.length_m, p.first.x_m, p.first.y_m, p.first.yaw_rad, p.first.curvature) for p in pieces]
+        self._table = np.array(rows, np.float64)
 
     @classmethod
     def from_scenario(cls, scenario: RouteScenario) -> "Route":
@@ -87,8 +77,7 @@ class Route:
         rounds, within = divmod(along_m, self.length_m) if self.closed else (0.0, along_m)
         row = max(bisect_right(self._starts, within) - 1, 0)
         piece = self._pieces[row]
-        outside = not self.closed and not 0 <= within <= self.length_m
-        if outside:
+        if not self.closed and not 0 <= within <= self.length_m:
             end = self._pieces[0].first if within < 0 else piece.point(piece.length_m)
             beyond = within if within < 0 else within - self.length_m
             x, y = end.x_m + beyond * math.cos(end.yaw_rad), end.y_m + beyond * math.sin(end.yaw_rad)
@@ -109,9 +98,8 @@ class Route:
         end_yaw = yaw + turn
         x = x + chord * np.cos(towards) + beyond * np.cos(end_yaw)
         y = y + chord * np.sin(towards) + beyond * np.sin(end_yaw)
-        return np.stack(
-            [x, y, end_yaw + rounds * self._turned, np.where(np.abs(beyond) > SHORTEST_M, 0.0, curvature)], -1
-        )
+        curvature = np.where(np.abs(beyond) > MIN_PIECE_M, 0.0, curvature)
+        return np.stack([x, y, end_yaw + rounds * self._turned, curvature], -1)
 
     def followed(self, x_m: float, y_m: float, near_m: float) -> float:
         """Length of the route point nearest to a position, searched near a known length.
@@ -141,7 +129,7 @@ def _pieces(corners: Sequence[F64], radii: Sequence[float], *, closed: bool) -> 
     sides = [corners[(row + 1) % count] - corners[row] for row in range(count if closed else count - 1)]
     lengths = [float(np.hypot(*side)) for side in sides]
     for row, length in enumerate(lengths):
-        if length < SHORTEST_M:
+        if length < MIN_PIECE_M:
             raise ConfigError(f"points_m: expected distinct neighbouring corners, found {corners[row].tolist()} twice")
     yaws = [math.atan2(side[1], side[0]) for side in sides]
     turns, cuts, arcs = [0.0] * count, [0.0] * count, [0.0] * count
@@ -160,7 +148,7 @@ def _pieces(corners: Sequence[F64], radii: Sequence[float], *, closed: bool) -> 
 
     def add(x: float, y: float, length: float, curvature: float) -> None:
         nonlocal along, yaw
-        if length > SHORTEST_M:
+        if length > MIN_PIECE_M:
             pieces.append(_Piece(along, RoutePoint(x, y, yaw, curvature), length))
             along += length
         yaw += length * curvature

@@ -3,13 +3,14 @@
 import math
 from bisect import bisect_right
 from collections.abc import Collection, Mapping
-from types import MappingProxyType
 
 from lidcam.bags.simulator.scenario.scenario import Scenario, listed
 from lidcam.bags.simulator.scenario.traffic import VehicleScenario
-from lidcam.bags.simulator.vehicles.ackermann import Ackermann, AckermannCommand
+from lidcam.bags.simulator.vehicles.ackermann import HABITS, Ackermann, AckermannCommand, chassis_of, commands_of_keys
 from lidcam.bags.simulator.vehicles.followers import Follower, Seen
 from lidcam.bags.simulator.vehicles.footprints import (
+    FULL_SIZE,
+    MODEL_SIZE,
     Obstacles,
     Rectangle,
     footprint,
@@ -17,27 +18,17 @@ from lidcam.bags.simulator.vehicles.footprints import (
     overlap,
     things_in_the_way,
 )
-from lidcam.bags.simulator.vehicles.habits import HABITS, chassis_of
-from lidcam.bags.simulator.vehicles.keys import commands_of_keys
 from lidcam.bags.simulator.vehicles.right_of_way import Stretch, Traveller, shared_stretches
 from lidcam.bags.simulator.vehicles.routes import Route
 from lidcam.bags.simulator.vehicles.trajectory import State, Trajectory
 from lidcam.bags.simulator.world.bodies.dimensions import shape_of
-from lidcam.bags.simulator.world.meshes.mesh import Mesh
+from lidcam.bags.simulator.world.mesh import Mesh
 from lidcam.bags.simulator.world.places.places import static_mesh
 from lidcam.pipeline.core.errors import ConfigError
 
 STEP_NS = 10_000_000
-"""Time step."""
-
-STEPS_PER_DECISION = 5
-"""Steps from one decision of a driver to the next."""
-
-MODEL_SIZE = {"step_m": 0.03, "headroom_m": 0.22}
-FULL_SIZE = {"step_m": 0.2, "headroom_m": 2.2}
-"""What is driven over, and under; see `obstacles_of`."""
-
-STANDING = AckermannCommand()
+STEPS_PER_DECISION = 5  # from one decision of a driver to the next
+DECISION_S = STEPS_PER_DECISION * STEP_NS / 1e9
 
 
 class _Vehicle:
@@ -53,7 +44,7 @@ class _Vehicle:
         self.script = commands_of_keys(scenario.keys, scenario.key_interval_s)[::-1]
         self.times: list[int] = []
         self.commands: list[AckermannCommand] = []
-        self.asked = self.done = STANDING
+        self.asked = self.done = AckermannCommand()
         self.blocked_steps = 0
         self.near: list[Rectangle | _Vehicle] = []
         self.ask(0, AckermannCommand(state.speed_m_s))
@@ -82,16 +73,9 @@ class _Vehicle:
 class Traffic:
     """The traffic of a scenario, advanced in time.
 
-    A step that would bring a vehicle into another one or into an obstacle leaves it at rest where it is.
-
-    Args:
-        driven: Names of vehicles under remote control (`command`), whatever the scenario says. They begin at their
-            `start` if the scenario gives one, and otherwise at the start on their route.
-        static: The static world; None for that of the scenario.
-
-    Attributes:
-        trajectories: By name.
-        chassis: By name, for all but pedestrians.
+    A step that would bring a vehicle into another one or into an obstacle leaves it at rest where it is. The vehicles
+    in `driven` are under remote control (`command`), whatever the scenario says. They begin at their `start` if the
+    scenario gives one, and otherwise at the start on their route. A static world replaces that of the scenario.
 
     Raises:
         ConfigError: a route is not valid, vehicles or obstacles overlap at the start, or a driven vehicle is unknown or
@@ -115,12 +99,8 @@ class Traffic:
         self._stretches = _stretches_of(scenario, routes, self._travellers)
         self._obstacles = Obstacles(_obstacles(scenario, static))
         self._refuse_overlaps()
-        self.trajectories: Mapping[str, Trajectory] = MappingProxyType(
-            {name: vehicle.trajectory for name, vehicle in self._vehicles.items()}
-        )
-        self.chassis: Mapping[str, Ackermann] = MappingProxyType(
-            {name: vehicle.chassis for name, vehicle in self._vehicles.items() if vehicle.chassis is not None}
-        )
+        self.trajectories = {name: vehicle.trajectory for name, vehicle in self._vehicles.items()}
+        self.chassis = {name: one.chassis for name, one in self._vehicles.items() if one.chassis is not None}
 
     @property
     def now_ns(self) -> int:
@@ -142,7 +122,7 @@ class Traffic:
         return vehicle.commands[max(bisect_right(vehicle.times, time_ns) - 1, 0)]
 
     def blocked_steps(self, name: str) -> int:
-        """Number of steps so far in which a vehicle was blocked."""
+        """Number of steps in which a vehicle was blocked."""
         return self._vehicles[name].blocked_steps
 
     def forget(self, before_ns: int) -> None:
@@ -178,7 +158,6 @@ class Traffic:
         vehicle.state, vehicle.ground = state, ground
 
     def _decide(self, now_ns: int) -> None:
-        seconds = STEPS_PER_DECISION * STEP_NS / 1e9
         seen = {}
         for vehicle in self._vehicles.values():
             if vehicle.follower is not None:
@@ -190,20 +169,19 @@ class Traffic:
                 continue
             others = [other for name, other in seen.items() if name != vehicle.name]
             stretches = self._stretches[vehicle.follower.traveller.route]
-            command = vehicle.follower.decide(vehicle.state, seconds, others, stretches, self._travellers)
+            command = vehicle.follower.decide(vehicle.state, DECISION_S, others, stretches, self._travellers)
             vehicle.ask(now_ns, command)
 
     def _find_near(self) -> None:
         """Collect what each vehicle may reach until the next decision."""
-        seconds = STEPS_PER_DECISION * STEP_NS / 1e9
         vehicles = list(self._vehicles.values())
         for vehicle in vehicles:
-            reach_m = vehicle.ground.radius_m + seconds * (abs(vehicle.state.speed_m_s) + 2)
+            reach_m = vehicle.ground.radius_m + DECISION_S * (abs(vehicle.state.speed_m_s) + 2)
             vehicle.near = list(self._obstacles.near(vehicle.ground.x_m, vehicle.ground.y_m, reach_m))
         for row, vehicle in enumerate(vehicles):
             for other in vehicles[row + 1 :]:
                 speeds = abs(vehicle.state.speed_m_s) + abs(other.state.speed_m_s)
-                if _apart(vehicle.ground, other.ground) < seconds * (speeds + 2):
+                if _apart(vehicle.ground, other.ground) < DECISION_S * (speeds + 2):
                     vehicle.near.append(other)
                     other.near.append(vehicle)
 
@@ -245,7 +223,6 @@ def _routes(scenario: Scenario) -> dict[str, Route]:
 
 
 def _vehicle(order: int, name: str, vehicle: VehicleScenario, routes: dict[str, Route], *, driven: bool) -> _Vehicle:
-    shape = shape_of(vehicle.shape, vehicle.scale)
     chassis, follower = chassis_of(vehicle.shape, vehicle.scale), None
     if chassis is None and driven:
         raise ConfigError(f"vehicles.{name}: expected a vehicle to drive, found a {vehicle.shape}")
@@ -258,20 +235,11 @@ def _vehicle(order: int, name: str, vehicle: VehicleScenario, routes: dict[str, 
                 f"vehicles.{name}.route_start_m: expected at most the length of {vehicle.route}, "
                 f"{route.length_m:.1f} m, found {vehicle.route_start_m}"
             )
-        follower = Follower(
-            order,
-            vehicle.route,
-            route,
-            vehicle.route_start_m,
-            vehicle.speed_m_s,
-            shape,
-            HABITS[vehicle.shape],
-            chassis,
-        )
+        follower = Follower(order, vehicle, route)
         if not driven:
-            state = follower.first._replace(walked_m=vehicle.walked_m)
+            state = follower.first
         elif "start" not in vehicle.model_fields_set:
-            state = follower.first._replace(speed_m_s=0.0)
+            state = follower.first._replace(speed_m_s=0.0, walked_m=0.0)
     if driven:
         vehicle, follower = vehicle.model_copy(update={"keys": ""}), None
     return _Vehicle(name, vehicle, follower, chassis, state)

@@ -7,27 +7,18 @@ import numpy as np
 from lidcam.bags.simulator.world.motion import Poses, upright_poses
 from lidcam.pipeline.core.arrays import F64, I64
 
-FIRST_ROOM = 256
+MIN_ROOM = 256
 
 
 class State(NamedTuple):
-    """The state of a vehicle or pedestrian at one time.
+    """The state of a vehicle or pedestrian at one time."""
 
-    Attributes:
-        x_m: x of its base frame: below the rear axle, or below the middle of a pedestrian.
-        y_m: y of its base frame.
-        yaw_rad: Heading, not wrapped.
-        speed_m_s: Along the heading; negative backwards.
-        steering_rad: At the middle of the front axle, positive to the left.
-        walked_m: Distance covered so far; drives gait and pedalling.
-    """
-
-    x_m: float
+    x_m: float  # of its base frame: below the rear axle, or below the middle of a pedestrian
     y_m: float
-    yaw_rad: float
-    speed_m_s: float = 0.0
-    steering_rad: float = 0.0
-    walked_m: float = 0.0
+    yaw_rad: float  # not wrapped
+    speed_m_s: float = 0.0  # along the heading; negative backwards
+    steering_rad: float = 0.0  # at the middle of the front axle, positive to the left
+    walked_m: float = 0.0  # distance covered, which drives gait and pedalling
 
 
 class Trajectory:
@@ -37,8 +28,8 @@ class Trajectory:
     """
 
     def __init__(self, time_ns: int, state: State) -> None:
-        self._times = np.empty(FIRST_ROOM, np.int64)
-        self._states = np.empty((FIRST_ROOM, 6), np.float64)
+        self._times = np.empty(MIN_ROOM, np.int64)
+        self._states = np.empty((MIN_ROOM, 6), np.float64)
         self._count = 0
         self.append(time_ns, state)
 
@@ -82,18 +73,10 @@ class Trajectory:
         return np.asarray(states[after - 1] + share * (states[after] - states[after - 1]))
 
     def state(self, time_ns: int) -> State:
-        """The state at one time.
-
-        Raises:
-            ValueError: it is later than the last state.
-        """
+        """The state at one time; see `states`."""
         return State(*self.states(np.array([time_ns], np.int64))[0].tolist())
 
     def poses(self, times_ns: I64) -> Poses:
-        """Poses (N) of the base frame, on the ground (z = 0), at times (N,).
-
-        Raises:
-            ValueError: a time is later than the last state.
-        """
+        """Poses (N) of the base frame, on the ground (z = 0), at times (N,); see `states`."""
         states = self.states(times_ns)
         return upright_poses(np.c_[states[:, :2], np.zeros(len(states))], states[:, 2])

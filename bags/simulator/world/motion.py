@@ -1,12 +1,18 @@
-"""Poses as arrays, and paths that give them for any time."""
+"""Poses as arrays, paths that give them for any time, and moving things: rigid parts on paths."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I64, Table, check_array
+from lidcam.bags.simulator.world.mesh import Mesh
+from lidcam.pipeline.core.arrays import F64, I64, Table
 from lidcam.pipeline.core.geometry.transform import Transform
+
+Vector = tuple[float, float, float]
+
+SAMPLE_NS = 2_000_000
+"""Time over which motion is taken as linear: at 10 rad/s that is right to 0.05 mm at a distance of one metre."""
 
 T_BODY_OPTICAL = Transform("body", "optical", np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]))
 """From a camera's optical axes (x right, y down, z forward) to those of its body (x forward, y left, z up); REP 103."""
@@ -14,20 +20,10 @@ T_BODY_OPTICAL = Transform("body", "optical", np.array([[0.0, 0, 1, 0], [-1, 0, 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Poses(Table):
-    """N rigid transforms from the frame of a thing to the world.
+    """N rigid transforms from the frame of a thing to the world."""
 
-    Attributes:
-        rotation: (N, 3, 3) float64.
-        translation: (N, 3) float64 metres.
-    """
-
-    rotation: F64
-    translation: F64
-
-    def __post_init__(self) -> None:
-        n = len(self.translation)
-        check_array("rotation", self.rotation, (n, 3, 3), np.float64)
-        check_array("translation", self.translation, (n, 3), np.float64)
+    rotation: F64  # (N, 3, 3)
+    translation: F64  # (N, 3) metres
 
     def __matmul__(self, other: "Poses") -> "Poses":
         """Composition, `other` first; a single pose on either side applies to all of the other."""
@@ -58,9 +54,8 @@ class FixedPath:
 
     def poses(self, times_ns: I64) -> Poses:
         """The same pose N times."""
-        matrix = self.T_world_thing.matrix
-        n = len(times_ns)
-        return Poses(np.broadcast_to(matrix[:3, :3], (n, 3, 3)).copy(), np.broadcast_to(matrix[:3, 3], (n, 3)).copy())
+        matrix, n = self.T_world_thing.matrix, len(times_ns)
+        return Poses(np.tile(matrix[:3, :3], (n, 1, 1)), np.tile(matrix[:3, 3], (n, 1)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,3 +90,97 @@ def upright_poses(positions: F64, yaws: F64) -> Poses:
     cos, sin, zero, one = np.cos(yaws), np.sin(yaws), np.zeros_like(yaws), np.ones_like(yaws)
     rotation = np.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one], -1).reshape(-1, 3, 3)
     return Poses(rotation, np.asarray(positions, np.float64))
+
+
+class Span:
+    """The poses of paths within the span of some times (N > 0), sampled when first asked for and interpolated."""
+
+    def __init__(self, times_ns: I64) -> None:
+        first_ns, last_ns = int(times_ns.min()), int(times_ns.max())
+        steps = -((first_ns - last_ns) // SAMPLE_NS)
+        self._first_ns, self._steps = first_ns, steps
+        self._step_ns = (last_ns - first_ns) / max(steps, 1)
+        self._times_ns = first_ns + np.rint(np.arange(steps + 1) * self._step_ns).astype(np.int64)
+        self._samples: dict[int, _Samples] = {}
+        self._spheres: dict[tuple[float, ...], tuple[F64, float]] = {}
+
+    def poses(self, path: Path, times_ns: I64) -> Poses:
+        """One pose for each of the times (N,), or a single one if the span is one instant."""
+        samples = self._sampled(path)
+        if not self._steps:
+            return samples.poses
+        at = (times_ns - self._first_ns) / self._step_ns
+        before = np.minimum(at.astype(np.int64), self._steps - 1)
+        share = (at - before)[:, None]
+        placed = samples.columns.take(before, 0) + share * samples.changes.take(before, 0)
+        return Poses(placed[:, :9].reshape(-1, 3, 3), placed[:, 9:])
+
+    def sphere(self, path: Path, point: F64) -> tuple[F64, float]:
+        """Centre and radius of a sphere that holds a point (3,) of something throughout the span."""
+        key = id(path), *point.tolist()
+        if key not in self._spheres:
+            poses = self._sampled(path).poses
+            places = poses.rotation @ point + poses.translation
+            middle = places.sum(0) / len(places)
+            self._spheres[key] = middle, float(np.sqrt(((places - middle) ** 2).sum(1).max()))
+        return self._spheres[key]
+
+    def _sampled(self, path: Path) -> "_Samples":
+        if id(path) not in self._samples:
+            poses = path.poses(self._times_ns)
+            columns = np.concatenate([poses.rotation.reshape(-1, 9), poses.translation], axis=1)
+            self._samples[id(path)] = _Samples(path, poses, columns, np.diff(columns, axis=0))
+        return self._samples[id(path)]
+
+
+class _Samples(NamedTuple):
+    """A path sampled over a span."""
+
+    path: Path  # held so that its id is not used again
+    poses: Poses  # (K)
+    columns: F64  # (K, 12) rotation and translation
+    changes: F64  # (K - 1, 12) from each to the next
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """A rigid part of a mover."""
+
+    mesh: Mesh  # in the part's own frame
+    path: Path  # of that frame
+
+
+class UprightBox(NamedTuple):
+    """An upright box in the base frame of a mover."""
+
+    center_m: Vector
+    size_m: Vector  # length, width, height
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mover:
+    """A moving thing and its ground truth box."""
+
+    name: str  # unique in the scenario
+    class_name: str  # ground truth class (`car`, `truck`, `bus`, `cyclist`, `pedestrian`...)
+    path: Path  # of its base frame: on the ground, x forward
+    box_center_m: Vector  # centre of a box that holds it at all times, in the base frame
+    size_m: Vector  # length, width, height of that box; no part sticks out of it by more than a centimetre
+    parts: tuple[Part, ...]
+    body: UprightBox | None  # ground truth box, without mirrors; None for people: the smallest one at each moment
+
+    def body_at(self, time_ns: int) -> UprightBox:
+        """Its ground truth box at a time."""
+        if self.body is not None:
+            return self.body
+        to_base = self.path.poses(np.array([time_ns], np.int64)).inverse()
+        vertices = to_base.apply(np.concatenate([placed_vertices(part, time_ns) for part in self.parts]))
+        low, high = vertices.min(0), vertices.max(0)
+        (x, y, z), (length, width, height) = ((low + high) / 2).tolist(), (high - low).tolist()
+        return UprightBox((x, y, z), (length, width, height))
+
+
+def placed_vertices(part: Part, time_ns: int) -> F64:
+    """The vertices (V, 3) of a part in the world at a time."""
+    pose = part.path.poses(np.array([time_ns], np.int64))
+    return np.asarray(turned(pose.rotation, part.mesh.vertices) + pose.translation)

@@ -7,6 +7,7 @@ the dynamic linker. The wheel also links against libraries of graphics, which no
 
 import ctypes
 import sys
+from typing import Any
 
 import libusb_package
 
@@ -37,13 +38,16 @@ def check_libraries() -> None:
         )
 
 
-def load_libusb() -> None:
-    """Load libusb; call it before `import open3d`.
+def load_open3d() -> Any:
+    """Open3D, whose stubs lack arrays.
 
     Raises:
-        OSError: the library cannot be loaded.
+        OSError: libusb cannot be loaded.
     """
     ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
+    import open3d
+
+    return open3d
 
 
 def _is_there(library: str) -> bool:

@@ -10,32 +10,38 @@ from typing import Any
 
 import numpy as np
 
-from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh
-from lidcam.bags.simulator.world.motion import Path, Poses, turned
-from lidcam.bags.simulator.world.mover import Mover
-from lidcam.bags.simulator.world.open3d_runtime import load_libusb
-from lidcam.bags.simulator.world.placed import FEW_RAYS, Floats, PlacedPart, dotted, packed, passing_rays, threads_for
-from lidcam.bags.simulator.world.rays import NO_MATERIAL, STATIC, Hits, Rays, Surfaces
-from lidcam.bags.simulator.world.span import Span
+from lidcam.bags.simulator.world.mesh import Material, Mesh
+from lidcam.bags.simulator.world.motion import Mover, Path, Poses, Span, turned
+from lidcam.bags.simulator.world.open3d_runtime import load_open3d
+from lidcam.bags.simulator.world.rays import (
+    MIN_PARALLEL_RAYS,
+    NO_MATERIAL,
+    STATIC,
+    Floats,
+    Hits,
+    PartHits,
+    PartSurfaces,
+    Rays,
+    Surfaces,
+    dotted,
+    mapped,
+    packed,
+    passing_rays,
+    threads_for,
+)
 from lidcam.pipeline.core.arrays import F32, F64, I64, Bools
 
-load_libusb()
-import open3d as _open3d  # noqa: E402  (needs libusb first)
-
-open3d: Any = _open3d  # its stubs lack arrays
+open3d = load_open3d()
 
 Columns = tuple[F64, F64, I64, I64, F64]
 
 BOX_MARGIN = 1.2
-"""All parts of a mover lie in the sphere around its box enlarged by this factor: limbs may stick out of the box."""
+"""Enlargement of a mover's box so that the sphere around it holds all parts: limbs may stick out of the box."""
+
+_UNIT_CORNERS = np.array(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0])).reshape(3, -1).T
 
 
-def _tensor(origins: Floats, directions: Floats) -> Any:
-    """Rays as an Open3D tensor."""
-    return open3d.core.Tensor.from_numpy(packed(origins, directions))
-
-
-class _Body:
+class Body:
     """A mesh in the ray caster, with the palette row of each of its triangles."""
 
     def __init__(self, mesh: Mesh, palette_rows: dict[Material, int]) -> None:
@@ -47,14 +53,16 @@ class _Body:
         self._caster: Any = open3d.t.geometry.RaycastingScene()
         if len(mesh):
             self._caster.add_triangles(mesh.vertices.astype(np.float32), mesh.triangles.astype(np.uint32))
-        self._caster.cast_rays(_tensor(np.zeros((1, 3)), np.eye(1, 3)))  # builds the tree here, not in a thread
+        self.answer(np.zeros((1, 3)), np.eye(1, 3))  # builds the tree here, not in a thread
 
-    def _answer(self, origins: F64, directions: Floats) -> Any:
-        return self._caster.cast_rays(_tensor(origins, directions), nthreads=threads_for(len(directions)))
+    def answer(self, origins: F64, directions: Floats) -> Any:
+        """Open3D's answer to rays; see `packed`."""
+        rays = packed(origins, directions)
+        return self._caster.cast_rays(open3d.core.Tensor.from_numpy(rays), nthreads=threads_for(len(rays)))
 
     def cast(self, origins: F64, directions: F64) -> tuple[F64, F64, I64]:
         """Distance, normal of the triangle and material row (N); inf, 0 and -1 for a miss."""
-        answer = self._answer(origins, directions)
+        answer = self.answer(origins, directions)
         distance = answer["t_hit"].numpy().astype(np.float64)
         normal, primitive = answer["primitive_normals"].numpy().astype(np.float64), answer["primitive_ids"].numpy()
         missed = np.flatnonzero(np.isinf(distance))
@@ -65,37 +73,67 @@ class _Body:
 
     def surfaces(self, origin: F64, directions: F32) -> Surfaces:
         """The surfaces that rays from one point hit."""
-        answer = self._answer(origin, directions)
+        answer = self.answer(origin, directions)
         distance, normal = answer["t_hit"].numpy(), answer["primitive_normals"].numpy()
         met = np.isfinite(distance)
         triangle = answer["primitive_ids"].numpy()
         triangle *= met  # a miss has no valid id
         material = self.rows.take(triangle)
-        turn = np.where(dotted(normal, directions) > 0, np.float32(-1), np.float32(1)) * met
+        normal *= (np.where(dotted(normal, directions) > 0, np.float32(-1), np.float32(1)) * met)[:, None]
         reach = np.where(met, distance, np.float32(0))
-        local = np.empty_like(directions)
-        for axis, begin in enumerate(origin.astype(np.float32)):
-            normal[:, axis] *= turn
-            np.add(directions[:, axis] * reach, begin, out=local[:, axis])
-        if not met.all():
-            material[~met] = NO_MATERIAL
+        local = directions * reach[:, None] + origin.astype(np.float32)
+        material[~met] = NO_MATERIAL
         return Surfaces(origin, directions, distance, normal, material, local)
 
     def distance(self, origin: F64, directions: F32) -> F32:
         """Distance (N,) along rays from one point; infinite for a miss."""
-        answer = self._answer(origin, directions)
-        return np.asarray(answer["t_hit"].numpy())
-
-    def placed(self, path: Path, time_ns: int) -> PlacedPart:
-        """The body at one time."""
-        pose = path.poses(np.array([time_ns], np.int64))
-        rotation, translation = pose.rotation[0], pose.translation[0]
-        return PlacedPart(self._caster, open3d.core.Tensor.from_numpy, self.rows, self.bounds, rotation, translation)
+        return np.asarray(self.answer(origin, directions)["t_hit"].numpy())
 
     def occludes(self, origins: Floats, directions: Floats) -> Bools:
         """Whether each ray hits it."""
-        threads = threads_for(len(origins))
-        return np.asarray(self._caster.test_occlusions(_tensor(origins, directions), nthreads=threads).numpy())
+        rays = packed(origins, directions)
+        tensor, threads = open3d.core.Tensor.from_numpy(rays), threads_for(len(rays))
+        return np.asarray(self._caster.test_occlusions(tensor, nthreads=threads).numpy())
+
+
+class PlacedPart:
+    """A body on a path at one time, for a camera to cast at in single precision."""
+
+    def __init__(self, body: Body, path: Path, time_ns: int) -> None:
+        pose = path.poses(np.array([time_ns], np.int64))
+        self._body, self._rotation, self._translation = body, pose.rotation[0], pose.translation[0]
+        rotation, translation = self._rotation, self._translation
+        low, high = body.bounds
+        self.corners: F64 = (low + _UNIT_CORNERS * (high - low)) @ rotation.T + translation
+        self._center: F64 = (low + high) / 2 @ rotation.T + translation
+        self._radius = float(np.linalg.norm(high - low)) / 2
+
+    def cast(self, origin: F64, directions: F32) -> PartHits:
+        """The hits of rays from one point (3,) along unit vectors (N, 3), all in the world."""
+        begin = (origin - self._translation) @ self._rotation
+        answer = self._body.answer(begin, mapped(directions, self._rotation.T))
+        distance = answer["t_hit"].numpy()
+        rows = np.flatnonzero(np.isfinite(distance))
+        face, triangle = answer["primitive_normals"].numpy(), answer["primitive_ids"].numpy()
+        return PartHits(rows, distance.take(rows), face, triangle)
+
+    def surfaces(self, hits: PartHits, some: I64, origin: F64, directions: F32) -> PartSurfaces:
+        """The surfaces that some of the rays hit: rows (K,) of `hits.rows`, with directions (K, 3) in the world."""
+        rays, distance = hits.rows.take(some), hits.distance.take(some)
+        normal = mapped(hits.face.take(rays, 0), self._rotation)
+        turn = np.where(dotted(normal, directions) > 0, np.float32(-1), np.float32(1))
+        begin, ahead = (origin - self._translation) @ self._rotation, mapped(directions, self._rotation.T)
+        local = ahead * distance[:, None] + begin.astype(np.float32)
+        return PartSurfaces(normal * turn[:, None], self._body.rows.take(hits.triangle.take(rays)), local)
+
+    def occludes(self, points: F32, towards: F64) -> Bools:
+        """Whether the part blocks light from a direction (3,) at points (N, 3) of the world."""
+        shaded = np.zeros(len(points), np.bool_)
+        near = passing_rays(points, towards, self._center, 1.001 * self._radius + 1e-4)
+        if len(near):
+            begins = mapped(points.take(near, 0), self._rotation.T, -self._translation @ self._rotation)
+            shaded[near] = self._body.occludes(begins, towards @ self._rotation)
+        return shaded
 
 
 class Scene:
@@ -106,8 +144,8 @@ class Scene:
         meshes = [static, *(part.mesh for mover in movers for part in mover.parts)]
         self.palette = tuple(dict.fromkeys(material for mesh in meshes for material in mesh.palette))
         rows = {material: row for row, material in enumerate(self.palette)}
-        self._static = _Body(static, rows)
-        self._parts = tuple(tuple((_Body(part.mesh, rows), part.path) for part in mover.parts) for mover in movers)
+        self.static = Body(static, rows)
+        self._parts = tuple(tuple((Body(part.mesh, rows), part.path) for part in mover.parts) for mover in movers)
 
     def cast(self, rays: Rays, span: Span | None = None) -> Hits:
         """The first surface along each ray; of surfaces at the same distance the static one.
@@ -116,17 +154,15 @@ class Scene:
         """
         columns = self._static_columns(rays)
         if len(rays):
-            extent, span = _Extent(rays), span or Span.of(rays)
+            extent, span = _Extent(rays), span or Span(rays.times_ns)
             for row in range(len(self.movers)):
                 for rows, seen in self._cast_mover(row, rays, extent, span):
                     _put_nearer(columns, rows, seen)
         return Hits(*columns)
 
     def _static_columns(self, rays: Rays) -> Columns:
-        distance, normal, material = self._static.cast(rays.origins, rays.directions)
-        reach, local = np.where(np.isfinite(distance), distance, 0.0), np.empty_like(rays.origins)
-        for axis in range(3):
-            np.add(reach * rays.directions[:, axis], rays.origins[:, axis], out=local[:, axis])
+        distance, normal, material = self.static.cast(rays.origins, rays.directions)
+        local = np.where(np.isfinite(distance), distance, 0.0)[:, None] * rays.directions + rays.origins
         return distance, _facing(normal, rays.directions), material, np.full(len(rays), STATIC, np.int64), local
 
     def _cast_mover(self, row: int, rays: Rays, extent: "_Extent", span: Span) -> Iterator[tuple[I64, Hits]]:
@@ -147,19 +183,7 @@ class Scene:
 
     def placed_parts(self, row: int, time_ns: int) -> list[PlacedPart]:
         """The parts of a mover at one time, for a camera to cast at."""
-        return [body.placed(path, time_ns) for body, path in self._parts[row]]
-
-    def static_surfaces(self, origin: F64, directions: F32) -> Surfaces:
-        """The static world in directions (N, 3) from one point (3,), in single precision, for images."""
-        return self._static.surfaces(origin, directions)
-
-    def static_distance(self, origin: F64, directions: F32) -> F32:
-        """Distance (N,) of the static world in directions (N, 3) from one point (3,); infinite for a miss."""
-        return self._static.distance(origin, directions)
-
-    def static_occludes(self, points: Floats, towards: Floats) -> Bools:
-        """Whether the static world blocks directions (N, 3), or one direction (3,), from points (N, 3)."""
-        return self._static.occludes(points, towards)
+        return [PlacedPart(body, path, time_ns) for body, path in self._parts[row]]
 
 
 def _put_nearer(columns: Columns, rows: I64, others: Hits) -> None:
@@ -170,12 +194,12 @@ def _put_nearer(columns: Columns, rows: I64, others: Hits) -> None:
         column[changed] = getattr(others, name).take(closer, 0)
 
 
-def _cast_part(row: int, body: _Body, poses: Poses, rays: Rays) -> tuple[I64, Hits]:
+def _cast_part(row: int, body: Body, poses: Poses, rays: Rays) -> tuple[I64, Hits]:
     """Rows (K,) of the rays that hit a part of the mover `row`, rising, and the hits (K)."""
     back = poses.rotation.transpose(0, 2, 1)
     origins, directions = turned(back, rays.origins - poses.translation), turned(back, rays.directions)
     near = None
-    if len(rays) > FEW_RAYS:  # casting fewer is faster than sorting them out
+    if len(rays) > MIN_PARALLEL_RAYS:  # casting fewer is faster than sorting them out
         near = passing_rays(origins, directions, body.center, body.radius)
         origins, directions = origins.take(near, 0), directions.take(near, 0)
     distance, normal, material = body.cast(origins, directions)
@@ -207,7 +231,5 @@ class _Extent:
 
 def _facing(normal: F64, directions: F64) -> F64:
     """Normals flipped to face the rays, in place."""
-    turn = np.where(dotted(normal, directions) > 0, -1.0, 1.0)
-    for axis in range(3):
-        normal[:, axis] *= turn
+    normal *= np.where(dotted(normal, directions) > 0, -1.0, 1.0)[:, None]
     return normal

@@ -26,11 +26,9 @@ from lidcam.bags.simulator.worlds.surroundings import clutter, frontage, island
 Family = Literal["sandbox", "crossing", "road"]
 FAMILIES: tuple[Family, ...] = ("sandbox", "crossing", "road")
 
-Place3D = tuple[float, float, float]
 TRIES = 20
 
-REACH_M = 90.0
-"""Roads, and what lines them, end here."""
+REACH_M = 90.0  # roads, and what lines them, end here
 
 
 def random_numbers_of(family: Family, *numbers: int) -> np.random.Generator:
@@ -44,17 +42,10 @@ def random_scenario(family: Family, seed: int) -> Scenario:
     tree = _table(draw) if family == "sandbox" else _street(draw, family)
     ego = "ego" in tree["vehicles"]
     lidar = random_lidar(family, draw, tree["ground"], tree["things"])
-    camera = CameraScenario(
-        topic="/camera/image_raw",
-        info_topic="/camera/camera_info",
-        frame_id="camera_optical",
-        mounted_on=lidar.mounted_on,
-        position_m=lidar.position_m,
-        rpy_deg=(0.0, 0.0 if ego else 15.0, lidar.rpy_deg[2]),
-        width_px=800,
-        height_px=500,
-        focal_px=(560.0, 560.0),
-    )
+    topics = {"topic": "/camera/image_raw", "info_topic": "/camera/camera_info", "frame_id": "camera_optical"}
+    pose = {"position_m": lidar.position_m, "rpy_deg": (0.0, 0.0 if ego else 15.0, lidar.rpy_deg[2])}
+    lens = {"width_px": 800, "height_px": 500, "focal_px": (560.0, 560.0)}
+    camera = CameraScenario.model_validate({"mounted_on": lidar.mounted_on, **topics, **pose, **lens})
     return Scenario(
         description=f"Drawn: {family}, seed {seed}.",
         world="open",
@@ -91,20 +82,18 @@ def random_lidar(
         turn = site.between(0, 2 * math.pi)
         away = site.between(0.5, 2.4)
         place = (round(away * math.cos(turn), 3), round(away * math.sin(turn), 3), site.between(0.3, 1.1))
-        tilt = (
-            site.about(0, 3, -10, 10),
-            site.between(0, 25),
-            round(math.degrees(turn) + 180 + site.between(-30, 30), 2),
-        )
+        roll, pitch = site.about(0, 3, -10, 10), site.between(0, 25)
+        tilt = (roll, pitch, round(math.degrees(turn) + 180 + site.between(-30, 30), 2))
+    if family != "road":
+        x, y, high = place
+        place = (x, y, round(high + float(open_height(ground, np.array([[x, y]]))[0]), 3))
     gain = site.between(0.7, 6.0)
-    columns = int(site.pick(900, 1024, 1200, 1800, 1800, 2048))
-    if len(elevations) > 64:
-        columns = min(columns, 1200)
+    columns = min(int(site.pick(900, 1024, 1200, 1800, 1800, 2048)), 1200 if len(elevations) > 64 else 2048)
     return LidarScenario(
         topic="/lidar/points",
         frame_id="lidar",
         mounted_on="ego" if family == "road" else "",
-        position_m=place if family == "road" else _raised(place, ground),
+        position_m=place,
         rpy_deg=tilt,
         model="linear",
         elevations_deg=tuple(round(angle + site.about(0, 0.02, -0.05, 0.05), 3) for angle in elevations),
@@ -115,11 +104,6 @@ def random_lidar(
         intensity_gain=gain,
         intensity_floor=round(gain * site.pick(0.0, site.between(2, 12), site.between(2, 12)), 3),
     )
-
-
-def _raised(place: Place3D, ground: GroundScenario) -> Place3D:
-    x, y, high = place
-    return x, y, round(high + float(open_height(ground, np.array([[x, y]]))[0]), 3)
 
 
 def _free_corner(site: Site, things: Sequence[ThingScenario]) -> tuple[float, float]:
@@ -169,11 +153,8 @@ def _street(draw: np.random.Generator, family: Family) -> dict[str, Any]:
     lanes = [name for name in site.routes if "pavement" not in name]
 
     if family == "road":
-        ego = VehicleScenario(
-            shape="car", ego=True, route="east", route_start_m=site.between(50, 110), speed_m_s=site.between(0, 12),
-            odometry=True,
-        )  # fmt: skip
-        site.user(ego)
+        way = {"route": "east", "route_start_m": site.between(50, 110), "speed_m_s": site.between(0, 12)}
+        site.user(VehicleScenario.model_validate({"shape": "car", "ego": True, "odometry": True, **way}))
     for _ in range(int(draw.integers(1, 8))):
         site.on_route(site.car, site.pick(*lanes), (3.0, 13.0))
     for _ in range(int(draw.integers(0, 4))):
@@ -257,12 +238,11 @@ def _table(draw: np.random.Generator) -> dict[str, Any]:
     site = Site(draw, step_m=0.03, headroom_m=0.22)
     reach = site.between(1.8, 4.0)
     inner, road_m = reach - 0.4, site.between(0.6, 1.1)
+    along = RoadScenario(from_m=(-reach, 0.0), to_m=(reach, 0.0), width_m=road_m)
+    across = RoadScenario(from_m=(0.3, -reach), to_m=(0.3, reach), width_m=road_m)
     ground = GroundScenario(
         reach_m=max(reach + 1, 4.5),
-        roads=(
-            RoadScenario(from_m=(-reach, 0.0), to_m=(reach, 0.0), width_m=road_m),
-            RoadScenario(from_m=(0.3, -reach), to_m=(0.3, reach), width_m=road_m),
-        ),
+        roads=(along, across),
         roughness_m=site.between(0.0, 0.004),
         seed=int(draw.integers(1 << 30)),
         kerb_m=0.0,
@@ -289,10 +269,8 @@ def _table(draw: np.random.Generator) -> dict[str, Any]:
         if min(abs(y), abs(x - 0.3)) > 0.3:
             site.thing(kind, x, y, size, yaw_deg=site.between(0, 360), margin_m=0.01)
     for turn in (0, 90, 180, 270):  # the room; a side of the table may have an edge
-        for away, high, share in (
-            (reach + site.between(0.5, 4), 2.6, 0.9),
-            (reach + 0.1, site.between(0.05, 0.4), 0.4),
-        ):
+        wall, edge = (reach + site.between(0.5, 4), 2.6, 0.9), (reach + 0.1, site.between(0.05, 0.4), 0.4)
+        for away, high, share in (wall, edge):
             if site.chance(share):
                 x, y = away * math.cos(math.radians(turn)), away * math.sin(math.radians(turn))
                 site.thing("box", x, y, (0.04, 2 * away, high), yaw_deg=turn, margin_m=-1.0)

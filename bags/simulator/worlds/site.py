@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,10 +26,8 @@ CAR_SIZES: tuple[tuple[float, Box, Box], ...] = (
 class Site:
     """Things, routes and road users; whatever would stand in something else is not added.
 
-    Args:
-        draw: Where all random numbers come from.
-        step_m: Things no higher than this are in nobody's way.
-        headroom_m: Things that begin higher are in nobody's way.
+    All random numbers come from `draw`. Things no higher than `step_m`, or that begin above `headroom_m`, are in
+    nobody's way.
     """
 
     def __init__(self, draw: np.random.Generator, *, step_m: float = 0.2, headroom_m: float = 2.2) -> None:
@@ -50,7 +49,7 @@ class Site:
         return round(float(np.clip(self.draw.normal(mean, sigma), low, high)), 3)
 
     def chance(self, share: float) -> bool:
-        """Whether what happens so often does."""
+        """Whether something of this probability happens."""
         return bool(self.draw.random() < share)
 
     def pick(self, *options: Any) -> Any:
@@ -123,36 +122,27 @@ class Site:
         """Add a van, truck or bus."""
         shape = self.pick("van", "van", "van", "truck", "bus")
         long, wide, high = {"van": (0.86, 0.93, 0.86), "truck": (0.95, 0.97, 0.97), "bus": (0.97, 0.98, 1.0)}[shape]
-        scale = (
-            self.about(long, 0.09, 0.7, 1.3), self.about(wide, 0.04, 0.85, 1.1), self.about(high, 0.09, 0.7, 1.15)
-        )  # fmt: skip
+        long, wide = self.about(long, 0.09, 0.7, 1.3), self.about(wide, 0.04, 0.85, 1.1)
+        scale = (long, wide, self.about(high, 0.09, 0.7, 1.15))
         return self.user(VehicleScenario(shape=shape, scale=scale, color=self.color(), **place))
 
     def cyclist(self, **place: Any) -> bool:
         """Add a cyclist."""
         size = self.about(1.01, 0.05, 0.85, 1.12)
         scale = (size, round(size * self.between(0.9, 1.2), 3), round(size * self.between(0.95, 1.05), 3))
-        return self.user(
-            VehicleScenario(shape="cyclist", scale=scale, color=self.color(), walked_m=self.between(0, 4.2), **place)
-        )
+        color, walked_m = self.color(), self.between(0, 4.2)
+        return self.user(VehicleScenario(shape="cyclist", scale=scale, color=color, walked_m=walked_m, **place))
 
     def pedestrian(self, *, margin_m: float = 0.05, **place: Any) -> bool:
         """Add a pedestrian, one in twelve a child; some sit, stoop or reach out."""
         height = self.about(0.66, 0.11, 0.45, 0.85) if self.chance(0.08) else self.about(0.965, 0.06, 0.8, 1.12)
         wide = height * self.between(0.95, 1.5)
         scale = (round(wide * self.between(0.85, 1.15), 3), round(wide, 3), height)
-        posture = "upright"
+        looks: dict[str, Any] = {"scale": scale}
         if "route" not in place and self.chance(0.3):
-            posture = self.pick("sitting", "stooping", "reaching")
-        made = VehicleScenario(
-            shape="pedestrian",
-            scale=scale,
-            posture=posture,
-            color=self.color(),
-            walked_m=self.between(0, 1.28),
-            **place,
-        )
-        return self.user(made, margin_m=margin_m)
+            looks["posture"] = self.pick("sitting", "stooping", "reaching")
+        looks |= {"color": self.color(), "walked_m": self.between(0, 1.28)}
+        return self.user(VehicleScenario(shape="pedestrian", **looks, **place), margin_m=margin_m)
 
     def on_route(self, add: Callable[..., bool], route: str, speed: tuple[float, float], tries: int = 8) -> bool:
         """Add a road user somewhere along a route."""
@@ -164,9 +154,7 @@ class Site:
 
     def _take(self, ground: Rectangle, margin_m: float) -> bool:
         """Take a rectangle if nothing is there or nearer than a margin."""
-        wider = Rectangle(
-            ground.x_m, ground.y_m, ground.yaw_rad, ground.length_m + 2 * margin_m, ground.width_m + 2 * margin_m
-        )
+        wider = replace(ground, length_m=ground.length_m + 2 * margin_m, width_m=ground.width_m + 2 * margin_m)
         apart = np.hypot(self._discs[:, 0] - wider.x_m, self._discs[:, 1] - wider.y_m) - self._discs[:, 2]
         if any(overlap(wider, self._taken[row]) for row in np.flatnonzero(apart < wider.radius_m).tolist()):
             return False

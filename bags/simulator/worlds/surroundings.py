@@ -175,21 +175,7 @@ def _large(site: Site, at: Place, yaw_deg: float) -> None:
     site.thing(kind, *at, size, yaw_deg=yaw_deg + site.pick(0, 0, 90) + site.between(-15, 15))
 
 
-def _tree(site: Site, at: Place, _: float) -> None:
-    tree(site, at)
-
-
 CLUTTER = (
-    _pole,
-    _pole,
-    _person_sized,
-    _person_sized,
-    _furniture,
-    _furniture,
-    _bicycles,
-    _plants,
-    _plants,
-    _car_sized,
-    _large,
-    _tree,
+    *(_pole, _pole, _person_sized, _person_sized, _furniture, _furniture),
+    *(_bicycles, _plants, _plants, _car_sized, _large, lambda site, at, _: tree(site, at)),
 )

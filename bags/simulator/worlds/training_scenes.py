@@ -5,8 +5,7 @@ has beyond that is left out: points between two surfaces at edges, second echoes
 another lidar in another place, share one world, because building a world takes longer than casting its beams.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -16,71 +15,47 @@ from lidcam.bags.simulator.recorder.movers import build_mover
 from lidcam.bags.simulator.scenario.scenario import Scenario
 from lidcam.bags.simulator.scenario.sensors import LidarScenario
 from lidcam.bags.simulator.sensors.echoes import intensity, returned_share
-from lidcam.bags.simulator.vehicles.footprints import Rectangle, footprint, overlap
+from lidcam.bags.simulator.vehicles.footprints import footprint, overlap
 from lidcam.bags.simulator.vehicles.routes import Route
 from lidcam.bags.simulator.vehicles.trajectory import State, Trajectory
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, shape_of
 from lidcam.bags.simulator.world.bodies.joints import RaisedPath
-from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh
-from lidcam.bags.simulator.world.motion import Poses
-from lidcam.bags.simulator.world.mover import placed_vertices
-from lidcam.bags.simulator.world.open3d_runtime import load_libusb
-from lidcam.bags.simulator.world.placed import dotted, mapped, packed
+from lidcam.bags.simulator.world.mesh import Material, Mesh, merged
+from lidcam.bags.simulator.world.motion import Poses, placed_vertices
+from lidcam.bags.simulator.world.open3d_runtime import load_open3d
 from lidcam.bags.simulator.world.places.places import height_of, mesh_of
+from lidcam.bags.simulator.world.rays import dotted, mapped, packed
 from lidcam.bags.simulator.worlds.draw import Family, random_lidar, random_numbers_of, random_scenario
 from lidcam.bags.simulator.worlds.site import first_state
 from lidcam.pipeline.core.arrays import F32, F64, I32, I64
 
-load_libusb()
-import open3d as _open3d  # noqa: E402  (needs libusb first)
+open3d = load_open3d()
 
-open3d: Any = _open3d  # its stubs lack arrays
+SWEEPS_PER_WORLD = 16  # seeds `k * SWEEPS_PER_WORLD` and the following are of one world
 
-SWEEPS_PER_WORLD = 16
-"""Seeds `k * SWEEPS_PER_WORLD` and the following are of one world."""
-
-SPECKLE = 0.06
-BEHIND_M = 1e-3
-"""See `lidcam.bags.simulator.sensors.lidar`."""
+SPECKLE, BEHIND_M = 0.06, 1e-3  # see `lidcam.bags.simulator.sensors.lidar`
 
 FIRST_NS = np.zeros(1, np.int64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrainingSweep:
-    """One sweep, in the frame in which lidcam works: of a car's `base_link` (`road`), else of the site.
+    """One sweep, in the frame in which lidcam works: of a car's `base_link` (`road`), else of the site."""
 
-    Attributes:
-        points: (N, 4) float32 x, y, z in metres, and intensity from 0 to 255.
-        centers: (M, 3) centre of the box of each road user, metres; those that no point is on, too.
-        sizes: (M, 3) length, width, height, metres; see the ground truth of recordings for what they hold.
-        yaws: (M,) headings, radians about +z.
-        class_names: Of each: car, van, truck, bus, cyclist or pedestrian.
-        point_counts: (M,) points on each.
-        origin: (3,) where the lidar is, metres.
-        lidar: Its settings.
-    """
-
-    points: F32
-    centers: F64
-    sizes: F64
-    yaws: F64
-    class_names: tuple[str, ...]
-    point_counts: I32
-    origin: F64
-    lidar: LidarScenario
+    points: F32  # (N, 4) float32 x, y, z in metres, and intensity from 0 to 255
+    centers: F64  # (M, 3) centre of the box of each road user, metres; those that no point is on, too
+    sizes: F64  # (M, 3) length, width, height, metres; see the ground truth of recordings for what they hold
+    yaws: F64  # (M,) headings, radians about +z
+    class_names: tuple[str, ...]  # of each: car, van, truck, bus, cyclist or pedestrian
+    point_counts: I32  # (M,) points on each
+    origin: F64  # (3,) where the lidar is, metres
+    lidar: LidarScenario  # its settings
 
 
-def sweep(family: Family, seed: int, changed: Callable[[LidarScenario], LidarScenario] | None = None) -> TrainingSweep:
-    """The sweep of a seed; always the same, to be asked for in rising order because worlds are kept for a while.
-
-    Args:
-        family: Worlds.
-        seed: Number of the sweep.
-        changed: Called with the lidar that was drawn; what it returns takes the sweep.
-    """
+def sweep(family: Family, seed: int) -> TrainingSweep:
+    """The sweep of a seed; always the same, to be asked for in rising order because worlds are kept for a while."""
     world_seed, number = divmod(seed, SWEEPS_PER_WORLD)
-    return _world(family, world_seed).sweep(family, world_seed, number, changed or (lambda lidar: lidar))
+    return _world(family, world_seed).sweep(family, world_seed, number)
 
 
 @lru_cache(2)
@@ -97,38 +72,30 @@ class _World:
         self._caster: Any = open3d.t.geometry.RaycastingScene(nthreads=1)
         self._rows: dict[Material, int] = {}
         self._materials: list[I64] = []
-        self._starts = [0]
-        self._add([mesh_of(scenario)])
+        self._add(mesh_of(scenario))
         users = {name: vehicle for name, vehicle in scenario.vehicles.items() if not vehicle.ego}
         boxes, self._grounds = [], []
         for name, vehicle in users.items():
             state = first_state(vehicle, self._routes)
             path = self._stood(state)
             mover = build_mover(name, vehicle, path)
-            self._add(
-                [Mesh(placed_vertices(part, 0), part.mesh.triangles, part.mesh.materials, part.mesh.palette)
-                 for part in mover.parts]
-            )  # fmt: skip
+            self._add(merged(*(replace(part.mesh, vertices=placed_vertices(part, 0)) for part in mover.parts)))
             body = mover.body_at(0)
             center = path.pose.apply(np.array([body.center_m]))[0]
             boxes.append((*center.tolist(), *body.size_m, state.yaw_rad))
             self._grounds.append(footprint(shape_of(vehicle.shape, vehicle.scale), state))
         self._boxes = np.array(boxes, np.float64).reshape(-1, 7)
         self._class_names = tuple(SHAPES[vehicle.shape].class_name for vehicle in users.values())
-        self._material, self._starts_of = np.concatenate(self._materials), np.array(self._starts)
+        self._material = np.concatenate(self._materials)
+        self._starts = np.cumsum([0, *map(len, self._materials)])
         looks = [(look.reflectivity, look.mirror, look.transmission) for look in self._rows]
         self._looks = np.array(looks, np.float64).reshape(-1, 3)
 
-    def sweep(
-        self, family: Family, seed: int, number: int, changed: Callable[[LidarScenario], LidarScenario]
-    ) -> TrainingSweep:
-        """The sweep of the scenario's lidar, or from number 1 on of another one, after a change of it."""
+    def sweep(self, family: Family, seed: int, number: int) -> TrainingSweep:
+        """The sweep of the scenario's lidar, or from number 1 on of another one."""
         draw, scenario = random_numbers_of(family, seed, 1 + number), self._scenario
         lidar = scenario.lidars["top"] if number == 0 else random_lidar(family, draw, scenario.ground, scenario.things)
-        lidar = changed(lidar)
-        base = np.eye(4)
-        if lidar.mounted_on:
-            base = self._ego_pose(draw, elsewhere=number > 0)
+        base = self._ego_pose(draw, elsewhere=number > 0) if lidar.mounted_on else np.eye(4)
         T_base_lidar = lidar.T_carrier_body("base").matrix
         T_site_lidar = base @ T_base_lidar
         beams = _directions(lidar)
@@ -140,12 +107,9 @@ class _World:
         some = np.flatnonzero(kept)
         range_m = range_m.take(some) + draw.normal(0, lidar.range_noise_m, len(some)).astype(np.float32)
         scaled = lidar.intensity_gain * intensity(share.take(some)) - lidar.intensity_floor
-        points = np.empty((len(some), 4), np.float32)
         T_out = T_site_lidar if not lidar.mounted_on else T_base_lidar
-        points[:, :3] = mapped(beams.take(met.take(some), 0), T_out[:3, :3])
-        points[:, :3] *= range_m[:, None]
-        points[:, :3] += T_out[:3, 3].astype(np.float32)
-        points[:, 3] = np.clip(np.rint(scaled), 0, 255)
+        xyz = mapped(beams.take(met.take(some), 0), T_out[:3, :3]) * range_m[:, None] + T_out[:3, 3].astype(np.float32)
+        points = np.c_[xyz, np.clip(np.rint(scaled), 0, 255).astype(np.float32)]
         # Body 0 is the world, which stands still.
         counts = np.bincount(body.take(some), minlength=1 + len(self._boxes))[1:].astype(np.int32)
         back = np.linalg.inv(base)
@@ -164,10 +128,9 @@ class _World:
         row, range_m, body, material, cos = self._cast(packed(origin, directions))
         passed = self._looks[:, 2].take(material)
         glass = np.flatnonzero((passed > 0) & (draw.random(len(row)) >= self._looks[:, 1].take(material)))
-        onward = (
-            origin.astype(np.float32) + directions.take(row.take(glass), 0) * (range_m.take(glass) + BEHIND_M)[:, None]
-        )
-        behind = self._cast(packed(onward, directions.take(row.take(glass), 0)))
+        ahead = directions.take(row.take(glass), 0)
+        onward = origin.astype(np.float32) + ahead * (range_m.take(glass) + BEHIND_M)[:, None]
+        behind = self._cast(packed(onward, ahead))
         range_m[glass], material[glass] = np.inf, 0
         at = glass.take(behind[0])
         range_m[at] = np.linalg.norm(onward.take(behind[0], 0) - origin, axis=1) + behind[1]
@@ -184,20 +147,15 @@ class _World:
         met = np.flatnonzero(np.isfinite(distance))
         body = answer["geometry_ids"].numpy().take(met).astype(np.int64)
         triangle = answer["primitive_ids"].numpy().take(met).astype(np.int64)
-        material = self._material.take(self._starts_of.take(body) + triangle)
+        material = self._material.take(self._starts.take(body) + triangle)
         cos = np.abs(dotted(answer["primitive_normals"].numpy().take(met, 0), rays.take(met, 0)[:, 3:]))
         return met, distance.take(met), body, material, cos.astype(np.float64)
 
-    def _add(self, meshes: Sequence[Mesh]) -> None:
-        """Add a body of several meshes to the caster."""
-        starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-        vertices = np.concatenate([mesh.vertices for mesh in meshes]).astype(np.float32)
-        triangles = [mesh.triangles + start for mesh, start in zip(meshes, starts[:-1], strict=True)]
-        self._caster.add_triangles(vertices, np.concatenate(triangles).astype(np.uint32))
-        for mesh in meshes:
-            rows = [self._rows.setdefault(look, len(self._rows)) for look in mesh.palette]
-            self._materials.append(np.array(rows, np.int64)[mesh.materials])
-        self._starts.append(self._starts[-1] + sum(len(mesh) for mesh in meshes))
+    def _add(self, mesh: Mesh) -> None:
+        """Add a body to the caster."""
+        self._caster.add_triangles(mesh.vertices.astype(np.float32), mesh.triangles.astype(np.uint32))
+        rows = [self._rows.setdefault(look, len(self._rows)) for look in mesh.palette]
+        self._materials.append(np.array(rows, np.int64)[mesh.materials])
 
     def _ego_pose(self, draw: np.random.Generator, *, elsewhere: bool) -> F64:
         """Pose (4, 4) of the carrier's base frame: as in the scenario, or where its lanes are free."""
@@ -206,7 +164,8 @@ class _World:
             route = ("east", "west")[int(draw.integers(2))]
             start_m = float(draw.uniform(15, self._routes[route].length_m - 15))
             there = ego.model_copy(update={"route": route, "route_start_m": start_m})
-            if not self._is_taken(footprint(SHAPES[ego.shape], first_state(there, self._routes))):
+            ground = footprint(SHAPES[ego.shape], first_state(there, self._routes))
+            if not any(overlap(ground, other) for other in self._grounds):
                 ego = there
                 break
         pose = self._stood(first_state(ego, self._routes)).pose
@@ -219,28 +178,18 @@ class _World:
         raised = RaisedPath(Trajectory(0, state), self._height)
         return _Standing(raised.states(FIRST_NS), raised.poses(FIRST_NS))
 
-    def _is_taken(self, ground: Rectangle) -> bool:
-        return any(overlap(ground, other) for other in self._grounds)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Standing:
-    """The path of a road user in a snapshot, asked for at one time only; a `Carrier`.
+    """The path of a road user in a snapshot, asked for at one time only; a `Carrier`."""
 
-    Attributes:
-        state: (1, 6) columns as of `Trajectory.states`.
-        pose: Its pose.
-    """
-
-    state: F64
+    state: F64  # (1, 6) columns as of `Trajectory.states`
     pose: Poses
 
     def states(self, _: I64) -> F64:
-        """The state."""
         return self.state
 
     def poses(self, _: I64) -> Poses:
-        """The pose."""
         return self.pose
 
 

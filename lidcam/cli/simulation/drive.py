@@ -14,10 +14,9 @@ from lidcam.cli.simulation.simulate import check_simulator
 from lidcam.pipeline.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from lidcam.bags.simulator.drive.driving import Keyboard
+    from lidcam.bags.simulator.drive.driving import Keyboard, RemoteControl
     from lidcam.bags.simulator.drive.live_view import LiveView
     from lidcam.bags.simulator.recorder.simulation import Simulation
-    from lidcam.bags.simulator.vehicles.keys import RemoteControl
 
 # \b keeps the lines of a paragraph as they are.
 DRIVE_EXAMPLES = """\b
@@ -84,8 +83,7 @@ def _keyboard(
     keys: str | None, interval_s: float, drivable: tuple[str, ...], resources: contextlib.ExitStack
 ) -> "Keyboard":
     """The keys that are given, else those of the terminal, else those on standard input."""
-    from lidcam.bags.simulator.drive.driving import ScriptedKeys
-    from lidcam.bags.simulator.drive.terminal import terminal_keys
+    from lidcam.bags.simulator.drive.driving import ScriptedKeys, terminal_keys
 
     if keys is None and sys.stdin.isatty():
         return resources.enter_context(terminal_keys(sys.stdin.fileno()))
@@ -99,7 +97,7 @@ def _checked(keys: str, drivable: tuple[str, ...]) -> str:
     Raises:
         ConfigError: a key has no meaning.
     """
-    from lidcam.bags.simulator.vehicles.keys import script_keys
+    from lidcam.bags.simulator.drive.driving import script_keys
 
     known = script_keys(drivable)
     if wrong := next((key for key in keys if key not in known), ""):

@@ -6,8 +6,7 @@ import numpy as np
 
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES
 from lidcam.bags.simulator.world.bodies.hulls import Hull, both_sides, rear_wheels, underbody
-from lidcam.bags.simulator.world.meshes.lofts import loft
-from lidcam.bags.simulator.world.meshes.materials import (
+from lidcam.bags.simulator.world.mesh import (
     CHROME,
     DARK,
     GLASS,
@@ -16,9 +15,14 @@ from lidcam.bags.simulator.world.meshes.materials import (
     PLATE_YELLOW,
     SEAM,
     TAIL_LAMP,
+    Material,
+    Mesh,
+    Rgb,
+    box,
+    loft,
+    merged,
     paint,
 )
-from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, box, merged
 
 INTERIOR = Material("interior", (0.18, 0.17, 0.17), 0.15)
 
@@ -29,8 +33,7 @@ BODIES: Mapping[str, tuple[Sequence[float], Sequence[float]]] = {
     "mpv": ((0.025, 0.23, 0.72, 0.82), (0.06, 0.22, 0.60, 0.66)),
 }
 """Shares of the length where a body has the rows of a hatchback's windows: at the belt line, and at the roof."""
-BELT_ROWS, ROOF_ROWS = (0.03, 0.245, 0.665, 0.725), (0.11, 0.265, 0.535, 0.575)
-"""Of the hatchback."""
+BELT_ROWS, ROOF_ROWS = (0.03, 0.245, 0.665, 0.725), (0.11, 0.265, 0.535, 0.575)  # of the hatchback
 
 
 def _passenger_car(

@@ -6,8 +6,7 @@ import numpy as np
 
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES
 from lidcam.bags.simulator.world.bodies.hulls import Hull, both_sides, rear_wheels, screen, underbody
-from lidcam.bags.simulator.world.meshes.lofts import loft, panel
-from lidcam.bags.simulator.world.meshes.materials import (
+from lidcam.bags.simulator.world.mesh import (
     DARK,
     GLASS,
     HEADLAMP,
@@ -17,9 +16,16 @@ from lidcam.bags.simulator.world.meshes.materials import (
     SEAM,
     SIGNAL,
     TAIL_LAMP,
+    Material,
+    Mesh,
+    Rgb,
+    box,
+    cylinder,
+    loft,
+    merged,
     paint,
+    panel,
 )
-from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, box, cylinder, merged
 
 
 def van(color: Rgb) -> Mesh:

@@ -9,7 +9,8 @@ from functools import cache
 import numpy as np
 
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES
-from lidcam.bags.simulator.world.bodies.figures import (
+from lidcam.bags.simulator.world.bodies.joints import WALKED, ArticulatedPath, Carrier, pitched, steered_fork
+from lidcam.bags.simulator.world.bodies.pedestrian import (
     HIP_Y_M,
     REFERENCE,
     Looks,
@@ -19,20 +20,32 @@ from lidcam.bags.simulator.world.bodies.figures import (
     shin_mesh,
     thigh_mesh,
 )
-from lidcam.bags.simulator.world.bodies.joints import WALKED, ArticulatedPath, Carrier, pitched, steered_fork
-from lidcam.bags.simulator.world.meshes.lofts import ellipses, limb, torus
-from lidcam.bags.simulator.world.meshes.materials import CHROME, DARK, HEADLAMP, METAL, RUBBER, TAIL_LAMP
-from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, box, cylinder, merged, sphere
-from lidcam.bags.simulator.world.motion import Poses
-from lidcam.bags.simulator.world.mover import Part
+from lidcam.bags.simulator.world.mesh import (
+    CHROME,
+    DARK,
+    HEADLAMP,
+    METAL,
+    RUBBER,
+    TAIL_LAMP,
+    Material,
+    Mesh,
+    Rgb,
+    box,
+    cylinder,
+    ellipses,
+    limb,
+    merged,
+    sphere,
+    torus,
+)
+from lidcam.bags.simulator.world.motion import Part, Poses
 from lidcam.pipeline.core.arrays import F64
 
 CRANK = (0.44, 0.29)  # x and z of the crank axle
 CRANK_M, PEDAL_Y_M = 0.17, 0.13
 SEAT_HIP = (0.235, 0.98)
 RIDER_THIGH_M, RIDER_SHIN_M = 0.42, 0.46
-CRANK_CYCLE_M = 4.2
-"""Distance per turn of the crank."""
+CRANK_CYCLE_M = 4.2  # distance per turn of the crank
 FORK_HINGE = (1.05, 0.0, 0.34)
 RAKE_RAD = 0.31
 

@@ -13,26 +13,16 @@ class Shape:
 
     The base frame lies on the ground: below the middle of the rear axle, the rear wheel of a cyclist, the middle of a
     pedestrian.
-
-    Attributes:
-        class_name: Ground truth class.
-        size_m: Length, width, height of what it needs: mirrors and a walker's whole stride included.
-        box_center_m: Centre of that box, and of the body's.
-        body_width_m: Width of a motor vehicle without mirrors; None for people.
-        wheel_base_m: From axle to axle; 0 for a pedestrian.
-        track_width_m: Between the centres of the front wheels; 0 without two of them.
-        wheel_radius_m: Radius of all wheels; 0 for a pedestrian.
-        max_steering_rad: Limit at the middle of the front axle; the inner wheel turns further.
     """
 
-    class_name: str
-    size_m: Vector
-    box_center_m: Vector
-    body_width_m: float | None = None
-    wheel_base_m: float = 0.0
-    track_width_m: float = 0.0
-    wheel_radius_m: float = 0.0
-    max_steering_rad: float = 0.0
+    class_name: str  # ground truth class
+    size_m: Vector  # length, width, height of what it needs: mirrors and a walker's whole stride included
+    box_center_m: Vector  # centre of that box, and of the body's
+    body_width_m: float | None = None  # width of a motor vehicle without mirrors; None for people
+    wheel_base_m: float = 0.0  # from axle to axle; 0 for a pedestrian
+    track_width_m: float = 0.0  # between the centres of the front wheels; 0 without two of them
+    wheel_radius_m: float = 0.0  # radius of all wheels; 0 for a pedestrian
+    max_steering_rad: float = 0.0  # limit at the middle of the front axle; the inner wheel turns further
 
     @property
     def body_size_m(self) -> Vector:

@@ -9,9 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, Shape
-from lidcam.bags.simulator.world.meshes.lofts import loft, panel, wheel
-from lidcam.bags.simulator.world.meshes.materials import DARK, RUBBER
-from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh, box, cylinder, merged
+from lidcam.bags.simulator.world.mesh import DARK, RUBBER, Material, Mesh, box, cylinder, loft, merged, panel, wheel
 from lidcam.pipeline.core.arrays import F64
 
 Edge = tuple[float, float, float]
@@ -24,24 +22,16 @@ HUB = Material("hub", (0.34, 0.35, 0.37), 0.35, mirror=0.05)
 
 @dataclass(frozen=True, slots=True)
 class Hull:
-    """A body given by its cross sections.
+    """A body given by its cross sections."""
 
-    Attributes:
-        stations: Rows of x (rising), half width and top.
-        levels: Rows of height and share of the half width, from below; the last one stands for the top at any height,
-            and levels above the top are lowered to it.
-        bottom_m: Ground clearance.
-        axles_m: x of the axles.
-        arch_m: Radius of the wheel arches about the axles.
-        axle_height_m: Height of the axles.
-    """
-
-    stations: Sequence[tuple[float, float, float]]
+    stations: Sequence[tuple[float, float, float]]  # rows of x (rising), half width and top
+    # Rows of height and share of the half width, from below; the last one stands for the top at any height, and levels
+    # above the top are lowered to it
     levels: Sequence[tuple[float, float]]
-    bottom_m: float
-    axles_m: Sequence[float]
-    arch_m: float
-    axle_height_m: float
+    bottom_m: float  # ground clearance
+    axles_m: Sequence[float]  # x of the axles
+    arch_m: float  # radius of the wheel arches about the axles
+    axle_height_m: float  # height of the axles
 
     def half_width(self, x: float, z: float) -> float:
         """The y of the left side at a point of the side view."""

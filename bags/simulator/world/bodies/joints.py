@@ -10,10 +10,7 @@ from lidcam.bags.simulator.world.bodies.dimensions import Shape
 from lidcam.bags.simulator.world.motion import Poses
 from lidcam.pipeline.core.arrays import F64, I64
 
-SPEED = 3
-STEERING = 4
-WALKED = 5
-"""Columns of `Trajectory.states`."""
+SPEED, STEERING, WALKED = 3, 4, 5  # columns of `Trajectory.states`
 STEP_M = np.linspace(-0.24, 0.24, 7)
 
 
@@ -29,15 +26,10 @@ class Carrier(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RaisedPath:
-    """A path over uneven ground.
+    """A path over uneven ground."""
 
-    Attributes:
-        carrier: The path in the plane z = 0.
-        height: From positions (N, 2) to heights (N,) of the ground.
-    """
-
-    carrier: Carrier
-    height: Callable[[F64], F64]
+    carrier: Carrier  # the path in the plane z = 0
+    height: Callable[[F64], F64]  # from positions (N, 2) to heights (N,) of the ground
 
     def states(self, times_ns: I64) -> F64:
         """The states of the carrier."""
@@ -54,24 +46,14 @@ class RaisedPath:
 
 @dataclass(frozen=True, slots=True)
 class ArticulatedPath:
-    """The path of a part whose pose on its carrier depends on the carrier's state.
+    """The path of a part whose pose on its carrier depends on the carrier's state."""
 
-    Attributes:
-        carrier: Path of the whole thing.
-        place: From states (N, 6), see `Trajectory.states`, to poses (N) of the part in the carrier's base frame.
-        scale: Factors of the carrier's length, width and height.
-    """
-
-    carrier: Carrier
-    place: Callable[[F64], Poses]
-    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    carrier: Carrier  # path of the whole thing
+    place: Callable[[F64], Poses]  # from states (N, 6) to poses (N) of the part in the carrier's base frame
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)  # factors of the carrier's length, width and height
 
     def poses(self, times_ns: I64) -> Poses:
-        """Poses (N) of the part in the world at times (N,).
-
-        Raises:
-            ValueError: a time is later than the carrier's last state.
-        """
+        """Poses (N) of the part in the world at times (N,)."""
         placed = self.place(self.carrier.states(times_ns))
         return self.carrier.poses(times_ns) @ Poses(placed.rotation, placed.translation * self.scale)
 

@@ -1,30 +1,19 @@
-"""A walking pedestrian in rigid parts: torso, thighs, shins with feet, arms.
+"""A walking pedestrian in rigid parts (torso, thighs, shins with feet, arms), and what cyclists share with it.
 
 The legs swing with the distance walked; the leg that reaches further down sets the height of the hips, so one foot is
-always on the ground.
+always on the ground. Lengths are metres.
 """
 
 from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Literal, NamedTuple
+from zlib import crc32
 
 import numpy as np
 
-from lidcam.bags.simulator.world.bodies.figures import (
-    HIP_Y_M,
-    REFERENCE,
-    Looks,
-    head,
-    looks_of,
-    recolored,
-    shin_mesh,
-    thigh_mesh,
-)
 from lidcam.bags.simulator.world.bodies.joints import SPEED, WALKED, ArticulatedPath, Carrier, pitched
-from lidcam.bags.simulator.world.meshes.lofts import ellipses, limb
-from lidcam.bags.simulator.world.meshes.mesh import Mesh, Rgb, merged, sphere
-from lidcam.bags.simulator.world.motion import Poses
-from lidcam.bags.simulator.world.mover import Part
+from lidcam.bags.simulator.world.mesh import Material, Mesh, Rgb, ellipses, limb, merged, sphere
+from lidcam.bags.simulator.world.motion import Part, Poses
 from lidcam.pipeline.core.arrays import F64
 
 Limb = Literal["thigh", "shin", "arm"]
@@ -34,10 +23,98 @@ HEEL, TOE = (-0.061, -0.08), (0.171, -0.08)  # x and z from the ankle
 SHOULDER_Y_M = 0.20
 SHOULDER_ABOVE_HIP_M = 0.50
 STRIDE_RAD, KNEE_RAD, ARM_RAD = 0.36, 0.95, 0.34
-CYCLE_M = 1.28
-"""Distance per cycle of both legs."""
-FULL_STRIDE_M_S = 0.7
-"""From this speed on, steps have their full length."""
+CYCLE_M = 1.28  # distance per cycle of both legs
+FULL_STRIDE_M_S = 0.7  # from this speed on, steps have their full length
+HIP_Y_M = 0.095  # from the middle plane to the hip joint
+SKIN = ((0.87, 0.70, 0.58), (0.76, 0.57, 0.43), (0.55, 0.38, 0.27), (0.91, 0.76, 0.66))
+HAIR = ((0.16, 0.12, 0.10), (0.32, 0.22, 0.14), (0.55, 0.42, 0.26), (0.42, 0.41, 0.40))
+TROUSERS = ((0.16, 0.19, 0.30), (0.14, 0.14, 0.15), (0.45, 0.40, 0.32), (0.28, 0.30, 0.32))
+SHOES = Material("shoes", (0.18, 0.15, 0.14), 0.2)
+
+
+class Looks(NamedTuple):
+    """Materials of a person."""
+
+    skin: Material
+    hair: Material
+    jacket: Material
+    trousers: Material
+
+
+def looks_of(name: str, color: Rgb) -> Looks:
+    """The looks of a person, derived from the name, with a jacket of this colour."""
+    number = crc32(name.encode())
+    jacket = Material("jacket", color, 0.25 + 0.35 * float(np.mean(color)))
+    return Looks(
+        Material("skin", SKIN[number % 4], 0.45),
+        Material("hair", HAIR[number // 4 % 4], 0.20),
+        jacket,
+        Material("trousers", TROUSERS[number // 16 % 4], 0.30),
+    )
+
+
+REFERENCE = looks_of("", (0.123, 0.456, 0.789))  # the looks of bodies that are made once, to be recolored
+
+
+def recolored(mesh: Mesh, looks: Looks) -> Mesh:
+    """A body of `REFERENCE` looks with others."""
+    return mesh.recolored(dict(zip(REFERENCE, looks, strict=True)))
+
+
+def head(skin: Material, hair: Material, x: float, z: float) -> list[Mesh]:
+    """Neck, head and hair, with the middle of the head at `x` and `z`."""
+    return [
+        ellipses([(z - 0.17, x - 0.01, 0, 0.052, 0.052), (z - 0.06, x - 0.01, 0, 0.055, 0.052)], skin),
+        ellipses(
+            [
+                (z - 0.115, x + 0.025, 0, 0.045, 0.035),
+                (z - 0.07, x + 0.015, 0, 0.080, 0.062),
+                (z, x + 0.005, 0, 0.095, 0.073),
+                (z + 0.07, x, 0, 0.090, 0.068),
+                (z + 0.11, x, 0, 0.050, 0.040),
+            ],
+            skin,
+            sides=12,
+        ),
+        ellipses(
+            [
+                (z - 0.07, x - 0.062, 0, 0.040, 0.055),
+                (z - 0.01, x - 0.035, 0, 0.078, 0.080),
+                (z + 0.055, x - 0.012, 0, 0.098, 0.080),
+                (z + 0.10, x - 0.006, 0, 0.075, 0.060),
+                (z + 0.12, x - 0.006, 0, 0.035, 0.030),
+            ],
+            hair,
+            sides=12,
+        ),
+    ]
+
+
+@cache
+def thigh_mesh(length: float, trousers: Material) -> Mesh:
+    """A thigh that hangs down from the hip at the origin."""
+    return merged(
+        limb([(0, 0, 0.02), (0, 0, -length)], (0.085, 0.060), trousers, sides=10),
+        sphere((0, 0, -length), 0.060, trousers, sides=8),
+    )
+
+
+@cache
+def shin_mesh(length: float, trousers: Material) -> Mesh:
+    """A shin with a shoe that hangs down from the knee at the origin."""
+    return merged(
+        limb([(0, 0, 0), (-0.012, 0, -0.35 * length), (0, 0, -length)], (0.060, 0.062, 0.046), trousers, sides=10),
+        ellipses(
+            [
+                (-length - 0.08, 0.055, 0, 0.120, 0.040),
+                (-length - 0.055, 0.055, 0, 0.125, 0.046),
+                (-length - 0.02, 0.035, 0, 0.095, 0.044),
+                (-length + 0.03, 0.0, 0, 0.055, 0.050),
+            ],
+            SHOES,
+            sides=12,
+        ),
+    )
 
 
 class _Posture(NamedTuple):
@@ -98,18 +175,15 @@ def _limb_place(side: int, limb: Limb, held: _Posture | None) -> Callable[[F64],
     def place(states: F64) -> Poses:
         legs, hip_z = _gait(states, held)
         thigh, shin = legs[side]
-        match limb:
-            case "thigh":
-                return pitched(thigh, 0.0, side * HIP_Y_M, hip_z)
-            case "shin":
-                return pitched(shin, THIGH_M * np.sin(thigh), side * HIP_Y_M, hip_z - THIGH_M * np.cos(thigh))
-            case "arm":
-                if held:
-                    swing = np.full(len(states), held.arm)
-                    ahead, up = -np.sin(held.torso) * SHOULDER_ABOVE_HIP_M, np.cos(held.torso) * SHOULDER_ABOVE_HIP_M
-                    return pitched(swing, ahead, side * SHOULDER_Y_M, hip_z + up)
-                swing = -thigh * (ARM_RAD / STRIDE_RAD)
-                return pitched(swing, 0.0, side * SHOULDER_Y_M, hip_z + SHOULDER_ABOVE_HIP_M)
+        if limb == "thigh":
+            return pitched(thigh, 0.0, side * HIP_Y_M, hip_z)
+        if limb == "shin":
+            return pitched(shin, THIGH_M * np.sin(thigh), side * HIP_Y_M, hip_z - THIGH_M * np.cos(thigh))
+        if held:
+            ahead, up = -np.sin(held.torso) * SHOULDER_ABOVE_HIP_M, np.cos(held.torso) * SHOULDER_ABOVE_HIP_M
+            return pitched(np.full(len(states), held.arm), ahead, side * SHOULDER_Y_M, hip_z + up)
+        swing = -thigh * (ARM_RAD / STRIDE_RAD)
+        return pitched(swing, 0.0, side * SHOULDER_Y_M, hip_z + SHOULDER_ABOVE_HIP_M)
 
     return place
 

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lidcam.bags.simulator.world.meshes.materials import METAL
-from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, Texture, box, cylinder, merged, polygon, prism
+from lidcam.bags.simulator.world.mesh import METAL, Material, Mesh, Rgb, Texture, box, cylinder, merged, polygon, prism
 from lidcam.bags.simulator.world.places.furniture import (
     BAY_M,
     bench,

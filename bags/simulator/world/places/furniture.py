@@ -5,13 +5,22 @@ from zlib import crc32
 
 import numpy as np
 
-from lidcam.bags.simulator.world.meshes.lofts import loft
-from lidcam.bags.simulator.world.meshes.materials import DARK, METAL
-from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, Texture, box, cylinder, merged, sphere
+from lidcam.bags.simulator.world.mesh import (
+    DARK,
+    METAL,
+    Material,
+    Mesh,
+    Rgb,
+    Texture,
+    box,
+    cylinder,
+    loft,
+    merged,
+    sphere,
+)
 from lidcam.pipeline.core.arrays import F64
 
-BAY_M = 2.6
-"""Width of a facade bay with one window: walls on multiples of it cut no window."""
+BAY_M = 2.6  # width of a facade bay with one window: walls on multiples of it cut no window
 
 BARK = Material("bark", (0.34, 0.27, 0.21), 0.35, texture="bark")
 LEAVES = tuple(

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from lidcam.bags.simulator.scenario.scenario import Scenario
-from lidcam.bags.simulator.world.meshes.mesh import Mesh
+from lidcam.bags.simulator.world.mesh import Mesh
 from lidcam.bags.simulator.world.places.crossing import crossing, crossing_height
 from lidcam.bags.simulator.world.places.open_world import open_height, open_mesh
 from lidcam.bags.simulator.world.places.sandbox import sandbox

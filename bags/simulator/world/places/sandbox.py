@@ -7,8 +7,7 @@ each group look along the axes and see 32 degrees to each side; the masts stand 
 import numpy as np
 import numpy.typing as npt
 
-from lidcam.bags.simulator.world.meshes.materials import DARK, METAL
-from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh, box, cylinder, merged, polygon
+from lidcam.bags.simulator.world.mesh import DARK, METAL, Material, Mesh, box, cylinder, merged, polygon
 from lidcam.bags.simulator.world.places.furniture import conifer, house
 
 TABLE = (-2.0, 2.0, -5.0, 2.9)  # x from, x to, y from, y to

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lidcam.bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, Texture, box, merged, polygon, prism
+from lidcam.bags.simulator.world.mesh import Material, Mesh, Rgb, Texture, box, merged, polygon, prism
 from lidcam.bags.simulator.world.places.furniture import (
     BAY_M,
     bench,

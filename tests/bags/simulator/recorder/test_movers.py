@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from meshes import open_edges, signed_volume
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
@@ -12,9 +10,8 @@ from lidcam.bags.simulator.scenario.traffic import VehicleScenario
 from lidcam.bags.simulator.vehicles.trajectory import State, Trajectory
 from lidcam.bags.simulator.world.bodies.cyclist import CRANK_CYCLE_M
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, shape_of
-from lidcam.bags.simulator.world.bodies.joints import steered_wheel
 from lidcam.bags.simulator.world.bodies.pedestrian import CYCLE_M
-from lidcam.bags.simulator.world.mover import Mover, placed_vertices
+from lidcam.bags.simulator.world.motion import Mover, placed_vertices
 from lidcam.pipeline.core.arrays import F64
 
 SECOND_NS = 10**9
@@ -105,25 +102,6 @@ def test_a_scaled_shape_fills_its_box(name: str) -> None:
     np.testing.assert_allclose(points.min(0), before.min(0) * SCALE, atol=0.02)
 
 
-@pytest.mark.parametrize(
-    ("posture", "size_m"),
-    [("sitting", (0.76, 0.56, 1.36)), ("stooping", (0.9, 0.56, 1.5)), ("reaching", (0.7, 0.56, 1.76))],
-)
-def test_postures_have_boxes_of_their_own(posture: str, size_m: tuple[float, float, float]) -> None:
-    held = VehicleScenario.model_validate({"shape": "pedestrian", "posture": posture})
-    mover = build_mover("one", held, Trajectory(0, State(0, 0, 0)))
-    box = mover.body_at(0)
-    np.testing.assert_allclose(box.size_m, size_m, atol=0.15)
-    assert box.center_m[2] - box.size_m[2] / 2 == pytest.approx(0.0, abs=2e-3)  # on the ground
-
-
-@pytest.mark.parametrize("body", ["saloon", "estate", "mpv"])
-def test_bodies_of_cars_are_closed(body: str) -> None:
-    mover = build_mover("car", VehicleScenario.model_validate({"body": body}), Trajectory(0, State(0, 0, 0)))
-    assert open_edges(mover.parts[0].mesh) == 0
-    assert signed_volume(mover.parts[0].mesh) > 0
-
-
 @pytest.mark.parametrize("yaw", [0.0, 2.3])
 @pytest.mark.parametrize("speed", [0.0, 1.4])
 def test_a_pedestrians_box_follows_the_body(speed: float, yaw: float) -> None:
@@ -158,53 +136,6 @@ def test_every_part_is_closed_and_faces_outwards(name: str) -> None:
     for part in mover_of(name).parts:
         assert open_edges(part.mesh) == 0
         assert signed_volume(part.mesh) > 0
-
-
-@given(steering=st.floats(-0.48, 0.48))
-def test_both_front_wheels_roll_about_one_centre(steering: float) -> None:
-    shape = SHAPES["car"]
-    trajectory = Trajectory(0, State(0.0, 0.0, 0.0, 1.0, steering, 0.0))
-    if abs(steering) < 1e-6:
-        return
-    radius = shape.wheel_base_m / np.tan(steering)  # of the middle of the rear axle
-    for side in (1, -1):
-        pose = steered_wheel(trajectory, shape, side).poses(np.array([0], np.int64))
-        axle = pose.rotation[0] @ [0.0, 1.0, 0.0]
-        to_centre = np.array([0.0, radius, shape.wheel_radius_m]) - pose.translation[0]
-        np.testing.assert_allclose(np.cross(axle, to_centre / np.linalg.norm(to_centre)), 0.0, atol=1e-9)
-
-
-def feet(mover: Mover) -> dict[int, F64]:
-    """Lowest points of the left (1) and right (-1) shin over the moments."""
-    parts = {1: 2, -1: 5}
-    return {
-        side: np.array([(p := vertices(mover, part, t))[p[:, 2].argmin()] for t in MOMENTS])
-        for side, part in parts.items()
-    }
-
-
-def test_walking_legs_alternate() -> None:
-    mover = mover_of("pedestrian")
-    knees = {side: np.array([vertices(mover, part, t).mean(0)[0] for t in MOMENTS]) for side, part in ((1, 1), (-1, 4))}
-    assert np.corrcoef(knees[1], knees[-1])[0, 1] < -0.99
-    hands = np.array([vertices(mover, 3, t)[:, 0].mean() for t in MOMENTS])  # the left arm goes with the right leg
-    assert np.corrcoef(hands, knees[-1])[0, 1] > 0.99
-    heights = np.stack([feet(mover)[side][:, 2] for side in (1, -1)])
-    np.testing.assert_allclose(heights.min(0), 0.0, atol=2e-3)  # one foot is always on the ground
-    assert heights.max() > 0.03  # and the other one is lifted
-    assert set(heights.argmin(0).tolist()) == {0, 1}
-
-
-def test_feet_stay_on_the_pedals() -> None:
-    mover = mover_of("cyclist")
-    crank, left_shin = 2, 4
-    for t in MOMENTS:
-        # The left pedal is the highest y of the crank.
-        pedal = vertices(mover, crank, t)
-        pedal = pedal[pedal[:, 1] > 0.1].mean(0)
-        sole = vertices(mover, left_shin, t)
-        distance = np.linalg.norm((sole - pedal)[:, [0, 2]], axis=1).min()
-        assert distance < 0.12
 
 
 def test_kerbs_lift_pedestrians() -> None:

@@ -7,10 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_scenario import small_scenario
 
-from lidcam.bags.simulator.recorder.processes import SensingProcess, shared_out
+from lidcam.bags.simulator.recorder.processes import SensingProcess, sensing_process
 from lidcam.bags.simulator.recorder.recorded import SensingTask
 from lidcam.bags.simulator.recorder.sensing import Sensing
 from lidcam.bags.simulator.recorder.stage import Stage
+from lidcam.bags.simulator.recorder.start import shared_out
 from lidcam.bags.simulator.scenario.load import load_scenario
 from lidcam.bags.simulator.scenario.scenario import Scenario
 from lidcam.bags.simulator.vehicles.ackermann import AckermannCommand
@@ -35,10 +36,7 @@ def test_every_sensor_has_one_worker(name: str, workers: int) -> None:
     assert 1 <= len(shares) <= workers
     assert all(shares)
     assert sorted(sensor for share in shares for sensor in share) == sorted([*scenario.lidars, *scenario.cameras])
-
-
-def test_without_sensors_there_is_one_worker_with_nothing_to_do() -> None:
-    assert shared_out(Scenario(world="sandbox"), 3) == [()]
+    assert shared_out(Scenario(world="sandbox"), workers) == [()]
 
 
 def test_a_process_measures_what_this_one_would_and_ends() -> None:
@@ -48,9 +46,12 @@ def test_a_process_measures_what_this_one_would_and_ends() -> None:
     stage.traffic.command("car1", commands["car1"])
     stage.traffic.advance(UNTIL_NS)
     here = sensing.measure(UNTIL_NS, start_limit_ns=UNTIL_NS)
-    with SensingProcess(task()) as process:
+    with sensing_process(task()) as process:
+        os.kill(process.pid, signal.SIGINT)  # Ctrl-C and a closed terminal are its parent's business
+        os.kill(process.pid, signal.SIGHUP)
         process.ask(UNTIL_NS, commands, start_limit_ns=UNTIL_NS)
         there = process.answer()
+        assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) & {signal.SIGINT, signal.SIGHUP} == set()
     with pytest.raises(ProcessLookupError):
         os.kill(process.pid, 0)  # it ends with its block
     assert len(here) == len(there) > 1
@@ -60,34 +61,27 @@ def test_a_process_measures_what_this_one_would_and_ends() -> None:
         assert mine._replace(hits=its.hits, hit_offsets_ns=its.hit_offsets_ns) == its
 
 
-def test_its_errors_come_out() -> None:
+def ask_and_answer(process: SensingProcess) -> None:
+    process.ask(UNTIL_NS, {}, start_limit_ns=UNTIL_NS)
+    process.answer()
+
+
+def test_its_errors_and_its_death_come_out() -> None:
     wrong = task(vehicles__car2__route="", vehicles__car2__start=[-1.5, 1.35, 0])
-    with SensingProcess(wrong) as process:
-        process.ask(UNTIL_NS, {}, start_limit_ns=UNTIL_NS)
-        with pytest.raises(ConfigError, match=r"vehicles\.car2: expected free ground"):
-            process.answer()
-
-
-def test_ctrl_c_and_a_closed_terminal_are_its_parents_business_and_that_it_was_killed_is_told() -> None:
-    with SensingProcess(task()) as process:
-        os.kill(process.pid, signal.SIGINT)
-        os.kill(process.pid, signal.SIGHUP)
-        process.ask(UNTIL_NS, {}, start_limit_ns=UNTIL_NS)
-        assert len(process.answer()) > 1
-        assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) & {signal.SIGINT, signal.SIGHUP} == set()
+    with (
+        sensing_process(wrong) as process,
+        pytest.raises(ConfigError, match=r"vehicles\.car2: expected free ground"),
+    ):
+        ask_and_answer(process)
+    with sensing_process(task()) as process:
         os.kill(process.pid, signal.SIGKILL)
-
-        def ask_again() -> None:
-            process.ask(2 * UNTIL_NS, {}, start_limit_ns=2 * UNTIL_NS)
-            process.answer()
-
         with pytest.raises(LidcamError, match="a simulation process died with exit code -9"):
-            ask_again()
+            ask_and_answer(process)
 
 
 def test_what_ends_the_parent_at_once_ends_it_at_once() -> None:
     """It does not wait for its next request, which may be seconds away."""
-    with SensingProcess(task()) as process:
+    with sensing_process(task()) as process:
         os.kill(process.pid, signal.SIGSTOP)
         undo_all()
         ended = os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)

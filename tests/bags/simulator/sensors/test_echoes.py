@@ -5,14 +5,12 @@ from small_worlds import BLACK, GLASS, GREY, RETRO, WHITE
 from lidcam.bags.simulator.sensors.echoes import (
     NO_ECHO,
     Echoes,
-    Optics,
     Reflected,
     distinct_echoes,
     intensity,
     returned_share,
 )
-from lidcam.bags.simulator.world.meshes.mesh import Material
-from lidcam.bags.simulator.world.rays import Hits
+from lidcam.bags.simulator.world.mesh import Material
 
 MIRROR = Material("mirror", (1, 1, 1), 1.0, mirror=0.5)
 PALETTE = (WHITE, GREY, BLACK, RETRO, GLASS, MIRROR)
@@ -36,12 +34,6 @@ def echoes(surfaces: list[tuple[float, float, int]], *, second_strongest: bool =
     )
 
 
-def test_a_miss_sends_nothing() -> None:
-    nowhere, row = np.zeros((2, 3)), np.array([-1, 0])
-    hits = Hits(np.array([np.inf, 1.0]), nowhere, row, np.array([-1, -1]), nowhere)
-    assert Optics(PALETTE).share(hits, np.array([0.0, 1.0])).tolist() == [0.0, 1.0]
-
-
 def test_at_grazing_angles_rough_ground_is_seen_and_a_mirror_is_not() -> None:
     assert share(GREY, 88) > 0.3 * GREY.reflectivity
     assert share(MIRROR, 88) < 0.01
@@ -51,12 +43,6 @@ def test_at_grazing_angles_rough_ground_is_seen_and_a_mirror_is_not() -> None:
 def test_intensity_is_on_the_scale_of_velodyne() -> None:
     shares = np.array([0.0, 0.1, 0.5, 1.0, 1.01, 2.0, 5.0, 1e9])
     assert intensity(shares).tolist() == [0, 10, 50, 100, 103, 178, 224, 255]
-
-
-def test_echoes_that_are_far_enough_apart() -> None:
-    found = echoes([(30.0, 0.2, 7), (np.inf, 0.0, -1), (10.0, 0.1, 3)])
-    assert found.range_m.tolist() == [[10.0, 30.0]]
-    assert found.mover.tolist() == [[3, 7]]
 
 
 def test_the_strongest_is_the_one_of_which_max_reflectivity_arrives() -> None:
@@ -89,19 +75,3 @@ def test_surfaces_close_together_make_one_echo_between_them() -> None:
 )
 def test_no_echo(surface: tuple[float, float, int]) -> None:
     assert echoes([surface, (np.inf, 0.0, -1)]).range_m.tolist() == [[NO_ECHO, NO_ECHO]]
-
-
-def test_beams_do_not_mix() -> None:
-    random = np.random.default_rng(0)
-    surfaces = [[(random.uniform(1, 60), random.uniform(0, 0.5), n) for n in range(6)] for _ in range(50)]
-    order = random.permutation(300)
-    flat = np.array([(beam, *surface) for beam, row in enumerate(surfaces) for surface in row])[order]
-    light = Reflected(flat[:, 0].astype(np.int64), flat[:, 1], flat[:, 2], flat[:, 3].astype(np.int64))
-    for second in (False, True):
-        together = distinct_echoes(light, 51, reach_m=100, nearest_m=1, apart_m=0.5, second_strongest=second)
-        alone = [echoes(row, second_strongest=second) for row in surfaces]
-        np.testing.assert_allclose(together.range_m[:50], np.concatenate([one.range_m for one in alone]))
-        np.testing.assert_allclose(together.share[:50], np.concatenate([one.share for one in alone]))
-        np.testing.assert_array_equal(together.mover[:50], np.concatenate([one.mover for one in alone]))
-        assert together.range_m[50].tolist() == [NO_ECHO, NO_ECHO]
-        assert (together.range_m[:50, 0] <= together.range_m[:50, 1]).all()

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidcam.bags.simulator.scenario.sensors import SensorScenario
-from lidcam.bags.simulator.sensors.timing import Measurement, Timing
+from lidcam.bags.simulator.sensors.timing import Timing
 
 MS = 1_000_000
 
@@ -16,16 +16,6 @@ def sensor(**settings: object) -> SensorScenario:
 
 def timing(*, seed: int = 1, name: str = "s", trigger_jitter: bool = True, **settings: object) -> Timing:
     return Timing(name, sensor(**settings), seed, trigger_jitter)
-
-
-def test_without_faults_all_times_are_the_nominal_ones() -> None:
-    found = timing(rate_hz=20.0, phase_ms=7.0).measurement(3)
-    assert found == Measurement(3, 157 * MS, 157 * MS, 157 * MS, 157 * MS, lost=False)
-
-
-def test_a_clock_that_is_ahead_changes_stamps_only() -> None:
-    found = timing(clock_offset_ms=25.0).measurement(2)
-    assert (found.begin_ns, found.stamp_ns, found.log_ns) == (200 * MS, 225 * MS, 200 * MS)
 
 
 @pytest.mark.parametrize(("trigger_jitter", "moves"), [(True, True), (False, False)])
@@ -51,11 +41,6 @@ def test_a_message_is_recorded_after_its_measurement_ended() -> None:
     delays = [clock.measurement(n, begin_ns=n, end_ns=100 * MS + n).log_ns - 100 * MS - n for n in range(500)]
     assert min(delays) == 0  # never before
     np.testing.assert_allclose(np.median(delays), 5.0 * MS, rtol=0.1)
-
-
-@pytest.mark.parametrize(("dies_at_s", "alive"), [(None, True), (0.5, True), (0.3, False), (0.0, False)])
-def test_a_dead_sensor_measures_no_more(dies_at_s: float | None, alive: bool) -> None:
-    assert timing(dies_at_s=dies_at_s).is_alive(300 * MS) == alive
 
 
 @given(st.integers(0, 10_000), st.integers(0, 100), st.floats(0.1, 100))

@@ -5,10 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidcam.bags.simulator.vehicles.ackermann import Ackermann, AckermannCommand
-from lidcam.bags.simulator.vehicles.habits import HABITS, chassis_of
+from lidcam.bags.simulator.vehicles.ackermann import Ackermann, AckermannCommand, chassis_of
 from lidcam.bags.simulator.vehicles.trajectory import State
-from lidcam.bags.simulator.world.bodies.dimensions import SHAPES
 
 CAR = Ackermann(
     wheel_base_m=2.7,
@@ -64,15 +62,6 @@ def test_commands_take_effect_as_fast_as_the_chassis_can() -> None:
     assert steerings[-1] == 0.4
 
 
-def test_to_turn_back_it_brakes_first() -> None:
-    speeds = np.array([s.speed_m_s for s in driven(State(0, 0, 0, 1.0), AckermannCommand(-1.0, 0.0), 1)])
-    change = np.diff(speeds) / 0.01
-    assert change[speeds[:-1] > 0].min() == pytest.approx(-CAR.braking_m_s2)
-    assert change[speeds[:-1] <= 0].min() == pytest.approx(-CAR.acceleration_m_s2)
-    assert speeds[-1] == -1.0
-    assert 0.0 in speeds
-
-
 @pytest.mark.parametrize(("steering", "inner", "outer"), [(0.49, "left", "right"), (-0.49, "right", "left")])
 def test_the_inner_wheel_turns_further(steering: float, inner: str, outer: str) -> None:
     chassis = chassis_of("model_car")
@@ -91,8 +80,3 @@ def test_the_inner_wheel_turns_further(steering: float, inner: str, outer: str) 
 def test_controllers_say_what_the_command_says(speed: float, steering: float) -> None:
     command = CAR.command(CAR.controllers(AckermannCommand(speed, steering)))
     assert (command.speed_m_s, command.steering_rad) == pytest.approx((speed, steering), abs=1e-12)
-
-
-def test_every_shape_has_a_driver_and_those_with_wheels_a_chassis() -> None:
-    assert HABITS.keys() == SHAPES.keys()
-    assert {shape for shape in SHAPES if chassis_of(shape) is None} == {"pedestrian"}

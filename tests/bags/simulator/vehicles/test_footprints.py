@@ -1,16 +1,12 @@
 import math
 
 import numpy as np
-import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from lidcam.bags.simulator.vehicles.footprints import Obstacles, Rectangle, discs_of, footprint, obstacles_of, overlap
-from lidcam.bags.simulator.vehicles.trajectory import State
-from lidcam.bags.simulator.world.bodies.dimensions import SHAPES
-from lidcam.bags.simulator.world.meshes.materials import METAL
-from lidcam.bags.simulator.world.meshes.mesh import box, cylinder, merged, polygon
+from lidcam.bags.simulator.vehicles.footprints import Rectangle, discs_of, obstacles_of, overlap
+from lidcam.bags.simulator.world.mesh import METAL, box, cylinder, merged, polygon
 from lidcam.pipeline.core.arrays import F64
 
 PLACE, TURN, SIZE = st.floats(-4, 4), st.floats(-7, 7), st.floats(0.1, 5)
@@ -54,13 +50,6 @@ def test_discs_cover_their_rectangle(rectangle: Rectangle, along: float, across:
     assert set(rows) == {0}
 
 
-def test_the_ground_under_a_car_lies_before_its_rear_axle() -> None:
-    ground = footprint(SHAPES["car"], State(10.0, 5.0, math.pi / 2))
-    x, y, _ = SHAPES["car"].box_center_m
-    assert (ground.x_m, ground.y_m) == pytest.approx((10.0 - y, 5.0 + x))
-    assert (ground.length_m, ground.width_m) == SHAPES["car"].size_m[:2]
-
-
 def test_bodies_in_the_way_are_obstacles_and_those_above_and_below_are_not() -> None:
     ground = polygon([(-9, -9, 0), (9, -9, 0), (9, 9, 0), (-9, 9, 0)], METAL)
     kerb, crown = box((0, 5, 0.06), (4, 1, 0.12), METAL), box((3, 3, 4), (2, 2, 2), METAL)
@@ -71,10 +60,3 @@ def test_bodies_in_the_way_are_obstacles_and_those_above_and_below_are_not() -> 
     expected = corners(Rectangle(1, 2, 0.3, 3, 0.2))
     gaps = np.hypot(*np.moveaxis(corners(wall_found)[:, None] - expected, -1, 0)).min(1)
     np.testing.assert_allclose(gaps, 0, atol=1e-4)
-
-
-@pytest.mark.parametrize(("x", "reach", "count"), [(0.0, 1.0, 0), (0.0, 4.01, 1), (5.0, 0.1, 1), (0.0, 30.0, 2)])
-def test_obstacles_by_place(x: float, reach: float, count: int) -> None:
-    obstacles = Obstacles([Rectangle(5, 0, math.pi / 2, 6, 2), Rectangle(20, 0, 0, 1, 1)])
-    assert len(list(obstacles.near(x, 0.0, reach))) == count
-    assert list(Obstacles([]).near(x, 0.0, reach)) == []

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidcam.bags.simulator.scenario.traffic import RouteScenario
-from lidcam.bags.simulator.vehicles.routes import Route, RoutePoint, pure_pursuit
+from lidcam.bags.simulator.vehicles.routes import Route
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.errors import ConfigError
 
@@ -38,19 +38,6 @@ def test_a_place_is_as_far_along_as_the_way_to_it_is_long(corners: Corners, clos
     assert np.mean(np.abs(turn - points[:-1, 3]) > 1e-3) < 1e-3  # but where straights and arcs meet
 
 
-@pytest.mark.parametrize(
-    ("corners", "radii"),
-    [
-        (((0, 0), (10, 0, 3.0), (10, 10), (20, 10)), [-2.0, 3.0]),
-        (((0, 0), (10, 0), (10, 3), (20, 3)), [-1.5, 1.5]),  # the side between two corners is shared
-        (((0, 0), (10, 0, 0.0), (10, 10)), []),
-    ],
-)
-def test_corners_of_their_own_radius_and_without_room(corners: Corners, radii: list[float]) -> None:
-    bends = np.unique(dense(route(corners))[:, 3].round(9))
-    assert sorted(1 / bends[bends != 0]) == pytest.approx(radii)
-
-
 @pytest.mark.parametrize("closed", [True, False])
 def test_one_place_is_as_many(closed: bool) -> None:
     way = route(BENT, closed=closed)
@@ -67,12 +54,6 @@ def test_a_place_beside_the_way_is_followed_from_near_by(along: float, left: flo
     assert way.followed(x, y, along + off) == pytest.approx(along, abs=0.02)
 
 
-def test_where_a_way_crosses_itself_one_keeps_to_ones_own() -> None:
-    way = route(((0, 0), (20, 0), (20, 10), (10, 10), (10, -10)), radius=1.0)
-    early, late = way.followed(10.0, 0.0, 9.7), way.followed(10.0, 0.0, way.length_m - 10.2)
-    assert (early, late) == pytest.approx((10.0, way.length_m - 10.0))
-
-
 @pytest.mark.parametrize(
     ("corners", "closed", "message"),
     [
@@ -86,11 +67,3 @@ def test_where_a_way_crosses_itself_one_keeps_to_ones_own() -> None:
 def test_ways_that_nobody_can_follow(corners: Corners, closed: bool, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         route(corners, closed=closed)
-
-
-@pytest.mark.parametrize("radius", [8.0, -8.0])
-def test_pure_pursuit_finds_the_arc_through_its_goal(radius: float) -> None:
-    angle = 0.4
-    goal = RoutePoint(abs(radius) * math.sin(angle), radius * (1 - math.cos(angle)), 0.0, 0.0)
-    assert pure_pursuit(0.0, 0.0, 0.0, goal, 2.7) == pytest.approx(math.atan(2.7 / radius))
-    assert pure_pursuit(3.0, 4.0, 1.0, RoutePoint(3.0, 4.0, 0.0, 0.0), 2.7) == 0.0

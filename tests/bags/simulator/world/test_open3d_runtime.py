@@ -17,9 +17,3 @@ def test_what_is_missing_is_named_with_its_package(monkeypatch: pytest.MonkeyPat
     )
     with pytest.raises(LidcamError, match=r"needs libno\.so\.1, libnil\.so, .*: apt-get install libno1 libnil, or"):
         check_libraries()
-
-
-def test_other_systems_are_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "platform", "darwin")
-    monkeypatch.setattr(open3d_runtime, "LIBRARIES", {"libno.so.1": "libno1"})
-    check_libraries()

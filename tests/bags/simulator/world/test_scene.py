@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from small_worlds import BLACK, GREY, WHITE, EvenPath, box_mover, fixed_at, random_rays, scene, wall
+from small_worlds import BLACK, GREY, WHITE, EvenPath, box_mover, random_rays, scene, wall
 
-from lidcam.bags.simulator.world.meshes.mesh import box
+from lidcam.bags.simulator.world.mesh import box
 from lidcam.bags.simulator.world.motion import MountedPath, turned
 from lidcam.bags.simulator.world.rays import STATIC, Hits, Rays
 from lidcam.bags.simulator.world.scene import Scene
@@ -70,39 +70,21 @@ def test_rays_together_meet_what_each_meets_alone() -> None:
     assert {world.palette[row].name for row in together.material if row >= 0} == {"white", "grey", "black"}
 
 
-def test_hits_say_what_they_meet() -> None:
-    world = scene([wall(10.0, WHITE)], [box_mover("car", EvenPath((5, 0, 0), (0, 10, 0)), (1, 1, 1), BLACK)])
-    ahead, left, back = (0, 0, 0.5, 1, 0, 0), (0, 0, 0.5, 0, 1, 0), (12, 0, 0.5, -1, 0, 0)
-    hits = world.cast(rays_of(ahead, ahead, left, back, times_ns=(0, 200_000_000, 0, 200_000_000)))
-    assert hits.distance_m.tolist() == pytest.approx([4.5, 10, np.inf, 2])
-    assert hits.mover.tolist() == [0, STATIC, STATIC, STATIC]
-    np.testing.assert_allclose(hits.normal, [[-1, 0, 0], [-1, 0, 0], [0, 0, 0], [1, 0, 0]], atol=1e-6)
-    assert [world.palette[row].name if row >= 0 else "" for row in hits.material] == ["black", "white", "", "white"]
-    np.testing.assert_allclose(hits.local[:2], [[-0.5, 0, 0.5], [10, 0, 0.5]], atol=1e-6)
-
-
-def test_of_two_surfaces_at_one_distance_the_one_that_stands_still() -> None:
-    path = fixed_at((0, 0, 0))
-    gate = box_mover("gate", path, (9, 9, 9), parts=[(wall(4.5, BLACK, half_m=1), path)])
-    hits = scene([wall(4.5, WHITE, half_m=1)], [gate]).cast(rays_of((0, 0.1, 0.5, 1, 0, 0)))
-    assert (hits.distance_m.tolist(), hits.mover.tolist()) == ([pytest.approx(4.5)], [STATIC])
-
-
 def test_what_images_see_of_what_stands_still_is_what_rays_meet() -> None:
     world = scene([box((4, 2, 1), (9, 0, 0.5), BLACK), wall(20.0, WHITE, half_m=6)], [])
     directions = np.random.default_rng(3).uniform([0.5, -1, -0.6], [1, 1, 0.6], (5000, 3))
     directions = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
     origin = np.array([0.5, -0.25, 1.0])
     rays = Rays(np.tile(origin, (5000, 1)), directions.astype(np.float64), np.zeros(5000, np.int64))
-    hits, seen = world.cast(rays), world.static_surfaces(origin, directions)
+    hits, seen = world.cast(rays), world.static.surfaces(origin, directions)
     assert 0.1 < np.isfinite(seen.distance).mean() < 0.9
     np.testing.assert_allclose(seen.distance, hits.distance_m, rtol=1e-6)
     np.testing.assert_array_equal(seen.material, hits.material)
     np.testing.assert_allclose(seen.normal, hits.normal, atol=1e-6)
     met = np.isfinite(seen.distance)
     np.testing.assert_allclose(seen.local[met], hits.local[met], atol=1e-5)
-    np.testing.assert_array_equal(world.static_distance(origin, directions), seen.distance)
-    empty = scene().static_surfaces(origin, directions)
+    np.testing.assert_array_equal(world.static.distance(origin, directions), seen.distance)
+    empty = scene().static.surfaces(origin, directions)
     assert np.isinf(empty.distance).all()
     assert (empty.material == -1).all()
 
@@ -114,19 +96,3 @@ def test_empty_worlds_and_no_rays(movers: list[object]) -> None:
     assert len(nothing) == 0
     missed = world.cast(rays_of((0, 0, 0.5, 0, 0, 1)))
     assert (missed.distance_m.tolist(), missed.material.tolist(), missed.mover.tolist()) == ([np.inf], [-1], [STATIC])
-
-
-def test_shadows() -> None:
-    world = scene([box((0, 0, 5), (1, 1, 1), GREY)], [box_mover("car", EvenPath((5, 0, 2), (10, 0, 0)), (1, 1, 1))])
-    ground = np.array([[0, 0, 0], [5, 0, 0], [6, 0, 0], [0, 0, 7]], np.float64)
-    up = np.array([0.0, 0.0, 1.0])
-    assert world.static_occludes(ground, up).tolist() == [True, False, False, False]
-    for time_ns, expected in ((0, [False, True, False, False]), (100_000_000, [False, False, True, False])):
-        (part,) = world.placed_parts(0, time_ns)
-        assert part.occludes(ground.astype(np.float32), up).tolist() == expected
-
-
-def test_rays_from_far_apart_places_find_what_each_has_before_it() -> None:
-    world = scene([], [box_mover("car", fixed_at((0, 0, 0)), (1, 1, 1))])
-    hits = world.cast(rays_of((-100, 0, 0.5, 1, 0, 0), (100, 0, 0.5, -1, 0, 0), (0, 100, 0.5, 1, 0, 0)))
-    assert hits.distance_m.tolist() == pytest.approx([99.5, 99.5, np.inf])

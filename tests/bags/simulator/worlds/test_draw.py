@@ -3,7 +3,6 @@ import pytest
 
 from lidcam.bags.simulator.recorder.stage import Stage
 from lidcam.bags.simulator.scenario.scenario import Scenario
-from lidcam.bags.simulator.vehicles.traffic import Traffic
 from lidcam.bags.simulator.worlds.draw import FAMILIES, Family, random_scenario
 from lidcam.bags.simulator.worlds.layouts import LAYOUTS
 
@@ -23,11 +22,6 @@ def test_a_seed_has_one_scenario_whose_world_can_be_built(family: Family) -> Non
     assert (scenario.things, scenario.vehicles, scenario.lidars) != (other.things, other.vehicles, other.lidars)
     stage = Stage(scenario)  # refuses what stands in each other
     assert len(stage.scene.movers) == len(scenario.vehicles) - bool(scenario.ego)
-
-
-@pytest.mark.parametrize(("family", "seed"), [("road", 900_003), ("road", 900_009), ("crossing", 900_007)])
-def test_nobody_stands_in_a_planted_bed(family: Family, seed: int) -> None:
-    Traffic(random_scenario(family, seed))  # raises if anybody does
 
 
 def test_sixty_seeds_have_seen_it_all() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from meshes import open_edges
 
-from lidcam.bags.simulator.world.meshes.mesh import Mesh
+from lidcam.bags.simulator.world.mesh import Mesh
 from lidcam.bags.simulator.world.places.crossing import MAST_TOP_M
 from lidcam.bags.simulator.world.places.places import World, ground_height, static_mesh
 from lidcam.bags.simulator.world.places.sandbox import NORTH_CAMERAS, SOUTH_CAMERAS

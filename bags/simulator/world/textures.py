@@ -11,9 +11,15 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from lidcam.bags.simulator.world.meshes.mesh import OWN, Look, Material, Rgb, Texture
-from lidcam.bags.simulator.world.surfaces.grounds import GROUND_LOOKS, crossing_ground, sandbox_ground, street_ground
-from lidcam.bags.simulator.world.surfaces.noise import cells, grain
+from lidcam.bags.simulator.world.grounds import (
+    GROUND_LOOKS,
+    cells,
+    crossing_ground,
+    grain,
+    sandbox_ground,
+    street_ground,
+)
+from lidcam.bags.simulator.world.mesh import OWN, Look, Material, Rgb, Texture
 from lidcam.pipeline.core.arrays import F32, F64, I64, U8
 
 Floats = F32 | F64
@@ -30,18 +36,11 @@ ROOF = Look((0.40, 0.39, 0.38), 0.25)
 def surface_rgb(palette: Sequence[Material], material: I64, local: Floats, normal: Floats) -> F32:
     """Linear-light albedo (N, 3) of surface points.
 
-    Args:
-        palette: All materials.
-        material: (N,) rows of `palette`.
-        local: (N, 3) metres, in the frame of the thing hit.
-        normal: (N, 3) unit vectors.
+    `material` (N,) are rows of the palette, points and normals (N, 3) in the frame of the thing hit.
     """
     table = _table(tuple(palette))
     rows, shade = _drawn(table, material, local, normal)
-    rgb = table.rgb.take(rows, axis=0)
-    for color in range(3):
-        rgb[:, color] *= shade
-    return np.clip(rgb, 0.0, 1.0, out=rgb)
+    return np.asarray(np.clip(table.rgb.take(rows, axis=0) * shade[:, None], 0.0, 1.0), np.float32)
 
 
 def surface_reflectivity(palette: Sequence[Material], material: I64, local: Floats, normal: Floats) -> F32:
@@ -53,19 +52,12 @@ def surface_reflectivity(palette: Sequence[Material], material: I64, local: Floa
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Table:
-    """A palette as arrays.
+    """A palette as arrays."""
 
-    Attributes:
-        textures: Names of its textures.
-        texture: (P,) rows of `textures`.
-        rgb: (P * MAX_LOOKS, 3) linear light.
-        reflectivity: (P * MAX_LOOKS,).
-    """
-
-    textures: tuple[Texture, ...]
-    texture: U8
-    rgb: F32
-    reflectivity: F32
+    textures: tuple[Texture, ...]  # names of its textures
+    texture: U8  # (P,) rows of `textures`
+    rgb: F32  # (P * MAX_LOOKS, 3) linear light
+    reflectivity: F32  # (P * MAX_LOOKS,)
 
 
 @lru_cache(maxsize=16)  # a camera calls it many times for few points

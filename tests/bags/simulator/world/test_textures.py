@@ -4,9 +4,9 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from lidcam.bags.simulator.world.meshes.mesh import Material, Texture
+from lidcam.bags.simulator.world.mesh import Material, Texture
 from lidcam.bags.simulator.world.places.places import World, static_mesh
-from lidcam.bags.simulator.world.surfaces.textures import TEXTURES, linear, surface_reflectivity, surface_rgb
+from lidcam.bags.simulator.world.textures import TEXTURES, linear, surface_reflectivity, surface_rgb
 from lidcam.pipeline.core.arrays import F32
 
 UP = np.array([[0.0, 0.0, 1.0]])
@@ -82,14 +82,3 @@ def test_every_texture_is_drawn_near_the_colour_of_its_material(texture: Texture
     else:
         assert rgb.std(0).min() > 0.002
     assert texture == "plain" or texture in TEXTURES
-
-
-def test_a_palette_of_several_materials() -> None:
-    palette = [Material("a", (1.0, 0.0, 0.0), 0.1), Material("b", (0.5, 0.5, 0.5), 0.9, texture="concrete")]
-    rows = np.array([1, 0, 1, 0])
-    local, normal = np.random.default_rng(1).uniform(-5, 5, (4, 3)), np.tile(UP, (4, 1))
-    rgb = surface_rgb(palette, rows, local, normal)
-    np.testing.assert_allclose(rgb[[1, 3]], [[1, 0, 0], [1, 0, 0]])
-    # What a point looks like does not depend on which others are asked about.
-    alone = np.concatenate([surface_rgb(palette, rows[[i]], local[[i]], normal[[i]]) for i in range(4)])
-    np.testing.assert_array_equal(rgb, alone)

@@ -1,1 +1,0 @@
-"""The look of surfaces: textures, road markings, noise."""
