@@ -25,10 +25,9 @@ class InputFile(NamedTuple):
     Attributes:
         path: As it was given, without credentials; a ROS 2 folder and a split recording are the files that they hold.
         name: Name of the file.
-        bytes: Its size; None where nothing says it: of a folder, and where a server does not.
-        sha256: Digest of its content, hexadecimal; of an evaluation folder, of the names and sizes of its files. None
-            where it was not read as a whole: of a file on a server, and where only a part was processed; and where it
-            was changed while it was read.
+        bytes: Its size; None of a folder, and where a server does not say it.
+        sha256: Digest of its content, hexadecimal. None where it was not read as a whole: of a file on a server, and
+            where only a part was processed; and where it was changed while it was read.
         server: Facts that the server gives: `size`, `etag`, `last_modified`.
         is_changed: Whether it was changed while it was read.
     """
@@ -79,8 +78,6 @@ def read_input_file(path: Location) -> InputFile:
     if isinstance(path, RemotePath):
         return InputFile.unread(path)
     try:
-        if path.is_dir():
-            return InputFile(str(path), path.name, None, _listing_sha256(path))
         with path.open("rb") as file:
             digest = file_digest(file, "sha256").hexdigest()
             return InputFile(str(path), path.name, file.tell(), digest)
@@ -93,7 +90,7 @@ class OpenedFile:
 
     Attributes:
         path: Where it was.
-        stream: Its bytes, open as long as the recording; None of a folder and of a file on a server.
+        stream: Its bytes, open as long as the recording; None of a file on a server.
         unread: Its name and its size, as it was opened.
     """
 
@@ -188,9 +185,7 @@ class InputFiles:
     def _finished(self, file: OpenedFile) -> InputFile:
         if file.is_changed:
             return file.unread._replace(is_changed=True)
-        if file.stream or not self._with_checksums:
-            return file.unread._replace(sha256=self._digests.get(file))
-        return read_input_file(file.path)  # of a folder the listing
+        return file.unread._replace(sha256=self._digests.get(file))
 
     def close(self) -> None:
         """End the thread, whether or not it is done, and close the files."""
@@ -244,10 +239,3 @@ def _compared(before: InputFile) -> InputFile:
 
 def _unreadable(path: Location, err: OSError) -> RecordingError:
     return RecordingError(f"{path}: expected a file that can be read: {err.strerror or err}")
-
-
-def _listing_sha256(folder: Path) -> str:
-    digest = sha256()
-    for file in sorted(file for file in folder.rglob("*") if file.is_file()):
-        digest.update(f"{file.relative_to(folder).as_posix()} {file.stat().st_size}\n".encode())
-    return digest.hexdigest()

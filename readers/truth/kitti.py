@@ -44,7 +44,7 @@ MAX_LABEL_BYTES = 16 << 20
 """Of one file; the largest of the tracking benchmark has about 1 MB."""
 
 MAX_NUMBER = 1e15
-"""Those beyond overflow in volumes and images; the bound of OpenLABEL files, too."""
+"""Largest number of a label: larger ones overflow in volumes and images."""
 
 MAX_ID = 2**53
 """No benchmark gives larger ids."""
