@@ -4,10 +4,16 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from lidcam.pipeline.core.detections import Boxes2D
-from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, ImageBoxes, TruthBoxes2D, TruthBoxes3D
+from lidcam.pipeline.evaluation.evaluation_frame import (
+    EvaluationFrame,
+    ImageBoxes,
+    ResultFrame,
+    TruthBoxes2D,
+    TruthBoxes3D,
+)
 from lidcam.pipeline.fusion.zones import is_reported
 from lidcam.readers.notes import Notes
-from lidcam.readers.results.result import Result, ResultFrame
+from lidcam.readers.results.result import Result
 from lidcam.readers.truth.moment import projected_truth
 from lidcam.readers.truth.open import OpenTruth
 from lidcam.readers.truth.site import SitePoses, boxes_in_site

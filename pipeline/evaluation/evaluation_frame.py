@@ -190,6 +190,29 @@ class FrameSync:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ResultFrame:
+    """One frame of a result.
+
+    Attributes:
+        index: Its number, from 0.
+        stamp_ns: Its time.
+        log_time_ns: Log time of its messages.
+        sources: 3D boxes by source, empty where nothing was found; a source without an entry has no message.
+        cameras: 2D boxes by camera, with the stamp of the image; only cameras with an image or boxes in this frame.
+        skew_ns: Largest minus smallest stamp of the messages that the frame was made of; None if not known.
+        sync: These messages; None if not known.
+    """
+
+    index: int
+    stamp_ns: int
+    log_time_ns: int
+    sources: Mapping[str, SourceBoxes]
+    cameras: Mapping[str, Boxes2D]
+    skew_ns: int | None = None
+    sync: FrameSync | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class EvaluationFrame:
     """One frame of a result, with the truth at its time and in its frame of reference.
 

@@ -6,7 +6,7 @@ the topics of boxes, `/tracks` and `/diagnostics` are read.
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import UNKNOWN_CLASS, Config
 from lidcam.pipeline.core.settings.load import load_config
 from lidcam.pipeline.core.settings.recording import LimitsConfig
-from lidcam.pipeline.evaluation.evaluation_frame import SOURCES, UNKNOWN, FrameSync, Motion, SourceBoxes
+from lidcam.pipeline.evaluation.evaluation_frame import SOURCES, UNKNOWN, FrameSync, Motion, ResultFrame, SourceBoxes
 from lidcam.readers.messages.diagnostics import decode_diagnostics
 from lidcam.readers.messages.objects.tracks import TRACKS, decode_tracks
 from lidcam.readers.messages.vision.detections2d import DETECTIONS_2D, decode_detections2d
@@ -42,29 +42,6 @@ TRACKS_TOPIC = "/tracks"
 
 DIAGNOSTICS, SYNCHRONISATION = "/diagnostics", "lidcam: synchronisation"
 """Topic of the counts of each frame, and the status that has the skew."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ResultFrame:
-    """One frame of a result.
-
-    Attributes:
-        index: Its number, from 0.
-        stamp_ns: Its time.
-        log_time_ns: Log time of its messages.
-        sources: 3D boxes by source, empty where nothing was found; a source without an entry has no message.
-        cameras: 2D boxes by camera, with the stamp of the image; only cameras that were looked at in this frame.
-        skew_ns: Largest minus smallest stamp of the messages that the frame was made of; None if not known.
-        sync: These messages; None if not known.
-    """
-
-    index: int
-    stamp_ns: int
-    log_time_ns: int
-    sources: Mapping[str, SourceBoxes]
-    cameras: Mapping[str, Boxes2D]
-    skew_ns: int | None
-    sync: FrameSync | None = None
 
 
 class Result(Closing):

@@ -1,35 +1,9 @@
 """Which frames of two results show the same moment."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Protocol
 
-from lidcam.pipeline.core.detections import Boxes2D
-from lidcam.pipeline.evaluation.evaluation_frame import SourceBoxes
-
-
-class ComparedFrame(Protocol):
-    """One frame of a result: `lidcam.readers.results.result.ResultFrame`."""
-
-    @property
-    def index(self) -> int:
-        """Its number, from 0."""
-
-    @property
-    def stamp_ns(self) -> int:
-        """Its time."""
-
-    @property
-    def log_time_ns(self) -> int:
-        """Log time of its messages."""
-
-    @property
-    def sources(self) -> Mapping[str, SourceBoxes]:
-        """3D boxes by source."""
-
-    @property
-    def cameras(self) -> Mapping[str, Boxes2D]:
-        """2D boxes by camera."""
+from lidcam.pipeline.evaluation.evaluation_frame import ResultFrame
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,13 +16,13 @@ class FramePair:
         is_next: Whether it follows the pair before it in time; not after a jump back of the recording's time.
     """
 
-    first: ComparedFrame | None
-    second: ComparedFrame | None
+    first: ResultFrame | None
+    second: ResultFrame | None
     is_next: bool = True
 
 
 def paired_frames(
-    first: Iterable[ComparedFrame], second: Iterable[ComparedFrame], *, max_apart_ns: int
+    first: Iterable[ResultFrame], second: Iterable[ResultFrame], *, max_apart_ns: int
 ) -> Iterator[FramePair]:
     """The frames of two results side by side, in order of time; each frame once.
 
@@ -78,14 +52,14 @@ def _is_nearer_later(a: "_Ahead", b: "_Ahead", apart_ns: int) -> bool:
     return abs(earlier.after.stamp_ns - later.here.stamp_ns) < apart_ns
 
 
-def _apart_ns(first: ComparedFrame | None, second: ComparedFrame | None) -> int | None:
+def _apart_ns(first: ResultFrame | None, second: ResultFrame | None) -> int | None:
     return None if first is None or second is None else abs(first.stamp_ns - second.stamp_ns)
 
 
 class _Ahead:
     """Frames one by one, with a look at the next."""
 
-    def __init__(self, frames: Iterable[ComparedFrame]) -> None:
+    def __init__(self, frames: Iterable[ResultFrame]) -> None:
         self._frames = iter(frames)
         self.here = next(self._frames, None)
         self.after = next(self._frames, None)
@@ -102,7 +76,7 @@ class _Ahead:
         """Place of this frame in time."""
         return self.part, self.here.stamp_ns if self.here is not None else 0
 
-    def take(self) -> ComparedFrame | None:
+    def take(self) -> ResultFrame | None:
         """This frame; the next one takes its place."""
         taken, self.part = self.here, self.part_after
         self.here, self.after = self.after, next(self._frames, None)

@@ -27,7 +27,6 @@ from lidcam.readers.results.attached_records import is_result
 from lidcam.readers.results.result import Result, open_result
 from lidcam.readers.rig.rig_file import rig_yaml
 from lidcam.writers.mcap.writer import McapResultWriter
-from lidcam.writers.outputs.marks import MERGED
 from lidcam.writers.outputs.transaction import OutputFile
 
 FRAMES = 3
@@ -224,14 +223,12 @@ def test_files_that_are_no_results(tmp_path: Path) -> None:
     (tmp_path / "empty.mcap").write_bytes(b"")
     recorded = tmp_path / "recorded.mcap"
     builders.write_mcap(recorded, [builders.raw("/a", "std_msgs/msg/String", {"data": "a"}, 1)])
-    both = records_only(tmp_path / "both.mcap", MERGED, {}, a="old.mcap", b="new.mcap")
     for path, reason in (
         (tmp_path / "a\nb.bag", "found another kind of file"),
         (tmp_path / "empty.mcap", "found another kind of file"),
         (tmp_path / "nothing.mcap", "found no such file"),
         (tmp_path, "found a folder"),
         (recorded, "found a recording; run `lidcam pro"),
-        (both, r"give one of them: old\.mcap and new\.mcap"),
     ):
         with pytest.raises(RecordingError, match=f"expected a result of lidcam, .*{reason}") as caught:
             open_result(path)

@@ -3,7 +3,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from compared_frames import Frame, Row, objects, run_of
+from compared_frames import Row, objects, run_of
 from detections import boxes2d
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -15,7 +15,7 @@ from lidcam.pipeline.evaluation.comparison.comparison import Comparison
 from lidcam.pipeline.evaluation.comparison.differences import Channel
 from lidcam.pipeline.evaluation.comparison.frames import paired_frames
 from lidcam.pipeline.evaluation.comparison.object_changes import KINDS, Kind
-from lidcam.pipeline.evaluation.evaluation_frame import SourceBoxes
+from lidcam.pipeline.evaluation.evaluation_frame import ResultFrame, SourceBoxes
 
 CAR, PEDESTRIAN, BICYCLE = 0, 1, 2
 CHANNELS: tuple[Channel, ...] = (("sources", "fused"), ("images", "cam"))
@@ -24,8 +24,8 @@ CARS: tuple[Row, Row] = ((10, 5, 0.8, 4.2, 1.8, 1.5, 0.3), (-10, -5, 0.8, 4.2, 1
 
 
 def compared(
-    first: list[Frame],
-    second: list[Frame],
+    first: list[ResultFrame],
+    second: list[ResultFrame],
     config: CompareConfig = DEFAULTS,
     *,
     classes: tuple[ClassPrior, ...] = ROAD_CLASSES,
@@ -38,7 +38,7 @@ def compared(
     return found
 
 
-def figures(first: list[Frame], second: list[Frame], config: CompareConfig = DEFAULTS) -> Any:
+def figures(first: list[ResultFrame], second: list[ResultFrame], config: CompareConfig = DEFAULTS) -> Any:
     return compared(first, second, config).figures()
 
 
@@ -46,7 +46,9 @@ def kinds_of(counts: dict[str, Any]) -> dict[str, int]:
     return {kind: counts[kind] for kind in KINDS if counts[kind]}
 
 
-def fused_kinds(first: list[Frame], second: list[Frame], config: CompareConfig = DEFAULTS) -> dict[str, int]:
+def fused_kinds(
+    first: list[ResultFrame], second: list[ResultFrame], config: CompareConfig = DEFAULTS
+) -> dict[str, int]:
     return kinds_of(figures(first, second, config)["sources"]["fused"]["all"])
 
 
@@ -54,7 +56,7 @@ def frames_of(tree: dict[str, Any]) -> list[int]:
     return [tree[name] for name in ("frames", "frames_different", "frames_only_in_a", "frames_only_in_b")]
 
 
-def changed_in(frames: list[Frame], rows: range, found: SourceBoxes) -> list[Frame]:
+def changed_in(frames: list[ResultFrame], rows: range, found: SourceBoxes) -> list[ResultFrame]:
     return [replace(frame, sources={"fused": found}) if frame.index in rows else frame for frame in frames]
 
 
@@ -145,7 +147,9 @@ def test_an_object_that_drives_is_one_difference_and_two_are_two() -> None:
     def driving(frame: int, lane: float) -> Row:
         return (frame * 2.0, lane, 0.8, 4.2, 1.8, 1.5, 0)
 
-    first = [Frame(k, 10**9 + k * 10**8, {"fused": objects(driving(k, 0), driving(k, 3))}) for k in range(10)]
+    first = [
+        ResultFrame(k, 10**9 + k * 10**8, 0, {"fused": objects(driving(k, 0), driving(k, 3))}, {}) for k in range(10)
+    ]
     tree = figures(first, [replace(frame, sources={"fused": objects()}) for frame in first])
     assert [(told["frames"], told["place"][1]) for told in tree["differences"]["listed"]] == [(10, 0), (10, 3)]
 

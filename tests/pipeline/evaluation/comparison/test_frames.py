@@ -1,16 +1,16 @@
 import pytest
-from compared_frames import Frame
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidcam.pipeline.evaluation.comparison.frames import paired_frames
+from lidcam.pipeline.evaluation.evaluation_frame import ResultFrame
 
 MAX_APART_NS = 10
 Pairs = list[tuple[int | None, int | None]]
 
 
-def frames(stamps_ns: list[int]) -> list[Frame]:
-    return [Frame(index, stamp_ns) for index, stamp_ns in enumerate(stamps_ns)]
+def frames(stamps_ns: list[int]) -> list[ResultFrame]:
+    return [ResultFrame(index, stamp_ns, stamp_ns, {}, {}) for index, stamp_ns in enumerate(stamps_ns)]
 
 
 def paired(first: list[int], second: list[int]) -> tuple[Pairs, list[bool]]:
