@@ -22,7 +22,7 @@ from lidcam.pipeline.evaluation.evaluation_frame import (
 )
 from lidcam.pipeline.evaluation.mistakes import Mistakes
 from lidcam.pipeline.evaluation.tracking.tracking_evaluation import TrackingEvaluation
-from lidcam.pipeline.evaluation.unlabelled.unlabelled_evaluation import UnlabelledEvaluation
+from lidcam.pipeline.evaluation.unlabelled import UnlabelledEvaluation
 
 
 def evaluators_of(config: Config, rig: Rig) -> tuple[Evaluator, ...]:
@@ -31,7 +31,7 @@ def evaluators_of(config: Config, rig: Rig) -> tuple[Evaluator, ...]:
         FrameCounts(config),
         DetectionEvaluation(config, rig.counted_zones),
         TrackingEvaluation(config),
-        UnlabelledEvaluation(config, rig.cameras),
+        UnlabelledEvaluation(config),
         Mistakes(config),
     )
 
