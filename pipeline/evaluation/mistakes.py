@@ -14,11 +14,10 @@ from lidcam.pipeline.core.arrays import F64, I32, Indices
 from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.evaluation.detection.criteria import Criteria
-from lidcam.pipeline.evaluation.detection.matching import match_other_classes, match_position
+from lidcam.pipeline.evaluation.detection.matching import match_frame, match_other_classes
 from lidcam.pipeline.evaluation.detection.tables import FALSE
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, Figures, TruthBoxes3D
-from lidcam.pipeline.evaluation.ignoring import is_evaluated, is_within
-from lidcam.pipeline.evaluation.near_objects import Candidates, FoundObjects, TrueObjects, pairs_near
+from lidcam.pipeline.evaluation.near_objects import Candidates
 
 MAX_PAUSE_NS = 2_000_000_000
 """An error that comes back at the same place after a longer pause is another mistake."""
@@ -105,10 +104,7 @@ class Mistakes:
         if frame.truth is None or source is None:
             return
         found, truth, position = source.boxes, frame.truth, self._criteria.position
-        counted = is_evaluated(truth, self._config.evaluate)
-        pairs = pairs_near(FoundObjects.of([source], 0), TrueObjects.of([truth], 0), self._criteria.scales)
-        is_ignored = ~is_within(found.centers, self._config.evaluate)
-        matches = match_position(pairs, position, found, truth, is_evaluated=counted, is_ignored=is_ignored)
+        pairs, matches, counted = match_frame(source, truth, self._criteria, self._config.evaluate)
         mistaken = match_other_classes(pairs, position, matches=matches, found=found, truth=truth, is_evaluated=counted)
         at_place = np.where(mistaken >= 0, mistaken, _most_overlapped(pairs, len(found)))
         now = [

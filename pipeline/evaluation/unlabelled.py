@@ -68,8 +68,7 @@ class _Source:
     """The objects of one 3D source."""
 
     def __init__(self) -> None:
-        none = np.zeros(0, np.int64)
-        self._boxes = Pieces(_TrackedBoxes(none, none, none, np.zeros(0), none))
+        self._boxes = Pieces(_TrackedBoxes)
         self._frames = self._objects = 0
 
     def add(self, frame: EvaluationFrame, found: SourceBoxes) -> None:

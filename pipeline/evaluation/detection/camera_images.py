@@ -49,7 +49,7 @@ class CameraImages:
     def __init__(self, config: Config) -> None:
         self._class_names = config.class_names
         self._min_pixels = config.evaluate.min_image_pixels
-        self._found = Pieces(_Found(np.zeros(0, np.int32), np.zeros(0, np.float32), np.zeros(0, np.int32)))
+        self._found = Pieces(_Found)
         self._truth_counts = np.zeros(len(config.classes), np.int64)
         self._ignored_counts = np.zeros(len(config.classes) + 1, np.int64)  # the last one: of no configured class
         self._images = 0

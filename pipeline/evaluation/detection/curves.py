@@ -10,13 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from lidcam.pipeline.core.arrays import F32, F64, I64, Bools, Table, check_array
+from lidcam.pipeline.core.arrays import F32, F64, I64, Bools, Table
 
 _RECALLS = np.linspace(0, 1, 101)
 _MIN_PRECISION = 0.1
 _FIRST = 11
 """Row of the first recall above 0.1."""
-
 
 RECALLS = 40
 """Precision is read at 1/40, ..., 1 (Simonelli et al., Disentangling monocular 3D object detection, ICCV 2019, 5)."""
@@ -37,12 +36,6 @@ class Curve(Table):
     right: I64
     false: I64
     truth: int
-
-    def __post_init__(self) -> None:
-        n = len(self.scores)
-        check_array("scores", self.scores, (n,), np.float64)
-        check_array("right", self.right, (n,), np.int64)
-        check_array("false", self.false, (n,), np.int64)
 
     @property
     def precision(self) -> F64:

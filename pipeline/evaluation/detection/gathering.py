@@ -39,14 +39,13 @@ class Gathering:
         self.stamps_ns: list[int] = []
         self.frames_without_truth = 0
         self._settings = config.evaluate
-        self._criteria = criteria = Criteria.of(config)
+        self._criteria = Criteria.of(config)
         self._edges_m = range_edges_m(config)
         self._polygons = [zone.polygon_site for zone in zones]
         self._class_count = len(config.classes)
         self._nuscenes_m = nuscenes_ranges_m(config)
-        parts, errors = len(self._edges_m) + len(zones), (len(criteria.error_columns), len(Column))
-        self._no_detections = FoundTable.empty(parts, criteria.distance_columns.stop, errors)
-        self._truth = Pieces(TruthTable.empty(parts))
+        self._parts_shape = (len(self._edges_m) + len(zones),)
+        self._truth = Pieces(TruthTable, parts=self._parts_shape, poses=(3,))
         self._truth_count = 0
         self._found: dict[str, Pieces[FoundTable]] = {}
         self._waiting: list[EvaluationFrame] = []
@@ -59,7 +58,14 @@ class Gathering:
             ValueError: a class id is none of the configured classes, or a number is not finite.
         """
         for source in frame.sources:
-            self._found.setdefault(source, Pieces(self._no_detections))
+            if source not in self._found:
+                self._found[source] = Pieces(
+                    FoundTable,
+                    parts=self._parts_shape,
+                    matches=(self._criteria.distance_columns.stop,),
+                    errors=(len(self._criteria.error_columns), len(Column)),
+                    velocities=(3,),
+                )
         if frame.truth is None:
             self.frames_without_truth += 1
             return

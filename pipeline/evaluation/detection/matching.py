@@ -6,10 +6,12 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, I32, Bools, Indices
 from lidcam.pipeline.core.detections import Boxes3D
-from lidcam.pipeline.evaluation.detection.criteria import Criterion
+from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
+from lidcam.pipeline.evaluation.detection.criteria import Criteria, Criterion
 from lidcam.pipeline.evaluation.detection.tables import FALSE, IGNORED
-from lidcam.pipeline.evaluation.evaluation_frame import TruthBoxes3D
-from lidcam.pipeline.evaluation.near_objects import Candidates
+from lidcam.pipeline.evaluation.evaluation_frame import SourceBoxes, TruthBoxes3D
+from lidcam.pipeline.evaluation.ignoring import is_evaluated, is_within
+from lidcam.pipeline.evaluation.near_objects import Candidates, FoundObjects, TrueObjects, pairs_near
 
 
 def by_falling_score(scores: F32) -> Indices:
@@ -103,25 +105,21 @@ def match_criteria(
     return matches
 
 
-def match_position(
-    pairs: Candidates,
-    position: Criterion,
-    found: Boxes3D,
-    truth: TruthBoxes3D,
-    *,
-    is_evaluated: Bools,
-    is_ignored: Bools,
-) -> I32:
-    """(N,) matches of N detections by their place alone; arguments and values are those of `match_criteria`."""
-    return match_criteria(
-        pairs,
-        [position],
-        position=position,
-        found=found,
-        truth=truth,
-        is_evaluated=is_evaluated,
-        is_ignored=is_ignored,
-    )[:, 0]
+def match_frame(
+    source: SourceBoxes, truth: TruthBoxes3D, criteria: Criteria, config: EvaluateConfig
+) -> tuple[Candidates, I32, Bools]:
+    """Matches of one frame by `Criteria.position`.
+
+    Returns:
+        Pairs that may belong together, the matches (N,) of `match_criteria`, and which true objects (T,) are evaluated.
+    """
+    found, position, counted = source.boxes, criteria.position, is_evaluated(truth, config)
+    pairs = pairs_near(FoundObjects.of([source], 0), TrueObjects.of([truth], 0), criteria.scales)
+    is_ignored = ~is_within(found.centers, config)
+    matches = match_criteria(
+        pairs, [position], position=position, found=found, truth=truth, is_evaluated=counted, is_ignored=is_ignored
+    )
+    return pairs, matches[:, 0], counted
 
 
 def match_other_classes(

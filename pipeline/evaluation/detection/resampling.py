@@ -11,12 +11,12 @@ from functools import cached_property
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F32, F64, I32, I64, Bools, Indices, check_array
+from lidcam.pipeline.core.arrays import F32, F64, I32, I64, Bools, Indices
 from lidcam.pipeline.evaluation.detection.curves import average_precision, last_of_equals
 
 _BLOCK_NS = 1_000_000_000
 _MAX_BLOCKS = 1000
-"""In long recordings blocks are longer, so that there are no more of them than that."""
+"""Largest number of blocks; those of long recordings are longer."""
 
 _MAX_POINTS = 256
 """Scores at which the curve of a sample is read, evenly spread over the detections that are right: a thousand samples
@@ -37,10 +37,6 @@ class Resampling:
     blocks: I64
     weights: F64
 
-    def __post_init__(self) -> None:
-        check_array("blocks", self.blocks, (len(self.blocks),), np.int64)
-        check_array("weights", self.weights, (len(self.weights), self.weights.shape[-1]), np.float64)
-
     @classmethod
     def of(cls, stamps_ns: I64, samples: int) -> "Resampling":
         """Draw so many samples of the frames at times (F,), at least one; the same ones whenever it is called."""
@@ -53,7 +49,7 @@ class Resampling:
 
     @property
     def block_count(self) -> int:
-        """B."""
+        """Number of blocks, B."""
         return int(self.weights.shape[1])
 
     @cached_property

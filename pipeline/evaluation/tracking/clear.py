@@ -9,13 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I64, Bools, check_array
+from lidcam.pipeline.core.arrays import F64, I64, Bools
 from lidcam.pipeline.evaluation.assignment import conflicts, dense_assignment, far_cost, is_alone
 from lidcam.pipeline.evaluation.tracking.table import TrackTable
 
-MOSTLY_TRACKED, MOSTLY_LOST = 0.8, 0.2
-"""Shares of its frames in which an object is matched: from the one on, and below the other."""
+MOSTLY_TRACKED = 0.8
+"""Smallest share of its frames in which a mostly tracked object is matched."""
 
+MOSTLY_LOST = 0.2
+"""Share of its frames below which an object is mostly lost."""
 
 NEVER = (-1, -1)
 """In place of the frame and the track of a match."""
@@ -32,10 +34,6 @@ class Matches:
 
     pairs: I64
     is_switch: Bools
-
-    def __post_init__(self) -> None:
-        check_array("pairs", self.pairs, (len(self.pairs),), np.int64)
-        check_array("is_switch", self.is_switch, (len(self.pairs),), np.bool_)
 
 
 @dataclass(frozen=True, slots=True)

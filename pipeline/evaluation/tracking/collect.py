@@ -29,9 +29,8 @@ class _Source:
     """The boxes of one source so far."""
 
     def __init__(self, class_count: int) -> None:
-        no_rows, no_values = np.zeros(0, np.intp), np.zeros(0)
-        self.found = Pieces(TrackRows.empty())
-        self.pairs = Pieces(Candidates(no_rows, no_rows, no_values, no_values, no_values))
+        self.found = Pieces(TrackRows, poses=(3,))
+        self.pairs = Pieces(Candidates)
         self.count = 0
         self.without_track = np.zeros(class_count, np.int64)
         self.has_tracks = False
@@ -46,7 +45,7 @@ class Collection:
         self._max_distances_m = MAX_DISTANCE_M * self._scales
         self._frames: list[EvaluationFrame] = []
         self._stamps_ns: list[int] = []
-        self._truth = Pieces(TrackRows.empty())
+        self._truth = Pieces(TrackRows, poses=(3,))
         self._truth_count = 0
         self._tracked_truth = self._untracked_truth = 0
         self._sources: dict[str, _Source] = {}

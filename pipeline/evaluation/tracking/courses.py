@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I32, I64, Bools, Indices, check_array, join_rows
+from lidcam.pipeline.core.arrays import F64, I32, I64, Bools, Indices, join_rows
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.evaluation.scales import is_flip
 from lidcam.pipeline.evaluation.tracking.clear import Matches
@@ -39,12 +39,6 @@ class Courses:
     heading_flips_moving: int
     heading_flips_standing: int
     without_track: int
-
-    def __post_init__(self) -> None:
-        check_array("boxes", self.boxes, (len(self.durations_s),), np.int64)
-        check_array("durations_s", self.durations_s, (len(self.durations_s),), np.float64)
-        check_array("is_false", self.is_false, (len(self.durations_s),), np.bool_)
-        check_array("delays_s", self.delays_s, (len(self.delays_s),), np.float64)
 
 
 def follow(table: TrackTable, matches: Matches) -> Courses:
