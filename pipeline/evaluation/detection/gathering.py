@@ -20,18 +20,17 @@ from lidcam.pipeline.evaluation.scales import nuscenes_ranges_m, range_edges_m, 
 from lidcam.pipeline.evaluation.true_motion import ground_poses, ground_turns
 
 _MAX_FRAMES = 128
+"""Largest number of frames that are matched together."""
+
 _MAX_PAIRS = 1 << 18
-"""Frames are matched together up to so many of them and up to so many pairs of boxes: memory stays bounded."""
+"""Largest number of pairs of boxes that are matched together, which bounds memory."""
 
 
 class Gathering:
     """Matches the 3D boxes of frames with truth, some frames at a time, and keeps what the figures need.
 
-    The parts of the site that have figures of their own are its ranges, and then its zones.
-
-    Args:
-        config: Classes and settings of the evaluation.
-        zones: Zones of the site; an object belongs to the first that holds its centre.
+    The parts of the site that have figures of their own are its ranges, and then its zones; an object belongs to the
+    first zone that holds its centre.
     """
 
     def __init__(self, config: Config, zones: Sequence[Zone]) -> None:
@@ -181,7 +180,10 @@ class Gathering:
 
     def _parts(self, centers: F64) -> Bools:
         """(N, P) parts of the site in which centres lie."""
-        ranges, zones = range_rows(centers, self._edges_m), first_polygon_with(self._polygons, centers[:, :2])
+        ranges, zones = (
+            range_rows(_ranges_m(centers), self._edges_m),
+            first_polygon_with(self._polygons, centers[:, :2]),
+        )
         in_range = ranges[:, None] == np.arange(len(self._edges_m))
         return np.hstack([in_range, zones[:, None] == np.arange(len(self._polygons))])
 

@@ -29,9 +29,8 @@ def ranks_by_score(scores: F32) -> Indices:
 def match_by_score(found: Indices, truth: Indices, ranks: Indices, truth_count: int) -> I32:
     """By falling score, each detection takes the best true object that is still free.
 
-    That is the one stable matching between detections that prefer their best objects and objects that all prefer the
-    highest score, so it is found for all detections at once: each asks for its best object, the object keeps the
-    highest score and the others ask for their next best (Gale and Shapley, College admissions, 1962).
+    The result is the one stable matching in which all objects prefer the highest score, so all detections are matched
+    at once by proposals (Gale and Shapley, College admissions, 1962).
 
     Args:
         found: (P,) row of the detection of each possible pair, ascending.
@@ -70,9 +69,8 @@ def match_criteria(
 ) -> I32:
     """Matches of detections with true objects of their class, under each of several criteria.
 
-    A detection that shows no evaluated object, but one of any class that is not evaluated, is neither right nor wrong.
-    Whether it shows such an object is decided by the criterion or by `position`: nobody asks how well something is
-    placed on an object that does not count. It may be one of several that do.
+    A detection that shows no evaluated object, but, by the criterion or by `position`, one of any class that is not
+    evaluated, is neither right nor wrong; several may show the same such object.
 
     Args:
         pairs: Pairs that may belong together.
@@ -125,13 +123,9 @@ def match_frame(
 def match_other_classes(
     pairs: Candidates, position: Criterion, *, matches: I32, found: Boxes3D, truth: TruthBoxes3D, is_evaluated: Bools
 ) -> I32:
-    """Matches of false detections with missed objects: the place is right and the class is not.
+    """(N,) int32 rows of missed objects of another class that false detections show, or `FALSE`.
 
-    The arguments are those of `match_criteria`; `matches` (N,) are those by `position`, which here has the limit of the
-    true object's class.
-
-    Returns:
-        (N,) int32, row of the true object, or `FALSE`.
+    Arguments as of `match_criteria`; `matches` (N,) are those by `position`, with the limit of the true object's class.
     """
     missed = is_evaluated.copy()
     missed[matches[matches >= 0]] = False

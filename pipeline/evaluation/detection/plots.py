@@ -1,4 +1,4 @@
-"""What plots of a detection need: counts by score, for precision over recall, and errors by place."""
+"""Data of the plots of a report: counts by score, for precision over recall, and errors by place."""
 
 from dataclasses import dataclass
 
@@ -22,7 +22,7 @@ MAX_PLACES = 200_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Places:
-    """True objects and what the fusion makes of them.
+    """Places and errors of true objects.
 
     Attributes:
         xy: (N, 2) float64, where they stand in the site frame, metres.
@@ -34,12 +34,9 @@ class Places:
 
 
 class DetectionPlots:
-    """Gathers them over the frames of a result; memory is bounded.
+    """Gathers counts and errors over the frames of a result; memory is bounded.
 
-    A detection is right as for precision and recall: `detection.criteria.Criteria.position`.
-
-    Args:
-        config: Classes and settings of the evaluation.
+    A detection is right as for precision and recall: `Criteria.position`.
     """
 
     def __init__(self, config: Config) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Figure, Figures
-from lidcam.pipeline.evaluation.scales import nuscenes_ranges_m, range_edges_m, range_names, rows_of_ranges
+from lidcam.pipeline.evaluation.scales import nuscenes_ranges_m, range_edges_m, range_names, range_rows
 from lidcam.pipeline.evaluation.tracking.amota import amota_figures
 from lidcam.pipeline.evaluation.tracking.clear import ClearCounts, clear_figures, count_clear, match_clear
 from lidcam.pipeline.evaluation.tracking.collect import Collection
@@ -71,8 +71,8 @@ class TrackingEvaluation:
         matched = table.pairs.select(counts.matches.pairs)
         ranges_m = table.found.ranges_m.copy()
         ranges_m[matched.found] = table.truth.ranges_m[matched.truth]
-        true_rows = rows_of_ranges(table.truth.ranges_m, self._edges_m)
-        found_rows = rows_of_ranges(ranges_m, self._edges_m)
+        true_rows = range_rows(table.truth.ranges_m, self._edges_m)
+        found_rows = range_rows(ranges_m, self._edges_m)
         return [_Sums(table.part(true_rows == k, found_rows == k)) for k in range(len(self._edges_m))]
 
     def _ranges(self, parts: Sequence[Sequence["_Sums"]]) -> Figures:
