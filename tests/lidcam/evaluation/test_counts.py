@@ -4,17 +4,6 @@ from evaluation_frames import frame_of, rows_at, truth_boxes
 
 from lidcam.evaluation.counts import FrameCounts
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.evaluation.evaluation_frame import Evaluator
-
-
-def test_without_frames() -> None:
-    counts: Evaluator = FrameCounts(Config())
-    nothing = {"evaluated": 0, "without_class": 0, "marked_as_ignored": 0, "outside": 0, "unseen": 0}
-    assert counts.figures() == {
-        "frames": 0,
-        "frames_with_truth": 0,
-        "truth_objects": {**nothing, "labels_without_class": {}},
-    }
 
 
 def test_every_object_is_counted_once_with_the_first_reason() -> None:

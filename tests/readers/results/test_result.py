@@ -23,7 +23,6 @@ from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.load import dump_config, load_config
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
-from lidcam.readers.results.attached_records import is_result
 from lidcam.readers.results.result import Result, open_result
 from lidcam.readers.rig.rig_file import rig_yaml
 from lidcam.writers.mcap.writer import McapResultWriter
@@ -121,14 +120,6 @@ def test_frames_without_objects_and_with_one_log_time(tmp_path: Path) -> None:
     assert [one.stamp_ns for one in found] == [START_NS + index * PERIOD_NS for index in range(3)]
     assert [len(one.sources["fused"]) for one in found] == [0, 0, 0]
     assert [len(one.cameras["left"]) for one in found] == [2, 2, 2]
-
-
-def test_camera_that_was_not_looked_at_has_no_entry(tmp_path: Path) -> None:
-    first, second = frame(0), frame(1)
-    cameras = {"right": second.detections.cameras["right"]}
-    second = replace(second, detections=replace(second.detections, cameras=cameras))
-    with open_result(written(tmp_path / "a.mcap", [first, second])) as result:
-        assert [[*one.cameras] for one in result.frames()] == [["left", "right"], ["right"]]
 
 
 def test_settings_on_top(path: Path) -> None:
@@ -255,13 +246,6 @@ def test_result_whose_index_is_damaged(path: Path, tmp_path: Path) -> None:
     (tmp_path / "bad.mcap").write_bytes(content)
     with open_result(tmp_path / "bad.mcap") as result:
         assert len([*result.frames()]) == FRAMES
-
-
-def test_what_is_a_result(path: Path, tmp_path: Path) -> None:
-    (tmp_path / "a.txt").write_text("no")
-    assert is_result(path)
-    assert not is_result(records_only(tmp_path / "b.mcap", "other", {}))
-    assert not any(map(is_result, (tmp_path, tmp_path / "a.txt", tmp_path / "nothing")))
 
 
 def test_message_that_cannot_be_decoded(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

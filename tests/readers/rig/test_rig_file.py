@@ -221,29 +221,6 @@ def test_poses_that_refer_to_each_other_are_faults() -> None:
     assert "its pose refers to cam11" in reasons(found)["other"]
 
 
-def test_rounded_rotations_become_true_ones() -> None:
-    turn = np.round(Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix(), 4)
-    matrix = np.vstack([np.c_[turn, [1, 2, 3]], [0, 0, 0, 1]])
-    rig = apply({"site_frame": "s", "lidars": {"a": {"T_site_lidar": matrix.tolist()}}, "cameras": {}}).rig
-    rotation = rig.lidars[0].T_site_lidar.matrix[:3, :3]
-    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)
-    np.testing.assert_allclose(rotation, turn, atol=1e-4)
-
-
-def test_what_is_left_out_is_found_in_the_recording() -> None:
-    edges = [transform_stamped("s", name, stamp_ns=5, translation=(1, 0, 0)) for name in ("a", "b", "cam")]
-    info = camera_info(K, stamp_ns=5, width_px=64, height_px=48, frame_id="cam")
-    recording = recorded(
-        raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message(edges), 5),
-        raw("/cam11/camera_info", "sensor_msgs/msg/CameraInfo", info, 5),
-    )
-    found = apply({"cameras": {"cam11": {"K": [[400, 0, 32], [0, 400, 24], [0, 0, 1]]}}}, recording)
-    assert found.faults == ()
-    assert [lidar.name for lidar in found.rig.lidars] == ["a", "b"]
-    assert found.rig.cameras[0].model.K[0, 0] == 400
-    assert found.rig.cameras[0].T_camera_site.src == "s"
-
-
 def test_sensors_without_topics_go_by_name_then_by_order() -> None:
     lidars = {"b": {"T_site_lidar": EYE}, "roof": {"T_site_lidar": EYE}, "third": {}}
     found = apply({"site_frame": "s", "lidars": lidars, "cameras": {}})
@@ -307,8 +284,3 @@ def test_files_that_are_no_rig(tmp_path: Path, content: bytes | None, reason: st
         path.write_bytes(content)
     with pytest.raises((CalibrationError, ConfigError), match=reason):
         load_rig(path)
-
-
-def test_an_empty_rig_file_leaves_all_to_the_recording(tmp_path: Path) -> None:
-    (tmp_path / "rig.yaml").write_text("# nothing yet\n")
-    assert load_rig(tmp_path / "rig.yaml") == RigFile()

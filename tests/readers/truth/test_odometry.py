@@ -71,14 +71,6 @@ def test_a_long_pause_covers_nothing() -> None:
     assert source.at(START_NS + (1 + pause) * STEP_NS, frame=0) is not None
 
 
-def test_images_may_be_asked_for_a_little_earlier() -> None:
-    source = truth([pose(CAR.topic, k) for k in range(200)])
-    assert source.at(START_NS + 100 * STEP_NS, frame=0) is not None
-    assert source.at(START_NS + 61 * STEP_NS, frame=0) is not None
-    assert source.at(START_NS + 10 * STEP_NS, frame=0) is None
-    assert source.in_image("left", START_NS, frame=0) is None
-
-
 def test_a_vehicle_that_fell_silent_does_not_make_the_others_pile_up() -> None:
     lead = LEAD_NS // STEP_NS
     messages = [pose(CAR.topic, k) for k in range(3 * lead)] + [pose(VAN.topic, k) for k in range(10)]

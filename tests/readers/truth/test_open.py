@@ -123,14 +123,3 @@ def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
         opened(tmp_path / "pipe")
     with pytest.raises(RecordingError, match=r"pipe: expected a result of lidcam.*found a FIFO or a device"):
         read_records(tmp_path / "pipe")
-
-
-def test_a_file_that_cannot_be_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "a.txt").write_text(LABEL)
-
-    def refused(*_: object) -> None:
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(Path, "open", refused)
-    with pytest.raises(RecordingError, match=r"a\.txt: cannot be read: Permission denied"):
-        opened(tmp_path / "a.txt")

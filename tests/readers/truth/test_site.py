@@ -128,11 +128,6 @@ def test_motion_by_odometry() -> None:
     np.testing.assert_allclose(found.matrix, expected.inverse().matrix, atol=1e-9)
 
 
-def test_the_first_recording_that_joins_the_frames_is_used() -> None:
-    other = [tf(n * STEP_NS, ("odom", "base_link", (0, 0, 5), 0)) for n in range(20)]
-    assert_pose(poses([], drive(), other), STEP_NS)
-
-
 CIRCLE = [tf(n, ("a", "base_link", (n, 0, 0), 0), ("base_link", "a", (n, 0, 0), 0)) for n in range(3)]
 
 

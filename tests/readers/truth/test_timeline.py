@@ -127,31 +127,6 @@ def test_objects_without_ids_of_their_own_are_where_the_nearest_message_has_them
     assert x_of(slow.at(50_000_000)) == [0.0, 0.0]
 
 
-@pytest.mark.parametrize(
-    ("moments", "stamp_ns", "expected"),
-    [
-        ([moment(0)], PERIOD_NS // 20, [0.0]),
-        ([moment(0, ()), moment(PERIOD_NS, ())], PERIOD_NS // 2, []),
-        ([moment(0), moment(PERIOD_NS, frame_id="map")], PERIOD_NS // 2, None),  # frames are not joined
-        ([moment(0), moment(PERIOD_NS, frame_id="map")], PERIOD_NS // 20, [0.0]),
-        ([moment(0), moment(2 * PERIOD_NS), moment(PERIOD_NS, x=[1.5])], PERIOD_NS, [1.5]),  # out of order
-        ([moment(0), moment(2 * PERIOD_NS), moment(2 * PERIOD_NS, x=[2.5])], 2 * PERIOD_NS, [2.5]),  # twice
-    ],
-)
-def test_few_and_odd_messages(moments: list[Moment], stamp_ns: int, expected: list[float] | None) -> None:
-    found = timeline(*moments).at(stamp_ns)
-    assert (None if found is None else x_of(found)) == expected
-
-
-def test_no_messages() -> None:
-    line = Timeline()
-    assert line.at(0) is None
-    assert not line.reaches(0)
-    line.add(moment(0))
-    assert x_of(line.at(0)) == [0.0]
-    assert line.at(1) is None
-
-
 def test_what_is_no_longer_needed_is_forgotten() -> None:
     line = timeline(*(moment(number * PERIOD_NS) for number in range(10)))
     line.forget(5 * PERIOD_NS + 1)

@@ -173,11 +173,6 @@ def test_a_difference_ends_where_a_frame_is_missing() -> None:
     assert tree["sources"]["fused"]["all"]["a"] == 10, "objects of frames that one result alone has do not count"
 
 
-def test_the_nearest_partners_for_all_together_and_nobody_moves_to_make_room() -> None:
-    row = [(x, 0.0, 0.8, 4.2, 1.8, 1.5, 0.0) for x in (0.0, 3.0, 6.0)]
-    assert fused_kinds(run_of(1, objects(*row[:2])), run_of(1, objects(*row[1:]))) == {"lost": 1, "new": 1}
-
-
 def test_gates_are_those_of_the_longer_class() -> None:
     at: Row = (0, 0, 0.8, 0.6, 0.6, 1.7, 0)
     near: Row = (0.7, 0, 0.8, 0.6, 0.6, 1.7, 0)
@@ -247,13 +242,6 @@ def test_share_of_what_is_not_allowed(allowed: tuple[Kind, ...], share: float) -
     assert found.figures()["sources"]["fused"]["car"]["different_percent"] == 50.0
 
 
-def test_frames_of_one_result_alone_are_a_share_of_their_own() -> None:
-    run = run_of(4, objects(*CARS))
-    found = compared(run, run[:3])
-    assert found.not_allowed_percent(frames_may_differ=False)["frames"] == 25.0
-    assert found.not_allowed_percent(frames_may_differ=True) == {"frames": 0.0, "fused": 0.0, "cam": 0.0}
-
-
 def test_only_the_earliest_differences_are_kept_and_all_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "MAX_LISTED", 3)
     run = run_of(40, objects(*CARS))
@@ -261,13 +249,3 @@ def test_only_the_earliest_differences_are_kept_and_all_are_counted(monkeypatch:
     found = figures(run, second)["differences"]
     assert found["count"] == 20
     assert [told["first_frame"] for told in found["listed"]] == [0, 2, 4]
-
-
-def test_the_largest_of_each_kind_is_the_first_of_equal_ones() -> None:
-    run = run_of(6, objects(*CARS))
-    moved = objects(CARS[0], (CARS[1][0] + 1, *CARS[1][1:]))
-    second = changed_in(changed_in(run, range(1, 2), moved), range(4, 5), moved)
-    tree = figures(run, second)
-    what = {"source": "fused", "class": "car", "place": [CARS[1][0] + 1, *CARS[1][1:3]], "amount": 1.0}
-    when = {"frame": 1, "s": 0.1, "stamp_ns": 1_100_000_000}
-    assert tree["differences"]["largest"]["moved"] == {**what, **when}
