@@ -18,7 +18,7 @@ E = TypeVar("E", LidarEntry, CameraEntry)
 
 
 class AssignedLidar(NamedTuple):
-    """A lidar's name, topic and entry in the rig file."""
+    """A lidar, its topic and its entry in the rig file."""
 
     name: str
     topic: str
@@ -26,7 +26,7 @@ class AssignedLidar(NamedTuple):
 
 
 class AssignedCamera(NamedTuple):
-    """A camera's name, topics and entry in the rig file."""
+    """A camera, its topics and its entry in the rig file."""
 
     name: str
     topics: CameraTopics

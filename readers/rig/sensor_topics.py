@@ -59,6 +59,10 @@ class Findings:
     faults: list[SensorFault] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
+    def copy(self) -> "Findings":
+        """The same findings, to which others can be added."""
+        return Findings([*self.faults], [*self.notes])
+
     def leave_out(self, sensor: str, topic: str, reason: object) -> None:
         """Add a fault."""
         self.faults.append(SensorFault(sensor, topic, str(reason)))

@@ -25,13 +25,13 @@ from lidcam.readers.truth.timeline import Timeline
 from lidcam.readers.truth.topics import TruthTopics
 
 READ_ALONG_NS = 1_000_000_000
-"""How long after the objects of a time the boxes of its images are recorded at the latest: cameras deliver late."""
+"""Longest delay of the boxes of images behind the objects of their time."""
 
 MAX_OFF_NS = 20_000_000
-"""How far the stamp of an image's truth may be from the image's: clocks of cameras are corrected by as much."""
+"""Largest difference of the stamps of an image and of its truth: clocks of cameras are corrected by as much."""
 
 MAX_IMAGES = 1000
-"""Images of one camera whose boxes wait at most."""
+"""Largest number of images of one camera whose boxes are kept."""
 
 
 class RecordedTruth(TruthSource):
@@ -39,9 +39,9 @@ class RecordedTruth(TruthSource):
 
     Args:
         recording: Open recording, which is read as far as it is needed and not closed.
-        topics: Its topics of truth.
-        cameras: The cameras of the result, whose optical frames or names say whose images were labelled.
-        config: Settings: classes, and at which time of a frame objects are compared.
+        topics: Topics of truth.
+        cameras: Cameras of the result; their optical frames or names say whose images were labelled.
+        config: Classes, and the time of a frame at which objects are compared.
     """
 
     def __init__(

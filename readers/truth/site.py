@@ -20,18 +20,15 @@ from lidcam.readers.recording import Recording
 from lidcam.readers.streams.motion import MotionBuffer, MotionSource, find_motion_source, links_up
 from lidcam.readers.truth.moment import STEP_BACK_NS
 
-MAX_EXTRAPOLATION_S, MAX_GAP_S = 0.2, 1.0
-"""As for clouds: beyond the poses, or between two that are farther apart, the motion is not known."""
+MAX_EXTRAPOLATION_S = 0.2
+"""Longest extrapolation beyond the poses, as for clouds."""
+
+MAX_GAP_S = 1.0
+"""Largest gap between two poses that are interpolated, as for clouds."""
 
 
 class SitePoses:
-    """Where the site frame is in the frames of the truth.
-
-    Args:
-        recordings: Recordings with transforms and odometry; the first one that joins two frames is used.
-        rig: The rig of the result.
-        config: Its settings.
-    """
+    """Poses of the site frame in the frames of the truth; the first recording that joins two frames is used."""
 
     def __init__(self, recordings: Sequence[Recording], rig: Rig, config: Config) -> None:
         self._recordings, self._rig, self._config = recordings, rig, config
@@ -129,14 +126,7 @@ def _find_source(recording: Recording, rig: Rig, transforms: RecordedTransforms,
 
 
 class _Motion:
-    """The motion of the site frame in one frame, read as it is needed.
-
-    Args:
-        recording: Open recording.
-        source: Where the motion is recorded, in some fixed frame.
-        T_frame_fixed: From that fixed frame to the one that is wanted.
-        limits: How many frames transforms may name.
-    """
+    """The motion of the site frame in one frame, read as it is needed; T_frame_fixed leads to it from the source's."""
 
     def __init__(
         self, recording: Recording, source: MotionSource, T_frame_fixed: Transform, limits: LimitsConfig

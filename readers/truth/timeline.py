@@ -17,15 +17,18 @@ from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
 from lidcam.readers.truth.moment import STEP_BACK_NS, Moment
 
 MAX_GAP_PERIODS = 2.5
-"""Messages further apart say nothing of the time between them: at most one may be missing."""
+"""Largest gap between two messages that are interpolated: one may be missing."""
 
 MAX_EXTRAPOLATION_PERIODS = 0.1
-"""How far beyond its first and last message, or into a gap, truth holds: clocks of recorders differ by as much."""
+"""Longest extrapolation beyond the first and last message, or into a gap: clocks of recorders differ by as much."""
 
-MAX_NEAREST_PERIODS, MAX_NEAREST_NS = 0.5, 50_000_000
-"""How far off a message of objects without ids may be: no more than half a period, and one metre at 20 m/s."""
+MAX_NEAREST_PERIODS = 0.5
+"""Largest distance in time of a message of objects without ids, in periods."""
 
-PROBED = 10
+MAX_NEAREST_NS = 50_000_000
+"""Largest distance in time of a message of objects without ids: one metre at 20 m/s."""
+
+PROBED_GAPS = 10
 """Number of gaps between the first messages that give the period."""
 
 
@@ -61,7 +64,7 @@ class Timeline:
         if self._kept and moment.stamp_ns < self._kept[-1].stamp_ns - STEP_BACK_NS:
             return False
         if not self._kept or moment.stamp_ns > self._kept[-1].stamp_ns:
-            if self._kept and len(self._gaps_ns) < PROBED:
+            if self._kept and len(self._gaps_ns) < PROBED_GAPS:
                 self._gaps_ns.append(moment.stamp_ns - self._kept[-1].stamp_ns)
             self._kept.append(moment)
             return True
@@ -81,7 +84,7 @@ class Timeline:
     def reaches(self, stamp_ns: int) -> bool:
         """Whether further messages will not change what is known of a time."""
         stamps = [moment.stamp_ns for moment in islice(reversed(self._kept), 2)]
-        if len(self._gaps_ns) < PROBED or not stamps or stamps[0] < stamp_ns:
+        if len(self._gaps_ns) < PROBED_GAPS or not stamps or stamps[0] < stamp_ns:
             return False
         if stamps[0] == stamp_ns or len(stamps) == 1:
             return stamps[0] == stamp_ns

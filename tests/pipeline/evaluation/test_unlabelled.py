@@ -34,7 +34,7 @@ def chains(*found: SourceBoxes) -> Any:
 
 def test_nothing_at_all() -> None:
     assert figures([]) == {"unlabelled": {}, "sync": {"skew_mean_ms": None, "skew_max_ms": None}}
-    none = {"chains": 0, "flickers": 0, "class_changes": 0, "heading_flips": 0}
+    none: Any = {"chains": 0, "flickers": 0, "class_changes": 0, "heading_flips": 0}
     none |= {"seconds_mean": None, "missing_share": None}
     assert chains(source_boxes([]), source_boxes([])) == none
     assert chains(source_boxes([car(0)])) == none, "objects without tracks have no chains"

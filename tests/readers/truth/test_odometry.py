@@ -15,7 +15,7 @@ from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import TruthVehicle
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.readers.messages.tf import RecordedTransforms
-from lidcam.readers.truth.odometry import LEAD_NS, MAX_GAP_NS, OdometryTruth
+from lidcam.readers.truth.odometry import MAX_GAP_NS, MAX_LEAD_NS, OdometryTruth
 
 MS = 1_000_000
 START_NS = 1_700_000_000 * 10**9
@@ -72,7 +72,7 @@ def test_a_long_pause_covers_nothing() -> None:
 
 
 def test_a_vehicle_that_fell_silent_does_not_make_the_others_pile_up() -> None:
-    lead = LEAD_NS // STEP_NS
+    lead = MAX_LEAD_NS // STEP_NS
     messages = [pose(CAR.topic, k) for k in range(3 * lead)] + [pose(VAN.topic, k) for k in range(10)]
     source = truth(messages, {"car1": CAR, "van": VAN})
     for k in range(0, 2 * lead, 7):
