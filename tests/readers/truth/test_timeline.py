@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
 from lidcam.readers.truth.moment import STEP_BACK_NS, Moment
-from lidcam.readers.truth.timeline import MAX_EXTRAPOLATION_PERIODS, PROBED, Timeline
+from lidcam.readers.truth.timeline import MAX_EXTRAPOLATION_PERIODS, PROBED_GAPS, Timeline
 
 PERIOD_NS = 100_000_000
 SPEED_M_S = 10.0
@@ -45,8 +45,8 @@ def moment(
 def timeline(*moments: Moment) -> Timeline:
     """A timeline that knows its period, from messages long before."""
     line = Timeline()
-    for number in range(PROBED + 1):
-        line.add(moment((number - PROBED - 1000) * PERIOD_NS))
+    for number in range(PROBED_GAPS + 1):
+        line.add(moment((number - PROBED_GAPS - 1000) * PERIOD_NS))
     line.begin_anew()
     for one in moments:
         assert line.add(one)
@@ -121,7 +121,7 @@ def test_objects_without_ids_of_their_own_are_where_the_nearest_message_has_them
     assert x_of(line.at(60_000_000)) == [1.0, 1.0]
     assert (line.nearest, line.farthest_ns) == (2, 40_000_000)
     slow = Timeline()
-    for number in range(PROBED + 2):
+    for number in range(PROBED_GAPS + 2):
         slow.add(moment(number * 10 * PERIOD_NS, ids))
     assert slow.at(60_000_000) is None  # within half a period, and farther than the objects may have moved
     assert x_of(slow.at(50_000_000)) == [0.0, 0.0]
