@@ -26,7 +26,7 @@ from lidcam.settings.effect import settings_sha256
 
 Advance = Callable[[float, str], None]
 Progress = Callable[[float], AbstractContextManager[Advance]]
-"""Shows how many of so many recorded seconds are done, and some facts, as `lidcam.printing.progress.show_progress`."""
+"""Shows progress in recorded seconds, and some facts, as `lidcam.printing.progress.show_progress`."""
 
 
 def not_shown(_: float) -> AbstractContextManager[Advance]:

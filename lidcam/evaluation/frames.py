@@ -35,7 +35,7 @@ class EvaluationFrames:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes for the user about what was read so far, one line each."""
+        """Notes for the user about what was read, one line each."""
         no_truth = f"no truth: {self._reason}"
         adrift = (ADRIFT,) if self._result.is_adrift and self._truth is not None else ()
         of_truth = (no_truth,) if self._truth is None else (f"truth: {self._truth.description}", *self._truth.notes)

@@ -251,4 +251,4 @@ class Evaluator(Protocol):
         """Take in one frame."""
 
     def figures(self) -> Figures:
-        """The figures of all frames so far."""
+        """The figures of all frames."""

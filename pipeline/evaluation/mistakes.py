@@ -20,10 +20,10 @@ from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame
 from lidcam.pipeline.evaluation.near_objects import Candidates
 
 MAX_PAUSE_NS = 2_000_000_000
-"""An error that comes back at the same place after a longer pause is another mistake."""
+"""Longest pause within one mistake."""
 
 MAX_LISTED = 10
-"""Mistakes of each kind among the figures."""
+"""Largest number of mistakes of each kind among the figures."""
 
 Kind = Literal["false", "missed"]
 Cause = Literal["nothing", "class", "second", "place"]
@@ -39,7 +39,7 @@ class Mistake:
         kind: `false`: there is no object of this class; `missed`: an object that was not found.
         class_id: Class of the detection, or of the missed object.
         track_id: Id of the true object; of a false one, of the object at the place; `UNKNOWN` if there is none.
-        weight: By which mistakes are ranked: the sum of the scores over the frames, or the number of frames.
+        weight: Rank among mistakes: the sum of the scores over the frames, or the number of frames.
         frames: Number of frames with the error.
         first_ns: Stamp of the first of them.
         last_ns: Stamp of the last of them.
@@ -66,7 +66,7 @@ class Mistake:
     box: Figures
 
     def figures(self, start_ns: int) -> Figures:
-        """As JSON has it, with times in seconds since `start_ns`, too."""
+        """The mistake as JSON has it, with times also in seconds since `start_ns`."""
         return {
             **self.named,
             "frames": self.frames,

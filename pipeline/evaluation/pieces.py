@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 MAX_LOOSE = 256
-"""Pieces that stand by themselves at most: an array of a few rows takes more memory than the rows."""
+"""Largest number of separate pieces: an array of a few rows takes more memory than the rows."""
 
 Table = TypeVar("Table", bound="DataclassInstance")
 
@@ -38,7 +38,7 @@ class Pieces(Generic[Table]):
             self._loose.clear()
 
     def table(self) -> Table:
-        """All rows so far."""
+        """All rows."""
         if len(self._blocks) + len(self._loose) > 1:
             self._blocks = [join_rows(*self._blocks, *self._loose)]
             self._loose.clear()

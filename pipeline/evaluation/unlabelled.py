@@ -90,7 +90,7 @@ class _Source:
 
 
 def _chain_figures(pieces: Pieces[_TrackedBoxes]) -> dict[str, Figure]:
-    """How long tracks are, and what changes in them; a chain of boxes also ends where time does not rise."""
+    """Lengths of tracks and changes within them; a chain of boxes also ends where time does not rise."""
     boxes = pieces.table()
     boxes = select_rows(boxes, np.lexsort((boxes.frames, boxes.tracks)))
     same = (np.diff(boxes.tracks) == 0) & (np.diff(boxes.stamps_ns) > 0)

@@ -20,7 +20,7 @@ from lidcam.readers.rig.schema import CameraEntry, LidarEntry, parse_rig
 from lidcam.readers.rig.search import zones_of
 
 MAX_ROUNDS = 20
-"""Times that settings are judged anew after those that do not fit were left out."""
+"""Largest number of times that settings are judged anew, without those that do not fit."""
 
 
 def attached_config(text: str, path: Path, version: str) -> tuple[Config, tuple[str, ...]]:

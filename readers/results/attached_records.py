@@ -16,7 +16,7 @@ RESULT = "lidcam"
 """Name of the metadata record of a result."""
 
 INPUTS = "lidcam.inputs"
-"""Name of the one behind its messages, with the checksums of the inputs; missing where the file was not closed."""
+"""Name of the metadata record of the checksums of its inputs; missing where the file was not closed."""
 
 CONFIG = "lidcam.yaml"
 """Name of the attached settings."""

@@ -38,10 +38,13 @@ RESULT_TOPICS = frozenset(SOURCE_TOPICS.values())
 """Topics of 3D boxes that are results, not truth."""
 
 TRACKS_TOPIC = "/tracks"
-"""Topic of what the tracks of the fused objects say of their motion."""
+"""Topic of the tracks of the fused objects, with their motion."""
 
-DIAGNOSTICS, SYNCHRONISATION = "/diagnostics", "lidcam: synchronisation"
-"""Topic of the counts of each frame, and the status that has the skew."""
+DIAGNOSTICS = "/diagnostics"
+"""Topic of the counts of each frame."""
+
+SYNCHRONISATION = "lidcam: synchronisation"
+"""Diagnostic status that has the skew."""
 
 
 class Result(Closing):
@@ -87,7 +90,7 @@ class Result(Closing):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes for the user about what was read so far, one line each."""
+        """Notes for the user about what was read, one line each."""
         losses = [f"{loss.path}: byte {loss.position}: {loss.reason}" for loss in self.recording.losses]
         return (*self._notes, *losses, *(f"{self.path.name}: {line}" for line in self._unused.lines()))
 
@@ -221,7 +224,7 @@ def _boxes_topic(camera: str) -> str:
 
 
 def _sync(log_time_ns: int, values: Mapping[str, str]) -> FrameSync:
-    """What the diagnostics of a frame say of its messages, to the microsecond."""
+    """The messages of a frame by its diagnostics, to the microsecond."""
     named = {key.partition(" ")[::2]: value for key, value in values.items()}
     offsets = {topic: _nanoseconds(value) for (kind, topic), value in named.items() if kind == "offset_ms"}
     return FrameSync(

@@ -33,7 +33,7 @@ PARTS = {
 
 @dataclass(frozen=True, slots=True)
 class SensorSource:
-    """Where a sensor's calibration was found; `intrinsics` is empty for a lidar."""
+    """Sources of a sensor's calibration; `intrinsics` is empty for a lidar."""
 
     sensor: str
     topic: str
@@ -45,7 +45,7 @@ class SensorSource:
 
 @dataclass(frozen=True, slots=True)
 class Frames:
-    """Where frames lie in the site; see `FoundSensors`. `sensors` are T_site_sensor of those calibrated so far."""
+    """Poses of frames in the site; see `FoundSensors`. `sensors` holds T_site_sensor of each calibrated sensor."""
 
     site: str
     transforms: RecordedTransforms

@@ -1,4 +1,4 @@
-"""Which topics of a recording are the boxes of a 3D detector, and in which frames their boxes may be."""
+"""Topics of the boxes of 3D detectors, and the frames in which their boxes may be."""
 
 import re
 from collections.abc import Collection, Mapping, Sequence

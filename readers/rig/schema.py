@@ -226,7 +226,7 @@ class RigFile(_Model):
     truth: dict[Name, TruthEntry] = Field(default_factory=dict)
 
     def __repr__(self) -> str:
-        """What it has, by name."""
+        """The site frame and the names of the sensors."""
         lidars, cameras = ([*sensors] if sensors else [] for sensors in (self.lidars, self.cameras))
         return f"RigFile(site_frame={self.site_frame!r}, lidars={lidars}, cameras={cameras})"
 

@@ -14,7 +14,7 @@ from lidcam.readers.messages.vision.detections3d import Detections3D
 from lidcam.readers.messages.vision.track_ids import track_ids
 
 STEP_BACK_NS = 2_000_000_000
-"""How far stamps that truth is asked for may step back: the images of a frame lie before and after its stamp."""
+"""Longest step back of the stamps that truth is asked for: images of a frame lie before and after its stamp."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

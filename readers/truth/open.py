@@ -25,7 +25,7 @@ _RECORDING_SUFFIXES = (".mcap", ".db3", ".zstd")
 _HEAD_BYTES = 1 << 12
 
 MAX_NAMED = 5
-"""Names in a folder that an error lists."""
+"""Largest number of names in a folder that an error lists."""
 
 _EXPECTED = "a recording, a result, or KITTI's labels (a .txt of label_2 or label_02, or the folder)"
 

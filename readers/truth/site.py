@@ -50,7 +50,7 @@ class SitePoses:
         return way if isinstance(way, Transform) else way.at(stamp_ns)
 
     def T_fixed_site(self, stamp_ns: int) -> Transform | None:
-        """Where the site frame is in a frame that does not move; None if its motion is not known at that time.
+        """T_fixed_site at a time, in a frame that does not move; None if the motion of the site is not known then.
 
         A site whose motion nobody recorded stands still, as for `lidcam process`. Times rise, apart from steps back as
         of `TruthSource`.

@@ -22,7 +22,7 @@ class TruthSource(ABC):
     @property
     @abstractmethod
     def notes(self) -> Sequence[str]:
-        """Notes for the user on what was read so far, one line each: what was not used, and why."""
+        """Notes for the user on what was not used, and why, one line each."""
 
     @abstractmethod
     def at(self, stamp_ns: int, *, frame: int) -> TruthBoxes3D | None:
@@ -38,7 +38,7 @@ class TruthSource(ABC):
         """
 
     def moment(self, stamp_ns: int, *, frame: int) -> Moment | None:
-        """As `at`, always at the time itself, with the pixels by camera; for what is projected into images."""
+        """The objects at the time itself, with their pixels by camera, to be projected into images; see `at`."""
         boxes = self.at(stamp_ns, frame=frame)
         return None if boxes is None else Moment(boxes)
 

@@ -27,7 +27,7 @@ from lidcam.pipeline.evaluation.comparison.tally import Tally
 from lidcam.pipeline.evaluation.evaluation_frame import ResultFrame
 
 MAX_LISTED = 1000
-"""Differences that are kept, the earliest ones; all are counted."""
+"""Largest number of differences that are kept, the earliest ones; all are counted."""
 
 UNITS_3D: dict[Kind, str] = {"moved": "m", "turned": "deg", "resized": "m", "rescored": ""}
 UNITS_2D: dict[Kind, str] = {"moved": "px", "rescored": ""}
@@ -35,12 +35,7 @@ UNITS_2D: dict[Kind, str] = {"moved": "px", "rescored": ""}
 
 @dataclass(frozen=True, slots=True)
 class _Channel:
-    """One source or camera, with what was found so far.
-
-    Attributes:
-        objects: Its objects in a frame of A or B, with the classes of that result.
-        changes: How the objects of A and B differ.
-    """
+    """One source or camera: its boxes in a frame, the objects of these, and how those of A and B differ."""
 
     name: str
     boxes: Callable[[ResultFrame], Mapping[str, Any]]

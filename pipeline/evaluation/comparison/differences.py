@@ -74,7 +74,7 @@ class Episode:
                 self.worst[kind] = amount, difference
 
     def tree(self, start_ns: int) -> dict[str, Any]:
-        """As JSON has it, with seconds since `start_ns`."""
+        """The episode as JSON has it, with seconds since `start_ns`."""
         first, last = self._first, self.last
         return {
             **self._named,

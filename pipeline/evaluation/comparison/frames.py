@@ -1,4 +1,4 @@
-"""Which frames of two results show the same moment."""
+"""Frames of two results that show the same moment."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass

@@ -15,14 +15,14 @@ from lidcam.pipeline.evaluation.assignment import assign_heaviest
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, SourceBoxes
 
 Kind = Literal["lost", "new", "moved", "turned", "resized", "relabelled", "rescored", "reidentified"]
-"""How an object of the second result B differs from that of the first one A.
+"""Kind of difference of an object in the second result B from the first one A.
 
 `lost` is in A alone, `new` in B alone; `reidentified`: its track goes on under the id of another one.
 """
 
 KINDS: tuple[Kind, ...] = ("lost", "new", "moved", "turned", "resized", "relabelled", "rescored", "reidentified")
 PAIR_KINDS: tuple[Kind, ...] = KINDS[2:]
-"""Those of an object that both results have."""
+"""Kinds of differences of an object that both results have."""
 
 CLASS_COST = 0.1
 """Cost of pairing objects of different classes, as a share of the gate."""
@@ -116,7 +116,7 @@ class Changes:
 
 
 class Tracks:
-    """Which track of A is which of B: ids are names, and two results may name the same object differently."""
+    """Tracks of A and B that are one object: ids are names, and two results may name the same object differently."""
 
     def __init__(self) -> None:
         self._of_first: dict[int, int] = {}
@@ -149,7 +149,7 @@ def pairs_of_least_cost(costs: F64) -> tuple[Indices, Indices]:
 
 
 def source_changes(first: Objects[Boxes3D], second: Objects[Boxes3D], config: CompareConfig, tracks: Tracks) -> Changes:
-    """How the objects of one source differ; `tracks` are those of the source, up to this frame.
+    """Differences of the objects of one source; `tracks` are those of the source, up to this frame.
 
     They are paired so that the sum of the distances, as shares of the gate, is smallest; who stays alone counts like
     half a gate, so that nobody has to move far to make room. Where an object is counts more than its id, because ids
@@ -178,7 +178,7 @@ def source_changes(first: Objects[Boxes3D], second: Objects[Boxes3D], config: Co
 
 
 def image_changes(first: Objects[Boxes2D], second: Objects[Boxes2D], config: CompareConfig) -> Changes:
-    """How the 2D boxes of one image differ; they have neither heading nor size of their own, nor tracks.
+    """Differences of the 2D boxes of one image; they have neither heading nor size of their own, nor tracks.
 
     They are paired as objects are, with what their IoU lacks to 1 for a distance.
     """

@@ -18,7 +18,7 @@ _FIRST = 11
 """Row of the first recall above 0.1."""
 
 RECALLS = 40
-"""Precision is read at 1/40, ..., 1 (Simonelli et al., Disentangling monocular 3D object detection, ICCV 2019, 5)."""
+"""Number of recalls, 1/40 to 1 (Simonelli et al., Disentangling monocular 3D object detection, ICCV 2019, 5)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +44,7 @@ class Curve(Table):
 
 
 def curve_of(scores: F32, is_right: Bools, truth: int) -> Curve:
-    """The curve of detections (N,) by falling score, with whether each is right, and of so many true objects."""
+    """The curve of detections (N,) by falling score; `is_right` (N,), and the number of true objects."""
     last = last_of_equals(scores)
     right = np.cumsum(is_right, dtype=np.int64)[last]
     return Curve(scores[last].astype(np.float64), right, last + 1 - right, truth)

@@ -41,7 +41,7 @@ class DetectionEvaluation:
             self._images.setdefault(camera, CameraImages(self._config)).add(image)
 
     def figures(self) -> Figures:
-        """The figures of all frames so far: `sources`, `images`, `fusion_gain`, `thresholds`."""
+        """The figures of all frames: `sources`, `images`, `fusion_gain`, `thresholds`."""
         found = self._gathering.found()
         site = Site.of(self._config, self._zones, self._gathering)
         sources = {name: Source(site, found[name]) for name in in_order(found)}

@@ -74,12 +74,12 @@ class Gathering:
             self._match()
 
     def truth(self) -> TruthTable:
-        """The true objects so far."""
+        """The true objects."""
         self._match()
         return self._truth.table()
 
     def found(self) -> dict[str, FoundTable]:
-        """The detections so far, by source."""
+        """The detections, by source."""
         self._match()
         return {source: pieces.table() for source, pieces in self._found.items()}
 

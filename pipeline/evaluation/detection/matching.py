@@ -1,4 +1,4 @@
-"""Which detection shows which true object."""
+"""Matching of detections with true objects."""
 
 from collections.abc import Sequence
 
@@ -27,7 +27,7 @@ def ranks_by_score(scores: F32) -> Indices:
 
 
 def match_by_score(found: Indices, truth: Indices, ranks: Indices, truth_count: int) -> I32:
-    """By falling score, each detection takes the best true object that is still free.
+    """Each detection, by falling score, takes the best true object that is still free.
 
     The result is the one stable matching in which all objects prefer the highest score, so all detections are matched
     at once by proposals (Gale and Shapley, College admissions, 1962).

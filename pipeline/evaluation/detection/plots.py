@@ -81,7 +81,7 @@ class DetectionPlots:
 
     @property
     def places(self) -> Places:
-        """Where true objects were, and how far off they were found; of a long result, a share of them."""
+        """Places and errors of true objects; of a long result, a share of them."""
         return self._places.table()
 
     def curve(self, source: str, class_id: int) -> tuple[F64, F64, F64]:

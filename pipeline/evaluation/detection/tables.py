@@ -8,10 +8,10 @@ from lidcam.pipeline.core.arrays import F32, F64, I32, I64, Bools, Indices, Tabl
 from lidcam.pipeline.evaluation.evaluation_frame import Names
 
 FALSE = -1
-"""In place of the row of a true object: the detection shows none."""
+"""Stands for the row of a true object where the detection shows none."""
 
 IGNORED = -2
-"""In place of the row of a true object: the detection is neither right nor wrong."""
+"""Stands for the row of a true object where the detection is neither right nor wrong."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,12 +108,12 @@ class Scored(Table):
     parts: Bools
 
     def within(self, part: int | None) -> "Scored":
-        """Those of a part of the site (None: of all of it)."""
+        """The detections in a part of the site (None: in all of it)."""
         return self if part is None else self.select(self.parts[:, part])
 
 
 def scored(found: FoundTable, truth: TruthTable, rows: Indices, criterion: int) -> Scored:
-    """Those of the detections `rows`, by falling score, that count under a criterion (a column of the matches)."""
+    """The detections among `rows`, by falling score, that count under a criterion (a column of the matches)."""
     matches = found.matches[rows, criterion]
     rows, matches = rows[matches != IGNORED], matches[matches != IGNORED]
     is_right = matches != FALSE

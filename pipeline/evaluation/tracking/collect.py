@@ -1,4 +1,4 @@
-"""From frames to tables of tracks.
+"""Tables of tracks, from frames.
 
 Frames are kept until a block of them is full. The boxes of a block that count are then chosen for all of its frames at
 once, and only what the figures need is kept: a few numbers a box, and the pairs that are near each other.
@@ -20,13 +20,13 @@ from lidcam.pipeline.evaluation.tracking.table import TrackRows, TrackTable
 from lidcam.pipeline.evaluation.true_motion import ground_poses
 
 MAX_DISTANCE_M = 2.0
-"""From this distance on nothing is matched (nuScenes tracking task), for objects as long as a car."""
+"""Distance from which on nothing is matched (nuScenes tracking task), for objects as long as a car."""
 
 BLOCK_FRAMES = 128
 
 
 class _Source:
-    """The boxes of one source so far."""
+    """The boxes of one source."""
 
     def __init__(self, class_count: int) -> None:
         self.found = Pieces(TrackRows, poses=(3,))
