@@ -1,7 +1,7 @@
 """Truth in the site frame: by fixed transforms, or by the recorded motion of the site frame."""
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -18,7 +18,6 @@ from lidcam.pipeline.evaluation.evaluation_frame import TruthBoxes3D
 from lidcam.readers.messages.tf import RecordedTransforms, read_transforms, tf_topics
 from lidcam.readers.recording import Recording
 from lidcam.readers.streams.motion import MotionBuffer, MotionSource, find_motion_source, links_up
-from lidcam.readers.truth.moment import STEP_BACK_NS
 
 MAX_EXTRAPOLATION_S = 0.2
 """Longest extrapolation beyond the poses, as for clouds."""
@@ -134,15 +133,14 @@ class _Motion:
         self._buffer = MotionBuffer(source, limits=limits)
         self._messages = recording.messages(source.topics)
         self._source, self._T_frame_fixed = source, T_frame_fixed
-        self._latest_ns = 0
 
     def at(self, stamp_ns: int) -> Transform | None:
         """T_site_frame at a time; None if it is not known."""
-        if stamp_ns < self._latest_ns - STEP_BACK_NS:
-            self._read(lambda newest_ns: newest_ns < self._latest_ns - STEP_BACK_NS)
-            self._latest_ns = stamp_ns
-        self._latest_ns = max(self._latest_ns, stamp_ns)
-        self._read(lambda newest_ns: newest_ns > stamp_ns)  # two poses make a motion
+        while (newest_ns := self._buffer.newest_ns) is None or newest_ns <= stamp_ns:  # two poses make a motion
+            message = next(self._messages, None)
+            if message is None:
+                break
+            deque(self._buffer.tap([message]), maxlen=0)
         motion = self._buffer.window(stamp_ns)
         if motion is None or not motion.covers(
             stamp_ns, stamp_ns, max_extrapolation_s=MAX_EXTRAPOLATION_S, max_gap_s=MAX_GAP_S
@@ -151,11 +149,3 @@ class _Motion:
         pose = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, np.array([stamp_ns], np.int64))[0]
         T_fixed_site = Transform(self._source.fixed_frame_id, self._source.frame_id, pose)
         return (self._T_frame_fixed @ T_fixed_site).inverse()
-
-    def _read(self, is_enough: Callable[[int], bool]) -> None:
-        """Read on until the motion is known as far as is wanted, or to the end."""
-        while (newest_ns := self._buffer.newest_ns) is None or not is_enough(newest_ns):
-            message = next(self._messages, None)
-            if message is None:
-                return
-            deque(self._buffer.tap([message]), maxlen=0)

@@ -36,7 +36,6 @@ class Timeline:
     """Objects at any time, from messages of some times.
 
     Attributes:
-        ahead: Messages that were not used because their stamp lies far ahead of those around them.
         nearest: Number of times that objects without ids were taken from the nearest message.
         farthest_ns: The farthest that such a message was off.
     """
@@ -44,37 +43,24 @@ class Timeline:
     def __init__(self) -> None:
         self._kept: deque[Moment] = deque()
         self._gaps_ns: list[int] = []
-        self.ahead = self.nearest = self.farthest_ns = 0
+        self.nearest = self.farthest_ns = 0
 
     @property
     def _period_ns(self) -> int:
         """The usual time between two messages; 0 of fewer than two."""
         return sorted(self._gaps_ns)[len(self._gaps_ns) // 2] if self._gaps_ns else 0
 
-    def add(self, moment: Moment) -> bool:
-        """Take a message.
-
-        Returns:
-            Whether it was taken: where time steps back by more than `STEP_BACK_NS`, a timeline has to begin anew, and
-            what is known of the time before may still be asked for.
-        """
-        if len(self._kept) > 1 and self._kept[-2].stamp_ns <= moment.stamp_ns < self._kept[-1].stamp_ns - STEP_BACK_NS:
-            self._kept.pop()
-            self.ahead += 1
+    def add(self, moment: Moment) -> None:
+        """Take a message; where time steps back by more than `STEP_BACK_NS`, those before it are forgotten."""
         if self._kept and moment.stamp_ns < self._kept[-1].stamp_ns - STEP_BACK_NS:
-            return False
+            self._kept.clear()
         if not self._kept or moment.stamp_ns > self._kept[-1].stamp_ns:
             if self._kept and len(self._gaps_ns) < PROBED_GAPS:
                 self._gaps_ns.append(moment.stamp_ns - self._kept[-1].stamp_ns)
             self._kept.append(moment)
-            return True
+            return
         others = [one for one in self._kept if one.stamp_ns != moment.stamp_ns]
         self._kept = deque(sorted([*others, moment], key=lambda one: one.stamp_ns))
-        return True
-
-    def begin_anew(self) -> None:
-        """Forget all messages: time stepped back."""
-        self._kept.clear()
 
     def forget(self, before_ns: int) -> None:
         """Forget messages that are not needed for times from `before_ns` on."""

@@ -91,9 +91,7 @@ class Comparison:
             self._frames["frames_only_in_a" if pair.second is None else "frames_only_in_b"] += 1
             self.close()
         else:
-            found = [
-                self._compare(channel, pair.first, pair.second, is_next=pair.is_next) for channel in self._all_channels
-            ]
+            found = [self._compare(channel, pair.first, pair.second) for channel in self._all_channels]
             self._frames["frames"] += 1
             self._frames["frames_different"] += any(found)
         self._pairs += 1
@@ -101,7 +99,7 @@ class Comparison:
     def close(self) -> None:
         """End all differences: no frame follows, or none that can be compared with those before."""
         for one in self._all_channels:
-            self._listing.take(one.episodes.add((), is_next=False))
+            self._listing.take(one.episodes.add(()))
 
     def not_allowed_percent(self, *, frames_may_differ: bool) -> dict[str, float]:
         """Share of the objects that differ in what is not allowed to, by source or camera.
@@ -121,7 +119,7 @@ class Comparison:
     def _all_channels(self) -> list[_Channel]:
         return [*self._channels["sources"], *self._channels["images"]]
 
-    def _compare(self, channel: _Channel, first: ResultFrame, second: ResultFrame, *, is_next: bool) -> bool:
+    def _compare(self, channel: _Channel, first: ResultFrame, second: ResultFrame) -> bool:
         """Whether anything differs; a frame without the source or camera has no objects, unless both are."""
         found = [channel.boxes(frame).get(channel.name) for frame in (first, second)]
         known = next((one for one in found if one is not None), None)
@@ -135,7 +133,7 @@ class Comparison:
             changes = channel.changes(a, b)
             channel.tally.add(changes, a.classes, b.classes)
             differences += self._differences(changes, (first, a), (second, b))
-        self._listing.take(channel.episodes.add(differences, is_next=is_next))
+        self._listing.take(channel.episodes.add(differences))
         return bool(differences)
 
     def _differences(

@@ -119,13 +119,13 @@ class Episodes:
         self._channel, self._row = channel, row
         self._open: list[Episode] = []
 
-    def add(self, differences: Sequence[Difference], *, is_next: bool) -> list[Episode]:
-        """Take in the differences of a frame, which may follow the one before; returns episodes that are over."""
+    def add(self, differences: Sequence[Difference]) -> list[Episode]:
+        """Take in the differences of the next frame; returns the episodes that are over."""
         before = self._open
         going_on: list[Episode] = []
         for presence in ("lost", "new", "moved"):
             mine = [one for one in differences if one.presence == presence]
-            known = [one for one in before if is_next and one.last.presence == presence]
+            known = [one for one in before if one.last.presence == presence]
             partners = _partners([one.last.place for one in known], mine)
             for number, one in enumerate(mine):
                 if number in partners:

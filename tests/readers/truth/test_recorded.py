@@ -153,22 +153,3 @@ def test_messages_and_objects_that_cannot_be_used() -> None:
         "/ground_truth/objects: objects that are not used, box without a volume or not finite: 1",
         "/ground_truth/objects: objects of class 'tram', which is no class of the settings: 1",
     )
-
-
-def test_a_recording_that_is_played_twice() -> None:
-    """The clock steps back; each pass is compared with its own truth."""
-    late_images = [shown(n)._replace(log_time_ns=START_NS + 999 * S + n) for n in range(30)]
-    second = [
-        truth_message(
-            START_NS + n * STEP_NS, [true_object("car", (-n, 0, 0), name="1")], log_time_ns=START_NS + 999 * S + n
-        )
-        for n in range(30)
-    ]
-    images = [shown(number) for number in range(30)]
-    source = truth([*messages(), *images, *second, *late_images])
-    assert x_at(source, START_NS + 29 * STEP_NS) == 29
-    assert x_at(source, START_NS + 35 * STEP_NS) is None
-    assert x_at(source, START_NS + 5 * STEP_NS) == -5
-    assert x_at(source, START_NS + 29 * STEP_NS) == -29
-    assert source.in_image("left", START_NS + 20 * STEP_NS, frame=0) is not None
-    assert x_at(source, START_NS) is None  # there is no third pass

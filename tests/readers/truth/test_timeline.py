@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
-from lidcam.readers.truth.moment import STEP_BACK_NS, Moment
+from lidcam.readers.truth.moment import Moment
 from lidcam.readers.truth.timeline import MAX_EXTRAPOLATION_PERIODS, PROBED_GAPS, Timeline
 
 PERIOD_NS = 100_000_000
@@ -47,10 +47,20 @@ def timeline(*moments: Moment) -> Timeline:
     line = Timeline()
     for number in range(PROBED_GAPS + 1):
         line.add(moment((number - PROBED_GAPS - 1000) * PERIOD_NS))
-    line.begin_anew()
+    line._kept.clear()
     for one in moments:
-        assert line.add(one)
+        line.add(one)
     return line
+
+
+def test_a_step_back_of_time_begins_anew() -> None:
+    """A stamp far ahead of all others costs what lies beside it, and no more."""
+    line = timeline(moment(0), moment(PERIOD_NS), moment(3600 * 10**9))
+    assert not line.reaches(PERIOD_NS + 1)
+    line.add(moment(2 * PERIOD_NS))
+    line.add(moment(3 * PERIOD_NS))
+    assert x_of(line.at(2 * PERIOD_NS + PERIOD_NS // 2)) == [2.5]
+    assert line.at(PERIOD_NS) is None
 
 
 def x_of(found: Moment | None) -> list[float]:
@@ -134,24 +144,6 @@ def test_what_is_no_longer_needed_is_forgotten() -> None:
     assert line.at(4 * PERIOD_NS) is None
     line.forget(100 * PERIOD_NS)
     assert x_of(line.at(9 * PERIOD_NS)) == [9.0]
-
-
-def test_a_stamp_far_ahead_is_not_used() -> None:
-    line = timeline(moment(0), moment(PERIOD_NS), moment(3600 * 10**9))
-    assert not line.reaches(PERIOD_NS + 1)  # not with that message alone
-    assert line.add(moment(2 * PERIOD_NS))
-    assert line.ahead == 1
-    assert x_of(line.at(PERIOD_NS + PERIOD_NS // 2)) == [1.5]
-
-
-def test_a_step_back_of_time_is_told() -> None:
-    far = 5 * STEP_BACK_NS
-    line = timeline(moment(far), moment(far + PERIOD_NS))
-    assert not line.add(moment(0))
-    assert x_of(line.at(far)) == [SPEED_M_S * far * 1e-9]
-    line.begin_anew()
-    assert line.add(moment(0))
-    assert x_of(line.at(0)) == [0.0]
 
 
 def test_how_far_a_timeline_reaches() -> None:
