@@ -51,15 +51,18 @@ class EvaluationFrames:
         for frame in self._result.frames():
             # Without recorded motion the site frame would stand still; where it does not, its place is not known.
             T_fixed_site = None if self._result.is_adrift else self._poses.T_fixed_site(frame.stamp_ns)
+            images = {
+                name: ImageBoxes(found, self._in_image(name, found, frame)) for name, found in frame.cameras.items()
+            }
             yield EvaluationFrame(
-                frame.index,
-                frame.stamp_ns,
-                self._truth_at(frame),
-                frame.sources,
-                {name: ImageBoxes(found, self._in_image(name, found, frame)) for name, found in frame.cameras.items()},
-                frame.skew_ns,
-                None if T_fixed_site is None else T_fixed_site.matrix,
-                frame.sync,
+                index=frame.index,
+                stamp_ns=frame.stamp_ns,
+                truth=self._truth_at(frame),
+                sources=frame.sources,
+                images=images,
+                skew_ns=frame.skew_ns,
+                T_fixed_site=None if T_fixed_site is None else T_fixed_site.matrix,
+                sync=frame.sync,
             )
 
     def _truth_at(self, frame: ResultFrame) -> TruthBoxes3D | None:

@@ -126,10 +126,8 @@ def read_requirements(texts: Iterable[str]) -> tuple[Requirement, ...]:
 def check_names(requirements: Sequence[Requirement], known: NamedFigures) -> None:
     """Check that there can be figures of these names.
 
-    Args:
-        requirements: The requirements.
-        known: The figures of a result without objects: names that depend on the words of the truth are not among them,
-            nor those of tracks, which a result may not have, nor those of all elements of lists.
+    `known` are those of a result without objects. It lacks figures named by the words of the truth, figures of tracks,
+    which a result may not have, and some elements of lists.
 
     Raises:
         RequirementError: there is no such figure.

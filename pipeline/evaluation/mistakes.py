@@ -83,10 +83,6 @@ class Mistakes:
 
     A detection is right if its centre is within 2 m, scaled by the class's length, of an object of its class; see
     `detection.criteria.Criteria.position`. Memory grows with the number of mistakes, not of frames.
-
-    Args:
-        config: Classes and settings of the evaluation.
-        source: The source.
     """
 
     def __init__(self, config: Config, source: str = "fused") -> None:

@@ -29,11 +29,6 @@ def attached_config(text: str, path: Path, version: str) -> tuple[Config, tuple[
     Other versions of lidcam have other settings: a key that is missing gets its default, one that is unknown, or has a
     value that does not fit any more, is left out.
 
-    Args:
-        text: The attached YAML.
-        path: The result, for messages.
-        version: The version of lidcam that wrote it.
-
     Raises:
         RecordingError: the text is not a tree of settings.
     """

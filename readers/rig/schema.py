@@ -55,7 +55,7 @@ POSE = ("translation_m", "rotation_xyzw", "rpy_deg")
 class Pose(_Model):
     """The pose of a frame in another, as translation and rotation.
 
-    Of each of the `alternatives` one form may be given, whose keys go together; the last are those of extrinsics.
+    At most one form of each of the `alternatives` may be given; the last are those of extrinsics.
 
     Attributes:
         translation_m: Position of its origin.

@@ -134,21 +134,21 @@ def find_sensors(
     else:
         site = _site_frame(list(frames.values()), camera_frames, transforms)
     return FoundSensors(
-        recording,
-        rig_file,
-        first,
-        transforms,
-        of_rig,
-        lidars,
-        cameras,
-        detectors,
-        config,
-        named,
-        frames,
-        site,
-        bool(wanted),
-        zones_of(rig_file, config),
-        (of_lidars, of_detectors, of_cameras),
+        recording=recording,
+        rig_file=rig_file,
+        first=first,
+        transforms=transforms,
+        of_rig=of_rig,
+        lidars=lidars,
+        cameras=cameras,
+        detectors=detectors,
+        config=config,
+        named=named,
+        frames=frames,
+        site=site,
+        is_site_named=bool(wanted),
+        zones=zones_of(rig_file, config),
+        findings=(of_lidars, of_detectors, of_cameras),
     )
 
 

@@ -43,12 +43,6 @@ class TruthSource(ABC):
         return None if boxes is None else Moment(boxes)
 
     def in_image(self, camera: str, stamp_ns: int, *, frame: int) -> TruthBoxes2D | None:
-        """The true objects in an image; None if the source knows of none, then those of `moment` are projected.
-
-        Args:
-            camera: Name of the camera in the rig of the result.
-            stamp_ns: Stamp of the image.
-            frame: As for `at`.
-        """
+        """The true objects in the image of a camera; None if the source knows of none: `moment` is projected then."""
         del camera, stamp_ns, frame
         return None

@@ -43,7 +43,7 @@ def find_truth_topics(
         recording: Open recording.
         results: Topics that are results, not truth.
         wanted: The topic to take, by any name; empty to find it.
-        sources: Topics of boxes that the result was made from: truth only if they are called so.
+        sources: Topics of boxes that the result was made from: truth only by their name.
 
     Raises:
         ConfigError: there is no such topic of 3D boxes.

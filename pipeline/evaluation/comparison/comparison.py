@@ -46,14 +46,9 @@ class _Channel:
 
 
 class Comparison:
-    """Compares frame after frame of two results; memory does not grow with their number.
+    """Compares frame after frame of results with the classes of A and B; memory does not grow with their number.
 
-    Args:
-        first: Classes of A.
-        second: Classes of B.
-        config: Tolerances.
-        channels: What is compared, in the order of the figures.
-        allowed: Kinds of differences that may be.
+    Figures are in the order of the channels; the kinds of differences in `allowed` may be.
     """
 
     def __init__(

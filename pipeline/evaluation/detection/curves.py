@@ -82,14 +82,9 @@ def ratio(part: float, whole: float) -> float | None:
 
 
 def interpolated_ap(recall: F64, precision: F64) -> float:
-    """Mean precision beyond 0.1 at the recalls above 0.1, as a share of what it can be at most.
+    """Mean precision beyond 0.1 at the recalls above 0.1, as a share of its maximum; 0 without points.
 
-    Args:
-        recall: (P,) not falling; one point for each detection, by falling score.
-        precision: (P,) at each point.
-
-    Returns:
-        In [0, 1]; 0 without points.
+    `recall` (P,) does not fall; `precision` (P,) after each detection, by falling score.
     """
     if not len(recall):
         return 0.0
@@ -104,16 +99,10 @@ def points_of(is_right: Bools, truth: int) -> tuple[F64, F64]:
 
 
 def mean_errors(errors: npt.NDArray[np.floating], scores: F32, is_right: Bools, truth: int) -> F64 | None:
-    """Mean errors over the recalls above 0.1 that are reached, of the means of all detections up to each recall.
+    """(E,) mean errors over the recalls above 0.1 that are reached, of the means of all detections up to each recall.
 
-    Args:
-        errors: (R, E) errors of the right detections, by falling score.
-        scores: (N,) of all detections, falling.
-        is_right: (N,) R of them are true.
-        truth: True objects.
-
-    Returns:
-        (E,); None if no recall above 0.1 is reached.
+    None if no recall above 0.1 is reached. `errors` (R, E) are those of the right ones among detections with falling
+    scores (N,).
     """
     if not truth or not len(errors):
         return None

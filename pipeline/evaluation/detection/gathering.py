@@ -107,16 +107,16 @@ class Gathering:
         has_points = boxes.lidar_points != 0
         is_near = _ranges_m(boxes.centers) < np.append(self._nuscenes_m, 0.0)[boxes.class_ids]
         return TruthTable(
-            truth.frames,
-            boxes.class_ids,
-            self.labels.numbers(boxes.labels),
-            self._parts(boxes.centers),
-            boxes.lidar_points,
-            boxes.yaws.astype(np.float32),
-            is_evaluated(boxes, self._settings),
-            is_counted(boxes, self._settings) & has_points & is_near,
-            boxes.track_ids,
-            ground_poses(boxes.centers, boxes.yaws, truth.frames, poses, first),
+            frames=truth.frames,
+            class_ids=boxes.class_ids,
+            labels=self.labels.numbers(boxes.labels),
+            parts=self._parts(boxes.centers),
+            lidar_points=boxes.lidar_points,
+            yaws=boxes.yaws.astype(np.float32),
+            is_evaluated=is_evaluated(boxes, self._settings),
+            is_nuscenes=is_counted(boxes, self._settings) & has_points & is_near,
+            track_ids=boxes.track_ids,
+            poses=ground_poses(boxes.centers, boxes.yaws, truth.frames, poses, first),
         )
 
     def _found_table(
@@ -150,16 +150,16 @@ class Gathering:
         first = len(self.stamps_ns) - len(poses)
         velocities = ground_turns(found.motion.velocities, found.frames, poses, first)
         return FoundTable(
-            found.frames,
-            boxes.class_ids,
-            boxes.scores,
-            self._parts(boxes.centers),
-            boxes.yaws.astype(np.float32),
-            np.where(matches >= 0, matches + self._truth_count, matches).astype(np.int32),
-            np.where(mistaken >= 0, mistaken + self._truth_count, FALSE).astype(np.int32),
-            errors,
-            np.column_stack([velocities, found.motion.yaw_rates]).astype(np.float32),
-            found.motion.is_predicted,
+            frames=found.frames,
+            class_ids=boxes.class_ids,
+            scores=boxes.scores,
+            parts=self._parts(boxes.centers),
+            yaws=boxes.yaws.astype(np.float32),
+            matches=np.where(matches >= 0, matches + self._truth_count, matches).astype(np.int32),
+            mistaken=np.where(mistaken >= 0, mistaken + self._truth_count, FALSE).astype(np.int32),
+            errors=errors,
+            velocities=np.column_stack([velocities, found.motion.yaw_rates]).astype(np.float32),
+            is_predicted=found.motion.is_predicted,
         )
 
     def _nuscenes_matches(

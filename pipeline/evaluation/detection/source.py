@@ -91,16 +91,18 @@ class Site:
         if config.evaluate.truth_time != "stamp":  # places at other times than the stamps make no velocity
             velocities = np.full_like(velocities, np.nan)
         lengths_m = np.array([one.size_m[0] for one in config.classes])
+        moves, stands = has_moved(truth.class_ids, truth.track_ids, truth.poses, lengths_m)
         return cls(
-            config.class_names,
-            Criteria.of(config),
-            truth,
-            gathering.labels.names,
-            (*ranges, *(Part("zones", zone.name, {}) for zone in zones)),
-            len(gathering.stamps_ns),
-            gathering.frames_without_truth,
-            velocities,
-            *has_moved(truth.class_ids, truth.track_ids, truth.poses, lengths_m),
+            class_names=config.class_names,
+            criteria=Criteria.of(config),
+            truth=truth,
+            labels=gathering.labels.names,
+            parts=(*ranges, *(Part("zones", zone.name, {}) for zone in zones)),
+            frames=len(gathering.stamps_ns),
+            frames_without_truth=gathering.frames_without_truth,
+            velocities=velocities,
+            moves=moves,
+            stands=stands,
         )
 
     def count(self, is_counted: Bools, part: int | None) -> int:

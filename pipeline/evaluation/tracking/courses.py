@@ -56,14 +56,14 @@ def follow(table: TrackTable, matches: Matches) -> Courses:
     one_class = np.zeros(len(table.truth), np.int32)
     moves, stands = has_moved(one_class, table.truth.tracks, table.truth.poses, np.array([table.length_m]))
     return Courses(
-        boxes,
-        (last_ns - first_ns) / 1e9,
-        2 * matched < boxes,
-        delays_s,
-        len(flipped),
-        int(moves[flipped].sum()),
-        int(stands[flipped].sum()),
-        table.without_track,
+        boxes=boxes,
+        durations_s=(last_ns - first_ns) / 1e9,
+        is_false=2 * matched < boxes,
+        delays_s=delays_s,
+        heading_flips=len(flipped),
+        heading_flips_moving=int(moves[flipped].sum()),
+        heading_flips_standing=int(stands[flipped].sum()),
+        without_track=table.without_track,
     )
 
 
