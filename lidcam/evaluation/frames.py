@@ -57,9 +57,9 @@ class EvaluationFrames:
             yield EvaluationFrame(
                 index=frame.index,
                 stamp_ns=frame.stamp_ns,
-                truth=self._truth_at(frame),
+                truth=truth,
                 sources=frame.sources,
-                images=images,
+                images={name: ImageBoxes(found, shown[name]) for name, found in frame.cameras.items()},
                 skew_ns=frame.skew_ns,
                 T_fixed_site=None if T_fixed_site is None else T_fixed_site.matrix,
                 sync=frame.sync,
