@@ -51,9 +51,8 @@ class EvaluationFrames:
         for frame in self._result.frames():
             # Without recorded motion the site frame would stand still; where it does not, its place is not known.
             T_fixed_site = None if self._result.is_adrift else self._poses.T_fixed_site(frame.stamp_ns)
-            images = {
-                name: ImageBoxes(found, self._in_image(name, found, frame)) for name, found in frame.cameras.items()
-            }
+            truth = self._truth_at(frame)
+            shown = {name: self._in_image(name, found, frame) for name, found in frame.cameras.items()}
             yield EvaluationFrame(
                 index=frame.index,
                 stamp_ns=frame.stamp_ns,
