@@ -224,6 +224,15 @@ def test_poses_that_refer_to_each_other_are_faults() -> None:
     assert "its pose refers to cam11" in reasons(found)["other"]
 
 
+def test_rounded_rotations_become_true_ones() -> None:
+    turn = np.round(Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix(), 4)
+    matrix = np.vstack([np.c_[turn, [1, 2, 3]], [0, 0, 0, 1]])
+    rig = apply({"site_frame": "s", "lidars": {"a": {"T_site_lidar": matrix.tolist()}}, "cameras": {}}).rig
+    rotation = rig.lidars[0].T_site_lidar.matrix[:3, :3]
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)
+    np.testing.assert_allclose(rotation, turn, atol=1e-4)
+
+
 def test_sensors_without_topics_go_by_name_then_by_order() -> None:
     lidars = {"b": {"T_site_lidar": EYE}, "roof": {"T_site_lidar": EYE}, "third": {}}
     found = apply({"site_frame": "s", "lidars": lidars, "cameras": {}})

@@ -80,6 +80,12 @@ def test_at_a_message_and_between_two() -> None:
     assert [found.boxes.lidar_points.tolist() for found in nearer if found] == [[0], [1]]
 
 
+def test_messages_of_a_time_come_in_any_order_and_the_last_counts() -> None:
+    line = timeline(moment(2 * PERIOD_NS), moment(0), moment(PERIOD_NS, x=[5]), moment(PERIOD_NS))
+    assert x_of(line.at(PERIOD_NS // 2)) == [0.5]
+    assert x_of(line.at(PERIOD_NS + PERIOD_NS // 2)) == [1.5]
+
+
 def test_just_beyond_the_ends() -> None:
     line = timeline(moment(0), moment(PERIOD_NS))
     reach = round(MAX_EXTRAPOLATION_PERIODS * PERIOD_NS)
