@@ -81,8 +81,6 @@ def read_input_file(path: Location) -> InputFile:
     if isinstance(path, RemotePath):
         return InputFile.unread(path)
     try:
-        if path.is_dir():
-            return InputFile(str(path), path.name, None, _listing_sha256(path))
         with path.open("rb") as file:
             digest = file_digest(file, "sha256").hexdigest()
             return InputFile(str(path), path.name, file.tell(), digest)
@@ -170,9 +168,7 @@ class InputFiles:
     def _finished(self, file: OpenedFile) -> InputFile:
         if file.is_changed:
             return file.unread._replace(is_changed=True)
-        if file.stream or not self._with_checksums:
-            return file.unread._replace(sha256=self._digests.get(file))
-        return read_input_file(file.path)  # of a folder the listing
+        return file.unread._replace(sha256=self._digests.get(file))
 
     def close(self) -> None:
         """End the thread, whether or not it is done, and close the files."""
@@ -222,10 +218,3 @@ def _compared(before: InputFile) -> InputFile:
 
 def _unreadable(path: Location, err: OSError) -> RecordingError:
     return RecordingError(f"{path}: expected a file that can be read: {err.strerror or err}")
-
-
-def _listing_sha256(folder: Path) -> str:
-    digest = sha256()
-    for file in sorted(file for file in folder.rglob("*") if file.is_file()):
-        digest.update(f"{file.relative_to(folder).as_posix()} {file.stat().st_size}\n".encode())
-    return digest.hexdigest()

@@ -16,7 +16,6 @@ from lidcam.pipeline.core.messages import RawMessage
 from lidcam.readers.files.container import Source
 from lidcam.readers.files.copies import completed, journals_of, unpacked, whole_pages
 from lidcam.readers.files.damage import DamageError, Losses, library_errors
-from lidcam.readers.files.evaluation_folder import EvaluationFolder, is_evaluation_folder
 from lidcam.readers.files.rosbag2_folder import folder_metadata, recording_files, unlisted_files
 from lidcam.readers.input_file import OpenedFile
 from lidcam.readers.location import Location, RemotePath
@@ -41,10 +40,7 @@ ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 MAX_OVERLAP_NS = 500_000_000
 """Longest time over which two parts of one recording overlap: messages on their way come with the next part."""
 
-EXPECTED = (
-    "a ROS 1 .bag (format 2.0), a ROS 2 .mcap or .db3 file, a ROS 2 bag folder, a .pcap or .pcapng capture, or an "
-    "evaluation folder of the predecessor system (pcd/0.txt, ...)"
-)
+EXPECTED = "a ROS 1 .bag (format 2.0), a ROS 2 .mcap or .db3 file, a ROS 2 bag folder, or a .pcap or .pcapng capture"
 
 
 def open_recording(paths: Sequence[Location], options: ReadOptions = DEFAULT_READ_OPTIONS) -> Recording:
@@ -207,8 +203,7 @@ def _all_files(paths: Sequence[Location]) -> list[Location]:
                 raise RecordingError(f"{path}: no such file or folder; expected {EXPECTED}")
             if not path.is_file() and not path.is_dir():  # a pipe would wait for a writer
                 raise RecordingError(f"{path}: neither a file nor a folder; expected {EXPECTED}")
-            is_bag = path.is_dir() and not is_evaluation_folder(path)
-            files += recording_files(path) if is_bag else (path,)
+            files += recording_files(path) if path.is_dir() else (path,)
     seen: dict[object, Location] = {}
     for file in files:
         identity = file.url if isinstance(file, RemotePath) else _inode(file)
@@ -241,7 +236,7 @@ def _inode(file: Path) -> tuple[int, int]:
 
 def _stream(path: Location, stack: ExitStack) -> BinaryIO | None:
     """The bytes of a local file: what a run reads of it and what it computes the checksum of."""
-    if isinstance(path, RemotePath) or path.is_dir():
+    if isinstance(path, RemotePath):
         return None
     with library_errors(path):
         return stack.enter_context(path.open("rb"))
@@ -261,8 +256,7 @@ def _open_file(original: OpenedFile, index: int, stack: ExitStack, options: Read
             _check_is_mcap(path, remote)
             return McapFile(Source(path, index, options, Losses(path, options)), remote)
     with library_errors(path, is_recovering=is_recovering):
-        if stream is None:
-            return EvaluationFolder(path, index, options.limits)
+        assert stream is not None  # only a file on a server has none
         content, losses = path, Losses(path, options)
         magic = _first_bytes(stream)
         if magic.startswith(ZSTD_MAGIC):

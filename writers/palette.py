@@ -42,18 +42,6 @@ CAMERA_ONLY = Rgb(1.00, 0.76, 0.10)
 ZONE = Rgb(0.62, 0.58, 0.86)
 """The outline of a zone on the ground."""
 
-LOST = Rgb(0.98, 0.30, 0.25)
-"""An object that only the first of two results has."""
-
-NEW = Rgb(0.20, 0.95, 0.35)
-"""An object that only the second of two results has."""
-
-CHANGED = Rgb(1.00, 0.76, 0.10)
-"""An object that differs between two results."""
-
-EQUAL = Rgb(0.50, 0.52, 0.56)
-"""An object that does not differ between two results."""
-
 
 def class_color(class_id: int) -> Rgb:
     """Colour of a class; colours repeat after the sixth."""

@@ -9,7 +9,6 @@ from typing import TypeVar
 
 from lidcam.outputs.bucket import Bucket, is_bucket
 from lidcam.pipeline.core.errors import LidcamError, RecordingError
-from lidcam.readers.files.evaluation_folder import is_evaluation_folder
 from lidcam.readers.location import Location, RemotePath, location
 from lidcam.readers.natural_order import natural_key
 from lidcam.readers.open import open_recording
@@ -138,7 +137,7 @@ def _recordings(folder: Path, out: Path | None) -> Iterator[Path]:
 
 
 def _is_recording(folder: Path) -> bool:
-    return (folder / METADATA).is_file() or is_evaluation_folder(folder)
+    return (folder / METADATA).is_file()
 
 
 def _split(paths: Iterable[L]) -> Iterator[list[L]]:

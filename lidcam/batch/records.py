@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 from lidcam.batch.jobs import BatchJob
-from lidcam.readers.files.evaluation_folder import is_evaluation_folder
 from lidcam.readers.files.remote import open_remote
 from lidcam.readers.location import Location, RemotePath
 
@@ -95,8 +94,7 @@ class JobRecord:
 def job_key(job: BatchJob, facts: Sequence[str]) -> str:
     """Hexadecimal digest of a recording and of other facts.
 
-    Of files the names, sizes, beginnings and ends count; of an evaluation folder names and sizes; of a file on a server
-    what that says of it.
+    Of files the names, sizes, beginnings and ends count; of a file on a server what that says of it.
 
     Raises:
         OSError: one cannot be read.
@@ -148,13 +146,11 @@ def _ends(place: Location) -> bytes:
         return repr((str(place), found.facts)).encode()
     digest = sha256()
     files = sorted(one for one in place.rglob("*") if one.is_file()) if place.is_dir() else [place]
-    has_many_files = place.is_dir() and is_evaluation_folder(place)  # ten for each frame
     for file in files:
         size = file.stat().st_size
         digest.update(f"{file.name} {size}\n".encode())
-        if not has_many_files:
-            with file.open("rb") as stream:
-                for at in (0, max(size - END_BYTES, 0)):
-                    stream.seek(at)
-                    digest.update(stream.read(END_BYTES))
+        with file.open("rb") as stream:
+            for at in (0, max(size - END_BYTES, 0)):
+                stream.seek(at)
+                digest.update(stream.read(END_BYTES))
     return digest.digest()

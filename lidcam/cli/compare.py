@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lidcam.cli.options import AsJson, JsonFile, Overwrite, Setting, ends_in, with_log_options
-from lidcam.cli.printing.log import remark_log
+from lidcam.cli.options import AsJson, JsonFile, Overwrite, Setting, with_log_options
 from lidcam.cli.verdict import Verdict
 from lidcam.pipeline.core.errors import LidcamError
 
@@ -31,7 +30,6 @@ Examples:
   lidcam compare golden.mcap new.mcap
   lidcam compare golden.mcap new.mcap --only fused --max-different 1
   lidcam compare golden.mcap new.mcap --set compare.yaw_deg=5 --allow rescored
-  lidcam compare golden.mcap new.mcap --merged both.mcap
 """
 
 
@@ -55,7 +53,7 @@ def compare(
     second: Annotated[Path, typer.Argument(metavar="B.mcap", help="Another one, of the same recording or scene.")],
     config_file: Annotated[
         str | None,
-        typer.Option("--config", metavar="PRESET|FILE", help="Settings, of which `compare` counts: the tolerances."),
+        typer.Option("--config", metavar="PRESET|FILE", help="Settings file; only its `compare` tolerances are used."),
     ] = None,
     settings: Setting = None,
     only: Annotated[
@@ -63,7 +61,7 @@ def compare(
         typer.Option(
             "--only",
             metavar="NAME",
-            help="A source (fused, lidar, cameras) or camera; without it, all. May be repeated.",
+            help="Source (fused, lidar, cameras) or camera to compare; default: all. May be repeated.",
         ),
     ] = None,
     allow: Annotated[
@@ -71,8 +69,8 @@ def compare(
         typer.Option(
             "--allow",
             metavar="KIND",
-            help="What may differ, however much: lost, new, moved, turned, resized, relabelled, rescored, reidentified "
-            "(objects) or frames (of one result alone). May be repeated.",
+            help="Kind of difference to allow, by any amount: lost, new, moved, turned, resized, relabelled, rescored, "
+            "reidentified (objects) or frames (of one result alone). May be repeated.",
         ),
     ] = None,
     max_different: Annotated[
@@ -82,18 +80,10 @@ def compare(
             min=0,
             max=100,
             metavar="PERCENT",
-            help="How many of the objects of a source or camera, and of the frames, may differ.",
+            help="Share of objects (per source or camera) and of frames allowed to differ.",
         ),
     ] = 0.0,
-    lines: Annotated[int, typer.Option("--lines", min=0, metavar="N", help="Differences that are printed.")] = 10,
-    merged: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="OUT.mcap",
-            callback=ends_in(".mcap"),
-            help="Also write both into one file, to look at them side by side.",
-        ),
-    ] = None,
+    lines: Annotated[int, typer.Option("--lines", min=0, metavar="N", help="Number of differences to print.")] = 10,
     as_json: AsJson = False,
     json_file: JsonFile = None,
     overwrite: Overwrite = False,
@@ -106,35 +96,21 @@ def compare(
     from lidcam.cli.printing.comparison import print_comparison
     from lidcam.cli.printing.folding import show_line
     from lidcam.cli.printing.terminal import console, show_json
-    from lidcam.outputs.allowed import MERGED, TEXT, check_no_input, check_replaced
-    from lidcam.outputs.merged import write_both
     from lidcam.pipeline.core.settings.load import load_config
     from lidcam.readers.input_file import read_opened_files
     from lidcam.readers.results.result import open_result
     from lidcam.run.effect import COMPARING, check_effect
     from lidcam.run.incomplete import changed_lines, damage_lines
     from lidcam.run.job import read_files
-    from lidcam.writers.foxglove.layout import layout_path
-    from lidcam.writers.outputs.transaction import OutputTransaction
 
     check_effect(settings or (), COMPARING)
     config = load_config(config_file, settings or ()).compare
     inputs = first, second, *read_files(config_file, None)
-    written = () if merged is None else (merged, layout_path(merged))
-    check_no_input(written, inputs)
-    check_old = check_replaced(lambda path: MERGED if path == merged else TEXT, overwrite=overwrite)
-    with (
-        json_output(json_file, inputs=(*inputs, *written), overwrite=overwrite) as write_json,
-        OutputTransaction(written, check_old=check_old) as outputs,
-    ):
+    with json_output(json_file, inputs=inputs, overwrite=overwrite) as write_json:
         with open_result(first) as one, open_result(second) as other, ExitStack() as stack:
             comparison = _comparison(one, other, config, only or (), allow or ())
-            pairs = _pairs(one, other, config, stack)
-            if merged is None:
-                for pair in pairs:
-                    comparison.add(pair)
-            else:
-                write_both(outputs, merged, (one, other), comparison, pairs)
+            for pair in _pairs(one, other, config, stack):
+                comparison.add(pair)
             comparison.close()
             losses = *one.recording.losses, *other.recording.losses
             notes = [*_recordings_note(one, other), *one.notes, *other.notes]
@@ -159,8 +135,6 @@ def compare(
             notes=notes,
         )
         write_json(tree)
-    for path in written:
-        remark_log.info("wrote %s", path)
     out = console()
     if as_json:
         show_json(out, tree)

@@ -101,8 +101,8 @@ RigFile = Annotated[
     typer.Option(
         "--rig",
         metavar="FILE",
-        help="Sensors, calibration and zones: a rig file, a preset (original), or a calibration file of KITTI, Kalibr, "
-        "Autoware or the predecessor system. May be repeated: later files add and replace. Without it, as recorded.",
+        help="Sensors, calibration and zones: a rig file, a preset (original), or a calibration file of KITTI, Kalibr "
+        "or Autoware. May be repeated: later files add and replace. Without it, as recorded.",
     ),
 ]
 Model2d = Annotated[

@@ -1,1 +1,1 @@
-"""How good a result is: its frames beside the truth, the figures that come of it, and the requirements on them."""
+"""Evaluation of a result: its frames beside the truth, its figures, and requirements on them."""

@@ -6,12 +6,13 @@ from typing import Any
 from lidcam.run.warning import RunWarning
 
 ALL = "all"
-"""In place of a class: the figures of all objects."""
+"""Name of the figures of all classes."""
 
 MIN_COVERED = 0.5
-"""Share of the frames that truth should cover."""
+"""Smallest share of the frames that truth should cover."""
 
 MAX_LABELS = 5
+"""Largest number of labels without a class that a warning lists."""
 
 
 def doubts(tree: Mapping[str, Any], *, has_truth: bool, lidars_detect: bool = True) -> tuple[RunWarning, ...]:

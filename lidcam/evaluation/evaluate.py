@@ -35,12 +35,7 @@ def not_shown(_: float) -> AbstractContextManager[Advance]:
 
 
 def evaluate_result(job: EvaluationJob, show: Progress = not_shown, others: Sequence[Evaluator] = ()) -> Evaluation:
-    """Evaluate a result of lidcam.
-
-    Args:
-        job: The result, and the truth to compare it with.
-        show: Shows the progress.
-        others: Further evaluators that see the frames.
+    """Evaluate a result of lidcam; `others` are further evaluators that see the frames.
 
     Raises:
         RequirementError: a requirement names a figure that there cannot be; nothing is measured.

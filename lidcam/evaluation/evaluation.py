@@ -25,8 +25,8 @@ class EvaluationJob:
     Attributes:
         result: The .mcap file that `lidcam process` wrote.
         truth: Recordings or files of labels; empty: the truth in the result.
-        truth_topic: The topic of the truth, whatever it is called; empty: the one that is truth by its name.
-        rig: Rig file, of which the zones and the vehicles of the truth count, in place of those of the result.
+        truth_topic: Topic of the truth; empty: found by name.
+        rig: Rig file whose zones and truth vehicles replace those of the result.
         settings: Single settings on top of those of the result.
         requirements: Limits that the figures must meet.
     """
@@ -113,7 +113,7 @@ class Truth:
     inputs: tuple[InputFile, ...]
 
     def tree(self) -> dict[str, Any]:
-        """As plain values, for JSON."""
+        """Plain values, for JSON."""
         return {"from": list(self.sources), "inputs": [file.tree() for file in self.inputs]}
 
 

@@ -4,10 +4,16 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from lidcam.pipeline.core.detections import Boxes2D
-from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, ImageBoxes, TruthBoxes2D, TruthBoxes3D
+from lidcam.pipeline.evaluation.evaluation_frame import (
+    EvaluationFrame,
+    ImageBoxes,
+    ResultFrame,
+    TruthBoxes2D,
+    TruthBoxes3D,
+)
 from lidcam.pipeline.fusion.zones import is_reported
 from lidcam.readers.notes import Notes
-from lidcam.readers.results.result import Result, ResultFrame
+from lidcam.readers.results.result import Result
 from lidcam.readers.truth.moment import projected_truth
 from lidcam.readers.truth.open import OpenTruth
 from lidcam.readers.truth.site import SitePoses, boxes_in_site
@@ -29,7 +35,7 @@ class EvaluationFrames:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes for the user about what was read so far, one line each."""
+        """Notes for the user about what was read, one line each."""
         no_truth = f"no truth: {self._reason}"
         adrift = (ADRIFT,) if self._result.is_adrift and self._truth is not None else ()
         of_truth = (no_truth,) if self._truth is None else (f"truth: {self._truth.description}", *self._truth.notes)
@@ -45,15 +51,17 @@ class EvaluationFrames:
         for frame in self._result.frames():
             # Without recorded motion the site frame would stand still; where it does not, its place is not known.
             T_fixed_site = None if self._result.is_adrift else self._poses.T_fixed_site(frame.stamp_ns)
+            truth = self._truth_at(frame)
+            shown = {name: self._in_image(name, found, frame) for name, found in frame.cameras.items()}
             yield EvaluationFrame(
-                frame.index,
-                frame.stamp_ns,
-                self._truth_at(frame),
-                frame.sources,
-                {name: ImageBoxes(found, self._in_image(name, found, frame)) for name, found in frame.cameras.items()},
-                frame.skew_ns,
-                None if T_fixed_site is None else T_fixed_site.matrix,
-                frame.sync,
+                index=frame.index,
+                stamp_ns=frame.stamp_ns,
+                truth=truth,
+                sources=frame.sources,
+                images={name: ImageBoxes(found, shown[name]) for name, found in frame.cameras.items()},
+                skew_ns=frame.skew_ns,
+                T_fixed_site=None if T_fixed_site is None else T_fixed_site.matrix,
+                sync=frame.sync,
             )
 
     def _truth_at(self, frame: ResultFrame) -> TruthBoxes3D | None:

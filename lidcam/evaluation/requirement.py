@@ -25,10 +25,10 @@ OPERATORS: Mapping[str, Callable[[float, float], bool]] = {
 }
 
 TRACKING = "tracking."
-"""How the names of figures begin that only results with track ids have."""
+"""Beginning of the names of figures that only results with track ids have."""
 
 MAX_REQUIREMENT_BYTES = 1 << 20
-"""Of a file with requirements: some twenty thousand of them."""
+"""Largest size of a file of requirements: some twenty thousand."""
 
 _FORM = re.compile(r"(?P<name>[^\s<>=!][^<>=!]*?)\s*(?P<sign>[<>=!]+)\s*(?P<limit>[^\s<>=!]+)")
 
@@ -104,7 +104,7 @@ class Outcome:
     failure: str
 
     def tree(self) -> dict[str, Any]:
-        """As plain values, for JSON."""
+        """Plain values, for JSON."""
         named = {"figure": self.requirement.name, "comparison": self.requirement.sign, "limit": self.requirement.limit}
         return {**named, "found": self.found, "is_met": not self.failure}
 
@@ -126,10 +126,8 @@ def read_requirements(texts: Iterable[str]) -> tuple[Requirement, ...]:
 def check_names(requirements: Sequence[Requirement], known: NamedFigures) -> None:
     """Check that there can be figures of these names.
 
-    Args:
-        requirements: The requirements.
-        known: The figures of a result without objects: names that depend on the words of the truth are not among them,
-            nor those of tracks, which a result may not have, nor those of all elements of lists.
+    `known` are those of a result without objects. It lacks figures named by the words of the truth, figures of tracks,
+    which a result may not have, and some elements of lists.
 
     Raises:
         RequirementError: there is no such figure.
@@ -151,7 +149,7 @@ def why_undefined(figures: NamedFigures, name: str) -> str:
 
 
 _REASONS = {"truth": "there is no truth of it", "found": "nothing of it was found", "right": "nothing of it was right"}
-"""Counts that leave the figures beside them without a meaning where they are 0."""
+"""Counts that leave the figures beside them undefined where they are 0."""
 
 
 def _of_file(path: Path) -> list[Requirement]:

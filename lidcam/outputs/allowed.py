@@ -178,7 +178,6 @@ TEXT = Replaceable(
 
 REPAIRED = Replaceable(lambda path: is_marked_mcap(path, marks.REPAIRED), "exists and was not written by --repair")
 PAGE = Replaceable(is_marked_page, "exists and is no page about a result")
-MERGED = Replaceable(lambda path: is_marked_mcap(path, marks.MERGED), "exists and was not written by --merged")
 SIMULATED = Replaceable(_is_simulated, "exists and is no simulated recording")
 
 

@@ -120,15 +120,6 @@ def class_distances(classes: Sequence[ClassPrior]) -> F64:
     return np.asarray(((sizes[:, None] - sizes) ** 2).sum(-1))
 
 
-def class_ratios(confusion: F64) -> F64:
-    """(K, K) log likelihood ratios of a pair's classes, of the 3D box and the 2D box: one object against two.
-
-    `confusion` is that of both detectors; something else may be of any class.
-    """
-    true = (confusion / confusion.sum(0)).T  # by the class of the 3D box
-    return np.asarray(np.log(np.einsum("ik,kj->ij", true, confusion) * len(confusion)))
-
-
 def _extent(edges: F64) -> F64:
     """(P, 2) width and height, at least a pixel."""
     return np.maximum(edges[:, 2:] - edges[:, :2], 1.0)

@@ -1,1 +1,1 @@
-"""How good results are: detection, tracking and fusion against truth, figures without truth, comparison of two runs."""
+"""Evaluation of results: detection, tracking and fusion against truth, figures without truth, two runs compared."""

@@ -1,8 +1,7 @@
 """Assignment of results to truth in all frames at once.
 
-Candidates are pairs of rows. Rows of different frames never share a pair, so the pairs of a whole recording fall into
-many small components. Most are a single pair, which needs no decision; only the others are solved one by one.
-Pairs (P,) are given as `first` and `second`, the row of each on the one side and on the other.
+Pairs (P,) are given as `first` and `second`, the row on either side. Rows of different frames never share a pair, so
+the pairs of a recording fall into many small components. Most are a single pair; the others are solved one by one.
 """
 
 from collections.abc import Iterator
@@ -38,10 +37,7 @@ def conflicts(first: I64, second: I64) -> Iterator[Indices]:
 
 
 def dense_assignment(first: I64, second: I64, costs: F64, missing: float) -> Bools:
-    """Which of the pairs (P,) of one component are part of the assignment of smallest cost.
-
-    Two rows that are not a pair cost `missing`, and are assigned to nothing.
-    """
+    """(P,) the pairs of one component in the assignment of least cost; two rows that are no pair cost `missing`."""
     from scipy.optimize import linear_sum_assignment  # a third of a second: behind the imports of the programs
 
     # Most components have two or three pairs: sets are faster than sorted arrays there.
@@ -57,12 +53,12 @@ def dense_assignment(first: I64, second: I64, costs: F64, missing: float) -> Boo
 
 
 def assign_nearest(first: I64, second: I64, distances: F64) -> Bools:
-    """Which pairs (P,) are chosen: as many as possible, each row once, at the smallest sum of distances (P,) >= 0."""
+    """(P,) the chosen pairs: as many as possible, each row once, at the smallest sum of distances (P,) >= 0."""
     return _assign(first, second, distances, far_cost(distances))
 
 
 def assign_heaviest(first: I64, second: I64, weights: F64) -> Bools:
-    """Which pairs (P,) are chosen: each row once at most, with the largest sum of weights (P,) > 0."""
+    """(P,) the chosen pairs: each row once at most, with the largest sum of weights (P,) > 0."""
     return _assign(first, second, -weights, 0.0)
 
 

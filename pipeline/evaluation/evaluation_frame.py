@@ -13,7 +13,7 @@ from lidcam.pipeline.core.detections import Boxes2D, Boxes3D
 Names = npt.NDArray[np.str_]
 
 UNKNOWN = -1
-"""In place of a class, an id or a count that is not known."""
+"""Stands for a class, an id or a count that is not known."""
 
 SOURCES = ("lidar", "cameras", "fused")
 """Sources of 3D boxes in the order of the figures: a source that is made of others comes last."""
@@ -57,15 +57,11 @@ class TruthBoxes3D:
 
     def __post_init__(self) -> None:
         n = len(self.yaws)
-        check_array("labels", self.labels, (n,), self.labels.dtype if self.labels.dtype.kind == "U" else np.str_)
         check_array("centers", self.centers, (n, 3), np.float64)
         check_array("sizes", self.sizes, (n, 3), np.float64)
         check_array("yaws", self.yaws, (n,), np.float64)
-        check_array("class_ids", self.class_ids, (n,), np.int32)
-        check_array("track_ids", self.track_ids, (n,), np.int64)
         check_array("lidar_points", self.lidar_points, (n,), np.int32)
-        check_array("image_pixels", self.image_pixels, (n,), np.int32)
-        check_array("is_ignored", self.is_ignored, (n,), np.bool_)
+        _check_common(self, n)
 
     def __len__(self) -> int:
         return len(self.yaws)
@@ -99,12 +95,8 @@ class TruthBoxes2D:
 
     def __post_init__(self) -> None:
         n = len(self.xyxy)
-        check_array("labels", self.labels, (n,), self.labels.dtype if self.labels.dtype.kind == "U" else np.str_)
         check_array("xyxy", self.xyxy, (n, 4), np.float32)
-        check_array("class_ids", self.class_ids, (n,), np.int32)
-        check_array("track_ids", self.track_ids, (n,), np.int64)
-        check_array("image_pixels", self.image_pixels, (n,), np.int32)
-        check_array("is_ignored", self.is_ignored, (n,), np.bool_)
+        _check_common(self, n)
 
     def __len__(self) -> int:
         return len(self.xyxy)
@@ -114,9 +106,18 @@ class TruthBoxes2D:
         return select_rows(self, rows)
 
 
+def _check_common(boxes: TruthBoxes3D | TruthBoxes2D, n: int) -> None:
+    labels = boxes.labels
+    check_array("labels", labels, (n,), labels.dtype if labels.dtype.kind == "U" else np.str_)
+    check_array("class_ids", boxes.class_ids, (n,), np.int32)
+    check_array("track_ids", boxes.track_ids, (n,), np.int64)
+    check_array("image_pixels", boxes.image_pixels, (n,), np.int32)
+    check_array("is_ignored", boxes.is_ignored, (n,), np.bool_)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion(Table):
-    """What the tracks of N objects say of their motion.
+    """Motion of N tracked objects.
 
     Attributes:
         velocities: (N, 2) float64, over the ground, along x and y of the site frame, m/s; NaN where it is not known.
@@ -136,7 +137,7 @@ class Motion(Table):
 
     @classmethod
     def unknown(cls, count: int) -> Self:
-        """Objects whose motion nobody told."""
+        """Objects whose motion is not known."""
         return cls(np.full((count, 2), np.nan), np.full(count, np.nan), np.zeros(count, np.bool_))
 
 
@@ -190,6 +191,29 @@ class FrameSync:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ResultFrame:
+    """One frame of a result.
+
+    Attributes:
+        index: Its number, from 0.
+        stamp_ns: Its time.
+        log_time_ns: Log time of its messages.
+        sources: 3D boxes by source, empty where nothing was found; a source without an entry has no message.
+        cameras: 2D boxes by camera, with the stamp of the image; only cameras with an image or boxes in this frame.
+        skew_ns: Largest minus smallest stamp of the messages that the frame was made of; None if not known.
+        sync: These messages; None if not known.
+    """
+
+    index: int
+    stamp_ns: int
+    log_time_ns: int
+    sources: Mapping[str, SourceBoxes]
+    cameras: Mapping[str, Boxes2D]
+    skew_ns: int | None = None
+    sync: FrameSync | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class EvaluationFrame:
     """One frame of a result, with the truth at its time and in its frame of reference.
 
@@ -221,10 +245,10 @@ def in_order(sources: Iterable[str]) -> list[str]:
 
 
 class Evaluator(Protocol):
-    """Takes the frames of a result in order, and says what they come to."""
+    """Measures the frames of a result, which come in order."""
 
     def add(self, frame: EvaluationFrame) -> None:
         """Take in one frame."""
 
     def figures(self) -> Figures:
-        """The figures of all frames so far."""
+        """The figures of all frames."""

@@ -9,14 +9,9 @@ from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
 
 
 def is_within(centers: F64, config: EvaluateConfig) -> Bools:
-    """Whether centres lie in the part of the site that is evaluated; truth and results outside it do not count.
+    """(N,) whether centres (N, 3) lie in `region` and `max_range_m`; their limits are within.
 
-    Args:
-        centers: (N, 3) in the site frame, metres.
-        config: `region` and `max_range_m`; the range is measured along the ground.
-
-    Returns:
-        (N,) bool; a centre on the edge of the region or at the limit of the range is within.
+    Truth and results outside do not count. The range is measured along the ground, from the origin of the site frame.
     """
     within = np.ones(len(centers), np.bool_)
     if config.region is not None:
@@ -27,15 +22,11 @@ def is_within(centers: F64, config: EvaluateConfig) -> Bools:
 
 
 def is_evaluated(truth: TruthBoxes3D, config: EvaluateConfig) -> Bools:
-    """Whether each object has to be found.
+    """(N,) whether each object has to be found; the others are neither misses nor, where matched, errors.
 
-    The others are ignored: who misses them has no miss, and a result that matches one of them is no error. These are
-    objects that do not count (`is_counted`), and those that no sensor saw: with fewer lidar points than
-    `min_lidar_points` and fewer pixels than `min_image_pixels`. A count that the truth does not give decides nothing;
-    without any, the object is taken to be seen.
-
-    Returns:
-        (N,) bool.
+    Ignored are objects that do not count (`is_counted`), and those that no sensor saw: with fewer lidar points than
+    `min_lidar_points` and fewer pixels than `min_image_pixels`. A count that the truth lacks decides nothing; without
+    any, the object is taken to be seen.
     """
     lidar_points, image_pixels = truth.lidar_points, truth.image_pixels
     seen = (lidar_points >= config.min_lidar_points) | (image_pixels >= config.min_image_pixels)
@@ -44,9 +35,5 @@ def is_evaluated(truth: TruthBoxes3D, config: EvaluateConfig) -> Bools:
 
 
 def is_counted(truth: TruthBoxes3D, config: EvaluateConfig) -> Bools:
-    """Whether each object counts, seen or not: not marked as ignored, of a configured class, and `is_within`.
-
-    Returns:
-        (N,) bool.
-    """
+    """(N,) whether each object counts, seen or not: not marked as ignored, of a configured class, and `is_within`."""
     return np.asarray((truth.class_ids != UNKNOWN) & ~truth.is_ignored & is_within(truth.centers, config))

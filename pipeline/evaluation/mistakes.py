@@ -14,17 +14,16 @@ from lidcam.pipeline.core.arrays import F64, I32, Indices
 from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.evaluation.detection.criteria import Criteria
-from lidcam.pipeline.evaluation.detection.matching import match_other_classes, match_position
+from lidcam.pipeline.evaluation.detection.matching import match_frame, match_other_classes
 from lidcam.pipeline.evaluation.detection.tables import FALSE
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, Figures, TruthBoxes3D
-from lidcam.pipeline.evaluation.ignoring import is_evaluated, is_within
-from lidcam.pipeline.evaluation.near_objects import Candidates, FoundObjects, TrueObjects, pairs_near
+from lidcam.pipeline.evaluation.near_objects import Candidates
 
 MAX_PAUSE_NS = 2_000_000_000
-"""An error that comes back at the same place after a longer pause is another mistake."""
+"""Longest pause within one mistake."""
 
 MAX_LISTED = 10
-"""Mistakes of each kind among the figures."""
+"""Largest number of mistakes of each kind among the figures."""
 
 Kind = Literal["false", "missed"]
 Cause = Literal["nothing", "class", "second", "place"]
@@ -40,7 +39,7 @@ class Mistake:
         kind: `false`: there is no object of this class; `missed`: an object that was not found.
         class_id: Class of the detection, or of the missed object.
         track_id: Id of the true object; of a false one, of the object at the place; `UNKNOWN` if there is none.
-        weight: By which mistakes are ranked: the sum of the scores over the frames, or the number of frames.
+        weight: Rank among mistakes: the sum of the scores over the frames, or the number of frames.
         frames: Number of frames with the error.
         first_ns: Stamp of the first of them.
         last_ns: Stamp of the last of them.
@@ -67,7 +66,7 @@ class Mistake:
     box: Figures
 
     def figures(self, start_ns: int) -> Figures:
-        """As JSON has it, with times in seconds since `start_ns`, too."""
+        """The mistake as JSON has it, with times also in seconds since `start_ns`."""
         return {
             **self.named,
             "frames": self.frames,
@@ -84,10 +83,6 @@ class Mistakes:
 
     A detection is right if its centre is within 2 m, scaled by the class's length, of an object of its class; see
     `detection.criteria.Criteria.position`. Memory grows with the number of mistakes, not of frames.
-
-    Args:
-        config: Classes and settings of the evaluation.
-        source: The source.
     """
 
     def __init__(self, config: Config, source: str = "fused") -> None:
@@ -105,10 +100,7 @@ class Mistakes:
         if frame.truth is None or source is None:
             return
         found, truth, position = source.boxes, frame.truth, self._criteria.position
-        counted = is_evaluated(truth, self._config.evaluate)
-        pairs = pairs_near(FoundObjects.of([source], 0), TrueObjects.of([truth], 0), self._criteria.scales)
-        is_ignored = ~is_within(found.centers, self._config.evaluate)
-        matches = match_position(pairs, position, found, truth, is_evaluated=counted, is_ignored=is_ignored)
+        pairs, matches, counted = match_frame(source, truth, self._criteria, self._config.evaluate)
         mistaken = match_other_classes(pairs, position, matches=matches, found=found, truth=truth, is_evaluated=counted)
         at_place = np.where(mistaken >= 0, mistaken, _most_overlapped(pairs, len(found)))
         now = [

@@ -44,7 +44,7 @@ class FoundObjects(Table):
         frames: (N,) int32, number of the evaluated frame, rising.
         boxes: The detections; their stamp and frame of reference mean nothing.
         track_ids: (N,) int64, or `UNKNOWN`.
-        motion: What their tracks say of their motion.
+        motion: Motion of their tracks.
     """
 
     frames: I32
@@ -54,7 +54,7 @@ class FoundObjects(Table):
 
     @classmethod
     def of(cls, sources: Sequence[SourceBoxes | None], first_frame: int) -> "FoundObjects":
-        """The detections of frames that are numbered from `first_frame`; None where the source says nothing."""
+        """The detections of frames that are numbered from `first_frame`; None for a frame without the source."""
         given = [source for source in sources if source is not None]
         return cls(
             _frames([0 if source is None else len(source) for source in sources], first_frame),
@@ -97,10 +97,7 @@ class Candidates(Table):
 def pairs_near(found: FoundObjects, truth: TrueObjects, scales: F64) -> Candidates:
     """Pairs of the same frame that overlap or are nearer to each other than `NEAR_M`, by true object, then detection.
 
-    Args:
-        found: The detections.
-        truth: The true objects of the same frames.
-        scales: (C,) by class, factor of the distance; the larger one of the two objects counts.
+    `scales` (C,) are factors of the distance by class; the larger one of the two objects counts.
     """
     columns, rows = pairs_of_equal(truth.frames, found.frames)
     gap_m = found.boxes.centers[rows, :2] - truth.boxes.centers[columns, :2]

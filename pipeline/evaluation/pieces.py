@@ -1,6 +1,9 @@
 """Tables that grow frame by frame."""
 
-from typing import TYPE_CHECKING, Generic, TypeVar
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, get_args
+
+import numpy as np
 
 from lidcam.pipeline.core.arrays import join_rows
 
@@ -8,7 +11,7 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 MAX_LOOSE = 256
-"""Pieces that stand by themselves at most: an array of a few rows takes more memory than the rows."""
+"""Largest number of separate pieces: an array of a few rows takes more memory than the rows."""
 
 Table = TypeVar("Table", bound="DataclassInstance")
 
@@ -17,11 +20,15 @@ class Pieces(Generic[Table]):
     """A table that grows by pieces, and is put together when it is read.
 
     Args:
-        empty: The table without rows; a dataclass of parallel arrays.
+        kind: The table; a dataclass of parallel arrays.
+        **shapes: Shape of one row, by name of a column; other columns have one number in a row.
     """
 
-    def __init__(self, empty: Table) -> None:
-        self._blocks, self._loose = [empty], list[Table]()
+    def __init__(self, kind: type[Table], **shapes: tuple[int, ...]) -> None:
+        columns = {
+            column.name: np.zeros((0, *shapes.get(column.name, ())), _dtype(column.type)) for column in fields(kind)
+        }
+        self._blocks, self._loose = [kind(**columns)], list[Table]()
 
     def append(self, piece: Table) -> None:
         """Add the rows of `piece` at the end."""
@@ -31,8 +38,13 @@ class Pieces(Generic[Table]):
             self._loose.clear()
 
     def table(self) -> Table:
-        """All rows so far."""
+        """All rows."""
         if len(self._blocks) + len(self._loose) > 1:
             self._blocks = [join_rows(*self._blocks, *self._loose)]
             self._loose.clear()
         return self._blocks[0]
+
+
+def _dtype(array_type: Any) -> Any:
+    """The dtype of an annotation such as `F64`."""
+    return get_args(get_args(array_type)[1])[0]

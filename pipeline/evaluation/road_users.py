@@ -21,7 +21,7 @@ class RoadUserCount:
     Attributes:
         class_name: Their class.
         zone: The zone, `outside` of all zones, or empty: the site.
-        count: How many were there for a frame or more.
+        count: Number of road users that were there for a frame or more.
         speed_mean_m_s: Mean over the road users of the mean speed of each while it was there.
         speed_max_m_s: The highest speed of one of them in one frame.
     """
@@ -41,7 +41,7 @@ class ZoneChange:
         class_name: Their class.
         from_zone: The first zone in which each was.
         to_zone: The last.
-        count: How many went so.
+        count: Number of road users.
         speed_mean_m_s: Mean over them of the mean speed of each in all frames.
     """
 
@@ -98,8 +98,8 @@ class RoadUserTable:
 class RoadUserTally:
     """Counts road users while a run goes on; memory grows with their number alone, by about 200 bytes each.
 
-    What is of no class (`unknown`) is no road user. A track counts as the class that it has in most frames; of equally
-    many, the first of the settings.
+    Objects of no class (`unknown`) are no road users. A track counts as the class of most of its frames; of equals, the
+    first of the settings.
     """
 
     def __init__(self, config: Config, rig: Rig) -> None:
@@ -132,7 +132,7 @@ class RoadUserTally:
         """Count the N tracked objects of one frame; frames come in order.
 
         Args:
-            stamp_ns: Its time.
+            stamp_ns: Time of the frame.
             class_ids: (N,) row of the configured classes; one beyond them is of no class.
             centers: (N, 3) metres, in the site frame.
             numbers: (N,) of the tracks, from 1; less: the object belongs to none.

@@ -1,4 +1,4 @@
-"""Distances, ranges and turns by which results are judged: as long as the objects are, or those of nuScenes."""
+"""Distances, ranges and turns by which results are judged: scaled to the objects' length, or those of nuScenes."""
 
 from itertools import pairwise
 
@@ -28,16 +28,16 @@ NUSCENES_RANGES_M = {
 DEFAULT_RANGES_M = (0.0, 10.0, 20.0, 40.0, 80.0)
 
 MAX_TURN_RAD = np.pi / 2 + 1e-6
-"""A right angle, which is no flip, and what single precision may add to it."""
+"""Largest turn that is no flip: a right angle and its rounding in single precision."""
 
 
 def is_flip(turns_rad: npt.NDArray[np.floating]) -> Bools:
-    """Whether turns (N,) between two headings, in [-pi, pi], are of more than 90 degrees to either side."""
+    """(N,) whether turns in [-pi, pi] exceed 90 degrees to either side."""
     return np.asarray(np.abs(turns_rad) > MAX_TURN_RAD)
 
 
 def length_scales(config: Config) -> F64:
-    """(C,) what distances of nuScenes are multiplied with: a class's length over 4 m, or 1 where they are unscaled."""
+    """(C,) factors of nuScenes's distances: a class's length over 4 m, or 1 where they are unscaled."""
     if config.evaluate.distances == "nuscenes":
         return np.ones(len(config.classes))
     return np.array([prior.size_m[0] for prior in config.classes]) / REFERENCE_LENGTH_M
@@ -61,21 +61,11 @@ def range_names(edges_m: F64) -> tuple[str, ...]:
     return (*closed, f"over_{decimal(float(edges_m[-1]))}")
 
 
-def range_rows(centers: F64, edges_m: F64) -> I64:
-    """The range in which each centre lies, measured along the ground.
+def range_rows(ranges_m: F64, edges_m: F64) -> I64:
+    """(N,) row of the range that holds each distance along the ground; -1 before the first.
 
-    Args:
-        centers: (N, 3) in the site frame, metres.
-        edges_m: (K,) rising.
-
-    Returns:
-        (N,) row of the range, which holds its nearer edge and not its farther; -1 before the first.
+    A range holds its nearer edge and not its farther one; `edges_m` (K,) rise.
     """
-    return rows_of_ranges(np.hypot(centers[:, 0], centers[:, 1]), edges_m)
-
-
-def rows_of_ranges(ranges_m: F64, edges_m: F64) -> I64:
-    """As `range_rows`, from the distances (N,) along the ground themselves."""
     return (np.searchsorted(edges_m, ranges_m, side="right") - 1).astype(np.int64)
 
 

@@ -1,4 +1,4 @@
-"""How true objects move over the ground, by the differences of their places."""
+"""Motion of true objects over the ground, from differences of their places."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
 
 MAX_SPAN_NS = 1_500_000_000
-"""From the frame before to the frame after: of labels at 2 Hz three in a row count, as in nuScenes."""
+"""Longest time from the frame before to the frame after: three labels in a row at 2 Hz, as in nuScenes."""
 
 
 def ground_poses(centers: F64, yaws: F64, frames: I32, T_fixed_site: Sequence[F64 | None], first_frame: int) -> F64:
@@ -67,16 +67,9 @@ def true_velocities(frames: I32, stamps_ns: I64, class_ids: I32, tracks: I64, po
 
 
 def has_moved(class_ids: I32, tracks: I64, poses: F64, lengths_m: F64) -> tuple[Bools, Bools]:
-    """Which true objects are ever more than their class's length away from where they were, and which never.
+    """(T,) whether true objects ever move by more than their class's length (C,), and (T,) whether they stand.
 
-    Args:
-        class_ids: (T,) class of each object, or `UNKNOWN`.
-        tracks: (T,) the same for the same object in all frames, or `UNKNOWN`.
-        poses: (T, 3) of `ground_poses`.
-        lengths_m: (C,) by class.
-
-    Returns:
-        (T,) of all objects whether they move, and (T,) whether they stand; neither without class, track or place.
+    Neither without class, track or place; arguments as of `true_velocities`.
     """
     is_known = (tracks != UNKNOWN) & (class_ids != UNKNOWN) & np.isfinite(poses).all(1)
     rows = np.flatnonzero(is_known)

@@ -22,7 +22,7 @@ from lidcam.readers.rig.schema import CameraEntry, LidarEntry, parse_rig
 from lidcam.readers.rig.search import zones_of
 
 MAX_ROUNDS = 20
-"""Times that settings are judged anew after those that do not fit were left out."""
+"""Largest number of times that settings are judged anew, without those that do not fit."""
 
 
 def attached_config(text: str, path: Path, version: str) -> tuple[Config, tuple[str, ...]]:
@@ -30,11 +30,6 @@ def attached_config(text: str, path: Path, version: str) -> tuple[Config, tuple[
 
     Other versions of lidcam have other settings: a key that is missing gets its default, one that is unknown, or has a
     value that does not fit any more, is left out.
-
-    Args:
-        text: The attached YAML.
-        path: The result, for messages.
-        version: The version of lidcam that wrote it.
 
     Raises:
         RecordingError: the text is not a tree of settings.

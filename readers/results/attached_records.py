@@ -16,10 +16,7 @@ RESULT = "lidcam"
 """Name of the metadata record of a result."""
 
 INPUTS = "lidcam.inputs"
-"""Name of the one behind its messages, with the checksums of the inputs; missing where the file was not closed."""
-
-MERGED = "lidcam.merged"
-"""Name of the metadata record of a file with two results; its values `a` and `b` are their names."""
+"""Name of the metadata record of the checksums of its inputs; missing where the file was not closed."""
 
 CONFIG = "lidcam.yaml"
 """Name of the attached settings."""
@@ -68,12 +65,6 @@ def read_records(path: Path) -> AttachedRecords:
                     "that `lidcam process` wrote"
                 )
             metadata, texts = _records(stream)
-    if MERGED in metadata:
-        names = " and ".join(filter(None, map(metadata[MERGED].get, ("a", "b"))))
-        raise RecordingError(
-            f"{path}: expected a result of lidcam, found two side by side, of `lidcam compare --merged`; give one of "
-            f"them: {names}"
-        )
     if RESULT not in metadata:
         raise RecordingError(
             f"{path}: expected a result of lidcam, found a recording; run `lidcam process {path.name} OUT.mcap` first, "

@@ -6,7 +6,7 @@ the topics of boxes, `/tracks` and `/diagnostics` are read.
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import UNKNOWN_CLASS, Config
 from lidcam.pipeline.core.settings.load import load_config
 from lidcam.pipeline.core.settings.recording import LimitsConfig
-from lidcam.pipeline.evaluation.evaluation_frame import SOURCES, UNKNOWN, FrameSync, Motion, SourceBoxes
+from lidcam.pipeline.evaluation.evaluation_frame import SOURCES, UNKNOWN, FrameSync, Motion, ResultFrame, SourceBoxes
 from lidcam.readers.messages.diagnostics import decode_diagnostics
 from lidcam.readers.messages.objects.tracks import TRACKS, decode_tracks
 from lidcam.readers.messages.vision.detections2d import DETECTIONS_2D, decode_detections2d
@@ -38,33 +38,13 @@ RESULT_TOPICS = frozenset(SOURCE_TOPICS.values())
 """Topics of 3D boxes that are results, not truth."""
 
 TRACKS_TOPIC = "/tracks"
-"""Topic of what the tracks of the fused objects say of their motion."""
+"""Topic of the tracks of the fused objects, with their motion."""
 
-DIAGNOSTICS, SYNCHRONISATION = "/diagnostics", "lidcam: synchronisation"
-"""Topic of the counts of each frame, and the status that has the skew."""
+DIAGNOSTICS = "/diagnostics"
+"""Topic of the counts of each frame."""
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ResultFrame:
-    """One frame of a result.
-
-    Attributes:
-        index: Its number, from 0.
-        stamp_ns: Its time.
-        log_time_ns: Log time of its messages.
-        sources: 3D boxes by source, empty where nothing was found; a source without an entry has no message.
-        cameras: 2D boxes by camera, with the stamp of the image; only cameras that were looked at in this frame.
-        skew_ns: Largest minus smallest stamp of the messages that the frame was made of; None if not known.
-        sync: These messages; None if not known.
-    """
-
-    index: int
-    stamp_ns: int
-    log_time_ns: int
-    sources: Mapping[str, SourceBoxes]
-    cameras: Mapping[str, Boxes2D]
-    skew_ns: int | None
-    sync: FrameSync | None = None
+SYNCHRONISATION = "lidcam: synchronisation"
+"""Diagnostic status that has the skew."""
 
 
 class Result(Closing):
@@ -110,7 +90,7 @@ class Result(Closing):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes for the user about what was read so far, one line each."""
+        """Notes for the user about what was read, one line each."""
         losses = [f"{loss.path}: byte {loss.position}: {loss.reason}" for loss in self.recording.losses]
         return (*self._notes, *losses, *(f"{self.path.name}: {line}" for line in self._unused.lines()))
 
@@ -244,7 +224,7 @@ def _boxes_topic(camera: str) -> str:
 
 
 def _sync(log_time_ns: int, values: Mapping[str, str]) -> FrameSync:
-    """What the diagnostics of a frame say of its messages, to the microsecond."""
+    """The messages of a frame by its diagnostics, to the microsecond."""
     named = {key.partition(" ")[::2]: value for key, value in values.items()}
     offsets = {topic: _nanoseconds(value) for (kind, topic), value in named.items() if kind == "offset_ms"}
     return FrameSync(

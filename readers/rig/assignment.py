@@ -1,4 +1,4 @@
-"""Which topic of the recording belongs to which sensor of a rig file.
+"""Topics of the recording for the sensors of a rig file.
 
 A sensor with a topic has that topic, or, if the same images were recorded compressed or not compressed, that one. A
 sensor without gets the topic of its own place (`camera_11` and `cam11` are `/image_raw_11`). The rest get the topics
@@ -18,7 +18,7 @@ E = TypeVar("E", LidarEntry, CameraEntry)
 
 
 class AssignedLidar(NamedTuple):
-    """A lidar's name, topic and entry in the rig file."""
+    """A lidar, its topic and its entry in the rig file."""
 
     name: str
     topic: str
@@ -26,7 +26,7 @@ class AssignedLidar(NamedTuple):
 
 
 class AssignedCamera(NamedTuple):
-    """A camera's name, topics and entry in the rig file."""
+    """A camera, its topics and its entry in the rig file."""
 
     name: str
     topics: CameraTopics

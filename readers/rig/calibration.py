@@ -20,7 +20,7 @@ from lidcam.readers.rig.sensor_topics import BOXES, CAMERA_INFO, CLOUD, IMAGE, C
 from lidcam.readers.rig.topic_names import is_rectified, transport_free
 
 OWN_SITE = "its frame is the site frame"
-"""Source of the pose of a lidar that has the site frame."""
+"""Source of the pose of a sensor in the site frame."""
 
 PARTS = {
     **dict.fromkeys(("T_site_lidar", "T_camera_site", "T_site_camera", *POSE), ("extrinsics",)),
@@ -28,21 +28,12 @@ PARTS = {
     **dict.fromkeys(("width_px", "height_px"), ("image size",)),
     "P": ("intrinsics", "extrinsics"),
 }
-"""The section of a rig file to which a key belongs."""
+"""Parts of the calibration that a key of a rig file belongs to."""
 
 
 @dataclass(frozen=True, slots=True)
 class SensorSource:
-    """Where a sensor's calibration was found.
-
-    Attributes:
-        sensor: Its name in the rig.
-        topic: Its topic.
-        frame_id: Its frame.
-        intrinsics: Source of a camera's intrinsics; empty for a lidar.
-        extrinsics: Source of its pose.
-        time_offset_ms: Correction of its stamps in the rig file, milliseconds.
-    """
+    """Sources of a sensor's calibration; `intrinsics` is empty for a lidar."""
 
     sensor: str
     topic: str
@@ -54,14 +45,7 @@ class SensorSource:
 
 @dataclass(frozen=True, slots=True)
 class Frames:
-    """Where frames lie in the site.
-
-    Attributes:
-        site: The site frame.
-        transforms: Transforms of the rig file and the recording.
-        of_rig: Child frames whose transform the rig file gives.
-        sensors: T_site_sensor of the sensors that are calibrated so far, by name.
-    """
+    """Poses of frames in the site; see `FoundSensors`. `sensors` holds T_site_sensor of each calibrated sensor."""
 
     site: str
     transforms: RecordedTransforms
@@ -69,11 +53,7 @@ class Frames:
     sensors: dict[str, Transform] = field(default_factory=dict)
 
     def origin(self, parent: str) -> Transform:
-        """T_site_parent of what a pose refers to: the site frame itself if `parent` is empty.
-
-        Raises:
-            FrameError: nothing joins the parent with the site frame.
-        """
+        """T_site_parent of the parent of a pose; without one, the site frame itself."""
         if not parent:
             return Transform.identity(self.site, self.site)
         if parent in self.sensors:
@@ -87,18 +67,14 @@ class Frames:
             ) from err
 
     def recorded(self, dst: str, src: str) -> Transform:
-        """T_dst_src by the transforms.
-
-        Raises:
-            FrameError: nothing joins the frames; says what to do.
-        """
+        """T_dst_src by the transforms."""
         try:
             return self.transforms.lookup(dst, src)
         except FrameError as err:
             raise FrameError(f"{err}; give its pose in a rig file (--rig)") from err
 
     def source(self, frame: str) -> str:
-        """Where the transforms from a frame to the site frame come from."""
+        """Source of the transforms from a frame to the site frame."""
         tree = self.transforms.fixed
         links = {*tree.chain(frame)} ^ {*tree.chain(self.site)}
         of_rig = links & {*self.of_rig}
@@ -158,14 +134,10 @@ def calibrate_camera(camera: AssignedCamera, frames: Frames, first: FirstMessage
 
 
 def check_complete(entry: LidarEntry | CameraEntry, *parts: str) -> None:
-    """Whether the rig file has a value for every key of a sensor that it names.
-
-    Args:
-        entry: The sensor.
-        parts: Parts of the calibration that are looked at, `intrinsics` or `extrinsics`; without any, all keys.
+    """Check that the keys of a sensor in the rig file have values; of `intrinsics` or `extrinsics` alone if given.
 
     Raises:
-        CalibrationError: it has not; says which part is missing, and why.
+        CalibrationError: one has none; says which part is missing, and why.
     """
     reasons: dict[str, dict[str, None]] = {}
     for key, reason in entry.missing.items():
@@ -182,13 +154,7 @@ def _are(names: Iterable[str]) -> str:
 
 
 class Lens(NamedTuple):
-    """A camera's intrinsics.
-
-    Attributes:
-        model: The model of its images.
-        T_model_camera: From the camera's frame to the model's: rectified images have axes of their own.
-        source: Where they were found.
-    """
+    """A camera's intrinsics, and T_model_camera: rectified images have axes of their own."""
 
     model: CameraModel
     T_model_camera: Transform
@@ -279,7 +245,6 @@ def _model_of_entry(entry: CameraEntry, topics: CameraTopics, frame: str, first:
 def _model_of_info(
     entry: CameraEntry, topics: CameraTopics, frame: str, first: FirstMessages
 ) -> tuple[CameraModel, Transform]:
-    """The model, and T_model_camera: a rectified model has axes of its own."""
     if not topics.info:
         raise CalibrationError("the recording has no CameraInfo of it: give K and its pose in a rig file (--rig)")
     info = first.decoded(topics.info, CAMERA_INFO)

@@ -1,4 +1,4 @@
-"""Which topics of a recording are the boxes of a 3D detector, and in which frames their boxes may be."""
+"""Topics of the boxes of 3D detectors, and the frames in which their boxes may be."""
 
 import re
 from collections.abc import Collection, Mapping, Sequence
@@ -76,19 +76,10 @@ def calibrated_detectors(
     first: FirstMessages,
     findings: Findings,
 ) -> tuple[tuple[RecordedDetector, ...], tuple[SensorSource, ...]]:
-    """Detectors with the frames in which their boxes may be, and where that is known from.
+    """Detectors with the frames in which their boxes may be, and the source of each.
 
     Boxes may be in any frame that is fixed to the site frame, the sensors' among them, or to the frame in which the
-    site frame is known to move (`map`, `odom`).
-
-    Args:
-        topics: Of the boxes.
-        rig: The site frame and the calibrated sensors.
-        recording: Has the motion of the site frame.
-        transforms: Of the rig file and the recording.
-        config: Settings of the motion.
-        first: First messages.
-        findings: Gets the detectors whose boxes are in another frame.
+    site frame is known to move (`map`, `odom`). `findings` gets the detectors whose boxes are in another frame.
     """
     site = rig.site_frame
     of_site = _joined(site, transforms)
@@ -107,7 +98,13 @@ def calibrated_detectors(
         if not frame:
             findings.notes.append(f"{topic}: its messages name no frame, taken to be the site frame {site!r}")
         elif frame not in of_site and frame not in of_fixed:
-            findings.leave_out(name, topic, _not_joined(frame, site))
+            findings.leave_out(
+                name,
+                topic,
+                f"its boxes are in frame {frame!r}, which nothing joins with the site frame {site!r}: no fixed "
+                f"transforms, and {site!r} is not known to move in it; give its pose in a rig file (transforms: "
+                f"{{{site}: {{{frame}: {{translation_m: [x, y, z], rpy_deg: [r, p, y]}}}}}})",
+            )
             continue
         taken.add(name)
         detectors.append(RecordedDetector(name, topic, frame or site, of_site, of_fixed))
@@ -145,11 +142,3 @@ def _name(topic: str, taken: Collection[str]) -> str:
     name = re.sub(r"\W", "_", topic.strip("/"), flags=re.ASCII) or "boxes"
     names = (name if number == 1 else f"{name}_{number}" for number in count(1))
     return next(one for one in names if one not in taken)
-
-
-def _not_joined(frame: str, site: str) -> str:
-    return (
-        f"its boxes are in frame {frame!r}, which nothing joins with the site frame {site!r}: no fixed transforms, and "
-        f"{site!r} is not known to move in it; give its pose in a rig file (transforms: "
-        f"{{{site}: {{{frame}: {{translation_m: [x, y, z], rpy_deg: [r, p, y]}}}}}})"
-    )

@@ -18,7 +18,7 @@ from lidcam.readers.rig.sensor_topics import Findings, SensorFault
 Assigned = AssignedLidar | AssignedCamera
 
 MAX_LISTED = 10
-"""Cameras that an error lists at most."""
+"""Largest number of sensors that an error lists."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,38 +48,19 @@ def discover_rig(
     start_ns: int | None = None,
     stop_ns: int | None = None,
 ) -> Discovery:
-    """The rig of a recording.
-
-    The site frame is the configured one, else the rig file's, else `base_link` if lidars are fixed to it, else the end
-    of the chain of fixed transforms that most lidars (the first of equals) hang on. A camera's optical frame cannot be
-    the site frame (z is not up); then it is the lidar's own. A lidar whose messages name no frame has the one that tf
-    knows by its name or a part of its topic, else one of its own; several such lidars need poses.
-
-    Args:
-        recording: Open recording; tf_static and the beginning of the other topics are read.
-        config: Settings: which topics are used, and the site frame.
-        rig_file: Known calibration; the rest is taken from CameraInfo and tf.
-        start_ns: Begin of the part that is processed, by log time: tf is read there, too. None is the recording's.
-        stop_ns: Its end (exclusive).
-
-    Raises:
-        CalibrationError: no lidar is usable, nor a detector's boxes, with the reason for each; or the poses of several
-            lidars are unknown.
-        RecordingError: the recording has no clouds, or cannot be read.
-    """
+    """The rig of a recording; arguments and errors as of `find_sensors` and `calibrated_rig`."""
     return calibrated_rig(find_sensors(recording, config, rig_file, start_ns=start_ns, stop_ns=stop_ns))
 
 
 def calibrated_rig(found: FoundSensors) -> Discovery:
-    """The rig of the sensors that were found.
+    """The rig of the sensors of a recording.
 
     Raises:
         CalibrationError: no lidar is usable, nor a detector's boxes, with the reason for each; or the poses of several
             lidars are unknown.
     """
     _check_site_is_named(found)
-    of_lidars = Findings([*found.of_lidars.faults], [*found.of_lidars.notes])
-    of_cameras = Findings([*found.of_cameras.faults], [*found.of_cameras.notes])
+    of_lidars, of_boxes, of_cameras = findings = tuple(map(Findings.copy, found.findings))
     frames, sources = Frames(found.site, found.transforms, found.of_rig), dict[str, SensorSource]()
     lidar_sensors: dict[str, LidarSensor] = {}
     camera_sensors: dict[str, CameraSensor] = {}
@@ -119,23 +100,21 @@ def calibrated_rig(found: FoundSensors) -> Discovery:
         found.rig_file.ground_height_m,
         found.rig_file.vehicles,
     )
-    of_boxes = Findings([*found.of_detectors.faults], [*found.of_detectors.notes])
     detectors, of_detectors = calibrated_detectors(
         found.detectors, rig, found.recording, found.transforms, found.config, found.first, of_boxes
     )
     rig = replace(rig, detectors=detectors)
     if not rig.lidars and not rig.detectors:
         raise CalibrationError(_no_lidar([*of_lidars.faults, *of_boxes.faults], found.site))
-    found_ones = of_lidars, of_boxes, of_cameras
     return Discovery(
         rig,
-        tuple(fault for findings in found_ones for fault in findings.faults),
+        tuple(fault for one in findings for fault in one.faults),
         (
             *(sources[lidar.name] for lidar in rig.lidars),
             *of_detectors,
             *(sources[camera.name] for camera in rig.cameras),
         ),
-        tuple(note for findings in found_ones for note in findings.notes),
+        tuple(note for one in findings for note in one.notes),
         found.transforms,
     )
 
@@ -152,20 +131,17 @@ def parents_first(sensors: Sequence[Assigned]) -> list[Assigned]:
 
 
 def _check_site_is_named(found: FoundSensors) -> None:
-    """Refuse poses of the rig file in a frame without a name.
-
-    Without it, the poses of other sensors in that frame are unknown, and any site frame would move them against it.
-    """
+    """Refuse poses of the rig file in a frame without a name: where the other sensors are in it is unknown."""
     if found.is_site_named or not found.lidars:  # without a lidar there is a worse fault to report
         return
-    lidars = [lidar.name for lidar in found.lidars if lidar.entry.has_pose and not lidar.entry.parent]
-    cameras = [camera.name for camera in found.cameras if camera.entry.has_pose and not camera.entry.parent]
-    if lidars:
+    sensors: Sequence[Assigned] = (*found.lidars, *found.cameras)
+    if posed := [one.name for one in sensors if one.entry.has_pose and not one.entry.parent]:
+        more = f" and {len(posed) - MAX_LISTED} more" if len(posed) > MAX_LISTED else ""
         raise CalibrationError(
-            f"site_frame is missing in the rig file: name the frame that the pose of {', '.join(lidars)} is given in"
+            f"site_frame is missing in the rig file: name the frame that the pose of {', '.join(posed[:MAX_LISTED])}"
+            f"{more} is given in; where the lidars ({', '.join(one.name for one in found.lidars)}) are in it has to be "
+            "known, from tf or from their poses in the rig file"
         )
-    if cameras:
-        raise CalibrationError(_no_site_frame(found, cameras))
 
 
 def _no_lidar(faults: Sequence[SensorFault], site: str) -> str:
@@ -175,16 +151,4 @@ def _no_lidar(faults: Sequence[SensorFault], site: str) -> str:
     return (
         f"no lidar is usable in site frame {site!r}: {reasons}; give the lidars' poses in a rig file (--rig), "
         "or another site frame (--set rig.site_frame=FRAME)"
-    )
-
-
-def _no_site_frame(found: FoundSensors, cameras: Sequence[str]) -> str:
-    lidars, site = [lidar.name for lidar in found.lidars], found.site
-    more = f" and {len(cameras) - MAX_LISTED} more" if len(cameras) > MAX_LISTED else ""
-    known = all(frame == site or found.transforms.are_joined(site, frame) for frame in found.frames.values())
-    or_else = f"; or, if that frame is {site!r} of the recording, --set rig.site_frame={site}" if known else ""
-    return (
-        f"the rig file gives the pose of {', '.join(cameras[:MAX_LISTED])}{more} in a frame that it does not name, so "
-        f"where the lidars ({', '.join(lidars)}) are in it is unknown: give a second --rig with `site_frame: NAME` and "
-        f"`lidars: {{{lidars[0]}: {{translation_m: [x, y, z], rpy_deg: [r, p, y]}}, ...}}`{or_else}"
     )

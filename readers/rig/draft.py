@@ -31,12 +31,7 @@ UNKNOWN_SITES = ("site", "world", "rig_site")
 
 
 def draft_yaml(found: FoundSensors, zones: Sequence[Zone]) -> str:
-    """The text of a rig file with every sensor that was found; what is not known is `TODO`, with the reason.
-
-    Args:
-        found: The sensors.
-        zones: Parts of the site.
-    """
+    """The text of a rig file with every sensor that was found; what is not known is `TODO`, with the reason."""
     site, source = _site(found)
     frames = Frames(site, found.transforms, found.of_rig)
     entries: dict[str, list[str]] = {}

@@ -1,4 +1,4 @@
-"""Checks matrices that people or calibration tools wrote, and turns them into transforms."""
+"""Matrices that people or calibration tools wrote, checked and turned into transforms."""
 
 import numpy as np
 import numpy.typing as npt
@@ -7,8 +7,8 @@ from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.errors import CalibrationError
 from lidcam.pipeline.core.geometry.transform import Transform, rotation_fault
 
-ROUNDED = 1e-6
-"""A rotation further from orthonormal was rounded in its file: the nearest rotation replaces it."""
+MAX_ROUNDING = 1e-6
+"""Largest deviation of an exact matrix; a rotation with a larger one was rounded and becomes the nearest rotation."""
 
 
 def rigid_transform(name: str, dst: str, src: str, values: npt.ArrayLike) -> Transform:
@@ -25,13 +25,13 @@ def rigid_transform(name: str, dst: str, src: str, values: npt.ArrayLike) -> Tra
         raise CalibrationError(f"{name} holds numbers that are not finite")
     if fault := rotation_fault(matrix[:3, :3]):
         raise CalibrationError(f"the rotation of {name} is not valid: {fault}")
-    if np.abs(matrix[3] - [0, 0, 0, 1]).max() > ROUNDED:
+    if np.abs(matrix[3] - [0, 0, 0, 1]).max() > MAX_ROUNDING:
         raise CalibrationError(f"the last row of {name} is {matrix[3].tolist()}: expected 0 0 0 1")
-    if dst == src and np.abs(matrix - np.eye(4)).max() > ROUNDED:
+    if dst == src and np.abs(matrix - np.eye(4)).max() > MAX_ROUNDING:
         raise CalibrationError(f"{name} moves frame {dst!r} against itself: give the sensor or the site another frame")
     matrix[3] = [0, 0, 0, 1]
     rotation = matrix[:3, :3]
-    if np.abs(rotation @ rotation.T - np.eye(3)).max() > ROUNDED:
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > MAX_ROUNDING:
         u, _, vt = np.linalg.svd(rotation)
         matrix[:3, :3] = u @ vt
     return Transform(dst, src, matrix)

@@ -17,8 +17,8 @@ from lidcam.readers.velodyne.scan import SCAN
 from lidcam.readers.video.packets import VIDEO, read_packet
 from lidcam.readers.video.streams import first_image_size
 
-TRIES = 20
-"""Messages that are tried per topic: a recording may begin with a few damaged ones."""
+MAX_TRIES = 20
+"""Largest number of messages tried per topic: a recording may begin with a few damaged ones."""
 
 
 class _First(NamedTuple):
@@ -30,10 +30,7 @@ class _First(NamedTuple):
 
 
 class FirstMessages:
-    """Reads the start of topics, each only once.
-
-    Methods raise ConfigError or CalibrationError if the settings for a Velodyne's packets cannot be used.
-    """
+    """Reads the start of topics, each only once; errors in the settings of a Velodyne's packets are raised."""
 
     def __init__(
         self,
@@ -63,7 +60,7 @@ class FirstMessages:
         return isinstance(self._first(topic, msgtypes), MessageError)
 
     def frame(self, topic: str, msgtypes: Collection[str]) -> str:
-        """Frame that the topic's messages name; empty if they name none or cannot be decoded."""
+        """The frame of a topic's messages; empty if they name none or cannot be decoded."""
         found = self._first(topic, msgtypes)
         return "" if isinstance(found, MessageError) else found.frame_id
 
@@ -100,7 +97,7 @@ class FirstMessages:
                 return _first_of(message, self._limits)
             except MessageError as err:
                 fault = fault or err
-            if tried == TRIES:
+            if tried == MAX_TRIES:
                 break
         return MessageError(f"{topic}: none of its first {tried} messages can be decoded: {fault or 'it has none'}")
 

@@ -17,8 +17,7 @@ from lidcam.readers.rig.schema import RigFile, parse_rig
 def load_rig(path: str | Path) -> RigFile:
     """A rig file of lidcam, or a calibration file of another system; the content says which.
 
-    Known are the predecessor system's geometry.yaml (`w2c`, `c2p`) and calib.txt, the files of KITTI, Kalibr's camchain
-    and Autoware's sensors_calibration and sensor_kit_calibration.
+    Known are the files of KITTI, Kalibr's camchain and Autoware's sensors_calibration and sensor_kit_calibration.
 
     Raises:
         CalibrationError: the file cannot be read, or its content does not fit; names the file and the key.
@@ -28,15 +27,13 @@ def load_rig(path: str | Path) -> RigFile:
     from lidcam.readers.rig.importers.autoware import import_autoware
     from lidcam.readers.rig.importers.kalibr import import_kalibr
     from lidcam.readers.rig.importers.kitti import import_kitti
-    from lidcam.readers.rig.importers.predecessor import import_calib_txt, import_geometry
 
     path = Path(path)
     text = read_small_text(path, MAX_YAML_BYTES, "a rig file", CalibrationError)
-    for import_text in (import_calib_txt, import_kitti):
-        if rig := import_text(text, path):
-            return rig
+    if rig := import_kitti(text, path):
+        return rig
     tree = yaml_mapping(text, path)
-    for import_tree in (import_geometry, import_kalibr, import_autoware):
+    for import_tree in (import_kalibr, import_autoware):
         if rig := import_tree(tree, path):
             return rig
     return parse_rig(tree, path)

@@ -55,7 +55,7 @@ POSE = ("translation_m", "rotation_xyzw", "rpy_deg")
 class Pose(_Model):
     """The pose of a frame in another, as translation and rotation.
 
-    Of each of the `alternatives` one form may be given, whose keys go together; the last are those of extrinsics.
+    At most one form of each of the `alternatives` may be given; the last are those of extrinsics.
 
     Attributes:
         translation_m: Position of its origin.
@@ -226,7 +226,7 @@ class RigFile(_Model):
     truth: dict[Name, TruthEntry] = Field(default_factory=dict)
 
     def __repr__(self) -> str:
-        """What it has, by name."""
+        """The site frame and the names of the sensors."""
         lidars, cameras = ([*sensors] if sensors else [] for sensors in (self.lidars, self.cameras))
         return f"RigFile(site_frame={self.site_frame!r}, lidars={lidars}, cameras={cameras})"
 

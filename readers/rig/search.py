@@ -23,7 +23,6 @@ from lidcam.readers.rig.topic_names import place
 BEYOND_SITE = frozenset({"earth", "utm"})
 """Frames with coordinates of millions of metres, in which float32 points would lose their centimetres."""
 
-
 RAW_LIDAR = frozenset(
     {
         "livox_ros_driver/msg/CustomMsg",
@@ -35,10 +34,10 @@ RAW_LIDAR = frozenset(
         "rslidar_msg/msg/RslidarPacket",
     }
 )
-"""Types of what a lidar sends, which only its driver can turn into clouds."""
+"""Types of a lidar's raw data, which only its driver can turn into clouds."""
 
 MAX_LISTED = 10
-"""Topics that an error lists at most."""
+"""Largest number of topics that an error lists."""
 
 
 class FoundSensors(NamedTuple):
@@ -47,19 +46,16 @@ class FoundSensors(NamedTuple):
     Attributes:
         recording: The open recording.
         rig_file: The rig file; empty without one.
-        first: Its first messages.
+        first: First messages of the recording.
         transforms: Transforms of the rig file and the recording.
         of_rig: Child frames whose transform the rig file gives.
-        lidars: In the order of processing.
-        cameras: In the order of processing.
+        lidars: Lidars in the order of processing; so are the cameras.
         detectors: Topics of recorded 3D boxes.
-        config: The settings.
         named: Frame by name of a lidar whose messages can be decoded; empty if neither they nor the rig name one.
         frames: Frame by name of a lidar, found by its name in tf where it has none.
         site: The site frame.
         is_site_named: Whether the settings or the rig name the site frame.
-        zones: The zones of the rig file or the settings.
-        of_lidars: Faults and notes; so are `of_cameras` and `of_detectors`.
+        findings: Faults and notes of lidars, of 3D boxes, of cameras.
     """
 
     recording: Recording
@@ -76,9 +72,7 @@ class FoundSensors(NamedTuple):
     site: str
     is_site_named: bool
     zones: tuple[Zone, ...]
-    of_lidars: Findings
-    of_cameras: Findings
-    of_detectors: Findings
+    findings: tuple[Findings, Findings, Findings]
 
 
 def find_sensors(
@@ -89,7 +83,19 @@ def find_sensors(
     start_ns: int | None = None,
     stop_ns: int | None = None,
 ) -> FoundSensors:
-    """The sensors of a recording; arguments as of `discover_rig`, which says how the site frame is found.
+    """The sensors of a recording.
+
+    The site frame is the configured one, else the rig file's, else `base_link` if lidars are fixed to it, else the end
+    of the chain of fixed transforms that most lidars (the first of equals) hang on. A camera's optical frame cannot be
+    the site frame (z is not up); then it is the lidar's own. A lidar whose messages name no frame has the one that tf
+    knows by its name or a part of its topic, else one of its own; several such lidars need poses.
+
+    Args:
+        recording: Open recording; tf_static and the beginning of the other topics are read.
+        config: Settings: which topics are used, and the site frame.
+        rig_file: Known calibration; the rest is taken from CameraInfo and tf.
+        start_ns: Log time from which on tf is read, too; None: from the beginning.
+        stop_ns: Log time before which tf is read; None: to the end.
 
     Raises:
         CalibrationError: the rig file says that there is no lidar, or a transform of it is not valid.
@@ -128,23 +134,21 @@ def find_sensors(
     else:
         site = _site_frame(list(frames.values()), camera_frames, transforms)
     return FoundSensors(
-        recording,
-        rig_file,
-        first,
-        transforms,
-        of_rig,
-        lidars,
-        cameras,
-        detectors,
-        config,
-        named,
-        frames,
-        site,
-        bool(wanted),
-        zones_of(rig_file, config),
-        of_lidars,
-        of_cameras,
-        of_detectors,
+        recording=recording,
+        rig_file=rig_file,
+        first=first,
+        transforms=transforms,
+        of_rig=of_rig,
+        lidars=lidars,
+        cameras=cameras,
+        detectors=detectors,
+        config=config,
+        named=named,
+        frames=frames,
+        site=site,
+        is_site_named=bool(wanted),
+        zones=zones_of(rig_file, config),
+        findings=(of_lidars, of_detectors, of_cameras),
     )
 
 

@@ -1,4 +1,4 @@
-"""Which topics of a recording are lidars and cameras, and which calibration and boxes belong to which camera.
+"""Topics of the lidars and cameras of a recording, and the calibration and boxes of each camera.
 
 A topic is used if it has messages, the settings do not exclude it, and its name does not say ground truth, depth or
 mask. Topics made of other topics (combined messages, combined clouds) are used only where those were not recorded.
@@ -29,13 +29,7 @@ DEPTH_ENCODINGS = frozenset({"16UC1", "32FC1", "32SC1"})
 
 @dataclass(frozen=True, slots=True)
 class SensorFault:
-    """A sensor that is left out.
-
-    Attributes:
-        sensor: Its name.
-        topic: Its topic; empty if unknown.
-        reason: Why, in one line.
-    """
+    """A sensor that is left out, and why, in one line; `topic` is empty if unknown."""
 
     sensor: str
     topic: str
@@ -43,13 +37,13 @@ class SensorFault:
 
     @property
     def subject(self) -> str:
-        """Its name, with its topic if that is known."""
+        """Name, with the topic if that is known."""
         return f"{self.sensor} ({self.topic})" if self.topic else self.sensor
 
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """Findings of the search for sensors so far.
+    """Findings of the search for sensors.
 
     Attributes:
         faults: Sensors that are left out.
@@ -58,6 +52,10 @@ class Findings:
 
     faults: list[SensorFault] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+
+    def copy(self) -> "Findings":
+        """The same findings, to which others can be added."""
+        return Findings([*self.faults], [*self.notes])
 
     def leave_out(self, sensor: str, topic: str, reason: object) -> None:
         """Add a fault."""
@@ -163,7 +161,7 @@ def topics_with_messages(recording: Recording, msgtypes: frozenset[str], config:
 
 
 def _readable(infos: Iterable[TopicInfo], kind: str, findings: Findings) -> list[TopicInfo]:
-    """Those that can be read; the others become faults."""
+    """Readable topics; the others become faults."""
     readable = []
     for info in infos:
         if info.unreadable:
@@ -176,7 +174,7 @@ def _readable(infos: Iterable[TopicInfo], kind: str, findings: Findings) -> list
 def configured_topics(
     recording: Recording, topics: Iterable[str], msgtypes: frozenset[str], kind: str, findings: Findings
 ) -> list[str]:
-    """Those of the topics in the settings that the recording has; the others become faults."""
+    """Topics of the settings that the recording has; the others become faults."""
     there = readable_topics(recording, msgtypes)
     names = ", ".join(sorted(there, key=natural_key)) or "none"
     wanted = " or ".join(sorted(msgtypes))

@@ -1,4 +1,4 @@
-"""Which topics belong to one camera, and what a sensor is called, by the names of topics.
+"""Names of sensors, and the topics of one camera, by the names of topics.
 
 A topic splits into a place (namespace and the rest of the last part) and a role (words such as `image`, `raw`,
 `camera_info`, `points`). Topics of one sensor share the place:
@@ -72,7 +72,7 @@ def _parts(topic: str) -> tuple[str, ...]:
 
 
 def pair_score(topic: str, other: str, *, same_frame: bool) -> tuple[int, int, int]:
-    """How well two topics fit one camera: by place, then by frame, then by shared leading parts.
+    """Score of two topics as topics of one camera: by place, then by frame, then by shared leading parts.
 
     The first number is 0 if they do not fit: topics of different places need the same frame.
     """

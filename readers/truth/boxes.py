@@ -10,41 +10,26 @@ from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
 from lidcam.readers.natural_order import natural_key
 
-MAX_OFF_UNIT = 0.01
-"""How far from 1 the length of a quaternion may be."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Labelled:
-    """One object in 3D.
+    """One object in 3D: see `TruthBoxes3D`.
 
     Attributes:
-        label: Its class as the truth names it.
         T_frame_box: (4, 4) pose of the centre of its box.
         size_m: Length, width, height.
-        track_id: The same in all frames.
-        lidar_points: Points on it.
-        is_ignored: Neither a miss nor an error.
     """
 
     label: str
     T_frame_box: F64
     size_m: tuple[float, float, float]
     track_id: int = UNKNOWN
-    lidar_points: int = UNKNOWN
     is_ignored: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Labelled2D:
-    """One object, or region, in an image.
-
-    Attributes:
-        label: Its class as the truth names it.
-        xyxy: Left, top, right, bottom, pixels.
-        track_id: The same in all frames.
-        is_ignored: Neither a miss nor an error.
-    """
+    """One object, or region, in an image: see `TruthBoxes2D`."""
 
     label: str
     xyxy: tuple[float, float, float, float]
@@ -65,7 +50,7 @@ def truth_boxes_3d(
         class_ids=_class_ids([one.label for one in objects], class_ids),
         labels=np.array([one.label for one in objects], np.str_),
         track_ids=np.array([one.track_id for one in objects], np.int64),
-        lidar_points=np.array([one.lidar_points for one in objects], np.int32),
+        lidar_points=np.full(len(objects), UNKNOWN, np.int32),
         image_pixels=np.full(len(objects), UNKNOWN, np.int32),
         is_ignored=np.array([one.is_ignored for one in objects], np.bool_),
     )
@@ -91,7 +76,7 @@ def yaw_of(pose: F64) -> float:
 
 
 def label_files(folder: Path, ending: str) -> list[Path]:
-    """The files of a folder whose names end so, in the order of the numbers in their names."""
+    """The files of a folder with this ending, in the order of the numbers in their names."""
     return sorted(folder.glob(f"*.{ending}"), key=lambda path: natural_key(path.name))
 
 

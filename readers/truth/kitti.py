@@ -32,22 +32,22 @@ from lidcam.readers.truth.source import TruthSource
 DONT_CARE = "DontCare"
 
 NEUTRAL = frozenset({"Van", "Person_sitting"})
-"""Too like a class to be an error of it, and not of it."""
+"""Ignored: neighbouring classes of the benchmark."""
 
 LEFT_COLOUR_CAMERA = 2
-"""The camera in whose images objects are labelled."""
+"""Number of the camera whose images are labelled."""
 
 MAX_REPROJECTION_PX = 2.0
-"""How far a camera of the rig may be from the labelled one: nobody calibrates worse for labels."""
+"""Largest distance of points seen by a camera of the rig and by the labelled one."""
 
 MAX_LABEL_BYTES = 16 << 20
-"""Of one file; the largest of the tracking benchmark has about 1 MB."""
+"""Largest size of a file; those of the tracking benchmark have about 1 MB."""
 
 MAX_NUMBER = 1e15
-"""Those beyond overflow in volumes and images; the bound of OpenLABEL files, too."""
+"""Largest number of a label: larger ones overflow in volumes and images."""
 
 MAX_ID = 2**53
-"""No benchmark gives larger ids."""
+"""Largest id of a track."""
 
 _COLUMNS, _TRACKING_COLUMNS = 15, 17
 
@@ -60,7 +60,6 @@ class KittiLabel:
     """One line of a label file.
 
     Attributes:
-        label: Class.
         truncated: Share of the object outside the image.
         occluded: 0 visible, 1 partly hidden, 2 largely hidden, 3 unknown.
         xyxy: Left, top, right, bottom, pixels.
@@ -102,12 +101,7 @@ class KittiLabel:
 
 
 class KittiFile(NamedTuple):
-    """The content of a label file.
-
-    Attributes:
-        labels: In order.
-        is_tracking: Whether it is one of the tracking benchmark, with numbers of frames and objects.
-    """
+    """The content of a label file; `is_tracking`: of the tracking benchmark, with numbers of frames and objects."""
 
     labels: tuple[KittiLabel, ...]
     is_tracking: bool
@@ -123,11 +117,7 @@ def is_kitti_text(text: str) -> bool:
 
 
 def parse_kitti_labels(text: str, path: Path) -> KittiFile:
-    """The labels of a file.
-
-    Args:
-        text: Its content.
-        path: Named in errors.
+    """The labels of the file at `path`.
 
     Raises:
         RecordingError: a line is no label, or of another benchmark than the first.
@@ -145,13 +135,13 @@ def parse_kitti_labels(text: str, path: Path) -> KittiFile:
                 f"label_02, the same in all lines, found {len(words)}"
             )
         try:
-            found.append(_label(words))
+            found.append(_kitti_label(words))
         except ValueError as err:
             raise RecordingError(f"{path}: line {number}: expected a KITTI label, found {err}") from err
     return KittiFile(tuple(found), columns == _TRACKING_COLUMNS)
 
 
-def _label(words: Sequence[str]) -> KittiLabel:
+def _kitti_label(words: Sequence[str]) -> KittiLabel:
     """The label of a line; a ValueError says what was found in its place."""
     frame, track_id = 0, UNKNOWN
     if len(words) == _TRACKING_COLUMNS:
@@ -171,24 +161,15 @@ def _label(words: Sequence[str]) -> KittiLabel:
         raise ValueError(f"an image box from {left:g}, {top:g} to {right:g}, {bottom:g}")
     if label != DONT_CARE and not min(height, width, length) > 0:
         raise ValueError(f"a {label} of {length:g} x {width:g} x {height:g} m")
-    return KittiLabel(
-        label,
-        truncated,
-        int(occluded),
-        (left, top, right, bottom),
-        (length, width, height),
-        (x, y, z),
-        rotation_y,
-        frame,
-        track_id,
-    )
+    xyxy, size_m = (left, top, right, bottom), (length, width, height)
+    return KittiLabel(label, truncated, int(occluded), xyxy, size_m, (x, y, z), rotation_y, frame, track_id)
 
 
 class KittiTruth(TruthSource):
     """KITTI's labels as a source of truth; see `TruthSource`.
 
-    Of a folder, the k-th file in order of its number belongs to the k-th frame of the result. A file of the tracking
-    benchmark numbers its frames itself, from 0.
+    The k-th file of a folder, in order of their numbers, belongs to the k-th frame of the result. A file of the
+    tracking benchmark numbers its frames itself, from 0.
 
     Args:
         path: A label file, or a folder of those of the object benchmark; or one that has `label_2`.
@@ -196,7 +177,7 @@ class KittiTruth(TruthSource):
         config: Classes and difficulty.
 
     Raises:
-        RecordingError: the labels or their calibration cannot be read, or the rig has several lidars.
+        RecordingError: the labels cannot be read, or the rig has several lidars.
     """
 
     def __init__(self, path: Path, rig: Rig, config: Config) -> None:
@@ -242,15 +223,9 @@ class KittiTruth(TruthSource):
         labels, calibration = self._labels(frame)
         T_site_rect = self._lidar.T_site_lidar.matrix @ np.linalg.inv(calibration.T_rect_velo)
         objects = [
-            Labelled(
-                label.label,
-                T_site_rect @ label.T_rect_box(),
-                label.size_m,
-                label.track_id,
-                is_ignored=self._is_ignored(label),
-            )
-            for label in labels
-            if label.label != DONT_CARE
+            Labelled(one.label, T_site_rect @ one.T_rect_box(), one.size_m, one.track_id, self._is_ignored(one))
+            for one in labels
+            if one.label != DONT_CARE
         ]
         return truth_boxes_3d(stamp_ns, self._rig.site_frame, objects, self._class_ids)
 

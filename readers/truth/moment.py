@@ -14,7 +14,7 @@ from lidcam.readers.messages.vision.detections3d import Detections3D
 from lidcam.readers.messages.vision.track_ids import track_ids
 
 STEP_BACK_NS = 2_000_000_000
-"""How far stamps that truth is asked for may step back: the images of a frame lie before and after its stamp."""
+"""Longest step back of the stamps that truth is asked for: images of a frame lie before and after its stamp."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,17 +64,17 @@ def moment_of(found: Detections3D, class_ids: Mapping[str, int]) -> Moment:
     pixels = f"{IMAGE_PIXELS}/"
     return Moment(
         TruthBoxes3D(
-            found.stamp_ns,
-            found.frame_id,
-            found.centers,
-            found.sizes,
-            found.yaws,
-            class_ids_of(found.labels, class_ids),
-            class_names_of(found.labels),
-            object_ids(found.ids, counts),
-            total(counts, LIDAR_POINTS, len(found)),
-            total(counts, IMAGE_PIXELS, len(found)),
-            np.zeros(len(found), np.bool_),
+            stamp_ns=found.stamp_ns,
+            frame_id=found.frame_id,
+            centers=found.centers,
+            sizes=found.sizes,
+            yaws=found.yaws,
+            class_ids=class_ids_of(found.labels, class_ids),
+            labels=class_names_of(found.labels),
+            track_ids=object_ids(found.ids, counts),
+            lidar_points=total(counts, LIDAR_POINTS, len(found)),
+            image_pixels=total(counts, IMAGE_PIXELS, len(found)),
+            is_ignored=np.zeros(len(found), np.bool_),
         ),
         {name.removeprefix(pixels): counted(counts[name]) for name in sorted(counts) if name.startswith(pixels)},
     )
@@ -113,11 +113,7 @@ def projected_truth(boxes: TruthBoxes3D, camera: CameraSensor, pixels: I32 | Non
     An object without a pixel in the image is hidden, and left out. Where the truth counts the pixels of all images
     together, an object without any is left out, and of the others it is not known which this image shows: those whose
     projection lies in it.
-
-    Args:
-        boxes: Objects in the site frame, at the time of the image.
-        camera: The camera.
-        pixels: (N,) int32, pixels of this image that show each object; `UNKNOWN` or None where they are not counted.
+    `pixels` (N,) int32 are those of this image that show each object; `UNKNOWN` or None where they are not counted.
     """
     of_image = np.full(len(boxes), UNKNOWN, np.int32) if pixels is None else pixels
     rows = np.flatnonzero(np.where(of_image == UNKNOWN, boxes.image_pixels, of_image) != 0)
@@ -126,11 +122,11 @@ def projected_truth(boxes: TruthBoxes3D, camera: CameraSensor, pixels: I32 | Non
     is_seen = np.isfinite(xyxy).all(1)
     seen = rows[is_seen]
     return TruthBoxes2D(
-        boxes.stamp_ns,
-        xyxy[is_seen],
-        boxes.class_ids[seen],
-        boxes.labels[seen],
-        boxes.track_ids[seen],
-        of_image[seen],
-        boxes.is_ignored[seen],
+        stamp_ns=boxes.stamp_ns,
+        xyxy=xyxy[is_seen],
+        class_ids=boxes.class_ids[seen],
+        labels=boxes.labels[seen],
+        track_ids=boxes.track_ids[seen],
+        image_pixels=of_image[seen],
+        is_ignored=boxes.is_ignored[seen],
     )

@@ -1,4 +1,4 @@
-"""Truth from the odometry of vehicles whose boxes the rig file gives, as the predecessor system has it."""
+"""Truth from the odometry of vehicles whose boxes the rig file gives."""
 
 from collections import deque
 from collections.abc import Iterator, Mapping
@@ -22,10 +22,10 @@ from lidcam.readers.truth.moment import STEP_BACK_NS
 from lidcam.readers.truth.source import TruthSource
 
 MAX_GAP_NS = 1_000_000_000
-"""Poses farther apart than this say nothing of the time between them."""
+"""Largest gap between two poses that are interpolated."""
 
-LEAD_NS = 5_000_000_000
-"""How far the messages of one vehicle are read ahead of those of another: one that is silent ends there."""
+MAX_LEAD_NS = 5_000_000_000
+"""Longest time that the messages of one vehicle are read ahead of a silent one."""
 
 
 @dataclass(slots=True)
@@ -164,7 +164,7 @@ class OdometryTruth(TruthSource):
 
     def _is_known(self, stamp_ns: int) -> bool:
         lasts = [track.stamps_ns[-1] if track.stamps_ns else -1 for track in self._tracks.values()]
-        return min(lasts) >= stamp_ns or max(lasts) >= stamp_ns + LEAD_NS
+        return min(lasts) >= stamp_ns or max(lasts) >= stamp_ns + MAX_LEAD_NS
 
     def _take(self, message: RawMessage) -> None:
         try:

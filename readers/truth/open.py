@@ -16,8 +16,6 @@ from lidcam.readers.results.attached_records import is_result
 from lidcam.readers.results.result import RESULT_TOPICS, Result
 from lidcam.readers.truth.kitti import KittiTruth, is_kitti_text
 from lidcam.readers.truth.odometry import OdometryTruth
-from lidcam.readers.truth.openlabel import OpenLabelTruth, is_openlabel
-from lidcam.readers.truth.predecessor import PredecessorTruth
 from lidcam.readers.truth.recorded import RecordedTruth
 from lidcam.readers.truth.source import TruthSource
 from lidcam.readers.truth.topics import find_truth_topics
@@ -27,12 +25,9 @@ _RECORDING_SUFFIXES = (".mcap", ".db3", ".zstd")
 _HEAD_BYTES = 1 << 12
 
 MAX_NAMED = 5
-"""Names in a folder that an error lists."""
+"""Largest number of names in a folder that an error lists."""
 
-_EXPECTED = (
-    "a recording, a result, KITTI's labels (a .txt of label_2 or label_02, or the folder), an OpenLABEL .json, or a "
-    "folder with odom/*.txt as the predecessor system evaluates"
-)
+_EXPECTED = "a recording, a result, or KITTI's labels (a .txt of label_2 or label_02, or the folder)"
 
 
 class OpenTruth(Closing):
@@ -109,10 +104,7 @@ def _recorded(recording: Recording, results: frozenset[str], result: Result, top
 def open_labels(path: Path, rig: Rig, config: Config) -> TruthSource | None:
     """The labels at a path as a source of truth; None if a recording lies there.
 
-    Args:
-        path: A file or folder; its content says what it is, not its name.
-        rig: The rig of the result that is evaluated.
-        config: Its settings.
+    The content says what lies there, not the name; rig and settings are those of the result that is evaluated.
 
     Raises:
         RecordingError: there is nothing, nothing that is known, or the labels cannot be read.
@@ -131,21 +123,15 @@ def open_labels(path: Path, rig: Rig, config: Config) -> TruthSource | None:
     if head.startswith(_RECORDINGS) or is_capture(head):
         return None
     text = head.decode(errors="replace")
-    if is_openlabel(text):
-        return OpenLabelTruth(path, rig, config)
     if is_kitti_text(text):
         return KittiTruth(path, rig, config)
     raise RecordingError(f"{path}: expected truth: {_EXPECTED}, found a file of another kind")
 
 
 def _of_folder(path: Path, rig: Rig, config: Config) -> TruthSource | None:
-    if (path / "odom").is_dir():
-        return PredecessorTruth(path, rig, config)
     names = [file.name for file in path.iterdir()]
     if "metadata.yaml" in names or any(name.endswith(_RECORDING_SUFFIXES) for name in names):
         return None
-    if any(name.endswith(".json") for name in names):
-        return OpenLabelTruth(path, rig, config)
     if "label_2" in names or any(name.endswith(".txt") for name in names):
         return KittiTruth(path, rig, config)
     found = f"a folder with {', '.join(sorted(names)[:MAX_NAMED])}" if names else "an empty folder"

@@ -25,13 +25,13 @@ from lidcam.readers.truth.timeline import Timeline
 from lidcam.readers.truth.topics import TruthTopics
 
 READ_ALONG_NS = 1_000_000_000
-"""How long after the objects of a time the boxes of its images are recorded at the latest: cameras deliver late."""
+"""Longest delay of the boxes of images behind the objects of their time."""
 
 MAX_OFF_NS = 20_000_000
-"""How far the stamp of an image's truth may be from the image's: clocks of cameras are corrected by as much."""
+"""Largest difference of the stamps of an image and of its truth: clocks of cameras are corrected by as much."""
 
 MAX_IMAGES = 1000
-"""Images of one camera whose boxes wait at most."""
+"""Largest number of images of one camera whose boxes are kept."""
 
 
 class RecordedTruth(TruthSource):
@@ -39,9 +39,9 @@ class RecordedTruth(TruthSource):
 
     Args:
         recording: Open recording, which is read as far as it is needed and not closed.
-        topics: Its topics of truth.
-        cameras: The cameras of the result, whose optical frames or names say whose images were labelled.
-        config: Settings: classes, and at which time of a frame objects are compared.
+        topics: Topics of truth.
+        cameras: Cameras of the result; their optical frames or names say whose images were labelled.
+        config: Classes, and the time of a frame at which objects are compared.
     """
 
     def __init__(
@@ -59,7 +59,6 @@ class RecordedTruth(TruthSource):
         self._images = {camera.name: _Images() for camera in cameras} if topics.visible else {}
         self._camera_of_frame = {camera.T_camera_site.dst: camera.name for camera in cameras}
         self._messages = recording.messages([*self._timelines, *topics.visible])
-        self._held: tuple[str, Moment] | None = None
         self._latest_ns = 0
         names = ", ".join(path.name for path in recording.paths)
         self.description = f"{self._wanted} of {names} ({topics.why})"
@@ -74,8 +73,6 @@ class RecordedTruth(TruthSource):
                     f"{topic}: its objects have no ids of their own: taken as the nearest message has them, up to "
                     f"{timeline.farthest_ns / 1e6:.1f} ms off"
                 )
-            if timeline.ahead:
-                notes.append(f"{topic}: messages that are not used, stamped far ahead of the others: {timeline.ahead}")
         return (*self._notes.lines(), *notes)
 
     def at(self, stamp_ns: int, *, frame: int) -> TruthBoxes3D | None:
@@ -101,12 +98,9 @@ class RecordedTruth(TruthSource):
 
     def _read(self, stamp_ns: int) -> None:
         """Read on until the objects of a time are known, and the boxes of its images."""
-        if stamp_ns < self._latest_ns - STEP_BACK_NS:
-            self._pass_jump()
-            self._latest_ns = stamp_ns
         self._latest_ns = max(self._latest_ns, stamp_ns)
         until_ns = stamp_ns + (READ_ALONG_NS if self._images else 0)
-        while self._held is None and not all(timeline.reaches(until_ns) for timeline in self._timelines.values()):
+        while not all(timeline.reaches(until_ns) for timeline in self._timelines.values()):
             message = next(self._messages, None)
             if message is None:
                 return
@@ -129,8 +123,7 @@ class RecordedTruth(TruthSource):
         if message.topic == self._wanted:
             for label in moment.boxes.labels[moment.boxes.class_ids == UNKNOWN].tolist():
                 self._notes.add(f"{message.topic}: objects of class {label!r}, which is no class of the settings")
-        if not self._timelines[message.topic].add(moment):
-            self._held = message.topic, moment
+        self._timelines[message.topic].add(moment)
 
     def _take_image(self, message: RawMessage) -> None:
         found = decode_detections2d(message, self._class_ids, other_class_id=UNKNOWN, limits=self._limits)
@@ -150,19 +143,6 @@ class RecordedTruth(TruthSource):
             np.zeros(n, np.bool_),
         )
         images.add(shown, self._latest_ns - STEP_BACK_NS)
-
-    def _pass_jump(self) -> None:
-        """Pass over what is left before the next step back of time, and begin anew behind it."""
-        while self._held is None and (message := next(self._messages, None)) is not None:
-            self._take(message)
-            for timeline in self._timelines.values():
-                timeline.forget(self._latest_ns)
-        for timeline in self._timelines.values():
-            timeline.begin_anew()
-        if self._held is not None:
-            topic, moment = self._held
-            self._timelines[topic].add(moment)
-            self._held = None
 
 
 class _Images:

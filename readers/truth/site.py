@@ -1,7 +1,7 @@
 """Truth in the site frame: by fixed transforms, or by the recorded motion of the site frame."""
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -18,17 +18,10 @@ from lidcam.pipeline.evaluation.evaluation_frame import TruthBoxes3D
 from lidcam.readers.messages.tf import RecordedTransforms, read_transforms, tf_topics
 from lidcam.readers.recording import Recording
 from lidcam.readers.streams.motion import MotionBuffer, MotionSource, find_motion_source, links_up
-from lidcam.readers.truth.moment import STEP_BACK_NS
 
 
 class SitePoses:
-    """Where the site frame is in the frames of the truth.
-
-    Args:
-        recordings: Recordings with transforms and odometry; the first one that joins two frames is used.
-        rig: The rig of the result.
-        config: Its settings.
-    """
+    """Poses of the site frame in the frames of the truth; the first recording that joins two frames is used."""
 
     def __init__(self, recordings: Sequence[Recording], rig: Rig, config: Config) -> None:
         self._recordings, self._rig, self._config = recordings, rig, config
@@ -50,7 +43,7 @@ class SitePoses:
         return way if isinstance(way, Transform) else way.at(stamp_ns)
 
     def T_fixed_site(self, stamp_ns: int) -> Transform | None:
-        """Where the site frame is in a frame that does not move; None if its motion is not known at that time.
+        """T_fixed_site at a time, in a frame that does not move; None if the motion of the site is not known then.
 
         A site whose motion nobody recorded stands still, as for `lidcam process`. Times rise, apart from steps back as
         of `TruthSource`.
@@ -126,14 +119,7 @@ def _find_source(recording: Recording, rig: Rig, transforms: RecordedTransforms,
 
 
 class _Motion:
-    """The motion of the site frame in one frame, read as it is needed.
-
-    Args:
-        recording: Open recording.
-        source: Where the motion is recorded, in some fixed frame.
-        T_frame_fixed: From that fixed frame to the one that is wanted.
-        limits: How many frames transforms may name.
-    """
+    """The motion of the site frame in one frame, read as it is needed; T_frame_fixed leads to it from the source's."""
 
     def __init__(
         self, recording: Recording, source: MotionSource, T_frame_fixed: Transform, limits: LimitsConfig
@@ -141,26 +127,17 @@ class _Motion:
         self._buffer = MotionBuffer(source, limits=limits)
         self._messages = recording.messages(source.topics)
         self._source, self._T_frame_fixed = source, T_frame_fixed
-        self._latest_ns = 0
 
     def at(self, stamp_ns: int) -> Transform | None:
         """T_site_frame at a time; None if it is not known."""
-        if stamp_ns < self._latest_ns - STEP_BACK_NS:
-            self._read(lambda newest_ns: newest_ns < self._latest_ns - STEP_BACK_NS)
-            self._latest_ns = stamp_ns
-        self._latest_ns = max(self._latest_ns, stamp_ns)
-        self._read(lambda newest_ns: newest_ns > stamp_ns)  # two poses make a motion
+        while (newest_ns := self._buffer.newest_ns) is None or newest_ns <= stamp_ns:  # two poses make a motion
+            message = next(self._messages, None)
+            if message is None:
+                break
+            deque(self._buffer.tap([message]), maxlen=0)
         motion = self._buffer.window(stamp_ns)
         if motion is None or not motion.covers(stamp_ns):
             return None
         pose = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, np.array([stamp_ns], np.int64))[0]
         T_fixed_site = Transform(self._source.fixed_frame_id, self._source.frame_id, pose)
         return (self._T_frame_fixed @ T_fixed_site).inverse()
-
-    def _read(self, is_enough: Callable[[int], bool]) -> None:
-        """Read on until the motion is known as far as is wanted, or to the end."""
-        while (newest_ns := self._buffer.newest_ns) is None or not is_enough(newest_ns):
-            message = next(self._messages, None)
-            if message is None:
-                return
-            deque(self._buffer.tap([message]), maxlen=0)

@@ -22,7 +22,7 @@ class TruthSource(ABC):
     @property
     @abstractmethod
     def notes(self) -> Sequence[str]:
-        """Notes for the user on what was read so far, one line each: what was not used, and why."""
+        """Notes for the user on what was not used, and why, one line each."""
 
     @abstractmethod
     def at(self, stamp_ns: int, *, frame: int) -> TruthBoxes3D | None:
@@ -38,17 +38,11 @@ class TruthSource(ABC):
         """
 
     def moment(self, stamp_ns: int, *, frame: int) -> Moment | None:
-        """As `at`, always at the time itself, with the pixels by camera; for what is projected into images."""
+        """The objects at the time itself, with their pixels by camera, to be projected into images; see `at`."""
         boxes = self.at(stamp_ns, frame=frame)
         return None if boxes is None else Moment(boxes)
 
     def in_image(self, camera: str, stamp_ns: int, *, frame: int) -> TruthBoxes2D | None:
-        """The true objects in an image; None if the source knows of none, then those of `moment` are projected.
-
-        Args:
-            camera: Name of the camera in the rig of the result.
-            stamp_ns: Stamp of the image.
-            frame: As for `at`.
-        """
+        """The true objects in the image of a camera; None if the source knows of none: `moment` is projected then."""
         del camera, stamp_ns, frame
         return None

@@ -17,15 +17,18 @@ from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
 from lidcam.readers.truth.moment import STEP_BACK_NS, Moment
 
 MAX_GAP_PERIODS = 2.5
-"""Messages further apart say nothing of the time between them: at most one may be missing."""
+"""Largest gap between two messages that are interpolated: one may be missing."""
 
 MAX_EXTRAPOLATION_PERIODS = 0.1
-"""How far beyond its first and last message, or into a gap, truth holds: clocks of recorders differ by as much."""
+"""Longest extrapolation beyond the first and last message, or into a gap: clocks of recorders differ by as much."""
 
-MAX_NEAREST_PERIODS, MAX_NEAREST_NS = 0.5, 50_000_000
-"""How far off a message of objects without ids may be: no more than half a period, and one metre at 20 m/s."""
+MAX_NEAREST_PERIODS = 0.5
+"""Largest distance in time of a message of objects without ids, in periods."""
 
-PROBED = 10
+MAX_NEAREST_NS = 50_000_000
+"""Largest distance in time of a message of objects without ids: one metre at 20 m/s."""
+
+PROBED_GAPS = 10
 """Number of gaps between the first messages that give the period."""
 
 
@@ -33,7 +36,6 @@ class Timeline:
     """Objects at any time, from messages of some times.
 
     Attributes:
-        ahead: Messages that were not used because their stamp lies far ahead of those around them.
         nearest: Number of times that objects without ids were taken from the nearest message.
         farthest_ns: The farthest that such a message was off.
     """
@@ -41,37 +43,24 @@ class Timeline:
     def __init__(self) -> None:
         self._kept: deque[Moment] = deque()
         self._gaps_ns: list[int] = []
-        self.ahead = self.nearest = self.farthest_ns = 0
+        self.nearest = self.farthest_ns = 0
 
     @property
     def _period_ns(self) -> int:
         """The usual time between two messages; 0 of fewer than two."""
         return sorted(self._gaps_ns)[len(self._gaps_ns) // 2] if self._gaps_ns else 0
 
-    def add(self, moment: Moment) -> bool:
-        """Take a message.
-
-        Returns:
-            Whether it was taken: where time steps back by more than `STEP_BACK_NS`, a timeline has to begin anew, and
-            what is known of the time before may still be asked for.
-        """
-        if len(self._kept) > 1 and self._kept[-2].stamp_ns <= moment.stamp_ns < self._kept[-1].stamp_ns - STEP_BACK_NS:
-            self._kept.pop()
-            self.ahead += 1
+    def add(self, moment: Moment) -> None:
+        """Take a message; where time steps back by more than `STEP_BACK_NS`, those before it are forgotten."""
         if self._kept and moment.stamp_ns < self._kept[-1].stamp_ns - STEP_BACK_NS:
-            return False
+            self._kept.clear()
         if not self._kept or moment.stamp_ns > self._kept[-1].stamp_ns:
-            if self._kept and len(self._gaps_ns) < PROBED:
+            if self._kept and len(self._gaps_ns) < PROBED_GAPS:
                 self._gaps_ns.append(moment.stamp_ns - self._kept[-1].stamp_ns)
             self._kept.append(moment)
-            return True
+            return
         others = [one for one in self._kept if one.stamp_ns != moment.stamp_ns]
         self._kept = deque(sorted([*others, moment], key=lambda one: one.stamp_ns))
-        return True
-
-    def begin_anew(self) -> None:
-        """Forget all messages: time stepped back."""
-        self._kept.clear()
 
     def forget(self, before_ns: int) -> None:
         """Forget messages that are not needed for times from `before_ns` on."""
@@ -81,7 +70,7 @@ class Timeline:
     def reaches(self, stamp_ns: int) -> bool:
         """Whether further messages will not change what is known of a time."""
         stamps = [moment.stamp_ns for moment in islice(reversed(self._kept), 2)]
-        if len(self._gaps_ns) < PROBED or not stamps or stamps[0] < stamp_ns:
+        if len(self._gaps_ns) < PROBED_GAPS or not stamps or stamps[0] < stamp_ns:
             return False
         if stamps[0] == stamp_ns or len(stamps) == 1:
             return stamps[0] == stamp_ns

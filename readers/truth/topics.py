@@ -1,4 +1,4 @@
-"""Which topics of a recording are truth."""
+"""Topics of truth in a recording."""
 
 import re
 from collections.abc import Collection
@@ -11,7 +11,7 @@ from lidcam.readers.recording import Recording
 from lidcam.readers.rig.topic_names import is_truth
 
 WHEN_MEASURED = "_when_measured"
-"""Ends the name of the topic that has the same objects where the lidars measured them."""
+"""End of the name of the topic that has the same objects where the lidars measured them."""
 
 
 class TruthTopics(NamedTuple):
@@ -43,7 +43,7 @@ def find_truth_topics(
         recording: Open recording.
         results: Topics that are results, not truth.
         wanted: The topic to take, by any name; empty to find it.
-        sources: Topics of boxes that the result was made from: truth only if they are called so.
+        sources: Topics of boxes that the result was made from: truth only by their name.
 
     Raises:
         ConfigError: there is no such topic of 3D boxes.

@@ -1,15 +1,16 @@
 """Results as data sets, through the command; `benchmarks/nuscenes_kit.py` asks nuScenes's own kit about them."""
 
-import json
+import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from builders import write_rosbag1
 from command import Lidcam
 from helpers import CLUSTERS
 
 import lidcam as front_door
+from lidcam.pipeline.core.messages import RawMessage
 from lidcam.readers.results.result import open_result
 from lidcam.readers.rig.importers.kitti import kitti_calibration
 from lidcam.readers.truth.kitti import parse_kitti_labels
@@ -58,29 +59,20 @@ def test_kitti_labels_are_the_objects_that_the_camera_sees(lidcam: Lidcam, first
     assert count
 
 
-def test_openlabel_counts_as_the_truth_that_it_came_from(lidcam: Lidcam, first_result: Path, tmp_path: Path) -> None:
-    assert lidcam("export", first_result, "--format", "openlabel", "--out", tmp_path / "set").code == 0
-    figures = []
-    for number, more in enumerate([(), ("--truth", tmp_path / "set" / "labels" / "out.json")]):
-        file = tmp_path / f"{number}.json"
-        run = lidcam("evaluate", first_result, "--json-file", file, "--set", "evaluate.min_image_pixels=1000000", *more)
-        assert run.code == 0, run.err
-        tree: Any = json.loads(file.read_text())
-        figures.append((tree["truth_objects"], tree["sources"]["fused"]["car"]["ap_3d_r40_50"]))
-    assert figures[0] == figures[1]
-
-
-def test_frames_that_the_truth_does_not_cover_are_left_out(lidcam: Lidcam, first_result: Path, tmp_path: Path) -> None:
+def test_frames_that_the_truth_does_not_cover_are_left_out(
+    lidcam: Lidcam, first_result: Path, first_messages: dict[str, list[RawMessage]], tmp_path: Path
+) -> None:
     """Else their labels would be objects among true ones."""
-    assert lidcam("export", first_result, "--format", "openlabel", "--out", tmp_path / "set").code == 0
-    tree: Any = json.loads((tmp_path / "set" / "labels" / "out.json").read_text())
-    frames = tree["openlabel"]["frames"]
-    tree["openlabel"]["frames"] = {number: frames[number] for number in ("0", "1")}
-    (tmp_path / "short.json").write_text(json.dumps(tree))
-    options = ("--format", "openlabel", "--out", tmp_path / "less", "--truth", tmp_path / "short.json")
-    done = lidcam("export", first_result, *options)
-    assert f"left out: {len(frames) - 2} frames without truth at their time" in done.err.splitlines()
-    assert "wrote less: 2 frames" in done.err.replace(f"{tmp_path}/", "")
+    (topic,) = (topic for topic in first_messages if topic.startswith("/ground_truth") and topic.endswith("objects"))
+    truth = tmp_path / "short.bag"
+    write_rosbag1(truth, first_messages[topic][:2])
+    done = lidcam("export", first_result, "--format", "nuscenes", "--out", tmp_path / "set", "--truth", truth)
+    assert done.code == 0, done.err
+    (left_out,) = re.findall(r"left out: (\d+) frames without truth at their time", done.err)
+    (written,) = re.findall(r"wrote .*: (\d+) frames", done.err)
+    frames = int(front_door.load(first_result).objects.frames.max()) + 1
+    assert int(written) + int(left_out) == frames
+    assert 0 < int(written) < frames
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,6 @@ from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.load import dump_config, load_config
 from lidcam.readers.files.rosbag2_folder import recording_files
 from lidcam.readers.messages.deserialize import deserialize
-from lidcam.readers.open import open_recording
 from lidcam.readers.recording import ReadOptions, Recording
 from lidcam.readers.results.result import open_result
 from lidcam.readers.rig.discovery import discover_rig
@@ -47,8 +46,6 @@ from lidcam.readers.streams.per_sensor import sensor_messages
 from lidcam.readers.streams.survey import survey
 from lidcam.readers.truth.kitti import KittiTruth
 from lidcam.readers.truth.open import open_truth
-from lidcam.readers.truth.openlabel import OpenLabelTruth
-from lidcam.readers.truth.predecessor import PredecessorTruth
 from lidcam.readers.velodyne.calibration import read_velodyne_calibration
 from lidcam.readers.velodyne.models import MODELS
 from lidcam.writers.mcap.writer import McapResultWriter
@@ -223,10 +220,6 @@ def _use_kitti_labels(path: Path) -> None:
     truth.in_image("camera", T0, frame=0)
 
 
-def _use_evaluation_folder(path: Path) -> None:
-    _read_everything(open_recording([path.parents[1]], ReadOptions(limits=LIMITS)))
-
-
 LABELLED = Rig("lidar", (LidarSensor("lidar", "/points", Transform.identity("lidar", "lidar")),), (), ())
 ALIASES = "a: &a [1, 1, 1]\n" + "\n".join(
     f"{chr(98 + i)}: &{chr(98 + i)} [{', '.join([f'*{chr(97 + i)}'] * 9)}]" for i in range(12)
@@ -262,11 +255,6 @@ HARNESSES: dict[str, Harness] = MESSAGES | {
     "protobuf_schema": Harness(_protobuf_schema, _protobuf_schema_seeds),
     "rig": _of_text("rig.yaml", _use_rig),
     "kitti_labels": _of_text("label_2/0.txt", _use_kitti_labels),
-    "openlabel": _of_text("a.json", lambda path: OpenLabelTruth(path, LABELLED, Config()).at(T0, frame=0)),
-    "predecessor_odometry": _of_text(
-        "odom/30000.txt", lambda path: PredecessorTruth(path.parents[1], LABELLED, Config()).at(T0, frame=0)
-    ),
-    "predecessor_cloud": _of_text("pcd/0.txt", _use_evaluation_folder),
     "config": _of_text("config.yaml", load_config, lambda: dump_config(Config())[:600]),
     "metadata": _of_text("folder/metadata.yaml", _use_folder),
     "velodyne_calibration": _of_text(

@@ -87,9 +87,9 @@ def test_the_same_as_file_by_file(
         assert files.finish() == files.finish() == tuple(map(read_input_file, paths))
 
 
-def test_a_folder_and_a_file_on_a_server_among_them(tmp_path: Path, opened: Opened) -> None:
+def test_a_file_on_a_server_among_them(tmp_path: Path, opened: Opened) -> None:
     (tmp_path / "drive.bag").write_bytes(b"content")
-    paths: list[Location] = [tmp_path, RemotePath("https://host/drive.mcap", FACTS), tmp_path / "drive.bag"]
+    paths: list[Location] = [RemotePath("https://host/drive.mcap", FACTS), tmp_path / "drive.bag"]
     files = opened(paths)
     assert read_opened_files(files) == tuple(map(read_input_file, paths))
     with closing(InputFiles(files, {}, with_checksums=False)) as known:

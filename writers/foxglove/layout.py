@@ -18,9 +18,6 @@ from lidcam.writers.outputs.marks import marked_json
 from lidcam.writers.panels import OBJECTS_TITLE, SKEW_TITLE, Panels, ScenePanels, arrange, scene_panels
 from lidcam.writers.viewpoint import SceneSurvey, Viewpoint, cameras_in_order
 
-COMPARED = "/compare/scene"
-"""Topic of what differs between two results."""
-
 FOV_Y_DEG = 45.0
 """Vertical field of view of the 3D panel."""
 
@@ -51,41 +48,33 @@ def layout_path(path: Path) -> Path:
     return path.with_suffix(".foxglove.json")
 
 
-def foxglove_layout(rig: Rig, survey: SceneSurvey, topics: Collection[str], names: Sequence[str] = ("",)) -> str:
+def foxglove_layout(rig: Rig, survey: SceneSurvey, topics: Collection[str]) -> str:
     """The layout as JSON, marked so that an edited one is not replaced (viewers pass over the key `lidcam`).
 
-    One view of the scene has all results of the file, with the clouds and the truth of the first that has them; each
-    camera has the image of the first that has one, with what all have found in it. Plots are of a single result.
-
     Args:
-        rig: The rig of the (first) result.
+        rig: The rig of the result.
         survey: Content of the first frames, which places the eye.
         topics: Topics of the file that have messages; no other is named.
-        names: Prefixes of the topics of each result of the file.
     """
     images = []
     for camera in cameras_in_order(rig):
-        raw, compressed = (_existing(f"/{camera.name}/image{end}", topics, names) for end in ("", "/compressed"))
-        images += [(camera, topic) for topic in (*raw, *compressed)][:1]
-    extra = []
-    if len(names) == 1:
-        extra = [_plot("objects", OBJECTS_TITLE, _OBJECT_PATHS), _plot("skew", SKEW_TITLE, _SKEW_PATHS), _diagnostics()]
-    left = 1 - _EXTRA_SHARE
-    panels, views = _arranged([camera for camera, _ in images], left if extra else 1.0)
+        recorded = (f"/{camera.name}/image", f"/{camera.name}/image/compressed")
+        images += [(camera, topic) for topic in recorded if topic in topics][:1]
+    extra = [_plot("objects", OBJECTS_TITLE, _OBJECT_PATHS), _plot("skew", SKEW_TITLE, _SKEW_PATHS), _diagnostics()]
+    panels, views = _arranged([camera for camera, _ in images])
     viewpoint = survey.viewpoint(aspect=views.aspect, fov_y_deg=FOV_Y_DEG)
     above = survey.above(viewpoint, aspect=views.above_aspect, fov_y_deg=FOV_Y_DEG)
     scenes = [
-        _Panel("3D!scene", _scene(rig, "Scene", viewpoint, topics, names)),
-        _Panel("3D!above", _scene(rig, "From above", above, topics, names)),
+        _Panel("3D!scene", _scene(rig, "Scene", viewpoint, topics)),
+        _Panel("3D!above", _scene(rig, "From above", above, topics)),
     ]
-    cameras = [_image(camera, topic, topics, names) for camera, topic in images]
+    cameras = [_image(camera, topic, topics) for camera, topic in images]
     layout: Split = _split(views.direction, scenes[0].id, scenes[1].id, views.share)
-    if extra:
-        ids = [panel.id for panel in extra]
-        if panels.side == "right":
-            layout = _split("column", layout, _row("row", ids), left)
-        else:
-            layout = _split("row", layout, _row("column", ids), left)
+    ids = [panel.id for panel in extra]
+    if panels.side == "right":
+        layout = _split("column", layout, _row("row", ids), 1 - _EXTRA_SHARE)
+    else:
+        layout = _split("row", layout, _row("column", ids), 1 - _EXTRA_SHARE)
     if cameras:
         ids, columns = [panel.id for panel in cameras], panels.columns
         grid = _row("column", [_row("row", ids[first : first + columns]) for first in range(0, len(ids), columns)])
@@ -105,26 +94,20 @@ def foxglove_layout(rig: Rig, survey: SceneSurvey, topics: Collection[str], name
 
 def label_eye(survey: SceneSurvey) -> Viewpoint:
     """The eye of the layout of a result that has all images of its rig, for the places of labels."""
-    _, views = _arranged([camera for camera in survey.rig.cameras if camera.topic], 1 - _EXTRA_SHARE)
+    _, views = _arranged([camera for camera in survey.rig.cameras if camera.topic])
     return survey.viewpoint(aspect=views.aspect, fov_y_deg=FOV_Y_DEG)
 
 
-def _arranged(cameras: Sequence[CameraSensor], share: float) -> tuple[Panels, ScenePanels]:
-    """The panels, with this share of the scene's area for the views of the scene."""
+def _arranged(cameras: Sequence[CameraSensor]) -> tuple[Panels, ScenePanels]:
+    share = 1 - _EXTRA_SHARE
     panels = arrange([camera.model.width_px / camera.model.height_px for camera in cameras])
     aspect = panels.scene_aspect
     return panels, scene_panels(aspect / share if panels.side == "right" else aspect * share)
 
 
-def _existing(leaf: str, topics: Collection[str], names: Sequence[str]) -> list[str]:
-    """The topics of this name that the results have."""
-    return [topic for name in names if (topic := f"{name}{leaf}") in topics]
-
-
-def _scene(rig: Rig, title: str, viewpoint: Viewpoint, topics: Collection[str], names: Sequence[str]) -> Config:
+def _scene(rig: Rig, title: str, viewpoint: Viewpoint, topics: Collection[str]) -> Config:
     size_m, is_above = viewpoint.size_m, viewpoint.is_above
-    own = {topic.removeprefix(name) for topic in topics for name in names if topic.startswith(f"{name}/")}
-    truth = sorted(leaf for leaf in own - {"/fused/scene", PLACED_SCENE} if leaf.endswith(truth_scene_topic("")))
+    truth = sorted({one for one in topics if one.endswith(truth_scene_topic(""))} - {"/fused/scene", PLACED_SCENE})
     settings: Mapping[str, Config] = {
         "/point_cloud_combined": _CLOUD,
         "/ground_cloud": {"colorField": "z", "colorMode": "flat", "flatColor": _GROUND_COLOR, "pointSize": 1.5},
@@ -139,19 +122,14 @@ def _scene(rig: Rig, title: str, viewpoint: Viewpoint, topics: Collection[str], 
         },
         **dict.fromkeys(truth, _NO_OUTLINES),
     }
-    shown: Config = {}
-    for leaf, config in settings.items():
-        found = _existing(leaf, topics, names)
-        for one in found:
-            is_visible = leaf == "/fused/scene" or (
-                one == found[0] and not (is_above and leaf.endswith("/camera_info"))
-            )
-            shown[one] = {"visible": is_visible, **config}
-    if COMPARED in topics:
-        shown[COMPARED] = {"visible": True, **_NO_OUTLINES}
+    shown: Config = {
+        topic: {"visible": not (is_above and topic.endswith("/camera_info")), **config}
+        for topic, config in settings.items()
+        if topic in topics
+    }
     # The same objects once more, for RViz; and those that the cameras place, most of which are objects, too.
-    shown |= {topic: {"visible": False} for topic in _existing("/fused/markers", topics, names)}
-    shown |= {topic: {"visible": False, **_NO_OUTLINES} for topic in _existing(PLACED_SCENE, topics, names)}
+    hidden: Mapping[str, Config] = {"/fused/markers": {}, PLACED_SCENE: _NO_OUTLINES}
+    shown |= {topic: {"visible": False, **config} for topic, config in hidden.items() if topic in topics}
     return {
         **_titled(title),
         "followTf": rig.site_frame,
@@ -196,13 +174,13 @@ def _camera_state(viewpoint: Viewpoint) -> Config:
     }
 
 
-def _image(camera: CameraSensor, topic: str, topics: Collection[str], names: Sequence[str]) -> _Panel:
+def _image(camera: CameraSensor, topic: str, topics: Collection[str]) -> _Panel:
     # Image and annotations have one log time. To synchronise them by stamps would hide an image without annotations.
     mode: Config = {"imageTopic": topic, "synchronize": False}
     if (calibration := f"{topic.removesuffix('/compressed').removesuffix('/image')}/camera_info") in topics:
         mode["calibrationTopic"] = calibration
-    if annotations := _existing(f"/{camera.name}/annotations", topics, names):
-        mode["annotations"] = {one: {"visible": True} for one in annotations}
+    if (annotations := f"/{camera.name}/annotations") in topics:
+        mode["annotations"] = {annotations: {"visible": True}}
     return _Panel(f"Image!{camera.name}", {**_titled(camera.name), "imageMode": mode, **_PRELOADED, "topics": {}})
 
 

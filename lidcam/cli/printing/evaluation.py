@@ -120,10 +120,8 @@ def truth_tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
 
 
 def own_tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
-    """Each table of figures that need none: chains of boxes, 3D boxes in images."""
+    """Each table of figures that need none."""
     yield _chains_table(tree["unlabelled"]), _CHAINS
-    if residuals := _residuals(tree["unlabelled"]):
-        yield _residuals_table(residuals), _RESIDUALS
 
 
 _ERRORS = (
@@ -139,13 +137,9 @@ _MOTION = (
     "for how many seconds.",
 )
 _CHAINS = (
-    "chain: boxes that are linked from frame to frame as one object. seconds: its mean length. missing: of the frames "
+    "chain: boxes of one track. seconds: its mean length. missing: of the frames "
     "between the first and the last of a chain. flickers: gaps of a frame or few. relabelled, flips: from one frame to "
     "the next.",
-)
-_RESIDUALS = (
-    "alone: without a partner. right, down: where the 2D box lies of the projected one, in the median. off: 90 % are "
-    "less off to a side.",
 )
 
 
@@ -252,27 +246,6 @@ def _chains_table(unlabelled: Tree) -> Table:
             number(chains["seconds_mean"], 1),
             percent(chains["missing_share"]),
             *(str(chains[key]) for key in ("flickers", "class_changes", "heading_flips")),
-        )
-    return table
-
-
-def _residuals(unlabelled: Tree) -> Tree:
-    """By camera, for cameras with 2D boxes."""
-    images: Tree = unlabelled.get("fused", {}).get("images", {})
-    return {camera: figures for camera, figures in images.items() if figures["boxes_2d"]}
-
-
-def _residuals_table(residuals: Tree) -> Table:
-    columns = ("matches", "alone 3D", "alone 2D", "right", "down", "off", "IoU")
-    table = ColumnsTable("projected 3D boxes against 2D boxes (pixels)", "camera", *columns)
-    for camera, figures in residuals.items():
-        table.add_row(
-            camera,
-            str(figures["matches"]),
-            *(percent(figures[key]) for key in ("unmatched_3d_share", "unmatched_2d_share")),
-            *(signed(figures[key], 1) for key in ("offset_u_p50_px", "offset_v_p50_px")),
-            number(figures["offset_u_abs_p90_px"], 1),
-            share(figures["iou_p50"]),
         )
     return table
 

@@ -3,18 +3,16 @@
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import numpy as np
 
-from lidcam.pipeline.core.detections import Boxes2D, Boxes3D
 from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.core.settings.evaluate import CompareConfig
 from lidcam.pipeline.evaluation.comparison.differences import Channel, Difference, Episodes, Listing
-from lidcam.pipeline.evaluation.comparison.frames import ComparedFrame, FramePair
+from lidcam.pipeline.evaluation.comparison.frames import FramePair
 from lidcam.pipeline.evaluation.comparison.object_changes import (
     PAIR_KINDS,
-    Boxes,
     Changes,
     Kind,
     KnownClasses,
@@ -26,39 +24,31 @@ from lidcam.pipeline.evaluation.comparison.object_changes import (
     source_objects,
 )
 from lidcam.pipeline.evaluation.comparison.tally import Tally
-from lidcam.pipeline.evaluation.evaluation_frame import SourceBoxes
+from lidcam.pipeline.evaluation.evaluation_frame import ResultFrame
 
 MAX_LISTED = 1000
-"""Differences that are kept, the earliest ones; all are counted."""
+"""Largest number of differences that are kept, the earliest ones; all are counted."""
 
 UNITS_3D: dict[Kind, str] = {"moved": "m", "turned": "deg", "resized": "m", "rescored": ""}
 UNITS_2D: dict[Kind, str] = {"moved": "px", "rescored": ""}
 
-NO_ROWS = np.zeros(0, np.intp)
-Known = tuple[KnownClasses, KnownClasses]
 
-Found = TypeVar("Found", SourceBoxes, Boxes2D)
+@dataclass(frozen=True, slots=True)
+class _Channel:
+    """One source or camera: its boxes in a frame, the objects of these, and how those of A and B differ."""
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Compared(Generic[Boxes]):
-    """A source or camera in one frame of both results.
-
-    Attributes:
-        first: Objects of A.
-        second: Objects of B.
-        changes: Their differences.
-    """
-
-    first: Objects[Boxes]
-    second: Objects[Boxes]
-    changes: Changes
+    name: str
+    boxes: Callable[[ResultFrame], Mapping[str, Any]]
+    objects: Callable[[Any, KnownClasses], Objects[Any]]
+    changes: Callable[[Objects[Any], Objects[Any]], Changes]
+    tally: Tally
+    episodes: Episodes
 
 
 class Comparison:
-    """Takes in frame after frame of results with the classes of A and B; its memory does not grow with their number.
+    """Compares frame after frame of results with the classes of A and B; memory does not grow with their number.
 
-    The channels are in the order of the figures; the kinds of differences in `allowed` may be.
+    Figures are in the order of the channels; the kinds of differences in `allowed` may be.
     """
 
     def __init__(
@@ -69,129 +59,99 @@ class Comparison:
         channels: Sequence[Channel],
         allowed: Collection[Kind] = (),
     ) -> None:
-        names = tuple(dict.fromkeys(prior.name for prior in (*first, *second)))
-        known = KnownClasses.of(first, names), KnownClasses.of(second, names)
-        self.class_names = names
-        self._channels: list[_Channel] = []
-        for row, channel in enumerate(channels):
-            kind, name = channel
+        self.class_names = names = tuple(dict.fromkeys(prior.name for prior in (*first, *second)))
+        self._known = KnownClasses.of(first, names), KnownClasses.of(second, names)
+        self._channels: dict[str, list[_Channel]] = {"sources": [], "images": []}
+        for row, (kind, name) in enumerate(channels):
+            episodes = Episodes((kind, name), row)
             if kind == "sources":
-                compare: Compare = partial(_compared_3d, name, known, config, Tracks())
+                changes = partial(source_changes, config=config, tracks=Tracks())
                 tally = Tally(names, allowed, UNITS_3D)
+                one = _Channel(name, lambda frame: frame.sources, source_objects, changes, tally, episodes)
             else:
-                compare, tally = partial(_compared_2d, name, known, config), Tally(names, allowed, UNITS_2D)
-            self._channels.append(_Channel(channel, compare, tally, Episodes(channel, row)))
+                changes = partial(image_changes, config=config)
+                tally = Tally(names, allowed, UNITS_2D)
+                one = _Channel(name, lambda frame: frame.cameras, image_objects, changes, tally, episodes)
+            self._channels[kind].append(one)
         self._listing = Listing(MAX_LISTED)
         self._frames = {"frames": 0, "frames_different": 0, "frames_only_in_a": 0, "frames_only_in_b": 0}
         self._start_ns: int | None = None
         self._pairs = 0
 
-    def add(self, pair: FramePair) -> Mapping[str, Compared[Boxes3D]]:
-        """Take in two frames.
-
-        Returns:
-            What differs, by source; nothing if one result alone has a frame.
-        """
+    def add(self, pair: FramePair) -> None:
+        """Take in two frames; of a frame that one result alone has, the objects do not count."""
         if self._start_ns is None:
             self._start_ns = min(frame.stamp_ns for frame in (pair.first, pair.second) if frame is not None)
-        number = self._pairs
-        self._pairs += 1
         if pair.first is None or pair.second is None:
             self._frames["frames_only_in_a" if pair.second is None else "frames_only_in_b"] += 1
             self.close()
-            return {}
-        found: dict[Channel, Compared[Any]] = {}
-        for one in self._channels:
-            differences: list[Difference] = []
-            if compared := one.compare(pair.first, pair.second):
-                found[one.channel] = compared
-                one.tally.add(compared.changes, compared.first.classes, compared.second.classes)
-                differences += _differences(compared, pair.first, pair.second, self.class_names, number)
-            self._listing.take(one.episodes.add(differences, is_next=pair.is_next))
-        self._frames["frames"] += 1
-        self._frames["frames_different"] += any(compared.changes.are_any for compared in found.values())
-        return {name: compared for (kind, name), compared in found.items() if kind == "sources"}
+        else:
+            found = [self._compare(channel, pair.first, pair.second) for channel in self._all_channels]
+            self._frames["frames"] += 1
+            self._frames["frames_different"] += any(found)
+        self._pairs += 1
 
     def close(self) -> None:
-        """Take in that no frame follows, or none that can be compared with those before."""
-        for one in self._channels:
-            self._listing.take(one.episodes.add((), is_next=False))
+        """End all differences: no frame follows, or none that can be compared with those before."""
+        for one in self._all_channels:
+            self._listing.take(one.episodes.add(()))
 
     def not_allowed_percent(self, *, frames_may_differ: bool) -> dict[str, float]:
         """Share of the objects that differ in what is not allowed to, by source or camera.
 
         `frames` has the share of the frames that one result alone has, unless they may differ.
         """
-        found = {one.channel[1]: one.tally.not_allowed_percent for one in self._channels}
+        found = {one.name: one.tally.not_allowed_percent for one in self._all_channels}
         alone = 0 if frames_may_differ else self._frames["frames_only_in_a"] + self._frames["frames_only_in_b"]
         return {"frames": 100 * alone / max(alone + self._frames["frames"], 1)} | found
 
     def figures(self) -> dict[str, Any]:
         """Figures by source and camera and class; the differences, and the largest of each kind."""
-        by_kind: dict[str, dict[str, Any]] = {"sources": {}, "images": {}}
-        for one in self._channels:
-            kind, name = one.channel
-            by_kind[kind][name] = one.tally.figures()
-        return {**self._frames, **by_kind, "differences": self._listing.figures(self._start_ns or 0)}
+        tallies = {kind: {one.name: one.tally.figures() for one in some} for kind, some in self._channels.items()}
+        return {**self._frames, **tallies, "differences": self._listing.figures(self._start_ns or 0)}
 
+    @property
+    def _all_channels(self) -> list[_Channel]:
+        return [*self._channels["sources"], *self._channels["images"]]
 
-Compare = Callable[[ComparedFrame, ComparedFrame], Compared[Any] | None]
-"""Compares one source or camera of two frames; None if neither frame has it."""
+    def _compare(self, channel: _Channel, first: ResultFrame, second: ResultFrame) -> bool:
+        """Whether anything differs; a frame without the source or camera has no objects, unless both are."""
+        found = [channel.boxes(frame).get(channel.name) for frame in (first, second)]
+        known = next((one for one in found if one is not None), None)
+        differences: list[Difference] = []
+        if known is not None:
+            nothing = known.select(np.zeros(0, np.intp))
+            a, b = (
+                channel.objects(nothing if one is None else one, classes)
+                for one, classes in zip(found, self._known, strict=True)
+            )
+            changes = channel.changes(a, b)
+            channel.tally.add(changes, a.classes, b.classes)
+            differences += self._differences(changes, (first, a), (second, b))
+        self._listing.take(channel.episodes.add(differences))
+        return bool(differences)
 
-
-@dataclass(frozen=True, slots=True)
-class _Channel:
-    """One source or camera: how it is compared, and what was found so far."""
-
-    channel: Channel
-    compare: Compare
-    tally: Tally
-    episodes: Episodes
-
-
-def _differences(
-    compared: Compared[Any], first: ComparedFrame, second: ComparedFrame, class_names: Sequence[str], pair: int
-) -> Iterator[Difference]:
-    """The objects that differ: those that both have, those of A alone, those of B alone."""
-    changes, a, b = compared.changes, compared.first, compared.second
-    found: list[tuple[ComparedFrame, Objects[Any], int, int, int, dict[Kind, float]]] = []
-    for row in np.flatnonzero(changes.is_changed.any(1)).tolist():
-        i, j = int(changes.first[row]), int(changes.second[row])
-        measured = zip(PAIR_KINDS, changes.amounts[row].tolist(), changes.is_changed[row].tolist(), strict=True)
-        amounts = {kind: amount for kind, amount, is_changed in measured if is_changed}
-        found.append((second, b, j, a.classes[i], b.classes[j], amounts))
-    for row in changes.lost.tolist():
-        found.append((first, a, row, a.classes[row], a.classes[row], {"lost": float(a.boxes.scores[row])}))
-    for row in changes.new.tolist():
-        found.append((second, b, row, b.classes[row], b.classes[row], {"new": float(b.boxes.scores[row])}))
-    for number, (frame, objects, row, old, new, amounts) in enumerate(found):
-        place, reach = tuple(objects.places[row].tolist()), float(objects.reaches[row])
-        names = class_names[old], class_names[new]
-        yield Difference(pair, number, frame.index, frame.stamp_ns, place, reach, *names, amounts)
-
-
-def _compared_3d(
-    name: str, known: Known, config: CompareConfig, tracks: Tracks, first: ComparedFrame, second: ComparedFrame
-) -> Compared[Boxes3D] | None:
-    both = _both(first.sources.get(name), second.sources.get(name))
-    if both is None:
-        return None
-    a, b = source_objects(both[0], known[0]), source_objects(both[1], known[1])
-    return Compared(a, b, source_changes(a, b, config, tracks))
-
-
-def _compared_2d(
-    name: str, known: Known, config: CompareConfig, first: ComparedFrame, second: ComparedFrame
-) -> Compared[Boxes2D] | None:
-    both = _both(first.cameras.get(name), second.cameras.get(name))
-    if both is None:
-        return None
-    a, b = image_objects(both[0], known[0]), image_objects(both[1], known[1])
-    return Compared(a, b, image_changes(a, b, config))
-
-
-def _both(first: Found | None, second: Found | None) -> tuple[Found, Found] | None:
-    """The boxes of both frames, empty for a frame that has none; None if neither frame has the source or camera."""
-    if first is None:
-        return None if second is None else (second.select(NO_ROWS), second)
-    return first, first.select(NO_ROWS) if second is None else second
+    def _differences(
+        self, changes: Changes, first: tuple[ResultFrame, Objects[Any]], second: tuple[ResultFrame, Objects[Any]]
+    ) -> Iterator[Difference]:
+        """The objects that differ: those that both have, those of A alone, those of B alone."""
+        a, b = first[1], second[1]
+        found: list[tuple[tuple[ResultFrame, Objects[Any]], int, int, dict[Kind, float]]] = []
+        for row in np.flatnonzero(changes.is_changed.any(1)).tolist():
+            measured = zip(PAIR_KINDS, changes.amounts[row].tolist(), changes.is_changed[row].tolist(), strict=True)
+            amounts = {kind: amount for kind, amount, is_changed in measured if is_changed}
+            found.append((second, int(changes.second[row]), a.classes[changes.first[row]], amounts))
+        found += [(first, row, a.classes[row], {"lost": float(a.boxes.scores[row])}) for row in changes.lost.tolist()]
+        found += [(second, row, b.classes[row], {"new": float(b.boxes.scores[row])}) for row in changes.new.tolist()]
+        for number, ((frame, objects), row, class_row, amounts) in enumerate(found):
+            yield Difference(
+                pair=self._pairs,
+                row=number,
+                frame=frame.index,
+                stamp_ns=frame.stamp_ns,
+                place=tuple(objects.places[row].tolist()),
+                reach=float(objects.reaches[row]),
+                class_name=self.class_names[class_row],
+                new_class_name=self.class_names[objects.classes[row]],
+                amounts=amounts,
+            )

@@ -1,8 +1,7 @@
 """Differences as they are listed: those of one object in frames that follow each other are one."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -48,57 +47,40 @@ class Difference:
         return next((kind for kind in KINDS[:2] if kind in self.amounts), "moved")
 
 
-@dataclass(slots=True, eq=False)
 class Episode:
-    """One object that differs in frames one after the other.
+    """One object that differs in one frame after the other.
 
     Attributes:
-        channel: Where it was found.
-        channel_row: Place of the channel among all.
-        first: Its difference in the first frame.
-        last: In the last.
-        frames: Their number.
-        counts: In how many of them it differs, by kind.
-        worst: Largest amount, and where, by kind.
+        key: Its place among all episodes: by first frame, then by channel, then by row.
+        worst: Largest amount of each kind, and the frame that has it.
+        last: Its difference in the last frame.
     """
 
-    channel: Channel
-    channel_row: int
-    first: Difference
-    last: Difference = field(init=False)
-    frames: int = 0
-    counts: dict[Kind, int] = field(default_factory=dict)
-    worst: dict[Kind, tuple[float, Difference]] = field(default_factory=dict)
+    def __init__(self, channel: Channel, channel_row: int, first: Difference) -> None:
+        self.key = first.pair, channel_row, first.row
+        self.worst: dict[Kind, tuple[float, Difference]] = {}
+        self._named = {"source" if channel[0] == "sources" else "camera": channel[1]}
+        self._first, self._frames = first, 0
+        self._counts: dict[Kind, int] = {}
+        self.extend(first)
 
-    def __post_init__(self) -> None:
-        self.add(self.first)
-
-    @property
-    def key(self) -> tuple[int, int, int]:
-        """Its place among all episodes."""
-        return self.first.pair, self.channel_row, self.first.row
-
-    def rank(self, kind: Kind) -> tuple[float, tuple[int, int, int]]:
-        """Order by the amount of a kind, the largest first; of equal ones the earlier."""
-        return -self.worst[kind][0], self.key
-
-    def add(self, difference: Difference) -> None:
+    def extend(self, difference: Difference) -> None:
         """Take in the next frame."""
         self.last = difference
-        self.frames += 1
+        self._frames += 1
         for kind, amount in difference.amounts.items():
-            self.counts[kind] = self.counts.get(kind, 0) + 1
+            self._counts[kind] = self._counts.get(kind, 0) + 1
             if kind not in self.worst or amount > self.worst[kind][0]:
                 self.worst[kind] = amount, difference
 
     def tree(self, start_ns: int) -> dict[str, Any]:
-        """As JSON has it, with seconds since `start_ns`."""
-        first, last = self.first, self.last
+        """The episode as JSON has it, with seconds since `start_ns`."""
+        first, last = self._first, self.last
         return {
-            **self._named(),
+            **self._named,
             "class": first.class_name,
             "new_class": self.worst["relabelled"][1].new_class_name if "relabelled" in self.worst else None,
-            "frames": self.frames,
+            "frames": self._frames,
             "first_frame": first.frame,
             "last_frame": last.frame,
             "first_s": _seconds(first, start_ns),
@@ -108,7 +90,7 @@ class Episode:
             "kinds": {
                 kind: {"frames": count, "largest": None if kind in WITHOUT_AMOUNT else self.worst[kind][0]}
                 for kind in KINDS
-                if (count := self.counts.get(kind))
+                if (count := self._counts.get(kind))
             },
         }
 
@@ -116,7 +98,7 @@ class Episode:
         """The largest amount of a kind and where it is, as JSON has it."""
         amount, there = self.worst[kind]
         return {
-            **self._named(),
+            **self._named,
             "class": there.class_name,
             "frame": there.frame,
             "s": _seconds(there, start_ns),
@@ -124,10 +106,6 @@ class Episode:
             "place": list(there.place),
             "amount": amount,
         }
-
-    def _named(self) -> dict[str, str]:
-        kind, name = self.channel
-        return {"source" if kind == "sources" else "camera": name}
 
 
 def _seconds(difference: Difference, start_ns: int) -> float:
@@ -141,25 +119,22 @@ class Episodes:
         self._channel, self._row = channel, row
         self._open: list[Episode] = []
 
-    def add(self, differences: Sequence[Difference], *, is_next: bool) -> list[Episode]:
-        """Take in the differences of a frame, which may follow the one before; returns episodes that are over."""
-        known, taken = self._open if is_next else [], set[int]()
+    def add(self, differences: Sequence[Difference]) -> list[Episode]:
+        """Take in the differences of the next frame; returns the episodes that are over."""
+        before = self._open
         going_on: list[Episode] = []
         for presence in ("lost", "new", "moved"):
             mine = [one for one in differences if one.presence == presence]
-            rows = [row for row, one in enumerate(known) if one.last.presence == presence]
-            partners = _partners([known[row].last.place for row in rows], mine)
+            known = [one for one in before if one.last.presence == presence]
+            partners = _partners([one.last.place for one in known], mine)
             for number, one in enumerate(mine):
-                if number not in partners:
+                if number in partners:
+                    going_on.append(known[partners[number]])
+                    going_on[-1].extend(one)
+                else:
                     going_on.append(Episode(self._channel, self._row, one))
-                    continue
-                row = rows[partners[number]]
-                taken.add(row)
-                known[row].add(one)
-                going_on.append(known[row])
-        over = [one for row, one in enumerate(self._open) if row not in taken]
         self._open = going_on
-        return over
+        return [one for one in before if one not in going_on]
 
 
 def _partners(before: Sequence[tuple[float, ...]], differences: Sequence[Difference]) -> dict[int, int]:
@@ -190,8 +165,10 @@ class Listing:
         for episode in episodes:
             self._count += 1
             self._kept.append(episode)
-            for kind in episode.worst:
-                self._worst[kind] = min(self._worst.get(kind, episode), episode, key=partial(Episode.rank, kind=kind))
+            for kind, (amount, _) in episode.worst.items():
+                other = self._worst.get(kind)
+                if other is None or (-amount, episode.key) < (-other.worst[kind][0], other.key):
+                    self._worst[kind] = episode
         if len(self._kept) >= 2 * self._max_kept:
             self._shorten()
 

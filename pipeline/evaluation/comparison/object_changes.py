@@ -6,7 +6,7 @@ from typing import Generic, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I64, Array, Bools, Indices, check_array
+from lidcam.pipeline.core.arrays import F64, I64, Array, Bools, Indices
 from lidcam.pipeline.core.detections import Boxes2D, Boxes3D
 from lidcam.pipeline.core.geometry.boxes import iou_xyxy, wrap_angle
 from lidcam.pipeline.core.settings.classes import ClassPrior
@@ -15,21 +15,29 @@ from lidcam.pipeline.evaluation.assignment import assign_heaviest
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, SourceBoxes
 
 Kind = Literal["lost", "new", "moved", "turned", "resized", "relabelled", "rescored", "reidentified"]
-"""How an object of the second result B differs from that of the first one A.
+"""Kind of difference of an object in the second result B from the first one A.
 
 `lost` is in A alone, `new` in B alone; `reidentified`: its track goes on under the id of another one.
 """
 
 KINDS: tuple[Kind, ...] = ("lost", "new", "moved", "turned", "resized", "relabelled", "rescored", "reidentified")
 PAIR_KINDS: tuple[Kind, ...] = KINDS[2:]
-"""Those of an object that both results have."""
+"""Kinds of differences of an object that both results have."""
 
-CLASS_COST, LOOKS_COST, ID_GAIN = 0.1, 0.01, 0.1
-"""Costs of another class and of the most different heading, size and score, and gain of the same id, as shares of the
-gate: of objects in one place, those that look alike belong together."""
+CLASS_COST = 0.1
+"""Cost of pairing objects of different classes, as a share of the gate."""
 
-ROUNDING, ROUNDING_PX = 1e-6, 1e-3
-"""Added to what counts as equal: scores and pixels are of single precision, where 0.2 - 0.1 is more than 0.1."""
+APPEARANCE_COST = 0.01
+"""Cost of the most different heading, size and score, as a share of the gate: decides between objects in one place."""
+
+ID_GAIN = 0.1
+"""Gain of pairing objects of the same track id, as a share of the gate."""
+
+ROUNDING = 1e-6
+"""Slack of tolerances: scores are single precision, where 0.2 - 0.1 is more than 0.1."""
+
+ROUNDING_PX = 1e-3
+"""Slack of the tolerance of pixels, which are single precision."""
 
 Boxes = TypeVar("Boxes", Boxes3D, Boxes2D)
 
@@ -106,20 +114,9 @@ class Changes:
     amounts: F64
     is_changed: Bools
 
-    def __post_init__(self) -> None:
-        shape = len(self.first), len(PAIR_KINDS)
-        check_array("second", self.second, shape[:1], np.intp)
-        check_array("amounts", self.amounts, shape, np.float64)
-        check_array("is_changed", self.is_changed, shape, np.bool_)
-
-    @property
-    def are_any(self) -> bool:
-        """Whether anything differs."""
-        return bool(len(self.lost) or len(self.new) or self.is_changed.any())
-
 
 class Tracks:
-    """Which track of A is which of B: ids are names, and two results may name the same object differently."""
+    """Tracks of A and B that are one object: ids are names, and two results may name the same object differently."""
 
     def __init__(self) -> None:
         self._of_first: dict[int, int] = {}
@@ -152,7 +149,7 @@ def pairs_of_least_cost(costs: F64) -> tuple[Indices, Indices]:
 
 
 def source_changes(first: Objects[Boxes3D], second: Objects[Boxes3D], config: CompareConfig, tracks: Tracks) -> Changes:
-    """How the objects of one source differ; `tracks` are those of the source, up to this frame.
+    """Differences of the objects of one source; `tracks` are those of the source, up to this frame.
 
     They are paired so that the sum of the distances, as shares of the gate, is smallest; who stays alone counts like
     half a gate, so that nobody has to move far to make room. Where an object is counts more than its id, because ids
@@ -167,7 +164,7 @@ def source_changes(first: Objects[Boxes3D], second: Objects[Boxes3D], config: Co
     looks = (turned + resized + _apart(a.scores[:, None], b.scores)) / 3
     ids = first.track_ids[:, None]
     same_id = (ids == second.track_ids) & (ids != UNKNOWN)
-    costs = distances + LOOKS_COST * looks - ID_GAIN * same_id
+    costs = distances + APPEARANCE_COST * looks - ID_GAIN * same_id
     i, j = _paired(first, second, costs)
     measured = [
         (np.linalg.norm(a.centers[i] - b.centers[j], axis=1), config.position_m),
@@ -181,14 +178,14 @@ def source_changes(first: Objects[Boxes3D], second: Objects[Boxes3D], config: Co
 
 
 def image_changes(first: Objects[Boxes2D], second: Objects[Boxes2D], config: CompareConfig) -> Changes:
-    """How the 2D boxes of one image differ; they have neither heading nor size of their own, nor tracks.
+    """Differences of the 2D boxes of one image; they have neither heading nor size of their own, nor tracks.
 
     They are paired as objects are, with what their IoU lacks to 1 for a distance.
     """
     a, b = first.boxes, second.boxes
     is_equal = (a.xyxy[:, None] == b.xyxy).all(-1)  # also without an area
     lack = np.where(is_equal, 0.0, 1 - iou_xyxy(a.xyxy, b.xyxy)) / max(1 - config.min_iou, 1e-9)
-    i, j = _paired(first, second, lack + LOOKS_COST * _apart(a.scores[:, None], b.scores))
+    i, j = _paired(first, second, lack + APPEARANCE_COST * _apart(a.scores[:, None], b.scores))
     nothing = np.zeros(len(i)), 0.0
     measured = [
         (_apart(a.xyxy[i], b.xyxy[j]).max(1, initial=0.0), config.pixels + ROUNDING_PX),

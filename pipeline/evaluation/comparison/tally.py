@@ -1,4 +1,4 @@
-"""How many objects of a channel differ, by class."""
+"""Counts of the objects of a channel that differ, by class."""
 
 from collections.abc import Collection, Sequence
 from typing import Any

@@ -1,7 +1,7 @@
-"""The average precisions of a class, and of all classes.
+"""Average precisions of a class, and of all classes.
 
-Those of a class come from the detections that count, by column of the criterion, from all detections of the source
-(`found`), and from the number of its true objects in a part of the site (`count`).
+`by_criterion` are the detections of a class that count, by column of the criterion; `found` all detections of the
+source; `count` the true objects of the class in a part of the site.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -24,8 +24,8 @@ from lidcam.pipeline.evaluation.scales import NUSCENES_RANGES_M, decimal
 
 Averages = dict[str, float | None]
 
-_WEIGHT = 5.0
-"""Of the mean average precision in a detection score, where each error weighs 1."""
+_AP_WEIGHT = 5.0
+"""Weight of the mean average precision in a detection score; each error weighs 1."""
 
 
 def ap_by_distance_name(limit_m: float) -> str:
@@ -37,7 +37,7 @@ _AP_NAMES = tuple(map(ap_by_distance_name, DISTANCES_M))
 
 
 def overlap_name(iou: float) -> str:
-    """How an IoU ends the name of a figure: 0.5 is `50`."""
+    """End of a figure's name for an IoU: 0.5 is `50`."""
     return decimal(100 * iou)
 
 
@@ -93,13 +93,13 @@ def distance_figures(
 def detection_score(mean_ap: float, errors: Sequence[float]) -> float:
     """Weighted mean of an average precision and of 1 - error for each error; an error above 1 counts as 1."""
     scores = sum(max(0.0, 1.0 - error) for error in errors)
-    return (_WEIGHT * mean_ap + scores) / (_WEIGHT + len(errors))
+    return (_AP_WEIGHT * mean_ap + scores) / (_AP_WEIGHT + len(errors))
 
 
 def nuscenes_figures(
     criteria: Criteria, by_criterion: Mapping[int, Scored], found: FoundTable, count: int, class_name: str
 ) -> Averages:
-    """The figures of a class as nuScenes's devkit has them; None for a class that nuScenes does not have."""
+    """Figures of a class by the rules of nuScenes's devkit; None for a class that nuScenes does not have."""
     names = ("map", *_AP_NAMES, "ate", "ase", "aoe")
     if class_name not in NUSCENES_RANGES_M:
         return dict.fromkeys(names)

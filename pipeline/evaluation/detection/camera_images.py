@@ -1,4 +1,4 @@
-"""The 2D boxes of one camera against what its images show."""
+"""2D boxes of one camera against the true objects in its images."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,10 +18,10 @@ from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, Figures, ImageB
 from lidcam.pipeline.evaluation.pieces import Pieces
 
 MIN_IOU = 0.5
-"""IoU of upright rectangles from which a detection counts as right."""
+"""Smallest IoU of upright rectangles at which a detection is right."""
 
 MAX_IMAGES = 128
-"""Images that are matched together."""
+"""Largest number of images that are matched together."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,16 +40,12 @@ class _Found:
 
 
 class CameraImages:
-    """Matches the 2D boxes of one camera, some images at a time, and keeps what the figures need.
-
-    Args:
-        config: Classes and settings of the evaluation.
-    """
+    """Matches the 2D boxes of one camera, some images at a time, and keeps what the figures need."""
 
     def __init__(self, config: Config) -> None:
         self._class_names = config.class_names
         self._min_pixels = config.evaluate.min_image_pixels
-        self._found = Pieces(_Found(np.zeros(0, np.int32), np.zeros(0, np.float32), np.zeros(0, np.int32)))
+        self._found = Pieces(_Found)
         self._truth_counts = np.zeros(len(config.classes), np.int64)
         self._ignored_counts = np.zeros(len(config.classes) + 1, np.int64)  # the last one: of no configured class
         self._images = 0
@@ -100,7 +96,7 @@ class CameraImages:
         self._ignored_counts += np.bincount(ids[~evaluated] % (classes + 1), minlength=classes + 1)
 
     def _is_evaluated(self, truth: TruthBoxes2D) -> Bools:
-        """(T,) of a class, not ignored, not known to have too few pixels."""
+        """(T,) whether objects are of a class, not ignored, and not known to have too few pixels."""
         enough = (truth.image_pixels >= self._min_pixels) | (truth.image_pixels == UNKNOWN)
         return np.asarray(enough & (truth.class_ids >= 0) & ~truth.is_ignored)
 
@@ -120,15 +116,10 @@ class CameraImages:
 
 
 def _matched(images: Sequence[ImageBoxes], truths: Sequence[TruthBoxes2D], evaluated: Bools) -> _Found:
-    """Match the detections of at least one image.
+    """Match the detections of at least one image; `evaluated` (T,) are the objects of all images that have to be found.
 
     A false detection is ignored if an ignored object of any class, or a region that nobody labelled, holds as large a
     share of it as `MIN_IOU`.
-
-    Args:
-        images: The images.
-        truths: The true boxes of each of them.
-        evaluated: (T,) which objects of all images are.
     """
     xyxy = np.concatenate([image.found.xyxy for image in images]).astype(np.float64)
     class_ids = np.concatenate([image.found.class_ids for image in images])

@@ -1,7 +1,7 @@
-"""Counts, precision and recall: of all that is reported, and at the scores that somebody may choose.
+"""Counts, precision and recall, of all that is reported and by score, and calibration of scores.
 
-Whether scores are probabilities: Guo et al., On calibration of modern neural networks, ICML 2017, section 2; Brier,
-Verification of forecasts expressed in terms of probability, 1950.
+Calibration: Guo et al., On calibration of modern neural networks, ICML 2017, section 2; Brier, Verification of
+forecasts expressed in terms of probability, 1950.
 """
 
 import numpy as np
@@ -20,14 +20,14 @@ def f1(right: int, false: int, truth: int) -> float | None:
 
 
 def best_row(curve: Curve) -> int | None:
-    """Row of the highest F1, of equal ones that of the highest score; None where nothing is right."""
+    """Row of the highest F1, of equals the one with the highest score; None where nothing is right."""
     if not len(curve) or not curve.truth or not curve.right[-1]:
         return None
     return int(np.argmax(2 * curve.right / (curve.truth + curve.right + curve.false)))
 
 
 def operating_point(curve: Curve, row: int | None) -> dict[str, float | None]:
-    """Score, precision, recall and F1 where only what has the score of a row of the curve or more is reported."""
+    """Score, precision, recall and F1 if the score of a row of the curve is the threshold."""
     if row is None:
         return dict.fromkeys(("score", "precision", "recall", "f1"))
     right, false = int(curve.right[row]), int(curve.false[row])
@@ -75,12 +75,7 @@ def threshold_figures(curve: Curve) -> Figures:
 
 
 def calibration_figures(scores: F32, is_right: Bools) -> Figures:
-    """Reliability in ten bins of equal width, and what it comes to.
-
-    Args:
-        scores: (N,) in [0, 1], of the detections that count.
-        is_right: (N,) which of them show an object.
-    """
+    """Reliability of scores (N,) in [0, 1] in ten bins, and calibration errors; `is_right` (N,): shows an object."""
     exact = scores.astype(np.float64)
     bins = np.clip((exact * _BINS).astype(np.intp), 0, _BINS - 1)
     counts = np.bincount(bins, minlength=_BINS)

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I32, Bools, check_array
+from lidcam.pipeline.core.arrays import F64, I32, Bools
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.evaluation.near_objects import NEAR_M, Candidates, Measure
 from lidcam.pipeline.evaluation.scales import length_scales
@@ -21,16 +21,13 @@ class Criterion:
     """When a detection counts as right.
 
     Attributes:
-        measure: The measure: the IoU seen from above or in 3D, which must reach the limit, or the distance of the
-            centres seen from above, which must stay below it.
+        measure: IoU seen from above or in 3D, which must reach the limit, or distance of the centres seen from above,
+            which must stay below it.
         limits: (C,) float64 by class: IoU, or metres.
     """
 
     measure: Measure
     limits: F64
-
-    def __post_init__(self) -> None:
-        check_array("limits", self.limits, (len(self.limits),), np.float64)
 
     def holds(self, pairs: Candidates, class_ids: I32) -> Bools:
         """(P,) whether it holds for pairs, with the limits of the given classes (P,)."""
@@ -52,9 +49,6 @@ class Criteria:
     ious: tuple[float, ...]
     scales: F64
     distances: Literal["scaled", "nuscenes"]
-
-    def __post_init__(self) -> None:
-        check_array("scales", self.scales, (len(self.scales),), np.float64)
 
     @classmethod
     def of(cls, config: Config) -> "Criteria":

@@ -10,16 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from lidcam.pipeline.core.arrays import F32, F64, I64, Bools, Table, check_array
+from lidcam.pipeline.core.arrays import F32, F64, I64, Bools, Table
 
 _RECALLS = np.linspace(0, 1, 101)
 _MIN_PRECISION = 0.1
 _FIRST = 11
 """Row of the first recall above 0.1."""
 
-
 RECALLS = 40
-"""Precision is read at 1/40, ..., 1 (Simonelli et al., Disentangling monocular 3D object detection, ICCV 2019, 5)."""
+"""Number of recalls, 1/40 to 1 (Simonelli et al., Disentangling monocular 3D object detection, ICCV 2019, 5)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,12 +37,6 @@ class Curve(Table):
     false: I64
     truth: int
 
-    def __post_init__(self) -> None:
-        n = len(self.scores)
-        check_array("scores", self.scores, (n,), np.float64)
-        check_array("right", self.right, (n,), np.int64)
-        check_array("false", self.false, (n,), np.int64)
-
     @property
     def precision(self) -> F64:
         """(P,) share of right ones among the detections."""
@@ -51,7 +44,7 @@ class Curve(Table):
 
 
 def curve_of(scores: F32, is_right: Bools, truth: int) -> Curve:
-    """The curve of detections (N,) by falling score, with whether each is right, and of so many true objects."""
+    """The curve of detections (N,) by falling score; `is_right` (N,), and the number of true objects."""
     last = last_of_equals(scores)
     right = np.cumsum(is_right, dtype=np.int64)[last]
     return Curve(scores[last].astype(np.float64), right, last + 1 - right, truth)
@@ -89,14 +82,9 @@ def ratio(part: float, whole: float) -> float | None:
 
 
 def interpolated_ap(recall: F64, precision: F64) -> float:
-    """Mean precision beyond 0.1 at the recalls above 0.1, as a share of what it can be at most.
+    """Mean precision beyond 0.1 at the recalls above 0.1, as a share of its maximum; 0 without points.
 
-    Args:
-        recall: (P,) not falling; one point for each detection, by falling score.
-        precision: (P,) at each point.
-
-    Returns:
-        In [0, 1]; 0 without points.
+    `recall` (P,) does not fall; `precision` (P,) after each detection, by falling score.
     """
     if not len(recall):
         return 0.0
@@ -111,16 +99,10 @@ def points_of(is_right: Bools, truth: int) -> tuple[F64, F64]:
 
 
 def mean_errors(errors: npt.NDArray[np.floating], scores: F32, is_right: Bools, truth: int) -> F64 | None:
-    """Mean errors over the recalls above 0.1 that are reached, of the means of all detections up to each recall.
+    """(E,) mean errors over the recalls above 0.1 that are reached, of the means of all detections up to each recall.
 
-    Args:
-        errors: (R, E) errors of the right detections, by falling score.
-        scores: (N,) of all detections, falling.
-        is_right: (N,) R of them are true.
-        truth: True objects.
-
-    Returns:
-        (E,); None if no recall above 0.1 is reached.
+    None if no recall above 0.1 is reached. `errors` (R, E) are those of the right ones among detections with falling
+    scores (N,).
     """
     if not truth or not len(errors):
         return None

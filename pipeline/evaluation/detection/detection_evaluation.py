@@ -16,14 +16,7 @@ from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Figures
 
 
 class DetectionEvaluation:
-    """Compares the detections of every source with the truth.
-
-    Kept of a frame is a row of numbers for each box, about 150 bytes.
-
-    Args:
-        config: Classes and settings of the evaluation.
-        zones: Parts of the site that have figures of their own; an object belongs to the first that holds its centre.
-    """
+    """Compares the detections of every source with the truth; see `Gathering`. Keeps about 150 bytes of each box."""
 
     def __init__(self, config: Config, zones: Sequence[Zone]) -> None:
         self._config, self._zones = config, tuple(zones)
@@ -41,7 +34,7 @@ class DetectionEvaluation:
             self._images.setdefault(camera, CameraImages(self._config)).add(image)
 
     def figures(self) -> Figures:
-        """The figures of all frames so far: `sources`, `images`, `fusion_gain`, `thresholds`."""
+        """The figures of all frames: `sources`, `images`, `fusion_gain`, `thresholds`."""
         found = self._gathering.found()
         site = Site.of(self._config, self._zones, self._gathering)
         sources = {name: Source(site, found[name]) for name in in_order(found)}

@@ -1,4 +1,4 @@
-"""How well what was found is placed."""
+"""Errors of detections that show an object."""
 
 from enum import IntEnum
 
@@ -11,9 +11,14 @@ from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.evaluation.evaluation_frame import Figures, TruthBoxes3D
 from lidcam.pipeline.evaluation.scales import is_flip
 
-MIN_VARIANCE, MAX_VARIANCE, MIN_RATIO = 1e-12, 1e12, 1e-10
-"""Least variance of an axis of a covariance that can be used, largest one, and least share of the one in the other:
-below is what rounding leaves, beyond overflows."""
+MIN_VARIANCE = 1e-12
+"""Smallest variance along an axis of a usable covariance; less is rounding."""
+
+MAX_VARIANCE = 1e12
+"""Largest element of a usable covariance; more overflows."""
+
+MIN_RATIO = 1e-10
+"""Smallest ratio of the variances along the axes of a usable covariance; less is rounding."""
 
 
 class Column(IntEnum):
@@ -32,7 +37,7 @@ class Column(IntEnum):
 
 
 CHI2_95 = {Column.NEES: 5.991464547107979, Column.NEES_YAW: 7.814727903251179}
-"""What 95 % of chi-square values of two and of three degrees of freedom stay below."""
+"""95th percentiles of chi-square with two and with three degrees of freedom."""
 
 
 def errors_of_pairs(found: Boxes3D, truth: TruthBoxes3D, rows: Indices, columns: Indices | I32) -> F64:
@@ -101,10 +106,7 @@ def bias(errors: npt.NDArray[np.floating]) -> float | None:
 
 
 def error_figures(errors: npt.NDArray[np.floating]) -> Figures:
-    """The figures of the errors (N, 10) of detections that show an object.
-
-    A flip is a heading that is wrong by more than 90 degrees.
-    """
+    """Figures of errors (N, 10) as of `errors_of_pairs`; a flip is a heading that is wrong by more than 90 degrees."""
     turns_deg = np.degrees(np.abs(errors[:, Column.YAW], dtype=np.float64))
     figures: dict[str, Figures | float | None] = {"position_bev_m": spread(bird_eye_m(errors))}
     for name, column in _SIGNED.items():
@@ -118,7 +120,7 @@ def error_figures(errors: npt.NDArray[np.floating]) -> Figures:
 
 
 def nees_figures(nees: npt.NDArray[np.floating], limit: float) -> dict[str, float | int | None]:
-    """How many errors are normalised, their mean, and the share inside the band of 95 %; `nees` (N,) may hold NaN."""
+    """Number and mean of normalised errors (N,), NaN left out, and their share below the 95th percentile `limit`."""
     known = nees[~np.isnan(nees)].astype(np.float64)
     count = len(known)
     if not count:

@@ -17,11 +17,10 @@ from lidcam.pipeline.evaluation.evaluation_frame import Figures
 _FUSED = "fused"
 _IOU = 0.5
 _MIN_BLOCKS = 5
-"""From fewer blocks an interval would say nothing, and look as if it did."""
+"""Smallest number of blocks for an interval."""
 
 _ROUNDING = 1e-9
-"""Figures that differ by no more than this part of the larger are equal: means of the same errors, summed in another
-order, differ in their last digits, and would show a gain or a loss that nothing stands behind."""
+"""Relative difference of equal figures: sums of the same errors in another order differ in the last digits."""
 
 PERCENTILES = (2.5, 97.5)
 
@@ -34,15 +33,10 @@ Samples = dict[str, F64]
 def fusion_gain(sources: Mapping[str, Source], figures: Mapping[str, Figures], resampling: Resampling) -> Figures:
     """Gain of `fused` over the better of the other sources, by class and figure, with an interval of 95 %.
 
-    `same_objects` has by how much `fused` places the objects better that each of the others found, too.
-
-    A gain is positive where fusion is better, also of the error of position, and exactly 0 where the figures differ by
-    their rounding alone. The better source is chosen on the whole recording. The interval is that of the percentiles of
-    the bootstrap (Efron and Tibshirani, An introduction to the bootstrap, 1993, chapter 13), in which both are measured
-    on the same samples.
-
-    Returns:
-        By class; nothing without fused objects or without another source.
+    A gain is positive where fusion is better, also for the error of position, and exactly 0 where the figures differ by
+    rounding alone. `same_objects` compares positions of the objects that both found. The better source is chosen on the
+    whole recording. The interval is the percentile bootstrap (Efron and Tibshirani, An introduction to the bootstrap,
+    1993, chapter 13), both sources on the same samples. Empty without fused objects or without another source.
     """
     singles = [name for name in sources if name != _FUSED]
     if _FUSED not in sources or not singles:
@@ -150,10 +144,9 @@ def _named(tree: Any, name: str) -> float | None:
 def _gain_on_same_objects(
     fused: Source, single: Source, class_id: int | None, resampling: Resampling, *, has_interval: bool
 ) -> Gain:
-    """By how many metres the fused position is better, mean of the objects of a class (None: of all) that both found.
+    """Mean improvement of the position, metres, over the objects of a class (None: of all) that both found.
 
-    The mean error of a source is that of what it found. A source that finds near objects alone looks better than one
-    that finds far ones as well, so means of different objects do not say who places better.
+    Mean errors of different objects do not compare: a source that finds near objects alone looks better.
     """
     gains_m = _errors_m(single, class_id) - _errors_m(fused, class_id)
     rows = np.flatnonzero(np.isfinite(gains_m))

@@ -20,18 +20,17 @@ from lidcam.pipeline.evaluation.scales import nuscenes_ranges_m, range_edges_m, 
 from lidcam.pipeline.evaluation.true_motion import ground_poses, ground_turns
 
 _MAX_FRAMES = 128
+"""Largest number of frames that are matched together."""
+
 _MAX_PAIRS = 1 << 18
-"""Frames are matched together up to so many of them and up to so many pairs of boxes: memory stays bounded."""
+"""Largest number of pairs of boxes that are matched together, which bounds memory."""
 
 
 class Gathering:
     """Matches the 3D boxes of frames with truth, some frames at a time, and keeps what the figures need.
 
-    The parts of the site that have figures of their own are its ranges, and then its zones.
-
-    Args:
-        config: Classes and settings of the evaluation.
-        zones: Zones of the site; an object belongs to the first that holds its centre.
+    The parts of the site that have figures of their own are its ranges, and then its zones; an object belongs to the
+    first zone that holds its centre.
     """
 
     def __init__(self, config: Config, zones: Sequence[Zone]) -> None:
@@ -39,14 +38,13 @@ class Gathering:
         self.stamps_ns: list[int] = []
         self.frames_without_truth = 0
         self._settings = config.evaluate
-        self._criteria = criteria = Criteria.of(config)
+        self._criteria = Criteria.of(config)
         self._edges_m = range_edges_m(config)
         self._polygons = [zone.polygon_site for zone in zones]
         self._class_count = len(config.classes)
         self._nuscenes_m = nuscenes_ranges_m(config)
-        parts, errors = len(self._edges_m) + len(zones), (len(criteria.error_columns), len(Column))
-        self._no_detections = FoundTable.empty(parts, criteria.distance_columns.stop, errors)
-        self._truth = Pieces(TruthTable.empty(parts))
+        self._parts_shape = (len(self._edges_m) + len(zones),)
+        self._truth = Pieces(TruthTable, parts=self._parts_shape, poses=(3,))
         self._truth_count = 0
         self._found: dict[str, Pieces[FoundTable]] = {}
         self._waiting: list[EvaluationFrame] = []
@@ -59,7 +57,14 @@ class Gathering:
             ValueError: a class id is none of the configured classes, or a number is not finite.
         """
         for source in frame.sources:
-            self._found.setdefault(source, Pieces(self._no_detections))
+            if source not in self._found:
+                self._found[source] = Pieces(
+                    FoundTable,
+                    parts=self._parts_shape,
+                    matches=(self._criteria.distance_columns.stop,),
+                    errors=(len(self._criteria.error_columns), len(Column)),
+                    velocities=(3,),
+                )
         if frame.truth is None:
             self.frames_without_truth += 1
             return
@@ -69,12 +74,12 @@ class Gathering:
             self._match()
 
     def truth(self) -> TruthTable:
-        """The true objects so far."""
+        """The true objects."""
         self._match()
         return self._truth.table()
 
     def found(self) -> dict[str, FoundTable]:
-        """The detections so far, by source."""
+        """The detections, by source."""
         self._match()
         return {source: pieces.table() for source, pieces in self._found.items()}
 
@@ -102,16 +107,16 @@ class Gathering:
         has_points = boxes.lidar_points != 0
         is_near = _ranges_m(boxes.centers) < np.append(self._nuscenes_m, 0.0)[boxes.class_ids]
         return TruthTable(
-            truth.frames,
-            boxes.class_ids,
-            self.labels.numbers(boxes.labels),
-            self._parts(boxes.centers),
-            boxes.lidar_points,
-            boxes.yaws.astype(np.float32),
-            is_evaluated(boxes, self._settings),
-            is_counted(boxes, self._settings) & has_points & is_near,
-            boxes.track_ids,
-            ground_poses(boxes.centers, boxes.yaws, truth.frames, poses, first),
+            frames=truth.frames,
+            class_ids=boxes.class_ids,
+            labels=self.labels.numbers(boxes.labels),
+            parts=self._parts(boxes.centers),
+            lidar_points=boxes.lidar_points,
+            yaws=boxes.yaws.astype(np.float32),
+            is_evaluated=is_evaluated(boxes, self._settings),
+            is_nuscenes=is_counted(boxes, self._settings) & has_points & is_near,
+            track_ids=boxes.track_ids,
+            poses=ground_poses(boxes.centers, boxes.yaws, truth.frames, poses, first),
         )
 
     def _found_table(
@@ -145,16 +150,16 @@ class Gathering:
         first = len(self.stamps_ns) - len(poses)
         velocities = ground_turns(found.motion.velocities, found.frames, poses, first)
         return FoundTable(
-            found.frames,
-            boxes.class_ids,
-            boxes.scores,
-            self._parts(boxes.centers),
-            boxes.yaws.astype(np.float32),
-            np.where(matches >= 0, matches + self._truth_count, matches).astype(np.int32),
-            np.where(mistaken >= 0, mistaken + self._truth_count, FALSE).astype(np.int32),
-            errors,
-            np.column_stack([velocities, found.motion.yaw_rates]).astype(np.float32),
-            found.motion.is_predicted,
+            frames=found.frames,
+            class_ids=boxes.class_ids,
+            scores=boxes.scores,
+            parts=self._parts(boxes.centers),
+            yaws=boxes.yaws.astype(np.float32),
+            matches=np.where(matches >= 0, matches + self._truth_count, matches).astype(np.int32),
+            mistaken=np.where(mistaken >= 0, mistaken + self._truth_count, FALSE).astype(np.int32),
+            errors=errors,
+            velocities=np.column_stack([velocities, found.motion.yaw_rates]).astype(np.float32),
+            is_predicted=found.motion.is_predicted,
         )
 
     def _nuscenes_matches(
@@ -175,7 +180,10 @@ class Gathering:
 
     def _parts(self, centers: F64) -> Bools:
         """(N, P) parts of the site in which centres lie."""
-        ranges, zones = range_rows(centers, self._edges_m), first_polygon_with(self._polygons, centers[:, :2])
+        ranges, zones = (
+            range_rows(_ranges_m(centers), self._edges_m),
+            first_polygon_with(self._polygons, centers[:, :2]),
+        )
         in_range = ranges[:, None] == np.arange(len(self._edges_m))
         return np.hstack([in_range, zones[:, None] == np.arange(len(self._polygons))])
 

@@ -1,4 +1,4 @@
-"""Which detection shows which true object."""
+"""Matching of detections with true objects."""
 
 from collections.abc import Sequence
 
@@ -6,10 +6,12 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, I32, Bools, Indices
 from lidcam.pipeline.core.detections import Boxes3D
-from lidcam.pipeline.evaluation.detection.criteria import Criterion
+from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
+from lidcam.pipeline.evaluation.detection.criteria import Criteria, Criterion
 from lidcam.pipeline.evaluation.detection.tables import FALSE, IGNORED
-from lidcam.pipeline.evaluation.evaluation_frame import TruthBoxes3D
-from lidcam.pipeline.evaluation.near_objects import Candidates
+from lidcam.pipeline.evaluation.evaluation_frame import SourceBoxes, TruthBoxes3D
+from lidcam.pipeline.evaluation.ignoring import is_evaluated, is_within
+from lidcam.pipeline.evaluation.near_objects import Candidates, FoundObjects, TrueObjects, pairs_near
 
 
 def by_falling_score(scores: F32) -> Indices:
@@ -25,11 +27,10 @@ def ranks_by_score(scores: F32) -> Indices:
 
 
 def match_by_score(found: Indices, truth: Indices, ranks: Indices, truth_count: int) -> I32:
-    """By falling score, each detection takes the best true object that is still free.
+    """Each detection, by falling score, takes the best true object that is still free.
 
-    That is the one stable matching between detections that prefer their best objects and objects that all prefer the
-    highest score, so it is found for all detections at once: each asks for its best object, the object keeps the
-    highest score and the others ask for their next best (Gale and Shapley, College admissions, 1962).
+    The result is the one stable matching in which all objects prefer the highest score, so all detections are matched
+    at once by proposals (Gale and Shapley, College admissions, 1962).
 
     Args:
         found: (P,) row of the detection of each possible pair, ascending.
@@ -68,9 +69,8 @@ def match_criteria(
 ) -> I32:
     """Matches of detections with true objects of their class, under each of several criteria.
 
-    A detection that shows no evaluated object, but one of any class that is not evaluated, is neither right nor wrong.
-    Whether it shows such an object is decided by the criterion or by `position`: nobody asks how well something is
-    placed on an object that does not count. It may be one of several that do.
+    A detection that shows no evaluated object, but, by the criterion or by `position`, one of any class that is not
+    evaluated, is neither right nor wrong; several may show the same such object.
 
     Args:
         pairs: Pairs that may belong together.
@@ -103,37 +103,29 @@ def match_criteria(
     return matches
 
 
-def match_position(
-    pairs: Candidates,
-    position: Criterion,
-    found: Boxes3D,
-    truth: TruthBoxes3D,
-    *,
-    is_evaluated: Bools,
-    is_ignored: Bools,
-) -> I32:
-    """(N,) matches of N detections by their place alone; arguments and values are those of `match_criteria`."""
-    return match_criteria(
-        pairs,
-        [position],
-        position=position,
-        found=found,
-        truth=truth,
-        is_evaluated=is_evaluated,
-        is_ignored=is_ignored,
-    )[:, 0]
+def match_frame(
+    source: SourceBoxes, truth: TruthBoxes3D, criteria: Criteria, config: EvaluateConfig
+) -> tuple[Candidates, I32, Bools]:
+    """Matches of one frame by `Criteria.position`.
+
+    Returns:
+        Pairs that may belong together, the matches (N,) of `match_criteria`, and which true objects (T,) are evaluated.
+    """
+    found, position, counted = source.boxes, criteria.position, is_evaluated(truth, config)
+    pairs = pairs_near(FoundObjects.of([source], 0), TrueObjects.of([truth], 0), criteria.scales)
+    is_ignored = ~is_within(found.centers, config)
+    matches = match_criteria(
+        pairs, [position], position=position, found=found, truth=truth, is_evaluated=counted, is_ignored=is_ignored
+    )
+    return pairs, matches[:, 0], counted
 
 
 def match_other_classes(
     pairs: Candidates, position: Criterion, *, matches: I32, found: Boxes3D, truth: TruthBoxes3D, is_evaluated: Bools
 ) -> I32:
-    """Matches of false detections with missed objects: the place is right and the class is not.
+    """(N,) int32 rows of missed objects of another class that false detections show, or `FALSE`.
 
-    The arguments are those of `match_criteria`; `matches` (N,) are those by `position`, which here has the limit of the
-    true object's class.
-
-    Returns:
-        (N,) int32, row of the true object, or `FALSE`.
+    Arguments as of `match_criteria`; `matches` (N,) are those by `position`, with the limit of the true object's class.
     """
     missed = is_evaluated.copy()
     missed[matches[matches >= 0]] = False

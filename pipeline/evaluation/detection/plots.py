@@ -1,4 +1,4 @@
-"""What plots of a detection need: counts by score, for precision over recall, and errors by place."""
+"""Data of the plots of a report: counts by score, for precision over recall, and errors by place."""
 
 from dataclasses import dataclass
 
@@ -7,23 +7,22 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F64, I64
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.evaluation.detection.criteria import Criteria
-from lidcam.pipeline.evaluation.detection.matching import match_position
+from lidcam.pipeline.evaluation.detection.matching import match_frame
 from lidcam.pipeline.evaluation.detection.tables import FALSE
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Figures
-from lidcam.pipeline.evaluation.ignoring import is_evaluated, is_within
-from lidcam.pipeline.evaluation.near_objects import FoundObjects, TrueObjects, pairs_near
+from lidcam.pipeline.evaluation.ignoring import is_evaluated
 from lidcam.pipeline.evaluation.pieces import Pieces
 
 SCORES = 200
-"""Steps of the score: so many points has a curve of precision over recall."""
+"""Steps of the score, and points of a curve of precision over recall."""
 
 MAX_PLACES = 200_000
-"""Matches whose places are kept; of more, every second one, and so on."""
+"""Matches whose places are kept; beyond it every second one goes, again and again."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Places:
-    """True objects and what the fusion makes of them.
+    """Places and errors of true objects.
 
     Attributes:
         xy: (N, 2) float64, where they stand in the site frame, metres.
@@ -35,19 +34,16 @@ class Places:
 
 
 class DetectionPlots:
-    """Gathers them over the frames of a result; memory is bounded.
+    """Gathers counts and errors over the frames of a result; memory is bounded.
 
-    A detection is right as for precision and recall: `detection.criteria.Criteria.position`.
-
-    Args:
-        config: Classes and settings of the evaluation.
+    A detection is right as for precision and recall: `Criteria.position`.
     """
 
     def __init__(self, config: Config) -> None:
         self._config, self._criteria = config, Criteria.of(config)
         self._counts: dict[str, I64] = {}
         self._truth = np.zeros(len(config.classes), np.int64)
-        self._places = Pieces(Places(np.zeros((0, 2)), np.zeros(0)))
+        self._places = Pieces(Places, xy=(2,))
         self._kept, self._step, self._frames = 0, 1, 0
 
     def add(self, frame: EvaluationFrame) -> None:
@@ -57,10 +53,8 @@ class DetectionPlots:
         counted = is_evaluated(frame.truth, self._config.evaluate)
         self._truth += np.bincount(frame.truth.class_ids[counted], minlength=len(self._truth))
         for name, source in frame.sources.items():
-            found, truth, position = source.boxes, frame.truth, self._criteria.position
-            pairs = pairs_near(FoundObjects.of([source], 0), TrueObjects.of([truth], 0), self._criteria.scales)
-            is_ignored = ~is_within(found.centers, self._config.evaluate)
-            matches = match_position(pairs, position, found, truth, is_evaluated=counted, is_ignored=is_ignored)
+            found, truth = source.boxes, frame.truth
+            _, matches, _ = match_frame(source, truth, self._criteria, self._config.evaluate)
             bins = np.clip(found.scores * SCORES, 0, SCORES - 1).astype(np.intp)
             counts = self._counts.setdefault(name, np.zeros((len(self._truth), SCORES, 2), np.int64))
             for column, rows in enumerate((matches >= 0, matches == FALSE)):
@@ -81,12 +75,13 @@ class DetectionPlots:
         if self._kept > MAX_PLACES:
             self._step *= 2
             table = self._places.table()
-            self._places = Pieces(Places(table.xy[::2], table.errors_m[::2]))
+            self._places = Pieces(Places, xy=(2,))
+            self._places.append(Places(table.xy[::2], table.errors_m[::2]))
             self._kept = len(self._places.table().errors_m)
 
     @property
     def places(self) -> Places:
-        """Where true objects were, and how far off they were found; of a long result, a share of them."""
+        """Places and errors of true objects; of a long result, a share of them."""
         return self._places.table()
 
     def curve(self, source: str, class_id: int) -> tuple[F64, F64, F64]:

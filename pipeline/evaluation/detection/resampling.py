@@ -1,9 +1,9 @@
 """Figures of resampled recordings, for intervals: the bootstrap over blocks of neighbouring frames.
 
-Neighbouring frames show the same objects and share their errors: drawn one by one, they would make an interval look far
-too narrow. So blocks of about a second are drawn with replacement, as many as there are (Carlstein, The use of
-subseries values for estimating the variance of a general statistic from a stationary sequence, Annals of Statistics 14,
-1986). A recording of fewer than some ten blocks gives intervals that are too narrow all the same.
+Neighbouring frames share objects and errors; drawn one by one, they would give intervals that are far too narrow. So
+blocks of about a second are drawn with replacement (Carlstein, The use of subseries values for estimating the variance
+of a general statistic from a stationary sequence, Annals of Statistics 14, 1986). Fewer than ten blocks still give
+intervals that are too narrow.
 """
 
 from dataclasses import dataclass
@@ -11,23 +11,22 @@ from functools import cached_property
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F32, F64, I32, I64, Bools, Indices, check_array
+from lidcam.pipeline.core.arrays import F32, F64, I32, I64, Bools, Indices
 from lidcam.pipeline.evaluation.detection.curves import average_precision, last_of_equals
 
 _BLOCK_NS = 1_000_000_000
 _MAX_BLOCKS = 1000
-"""In long recordings blocks are longer, so that there are no more of them than that."""
+"""Largest number of blocks; those of long recordings are longer."""
 
 _MAX_POINTS = 256
-"""Scores at which the curve of a sample is read, evenly spread over the detections that are right: a thousand samples
-are drawn, and their spread is far wider than what is lost between two of these points."""
+"""Scores at which the curve of a sample is read, evenly spread over the right detections."""
 
 _SEED = 0
 
 
 @dataclass(frozen=True, eq=False)
 class Resampling:
-    """Samples of a recording, as how often each holds each block of frames.
+    """Samples of a recording, as weights of blocks of frames.
 
     Attributes:
         blocks: (F,) int64, block of each frame.
@@ -37,13 +36,9 @@ class Resampling:
     blocks: I64
     weights: F64
 
-    def __post_init__(self) -> None:
-        check_array("blocks", self.blocks, (len(self.blocks),), np.int64)
-        check_array("weights", self.weights, (len(self.weights), self.weights.shape[-1]), np.float64)
-
     @classmethod
     def of(cls, stamps_ns: I64, samples: int) -> "Resampling":
-        """Draw so many samples of the frames at times (F,), at least one; the same ones whenever it is called."""
+        """Samples of the frames at times (F,), at least one; always the same."""
         since_ns = stamps_ns - stamps_ns.min()
         length_ns = max(_BLOCK_NS, -(-(int(since_ns.max()) + 1) // _MAX_BLOCKS))
         _, blocks = np.unique(since_ns // length_ns, return_inverse=True)
@@ -53,15 +48,12 @@ class Resampling:
 
     @property
     def block_count(self) -> int:
-        """B."""
+        """Number of blocks, B."""
         return int(self.weights.shape[1])
 
     @cached_property
     def distinct(self) -> tuple[Indices, Indices]:
-        """Samples that are all different, and (S,) the place among them of the one that equals each sample.
-
-        Short recordings of few blocks have few.
-        """
+        """Rows of distinct samples, and (S,) the place among them of each sample; short recordings have few."""
         _, first, same = np.unique(self.weights, axis=0, return_index=True, return_inverse=True)
         return first, same.reshape(-1)
 
@@ -72,13 +64,7 @@ class Resampling:
         return np.asarray((self.weights * by_block).sum(1))
 
     def running_sums(self, frames: I32, counted: Bools, ends: Indices) -> F64:
-        """(S, P) how many of the rows before each end are counted, in each sample.
-
-        Args:
-            frames: (N,) frame of each row.
-            counted: (N,) which rows count.
-            ends: (P,) rising, at most N: the rows before it are meant.
-        """
+        """(S, P) number of counted rows (N,) before each end (P,), in each sample; ends rise."""
         parts = np.searchsorted(ends, np.flatnonzero(counted), side="right")
         inside = parts < len(ends)
         cells = self.blocks[frames[counted][inside]] * len(ends) + parts[inside]

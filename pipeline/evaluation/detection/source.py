@@ -41,7 +41,7 @@ _POINTS = {"0": (0, 0), "1_5": (1, 5), "6_20": (6, 20), "21_50": (21, 50), "51_2
 
 
 class Part(NamedTuple):
-    """A part of the site that has figures of its own; `extent` says how far a range reaches."""
+    """A part of the site that has figures of its own; `extent` is the reach of a range."""
 
     kind: Literal["ranges", "zones"]
     name: str
@@ -91,20 +91,22 @@ class Site:
         if config.evaluate.truth_time != "stamp":  # places at other times than the stamps make no velocity
             velocities = np.full_like(velocities, np.nan)
         lengths_m = np.array([one.size_m[0] for one in config.classes])
+        moves, stands = has_moved(truth.class_ids, truth.track_ids, truth.poses, lengths_m)
         return cls(
-            config.class_names,
-            Criteria.of(config),
-            truth,
-            gathering.labels.names,
-            (*ranges, *(Part("zones", zone.name, {}) for zone in zones)),
-            len(gathering.stamps_ns),
-            gathering.frames_without_truth,
-            velocities,
-            *has_moved(truth.class_ids, truth.track_ids, truth.poses, lengths_m),
+            class_names=config.class_names,
+            criteria=Criteria.of(config),
+            truth=truth,
+            labels=gathering.labels.names,
+            parts=(*ranges, *(Part("zones", zone.name, {}) for zone in zones)),
+            frames=len(gathering.stamps_ns),
+            frames_without_truth=gathering.frames_without_truth,
+            velocities=velocities,
+            moves=moves,
+            stands=stands,
         )
 
     def count(self, is_counted: Bools, part: int | None) -> int:
-        """How many of the counted rows of the truth lie in a part of the site (None: in all of it)."""
+        """Number of counted rows of the truth in a part of the site (None: in all of it)."""
         return int((is_counted if part is None else is_counted & self.truth.parts[:, part]).sum())
 
 
@@ -116,12 +118,7 @@ class _ClassAverages(NamedTuple):
 
 
 class Source:
-    """The detections of one source, and their figures. A class of None stands for all classes, a part for all parts.
-
-    Args:
-        site: Truth and settings that all sources share.
-        found: The detections.
-    """
+    """The detections of one source, and their figures. A class of None stands for all classes, a part for all parts."""
 
     def __init__(self, site: Site, found: FoundTable) -> None:
         self.site = site
@@ -232,7 +229,7 @@ class Source:
         return {**error_figures(errors), **motion}
 
     def _predicted(self, detections: Scored) -> Figures:
-        """The figures of detections of which nothing was seen in their frame."""
+        """Figures of detections that were predicted: nothing of the object was seen in the frame."""
         predicted = detections.select(self.found.is_predicted[detections.rows])
         errors = self.found.errors[predicted.rows[predicted.is_right], 0]
         return {

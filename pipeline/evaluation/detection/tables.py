@@ -4,14 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F32, F64, I32, I64, Bools, Indices, Table, check_array
+from lidcam.pipeline.core.arrays import F32, F64, I32, I64, Bools, Indices, Table
 from lidcam.pipeline.evaluation.evaluation_frame import Names
 
 FALSE = -1
-"""In place of the row of a true object: the detection shows none."""
+"""Stands for the row of a true object where the detection shows none."""
 
 IGNORED = -2
-"""In place of the row of a true object: the detection is neither right nor wrong."""
+"""Stands for the row of a true object where the detection is neither right nor wrong."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,24 +42,6 @@ class TruthTable(Table):
     track_ids: I64
     poses: F64
 
-    def __post_init__(self) -> None:
-        n = len(self.frames)
-        for name in ("frames", "class_ids", "labels", "lidar_points"):
-            check_array(name, getattr(self, name), (n,), np.int32)
-        check_array("parts", self.parts, (n, self.parts.shape[-1]), np.bool_)
-        check_array("yaws", self.yaws, (n,), np.float32)
-        check_array("is_evaluated", self.is_evaluated, (n,), np.bool_)
-        check_array("is_nuscenes", self.is_nuscenes, (n,), np.bool_)
-        check_array("track_ids", self.track_ids, (n,), np.int64)
-        check_array("poses", self.poses, (n, 3), np.float64)
-
-    @classmethod
-    def empty(cls, parts: int) -> "TruthTable":
-        """No objects of a site of so many parts."""
-        ids, flags = np.zeros(0, np.int32), np.zeros(0, np.bool_)
-        in_parts, yaws = np.zeros((0, parts), np.bool_), np.zeros(0, np.float32)
-        return cls(ids, ids, ids, in_parts, ids, yaws, flags, flags, np.zeros(0, np.int64), np.zeros((0, 3)))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundTable:
@@ -88,27 +70,6 @@ class FoundTable:
     errors: F32
     velocities: F32
     is_predicted: Bools
-
-    def __post_init__(self) -> None:
-        n = len(self.frames)
-        for name in ("frames", "class_ids", "mistaken"):
-            check_array(name, getattr(self, name), (n,), np.int32)
-        check_array("scores", self.scores, (n,), np.float32)
-        check_array("parts", self.parts, (n, self.parts.shape[-1]), np.bool_)
-        check_array("yaws", self.yaws, (n,), np.float32)
-        check_array("matches", self.matches, (n, self.matches.shape[-1]), np.int32)
-        check_array("errors", self.errors, (n, *self.errors.shape[1:]), np.float32)
-        check_array("velocities", self.velocities, (n, 3), np.float32)
-        check_array("is_predicted", self.is_predicted, (n,), np.bool_)
-
-    @classmethod
-    def empty(cls, parts: int, criteria: int, errors: tuple[int, int]) -> "FoundTable":
-        """No detections; `errors` is the shape (E, 10) of the errors of one."""
-        ids, values = np.zeros(0, np.int32), np.zeros(0, np.float32)
-        matches, flags = np.zeros((0, criteria), np.int32), np.zeros((0, parts), np.bool_)
-        velocities, marks = np.zeros((0, 3), np.float32), np.zeros(0, np.bool_)
-        of_errors = np.zeros((0, *errors), np.float32)
-        return cls(ids, ids, values, flags, values, matches, ids, of_errors, velocities, marks)
 
 
 class Labels:
@@ -147,12 +108,12 @@ class Scored(Table):
     parts: Bools
 
     def within(self, part: int | None) -> "Scored":
-        """Those of a part of the site (None: of all of it)."""
+        """The detections in a part of the site (None: in all of it)."""
         return self if part is None else self.select(self.parts[:, part])
 
 
 def scored(found: FoundTable, truth: TruthTable, rows: Indices, criterion: int) -> Scored:
-    """Those of the detections `rows`, by falling score, that count under a criterion (a column of the matches)."""
+    """The detections among `rows`, by falling score, that count under a criterion (a column of the matches)."""
     matches = found.matches[rows, criterion]
     rows, matches = rows[matches != IGNORED], matches[matches != IGNORED]
     is_right = matches != FALSE

@@ -1,4 +1,7 @@
-"""CLEAR MOT (Bernardin and Stiefelhagen, "Evaluating multiple object tracking performance", EURASIP JIVP, 2008).
+"""CLEAR MOT, and its averages over recall.
+
+Bernardin and Stiefelhagen, "Evaluating multiple object tracking performance", EURASIP JIVP, 2008; for the averages,
+Weng et al., "3D multi-object tracking: a baseline and new evaluation metrics", IROS 2020, as nuScenes has them.
 
 An object keeps the track that it was matched with last, as long as that is near enough; only then the others are
 assigned, as many as possible, at the smallest sum of distances. Mostly tracked and mostly lost: Wu and Nevatia,
@@ -9,21 +12,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I64, Bools, check_array
+from lidcam.pipeline.core.arrays import F64, I64, Bools
 from lidcam.pipeline.evaluation.assignment import conflicts, dense_assignment, far_cost, is_alone
 from lidcam.pipeline.evaluation.tracking.table import TrackTable
 
-MOSTLY_TRACKED, MOSTLY_LOST = 0.8, 0.2
-"""Shares of its frames in which an object is matched: from the one on, and below the other."""
+MOSTLY_TRACKED = 0.8
+"""Smallest share of its frames in which a mostly tracked object is matched."""
 
+MOSTLY_LOST = 0.2
+"""Share of its frames below which an object is mostly lost."""
+
+MIN_RECALL = 0.1
+"""Smallest recall of AMOTA."""
+
+RECALLS = 40
+"""Number of recalls of AMOTA."""
 
 NEVER = (-1, -1)
-"""In place of the frame and the track of a match."""
+"""Frame and track of an object that was never matched."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matches:
-    """Which box each true object is matched with.
+    """Matches of true objects with boxes.
 
     Attributes:
         pairs: (K,) int64, rows of the table's pairs, ordered by true track, then by frame.
@@ -32,10 +43,6 @@ class Matches:
 
     pairs: I64
     is_switch: Bools
-
-    def __post_init__(self) -> None:
-        check_array("pairs", self.pairs, (len(self.pairs),), np.int64)
-        check_array("is_switch", self.is_switch, (len(self.pairs),), np.bool_)
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,3 +166,47 @@ def clear_figures(counts: ClearCounts) -> dict[str, float | int | None]:
         "partly_tracked": counts.partly_tracked,
         "mostly_lost": counts.mostly_lost,
     }
+
+
+def amota_figures(table: TrackTable) -> dict[str, float | None]:
+    """AMOTA and AMOTP of one class; None without truth.
+
+    The score of a track is the mean of its boxes. Each of 40 recalls from 0.1 to 1 has a threshold of the score, at
+    which as many objects are matched. The tracks above it give MOTAR = 1 - false positives / matches without a switch,
+    and the mean distance of the matches. A recall that is not reached counts with 0, and with the largest distance of a
+    match.
+    """
+    if not len(table.truth):
+        return {"amota": None, "amotp_m": None}
+    lengths = np.maximum(1, np.bincount(table.found.tracks))
+    scores = (np.bincount(table.found.tracks, table.found.scores) / lengths)[table.found.tracks]
+    values: dict[int, tuple[float, float]] = {}
+    rates = []
+    for threshold in _score_thresholds(table, scores):
+        kept = scores >= threshold
+        count = int(kept.sum())
+        if count not in values:
+            values[count] = _motar_motp(table, kept)
+        rates.append(values[count])
+    missing = [(0.0, table.max_distance_m)] * (RECALLS - len(rates))
+    motar, motp_m = np.mean([*rates, *missing], 0)
+    return {"amota": float(motar), "amotp_m": float(motp_m)}
+
+
+def _score_thresholds(table: TrackTable, scores: F64) -> F64:
+    """The smallest scores of tracks for the recalls that are reached, interpolated between scores of matches."""
+    matches = match_clear(table, np.ones(len(scores), np.bool_))
+    matched = np.sort(scores[table.pairs.found[matches.pairs[~matches.is_switch]]])[::-1]
+    if not len(matched):
+        return np.zeros(0)
+    recalls = np.linspace(MIN_RECALL, 1, RECALLS).round(12)
+    reached = np.arange(1, len(matched) + 1) / len(table.truth)
+    return np.asarray(np.interp(recalls[recalls <= reached[-1]], reached, matched))
+
+
+def _motar_motp(table: TrackTable, kept: Bools) -> tuple[float, float]:
+    matches = match_clear(table, kept)
+    steady = int((~matches.is_switch).sum())
+    motar = max(0.0, 1 - (int(kept.sum()) - len(matches.pairs)) / steady) if steady else 0.0
+    motp_m = float(table.pairs.distances_m[matches.pairs].mean()) if len(matches.pairs) else table.max_distance_m
+    return motar, motp_m

@@ -1,4 +1,4 @@
-"""From frames to tables of tracks.
+"""Tables of tracks, from frames.
 
 Frames are kept until a block of them is full. The boxes of a block that count are then chosen for all of its frames at
 once, and only what the figures need is kept: a few numbers a box, and the pairs that are near each other.
@@ -20,18 +20,17 @@ from lidcam.pipeline.evaluation.tracking.table import TrackRows, TrackTable
 from lidcam.pipeline.evaluation.true_motion import ground_poses
 
 MAX_DISTANCE_M = 2.0
-"""From this distance on nothing is matched (nuScenes tracking task), for objects as long as a car."""
+"""Distance from which on nothing is matched (nuScenes tracking task), for objects as long as a car."""
 
 BLOCK_FRAMES = 128
 
 
 class _Source:
-    """The boxes of one source so far."""
+    """The boxes of one source."""
 
     def __init__(self, class_count: int) -> None:
-        no_rows, no_values = np.zeros(0, np.intp), np.zeros(0)
-        self.found = Pieces(TrackRows.empty())
-        self.pairs = Pieces(Candidates(no_rows, no_rows, no_values, no_values, no_values))
+        self.found = Pieces(TrackRows, poses=(3,))
+        self.pairs = Pieces(Candidates)
         self.count = 0
         self.without_track = np.zeros(class_count, np.int64)
         self.has_tracks = False
@@ -46,7 +45,7 @@ class Collection:
         self._max_distances_m = MAX_DISTANCE_M * self._scales
         self._frames: list[EvaluationFrame] = []
         self._stamps_ns: list[int] = []
-        self._truth = Pieces(TrackRows.empty())
+        self._truth = Pieces(TrackRows, poses=(3,))
         self._truth_count = 0
         self._tracked_truth = self._untracked_truth = 0
         self._sources: dict[str, _Source] = {}

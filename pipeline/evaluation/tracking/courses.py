@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I32, I64, Bools, Indices, check_array, join_rows
+from lidcam.pipeline.core.arrays import F64, I32, I64, Bools, Indices, join_rows
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.evaluation.scales import is_flip
 from lidcam.pipeline.evaluation.tracking.clear import Matches
@@ -40,12 +40,6 @@ class Courses:
     heading_flips_standing: int
     without_track: int
 
-    def __post_init__(self) -> None:
-        check_array("boxes", self.boxes, (len(self.durations_s),), np.int64)
-        check_array("durations_s", self.durations_s, (len(self.durations_s),), np.float64)
-        check_array("is_false", self.is_false, (len(self.durations_s),), np.bool_)
-        check_array("delays_s", self.delays_s, (len(self.delays_s),), np.float64)
-
 
 def follow(table: TrackTable, matches: Matches) -> Courses:
     """Follow the tracks of one class."""
@@ -62,14 +56,14 @@ def follow(table: TrackTable, matches: Matches) -> Courses:
     one_class = np.zeros(len(table.truth), np.int32)
     moves, stands = has_moved(one_class, table.truth.tracks, table.truth.poses, np.array([table.length_m]))
     return Courses(
-        boxes,
-        (last_ns - first_ns) / 1e9,
-        2 * matched < boxes,
-        delays_s,
-        len(flipped),
-        int(moves[flipped].sum()),
-        int(stands[flipped].sum()),
-        table.without_track,
+        boxes=boxes,
+        durations_s=(last_ns - first_ns) / 1e9,
+        is_false=2 * matched < boxes,
+        delays_s=delays_s,
+        heading_flips=len(flipped),
+        heading_flips_moving=int(moves[flipped].sum()),
+        heading_flips_standing=int(stands[flipped].sum()),
+        without_track=table.without_track,
     )
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, check_array
+from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.evaluation.assignment import assign_heaviest
 from lidcam.pipeline.evaluation.tracking.table import TrackTable
 
@@ -35,10 +35,6 @@ class HotaCounts:
     association: F64
     association_recall: F64
     association_precision: F64
-
-    def __post_init__(self) -> None:
-        for name in ("matches", "similarity", "association", "association_recall", "association_precision"):
-            check_array(name, getattr(self, name), (len(ALPHAS),), np.float64)
 
 
 def similarity_of_distance(table: TrackTable) -> F64:

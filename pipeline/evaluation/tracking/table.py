@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I32, I64, Bools, Rows, Table, check_array
+from lidcam.pipeline.core.arrays import F64, I32, I64, Bools, Rows, Table
 from lidcam.pipeline.core.geometry.rotated_iou import OrientedBoxes
 from lidcam.pipeline.evaluation.near_objects import Candidates
 
@@ -31,26 +31,11 @@ class TrackRows(Table):
     scores: F64
     poses: F64
 
-    def __post_init__(self) -> None:
-        n = len(self.frames)
-        check_array("frames", self.frames, (n,), np.int32)
-        check_array("class_ids", self.class_ids, (n,), np.int32)
-        check_array("tracks", self.tracks, (n,), np.int64)
-        for name in ("yaws", "ranges_m", "scores"):
-            check_array(name, getattr(self, name), (n,), np.float64)
-        check_array("poses", self.poses, (n, 3), np.float64)
-
     @classmethod
     def of(cls, frames: I32, boxes: OrientedBoxes, class_ids: I32, tracks: I64, scores: F64, poses: F64) -> "TrackRows":
         """The rows of boxes (N,)."""
         ranges_m = np.hypot(boxes.centers[:, 0], boxes.centers[:, 1])
         return cls(frames, class_ids, tracks, boxes.yaws, ranges_m, scores, poses)
-
-    @classmethod
-    def empty(cls) -> "TrackRows":
-        """No rows."""
-        ids, values = np.zeros(0, np.int32), np.zeros(0)
-        return cls(ids, ids, np.zeros(0, np.int64), values, values, values, np.zeros((0, 3)))
 
     @property
     def track_count(self) -> int:

@@ -8,9 +8,14 @@ import numpy as np
 
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Figure, Figures
-from lidcam.pipeline.evaluation.scales import nuscenes_ranges_m, range_edges_m, range_names, rows_of_ranges
-from lidcam.pipeline.evaluation.tracking.amota import amota_figures
-from lidcam.pipeline.evaluation.tracking.clear import ClearCounts, clear_figures, count_clear, match_clear
+from lidcam.pipeline.evaluation.scales import nuscenes_ranges_m, range_edges_m, range_names, range_rows
+from lidcam.pipeline.evaluation.tracking.clear import (
+    ClearCounts,
+    amota_figures,
+    clear_figures,
+    count_clear,
+    match_clear,
+)
 from lidcam.pipeline.evaluation.tracking.collect import Collection
 from lidcam.pipeline.evaluation.tracking.courses import course_figures, follow, total_courses
 from lidcam.pipeline.evaluation.tracking.hota import HotaCounts, count_hota, hota_figures, similarity_of_distance
@@ -67,12 +72,12 @@ class TrackingEvaluation:
         return {**by_class, "all": {"match_distance_m": None, **_figures(counts), group: mean, "ranges": ranges}}
 
     def _parts(self, table: TrackTable, counts: "_Counts") -> list["_Sums"]:
-        """What is counted in each range; a box that is matched lies where its object does."""
+        """Counts of each range; a box that is matched lies where its object does."""
         matched = table.pairs.select(counts.matches.pairs)
         ranges_m = table.found.ranges_m.copy()
         ranges_m[matched.found] = table.truth.ranges_m[matched.truth]
-        true_rows = rows_of_ranges(table.truth.ranges_m, self._edges_m)
-        found_rows = rows_of_ranges(ranges_m, self._edges_m)
+        true_rows = range_rows(table.truth.ranges_m, self._edges_m)
+        found_rows = range_rows(ranges_m, self._edges_m)
         return [_Sums(table.part(true_rows == k, found_rows == k)) for k in range(len(self._edges_m))]
 
     def _ranges(self, parts: Sequence[Sequence["_Sums"]]) -> Figures:
@@ -87,7 +92,7 @@ class TrackingEvaluation:
 
 
 class _Sums:
-    """What is counted in a part of the site, or in all of it."""
+    """Counts of a part of the site, or of all of it."""
 
     def __init__(self, table: TrackTable) -> None:
         self.matches = match_clear(table, np.ones(len(table.found), np.bool_))
@@ -97,7 +102,7 @@ class _Sums:
 
 
 class _Counts(_Sums):
-    """All that is counted in one class."""
+    """All counts of one class."""
 
     def __init__(self, table: TrackTable) -> None:
         super().__init__(table)

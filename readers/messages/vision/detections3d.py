@@ -29,7 +29,7 @@ from lidcam.readers.messages.vision.hypotheses import BoxRows, best_and_counts, 
 DETECTIONS_3D = "vision_msgs/msg/Detection3DArray"
 
 MAX_M = 1e15
-"""Numbers beyond this overflow in volumes and images; the bound of OpenLABEL files, too."""
+"""Numbers beyond this overflow in volumes and images."""
 
 MIN_HEADING = 1e-3
 """Shortest projection of a box's length axis (of length 1) on the ground that still has a heading."""

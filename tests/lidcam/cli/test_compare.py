@@ -9,12 +9,12 @@ import jsonschema
 import pytest
 from logging_state import kept_logging
 from perturbed_results import Change, dropped, followed, of_class, perturbed, shifted, turned
-from results import fused_objects, messages_of, topics_of
+from results import fused_objects
 
 import lidcam
 from lidcam.cli.compare import AllowedDifference
 from lidcam.cli.compare import compare as run_compare
-from lidcam.pipeline.core.errors import CheckError, IncompleteError, LidcamError, OutputError, RecordingError
+from lidcam.pipeline.core.errors import CheckError, IncompleteError, LidcamError, RecordingError
 from lidcam.pipeline.evaluation.comparison.object_changes import KINDS
 
 ROOT = Path(__file__).parents[3]
@@ -158,45 +158,6 @@ def test_frames_of_one_alone(compare: Any, result: Path, tmp_path: Path) -> None
     assert found.failures == ("frames: expected at most 0 % in one result alone, found 14.3 %",)
     assert "frames: 12 in both, 0 of them differ; 2 only in A, 0 only in B" in found.out
     assert not compare(result, other, allow=("frames",)).failures
-
-
-def test_both_in_one_file(compare: Any, sandbox: Path, tmp_path: Path) -> None:
-    other = perturbed(sandbox, tmp_path / "other.mcap", {FUSED: dropped()}, without_frames=[2])
-    merged = tmp_path / "both.mcap"
-    assert compare(sandbox, other, merged=merged).failures
-    topics = topics_of(merged)
-    assert {name: topics[f"/{name}/fused/detections"][1] for name in "ab"} == {"a": 3, "b": 2}
-    assert topics["/compare/scene"][1] == 3
-    assert [len(scene.entities) for _, scene in messages_of(merged, "/compare/scene")][2] == 0, "a frame of A alone"
-    lost = [entity for _, scene in messages_of(merged, "/compare/scene") for entity in scene.entities]
-    assert len(lost) == sum(map(len, [*fused_objects(sandbox).values()][:2])) > 0
-    layout = json.loads((tmp_path / "both.foxglove.json").read_text(encoding="utf-8"))["configById"]
-    assert {"/compare/scene", "/a/fused/scene", "/b/fused/scene", "/a/point_cloud_combined"} <= set(
-        layout["3D!scene"]["topics"]
-    )
-    seen = {topic for topic, one in layout["3D!scene"]["topics"].items() if one["visible"]}
-    assert {topic for topic in seen if "ground_truth" in topic} == {"/a/ground_truth/objects/scene"}
-    images = [panel["imageMode"] for name, panel in layout.items() if name.startswith("Image!")]
-    named = {*layout["3D!scene"]["topics"], *(one["imageTopic"] for one in images)}
-    named |= {topic for one in images for topic in (*one["annotations"], one["calibrationTopic"])}
-    assert named <= set(topics)
-    assert len(images) == 8
-    first_bytes = merged.read_bytes()
-    compare(sandbox, other, merged=merged)
-    assert merged.read_bytes() == first_bytes, "its own output is replaced, by the same bytes"
-
-
-def test_what_a_merged_file_must_not_replace(compare: Any, sandbox: Path, result: Path, tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="is an input of this run"):
-        compare(sandbox, sandbox, merged=sandbox)
-    taken = tmp_path / "taken.mcap"
-    taken.write_bytes(b"mine")
-    with pytest.raises(OutputError, match="exists and was not written by --merged"):
-        compare(sandbox, sandbox, merged=taken)
-    assert taken.read_bytes() == b"mine"
-    compare(sandbox, sandbox, merged=taken, overwrite=True, only=("cam11",))
-    assert [len(scene.entities) for _, scene in messages_of(taken, "/compare/scene")] == [0, 0, 0]
-    assert compare(result, sandbox, merged=tmp_path / "both.mcap").failures
 
 
 def test_what_cannot_be_compared(compare: Any, result: Path) -> None:

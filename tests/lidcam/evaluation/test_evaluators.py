@@ -8,7 +8,7 @@ import pytest
 from detections import boxes2d, camera_rig, forward_camera
 from evaluation_frames import frame_of, rows_at, source_boxes, truth_boxes
 
-from lidcam.evaluation.evaluators import evaluators_of, known_figures, measure, timed
+from lidcam.evaluation.evaluators import FrameCounts, evaluators_of, known_figures, measure, timed
 from lidcam.evaluation.figures import NamedFigures
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.evaluation.evaluation_frame import SOURCES, EvaluationFrame, ImageBoxes
@@ -86,3 +86,27 @@ def test_whatever_comes_the_figures_are_numbers_or_null_and_the_same_again(seed:
     trees = [measure(random_frames(seed), evaluators_of(config, RIG_WITH_CAMERA)) for _ in range(2)]
     first, second = (json.dumps(tree, allow_nan=False) for tree in trees)
     assert first == second
+
+
+def test_every_object_is_counted_once_with_the_first_reason() -> None:
+    counts = FrameCounts(Config.model_validate({"evaluate": {"max_range_m": 50}}))
+    truth = truth_boxes(
+        rows_at([(1, 0), (2, 0), (3, 0), (90, 0), (5, 0), (6, 0), (99, 0)]),
+        class_ids=[0, -1, 0, 0, 0, 0, -1],
+        labels=["car", "tram", "car", "car", "car", "car", "animal"],
+        is_ignored=[False, True, True, False, False, False, False],
+        lidar_points=[9, 9, 9, 9, 0, 0, 0],
+        image_pixels=[0, 0, 9, 0, 0, 5, 0],
+    )
+    for index, found in enumerate([None, truth, truth, truth_boxes([])]):
+        counts.add(frame_of(index, found))
+    figures = counts.figures()
+    assert (figures["frames"], figures["frames_with_truth"]) == (4, 3)
+    assert figures["truth_objects"] == {
+        "evaluated": 4,
+        "without_class": 4,
+        "marked_as_ignored": 2,
+        "outside": 2,
+        "unseen": 2,
+        "labels_without_class": {"animal": 2, "tram": 2},
+    }

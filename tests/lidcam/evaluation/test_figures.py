@@ -3,8 +3,6 @@
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from lidcam.evaluation.figures import NamedFigures
 
@@ -73,22 +71,3 @@ def test_an_unknown_name_is_answered_with_the_nearest(name: str, told: str) -> N
 )
 def test_a_count_beside_or_above_a_figure(name: str, count: str, figure: float | None) -> None:
     assert FIGURES.nearest_count(name, count) == figure
-
-
-NAMES = st.text("abc_0", min_size=1, max_size=4)
-
-
-@given(
-    st.recursive(
-        st.none() | st.integers() | st.booleans() | st.text("x", max_size=2),
-        lambda inner: st.dictionaries(NAMES, inner, max_size=3) | st.lists(inner, max_size=2),
-        max_leaves=8,
-    ).map(lambda node: {"top": node})
-)
-def test_every_figure_is_found_by_the_name_that_it_is_listed_with(tree: dict[str, Any]) -> None:
-    figures = NamedFigures(tree)
-    for name in figures:
-        node: Any = tree
-        for part in name.split("."):
-            node = node[int(part)] if isinstance(node, list) else node[part]
-        assert figures[name] is node

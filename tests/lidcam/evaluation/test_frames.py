@@ -2,43 +2,28 @@
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import builders
 import numpy as np
 import pytest
 from frames import CONFIG, COVARIANCE, PERIOD_NS, PROVENANCE, RIG, START_NS, frame
-from logging_state import kept_logging
-from rosbags.highlevel import AnyReader
-from scipy.spatial.transform import Rotation
-from small_scenario import write_small_scenario
-from truth_messages import true_object, truth_message, visible_message
+from truth_messages import true_object, truth_message
 
-from lidcam import process
-from lidcam.cli.simulation.simulate import simulate
 from lidcam.evaluation.frames import EvaluationFrames
 from lidcam.pipeline.core.detections import Source
 from lidcam.pipeline.core.errors import FrameError
 from lidcam.pipeline.core.frame import FrameResult
-from lidcam.pipeline.core.geometry.boxes import iou_xyxy, wrap_angle
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.pipeline.core.ros.typestores import message_types
 from lidcam.pipeline.core.settings.load import dump_config
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, TruthBoxes2D, TruthBoxes3D
-from lidcam.readers.messages.vision.detections3d import decode_detections3d
-from lidcam.readers.messages.vision.track_ids import track_ids
 from lidcam.readers.results.result import open_result
 from lidcam.readers.rig.rig_file import rig_yaml
-from lidcam.readers.truth.moment import moment_of
-from lidcam.readers.truth.open import OpenTruth, open_truth
-from lidcam.readers.truth.source import TruthSource
+from lidcam.readers.truth.open import open_truth
 from lidcam.writers.mcap.writer import McapResultWriter
 from lidcam.writers.outputs.transaction import OutputFile
-
-BAGS = Path(__file__).resolve().parents[3] / "bags"
 
 
 def result_file(path: Path, frames: Sequence[FrameResult], account: str = "{}") -> Path:
@@ -119,16 +104,6 @@ def test_truth_in_the_site_frame(tmp_path: Path) -> None:
     assert of.notes == ("truth: /ground_truth/objects of truth.mcap (by its name)",)
 
 
-def test_boxes_of_images_that_were_recorded(tmp_path: Path) -> None:
-    result = result_file(tmp_path / "out.mcap", [frame(0), frame(1)])
-    shown = visible_message(START_NS + 1_000_001, [("car", (1, 2, 3, 4), "a", 9)], log_time_ns=START_NS + 5)
-    frames, _ = compared(result, truth_file(tmp_path / "truth.mcap", [*cars(), shown]))
-    first, second = map(shown_in, frames)
-    assert first.xyxy.tolist() == [[1, 2, 3, 4]]
-    assert first.image_pixels.tolist() == [9]
-    assert second.labels.tolist() == ["car"]  # none was recorded for this one: projected
-
-
 def test_truth_in_a_frame_that_the_site_moves_in(tmp_path: Path) -> None:
     """`frame` drives to x = 2, 4, 6 m of odom, a metre in half a period."""
     result = result_file(tmp_path / "out.mcap", [frame(index, motion=True) for index in range(3)])
@@ -172,117 +147,7 @@ def test_a_result_without_truth(tmp_path: Path) -> None:
     assert re.fullmatch(r"no truth: .*out\.mcap: expected truth, .* found none; give .* \(--truth\)", of.notes[0])
 
 
-class Still(TruthSource):
-    """Truth of another kind, which knows nothing of images: a car that stands ahead."""
-
-    description = "a car"
-    notes = ("it stands",)
-
-    def at(self, stamp_ns: int, *, frame: int) -> TruthBoxes3D | None:
-        del frame
-        message = truth_message(stamp_ns, [true_object("car", (10, 0, 0), name="a")])
-        return moment_of(decode_detections3d(message), CONFIG.class_id_of_label).boxes
-
-
-def test_truth_of_another_kind_is_projected_into_images(tmp_path: Path) -> None:
-    with open_result(result_file(tmp_path / "out.mcap", [frame()])) as result:
-        frames = EvaluationFrames(result, OpenTruth(Still(), "", ()))
-        (one,) = frames
-    shown = shown_in(one)
-    assert (shown.stamp_ns, shown.labels.tolist()) == (START_NS + 1_000_001, ["car"])
-    assert frames.notes == ("truth: a car", "it stands")
-
-
 # --- simulated and sample recordings
-
-
-@pytest.fixture(scope="module")
-def simulated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """A recording of an ego vehicle that turns, and the result of it, which carries the truth."""
-    folder = tmp_path_factory.mktemp("ego")
-    bend = {"points_m": [[-1.6, 1.85], [-0.9, 1.3], [0.0, 1.2], [0.6, 0.6]]}
-    vehicle = {"shape": "model_car", "odometry": True}
-    scenario = write_small_scenario(
-        folder / "ego.yaml",
-        site_frame="odom",
-        routes={"bend": bend},
-        vehicles={
-            "parked": {**vehicle, "start": [0.3, 0.9, -1.5]},
-            "ego": {**vehicle, "route": "bend", "speed_m_s": 1.0, "start": [-1.4, 1.69, -0.66], "ego": True},
-        },
-        lidars__top__mounted_on="ego",
-        lidars__top__position_m=[0.1, 0.0, 0.35],
-        cameras__front__mounted_on="ego",
-        cameras__front__position_m=[0.25, 0.0, 0.3],
-        cameras__front__rpy_deg=[0, 10, 0],
-    )
-    with kept_logging():
-        simulate(str(scenario), folder / "ego.mcap", duration_s=1.0, workers=1)
-    process(folder / "ego.mcap", folder / "out.mcap", config="sandbox")
-    return folder / "ego.mcap", folder / "out.mcap"
-
-
-def read(path: Path, topic: str) -> Iterator[Any]:
-    with AnyReader([path], default_typestore=message_types(2)) as reader:
-        for connection, _, data in reader.messages([c for c in reader.connections if c.topic == topic]):
-            yield reader.deserialize(data, connection.msgtype)
-
-
-def pose_of(message: Any) -> tuple[int, np.ndarray[Any, np.dtype[np.float64]]]:
-    """Stamp in ns, and (4, 4) pose, of an Odometry or a box."""
-    stamp, pose = message.header.stamp, message.pose.pose if hasattr(message, "pose") else message.bbox.center
-    matrix, turn = np.eye(4), pose.orientation
-    matrix[:3, :3] = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix()
-    matrix[:3, 3] = [pose.position.x, pose.position.y, pose.position.z]
-    return stamp.sec * 10**9 + stamp.nanosec, matrix
-
-
-@pytest.mark.parametrize("truth_is", ["carried by the result", "in the recording"])
-def test_truth_in_odom_and_results_of_a_vehicle(truth_is: str, simulated: tuple[Path, Path]) -> None:
-    """Against the poses that the simulator recorded, multiplied out here."""
-    recording, result = simulated
-    frames, _ = compared(result, *([recording] if truth_is == "in the recording" else []))
-    ego = dict(map(pose_of, read(recording, "/odom")))
-    (parked, *_), *_ = (message.detections for message in read(recording, "/ground_truth/objects"))
-    assert parked.id == "parked"
-    _, T_odom_parked = pose_of(parked)
-    stamps = np.array([*ego])
-    assert len(frames) == 10
-    turned, near_m = [], []
-    for one in frames:
-        truth = truth_of(one)
-        assert truth.frame_id == "base_link"
-        near = int(stamps[np.abs(stamps - one.stamp_ns).argmin()])
-        expected = np.linalg.inv(ego[near]) @ T_odom_parked
-        row = truth.track_ids.tolist().index(int(track_ids(np.array(["parked"]))[0]))
-        tolerance_m = 1.5 * abs(near - one.stamp_ns) * 1e-9 + 1e-6  # at 1 m/s and while it turns
-        np.testing.assert_allclose(truth.centers[row], expected[:3, 3], atol=tolerance_m)
-        heading = np.arctan2(expected[1, 0], expected[0, 0])
-        assert abs(wrap_angle(truth.yaws[row] - heading)) < 4 * tolerance_m
-        turned.append(np.arctan2(ego[near][1, 0], ego[near][0, 0]))
-        fused = one.sources["fused"].boxes.centers
-        off_m = np.linalg.norm(fused[:, :2] - truth.centers[row, :2], axis=1)
-        near_m.append(off_m.min(initial=np.inf))
-    assert sum(off_m < 0.1 for off_m in near_m) >= 7  # a model car of 0.5 m
-    assert turned[0] < -0.5
-    assert np.ptp(turned) > 0.1
-    images = [image for one in frames for image in one.images.values()]
-    shown = [shown_in(one, camera) for one in frames for camera in one.images]
-    assert [len(boxes) for boxes in shown] == [1] * 10
-    found = [image.found.xyxy for image in images]
-    ious = [iou_xyxy(ours.xyxy, theirs).max(initial=0) for ours, theirs in zip(shown, found, strict=True)]
-    assert np.median(ious) > 0.7
-    assert all((boxes.image_pixels > 0).all() for boxes in shown)  # as recorded for each image, not projected
-
-
-def test_truth_when_the_lidars_measured_it(simulated: tuple[Path, Path]) -> None:
-    """The other car is parked: it is at one place at both times."""
-    _, result = simulated
-    at_stamp, _ = compared(result)
-    measured, of = compared(result, settings=["evaluate.truth_time=points"])
-    assert of.notes == ("truth: /ground_truth/objects_when_measured of out.mcap (by its name)",)
-    for one, other in zip(at_stamp, measured, strict=True):
-        np.testing.assert_allclose(truth_of(other).centers, truth_of(one).centers, atol=1e-6)
 
 
 def test_what_the_cameras_place_is_a_source_of_its_own(tmp_path: Path) -> None:

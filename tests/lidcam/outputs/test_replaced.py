@@ -16,7 +16,7 @@ import lidcam
 from lidcam.bags.simulator.recorder.files import RecordingFormat, recording_file, recording_outputs, ros_version_of
 from lidcam.bags.simulator.recorder.messages import MessageFactory
 from lidcam.cli.inspect import inspect as run_inspect
-from lidcam.outputs.allowed import MERGED, REPAIRED, SIMULATED, TEXT, check_no_input, check_replaced
+from lidcam.outputs.allowed import REPAIRED, SIMULATED, TEXT, check_no_input, check_replaced
 from lidcam.outputs.kinds import MATCHES, OUTPUTS
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.pipeline.core.messages import RawMessage
@@ -31,7 +31,6 @@ OWN = {
     "mp4": OUTPUTS[".mp4"].is_result,
     "pictures": OUTPUTS[MATCHES].is_result,
     "repaired": REPAIRED.is_own,
-    "merged": MERGED.is_own,
     "simulated": SIMULATED.is_own,
     "text": TEXT.is_own,
 }

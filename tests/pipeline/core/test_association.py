@@ -10,7 +10,6 @@ from lidcam.pipeline.core.association import (
     UNSEEN_BOXES,
     class_agreement,
     class_confusion,
-    class_ratios,
     detector_variances,
     fit_ratios,
     rectangle_features,
@@ -53,18 +52,6 @@ def test_what_has_nearly_the_same_size_is_nearly_the_same_class() -> None:
     assert (confusion.argmax(1) == np.arange(5)).all()
     assert confusion[TRUCK, BUS] > confusion[CAR, TRUCK] > confusion[CAR, PEDESTRIAN]
     assert confusion[PEDESTRIAN, BICYCLE] > confusion[PEDESTRIAN, CAR]
-    ratios = class_ratios(confusion)
-    assert (np.diag(ratios) > 0).all()
-    assert ratios[TRUCK, BUS] > 0 > ratios[CAR, TRUCK] > ratios[CAR, PEDESTRIAN]
-
-
-def test_a_single_class_says_nothing() -> None:
-    np.testing.assert_allclose(class_ratios(class_confusion(ROAD_CLASSES[:1])), 0, atol=1e-12)
-
-
-def test_ratios_of_classes_average_to_one_over_all_calls() -> None:
-    ratios = np.exp(class_ratios(class_confusion(ROAD_CLASSES)))
-    np.testing.assert_allclose(ratios.mean(1), 1)
 
 
 def test_a_box_of_a_class_that_is_hardly_alike_says_little_but_of_a_rider() -> None:

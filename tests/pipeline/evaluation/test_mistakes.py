@@ -59,28 +59,12 @@ def test_a_bench_taken_for_a_car_in_many_frames_is_one_mistake() -> None:
     assert np.isclose([bench.severity, bench.weight, bench.center[0]], [0.8, 1.3, 20.2]).all()
 
 
-def test_two_benches_are_two_mistakes_the_worse_one_first() -> None:
-    frames = [frame(n, truth(), 20.0, 40.0, scores=[0.3, 0.6]) for n in range(3)]
-    assert [one.center[0] for one in collected(*frames).worst("false", 10)] == [40.0, 20.0]
-    assert [one.center[0] for one in collected(*frames).worst("false", 1)] == [40.0]
-
-
-def test_an_error_that_comes_back_later_is_another_mistake() -> None:
-    mistakes = collected(*(frame(n, truth(), 20.0) for n in (0, 1, 5, 40)))
-    assert [one.frames for one in mistakes.worst("false", 9)] == [3, 1]
-
-
 def test_misses_of_one_object_are_one_mistake_wherever_it_drives() -> None:
     frames = [frame(n, truth(50.0 * n, ids=[7], points=[10 + n])) for n in range(4)]
     (miss,) = collected(*frames).worst("missed", 10)
     assert (miss.frames, miss.track_id, miss.named["label"]) == (4, 7, "any")
     assert (miss.severity, miss.worst_ns) == (13, 300_000_000)
     assert collected(*frames).worst("false", 10) == []
-
-
-def test_objects_without_ids_are_told_apart_by_their_places() -> None:
-    frames = [frame(n, truth(0.0, 30.0, ids=[-1, -1])) for n in range(2)]
-    assert [(one.frames, one.center[0]) for one in collected(*frames).worst("missed", 10)] == [(2, 0.0), (2, 30.0)]
 
 
 def test_a_false_detection_names_the_object_at_its_place() -> None:

@@ -24,7 +24,7 @@ def rows(first: int, count: int) -> Rows:
 
 @pytest.mark.parametrize("count", [0, 1, MAX_LOOSE - 1, MAX_LOOSE, 2 * MAX_LOOSE + 3])
 def test_all_rows_in_their_order_however_often_it_is_read(count: int) -> None:
-    pieces = Pieces(rows(0, 0))
+    pieces = Pieces(Rows, places=(2,))
     for row in range(count):
         pieces.append(rows(2 * row, 2))
         if row == 5:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tracked_frames import Seen, tracked_frame
 
 from lidcam.pipeline.core.rig import Rig, Zone
-from lidcam.pipeline.evaluation.road_users import RoadUserCount, RoadUsers, RoadUserTally, ZoneChange
+from lidcam.pipeline.evaluation.road_users import RoadUserCount, RoadUsers, RoadUserTally
 from lidcam.run.tally import Tally
 
 SQUARE = np.array([[-10.0, 0.0], [10.0, 0.0], [10.0, 10.0], [-10.0, 10.0]])
@@ -47,54 +47,6 @@ def test_a_run_counts_them_with_all_else() -> None:
     users = tally.road_users.road_users
     assert users is not None
     assert users.counts[-1] == RoadUserCount("car", "", 1, 3.0, 3.0)
-
-
-def test_each_track_counts_once_and_in_each_zone_where_it_was() -> None:
-    """One car crosses at 4 and 6 m/s, and goes on outside; one stands in the north, for longer."""
-    frames: list[tuple[Seen, ...]] = [
-        (Seen(1, 0, NORTH, 4.0), Seen(2, 1, NORTH)),
-        (Seen(1, 0, SOUTH, 6.0), Seen(2, 1, NORTH)),
-        (Seen(1, 0, OUTSIDE, 8.0), Seen(2, 1, NORTH)),
-        (Seen(2, 1, NORTH),),
-    ]
-    assert users_of(frames) == RoadUsers(
-        (
-            RoadUserCount("car", "north", 2, 2.0, 4.0),
-            RoadUserCount("car", "south", 1, 6.0, 6.0),
-            RoadUserCount("car", "outside", 1, 8.0, 8.0),
-            RoadUserCount("car", "", 2, 3.0, 8.0),
-        ),
-        (ZoneChange("car", "north", "south", 1, 6.0),),
-    )
-    without_zones = users_of(frames, replace(ZONED, zones=()))
-    assert without_zones == RoadUsers((RoadUserCount("car", "", 2, 3.0, 8.0),), ())
-
-
-@pytest.mark.parametrize(
-    ("way", "went"),
-    [
-        ([NORTH], None),
-        ([NORTH, SOUTH], ("north", "south")),
-        ([SOUTH, OUTSIDE, NORTH], ("south", "north")),
-        ([OUTSIDE, NORTH, SOUTH, OUTSIDE], ("north", "south")),
-        ([NORTH, SOUTH, NORTH], None),
-        ([NORTH, OUTSIDE], None),
-        ([OUTSIDE, SOUTH], None),
-        ([OUTSIDE], None),
-    ],
-)
-def test_a_track_went_from_its_first_zone_to_its_last(way: list[float], went: tuple[str, str] | None) -> None:
-    changes = users_of([(Seen(7, 0, y),) for y in way]).changes
-    assert [(one.from_zone, one.to_zone, one.count) for one in changes] == ([] if went is None else [(*went, 1)])
-
-
-@pytest.mark.parametrize(
-    ("classes", "counted"), [([BUS, CAR, CAR], "car"), ([CAR, BUS, BUS], "bus"), ([BUS, CAR], min(CAR, BUS))]
-)
-def test_a_track_has_the_class_of_most_frames(classes: list[int], counted: str | int) -> None:
-    counts = users_of([(Seen(3, 0, NORTH, 2.0, class_id),) for class_id in classes], replace(ZONED, zones=())).counts
-    name = counted if isinstance(counted, str) else CONFIG.class_names[counted]
-    assert [(one.class_name, one.count) for one in counts] == [(name, 1)]
 
 
 def test_what_is_of_no_class_or_no_track_is_no_road_user() -> None:

@@ -40,8 +40,8 @@ def test_ranges_are_as_long_as_the_first_class() -> None:
 
 def test_a_range_holds_its_nearer_edge() -> None:
     centers = np.array([[0.0, 0, 50], [5, 0, 0], [0, 10, 0], [6, 8, 0], [20, 0, 0], [25, 0, 0]])
-    assert range_rows(centers, np.array([5.0, 10, 20])).tolist() == [-1, 0, 1, 1, 2, 2]
-    assert range_rows(centers[:0], np.array([5.0, 10])).tolist() == []
+    assert range_rows(np.hypot(*centers[:, :2].T), np.array([5.0, 10, 20])).tolist() == [-1, 0, 1, 1, 2, 2]
+    assert range_rows(np.zeros(0), np.array([5.0, 10])).tolist() == []
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])

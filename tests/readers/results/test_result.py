@@ -23,11 +23,9 @@ from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.load import dump_config, load_config
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
-from lidcam.readers.results.attached_records import is_result
 from lidcam.readers.results.result import Result, open_result
 from lidcam.readers.rig.rig_file import rig_yaml
 from lidcam.writers.mcap.writer import McapResultWriter
-from lidcam.writers.outputs.marks import MERGED
 from lidcam.writers.outputs.transaction import OutputFile
 
 FRAMES = 3
@@ -124,14 +122,6 @@ def test_frames_without_objects_and_with_one_log_time(tmp_path: Path) -> None:
     assert [len(one.cameras["left"]) for one in found] == [2, 2, 2]
 
 
-def test_camera_that_was_not_looked_at_has_no_entry(tmp_path: Path) -> None:
-    first, second = frame(0), frame(1)
-    cameras = {"right": second.detections.cameras["right"]}
-    second = replace(second, detections=replace(second.detections, cameras=cameras))
-    with open_result(written(tmp_path / "a.mcap", [first, second])) as result:
-        assert [[*one.cameras] for one in result.frames()] == [["left", "right"], ["right"]]
-
-
 def test_settings_on_top(path: Path) -> None:
     with open_result(path, ["evaluate.iou=[0.5]"]) as result:
         assert result.config.evaluate.iou == (0.5,)
@@ -224,14 +214,12 @@ def test_files_that_are_no_results(tmp_path: Path) -> None:
     (tmp_path / "empty.mcap").write_bytes(b"")
     recorded = tmp_path / "recorded.mcap"
     builders.write_mcap(recorded, [builders.raw("/a", "std_msgs/msg/String", {"data": "a"}, 1)])
-    both = records_only(tmp_path / "both.mcap", MERGED, {}, a="old.mcap", b="new.mcap")
     for path, reason in (
         (tmp_path / "a\nb.bag", "found another kind of file"),
         (tmp_path / "empty.mcap", "found another kind of file"),
         (tmp_path / "nothing.mcap", "found no such file"),
         (tmp_path, "found a folder"),
         (recorded, "found a recording; run `lidcam pro"),
-        (both, r"give one of them: old\.mcap and new\.mcap"),
     ):
         with pytest.raises(RecordingError, match=f"expected a result of lidcam, .*{reason}") as caught:
             open_result(path)
@@ -258,13 +246,6 @@ def test_result_whose_index_is_damaged(path: Path, tmp_path: Path) -> None:
     (tmp_path / "bad.mcap").write_bytes(content)
     with open_result(tmp_path / "bad.mcap") as result:
         assert len([*result.frames()]) == FRAMES
-
-
-def test_what_is_a_result(path: Path, tmp_path: Path) -> None:
-    (tmp_path / "a.txt").write_text("no")
-    assert is_result(path)
-    assert not is_result(records_only(tmp_path / "b.mcap", "other", {}))
-    assert not any(map(is_result, (tmp_path, tmp_path / "a.txt", tmp_path / "nothing")))
 
 
 def test_message_that_cannot_be_decoded(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -79,9 +79,3 @@ def test_an_empty_list_of_topics_is_none_and_null_is_all() -> None:
     assert not found.faults
     with pytest.raises(CalibrationError, match=r"topics\.lidars: \[\]`, no lidar: name one"):
         discover(recorded, lidars=[])
-
-
-def test_parts_are_named_by_their_place() -> None:
-    found = discover([static(("base", "a", (1, 0, 0)), ("base", "b", (1, 0, 0))), LIST, VIEWS])
-    assert [(lidar.name, lidar.T_site_lidar.src) for lidar in found.rig.lidars] == [("lidar1", "a"), ("lidar2", "b")]
-    assert [fault.sensor for fault in found.faults] == ["cam1", "cam2"]  # nothing says how they were calibrated

@@ -67,12 +67,6 @@ def test_named_topics_are_taken_whatever_they_are_called() -> None:
     assert "it has /ground_truth/objects, /lidar/detections, /other" in fault.reason
 
 
-def test_names_are_unique() -> None:
-    found = discover([MOUNT, cloud(topic="/a/b"), boxes("/a/b_"), boxes("/a_b_")], rig={"lidars": {"a_b_": {}}})
-    assert [lidar.name for lidar in found.rig.lidars] == ["a_b_"]
-    assert [detector.name for detector in found.rig.detectors] == ["a_b__2", "a_b__3"]
-
-
 @pytest.mark.parametrize(("frame", "place"), [("lidar", [1, 0, 2]), ("/tool", [1, 3, 2]), ("base_link", [0, 0, 0])])
 def test_frames_that_are_fixed_to_the_site(frame: str, place: list[float]) -> None:
     (detector,) = discover([MOUNT, cloud(), boxes(frame=frame)]).rig.detectors
@@ -122,12 +116,6 @@ def test_the_frame_in_which_the_site_moves(frame: str) -> None:
     assert (found.faults, {*detector.T_fixed_frame}) == ((), {"map", "hall"})
     np.testing.assert_allclose(detector.T_fixed_frame["hall"].translation, [100, 0, 0])
     assert found.sources[1].extrinsics == f"motion of base_link in {frame}"
-
-
-def test_messages_that_cannot_be_decoded_are_a_fault() -> None:
-    found = discover([MOUNT, cloud(), boxes()._replace(data=b"\0\1\0\0?")])
-    assert topics(found) == []
-    assert [fault.reason for fault in found.faults] == ["none of its first messages can be decoded"]
 
 
 def test_a_forest_of_frames_is_joined_as_tf_joins_it() -> None:

@@ -58,14 +58,6 @@ def test_the_site_of_one_lidar(edges: list[Any], frame: str, site: str, position
 A, B, C = (cloud(f"/{name}_points", name) for name in "abc")
 
 
-def test_several_lidars_hang_on_one_root() -> None:
-    edges = [("site", "a", (1, 0, 0)), ("site", "mast", (0, 2, 0)), ("mast", "b", (0, 0, 3))]
-    found = discover([static(*edges), B, A])
-    assert found.rig.site_frame == "site"
-    assert [lidar.name for lidar in found.rig.lidars] == ["a", "b"]
-    np.testing.assert_allclose(found.rig.lidars[1].T_site_lidar.translation, [0, 2, 3])
-
-
 def moving(i: int) -> RawMessage:
     edge = transform_stamped("site", "a", stamp_ns=i, translation=(i, 0, 0))
     return raw("/tf", "tf2_msgs/msg/TFMessage", tf_message([edge]), i)
@@ -141,15 +133,6 @@ def test_packets_without_a_frame_have_the_one_that_tf_knows(topic: str, in_tf: s
     [lidar] = found.rig.lidars
     assert lidar.T_site_lidar.src == frame
     assert (found.rig.site_frame == "site") == (frame == in_tf)
-
-
-def test_two_lidars_never_share_a_frame_that_neither_names() -> None:
-    edges = [("base_link", frame, (1, 0, 0)) for frame in ("left", "right", "velodyne")]
-    found = discover([packets("/left/velodyne_packets"), packets("/right/velodyne_packets"), static(*edges)])
-    assert [lidar.T_site_lidar.src for lidar in found.rig.lidars] == ["left", "right"]
-    found = discover([packets("/a/packets", "velodyne"), packets("/b/velodyne_packets"), static(*edges)])
-    assert [lidar.topic for lidar in found.rig.lidars] == ["/a/packets"]
-    assert "no transform joins frame 'b_velodyne'" in found.faults[0].reason
 
 
 def test_several_lidars_without_any_pose_need_a_rig_file() -> None:
@@ -299,9 +282,3 @@ def test_rectified_images_are_projected_in_the_rectified_frame() -> None:
     assert not camera.model.distortion.any()
     ahead_and_left = np.array([10.5, 1.0, 1.0])  # (-1, 0, 10) in the camera
     np.testing.assert_allclose(camera.T_camera_site.apply(ahead_and_left), [0, -1, 10], atol=1e-12)
-
-
-def test_a_camera_never_takes_a_lidars_name() -> None:
-    camera = image_message("/front/image_raw", "cam"), info("/front/camera_info", "cam")
-    found = discover([static(camera_edge("front", "cam")), cloud("/front/points", "front"), *camera])
-    assert (found.rig.lidars[0].name, found.rig.cameras[0].name) == ("front", "front_camera")

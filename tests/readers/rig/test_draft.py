@@ -7,12 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 import rig_messages
-import velodyne
 import yaml
 from memory_recording import MemoryRecording
 from rig_messages import K, boxes_2d, reasons, static
 
-from lidcam.pipeline.core.errors import CalibrationError
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.readers.rig.discovery import discover_rig
@@ -137,26 +135,6 @@ def test_what_is_known_is_written_beside_what_is_not(tmp_path: Path) -> None:
         "cam11": "extrinsics are still TODO in rig.yaml",
         "cam12": "intrinsics are still TODO in rig.yaml",
     }
-
-
-@pytest.mark.parametrize("camera_frames", ["named", "unnamed"])
-def test_lidars_that_name_no_frame(camera_frames: str, tmp_path: Path) -> None:
-    messages = [cloud(1, ""), cloud(2, ""), boxes(11, "c" if camera_frames == "named" else ""), info(11)]
-    tree = yaml.safe_load(draft(messages))
-    assert tree["site_frame"] == "site"
-    poses = {name: lidar["T_site_lidar"] for name, lidar in tree["lidars"].items()}
-    assert poses == {"velodyne1": "TODO", "velodyne2": "TODO"}
-    assert tree["cameras"]["cam11"]["boxes_topic"] == "/detections_11"
-    with pytest.raises(CalibrationError, match=r"velodyne1 .*: extrinsics are still TODO in rig\.yaml; velodyne2"):
-        discover_rig(MemoryRecording(messages), Config(), read(draft(messages), tmp_path))
-
-
-def test_packets_and_clouds_that_cannot_be_decoded() -> None:
-    packets = velodyne.scan(*velodyne.random_packets("VLP-16", packets=3), topic="/left/packets", frame_id="left")
-    bad = cloud(2)._replace(data=b"\x00" * 9)
-    text = draft([cloud(1), bad, packets])
-    assert "/left/packets # velodyne_msgs/msg/VelodyneScan, 3 packets in the first message" in text
-    assert "/velodyne2_points # sensor_msgs/msg/PointCloud2, messages that cannot be decoded" in text
 
 
 def test_cameras_of_a_rig_without_a_site_frame_keep_their_poses() -> None:

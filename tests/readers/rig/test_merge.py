@@ -106,13 +106,6 @@ def test_a_sensor_is_known_by_its_topic_too() -> None:
     assert right.parent == "left"
 
 
-def test_transforms_are_replaced_by_their_child() -> None:
-    a = {"transforms": {"base": {"imu": {"translation_m": [1, 0, 0]}, "velo": {}}}}
-    b = {"transforms": {"velo": {"imu": {"translation_m": [2, 0, 0]}}}}
-    edges = merged(a, b).transforms
-    assert {parent: [*row] for parent, row in edges.items()} == {"base": ["velo"], "velo": ["imu"]}
-
-
 @pytest.mark.parametrize(
     ("trees", "reason"),
     [
@@ -153,12 +146,6 @@ CAMERAS = st.dictionaries(
     ).map(lambda parts: {**parts[0], **parts[1], **parts[2]}),
 )
 RIGS = st.fixed_dictionaries({}, optional={"cameras": CAMERAS, "ground_height_m": st.floats(-3, 3)})
-
-
-@given(RIGS)
-def test_a_rig_with_itself_or_with_nothing_is_itself(tree: dict[str, Any]) -> None:
-    rig = merged(tree)
-    assert merged(tree, tree) == merged(tree, {}) == merged({}, tree) == rig
 
 
 @given(RIGS, RIGS, RIGS)

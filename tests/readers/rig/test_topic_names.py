@@ -3,34 +3,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidcam.readers.rig.topic_names import (
-    is_measured_image,
-    is_rectified,
     is_truth,
-    pair_score,
-    place,
     sensor_names,
-    transport_free,
 )
 
 TOPIC = st.from_regex(r"(/[a-z0-9_]{1,8}){1,4}", fullmatch=True)
-
-
-@pytest.mark.parametrize(
-    ("topic", "expected"),
-    [
-        ("/camera/image_raw", ("camera",)),
-        ("/image_raw_11", ("cam11",)),
-        ("/image_raw_11/compressed", ("cam11",)),
-        ("/camera_info_11", ("cam11",)),
-        ("/cam11/image/compressed", ("cam11",)),
-        ("/camera/color/image_raw", ("camera", "color")),
-        ("/front_image", ("front",)),
-        ("/image", ()),
-        ("", ()),
-    ],
-)
-def test_topics_of_one_camera_share_their_place(topic: str, expected: tuple[str, ...]) -> None:
-    assert place(topic) == expected
 
 
 @pytest.mark.parametrize(
@@ -59,28 +36,6 @@ def test_names_are_unique_and_fit_for_topics(topics: list[str], taken: set[str])
     assert set(names) == set(topics)
     assert len(set(names.values()) | taken) == len(topics) + len(taken)
     assert all(name.isidentifier() for name in names.values())
-
-
-def test_pairing_prefers_the_place_then_the_frame_then_the_beginning() -> None:
-    image = "/rig/left/image_raw"
-    order = [
-        pair_score(image, "/rig/left/camera_info", same_frame=True),
-        pair_score(image, "/rig/left/camera_info", same_frame=False),
-        pair_score(image, "/rig/right/camera_info", same_frame=True),
-        pair_score(image, "/other/camera_info", same_frame=True),
-        pair_score(image, "/rig/right/camera_info", same_frame=False),
-    ]
-    assert order == sorted(order, reverse=True)
-    assert order[-1][0] == 0
-
-
-def test_measured_and_rectified_images_and_transport() -> None:
-    assert is_measured_image("/cam/image")
-    assert not any(map(is_measured_image, ("/camera/depth/image_raw", "/mask", "/cam/image_raw/compressedDepth")))
-    assert is_rectified("/cam/image_rect_color/compressed")
-    assert not is_rectified("/rect/image_raw")
-    assert transport_free("/cam/image/compressed") == "/cam/image"
-    assert transport_free("/compressed") == "/compressed"
 
 
 @pytest.mark.parametrize(

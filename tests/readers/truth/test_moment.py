@@ -11,7 +11,7 @@ from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
 from lidcam.readers.messages.vision.detections3d import decode_detections3d
 from lidcam.readers.messages.vision.track_ids import track_ids
-from lidcam.readers.truth.moment import Moment, class_ids_of, counted, moment_of, projected_truth, total
+from lidcam.readers.truth.moment import Moment, counted, moment_of, projected_truth, total
 
 CONFIG = Config()
 CLASSES = CONFIG.class_id_of_label
@@ -43,25 +43,12 @@ def test_objects_of_ros2() -> None:
     np.testing.assert_allclose(boxes.yaws, [1, 0, 0])
 
 
-def test_numbers_that_the_settings_do_not_list_are_known_by_their_names() -> None:
-    labels = np.array(["4", "5", "2", "3", "van"])
-    assert class_ids_of(labels, {"truck": 0, "van": 0, "2": 1}).tolist() == [0, 0, 1, UNKNOWN, 0]
-
-
 def test_counts_and_the_total_of_the_sensors() -> None:
     values = np.array([0.0, 12.4, np.nan, np.inf, -5.0, 1e20])
     assert counted(values).tolist() == [0, 12, UNKNOWN, UNKNOWN, UNKNOWN, 2**31 - 1]
     counts = {"lidar_points/a": np.array([1.0, np.nan, np.nan]), "lidar_points/b": np.array([2.0, 3.0, np.nan])}
     assert total(counts, "lidar_points", 3).tolist() == [3, 3, UNKNOWN]
     assert total({**counts, "lidar_points": np.array([9.0, 9, 9])}, "lidar_points", 3).tolist() == [9, 9, 9]
-
-
-def test_rows_are_selected_with_their_pixels() -> None:
-    moment = found(*(true_object("car", (x, 0, 0), counts={"image_pixels/left": x}) for x in (1, 2, 3)))
-    chosen = moment.select(np.array([2, 0]))
-    assert chosen.boxes.centers[:, 0].tolist() == [3, 1]
-    assert chosen.camera_pixels["left"].tolist() == [3, 1]
-    assert chosen.ignoring_all().boxes.is_ignored.tolist() == [True, True]
 
 
 # --- objects as a camera sees them

@@ -2,13 +2,12 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from builders import Encoding, header, serialize
+from builders import Encoding
 from detections import forward_camera
 from memory_recording import MemoryRecording
 from truth_messages import true_object, truth_message, visible_message
 
-from lidcam.pipeline.core.messages import Channel, RawMessage
-from lidcam.pipeline.core.ros.typestores import message_types
+from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.load import load_config
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
@@ -17,7 +16,6 @@ from lidcam.readers.truth.recorded import RecordedTruth
 from lidcam.readers.truth.topics import TruthTopics, find_truth_topics
 
 S = 10**9
-BOXES_2D = "vision_msgs/msg/Detection2DArray"
 STEP_NS = 100_000_000
 START_NS = 1_700_000_000 * S
 POINTS = load_config(settings=["evaluate.truth_time=points"])
@@ -131,20 +129,6 @@ def test_cameras_are_told_by_their_frames_then_by_their_names() -> None:
     assert source.notes == ("images of /ground_truth/rear/visible, a camera that the result does not have: 1",)
 
 
-def test_images_of_ros1() -> None:
-    """Whose a box is says the instance; the class is a number."""
-    store = message_types(1)
-    box = {"center": {"x": 5.0, "y": 6.0}, "size_x": 4.0, "size_y": 2.0}
-    results = [{"id": 4, "score": 1.0}, {"id": -2, "score": 33.0}, {"id": -3, "score": 12.0}]
-    body = {"header": header(START_NS, "left"), "detections": [{"results": results, "bbox": box}]}
-    definition, _ = store.generate_msgdef(BOXES_2D, ros_version=1)
-    channel = Channel("/ground_truth/left/visible", BOXES_2D, "ros1", definition, "ros1msg")
-    raw = RawMessage(START_NS, START_NS, (0, 0), serialize(BOXES_2D, body, "ros1", store), channel)
-    found = truth([*messages(encoding="ros1"), raw]).in_image("left", START_NS, frame=0)
-    assert found is not None
-    assert (found.labels.tolist(), found.track_ids.tolist(), found.image_pixels.tolist()) == (["van"], [12], [33])
-
-
 def test_images_do_not_fill_the_memory() -> None:
     many = [shown(0, stamp_ns=START_NS + 5 * S + number * 1000, log_s=-4) for number in range(1500)]
     source = truth([*messages(100), *many])
@@ -169,52 +153,3 @@ def test_messages_and_objects_that_cannot_be_used() -> None:
         "/ground_truth/objects: objects that are not used, box without a volume or not finite: 1",
         "/ground_truth/objects: objects of class 'tram', which is no class of the settings: 1",
     )
-
-
-def test_objects_without_ids_are_noted() -> None:
-    source = truth(messages(name=""))
-    assert x_at(source, START_NS + 2 * STEP_NS + 40_000_000) == 2
-    assert source.notes == (
-        "/ground_truth/objects: its objects have no ids of their own: taken as the nearest message has them, up to "
-        "40.0 ms off",
-    )
-
-
-def test_stamps_far_ahead_are_noted() -> None:
-    raws = messages()
-    raws.insert(15, truth_message(START_NS + 9000 * S, [], log_time_ns=raws[15].log_time_ns - 1))
-    source = truth(raws)
-    assert [x_at(source, START_NS + step * STEP_NS) for step in (14, 15, 16)] == [14, 15, 16]
-    assert source.notes == ("/ground_truth/objects: messages that are not used, stamped far ahead of the others: 1",)
-
-
-def test_a_recording_that_is_played_twice() -> None:
-    """The clock steps back; each pass is compared with its own truth."""
-    late_images = [shown(n)._replace(log_time_ns=START_NS + 999 * S + n) for n in range(30)]
-    second = [
-        truth_message(
-            START_NS + n * STEP_NS, [true_object("car", (-n, 0, 0), name="1")], log_time_ns=START_NS + 999 * S + n
-        )
-        for n in range(30)
-    ]
-    images = [shown(number) for number in range(30)]
-    source = truth([*messages(), *images, *second, *late_images])
-    assert x_at(source, START_NS + 29 * STEP_NS) == 29
-    assert x_at(source, START_NS + 35 * STEP_NS) is None
-    assert x_at(source, START_NS + 5 * STEP_NS) == -5
-    assert x_at(source, START_NS + 29 * STEP_NS) == -29
-    assert source.in_image("left", START_NS + 20 * STEP_NS, frame=0) is not None
-    assert x_at(source, START_NS) is None  # there is no third pass
-
-
-def test_a_recording_that_is_played_again_before_its_end() -> None:
-    """What is left of the first pass is passed over, and images of the second one may come before its objects."""
-    again = [m._replace(log_time_ns=m.log_time_ns + 999 * S) for m in messages(60)]
-    early = shown(5)._replace(log_time_ns=START_NS + 500 * S)
-    odd = shown(58)._replace(log_time_ns=START_NS + 60 * S)  # out of order, as a camera that delivers late
-    source = truth([*messages(60), *(shown(number) for number in range(60)), odd, early, *again])
-    assert x_at(source, START_NS + 40 * STEP_NS) == 40
-    assert x_at(source, START_NS + 5 * STEP_NS) == 5
-    assert source.in_image("left", START_NS + 5 * STEP_NS, frame=0) is not None
-    assert source.in_image("left", START_NS + 7 * STEP_NS, frame=0) is None
-    assert x_at(source, START_NS + 30 * STEP_NS) == 30

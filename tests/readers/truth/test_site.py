@@ -71,12 +71,6 @@ def test_frame_of_the_site_itself() -> None:
         np.testing.assert_array_equal(T_site(poses([]), frame_id, 5).matrix, np.eye(4))
 
 
-def test_frames_that_are_fixed() -> None:
-    static = tf(0, ("map", "base_link", (1, 2, 3), 0.5), topic="/tf_static")
-    found = T_site(poses([], [static]), "map", 123 * S)
-    np.testing.assert_allclose(found.matrix, transform("map", "base_link", (1, 2, 3), 0.5).inverse().matrix)
-
-
 def test_a_site_that_moves() -> None:
     site = poses(drive())
     for stamp_ns in (0, STEP_NS, 8 * STEP_NS, 19 * STEP_NS):
@@ -128,11 +122,6 @@ def test_motion_by_odometry() -> None:
     np.testing.assert_allclose(found.matrix, expected.inverse().matrix, atol=1e-9)
 
 
-def test_the_first_recording_that_joins_the_frames_is_used() -> None:
-    other = [tf(n * STEP_NS, ("odom", "base_link", (0, 0, 5), 0)) for n in range(20)]
-    assert_pose(poses([], drive(), other), STEP_NS)
-
-
 CIRCLE = [tf(n, ("a", "base_link", (n, 0, 0), 0), ("base_link", "a", (n, 0, 0), 0)) for n in range(3)]
 
 
@@ -152,17 +141,6 @@ def test_frames_that_nothing_joins(messages: list[RawMessage], settings: list[st
     for _ in range(2):
         with pytest.raises(FrameError, match=f"join the truth's frame 'map' with the site frame 'base_link', {found}"):
             site.T_site_frame("map", 0)
-
-
-def test_a_recording_that_is_played_twice() -> None:
-    """The clock steps back; the motion of the second pass is that of the second pass."""
-    far = 100 * S
-    first = [tf(far + n * STEP_NS, ("odom", "base_link", (5, 0, 0), 0)) for n in range(30)]
-    second = [m._replace(log_time_ns=2 * far + m.log_time_ns) for m in drive(30)]
-    site = poses([*first, *second])
-    found = T_site(site, "odom", far + 2 * STEP_NS)
-    assert found.inverse().matrix[0, 3] == pytest.approx(5)
-    assert_pose(site, 9 * STEP_NS)
 
 
 def test_where_the_site_stands_on_the_ground() -> None:

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
-from lidcam.readers.truth.moment import STEP_BACK_NS, Moment
-from lidcam.readers.truth.timeline import MAX_EXTRAPOLATION_PERIODS, PROBED, Timeline
+from lidcam.readers.truth.moment import Moment
+from lidcam.readers.truth.timeline import MAX_EXTRAPOLATION_PERIODS, PROBED_GAPS, Timeline
 
 PERIOD_NS = 100_000_000
 SPEED_M_S = 10.0
@@ -45,12 +45,22 @@ def moment(
 def timeline(*moments: Moment) -> Timeline:
     """A timeline that knows its period, from messages long before."""
     line = Timeline()
-    for number in range(PROBED + 1):
-        line.add(moment((number - PROBED - 1000) * PERIOD_NS))
-    line.begin_anew()
+    for number in range(PROBED_GAPS + 1):
+        line.add(moment((number - PROBED_GAPS - 1000) * PERIOD_NS))
+    line._kept.clear()
     for one in moments:
-        assert line.add(one)
+        line.add(one)
     return line
+
+
+def test_a_step_back_of_time_begins_anew() -> None:
+    """A stamp far ahead of all others costs what lies beside it, and no more."""
+    line = timeline(moment(0), moment(PERIOD_NS), moment(3600 * 10**9))
+    assert not line.reaches(PERIOD_NS + 1)
+    line.add(moment(2 * PERIOD_NS))
+    line.add(moment(3 * PERIOD_NS))
+    assert x_of(line.at(2 * PERIOD_NS + PERIOD_NS // 2)) == [2.5]
+    assert line.at(PERIOD_NS) is None
 
 
 def x_of(found: Moment | None) -> list[float]:
@@ -68,6 +78,12 @@ def test_at_a_message_and_between_two() -> None:
         assert not found.boxes.is_ignored.any()
     nearer = line.at(30_000_000), line.at(70_000_000)
     assert [found.boxes.lidar_points.tolist() for found in nearer if found] == [[0], [1]]
+
+
+def test_messages_of_a_time_come_in_any_order_and_the_last_counts() -> None:
+    line = timeline(moment(2 * PERIOD_NS), moment(0), moment(PERIOD_NS, x=[5]), moment(PERIOD_NS))
+    assert x_of(line.at(PERIOD_NS // 2)) == [0.5]
+    assert x_of(line.at(PERIOD_NS + PERIOD_NS // 2)) == [1.5]
 
 
 def test_just_beyond_the_ends() -> None:
@@ -121,35 +137,10 @@ def test_objects_without_ids_of_their_own_are_where_the_nearest_message_has_them
     assert x_of(line.at(60_000_000)) == [1.0, 1.0]
     assert (line.nearest, line.farthest_ns) == (2, 40_000_000)
     slow = Timeline()
-    for number in range(PROBED + 2):
+    for number in range(PROBED_GAPS + 2):
         slow.add(moment(number * 10 * PERIOD_NS, ids))
     assert slow.at(60_000_000) is None  # within half a period, and farther than the objects may have moved
     assert x_of(slow.at(50_000_000)) == [0.0, 0.0]
-
-
-@pytest.mark.parametrize(
-    ("moments", "stamp_ns", "expected"),
-    [
-        ([moment(0)], PERIOD_NS // 20, [0.0]),
-        ([moment(0, ()), moment(PERIOD_NS, ())], PERIOD_NS // 2, []),
-        ([moment(0), moment(PERIOD_NS, frame_id="map")], PERIOD_NS // 2, None),  # frames are not joined
-        ([moment(0), moment(PERIOD_NS, frame_id="map")], PERIOD_NS // 20, [0.0]),
-        ([moment(0), moment(2 * PERIOD_NS), moment(PERIOD_NS, x=[1.5])], PERIOD_NS, [1.5]),  # out of order
-        ([moment(0), moment(2 * PERIOD_NS), moment(2 * PERIOD_NS, x=[2.5])], 2 * PERIOD_NS, [2.5]),  # twice
-    ],
-)
-def test_few_and_odd_messages(moments: list[Moment], stamp_ns: int, expected: list[float] | None) -> None:
-    found = timeline(*moments).at(stamp_ns)
-    assert (None if found is None else x_of(found)) == expected
-
-
-def test_no_messages() -> None:
-    line = Timeline()
-    assert line.at(0) is None
-    assert not line.reaches(0)
-    line.add(moment(0))
-    assert x_of(line.at(0)) == [0.0]
-    assert line.at(1) is None
 
 
 def test_what_is_no_longer_needed_is_forgotten() -> None:
@@ -159,24 +150,6 @@ def test_what_is_no_longer_needed_is_forgotten() -> None:
     assert line.at(4 * PERIOD_NS) is None
     line.forget(100 * PERIOD_NS)
     assert x_of(line.at(9 * PERIOD_NS)) == [9.0]
-
-
-def test_a_stamp_far_ahead_is_not_used() -> None:
-    line = timeline(moment(0), moment(PERIOD_NS), moment(3600 * 10**9))
-    assert not line.reaches(PERIOD_NS + 1)  # not with that message alone
-    assert line.add(moment(2 * PERIOD_NS))
-    assert line.ahead == 1
-    assert x_of(line.at(PERIOD_NS + PERIOD_NS // 2)) == [1.5]
-
-
-def test_a_step_back_of_time_is_told() -> None:
-    far = 5 * STEP_BACK_NS
-    line = timeline(moment(far), moment(far + PERIOD_NS))
-    assert not line.add(moment(0))
-    assert x_of(line.at(far)) == [SPEED_M_S * far * 1e-9]
-    line.begin_anew()
-    assert line.add(moment(0))
-    assert x_of(line.at(0)) == [0.0]
 
 
 def test_how_far_a_timeline_reaches() -> None:

@@ -57,14 +57,6 @@ def test_a_topic_that_is_asked_for() -> None:
         chosen(wanted="/other")
 
 
-def test_topics_that_lie_beside_the_objects() -> None:
-    found = chosen("/ground_truth/objects", "/ground_truth/objects_when_measured")
-    assert found.when_measured == "/ground_truth/objects_when_measured"
-    assert found.visible == ("/ground_truth/left/visible",)
-    elsewhere = chosen("/truth/objects")
-    assert (elsewhere.when_measured, elsewhere.visible) == ("", ())
-
-
 @pytest.mark.parametrize(
     ("topics", "results", "sources", "expected"),
     [

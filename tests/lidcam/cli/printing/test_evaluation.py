@@ -138,7 +138,7 @@ def test_headings_that_are_flipped_are_told_from_axes() -> None:
 
 
 def test_without_truth() -> None:
-    text = printed(frames(lidar=[CAR_AT], fused=[CAR_AT], truth=None))
+    text = printed(frames(lidar=[CAR_AT], fused=[CAR_AT], truth=None, ids=True))
     assert text.startswith("out.mcap: 20 frames, without truth: what needs it is not measured\n")
     assert "detection" not in text
     assert "Fusion" not in text

@@ -1,26 +1,24 @@
 import pytest
-from compared_frames import Frame
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidcam.pipeline.evaluation.comparison.frames import paired_frames
+from lidcam.pipeline.evaluation.evaluation_frame import ResultFrame
 
 MAX_APART_NS = 10
 Pairs = list[tuple[int | None, int | None]]
 
 
-def frames(stamps_ns: list[int]) -> list[Frame]:
-    return [Frame(index, stamp_ns) for index, stamp_ns in enumerate(stamps_ns)]
+def frames(stamps_ns: list[int]) -> list[ResultFrame]:
+    return [ResultFrame(index, stamp_ns, stamp_ns, {}, {}) for index, stamp_ns in enumerate(stamps_ns)]
 
 
-def paired(first: list[int], second: list[int]) -> tuple[Pairs, list[bool]]:
-    """Rows of each pair, and whether it follows the one before it."""
-    found = list(paired_frames(frames(first), frames(second), max_apart_ns=MAX_APART_NS))
-    rows = [
+def paired(first: list[int], second: list[int]) -> Pairs:
+    """Rows of each pair."""
+    return [
         (one.first.index if one.first is not None else None, one.second.index if one.second is not None else None)
-        for one in found
+        for one in paired_frames(frames(first), frames(second), max_apart_ns=MAX_APART_NS)
     ]
-    return rows, [one.is_next for one in found]
 
 
 @pytest.mark.parametrize(
@@ -41,18 +39,7 @@ def paired(first: list[int], second: list[int]) -> tuple[Pairs, list[bool]]:
     ],
 )
 def test_pairs(first: list[int], second: list[int], pairs: Pairs) -> None:
-    assert paired(first, second)[0] == pairs
-
-
-def test_parts_of_a_recording_whose_time_jumps_back_are_paired_in_their_order() -> None:
-    rows, follow = paired([500, 600, 0, 100], [500, 600, 700, 0, 100])
-    assert rows == [(0, 0), (1, 1), (None, 2), (2, 3), (3, 4)]
-    assert follow == [True, True, True, False, True]
-
-
-def test_a_part_that_only_one_result_has() -> None:
-    rows, _ = paired([500, 600], [500, 600, 0, 100])
-    assert rows == [(0, 0), (1, 1), (None, 2), (None, 3)]
+    assert paired(first, second) == pairs
 
 
 STAMPS = st.lists(st.integers(0, 120), max_size=12)
@@ -61,7 +48,7 @@ STAMPS = st.lists(st.integers(0, 120), max_size=12)
 @given(first=STAMPS, second=STAMPS)
 @settings(derandomize=True)
 def test_every_frame_comes_once_and_in_order(first: list[int], second: list[int]) -> None:
-    rows, _ = paired(first, second)
+    rows = paired(first, second)
     assert [row for row, _ in rows if row is not None] == [*range(len(first))]
     assert [row for _, row in rows if row is not None] == [*range(len(second))]
     for a, b in rows:
@@ -72,4 +59,4 @@ def test_every_frame_comes_once_and_in_order(first: list[int], second: list[int]
 @given(stamps_ns=STAMPS)
 @settings(derandomize=True)
 def test_every_frame_is_its_own_partner(stamps_ns: list[int]) -> None:
-    assert paired(stamps_ns, stamps_ns)[0] == [(row, row) for row in range(len(stamps_ns))]
+    assert paired(stamps_ns, stamps_ns) == [(row, row) for row in range(len(stamps_ns))]

@@ -89,22 +89,6 @@ def test_what_is_ignored_is_neither_missed_nor_an_error(columns: dict[str, Any],
     assert counts(figures(truth((10, 0), **columns), found())["all"]) == {"truth_ignored": 1}
 
 
-@pytest.mark.parametrize(
-    "columns",
-    [{}, {"lidar_points": [1], "image_pixels": [0]}, {"lidar_points": [0], "image_pixels": [1]}, {"lidar_points": [5]}],
-)
-def test_what_a_sensor_sees_is_evaluated(columns: dict[str, Any]) -> None:
-    assert counts(figures(truth((10, 0), **columns), found())["car"]) == {"truth": 1, "missed": 1}
-
-
-def test_the_settings_say_how_much_a_sensor_has_to_see() -> None:
-    columns = {"lidar_points": [4, 4, 5], "image_pixels": [99, 100, 0]}
-    tree = figures(
-        truth((10, 0), (20, 0), (30, 0), **columns), found(), config(min_lidar_points=5, min_image_pixels=100)
-    )
-    assert counts(tree["car"]) == {"truth": 2, "truth_ignored": 1, "missed": 2}
-
-
 @pytest.mark.parametrize("settings", [{"max_range_m": 20.0}, {"region": ((-20, -20), (20, -20), (20, 20), (-20, 20))}])
 def test_what_lies_outside_is_not_evaluated(settings: dict[str, Any]) -> None:
     true = truth((10, 0), (19.5, 0), (20.5, 5), (60, 0))
@@ -155,16 +139,6 @@ def test_errors_of_a_turned_object() -> None:
     assert errors["flips"] == 1.0
 
 
-def test_spread_of_errors() -> None:
-    offsets_m = np.linspace(-1, 1, 21)
-    xs = 10.0 * np.arange(21)
-    tree = figures(truth(*((x, 0) for x in xs)), found(*((x + o, 0, 0.5) for x, o in zip(xs, offsets_m, strict=True))))
-    along = tree["car"]["errors"]["along_m"]
-    expected = {"bias": 0.0, "mean": np.abs(offsets_m).mean(), "rmse": np.sqrt(np.mean(offsets_m**2)), "max": 1.0}
-    expected |= {f"p{p}": np.percentile(np.abs(offsets_m), p) for p in (50, 90, 95)}
-    assert along == pytest.approx(expected, abs=1e-6)
-
-
 def test_ranges_hold_everything_once_and_matches_count_where_the_object_is() -> None:
     true = truth((9.9, 0), (50, 0), (100, 0))
     tree = figures(true, found((10.1, 0, 0.9), (19.9, 0, 0.8), (100, 0, 0.7)))["car"]["ranges"]
@@ -209,14 +183,6 @@ def test_recall_by_label_and_by_lidar_points() -> None:
     assert figures(truth((10, 0)), found())["car"]["points"]["unknown"] == {"truth": 1, "right": 0, "recall": 0.0}
 
 
-def test_all_is_the_mean_of_the_classes_that_occur() -> None:
-    tree = figures(truth((10, 0), (20, 0)), found((10, 0, 0.9), (50, 0, 0.8), class_ids=[CAR, VAN]))
-    assert tree["van"]["ap_bev_r40_50"] is tree["van"]["distance"]["map"] is None
-    for name in ("ap_bev_r40_50", "ap_3d_r40_70", "aos_bev_r40_25"):
-        assert tree["all"][name] == tree["car"][name]
-    assert (tree["all"]["precision"], tree["car"]["precision"]) == (0.5, 1.0)
-
-
 def test_frames_without_truth_are_counted_and_not_evaluated() -> None:
     boxes = found((10, 0, 0.9))
     frames = [EvaluationFrame(0, 0, None, {"lidar": boxes}), EvaluationFrame(1, 1, truth(), {"lidar": boxes})]
@@ -225,17 +191,6 @@ def test_frames_without_truth_are_counted_and_not_evaluated() -> None:
         assert (tree["frames"], tree["frames_without_truth"], tree["false"]) == (1, 1, 1)
     tree = evaluated(frames[:1], config())["sources"]["lidar"]["car"]
     assert (tree["frames"], tree["found"], tree["precision"], tree["false_per_frame"]) == (0, 0, None, None)
-
-
-def test_a_source_that_is_silent_for_a_frame_misses_what_is_there() -> None:
-    here = truth((10, 0))
-    frames = [
-        EvaluationFrame(0, 0, here, {"lidar": found((10, 0, 0.9))}),
-        EvaluationFrame(1, 1, here, {"lidar": found((10, 0, 0.9)), "fused": found((10, 0, 0.9))}),
-        EvaluationFrame(2, 2, here, {}),
-    ]
-    sources = evaluated(frames, config())["sources"]
-    assert {name: tree["car"]["recall"] for name, tree in sources.items()} == {"lidar": 2 / 3, "fused": 1 / 3}
 
 
 def test_nothing_at_all() -> None:

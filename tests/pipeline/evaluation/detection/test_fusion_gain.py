@@ -106,51 +106,10 @@ def test_what_differs_by_rounding_alone_is_no_gain() -> None:
     assert (gain["value"], gain["low"], gain["high"], gain["takes_away"]) == (0.0, 0.0, 0.0, False)
 
 
-def test_each_figure_is_compared_with_the_source_that_is_better_in_it() -> None:
-    frames = drive(40, {"lidar": 1.0, "cameras": 0.1, "fused": 0.1})
-    # the cameras place better, the lidar finds more
-    for row, frame in enumerate(frames):
-        found = {**frame.sources, "cameras": frame.sources["cameras"].select(np.arange(min(1, row % 2)))}
-        frames[row] = replace(frame, sources=found)
-    gain = evaluated(frames, CONFIG)["fusion_gain"]["all"]
-    assert gain["recall"]["over"] == "lidar"
-    assert gain["errors"]["position_bev_m"]["mean"]["over"] == "cameras"
-
-
 def test_nothing_to_compare() -> None:
     assert evaluated(drive(4, {"lidar": 0.1}), CONFIG)["fusion_gain"] == {}
     assert evaluated(drive(4, {"fused": 0.1}), CONFIG)["fusion_gain"] == {}
     assert evaluated([], CONFIG)["fusion_gain"] == {}
-
-
-def test_a_class_that_never_occurs_has_no_gain() -> None:
-    frames = drive(8, {"lidar": 0.1, "fused": 0.1})
-    classes = (*CLASSES, ClassPrior(name="tram", size_m=(30, 3, 3), max_size_m=(40, 4, 4)))
-    gain = evaluated(frames, CONFIG.model_copy(update={"classes": classes}))["fusion_gain"]["tram"]
-    for name in FIGURES:
-        assert set(figure(gain, name).values()) == {None}
-
-
-@pytest.mark.parametrize("blocks", [1, 4, 5])
-def test_few_blocks_give_the_value_and_no_interval(blocks: int) -> None:
-    gain = evaluated(drive(4 * blocks, {"lidar": 0.4, "fused": 0.1}), CONFIG)["fusion_gain"]["all"]
-    assert gain["blocks"] == blocks
-    assert gain["precision"]["value"] is not None
-    for name in ("low", "high", "takes_away"):
-        assert (gain["precision"][name] is None) == (blocks < 5)
-
-
-def test_the_overlap_of_the_settings_is_compared() -> None:
-    config = Config(evaluate=EvaluateConfig(bootstrap=SAMPLES, iou=(0.3,)))
-    gain = evaluated(drive(20, {"lidar": 0.4, "fused": 0.1}), config)["fusion_gain"]["all"]
-    assert gain["ap_bev_r40_30"]["low"] <= gain["ap_bev_r40_30"]["value"] <= gain["ap_bev_r40_30"]["high"]
-
-
-def test_long_recordings_have_longer_blocks() -> None:
-    stamps_ns = np.arange(0, 3600 * 10**9, 10**9, dtype=np.int64)
-    drawn = Resampling.of(stamps_ns, 5)
-    assert 900 <= drawn.block_count <= 1000
-    assert (np.diff(drawn.blocks) >= 0).all()
 
 
 WHOLE = Resampling(np.zeros(50, np.int64), np.ones((1, 1)))
@@ -195,12 +154,3 @@ def test_only_the_objects_that_both_found_are_the_same_objects() -> None:
     assert found["all"]["same_objects"]["lidar"] == same
     nothing = gain_of([0.1, None, None], [None, 0.1, None])["car"]["same_objects"]["lidar"]
     assert nothing == {"objects": 0, "value": None, "low": None, "high": None, "takes_away": None}
-
-
-@pytest.mark.parametrize(("fused_m", "takes_away"), [(0.1, False), (0.9, True), (0.5, False)])
-def test_the_interval_of_equal_frames_is_their_value(fused_m: float, takes_away: bool) -> None:
-    found = gain_of([0.5] * 3, [fused_m] * 3, frames=6)["car"]["same_objects"]["lidar"]
-    assert found["objects"] == 18
-    for name in ("value", "low", "high"):
-        assert found[name] == pytest.approx(0.5 - fused_m, abs=1e-6)
-    assert found["takes_away"] is takes_away

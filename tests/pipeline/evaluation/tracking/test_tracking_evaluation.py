@@ -16,7 +16,6 @@ from lidcam.pipeline.evaluation.tracking.tracking_evaluation import TrackingEval
 
 CAR, PEDESTRIAN = (4.0, 1.7, 1.5), (0.6, 0.6, 1.7)
 ERRORS = ("misses", "false_positives", "id_switches", "fragmentations", "heading_flips")
-SQUARE = ((0.0, -5.0), (50.0, -5.0), (50.0, 5.0), (0.0, 5.0))
 
 
 def car(x: float, y: float = 0.0, yaw: float = 0.0) -> list[float]:
@@ -103,18 +102,6 @@ def test_with_the_distances_of_nuscenes_its_ranges_hold_for_its_figures() -> Non
     assert figures["nuscenes"]["amota"] == pytest.approx(18 / 40)
 
 
-def test_a_gap_is_a_fragmentation_and_not_a_switch() -> None:
-    frames = silent(followed(6), 3, 5)
-    frames[2] = replace(frames[2], sources={"fused": source_boxes([])})
-    assert errors(fused(frames)) == {"misses": 3, "fragmentations": 1}
-
-
-def test_an_object_is_first_found_after_a_while() -> None:
-    figures = fused(silent(followed(6), 0, 1))
-    assert figures["first_match_s_mean"] == pytest.approx(0.2)
-    assert errors(figures) == {"misses": 2}
-
-
 def test_flips_are_turns_that_the_object_does_not_make() -> None:
     assert errors(fused(followed(4, yaws=(0, pi, 0, 0)))) == {"heading_flips": 2}
     assert errors(fused(followed(4, yaws=(0, 1.5, 3.0, pi)))) == {}
@@ -123,12 +110,6 @@ def test_flips_are_turns_that_the_object_does_not_make() -> None:
         for k, frame in enumerate(followed(4, yaws=(0, pi, 0, 0)))
     ]
     assert errors(fused(turning)) == {}
-
-
-def test_a_turn_from_one_object_to_another_is_no_flip() -> None:
-    two = truth_boxes([car(0), car(0, 9, pi)], [1, 2])
-    found = [source_boxes([row], [5]) for row in (car(0), car(0, 9, pi))]
-    assert fused([frame_of(k, two, {"fused": one}) for k, one in enumerate(found)])["heading_flips"] == 0
 
 
 def test_flips_of_what_moves_and_of_what_stands() -> None:
@@ -201,21 +182,6 @@ def errors_in(figures: dict[str, Any]) -> dict[str, int]:
     return {name: figures[name] for name in ERRORS if figures.get(name)}
 
 
-def test_any_source_with_tracks_stands_beside_the_others() -> None:
-    frames = followed(6)
-    alone = fused(frames)
-    other = followed(6, tracks=(1, 1, 1, 2, 2, 2))
-    both = [
-        replace(frame, sources={"zebra": one.sources["fused"], **frame.sources, "lidar": source_boxes([car(0)])})
-        for frame, one in zip(frames, other, strict=True)
-    ]
-    tree = tracking(both)
-    assert [*tree] == ["fused", "zebra"]
-    assert tree["fused"]["car"] == alone
-    assert errors(tree["zebra"]["car"]) == {"id_switches": 1}
-    assert tree["zebra"]["car"] == fused(other)
-
-
 def test_classes_are_kept_apart_and_their_counts_summed() -> None:
     person = [20.0, 0, 0.9, *PEDESTRIAN, 0]
     frames = [
@@ -257,23 +223,6 @@ def test_ignored_truth_is_neither_a_miss_nor_an_error(truth: TruthBoxes3D) -> No
     assert errors(fused([other_class], name="all")) == {}
     elsewhere = frame_of(3, truth, {"fused": source_boxes([car(0), car(40)], [1, 2])})
     assert errors(fused([elsewhere], name="all")) == {"false_positives": 1}
-
-
-def test_what_lies_outside_the_region_is_ignored() -> None:
-    config = Config(evaluate=EvaluateConfig(region=SQUARE))
-    truth = truth_boxes([car(10), car(10, 20), car(49.9)], [1, 2, 3])
-    found = source_boxes([car(10), car(-20), car(50.5), car(30, 30)], [1, 2, 3, 4])
-    figures = fused([frame_of(0, truth, {"fused": found})], config)
-    assert errors(figures) == {}
-    # A box on the other side of the edge still finds the object on this side.
-    assert figures["found_tracks"] == 2
-
-
-def test_an_ignored_object_does_not_take_the_box_of_another() -> None:
-    truth = truth_boxes([car(0), car(1)], [1, 2], is_ignored=[False, True])
-    frames = [frame_of(0, truth, {"fused": source_boxes([car(0.9)], [1])})]
-    assert errors(fused(frames)) == {}
-    assert fused(frames)["recall"] == 1
 
 
 def test_boxes_without_a_track_of_their_own_are_counted() -> None:

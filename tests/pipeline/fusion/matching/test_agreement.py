@@ -5,7 +5,7 @@ import pytest
 from detections import boxes3d
 
 from lidcam.pipeline.core.arrays import F64
-from lidcam.pipeline.core.association import class_confusion, class_ratios
+from lidcam.pipeline.core.association import class_confusion
 from lidcam.pipeline.core.settings.classes import ROAD_CLASSES
 from lidcam.pipeline.fusion.matching.agreement import (
     BoxBelief,
@@ -52,7 +52,9 @@ def test_each_camera_hears_the_others_only() -> None:
 def test_classes_of_the_others_count() -> None:
     matched = pairs([0, 2], [BUS, PEDESTRIAN], np.zeros((2, 4)))
     alone = before_matching(belief(TRUCK), SEEN_ROWS)
-    np.testing.assert_allclose(alone.log_classes[0] + np.log(5), class_ratios(CONFUSION)[TRUCK])
+    true = (CONFUSION / CONFUSION.sum(0)).T  # by the class of the 3D box
+    ratios = np.log(true @ CONFUSION * len(CONFUSION))
+    np.testing.assert_allclose(alone.log_classes[0] + np.log(5), ratios[TRUCK])
     others = agreed_with_others(belief(TRUCK), SEEN_ROWS, matched)
     assert others.log_classes[2, PEDESTRIAN] < alone.log_classes[2, PEDESTRIAN], (
         "the first camera says that it is a bus"

@@ -1,0 +1,110 @@
+"""Figures without truth: how steady tracks are, and the skew of stamps."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidcam.pipeline.core.arrays import F64, I64, select_rows
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, Figure, Figures, SourceBoxes, in_order
+from lidcam.pipeline.evaluation.ignoring import is_within
+from lidcam.pipeline.evaluation.pieces import Pieces
+from lidcam.pipeline.evaluation.scales import is_flip
+
+MAX_GAP_FRAMES = 5
+"""Longest absence, in frames, that counts as a flicker."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _TrackedBoxes:
+    """Boxes that have a track, in the order of time.
+
+    Attributes:
+        tracks: (N,) int64.
+        frames: (N,) int64.
+        stamps_ns: (N,) int64.
+        yaws: (N,) float64.
+        class_ids: (N,) int64.
+    """
+
+    tracks: I64
+    frames: I64
+    stamps_ns: I64
+    yaws: F64
+    class_ids: I64
+
+
+class UnlabelledEvaluation:
+    """Figures of a result alone; `config` has the region and the range that are evaluated."""
+
+    def __init__(self, config: Config) -> None:
+        self._config = config.evaluate
+        self._sources: dict[str, _Source] = {}
+        self._skews_ns: list[int] = []
+
+    def add(self, frame: EvaluationFrame) -> None:
+        """Take in one frame."""
+        if frame.skew_ns is not None:
+            self._skews_ns.append(frame.skew_ns)
+        for name, found in frame.sources.items():
+            inside = found.select(is_within(found.boxes.centers, self._config))
+            self._sources.setdefault(name, _Source()).add(frame, inside)
+
+    def figures(self) -> Figures:
+        """`unlabelled.SOURCE` and `sync`."""
+        skews_ms = np.array(self._skews_ns, np.float64) / 1e6
+        some = len(skews_ms) > 0
+        return {
+            "unlabelled": {name: self._sources[name].figures() for name in in_order(self._sources)},
+            "sync": {
+                "skew_mean_ms": float(skews_ms.mean()) if some else None,
+                "skew_max_ms": float(skews_ms.max()) if some else None,
+            },
+        }
+
+
+class _Source:
+    """The objects of one 3D source."""
+
+    def __init__(self) -> None:
+        self._boxes = Pieces(_TrackedBoxes)
+        self._frames = self._objects = 0
+
+    def add(self, frame: EvaluationFrame, found: SourceBoxes) -> None:
+        self._frames += 1
+        self._objects += len(found)
+        found = found.select(found.track_ids != UNKNOWN)
+        self._boxes.append(
+            _TrackedBoxes(
+                found.track_ids,
+                np.full(len(found), frame.index, np.int64),
+                np.full(len(found), frame.stamp_ns, np.int64),
+                found.boxes.yaws,
+                found.boxes.class_ids.astype(np.int64),
+            )
+        )
+
+    def figures(self) -> Figures:
+        return {"objects": {"per_frame_mean": self._objects / self._frames}, "chains": _chain_figures(self._boxes)}
+
+
+def _chain_figures(pieces: Pieces[_TrackedBoxes]) -> dict[str, Figure]:
+    """Lengths of tracks and changes within them; a chain of boxes also ends where time does not rise."""
+    boxes = pieces.table()
+    boxes = select_rows(boxes, np.lexsort((boxes.frames, boxes.tracks)))
+    same = (np.diff(boxes.tracks) == 0) & (np.diff(boxes.stamps_ns) > 0)
+    first = np.flatnonzero(np.append(np.ones(min(len(boxes.tracks), 1), np.bool_), ~same))
+    last = np.append(first[1:], len(boxes.tracks))[: len(first)] - 1
+    seconds = (boxes.stamps_ns[last] - boxes.stamps_ns[first]) / 1e9
+    spans = boxes.frames[last] - boxes.frames[first] + 1
+    missing = np.diff(boxes.frames)[same] - 1
+    some = len(first) > 0
+    return {
+        "chains": len(first),
+        "seconds_mean": float(seconds.mean()) if some else None,
+        "flickers": int(((missing > 0) & (missing <= MAX_GAP_FRAMES)).sum()),
+        "missing_share": float(1 - len(boxes.tracks) / spans.sum()) if some else None,
+        "class_changes": int((same & (np.diff(boxes.class_ids) != 0)).sum()),
+        "heading_flips": int((same & is_flip(wrap_angle(np.diff(boxes.yaws)))).sum()),
+    }
