@@ -9,22 +9,21 @@ from typing import TypeVar
 
 from lidcam.outputs.bucket import Bucket, is_bucket
 from lidcam.pipeline.core.errors import LidcamError, RecordingError
-from lidcam.readers.files.evaluation_folder import is_evaluation_folder
 from lidcam.readers.location import Location, RemotePath, location
 from lidcam.readers.natural_order import natural_key
 from lidcam.readers.open import open_recording
 
 ENDINGS = (".bag", ".mcap", ".db3", ".pcap", ".pcapng", ".bag.zst", ".mcap.zst", ".db3.zst")
-"""Of recordings, where a folder is searched. A file that is named itself may be called anything."""
+"""Endings of the recordings that are found in folders. A file that is named itself may be called anything."""
 
 METADATA = "metadata.yaml"
-"""In the folder of a ROS 2 bag, which is one recording."""
+"""File in the folder of a ROS 2 bag, which is one recording."""
 
 PART = re.compile(r"(.+)_(\d+)")
 """Name of a part of a split recording, without ending."""
 
-LONGEST_PAUSE_NS = 5_000_000_000
-"""From one part of a split recording to the next; what begins later is another recording."""
+MAX_PAUSE_NS = 5_000_000_000
+"""Longest pause between the parts of a split recording."""
 
 OTHER_FOLDER = "expected another folder for the results: the next batch would take them for recordings"
 NONE_FOUND = f"expected recordings ({', '.join(ENDINGS)}) in it, found none"
@@ -38,8 +37,8 @@ class BatchJob:
 
     Attributes:
         inputs: The recording, or all parts of a split one in order.
-        name: What its results are called, without ending, below the folder of the batch: `day1/drive`.
-        bytes: Size of the files; 0 where a server did not say it.
+        name: Name of its results, without ending, below the folder of the batch: `day1/drive`.
+        bytes: Size of the files; 0 if unknown.
     """
 
     inputs: tuple[Location, ...]
@@ -56,8 +55,8 @@ def find_jobs(given: Sequence[str], out: Location) -> list[BatchJob]:
         out: The folder of the results; it is not searched.
 
     Raises:
-        RecordingError: something is not there, a folder holds no recording or cannot be listed, or two results would
-            have one name.
+        RecordingError: an input does not exist, a folder holds no recording or cannot be listed, or two results would
+            have the same name.
     """
     jobs: list[BatchJob] = []
     for text in _listed(given):
@@ -138,7 +137,7 @@ def _recordings(folder: Path, out: Path | None) -> Iterator[Path]:
 
 
 def _is_recording(folder: Path) -> bool:
-    return (folder / METADATA).is_file() or is_evaluation_folder(folder)
+    return (folder / METADATA).is_file()
 
 
 def _split(paths: Iterable[L]) -> Iterator[list[L]]:
@@ -164,7 +163,7 @@ def _goes_on(before: Location, path: Location) -> bool:
         return False
     try:
         with open_recording([before]) as first, open_recording([path]) as second:
-            return -LONGEST_PAUSE_NS < second.start_ns - first.end_ns < LONGEST_PAUSE_NS
+            return -MAX_PAUSE_NS < second.start_ns - first.end_ns < MAX_PAUSE_NS
     except LidcamError:
         return False  # each has a job of its own, which says what is wrong with it
 

@@ -28,7 +28,7 @@ from small_drive import small_drive
 TIMEOUT_S = 300.0
 ENGINES = ("ray", "local")
 Kill = Callable[[subprocess.Popen[bytes]], None]
-NAMED = "an earlier batch ended while it was at work on it"
+NAMED = "an earlier batch was killed while it ran"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -139,7 +139,7 @@ def test_completion_scripts(shell_name: str, tmp_path: Path) -> None:
     [
         ("lidcam in", ["inspect"]),
         ("lidcam simulate s", ["sandbox"]),
-        ("lidcam process --max", ["--max-dropped"]),
+        ("lidcam process --on", ["--on-bad-message"]),
         ("lidcam process --on-bad-message ", ["skip", "fail"]),
     ],
 )

@@ -15,7 +15,7 @@ from lidcam.pipeline.core.errors import ConfigError, LidcamError, OutputError
 
 if TYPE_CHECKING:
     from lidcam.pipeline.core.settings.config import Config
-    from lidcam.run.job import JobOptions
+    from lidcam.run.options import JobOptions
     from lidcam.training.labelled import Recordings as LabelledRecordings
 
 train_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)

@@ -1,0 +1,21 @@
+"""Errors as users see them: one line."""
+
+import errno
+
+from lidcam.pipeline.core.errors import LidcamError
+from lidcam.pipeline.core.text import one_line
+
+NO_SPACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
+FORBIDDEN = {errno.EACCES, errno.EPERM, errno.EROFS}
+
+
+def error_line(err: Exception) -> str:
+    """The line that a command prints for an error; empty for a bug, which keeps its traceback."""
+    if isinstance(err, LidcamError):
+        return one_line(err) + "".join(f" ({note})" for note in getattr(err, "__notes__", ()))
+    if isinstance(err, OSError):
+        if err.errno == errno.ENOENT and err.filename is None:
+            return "the folder that this was started in is gone: change to another one"
+        if err.errno in NO_SPACE or (err.errno in FORBIDDEN and err.filename is not None):
+            return f"{err.filename or 'standard output'}: {err.strerror}"
+    return ""
