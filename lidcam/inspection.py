@@ -24,8 +24,8 @@ from lidcam.readers.streams.survey import TopicSurvey, survey
 from lidcam.run.box_sources import BoxSource, box_source, engine_3d
 from lidcam.run.choice import SettingsChoice, UsedSettings, use_settings, used_record
 from lidcam.run.frames import TimeWindow
-from lidcam.run.incomplete import damage_lines, left_out_lines
 from lidcam.run.job import RigSource, read_rig
+from lidcam.run.missing import damage_lines, left_out_lines
 from lidcam.run.summary import loss_records
 from lidcam.run.warning import RunWarning
 

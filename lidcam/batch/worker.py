@@ -6,14 +6,14 @@ import pickle
 import sys
 from dataclasses import replace
 
-from lidcam.__main__ import end_at_signals
 from lidcam.batch.engine import Task
 from lidcam.batch.records import JobRecord, with_report
 from lidcam.outputs.sending import sent_when_complete
 from lidcam.pipeline.core.text import one_line
 from lidcam.processing import RunObserver, process_recording
-from lidcam.run.error_line import error_line
 from lidcam.run.frames import RunInput
+from lidcam.run.warning import error_line
+from lidcam.signals import end_at_signals
 
 
 class _Frozen(RunObserver):

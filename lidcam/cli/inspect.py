@@ -69,8 +69,8 @@ def inspect(
     from lidcam.readers.rig.rig_file import rig_yaml
     from lidcam.readers.streams.per_sensor import sensor_messages
     from lidcam.run.frames import TimeWindow
-    from lidcam.run.incomplete import damage_lines
     from lidcam.run.job import make_job
+    from lidcam.run.missing import damage_lines
     from lidcam.writers.outputs.marks import marked_yaml
     from lidcam.writers.outputs.transaction import OutputTransaction
 

@@ -2,7 +2,7 @@
 
 Exit codes: 0 done; 1 failed, with one line on stderr, and nothing was written, or checks failed, with a line each, and
 the outputs are kept; 2 wrong usage; 3 done, but part of the recording could not be used, as the last line on stderr
-says; 128 + N ended by signal N, see `lidcam.__main__`. Anything else is a bug and shows its traceback. Results go to
+says; 128 + N ended by signal N, see `lidcam.signals`. Anything else is a bug and shows its traceback. Results go to
 stdout, progress and log to stderr.
 """
 
@@ -20,7 +20,7 @@ from lidcam.cli.printing.escaping import visible, visible_lines
 from lidcam.cli.printing.log import configure_logging, verdict_log
 from lidcam.cli.verdict import FAILED, INCOMPLETE
 from lidcam.pipeline.core.errors import CheckError, IncompleteError, short_memory_told
-from lidcam.run.error_line import error_line
+from lidcam.run.warning import error_line
 
 logger = logging.getLogger(__name__)
 

@@ -5,10 +5,14 @@ import re
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypedDict
 
 if TYPE_CHECKING:  # `lidcam --help` does without
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
+    from os import PathLike
 
     from lidcam.pipeline.core.settings.config import Config
-    from lidcam.run.job import FilePath, RigSource, Settings
+    from lidcam.readers.rig.schema import RigFile
+
+    FilePath = str | PathLike[str]
+    RigSource = RigFile | FilePath | Sequence[RigFile | FilePath]
 
 OnBadMessage = Literal["skip", "fail"]
 
@@ -54,7 +58,7 @@ class JobOptions(TypedDict, total=False):
     """
 
     config: Annotated["Config | FilePath | None", CliOption(str, "--config", "PRESET|FILE")]
-    settings: Annotated["Settings", CliOption(list[str], "--set", "A.B=C")]
+    settings: Annotated["Mapping[str, object] | Sequence[str]", CliOption(list[str], "--set", "A.B=C")]
     rig: Annotated["RigSource | None", CliOption(list[str], "--rig", "FILE")]
     model_2d: Annotated["FilePath | None", CliOption(str, "--model-2d", "FILE.onnx|NAME")]
     model_3d: Annotated["FilePath | None", CliOption(str, "--model-3d", "FILE.onnx|NAME")]

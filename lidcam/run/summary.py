@@ -16,8 +16,7 @@ from lidcam.readers.rig.calibration import SensorSource
 from lidcam.readers.rig.sensor_topics import CAMERA_INFO, SensorFault
 from lidcam.run.box_sources import BoxSource
 from lidcam.run.choice import UsedSettings
-from lidcam.run.incomplete import absent_lines, changed_lines, damage_lines, left_out_lines
-from lidcam.run.missing import MissingSensor
+from lidcam.run.missing import MissingSensor, absent_lines, changed_lines, damage_lines, left_out_lines
 from lidcam.run.warning import RunWarning
 
 

@@ -12,7 +12,7 @@ import pytest
 BEGIN = """
 import os, signal, sys
 from pathlib import Path
-from lidcam.__main__ import end_at_signals
+from lidcam.signals import end_at_signals
 end_at_signals()
 from lidcam.pipeline.core.ending import undone_at_once
 
