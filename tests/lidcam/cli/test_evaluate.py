@@ -60,12 +60,12 @@ def test_tables(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
     evaluated(result, "fused.car.recall >= 0.9", "frames > 1")
     out = capsys.readouterr().out
     assert out.startswith(
-        "out.mcap: 4 of 4 frames have truth, from /ground_truth/objects of out.mcap (by its name); 8 true objects count"
+        "out.mcap: 4 of 4 frames have ground truth, from /ground_truth/objects of out.mcap (by its name); 8 objects evaluated"
     )
     assert "\ndetection\nclass  source   truth  boxes  recall  prec.  false  AP bev  AP 3D   mAP\ncar    lidar" in out
-    assert "errors of right boxes (metres, degrees)" in out
+    assert "errors of matched boxes (metres, degrees)" in out
     assert re.search(r"\n       cameras      8 ", out)
-    assert re.search(r"\ngain by fusion, with its interval of 95 %\nclass  over +AP bev", out)
+    assert re.search(r"\ngain from fusion, 95 % interval\nclass  over +AP bev", out)
     assert re.search(r"\ncar    (lidar|cameras) +[+-]\d\.\d\d     -   -  ", out)  # too short for an interval
     assert "  car: 0.0413, 0.0825, 0.165, 0.33 m\n" in out
     assert "\nFusion " in out.partition("\ndetection")[0]
@@ -164,7 +164,7 @@ def test_without_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
     ):
         evaluated(path, "fused.car.recall >= 0")
     out = capsys.readouterr().out
-    assert out.startswith("out.mcap: 2 frames, without truth: what needs it is not measured\n")
+    assert out.startswith("out.mcap: 2 frames, no ground truth: figures that need it are left out\n")
     assert "note: no truth: " in out
     assert "(--truth)" in out
     evaluated(path, as_json=True)
@@ -209,7 +209,7 @@ def test_process_and_evaluate_in_one(tmp_path: Path, capsys: pytest.CaptureFixtu
     out = capsys.readouterr().out
     assert out.startswith("road users")
     assert "\nobjects, sum over 2 frames" in out
-    assert "\n\nout.mcap: 2 of 2 frames have truth" in out
+    assert "\n\nout.mcap: 2 of 2 frames have ground truth" in out
     tree = valid(file.read_text(encoding="utf-8"))
     assert (tree["command"], tree["exit_code"]) == ("process", 1)
     assert tree["timing"].keys() == {"wall_s", "frames_per_second", "stage_ms", "evaluation_s"}
