@@ -26,28 +26,20 @@ FilePath = str | PathLike[str]
 PathOrUrl = FilePath | RemotePath
 Settings = Mapping[str, object] | Sequence[str]
 RigSource = RigFile | FilePath | Sequence[RigFile | FilePath]
-"""A rig file, loaded, by its path or by the name of a preset; or several, of which later ones add and replace."""
+"""A rig file, loaded, by path or by name of a preset; or several, where later ones add and replace."""
 
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One recording to process.
+    """One recording to process; `JobOptions` explains what is not explained here.
 
     Attributes:
         inputs: A recording, or all parts of a split one in order.
-        outputs: Files to write; what each is, its name says (`lidcam.outputs.kinds.OUTPUTS`).
+        outputs: Files to write; the endings of their names select the kinds (`lidcam.outputs.kinds.OUTPUTS`).
         settings: The settings, or those among which the recording decides.
-        rig: Sensors and calibration, of all rig files together; what it leaves out, and all of it without one, is found
-            in the recording.
-        start_s: Seconds of the recording to skip.
-        duration_s: Seconds to process; None: to the end.
-        on_bad_message: Whether a message that cannot be decoded, or damage of a file, is skipped or ends the run.
-        overwrite: Whether outputs replace files that are no results of earlier runs, too.
+        rig: All rig files together; what it leaves out is found in the recording.
         read_files: Other files that are read: settings, rig files, a network. No output may replace them.
-        view: Whether the Rerun viewer shows the frames while the run goes on.
-        foxglove: Host and port at which they are served over Foxglove's protocol; None: they are not.
-        pace: Times as fast as it was recorded that the run goes at most; None: as fast as it can.
-        save_matches: Folder for a picture of each camera and frame; None: none are made.
+        foxglove: Host and port at which frames are served; None: they are not.
     """
 
     inputs: tuple[Location, ...]
@@ -67,11 +59,10 @@ class Job:
     __repr__ = brief
 
     def __post_init__(self) -> None:
-        """Check the part of the recording.
+        """Check the values.
 
         Raises:
-            ConfigError: it does not begin at 0 s or later, is empty, `on_bad_message` is neither `skip` nor `fail`, or
-                `pace` is not positive.
+            ConfigError: one is out of range.
         """
         if not 0 <= self.start_s < inf:
             raise ConfigError(f"start_s: expected 0 s or more, found {self.start_s}")
@@ -137,11 +128,7 @@ def make_job(
 
 
 def _served_address(text: str) -> tuple[str, int]:
-    """Host and port of `8765`, `0.0.0.0:8765` or `[::1]:8765`; without a host that of this machine alone.
-
-    Raises:
-        ConfigError: it is none of these.
-    """
+    """Host and port of `8765`, `0.0.0.0:8765` or `[::1]:8765`; the default host is this machine alone."""
     host, _, port = text.rpartition(":")
     if not (port.isascii() and port.isdigit() and int(port) < 1 << 16):
         raise ConfigError(f"foxglove: expected PORT or HOST:PORT, found {text!r}")
@@ -149,7 +136,7 @@ def _served_address(text: str) -> tuple[str, int]:
 
 
 def locations(recording: PathOrUrl | Sequence[PathOrUrl]) -> tuple[Location, ...]:
-    """Where the files of a recording lie.
+    """The locations of the files of a recording.
 
     Raises:
         RecordingError: a name is empty.

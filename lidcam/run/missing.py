@@ -14,7 +14,7 @@ MAX_SPANS_NAMED = 3
 """Spans of silence in the text about one sensor."""
 
 MIN_FRAMES = 10
-"""In fewer frames than these a sensor of a lower rate may be missing by chance."""
+"""Fewest frames of a run in which a sensor of a lower rate is not missing by chance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,8 +22,8 @@ class SilentSpan:
     """A span without messages of one sensor.
 
     Attributes:
-        start_s: When its last message was recorded, in seconds since the start of the recording; None: there was none.
-        end_s: When its next message was recorded; None: none came.
+        start_s: Time of the message before it, seconds since the start of the recording; None: there was none.
+        end_s: Time of the message after it; None: there was none.
         frames: Number of frames in the span.
     """
 
@@ -41,14 +41,14 @@ class SilentSpan:
 
 @dataclass(frozen=True, slots=True)
 class MissingSensor:
-    """A sensor without which frames had to do.
+    """A sensor that is missing from frames.
 
     Attributes:
         sensor: Its name, or that of its boxes.
         topic: Its topic.
         frames: Number of frames without it.
         of_frames: Number of all frames.
-        silences: Spans in which it sent nothing; their frames are among `frames`.
+        silences: Spans in which it sent nothing; `frames` includes theirs.
     """
 
     sensor: str
@@ -59,7 +59,7 @@ class MissingSensor:
 
     @property
     def alive_frames(self) -> int:
-        """Number of frames without it that were taken while it sent messages."""
+        """Number of frames without it while it sent messages."""
         return self.frames - sum(span.frames for span in self.silences)
 
     @property
@@ -75,7 +75,7 @@ class MissingSensor:
 
 
 def missing_sensors(absences: Sequence[Absence], rig: Rig, *, of_frames: int, start_ns: int) -> list[MissingSensor]:
-    """The absences in so many frames by sensor; `start_ns` is the log time at which the recording starts."""
+    """Missing sensors from absences in `of_frames` frames; `start_ns` is the log time of the start of the recording."""
 
     def seconds(log_time_ns: int | None) -> float | None:
         return None if log_time_ns is None else (log_time_ns - start_ns) / 1e9
@@ -93,7 +93,7 @@ def missing_sensors(absences: Sequence[Absence], rig: Rig, *, of_frames: int, st
 
 
 def silence_warnings(missing: Sequence[MissingSensor]) -> list[RunWarning]:
-    """One for all sensors that were silent at the same time; recorded boxes are silent with their camera."""
+    """One warning for all sensors that were silent at the same time; recorded boxes are silent with their camera."""
     silent = {sensor.sensor for sensor in missing if sensor.silences}
     by_finding: dict[str, list[MissingSensor]] = {}
     for sensor in missing:
@@ -114,21 +114,18 @@ def _silence_warning(finding: str, sensors: Sequence[MissingSensor]) -> RunWarni
 
 
 def absent_sensors(missing: Sequence[MissingSensor]) -> list[MissingSensor]:
-    """Sensors that sent messages, none of which is in a frame, though there were frames enough.
-
-    A camera's boxes are named only without it.
-    """
+    """Sensors that sent messages but are in no frame of several; a camera's boxes are listed only without it."""
     absent = never_used(missing)
     names = {sensor.sensor for sensor in absent}
     return [sensor for sensor in absent if sensor.of_frames >= MIN_FRAMES and not with_camera(sensor.sensor, names)]
 
 
 def absence_warnings(missing: Sequence[MissingSensor]) -> list[RunWarning]:
-    """One for each sensor that sent messages, none of which is in a frame."""
+    """One warning for each sensor that sent messages but is in no frame."""
     return [
         RunWarning(
             sensor.sensor,
-            f"none of the {sensor.of_frames} frames has a message of it, though it was recorded",
+            f"is in none of the {sensor.of_frames} frames, though it was recorded",
             "compare its stamps with those of the others, and see sync.slop_s and sync.max_interval_s",
         )
         for sensor in absent_sensors(missing)
@@ -136,32 +133,32 @@ def absence_warnings(missing: Sequence[MissingSensor]) -> list[RunWarning]:
 
 
 def never_used(missing: Sequence[MissingSensor]) -> list[MissingSensor]:
-    """Sensors that sent messages, none of which is in a frame."""
+    """Sensors that sent messages but are in no frame."""
     return [sensor for sensor in missing if sensor.alive_frames and sensor.frames == sensor.of_frames]
 
 
 def with_camera(name: str, names: Collection[str]) -> bool:
-    """Whether a name is that of a camera's boxes, and the camera is named, too."""
+    """Whether a name is that of the boxes of a camera that is among the names."""
     return name.endswith(BOXES_SUFFIX) and name.removesuffix(BOXES_SUFFIX) in names
 
 
 def left_out_lines(faults: Sequence[SensorFault]) -> list[str]:
-    """One for each sensor that is left out."""
+    """One line for each sensor that is left out."""
     return [f"{fault.subject} is left out" for fault in faults]
 
 
 def absent_lines(missing: Sequence[MissingSensor]) -> list[str]:
-    """One for each sensor that was recorded and is in no frame."""
+    """One line for each sensor that was recorded and is in no frame."""
     return [f"{sensor.sensor} is in none of the {sensor.of_frames} frames" for sensor in absent_sensors(missing)]
 
 
 def changed_lines(paths: Iterable[str]) -> list[str]:
-    """One for each file that was changed while it was read: nobody can say which content a result is of."""
+    """One line for each file that changed while it was read: the result may be of a mixture."""
     return [f"{path}: changed while it was read; run it again when nothing writes to it" for path in paths]
 
 
 def damage_lines(losses: Sequence[Loss]) -> list[str]:
-    """One for each file of which messages are lost, or may be; a file that was not closed may have lost none."""
+    """One line for each file with lost messages; a file that was only not closed has none."""
     of_file: defaultdict[str, list[int | None]] = defaultdict(list)
     for loss in losses:
         if loss.messages != 0:

@@ -194,7 +194,5 @@ def test_outputs_on_a_full_disk_are_an_error_in_one_line(kib: int, mode: str, tm
         assert error.startswith(f"lidcam: error: {out}/out.")
         assert "cannot be written: File too large" in error
     else:
-        assert error.startswith(
-            f"lidcam: error: {out}: frames that wait for their tracks cannot be kept there: File too "
-        )
+        assert error.startswith(f"lidcam: error: {out}: cannot buffer frames there: File too ")
     assert list(out.iterdir()) == []

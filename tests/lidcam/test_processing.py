@@ -269,7 +269,7 @@ def test_2d_boxes_that_begin_no_object_are_told_by_reason() -> None:
         hypotheses = replace(frames[0].hypotheses, boxes_without_object={"too vague": count})
         tally.add(replace(frames[0], hypotheses=hypotheses))
     told = changed(report, drops={"boxes_without_object": tally.boxes_without_object})
-    assert "  2D boxes without an object: 5, too vague" in printed(told).splitlines()
+    assert "  5 unmatched 2D boxes: too vague" in printed(told).splitlines()
     assert summary_tree(told)["boxes_without_object"] == {"too vague": 5}
     assert summary_tree(report)["boxes_without_object"] == {}
 

@@ -36,7 +36,7 @@ def print_evaluation(out: Console, evaluation: Evaluation) -> None:
             show_line(out, line, "dim")
     if (skew_ms := tree["sync"]["skew_mean_ms"]) is not None:
         out.print()
-        show_line(out, f"sync skew: {skew_ms:.1f} ms mean, {tree['sync']['skew_max_ms']:.1f} ms at most")
+        show_line(out, f"sync skew: mean {skew_ms:.1f} ms, max {tree['sync']['skew_max_ms']:.1f} ms")
     if evaluation.outcomes:
         out.print()
         show_table(out, _requirements_table(evaluation.outcomes))

@@ -92,7 +92,7 @@ def test_tracks_are_printed_with_their_objects() -> None:
     assert "  left: 2D box 0 (car) is object 0 (track 12), IoU 0.62\n" in text
     assert text.splitlines()[-2:] == [
         "  seen by the lidars alone: object 1",
-        "  seen by nothing, but predicted by their tracks: object 2 (track 7)",
+        "  not detected, predicted by their tracks: object 2 (track 7)",
     ]
 
 
