@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 # \b keeps the lines of a paragraph as they are.
 INSPECT_EXAMPLES = """\b
-Exit codes: 0 sound, and all sensors can be used; 3 messages are lost, or
-sensors would be left out; 1 nothing can be processed; 2 wrong usage. With
---repair, 0 says that every message was copied.
+Exit codes: 0 sound, all sensors usable; 3 messages are lost, or sensors would
+be left out; 1 cannot be processed; 2 wrong usage. With --repair, 0 means that
+every message was copied.
 
 \b
 Examples:
@@ -41,26 +41,28 @@ Examples:
 @with_log_options
 @with_job_options("config", "settings", "rig", "overwrite")
 def inspect(
-    paths: Annotated[list[str], typer.Argument(metavar="IN [IN ...]", help="Recording (one, or parts of one).")],
-    write_rig: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a starting rig (YAML).")] = None,
+    paths: Annotated[list[str], typer.Argument(metavar="IN [IN ...]", help="Recording, or the parts of one.")],
+    write_rig: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a draft rig (YAML).")] = None,
     repair: Annotated[
         Path | None,
         typer.Option(
             metavar="OUT.mcap",
             callback=ends_in(".mcap"),
-            help="Write every message that can still be read to a clean MCAP.",
+            help="Write all readable messages to a clean MCAP.",
         ),
     ] = None,
     check: Annotated[
         bool,
-        typer.Option("--check", help="Process all of it to check poses and clocks; --write-rig writes them corrected."),
+        typer.Option(
+            "--check", help="Process it all to check poses and clocks; --write-rig writes them corrected."
+        ),
     ] = False,
     as_json: AsJson = False,
     **options: Unpack[JobOptions],
 ) -> None:
-    """Show what is in a recording and what lidcam would use.
+    """Show the contents of a recording and what lidcam would use.
 
-    Topics, types, rates, gaps, sensors, where their calibration comes from, and what is damaged.
+    Topics, types, rates, gaps, sensors, sources of calibration, and damage.
     """
     from lidcam.inspection import inspect_open, inspect_recording
     from lidcam.outputs.allowed import REPAIRED, TEXT, check_no_input, check_replaced
@@ -116,7 +118,7 @@ def inspect(
 
 
 def _verdict(inspection: "Inspection", *, needs_rig: bool) -> Verdict:
-    """Of an inspection; one that wrote a rig to start from has not failed."""
+    """The verdict of an inspection; one that wrote a draft rig has not failed."""
     problem = f"lidcam could not process it: {inspection.problem}" if inspection.problem else ""
     if problem and needs_rig:
         return Verdict((f"{', '.join(map(str, inspection.files))}: {problem}",))
@@ -124,7 +126,7 @@ def _verdict(inspection: "Inspection", *, needs_rig: bool) -> Verdict:
 
 
 def _checked(job: "Job") -> "SelfCheck":
-    """The rig, judged by all of the recording."""
+    """The rig, checked by the whole recording."""
     with compiled_together(shown=True):
         from lidcam.rig_check import check_rig
     from lidcam.cli.printing.running import shown_run
@@ -163,7 +165,7 @@ def _print(
 
 
 def _repair(recording: "Recording", output: "OutputFile") -> Iterator[str]:
-    """Write what can be read of a recording; name the topics that cannot be read."""
+    """Write the readable messages of a recording; yields lines about the file and topics that were not copied."""
     from lidcam.run.summary import loss_records
     from lidcam.writers.mcap.repair import write_repaired
 

@@ -21,13 +21,13 @@ def report(
     result: Annotated[Path, typer.Argument(metavar="RESULT.mcap", help="What `lidcam process` wrote.")],
     out: Annotated[
         Path | None,
-        typer.Option(metavar="OUT.html", callback=ends_in(".html"), help="The page; without it, beside the result."),
+        typer.Option(metavar="OUT.html", callback=ends_in(".html"), help="The page. Default: beside the result."),
     ] = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Write a page about a result, for people.
+    """Write a page about a result.
 
-    One file that opens in any browser, without a network. `lidcam process --report OUT.html` writes the same.
+    One file that opens in any browser, offline. `lidcam process --report OUT.html` writes the same.
     """
     from lidcam.cli.printing.progress import show_progress
     from lidcam.outputs.allowed import PAGE, check_no_input, check_replaced

@@ -1,28 +1,22 @@
-"""How a command ends that has done its work: whole, incomplete, or short of what --strict asks for."""
+"""The end of a command that has done its work: complete, incomplete, or short of a check."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from lidcam.pipeline.core.errors import CheckError, IncompleteError
 
-DONE = 0
-"""Exit code: nothing is missing."""
-
-FAILED = 1
-"""Exit code: nothing was written, or a check failed."""
-
-INCOMPLETE = 3
-"""Exit code: the outputs are complete, but part of the recording could not be used. 2 is wrong usage."""
+DONE, FAILED, INCOMPLETE = 0, 1, 3
+"""Exit codes: done; failed, or a check failed; done, but part of the recording could not be used."""
 
 MAX_LISTED = 4
 """Reasons in the line."""
 
 
 class Verdict(NamedTuple):
-    """How a command ends that has done its work.
+    """The end of a command that has done its work.
 
     Attributes:
-        failures: Why it failed, although its outputs are there, one line each; empty if it did not.
+        failures: Failed checks, one line each; the outputs are kept.
         incomplete: Parts of the recording that could not be used, one line each.
     """
 
@@ -42,7 +36,7 @@ class Verdict(NamedTuple):
         """End the command.
 
         Raises:
-            CheckError: it failed, and its outputs are there.
+            CheckError: a check failed.
             IncompleteError: part of the recording could not be used.
         """
         if self.failures:

@@ -119,7 +119,7 @@ class _Spool:
         try:
             yield
         except OSError as err:
+            place = self._folder or "the temporary folder"
             raise OutputError(
-                f"{self._folder or 'the temporary folder'}: cannot buffer frames there: {err.strerror or err}: free some "
-                "space, or set track.window_s to less"
+                f"{place}: cannot buffer frames there: {err.strerror or err}: free some space, or reduce track.window_s"
             ) from err

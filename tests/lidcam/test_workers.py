@@ -1,6 +1,6 @@
 """Runs that are shared among processes: the outputs, the reports and the errors of one process."""
 
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,6 @@ from small_drive import small_drive
 
 import lidcam
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.processing import opened
-from lidcam.run.frames import expected_frames
 from lidcam.run.summary import summary_tree
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -83,13 +81,3 @@ def test_a_bad_message_ends_the_run_at_its_frame(tmp_path: Path) -> None:
         errors.append((str(caught.value), caught.value.__notes__))
     assert errors[0] == errors[1]
     assert "in stage decode clouds, frame 6" in errors[0][1][0]
-
-
-@pytest.mark.parametrize(
-    ("start_s", "duration_s", "frames"), [(0.0, None, 12), (0.0, 0.6, 6), (0.9, 5.0, 3), (0.0, 1e9, 12)]
-)
-def test_how_many_frames_are_expected(start_s: float, duration_s: float | None, frames: int, tmp_path: Path) -> None:
-    write_mcap(path := tmp_path / "drive.mcap", small_drive("cdr", frames=12))
-    job = lidcam.make_job(path, workers=1)
-    with opened(replace(job, start_s=start_s, duration_s=duration_s)) as run:
-        assert abs(expected_frames(run.source) - frames) <= 1

@@ -14,13 +14,13 @@ from lidcam.cli.printing.log import progress_log
 from lidcam.cli.printing.terminal import console
 
 LINE_EVERY_S = 10.0
-"""Wall time from one line to the next."""
+"""Wall time between lines."""
 
 Clock = Callable[[], float]
 
 
 class Advance(Protocol):
-    """To be called now and then."""
+    """The function that reports progress."""
 
     def __call__(self, done_s: float, facts: str = "") -> None:
         """Report that `done_s` recorded or simulated seconds are done, with `facts` to show beside the bar."""
@@ -30,9 +30,9 @@ class Advance(Protocol):
 def show_progress(
     total_s: float, *, err: Console | None = None, clock: Clock = time.monotonic, whatever_is_logged: bool = False
 ) -> Iterator[Advance]:
-    """Progress over so many recorded or simulated seconds; the bar is drawn on stderr if no console is given.
+    """Progress over `total_s` recorded or simulated seconds; the bar is drawn on stderr if no console is given.
 
-    A notebook counts as a terminal. `whatever_is_logged` draws the bar also where lines of progress are not logged.
+    A notebook counts as a terminal. `whatever_is_logged` draws the bar even if progress is not logged.
     """
     with _shown(err, clock, whatever_is_logged) as show:
 
@@ -43,21 +43,12 @@ def show_progress(
 
 
 @contextmanager
-def show_compiling(
-    *, err: Console | None = None, clock: Clock = time.monotonic
-) -> Iterator[Callable[[int, int], None]]:
-    """Progress of the first run on a machine: yields a function of the number of compiled functions and of all."""
-    with _shown(err, clock) as show:
-        yield lambda done, total: show(f"compiling: {done} of {total}", done, total, "")
-
-
-@contextmanager
 def show_training(
     *, err: Console | None = None, clock: Clock = time.monotonic
 ) -> Iterator[Callable[[float, str], None]]:
-    """Progress of a training: yields a function of the share that is done and of facts; lines tell the time left.
+    """Progress of a training: yields a function of the share that is done and of facts; shows the time left.
 
-    The first share may be large: that of a training which goes on.
+    The first share is that of a resumed training.
     """
     with _shown(err, clock) as show:
         start: tuple[float, float] | None = None
@@ -78,7 +69,7 @@ def show_training(
 def show_share(
     *, err: Console | None = None, clock: Clock = time.monotonic
 ) -> Iterator[Callable[[str, float, str], None]]:
-    """Progress of many things: yields a function of a text, the share that is done, and facts."""
+    """Progress of other work: yields a function of a text, the share that is done, and facts."""
     with _shown(err, clock) as show:
         yield lambda text, share, facts: show(text, share, 1.0, facts)
 
@@ -87,7 +78,7 @@ def show_share(
 def _shown(
     err: Console | None, clock: Clock, whatever_is_logged: bool = False
 ) -> Iterator[Callable[[str, float, float, str], None]]:
-    """A function that shows a text, the share that is done, and facts: the bar is drawn when it is first called."""
+    """A function that shows a text, the work done and in total, and facts; the bar is drawn at the first call."""
     err = err or console(stderr=True)
     has_bar = (err.is_terminal or err.is_jupyter) and (whatever_is_logged or progress_log.isEnabledFor(logging.INFO))
     last_s, last_line = clock(), ""

@@ -36,14 +36,12 @@ def drive(
     format_: Format = None,
     keys: Annotated[
         str | None,
-        typer.Option(
-            metavar="KEYS", help="Press these keys one after another, as fast as the simulation runs, and end."
-        ),
+        typer.Option(metavar="KEYS", help="Press these keys, as fast as the simulation runs, and exit."),
     ] = None,
     key_interval: Annotated[
-        float, typer.Option(min=0.01, max=60, metavar="S", help="Simulated seconds from one of --keys to the next.")
+        float, typer.Option(min=0.01, max=60, metavar="S", help="Simulated seconds between --keys.")
     ] = 0.5,
-    view: Annotated[bool, typer.Option("--view", help="Show it in the Rerun viewer meanwhile.")] = False,
+    view: Annotated[bool, typer.Option("--view", help="Show the drive in the Rerun viewer.")] = False,
     duration_s: Annotated[
         float | None,
         typer.Option("--duration", min=0, metavar="S", callback=duration, help="End after S simulated seconds."),

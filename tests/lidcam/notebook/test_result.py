@@ -61,15 +61,6 @@ def test_a_run_is_read_back_from_its_result(run: lidcam.RunResult) -> None:
     assert np.isnan(back.report.timing.wall_seconds)
 
 
-def test_objects_without_tracks_are_read_back(tmp_path: Path) -> None:
-    settings = ["track.mode=none", CLUSTERS]
-    run = lidcam.process(CROSSING, tmp_path / "o.mcap", duration_s=0.3, settings=settings, workers=1)
-    back = lidcam.load(tmp_path / "o.mcap")
-    for name in ARRAYS:
-        np.testing.assert_allclose(getattr(back.objects, name), getattr(run.objects, name), rtol=1e-12, err_msg=name)
-    assert back.report.road_users is None
-
-
 def test_what_is_no_result_or_lacks_something(run: lidcam.RunResult, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(lidcam.RecordingError, match="expected a result of lidcam, found a recording"):
         lidcam.load(CROSSING)

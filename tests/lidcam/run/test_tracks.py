@@ -124,11 +124,6 @@ def test_what_is_settled_at_once_is_not_copied(files: list[io.FileIO]) -> None:
     assert files == []
 
 
-def test_no_frame_no_file(files: list[io.FileIO]) -> None:
-    assert list(tracked([], Late(3), None)) == []
-    assert files == []
-
-
 def test_frames_wait_on_the_disk_and_files_that_were_read_go(
     files: list[io.FileIO], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -160,14 +155,6 @@ def test_files_are_closed_when_the_frames_end_with_an_error(delay: int, files: l
     assert all(file.closed for file in files)
 
 
-def test_files_are_closed_when_nobody_wants_the_rest(files: list[io.FileIO]) -> None:
-    found = tracked(frames(6), Late(2), None)
-    next(found)
-    found.close()
-    assert files
-    assert all(file.closed for file in files)
-
-
 def test_a_tracker_that_miscounts_is_found_out() -> None:
     class TooMany(Late):
         def add(self, frame: FrameResult) -> list[Fused]:
@@ -190,14 +177,9 @@ def test_a_full_disk_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_pa
     with pytest.raises(lidcam.OutputError) as caught:
         list(tracked(frames(3), Late(2), tmp_path))
     assert str(caught.value) == (
-        f"{tmp_path}: frames that wait for their tracks cannot be kept there: No space left on device: free some "
+        f"{tmp_path}: cannot buffer frames there: No space left on device: free some "
         "space, or set track.window_s to less"
     )
-
-
-def test_a_folder_that_is_gone_is_told_in_one_line(tmp_path: Path) -> None:
-    with pytest.raises(lidcam.OutputError, match="gone: frames that wait for their tracks cannot be kept there: No su"):
-        list(tracked(frames(3), Late(2), tmp_path / "gone"))
 
 
 class Told(RunObserver):
@@ -274,19 +256,6 @@ def test_progress_moves_while_frames_wait(recording: Path, workers: int, monkeyp
     assert observer.log_times_ns == sorted(set(observer.log_times_ns))
 
 
-@pytest.mark.parametrize("delay", [0, 4])
-def test_all_that_sees_results_sees_the_tracked_objects(
-    recording: Path, delay: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    use(Late(delay), monkeypatch)
-    report = lidcam.process(recording, recording.parent / "out.mcap", settings=[CLUSTERS], workers=1).report
-    assert report.drops.objects == {"frame": sum(range(FRAMES))}
-    use(Late(delay), monkeypatch)
-    passed = lidcam.iter_frames(recording, settings=[CLUSTERS], workers=1)
-    found = [frame.fused.left_out for frame in passed]
-    assert found == [{"frame": index} for index in range(FRAMES)]
-
-
 def test_leaving_the_loop_leaves_nothing(
     recording: Path, files: list[io.FileIO], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -296,16 +265,3 @@ def test_leaving_the_loop_leaves_nothing(
     assert not all(file.closed for file in files)
     rest.close()
     assert all(file.closed for file in files)
-
-
-def test_an_error_of_the_tracker_names_the_frame(recording: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    class Broken(Late):
-        def add(self, frame: FrameResult) -> list[Fused]:
-            if frame.bundle.index == 5:
-                raise ArithmeticError
-            return super().add(frame)
-
-    use(Broken(3), monkeypatch)
-    with pytest.raises(ArithmeticError) as caught:
-        list(lidcam.iter_frames(recording, settings=[CLUSTERS], workers=1))
-    assert caught.value.__notes__[0].startswith("in stage track, frame 5, stamp ")

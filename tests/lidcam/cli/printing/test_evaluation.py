@@ -71,16 +71,6 @@ def printed(
         return text.getvalue()
 
 
-def test_one_class_is_not_said_twice() -> None:
-    text = printed(frames(lidar=[], fused=[CAR_AT], truth=[CAR_AT]))
-    assert "20 of 20 frames have ground truth, from /truth of out.mcap; 20 objects evaluated\n" in text
-    assert "\ncar    lidar      20      0    0.00      -   0.00    0.00   0.00  0.00\n" in text
-    assert "\n       fused      20     20    1.00   1.00   0.00    1.00   1.00  1.00\n" in text
-    assert "\nall " not in text
-    assert "\npedestrian" not in text
-    assert "\nnote: a note\n" in text
-
-
 OVER = "lidar alone, seen from above"
 SHORT = "; the recording is too short for a confidence interval."
 
@@ -120,23 +110,6 @@ def test_how_much_is_found_comes_first(fused: list[Place], told: str) -> None:
     assert text.splitlines()[1] == told
 
 
-def test_headings_that_are_flipped_are_told_from_axes() -> None:
-    found = frames(lidar=[CAR_AT], fused=[CAR_AT], truth=[CAR_AT])
-    turned = [
-        replace(
-            frame,
-            sources={
-                name: replace(source, boxes=replace(source.boxes, yaws=source.boxes.yaws + np.float32(np.deg2rad(175))))
-                for name, source in frame.sources.items()
-            },
-        )
-        for frame in found
-    ]
-    text = printed(turned)
-    assert "\nclass  source  position   95 %  heading  flips  axis  length  width   ECE\n" in text
-    assert "\n       fused      0.000  0.000    175.0  100 %   5.0   +0.00  +0.00" in text
-
-
 def test_without_truth() -> None:
     text = printed(frames(lidar=[CAR_AT], fused=[CAR_AT], truth=None))
     assert text.startswith("out.mcap: 20 frames, no ground truth: figures that need it are left out\n")
@@ -144,19 +117,6 @@ def test_without_truth() -> None:
     assert "Fusion" not in text
     assert "without ground truth: chains\n" in text
     assert "\nfused             1.0       1" in text
-
-
-def test_nothing_found_and_nothing_there() -> None:
-    text = printed(frames(lidar=[], fused=[], truth=[]))
-    assert "\nFusion" not in text
-    assert "gain from fusion" not in text
-
-
-def test_tracks_are_printed_where_there_are_ids() -> None:
-    assert "\ntracks\n" not in printed(frames(lidar=[CAR_AT], fused=[CAR_AT], truth=[CAR_AT]))
-    text = printed(frames(lidar=[CAR_AT], fused=[CAR_AT], truth=[CAR_AT], ids=True))
-    assert "\ntracks\nclass  source  HOTA  DetA  AssA  MOTA  IDF1  switches  fragments  flips\n" in text
-    assert "\ncar    lidar   1.00  1.00  1.00  1.00  1.00         0          0      0\n" in text
 
 
 def test_motion_and_trust_of_tracks() -> None:

@@ -44,20 +44,6 @@ NORMAL = [
 ]
 
 
-@pytest.mark.parametrize(("is_terminal", "red"), [(True, "\x1b[31m{}\x1b[0m"), (False, "{}")])
-def test_errors_are_red_on_a_terminal(
-    is_terminal: bool, red: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: is_terminal)
-    monkeypatch.delenv("NO_COLOR", raising=False)
-    monkeypatch.setenv("TERM", "xterm")
-    configure_logging()
-    logging.getLogger("lidcam.processing").error("\x1b[2J" + "long " * 60 + "line")
-    remark_log.info("wrote out.bag")
-    text = "lidcam: error: \\x1b[2J" + "long " * 60 + "line"
-    assert capsys.readouterr().err.splitlines() == [red.format(text), "wrote out.bag"]
-
-
 @pytest.mark.parametrize(
     ("verbosity", "is_terminal", "lines"),
     [

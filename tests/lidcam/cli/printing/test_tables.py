@@ -3,7 +3,6 @@ from io import StringIO
 import pytest
 from rich.console import Console, RenderableType
 
-from lidcam.cli.printing.folding import show_table
 from lidcam.cli.printing.numbers import number, percent, share, signed
 from lidcam.cli.printing.tables import (
     missing_table,
@@ -79,17 +78,6 @@ def test_road_users_without_zones() -> None:
     ]
     for zones in ([], ["north"]):
         assert text(road_users_table(RoadUsers((), ()), zones))[2].split() == ["none", "0"]
-
-
-@pytest.mark.parametrize("zone", ["a", "roundabout_entry_north_east", "the crossing of the two main roads"])
-def test_road_users_fit_a_terminal(zone: str) -> None:
-    counts = tuple(RoadUserCount("motorcyclist", name, 123_456, 12.3, 45.6) for name in (zone, "outside", ""))
-    out = Console(file=StringIO(), width=80, force_terminal=True, color_system=None)
-    show_table(out, road_users_table(RoadUsers(counts, ()), [zone]))
-    assert isinstance(out.file, StringIO)
-    lines = out.file.getvalue().splitlines()
-    assert max(map(len, lines)) <= 80
-    assert sum("123456" in line for line in lines) == 3
 
 
 def test_sensors_with_a_time_offset_have_a_column_of_it() -> None:
