@@ -13,8 +13,7 @@ from lidcam.evaluation.requirement import Requirement, RequirementError
 from lidcam.inspection import Inspection, inspect_recording
 from lidcam.notebook.decoded import decode_clouds, decode_images
 from lidcam.notebook.loaded import load_result
-from lidcam.notebook.objects import ObjectCollector
-from lidcam.notebook.result import RunResult, ShownInspection
+from lidcam.notebook.result import ObjectCollector, RunResult, ShownInspection
 from lidcam.pipeline.core.clouds import CombinedCloud, PointCloud
 from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Matches
 from lidcam.pipeline.core.errors import (

@@ -53,9 +53,7 @@ def inspect(
     ] = None,
     check: Annotated[
         bool,
-        typer.Option(
-            "--check", help="Process it all to check poses and clocks; --write-rig writes them corrected."
-        ),
+        typer.Option("--check", help="Process it all to check poses and clocks; --write-rig writes them corrected."),
     ] = False,
     as_json: AsJson = False,
     **options: Unpack[JobOptions],

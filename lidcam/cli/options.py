@@ -23,22 +23,14 @@ MAX_SECONDS = 1e9
 
 
 def seconds(value: float | None) -> float | None:
-    """Refuse times that no recording has.
-
-    Raises:
-        typer.BadParameter: the value is too large or not a number.
-    """
+    """Refuse times that are too large or not a number."""
     if value is not None and not value <= MAX_SECONDS:
         raise typer.BadParameter(f"expected at most {MAX_SECONDS:.0f} seconds, found {value}")
     return value
 
 
 def duration(value: float | None) -> float | None:
-    """Refuse times that no recording lasts.
-
-    Raises:
-        typer.BadParameter: the value is 0, too large or not a number.
-    """
+    """Refuse durations that are 0, too large or not a number."""
     if value == 0:
         raise typer.BadParameter("expected more than 0 seconds")
     return seconds(value)
@@ -58,11 +50,7 @@ def ends_in(*endings: str) -> Callable[[T | None], T | None]:
 
 @contextmanager
 def requirement_errors() -> Iterator[None]:
-    """Turn requirements that cannot be parsed, or name an unknown figure, into wrong usage.
-
-    Raises:
-        typer.BadParameter: there is one.
-    """
+    """Turn requirements that cannot be parsed, or name an unknown figure, into wrong usage."""
     try:
         yield
     except ConfigError as err:

@@ -20,8 +20,7 @@ from lidcam.cli.options import (
 )
 from lidcam.cli.printing.compiling import compiled_together
 from lidcam.cli.printing.log import is_verbose, remark_log
-from lidcam.cli.strict import strict_failure
-from lidcam.cli.verdict import Verdict
+from lidcam.cli.verdict import Verdict, strict_failure
 from lidcam.pipeline.parallel.cores import THREADS_OF_LIBRARIES
 from lidcam.readers.location import location
 from lidcam.run.options import JobOptions
@@ -167,19 +166,18 @@ def run_process(
 
     Args:
         job: The recording, the settings and the outputs.
-        detections: Print what each sensor and the fusion found, frame by frame.
-        matches: Print which 2D box is which object, frame by frame.
-        as_json: Print JSON in place of the tables.
-        json_file: Where the JSON is written; None: nowhere.
-        strict: Whether too little of the recording that was used is a failure.
+        detections: Print the detections of each frame.
+        matches: Print the matches of each frame.
+        as_json: Print JSON instead of tables.
+        json_file: File for the JSON.
+        strict: Fail if too little of the recording was used.
         requirements: Limits that the figures of the result must meet; None: the result is not evaluated.
-        send: Called with the report when the outputs are complete; puts them where they belong.
+        send: Called with the report when the outputs are complete; puts them in place.
 
     Raises:
-        RequirementError: a requirement names a figure that there cannot be; nothing is processed.
-        CheckError: the run used less of the recording than it has to, or a requirement is not met; the outputs stay.
-        IncompleteError: part of the recording could not be used; the outputs stay.
-        LidcamError: the input, the calibration, the settings or an output is at fault; no output is left behind.
+        CheckError: a check failed; the outputs are kept.
+        IncompleteError: part of the recording could not be used; the outputs are kept.
+        LidcamError: as in `process_recording`.
     """
     with compiled_together(shown=True):
         from lidcam.processing import process_recording
@@ -206,7 +204,7 @@ def run_process(
     for warning in report.warnings:
         logger.info("warning: %s", warning)
     rate_hz = report.timing.frames_per_second
-    logger.info("done: %d frames, %.1f a second, written: %s", report.frames.count, rate_hz, report.outputs)
+    logger.info("done: %d frames, %.1f per second, written: %s", report.frames.count, rate_hz, report.outputs)
     if as_json:
         show_json(out, tree)
     else:

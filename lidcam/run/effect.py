@@ -13,7 +13,7 @@ from lidcam.pipeline.core.text import visible
 from lidcam.pipeline.detectors.pillars.embedded import network_file
 
 EVALUATING = ("evaluate", "classes", "associate", "combine", "limits")
-"""The sections that an evaluation reads: of `associate` for 2D boxes without truth, of `combine` for odometry."""
+"""The sections that an evaluation reads: `associate` for 2D boxes without truth, `combine` for odometry."""
 
 COMPARING = ("compare",)
 """The section that a comparison reads."""
@@ -23,11 +23,7 @@ NAMED = ("detect2d", "model"), ("detect2d", "names"), ("detect3d", "model"), ("d
 
 
 def check_effect(settings: Sequence[str], sections: Sequence[str]) -> None:
-    """Check that each setting is read. A section that no settings have is left to those who read it.
-
-    Args:
-        settings: Single settings, `["evaluate.iou=[0.5]"]`.
-        sections: The sections that are read.
+    """Check that single settings (`["evaluate.iou=[0.5]"]`) are in sections that are read; ignores unknown sections.
 
     Raises:
         ConfigError: one would change nothing.
@@ -43,7 +39,7 @@ def check_effect(settings: Sequence[str], sections: Sequence[str]) -> None:
 
 
 def named_files(config: Config) -> dict[str, Path]:
-    """The files that settings name and that are there, by their names in the metadata of a result."""
+    """The existing files that settings name, by their names in the metadata of a result."""
     lidars = {"velodyne": config.velodyne, **{f"velodyne.{key}": one for key, one in config.velodyne.topics.items()}}
     model, detect3d = config.detect2d.model, config.detect3d
     model_3d = detect3d.model if detect3d.method in {"auto", "pillars", "combined"} else None
@@ -55,10 +51,7 @@ def named_files(config: Config) -> dict[str, Path]:
 
 
 def lasting_settings(config: Config) -> str:
-    """All settings that affect a result, as YAML.
-
-    How it is run or compared with another one does not, nor where the files lie that they name.
-    """
+    """All settings that affect a result, as YAML: not those of running and comparing, nor folders of files."""
     tree = config.model_dump() | {"run": {}, "compare": {}}
     velodyne = tree["velodyne"]
     calibrated = [(section, "calibration") for section in (velodyne, *velodyne["topics"].values())]

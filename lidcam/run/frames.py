@@ -4,6 +4,7 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.frame import SensorBundle
@@ -95,60 +96,47 @@ def bundles(source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks
         clocks: From `sensor_clocks`; gets the jumps of time.
     """
     config, recording, window = source.config, source.recording, source.window
+    motion_topics = source.motion.topics if source.motion else ()
+    used = frozenset((*synchronized_topics(config, source.rig), *motion_topics))
+    messages = recording.messages({*used, *source.copied}, start_ns=window.start_ns, stop_ns=window.stop_ns)
     if not source.copied:
-        yield from _bundles(source, drops, stats, clocks, _messages(source))
+        yield from _bundles(source, drops, stats, clocks, messages)
         return
     hooks = {"on_drop": drops.add, "on_bad": drops.add_bad}
     copied = CopiedMessages(source.copied, config.classes, drawn=source.drawn, limits=config.limits, **hooks)
     if window.start_ns is not None:
         copied.read_ahead(recording, window.start_ns)
-    messages = copied.tap(_messages(source), _used_topics(source))
-    yield from copied.handed_on(_bundles(source, drops, stats, clocks, messages), recording, window.stop_ns)
-
-
-def _used_topics(source: RunInput) -> frozenset[str]:
-    motion_topics = source.motion.topics if source.motion else ()
-    return frozenset((*synchronized_topics(source.config, source.rig), *motion_topics))
-
-
-def _messages(source: RunInput) -> Iterator[RawMessage]:
-    topics, window = {*_used_topics(source), *source.copied}, source.window
-    return source.recording.messages(topics, start_ns=window.start_ns, stop_ns=window.stop_ns)
+    found = _bundles(source, drops, stats, clocks, copied.tap(messages, used))
+    yield from copied.handed_on(found, recording, window.stop_ns)
 
 
 def _bundles(
     source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks, messages: Iterable[RawMessage]
 ) -> Iterator[SensorBundle]:
-    recording, window = source.recording, source.window
-    motion = MotionBuffer(source.motion, limits=source.config.limits, on_drop=drops.add_bad)
-    topics = synchronized_topics(source.config, source.rig)
-    video = VideoStreams(video_topics(recording, topics), limits=source.config.limits)
+    config, recording, window = source.config, source.recording, source.window
+    motion = MotionBuffer(source.motion, limits=config.limits, on_drop=drops.add_bad)
+    topics = synchronized_topics(config, source.rig)
+    video = VideoStreams(video_topics(recording, topics), limits=config.limits)
+    synchronized = partial(
+        synchronize,
+        topics=topics,
+        config=config.sync,
+        reference=reference_topic(config, source.rig),
+        required=required_topics(config, source.rig),
+        on_drop=drops.add,
+        stats=stats,
+        max_waiting_bytes=config.limits.max_waiting_bytes,
+    )
     if window.start_ns is not None:
         motion.read_ahead(recording, window.start_ns)
         video.look_back(recording, window.start_ns)
 
     numbers = itertools.count()
     for part in clocks.parts(video.decoded(messages)):
-        found = _every(_synchronized(motion.tap(part), source, drops, stats), source.config.sync.every, numbers, drops)
+        found = _every(synchronized(motion.tap(part)), config.sync.every, numbers, drops)
         found = video.without_blanks(found, on_drop=drops.add, on_bad=drops.add_bad)
         yield from found if source.motion is None else _with_motion(found, motion)
-        motion = MotionBuffer(source.motion, limits=source.config.limits, on_drop=drops.add_bad)
-
-
-def _synchronized(
-    messages: Iterable[RawMessage], source: RunInput, drops: DropTable, stats: SyncStats
-) -> Iterator[SensorBundle]:
-    config, rig = source.config, source.rig
-    return synchronize(
-        messages,
-        synchronized_topics(config, rig),
-        config.sync,
-        reference=reference_topic(config, rig),
-        required=required_topics(config, rig),
-        on_drop=drops.add,
-        stats=stats,
-        max_waiting_bytes=config.limits.max_waiting_bytes,
-    )
+        motion = MotionBuffer(source.motion, limits=config.limits, on_drop=drops.add_bad)
 
 
 def _every(

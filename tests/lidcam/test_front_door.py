@@ -106,26 +106,10 @@ def test_the_text_forms_of_records_are_short(run: lidcam.RunResult) -> None:
     frame = next(lidcam.iter_frames(SANDBOX, duration_s=0.3, settings={"track.mode": "none"}))
     message = next(iter(frame.bundle.messages.values()))
     with lidcam.open_recording([SANDBOX]) as recording:
-        records = [
-            run,
-            run.report,
-            run.report.sensors.rig,
-            frame,
-            frame.bundle,
-            frame.combined,
-            frame.detections,
-            message,
-        ]
-        records += [
-            frame.fused,
-            frame.hypotheses,
-            frame.scene,
-            lidcam.inspect(SANDBOX),
-            recording,
-            lidcam.load_config(),
-        ]
-        records += [lidcam.make_job(SANDBOX), run.objects, lidcam.load_rig(ROOT / "config" / "rigs" / "original.yaml")]
-        records += [run.report.inputs, run.report.frames, run.report.road_users, lidcam.evaluate(run.report.outputs[0])]
+        records: list[object] = [run, run.report, run.report.sensors.rig, run.report.inputs, run.report.frames]
+        records += [frame, frame.bundle, frame.combined, frame.detections, frame.fused, frame.hypotheses, frame.scene]
+        records += [message, recording, lidcam.inspect(SANDBOX), lidcam.load_config(), lidcam.make_job(SANDBOX)]
+        records += [run.objects, run.report.road_users, lidcam.evaluate(run.report.outputs[0])]
         assert {type(record).__name__: len(repr(record)) for record in records if len(repr(record)) > 1500} == {}
         assert repr(recording).startswith(f"Recording({SANDBOX}: ")
     assert repr(lidcam.load_config(settings={"sync.slop_s": 0.5})) == "Config({'sync': {'slop_s': 0.5}})"

@@ -51,16 +51,6 @@ def last():
 
 atexit.register(last)
 """,
-    "while an error is handled": """
-with undone_at_once(kept.unlink):
-    try:
-        raise ValueError
-    finally:
-        try:
-            killed()
-        except BaseException:
-            os._exit(3)
-""",
     "while other signals come": """
 def undo():
     for other in (number, signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

@@ -58,7 +58,7 @@ def configure_logging(verbosity: Verbosity = Verbosity.NORMAL, log_file: Path | 
             file = logging.FileHandler(log_file, encoding="utf-8")
         except OSError as err:
             raise OutputError(f"{log_file}: expected a log file that can be written: {err.strerror}") from err
-        file.setFormatter(_timed())
+        file.setFormatter(_Timed())
         handlers.append(file)
     logging.basicConfig(level=logging.WARNING, handlers=handlers, force=True)
     everything = log_file is not None or verbosity == Verbosity.VERBOSE
@@ -123,6 +123,13 @@ class _Stderr(logging.Handler):
 
 
 class _Timed(logging.Formatter):
+    """Lines with the time in UTC, the level and the logger."""
+
+    converter = staticmethod(time.gmtime)
+
+    def __init__(self) -> None:
+        super().__init__("%(asctime)s.%(msecs)03dZ %(levelname)-7s %(name)s: %(message)s", "%Y-%m-%dT%H:%M:%S")
+
     def formatMessage(self, record: logging.LogRecord) -> str:
         record.message = _visible(record)
         return super().formatMessage(record)
@@ -134,10 +141,3 @@ class _Timed(logging.Formatter):
 def _visible(record: logging.LogRecord) -> str:
     """The message in one line, whatever it quotes."""
     return visible(record.getMessage())
-
-
-def _timed() -> logging.Formatter:
-    """Lines with the time in UTC, the level and the logger."""
-    formatter = _Timed("%(asctime)s.%(msecs)03dZ %(levelname)-7s %(name)s: %(message)s", "%Y-%m-%dT%H:%M:%S")
-    formatter.converter = time.gmtime
-    return formatter

@@ -81,7 +81,7 @@ def drive(
 def _keyboard(
     keys: str | None, interval_s: float, drivable: tuple[str, ...], resources: contextlib.ExitStack
 ) -> "Keyboard":
-    """The keys that are given, else those of the terminal, else those on standard input."""
+    """The given keys, else those of the terminal, else those on stdin."""
     from lidcam.bags.simulator.drive.driving import ScriptedKeys
     from lidcam.bags.simulator.drive.terminal import terminal_keys
 
@@ -92,11 +92,6 @@ def _keyboard(
 
 
 def _checked(keys: str, drivable: tuple[str, ...]) -> str:
-    """The keys of a script.
-
-    Raises:
-        ConfigError: a key has no meaning.
-    """
     from lidcam.bags.simulator.vehicles.keys import script_keys
 
     known = script_keys(drivable)
@@ -106,7 +101,7 @@ def _checked(keys: str, drivable: tuple[str, ...]) -> str:
 
 
 class _StatusLine:
-    """One line with the car that is driven and its state, on a terminal only."""
+    """A line with the driven car and its state, on a terminal only."""
 
     def __init__(self) -> None:
         from lidcam.cli.printing.terminal import console

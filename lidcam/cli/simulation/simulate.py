@@ -56,9 +56,7 @@ def simulate(
     ] = None,
     workers: Annotated[
         int | None,
-        typer.Option(
-            min=1, metavar="N", help="Sensors simulated at once; same recording. Default: one per core."
-        ),
+        typer.Option(min=1, metavar="N", help="Sensors simulated at once; same recording. Default: one per core."),
     ] = None,
 ) -> None:
     """Record a simulated scene: lidars, cameras, and ground truth."""
