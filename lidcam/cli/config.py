@@ -69,7 +69,10 @@ def config_explain(
     key: Annotated[str, typer.Argument(metavar="KEY", help="A setting or a section. Default: list the sections.")] = "",
     as_json: AsJson = False,
 ) -> None:
-    """Explain a setting: meaning, unit, allowed values, default, presets."""
+    """Explain a setting.
+
+    Meaning, unit, allowed values, default, and its value in each preset.
+    """
     from lidcam.cli.printing.folding import show_line
     from lidcam.cli.printing.terminal import console, show_json
     from lidcam.run.explain import explain
