@@ -103,7 +103,7 @@ def inspect_recording(inputs: Sequence[Location], choice: SettingsChoice, rig: R
 
 
 def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | None, window: TimeWindow) -> Inspection:
-    """As `inspect_recording`, for an open recording with one topic per sensor."""
+    """Inspect an open recording with one topic per sensor; see `inspect_recording`."""
     rig_file, config = read_rig(rig), choice.config
     check_not_empty(recording)
     inspection = Inspection(

@@ -1,4 +1,4 @@
-"""What runs the jobs of a batch; `local.py` and `ray.py` are the two engines."""
+"""Engines run the jobs of a batch: `local.py` and `ray.py`."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Sequence

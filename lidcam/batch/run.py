@@ -33,7 +33,7 @@ OUTPUT_ENDINGS = {
 
 @dataclass(frozen=True, slots=True)
 class BatchOptions:
-    """What is done to each recording.
+    """The processing of each recording.
 
     Attributes:
         out: Folder of the results, local or of an object store.
@@ -65,7 +65,7 @@ def run_batch(
 
     Args:
         jobs: The recordings, from `find_jobs`.
-        options: What is done to each.
+        options: Their processing.
         engine: Runs them.
         told: Called with the record of each job that has ended, or was up to date.
 

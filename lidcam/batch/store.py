@@ -20,13 +20,13 @@ class Files(Protocol):
         """The location of a file."""
 
     def size(self, name: str) -> int | None:
-        """Its size in bytes; None where there is none."""
+        """The size of a file in bytes; None where there is none."""
 
     def read(self, name: str) -> bytes | None:
-        """Its content; None where there is none."""
+        """The content of a file; None where there is none."""
 
     def put(self, name: str, content: bytes) -> None:
-        """Write it, whole or not at all."""
+        """Write a file, whole or not at all."""
 
 
 class LocalFiles:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Unpack
 
 import typer
 
-from lidcam.cli.options import AsJson, ends_in, with_job_options, with_log_options
+from lidcam.cli.options import AsJson, output_option, with_job_options, with_log_options
 from lidcam.cli.printing.compiling import compiled_together
 from lidcam.cli.printing.log import is_verbose, remark_log
 from lidcam.cli.verdict import Verdict, first_of
@@ -43,14 +43,7 @@ Examples:
 def inspect(
     paths: Annotated[list[str], typer.Argument(metavar="IN [IN ...]", help="Recording, or the parts of one.")],
     write_rig: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a draft rig (YAML).")] = None,
-    repair: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="OUT.mcap",
-            callback=ends_in(".mcap"),
-            help="Write all readable messages to a clean MCAP.",
-        ),
-    ] = None,
+    repair: Annotated[Path | None, output_option("Write all readable messages to a clean MCAP.", ".mcap")] = None,
     check: Annotated[
         bool,
         typer.Option("--check", help="Process it all to check poses and clocks; --write-rig writes them corrected."),

@@ -48,6 +48,11 @@ def ends_in(*endings: str) -> Callable[[T | None], T | None]:
     return check
 
 
+def output_option(text: str, *endings: str, name: str = "OUT") -> Any:
+    """An option that names an output with one of these endings."""
+    return typer.Option(metavar="|".join(f"{name}{one}" for one in endings), callback=ends_in(*endings), help=text)
+
+
 @contextmanager
 def requirement_errors() -> Iterator[None]:
     """Turn requirements that cannot be parsed, or name an unknown figure, into wrong usage."""
@@ -163,10 +168,7 @@ Setting = Annotated[list[str] | None, job_option("settings")]
 RigFile = Annotated[list[str] | None, job_option("rig")]
 Overwrite = Annotated[bool, job_option("overwrite")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON instead of tables.")]
-JsonFile = Annotated[
-    Path | None,
-    typer.Option("--json-file", metavar="FILE.json", callback=ends_in(".json"), help="Also write the result as JSON."),
-]
+JsonFile = Annotated[Path | None, output_option("Also write the result as JSON.", ".json", name="FILE")]
 Require = Annotated[
     list[str] | None,
     typer.Option(

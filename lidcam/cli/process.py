@@ -13,7 +13,7 @@ from lidcam.cli.options import (
     JsonFile,
     Require,
     Version,
-    ends_in,
+    output_option,
     requirement_errors,
     with_job_options,
     with_log_options,
@@ -62,29 +62,15 @@ def process(
             "may be s3://.",
         ),
     ],
-    rerun: Annotated[
-        str | None,
-        typer.Option(metavar="OUT.rrd", callback=ends_in(".rrd"), help="Also write a Rerun recording."),
-    ] = None,
+    rerun: Annotated[str | None, output_option("Also write a Rerun recording.", ".rrd")] = None,
     objects: Annotated[
         str | None,
-        typer.Option(
-            metavar="OUT.csv|OUT.parquet",
-            callback=ends_in(".csv", ".parquet"),
-            help="Also write a table of the objects, one row per object and frame.",
-        ),
+        output_option("Also write a table of the objects, one row per object and frame.", ".csv", ".parquet"),
     ] = None,
-    report: Annotated[
-        str | None,
-        typer.Option(metavar="OUT.html", callback=ends_in(".html"), help="Also write a page about the result."),
-    ] = None,
+    report: Annotated[str | None, output_option("Also write a page about the result.", ".html")] = None,
     video: Annotated[
         str | None,
-        typer.Option(
-            metavar="OUT.mp4",
-            callback=ends_in(".mp4"),
-            help="Also write a film of all cameras and the site from above (extra video).",
-        ),
+        output_option("Also write a film of all cameras and the site from above (extra video).", ".mp4"),
     ] = None,
     print_detections: Annotated[
         bool, typer.Option("--print-detections", help="Print each frame's detections by sensor, and the fused objects.")

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from lidcam.cli.options import Overwrite, ends_in, with_log_options
+from lidcam.cli.options import Overwrite, output_option, with_log_options
 from lidcam.cli.printing.log import remark_log
 
 # \b keeps the lines of a paragraph as they are.
@@ -19,10 +19,7 @@ Examples:
 @with_log_options
 def report(
     result: Annotated[Path, typer.Argument(metavar="RESULT.mcap", help="What `lidcam process` wrote.")],
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="OUT.html", callback=ends_in(".html"), help="The page. Default: beside the result."),
-    ] = None,
+    out: Annotated[Path | None, output_option("The page. Default: beside the result.", ".html")] = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Write a page about a result.

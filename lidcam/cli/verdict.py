@@ -39,7 +39,7 @@ class Verdict(NamedTuple):
         return FAILED if self.failures else INCOMPLETE if self.incomplete else DONE
 
     def tree(self) -> dict[str, Any]:
-        """As plain values, for JSON."""
+        """The verdict as plain values, for JSON."""
         return {"failure": "; ".join(self.failures), "incomplete": [*self.incomplete], "exit_code": self.exit_code}
 
     def end(self) -> None:

@@ -1,4 +1,4 @@
-"""What is missing from a result: sensors that were silent or are in no frame, and the lines of exit code 3."""
+"""Data missing from a result: sensors that were silent or are in no frame, and the lines of exit code 3."""
 
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Sequence

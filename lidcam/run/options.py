@@ -18,7 +18,7 @@ OnBadMessage = Literal["skip", "fail"]
 
 
 class CliOption(NamedTuple):
-    """How the command line takes an option of a job.
+    """The command-line form of an option of a job.
 
     Attributes:
         type: The type that it is parsed to; the value of an option that is not given is None, of a switch False.
@@ -49,11 +49,11 @@ class JobOptions(TypedDict, total=False):
         workers: Worker processes; does not change the result. Default: run.workers of the settings, else one per core.
         on_bad_message: Skip and count messages that cannot be decoded and damaged parts of files, or fail at the first.
             Default: skip.
-        copy_topics: Topics to copy to the output, as /map or '/radar/*'. Default: ground-truth topics.
+        copy_topics: Topics to copy to the output, e.g. /map or '/radar/*'. Default: ground-truth topics.
         overwrite: Overwrite files that lidcam did not write (never inputs).
         view: Show the frames in the Rerun viewer during the run.
         foxglove: Serve the frames to Foxglove during the run; without a host, to this machine only.
-        pace: Limit playback to N x real time, as 1. Default: as fast as possible.
+        pace: Limit playback to N x real time, e.g. 1. Default: as fast as possible.
         save_matches: Also write an image (JPEG) of each camera and frame into this folder: 2D and 3D boxes, matches.
     """
 

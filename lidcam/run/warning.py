@@ -1,4 +1,4 @@
-"""What a run tells its user: warnings about the result, and the line of an error."""
+"""Messages of a run to its user: warnings about the result, and the line of an error."""
 
 import errno
 from dataclasses import dataclass

@@ -142,20 +142,6 @@ def test_examples_of_the_documents_run(page: Path, tmp_path: Path, short_drive: 
     assert done.stdout
 
 
-def test_several_outputs_by_their_endings(tmp_path: Path) -> None:
-    layout = tmp_path / "out.foxglove.json"
-    outputs = [tmp_path / "out.mcap", tmp_path / "out.rrd"]
-    run = lidcam.process(SANDBOX, outputs, config=CONFIG, duration_s=0.2)
-    assert run.report.outputs == (*outputs, layout)
-    assert sorted(tmp_path.iterdir()) == [layout, *outputs]
-    layout.unlink()
-    layout.mkdir()
-    with pytest.raises(lidcam.OutputError, match=r"out\.foxglove\.json: .* found a folder"):
-        lidcam.process(SANDBOX, outputs, config=CONFIG)
-    without = lidcam.process(SANDBOX, outputs[0], config=CONFIG, settings={"output.layout": False}, duration_s=0.2)
-    assert without.report.outputs == (outputs[0],)
-
-
 @pytest.mark.parametrize(
     ("names", "fault"),
     [

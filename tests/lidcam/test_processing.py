@@ -26,7 +26,7 @@ from lidcam.processing import Run
 from lidcam.readers.messages.tf import RecordedTransforms
 from lidcam.readers.rig.discovery import Discovery
 from lidcam.readers.streams.motion import MotionSource
-from lidcam.run.frames import RunInput, TimeWindow, synchronized_topics
+from lidcam.run.frames import RunInput, TimeWindow
 from lidcam.run.summary import RunSummary, summary_tree
 from lidcam.run.tally import DropTable
 
@@ -181,13 +181,6 @@ def test_a_part_without_messages_is_refused_with_one_line(required: object, wind
 def test_the_reference_and_required_topics_have_to_be_in_use(sync: dict[str, object], fault: str) -> None:
     with pytest.raises(ConfigError, match=fault):
         run(periodic(), config(**sync))
-
-
-def test_images_take_part_only_where_they_are_copied_or_looked_at() -> None:
-    settings = config()
-    without = settings.model_copy(update={"output": settings.output.model_copy(update={"images": False})})
-    assert synchronized_topics(settings, rig()) == IN_USE
-    assert synchronized_topics(without, rig()) == (FRONT, REAR)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from builders import write_mcap
 from helpers import CLUSTERS
@@ -55,19 +54,6 @@ def test_same_bytes_and_same_report(name: str, duration_s: float | None, workers
     assert told(reports[0]) == told(reports[1])
     if name == "drive.mcap":
         assert {drop.topic: drop.count for drop in reports[1].drops.messages if drop.is_defect} == {"/points": 2}
-
-
-def test_same_frames_one_after_another(tmp_path: Path) -> None:
-    write_mcap(path := tmp_path / "drive.mcap", drive())
-    one, two = (lidcam.iter_frames(path, settings=[CLUSTERS], workers=count) for count in (1, 2))
-    for mine, other in zip(one, two, strict=True):
-        for field in ("stamp_ns", "log_time_ns", "missing", "index"):
-            assert getattr(mine.bundle, field) == getattr(other.bundle, field)
-        for message, same in zip(mine.bundle.messages.values(), other.bundle.messages.values(), strict=True):
-            assert bytes(message.data) == bytes(same.data), "images that stages do not read are there, too"
-        np.testing.assert_array_equal(mine.combined.detection_cloud.xyz, other.combined.detection_cloud.xyz)
-        np.testing.assert_array_equal(mine.fused.objects.centers, other.fused.objects.centers)
-        np.testing.assert_array_equal(mine.beliefs, other.beliefs)
 
 
 def test_a_bad_message_ends_the_run_at_its_frame(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ def visible(text: str) -> str:
 
 
 def visible_lines(text: str) -> str:
-    """As `visible`, for several lines: line ends and tabs are kept."""
+    """Several lines, escaped as by `visible`; line ends and tabs are kept."""
     return "\n".join(map(without_secrets, printable_lines(text).split("\n")))
 
 

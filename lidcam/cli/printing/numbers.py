@@ -10,7 +10,7 @@ def number(value: float | None, digits: int) -> str:
 
 
 def signed(value: float | None, digits: int) -> str:
-    """As `number`, with a sign; zero has a plus."""
+    """A number with a sign; zero has a plus."""
     return NONE if value is None else f"{value:+z.{digits}f}"
 
 

@@ -1,4 +1,4 @@
-"""What the check of a rig says of each sensor, as tables and as plain values."""
+"""Printing of the check of a rig, as tables and as plain values."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ from lidcam.cli.printing.tables import ColumnsTable
 from lidcam.pipeline.core.arrays import F64, Bools
 
 VALUES = ("pitch_deg", "yaw_deg", "roll_deg", "x_m", "y_m", "z_m", "time_ms")
-"""Of a camera: rotation about x, y and z of its optical frame, translation along them, and how late its images are."""
+"""Errors of a camera: rotation about x, y, z of its optical frame, translation along them, delay of its images."""
 
 LIDAR_VALUES = ("about_x_deg", "about_y_deg", "about_z_deg", "x_m", "y_m", "z_m")
 
@@ -20,7 +20,7 @@ NOT_JUDGED = "not judged"
 
 
 def print_check(out: Console, check: SelfCheck) -> None:
-    """Print what a check found; a `*` marks what is sure and large enough to be told, and stands alone then."""
+    """Print a check; `*` marks significant errors."""
     cameras = ColumnsTable("cameras against lidars", "camera", "pairs", "tracks", *map(_heading, VALUES))
     for camera, pairs, tracks, error, wrong in check.cameras:
         cells = [NOT_JUDGED] if error is None else _cells(error.values, error.sigmas, wrong)
@@ -46,7 +46,7 @@ def print_check(out: Console, check: SelfCheck) -> None:
 
 
 def check_tree(check: SelfCheck) -> dict[str, Any]:
-    """What a check found as plain values, for JSON; errors are null where a sensor is not judged."""
+    """A check as plain values, for JSON; errors are null where a sensor is not judged."""
     cameras = {
         camera.name: {
             "pairs": pairs,

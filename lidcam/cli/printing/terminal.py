@@ -41,7 +41,7 @@ def console(*, stderr: bool = False) -> Console:
 
 
 def printed_html(show: Callable[[Console], None]) -> str:
-    """What a function prints on a console, as HTML."""
+    """The output of a function that prints on a console, as HTML."""
     options: dict[str, Any] = {"soft_wrap": True, "markup": False, "emoji": False, "force_jupyter": False}
     out = _Console(file=StringIO(), record=True, width=HTML_WIDTH, **options)
     show(out)

@@ -14,12 +14,9 @@ from perturbed_results import perturbed
 
 from lidcam.cli.evaluate import evaluate
 from lidcam.cli.process import run_process
-from lidcam.evaluation.evaluation import make_evaluation_job
 from lidcam.evaluation.requirement import read_requirements
 from lidcam.pipeline.core.errors import (
-    CalibrationError,
     CheckError,
-    ConfigError,
     IncompleteError,
     RecordingError,
 )
@@ -111,14 +108,6 @@ def test_settings_of_the_evaluation(result: Path, tmp_path: Path, capsys: pytest
     assert [warning["subject"] for warning in tree["warnings"]] == ["truth"]
 
 
-@pytest.mark.parametrize("settings", [["fuse.min_score=0.9"], {"evaluate.max_range_m": 9, "fuse.min_score": 0.9}])
-def test_settings_that_change_nothing_are_refused(result: Path, settings: Any) -> None:
-    with pytest.raises(
-        ConfigError, match=r"^settings: fuse.min_score: expected a setting of evaluate, classes, .*proc"
-    ):
-        make_evaluation_job(result, settings=settings)
-
-
 @pytest.mark.parametrize(("use", "truth", "ignored"), [("count", 8, 0), ("ignore", 0, 8)])
 def test_zones_of_a_rig_file(
     result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], use: str, truth: int, ignored: int
@@ -132,13 +121,6 @@ def test_zones_of_a_rig_file(
     figures = tree["sources"]["fused"]["car"]
     assert (figures["truth"], figures["ignored"], tree["exit_code"]) == (truth, ignored, 0)
     assert {name: zone["truth"] for name, zone in figures["zones"].items()} == ({"all_of_it": 8} if truth else {})
-
-
-def test_a_rig_file_without_anything_to_evaluate_by(result: Path, tmp_path: Path) -> None:
-    rig = tmp_path / "rig.yaml"
-    rig.write_text("site_frame: map\n", encoding="utf-8")
-    with pytest.raises(CalibrationError, match="expected `truth` or `zones` in the rig file of an evaluation"):
-        make_evaluation_job(result, rig=rig)
 
 
 def test_without_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

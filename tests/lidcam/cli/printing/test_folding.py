@@ -10,7 +10,7 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from lidcam.cli.printing.folding import folded_lines, show_line, show_table
-from lidcam.cli.printing.tables import drops_table, objects_table, pairs_table
+from lidcam.cli.printing.tables import drops_table, objects_table
 from lidcam.run.summary import DropCount
 
 TOPIC = "/car1/left_front_wheel_velocity_controller/command"
@@ -76,12 +76,6 @@ def test_names_of_zones_are_folded_and_numbers_stay_whole(width: int, zones: int
     assert any("123456" in line for line in lines)
     assert not any("…" in line for line in lines)
     assert width < 80 or max(map(len, lines)) <= width
-
-
-def test_values_without_header() -> None:
-    out = terminal(40)
-    show_table(out, pairs_table("run", {"written": "a_folder/of_a_long_name/out.mcap, out.rrd", "frames": 3}))
-    assert printed(out) == ["run", "written  a_folder/of_a_long_name/out.", "           mcap, out.rrd", "frames   3"]
 
 
 @pytest.mark.parametrize(("out", "count"), [(terminal(30), 2), (pipe(), 1)])

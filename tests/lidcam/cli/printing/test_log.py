@@ -117,16 +117,3 @@ def test_no_other_file_is_appended_to(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"truth\.txt: expected a new file or an earlier log of lidcam"):
         configure_logging(Verbosity.NORMAL, file)
     assert file.read_text() == "0.1 1 2 3"
-
-
-def test_a_reader_of_stderr_that_left_ends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Closed:
-        def write(self, _: str) -> int:
-            raise BrokenPipeError
-
-        def isatty(self) -> bool:
-            return False
-
-    configure_logging()
-    monkeypatch.setattr(sys, "stderr", Closed())
-    remark_log.info("wrote out.bag")
