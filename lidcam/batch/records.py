@@ -1,4 +1,4 @@
-"""Records of the jobs of a batch: JSON files beside the results, which show what is missing or changed, and a table."""
+"""Records of the jobs of a batch: JSON files beside the results, which show what is missing or changed."""
 
 import json
 from collections import Counter
@@ -6,11 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from hashlib import sha256
 from importlib.metadata import version
-from io import BytesIO
 from typing import Literal
-
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from lidcam.batch.jobs import BatchJob
 from lidcam.readers.files.remote import open_remote
@@ -19,9 +15,6 @@ from lidcam.run.summary import RunSummary
 
 FOLDER = ".lidcam-batch"
 """Folder of the records, in that of the results."""
-
-TABLE = "_jobs.parquet"
-"""Table of the batch, in the folder of the results; readers of a folder of tables skip names like this."""
 
 END_BYTES = 1 << 16
 
@@ -146,42 +139,3 @@ def record_of(text: bytes) -> JobRecord | None:
         return JobRecord(**{field.name: tree[field.name] for field in fields(JobRecord)})
     except (ValueError, KeyError, TypeError):
         return None
-
-
-SCHEMA = pa.schema(
-    [
-        ("recording", pa.string()),
-        ("input", pa.string()),
-        ("state", pa.string()),
-        ("exit_code", pa.int32()),
-        ("message", pa.string()),
-        ("frames", pa.int64()),
-        ("objects", pa.list_(pa.struct([("class", pa.string()), ("count", pa.int64())]))),
-        ("dropped", pa.int64()),
-        ("skew_max_ms", pa.float64()),
-        ("lacking", pa.list_(pa.struct([("sensor", pa.string()), ("frames", pa.int64())]))),
-        ("processor_s", pa.float64()),
-        ("wall_s", pa.float64()),
-        ("peak_mib", pa.float64()),
-        ("sha256", pa.list_(pa.string())),
-        ("settings", pa.string()),
-        ("settings_sha256", pa.string()),
-        ("version", pa.string()),
-    ]
-)
-
-
-def records_table(records: Sequence[JobRecord]) -> bytes:
-    """A row for each record, as Parquet."""
-    rows = [
-        {
-            **asdict(one),
-            "recording": one.name,
-            "objects": [{"class": name, "count": count} for name, count in (one.objects or {}).items()],
-            "lacking": [{"sensor": name, "frames": count} for name, count in (one.lacking or {}).items()],
-        }
-        for one in records
-    ]
-    content = BytesIO()
-    pq.write_table(pa.Table.from_pylist(rows, SCHEMA), content)
-    return content.getvalue()

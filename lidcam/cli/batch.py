@@ -89,9 +89,9 @@ def batch(
 
     from lidcam.batch.jobs import find_jobs
     from lidcam.batch.local import jobs_that_fit
-    from lidcam.batch.records import TABLE, records_table
     from lidcam.batch.run import OUTPUT_ENDINGS, BatchOptions, run_batch
     from lidcam.batch.store import Store
+    from lidcam.batch.table import TABLE, records_table
     from lidcam.cli.printing.batch import print_batch, shown_batch
     from lidcam.cli.printing.terminal import console, show_json
     from lidcam.pipeline.parallel.cores import usable_cores
