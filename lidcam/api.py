@@ -13,8 +13,7 @@ from lidcam.evaluation.requirement import Requirement, RequirementError
 from lidcam.inspection import Inspection, inspect_recording
 from lidcam.notebook.decoded import decode_clouds, decode_images
 from lidcam.notebook.loaded import load_result
-from lidcam.notebook.objects import ObjectCollector
-from lidcam.notebook.result import RunResult, ShownInspection
+from lidcam.notebook.result import ObjectCollector, RunResult, ShownInspection
 from lidcam.pipeline.core.clouds import CombinedCloud, PointCloud
 from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Matches
 from lidcam.pipeline.core.errors import (
@@ -42,8 +41,9 @@ from lidcam.readers.rig.sensor_topics import SensorFault
 from lidcam.run.choice import UsedSettings, choose_settings
 from lidcam.run.frame import Frame
 from lidcam.run.frames import RunInput
-from lidcam.run.job import FilePath, Job, JobOptions, PathOrUrl, RigSource, Settings, locations, make_job
+from lidcam.run.job import FilePath, Job, PathOrUrl, RigSource, Settings, locations, make_job
 from lidcam.run.missing import MissingSensor
+from lidcam.run.options import JobOptions
 from lidcam.run.summary import DropCount, RunSummary, UnusedTopic
 from lidcam.run.tally import RunProgress
 from lidcam.run.warning import RunWarning
@@ -123,13 +123,11 @@ def process(
 
     Args:
         recording: Path or URL; several for a recording that was split, in their order.
-        output: File to write, or several: .mcap, .rrd (Rerun), .csv or .parquet (a table of the objects), a name
-            without ending (a folder of the clouds of objects), .mp4 (a film), .html (a page) beside an .mcap; None
-            writes none.
-        on_frame: Called with each frame, in order, when its tracks are known.
-        progress: Draw a bar while the run goes on, below the cell of a notebook or on a terminal.
-        **options: `config`, `settings`, `rig`, `model_2d`, `model_3d`, `workers`, `every`, `start_s`, `duration_s`,
-            `on_bad_message`, `overwrite`, `save_matches`, as `JobOptions` explains them.
+        output: File to write, or several: .mcap, .rrd (Rerun), .csv or .parquet (a table of the objects), .mp4 (a
+            film), .html (a page) beside an .mcap; None writes none.
+        on_frame: Called with each frame, in order, once its tracks are known.
+        progress: Show a progress bar, below the cell of a notebook or on a terminal.
+        **options: See `JobOptions`.
 
     Raises:
         LidcamError: the input, the calibration, the settings or an output is at fault; no output is left behind.
@@ -150,9 +148,9 @@ def _progress_bar(stack: ExitStack) -> RunObserver:
 def iter_frames(
     recording: PathOrUrl | Sequence[PathOrUrl], **options: Unpack[JobOptions]
 ) -> Generator[Frame, None, None]:
-    """The frames of a recording, one after another, without writing anything; options as of `process`.
+    """The frames of a recording, one by one, without writing anything; options as in `process`.
 
-    With offline tracks (`track.mode`) the first frame comes when `track.window_s` of the recording are read.
+    With offline tracks (`track.mode`) the first frame comes once `track.window_s` of the recording have been read.
 
     Raises:
         LidcamError: the input, the calibration or the settings are at fault.
@@ -167,7 +165,7 @@ def inspect(
     settings: Settings = (),
     rig: RigSource | None = None,
 ) -> Inspection:
-    """The contents of a recording, and what lidcam would use of them; arguments as of `process`.
+    """The contents of a recording, and what lidcam would use of them; arguments as in `process`.
 
     Raises:
         LidcamError: the recording cannot be opened or is empty, or the settings or the rig are at fault.
@@ -194,20 +192,21 @@ def evaluate(
     config: FilePath | None = None,
     settings: Settings = (),
 ) -> Evaluation:
-    """Measure a result: against truth, and without it.
+    """Evaluate a result, with and without ground truth.
 
     Args:
         result: The .mcap file that a run wrote.
-        truth: A recording with topics of truth, or labels; several add up. Without it, what was copied into the result.
-        truth_topic: The topic of the truth, whatever it is called; without it, the one that is truth by its name.
+        truth: Ground truth: a recording with truth topics, or labels; several add up. Default: the topics copied into
+            the result.
+        truth_topic: Ground-truth topic; default: found by name.
         requirements: Limits that the figures must meet, `["fused.car.recall >= 0.8"]`; `Evaluation.failures` lists
             those that are not met.
-        rig: Rig files, of which the zones and the vehicles of the truth count, in place of those of the result.
-        config: A preset or a YAML file whose section `evaluate` counts, in place of the result's.
-        settings: Single settings on top, of the sections that an evaluation reads: `{"evaluate.max_range_m": 40}`.
+        rig: Rig files to take zones and ground-truth vehicles from, instead of the result's.
+        config: A preset or a YAML file to take the section `evaluate` from, instead of the result's.
+        settings: Single settings by key, of the sections that an evaluation reads: `{"evaluate.max_range_m": 40}`.
 
     Raises:
-        RequirementError: a requirement cannot be read, or names a figure that there cannot be.
+        RequirementError: a requirement cannot be parsed, or names an unknown figure.
         LidcamError: the result, the truth, the rig or the settings are at fault.
     """
     return evaluate_result(

@@ -24,13 +24,13 @@ from lidcam.readers.streams.survey import TopicSurvey, survey
 from lidcam.run.box_sources import BoxSource, box_source, engine_3d
 from lidcam.run.choice import SettingsChoice, UsedSettings, use_settings, used_record
 from lidcam.run.frames import TimeWindow
-from lidcam.run.incomplete import damage_lines, left_out_lines
 from lidcam.run.job import RigSource, read_rig
+from lidcam.run.missing import damage_lines, left_out_lines
 from lidcam.run.summary import loss_records
 from lidcam.run.warning import RunWarning
 
 INSPECTED_NS = 5_000_000_000
-"""How much of a recording on a server is looked at: enough for the rate of a topic of 1 Hz."""
+"""Examined part of a recording on a server: enough for the rate of a topic of 1 Hz."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,18 +44,18 @@ class Inspection:
         messages: Number of messages.
         topics: Topics with rates, gaps and delays.
         losses: Damaged parts of the files.
-        stop_ns: Log time before which it was looked at; None where all of it was.
-        problem: Why lidcam could not process it; empty if it can.
-        rig: The sensors that lidcam would use; None if it could not process the recording.
-        draft: Text of a rig file with all sensors, those without calibration, too; empty if the recording has none.
-        sensors: Where the calibration of each sensor was found.
-        faults: Sensors that would be left out, and why.
+        stop_ns: Log time at which the examined part ends; None: the whole recording was examined.
+        problem: Why lidcam cannot process it; empty if it can.
+        rig: The sensors that lidcam would use; None if it cannot process the recording.
+        draft: Text of a rig file with all sensors, also those without calibration; empty without sensors.
+        sensors: Source of the calibration of each sensor.
+        faults: Sensors that would be left out, with the reasons.
         notes: Remarks on topics and sensors.
         warnings: Reasons in the first messages to doubt the calibration.
-        motion_topics: Where the motion of the site frame would come from; empty where it stands still.
-        box_source: Where 2D boxes would come from.
-        box_source_3d: Where the lidars' 3D boxes would come from: a name of `ENGINES`.
-        settings: Which settings would be used, and why these; None if it could not process the recording.
+        motion_topics: Topics of the motion of the site frame; empty where it stands still.
+        box_source: Source of the 2D boxes.
+        box_source_3d: Source of the lidars' 3D boxes: a name of `ENGINES`.
+        settings: The settings that would be used, and why; None if it cannot process the recording.
     """
 
     files: tuple[Location, ...]
@@ -81,17 +81,14 @@ class Inspection:
 
     @property
     def incomplete(self) -> tuple[str, ...]:
-        """Reasons why lidcam could not use all, one short line each: sensors left out, messages lost to damage.
-
-        Where it could use nothing at all, `problem` says why.
-        """
+        """Parts that lidcam could not use, one short line each: sensors left out, messages lost to damage."""
         return (*left_out_lines(self.faults), *damage_lines(self.losses))
 
 
 def inspect_recording(inputs: Sequence[Location], choice: SettingsChoice, rig: RigSource | None = None) -> Inspection:
     """The contents of a recording, and what lidcam would use of them.
 
-    Of a recording on a server only the beginning is looked at, so as not to fetch all of it.
+    Only the beginning of a recording on a server is examined.
 
     Raises:
         CalibrationError: a rig file cannot be read, or does not fit.
@@ -106,12 +103,7 @@ def inspect_recording(inputs: Sequence[Location], choice: SettingsChoice, rig: R
 
 
 def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | None, window: TimeWindow) -> Inspection:
-    """As `inspect_recording`, of an open recording with one topic per sensor.
-
-    Raises:
-        CalibrationError: a rig file cannot be read, or does not fit.
-        RecordingError: it is empty, or cannot be read to its end.
-    """
+    """Inspect an open recording with one topic per sensor; see `inspect_recording`."""
     rig_file, config = read_rig(rig), choice.config
     check_not_empty(recording)
     inspection = Inspection(

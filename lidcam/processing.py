@@ -64,21 +64,24 @@ from lidcam.writers.base import ResultWriter
 
 logger = logging.getLogger(__name__)
 
-CLOUD_GROWTH, IMAGE_GROWTH = 16, 3
-"""Times the size of its message that the work on a cloud holds, and on an image, roughly."""
+CLOUD_GROWTH = 16
+"""Memory of the work on a cloud, in sizes of its message, roughly."""
+
+IMAGE_GROWTH = 3
+"""The same for an image."""
 
 
 class RunObserver:
-    """Looks on while a run goes on; the methods of this one do nothing."""
+    """Observes a run; the methods of this class do nothing."""
 
     def opened(self, source: RunInput) -> None:
         """The recording is open and its sensors are known."""
 
     def frame(self, result: Frame) -> None:
-        """A frame has its tracks and is written. Frames come in order; with offline tracks, up to a window late."""
+        """A frame has its tracks and is written. Frames arrive in order; with offline tracks, up to a window late."""
 
     def advanced(self, progress: RunProgress) -> None:
-        """The run is so far now; called for each frame, when it and all that it completes are done or wait."""
+        """A frame has passed the stages, and the frames that it completes are written."""
 
 
 def process_recording(job: Job, observer: RunObserver | None = None) -> RunSummary:
@@ -86,7 +89,7 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunSumma
 
     Args:
         job: The recording, the settings and the outputs.
-        observer: Looks on.
+        observer: Observes the run.
 
     Raises:
         LidcamError: the input, the calibration, the settings or an output is at fault, or memory runs short; no output
@@ -102,7 +105,7 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunSumma
             writers = open_writers(job, run.source, inputs, outputs, stack, run.report)
             # Closed before the writers are, also when the observer raises: then no stage is at work any more.
             folder = written[0].parent if written else None
-            frames = stack.enter_context(closing(run.frames(writers, folder, partial(_tell, run, inputs, observer))))
+            frames = stack.enter_context(closing(run.frames(writers, folder, partial(_advance, run, inputs, observer))))
             for frame in frames:
                 observer.frame(frame)
             whole = inputs.finish()
@@ -114,7 +117,7 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunSumma
 def iter_frames(job: Job) -> Generator[Frame, None, None]:
     """The frames of a recording, in order, with their tracks; closes the recording when it ends or is closed.
 
-    With offline tracks the first frame comes when `track.window_s` of the recording are read.
+    With offline tracks the first frame comes once `track.window_s` of the recording have been read.
 
     Raises:
         LidcamError: the input, the calibration or the settings are at fault.
@@ -125,21 +128,14 @@ def iter_frames(job: Job) -> Generator[Frame, None, None]:
 
 @contextmanager
 def opened(job: Job) -> Iterator["Run"]:
-    """A run, ready to begin.
-
-    Raises:
-        LidcamError: the input, the calibration, the settings or an output is at fault.
-    """
+    """A run, ready to begin; raises `LidcamError` as `process_recording` does."""
     options = ReadOptions("as_needed" if job.on_bad_message == "skip" else "none", job.config.limits)
     with (
         short_memory_told(f"process {', '.join(map(str, job.inputs))}"),
         sensor_messages(open_recording(job.inputs, options), limits=options.limits) as recording,
     ):
-        names = ", ".join(map(str, recording.paths))
-        seconds = (recording.end_ns - recording.start_ns) / 1e9
-        logger.info(
-            "%s: %d messages of %d topics, %.3f s", names, recording.message_count, len(recording.topics), seconds
-        )
+        seconds, topics = (recording.end_ns - recording.start_ns) / 1e9, len(recording.topics)
+        logger.info("%s: %d messages of %d topics, %.3f s", recording.paths, recording.message_count, topics, seconds)
         for path in dict.fromkeys(loss.path for loss in recording.losses):
             logger.warning("%s is damaged or was not closed: what can still be read is read", path)
         check_not_empty(recording)
@@ -173,13 +169,6 @@ class Run:
     """
 
     def __init__(self, source: RunInput, found: Discovery, drops: DropTable) -> None:
-        """Prepare the stages; `drops` gets the messages that are not used, and may end the run at the first bad one.
-
-        Raises:
-            ConfigError: the reference topic is not among those in use.
-            ModelError: the 2D network cannot be loaded.
-            RecordingError: 2D boxes are wanted of a recording without cameras.
-        """
         self.source, self.found = source, found
         self._drops, self._tally, self._stats = drops, Tally(source.config, source.rig), SyncStats()
         self._passed, self._log_time_ns = 0, source.recording.start_ns
@@ -203,7 +192,7 @@ class Run:
 
     @contextmanager
     def workers_started(self) -> Iterator[None]:
-        """Within the block, processes share the work. To be entered before outputs, which may have threads, open."""
+        """Start the processes that share the work, before outputs are opened, which may start threads."""
         graph, result, frames = self._graph, self._result, expected_frames(self.source)
         with copied_workers(graph, result, workers=self._workers, frames=frames) as self._processes:
             yield
@@ -218,14 +207,8 @@ class Run:
 
         Args:
             writers: Get each frame before it is yielded.
-            folder: Where frames wait for their tracks; None for the system's temporary folder.
-            passed: Called for each frame that has passed the stages, when all frames that it completes were yielded.
-
-        Raises:
-            RecordingError: reading fails, or no messages belong together.
-            MessageError: a message cannot be decoded and bad messages end the run.
-            OutputError: a frame cannot be written, or cannot be kept for its tracks.
-            WorkerError: a process that shares the work cannot be started, or has died.
+            folder: Folder for frames that wait for their tracks; None for the system's temporary folder.
+            passed: Called for each frame that has passed the stages, once all frames that it completes were yielded.
         """
         started, graph, scenes = time.perf_counter(), self._graph, drawn_scenes(self.source)
         self._count_early_drops()
@@ -244,20 +227,14 @@ class Run:
                 for drop in frame.drops:
                     self._drops.add_bad(drop)
                 bundle, objects = frame.bundle, len(frame.fused.objects)
-                logger.debug(
-                    "frame %d, %d ns: %d topics, %d objects",
-                    bundle.index,
-                    bundle.stamp_ns,
-                    len(bundle.messages),
-                    objects,
-                )
+                facts = bundle.index, bundle.stamp_ns, len(bundle.messages), objects
+                logger.debug("frame %d, %d ns: %d topics, %d objects", *facts)
                 yield Frame.of(frame, scenes)
         self._seconds += time.perf_counter() - started
         if self._tally.frames == 0:
             raise RecordingError(no_frames(self.source, self._drops))
 
     def _results(self, passed: Callable[[], None]) -> Generator[FrameResult, None, None]:
-        """What the stages make of the recording."""
         with closing(self._stages()) as frames:
             for frame in frames:
                 self._passed, self._log_time_ns = self._passed + 1, frame.bundle.log_time_ns
@@ -282,7 +259,7 @@ class Run:
 
     @property
     def progress(self) -> RunProgress:
-        """How far the run is."""
+        """The progress of the run."""
         return RunProgress(self._passed, self._tally.objects.total(), self._drops.total, self._log_time_ns)
 
     def report(
@@ -292,14 +269,7 @@ class Run:
         viewers: Mapping[str, str] | None = None,
         changed: Sequence[str] = (),
     ) -> RunSummary:
-        """The report so far.
-
-        Args:
-            inputs: The files that were read.
-            outputs: The files that were written.
-            viewers: How the outputs are opened, by the name of the viewer.
-            changed: Files that were changed while they were read.
-        """
+        """The report so far, with the files that were read, written, and changed while they were read."""
         source, found, tally, drops = self.source, self.found, self._tally, self._drops.rows
         motion_topics = source.motion.topics if source.motion else ()
         used = {*tally.messages, *(drop.topic for drop in drops), *motion_topics, *source.copied}
@@ -314,8 +284,8 @@ class Run:
                 unused_topics=unused_topics(source.recording, used),
                 losses=source.recording.losses,
             ),
-            frames=tally.frame_report(self._stats),
-            drops=tally.drop_report(drops),
+            frames=tally.frame_summary(self._stats),
+            drops=tally.drop_summary(drops),
             sensors=SensorSummary(
                 rig=source.rig,
                 calibration=found.sources,
@@ -354,7 +324,7 @@ class Run:
             yield from check.warnings
 
     def _count_early_drops(self) -> None:
-        """Messages that were found bad while the rig was sought; those of the motion are met again."""
+        """Count messages that were found bad during the search for the rig; those of the motion are read again."""
         motion_topics = self.source.motion.topics if self.source.motion else ()
         for drop, count in self.found.transforms.drops:
             if drop.topic not in motion_topics:
@@ -363,12 +333,12 @@ class Run:
 
 
 def _share(recording: Recording, log_time_ns: int) -> float:
-    """How much of a recording was logged by then, 0 to 1."""
+    """Share of a recording that was logged by a time, 0 to 1."""
     return (log_time_ns - recording.start_ns) / max(recording.end_ns - recording.start_ns, 1)
 
 
 def _memory_of(bundle: SensorBundle) -> int:
-    """About how many bytes the work on a frame holds."""
+    """Approximate memory of the work on a frame, bytes."""
     in_work = sum(
         len(message.data) * (CLOUD_GROWTH if message.channel.msgtype in CLOUD else IMAGE_GROWTH)
         for message in bundle.messages.values()
@@ -377,7 +347,7 @@ def _memory_of(bundle: SensorBundle) -> int:
 
 
 def _needed(bundle: SensorBundle, decoded: Collection[str]) -> SensorBundle:
-    """A bundle without the data that no stage reads: of messages that are not decoded, only the stamps stay."""
+    """A bundle without the data that no stage reads: messages that are not decoded keep only their stamps."""
     messages = {
         topic: message._replace(data=memoryview(message.data) if topic in decoded else b"")
         for topic, message in bundle.messages.items()
@@ -385,8 +355,7 @@ def _needed(bundle: SensorBundle, decoded: Collection[str]) -> SensorBundle:
     return replace(bundle, messages=messages, copied=(), truth=())
 
 
-def _tell(run: Run, inputs: InputFiles, observer: RunObserver) -> None:
-    """One more frame has passed the stages."""
+def _advance(run: Run, inputs: InputFiles, observer: RunObserver) -> None:
     progress = run.progress
     inputs.read_up_to(_share(run.source.recording, progress.log_time_ns))
     observer.advanced(progress)

@@ -39,7 +39,7 @@ MAY_IMPORT = {
 }
 EXITS = {
     "lidcam.cli.program",
-    "lidcam.__main__",
+    "lidcam.signals",
     "lidcam.pipeline.core.compiled.beside",
     "lidcam.pipeline.parallel.pool",
     "lidcam.pipeline.parallel.worker",

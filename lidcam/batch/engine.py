@@ -1,71 +1,71 @@
-"""What runs the jobs of a batch: given tasks, it yields their outcomes. `local.py` and `ray.py` are the two."""
+"""Engines run the jobs of a batch: `local.py` and `ray.py`."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
+from lidcam.batch.records import JobRecord
+from lidcam.readers.location import Location
+from lidcam.run.job import Job
+
 JOB_MIB = 1500
-"""Memory that a job may take; docs/reliability.md."""
+"""Memory reserved for a job; docs/reliability.md."""
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
-    """How `lidcam process` ended.
+class Task:
+    """A job for a process of its own.
 
     Attributes:
-        exit_code: Negative: ended by that signal.
-        message: The last line that it wrote to standard error.
-        figures: What `--json-file` says; empty if it did not get that far.
-        processor_s: Its processor time, with that of its children, seconds.
-        wall_s: How long it took, seconds.
-        peak_mib: Memory of the largest of its processes.
+        record: The record of the job, to be completed.
+        job: The job without outputs.
+        outputs: Its outputs, local or in a bucket, the result first.
     """
 
-    exit_code: int
-    message: str
-    figures: bytes = b""
-    processor_s: float = 0.0
-    wall_s: float = 0.0
-    peak_mib: float = 0.0
+    record: JobRecord
+    job: Job
+    outputs: tuple[Location, ...]
 
 
-ENDED = Outcome(-15, "the batch ended before it did")
+def cancelled(task: Task) -> JobRecord:
+    """The record of a job that ended with its batch."""
+    return replace(task.record, state="failed", exit_code=-15, message="the batch ended before it did")
 
 
 class Engine(ABC):
-    """Runs tasks on threads, which have nothing to do but wait for what they give to `run`.
+    """Runs jobs on threads, which only wait for the processes that `run` starts.
 
     Args:
-        jobs: How many at once.
+        jobs: Jobs at once.
     """
 
     def __init__(self, jobs: int) -> None:
         self._jobs = jobs
 
-    def outcomes(self, tasks: Sequence[Callable[["Engine"], T]]) -> Generator[T, None, None]:
-        """Do the tasks in their order; what each gives, as it ends. Closing ends those that are at work."""
+    def outcomes(self, steps: Sequence[Callable[["Engine"], T]]) -> Generator[T, None, None]:
+        """Call the functions in their order, and yield each result when it is there. Closing ends the running jobs."""
         pool = ThreadPoolExecutor(self._jobs, thread_name_prefix="lidcam-batch")
         try:
-            for future in as_completed([pool.submit(task, self) for task in tasks]):
+            for future in as_completed([pool.submit(step, self) for step in steps]):
                 yield future.result()
         finally:
             self._end()
             pool.shutdown(cancel_futures=True)
 
     @abstractmethod
-    def run(self, arguments: Sequence[str], *, keep_open: int | None) -> Outcome:
-        """Run `lidcam process` to its end; for tasks, from their threads.
+    def run(self, task: Task, *, keep_open: int | None) -> JobRecord:
+        """Run a job to its end; called from the threads.
 
         Args:
-            arguments: Those of its command line, all but `--json-file`.
-            keep_open: A descriptor that it holds as long as it lives, where it runs on this machine: a lock that
+            task: The job.
+            keep_open: A descriptor that its process holds while it lives, where it runs on this machine: a lock that
                 outlives this process.
         """
 
     @abstractmethod
     def _end(self) -> None:
-        """End all that runs; what is given to `run` from now on does not begin."""
+        """End all running jobs; later calls of `run` start none."""

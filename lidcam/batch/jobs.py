@@ -1,4 +1,4 @@
-"""The recordings of a batch: files, folders that are searched to the bottom, patterns, and lists."""
+"""The recordings of a batch: files, folders with their subfolders, patterns, and lists."""
 
 import glob
 import re
@@ -14,16 +14,16 @@ from lidcam.readers.natural_order import natural_key
 from lidcam.readers.open import open_recording
 
 ENDINGS = (".bag", ".mcap", ".db3", ".pcap", ".pcapng", ".bag.zst", ".mcap.zst", ".db3.zst")
-"""Of recordings, where a folder is searched. A file that is named itself may be called anything."""
+"""Endings of the recordings that are found in folders. A file that is named itself may be called anything."""
 
 METADATA = "metadata.yaml"
-"""In the folder of a ROS 2 bag, which is one recording."""
+"""File in the folder of a ROS 2 bag, which is one recording."""
 
 PART = re.compile(r"(.+)_(\d+)")
 """Name of a part of a split recording, without ending."""
 
-LONGEST_PAUSE_NS = 5_000_000_000
-"""From one part of a split recording to the next; what begins later is another recording."""
+MAX_PAUSE_NS = 5_000_000_000
+"""Longest pause between the parts of a split recording."""
 
 OTHER_FOLDER = "expected another folder for the results: the next batch would take them for recordings"
 NONE_FOUND = f"expected recordings ({', '.join(ENDINGS)}) in it, found none"
@@ -37,8 +37,8 @@ class BatchJob:
 
     Attributes:
         inputs: The recording, or all parts of a split one in order.
-        name: What its results are called, without ending, below the folder of the batch: `day1/drive`.
-        bytes: Size of the files; 0 where a server did not say it.
+        name: Name of its results, without ending, below the folder of the batch: `day1/drive`.
+        bytes: Size of the files; 0 if unknown.
     """
 
     inputs: tuple[Location, ...]
@@ -47,16 +47,16 @@ class BatchJob:
 
 
 def find_jobs(given: Sequence[str], out: Location) -> list[BatchJob]:
-    """One job a recording, ordered by name.
+    """One job per recording, ordered by name.
 
     Args:
-        given: Recordings, folders (`s3://bucket/logs`, too), patterns (`'logs/*.bag'`), URLs, and `@list.txt` with one
-            of these in a line.
+        given: Recordings, folders (also `s3://bucket/logs`), patterns (`'logs/*.bag'`), URLs, and `@list.txt` with one
+            of these per line.
         out: The folder of the results; it is not searched.
 
     Raises:
-        RecordingError: something is not there, a folder holds no recording or cannot be listed, or two results would
-            have one name.
+        RecordingError: an input does not exist, a folder holds no recording or cannot be listed, or two results would
+            have the same name.
     """
     jobs: list[BatchJob] = []
     for text in _listed(given):
@@ -78,7 +78,7 @@ def _listed(given: Iterable[str]) -> Iterator[str]:
             try:
                 lines = Path(text[1:]).read_text(encoding="utf-8").splitlines()
             except (OSError, ValueError) as err:
-                raise RecordingError(f"{text[1:]}: expected a list of recordings, one in a line: {err}") from err
+                raise RecordingError(f"{text[1:]}: expected a list of recordings, one per line: {err}") from err
             yield from (line.strip() for line in lines if line.strip() and not line.startswith("#"))
         elif "://" not in text and not Path(text).exists() and glob.has_magic(text):
             found = sorted(glob.glob(text, recursive=True))  # noqa: PTH207  # absolute or relative, as it was given
@@ -108,7 +108,7 @@ def _of(place: Location, text: str, out: Location) -> list[BatchJob]:
 
 
 def _of_bucket(place: RemotePath, out: Location) -> list[BatchJob]:
-    """The recordings below a URL, also those of a kind that is not read from there: their lines say so."""
+    """The recordings below a URL; those of formats that are only read locally fail later, with a line."""
     root, skipped = f"{place.url.rstrip('/')}/", f"{out.url.rstrip('/')}/" if isinstance(out, RemotePath) else None
     if root == skipped:
         raise RecordingError(f"{place}: {OTHER_FOLDER}")
@@ -141,7 +141,7 @@ def _is_recording(folder: Path) -> bool:
 
 
 def _split(paths: Iterable[L]) -> Iterator[list[L]]:
-    """Parts of a split recording together: `drive_0.bag`, `drive_1.bag`, ... that follow one another in time."""
+    """Groups the parts of split recordings: `drive_0.bag`, `drive_1.bag`, ... that follow one another in time."""
     parts: list[L] = []
     for path in paths:
         if parts and _goes_on(parts[-1], path):
@@ -163,9 +163,9 @@ def _goes_on(before: Location, path: Location) -> bool:
         return False
     try:
         with open_recording([before]) as first, open_recording([path]) as second:
-            return -LONGEST_PAUSE_NS < second.start_ns - first.end_ns < LONGEST_PAUSE_NS
+            return -MAX_PAUSE_NS < second.start_ns - first.end_ns < MAX_PAUSE_NS
     except LidcamError:
-        return False  # each has a job of its own, which says what is wrong with it
+        return False  # each gets a job of its own, which reports the error
 
 
 def _split_name(place: Location) -> tuple[str, str, str]:

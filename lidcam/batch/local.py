@@ -2,52 +2,59 @@
 
 import ctypes
 import os
+import pickle
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from tempfile import TemporaryDirectory, TemporaryFile
+from dataclasses import replace
+from tempfile import TemporaryFile
 from threading import Lock
+from typing import BinaryIO
 
-from lidcam.batch.engine import ENDED, JOB_MIB, Engine, Outcome
-from lidcam.pipeline.parallel.cores import usable_cores
+from lidcam.batch.engine import JOB_MIB, Engine, Task, cancelled
+from lidcam.batch.records import JobRecord
+from lidcam.pipeline.parallel.cores import THREADS_OF_LIBRARIES, usable_cores
 
-PROCESS = ("-m", "lidcam", "process")
-"""What Python runs."""
+WORKER = ("-m", "lidcam.batch.worker")
+TAIL_BYTES = 8192
 
 
 class LocalEngine(Engine):
     """Runs each job as a process of its own.
 
     Args:
-        jobs: How many at once.
-        program: What Python runs with the arguments of a job.
-        is_bound: Whether processes end if the thread ends that started them (Linux). Else what is nearly done when a
-            batch is killed is not lost.
+        jobs: Jobs at once.
+        program: Arguments of Python for the process of a job.
+        is_bound: Whether processes end with the thread that started them (Linux). Otherwise a batch that is killed
+            does not take its jobs along.
     """
 
-    def __init__(self, jobs: int, program: Sequence[str] = PROCESS, *, is_bound: bool = False) -> None:
+    def __init__(self, jobs: int, program: Sequence[str] = WORKER, *, is_bound: bool = False) -> None:
         super().__init__(jobs)
         self._program = program
         self._before = _ended_with_parent() if is_bound and sys.platform == "linux" else None
         self._children: set[subprocess.Popen[bytes]] = set()
         self._lock, self._is_ending = Lock(), False
 
-    def run(self, arguments: Sequence[str], *, keep_open: int | None) -> Outcome:
+    def run(self, task: Task, *, keep_open: int | None) -> JobRecord:
         """Run it as a process."""
         started = time.monotonic()
-        with TemporaryDirectory(prefix="lidcam-batch-") as folder, TemporaryFile() as errors:
-            figures = Path(folder) / "figures.json"
+        is_parallel = task.job.config.run.workers != 1
+        with TemporaryFile() as given, TemporaryFile() as result, TemporaryFile() as errors:
+            pickle.dump(task, given)
+            given.seek(0)
             with self._lock:
                 if self._is_ending:
-                    return ENDED
+                    return cancelled(task)
                 child = subprocess.Popen(
-                    [sys.executable, *self._program, *arguments, "--json-file", str(figures)],
-                    stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
+                    [sys.executable, *self._program],
+                    stdin=given,
+                    stdout=result,
                     stderr=errors,
+                    # Workers fill the cores; threads of libraries within each would wait for each other.
+                    env={**(dict.fromkeys(THREADS_OF_LIBRARIES, "1") if is_parallel else {}), **os.environ},
                     pass_fds=() if keep_open is None else (keep_open,),
                     preexec_fn=self._before,
                 )
@@ -56,15 +63,13 @@ class LocalEngine(Engine):
             with self._lock:
                 child.returncode = os.waitstatus_to_exitcode(status)  # it is gone: nothing may wait for its number
                 self._children.discard(child)
-            errors.seek(max(errors.seek(0, os.SEEK_END) - 8192, 0))
-            lines = errors.read().decode(errors="replace").splitlines()
-            return Outcome(
-                child.returncode,
-                next((line for line in reversed(lines) if line.strip()), ""),
-                figures.read_bytes() if figures.is_file() else b"",
-                usage.ru_utime + usage.ru_stime,
-                time.monotonic() - started,
-                usage.ru_maxrss / 1024,
+            result.seek(0)
+            record = pickle.load(result) if child.returncode == 0 else None  # noqa: S301  # of our own process
+            return replace(
+                record or _crashed(task, child.returncode, errors),
+                processor_s=round(usage.ru_utime + usage.ru_stime, 2),
+                wall_s=round(time.monotonic() - started, 2),
+                peak_mib=round(usage.ru_maxrss / 1024, 1),
             )
 
     def _end(self) -> None:
@@ -74,6 +79,16 @@ class LocalEngine(Engine):
                 child.terminate()
 
 
+def _crashed(task: Task, code: int, errors: BinaryIO) -> JobRecord:
+    """The record of a job whose process gave none."""
+    errors.seek(max(errors.seek(0, os.SEEK_END) - TAIL_BYTES, 0))
+    lines = errors.read().decode(errors="replace").split("\n")
+    message = next((line.strip() for line in reversed(lines) if line.strip()), f"ended with exit code {code}")
+    if code < 0 or code > 128:
+        message = f"ended by signal {-code if code < 0 else code - 128}"
+    return replace(task.record, state="failed", exit_code=code, message=message)
+
+
 def _ended_with_parent() -> Callable[[], object]:
     """A function that has this process get SIGTERM when the thread ends that forked it: prctl(2), PR_SET_PDEATHSIG."""
     prctl = ctypes.CDLL(None).prctl  # found before the fork, after which no lock of the loader may be waited for
@@ -81,6 +96,6 @@ def _ended_with_parent() -> Callable[[], object]:
 
 
 def jobs_that_fit(count: int) -> int:
-    """How many of `count` jobs cores and memory have room for at once."""
+    """The number of jobs, of `count`, that cores and memory have room for at once."""
     memory_mib = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_AVPHYS_PAGES") // 2**20
     return max(min(count, usable_cores(), memory_mib // JOB_MIB), 1)

@@ -1,19 +1,22 @@
-"""Jobs on a cluster of Ray, or on this machine by it: one task each, with the cores and the memory that it takes."""
+"""Jobs on a Ray cluster, or on this machine with Ray: one task each, with its cores and memory."""
 
 import logging
 import os
+import pickle
 import signal
 import socket
 from collections.abc import Callable, Generator, Sequence
 from contextlib import redirect_stdout
+from dataclasses import replace
 from importlib.metadata import version
 from io import TextIOBase
 from pathlib import Path
 from threading import Lock, current_thread, main_thread
 from typing import Any, TypeVar
 
-from lidcam.batch.engine import ENDED, JOB_MIB, Engine, Outcome
-from lidcam.batch.local import PROCESS
+from lidcam.batch.engine import JOB_MIB, Engine, Task, cancelled
+from lidcam.batch.local import WORKER
+from lidcam.batch.records import JobRecord
 from lidcam.pipeline.core.errors import LidcamError, WorkerError
 
 logger = logging.getLogger(__name__)
@@ -21,7 +24,7 @@ logger = logging.getLogger(__name__)
 T = TypeVar("T")
 
 TRIES = 4
-"""Of a job whose node died or ran out of memory."""
+"""Attempts at a job whose node died or ran out of memory."""
 
 QUIET = {
     "RAY_USAGE_STATS_ENABLED": "0",
@@ -32,26 +35,26 @@ QUIET = {
 CONNECT_S = 10.0
 
 STORE_BYTES = 100 << 20
-"""For objects between tasks, where Ray is started here: there are none."""
+"""Memory of Ray's object store, where Ray is started here; the smallest that Ray accepts, since tasks share none."""
 
 
 class RayEngine(Engine):
     """Runs each job as a task of Ray.
 
-    This process waits for as many tasks as have room, and holds their locks. Ray does a task again if its node died or
-    ran out of memory, and never because of its recording: what `lidcam process` says is a result.
+    This process waits for as many tasks as have room, and holds their locks. Ray retries a task if its node died or ran
+    out of memory, never because of its recording: a record of a failed job is a result.
 
     Args:
-        jobs: How many at once; as many as the nodes have room for if None.
-        cores: Of each job.
-        address: Of the cluster; Ray is started on this machine if None.
-        program: What Python runs on the nodes with the arguments of a job.
+        jobs: Jobs at once; None: as many as the nodes have room for.
+        cores: Cores of each job.
+        address: Address of the cluster; None starts Ray on this machine.
+        program: Arguments of Python for the process of a job.
 
     Raises:
         LidcamError: Ray is not installed, there is no cluster, or it has no room for a job.
     """
 
-    def __init__(self, jobs: int | None, cores: int, address: str | None, program: Sequence[str] = PROCESS) -> None:
+    def __init__(self, jobs: int | None, cores: int, address: str | None, program: Sequence[str] = WORKER) -> None:
         os.environ.update(QUIET | os.environ)
         try:
             import ray
@@ -88,36 +91,37 @@ class RayEngine(Engine):
         )
 
     def outcomes(self, tasks: Sequence[Callable[[Engine], T]]) -> Generator[T, None, None]:
-        """Those of the tasks; Ray is left, or ended where it was started here. What it prints meanwhile is logged."""
+        """See `Engine`; then leaves Ray, or stops it if it was started here. What Ray prints is logged."""
         with redirect_stdout(_Logged()):
             try:
                 yield from super().outcomes(tasks)
             finally:
                 self._ray.shutdown()
 
-    def run(self, arguments: Sequence[str], *, keep_open: int | None) -> Outcome:  # noqa: ARG002  # of this machine
+    def run(self, task: Task, *, keep_open: int | None) -> JobRecord:  # noqa: ARG002  # of this machine
         """Run it on a node that has room, and wait for it."""
         errors = self._ray.exceptions
         with self._lock:
             if self._is_ending:
-                return ENDED
-            ref = self._task.remote(self._program, [*arguments], str(Path.cwd()), version("lidcam"))
+                return cancelled(task)
+            ref = self._task.remote(self._program, pickle.dumps(task), str(Path.cwd()), version("lidcam"))
             self._refs.add(ref)
         try:
-            outcome: Outcome | str = self._ray.get(ref)
+            record: JobRecord | str = self._ray.get(ref)
         except errors.RayError as err:
             if self._is_ending:
-                return ENDED
-            lines = str(err).strip().splitlines() or [""]
+                return cancelled(task)
+            line = next(iter(str(err).strip().splitlines()), "")
+            message = f"its node died or ran out of memory, {TRIES} times: {line}"
             if isinstance(err, errors.RayTaskError):
-                return Outcome(1, lines[-1])
-            return Outcome(1, f"its node died or ran out of memory, {TRIES} times: {lines[0]}")
+                message = str(err).strip().splitlines()[-1]
+            return replace(task.record, state="failed", exit_code=1, message=message)
         finally:
             with self._lock:
                 self._refs.discard(ref)
-        if isinstance(outcome, str):
-            raise WorkerError(outcome)
-        return outcome
+        if isinstance(record, str):
+            raise WorkerError(record)
+        return record
 
     def _end(self) -> None:
         with self._lock:
@@ -127,7 +131,7 @@ class RayEngine(Engine):
 
 
 class _Logged(TextIOBase):
-    """Logs what is written: Ray prints on the standard output, where results are expected, that a node is gone."""
+    """Logs what Ray prints on stdout, where results are expected."""
 
     def write(self, text: str, /) -> int:
         for line in text.splitlines():
@@ -135,12 +139,13 @@ class _Logged(TextIOBase):
         return len(text)
 
 
-def _task() -> Callable[[tuple[str, ...], list[str], str, str], object]:
-    """What a node does; it travels as code, as lidcam may be missing there."""
+def _task() -> Callable[[tuple[str, ...], bytes, str, str], object]:
+    """The function that runs on a node; it travels as code, as lidcam may be missing there."""
 
-    def processed(program: tuple[str, ...], arguments: list[str], folder: str, wanted: str) -> object:
-        """The outcome, or what is wrong with the node."""
+    def processed(program: tuple[str, ...], task: bytes, folder: str, wanted: str) -> object:
+        """The record of the job, or a line about what is wrong with the node."""
         import os
+        import pickle
         import socket
         from importlib.metadata import PackageNotFoundError, version
 
@@ -156,16 +161,16 @@ def _task() -> Callable[[tuple[str, ...], list[str], str, str], object]:
         os.chdir(folder)
         from lidcam.batch.local import LocalEngine
 
-        return LocalEngine(1, program, is_bound=True).run(arguments, keep_open=None)
+        return LocalEngine(1, program, is_bound=True).run(pickle.loads(task), keep_open=None)  # noqa: S301  # from the batch
 
     return processed
 
 
 def _check(address: str) -> None:
-    """Check that somebody listens there: Ray tries for minutes.
+    """Check that a server listens at an address: Ray itself tries for minutes.
 
     Raises:
-        LidcamError: nobody does.
+        LidcamError: none does.
     """
     host, _, port = address.rpartition(":")
     if not host or not port.isdigit() or "//" in host:
@@ -177,5 +182,5 @@ def _check(address: str) -> None:
 
 
 def _room(resources: dict[str, float], cores: int) -> int:
-    """How many jobs a node has room for."""
+    """Number of jobs that a node has room for."""
     return int(min(resources.get("CPU", 0) // cores, resources.get("memory", 0) // (JOB_MIB << 20)))

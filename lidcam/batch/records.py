@@ -1,18 +1,20 @@
-"""What a batch knows of each job: a small JSON file beside the results, by which a second run does what is missing."""
+"""Records of the jobs of a batch: JSON files beside the results, which show what is missing or changed."""
 
 import json
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from hashlib import sha256
-from pathlib import Path
-from typing import Any, Literal
+from importlib.metadata import version
+from typing import Literal
 
 from lidcam.batch.jobs import BatchJob
 from lidcam.readers.files.remote import open_remote
 from lidcam.readers.location import Location, RemotePath
+from lidcam.run.summary import RunSummary
 
 FOLDER = ".lidcam-batch"
-"""In the folder of the results."""
+"""Folder of the records, in that of the results."""
 
 END_BYTES = 1 << 16
 
@@ -21,14 +23,14 @@ State = Literal["begun", "done", "incomplete", "failed", "busy"]
 
 @dataclass(frozen=True, slots=True)
 class JobRecord:
-    """One job, as it stands.
+    """The state of one job.
 
     Attributes:
-        name: What its results are called, without ending.
+        name: Name of its results, without ending.
         input: Its files, without credentials.
-        key: Of recording, settings, rig, network and version; equal keys have equal results.
-        state: `begun`: an earlier batch was killed while it was at work; `busy`: another batch is at work on it.
-        exit_code: As of `lidcam process`; negative: ended by that signal; None while it has none.
+        key: Digest of recording, settings, rig, network and version; equal keys have equal results.
+        state: `begun`: an earlier batch was killed while it ran; `busy`: another batch is running it.
+        exit_code: As `lidcam process` would exit; negative: ended by that signal; None while it has none.
         message: The line of error, or of what was incomplete.
         outputs: Sizes in bytes by the name of the file, relative to the folder of the batch.
         frames: Number of frames.
@@ -37,12 +39,12 @@ class JobRecord:
         skew_max_ms: Largest spread of the stamps in a frame; None without frames.
         lacking: Frames without a sensor that was recorded, by sensor.
         processor_s: Processor time of the job with all its processes, seconds.
-        wall_s: How long it took, seconds.
+        wall_s: Duration, seconds.
         peak_mib: Largest memory of one of its processes.
-        sha256: Of the inputs that were read as a whole, in order.
+        sha256: Checksums of the inputs that were read in full, in order.
         settings: Name of the settings.
         settings_sha256: Checksum of the settings that affect the result.
-        version: Of lidcam.
+        version: Version of lidcam.
     """
 
     name: str
@@ -65,36 +67,39 @@ class JobRecord:
     settings_sha256: str = ""
     version: str = ""
 
-    def with_figures(self, tree: Mapping[str, Any]) -> "JobRecord":
-        """With what `lidcam process --json` says."""
-        objects: dict[str, int] = {}
-        for one in tree["objects"]:
-            objects[one["class"]] = objects.get(one["class"], 0) + one["count"]
-        return replace(
-            self,
-            message=tree["failure"] or "; ".join(tree["incomplete"]),
-            frames=tree["frames"],
-            objects=dict(sorted(objects.items())),
-            dropped=sum(drop["count"] for drop in tree["drops"]),
-            skew_max_ms=tree["sync"]["skew_max_ms"],
-            lacking={one["sensor"]: one["frames"] for one in tree["missing"]},
-            sha256=tuple(one["sha256"] for one in tree["inputs"] if one["sha256"]),
-            settings=tree["settings"]["name"],
-            settings_sha256=tree["settings"]["sha256"],
-            version=tree["lidcam_version"],
-        )
-
     def is_current(self, key: str, size_of: Callable[[str], int | None]) -> bool:
-        """Whether the results are there, of these sizes, and need not be made again."""
+        """Whether the results exist, with these sizes, and are up to date."""
         if self.key != key or self.state not in {"done", "incomplete"}:
             return False
         return all(size_of(name) == size for name, size in (self.outputs or {}).items())
 
 
-def job_key(job: BatchJob, facts: Sequence[str]) -> str:
+def with_report(record: JobRecord, report: RunSummary) -> JobRecord:
+    """The record of a job that has ended with this report."""
+    objects: Counter[str] = Counter()
+    for (class_name, _), count in report.frames.objects.items():
+        objects[class_name] += count
+    return replace(
+        record,
+        state="incomplete" if report.incomplete else "done",
+        exit_code=3 if report.incomplete else 0,
+        message="; ".join(report.incomplete),
+        frames=report.frames.count,
+        objects=dict(sorted(objects.items())),
+        dropped=sum(drop.count for drop in report.drops.messages),
+        skew_max_ms=report.frames.skew_max_ms,
+        lacking={sensor.sensor: sensor.frames for sensor in report.sensors.missing},
+        sha256=tuple(file.sha256 for file in report.inputs.files if file.sha256),
+        settings=report.settings.name,
+        settings_sha256=report.settings_sha256,
+        version=version("lidcam"),
+    )
+
+
+def job_key(job: BatchJob, facts: Sequence[object]) -> str:
     """Hexadecimal digest of a recording and of other facts.
 
-    Of files the names, sizes, beginnings and ends count; of a file on a server what that says of it.
+    Local files count by name, size, first and last bytes, files on a server by the facts that it gives.
 
     Raises:
         OSError: one cannot be read.
@@ -106,47 +111,13 @@ def job_key(job: BatchJob, facts: Sequence[str]) -> str:
     return digest.hexdigest()
 
 
-def record_text(record: JobRecord) -> bytes:
-    """A record as JSON."""
-    return (json.dumps(asdict(record), indent=1) + "\n").encode()
-
-
-def record_of(text: bytes) -> JobRecord | None:
-    """The record that a text holds; None where it holds none."""
-    try:
-        tree = json.loads(text)
-        return JobRecord(**{field.name: tree[field.name] for field in fields(JobRecord)})
-    except (ValueError, KeyError, TypeError):
-        return None
-
-
-def read_record(path: Path) -> JobRecord | None:
-    """The record of a job; None where there is none that can be read."""
-    try:
-        return record_of(path.read_bytes())
-    except OSError:
-        return None
-
-
-def write_record(path: Path, record: JobRecord) -> None:
-    """Write it whole or not at all.
-
-    Raises:
-        OSError: it cannot be written.
-    """
-    beside = path.with_name(f"{path.name}.new")
-    beside.write_bytes(record_text(record))
-    beside.replace(path)
-
-
 def _ends(place: Location) -> bytes:
     if isinstance(place, RemotePath):
         found, stream = open_remote(place)
         stream.close()
         return repr((str(place), found.facts)).encode()
     digest = sha256()
-    files = sorted(one for one in place.rglob("*") if one.is_file()) if place.is_dir() else [place]
-    for file in files:
+    for file in sorted(one for one in place.rglob("*") if one.is_file()) if place.is_dir() else [place]:
         size = file.stat().st_size
         digest.update(f"{file.name} {size}\n".encode())
         with file.open("rb") as stream:
@@ -154,3 +125,17 @@ def _ends(place: Location) -> bytes:
                 stream.seek(at)
                 digest.update(stream.read(END_BYTES))
     return digest.digest()
+
+
+def record_text(record: JobRecord) -> bytes:
+    """A record as JSON."""
+    return (json.dumps(asdict(record), indent=1) + "\n").encode()
+
+
+def record_of(text: bytes) -> JobRecord | None:
+    """The record in a text; None where there is none."""
+    try:
+        tree = json.loads(text)
+        return JobRecord(**{field.name: tree[field.name] for field in fields(JobRecord)})
+    except (ValueError, KeyError, TypeError):
+        return None

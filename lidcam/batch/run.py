@@ -1,58 +1,73 @@
-"""A batch: what is missing is processed, longest recordings first; what is there and current stays."""
+"""A batch: processes what is missing or changed, largest recordings first."""
 
-import json
 import logging
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
+from hashlib import sha256
+from importlib.metadata import version
+from pathlib import Path
 
-from lidcam.batch.engine import Engine
+from lidcam.batch.engine import Engine, Task
 from lidcam.batch.jobs import BatchJob
-from lidcam.batch.records import JobRecord, State, job_key
-from lidcam.batch.store import Store, open_store
+from lidcam.batch.records import JobRecord, job_key
+from lidcam.batch.store import Store
 from lidcam.pipeline.core.errors import OutputError, RecordingError
 from lidcam.readers.location import Location
+from lidcam.run.effect import settings_sha256
+from lidcam.run.job import Job
 
 logger = logging.getLogger(__name__)
 
-STATES: dict[int, State] = {0: "done", 3: "incomplete"}
-"""By exit code; all others are failures."""
-
-PREFIXES = ("lidcam: error: ", "lidcam: incomplete: ")
+MATCHES = "_matches"
+OUTPUT_ENDINGS = {
+    "rerun": ".rrd",
+    "report": ".html",
+    "objects": ".parquet",
+    "video": ".mp4",
+    "save_matches": MATCHES,
+}
+"""Endings of the names of the outputs beside the .mcap, by the option; that of a folder has no dot."""
 
 
 @dataclass(frozen=True, slots=True)
 class BatchOptions:
-    """What is done to each recording.
+    """The processing of each recording.
 
     Attributes:
         out: Folder of the results, local or of an object store.
-        arguments: Options of `lidcam process`, as on its command line.
-        outputs: Further outputs of each recording: the option, and the ending of its file.
-        facts: All that results depend on besides the recording.
-        overwrite: Make again what is current, too, and replace files of those names that are no results.
-        fail_fast: Begin no other job after one that failed.
+        job: The job of each recording, without inputs and outputs; `overwrite` also reprocesses results that are up to
+            date.
+        endings: Further outputs of each recording, of `OUTPUT_ENDINGS`.
+        fail_fast: Start no other job after one that failed.
     """
 
     out: Location
-    arguments: Sequence[str]
-    outputs: Sequence[tuple[str, str]]
-    facts: Sequence[str]
-    overwrite: bool = False
+    job: Job
+    endings: Sequence[str] = ()
     fail_fast: bool = False
+
+    def facts(self) -> list[object]:
+        """All that results depend on besides the recording."""
+        job, choice = self.job, self.job.settings
+        settings = [settings_sha256(one) for one in (choice.config, *choice.by_preset.values())]
+        files = [sha256(path.read_bytes()).hexdigest() for path in job.read_files]
+        part = job.start_s, job.duration_s, job.on_bad_message
+        rig = job.rig and job.rig.model_dump_json()
+        return [version("lidcam"), settings, rig, part, files, *self.endings]
 
 
 def run_batch(
     jobs: Sequence[BatchJob], options: BatchOptions, engine: Engine, told: Callable[[JobRecord], None]
 ) -> list[JobRecord]:
-    """Process the recordings; their records in the order of the jobs, those that were not begun left out.
+    """Process the recordings; returns their records in the order of the jobs, without those that were not started.
 
     Args:
-        jobs: Of `find_jobs`.
-        options: What is done to each.
+        jobs: The recordings, from `find_jobs`.
+        options: Their processing.
         engine: Runs them.
-        told: Called with the record of each job that has ended, or was current already.
+        told: Called with the record of each job that has ended, or was up to date.
 
     Raises:
         OutputError: the folder cannot be written to.
@@ -60,8 +75,8 @@ def run_batch(
     ordered = sorted(jobs, key=lambda job: (-job.bytes, job.name))
     found: dict[str, JobRecord] = {}
     try:
-        store = open_store(options.out)
-        with closing(engine.outcomes([partial(_done, job, options, store) for job in ordered])) as outcomes:
+        store, facts = Store(options.out), options.facts()
+        with closing(engine.outcomes([partial(_done, job, options, store, facts) for job in ordered])) as outcomes:
             for record in outcomes:
                 found[record.name] = record
                 told(record)
@@ -72,68 +87,43 @@ def run_batch(
     return [found[job.name] for job in jobs if job.name in found]
 
 
-def _done(job: BatchJob, options: BatchOptions, store: Store, engine: Engine) -> JobRecord:
-    """The record of a job that has ended, or is current already."""
-    shown = ", ".join(map(str, job.inputs))
+def _done(job: BatchJob, options: BatchOptions, store: Store, facts: Sequence[object], engine: Engine) -> JobRecord:
+    """The record of a job that has ended, or is up to date."""
+    begun = JobRecord(job.name, ", ".join(map(str, job.inputs)), "", "begun")
     try:
-        key = job_key(job, options.facts)
-    except OSError as err:
-        return JobRecord(
-            job.name, shown, "", "failed", 1, f"{err.filename}: expected a file that can be read: {err.strerror}"
-        )
-    except RecordingError as err:
-        return JobRecord(job.name, shown, "", "failed", 1, str(err))
+        begun = replace(begun, key=job_key(job, facts))
+    except (OSError, RecordingError) as err:
+        line = f"{err.filename}: expected a readable file: {err.strerror}" if isinstance(err, OSError) else str(err)
+        return replace(begun, state="failed", exit_code=1, message=line)
     try:
-        return _kept(job, options, store, engine, JobRecord(job.name, shown, key, "begun"))
+        with store.held(job.name) as lock:
+            known = store.record(job.name)
+            if known is not None and known.is_current(begun.key, store.files.size) and not options.job.overwrite:
+                return known
+            if lock is None:
+                return replace(begun, state="busy", message="another batch is processing it")
+            if known is not None and known.state == "begun":
+                logger.warning("%s: an earlier batch was killed while it ran: it is processed again", job.name)
+            store.keep(begun)
+            record = _processed(job, options, store, engine, begun, lock)
+            store.keep(record)
+            return record
     except OutputError as err:  # the store refuses this one, and may take others
-        return JobRecord(job.name, shown, key, "failed", 1, str(err))
-
-
-def _kept(job: BatchJob, options: BatchOptions, store: Store, engine: Engine, begun: JobRecord) -> JobRecord:
-    """The same of a recording that can be read; kept in the store."""
-    with store.held(job.name) as lock:
-        known = store.record(job.name)
-        if known is not None and known.is_current(begun.key, store.size) and not options.overwrite:
-            return known
-        if lock is None:
-            return replace(begun, state="busy", message="another batch is at work on it")
-        if known is not None and known.state == "begun":
-            logger.warning("%s: an earlier batch ended while it was at work on it: it is processed again", job.name)
-        store.keep(begun)
-        record = _processed(job, options, store, engine, begun, lock)
-        store.keep(record)
-        return record
+        return replace(begun, state="failed", exit_code=1, message=str(err))
 
 
 def _processed(
     job: BatchJob, options: BatchOptions, store: Store, engine: Engine, begun: JobRecord, lock: int
 ) -> JobRecord:
-    outputs = {"": f"{job.name}.mcap"} | {option: _named(job.name, ending) for option, ending in options.outputs}
-    places = {option: store.place(name) for option, name in outputs.items()}
-    inputs = [getattr(one, "url", str(one)) for one in job.inputs]
-    arguments = [*inputs, places.pop(""), *options.arguments, "--quiet", *["--overwrite"] * options.overwrite]
-    arguments += [text for option, place in places.items() for text in (option, place)]
-    outcome = engine.run(arguments, keep_open=lock)
-    record = replace(
-        begun,
-        state=STATES.get(outcome.exit_code, "failed"),
-        exit_code=outcome.exit_code,
-        processor_s=round(outcome.processor_s, 2),
-        wall_s=round(outcome.wall_s, 2),
-        peak_mib=round(outcome.peak_mib, 1),
-    )
-    if outcome.figures:
-        record = record.with_figures(json.loads(outcome.figures))
+    names = [f"{job.name}{ending}" for ending in (".mcap", *options.endings) if ending != MATCHES]
+    matches = None
+    if MATCHES in options.endings:
+        folder, slash, name = job.name.rpartition("/")
+        matches = store.files.at(f"{folder}{slash}{name.replace('.', '_')}{MATCHES}")
+    template = options.job if not isinstance(matches, Path) else replace(options.job, save_matches=matches)
+    outputs = tuple(map(store.files.at, names))
+    record = engine.run(Task(begun, replace(template, inputs=job.inputs), outputs), keep_open=lock)
     if record.state == "failed":
-        line = outcome.message
-        for prefix in PREFIXES:
-            line = line.removeprefix(prefix)
-        return replace(record, message=line or f"ended by signal {-outcome.exit_code}")
-    sizes = {name: store.size(name) for name in outputs.values()}
+        return record
+    sizes = {name: store.files.size(name) for name in names}
     return replace(record, outputs={name: size for name, size in sizes.items() if size is not None})
-
-
-def _named(job: str, ending: str) -> str:
-    """The name of an output; that of a folder has no dots, which would look like the ending of a file."""
-    folder, slash, name = job.rpartition("/")
-    return f"{folder}{slash}{name if ending.startswith('.') else name.replace('.', '_')}{ending}"

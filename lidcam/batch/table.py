@@ -1,6 +1,7 @@
-"""The table of a batch as Parquet: a row for each recording."""
+"""The table of a batch, as Parquet: a row for each recording."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from io import BytesIO
 
 import pyarrow as pa
@@ -9,7 +10,7 @@ import pyarrow.parquet as pq
 from lidcam.batch.records import JobRecord
 
 TABLE = "_jobs.parquet"
-"""In the folder of the results. Readers of a folder of tables pass over names that begin so."""
+"""Table of the batch, in the folder of the results; readers of a folder of tables skip names like this."""
 
 SCHEMA = pa.schema(
     [
@@ -34,18 +35,14 @@ SCHEMA = pa.schema(
 )
 
 
-def table_of(records: Sequence[JobRecord]) -> bytes:
+def records_table(records: Sequence[JobRecord]) -> bytes:
     """A row for each record, as Parquet."""
     rows = [
         {
+            **asdict(one),
             "recording": one.name,
             "objects": [{"class": name, "count": count} for name, count in (one.objects or {}).items()],
             "lacking": [{"sensor": name, "frames": count} for name, count in (one.lacking or {}).items()],
-            **{
-                name: getattr(one, name)
-                for name in SCHEMA.names
-                if hasattr(one, name) and name not in {"objects", "lacking"}
-            },
         }
         for one in records
     ]

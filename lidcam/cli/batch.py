@@ -2,30 +2,16 @@
 
 import subprocess
 import sys
-from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, Unpack
 
 import typer
 
-from lidcam.cli.options import (
-    AsJson,
-    ConfigFile,
-    CopyTopics,
-    Duration,
-    Every,
-    Model2d,
-    Model3d,
-    OnBad,
-    RigFile,
-    Setting,
-    Start,
-    Workers,
-    with_log_options,
-)
+from lidcam.cli.options import AsJson, with_job_options, with_log_options
 from lidcam.cli.printing.log import remark_log
 from lidcam.cli.verdict import Verdict
 from lidcam.readers.location import location
+from lidcam.run.options import JobOptions
 
 if TYPE_CHECKING:
     from lidcam.batch.engine import Engine
@@ -34,7 +20,7 @@ if TYPE_CHECKING:
 # \b keeps the lines of a paragraph as they are.
 BATCH_EXAMPLES = """\b
 Exit codes: 0 all done; 3 part of a recording could not be used; 1 a recording
-failed; 2 wrong usage. A recording that fails stops no other.
+failed; 2 wrong usage. If one recording fails, the others go on.
 
 \b
 Examples:
@@ -48,76 +34,64 @@ from lidcam.cli.printing.compiling import compiled_together
 with compiled_together(shown=True):
     import lidcam.processing
 """
-"""In a process of its own, so that this one stays small: once, before many processes begin."""
-
-MATCHES = "_matches"
-"""End of the name of a folder of pictures, which has no ending."""
+"""Run once, before many processes begin, in a process of its own, so that this one stays small."""
 
 
 @with_log_options
+@with_job_options(
+    "config", "settings", "rig", "model_2d", "model_3d", "start_s", "duration_s", "every", "workers", "on_bad_message",
+    "copy_topics",
+)  # fmt: skip
 def batch(
     recordings: Annotated[
         list[str],
         typer.Argument(
             metavar="IN [IN ...]",
-            help="Recordings, folders of them (s3://bucket/folder, too), patterns ('logs/*.bag'), URLs, @LIST.txt with "
-            "one in a line.",
+            help="Recordings, folders (also s3://bucket/folder), patterns ('logs/*.bag'), URLs, or @LIST.txt with one "
+            "per line.",
         ),
     ],
-    out: Annotated[str, typer.Option("--out", metavar="DIR", help="Folder of the results, also s3://bucket/folder.")],
+    out: Annotated[
+        str, typer.Option("--out", metavar="DIR", help="Folder for the results; may be s3://bucket/folder.")
+    ],
     jobs: Annotated[
         int | None,
-        typer.Option(
-            min=1, metavar="N", help="Recordings at once; without it, as many as cores and memory have room for."
-        ),
+        typer.Option(min=1, metavar="N", help="Recordings at once. Default: as many as cores and memory allow."),
     ] = None,
     engine: Annotated[
-        Literal["local", "ray"], typer.Option(help="Processes of this machine, or tasks of Ray (extra ray).")
+        Literal["local", "ray"], typer.Option(help="Processes on this machine, or Ray tasks (extra ray).")
     ] = "local",
     address: Annotated[
         str | None,
-        typer.Option(
-            metavar="HOST:PORT", help="Of a Ray cluster, or `auto`; without it, Ray is started on this machine."
-        ),
+        typer.Option(metavar="HOST:PORT", help="Ray cluster address, or `auto`. Default: start Ray on this machine."),
     ] = None,
-    rerun: Annotated[bool, typer.Option("--rerun", help="Also write a Rerun recording of each.")] = False,
-    report: Annotated[bool, typer.Option("--report", help="Also write a page about each.")] = False,
-    objects: Annotated[
-        bool, typer.Option("--objects", help="Also write a Parquet table of the objects of each.")
+    rerun: Annotated[bool, typer.Option("--rerun", help="Also write Rerun recordings.")] = False,
+    report: Annotated[bool, typer.Option("--report", help="Also write pages about the results.")] = False,
+    objects: Annotated[bool, typer.Option("--objects", help="Also write Parquet tables of the objects.")] = False,
+    video: Annotated[bool, typer.Option("--video", help="Also write films (extra video).")] = False,
+    matches: Annotated[
+        bool, typer.Option("--save-matches", help="Also write folders with an image of each camera and frame.")
     ] = False,
-    video: Annotated[bool, typer.Option("--video", help="Also write a film of each (extra video).")] = False,
-    save_matches: Annotated[
-        bool, typer.Option("--save-matches", help="Also write a folder of pictures of each camera and frame.")
+    reprocess: Annotated[
+        bool, typer.Option("--overwrite", help="Reprocess results that are up to date, and overwrite other files.")
     ] = False,
-    config_file: ConfigFile = None,
-    settings: Setting = None,
-    rig_files: RigFile = None,
-    model_2d: Model2d = None,
-    model_3d: Model3d = None,
-    start: Start = 0.0,
-    duration_s: Duration = None,
-    every: Every = None,
-    workers: Workers = None,
-    on_bad_message: OnBad = "skip",
-    copy_topics: CopyTopics = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Process again what is current, too.")] = False,
     fail_fast: Annotated[
-        bool, typer.Option("--fail-fast", help="Begin no other recording after one that failed.")
+        bool, typer.Option("--fail-fast", help="Start no other recording after one that failed.")
     ] = False,
     as_json: AsJson = False,
+    **options: Unpack[JobOptions],
 ) -> None:
     """Process many recordings: one result each, and a table of all.
 
-    A second run does what is missing: a result stays as long as recording, settings, rig, network and version are the
-    same.
+    Re-running processes only what is missing or changed: recording, settings, rig, network or version.
     """
     from dataclasses import asdict
 
     from lidcam.batch.jobs import find_jobs
     from lidcam.batch.local import jobs_that_fit
-    from lidcam.batch.run import BatchOptions, run_batch
-    from lidcam.batch.store import open_store
-    from lidcam.batch.table import TABLE, table_of
+    from lidcam.batch.run import OUTPUT_ENDINGS, BatchOptions, run_batch
+    from lidcam.batch.store import Store
+    from lidcam.batch.table import TABLE, records_table
     from lidcam.cli.printing.batch import print_batch, shown_batch
     from lidcam.cli.printing.terminal import console, show_json
     from lidcam.pipeline.parallel.cores import usable_cores
@@ -126,60 +100,32 @@ def batch(
     if address is not None and engine != "ray":
         raise typer.BadParameter("expected --engine ray with it", param_hint="--address")
     place = location(out)
-    if save_matches and not isinstance(place, Path):
-        raise typer.BadParameter("pictures are written to a local folder", param_hint="--save-matches")
+    if matches and not isinstance(place, Path):
+        raise typer.BadParameter("images are written to a local folder", param_hint="--save-matches")
     found = find_jobs(recordings, place)
-    # Settings, rig and network are checked once, before any recording is read.
-    first = make_job(
-        found[0].inputs,
-        config=config_file,
-        settings=settings or (),
-        rig=rig_files,
-        model_2d=model_2d,
-        model_3d=model_3d,
-        copy_topics=copy_topics or None,
-        workers=workers,
-        start_s=start,
-        duration_s=duration_s,
-        every=every,
-        on_bad_message=on_bad_message,
-    )
-    store = open_store(place)
-    given = [
-        ("--config", config_file),
-        ("--model-2d", model_2d),
-        ("--model-3d", model_3d),
-        ("--duration", duration_s),
-        ("--start", start),
-        ("--every", every),
-    ]
-    arguments = [text for name, value in given if value for text in (name, str(value))]
-    many = [("--set", settings), ("--rig", rig_files), ("--copy-topics", copy_topics)]
-    arguments += [text for name, values in many for value in values or () for text in (name, value)]
-    arguments += ["--on-bad-message", on_bad_message]
-    switches = [
-        (rerun, "--rerun", ".rrd"),
-        (report, "--report", ".html"),
-        (objects, "--objects", ".parquet"),
-        (video, "--video", ".mp4"),
-        (save_matches, "--save-matches", MATCHES),
-    ]
-    outputs = [(option, ending) for wanted, option, ending in switches if wanted]
-    files = [sha256(path.read_bytes()).hexdigest() for path in first.read_files]
     at_once = min(jobs or jobs_that_fit(len(found)), len(found))
-    cores = workers or (1 if address else max(usable_cores() // at_once, 1))
-    options = BatchOptions(
-        place,
-        [*arguments, "--workers", str(cores)],
-        outputs,
-        facts=[_version(), *arguments, *(option for option, _ in outputs), *files],
-        overwrite=overwrite,
-        fail_fast=fail_fast,
-    )
+    cores = options.get("workers") or (1 if address else max(usable_cores() // at_once, 1))
+    # Settings, rig and network are checked once, before any recording is read.
+    options["overwrite"], options["workers"] = reprocess, cores
+    job = make_job((), **options)
+    wanted = {
+        "rerun": rerun,
+        "report": report,
+        "objects": objects,
+        "video": video,
+        "save_matches": matches,
+    }
+    endings = [OUTPUT_ENDINGS[name] for name, is_wanted in wanted.items() if is_wanted]
+    store = Store(place)
     subprocess.run([sys.executable, "-c", COMPILE], check=False)
     with shown_batch(found) as told:
-        records = run_batch(found, options, _engine(engine, jobs if address else at_once, cores, address), told)
-    store.write(TABLE, table_of(records))
+        records = run_batch(
+            found,
+            BatchOptions(place, job, endings, fail_fast=fail_fast),
+            _engine(engine, jobs if address else at_once, cores, address),
+            told,
+        )
+    store.files.put(TABLE, records_table(records))
     if as_json:
         show_json(console(), {"jobs": [asdict(record) for record in records]})
     else:
@@ -195,17 +141,11 @@ def _engine(name: str, jobs: int | None, cores: int, address: str | None) -> "En
     return RayEngine(jobs, cores, address) if name == "ray" else LocalEngine(jobs or 1)
 
 
-def _version() -> str:
-    from importlib.metadata import version
-
-    return version("lidcam")
-
-
 def _verdict(records: "list[JobRecord]", count: int) -> Verdict:
     failed = [record for record in records if record.state == "failed"]
     others = [f"{record.name}: {record.message}" for record in records if record.state in {"incomplete", "busy"}]
     if not failed:
         return Verdict((), others)
-    left = f"; {count - len(records)} were not begun" if count > len(records) else ""
+    left = f"; {count - len(records)} were not started" if count > len(records) else ""
     more = f", and {len(failed) - 1} more" if len(failed) > 1 else ""
     return Verdict((f"{len(failed)} of {count} recordings failed: {failed[0].name}: {failed[0].message}{more}{left}",))

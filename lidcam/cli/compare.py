@@ -100,8 +100,8 @@ def compare(
     from lidcam.readers.input_file import read_opened_files
     from lidcam.readers.results.result import open_result
     from lidcam.run.effect import COMPARING, check_effect
-    from lidcam.run.incomplete import changed_lines, damage_lines
     from lidcam.run.job import read_files
+    from lidcam.run.missing import changed_lines, damage_lines
 
     check_effect(settings or (), COMPARING)
     config = load_config(config_file, settings or ()).compare

@@ -38,14 +38,14 @@ def config_list(as_json: AsJson = False) -> None:
         show_json(console(), dict(preset_summaries()))
         return
     _show_pairs("presets", preset_summaries())
-    show_line(console(), "Without --config the recording decides: see the line `settings` of its final table.")
+    show_line(console(), "Without --config, the recording decides: see the line `settings` of the final table.")
 
 
 @config_app.command("show")
 @with_log_options
 def config_show(
     name: Annotated[str, typer.Argument(metavar="PRESET|FILE", help="sandbox, crossing, road, or a YAML file.")],
-    changes: Annotated[bool, typer.Option("--changes", help="Only what differs from the defaults.")] = False,
+    changes: Annotated[bool, typer.Option("--changes", help="Only differences from the defaults.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Print all settings of a preset or a file, as YAML to copy."""
@@ -66,12 +66,12 @@ def config_show(
 @config_app.command("explain")
 @with_log_options
 def config_explain(
-    key: Annotated[str, typer.Argument(metavar="KEY", help="A setting or a section; without it, the sections.")] = "",
+    key: Annotated[str, typer.Argument(metavar="KEY", help="A setting or a section. Default: list the sections.")] = "",
     as_json: AsJson = False,
 ) -> None:
     """Explain a setting.
 
-    Its meaning, unit, allowed values, default, and its value in each preset.
+    Meaning, unit, allowed values, default, and its value in each preset.
     """
     from lidcam.cli.printing.folding import show_line
     from lidcam.cli.printing.terminal import console, show_json

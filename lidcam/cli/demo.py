@@ -25,7 +25,7 @@ def demo(
 ) -> None:
     """Process the bundled sample recording.
 
-    The output goes to a folder; the last lines say how to open it.
+    Writes to a folder; the last lines tell how to open the outputs.
     """
     from lidcam.cli.printing.terminal import console
     from lidcam.run.job import make_job
@@ -69,6 +69,6 @@ def _remarks(recording: Path, mcap: Path, rerun: Path) -> list[str]:
 
 
 def _program(name: str) -> str:
-    """How the user calls a program that was installed with lidcam: by its name only if that is the one."""
+    """The command for a program that was installed with lidcam: its name if that is on the path, else its path."""
     path = str(Path(sys.executable).with_name(name))
     return name if shutil.which(name) == path else path

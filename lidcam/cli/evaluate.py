@@ -19,9 +19,9 @@ from lidcam.cli.verdict import Verdict
 
 # \b keeps the lines of a paragraph as they are.
 EVALUATE_EXAMPLES = """\b
-Exit codes: 0 done, and all requirements are met; 1 a requirement is not met,
-with a line each, or nothing could be evaluated; 2 wrong usage; 3 done, but
-part of the result is damaged.
+Exit codes: 0 done, all requirements met; 1 a requirement is not met, or
+nothing could be evaluated; 2 wrong usage; 3 done, but part of the result is
+damaged.
 
 \b
 Examples:
@@ -39,9 +39,7 @@ def evaluate(
     truth: Truth = None,
     truth_topic: Annotated[
         str,
-        typer.Option(
-            metavar="TOPIC", help="The topic of the truth; without it, the one that is called so.", show_default=False
-        ),
+        typer.Option(metavar="TOPIC", help="Ground-truth topic. Default: found by name.", show_default=False),
     ] = "",
     requirements: Require = None,
     rig_files: Annotated[
@@ -49,23 +47,21 @@ def evaluate(
         typer.Option(
             "--rig",
             metavar="FILE",
-            help="A rig file, of which the zones and the vehicles of the truth count; sensors are those of the result. "
-            "May be repeated.",
+            help="Rig file to take zones and ground-truth vehicles from. May be repeated.",
         ),
     ] = None,
     config_file: Annotated[
         str | None,
-        typer.Option("--config", metavar="FILE", help="Take the section evaluate of these settings, not the result's."),
+        typer.Option("--config", metavar="FILE", help="Use the section `evaluate` of these settings."),
     ] = None,
     settings: Setting = None,
     as_json: AsJson = False,
     json_file: JsonFile = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Measure a result: against truth, and without it.
+    """Evaluate a result, with and without ground truth.
 
-    Detection, calibration of scores, gain by fusion, tracks; by class, range
-    and zone.
+    Detection, calibration of scores, gain from fusion, tracks; by class, range and zone.
     """
     from lidcam.cli.json_output import figures_document, json_output
     from lidcam.cli.printing.evaluation import print_evaluation

@@ -23,7 +23,7 @@ Examples:
 def export(
     results: Annotated[list[Path], typer.Argument(metavar="RESULT.mcap...", help="What `lidcam process` wrote.")],
     format_name: Annotated[FormatName, typer.Option("--format", help="Layout of the data set.")],
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="The new folder; it is empty, or not there yet.")],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Output folder; must be empty or not exist.")],
     only: Annotated[
         Literal["confirmed"] | None, typer.Option("--only", help="Only objects that a camera confirms.")
     ] = None,
@@ -31,15 +31,15 @@ def export(
     camera: Annotated[
         str,
         typer.Option(
-            metavar="NAME", help="KITTI's image_2; without it, the first camera with images.", show_default=False
+            metavar="NAME", help="Camera for KITTI's image_2. Default: the first with images.", show_default=False
         ),
     ] = "",
     truth: Truth = None,
 ) -> None:
     """Write results as a data set: clouds, images, calibration, boxes.
 
-    Labels are the truth where there is one, else what lidcam found; that is
-    written with its scores in any case, as the format's own kit evaluates it.
+    Labels are the ground truth if there is any, else lidcam's objects, which are always written as scored detections,
+    too.
     """
     from lidcam.cli.printing.progress import show_progress
     from lidcam.outputs.allowed import Replaceable, check_no_input, check_replaced
@@ -57,6 +57,6 @@ def export(
         done = export_results(results, outputs[out], format_name, options, show_progress)
     for line in done.remarks:
         remark_log.info("%s", line)
-    labels = "" if done.true_objects is None else f", {done.true_objects} true ones"
+    labels = "" if done.true_objects is None else f", {done.true_objects} ground-truth objects"
     remark_log.info("wrote %s: %d frames, %d objects%s", out, done.frames, done.objects, labels)
     Verdict((), done.incomplete).end()

@@ -20,10 +20,10 @@ Examples:
 def fetch(
     name: Annotated[NetworkName, typer.Argument(metavar="NAME", help="yolox-nano, yolox-tiny or yolox-s.")],
 ) -> None:
-    """Download a 2D network from its maker, once.
+    """Download a 2D network from its publisher, once.
 
-    It goes into your data folder, and only if size and SHA-256 are right. `--model-2d NAME` then runs it. No other
-    command downloads a network.
+    It is kept in your data folder if size and SHA-256 match; `--model-2d NAME` runs it. No other command downloads
+    networks.
     """
     from pathlib import Path
 
@@ -36,6 +36,6 @@ def fetch(
     show_line(out, f"{name}, {network.size_bytes / 1e6:.1f} MB: {network.address}")
     show_line(out, f"licence {network.licence}: {network.licence_address}")
     if is_fetched(name):
-        remark_log.info("%s is there already", network_path(Path(name)))
+        remark_log.info("%s already exists", network_path(Path(name)))
     else:
         remark_log.info("wrote %s", fetch_network(name))

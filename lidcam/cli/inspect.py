@@ -1,31 +1,31 @@
 """The command `lidcam inspect`."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Unpack
 
 import typer
 
-from lidcam.cli.options import AsJson, ConfigFile, Overwrite, RigFile, Setting, ends_in, with_log_options
+from lidcam.cli.options import AsJson, output_option, with_job_options, with_log_options
 from lidcam.cli.printing.compiling import compiled_together
 from lidcam.cli.printing.log import is_verbose, remark_log
 from lidcam.cli.verdict import Verdict, first_of
 from lidcam.readers.location import location
+from lidcam.run.options import JobOptions
 
 if TYPE_CHECKING:
     from lidcam.checks.calibration.rig_check import RigCheck
     from lidcam.inspection import Inspection
-    from lidcam.readers.location import Location
     from lidcam.readers.recording import Recording, TopicInfo
-    from lidcam.run.choice import SettingsChoice
+    from lidcam.run.job import Job
     from lidcam.writers.outputs.transaction import OutputFile
 
 # \b keeps the lines of a paragraph as they are.
 INSPECT_EXAMPLES = """\b
-Exit codes: 0 sound, and all sensors can be used; 3 messages are lost, or
-sensors would be left out; 1 nothing can be processed; 2 wrong usage. With
---repair, 0 says that every message was copied.
+Exit codes: 0 sound, all sensors usable; 3 messages are lost, or sensors would
+be left out; 1 cannot be processed; 2 wrong usage. With --repair, 0 means that
+every message was copied.
 
 \b
 Examples:
@@ -39,30 +39,21 @@ Examples:
 
 
 @with_log_options
+@with_job_options("config", "settings", "rig", "overwrite")
 def inspect(
-    paths: Annotated[list[str], typer.Argument(metavar="IN [IN ...]", help="Recording (one, or parts of one).")],
-    config_file: ConfigFile = None,
-    settings: Setting = None,
-    rig_files: RigFile = None,
-    write_rig: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a starting rig (YAML).")] = None,
-    repair: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="OUT.mcap",
-            callback=ends_in(".mcap"),
-            help="Write every message that can still be read to a clean MCAP.",
-        ),
-    ] = None,
+    paths: Annotated[list[str], typer.Argument(metavar="IN [IN ...]", help="Recording, or the parts of one.")],
+    write_rig: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a draft rig (YAML).")] = None,
+    repair: Annotated[Path | None, output_option("Write all readable messages to a clean MCAP.", ".mcap")] = None,
     check: Annotated[
         bool,
-        typer.Option("--check", help="Process all of it to check poses and clocks; --write-rig writes them corrected."),
+        typer.Option("--check", help="Process it all to check poses and clocks; --write-rig writes them corrected."),
     ] = False,
-    overwrite: Overwrite = False,
     as_json: AsJson = False,
+    **options: Unpack[JobOptions],
 ) -> None:
-    """Show what is in a recording and what lidcam would use.
+    """Show the contents of a recording and what lidcam would use.
 
-    Topics, types, rates, gaps, sensors, where their calibration comes from, and what is damaged.
+    Topics, types, rates, gaps, sensors, sources of calibration, and damage.
     """
     from lidcam.inspection import inspect_open, inspect_recording
     from lidcam.outputs.allowed import REPAIRED, TEXT, check_no_input, check_replaced
@@ -70,40 +61,38 @@ def inspect(
     from lidcam.readers.recording import ReadOptions
     from lidcam.readers.rig.rig_file import rig_yaml
     from lidcam.readers.streams.per_sensor import sensor_messages
-    from lidcam.run.choice import choose_settings
     from lidcam.run.frames import TimeWindow
-    from lidcam.run.incomplete import damage_lines
-    from lidcam.run.job import read_files
+    from lidcam.run.job import make_job
+    from lidcam.run.missing import damage_lines
     from lidcam.writers.outputs.marks import marked_yaml
     from lidcam.writers.outputs.transaction import OutputTransaction
 
     if check and repair is not None:
         raise typer.BadParameter("not together with --repair: check the repaired recording", param_hint="--check")
-    inputs = tuple(map(location, paths))
-    choice = choose_settings(config_file, settings or ())
+    job = make_job([location(path) for path in paths], **options)
     files = [file for file in (repair, write_rig) if file is not None]
-    check_no_input(files, (*inputs, *read_files(config_file, rig_files)))
-    check_old = check_replaced(lambda path: REPAIRED if path == repair else TEXT, overwrite=overwrite)
+    check_no_input(files, (*job.inputs, *job.read_files))
+    check_old = check_replaced(lambda path: REPAIRED if path == repair else TEXT, overwrite=job.overwrite)
     remarks: list[str] = []
     verdict: Verdict | None = None
     checked: RigCheck | None = None
     with OutputTransaction(files, check_old=check_old) as outputs:
         if repair is None:
-            inspection = inspect_recording(inputs, choice, rig_files)
+            inspection = inspect_recording(job.inputs, job.settings, job.rig)
             check_no_input(files, inspection.files)
         else:
-            limits = choice.config.limits
+            limits = job.config.limits
             with (
-                open_recording(inputs, ReadOptions("full_scan", limits)) as recorded,
+                open_recording(job.inputs, ReadOptions("full_scan", limits)) as recorded,
                 sensor_messages(recorded, limits=limits) as recording,
             ):
                 check_no_input(files, recording.paths)
-                inspection = inspect_open(recording, choice, rig_files, TimeWindow())
+                inspection = inspect_open(recording, job.settings, job.rig, TimeWindow())
                 remarks += _repair(recorded, outputs[repair])
                 inspection = replace(inspection, losses=recorded.losses)
                 verdict = Verdict((), (*damage_lines(recorded.losses), *_not_copied(recorded)))
         if check and not inspection.problem:
-            checked = _checked(inputs, choice, rig_files)
+            checked = _checked(job)
         if write_rig is not None and checked is not None:
             outputs[write_rig].write_text(marked_yaml(rig_yaml(checked.corrected())))
             remarks.insert(0, f"wrote {write_rig}: {checked.correction_count} corrections")
@@ -120,23 +109,22 @@ def inspect(
 
 
 def _verdict(inspection: "Inspection", *, needs_rig: bool) -> Verdict:
-    """Of an inspection; one that wrote a rig to start from has not failed."""
+    """The verdict of an inspection; one that wrote a draft rig has not failed."""
     problem = f"lidcam could not process it: {inspection.problem}" if inspection.problem else ""
     if problem and needs_rig:
         return Verdict((f"{', '.join(map(str, inspection.files))}: {problem}",))
     return Verdict((), (*([problem] * bool(problem)), *inspection.incomplete))
 
 
-def _checked(inputs: "Sequence[Location]", choice: "SettingsChoice", rig_files: Sequence[str] | None) -> "RigCheck":
-    """The rig, judged by all of the recording."""
+def _checked(job: "Job") -> "RigCheck":
+    """The rig, checked by the whole recording."""
     with compiled_together(shown=True):
         from lidcam.rig_check import check_rig
     from lidcam.cli.printing.running import shown_run
     from lidcam.cli.printing.terminal import console
-    from lidcam.run.job import Job, read_rig
 
     with shown_run(console()) as observer:
-        return check_rig(Job(tuple(inputs), settings=choice, rig=read_rig(rig_files)), observer)
+        return check_rig(job, observer)
 
 
 def _print(
@@ -168,7 +156,7 @@ def _print(
 
 
 def _repair(recording: "Recording", output: "OutputFile") -> Iterator[str]:
-    """Write what can be read of a recording; name the topics that cannot be read."""
+    """Write the readable messages of a recording; yields lines about the file and topics that were not copied."""
     from lidcam.run.summary import loss_records
     from lidcam.writers.mcap.repair import write_repaired
 

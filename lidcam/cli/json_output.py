@@ -1,4 +1,4 @@
-"""The JSON of a command: one document with the figures, printed in place of the tables, written to a file, or both."""
+"""The JSON of a command: one document with the figures, printed instead of the tables, or written to a file."""
 
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
@@ -21,7 +21,7 @@ SCHEMA_NAME = "lidcam.figures"
 """docs/figures.schema.json describes it."""
 
 SCHEMA_VERSION = 1
-"""Rises when a key gets another meaning or is taken away, not when one is added."""
+"""Incremented when a key changes its meaning or is removed, not when one is added."""
 
 
 def figures_document(
@@ -35,18 +35,7 @@ def figures_document(
     warnings: Sequence[RunWarning] = (),
     notes: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """The result of a command as one JSON document.
-
-    Args:
-        command: Its name.
-        inputs: The files that it read, in the order in which they were named.
-        settings: At least their `name` and their `sha256`.
-        figures: Its figures, under keys of their own.
-        verdict: How it ends.
-        truth: Where the truth comes from; None without truth.
-        warnings: Why the figures may be doubtful.
-        notes: Remarks.
-    """
+    """The result of a command as one JSON document; `settings` has at least their `name` and `sha256`."""
     return {
         "schema": {"name": SCHEMA_NAME, "version": SCHEMA_VERSION},
         "lidcam_version": version("lidcam"),
@@ -65,15 +54,10 @@ def figures_document(
 def json_output(
     file: Path | None, *, inputs: Iterable[Location], overwrite: bool
 ) -> Generator[Callable[[Any], None], None, None]:
-    """A function that writes a document to the file; the file has its name when the block ends.
-
-    Args:
-        file: Where it is written; None: nowhere.
-        inputs: Files and folders that are read, and other outputs: none may be the file.
-        overwrite: Replace also what no earlier run wrote.
+    """A function that writes a document to the file, if any, which gets its name when the block ends.
 
     Raises:
-        OutputError: the file cannot be written, or must not be replaced.
+        OutputError: the file cannot be written, is an input or another output, or must not be replaced.
     """
     if file is None:
         yield lambda _: None

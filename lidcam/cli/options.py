@@ -2,42 +2,35 @@
 
 import inspect
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path, PurePath
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import typer
 
 from lidcam.cli.printing.log import Verbosity, configure_logging
 from lidcam.pipeline.core.errors import ConfigError
+from lidcam.run.options import JobOptions, attribute_docs
 
 logger = logging.getLogger(__name__)
 
 T = TypeVar("T", str, Path)
 
 MAX_SECONDS = 1e9
-"""Thirty years: longer than any recording, and well within 64 bits of nanoseconds."""
+"""Largest time of a recording that is accepted, seconds; well within 64 bits of nanoseconds."""
 
 
 def seconds(value: float | None) -> float | None:
-    """Refuse times that no recording has.
-
-    Raises:
-        typer.BadParameter: the value is too large or not a number.
-    """
+    """Refuse times that are too large or not a number."""
     if value is not None and not value <= MAX_SECONDS:
         raise typer.BadParameter(f"expected at most {MAX_SECONDS:.0f} seconds, found {value}")
     return value
 
 
 def duration(value: float | None) -> float | None:
-    """Refuse times that no recording lasts.
-
-    Raises:
-        typer.BadParameter: the value is 0, too large or not a number.
-    """
+    """Refuse durations that are 0, too large or not a number."""
     if value == 0:
         raise typer.BadParameter("expected more than 0 seconds")
     return seconds(value)
@@ -55,13 +48,14 @@ def ends_in(*endings: str) -> Callable[[T | None], T | None]:
     return check
 
 
+def output_option(text: str, *endings: str, name: str = "OUT") -> Any:
+    """An option that names an output with one of these endings."""
+    return typer.Option(metavar="|".join(f"{name}{one}" for one in endings), callback=ends_in(*endings), help=text)
+
+
 @contextmanager
 def requirement_errors() -> Iterator[None]:
-    """Turn requirements that cannot be read, or name no figure, into wrong usage.
-
-    Raises:
-        typer.BadParameter: there is one.
-    """
+    """Turn requirements that cannot be parsed, or name an unknown figure, into wrong usage."""
     try:
         yield
     except ConfigError as err:
@@ -72,139 +66,36 @@ def requirement_errors() -> Iterator[None]:
         raise typer.BadParameter(str(err), param_hint="--require") from err
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
-        from importlib.metadata import version  # it takes a fifth of what --help does
-
-        typer.echo(f"lidcam {version('lidcam')}")
-        raise typer.Exit
+CHECKS: dict[str, Callable[[Any], Any]] = {"start_s": seconds, "duration_s": duration, "save_matches": ends_in("")}
+"""Checks of the values of options of a job."""
 
 
-def _scenarios(incomplete: str) -> list[str]:
-    from lidcam.bags.simulator.scenario.load import scenario_names  # the shell asks; other commands do without
-
-    return [name for name in scenario_names() if name.startswith(incomplete)]
-
-
-Version = Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")]
-ConfigFile = Annotated[
-    str | None,  # a Path would turn ./road, a file, into road, a preset
-    typer.Option(
-        "--config",
-        metavar="PRESET|FILE",
-        help="Settings: sandbox, crossing, road, or a YAML file; without it, what suits the recording.",
-    ),
-]
-Setting = Annotated[list[str] | None, typer.Option("--set", metavar="A.B=C", help="One setting; may be repeated.")]
-RigFile = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--rig",
-        metavar="FILE",
-        help="Sensors, calibration and zones: a rig file, a preset (original), or a calibration file of KITTI, Kalibr "
-        "or Autoware. May be repeated: later files add and replace. Without it, as recorded.",
-    ),
-]
-Model2d = Annotated[
-    str | None,
-    typer.Option(
-        "--model-2d",
-        metavar="FILE.onnx|NAME",
-        help="2D network: an ONNX file, or a name that `lidcam fetch` brought.",
-    ),
-]
-Model3d = Annotated[
-    Path | None,
-    typer.Option(
-        "--model-3d",
-        metavar="FILE.onnx|NAME",
-        help="3D network: an ONNX file, `traffic` (the default for road users of full size) or `sandbox`.",
-    ),
-]
-Start = Annotated[float, typer.Option(min=0, metavar="S", callback=seconds, help="Skip the first S seconds.")]
-Duration = Annotated[
-    float | None,
-    typer.Option(
-        "--duration", min=0, metavar="S", callback=duration, help="Process S seconds; without it, to the end."
-    ),
-]
-Every = Annotated[int | None, typer.Option("--every", min=1, metavar="N", help="Process every Nth frame only.")]
-Workers = Annotated[
-    int | None,
-    typer.Option(
-        min=1,
-        metavar="N",
-        help="Processes that share the frames; without it, run.workers of the settings, else one per core. The "
-        "output is the same.",
-    ),
-]
-OnBad = Annotated[
-    Literal["skip", "fail"],
-    typer.Option(help="What to do about a message that cannot be decoded, or a damaged file."),
-]
-CopyTopics = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--copy-topics",
-        metavar="PATTERN",
-        help="Topics to copy to the output, as /map or '/ground_truth/*'; may be repeated. Without it, those of "
-        "the truth.",
-    ),
-]
-Overwrite = Annotated[
-    bool,
-    typer.Option(
-        "--overwrite",
-        help="Also replace what no earlier run of this command wrote, such as a recording; never an input.",
-    ),
-]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON, in place of tables.")]
-JsonFile = Annotated[
-    Path | None,
-    typer.Option("--json-file", metavar="FILE.json", callback=ends_in(".json"), help="Write the result as JSON, too."),
-]
-Require = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--require",
-        metavar='"FIGURE >= N"',
-        help="Exit with 1 if a figure is not so; @FILE has one in a line. May be repeated.",
-    ),
-]
-Scenario = Annotated[
-    str,
-    typer.Argument(metavar="SCENARIO", help="Name of a scenario, or a YAML file.", autocompletion=_scenarios),
-]
-RecordingOut = Annotated[Path, typer.Argument(metavar="OUT", help="OUT.bag, OUT.mcap, or a folder (sqlite3).")]
-Format = Annotated[
-    Literal["ros1", "sqlite3", "mcap"] | None,
-    typer.Option("--format", help="Format of the recording; without it, the ending of its name decides."),
-]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log what is done to stderr, frame by frame.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Only errors and the result.")]
-LogFile = Annotated[
-    Path | None,
-    # Lines are appended: to no recording by mistake.
-    typer.Option(
-        "--log-file", metavar="FILE", callback=ends_in(".log", ".txt"), help="Append the whole log, with times (UTC)."
-    ),
-]
-Truth = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="PATH",
-        help="A recording with topics of truth, or labels; without it, what was copied into the result. May be "
-        "repeated.",
-    ),
-]
-Seed = Annotated[int | None, typer.Option(min=0, metavar="N", help="Seed of the noise, instead of the scenario's.")]
+def job_option(name: str) -> Any:
+    """The command-line option of a keyword of `JobOptions`."""
+    cli = JobOptions.__annotations__[name].__metadata__[0]
+    text = attribute_docs(JobOptions)[name] + " May be repeated." * (cli.type == list[str])
+    return typer.Option(cli.name, metavar=cli.metavar, min=cli.minimum, callback=CHECKS.get(name), help=text)
 
 
-def _log_versions() -> None:
-    from importlib.metadata import version
-    from platform import platform, python_version
+def with_job_options(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """A decorator for commands that take `**options` of a job: the command line gets the named ones.
 
-    logger.info("lidcam %s, Python %s, %s", version("lidcam"), python_version(), platform())
+    The command gets those that are given. In the help they follow the required parameters.
+    """
+    options: dict[str, tuple[Any, Any]] = {}
+    for name in names:
+        kind = JobOptions.__annotations__[name].__metadata__[0].type
+        is_switch = kind is bool
+        options[name] = (Annotated[kind if is_switch else kind | None, job_option(name)], False if is_switch else None)
+
+    def decorated(command: Callable[..., None]) -> Callable[..., None]:
+        @wraps(command)
+        def called(*args: object, **kwargs: object) -> None:
+            command(*args, **{key: value for key, value in kwargs.items() if key not in options or value is not None})
+
+        return _with_parameters(called, command, options, first=True)
+
+    return decorated
 
 
 def with_log_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -222,13 +113,94 @@ def with_log_options(command: Callable[..., None]) -> Callable[..., None]:
             _log_versions()
         command(*args, **kwargs)
 
-    # Typer takes the options from these.
     options = {"verbose": (Verbose, False), "quiet": (Quiet, False), "log_file": (LogFile, None)}
-    signature = inspect.signature(command)
+    return _with_parameters(configured, command, options)
+
+
+def _with_parameters(
+    wrapper: Callable[..., None],
+    command: Callable[..., None],
+    options: Mapping[str, tuple[Any, Any]],
+    *,
+    first: bool = False,
+) -> Callable[..., None]:
+    """The wrapper with the signature of a command and these options, as (annotation, default), first or last."""
+    own = [
+        parameter
+        for parameter in inspect.signature(command).parameters.values()
+        if parameter.kind != inspect.Parameter.VAR_KEYWORD
+    ]
     added = [
-        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+        inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD, default=default, annotation=annotation)
         for name, (annotation, default) in options.items()
     ]
-    vars(configured)["__signature__"] = signature.replace(parameters=[*signature.parameters.values(), *added])
-    configured.__annotations__ = {**command.__annotations__, **{name: kind for name, (kind, _) in options.items()}}
-    return configured
+    at = sum(parameter.default is inspect.Parameter.empty for parameter in own) if first else len(own)
+    parameters = [*own[:at], *added, *own[at:]]
+    vars(wrapper)["__signature__"] = inspect.Signature(parameters)
+    wrapper.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters} | {"return": None}
+    return wrapper
+
+
+def _log_versions() -> None:
+    from importlib.metadata import version
+    from platform import platform, python_version
+
+    logger.info("lidcam %s, Python %s, %s", version("lidcam"), python_version(), platform())
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version  # it takes a fifth of what --help does
+
+        typer.echo(f"lidcam {version('lidcam')}")
+        raise typer.Exit
+
+
+def _scenarios(incomplete: str) -> list[str]:
+    from lidcam.bags.simulator.scenario.load import scenario_names  # the shell asks; other commands do without
+
+    return [name for name in scenario_names() if name.startswith(incomplete)]
+
+
+Version = Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")]
+ConfigFile = Annotated[str | None, job_option("config")]
+Setting = Annotated[list[str] | None, job_option("settings")]
+RigFile = Annotated[list[str] | None, job_option("rig")]
+Overwrite = Annotated[bool, job_option("overwrite")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON instead of tables.")]
+JsonFile = Annotated[Path | None, output_option("Also write the result as JSON.", ".json", name="FILE")]
+Require = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--require",
+        metavar='"FIGURE >= N"',
+        help="Exit with code 1 if a requirement is not met; @FILE lists one per line. May be repeated.",
+    ),
+]
+Scenario = Annotated[
+    str,
+    typer.Argument(metavar="SCENARIO", help="Name of a scenario, or a YAML file.", autocompletion=_scenarios),
+]
+RecordingOut = Annotated[Path, typer.Argument(metavar="OUT", help="OUT.bag, OUT.mcap, or a folder (sqlite3).")]
+Format = Annotated[
+    Literal["ros1", "sqlite3", "mcap"] | None,
+    typer.Option("--format", help="Format of the recording. Default: by the ending of its name."),
+]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log every step to stderr, frame by frame.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print only errors and the result.")]
+LogFile = Annotated[
+    Path | None,
+    # Lines are appended: to no recording by mistake.
+    typer.Option(
+        "--log-file", metavar="FILE", callback=ends_in(".log", ".txt"), help="Append the full log, with UTC times."
+    ),
+]
+Truth = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="PATH",
+        help="Ground truth: a recording with truth topics, or labels. Default: the topics copied into the result. May "
+        "be repeated.",
+    ),
+]
+Seed = Annotated[int | None, typer.Option(min=0, metavar="N", help="Seed of the noise. Default: the scenario's.")]

@@ -4,37 +4,26 @@ import logging
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
 import typer
 
 from lidcam.cli.options import (
     AsJson,
-    ConfigFile,
-    CopyTopics,
-    Duration,
-    Every,
     JsonFile,
-    Model2d,
-    Model3d,
-    OnBad,
-    Overwrite,
     Require,
-    RigFile,
-    Setting,
-    Start,
     Version,
-    Workers,
-    ends_in,
+    output_option,
     requirement_errors,
+    with_job_options,
     with_log_options,
 )
 from lidcam.cli.printing.compiling import compiled_together
 from lidcam.cli.printing.log import is_verbose, remark_log
-from lidcam.cli.strict import MAX_DROPPED_PERCENT, strict_failure
-from lidcam.cli.verdict import Verdict
+from lidcam.cli.verdict import Verdict, strict_failure
 from lidcam.pipeline.parallel.cores import THREADS_OF_LIBRARIES
 from lidcam.readers.location import location
+from lidcam.run.options import JobOptions
 
 if TYPE_CHECKING:
     from lidcam.evaluation.evaluation import Evaluation
@@ -46,10 +35,10 @@ logger = logging.getLogger(__name__)
 
 # \b keeps the lines of a paragraph as they are.
 PROCESS_EXAMPLES = """\b
-Exit codes: 0 done, and nothing is missing; 1 failed, nothing was written (or
+Exit codes: 0 done, nothing is missing; 1 failed, nothing was written (or
 --strict or --require is not met, and the outputs are kept); 2 wrong usage;
-3 done, but part of the recording could not be used. The last lines on stderr
-say what.
+3 done, but part of the recording could not be used. See the last lines on
+stderr.
 
 \b
 Examples:
@@ -63,114 +52,48 @@ Examples:
 
 
 @with_log_options
+@with_job_options(*JobOptions.__annotations__)
 def process(
     paths: Annotated[
         list[str],
         typer.Argument(
             metavar="IN [IN ...] OUT.mcap",
-            help="Recording (.bag, ROS 2 folder, .mcap, .db3, .pcap, or the URL of an .mcap), then output, also s3://.",
+            help="Recording (.bag, ROS 2 folder, .mcap, .db3, .pcap, or the URL of an .mcap), then the output; both "
+            "may be s3://.",
         ),
     ],
-    config_file: ConfigFile = None,
-    settings: Setting = None,
-    rig_files: RigFile = None,
-    rerun: Annotated[
-        str | None,
-        typer.Option(metavar="OUT.rrd", callback=ends_in(".rrd"), help="Also write a Rerun recording."),
-    ] = None,
+    rerun: Annotated[str | None, output_option("Also write a Rerun recording.", ".rrd")] = None,
     objects: Annotated[
         str | None,
-        typer.Option(
-            metavar="OUT.csv|OUT.parquet",
-            callback=ends_in(".csv", ".parquet"),
-            help="Also write a table of the objects, one row per object and frame.",
-        ),
+        output_option("Also write a table of the objects, one row per object and frame.", ".csv", ".parquet"),
     ] = None,
-    objects_clouds: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            callback=ends_in(""),
-            help="Also write the points of each object, gathered over its track, as a PCD file into this folder.",
-        ),
-    ] = None,
-    report: Annotated[
-        str | None,
-        typer.Option(metavar="OUT.html", callback=ends_in(".html"), help="Also write a page about the result."),
-    ] = None,
-    save_matches: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            callback=ends_in(""),
-            help="Also write a picture (JPEG) of each camera and frame into this folder: 2D and 3D boxes, matches.",
-        ),
-    ] = None,
+    report: Annotated[str | None, output_option("Also write a page about the result.", ".html")] = None,
     video: Annotated[
         str | None,
-        typer.Option(
-            metavar="OUT.mp4",
-            callback=ends_in(".mp4"),
-            help="Also write a film of all cameras and the site from above (extra video).",
-        ),
+        output_option("Also write a film of all cameras and the site from above (extra video).", ".mp4"),
     ] = None,
-    model_2d: Model2d = None,
-    model_3d: Model3d = None,
-    view: Annotated[
-        bool, typer.Option("--view", help="Show the frames in the Rerun viewer while the run goes on.")
-    ] = False,
-    foxglove: Annotated[
-        str | None,
-        typer.Option(
-            metavar="[HOST:]PORT",
-            help="Serve the frames to Foxglove while the run goes on; without a host, to this machine alone.",
-        ),
-    ] = None,
-    pace: Annotated[
-        float | None,
-        typer.Option(
-            metavar="TIMES",
-            help="Run no faster than this many times the pace of the recording, as 1; without it, as fast as possible.",
-        ),
-    ] = None,
-    start: Start = 0.0,
-    duration_s: Duration = None,
-    every: Every = None,
-    workers: Workers = None,
-    overwrite: Overwrite = False,
-    on_bad_message: OnBad = "skip",
-    copy_topics: CopyTopics = None,
     print_detections: Annotated[
-        bool, typer.Option("--print-detections", help="Print what each sensor and the fusion found, frame by frame.")
+        bool, typer.Option("--print-detections", help="Print each frame's detections by sensor, and the fused objects.")
     ] = False,
     print_matches: Annotated[
-        bool, typer.Option("--print-matches", help="Print which 2D box is which object, frame by frame.")
+        bool, typer.Option("--print-matches", help="Print each frame's matches between 2D boxes and objects.")
     ] = False,
     as_json: AsJson = False,
     json_file: JsonFile = None,
     evaluate_: Annotated[
-        bool, typer.Option("--evaluate", help="Then measure the result, as `lidcam evaluate` does.")
+        bool, typer.Option("--evaluate", help="Evaluate the result afterwards, like `lidcam evaluate`.")
     ] = False,
     requirements: Require = None,
     strict: Annotated[
         bool,
         typer.Option(
             "--strict",
-            help="Exit with 1 if a sensor was left out or fell silent, too much of a topic was dropped, or a file is "
-            "damaged; the outputs are kept.",
+            help="Exit with code 1 if a sensor is left out, a file is damaged, or more than 5 % of a sensor's frames "
+            "or a topic's messages are missing; outputs are kept.",
         ),
     ] = False,
-    max_dropped: Annotated[
-        float | None,
-        typer.Option(
-            "--max-dropped",
-            min=0,
-            max=100,
-            metavar="PERCENT",
-            help="How much of a topic, and of the frames of a sensor, may be missing with --strict.  [default: 5]",
-        ),
-    ] = None,
     _: Version = False,
+    **options: Unpack[JobOptions],
 ) -> None:
     """Turn a recording into fused objects (MCAP, Rerun)."""
     if len(paths) < 2:
@@ -184,9 +107,7 @@ def process(
             "to a file with --json-file FILE.json",
             param_hint="--json",
         )
-    if max_dropped is not None and not strict:
-        raise typer.BadParameter("counts only with --strict, which is missing", param_hint="--max-dropped")
-    if workers != 1:
+    if options.get("workers") != 1:
         # Processes already fill the cores; threads of libraries inside of one would only wait for each other.
         # Read once, when the libraries are loaded.
         for name in THREADS_OF_LIBRARIES:
@@ -194,34 +115,14 @@ def process(
     from lidcam.outputs.sending import sent_when_complete
     from lidcam.run.job import make_job
 
-    others = [location(one) for one in (rerun, objects, report, video) if one is not None]
-    outputs = [output, *others, *([] if objects_clouds is None else [objects_clouds])]
-    with requirement_errors(), sent_when_complete(outputs, inputs, overwrite=overwrite) as sending:
+    outputs = [output, *(location(one) for one in (rerun, objects, report, video) if one is not None)]
+    with requirement_errors(), sent_when_complete(outputs, inputs, overwrite=options["overwrite"]) as sending:
         required: Sequence[Requirement] | None = () if evaluate_ else None
         if requirements:
             from lidcam.evaluation.requirement import read_requirements
 
             required = read_requirements(requirements)
-        job = make_job(
-            inputs,
-            sending.local,
-            config=config_file,
-            settings=settings or (),
-            rig=rig_files,
-            model_2d=model_2d,
-            model_3d=model_3d,
-            copy_topics=copy_topics or None,
-            workers=workers,
-            start_s=start,
-            duration_s=duration_s,
-            every=every,
-            on_bad_message=on_bad_message,
-            overwrite=overwrite,
-            view=view,
-            foxglove=foxglove,
-            pace=pace,
-            save_matches=save_matches,
-        )
+        job = make_job(inputs, sending.local, **options)
         if job.foxglove is not None:
             remark_log.info("in Foxglove: Open connection, ws://%s:%d", *job.foxglove)
         run_process(
@@ -230,7 +131,7 @@ def process(
             matches=print_matches,
             as_json=as_json,
             json_file=json_file,
-            max_dropped_percent=(MAX_DROPPED_PERCENT if max_dropped is None else max_dropped) if strict else None,
+            strict=strict,
             requirements=required,
             send=sending.send,
         )
@@ -243,7 +144,7 @@ def run_process(
     matches: bool = False,
     as_json: bool = False,
     json_file: Path | None = None,
-    max_dropped_percent: float | None = None,
+    strict: bool = False,
     requirements: "Sequence[Requirement] | None" = None,
     send: "Callable[[RunSummary], RunSummary]" = lambda report: report,
 ) -> None:
@@ -251,19 +152,18 @@ def run_process(
 
     Args:
         job: The recording, the settings and the outputs.
-        detections: Print what each sensor and the fusion found, frame by frame.
-        matches: Print which 2D box is which object, frame by frame.
-        as_json: Print JSON in place of the tables.
-        json_file: Where the JSON is written; None: nowhere.
-        max_dropped_percent: Limit of `--strict`; None: not strict.
+        detections: Print the detections of each frame.
+        matches: Print the matches of each frame.
+        as_json: Print JSON instead of tables.
+        json_file: File for the JSON.
+        strict: Fail if too little of the recording was used.
         requirements: Limits that the figures of the result must meet; None: the result is not evaluated.
-        send: Called with the report when the outputs are complete; puts them where they belong.
+        send: Called with the report when the outputs are complete; puts them in place.
 
     Raises:
-        RequirementError: a requirement names a figure that there cannot be; nothing is processed.
-        CheckError: the run used less of the recording than it has to, or a requirement is not met; the outputs stay.
-        IncompleteError: part of the recording could not be used; the outputs stay.
-        LidcamError: the input, the calibration, the settings or an output is at fault; no output is left behind.
+        CheckError: a check failed; the outputs are kept.
+        IncompleteError: part of the recording could not be used; the outputs are kept.
+        LidcamError: as in `process_recording`.
     """
     with compiled_together(shown=True):
         from lidcam.processing import process_recording
@@ -279,7 +179,7 @@ def run_process(
         with shown_run(out, requirements or (), detections=detections, matches=matches) as observer:
             report = process_recording(job, observer)
         evaluation = None if requirements is None else _evaluated(job, requirements)
-        failure = "" if max_dropped_percent is None else strict_failure(report, max_dropped_percent)
+        failure = strict_failure(report) if strict else ""
         failures = ((failure,) if failure else ()) + (evaluation.failures if evaluation else ())
         verdict = Verdict(failures, report.incomplete)
         report = send(report)
@@ -290,7 +190,7 @@ def run_process(
     for warning in report.warnings:
         logger.info("warning: %s", warning)
     rate_hz = report.timing.frames_per_second
-    logger.info("done: %d frames, %.1f a second, written: %s", report.frames.count, rate_hz, report.outputs)
+    logger.info("done: %d frames, %.1f per second, written: %s", report.frames.count, rate_hz, report.outputs)
     if as_json:
         show_json(out, tree)
     else:

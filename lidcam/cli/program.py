@@ -1,13 +1,11 @@
 """Running a program: known errors become one line and an exit code; the only place that exits.
 
-Exit codes: 0 done, and nothing that was asked for is missing; 1 failed, with one line on stderr: nothing was written,
-or checks failed, with a line each, and the outputs are there; 2 wrong usage; 3 done, the outputs are complete, but part
-of the recording could not be used: the last line on stderr says what; 128 + N ended by signal N, see
-`lidcam.__main__`; anything else is a bug and shows its traceback. Results go to stdout, progress and log to
-stderr.
+Exit codes: 0 done; 1 failed, with one line on stderr, and nothing was written, or checks failed, with a line each, and
+the outputs are kept; 2 wrong usage; 3 done, but part of the recording could not be used, as the last line on stderr
+says; 128 + N ended by signal N, see `lidcam.signals`. Anything else is a bug and shows its traceback. Results go to
+stdout, progress and log to stderr.
 """
 
-import errno
 import gc
 import io
 import logging
@@ -21,19 +19,13 @@ from typer.exceptions import TyperException
 from lidcam.cli.printing.escaping import visible, visible_lines
 from lidcam.cli.printing.log import configure_logging, verdict_log
 from lidcam.cli.verdict import FAILED, INCOMPLETE
-from lidcam.pipeline.core.errors import CheckError, IncompleteError, LidcamError, short_memory_told
-from lidcam.pipeline.core.text import one_line
+from lidcam.pipeline.core.errors import CheckError, IncompleteError, short_memory_told
+from lidcam.run.warning import error_line
 
 logger = logging.getLogger(__name__)
 
-NO_PLACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
-"""Why a disk, or what stdout leads to, takes no more."""
-
-FORBIDDEN = {errno.EACCES, errno.EPERM, errno.EROFS}
-"""Why this user may not do what was asked with a file."""
-
 GARBAGE_AFTER = 10_000
-"""New objects after which Python looks for garbage; its own 700 takes a tenth of a start, which makes none."""
+"""New objects between searches for garbage; Python's default of 700 costs a tenth of the start."""
 
 
 def run_program(program: Callable[..., object], name: str) -> None:
@@ -46,25 +38,17 @@ def run_program(program: Callable[..., object], name: str) -> None:
     try:
         with short_memory_told("go on"):
             code = program(sys.argv[1:], prog_name=name, standalone_mode=False)
-    except OSError as err:
-        if err.errno == errno.ENOENT and err.filename is None:
-            _fail("the folder that this was started in is gone: change to another one")
-        if err.errno not in NO_PLACE and (err.errno not in FORBIDDEN or err.filename is None):
-            logger.debug("a bug", exc_info=True)
-            raise
-        _fail(f"{err.filename or 'standard output'}: {err.strerror}")
     except IncompleteError as err:
         verdict_log.warning("incomplete: %s; exit code %d", err, INCOMPLETE)
         sys.exit(INCOMPLETE)
     except CheckError as err:
         _fail(*err.lines)
-    except LidcamError as err:
-        notes = "".join(f" ({note})" for note in getattr(err, "__notes__", ()))
-        _fail(one_line(err) + notes)
     except TyperException as err:
         _print_usage_error(err)
         sys.exit(err.exit_code)
-    except Exception:
+    except Exception as err:
+        if line := error_line(err):
+            _fail(line)
         logger.debug("a bug", exc_info=True)  # for the log file: the interpreter prints the traceback
         raise
     if isinstance(code, int):  # that of Ctrl-C, of --version and --help

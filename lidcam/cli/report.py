@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from lidcam.cli.options import Overwrite, ends_in, with_log_options
+from lidcam.cli.options import Overwrite, output_option, with_log_options
 from lidcam.cli.printing.log import remark_log
 
 # \b keeps the lines of a paragraph as they are.
@@ -19,15 +19,12 @@ Examples:
 @with_log_options
 def report(
     result: Annotated[Path, typer.Argument(metavar="RESULT.mcap", help="What `lidcam process` wrote.")],
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="OUT.html", callback=ends_in(".html"), help="The page; without it, beside the result."),
-    ] = None,
+    out: Annotated[Path | None, output_option("The page. Default: beside the result.", ".html")] = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Write a page about a result, for people.
+    """Write a page about a result.
 
-    One file that opens in any browser, without a network. `lidcam process --report OUT.html` writes the same.
+    One file that opens in any browser, offline. `lidcam process --report OUT.html` writes the same.
     """
     from lidcam.cli.printing.progress import show_progress
     from lidcam.outputs.allowed import PAGE, check_no_input, check_replaced

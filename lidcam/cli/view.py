@@ -25,7 +25,7 @@ def view(
 ) -> None:
     """Open a result: a .rrd in Rerun, a page in the browser.
 
-    For an .mcap it says how Foxglove opens it; without a display, what to do.
+    For an .mcap, prints how to open it in Foxglove.
     """
     import subprocess
     import webbrowser
@@ -49,6 +49,6 @@ def view(
     elif result.suffix == ".mcap":
         kind, layout = OUTPUTS[result.suffix], result.with_suffix(".foxglove.json")
         show_line(console(), f"{kind.viewer}: {kind.how_to_open(result, (layout,) if layout.is_file() else ())}")
-        show_line(console(), "Rerun opens it, too, without the objects; what --rerun OUT.rrd writes has them.")
+        show_line(console(), "Rerun opens it, too, but without the objects; use --rerun OUT.rrd for those.")
     else:
         raise OutputError(f"{result}: expected a name that ends in .rrd, .html or .mcap")

@@ -22,7 +22,7 @@ from lidcam.readers.rig.schema import RigFile
 from lidcam.readers.rig.search import zones_of
 from lidcam.readers.truth.open import OpenTruth, open_truth
 from lidcam.run.effect import settings_sha256
-from lidcam.run.incomplete import changed_lines, damage_lines
+from lidcam.run.missing import changed_lines, damage_lines
 
 Advance = Callable[[float, str], None]
 Progress = Callable[[float], AbstractContextManager[Advance]]

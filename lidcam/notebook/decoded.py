@@ -1,4 +1,4 @@
-"""The messages of a frame, decoded for notebooks: what its cameras and lidars measured."""
+"""Images and clouds of a frame, decoded for notebooks."""
 
 from lidcam.pipeline.core.arrays import U8
 from lidcam.pipeline.core.clouds import PointCloud
@@ -15,8 +15,8 @@ def decode_images(frame: FrameResult, config: Config | None = None) -> dict[str,
     """The images of a frame by camera name, (H, W, 3) uint8, red first; cameras without an image have no entry.
 
     Args:
-        frame: Of `iter_frames`, or given to `on_frame`.
-        config: Its settings, where `limits` are not the defaults.
+        frame: A frame of `iter_frames` or `on_frame`.
+        config: Its settings, if `limits` are not the defaults.
 
     Raises:
         MessageError: one cannot be decoded.
@@ -27,13 +27,13 @@ def decode_images(frame: FrameResult, config: Config | None = None) -> dict[str,
 
 
 def decode_clouds(frame: FrameResult, config: Config | None = None) -> dict[str, PointCloud]:
-    """The clouds of a frame by topic, each as it was measured, in the frame of its lidar.
+    """The clouds of a frame by topic, as measured, in the frame of each lidar.
 
-    `frame.combined.cloud` has the points of all of them in the site frame, without outliers and ground.
+    `frame.combined.cloud` has their points in the site frame, without outliers and ground.
 
     Args:
-        frame: Of `iter_frames`, or given to `on_frame`.
-        config: Its settings, where `velodyne` or `limits` are not the defaults.
+        frame: A frame of `iter_frames` or `on_frame`.
+        config: Its settings, if `velodyne` or `limits` are not the defaults.
 
     Raises:
         MessageError: one cannot be decoded.

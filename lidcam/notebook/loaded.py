@@ -1,4 +1,4 @@
-"""A run read back from its result: the objects of all frames, and the account of the run."""
+"""A run, read back from its result."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -41,17 +41,17 @@ from lidcam.writers.messages.scene import ZONE_ID
 from lidcam.writers.tables.objects import Objects
 
 FUSED, SCENE, SCENE_TYPE = SOURCE_TOPICS["fused"], "/fused/scene", "foxglove_msgs/msg/SceneUpdate"
-"""Topics of the fused objects as boxes, and of the drawn objects, whose metadata say what their boxes do not."""
+"""Topics of the fused boxes, and of the drawn objects, whose metadata complete them."""
 
 MAX_SCENE_ITEMS = 2_000_000
-"""Points of lines and other parts of one drawing."""
+"""Largest number of parts of a drawing."""
 
 
 def load_result(path: Path) -> tuple[RunSummary, Objects]:
     """The report and the objects of the run that wrote a result.
 
-    Times of the clock, and where other outputs lie, are not in a result. `settings.name` is the whole line that the run
-    printed. Of damaged parts the first are listed, and a note says how many more there were.
+    A result has neither wall times nor the places of other outputs. `settings.name` is the line that the run printed;
+    only the first damaged parts are listed, and a note counts the others.
 
     Raises:
         RecordingError: it cannot be read, is not a result of lidcam, or one of a version that wrote less.

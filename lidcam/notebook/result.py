@@ -1,5 +1,6 @@
-"""A finished run, for notebooks: its tables, its tracks as a picture, its recording in a viewer."""
+"""Runs and inspections in notebooks: tables, a plot of the tracks, a viewer."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from importlib import import_module
 from typing import Any, Self
@@ -7,10 +8,15 @@ from typing import Any, Self
 import numpy as np
 
 from lidcam.inspection import Inspection
+from lidcam.pipeline.core.arrays import join_rows
 from lidcam.pipeline.core.errors import LidcamError
 from lidcam.pipeline.core.text import brief
 from lidcam.pipeline.core.tracks import NO_TRACK
+from lidcam.processing import RunObserver
+from lidcam.run.frame import Frame
+from lidcam.run.frames import RunInput
 from lidcam.run.summary import DropCount, RunSummary
+from lidcam.run.tally import RunProgress
 from lidcam.writers.palette import class_color
 from lidcam.writers.tables.objects import Objects
 
@@ -64,7 +70,7 @@ class RunResult:
         return printed_html(lambda out: print_report(out, self.report))
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw all tracks from above, by class, in the site frame; objects without a track are dots.
+        """Plot all tracks from above, by class, in the site frame; objects without a track are dots.
 
         Args:
             axes: matplotlib axes to draw on; None makes a figure.
@@ -96,12 +102,10 @@ class RunResult:
         return axes
 
     def show(self, *, height: int = 600) -> None:
-        """Show the run in Rerun's viewer, in a notebook.
-
-        The run has to have an .rrd among its outputs.
+        """Show the .rrd among the outputs of the run in Rerun's viewer, in a notebook.
 
         Args:
-            height: Of the viewer, in pixels.
+            height: Height of the viewer, pixels.
 
         Raises:
             LidcamError: there is no Rerun recording, or rerun-notebook is not installed.
@@ -124,3 +128,34 @@ def _installed(package: str, wanted_by: str) -> Any:
     except ImportError as err:
         name = package.partition(".")[0].replace("_", "-")
         raise LidcamError(f"{wanted_by} needs {name}, which is not installed: pip install 'lidcam[notebook]'") from err
+
+
+class ObjectCollector(RunObserver):
+    """Gathers the objects of a run; memory grows with their number, by about 250 bytes each."""
+
+    def __init__(self, on_frame: Callable[[Frame], None] | None = None, progress: RunObserver | None = None) -> None:
+        """Gather objects; `on_frame` is called with each frame, and `progress` observes the run, too."""
+        self._frames: list[Objects] = []
+        self._on_frame = on_frame
+        self._progress = progress or RunObserver()
+
+    def opened(self, source: RunInput) -> None:
+        """Take over the sensors, with the zones, and the names of the classes."""
+        self._rig, self._class_names = source.rig, source.config.object_names
+        self._frames = [Objects.empty(source.rig, source.config.object_names)]
+        self._progress.opened(source)
+
+    def frame(self, result: Frame) -> None:
+        """Take over the objects of one frame."""
+        self._frames.append(Objects.of_frame(result, self._rig, self._class_names))
+        if self._on_frame is not None:
+            self._on_frame(result)
+
+    def advanced(self, progress: RunProgress) -> None:
+        """Pass on how far the run is."""
+        self._progress.advanced(progress)
+
+    @property
+    def objects(self) -> Objects:
+        """The objects of the frames so far; the recording has to be open, or to have been."""
+        return join_rows(*self._frames)

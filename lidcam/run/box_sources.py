@@ -1,4 +1,4 @@
-"""Where the boxes of a frame come from before they are fused: a network, the clusters of a cloud, or the recording."""
+"""The sources of the boxes of a frame: networks, clusters, or the recording."""
 
 from collections.abc import Mapping
 from os.path import isfile
@@ -23,7 +23,7 @@ BoxSource = Literal["onnx", "recorded", "none"]
 
 
 def box_source(config: Config, rig: Rig) -> BoxSource:
-    """Where 2D boxes come from; `none` where no camera of the rig has them."""
+    """The source of 2D boxes; `none` where no camera of the rig has them."""
     wanted = _wanted_boxes(config, rig)
     found = {
         "onnx": any(camera.topic for camera in rig.cameras),
@@ -34,16 +34,16 @@ def box_source(config: Config, rig: Rig) -> BoxSource:
 
 
 def engine_3d(config: Config) -> str:
-    """The engine that finds 3D boxes, a row of `ENGINES`; `auto` is both where there is a network."""
+    """The 3D engine, a name of `ENGINES`; `auto` combines network and clusters where there is a network."""
     if config.detect3d.method != "auto":
         return config.detect3d.method
     return "combined" if network_3d(config) else "cluster"
 
 
 def network_3d(config: Config) -> Path | None:
-    """The file of the 3D network that finds boxes: as set, or the one that comes with lidcam for these classes.
+    """The file of the 3D network: as set, or the embedded one for these classes; None without a network.
 
-    None if no network finds them. A `detect3d.score` without a method asks for clusters alone, whose score it is.
+    A `detect3d.score` without a method selects clusters alone, whose score it is.
     """
     detect3d = config.detect3d
     if detect3d.method not in {"auto", "pillars", "combined"}:
@@ -55,12 +55,10 @@ def network_3d(config: Config) -> Path | None:
 
 
 def check_box_source(config: Config, recording: Recording, rig: Rig) -> None:
-    """Check that the 2D boxes that are wanted can come from the recording.
-
-    Cameras that were recorded and cannot be used are faults of the rig, and the run goes on without them.
+    """Check that the recording has messages for the 2D boxes; unusable cameras are faults of the rig.
 
     Raises:
-        RecordingError: no message of the recording has them.
+        RecordingError: it has none.
     """
     wanted = _wanted_boxes(config, rig)
     if wanted == "none":
@@ -79,7 +77,7 @@ def check_box_source(config: Config, recording: Recording, rig: Rig) -> None:
 def add_boxes3d(
     graph: Graph[SensorBundle], config: Config, rig: Rig, combined: Node[CombinedCloud], *, on_bad: OnBadMessage
 ) -> tuple[Node[Decoded[Boxes3D]], Node[Boxes3D]]:
-    """The decoded messages of recorded 3D detectors, none if they are not used; and the frame's 3D boxes."""
+    """The decoded messages of recorded 3D detectors, if they are used, and the frame's 3D boxes."""
     from lidcam.pipeline.stages.detect3d import (
         Detect3D,
         Recorded3D,
@@ -124,7 +122,7 @@ def add_boxes2d(
 
 
 def _wanted_boxes(config: Config, rig: Rig) -> BoxSource:
-    """Where 2D boxes should come from: as set; `auto`: the model if one is given, else recorded boxes, else none."""
+    """The source of 2D boxes by the settings; `auto`: the model if one is set, else recorded boxes, else none."""
     if config.detect2d.method != "auto":
         return config.detect2d.method
     if config.detect2d.model is not None:

@@ -1,4 +1,4 @@
-"""How a bundle becomes a result: the stages of a frame; `lidcam.run.frames` says where bundles come from."""
+"""From a bundle to a result: the stages of a frame; `lidcam.run.frames` makes the bundles."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -39,16 +39,11 @@ from lidcam.run.box_sources import add_boxes2d, add_boxes3d, box_source, engine_
 def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Graph[SensorBundle], Node[FrameResult]]:
     """The stages from a bundle of undecoded messages to a frame's result.
 
-    Args:
-        config: Settings.
-        rig: The sensors.
-        on_bad: What to do with a message that cannot be decoded.
-
     Raises:
         ModelError: a network cannot be loaded.
     """
     graph, config = Graph(SensorBundle), decided(config, rig)
-    # What each sensor alone sees.
+    # Detections of each sensor.
     clouds = graph.add("decode clouds", CloudDecoder(rig, config, on_bad=on_bad), graph.frame)
     combined = graph.add("combine", Combine(rig, config.combine), graph.frame, clouds)
     recorded3d, lidar = add_boxes3d(graph, config, rig, combined, on_bad=on_bad)
@@ -56,14 +51,14 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     views = graph.add("views", Views(rig, config.combine.motion), graph.frame)
     place = Place(rig, config.fuse, config.classes, ground_distance_m=config.combine.ground.distance_m)
     placed = graph.add("place", place, combined, boxes2d, views)
-    # What may be an object.
+    # Hypotheses.
     associate = Associate(rig, config.classes)
     matches = graph.add("associate", associate, lidar, boxes2d, views)
     fitter = BoxFitter(rig, config.classes, config.detect3d.cluster)
     propose = Propose(rig, fitter, config.detect3d.cluster, config.classes)
     proposed = graph.add("propose", propose, combined, lidar, matches, placed)
     hypotheses = graph.add("associate all", partial(_hypotheses, associate), lidar, matches, proposed, boxes2d, views)
-    # Class, place and existence.
+    # Class, position and existence.
     hypotheses = graph.add("classify", Classify(config.classes, riders), hypotheses, boxes2d)
     hypotheses = graph.add("reshape", Reshape(fitter, config.detect3d, config.classes), combined, hypotheses, lidar)
     hypotheses = graph.add("refine", Refine(rig, config.fuse), hypotheses, boxes2d, views)
@@ -92,8 +87,8 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
 def decided(config: Config, rig: Rig) -> Config:
     """The settings with `detect3d.method`, `detect3d.model` and `detect3d.score` decided.
 
-    Where cameras have a word, the belief was fitted to the geometric score of clusters; with the learned one more false
-    objects are left (docs/fusion.md).
+    With cameras, the belief is fitted to the geometric score of clusters; the learned one leaves more false objects
+    (docs/fusion.md).
     """
     changed: dict[str, str | Path | None] = {"method": engine_3d(config), "model": network_3d(config)}
     if config.detect3d.score == "auto":
@@ -110,7 +105,7 @@ def _hypotheses(
     boxes2d: Mapping[str, Boxes2D],
     views: Mapping[str, CameraSensor],
 ) -> Hypotheses:
-    """All boxes with their matches, which are those of the lidars' boxes where there are no others."""
+    """All boxes with their matches; without proposals, those of the lidars' boxes."""
     boxes = proposed.boxes
     if boxes is not lidar:
         matches = associate(boxes, boxes2d, views)
@@ -126,7 +121,7 @@ def _with_end_points(result: FrameResult) -> FrameResult:
 
 
 class _Unused(NamedTuple):
-    """Messages and boxes that could not be used; apart from the decoded data, which need not leave its process."""
+    """Messages and boxes that could not be used, without the decoded data, which stays in its process."""
 
     drops: tuple[Drop, ...]
     boxes: Mapping[str, int]

@@ -1,4 +1,4 @@
-"""Which settings a run takes: those that are given, else the preset that suits the recording."""
+"""The settings of a run: those that are given, else the preset that suits the recording."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -20,7 +20,7 @@ DEFAULTS = "defaults"
 GIVEN = "as given"
 
 RIVALS = {"sandbox": "road", "road": "crossing", "crossing": "road"}
-"""Most likely preset where the judgement is wrong."""
+"""The preset that most likely fits where the judged one is wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,9 +28,9 @@ class SettingsChoice:
     """Settings before the recording is seen.
 
     Attributes:
-        config: Settings that the recording is opened with, and that hold where there is nothing to choose.
-        name: Where they come from: a preset, a file, `defaults` or `as given`.
-        by_preset: The settings of each preset, among which the recording decides; empty where it does not.
+        config: Settings that the recording is opened with, and that are used where there is no choice.
+        name: Their source: a preset, a file, `defaults` or `as given`.
+        by_preset: The settings of each preset, among which the recording decides; empty without a choice.
     """
 
     config: Config
@@ -42,12 +42,12 @@ class SettingsChoice:
 
 @dataclass(frozen=True, slots=True)
 class UsedSettings:
-    """The settings of a run, and why these.
+    """The settings of a run and the reason for them.
 
     Attributes:
         name: A preset, a file, `defaults` or `as given`.
         how: `given`; `judged` from the recording; `not judged`, because its first clouds have no points.
-        size: The size that was judged by; None without judgement.
+        size: The size of the scene, if it was judged.
         moves: Whether the recording has odometry or tf of the site frame.
     """
 
@@ -58,7 +58,7 @@ class UsedSettings:
 
     def __str__(self) -> str:
         if self.how == "not judged":
-            return f"{self.name}, for there is no cloud to judge by; --config {', '.join(PRESETS)} or FILE overrides"
+            return f"{self.name}, as there are no clouds to judge; --config {', '.join(PRESETS)} or FILE overrides"
         if self.size is None:
             return self.name
         seen = scene_text(self.size, moves=self.moves)
@@ -73,10 +73,15 @@ def choose_settings(
     settings: Mapping[str, object] | Sequence[str] = (),
     more: Mapping[str, object] | None = None,
 ) -> SettingsChoice:
-    """The given settings; without any, those among which the recording decides. Single settings go on top of each.
+    """The given settings; without any, those among which the recording decides.
+
+    Args:
+        config: Settings, the name of a preset, or a YAML file; None leaves the choice to the recording.
+        settings: Single settings that override the others.
+        more: Single settings that override these.
 
     Raises:
-        ConfigError: as of `load_config`.
+        ConfigError: as in `load_config`.
     """
 
     def loaded(base: Config | str | PathLike[str] | None) -> Config:
@@ -91,7 +96,7 @@ def choose_settings(
 def use_settings(
     choice: SettingsChoice, recording: Recording, found: Discovery, rig_file: RigFile | None, *, moves: bool
 ) -> tuple[Config, UsedSettings, Discovery]:
-    """The settings of an open recording: as given, or judged from its first clouds.
+    """The settings of an open recording, as given or judged from its first clouds, and its sensors with the zones.
 
     The beginning of the recording is read where there is a choice, whatever part of it is processed.
 
@@ -99,14 +104,8 @@ def use_settings(
         choice: The given settings, or those to choose from.
         recording: The recording.
         found: Its sensors.
-        rig_file: Source of zones that take precedence over those of the settings.
+        rig_file: Its zones override those of the settings.
         moves: Whether the site frame is known to move.
-
-    Returns:
-        The settings, why these, and the sensors with the zones.
-
-    Raises:
-        RecordingError: as of `measure_scene`.
     """
     config, used = choice.config, UsedSettings(choice.name, "given")
     if choice.by_preset:

@@ -23,7 +23,7 @@ NAMED = ("detect2d", "model"), ("detect2d", "names"), ("detect3d", "model"), ("d
 
 
 def check_effect(settings: Sequence[str], sections: Sequence[str]) -> None:
-    """Check that each setting, as `evaluate.iou=[0.5]`, is of a section that is read; unknown ones fail later.
+    """Check that single settings (`["evaluate.iou=[0.5]"]`) are in sections that are read; ignores unknown sections.
 
     Raises:
         ConfigError: one would change nothing.
@@ -39,7 +39,7 @@ def check_effect(settings: Sequence[str], sections: Sequence[str]) -> None:
 
 
 def named_files(config: Config) -> dict[str, Path]:
-    """The files that settings name and that are there, by their names in the metadata of a result."""
+    """The existing files that settings name, by their names in the metadata of a result."""
     lidars = {"velodyne": config.velodyne, **{f"velodyne.{key}": one for key, one in config.velodyne.topics.items()}}
     model, detect3d = config.detect2d.model, config.detect3d
     model_3d = detect3d.model if detect3d.method in {"auto", "pillars", "combined"} else None
@@ -51,10 +51,7 @@ def named_files(config: Config) -> dict[str, Path]:
 
 
 def lasting_settings(config: Config) -> str:
-    """All settings that affect a result, as YAML.
-
-    How it is run or compared with another one does not, nor where the files lie that they name.
-    """
+    """All settings that affect a result, as YAML: not those of running and comparing, nor folders of files."""
     tree = config.model_dump() | {"run": {}, "compare": {}}
     velodyne = tree["velodyne"]
     calibrated = [(section, "calibration") for section in (velodyne, *velodyne["topics"].values())]

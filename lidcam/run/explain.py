@@ -1,7 +1,6 @@
 """Explanations of settings, from the docstrings, types and defaults of the models, and from the presets."""
 
 import inspect
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,6 +13,7 @@ from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.load import load_config
 from lidcam.pipeline.core.settings.model import MAX_NUMBER
 from lidcam.pipeline.core.settings.validation import section_of, unknown_key
+from lidcam.run.options import attribute_docs
 
 UNITS = {
     "per_m": "per metre",
@@ -48,7 +48,7 @@ class Explanation:
         allowed: Its allowed values; empty for a section.
         default: Its default, as plain values; None where every element of a list has its own.
         by_preset: Its value in each preset; empty where `default` is None.
-        keys: Keys of a section, with their meaning.
+        keys: The keys of a section, with their meaning.
     """
 
     key: str
@@ -106,9 +106,8 @@ def preset_summaries() -> Mapping[str, str]:
 def _meaning(model: type[BaseModel], name: str) -> str:
     """The docstring of a field in its model or in one that the model inherits from; else that of its section."""
     for owner in model.__mro__:
-        text = inspect.cleandoc(owner.__doc__ or "").partition("Attributes:")[2]
-        if found := re.search(rf"^    {name}: (.*(?:\n {{8}}.*)*)", text, re.MULTILINE):
-            return " ".join(found[1].split())
+        if text := attribute_docs(owner).get(name):
+            return text
     section = section_of(model.model_fields[name].annotation)
     return _first_paragraph(section) if section else ""
 

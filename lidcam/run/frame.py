@@ -1,4 +1,4 @@
-"""A frame as users get it: its results, and how they look."""
+"""A frame as users get it, with drawings."""
 
 from dataclasses import dataclass, fields
 from typing import Self
@@ -11,11 +11,11 @@ from lidcam.writers.pictures.scene import Scene, Scenes
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Frame(FrameResult):
-    """All results of one frame, as of `FrameResult`, which can be drawn.
+    """All results of one frame, as in `FrameResult`, which can be drawn.
 
     Attributes:
-        scene: What its pictures show.
-        scenes: Draws them.
+        scene: The content of its images.
+        scenes: Draws it.
     """
 
     scene: Scene
@@ -30,15 +30,15 @@ class Frame(FrameResult):
         return cls(**values, scene=scenes.add(result), scenes=scenes)
 
     def draw(self, camera: str | None = None) -> U8:
-        """The frame as a picture, (H, W, 3) uint8, red, green, blue.
+        """The frame as an image, (H, W, 3) uint8, red, green, blue.
 
         Args:
-            camera: Name of a camera, for its image with 2D boxes, 3D boxes and what belongs together, as of
-                `--save-matches`; None: all cameras and the site from above, as of `--video`.
+            camera: Name of a camera, for its image with 2D boxes, 3D boxes and matches, as `--save-matches` writes it;
+                None: all cameras and the site from above, as in `--video`.
 
         Raises:
             ConfigError: there is no camera of that name.
         """
         scenes, scene = self.scenes, self.scene
-        picture, _ = scenes.all_cameras(scene) if camera is None else scenes.camera(scene, camera)
-        return picture
+        image, _ = scenes.all_cameras(scene) if camera is None else scenes.camera(scene, camera)
+        return image

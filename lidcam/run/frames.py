@@ -1,9 +1,10 @@
-"""How a recording becomes bundles, from top to bottom; `lidcam.run.build` says how a bundle becomes a result."""
+"""From a recording to bundles, from top to bottom; `lidcam.run.build` turns a bundle into a result."""
 
 import itertools
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.frame import SensorBundle
@@ -22,7 +23,7 @@ from lidcam.run.choice import AS_GIVEN, UsedSettings
 from lidcam.run.tally import DropTable
 
 NOT_EVERY = "of a frame that sync.every leaves out"
-"""Why messages are not used that nobody wants."""
+"""Reason of drops that the user asked for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,12 +35,7 @@ class TimeWindow:
 
 
 def time_window(recording: Recording, start_s: float, duration_s: float | None) -> TimeWindow:
-    """The part of a recording that is to be processed.
-
-    Args:
-        recording: The recording.
-        start_s: Seconds to skip.
-        duration_s: Seconds to process; None: to the end.
+    """The part of a recording to process.
 
     Raises:
         ConfigError: it starts after the end of the recording.
@@ -60,12 +56,12 @@ class RunInput:
         recording: The open recording, one topic per sensor.
         rig: Its sensors.
         config: Settings.
-        motion: Where the motion of the site frame comes from; None if it stands still.
+        motion: Source of the motion of the site frame; None if it stands still.
         window: Part of the recording.
-        settings: Why these settings.
-        copied: Topics whose messages are handed on with the bundles, for an output that copies them.
-        drawn: Those of them that are drawn beside the results: boxes of the truth.
-        truth_frames: T_site_frame of the fixed frames in which they stand, beside those of the sensors.
+        settings: The name of the settings and the reason for them.
+        copied: Topics whose messages are handed on with the bundles, to be copied to the output.
+        drawn: Those of them that are drawn with the results: ground-truth boxes.
+        truth_frames: T_site_frame of the fixed frames of the ground truth, beside those of the sensors.
     """
 
     recording: Recording
@@ -80,7 +76,7 @@ class RunInput:
 
 
 def sensor_clocks(rig: Rig, drops: DropTable) -> Clocks:
-    """The clocks of the rig's sensors; `drops` gets the messages whose stamps cannot be used."""
+    """The clocks of the rig's sensors; `drops` gets the messages with invalid stamps."""
     sensors: list[tuple[str, LidarSensor | CameraSensor]] = [(lidar.topic, lidar) for lidar in rig.lidars]
     sensors += [(topic, camera) for camera in rig.cameras for topic in (camera.topic, camera.boxes_topic)]
     offsets_ns = {detector.topic: 0 for detector in rig.detectors}
@@ -95,83 +91,58 @@ def bundles(source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks
 
     Args:
         source: The recording and its sensors.
-        drops: Gets every message that no bundle takes.
-        stats: Gets the spread of the stamps in each bundle, and what is missing.
-        clocks: Of `sensor_clocks`; gets the jumps of time.
-
-    Raises:
-        RecordingError: reading fails.
-        MessageError: a message cannot be decoded, and `drops` does not skip bad ones.
+        drops: Gets every message that no bundle uses.
+        stats: Gets the spread of the stamps in each bundle, and the missing sensors.
+        clocks: From `sensor_clocks`; gets the jumps of time.
     """
     config, recording, window = source.config, source.recording, source.window
+    motion_topics = source.motion.topics if source.motion else ()
+    used = frozenset((*synchronized_topics(config, source.rig), *motion_topics))
+    messages = recording.messages({*used, *source.copied}, start_ns=window.start_ns, stop_ns=window.stop_ns)
     if not source.copied:
-        yield from _bundles(source, drops, stats, clocks, _messages(source))
+        yield from _bundles(source, drops, stats, clocks, messages)
         return
-    copied = CopiedMessages(
-        source.copied,
-        config.classes,
-        drawn=source.drawn,
-        limits=config.limits,
-        on_drop=drops.add,
-        on_bad=drops.add_bad,
-    )
+    hooks = {"on_drop": drops.add, "on_bad": drops.add_bad}
+    copied = CopiedMessages(source.copied, config.classes, drawn=source.drawn, limits=config.limits, **hooks)
     if window.start_ns is not None:
         copied.read_ahead(recording, window.start_ns)
-    messages = copied.tap(_messages(source), _used_topics(source))
-    yield from copied.handed_on(_bundles(source, drops, stats, clocks, messages), recording, window.stop_ns)
-
-
-def _used_topics(source: RunInput) -> frozenset[str]:
-    """Topics that bundles are made from."""
-    motion_topics = source.motion.topics if source.motion else ()
-    return frozenset((*synchronized_topics(source.config, source.rig), *motion_topics))
-
-
-def _messages(source: RunInput) -> Iterator[RawMessage]:
-    """The messages of the window, for the bundles and to be copied."""
-    topics, window = {*_used_topics(source), *source.copied}, source.window
-    return source.recording.messages(topics, start_ns=window.start_ns, stop_ns=window.stop_ns)
+    found = _bundles(source, drops, stats, clocks, copied.tap(messages, used))
+    yield from copied.handed_on(found, recording, window.stop_ns)
 
 
 def _bundles(
     source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks, messages: Iterable[RawMessage]
 ) -> Iterator[SensorBundle]:
-    recording, window = source.recording, source.window
-    motion = MotionBuffer(source.motion, limits=source.config.limits, on_drop=drops.add_bad)
-    topics = synchronized_topics(source.config, source.rig)
-    video = VideoStreams(video_topics(recording, topics), limits=source.config.limits)
+    config, recording, window = source.config, source.recording, source.window
+    motion = MotionBuffer(source.motion, limits=config.limits, on_drop=drops.add_bad)
+    topics = synchronized_topics(config, source.rig)
+    video = VideoStreams(video_topics(recording, topics), limits=config.limits)
+    synchronized = partial(
+        synchronize,
+        topics=topics,
+        config=config.sync,
+        reference=reference_topic(config, source.rig),
+        required=required_topics(config, source.rig),
+        on_drop=drops.add,
+        stats=stats,
+        max_waiting_bytes=config.limits.max_waiting_bytes,
+    )
     if window.start_ns is not None:
         motion.read_ahead(recording, window.start_ns)
         video.look_back(recording, window.start_ns)
 
     numbers = itertools.count()
     for part in clocks.parts(video.decoded(messages)):
-        found = _every(_synchronized(motion.tap(part), source, drops, stats), source.config.sync.every, numbers, drops)
+        found = _every(synchronized(motion.tap(part)), config.sync.every, numbers, drops)
         found = video.without_blanks(found, on_drop=drops.add, on_bad=drops.add_bad)
         yield from found if source.motion is None else _with_motion(found, motion)
-        motion = MotionBuffer(source.motion, limits=source.config.limits, on_drop=drops.add_bad)
-
-
-def _synchronized(
-    messages: Iterable[RawMessage], source: RunInput, drops: DropTable, stats: SyncStats
-) -> Iterator[SensorBundle]:
-    config, rig = source.config, source.rig
-    return synchronize(
-        messages,
-        synchronized_topics(config, rig),
-        config.sync,
-        reference=reference_topic(config, rig),
-        required=required_topics(config, rig),
-        on_drop=drops.add,
-        stats=stats,
-        max_waiting_bytes=config.limits.max_waiting_bytes,
-    )
+        motion = MotionBuffer(source.motion, limits=config.limits, on_drop=drops.add_bad)
 
 
 def _every(
     found: Iterable[SensorBundle], every: int, numbers: Iterator[int], drops: DropTable
 ) -> Iterator[SensorBundle]:
-    """The first of `every` bundles; `numbers` goes on over all parts of a recording."""
+    """Every Nth bundle; `numbers` counts over all parts of a recording."""
     for bundle in found:
         number = next(numbers)
         if number % every == 0:
@@ -182,7 +153,7 @@ def _every(
 
 
 def synchronized_topics(config: Config, rig: Rig) -> tuple[str, ...]:
-    """Topics that make up a bundle: lidars, 3D boxes, then images where they are used or copied, then 2D boxes."""
+    """The topics of a bundle: lidars, 3D boxes, images where they are used or copied, 2D boxes."""
     source = box_source(config, rig)
     topics = [lidar.topic for lidar in rig.lidars] + [detector.topic for detector in rig.detectors]
     if config.output.images or source == "onnx":
@@ -193,7 +164,7 @@ def synchronized_topics(config: Config, rig: Rig) -> tuple[str, ...]:
 
 
 def decoded_topics(config: Config, rig: Rig) -> frozenset[str]:
-    """Those of them whose messages are decoded; images may be there to be copied only."""
+    """The topics of a bundle whose messages are decoded; images may only be copied."""
     topics = {lidar.topic for lidar in rig.lidars} | {detector.topic for detector in rig.detectors}
     source = box_source(config, rig)
     if source == "onnx":
@@ -204,7 +175,7 @@ def decoded_topics(config: Config, rig: Rig) -> frozenset[str]:
 
 
 def expected_frames(source: RunInput) -> int:
-    """About how many bundles there will be: as many as there are messages of the reference topic in the window."""
+    """Approximate number of bundles: that of the messages of the reference topic in the window."""
     recording, window = source.recording, source.window
     topic = reference_topic(source.config, source.rig)
     count = sum(info.message_count for info in recording.topics if info.topic == topic)
@@ -215,7 +186,7 @@ def expected_frames(source: RunInput) -> int:
 
 
 def required_topics(config: Config, rig: Rig) -> tuple[str, ...] | None:
-    """Topics that a bundle needs while they are alive, in the order of `synchronized_topics`; None: all, as in ROS.
+    """Topics that a bundle needs while their sensors are alive, in the order of `synchronized_topics`; None: all.
 
     Raises:
         ConfigError: a configured one is not among the synchronised topics.
@@ -233,7 +204,7 @@ def required_topics(config: Config, rig: Rig) -> tuple[str, ...] | None:
 
 
 def reference_topic(config: Config, rig: Rig) -> str:
-    """The topic whose message gives a frame its stamp, while it is alive.
+    """The topic whose messages give frames their stamps, while it is alive.
 
     Raises:
         ConfigError: the configured one, or a required one, is not among the synchronised topics.
@@ -246,7 +217,7 @@ def reference_topic(config: Config, rig: Rig) -> str:
 
 
 def no_frames(source: RunInput, drops: DropTable) -> str:
-    """Why a run has no frames, and what to try."""
+    """The error of a run without frames."""
     config, rig = source.config, source.rig
     topics, required = synchronized_topics(config, rig), required_topics(config, rig)
     needed = topics if required is None else required or topics[:1]
@@ -268,8 +239,7 @@ def no_frames(source: RunInput, drops: DropTable) -> str:
 def _with_motion(found: Iterator[SensorBundle], motion: MotionBuffer) -> Iterator[SensorBundle]:
     """Bundles with the poses around their stamps.
 
-    A bundle is complete when its last message is read, which may be before the poses of its sweep are: it waits for the
-    next bundle and takes the poses known by then.
+    A bundle may be complete before the poses of its sweep are read: it waits for the next one.
     """
     waiting: SensorBundle | None = None
     for bundle in found:
@@ -283,5 +253,5 @@ def _with_motion(found: Iterator[SensorBundle], motion: MotionBuffer) -> Iterato
 def _with_later_poses(bundle: SensorBundle, motion: MotionBuffer) -> SensorBundle:
     later = motion.window(bundle.stamp_ns)
     if later is None or (bundle.motion is not None and later.stamps_ns[0] > bundle.motion.stamps_ns[0]):
-        return bundle  # a pause so long that the buffer no longer holds this bundle's time
+        return bundle  # after a pause the buffer no longer covers this bundle
     return replace(bundle, motion=later)

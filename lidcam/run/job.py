@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from math import inf
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TypedDict, get_args
+from typing import Unpack, get_args
 
 from lidcam.pipeline.core.errors import CalibrationError, ConfigError, OutputError
 from lidcam.pipeline.core.settings.bundled import bundled, preset_or_file
@@ -16,9 +16,9 @@ from lidcam.readers.location import Location, RemotePath, location
 from lidcam.readers.rig.merge import merge_rigs
 from lidcam.readers.rig.rig_file import load_rig
 from lidcam.readers.rig.schema import RigFile
-from lidcam.readers.streams.decoders import OnBadMessage
 from lidcam.run.choice import SettingsChoice, choose_settings
 from lidcam.run.effect import named_files
+from lidcam.run.options import JobOptions, OnBadMessage
 
 DEFAULT_SETTINGS = SettingsChoice(Config())
 
@@ -26,28 +26,20 @@ FilePath = str | PathLike[str]
 PathOrUrl = FilePath | RemotePath
 Settings = Mapping[str, object] | Sequence[str]
 RigSource = RigFile | FilePath | Sequence[RigFile | FilePath]
-"""A rig file, loaded, by its path or by the name of a preset; or several, of which later ones add and replace."""
+"""A rig file, loaded, by path or by name of a preset; or several, where later ones add and replace."""
 
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One recording to process.
+    """One recording to process; `JobOptions` explains what is not explained here.
 
     Attributes:
         inputs: A recording, or all parts of a split one in order.
-        outputs: Files to write; what each is, its name says (`lidcam.outputs.kinds.OUTPUTS`).
+        outputs: Files to write; the endings of their names select the kinds (`lidcam.outputs.kinds.OUTPUTS`).
         settings: The settings, or those among which the recording decides.
-        rig: Sensors and calibration, of all rig files together; what it leaves out, and all of it without one, is found
-            in the recording.
-        start_s: Seconds of the recording to skip.
-        duration_s: Seconds to process; None: to the end.
-        on_bad_message: Whether a message that cannot be decoded, or damage of a file, is skipped or ends the run.
-        overwrite: Whether outputs replace files that are no results of earlier runs, too.
+        rig: All rig files together; what it leaves out is found in the recording.
         read_files: Other files that are read: settings, rig files, a network. No output may replace them.
-        view: Whether the Rerun viewer shows the frames while the run goes on.
-        foxglove: Host and port at which they are served over Foxglove's protocol; None: they are not.
-        pace: Times as fast as it was recorded that the run goes at most; None: as fast as it can.
-        save_matches: Folder for a picture of each camera and frame; None: none are made.
+        foxglove: Host and port at which frames are served; None: they are not.
     """
 
     inputs: tuple[Location, ...]
@@ -67,11 +59,10 @@ class Job:
     __repr__ = brief
 
     def __post_init__(self) -> None:
-        """Check the part of the recording.
+        """Check the values.
 
         Raises:
-            ConfigError: it does not begin at 0 s or later, is empty, `on_bad_message` is neither `skip` nor `fail`, or
-                `pace` is not positive.
+            ConfigError: one is out of range.
         """
         if not 0 <= self.start_s < inf:
             raise ConfigError(f"start_s: expected 0 s or more, found {self.start_s}")
@@ -88,114 +79,56 @@ class Job:
         return self.settings.config
 
 
-class JobOptions(TypedDict, total=False):
-    """Options of a job, all with a default.
-
-    Attributes:
-        config: Settings, the name of a preset (`sandbox`, `crossing`, `road`), or a YAML file; without any, the preset
-            that suits the recording is taken.
-        settings: Single settings on top: `{"sync.slop_s": 0.05}` or `["sync.slop_s=0.05"]`.
-        rig: Rig file, loaded, by its path or by the name of a preset; or several, of which later ones add to and
-            replace what earlier ones say. Without it sensors and calibration are found in the recording.
-        model_2d: 2D network: an ONNX file (docs/networks.md lists the exports that are known), or the name of one that
-            `lidcam fetch` brought.
-        model_3d: 3D network: an ONNX file (of `lidcam train pillars` or `convert`), `traffic` or `sandbox`.
-        copy_topics: Topics that are copied to the MCAP output, by name or shell pattern; None: those of the truth.
-        workers: Processes that share the frames, with this one; None: `run.workers` of the settings, else one per core.
-            The result is the same.
-        every: Of this many frames the first is processed; None: `sync.every` of the settings, all by default.
-        start_s: Seconds to skip.
-        duration_s: Seconds to process; None: to the end.
-        on_bad_message: `skip` counts messages that cannot be decoded, `fail` ends the run at the first.
-        overwrite: Outputs replace files that are no results of earlier runs, too; never an input.
-        view: The Rerun viewer shows each frame when it is given.
-        foxglove: Port, or `HOST:PORT`, at which each frame is served over Foxglove's protocol when it is given; without
-            a host, to this machine alone.
-        pace: Times as fast as it was recorded that the run goes at most; None: as fast as it can.
-        save_matches: Folder to be written, with a picture of each camera and frame.
-    """
-
-    config: Config | FilePath | None
-    settings: Settings
-    rig: RigSource | None
-    model_2d: FilePath | None
-    model_3d: FilePath | None
-    copy_topics: Sequence[str] | None
-    workers: int | None
-    every: int | None
-    start_s: float
-    duration_s: float | None
-    on_bad_message: OnBadMessage
-    overwrite: bool
-    view: bool
-    foxglove: int | str | None
-    pace: float | None
-    save_matches: FilePath | None
+SETTINGS_OF_OPTIONS = {
+    "model_2d": "detect2d.model",
+    "model_3d": "detect3d.model",
+    "copy_topics": "output.copy_topics",
+    "workers": "run.workers",
+    "every": "sync.every",
+}
+"""Options that set a setting."""
 
 
 def make_job(
     recording: PathOrUrl | Sequence[PathOrUrl],
     output: FilePath | Sequence[FilePath] | None = None,
-    *,
-    config: Config | FilePath | None = None,
-    settings: Settings = (),
-    rig: RigSource | None = None,
-    model_2d: FilePath | None = None,
-    model_3d: FilePath | None = None,
-    copy_topics: Sequence[str] | None = None,
-    workers: int | None = None,
-    every: int | None = None,
-    start_s: float = 0.0,
-    duration_s: float | None = None,
-    on_bad_message: OnBadMessage = "skip",
-    overwrite: bool = False,
-    view: bool = False,
-    foxglove: int | str | None = None,
-    pace: float | None = None,
-    save_matches: FilePath | None = None,
+    **options: Unpack[JobOptions],
 ) -> Job:
-    """A job, with its settings and its rig file read; arguments as of `lidcam.process`.
+    """A job, with its settings and its rig file read; arguments as in `lidcam.process`.
 
     Raises:
         ConfigError: the settings cannot be read or do not fit, or the part of the recording is not one.
         CalibrationError: the rig file cannot be read or does not fit.
         OutputError: an output is not a local file.
     """
+    if unknown := options.keys() - JobOptions.__annotations__.keys():
+        raise TypeError(f"expected options of lidcam.process, got {', '.join(unknown)}")
     outputs = locations([] if output is None else output)
     if remote := [path for path in outputs if isinstance(path, RemotePath)]:
         raise OutputError(f"{remote[0]}: expected the name of a local file as output")
-    given = {
-        "detect2d.model": model_2d,
-        "detect3d.model": model_3d,
-        "output.copy_topics": None if copy_topics is None else list(copy_topics),
-        "run.workers": workers,
-        "sync.every": every,
-    }
+    given = {key: options.get(name) for name, key in SETTINGS_OF_OPTIONS.items()}
     more = {key: value for key, value in given.items() if value is not None}
-    choice = choose_settings(config, settings, more)
+    choice = choose_settings(options.get("config"), options.get("settings", ()), more)
+    foxglove, save_matches = options.get("foxglove"), options.get("save_matches")
     return Job(
         inputs=locations(recording),
         outputs=tuple(path for path in outputs if isinstance(path, Path)),
         settings=choice,
-        rig=read_rig(rig),
-        start_s=start_s,
-        duration_s=duration_s,
-        on_bad_message=on_bad_message,
-        overwrite=overwrite,
-        read_files=read_files(config, rig, *named_files(choice.config).values()),
-        view=view,
+        rig=read_rig(options.get("rig")),
+        start_s=options.get("start_s", 0.0),
+        duration_s=options.get("duration_s"),
+        on_bad_message=options.get("on_bad_message", "skip"),
+        overwrite=options.get("overwrite", False),
+        read_files=read_files(options.get("config"), options.get("rig"), *named_files(choice.config).values()),
+        view=options.get("view", False),
         foxglove=None if foxglove is None else _served_address(str(foxglove)),
-        pace=pace,
+        pace=options.get("pace"),
         save_matches=None if save_matches is None else Path(save_matches),
     )
 
 
 def _served_address(text: str) -> tuple[str, int]:
-    """Host and port of `8765`, `0.0.0.0:8765` or `[::1]:8765`; without a host that of this machine alone.
-
-    Raises:
-        ConfigError: it is none of these.
-    """
+    """Host and port of `8765`, `0.0.0.0:8765` or `[::1]:8765`; the default host is this machine alone."""
     host, _, port = text.rpartition(":")
     if not (port.isascii() and port.isdigit() and int(port) < 1 << 16):
         raise ConfigError(f"foxglove: expected PORT or HOST:PORT, found {text!r}")
@@ -203,7 +136,7 @@ def _served_address(text: str) -> tuple[str, int]:
 
 
 def locations(recording: PathOrUrl | Sequence[PathOrUrl]) -> tuple[Location, ...]:
-    """Where the files of a recording lie.
+    """The locations of the files of a recording.
 
     Raises:
         RecordingError: a name is empty.

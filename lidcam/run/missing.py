@@ -1,17 +1,20 @@
-"""Sensors whose messages are missing from frames: silent for a span of time, or in no frame at all."""
+"""Data missing from a result: sensors that were silent or are in no frame, and the lines of exit code 3."""
 
-from collections.abc import Collection, Sequence
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 from lidcam.pipeline.core.rig import BOXES_SUFFIX, Rig
 from lidcam.pipeline.stages.sync.attendance import Absence
+from lidcam.readers.recording import Loss
+from lidcam.readers.rig.sensor_topics import SensorFault
 from lidcam.run.warning import RunWarning
 
 MAX_SPANS_NAMED = 3
 """Maximum number of spans of silence named per sensor."""
 
 MIN_FRAMES = 10
-"""Minimum number of frames before a sensor counts as absent: a slow one may be missing by chance."""
+"""Fewest frames of a run in which a sensor of a lower rate is not missing by chance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,17 +36,25 @@ class SilentSpan:
 
 @dataclass(frozen=True, slots=True)
 class MissingSensor:
-    """A sensor that is missing in some frames."""
+    """A sensor that is missing from frames.
 
-    sensor: str  # Its name, or that of its boxes
-    topic: str  # Its topic
-    frames: int  # Number of frames without it
-    of_frames: int  # Number of all frames
-    silences: tuple[SilentSpan, ...]  # Spans in which it sent nothing; their frames are among `frames`
+    Attributes:
+        sensor: Its name, or that of its boxes.
+        topic: Its topic.
+        frames: Number of frames without it.
+        of_frames: Number of all frames.
+        silences: Spans in which it sent nothing; `frames` includes theirs.
+    """
+
+    sensor: str
+    topic: str
+    frames: int
+    of_frames: int
+    silences: tuple[SilentSpan, ...]
 
     @property
     def alive_frames(self) -> int:
-        """Number of frames without it that were taken while it sent messages."""
+        """Number of frames without it while it sent messages."""
         return self.frames - sum(span.frames for span in self.silences)
 
     @property
@@ -59,7 +70,7 @@ class MissingSensor:
 
 
 def missing_sensors(absences: Sequence[Absence], rig: Rig, *, of_frames: int, start_ns: int) -> list[MissingSensor]:
-    """The absences in `of_frames` frames by sensor; `start_ns` is the log time at which the recording starts."""
+    """Missing sensors from absences in `of_frames` frames; `start_ns` is the log time of the start of the recording."""
 
     def seconds(log_time_ns: int | None) -> float | None:
         return None if log_time_ns is None else (log_time_ns - start_ns) / 1e9
@@ -77,7 +88,7 @@ def missing_sensors(absences: Sequence[Absence], rig: Rig, *, of_frames: int, st
 
 
 def silence_warnings(missing: Sequence[MissingSensor]) -> list[RunWarning]:
-    """One for all sensors that were silent at the same time; recorded boxes are silent with their camera."""
+    """One warning for all sensors that were silent at the same time; recorded boxes are silent with their camera."""
     silent = {sensor.sensor for sensor in missing if sensor.silences}
     by_finding: dict[str, list[MissingSensor]] = {}
     for sensor in missing:
@@ -98,21 +109,18 @@ def _silence_warning(finding: str, sensors: Sequence[MissingSensor]) -> RunWarni
 
 
 def absent_sensors(missing: Sequence[MissingSensor]) -> list[MissingSensor]:
-    """Sensors that sent messages, none of which is in a frame, though there were frames enough.
-
-    A camera's boxes are named only without it.
-    """
+    """Sensors that sent messages but are in no frame of several; a camera's boxes are listed only without it."""
     absent = never_used(missing)
     names = {sensor.sensor for sensor in absent}
     return [sensor for sensor in absent if sensor.of_frames >= MIN_FRAMES and not with_camera(sensor.sensor, names)]
 
 
 def absence_warnings(missing: Sequence[MissingSensor]) -> list[RunWarning]:
-    """One for each sensor that sent messages, none of which is in a frame."""
+    """One warning for each sensor that sent messages but is in no frame."""
     return [
         RunWarning(
             sensor.sensor,
-            f"none of the {sensor.of_frames} frames has a message of it, though it was recorded",
+            f"is in none of the {sensor.of_frames} frames, though it was recorded",
             "compare its stamps with those of the others, and see sync.slop_s and sync.max_interval_s",
         )
         for sensor in absent_sensors(missing)
@@ -120,10 +128,42 @@ def absence_warnings(missing: Sequence[MissingSensor]) -> list[RunWarning]:
 
 
 def never_used(missing: Sequence[MissingSensor]) -> list[MissingSensor]:
-    """Sensors that sent messages, none of which is in a frame."""
+    """Sensors that sent messages but are in no frame."""
     return [sensor for sensor in missing if sensor.alive_frames and sensor.frames == sensor.of_frames]
 
 
 def with_camera(name: str, names: Collection[str]) -> bool:
-    """Whether a name is that of a camera's boxes, and the camera is named, too."""
+    """Whether a name is that of the boxes of a camera that is among the names."""
     return name.endswith(BOXES_SUFFIX) and name.removesuffix(BOXES_SUFFIX) in names
+
+
+def left_out_lines(faults: Sequence[SensorFault]) -> list[str]:
+    """One line for each sensor that is left out."""
+    return [f"{fault.subject} is left out" for fault in faults]
+
+
+def absent_lines(missing: Sequence[MissingSensor]) -> list[str]:
+    """One line for each sensor that was recorded and is in no frame."""
+    return [f"{sensor.sensor} is in none of the {sensor.of_frames} frames" for sensor in absent_sensors(missing)]
+
+
+def changed_lines(paths: Iterable[str]) -> list[str]:
+    """One line for each file that changed while it was read: the result may be of a mixture."""
+    return [f"{path}: changed while it was read; run it again when nothing writes to it" for path in paths]
+
+
+def damage_lines(losses: Sequence[Loss]) -> list[str]:
+    """One line for each file with lost messages; a file that was only not closed has none."""
+    of_file: defaultdict[str, list[int | None]] = defaultdict(list)
+    for loss in losses:
+        if loss.messages != 0:
+            of_file[str(loss.path)].append(loss.messages)
+    return [f"{path}: {_damage(counts)}" for path, counts in sorted(of_file.items())]
+
+
+def _damage(counts: Sequence[int | None]) -> str:
+    known = [count for count in counts if count is not None]
+    messages = f"{sum(known)} message{'s' * (sum(known) != 1)}"
+    if len(known) == len(counts):
+        return f"damaged, {messages} lost"
+    return f"damaged, {messages} or more lost" if known else "damaged, an unknown number of messages lost"

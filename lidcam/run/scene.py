@@ -29,18 +29,19 @@ MIDDLE = (5.0, 95.0)
 LAYER_SHARE = 0.005
 """Thickness of the ground as a share of the scene's diagonal: 5 cm for a table of 10 m."""
 LAYER_M = (0.02, 0.2)
-"""Least and largest thickness of the ground."""
+"""Limits of the thickness of the ground, metres."""
 
 MAX_TILT_DEG = 30.0
-"""Largest tilt of the ground: the site frame may be that of a lidar that looks down."""
+"""Largest tilt of the ground in the site frame, which may be that of a tilted lidar."""
 
 MODEL_LIDAR_M = 1.0
+"""Largest height of the lidars of a model site above its ground, metres; full-size vehicles carry them higher."""
+
 MODEL_EXTENT_M = 12.0
-"""A model site: lidars lower than this above its ground, and clouds no longer than this. A full-size vehicle carries
-its lidars higher, and even a low lidar sees further in a street."""
+"""Largest length of the clouds of a model site, metres; in a street even a low lidar sees further."""
 
 MAST_LIDAR_M = 3.0
-"""Lidars higher than this that stand still are on masts; most vehicles are lower."""
+"""Smallest height of lidars on masts, metres; most vehicles are lower."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,9 +49,8 @@ class SceneSize:
     """The size of a scene.
 
     Attributes:
-        extent_m: Length and width, along the axes of the site frame, of what holds the middle 90 % of the points; the
-            longer first.
-        lidar_height_m: Height of the lidars above the ground, the median of them; None where no ground was found.
+        extent_m: Length and width of the middle 90 % of the points along the axes of the site frame, the longer first.
+        lidar_height_m: Median height of the lidars above the ground; None where no ground was found.
     """
 
     extent_m: tuple[float, float]
@@ -60,10 +60,7 @@ class SceneSize:
 def measure_scene(recording: Recording, rig: Rig, config: Config) -> SceneSize | None:
     """The size of a recording's scene; None if its lidars have no points.
 
-    The first clouds of the recording are read, whatever part of it is processed, and no more than a few sweeps.
-
-    Raises:
-        RecordingError: the recording is damaged, and is read in a way that does not go on.
+    Reads a few sweeps from the beginning of the recording, whatever part of it is processed.
     """
     xyz_site = _first_points(recording, rig, config)
     if not len(xyz_site):

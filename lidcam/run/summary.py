@@ -1,4 +1,4 @@
-"""The report of a run: what it read, made, dropped and found, in groups."""
+"""The report of a run, in groups."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -16,23 +16,22 @@ from lidcam.readers.rig.calibration import SensorSource
 from lidcam.readers.rig.sensor_topics import CAMERA_INFO, SensorFault
 from lidcam.run.box_sources import BoxSource
 from lidcam.run.choice import UsedSettings
-from lidcam.run.incomplete import absent_lines, changed_lines, damage_lines, left_out_lines
-from lidcam.run.missing import MissingSensor
+from lidcam.run.missing import MissingSensor, absent_lines, changed_lines, damage_lines, left_out_lines
 from lidcam.run.warning import RunWarning
 
 
 @dataclass(frozen=True, slots=True)
 class DropCount:
-    """How many messages of one topic, or parts of them, were dropped for one reason.
+    """Messages of one topic, or parts of them, that were dropped for one reason.
 
     Attributes:
         topic: Their topic.
-        reason: Why.
-        count: How many.
+        reason: The reason.
+        count: Their number.
         example: The finding in the first of them; may be empty.
         unit: Whether whole messages were dropped, or parts of messages that were used.
-        is_defect: Whether the messages are at fault: they cannot be decoded, or their stamps are no times. The others
-            were sound and not needed.
+        is_defect: Whether the messages are at fault: they cannot be decoded, or their stamps are invalid. Others were
+            sound and not needed.
     """
 
     topic: str
@@ -44,7 +43,7 @@ class DropCount:
 
     @property
     def amount(self) -> str:
-        """How many of what."""
+        """The count with its unit."""
         return f"{self.count} {self.unit if self.count != 1 else self.unit.removesuffix('s')}"
 
 
@@ -64,7 +63,7 @@ class UnusedTopic:
 
 
 def unused_topics(recording: Recording, used: Collection[str]) -> tuple[UnusedTopic, ...]:
-    """The topics with messages that were not used, calibration and transforms aside."""
+    """The topics with messages that were not used, except calibration and transforms."""
     return tuple(
         UnusedTopic(info.topic, info.message_count, info.unreadable)
         for info in recording.topics
@@ -74,11 +73,11 @@ def unused_topics(recording: Recording, used: Collection[str]) -> tuple[UnusedTo
 
 @dataclass(frozen=True, slots=True)
 class InputSummary:
-    """The files and messages that were read, and how many were used.
+    """The files and messages that were read.
 
     Attributes:
         files: The files that were read.
-        changed: Files that were changed while they were read, those that the settings name among them.
+        changed: Files that changed while they were read, including those that the settings name.
         messages_used: Number of messages used, by topic.
         copied: Number of messages copied to the output, by topic.
         unused_topics: Topics with messages that the run did not look at.
@@ -101,19 +100,17 @@ class FrameSummary:
 
     Attributes:
         count: Number of frames.
-        objects: Number of fused objects by (class name, zone name); the latter is empty where there are no zones.
-        sources: Number of fused objects by what their geometry comes from: `lidar`, `camera`, `both`, with
-            tracks also `predicted`.
-        confirmed: Number of fused objects that at least one camera confirms.
-        without_boxes: Number of frames for which no camera sent an image or boxes.
-        without_boxes3d: Number of frames for which no recorded 3D detector sent boxes; 0 where none is used.
-        compensated: Number of frames with a cloud that was moved to the frame's time.
-        odometry: Number of frames whose pose, for tracks, comes from the clouds or is corrected by them; 0 of a rig
-            that stands still.
-        odometry_predicted: Number of those in which the cloud could not be registered.
+        objects: Fused objects by (class name, zone name); the zone is empty where there are none.
+        sources: Fused objects by source of their geometry: `lidar`, `camera`, `both`, with tracks also `predicted`.
+        confirmed: Fused objects that at least one camera confirms.
+        without_boxes: Frames without an image or boxes of any camera.
+        without_boxes3d: Frames without boxes of recorded 3D detectors; 0 where none is used.
+        compensated: Frames with a cloud that was moved to the frame's time.
+        odometry: Frames whose pose, for tracks, comes from the clouds or is corrected by them; 0 for a static rig.
+        odometry_predicted: Those in which the cloud could not be registered.
         points: Lidar points by step of the combination, summed over the frames.
-        skew_mean_ms: Mean spread of the stamps in a bundle.
-        skew_max_ms: Largest spread.
+        skew_mean_ms: Mean spread of the stamps in a frame.
+        skew_max_ms: Largest spread of the stamps in a frame.
     """
 
     count: int
@@ -140,7 +137,7 @@ class DropSummary:
         messages: Messages, and parts of messages, by topic and reason.
         boxes: Recorded 2D boxes that could not be used.
         boxes3d: Recorded 3D boxes that could not be used.
-        boxes_without_object: 2D boxes without a 3D box that propose no object.
+        boxes_without_object: 2D boxes that neither match a 3D box nor propose an object.
         objects: Fused objects that are not reported.
     """
 
@@ -155,16 +152,16 @@ class DropSummary:
 
 @dataclass(frozen=True, slots=True)
 class SensorSummary:
-    """The sensors, and where boxes and motion came from.
+    """The sensors, and the sources of boxes and motion.
 
     Attributes:
         rig: The sensors, with their calibration and the zones.
-        calibration: Where the calibration of each sensor was found.
-        faults: Sensors that were left out, and why.
-        missing: Sensors without which frames had to do.
-        box_source: Where 2D boxes came from.
-        box_source_3d: Where the lidars' 3D boxes came from: a name of `ENGINES`.
-        motion_topics: Where the motion of the site frame came from; empty where it stands still.
+        calibration: The source of the calibration of each sensor.
+        faults: Sensors that were left out, with the reasons.
+        missing: Sensors that are missing from frames.
+        box_source: Source of the 2D boxes.
+        box_source_3d: Source of the lidars' 3D boxes: a name of `ENGINES`.
+        motion_topics: Topics of the motion of the site frame; empty where it stands still.
     """
 
     rig: Rig
@@ -180,12 +177,12 @@ class SensorSummary:
 
 @dataclass(frozen=True, slots=True)
 class TimingSummary:
-    """Times of a run; of one that was read back from its result nothing is known: no stages, and NaN.
+    """Times of a run; no stages and NaN for one that was read back from its result.
 
     Attributes:
-        stage_seconds: Time spent per stage, summed over the frames and over all processes that shared them.
-        wall_seconds: For loading the stages, and from the first message to the last result.
-        frames_per_second: Frames by wall time.
+        stage_seconds: Time per stage, summed over the frames and over all processes.
+        wall_seconds: Time to load the stages, and from the first message to the last result.
+        frames_per_second: Frames per second of wall time.
     """
 
     stage_seconds: Mapping[str, float]
@@ -203,14 +200,14 @@ class RunSummary:
         drops: Messages, boxes and objects that were not used.
         sensors: The sensors.
         timing: Times.
-        settings: Which settings were used, and why these.
-        settings_sha256: Checksum of all of them that affect the result.
+        settings: The settings that were used, and why.
+        settings_sha256: Checksum of the settings that affect the result.
         notes: Remarks on topics and sensors.
         warnings: Reasons to doubt the result.
-        outputs: Files that were written, those that were sent to a server left out.
-        how_to_open: How the outputs are opened, by the name of the viewer.
-        road_users: Who was there, each track once; None where nothing is tracked.
-        sent: Where the others are.
+        outputs: Local files that were written.
+        how_to_open: Instructions to open the outputs, by the name of the viewer.
+        road_users: Road users, each track once; None where nothing is tracked.
+        sent: Outputs that were sent to a server.
     """
 
     inputs: InputSummary
@@ -231,10 +228,10 @@ class RunSummary:
 
     @property
     def incomplete(self) -> tuple[str, ...]:
-        """Reasons why part of the recording could not be used, one short line each; empty if nothing is missing.
+        """Parts of the recording that could not be used, one short line each; empty if nothing is missing.
 
-        Sensors that were left out or are in no frame, messages that are at fault, messages lost to damage. Drops of
-        synchronisation and pauses of a sensor are not among them. A file that was changed while it was read is.
+        Sensors that were left out or are in no frame, faulty messages, messages lost to damage, files that changed
+        while they were read. Drops of synchronisation and pauses of a sensor are not among them.
         """
         defects = (drop for drop in self.drops.messages if drop.is_defect)
         return (
@@ -248,20 +245,12 @@ class RunSummary:
 
 def loss_records(losses: Sequence[Loss]) -> list[dict[str, Any]]:
     """Damaged parts for machines: `file`, `position` and `size` in bytes, `messages`, `reason`; None is unknown."""
-    return [
-        {
-            "file": str(loss.path),
-            "position": loss.position,
-            "size": loss.size,
-            "messages": loss.messages,
-            "reason": loss.reason,
-        }
-        for loss in losses
-    ]
+    keys = ("position", "size", "messages", "reason")
+    return [{"file": str(loss.path), **{key: getattr(loss, key) for key in keys}} for loss in losses]
 
 
 def summary_tree(report: RunSummary) -> dict[str, Any]:
-    """The report of a run as plain values, for JSON, without what `lidcam.cli.envelope` puts around it."""
+    """The report of a run as plain values, for JSON."""
     inputs, frames, drops, sensors, timing = report.inputs, report.frames, report.drops, report.sensors, report.timing
     return {
         "frames": frames.count,

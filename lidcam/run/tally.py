@@ -24,28 +24,26 @@ class DropTable:
     """
 
     def __init__(self, on_bad: OnBadMessage = "skip") -> None:
-        """Count drops; with `on_bad="fail"`, the first bad message ends the run."""
         self.on_bad: OnBadMessage = on_bad
         self.total = 0
-        self._counts: Counter[tuple[str, str]] = Counter()
-        self._examples: dict[tuple[str, str], str] = {}
-        self._of_parts: set[tuple[str, str]] = set()
-        self._defects: set[tuple[str, str]] = set()
+        self._counts: dict[tuple[str, str], DropCount] = {}
 
-    def add(self, drop: Drop) -> None:
+    def add(self, drop: Drop, *, is_defect: bool = False) -> None:
         """Count a message, or parts of one; the first detail of its kind is kept as the example."""
-        key = (drop.topic, drop.reason)
-        self._counts[key] += drop.parts or 1
-        self.total += drop.parts or 1
-        if drop.parts:
-            self._of_parts.add(key)
-        if drop.detail:
-            self._examples.setdefault(key, drop.detail)
+        key, count = (drop.topic, drop.reason), drop.parts or 1
+        self.total += count
+        known = self._counts.get(key, DropCount(*key, 0, ""))
+        self._counts[key] = DropCount(
+            *key,
+            known.count + count,
+            known.example or drop.detail,
+            "parts" if drop.parts else known.unit,
+            known.is_defect or is_defect,
+        )
 
     def add_defect(self, drop: Drop) -> None:
         """Count a message that is at fault itself."""
-        self.add(drop)
-        self._defects.add((drop.topic, drop.reason))
+        self.add(drop, is_defect=True)
 
     def add_bad(self, drop: Drop) -> None:
         """Count a message that cannot be decoded.
@@ -60,31 +58,22 @@ class DropTable:
     @property
     def rows(self) -> tuple[DropCount, ...]:
         """The counts, by topic and reason."""
-        return tuple(
-            DropCount(
-                *key,
-                count,
-                self._examples.get(key, ""),
-                "parts" if key in self._of_parts else "messages",
-                key in self._defects,
-            )
-            for key, count in sorted(self._counts.items())
-        )
+        return tuple(count for _, count in sorted(self._counts.items()))
 
     def count(self, topic: str) -> int:
         """Number of dropped messages of one topic."""
-        return sum(count for (name, _), count in self._counts.items() if name == topic)
+        return sum(row.count for row in self._counts.values() if row.topic == topic)
 
 
 @dataclass(frozen=True, slots=True)
 class RunProgress:
-    """How far a run is.
+    """The progress of a run.
 
     Attributes:
-        frames: Number of frames that have passed the stages; with offline tracks the last ones wait to be written.
-        objects: Number of objects in those that are written.
-        drops: Number of messages that were dropped. Reading is ahead of the frames, so this is no exact result.
-        log_time_ns: Log time of the newest frame; where the recording starts, before the first one.
+        frames: Frames that have passed the stages; with offline tracks the last ones are not written yet.
+        objects: Objects in the written frames.
+        drops: Dropped messages so far; reading is ahead of the frames.
+        log_time_ns: Log time of the newest frame; before the first one, the start of the recording.
     """
 
     frames: int
@@ -147,7 +136,7 @@ class Tally:
         unused = {(drop.topic, drop.stamp_ns) for drop in frame.drops if not drop.parts}
         self.messages.update(topic for topic, m in frame.bundle.messages.items() if (topic, m.stamp_ns) not in unused)
 
-    def frame_report(self, stats: SyncStats) -> FrameSummary:
+    def frame_summary(self, stats: SyncStats) -> FrameSummary:
         """The counts over the frames so far; `stats` has the spread of their stamps."""
         return FrameSummary(
             count=self.frames,
@@ -164,8 +153,8 @@ class Tally:
             skew_max_ms=stats.skew_max_ns / 1e6,
         )
 
-    def drop_report(self, messages: tuple[DropCount, ...]) -> DropSummary:
-        """The counts so far of what was not used or not reported, with the dropped messages."""
+    def drop_summary(self, messages: tuple[DropCount, ...]) -> DropSummary:
+        """The counts so far of data that was not used or not reported, with the dropped messages."""
         return DropSummary(
             messages=messages,
             boxes=dict(sorted(self.unused_boxes.items())),

@@ -1,7 +1,7 @@
-"""Tracks of a run: frames wait in a file until it is settled what is tracked in them.
+"""Tracks of a run: frames wait on disk until their tracks are settled.
 
-A tracker that looks ahead knows the objects of a frame only when it has seen later ones. So frames pass a delay line
-between the stages and all that sees results: memory does not grow with the delay, and nothing is read twice.
+An offline tracker settles the objects of a frame only after later frames. Frames pass a delay line between the stages
+and everything that uses results: memory does not grow with the delay, and nothing is read twice.
 """
 
 import io
@@ -21,7 +21,7 @@ from lidcam.pipeline.graph import Stamped
 from lidcam.pipeline.parallel.transfer import dump, load
 
 FILE_BYTES = 64 << 20
-"""Size from which on a file gets no more frames: so much more than the frames that wait lies on the disk, at most."""
+"""Size at which a new file is begun; at most this much disk is used beyond the waiting frames."""
 
 
 class FrameTracker(Protocol):
@@ -44,17 +44,16 @@ def tracked(
 ) -> Generator[FrameResult, None, None]:
     """The frames, in order, with tracked objects, each as soon as it is settled.
 
-    A frame that is settled at once is handed on as it is. The others wait on the disk, in files without a name, which
-    the system removes with the process. An error of `frames` is raised at once; the frames that wait are given up.
+    Frames that are not settled at once wait in unnamed temporary files. An error of `frames` is raised at once.
 
     Args:
         frames: The frames, in order.
         tracker: Gets each of them.
-        folder: Where they wait; None for the system's temporary folder.
-        stage: Entered with a bundle, around what is done for tracks.
+        folder: Folder for the temporary files; None for the system's.
+        stage: Context manager around the work for tracks, entered with a bundle.
 
     Raises:
-        OutputError: frames cannot be kept on the disk.
+        OutputError: frames cannot be buffered on disk.
     """
     with closing(_Spool(folder)) as spool:
         bundle = None
@@ -83,7 +82,7 @@ def tracked(
 
 
 class _Spool:
-    """Frames on the disk, first in, first out; a file goes as soon as all of its frames were read."""
+    """Frames on disk, first in, first out; a file is closed once all of its frames have been read."""
 
     def __init__(self, folder: Path | None) -> None:
         self._folder = folder
@@ -94,11 +93,6 @@ class _Spool:
         return len(self._places)
 
     def push(self, frame: FrameResult) -> None:
-        """Add a frame.
-
-        Raises:
-            OutputError: there is no room, or no file can be made.
-        """
         with self._errors_told():
             if self._file is None or self._file.closed or self._file.seek(0, os.SEEK_END) >= FILE_BYTES:
                 self._file = tempfile.TemporaryFile(buffering=0, dir=self._folder)  # noqa: SIM115  # see `close`
@@ -107,11 +101,6 @@ class _Spool:
             self._places.append((self._file, at))
 
     def pop(self) -> FrameResult:
-        """Take the oldest frame.
-
-        Raises:
-            OutputError: it cannot be read.
-        """
         file, at = self._places.popleft()
         with self._errors_told():
             file.seek(at)
@@ -121,7 +110,6 @@ class _Spool:
         return frame
 
     def close(self) -> None:
-        """Remove all of it."""
         for file in (self._file, *(file for file, _ in self._places)):
             if file is not None:
                 file.close()
@@ -131,7 +119,7 @@ class _Spool:
         try:
             yield
         except OSError as err:
+            place = self._folder or "the temporary folder"
             raise OutputError(
-                f"{self._folder or 'the temporary folder'}: frames that wait for their tracks cannot be kept there: "
-                f"{err.strerror or err}: free some space, or set track.window_s to less"
+                f"{place}: cannot buffer frames there: {err.strerror or err}: free some space, or reduce track.window_s"
             ) from err

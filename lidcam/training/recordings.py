@@ -22,7 +22,8 @@ from lidcam.readers.results.result import open_result
 from lidcam.readers.truth.open import open_truth
 from lidcam.run.frame import Frame
 from lidcam.run.frames import RunInput
-from lidcam.run.job import JobOptions, make_job
+from lidcam.run.job import make_job
+from lidcam.run.options import JobOptions
 from lidcam.training.labelled import (
     MIN_PASTED_POINTS,
     NAMES,

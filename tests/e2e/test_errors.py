@@ -105,7 +105,6 @@ def test_no_camera_is_lidar_only(lidcam: Lidcam, tmp_path: Path) -> None:
         (("--rerun", "out.txt"), 2, ".rrd"),
         (("--require", "fused.car.recal >= 0.9"), 2, "'fused.car.recal': did you mean 'fused.car.recall'?"),
         (("--json", "--print-matches"), 2, "--json"),
-        (("--max-dropped", "1"), 2, "--strict"),
         (("--workers", "0"), 2, "--workers"),
         (("--start", "-1"), 2, "--start"),
         (("--duration", "nan"), 2, "--duration"),

@@ -21,6 +21,7 @@ from lidcam.batch.local import LocalEngine
 from lidcam.batch.records import job_key
 from lidcam.batch.run import BatchOptions, run_batch
 from lidcam.readers.location import RemotePath
+from lidcam.run.job import Job
 
 SHORT = ("--duration", "0.4", "--set", "output.images=false", "--set", CLUSTERS, "--workers", 1, "-q")
 
@@ -223,7 +224,7 @@ def test_a_record_that_is_not_taken_fails_its_job_alone(fleet: Fleet, store: Obj
     for name in ("a", "b"):
         fleet[f"logs/{name}.bag"] = b"no recording"
     store.fail("PUT /fleet/results/.lidcam-batch/a")
-    options = BatchOptions(RemotePath("s3://fleet/results"), (), (), ())
+    options = BatchOptions(RemotePath("s3://fleet/results"), Job(()))
     one, other = run_batch(find_jobs(["s3://fleet/logs"], drive), options, LocalEngine(1), lambda _: None)
     assert (one.state, other.state) == ("failed", "failed")
     assert one.message.startswith("s3://fleet/results/.lidcam-batch/a.json: HTTP 503 after several attempts")

@@ -49,7 +49,7 @@ def test_objects_that_are_not_reported_are_counted(
     assert dict(report.drops.objects) == {reason: left_out}
     assert summary_tree(report)["objects_left_out"] == {reason: left_out}
     assert {zone for _, zone in report.frames.objects} == ({"south"} if in_south else {""})
-    assert f"objects not reported: {left_out}, {reason}" in printed(report)
+    assert f"{left_out} detections dropped: {reason}" in printed(report)
     for topic in ("/lidar/detections", "/cameras/detections"):
         one, other = (messages_of(path, topic) for path in (plain[0], tmp_path / "out.mcap"))
         assert [len(message.detections) for _, message in one] == [len(message.detections) for _, message in other]

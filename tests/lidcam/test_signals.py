@@ -12,7 +12,7 @@ import pytest
 BEGIN = """
 import os, signal, sys
 from pathlib import Path
-from lidcam.__main__ import end_at_signals
+from lidcam.signals import end_at_signals
 end_at_signals()
 from lidcam.pipeline.core.ending import undone_at_once
 
@@ -50,16 +50,6 @@ def last():
     killed()
 
 atexit.register(last)
-""",
-    "while an error is handled": """
-with undone_at_once(kept.unlink):
-    try:
-        raise ValueError
-    finally:
-        try:
-            killed()
-        except BaseException:
-            os._exit(3)
 """,
     "while other signals come": """
 def undo():

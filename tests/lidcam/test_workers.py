@@ -1,10 +1,9 @@
 """Runs that are shared among processes: the outputs, the reports and the errors of one process."""
 
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from builders import write_mcap
 from helpers import CLUSTERS
@@ -12,8 +11,6 @@ from small_drive import small_drive
 
 import lidcam
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.processing import opened
-from lidcam.run.frames import expected_frames
 from lidcam.run.summary import summary_tree
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -59,19 +56,6 @@ def test_same_bytes_and_same_report(name: str, duration_s: float | None, workers
         assert {drop.topic: drop.count for drop in reports[1].drops.messages if drop.is_defect} == {"/points": 2}
 
 
-def test_same_frames_one_after_another(tmp_path: Path) -> None:
-    write_mcap(path := tmp_path / "drive.mcap", drive())
-    one, two = (lidcam.iter_frames(path, settings=[CLUSTERS], workers=count) for count in (1, 2))
-    for mine, other in zip(one, two, strict=True):
-        for field in ("stamp_ns", "log_time_ns", "missing", "index"):
-            assert getattr(mine.bundle, field) == getattr(other.bundle, field)
-        for message, same in zip(mine.bundle.messages.values(), other.bundle.messages.values(), strict=True):
-            assert bytes(message.data) == bytes(same.data), "images that stages do not read are there, too"
-        np.testing.assert_array_equal(mine.combined.detection_cloud.xyz, other.combined.detection_cloud.xyz)
-        np.testing.assert_array_equal(mine.fused.objects.centers, other.fused.objects.centers)
-        np.testing.assert_array_equal(mine.beliefs, other.beliefs)
-
-
 def test_a_bad_message_ends_the_run_at_its_frame(tmp_path: Path) -> None:
     write_mcap(path := tmp_path / "drive.mcap", drive(bad=(6, 8)))
     errors, settings = [], ["track.mode=none", CLUSTERS]
@@ -83,13 +67,3 @@ def test_a_bad_message_ends_the_run_at_its_frame(tmp_path: Path) -> None:
         errors.append((str(caught.value), caught.value.__notes__))
     assert errors[0] == errors[1]
     assert "in stage decode clouds, frame 6" in errors[0][1][0]
-
-
-@pytest.mark.parametrize(
-    ("start_s", "duration_s", "frames"), [(0.0, None, 12), (0.0, 0.6, 6), (0.9, 5.0, 3), (0.0, 1e9, 12)]
-)
-def test_how_many_frames_are_expected(start_s: float, duration_s: float | None, frames: int, tmp_path: Path) -> None:
-    write_mcap(path := tmp_path / "drive.mcap", small_drive("cdr", frames=12))
-    job = lidcam.make_job(path, workers=1)
-    with opened(replace(job, start_s=start_s, duration_s=duration_s)) as run:
-        assert abs(expected_frames(run.source) - frames) <= 1

@@ -4,9 +4,9 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from lidcam.cli.printing.log import PACKAGES, progress_log, remark_log
+from lidcam.cli.printing.log import progress_log, remark_log
 
-NAMES = (*PACKAGES, progress_log.name, remark_log.name)
+NAMES = ("lidcam", progress_log.name, remark_log.name)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""What a batch shows: a bar while it runs, a table when it is done."""
+"""Printing of `lidcam batch`: a progress bar and the table of recordings."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -10,13 +10,13 @@ from lidcam.batch.records import JobRecord
 from lidcam.cli.printing.progress import show_share
 from lidcam.cli.printing.tables import ColumnsTable
 
-MOST_SHOWN = 100
-"""Characters of a message in the table on the screen; the file has all of it."""
+MAX_MESSAGE = 100
+"""Characters of a message in the printed table; the file has all of it."""
 
 
 @contextmanager
 def shown_batch(jobs: Sequence[BatchJob]) -> Iterator[Callable[[JobRecord], None]]:
-    """Progress over the bytes of all recordings; to be called with the record of each that has ended."""
+    """Progress over the bytes of all recordings: yields a function to call with each record that is complete."""
     sizes = {job.name: job.bytes or 1 for job in jobs}
     total, done, ended, failed = sum(sizes.values()), 0, 0, 0
     with show_share() as show:
@@ -38,6 +38,6 @@ def print_batch(out: Console, records: Sequence[JobRecord]) -> None:
     for one in records:
         objects = str(sum((one.objects or {}).values()))
         figures = (str(one.frames), objects, str(one.dropped)) if one.state != "failed" else ("", "", "")
-        message = one.message if len(one.message) <= MOST_SHOWN else f"{one.message[:MOST_SHOWN].rstrip()} ..."
+        message = one.message if len(one.message) <= MAX_MESSAGE else f"{one.message[:MAX_MESSAGE].rstrip()} ..."
         table.add_row(one.name, one.state, *figures, f"{one.wall_s:.1f}", f"{one.peak_mib:.0f}", message)
     out.print(table)

@@ -6,7 +6,7 @@ from typing import Any
 from rich.console import Console
 
 from lidcam.cli.printing.folding import show_line, show_table
-from lidcam.cli.printing.tables import ColumnsTable
+from lidcam.cli.printing.tables import rows_table
 from lidcam.pipeline.core.settings.evaluate import CompareConfig
 from lidcam.pipeline.evaluation.comparison.object_changes import KINDS
 
@@ -17,7 +17,7 @@ _UNITS = {"moved": " m", "turned": " deg", "resized": " m"}
 def print_comparison(
     out: Console, figures: Mapping[str, Any], names: Sequence[str], config: CompareConfig, *, lines: int
 ) -> None:
-    """The tables of a comparison of two results with these names; so many differences are listed."""
+    """Print the comparison of two results with these names, and at most `lines` differences."""
     show_line(out, f"A  {names[0]}")
     show_line(out, f"B  {names[1]}")
     show_line(
@@ -27,7 +27,7 @@ def print_comparison(
     )
     show_line(
         out,
-        f"equal is what differs by at most {config.position_m:g} m, {config.yaw_deg:g} deg, {config.size_m:g} m in "
+        f"tolerances: {config.position_m:g} m, {config.yaw_deg:g} deg, {config.size_m:g} m in "
         f"size, {config.score:g} in score, {config.pixels:g} px (settings: compare)",
         "dim",
     )
@@ -41,12 +41,12 @@ def print_comparison(
 def _print_counts(out: Console, title: str, first: str, channels: Mapping[str, Any]) -> None:
     """The objects by source or camera, and by class where something differs; kinds that do not occur have no column."""
     kinds = [kind for kind in KINDS if any(counts[ALL][kind] for counts in channels.values())]
-    table = ColumnsTable(title, first, "class", "A", "B", "equal", *kinds, text_columns=("class",))
-    for name, by_class in channels.items():
-        for class_name, row in _shown(by_class).items():
-            counts = [row["a"], row["b"], row["equal"], *(row[kind] or "" for kind in kinds)]
-            table.add_row(name, class_name, *map(str, counts))
-    show_table(out, table)
+    rows = (
+        (name, class_name, row["a"], row["b"], row["equal"], *(row[kind] or "" for kind in kinds))
+        for name, by_class in channels.items()
+        for class_name, row in _shown(by_class).items()
+    )
+    show_table(out, rows_table(title, (first, "class", "A", "B", "equal", *kinds), rows, ("class",)))
     out.print()
 
 
@@ -62,22 +62,21 @@ def _print_differences(out: Console, differences: Mapping[str, Any], lines: int)
     if not count or not lines:
         return
     title = "differences" if len(listed) == count else f"the first {len(listed)} of {count} differences"
-    columns = ("class", "difference", "frames", "from s", "to s", "at")
-    table = ColumnsTable(title, "in", *columns, text_columns=("class", "difference", "at"))
+    rows = []
     for one in listed:
-        frames = f"{one['first_frame']}-{one['last_frame']}" if one["frames"] > 1 else str(one["first_frame"])
+        frames = f"{one['first_frame']}-{one['last_frame']}" if one["frames"] > 1 else one["first_frame"]
         span = f"{one['first_s']:.3f}", f"{one['last_s']:.3f}"
-        table.add_row(_channel(one), one["class"], _what(one), frames, *span, _place(one["place"]))
-    show_table(out, table)
+        rows.append((_channel(one), one["class"], _what(one), frames, *span, _place(one["place"])))
+    columns = ("in", "class", "difference", "frames", "from s", "to s", "at")
+    show_table(out, rows_table(title, columns, rows, ("class", "difference", "at")))
     out.print()
-    table = ColumnsTable(
-        "the largest of each kind", "kind", "by", "in", "class", "frame", "s", "at", text_columns=("in", "class", "at")
-    )
+    rows = []
     for kind, one in differences["largest"].items():
-        where = _channel(one), one["class"], str(one["frame"]), f"{one['s']:.3f}", _place(one["place"])
-        table.add_row(kind, _amount(kind, one["amount"], is_image="camera" in one), *where)
-    if differences["largest"]:
-        show_table(out, table)
+        amount = _amount(kind, one["amount"], is_image="camera" in one)
+        rows.append((kind, amount, _channel(one), one["class"], one["frame"], f"{one['s']:.3f}", _place(one["place"])))
+    if rows:
+        columns = ("kind", "by", "in", "class", "frame", "s", "at")
+        show_table(out, rows_table("the largest of each kind", columns, rows, ("in", "class", "at")))
         out.print()
 
 

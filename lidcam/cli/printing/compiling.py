@@ -1,7 +1,8 @@
 """The first run on a machine: what it is made of is compiled while it is imported."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 
 
 @contextmanager
@@ -11,7 +12,7 @@ def compiled_together(*, shown: bool = False) -> Iterator[None]:
     Args:
         shown: Draw a bar on a terminal, or log lines of progress.
     """
-    from lidcam.cli.printing.progress import show_compiling  # not at the top: `lidcam --help` needs no numpy
+    from lidcam.cli.printing.progress import show_share  # not at the top: `lidcam --help` needs no numpy
     from lidcam.pipeline.core.compiled import compiled_beside
     from lidcam.pipeline.parallel.cores import usable_cores
 
@@ -19,5 +20,9 @@ def compiled_together(*, shown: bool = False) -> Iterator[None]:
         with compiled_beside(usable_cores()):
             yield
         return
-    with show_compiling() as progress, compiled_beside(usable_cores(), progress):
+    with show_share() as show, compiled_beside(usable_cores(), partial(_show_compiled, show)):
         yield
+
+
+def _show_compiled(show: Callable[[str, float, str], None], done: int, total: int) -> None:
+    show(f"compiling: {done} of {total}", done / total, "")

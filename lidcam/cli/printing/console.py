@@ -1,6 +1,7 @@
 """Printing of inspections, frames, and the final tables of a run."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import astuple
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -8,16 +9,13 @@ from rich.console import Console
 
 from lidcam.cli.printing.folding import show_line, show_table
 from lidcam.cli.printing.tables import (
-    changes_table,
     drops_table,
-    losses_table,
     missing_table,
     objects_table,
     pairs_table,
-    points_table,
     road_users_table,
+    rows_table,
     sensors_table,
-    stages_table,
     topics_table,
 )
 from lidcam.pipeline.core.detections import NO_HYPOTHESIS, Boxes3D, Fused, source_names
@@ -43,21 +41,16 @@ MAX_LOSSES = 20
 """Damaged parts in the table."""
 
 BOX_SOURCES = {
-    "onnx": "from the 2D network",
+    "onnx": "2D network",
     "recorded": "as recorded",
-    "none": "none: lidar-only; recorded 2D boxes, or --model-2d FILE.onnx, bring the cameras in",
+    "none": "none: lidar-only; recorded 2D boxes, or --model-2d FILE.onnx, enable the cameras",
 }
-_GEOMETRY = {
-    "lidar": "of lidars alone",
-    "camera": "of cameras alone",
-    "both": "of both",
-    "predicted": "predicted by tracks",
-}
-_NO_MOTION = "none: no odometry or tf of the site frame, or switched off"
+GEOMETRY = {"lidar": "lidar only", "camera": "camera only", "both": "both", "predicted": "predicted by tracks"}
+NO_MOTION = "none: no odometry or tf of the site frame, or switched off"
 
 
 def print_detections(out: Console, frame: FrameResult, config: Config) -> None:
-    """Print the boxes of the lidars, those that the cameras alone place, and the fused objects with their sources."""
+    """Print the boxes of the lidars, those placed by the cameras alone, and the fused objects with their sources."""
     lidar, placed, fused = frame.detections.lidar, frame.detections.placed, frame.fused
     out.print(f"frame {frame.bundle.index}  stamp {frame.bundle.stamp_ns} ns  {len(lidar)} lidar detections")
     _print_boxes(out, lidar, config, [f"{count} points" for count in lidar.point_counts.tolist()])
@@ -70,12 +63,12 @@ def print_detections(out: Console, frame: FrameResult, config: Config) -> None:
     origins = [
         name if row == NO_HYPOTHESIS else f"{name}, of row {row}, {cameras} cam" for name, row, cameras in columns
     ]
-    remarks = [", ".join(filter(None, pair)) for pair in zip(_told_of_tracks(fused), origins, strict=True)]
+    remarks = [", ".join(filter(None, pair)) for pair in zip(_track_texts(fused), origins, strict=True)]
     _print_boxes(out, fused.objects, config, remarks)
 
 
-def _told_of_tracks(fused: Fused) -> list[str]:
-    """Number, speed and age of the track of each object; empty of one without."""
+def _track_texts(fused: Fused) -> list[str]:
+    """Number, speed and age of the track of each object; empty without one."""
     tracks = Tracks.none(len(fused.objects)) if fused.tracks is None else fused.tracks
     columns = zip(tracks.ids.tolist(), tracks.speeds.tolist(), tracks.ages_s.tolist(), strict=True)
     return [
@@ -95,10 +88,10 @@ def _print_boxes(out: Console, boxes: Boxes3D, config: Config, remarks: Sequence
 
 
 def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
-    """Which 2D box is which object in one frame, and what only one sensor saw.
+    """Print which 2D box matches which object in one frame, and what only one sensor saw.
 
-    Objects have their row among the fused ones. A 3D box that is not reported has its row in what was weighed: the
-    lidars' detections, then those that 2D boxes propose.
+    Objects are numbered by their row among the fused ones, 3D boxes that are not reported by their row among the
+    hypotheses: the lidars' detections, then those proposed by 2D boxes.
     """
     hypotheses, fused = frame.hypotheses, frame.fused
     names = [f"object {row}" for row in range(len(fused.objects))]
@@ -135,56 +128,57 @@ def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
     out.print(f"  seen by the lidars alone: {', '.join(listed) or 'none'}")
     predicted = [name for name, row in zip(names, fused.rows.tolist(), strict=True) if row == NO_HYPOTHESIS]
     if predicted:
-        out.print(f"  seen by nothing, but predicted by their tracks: {', '.join(predicted)}")
+        out.print(f"  not detected, predicted by their tracks: {', '.join(predicted)}")
 
 
 def print_report(out: Console, report: RunSummary, *, times: bool = False) -> None:
-    """The final tables of a run; with `times` that of the stages, too."""
+    """The final tables of a run; with `times` also the time of each stage."""
     inputs, frames, drops, sensors, timing = report.inputs, report.frames, report.drops, report.sensors, report.timing
     zones = [zone.name for zone in sensors.rig.counted_zones]
+    count = max(frames.count, 1)
     if users := report.road_users:
         show_table(out, road_users_table(users, zones))
         out.print()
         if users.changes:
-            show_table(out, changes_table(users.changes))
+            columns = ("class", "from", "to", "number", "mean m/s")
+            changes = ((*astuple(one)[:4], f"{one.speed_mean_m_s:.1f}") for one in users.changes)
+            show_table(out, rows_table("road users from zone to zone", columns, changes, columns[:3]))
             out.print()
     show_line(out, f"objects, sum over {frames.count} frame{'s' * (frames.count != 1)}", "bold")
     show_table(out, objects_table(frames.objects, zones, frames.count))
-    for reason, count in drops.objects.items():
-        show_line(out, f"  objects not reported: {count}, {reason}")
+    _print_counts(out, "detections dropped", drops.objects)
     out.print()
     show_table(out, drops_table(inputs.messages_used, drops.messages))
     for drop in drops.messages:
         if drop.example:
             show_line(out, f"  {drop.reason}: {drop.example}", "dim")
-    for reason, count in drops.boxes.items():
-        show_line(out, f"  recorded 2D boxes not used: {count}, {reason}")
-    for reason, count in drops.boxes3d.items():
-        show_line(out, f"  recorded 3D boxes not used: {count}, {reason}")
-    for reason, count in drops.boxes_without_object.items():
-        show_line(out, f"  2D boxes without an object: {count}, {reason}")
+    _print_counts(out, "recorded 2D boxes not used", drops.boxes)
+    _print_counts(out, "recorded 3D boxes not used", drops.boxes3d)
+    _print_counts(out, "unmatched 2D boxes", drops.boxes_without_object)
     if sensors.missing:
         out.print()
         show_table(out, missing_table(sensors.missing))
     _print_losses(out, inputs.losses)
-    if times and timing.stage_seconds:
+    milliseconds = {name: f"{1e3 * seconds / count:.1f}" for name, seconds in timing.stage_seconds.items()}
+    if times and milliseconds:
         out.print()
-        show_table(out, stages_table(timing.stage_seconds, frames.count))
+        rows = [row for row in milliseconds.items() if row[1] != "0.0"]
+        show_table(out, rows_table("time", ("stage", "ms per frame"), rows))
     out.print()
-    show_table(out, points_table(frames.points, frames.count))
+    points = ((step, f"{total / count:.0f}") for step, total in frames.points.items())
+    show_table(out, rows_table("points", ("step", "points per frame"), points))
     out.print()
+    rate = f", {timing.frames_per_second:.1f} per second" if timing.frames_per_second >= 0 else ""
+    copied = f"{sum(inputs.copied.values())} messages: {_below_one_name(inputs.copied)}" if inputs.copied else ""
     facts = {
-        "frames": f"{frames.count}"
-        + (f", {timing.frames_per_second:.1f} a second" if timing.frames_per_second >= 0 else ""),
-        "sync skew": f"{frames.skew_mean_ms:.1f} ms mean, {frames.skew_max_ms:.1f} ms at most",
+        "frames": f"{frames.count}{rate}",
+        "sync skew": f"mean {frames.skew_mean_ms:.1f} ms, max {frames.skew_max_ms:.1f} ms",
         "motion": _motion(report),
         "3D boxes": _boxes3d(report),
         "2D boxes": BOX_SOURCES[sensors.box_source],
         "confirmed": _confirmed(report),
-        "geometry": ", ".join(
-            f"{count} {_GEOMETRY[source]}" for source, count in frames.sources.items() if count or source != "predicted"
-        ),
-        **({"copied": _copied(report)} if inputs.copied else {}),
+        "geometry": ", ".join(f"{GEOMETRY[name]} {n}" for name, n in frames.sources.items()),
+        **({"copied": copied} if copied else {}),
         "settings": str(report.settings),
         "written": ", ".join(map(str, (*report.outputs, *report.sent))),
         **report.how_to_open,
@@ -200,9 +194,9 @@ def print_report(out: Console, report: RunSummary, *, times: bool = False) -> No
     _print_warnings(out, report.warnings)
 
 
-def _copied(report: RunSummary) -> str:
-    """How many messages, and of which topics."""
-    return f"{sum(report.inputs.copied.values())} messages: {_below_one_name(report.inputs.copied)}"
+def _print_counts(out: Console, what: str, counts: Mapping[str, int]) -> None:
+    for reason, count in counts.items():
+        show_line(out, f"  {count} {what}: {reason}")
 
 
 def _below_one_name(topics: Iterable[str]) -> str:
@@ -217,14 +211,14 @@ def _motion(report: RunSummary) -> str:
     frames, topics = report.frames, report.sensors.motion_topics
     if topics:
         lost = f"; {n} could not be registered" if (n := frames.odometry_predicted) else ""
-        corrected = f"; for tracks corrected by the clouds (small_gicp){lost}" if frames.odometry else ""
+        corrected = f"; for tracks, corrected from the clouds (small_gicp){lost}" if frames.odometry else ""
         return f"{frames.compensated} of {frames.count} frames compensated, from {', '.join(topics)}{corrected}"
     if not frames.odometry:
-        return _NO_MOTION
-    found = f"of tracks alone, from the clouds (small_gicp), {frames.odometry} of {frames.count} frames"
+        return NO_MOTION
+    found = f"for tracks only, from the clouds (small_gicp), {frames.odometry} of {frames.count} frames"
     if not frames.odometry_predicted:
         return found
-    return f"{found}; {frames.odometry_predicted} could not be registered and carry on at the last velocity"
+    return f"{found}; {frames.odometry_predicted} could not be registered and keep the last velocity"
 
 
 def _boxes3d(report: RunSummary) -> str:
@@ -247,11 +241,11 @@ def _confirmed(report: RunSummary) -> str:
     confirmed = f"{report.frames.confirmed} of {sum(report.frames.objects.values())} objects by a camera"
     if report.sensors.box_source == "none" or not report.frames.without_boxes:
         return confirmed
-    return f"{confirmed}; {report.frames.without_boxes} of {report.frames.count} frames have no 2D boxes of their own"
+    return f"{confirmed}; {report.frames.without_boxes} of {report.frames.count} frames have no 2D boxes"
 
 
 def print_inspection(out: Console, inspection: "Inspection", verdict: str = "", *, every_topic: bool = False) -> None:
-    """Print the contents of a recording: the verdict first, and topics that would not be used in one line."""
+    """Print the contents of a recording: the verdict first; topics that would not be used in one line."""
     seconds = (inspection.end_ns - inspection.start_ns) / 1e9
     files = ", ".join(map(str, inspection.files))
     show_line(out, f"{files}: {inspection.messages} messages, {seconds:.2f} s")
@@ -264,9 +258,7 @@ def print_inspection(out: Console, inspection: "Inspection", verdict: str = "", 
         show_line(out, f"other topics, listed with -v: {_below_one_name(topic.topic for topic in unused)}")
     if inspection.stop_ns is not None:
         looked_s = (inspection.stop_ns - inspection.start_ns) / 1e9
-        show_line(
-            out, f"apart from the counts, this is of the first {looked_s:g} s: files on a server are not read further"
-        )
+        show_line(out, f"only the first {looked_s:g} s were examined, but for the counts: the files are on a server")
     _print_losses(out, inspection.losses)
     out.print()
     if inspection.rig is None:
@@ -276,7 +268,7 @@ def print_inspection(out: Console, inspection: "Inspection", verdict: str = "", 
     show_line(out, f"site frame: {inspection.rig.site_frame}")
     show_table(out, sensors_table(inspection.sensors))
     _print_remarks(out, inspection.faults, inspection.notes)
-    show_line(out, f"motion: {', '.join(inspection.motion_topics) or _NO_MOTION}")
+    show_line(out, f"motion: {', '.join(inspection.motion_topics) or NO_MOTION}")
     show_line(out, f"3D boxes: {_source_of_boxes3d(inspection.box_source_3d, inspection.rig)}")
     show_line(out, f"2D boxes: {BOX_SOURCES[inspection.box_source]}")
     show_line(out, f"settings: {inspection.settings}")
@@ -284,7 +276,7 @@ def print_inspection(out: Console, inspection: "Inspection", verdict: str = "", 
 
 
 def _unused(inspection: "Inspection") -> "Sequence[TopicSurvey]":
-    """The topics without a remark that neither sensors nor motion nor calibration come from."""
+    """The topics without a remark that are not used for sensors, motion or calibration."""
     if inspection.rig is None:
         return ()
     used = {*inspection.motion_topics, *inspection.rig.sensor_of_topic, *(one.topic for one in inspection.faults)}
@@ -300,7 +292,12 @@ def _print_losses(out: Console, losses: Sequence[Loss]) -> None:
     if not losses:
         return
     out.print()
-    show_table(out, losses_table(loss_records(losses[:MAX_LOSSES])))
+    columns = ("file", "from byte", "bytes", "messages lost", "reason")
+    rows = (
+        ("unknown" if value is None else value for value in record.values())
+        for record in loss_records(losses[:MAX_LOSSES])
+    )
+    show_table(out, rows_table("damage", columns, rows, ("reason",)))
     if len(losses) > MAX_LOSSES:
         show_line(out, f"  and {len(losses) - MAX_LOSSES} more parts; --json lists all")
 

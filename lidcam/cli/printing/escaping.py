@@ -1,8 +1,7 @@
-"""Text from outside, made fit for a terminal: everything that is printed passes through here.
+"""Escapes text for terminals; everything that is printed passes through here.
 
-Names of topics, frames and files, and texts of errors, may hold anything: sequences that set the clipboard or title,
-line ends that fake lines, marks that turn the direction of writing. Unprintable characters are shown as their
-escape sequences, and a URL without its secrets. Libraries and outputs keep the names as they are.
+Names of topics, frames and files, and error texts, may contain control sequences. Unprintable characters are shown as
+escape sequences, and URLs without secrets. Libraries and outputs keep the names as they are.
 """
 
 import json
@@ -13,17 +12,17 @@ from lidcam.pipeline.core.urls import without_secrets
 
 
 def visible(text: str) -> str:
-    """A text for one line: what is not printable as its escape sequence, URLs without secrets."""
+    """A text for one line, escaped, with URLs without secrets."""
     return without_secrets(printable(text))
 
 
 def visible_lines(text: str) -> str:
-    """As `visible`, of a text of several lines: its line ends and tabs stay."""
+    """Several lines, escaped as by `visible`; line ends and tabs are kept."""
     return "\n".join(map(without_secrets, printable_lines(text).split("\n")))
 
 
 def printable_lines(text: str) -> str:
-    """A text of several lines in which all else that is not printable is shown as its escape sequence."""
+    """A text of several lines, escaped."""
     return "\n".join("\t".join(map(printable, line.split("\t"))) for line in text.split("\n"))
 
 

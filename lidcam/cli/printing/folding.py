@@ -1,7 +1,7 @@
-"""Text that is as wide as it is elsewhere, and fits a terminal there.
+"""Wraps text to the terminal width.
 
-Off a terminal a row of a table and a remark are one line each, however long, so that `grep` finds whole names. On a
-terminal names and sentences are folded to its width; numbers never are.
+In pipes and files a row of a table and a remark are one line each, so that `grep` finds whole names. On a terminal
+names and sentences are folded to its width; numbers never are.
 """
 
 import re
@@ -16,24 +16,19 @@ from rich.text import Text
 from lidcam.cli.printing.escaping import visible
 
 MAX_COLUMNS = 10_000
-"""More than any table is wide."""
+"""Width for a table that is not folded."""
 
 MIN_FOLDED = 8
-"""Columns that a folded text has at least."""
+"""Minimum width of a folded text."""
 
 INDENT = "  "
-"""Before the lines after the first."""
+"""Indent of the lines after the first."""
 
 _PIECES = re.compile(r"/?[^/_.,:;-]+[/_.,:;-]*|[/_.,:;-]+")
 
 
 class Folded:
-    """A text that is folded to the width that it gets, after a blank if it has one, else after a mark.
-
-    Attributes:
-        text: The text, made visible.
-        style: How it is printed.
-    """
+    """A text that is folded to the available width, after a blank if it has one, else after a mark."""
 
     def __init__(self, text: str, style: str = "") -> None:
         self.text, self.style = visible(text), style
@@ -48,7 +43,7 @@ class Folded:
 
 
 def folded_lines(text: str, width: int) -> Iterator[str]:
-    """Lines of at most `width` columns that give the text when they are joined, but for blanks at their ends."""
+    """Lines of at most `width` columns that join to the text, except for blanks at their ends."""
     line = ""
     for position, word in enumerate(text.split(" ")):
         parts = [word] if cell_len(word) <= width - len(INDENT) else _PIECES.findall(word)
@@ -68,7 +63,7 @@ def folded_lines(text: str, width: int) -> Iterator[str]:
 
 
 def show_table(out: Console, table: Table) -> None:
-    """Print a table: on a terminal folded to its width, elsewhere as wide as it needs to be; no trailing blanks."""
+    """Print a table, folded on a terminal; without trailing blanks."""
     if table.title:
         show_line(out, str(table.title), "bold")
         table.title = None  # rich would fold it to the width of the table
@@ -81,7 +76,7 @@ def show_table(out: Console, table: Table) -> None:
 
 
 def show_line(out: Console, text: str, style: str = "") -> None:
-    """Print a remark: on a terminal folded to its width, elsewhere on one line."""
+    """Print a line, folded on a terminal."""
     text = visible(text)
     for line in folded_lines(text, out.width) if out.is_terminal else (text,):
         out.print(Text(line, style))

@@ -1,7 +1,7 @@
-"""The log of a program, besides its results: the one place that configures logging.
+"""The log of a program: the one place that configures logging.
 
-Warnings and errors go to stderr; so do remarks ("wrote out.bag ...") and, where stderr is no terminal and no bar can be
-drawn, lines of progress. A log file gets everything, with times.
+Warnings, errors and remarks ("wrote out.bag ...") go to stderr, and so do lines of progress if stderr is no terminal. A
+log file gets everything, with times.
 """
 
 import logging
@@ -18,28 +18,23 @@ from lidcam.cli.printing.escaping import visible, visible_lines
 from lidcam.pipeline.core.compile_log import compile_log
 from lidcam.pipeline.core.errors import OutputError
 
-PACKAGES = ("lidcam", "pipeline", "readers", "writers", "bags")
-"""Our own loggers; libraries log too much to be read."""
-
 remark_log = logging.getLogger("lidcam.remarks")
 """Files that were written, at level INFO: shown unless --quiet is given."""
 
 progress_log = logging.getLogger("lidcam.progress")
-"""Progress of a command, at level INFO. Off with --quiet: then no bar is drawn, either."""
-
+"""Progress of a command, at level INFO; off with --quiet, like the progress bar."""
 
 verdict_log = logging.getLogger("lidcam.verdict")
-"""Why a command that has done its work does not end with 0: always shown, as the last line."""
-
+"""The reason why a command that has done its work does not exit with 0: always shown, as the last line."""
 
 LOG_LINE = re.compile(rb"[-\d]{10}T[:\d]{8}\.\d{3}Z ")
-"""How each line of a log file begins."""
+"""The beginning of each line of a log file."""
 
 _REMARKS = (remark_log.name, compile_log.name)
 
 
 class Verbosity(IntEnum):
-    """From which level on stderr shows the log."""
+    """The lowest level that stderr shows."""
 
     QUIET = logging.ERROR
     NORMAL = logging.WARNING
@@ -50,8 +45,8 @@ def configure_logging(verbosity: Verbosity = Verbosity.NORMAL, log_file: Path | 
     """Send the log of this program to stderr, and to a file; what was configured before is undone.
 
     Args:
-        verbosity: The level from which stderr shows it; a file gets everything.
-        log_file: File to append to.
+        verbosity: The lowest level that stderr shows.
+        log_file: File to append everything to.
 
     Raises:
         OutputError: the file cannot be written.
@@ -63,12 +58,11 @@ def configure_logging(verbosity: Verbosity = Verbosity.NORMAL, log_file: Path | 
             file = logging.FileHandler(log_file, encoding="utf-8")
         except OSError as err:
             raise OutputError(f"{log_file}: expected a log file that can be written: {err.strerror}") from err
-        file.setFormatter(_timed())
+        file.setFormatter(_Timed())
         handlers.append(file)
     logging.basicConfig(level=logging.WARNING, handlers=handlers, force=True)
     everything = log_file is not None or verbosity == Verbosity.VERBOSE
-    for name in PACKAGES:
-        logging.getLogger(name).setLevel(logging.DEBUG if everything else logging.INFO)
+    logging.getLogger("lidcam").setLevel(logging.DEBUG if everything else logging.INFO)  # libraries log too much
     progress_log.setLevel(logging.ERROR if verbosity == Verbosity.QUIET else logging.NOTSET)
 
 
@@ -78,12 +72,7 @@ def is_verbose() -> bool:
 
 
 def _check_log(path: Path) -> None:
-    """Check that a log can go on in a file: one that is new, empty, or a log; no link, which may lead anywhere.
-
-    Raises:
-        OutputError: it cannot.
-        OSError: it cannot be read.
-    """
+    """Check that a log can be appended to a file: a new or empty one, or a log; no link, which may lead anywhere."""
     if not os.path.lexists(path):
         return
     if path.is_symlink() or not path.is_file():
@@ -134,6 +123,13 @@ class _Stderr(logging.Handler):
 
 
 class _Timed(logging.Formatter):
+    """Lines with the time in UTC, the level and the logger."""
+
+    converter = staticmethod(time.gmtime)
+
+    def __init__(self) -> None:
+        super().__init__("%(asctime)s.%(msecs)03dZ %(levelname)-7s %(name)s: %(message)s", "%Y-%m-%dT%H:%M:%S")
+
     def formatMessage(self, record: logging.LogRecord) -> str:
         record.message = _visible(record)
         return super().formatMessage(record)
@@ -145,10 +141,3 @@ class _Timed(logging.Formatter):
 def _visible(record: logging.LogRecord) -> str:
     """The message in one line, whatever it quotes."""
     return visible(record.getMessage())
-
-
-def _timed() -> logging.Formatter:
-    """Lines with the time in UTC, the level and where they come from."""
-    formatter = _Timed("%(asctime)s.%(msecs)03dZ %(levelname)-7s %(name)s: %(message)s", "%Y-%m-%dT%H:%M:%S")
-    formatter.converter = time.gmtime
-    return formatter

@@ -1,14 +1,14 @@
-"""The worst errors of a result, so that one can look at them."""
+"""The worst errors of a result, to be looked up in a viewer."""
 
 from collections.abc import Mapping
 from typing import Any
 
 from rich.table import Table
 
-from lidcam.cli.printing.tables import ColumnsTable
+from lidcam.cli.printing.tables import rows_table
 
 MAX_PRINTED = 3
-"""Of each kind; the JSON has more."""
+"""Mistakes of each kind that are printed; the JSON has more."""
 
 
 CAUSES = {
@@ -20,15 +20,20 @@ CAUSES = {
 
 
 def mistakes_table(source: str, kinds: Mapping[str, Any]) -> Table:
-    """The worst mistakes of one source: what, in how many frames, when and where it is worst."""
+    """The worst mistakes of one source: kind, number of frames, time and place."""
+    rows = (
+        (
+            kind,
+            one["class"],
+            one["frames"],
+            *(f"{one[key]:.1f}" for key in ("worst_s", "x_m", "y_m")),
+            mistake_note(kind, one),
+        )
+        for kind, mistakes in kinds.items()
+        for one in mistakes[:MAX_PRINTED]
+    )
     title = f"worst errors of {source}: where to look, and when (s from the first frame)"
-    table = ColumnsTable(title, "error", "class", "frames", "at s", "x m", "y m", "", text_columns=("class", ""))
-    for kind, mistakes in kinds.items():
-        for one in mistakes[:MAX_PRINTED]:
-            place = (f"{one[axis]:.1f}" for axis in ("x_m", "y_m"))
-            note = mistake_note(kind, one)
-            table.add_row(kind, one["class"], str(one["frames"]), f"{one['worst_s']:.1f}", *place, note)
-    return table
+    return rows_table(title, ("error", "class", "frames", "at s", "x m", "y m", ""), rows, ("class", ""))
 
 
 def mistake_note(kind: str, mistake: Mapping[str, Any]) -> str:

@@ -1,16 +1,16 @@
-"""How numbers stand in tables."""
+"""Formats of numbers in tables."""
 
 NONE = "-"
-"""In place of a figure that is not defined."""
+"""Text for an undefined figure."""
 
 
 def number(value: float | None, digits: int) -> str:
-    """With so many digits behind the point; no minus before a zero."""
+    """A number with `digits` decimals; zero has no minus."""
     return NONE if value is None else f"{value:z.{digits}f}"
 
 
 def signed(value: float | None, digits: int) -> str:
-    """As `number`, with its sign; zero has a plus."""
+    """A number with a sign; zero has a plus."""
     return NONE if value is None else f"{value:+z.{digits}f}"
 
 

@@ -14,13 +14,13 @@ from lidcam.cli.printing.log import progress_log
 from lidcam.cli.printing.terminal import console
 
 LINE_EVERY_S = 10.0
-"""Wall time from one line to the next."""
+"""Wall time between lines."""
 
 Clock = Callable[[], float]
 
 
 class Advance(Protocol):
-    """To be called now and then."""
+    """The function that reports progress."""
 
     def __call__(self, done_s: float, facts: str = "") -> None:
         """Report that `done_s` recorded or simulated seconds are done, with `facts` to show beside the bar."""
@@ -30,36 +30,24 @@ class Advance(Protocol):
 def show_progress(
     total_s: float, *, err: Console | None = None, clock: Clock = time.monotonic, whatever_is_logged: bool = False
 ) -> Iterator[Advance]:
-    """Progress over so many recorded or simulated seconds; the bar is drawn on stderr if no console is given.
-
-    A notebook counts as a terminal. `whatever_is_logged` draws the bar also where lines of progress are not logged.
-    """
-    with _shown(err, clock, whatever_is_logged) as show:
+    """Progress over `total_s` recorded or simulated seconds; other arguments as in `show_share`."""
+    with show_share(err=err, clock=clock, whatever_is_logged=whatever_is_logged) as show:
 
         def advance(done_s: float, facts: str = "") -> None:
-            show(f"{done_s:.1f} of {total_s:.1f} s", done_s, total_s, facts)
+            show(f"{done_s:.1f} of {total_s:.1f} s", done_s / total_s if total_s else 1.0, facts)
 
         yield advance
-
-
-@contextmanager
-def show_compiling(
-    *, err: Console | None = None, clock: Clock = time.monotonic
-) -> Iterator[Callable[[int, int], None]]:
-    """Progress of the first run on a machine: yields a function of the number of compiled functions and of all."""
-    with _shown(err, clock) as show:
-        yield lambda done, total: show(f"compiling: {done} of {total}", done, total, "")
 
 
 @contextmanager
 def show_training(
     *, err: Console | None = None, clock: Clock = time.monotonic
 ) -> Iterator[Callable[[float, str], None]]:
-    """Progress of a training: yields a function of the share that is done and of facts; lines tell the time left.
+    """Progress of a training: yields a function of the share that is done and of facts; shows the time left.
 
-    The first share may be large: that of a training which goes on.
+    The first share is that of a resumed training.
     """
-    with _shown(err, clock) as show:
+    with show_share(err=err, clock=clock) as show:
         start: tuple[float, float] | None = None
 
         def told(share: float, facts: str) -> None:
@@ -69,25 +57,20 @@ def show_training(
             if share > start[1]:
                 left_s = (clock() - start[0]) * (1 - share) / (share - start[1])
                 text += f", about {left_s / 60:.0f} min left"
-            show(text, share, 1.0, facts)
+            show(text, share, facts)
 
         yield told
 
 
 @contextmanager
 def show_share(
-    *, err: Console | None = None, clock: Clock = time.monotonic
+    *, err: Console | None = None, clock: Clock = time.monotonic, whatever_is_logged: bool = False
 ) -> Iterator[Callable[[str, float, str], None]]:
-    """Progress of many things: yields a function of a text, the share that is done, and facts."""
-    with _shown(err, clock) as show:
-        yield lambda text, share, facts: show(text, share, 1.0, facts)
+    """Progress of any work: yields a function of a text, the share that is done, and facts.
 
-
-@contextmanager
-def _shown(
-    err: Console | None, clock: Clock, whatever_is_logged: bool = False
-) -> Iterator[Callable[[str, float, float, str], None]]:
-    """A function that shows a text, the share that is done, and facts: the bar is drawn when it is first called."""
+    The bar is drawn at the first call, on stderr if no console is given; a notebook counts as a terminal.
+    `whatever_is_logged` draws it even if progress is not logged.
+    """
     err = err or console(stderr=True)
     has_bar = (err.is_terminal or err.is_jupyter) and (whatever_is_logged or progress_log.isEnabledFor(logging.INFO))
     last_s, last_line = clock(), ""
@@ -100,13 +83,13 @@ def _shown(
     with ExitStack() as stack:
         bar = Progress(*columns, console=err, transient=True)
 
-        def show(text: str, done: float, total: float, facts: str) -> None:
+        def show(text: str, share: float, facts: str) -> None:
             nonlocal last_s, last_line
             if has_bar:
                 if not bar.tasks:
                     stack.enter_context(bar)
-                    bar.add_task("", text="")
-                bar.update(bar.tasks[0].id, completed=done, total=total, description=visible(facts), text=text)
+                    bar.add_task("", text="", total=1.0)
+                bar.update(bar.tasks[0].id, completed=share, description=visible(facts), text=text)
             line = f"{text}, {facts}" if facts else text
             if clock() - last_s >= LINE_EVERY_S and line != last_line:
                 last_s, last_line = clock(), line

@@ -11,7 +11,7 @@ from lidcam.cli.printing.tables import ColumnsTable
 from lidcam.pipeline.core.arrays import F64, Bools
 
 VALUES = ("pitch_deg", "yaw_deg", "roll_deg", "x_m", "y_m", "z_m", "time_ms")
-"""Of a camera: rotation about x, y and z of its optical frame, translation along them, and how late its images are."""
+"""Errors of a camera: rotation about x, y, z of its optical frame, translation along them, delay of its images."""
 
 LIDAR_VALUES = ("about_x_deg", "about_y_deg", "about_z_deg", "x_m", "y_m", "z_m")
 
@@ -19,7 +19,7 @@ NOT_JUDGED = "not judged"
 
 
 def print_check(out: Console, check: RigCheck) -> None:
-    """Print what a check found; a `*` marks significant errors, which are fitted alone then."""
+    """Print a check; `*` marks significant errors."""
     cameras = ColumnsTable("cameras against lidars", "camera", "pairs", "tracks", *map(_heading, VALUES))
     for one in check.cameras:
         cells = [NOT_JUDGED] if one.error is None else _cells(one.error.values, one.error.sigmas, one.significant)
@@ -45,7 +45,7 @@ def print_check(out: Console, check: RigCheck) -> None:
 
 
 def check_tree(check: RigCheck) -> dict[str, Any]:
-    """What a check found as plain values, for JSON; errors are null where a sensor is not judged."""
+    """A check as plain values, for JSON; errors are null where a sensor is not judged."""
     cameras = {
         one.camera.name: {
             "pairs": one.pair_count,

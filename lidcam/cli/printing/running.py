@@ -1,4 +1,4 @@
-"""A run on the screen: its progress, and its frames where that is asked for."""
+"""A run on the screen: its progress, and optionally its frames."""
 
 import gc
 import time
@@ -19,36 +19,30 @@ if TYPE_CHECKING:
     from lidcam.evaluation.requirement import Requirement
 
 SOURCES = ("lidar", "fused")
-"""Of 3D boxes, in every result."""
+"""Sources of 3D boxes in every result."""
 
 
 @contextmanager
 def shown_run(
     out: Console, requirements: "Sequence[Requirement]" = (), *, detections: bool = False, matches: bool = False
 ) -> Iterator[RunObserver]:
-    """An observer that shows a run.
-
-    The requirements are checked when the recording is open. `detections` prints what each sensor and the fusion found,
-    `matches` which 2D box is which object, both frame by frame.
+    """An observer that shows a run, with the detections and matches of each frame if asked for.
 
     Raises:
-        RequirementError: a requirement names a figure that there cannot be.
+        RequirementError: a requirement names an unknown figure; found when the recording is open.
     """
     with ExitStack() as stack:
         yield _ShownRun(out, stack, requirements, detections=detections, matches=matches)
 
 
 class ShownProgress(RunObserver):
-    """Shows how far a run is, in recorded seconds, until the stack is closed.
-
-    `whatever_is_logged` as of `show_progress`.
-    """
+    """Shows the progress of a run in recorded seconds, until the stack is closed."""
 
     def __init__(self, stack: ExitStack, *, whatever_is_logged: bool = False) -> None:
         self._stack, self._whatever_is_logged = stack, whatever_is_logged
 
     def opened(self, source: RunInput) -> None:
-        """Take over the seconds to be processed."""
+        """Begin with the seconds to be processed."""
         recording, window = source.recording, source.window
         self._start_ns = window.start_ns or recording.start_ns
         stop_ns = min(window.stop_ns or recording.end_ns, recording.end_ns)
@@ -57,12 +51,12 @@ class ShownProgress(RunObserver):
         self._advance = self._stack.enter_context(bar)
 
     def advanced(self, progress: RunProgress) -> None:
-        """Show how far the run is."""
+        """Show the progress."""
         rate_hz = progress.frames / max(time.monotonic() - self._started_s, 1e-3)
         objects = f"{progress.objects} objects" if progress.objects else "no objects yet"  # offline, a window late
         self._advance(
             (progress.log_time_ns - self._start_ns) / 1e9,
-            f"{progress.frames} frames, {rate_hz:.1f} a second, {objects}, {progress.drops} dropped",
+            f"{progress.frames} frames, {rate_hz:.1f} per second, {objects}, {progress.drops} dropped",
         )
 
 

@@ -1,4 +1,4 @@
-"""A console that prints text as it is, to terminals, pipes and files; what a terminal would obey is made visible."""
+"""A console that prints text as it is, with control characters made visible."""
 
 import os
 from collections.abc import Callable, Iterable
@@ -15,17 +15,14 @@ from lidcam.writers.tables.html import HTML_WIDTH, recorded_html
 
 
 class _Console(Console):
-    """A console that obeys nobody but this program, and whose reader may leave.
-
-    `lidcam ... | head` ends the listing, not the work.
-    """
+    """A console with control characters made visible; `lidcam ... | head` ends the listing, not the work."""
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """Every text that is printed or stands in a table, before its width is measured."""
+        """Escape every text before its width is measured."""
         return super().render_str(visible(text), **options)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
-        """All that is written, but for the codes that style it and move the cursor."""
+        """Escape all other output, except styles and cursor movements."""
         for segment in super().render(renderable, options):
             is_text = segment.control is None and not segment.text.isprintable()
             yield Segment(printable_lines(segment.text), segment.style) if is_text else segment
@@ -39,12 +36,12 @@ class _Console(Console):
 
 
 def console(*, stderr: bool = False) -> Console:
-    """A console that prints text as it is: names of topics and files may look like markup. Lines are not wrapped."""
+    """A console without markup, which names of topics may look like, and without wrapping."""
     return _Console(stderr=stderr, soft_wrap=True, markup=False, emoji=False)
 
 
 def printed_html(show: Callable[[Console], None]) -> str:
-    """What a function prints on a console, as HTML."""
+    """The output of a function that prints on a console, as HTML."""
     options: dict[str, Any] = {"soft_wrap": True, "markup": False, "emoji": False, "force_jupyter": False}
     out = _Console(file=StringIO(), record=True, width=HTML_WIDTH, **options)
     show(out)
@@ -52,6 +49,6 @@ def printed_html(show: Callable[[Console], None]) -> str:
 
 
 def show_json(out: Console, tree: Any) -> None:
-    """Print one JSON document: in colours on a terminal, which take a while where there are thousands of figures."""
+    """Print one JSON document, in colours on a terminal."""
     text = json_text(tree)
     out.print(JSONHighlighter()(text) if out.is_terminal else Text(text), soft_wrap=True)

@@ -35,14 +35,12 @@ def drive(
     format_: Format = None,
     keys: Annotated[
         str | None,
-        typer.Option(
-            metavar="KEYS", help="Press these keys one after another, as fast as the simulation runs, and end."
-        ),
+        typer.Option(metavar="KEYS", help="Press these keys, as fast as the simulation runs, and exit."),
     ] = None,
     key_interval: Annotated[
-        float, typer.Option(min=0.01, max=60, metavar="S", help="Simulated seconds from one of --keys to the next.")
+        float, typer.Option(min=0.01, max=60, metavar="S", help="Simulated seconds between --keys.")
     ] = 0.5,
-    view: Annotated[bool, typer.Option("--view", help="Show it in the Rerun viewer meanwhile.")] = False,
+    view: Annotated[bool, typer.Option("--view", help="Show the drive in the Rerun viewer.")] = False,
     duration_s: Annotated[
         float | None,
         typer.Option("--duration", min=0, metavar="S", callback=duration, help="End after S simulated seconds."),
@@ -82,7 +80,7 @@ def drive(
 def _keyboard(
     keys: str | None, interval_s: float, drivable: tuple[str, ...], resources: contextlib.ExitStack
 ) -> "Keyboard":
-    """The keys that are given, else those of the terminal, else those on standard input."""
+    """The given keys, else those of the terminal, else those on stdin."""
     from lidcam.bags.simulator.drive.driving import ScriptedKeys, terminal_keys
 
     if keys is None and sys.stdin.isatty():
@@ -92,11 +90,6 @@ def _keyboard(
 
 
 def _checked(keys: str, drivable: tuple[str, ...]) -> str:
-    """The keys of a script.
-
-    Raises:
-        ConfigError: a key has no meaning.
-    """
     from lidcam.bags.simulator.drive.driving import script_keys
 
     known = script_keys(drivable)
@@ -106,7 +99,7 @@ def _checked(keys: str, drivable: tuple[str, ...]) -> str:
 
 
 class _StatusLine:
-    """One line with the car that is driven and its state, on a terminal only."""
+    """A line with the driven car and its state, on a terminal only."""
 
     def __init__(self) -> None:
         from lidcam.cli.printing.terminal import console

@@ -30,13 +30,7 @@ if TYPE_CHECKING:
 
 
 def scenario_of(name: str, settings: Sequence[str], *, duration_s: float | None, seed: int | None) -> Scenario:
-    """A scenario.
-
-    Args:
-        name: Of a bundled scenario, or a YAML file.
-        settings: Single values on top.
-        duration_s: Seconds to record; None: the scenario's.
-        seed: Seed of all noise; None: the scenario's.
+    """A bundled scenario or a YAML file; settings, duration and seed override its own.
 
     Raises:
         ConfigError: there is no such scenario, or a value does not fit.
@@ -49,7 +43,7 @@ def scenario_of(name: str, settings: Sequence[str], *, duration_s: float | None,
 def drawn_scenario(
     family: "Family", settings: Sequence[str], *, duration_s: float | None, seed: int | None
 ) -> Scenario:
-    """A scenario that is drawn from a seed, by default 1; other arguments as of `scenario_of`.
+    """A scenario drawn from a seed, by default 1; other arguments as in `scenario_of`.
 
     Raises:
         ConfigError: a value does not fit.
@@ -95,10 +89,10 @@ def recording_to(
 
     Args:
         output: The recording.
-        format_: Its format; None: the ending of its name decides.
+        format_: Its format; None: by the ending of its name.
         scenario: The scenario.
-        read: The name that it was read from: the output may not replace that file.
-        overwrite: Replace also what is no simulated recording.
+        read: The name that it was read from; the output must not replace that file.
+        overwrite: Overwrite files that are not simulated recordings.
         workers: Sensors simulated at once; None: one per core.
         driven: Vehicles that wait at their start until they are driven.
 

@@ -40,29 +40,26 @@ def simulate(
     duration_s: Annotated[
         float | None,
         typer.Option(
-            "--duration", min=0, metavar="S", callback=duration, help="Seconds to record; without it, the scenario's."
+            "--duration", min=0, metavar="S", callback=duration, help="Seconds to record. Default: the scenario's."
         ),
     ] = None,
     seed: Seed = None,
     family: Annotated[
         Literal["sandbox", "crossing", "road"] | None,
-        typer.Option("--family", help="Worlds that `random` draws from, by its seed. [default: road]"),
+        typer.Option("--family", help="Family of worlds that `random` draws from. Default: road."),
     ] = None,
     settings: Setting = None,
     overwrite: Overwrite = False,
     shown: Annotated[  # noqa: ARG001, its callback ends the command
         str | None,
-        typer.Option("--show", metavar="NAME", callback=_show, is_eager=True, help="Print a scenario: YAML to copy."),
+        typer.Option("--show", metavar="NAME", callback=_show, is_eager=True, help="Print a scenario as YAML to copy."),
     ] = None,
     workers: Annotated[
         int | None,
-        typer.Option(min=1, metavar="N", help="Sensors simulated at once; the recording is the same. [default: cores]"),
+        typer.Option(min=1, metavar="N", help="Sensors simulated at once; same recording. Default: one per core."),
     ] = None,
 ) -> None:
-    """Record a simulated scene.
-
-    Lidars, cameras, and the truth about what they see.
-    """
+    """Record a simulated scene: lidars, cameras, and ground truth."""
     if family is not None and scenario != RANDOM:
         raise typer.BadParameter(f"expected the scenario {RANDOM}, found {scenario}", param_hint="--family")
     check_simulator()
@@ -85,7 +82,7 @@ def simulate(
 
 
 def check_simulator() -> None:
-    """Whether the extra `sim` is installed, and the libraries of the system that it needs.
+    """Check that the extra `sim` and the system libraries that it needs are installed.
 
     Raises:
         LidcamError: something is missing.

@@ -10,7 +10,7 @@ from lidcam.outputs.export.formats import FORMATS, ExportOptions
 from lidcam.outputs.export.scene import ResultScene
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.readers.results.result import open_result
-from lidcam.run.incomplete import damage_lines
+from lidcam.run.missing import damage_lines
 from lidcam.writers.outputs.errors import output_errors
 from lidcam.writers.outputs.transaction import OutputFile
 

@@ -1,4 +1,4 @@
-"""Batches on a cluster of three nodes on this machine; a start of it takes seconds, so there is one."""
+"""Batches on a cluster of two nodes on this machine; a start of it takes seconds, so there is one."""
 
 import sys
 from collections.abc import Iterator
@@ -9,34 +9,42 @@ from typing import Any
 
 import pytest
 
+from lidcam.batch.engine import Task
 from lidcam.batch.jobs import find_jobs
 from lidcam.batch.local import LocalEngine
 from lidcam.batch.ray import RayEngine, _task
 from lidcam.batch.records import JobRecord
 from lidcam.batch.run import BatchOptions, run_batch
 from lidcam.pipeline.core.errors import LidcamError, WorkerError
+from lidcam.run.job import Job
 
 ray = pytest.importorskip("ray", reason="Ray is not installed")
 cluster_utils = pytest.importorskip("ray.cluster_utils")
 
 PROGRAM = """
-import pathlib, sys, time
-recording, output = map(pathlib.Path, sys.argv[1:3])
+import dataclasses, pickle, sys, time
+task = pickle.load(sys.stdin.buffer)
+(recording,), (output,) = task.job.inputs, task.outputs
 time.sleep(0.5)
-if recording.stem == "bad":
-    sys.exit("lidcam: error: it is bad")
-output.write_bytes(recording.read_bytes())
-with open(output.parent / "finished", "a") as file:
-    file.write(recording.stem)
+record = dataclasses.replace(task.record, state="failed", exit_code=1, message="it is bad")
+if recording.stem != "bad":
+    output.write_bytes(recording.read_bytes())
+    with open(output.parent / "finished", "a") as file:
+        file.write(recording.stem)
+    record = dataclasses.replace(task.record, state="done", exit_code=0)
+sys.stdout.buffer.write(pickle.dumps(record))
 """
-"""In place of `lidcam process`, which takes seconds; tests/campaign/batch_kills.py takes that."""
+"""In place of the process of a job, which takes seconds; tests/campaign/batch_kills.py takes that."""
+
+
+TASK = Task(JobRecord("a", "a.bag", "key", "begun"), Job((Path("a.bag"),)), ())
 
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Any]:
-    """A head that does no jobs, and three nodes with one core each."""
+    """A head that does no jobs, and two nodes with one core each."""
     cluster = cluster_utils.Cluster(initialize_head=True, head_node_args={"num_cpus": 0, "include_dashboard": False})
-    for _ in range(3):
+    for _ in range(2):
         cluster.add_node(num_cpus=1, wait=False)
     cluster.wait_for_nodes()
     yield cluster
@@ -50,7 +58,7 @@ def test_a_batch_goes_on_without_a_node_that_is_gone_and_makes_what_processes_ma
     for name in ("a", "b", "bad", "c", "d", "e"):
         (tmp_path / "logs" / f"{name}.bag").write_text(name)
     jobs = find_jobs([str(tmp_path / "logs")], tmp_path)
-    out, options = tmp_path / "ray", BatchOptions(tmp_path / "ray", (), (), ())
+    out, options = tmp_path / "ray", BatchOptions(tmp_path / "ray", Job(()))
     told: list[str] = []
 
     def told_of(record: JobRecord) -> None:
@@ -81,16 +89,16 @@ def test_a_node_with_another_version_ends_the_batch(cluster: Any, monkeypatch: p
     engine = RayEngine(1, 1, cluster.address)
     monkeypatch.setattr("lidcam.batch.ray.version", lambda _: "0.0.1")
     with pytest.raises(WorkerError, match=r"node .*: expected lidcam 0\.0\.1, found .*: install the same version"):
-        [*engine.outcomes([lambda one: one.run((), keep_open=None)])]
+        [*engine.outcomes([lambda one: one.run(TASK, keep_open=None)])]
 
 
 def test_a_node_without_lidcam_or_the_folder_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sent = ray.cloudpickle.dumps(_task())
-    assert "expected the folder" in ray.cloudpickle.loads(sent)((), [], str(tmp_path / "none"), version("lidcam"))
+    assert "expected the folder" in ray.cloudpickle.loads(sent)((), b"", str(tmp_path / "none"), version("lidcam"))
     for name in [name for name in sys.modules if name.partition(".")[0] == "lidcam"]:
         monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.setattr(sys, "path", [])
-    assert "found none" in ray.cloudpickle.loads(sent)((), [], str(tmp_path), "0.1.0")
+    assert "found none" in ray.cloudpickle.loads(sent)((), b"", str(tmp_path), "0.1.0")
 
 
 def test_without_ray_or_without_a_cluster_there_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,20 +2,23 @@
 
 import fcntl
 import os
+import pickle
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from lidcam.batch.engine import Engine, Outcome
+from lidcam.batch.engine import Engine, Task
 from lidcam.batch.jobs import BatchJob, find_jobs
 from lidcam.batch.local import LocalEngine
-from lidcam.batch.records import FOLDER, JobRecord, read_record, write_record
+from lidcam.batch.records import FOLDER, JobRecord
 from lidcam.batch.run import BatchOptions, run_batch
+from lidcam.batch.store import Store
+from lidcam.run.job import Job
 
 
 class Written(LocalEngine):
@@ -25,15 +28,17 @@ class Written(LocalEngine):
         super().__init__(1)
         self.ran: list[str] = []
 
-    def run(self, arguments: Sequence[str], *, keep_open: int | None) -> Outcome:
-        recording, output = map(Path, arguments[:2])
+    def run(self, task: Task, *, keep_open: int | None) -> JobRecord:
+        (recording,), (output,) = task.job.inputs, task.outputs
+        assert isinstance(recording, Path)
+        assert isinstance(output, Path)
         self.ran.append(recording.name)
         os.fstat(keep_open or 0)
         content = recording.read_bytes()
         if content.startswith(b"bad"):
-            return Outcome(1, "lidcam: error: it is bad")
+            return replace(task.record, state="failed", exit_code=1, message="it is bad")
         output.write_bytes(content)
-        return Outcome(3 if content.startswith(b"cut") else 0, "", b"", 1.0, 2.0, 3.0)
+        return replace(task.record, state="incomplete" if content.startswith(b"cut") else "done")
 
 
 @pytest.fixture
@@ -47,7 +52,7 @@ def jobs(tmp_path: Path) -> list[BatchJob]:
 
 @pytest.fixture
 def options(tmp_path: Path) -> BatchOptions:
-    return BatchOptions(tmp_path / "out", (), (), ("version",))
+    return BatchOptions(tmp_path / "out", Job(()))
 
 
 def folder(options: BatchOptions) -> Path:
@@ -74,8 +79,9 @@ def test_a_second_run_does_what_is_missing(jobs: list[BatchJob], options: BatchO
     assert done(jobs, options)[1] == ["b.bag", "a.bag"]
     jobs[2].inputs[0].write_bytes(b"cut elsewhere")  # type: ignore[union-attr]  # a path
     assert done(jobs, options)[1] == ["b.bag", "c.bag"]
-    assert done(jobs, replace(options, facts=("another version",)))[1] == ["b.bag", "a.bag", "c.bag"]
-    assert done(jobs, replace(options, facts=("another version",), overwrite=True))[1] == ["b.bag", "a.bag", "c.bag"]
+    changed = replace(options, job=Job((), start_s=1.0))
+    assert done(jobs, changed)[1] == ["b.bag", "a.bag", "c.bag"]
+    assert done(jobs, replace(changed, job=replace(changed.job, overwrite=True)))[1] == ["b.bag", "a.bag", "c.bag"]
 
 
 def test_after_a_failure_no_other_job_begins(jobs: list[BatchJob], options: BatchOptions) -> None:
@@ -86,12 +92,12 @@ def test_what_was_at_work_when_a_batch_was_killed_is_done_again(
     jobs: list[BatchJob], options: BatchOptions, caplog: pytest.LogCaptureFixture
 ) -> None:
     done(jobs, options)
-    place = folder(options) / FOLDER / "a.json"
-    record = read_record(place)
+    store = Store(options.out)
+    record = store.record("a")
     assert record is not None
-    write_record(place, JobRecord(record.name, record.input, record.key, "begun"))
+    store.keep(replace(record, state="begun"))
     assert done(jobs, options)[1] == ["b.bag", "a.bag"]
-    assert "a: an earlier batch ended while it was at work on it" in caplog.text
+    assert "a: an earlier batch was killed while it ran" in caplog.text
 
 
 @pytest.mark.parametrize("content", [b"", b"{}", b"[1]", b"{"])
@@ -106,7 +112,7 @@ def test_a_job_at_which_another_batch_is_at_work_is_left_to_it(jobs: list[BatchJ
     with (folder(options) / FOLDER / "a.lock").open("wb") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         assert done(jobs, options) == (["busy", "failed", "incomplete"], ["b.bag", "c.bag"])
-        write_record(folder(options) / FOLDER / "a.json", JobRecord("a", "a.bag", "key", "begun"))
+        Store(options.out).keep(JobRecord("a", "a.bag", "key", "begun"))
         assert done(jobs, options)[0] == ["busy", "failed", "incomplete"]
 
 
@@ -116,34 +122,49 @@ def held(tmp_path: Path) -> Iterator[int]:
         yield file.fileno()
 
 
+TASK = Task(JobRecord("a", "a.bag", "key", "begun"), Job((Path("none.bag"),)), ())
+
+
 def python(code: str, jobs: int = 1) -> LocalEngine:
     """Runs this for each job."""
     return LocalEngine(jobs, ("-c", code))
 
 
-def test_a_process_is_measured_and_its_last_line_kept(held: int) -> None:
+def test_a_process_takes_a_job_and_is_measured(held: int) -> None:
     code = """
-import pathlib, sys
+import dataclasses, pickle, sys
 x = b"x" * (80 << 20)
-pathlib.Path(sys.argv[-1]).write_text("{}")
-print("first\\nlast", file=sys.stderr)
-sys.exit(3)
+task = pickle.load(sys.stdin.buffer)
+sys.stdout.buffer.write(pickle.dumps(dataclasses.replace(task.record, state="done", exit_code=0)))
 """
-    outcome = python(code).run(["in", "out"], keep_open=held)
-    assert (outcome.exit_code, outcome.message, outcome.figures) == (3, "last", b"{}")
-    assert outcome.peak_mib > 80
-    assert outcome.processor_s > 0
-    assert python("import os; os.abort()").run((), keep_open=held).exit_code == -6
+    record = python(code).run(TASK, keep_open=held)
+    assert (record.name, record.state, record.exit_code) == ("a", "done", 0)
+    assert record.peak_mib > 80
+    assert record.processor_s > 0
+
+
+@pytest.mark.parametrize(
+    ("code", "exit_code", "message"),
+    [
+        ("import os; os.abort()", -6, "ended by signal 6"),
+        ("import sys; sys.exit(143)", 143, "ended by signal 15"),
+        ("import sys; sys.exit(3)", 3, "ended with exit code 3"),
+        ("import nothing_like_it", 1, "ModuleNotFoundError: No module named 'nothing_like_it'"),
+    ],
+)
+def test_a_process_that_gives_no_record_has_failed(code: str, exit_code: int, message: str) -> None:
+    record = python(code).run(TASK, keep_open=None)
+    assert (record.state, record.exit_code, record.message) == ("failed", exit_code, message)
 
 
 def test_leaving_ends_the_processes_at_work(held: int) -> None:
-    codes: list[int] = []
+    codes: list[int | None] = []
 
     def short(_: Engine) -> str:
         return "short"
 
     def long(engine: Engine) -> str:
-        codes.append(engine.run((), keep_open=held).exit_code)
+        codes.append(engine.run(TASK, keep_open=held).exit_code)
         return "long"
 
     with closing(python("import time; time.sleep(600)", 2).outcomes([long, short])) as outcomes:
@@ -157,8 +178,9 @@ def test_a_bound_process_ends_with_the_thread_that_started_it() -> None:
     end, held = os.pipe()
     sleeps = f"import os, time; os.write({held}, b'begun'); time.sleep(600)"
     code = f"""
+import pickle
 from lidcam.batch.local import LocalEngine
-LocalEngine(1, ("-c", {sleeps!r}), is_bound=True).run((), keep_open={held})
+LocalEngine(1, ("-c", {sleeps!r}), is_bound=True).run(pickle.loads({pickle.dumps(TASK)!r}), keep_open={held})
 """
     with subprocess.Popen([sys.executable, "-c", code], pass_fds=(held,)) as starter, os.fdopen(end, "rb") as told:
         os.close(held)

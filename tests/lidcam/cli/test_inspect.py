@@ -83,7 +83,7 @@ def test_a_check_processes_the_recording_and_writes_the_rig_that_it_would_use(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, rig = recording(tmp_path / "a.bag", "top", "low"), tmp_path / "rig.yaml"
-    inspected(path, check=True, write_rig=rig, rig_files=[str(two_lidars(tmp_path))])
+    inspected(path, check=True, write_rig=rig, rig=[str(two_lidars(tmp_path))])
     tree = json.loads(capsys.readouterr().out)
     assert tree["check"] == {
         "cameras": {},

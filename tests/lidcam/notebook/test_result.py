@@ -31,13 +31,10 @@ def test_a_bar_is_drawn_where_it_is_asked_for(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")  # stderr counts as a terminal
-    shown = {}
-    for progress in (False, True):
-        lidcam.process(CROSSING, settings=[CLUSTERS], duration_s=0.5, workers=1, progress=progress)
-        shown[progress] = capsys.readouterr().err
-    assert shown[False] == ""
-    assert "2 frames" in shown[True]
-    assert "of 0.5 s" in shown[True]
+    lidcam.process(CROSSING, settings=[CLUSTERS], duration_s=0.3, workers=1, progress=True)
+    shown = capsys.readouterr().err
+    assert " frames, " in shown
+    assert "of 0.3 s" in shown
 
 
 def of_result(report: Any) -> dict[str, Any]:
@@ -59,15 +56,6 @@ def test_a_run_is_read_back_from_its_result(run: lidcam.RunResult) -> None:
     assert back.report.settings.name == str(run.report.settings)
     assert back.report.incomplete == run.report.incomplete
     assert np.isnan(back.report.timing.wall_seconds)
-
-
-def test_objects_without_tracks_are_read_back(tmp_path: Path) -> None:
-    settings = ["track.mode=none", CLUSTERS]
-    run = lidcam.process(CROSSING, tmp_path / "o.mcap", duration_s=0.3, settings=settings, workers=1)
-    back = lidcam.load(tmp_path / "o.mcap")
-    for name in ARRAYS:
-        np.testing.assert_allclose(getattr(back.objects, name), getattr(run.objects, name), rtol=1e-12, err_msg=name)
-    assert back.report.road_users is None
 
 
 def test_what_is_no_result_or_lacks_something(run: lidcam.RunResult, monkeypatch: pytest.MonkeyPatch) -> None:

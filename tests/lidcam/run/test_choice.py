@@ -5,7 +5,7 @@ import pytest
 from lidcam.pipeline.core.settings.bundled import PRESETS
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.load import load_config
-from lidcam.run.choice import UsedSettings, choose_settings, used_record
+from lidcam.run.choice import UsedSettings, choose_settings
 from lidcam.run.scene import SceneSize, judge
 
 ALLOWED = {"combine", "detect3d", "detect2d", "fuse", "classes"}
@@ -54,23 +54,12 @@ def test_the_preset_that_suits_a_scene(
         ),
         (
             UsedSettings("defaults", "not judged"),
-            "defaults, for there is no cloud to judge by; --config sandbox, crossing, road or FILE overrides",
+            "defaults, as there are no clouds to judge; --config sandbox, crossing, road or FILE overrides",
         ),
     ],
 )
 def test_the_line_that_tells(used: UsedSettings, text: str) -> None:
     assert str(used) == text
-
-
-def test_machines_get_the_figures() -> None:
-    assert used_record(UsedSettings("road", "judged", SceneSize((34.0, 24.0), 1.75), moves=True)) == {
-        "name": "road",
-        "how": "judged",
-        "moves": True,
-        "extent_m": (34.0, 24.0),
-        "lidar_height_m": 1.75,
-    }
-    assert used_record(UsedSettings("a.yaml", "given"))["extent_m"] is None
 
 
 @pytest.mark.parametrize("name", PRESETS)

@@ -60,19 +60,6 @@ def test_unknown_keys() -> None:
         explain("fuse.min_score.x")
 
 
-@pytest.mark.parametrize(
-    ("key", "unit"),
-    [
-        ("detect3d.cluster.distance_per_m", "per metre"),
-        ("detect3d.cluster.points_per_sr", "per steradian"),
-        ("combine.ground.max_tilt_deg", "degrees"),
-        ("run.workers", ""),
-    ],
-)
-def test_units_are_of_the_longest_ending(key: str, unit: str) -> None:
-    assert explain(key).unit == unit
-
-
 def test_presets_are_summed_up_in_a_sentence() -> None:
     summaries = preset_summaries()
     assert [*summaries] == [*PRESETS]

@@ -10,8 +10,7 @@ from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import Drop
 from lidcam.readers.recording import Loss
 from lidcam.readers.rig.sensor_topics import SensorFault
-from lidcam.run.incomplete import absent_lines, damage_lines
-from lidcam.run.missing import MissingSensor, SilentSpan
+from lidcam.run.missing import MissingSensor, SilentSpan, absent_lines, damage_lines
 from lidcam.run.summary import DropCount
 from lidcam.run.tally import DropTable
 

@@ -68,11 +68,6 @@ def test_extent_and_height(length_m: float, width_m: float, height_m: float) -> 
     assert found.lidar_height_m == pytest.approx(height_m, abs=0.02 + 0.01 * height_m)
 
 
-def test_the_height_is_the_median_of_the_lidars() -> None:
-    messages = [cloud(n, floor(40, 40, h)) for n, h in enumerate((0.5, 5.0, 6.0))]
-    assert measured(messages, rig(0.5, 5.0, 6.0)).lidar_height_m == pytest.approx(5.0, abs=0.05)
-
-
 def test_a_ground_that_the_rig_knows_is_not_sought() -> None:
     wall = np.array([[1, y, z] for y in range(9) for z in range(9)], np.float32)
     assert measured([cloud(0, wall)], rig(2.0)).lidar_height_m is None
@@ -108,12 +103,6 @@ def test_no_more_is_read_than_is_needed_and_no_lidar_is_waited_for_long(late: Se
     recording = Counting([cloud(0, xyz, n) for n in range(60)] + [cloud(1, xyz, n) for n in late])
     assert measure_scene(recording, rig(*[0.3] * (1 + bool(late))), Config()) is not None
     assert recording.read == read
-
-
-def test_a_first_cloud_that_is_broken_or_empty_is_passed_over() -> None:
-    good = floor(8, 4, 0.3)
-    messages = [broken(cloud(0, good)), cloud(0, np.zeros((0, 3), np.float32), 1), cloud(0, good, 2)]
-    assert measured(messages, rig(0.3)).extent_m[0] > 7
 
 
 def test_the_effort_is_bounded_where_no_cloud_can_be_decoded() -> None:

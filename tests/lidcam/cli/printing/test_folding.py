@@ -10,8 +10,7 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from lidcam.cli.printing.folding import folded_lines, show_line, show_table
-from lidcam.cli.printing.tables import drops_table, objects_table, pairs_table
-from lidcam.cli.printing.terminal import console
+from lidcam.cli.printing.tables import drops_table, objects_table
 from lidcam.run.summary import DropCount
 
 TOPIC = "/car1/left_front_wheel_velocity_controller/command"
@@ -68,12 +67,6 @@ def test_a_table_fits_the_terminal_and_no_number_is_broken(width: int) -> None:
     assert "".join(TOPIC.split()) in "".join(line[: line.find("  ", 3)].strip() for line in lines[2:]).replace(" ", "")
 
 
-def test_a_table_in_a_pipe_has_one_line_a_row() -> None:
-    out = pipe()
-    show_table(out, drops_table({TOPIC: 12}, [DropCount(TOPIC, REASON, 3, "")]))
-    assert printed(out)[2] == f"{TOPIC}    12        3  {REASON}"
-
-
 @pytest.mark.parametrize(("width", "zones"), [(10, 2), (80, 4)])
 def test_names_of_zones_are_folded_and_numbers_stay_whole(width: int, zones: int) -> None:
     names = [f"north_east_crossing_{number}" for number in range(zones)]
@@ -85,28 +78,8 @@ def test_names_of_zones_are_folded_and_numbers_stay_whole(width: int, zones: int
     assert width < 80 or max(map(len, lines)) <= width
 
 
-def test_values_without_header() -> None:
-    out = terminal(40)
-    show_table(out, pairs_table("run", {"written": "a_folder/of_a_long_name/out.mcap, out.rrd", "frames": 3}))
-    assert printed(out) == ["run", "written  a_folder/of_a_long_name/out.", "           mcap, out.rrd", "frames   3"]
-
-
 @pytest.mark.parametrize(("out", "count"), [(terminal(30), 2), (pipe(), 1)])
 def test_remarks(out: Console, count: int) -> None:
     show_line(out, f"note: {TOPIC}", "dim")
     assert len(printed(out)) == count
     assert "".join(line.strip() for line in printed(out)).replace(" ", "") == f"note:{TOPIC}"
-
-
-def test_right_aligned_names_have_no_indent() -> None:
-    out = terminal(80)
-    show_table(out, objects_table({("car", "zone"): 1}, ["abcdefgh_" * 6, "zone"], 1))
-    first, second, _ = printed(out)
-    assert first.endswith("abcdefgh_")
-    assert len(first) == second.rindex("abcdefgh_") + len("abcdefgh_")
-
-
-def test_text_is_printed_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:
-    line = "/topic[bold] :smile: " + 30 * "long "
-    console().print(line)
-    assert capsys.readouterr().out == line + "\n"

@@ -4,13 +4,12 @@ import io
 from dataclasses import replace
 
 import numpy as np
-from frames import CONFIG, RIG, frame, tracks_of
+from frames import CONFIG, frame, tracks_of
 from rich.console import Console
 
 from lidcam.cli.printing.console import print_detections, print_matches
 from lidcam.pipeline.core.detections import Fused, Matches, Source
 from lidcam.pipeline.core.frame import FrameResult
-from lidcam.run.tally import Tally
 
 BOTH, CAMERA, LIDAR, PREDICTED = Source.BOTH, Source.CAMERA, Source.LIDAR, Source.PREDICTED
 
@@ -33,13 +32,6 @@ def test_every_source_is_printed() -> None:
     assert "+- 2.24 m" in text  # the root of the variances along x and y, 4 and 1
     for remark in ("lidar, of row 0, 2 cam", "both, of row 1, 1 cam", "camera, of row 2, 0 cam"):
         assert remark in text
-
-
-def test_without_cameras_nothing_is_placed() -> None:
-    text = printed(frame(objects=0))
-    assert "0 lidar detections" in text
-    assert "placed" not in text
-    assert text.splitlines()[-1] == "  seen by the lidars alone: none"
 
 
 def test_rows_beyond_the_lidars_are_proposed_by_2d_boxes() -> None:
@@ -68,16 +60,6 @@ def test_what_is_not_reported_is_no_object() -> None:
     ]
 
 
-def test_objects_are_counted_by_source() -> None:
-    tally = Tally(CONFIG, RIG)
-    assert tally.sources == {"lidar": 0, "camera": 0, "both": 0}
-    tally.add(frame(sources=[LIDAR, BOTH, CAMERA]))
-    tally.add(frame())
-    assert tally.sources == {"lidar": 4, "camera": 1, "both": 1}
-    tally.add(frame(sources=[LIDAR, Source.PREDICTED, CAMERA]))
-    assert tally.sources == {"lidar": 5, "camera": 2, "both": 1, "predicted": 1}
-
-
 def test_tracks_are_printed_with_their_objects() -> None:
     result = frame(
         sources=[LIDAR, LIDAR, PREDICTED], tracks=tracks_of([12, 0, 7], [[3.0, 4.0], [0.0, 0.0], [0.0, 0.5]])
@@ -92,7 +74,7 @@ def test_tracks_are_printed_with_their_objects() -> None:
     assert "  left: 2D box 0 (car) is object 0 (track 12), IoU 0.62\n" in text
     assert text.splitlines()[-2:] == [
         "  seen by the lidars alone: object 1",
-        "  seen by nothing, but predicted by their tracks: object 2 (track 7)",
+        "  not detected, predicted by their tracks: object 2 (track 7)",
     ]
 
 

@@ -44,20 +44,6 @@ NORMAL = [
 ]
 
 
-@pytest.mark.parametrize(("is_terminal", "red"), [(True, "\x1b[31m{}\x1b[0m"), (False, "{}")])
-def test_errors_are_red_on_a_terminal(
-    is_terminal: bool, red: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: is_terminal)
-    monkeypatch.delenv("NO_COLOR", raising=False)
-    monkeypatch.setenv("TERM", "xterm")
-    configure_logging()
-    logging.getLogger("lidcam.processing").error("\x1b[2J" + "long " * 60 + "line")
-    remark_log.info("wrote out.bag")
-    text = "lidcam: error: \\x1b[2J" + "long " * 60 + "line"
-    assert capsys.readouterr().err.splitlines() == [red.format(text), "wrote out.bag"]
-
-
 @pytest.mark.parametrize(
     ("verbosity", "is_terminal", "lines"),
     [
@@ -131,16 +117,3 @@ def test_no_other_file_is_appended_to(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"truth\.txt: expected a new file or an earlier log of lidcam"):
         configure_logging(Verbosity.NORMAL, file)
     assert file.read_text() == "0.1 1 2 3"
-
-
-def test_a_reader_of_stderr_that_left_ends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Closed:
-        def write(self, _: str) -> int:
-            raise BrokenPipeError
-
-        def isatty(self) -> bool:
-            return False
-
-    configure_logging()
-    monkeypatch.setattr(sys, "stderr", Closed())
-    remark_log.info("wrote out.bag")

@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 
 from lidcam.cli.printing.log import progress_log
-from lidcam.cli.printing.progress import show_compiling, show_progress, show_training
+from lidcam.cli.printing.progress import show_progress, show_training
 
 FACTS = "12 frames, 3.0 a second"
 
@@ -55,19 +55,6 @@ def test_a_line_every_ten_seconds(caplog: pytest.LogCaptureFixture) -> None:
             clock.now_s = 100.0 + second
             advance(float(second), FACTS if second < 15 else "")
     assert caplog.messages == [f"10.0 of 30.0 s, {FACTS}", "20.0 of 30.0 s"]
-
-
-@pytest.mark.parametrize("is_terminal", [True, False])
-def test_what_is_compiled_is_counted(caplog: pytest.LogCaptureFixture, is_terminal: bool) -> None:
-    text, clock = io.StringIO(), Clock()
-    with show_compiling(err=Console(file=text, force_terminal=is_terminal, width=80), clock=clock) as compiled:
-        assert text.getvalue() == ""  # nothing as long as nothing is compiled
-        compiled(1, 9)
-        for _ in range(2):  # two processes that compile the same function count it twice
-            clock.now_s += 11
-            compiled(3, 9)
-    assert ("compiling: 3 of 9" in text.getvalue()) == is_terminal
-    assert caplog.messages == ["compiling: 3 of 9"]
 
 
 def test_the_time_left_of_a_training_that_goes_on(caplog: pytest.LogCaptureFixture) -> None:
