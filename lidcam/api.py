@@ -123,9 +123,8 @@ def process(
 
     Args:
         recording: Path or URL; several for a recording that was split, in their order.
-        output: File to write, or several: .mcap, .rrd (Rerun), .csv or .parquet (a table of the objects), a name
-            without ending (a folder of the clouds of objects), .mp4 (a film), .html (a page) beside an .mcap; None
-            writes none.
+        output: File to write, or several: .mcap, .rrd (Rerun), .csv or .parquet (a table of the objects), .mp4 (a
+            film), .html (a page) beside an .mcap; None writes none.
         on_frame: Called with each frame, in order, when its tracks are known.
         progress: Draw a bar while the run goes on, below the cell of a notebook or on a terminal.
         **options: `config`, `settings`, `rig`, `model_2d`, `model_3d`, `workers`, `every`, `start_s`, `duration_s`,

@@ -50,7 +50,7 @@ with compiled_together(shown=True):
 """
 """In a process of its own, so that this one stays small: once, before many processes begin."""
 
-MATCHES = "_matches"
+FOLDER_END = "_matches"
 """End of the name of a folder of pictures, which has no ending."""
 
 
@@ -120,6 +120,7 @@ def batch(
     from lidcam.batch.table import TABLE, table_of
     from lidcam.cli.printing.batch import print_batch, shown_batch
     from lidcam.cli.printing.terminal import console, show_json
+    from lidcam.outputs.registry import endings_of
     from lidcam.pipeline.parallel.cores import usable_cores
     from lidcam.run.job import make_job
 
@@ -157,14 +158,9 @@ def batch(
     many = [("--set", settings), ("--rig", rig_files), ("--copy-topics", copy_topics)]
     arguments += [text for name, values in many for value in values or () for text in (name, value)]
     arguments += ["--on-bad-message", on_bad_message]
-    switches = [
-        (rerun, "--rerun", ".rrd"),
-        (report, "--report", ".html"),
-        (objects, "--objects", ".parquet"),
-        (video, "--video", ".mp4"),
-        (save_matches, "--save-matches", MATCHES),
-    ]
-    outputs = [(option, ending) for wanted, option, ending in switches if wanted]
+    switches = {"--rerun": rerun, "--report": report, "--objects": objects, "--video": video}
+    switches["--save-matches"] = save_matches
+    outputs = [(option, endings_of(option)[0] or FOLDER_END) for option, wanted in switches.items() if wanted]
     files = [sha256(path.read_bytes()).hexdigest() for path in first.read_files]
     at_once = min(jobs or jobs_that_fit(len(found)), len(found))
     cores = workers or (1 if address else max(usable_cores() // at_once, 1))

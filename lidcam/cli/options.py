@@ -11,6 +11,7 @@ from typing import Annotated, Literal, TypeVar
 import typer
 
 from lidcam.cli.printing.log import Verbosity, configure_logging
+from lidcam.outputs.registry import endings_of
 from lidcam.pipeline.core.errors import ConfigError
 
 logger = logging.getLogger(__name__)
@@ -41,6 +42,11 @@ def duration(value: float | None) -> float | None:
     if value == 0:
         raise typer.BadParameter("expected more than 0 seconds")
     return seconds(value)
+
+
+def named_as(option: str) -> Callable[[T | None], T | None]:
+    """A check of the name of an output that an option of `lidcam process` asks for."""
+    return ends_in(*endings_of(option))
 
 
 def ends_in(*endings: str) -> Callable[[T | None], T | None]:

@@ -25,7 +25,7 @@ from lidcam.cli.options import (
     Start,
     Version,
     Workers,
-    ends_in,
+    named_as,
     requirement_errors,
     with_log_options,
 )
@@ -76,33 +76,25 @@ def process(
     rig_files: RigFile = None,
     rerun: Annotated[
         str | None,
-        typer.Option(metavar="OUT.rrd", callback=ends_in(".rrd"), help="Also write a Rerun recording."),
+        typer.Option(metavar="OUT.rrd", callback=named_as("--rerun"), help="Also write a Rerun recording."),
     ] = None,
     objects: Annotated[
         str | None,
         typer.Option(
             metavar="OUT.csv|OUT.parquet",
-            callback=ends_in(".csv", ".parquet"),
+            callback=named_as("--objects"),
             help="Also write a table of the objects, one row per object and frame.",
-        ),
-    ] = None,
-    objects_clouds: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            callback=ends_in(""),
-            help="Also write the points of each object, gathered over its track, as a PCD file into this folder.",
         ),
     ] = None,
     report: Annotated[
         str | None,
-        typer.Option(metavar="OUT.html", callback=ends_in(".html"), help="Also write a page about the result."),
+        typer.Option(metavar="OUT.html", callback=named_as("--report"), help="Also write a page about the result."),
     ] = None,
     save_matches: Annotated[
         Path | None,
         typer.Option(
             metavar="DIR",
-            callback=ends_in(""),
+            callback=named_as("--save-matches"),
             help="Also write a picture (JPEG) of each camera and frame into this folder: 2D and 3D boxes, matches.",
         ),
     ] = None,
@@ -110,7 +102,7 @@ def process(
         str | None,
         typer.Option(
             metavar="OUT.mp4",
-            callback=ends_in(".mp4"),
+            callback=named_as("--video"),
             help="Also write a film of all cameras and the site from above (extra video).",
         ),
     ] = None,
@@ -195,8 +187,7 @@ def process(
     from lidcam.run.job import make_job
 
     others = [location(one) for one in (rerun, objects, report, video) if one is not None]
-    outputs = [output, *others, *([] if objects_clouds is None else [objects_clouds])]
-    with requirement_errors(), sent_when_complete(outputs, inputs, overwrite=overwrite) as sending:
+    with requirement_errors(), sent_when_complete([output, *others], inputs, overwrite=overwrite) as sending:
         required: Sequence[Requirement] | None = () if evaluate_ else None
         if requirements:
             from lidcam.evaluation.requirement import read_requirements

@@ -35,7 +35,7 @@ class Job:
 
     Attributes:
         inputs: A recording, or all parts of a split one in order.
-        outputs: Files to write; what each is, its name says (`lidcam.outputs.kinds.OUTPUTS`).
+        outputs: Files to write, and a folder; what each is, its name says (`lidcam.outputs.registry.OUTPUTS`).
         settings: The settings, or those among which the recording decides.
         rig: Sensors and calibration, of all rig files together; what it leaves out, and all of it without one, is found
             in the recording.
@@ -47,7 +47,6 @@ class Job:
         view: Whether the Rerun viewer shows the frames while the run goes on.
         foxglove: Host and port at which they are served over Foxglove's protocol; None: they are not.
         pace: Times as fast as it was recorded that the run goes at most; None: as fast as it can.
-        save_matches: Folder for a picture of each camera and frame; None: none are made.
     """
 
     inputs: tuple[Location, ...]
@@ -62,7 +61,6 @@ class Job:
     view: bool = False
     foxglove: tuple[str, int] | None = None
     pace: float | None = None
-    save_matches: Path | None = None
 
     __repr__ = brief
 
@@ -164,6 +162,7 @@ def make_job(
     outputs = locations([] if output is None else output)
     if remote := [path for path in outputs if isinstance(path, RemotePath)]:
         raise OutputError(f"{remote[0]}: expected the name of a local file as output")
+    folders = [] if save_matches is None else [Path(save_matches)]
     given = {
         "detect2d.model": model_2d,
         "detect3d.model": model_3d,
@@ -175,7 +174,7 @@ def make_job(
     choice = choose_settings(config, settings, more)
     return Job(
         inputs=locations(recording),
-        outputs=tuple(path for path in outputs if isinstance(path, Path)),
+        outputs=(*(path for path in outputs if isinstance(path, Path)), *folders),
         settings=choice,
         rig=read_rig(rig),
         start_s=start_s,
@@ -186,7 +185,6 @@ def make_job(
         view=view,
         foxglove=None if foxglove is None else _served_address(str(foxglove)),
         pace=pace,
-        save_matches=None if save_matches is None else Path(save_matches),
     )
 
 

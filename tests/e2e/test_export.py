@@ -1,8 +1,6 @@
 """Results as data sets, through the command; `benchmarks/nuscenes_kit.py` asks nuScenes's own kit about them."""
 
-import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +13,7 @@ from lidcam.readers.rig.importers.kitti import kitti_calibration
 from lidcam.readers.truth.kitti import parse_kitti_labels
 
 
-@pytest.mark.parametrize("name", ["kitti", "kitti-tracking", "nuscenes", "openlabel"])
+@pytest.mark.parametrize("name", ["kitti", "kitti-tracking", "nuscenes"])
 def test_every_format_is_written_and_nothing_is_replaced(
     lidcam: Lidcam, first_result: Path, tmp_path: Path, name: str
 ) -> None:
@@ -58,31 +56,6 @@ def test_kitti_labels_are_the_objects_that_the_camera_sees(lidcam: Lidcam, first
     assert count
 
 
-def test_openlabel_counts_as_the_truth_that_it_came_from(lidcam: Lidcam, first_result: Path, tmp_path: Path) -> None:
-    assert lidcam("export", first_result, "--format", "openlabel", "--out", tmp_path / "set").code == 0
-    figures = []
-    for number, more in enumerate([(), ("--truth", tmp_path / "set" / "labels" / "out.json")]):
-        file = tmp_path / f"{number}.json"
-        run = lidcam("evaluate", first_result, "--json-file", file, "--set", "evaluate.min_image_pixels=1000000", *more)
-        assert run.code == 0, run.err
-        tree: Any = json.loads(file.read_text())
-        figures.append((tree["truth_objects"], tree["sources"]["fused"]["car"]["ap_3d_r40_50"]))
-    assert figures[0] == figures[1]
-
-
-def test_frames_that_the_truth_does_not_cover_are_left_out(lidcam: Lidcam, first_result: Path, tmp_path: Path) -> None:
-    """Else their labels would be objects among true ones."""
-    assert lidcam("export", first_result, "--format", "openlabel", "--out", tmp_path / "set").code == 0
-    tree: Any = json.loads((tmp_path / "set" / "labels" / "out.json").read_text())
-    frames = tree["openlabel"]["frames"]
-    tree["openlabel"]["frames"] = {number: frames[number] for number in ("0", "1")}
-    (tmp_path / "short.json").write_text(json.dumps(tree))
-    options = ("--format", "openlabel", "--out", tmp_path / "less", "--truth", tmp_path / "short.json")
-    done = lidcam("export", first_result, *options)
-    assert f"left out: {len(frames) - 2} frames without truth at their time" in done.err.splitlines()
-    assert "wrote less: 2 frames" in done.err.replace(f"{tmp_path}/", "")
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -106,8 +79,5 @@ def test_results_without_clouds_or_of_one_name_are_told(lidcam: Lidcam, first_re
     assert lidcam("process", first_result.with_name("first.bag"), poor, *less, *part).code == 0
     done = lidcam("export", poor, "--format", "nuscenes", "--out", tmp_path / "set")
     assert done.error_line.endswith("found none: process the recording again with output.clouds=true")
-    done = lidcam("export", poor, "--format", "openlabel", "--out", tmp_path / "set")
-    assert done.code == 0
-    assert "poor.mcap: has no images of cam11, " in done.err
-    twice = lidcam("export", poor, poor, "--format", "openlabel", "--out", tmp_path / "other")
+    twice = lidcam("export", poor, poor, "--format", "nuscenes", "--out", tmp_path / "other")
     assert twice.error_line.endswith("expected results of different names, found two called poor")

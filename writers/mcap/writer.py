@@ -128,8 +128,8 @@ class McapResultWriter:
                 self._messages.finish()
                 if later := self._provenance.checksums():
                     self._file.add_metadata(INPUTS, later)
-                account = self._provenance.account()
-                self._file.attach("account.json", account, self._provenance.start_ns, "application/json")
+                summary = self._provenance.summary()
+                self._file.attach("summary.json", summary, self._provenance.start_ns, "application/json")
             self._resources.__exit__(kind, error, trace)
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:

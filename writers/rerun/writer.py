@@ -184,7 +184,7 @@ class RerunResultWriter:
         if self._first is None:
             return
         self._set_time(*self._first)
-        for warning in json.loads(self._provenance.account()).get("warnings", ()):
+        for warning in json.loads(self._provenance.summary()).get("warnings", ()):
             text = f"{warning['subject']}: {warning['finding']}; {warning['remedy']}"
             self._recording.log(f"{LOG}/run", rr.TextLog(text, level=rr.TextLogLevel.WARN))
 

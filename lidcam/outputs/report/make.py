@@ -110,9 +110,9 @@ def _body(
     drawn: Mapping[str, Figure],
     background: SparseGrid,
 ) -> Raw:
-    account, names, metadata = result.account, result.config.class_names, result.metadata
+    summary, names, metadata = result.summary, result.config.class_names, result.metadata
     version = metadata.get("version", "unknown")
-    warnings = [*(RunWarning(**one) for one in account.get("warnings", ())), *evaluation.warnings]
+    warnings = [*(RunWarning(**one) for one in summary.get("warnings", ())), *evaluation.warnings]
     has_truth = evaluation.truth is not None
     parts = {
         "map": ("Where they went", _map(result, seen, drawn, background)),
@@ -120,7 +120,7 @@ def _body(
         "moves": ("How fast, how long, and where to", _moves(seen, drawn, names)),
         "accuracy": ("How right it is", _accuracy(result, seen, evaluation, drawn)),
         "residuals": ("How well sensors agree", _own(evaluation.figures.tree)),
-        "dropped": ("Not used, and why", sections.dropped(account)),
+        "dropped": ("Not used, and why", sections.dropped(summary)),
         "origin": ("What was recorded and used", _origin(result, seen, evaluation)),
     }
     written = {name: part for name, part in parts.items() if part[1]}
@@ -131,7 +131,7 @@ def _body(
     return Raw(
         f"<h1>{html.text(title)}</h1>"
         + sections.verdict(result.path.name, seen, names)
-        + sections.doubts(seen, account, warnings, version)
+        + sections.doubts(seen, summary, warnings, version)
         + "".join(map(html.paragraph, against))
         + f"<nav>{links}</nav>"
         + "".join(html.section(f"{name}-section", text, content) for name, (text, content) in written.items())
@@ -273,7 +273,7 @@ def _origin(result: Result, seen: ReportCollector, evaluation: Evaluation) -> Ra
     ]
     notes = "".join(html.paragraph(note, "soft") for note in evaluation.notes)
     return Raw(
-        sections.origin(seen, result.account, metadata, result.rig.sensor_of_topic)
+        sections.origin(seen, result.summary, metadata, result.rig.sensor_of_topic)
         + html.table(["", ""], [[key, Raw(f"<code>{html.text(text)}</code>")] for key, text in facts], (0, 1))
         + notes
         + html.more("All settings", Raw(f"<pre>{html.text_block(dump_config(result.config))}</pre>"))

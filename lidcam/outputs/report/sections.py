@@ -88,9 +88,9 @@ def _objects_table(seen: ReportCollector, class_names: Sequence[str]) -> Raw:
     return html.table(["", "objects at a time"], rows)
 
 
-def doubts(seen: ReportCollector, account: Mapping[str, Any], warnings: Sequence[RunWarning], version: str) -> Raw:
+def doubts(seen: ReportCollector, summary: Mapping[str, Any], warnings: Sequence[RunWarning], version: str) -> Raw:
     """Reasons to doubt the result, each with what to do; or that there are none."""
-    lines = [*account.get("incomplete", ())]
+    lines = [*summary.get("incomplete", ())]
     items = [
         Raw(f"<li><b>{html.text(one.subject)}</b>: {html.text(one.finding)}<span>{html.text(one.remedy)}</span></li>")
         for one in warnings
@@ -104,9 +104,9 @@ def doubts(seen: ReportCollector, account: Mapping[str, Any], warnings: Sequence
                 "poses, <code>lidcam config explain detect3d</code> lists what is too small or too far</span></li>"
             )
         )
-    if not account:
+    if not summary:
         return html.paragraph(
-            f"The result is of lidcam {version}, which kept no account of what it dropped and warned of. Process the "
+            f"The result is of lidcam {version}, which kept no summary of what it dropped and warned of. Process the "
             "recording again to have it here.",
             "soft",
         )
@@ -131,20 +131,20 @@ def movements(users: RoadUserTable, class_names: Sequence[str]) -> Raw:
     return html.table(["from", "to", "number", "of them", "mean speed"], rows, (0, 1, 3))
 
 
-def dropped(account: Mapping[str, Any]) -> Raw:
+def dropped(summary: Mapping[str, Any]) -> Raw:
     """What of the recording was not used, and why."""
     drops = [
         [one["topic"], f"{one['count']} {one['unit']}", _reason(one)]
-        for one in sorted(account.get("drops", ()), key=lambda one: (not one["is_defect"], one["topic"]))
+        for one in sorted(summary.get("drops", ()), key=lambda one: (not one["is_defect"], one["topic"]))
     ]
     missing = [
         [one["sensor"], f"{one['frames']} of {one['of_frames']}", _silences(one["silences"])]
-        for one in account.get("missing", ())
+        for one in summary.get("missing", ())
         if one["silences"] or one["frames"] == one["of_frames"]
     ]
     losses = [
         [one["file"], "unknown" if one["messages"] is None else one["messages"], one["reason"]]
-        for one in account.get("losses", ())
+        for one in summary.get("losses", ())
     ]
     objects = {
         "recorded 2D boxes": "unused_boxes",
@@ -152,9 +152,9 @@ def dropped(account: Mapping[str, Any]) -> Raw:
         "2D boxes without an object": "boxes_without_object",
         "objects not reported": "objects_left_out",
     }
-    boxes = [[what, count, why] for what, key in objects.items() for why, count in account.get(key, {}).items()]
-    faults = [[one["sensor"], one["topic"], one["reason"]] for one in account.get("faults", ())]
-    unused = ", ".join(f"{topic} ({count})" for topic, count in account.get("unused_topics", {}).items())
+    boxes = [[what, count, why] for what, key in objects.items() for why, count in summary.get(key, {}).items()]
+    faults = [[one["sensor"], one["topic"], one["reason"]] for one in summary.get("faults", ())]
+    unused = ", ".join(f"{topic} ({count})" for topic, count in summary.get("unused_topics", {}).items())
     tables = {
         "Sensors left out": html.table(["sensor", "topic", "why"], faults, (0, 1, 2)),
         "Frames without a sensor": html.table(["sensor", "frames", "silent"], missing, (0, 2)),
@@ -162,7 +162,7 @@ def dropped(account: Mapping[str, Any]) -> Raw:
         "Boxes and objects": html.table(["", "number", "why"], boxes, (0, 2)),
         "Damaged parts": html.table(["file", "messages lost", "what"], losses, (0, 2)),
         "Topics that were not used": html.paragraph(unused, "soft") if unused else Raw(),
-        "Remarks": Raw("".join(html.paragraph(note, "soft") for note in account.get("notes", ()))),
+        "Remarks": Raw("".join(html.paragraph(note, "soft") for note in summary.get("notes", ()))),
     }
     return Raw("".join(f"<h3>{title}</h3>{content}" for title, content in tables.items() if content))
 
@@ -183,7 +183,7 @@ def _silences(spans: Sequence[Mapping[str, Any]]) -> str:
 
 
 def origin(
-    seen: ReportCollector, account: Mapping[str, Any], metadata: Mapping[str, str], topics: Mapping[str, str]
+    seen: ReportCollector, summary: Mapping[str, Any], metadata: Mapping[str, str], topics: Mapping[str, str]
 ) -> Raw:
     """What was recorded and used: files, sensors with their calibration, where boxes and motion come from."""
     files = []
@@ -195,19 +195,19 @@ def origin(
         row += 1
     frames = seen.frames
     used = {topic: int(seen.sensors.sums(topic).sum()) for topic in topics}
-    calibration = {one["topic"]: one for one in account.get("calibration", ())}
+    calibration = {one["topic"]: one for one in summary.get("calibration", ())}
     sensors = []
     for topic, sensor in topics.items():
         found = calibration.get(topic, {})
         rate = f"{used[topic] / seen.seconds:.1f} Hz" if seen.seconds else ""
         where = ", ".join(filter(None, (found.get("intrinsics"), found.get("extrinsics"))))
         sensors.append([sensor, topic, rate, percent(used[topic] / frames), where])
-    facts = [["2D boxes", BOX_SOURCES.get(account.get("box_source", ""), "")]]
-    if (engine := account.get("box_source_3d")) in ENGINES:
+    facts = [["2D boxes", BOX_SOURCES.get(summary.get("box_source", ""), "")]]
+    if (engine := summary.get("box_source_3d")) in ENGINES:
         facts.append(["3D boxes", ENGINES[engine].words])
-    if motion := account.get("motion"):
+    if motion := summary.get("motion"):
         facts.append(["motion of the sensors", _motion(motion, frames)])
-    if copied := account.get("copied"):
+    if copied := summary.get("copied"):
         facts.append(["copied from the recording", f"{sum(copied.values())} messages of {len(copied)} topics"])
     return Raw(
         html.table(["recording", "size", "sha256"], files, (0, 2))

@@ -1,4 +1,4 @@
-"""The formats of data sets, on frames made by hand; KITTI's and OpenLABEL's are read back by the readers of truth."""
+"""The formats of data sets, on frames made by hand; KITTI's are read back by the reader of truth."""
 
 import json
 from collections.abc import Callable
@@ -15,7 +15,6 @@ from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.readers.truth.kitti import KittiTruth, parse_kitti_labels
-from lidcam.readers.truth.openlabel import OpenLabelTruth
 from lidcam.writers.datasets.frame import (
     DatasetBoxes,
     DatasetFrame,
@@ -26,7 +25,6 @@ from lidcam.writers.datasets.frame import (
 )
 from lidcam.writers.datasets.kitti import KittiTrackingWriter, KittiWriter
 from lidcam.writers.datasets.nuscenes import VERSION, NuScenesWriter
-from lidcam.writers.datasets.openlabel import OpenLabelWriter
 
 STAMP_NS = 1_700_000_000_123_456_789
 K = np.array([[300.0, 0, 320], [0, 300, 240], [0, 0, 1]])
@@ -158,7 +156,7 @@ def test_kitti_tracking_numbers_true_objects_from_0(tmp_path: Path) -> None:
     assert [one.track_id for one in labels.labels] == [0, 1, 0, 1]
 
 
-@pytest.mark.parametrize("make", [NuScenesWriter, OpenLabelWriter, KittiWriter, KittiTrackingWriter])
+@pytest.mark.parametrize("make", [NuScenesWriter, KittiWriter, KittiTrackingWriter])
 def test_the_same_frames_give_the_same_bytes(tmp_path: Path, make: Callable[[Path], DatasetWriter]) -> None:
     contents = []
     for name in ("a", "b"):
@@ -210,21 +208,6 @@ def test_a_submission_has_at_most_500_boxes_a_sample(tmp_path: Path) -> None:
     written(writer, frame(boxes([(x, 0.0, 0.0, -1) for x in range(502)], "car")))
     assert [*writer.left_out.values()] == [2]
     assert len(next(iter(json.loads((tmp_path / "results.json").read_text())["results"].values()))) == 500
-
-
-@pytest.mark.parametrize("count", [0, 1, 4])
-def test_openlabel_is_read_back(tmp_path: Path, count: int) -> None:
-    found = boxes(MANY[:count], "car")
-    written(OpenLabelWriter(tmp_path), frame(found), frame(found, index=1))
-    for part in ("labels", "results"):
-        truth = OpenLabelTruth(tmp_path / part / "drive.json", RIG, Config())
-        read = truth.at(STAMP_NS, frame=0)
-        assert read is not None
-        np.testing.assert_allclose(read.centers, found.centers, atol=1e-9)
-        np.testing.assert_allclose(np.cos(read.yaws - found.yaws), 1, atol=1e-9)
-        assert read.labels.tolist() == ["car"] * count
-    tree = json.loads((tmp_path / "results/drive.json").read_text())["openlabel"]
-    assert (tmp_path / "labels" / tree["frames"]["1"]["frame_properties"]["streams"]["front"]["uri"]).is_file()
 
 
 def test_images_are_those_of_a_pinhole_camera() -> None:

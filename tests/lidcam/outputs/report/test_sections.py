@@ -37,17 +37,17 @@ ONE = tracked((1.0, 2.0), numbers=[4])
 
 
 @pytest.mark.parametrize(
-    ("account", "warnings", "said"),
+    ("summary", "warnings", "said"),
     [
-        ({}, [], "kept no account"),
+        ({}, [], "kept no summary"),
         ({"frames": 1}, [], "Nothing doubtful"),
         ({"frames": 1}, [WARNING], "1 thing to look at"),
         ({"frames": 1}, [WARNING], "check its driver"),
         ({"frames": 1, "incomplete": ["cam1 is left out"]}, [WARNING], "2 things to look at"),
     ],
 )
-def test_doubts_are_said_with_what_to_do(account: dict[str, Any], warnings: list[RunWarning], said: str) -> None:
-    assert said in sections.doubts(seen_of(ONE), account, warnings, "0.1.0")
+def test_doubts_are_said_with_what_to_do(summary: dict[str, Any], warnings: list[RunWarning], said: str) -> None:
+    assert said in sections.doubts(seen_of(ONE), summary, warnings, "0.1.0")
 
 
 def test_ways_are_drawn_from_the_sensors_where_they_move_nobody_knows_where_to() -> None:
@@ -81,7 +81,7 @@ def test_nobody_is_counted_without_tracks() -> None:
 
 def test_what_was_dropped_is_listed_faults_first() -> None:
     drop = {"unit": "messages", "example": "", "is_defect": False}
-    account = {
+    summary = {
         "drops": [
             {"topic": "/a", "reason": "no partner", "count": 2, **drop},
             {"topic": "/b", "reason": "cannot be decoded", "count": 1, **drop, "is_defect": True, "example": HOSTILE},
@@ -99,7 +99,7 @@ def test_what_was_dropped_is_listed_faults_first() -> None:
         "losses": [{"file": "a.bag", "messages": None, "reason": "cut"}],
         "notes": ["a note"],
     }
-    told = sections.dropped(account)
+    told = sections.dropped(summary)
     assert told.index("/b") < told.index("/a")
     assert "the message is at fault: cannot be decoded" in told
     assert "0.0 s to 1.5 s" in told
