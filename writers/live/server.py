@@ -15,8 +15,7 @@ from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.messages import Drop
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.writers.mcap.chunk import Buffer
-from lidcam.writers.mcap.output import MessageSink
+from lidcam.writers.mcap.output import Buffer, MessageSink
 from lidcam.writers.mcap.writer import ResultMessages
 
 LATCHED = "/tf_static"
@@ -79,7 +78,7 @@ class FoxgloveServer:
         Raises:
             OutputError: a stamp does not fit a ROS 2 header.
         """
-        drops = self._messages.put(result)
+        drops = self._messages.add_frame(result)
         self._server.broadcast_time(result.bundle.log_time_ns)
         return drops
 
@@ -106,18 +105,14 @@ class _Channels(MessageSink, ServerListener):
         self._channels[channel.id()] = channel
         return channel.id()
 
-    def add_message(self, channel: int, log_time_ns: int, data: Buffer | Sequence[Buffer], sequence: int = 0) -> None:  # noqa: ARG002
+    def add_message(self, channel: int, log_time_ns: int, data: Buffer, sequence: int = 0) -> None:  # noqa: ARG002
         to = self._channels[channel]
         if to.topic() == LATCHED:
-            self._latched = _joined(data), log_time_ns
+            self._latched = bytes(data), log_time_ns
         if to.has_sinks():
-            to.log(_joined(data), log_time=log_time_ns)
+            to.log(bytes(data), log_time=log_time_ns)
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:  # noqa: ARG002
         if channel.topic == LATCHED and self._latched is not None:
             data, log_time_ns = self._latched
             self._channels[channel.id].log(data, log_time=log_time_ns)
-
-
-def _joined(data: Buffer | Sequence[Buffer]) -> bytes:
-    return bytes(data) if isinstance(data, bytes | memoryview) else b"".join(data)

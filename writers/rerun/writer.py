@@ -24,10 +24,7 @@ from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.text import visible
 from lidcam.pipeline.core.true_boxes import TrueBoxes
-from lidcam.writers.drawing import (
-    height_range,
-    object_edges,
-)
+from lidcam.writers.drawing import DrawnObjects, height_range, object_edges
 from lidcam.writers.outputs.errors import output_errors
 from lidcam.writers.outputs.transaction import OutputFile
 from lidcam.writers.palette import CAMERA_ONLY, MATCHED, class_color
@@ -164,11 +161,12 @@ class RerunResultWriter:
         self._log_motion(result)
         if self._config.output.clouds:
             self._log_clouds(result)
-        self._objects.log(result)
+        drawn = DrawnObjects.of(result, self._config.object_names)
+        self._objects.log(drawn)
         drops: list[Drop] = []
         edges = object_edges(result, [camera.name for camera in self._rig.cameras])
         for camera in self._rig.cameras:
-            drops += self._cameras.log(camera, result, edges[camera.name])
+            drops += self._cameras.log(camera, drawn, edges[camera.name])
         self._recording.log("metrics/objects", rr.Scalars(float(len(result.fused.objects))))
         self._recording.log("metrics/confirmed", rr.Scalars(float((result.fused.matched > 0).sum())))
         self._recording.log("metrics/skew_ms", rr.Scalars(result.bundle.skew_ns / 1e6))
