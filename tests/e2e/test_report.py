@@ -57,7 +57,7 @@ def test_a_page_says_what_was_seen_and_stands_alone(folder: Path) -> None:
     assert not re.findall(r'(?:src|href)="(?!#|data:)', content)
     assert "url(" not in content
     assert {"map", "objects", "sensors", "skew", "speeds", "dwell", "curves", "errors"} == figures_of(page).keys()
-    assert len(page) < 6_000_000
+    assert len(page) < 2_000_000
 
 
 def test_plotly_knows_every_property_of_the_figures(folder: Path) -> None:
