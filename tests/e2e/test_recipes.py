@@ -92,7 +92,10 @@ OUTPUT = '''
 import csv
 
 
-class ToyWriter:
+from lidcam.writers.base import ResultWriter
+
+
+class ToyWriter(ResultWriter):
     """One line per object."""
 
     name = "toy"

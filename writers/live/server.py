@@ -2,9 +2,8 @@
 
 import logging
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import foxglove
 from foxglove.websocket import Capability, ChannelView, Client, ServerListener, WebSocketServer
@@ -15,6 +14,7 @@ from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.messages import Drop
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.writers.base import ResultWriter
 from lidcam.writers.mcap.output import Buffer, MessageSink
 from lidcam.writers.mcap.writer import ResultMessages
 
@@ -22,7 +22,7 @@ LATCHED = "/tf_static"
 """Topic that has one message, which whoever subscribes later gets, too."""
 
 
-class FoxgloveServer:
+class FoxgloveServer(ResultWriter):
     """A server that runs while the block does.
 
     Whoever connects gets the frames from then on. One that is too slow misses messages, and never holds up the run.
@@ -35,6 +35,7 @@ class FoxgloveServer:
     """
 
     name = "foxglove"
+    path = Path("--foxglove")
 
     def __init__(
         self, host: str, port: int, title: str, rig: Rig, config: Config, *, frames: Sequence[Transform] = ()
@@ -44,12 +45,12 @@ class FoxgloveServer:
         self._server: WebSocketServer
         self._messages: ResultMessages
 
-    def __enter__(self) -> Self:
+    def _open(self, resources: ExitStack) -> None:
         context = foxglove.Context()
         channels = _Channels(context)
         logging.getLogger("foxglove").setLevel(logging.CRITICAL)  # what clients do wrong is no error of the run
         # Before the server: it takes no subscription to a channel that is made in the same moment.
-        self._messages = ResultMessages(channels, Path("--foxglove"), self._rig, self._config, self._frames)
+        self._messages = ResultMessages(channels, self.path, self._rig, self._config, self._frames)
         try:
             self._server = foxglove.start_server(
                 name=self._title,
@@ -61,16 +62,10 @@ class FoxgloveServer:
             )
         except RuntimeError as err:
             raise OutputError(f"--foxglove: expected a free port, found {self._host}:{self._port} ({err})") from err
-        return self
+        resources.callback(self._server.stop)
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        try:
-            if kind is None:
-                self._messages.finish()
-        finally:
-            self._server.stop()
+    def _finish(self) -> None:
+        self._messages.finish()
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:
         """Send one frame, and its time.

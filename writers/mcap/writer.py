@@ -10,8 +10,7 @@ results give equal bytes.
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from lidcam.pipeline.core.errors import MessageError, OutputError
 from lidcam.pipeline.core.frame import FrameResult
@@ -23,6 +22,7 @@ from lidcam.pipeline.core.ros.qos import LATCHED_YAML
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.run import OutputConfig
 from lidcam.pipeline.core.true_boxes import TrueBoxes
+from lidcam.writers.base import ResultWriter
 from lidcam.writers.drawing import DrawnObjects, ObjectEdges, camera_image, object_edges
 from lidcam.writers.foxglove.layout import FOV_Y_DEG, foxglove_layout, label_eye
 from lidcam.writers.labels_3d import LabelPlaces
@@ -77,7 +77,7 @@ def reserved_topics(rig: Rig) -> frozenset[str]:
     return frozenset((*_LATER, *images, *(topic for topic, _ in _written_topics(rig, Config().output))))
 
 
-class McapResultWriter:
+class McapResultWriter(ResultWriter):
     """Writes one run's frames to a file, which is complete when the block ends without error.
 
     Args:
@@ -99,36 +99,26 @@ class McapResultWriter:
         *,
         frames: Sequence[Transform] = (),
     ) -> None:
-        self._output, self._layout, self._path = output, layout, output.path
+        self._output, self._layout, self.path = output, layout, output.path
         self._rig, self._config, self._provenance, self._frames = rig, config, provenance, frames
-        self._resources = ExitStack()
         self._file: McapOutput
         self._messages: ResultMessages
 
-    def __enter__(self) -> Self:
-        with ExitStack() as resources, output_errors(self._path):
-            if self._layout is not None:
-                resources.enter_context(self._written_layout(self._layout))
-            compression = self._config.output.compression
-            self._file = resources.enter_context(mcap_file(self._output.part, profile="ros2", compression=compression))
-            self._file.add_metadata(RESULT, self._provenance.metadata())
-            for name, text in (("lidcam.yaml", self._provenance.config_yaml), ("rig.yaml", self._provenance.rig_yaml)):
-                self._file.attach(name, text, self._provenance.start_ns)
-            self._messages = ResultMessages(self._file, self._path, self._rig, self._config, self._frames)
-            self._resources = resources.pop_all()
-        return self
+    def _open(self, resources: ExitStack) -> None:
+        if self._layout is not None:
+            resources.enter_context(self._written_layout(self._layout))
+        compression = self._config.output.compression
+        self._file = resources.enter_context(mcap_file(self._output.part, profile="ros2", compression=compression))
+        self._file.add_metadata(RESULT, self._provenance.metadata())
+        for name, text in (("lidcam.yaml", self._provenance.config_yaml), ("rig.yaml", self._provenance.rig_yaml)):
+            self._file.attach(name, text, self._provenance.start_ns)
+        self._messages = ResultMessages(self._file, self.path, self._rig, self._config, self._frames)
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        with output_errors(self._path):
-            if kind is None:
-                self._messages.finish()
-                if later := self._provenance.checksums():
-                    self._file.add_metadata(INPUTS, later)
-                summary = self._provenance.summary()
-                self._file.attach("summary.json", summary, self._provenance.start_ns, "application/json")
-            self._resources.__exit__(kind, error, trace)
+    def _finish(self) -> None:
+        self._messages.finish()
+        if later := self._provenance.checksums():
+            self._file.add_metadata(INPUTS, later)
+        self._file.attach("summary.json", self._provenance.summary(), self._provenance.start_ns, "application/json")
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:
         """Write one frame.
@@ -139,7 +129,7 @@ class McapResultWriter:
         Raises:
             OutputError: the file cannot be written, or a stamp does not fit a ROS 2 header.
         """
-        with output_errors(self._path):
+        with output_errors(self.path):
             return self._messages.add_frame(result)
 
     @contextmanager
