@@ -72,7 +72,7 @@ def test_plotly_knows_every_property_of_the_figures(folder: Path) -> None:
         assert tree["data"], name
 
 
-def test_a_result_keeps_an_account_of_its_run(folder: Path) -> None:
+def test_a_result_keeps_a_summary_of_its_run(folder: Path) -> None:
     with open_result(folder / "out.mcap") as result:
         summary = result.summary
     assert summary["frames"] == 5
