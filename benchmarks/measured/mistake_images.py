@@ -11,7 +11,7 @@ from measured_runs import MeasuredRun
 from surroundings import Surroundings
 
 from lidcam.bags.simulator.scenario.load import load_scenario
-from lidcam.outputs.report.pictures import MISTAKE_COLORS, cut_out
+from lidcam.outputs.report.images import MISTAKE_COLORS, cut_out
 from lidcam.pipeline.core.arrays import F64, U8
 from lidcam.pipeline.core.geometry.boxes import box_corners
 from lidcam.pipeline.core.geometry.transform import Transform
